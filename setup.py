@@ -1,7 +1,7 @@
 """The text of the package on an index page; everything else is in pyproject.toml.
 
-An index page shows the README, where relative links lead nowhere. They become links into the repository once
-[project.urls] names it as Source, and plain text until then.
+An index page shows the README, where relative links lead nowhere. They become links into the
+repository once [project.urls] names it as Source, and plain text until then.
 """
 
 import re
@@ -11,7 +11,11 @@ from pathlib import Path
 from setuptools import setup
 
 HERE = Path(__file__).parent
-SOURCE = tomllib.loads((HERE / "pyproject.toml").read_text(encoding="utf-8"))["project"].get("urls", {}).get("Source")
+SOURCE = (
+    tomllib.loads((HERE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    .get("urls", {})
+    .get("Source")
+)
 
 
 def link(found: re.Match[str]) -> str:

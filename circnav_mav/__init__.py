@@ -1,7 +1,7 @@
 """circnav_mav: circle an unknown target with nothing but a range, over MAVLink.
 
-`from circnav_mav import Guidance, ...` is the public API (see `circnav_mav.api`). It is loaded at first use: importing
-its filters is slow, and `circnav --help` does not need them.
+`from circnav_mav import Guidance, ...` is the public API (see `circnav_mav.api`). It is loaded at
+first use: importing its filters is slow, and `circnav --help` does not need them.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,7 +1,9 @@
-"""Guidance for your own control loop (a ROS node, a notebook): ranges and own motion in, turn rates out. No MAVLink.
+"""Guidance for your own control loop (a ROS node, a notebook): ranges and own motion in, turn rates
+out. No MAVLink.
 
-Stable names: those in `circnav_mav.__all__`; import them from `circnav_mav`. SI units, radians, x right, y up, turn
-rates and headings counter-clockwise positive. Time is an argument: any clock, in seconds.
+Stable names: those in `circnav_mav.__all__`; import them from `circnav_mav`. SI units, radians, x
+right, y up, turn rates and headings counter-clockwise positive. Time is an argument: any clock, in
+seconds.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,12 +31,18 @@ OwnLaw = Callable[[RangeEstimate], float]
 
 
 def tune(
-    orbit: Orbit, law: str = "auto", *, turn_lag: float = 0.4, sigma: float = 0.5, rate: float = 10.0
+    orbit: Orbit,
+    law: str = "auto",
+    *,
+    turn_lag: float = 0.4,
+    sigma: float = 0.5,
+    rate: float = 10.0,
 ) -> LawChoice:
     """Return a law with the default gain of a mission.
 
-    turn_lag: delay from a command to its turn, s. sigma: standard deviation of a range, m. rate: rate of the ranges,
-    Hz. Raises ValueError for an unknown law, and for a value that is impossible for a vehicle or radio.
+    turn_lag: delay from a command to its turn, s. sigma: standard deviation of a range, m. rate:
+    rate of the ranges, Hz. Raises ValueError for an unknown law, and for a value that is impossible
+    for a vehicle or radio.
     """
     _known("law", law, LAWS)
     _check_values(orbit, turn_lag=turn_lag, sigma=sigma)
@@ -44,7 +52,8 @@ def tune(
 
 
 class Guidance:
-    """Guidance of one vehicle. It stores ranges, commands and the learned response: use one per flight."""
+    """Guidance of one vehicle. It stores ranges, commands and the learned response: use one per
+    flight."""
 
     def __init__(
         self,
@@ -55,16 +64,18 @@ class Guidance:
         turn_lag: float = 0.4,
         stale: float = 0.5,
     ) -> None:
-        """law: name, result of `tune`, or your function. estimator: name, or your object; None: default of the law.
-        turn_lag: delay from a command to its turn, s. stale: age above which the newest range no longer steers, s.
-        Raises ValueError for an unknown name, and for a value that is impossible for a vehicle."""
+        """law: name, result of `tune`, or your function. estimator: name, or your object; None:
+        default of the law. turn_lag: delay from a command to its turn, s. stale: age above which
+        the newest range no longer steers, s. Raises ValueError for an unknown name, and for a value
+        that is impossible for a vehicle."""
         _check_values(orbit, turn_lag=turn_lag, stale=stale)
         if isinstance(law, str):
             law = tune(orbit, law, turn_lag=turn_lag)
         name = ""
         if isinstance(law, LawChoice):
             _known("law", law.name, LAWS)
-            name, turn_lag = law.name, law.lag
+            name = law.name
+            turn_lag = law.lag
         steer = law if isinstance(law, LawChoice) else _own(law, orbit)
         self._loop = ClosedLoop(orbit, steer, LearnedResponse(turn_lag, orbit.max_turn_rate))
         self._stale = stale
@@ -76,13 +87,16 @@ class Guidance:
         self._newest: float | None = None
 
     def observe(self, sample: RangeSample) -> bool:
-        """Add a range. Return True if it was accepted, False for an outlier or an invalid sample."""
-        # Radios and ROS drivers report NaN, an infinity, 0 or -1 where no range was measured. One NaN in the filter
-        # would make every later estimate NaN.
+        """Add a range. Return True if it was accepted, False for an outlier or an invalid
+        sample."""
+        # Radios and ROS drivers report NaN, an infinity, 0 or -1 where no range was measured. One
+        # NaN in the filter would make every later estimate NaN.
         numbers = (sample.stamp, sample.time, sample.r, sample.sigma)
         if not all(map(isfinite, numbers)) or sample.r <= 0 or sample.sigma < 0:
             return False
-        if sample.r_dot is not None and not (isfinite(sample.r_dot) and isfinite(sample.r_dot_sigma)):
+        if sample.r_dot is not None and not (
+            isfinite(sample.r_dot) and isfinite(sample.r_dot_sigma)
+        ):
             sample = sample._replace(r_dot=None)
         if self._estimator.observe(sample) is Fused.GATED:
             return False
@@ -90,8 +104,8 @@ class Guidance:
         return True
 
     def move(self, own: OwnMotion) -> bool:
-        """Add own motion, at any rate. Without it only range-only laws work. Return False, and ignore the report, if a
-        value is not finite."""
+        """Add own motion, at any rate. Without it only range-only laws work. Return False, and
+        ignore the report, if a value is not finite."""
         if not all(map(isfinite, (own.time, own.heading, own.turn_rate, own.airspeed))):
             return False
         self._estimator.move(own)
@@ -100,15 +114,15 @@ class Guidance:
         return True
 
     def estimate(self, now: float) -> RangeEstimate | None:
-        """Return range and range rate now, and in `relative` the relative motion if the estimator has it; None before
-        the first range."""
+        """Return range and range rate now, and in `relative` the relative motion if the estimator
+        has it; None before the first range."""
         return self._estimator.at(now)
 
     def command(self, now: float) -> TurnCommand | None:
         """Return the turn rate to command now, finite and within the vehicle's limit.
 
-        None without a valid estimate (too few ranges, or the newest one is stale), and if your law returns no finite
-        number.
+        None without a valid estimate (too few ranges, or the newest one is stale), and if your law
+        returns no finite number.
         """
         estimate = self.estimate(now)
         fresh = self._newest is not None and now - self._newest <= self._stale + SAME_TIME
@@ -137,9 +151,15 @@ def _check_values(orbit: Orbit, **values: float) -> None:
     for name in ("radius", "speed", "max_turn_rate"):
         _check_above_zero(f"orbit.{name}", getattr(orbit, name))
     if not isinstance(orbit.direction, Direction):
-        raise ValueError(f"orbit.direction: must be Direction.CLOCKWISE or COUNTERCLOCKWISE, not {orbit.direction!r}")
+        raise ValueError(
+            "orbit.direction: must be Direction.CLOCKWISE or COUNTERCLOCKWISE, not"
+            f" {orbit.direction!r}"
+        )
     if orbit.max_turn_rate > 2 * pi:
-        raise ValueError(f"orbit.max_turn_rate: {orbit.max_turn_rate:g} rad/s is more than a turn a second: not deg/s")
+        raise ValueError(
+            f"orbit.max_turn_rate: {orbit.max_turn_rate:g} rad/s is more than a turn a second: not"
+            " deg/s"
+        )
     for name, value in values.items():
         if not value >= 0:
             raise ValueError(f"{name}: must be at least 0, not {value:g}")

@@ -1,7 +1,7 @@
 """Interface by which an extra attaches to the core.
 
-The core flies without any extra and imports none of them. It reads the `EXTENSION` of each package in
-`circnav_mav/extras`. Without a package, its commands, mission tables and options do not exist.
+The core flies without any extra and imports none of them. It reads the `EXTENSION` of each package
+in `circnav_mav/extras`. Without a package, its commands, mission tables and options do not exist.
 """
 
 import importlib
@@ -16,20 +16,25 @@ EXTRAS = "circnav_mav.extras"
 
 @dataclass(frozen=True)
 class Extension:
-    """Parts that one extra adds to the core. Each value is a reference, `module:name`, imported when used.
+    """Parts that one extra adds to the core. Each value is a reference, `module:name`, imported
+    when used.
 
-    commands: click commands, by the names that are typed. "group member" adds a command to a group of another
+    commands: click commands, by the names that are typed. "group member" adds a command to a group
+    of another
         extension, if that is installed.
     tables: pydantic models of mission tables, by the names of the tables.
     checks: functions from a mission to the check lines of the extra's tables.
-    preflight: functions from a mission to the check lines of preflight. They may listen for some seconds.
-    fly_options, emulate_options: click options that `circnav fly` and `circnav emulate` get.
-    flies, emulates: functions that replace `circnav fly` and `circnav emulate` if an option is given, by the name of
+    preflight: functions from a mission to the check lines of preflight. They may listen for some
+    seconds. fly_options, emulate_options: click options that `circnav fly` and `circnav emulate`
+    get. flies, emulates: functions that replace `circnav fly` and `circnav emulate` if an option is
+    given, by the name of
         this option. They get all options and return the exit code.
-    onlooker: function from an `OnlookerSettings` to an `Onlooker`, or to None if this flight does not need one.
-    report_section: function from a run folder to HTML for its report, empty for nothing.
+    onlooker: function from an `OnlookerSettings` to an `Onlooker`, or to None if this flight does
+    not need one. report_section: function from a run folder to HTML for its report, empty for
+    nothing.
     schemas: pydantic models of other files, by the names that `circnav schema` takes.
-    survey_forecast: function from a mission and the time on its circle (s) to the expected standard deviation of the
+    survey_forecast: function from a mission and the time on its circle (s) to the expected standard
+    deviation of the
         beacon's place, m, or None.
     order: place among the commands that `circnav --help` lists.
     """
@@ -67,8 +72,8 @@ def load(reference: str) -> Any:
 
 
 def carried_out_by(seam: str, options: Mapping[str, Any]) -> Any:
-    """Return the function of an extension that replaces a command, or None. seam: "flies" or "emulates". options: those
-    of the command, by name."""
+    """Return the function of an extension that replaces a command, or None. seam: "flies" or
+    "emulates". options: those of the command, by name."""
     for extension in extensions():
         for name, reference in getattr(extension, seam).items():
             if options.get(name) is not None:
@@ -78,4 +83,6 @@ def carried_out_by(seam: str, options: Mapping[str, Any]) -> Any:
 
 def table_models() -> dict[str, Any]:
     """Return the models of the mission tables of extras, by name."""
-    return {name: load(model) for extension in extensions() for name, model in extension.tables.items()}
+    return {
+        name: load(model) for extension in extensions() for name, model in extension.tables.items()
+    }

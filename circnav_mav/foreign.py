@@ -1,4 +1,5 @@
-"""Reading of external files and texts. Only regular files are opened, reads are bounded, and texts are printable."""
+"""Reading of external files and texts. Only regular files are opened, reads are bounded, and texts
+are printable."""
 
 import errno
 import io
@@ -16,16 +17,16 @@ MAX_LINE = 100_000
 
 
 def printable(text: str) -> str:
-    """Return a text as one line. Escape codes, line ends and lone surrogates, which a terminal or browser could act on,
-    are written as Python escapes."""
+    """Return a text as one line. Escape codes, line ends and lone surrogates, which a terminal or
+    browser could act on, are written as Python escapes."""
     if text.isprintable():
         return text
     return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a regular file. Reading anything else may never end: a pipe waits for a writer, /dev/zero has no end. Raises
-    OSError."""
+    """Open a regular file. Reading anything else may never end: a pipe waits for a writer,
+    /dev/zero has no end. Raises OSError."""
     mode = os.stat(path).st_mode
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):  # opening a folder raises anyway
         raise OSError(errno.EINVAL, "is not a regular file", str(path))
@@ -42,13 +43,14 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a UTF-8 file without byte-order mark, line ends as "\\n". Raises OSError, UnicodeError."""
+    """Return the text of a UTF-8 file without byte-order mark, line ends as "\\n". Raises OSError,
+    UnicodeError."""
     return io.StringIO(read_bytes(path).decode("utf-8-sig"), newline=None).read()
 
 
 def read_lines(path: Path, errors: str = "strict") -> Generator[str, None, None]:
-    """Yield the lines of a long UTF-8 file, for the csv module. Raises OSError, UnicodeError, and ValueError for a line
-    longer than MAX_LINE."""
+    """Yield the lines of a long UTF-8 file, for the csv module. Raises OSError, UnicodeError, and
+    ValueError for a line longer than MAX_LINE."""
     with io.TextIOWrapper(open_file(path), encoding="utf-8-sig", errors=errors, newline="") as file:
         while line := file.readline(MAX_LINE + 1):
             if len(line) > MAX_LINE:
@@ -57,7 +59,8 @@ def read_lines(path: Path, errors: str = "strict") -> Generator[str, None, None]
 
 
 def read_json(path: Path) -> Any:
-    """Return the values of a JSON file, with printable texts. Raises OSError, ValueError, RecursionError."""
+    """Return the values of a JSON file, with printable texts. Raises OSError, ValueError,
+    RecursionError."""
     return _printable_values(json.loads(read_text(path)))
 
 

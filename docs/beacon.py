@@ -1,8 +1,10 @@
-"""Plays a ranging radio for a simulator that has none: python docs/beacon.py URL --north 60 --east 0
+"""Plays a ranging radio for a simulator that has none: python docs/beacon.py URL --north 60 --east
+0
 
-It listens to GLOBAL_POSITION_INT on a link of its own (mavutil spellings: tcp:127.0.0.1:5762, udpin:0.0.0.0:14550) and
-answers with the range from there to a beacon on the ground, as DISTANCE_SENSOR 1/192, which the autopilot forwards to
-circnav. It stands for the sensor: circnav itself never sees a position. Works at any speed of the simulator.
+It listens to GLOBAL_POSITION_INT on a link of its own (mavutil spellings: tcp:127.0.0.1:5762,
+udpin:0.0.0.0:14550) and answers with the range from there to a beacon on the ground, as
+DISTANCE_SENSOR 1/192, which the autopilot forwards to circnav. It stands for the sensor: circnav
+itself never sees a position. Works at any speed of the simulator.
 """
 
 import argparse
@@ -14,7 +16,9 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import common
 
 EARTH = 6378137.0
-RADIO, UPWARD, MOST_CM = 192, 24, 65534
+RADIO = 192
+UPWARD = 24
+MOST_CM = 65534
 HEARTBEAT_PERIOD = 0.5
 
 
@@ -25,12 +29,17 @@ def main() -> None:
     parser.add_argument("--east", type=float, default=0.0)
     parser.add_argument("--noise", type=float, default=0.5, help="standard deviation, m")
     parser.add_argument("--rate", type=float, default=10.0, help="Hz, of the vehicle's own time")
-    parser.add_argument("--seed", type=int, help="of the noise; another at every start if not given")
+    parser.add_argument(
+        "--seed", type=int, help="of the noise; another at every start if not given"
+    )
     options = parser.parse_args()
     noise = random.Random(options.seed)
-    link = mavutil.mavlink_connection(options.url, source_system=1, source_component=RADIO, dialect="common")
+    link = mavutil.mavlink_connection(
+        options.url, source_system=1, source_component=RADIO, dialect="common"
+    )
     target: tuple[float, float] | None = None
-    due, greeted = float("-inf"), float("-inf")
+    due = float("-inf")
+    greeted = float("-inf")
     while True:
         if time.monotonic() - greeted > HEARTBEAT_PERIOD:
             greeted = time.monotonic()
@@ -43,18 +52,31 @@ def main() -> None:
             due = boot + 0.9 / options.rate
             here = (math.radians(position.lat / 1e7), math.radians(position.lon / 1e7))
             if target is None:
-                target = (here[0] + options.north / EARTH, here[1] + options.east / EARTH / math.cos(here[0]))
-            north, east = (target[0] - here[0]) * EARTH, (target[1] - here[1]) * EARTH * math.cos(here[0])
-            distance = math.hypot(north, east, position.relative_alt / 1000) + noise.gauss(0, options.noise)
+                target = (
+                    here[0] + options.north / EARTH,
+                    here[1] + options.east / EARTH / math.cos(here[0]),
+                )
+            north, east = (
+                (target[0] - here[0]) * EARTH,
+                (target[1] - here[1]) * EARTH * math.cos(here[0]),
+            )
+            distance = math.hypot(north, east, position.relative_alt / 1000) + noise.gauss(
+                0, options.noise
+            )
             cm = min(max(round(100 * distance), 1), MOST_CM)
             link.mav.distance_sensor_send(position.time_boot_ms, 0, 65535, cm, 4, 0, UPWARD, 255)
 
 
 def say_hello(link: mavutil.mavfile, rate: float) -> None:
     """A heartbeat, and a request for positions at this rate."""
-    link.mav.heartbeat_send(common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, 0, 0, 4)
-    message, interval = common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 1e6 / rate
-    link.mav.command_long_send(1, 1, common.MAV_CMD_SET_MESSAGE_INTERVAL, 0, message, interval, 0, 0, 0, 0, 0)
+    link.mav.heartbeat_send(
+        common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, 0, 0, 4
+    )
+    message = common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+    interval = 1e6 / rate
+    link.mav.command_long_send(
+        1, 1, common.MAV_CMD_SET_MESSAGE_INTERVAL, 0, message, interval, 0, 0, 0, 0, 0
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""These pages as a site: pip install '.[docs]', then sphinx-build -c docs . site. Needs no network."""
+"""These pages as a site: pip install '.[docs]', then sphinx-build -c docs . site. Needs no
+network."""
 
 project = "circnav"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]

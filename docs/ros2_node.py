@@ -1,10 +1,12 @@
 """A ROS 2 node over the guidance: ranges and odometry in, a velocity command out.
 
-    ros2 run --prefix python3 docs/ros2_node.py --ros-args -p radius:=80.0 -p speed:=12.0 -p clockwise:=true
+    ros2 run --prefix python3 docs/ros2_node.py --ros-args \\
+        -p radius:=80.0 -p speed:=12.0 -p clockwise:=true
 
-It reads `range` (sensor_msgs/Range, horizontal, m) and `odom` (nav_msgs/Odometry: yaw, yaw rate, speed; the position is
-not used), and publishes `cmd_vel` (geometry_msgs/Twist) at 20 Hz. Before the first estimate and while ranges are
-missing it publishes nothing: the bridge to the autopilot must treat a missing command as "give the vehicle back".
+It reads `range` (sensor_msgs/Range, horizontal, m) and `odom` (nav_msgs/Odometry: yaw, yaw rate,
+speed; the position is not used), and publishes `cmd_vel` (geometry_msgs/Twist) at 20 Hz. Before the
+first estimate and while ranges are missing it publishes nothing: the bridge to the autopilot must
+treat a missing command as "give the vehicle back".
 """
 
 from math import atan2
@@ -26,7 +28,8 @@ def seconds(stamp):
 
 
 def yaw_of(q):
-    """Return the yaw of a quaternion, rad, counter-clockwise positive, as the guidance and ROS (REP 103) have it."""
+    """Return the yaw of a quaternion, rad, counter-clockwise positive, as the guidance and ROS (REP
+    103) have it."""
     return atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
 
 
@@ -35,8 +38,16 @@ class Circle(Node):
 
     def __init__(self):
         super().__init__("circnav")
-        defaults = {"radius": 80.0, "speed": 12.0, "clockwise": True, "max_turn_rate": 0.4, "range_sigma": 0.5}
-        values = {name: self.declare_parameter(name, value).value for name, value in defaults.items()}
+        defaults = {
+            "radius": 80.0,
+            "speed": 12.0,
+            "clockwise": True,
+            "max_turn_rate": 0.4,
+            "range_sigma": 0.5,
+        }
+        values = {
+            name: self.declare_parameter(name, value).value for name, value in defaults.items()
+        }
         direction = Direction.CLOCKWISE if values["clockwise"] else Direction.COUNTERCLOCKWISE
         self.sigma = values["range_sigma"]
         self.orbit = Orbit(values["radius"], direction, values["speed"], values["max_turn_rate"])
@@ -53,11 +64,14 @@ class Circle(Node):
     def on_range(self, message):
         """Process a range."""
         stamp = seconds(message.header.stamp)
-        self.guidance.observe(RangeSample(stamp=stamp, time=self.now(), r=message.range, sigma=self.sigma))
+        self.guidance.observe(
+            RangeSample(stamp=stamp, time=self.now(), r=message.range, sigma=self.sigma)
+        )
 
     def on_odometry(self, message):
         """Process yaw, yaw rate and speed."""
-        twist, yaw = message.twist.twist, yaw_of(message.pose.pose.orientation)
+        twist = message.twist.twist
+        yaw = yaw_of(message.pose.pose.orientation)
         self.guidance.move(OwnMotion(self.now(), yaw, twist.angular.z, airspeed=twist.linear.x))
 
     def on_timer(self):
@@ -66,7 +80,8 @@ class Circle(Node):
         if command is None:
             return
         message = Twist()
-        message.linear.x, message.angular.z = self.orbit.speed, command.turn_rate
+        message.linear.x = self.orbit.speed
+        message.angular.z = command.turn_rate
         self.commands.publish(message)
 
 

@@ -8,7 +8,8 @@ NEVER = 1 << 62
 
 
 class Agenda:
-    """Actions by key and time. `put` replaces the action of a key. Actions due at one time run in order of `put`."""
+    """Actions by key and time. `put` replaces the action of a key. Actions due at one time run in
+    order of `put`."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, tuple[object, ...]]] = []  # due, order, key
@@ -20,12 +21,17 @@ class Agenda:
         self._live[key] = (self._order, action)
         heapq.heappush(self._heap, (due, self._order, key))
 
-    def every(self, key: tuple[object, ...], interval: int, first: int, action: Callable[[], object]) -> None:
+    def every(
+        self, key: tuple[object, ...], interval: int, first: int, action: Callable[[], object]
+    ) -> None:
         """Run an action at `first` and then at every interval."""
         self.put(key, first, partial(self._run, key, interval, first, action))
 
-    def _run(self, key: tuple[object, ...], interval: int, due: int, action: Callable[[], object]) -> None:
-        """Run a repeated action. This is a method, not a closure, because a copied vehicle must run its own actions."""
+    def _run(
+        self, key: tuple[object, ...], interval: int, due: int, action: Callable[[], object]
+    ) -> None:
+        """Run a repeated action. This is a method, not a closure, because a copied vehicle must run
+        its own actions."""
         self.put(key, due + interval, partial(self._run, key, interval, due + interval, action))
         action()
 
@@ -39,8 +45,8 @@ class Agenda:
 
     def next_due(self) -> int:
         """Return the time of the next action, or NEVER."""
-        # An action that was moved or dropped stays in the heap. It is recognized by its old order number and discarded
-        # when it reaches the top.
+        # An action that was moved or dropped stays in the heap. It is recognized by its old order
+        # number and discarded when it reaches the top.
         while self._heap:
             due, order, key = self._heap[0]
             if key in self._live and self._live[key][0] == order:

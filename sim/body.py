@@ -5,11 +5,13 @@ from random import Random
 from typing import NamedTuple
 
 GRAVITY = 9.80665  # m/s^2
-FREQUENCY, DAMPING = 0.32, 0.45  # GPS correction of the estimate: rad/s, damping ratio
+# GPS correction of the estimate: rad/s, damping ratio
+FREQUENCY = 0.32
+DAMPING = 0.45
 TILT_NOISE = 0.57  # gyro noise in roll per rad of rms roll error, 1/sqrt(s); half as much in pitch
 HEADING_TIME = 12.0  # correlation time of the heading error, s
 HARD_IRON = math.radians(0.2)  # amplitude of the heading error, one period per full turn
-UNAIDED = 0.12  # rad/s: bandwidth with which an estimator without GPS assumes that the vehicle stands still
+UNAIDED = 0.12  # rad/s: bandwidth with which an estimator without GPS assumes a vehicle at rest
 DIP = 2.1  # tangent of the magnetic inclination: heading error per error of the tilt to the east
 QUADRATIC_DRAG = 0.125  # s/m: quadratic over linear drag of a multicopter
 
@@ -19,33 +21,43 @@ Line = tuple[tuple[float, float], ...]
 
 
 class EstimateError(NamedTuple):
-    """Error of the autopilot's estimate, estimated minus true: velocity m/s, tilt (`lean`) in g, heading rad.
+    """Error of the autopilot's estimate, estimated minus true: velocity m/s, tilt (`lean`) in g,
+    heading rad.
 
-    Noisy gyros tilt the estimate. Gravity then looks like a horizontal acceleration. The GPS corrects the errors of
-    tilt and velocity within seconds. PX4's simulator SIH has 1 deg rms of roll error, which behaves like an oscillator
-    of 0.32 rad/s. It also has errors of 0.2 m/s in the velocity along the nose and of 1.1 deg in the heading. ArduPlane
-    has 0.17 deg of roll error, 0.1 deg of heading error, and another 0.2 deg that depends on the heading.
+    Noisy gyros tilt the estimate. Gravity then looks like a horizontal acceleration. The GPS
+    corrects the errors of tilt and velocity within seconds. PX4's simulator SIH has 1 deg rms of
+    roll error, which behaves like an oscillator of 0.32 rad/s. It also has errors of 0.2 m/s in the
+    velocity along the nose and of 1.1 deg in the heading. ArduPlane has 0.17 deg of roll error, 0.1
+    deg of heading error, and another 0.2 deg that depends on the heading.
     """
 
     velocity: tuple[float, float] = (0.0, 0.0)
     lean: tuple[float, float] = (0.0, 0.0)
     heading: float = 0.0
     wander: float = 0.0  # the slowly varying part of the heading error
-    place: tuple[float, float] = (0.0, 0.0)  # position of an estimator without GPS, relative to where it stands still
+    place: tuple[float, float] = (
+        0.0,
+        0.0,
+    )  # position of an estimator without GPS, relative to where it stands still
 
     def tilt(self, heading: float) -> tuple[float, float]:
         """Return the errors of roll and pitch, rad."""
         (north, east), cos, sin = self.lean, math.cos(heading), math.sin(heading)
         return east * cos - north * sin, -(north * cos + east * sin)
 
-    def after(self, dt: float, roll: float, wander: float, heading: float, rng: Random) -> "EstimateError":
-        """Return the error dt later. roll, wander: rms of roll and heading error, rad. heading: true heading, rad."""
+    def after(
+        self, dt: float, roll: float, wander: float, heading: float, rng: Random
+    ) -> "EstimateError":
+        """Return the error dt later. roll, wander: rms of roll and heading error, rad. heading:
+        true heading, rad."""
         noise = roll * TILT_NOISE * math.sqrt(dt)
         right, forward = rng.gauss(0.0, noise), rng.gauss(0.0, noise / 2)
         fresh = to_earth(forward, right, heading)
         kept = math.exp(-dt / HEADING_TIME)
         turned = kept * self.wander + rng.gauss(0.0, wander * math.sqrt(1 - kept * kept))
-        moved = tuple(_corrected(*one, dt) for one in zip(self.velocity, self.lean, fresh, strict=True))
+        moved = tuple(
+            _corrected(*one, dt) for one in zip(self.velocity, self.lean, fresh, strict=True)
+        )
         (north, lean_north), (east, lean_east) = moved
         off = turned + HARD_IRON * math.sin(heading)
         return EstimateError((north, east), (lean_north, lean_east), off, turned)
@@ -53,19 +65,23 @@ class EstimateError(NamedTuple):
     def unaided(self, dt: float, acceleration: tuple[float, float]) -> "EstimateError":
         """Return the error dt later without GPS, as ArduPilot's EKF3 has it.
 
-        The estimator assumes that the vehicle stays in place (within EK3_NOAID_M_NSE, 10 m). A lasting acceleration,
-        north and east in m/s^2, looks like gravity: its estimate of the tilt is wrong by 1 to 3 deg in turns. The
-        compass then measures the wrong heading.
+        The estimator assumes that the vehicle stays in place (within EK3_NOAID_M_NSE, 10 m). A
+        lasting acceleration, north and east in m/s^2, looks like gravity: its estimate of the tilt
+        is wrong by 1 to 3 deg in turns. The compass then measures the wrong heading.
         """
         north, east = (
-            _standing(*one, dt) for one in zip(self.place, self.velocity, self.lean, acceleration, strict=True)
+            _standing(*one, dt)
+            for one in zip(self.place, self.velocity, self.lean, acceleration, strict=True)
         )
         lean = north[2], east[2]
         return EstimateError((north[1], east[1]), lean, DIP * lean[1], 0.0, (north[0], east[0]))
 
 
-def _standing(place: float, velocity: float, lean: float, acceleration: float, dt: float) -> tuple[float, float, float]:
-    """Return place, velocity and error of the lean of an observer that measures "place = 0", dt later."""
+def _standing(
+    place: float, velocity: float, lean: float, acceleration: float, dt: float
+) -> tuple[float, float, float]:
+    """Return place, velocity and error of the lean of an observer that measures "place = 0", dt
+    later."""
     measured = acceleration + GRAVITY * lean
     return (
         place + (velocity - 2 * UNAIDED * place) * dt,
@@ -77,7 +93,8 @@ def _standing(place: float, velocity: float, lean: float, acceleration: float, d
 def air_drag(coefficient: float, air: tuple[float, float], heading: float) -> tuple[float, float]:
     """Return the drag of a multicopter per mass against the air (north, east), m/s^2.
 
-    coefficient: of the linear part, 1/s. The drag acts along each body axis, as in ArduPilot's simulator.
+    coefficient: of the linear part, 1/s. The drag acts along each body axis, as in ArduPilot's
+    simulator.
     """
     cos, sin = math.cos(heading), math.sin(heading)
     forward, right = air[0] * cos + air[1] * sin, air[1] * cos - air[0] * sin
@@ -115,10 +132,17 @@ class Body(NamedTuple):
     push_east: float = 0.0
     air_speed: float = 0.0  # true airspeed of fixed wings
     climb_angle: float = 0.0  # flight path angle of a fixed wing, rad
-    slip: float = 0.0  # side-slip of a fixed wing: angle from the nose to the motion through the air, rad
+    slip: float = (
+        0.0  # side-slip of a fixed wing: angle from the nose to the motion through the air, rad
+    )
     gust_slip: float = 0.0  # the part of the side-slip caused by gusts
-    trimmed_wind: tuple[float, float] = (0.0, 0.0)  # wind that the vehicle is trimmed for; the rest is a gust
-    error: EstimateError = EstimateError()  # contained in the reports and in the inputs of the control loops
+    trimmed_wind: tuple[float, float] = (
+        0.0,
+        0.0,
+    )  # wind that the vehicle is trimmed for; the rest is a gust
+    error: EstimateError = (
+        EstimateError()
+    )  # contained in the reports and in the inputs of the control loops
     on_the_way: Line = ()  # commands within the dead time (see through_line)
 
     @property
@@ -138,11 +162,15 @@ class Body(NamedTuple):
 
     @property
     def forward_speed(self) -> float:
-        return self.velocity_north * math.cos(self.heading) + self.velocity_east * math.sin(self.heading)
+        return self.velocity_north * math.cos(self.heading) + self.velocity_east * math.sin(
+            self.heading
+        )
 
     @property
     def right_speed(self) -> float:
-        return self.velocity_east * math.cos(self.heading) - self.velocity_north * math.sin(self.heading)
+        return self.velocity_east * math.cos(self.heading) - self.velocity_north * math.sin(
+            self.heading
+        )
 
     def through_air(self, wind: tuple[float, float]) -> tuple[float, float]:
         return self.velocity_north - wind[0], self.velocity_east - wind[1]
@@ -151,9 +179,12 @@ class Body(NamedTuple):
         return math.hypot(*self.through_air(wind))
 
     def body_rates(self) -> tuple[float, float, float]:
-        """Return the body rates p, q, r. They differ from the rates of the angles if the vehicle is tilted."""
-        sin_roll, cos_roll = math.sin(self.roll), math.cos(self.roll)
-        sin_pitch, cos_pitch = math.sin(self.pitch), math.cos(self.pitch)
+        """Return the body rates p, q, r. They differ from the rates of the angles if the vehicle is
+        tilted."""
+        sin_roll = math.sin(self.roll)
+        cos_roll = math.cos(self.roll)
+        sin_pitch = math.sin(self.pitch)
+        cos_pitch = math.cos(self.pitch)
         return (
             self.roll_rate - self.turn_rate * sin_pitch,
             self.pitch_rate * cos_roll + self.turn_rate * sin_roll * cos_pitch,
@@ -162,19 +193,27 @@ class Body(NamedTuple):
 
     def from_earth(self, vector: Vector) -> Vector:
         """Return a NED vector in body axes: forward, right, down."""
-        cr, sr = math.cos(self.roll), math.sin(self.roll)
-        cp, sp = math.cos(self.pitch), math.sin(self.pitch)
-        cy, sy = math.cos(self.heading), math.sin(self.heading)
+        cr = math.cos(self.roll)
+        sr = math.sin(self.roll)
+        cp = math.cos(self.pitch)
+        sp = math.sin(self.pitch)
+        cy = math.cos(self.heading)
+        sy = math.sin(self.heading)
         north, east, down = vector
-        level, right = north * cy + east * sy, east * cy - north * sy
-        forward, below = level * cp - down * sp, level * sp + down * cp
+        level = north * cy + east * sy
+        right = east * cy - north * sy
+        forward = level * cp - down * sp
+        below = level * sp + down * cp
         return forward, right * cr + below * sr, below * cr - right * sr
 
     def quaternion(self) -> tuple[float, float, float, float]:
         """Attitude, w first."""
-        cr, sr = math.cos(self.roll / 2), math.sin(self.roll / 2)
-        cp, sp = math.cos(self.pitch / 2), math.sin(self.pitch / 2)
-        cy, sy = math.cos(self.heading / 2), math.sin(self.heading / 2)
+        cr = math.cos(self.roll / 2)
+        sr = math.sin(self.roll / 2)
+        cp = math.cos(self.pitch / 2)
+        sp = math.sin(self.pitch / 2)
+        cy = math.cos(self.heading / 2)
+        sy = math.sin(self.heading / 2)
         return (
             cr * cp * cy + sr * sp * sy,
             sr * cp * cy - cr * sp * sy,
@@ -202,9 +241,12 @@ def at_most(first: float, second: float, most: float) -> tuple[float, float]:
 
 
 def lean(north: float, east: float, heading: float) -> tuple[float, float]:
-    """Return roll and pitch of a copter whose thrust accelerates it horizontally by this vector, m/s^2."""
+    """Return roll and pitch of a copter whose thrust accelerates it horizontally by this vector,
+    m/s^2."""
     cos, sin = math.cos(heading), math.sin(heading)
-    return math.atan((east * cos - north * sin) / GRAVITY), -math.atan((north * cos + east * sin) / GRAVITY)
+    return math.atan((east * cos - north * sin) / GRAVITY), -math.atan(
+        (north * cos + east * sin) / GRAVITY
+    )
 
 
 def euler(q: tuple[float, ...]) -> tuple[float, float, float]:
@@ -224,7 +266,8 @@ def pieces(dt: float, longest: float) -> list[float]:
 
 
 def through_line(line: Line, command: float, dead_time: float, h: float) -> Line:
-    """Return the delay line `h` seconds later with a new command. The value of its first entry is in effect."""
+    """Return the delay line `h` seconds later with a new command. The value of its first entry is
+    in effect."""
     line = tuple((left - h, value) for left, value in line)
     if not line or line[-1][1] != command:
         line += ((dead_time, command),)
@@ -234,5 +277,6 @@ def through_line(line: Line, command: float, dead_time: float, h: float) -> Line
 
 
 def second_order(error: float, rate: float, frequency: float, damping: float, h: float) -> float:
-    """Return the rate after `h` seconds in a second-order loop that takes `error` to zero. frequency: rad/s."""
+    """Return the rate after `h` seconds in a second-order loop that takes `error` to zero.
+    frequency: rad/s."""
     return rate + (frequency**2 * error - 2 * damping * frequency * rate) * h

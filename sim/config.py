@@ -19,7 +19,14 @@ STEERING_STATES = ("good", "straight", "frozen", "turning", "hovering", "reverse
 ATTITUDE_ERROR_DEG = {"px4_copter": 1.0, "px4_plane": 1.0, "arduplane": 0.15}
 ACTIONS = (
     *("mode", "arm", "disarm", "rc_failsafe", "gps_off", "gps_on", "battery", "wind"),
-    *("mute_ranging", "unmute_ranging", "freeze_ranging", "unfreeze_ranging", "mute_autopilot", "unmute_autopilot"),
+    *(
+        "mute_ranging",
+        "unmute_ranging",
+        "freeze_ranging",
+        "unfreeze_ranging",
+        "mute_autopilot",
+        "unmute_autopilot",
+    ),
     "reboot",
     *(f"imu_{state}" for state in IMU_STATES),
     *(f"steering_{state}" for state in STEERING_STATES),
@@ -29,15 +36,16 @@ ACTIONS = (
 class Airframe(Table):
     """[vehicle]: autopilot and dynamics. A default of None depends on the profile.
 
-    dynamics: "unicycle" (default of arducopter) is ideal and holds its speed over the ground. "airborne" holds it
-    through the air and drifts with the wind. "realistic" (default of the others) has the measured dynamics.
-    boot_age_s: time since the autopilot's boot at time zero (its 32-bit milliseconds wrap at 4294967.296 s).
-    odometry: velocity without GPS (optical flow, wheel encoders), valid once an origin is set (message 48).
-    drag_per_s: drag of copters; default: px4_copter 1.0, arducopter 0.24 (linear part).
-    max_lean_deg: ANGLE_MAX (default 30),
-    MPC_TILTMAX_AIR (default 45). turn_frequency_rad_s, turn_damping: override the measured turn or roll loop; a damping
-    below 0.3 rings. steering: "straight", "frozen" (repeats the last command), "turning" (12 deg/s) and "hovering"
-    ignore turn commands. "reversed" and "weak" (a tenth) change them.
+    dynamics: "unicycle" (default of arducopter) is ideal and holds its speed over the ground.
+    "airborne" holds it through the air and drifts with the wind. "realistic" (default of the
+    others) has the measured dynamics. boot_age_s: time since the autopilot's boot at time zero (its
+    32-bit milliseconds wrap at 4294967.296 s). odometry: velocity without GPS (optical flow, wheel
+    encoders), valid once an origin is set (message 48). drag_per_s: drag of copters; default:
+    px4_copter 1.0, arducopter 0.24 (linear part).
+    max_lean_deg: ANGLE_MAX (default 30), MPC_TILTMAX_AIR (default 45). turn_frequency_rad_s,
+    turn_damping: override the measured turn or roll loop; a damping below 0.3 rings. steering:
+    "straight", "frozen" (repeats the last command), "turning" (12 deg/s) and "hovering" ignore turn
+    commands. "reversed" and "weak" (a tenth) change them.
     """
 
     profile: Literal[PROFILES] = "arducopter"  # type: ignore[valid-type]
@@ -65,7 +73,8 @@ class Airframe(Table):
 
 
 class RandomStart(Table):
-    """[start.random]: bounds of random values, drawn by the seed. A key that is not given stays as in [start]."""
+    """[start.random]: bounds of random values, drawn by the seed. A key that is not given stays as
+    in [start]."""
 
     north_m: Interval | None = None
     east_m: Interval | None = None
@@ -111,9 +120,10 @@ class Wind(Table):
 class Ranging(Table):
     """[ranging]: errors of the ranging radio, its message, and its route to the receiver.
 
-    scale, bias_m: a range is reported as scale times its length plus bias_m. table_m: instead, by straight lines
-    through points, each [true, reported], rising. rate_name: also send the range rate, as a NAMED_VALUE_FLOAT of this
-    name. rate_noise_mps: white noise. rate_bias_mps: rms of the carrier's offset, which changes within a minute.
+    scale, bias_m: a range is reported as scale times its length plus bias_m. table_m: instead, by
+    straight lines through points, each [true, reported], rising. rate_name: also send the range
+    rate, as a NAMED_VALUE_FLOAT of this name. rate_noise_mps: white noise. rate_bias_mps: rms of
+    the carrier's offset, which changes within a minute.
     """
 
     message: Literal["distance_sensor", "ranging_beacon", "named_value_float"] = "distance_sensor"
@@ -144,7 +154,8 @@ class Ranging(Table):
 
 
 class TruthStream(Table):
-    """[truth]: rate of the messages that carry the true state, beside the autopilot's own; 0 turns them off."""
+    """[truth]: rate of the messages that carry the true state, beside the autopilot's own; 0 turns
+    them off."""
 
     rate_hz: float = Field(default=10.0, ge=0.0, le=100.0)
 
@@ -152,13 +163,15 @@ class TruthStream(Table):
 class Sensors(Table):
     """[sensors]: errors of the reported values.
 
-    accel_noise_mps2, gyro_noise_deg_s: rms noise; default: 0.2 and 0, for a realistic px4_* the noise of PX4's SIH.
-    accel_bias_mps2: constant bias with random signs; default: drawn from 0.05 to 0.1.
-    imu: "frozen" repeats its last reading, "clipped" saturates at 8 m/s^2, "rotated" is mounted 90 deg to the right.
-    attitude_error_deg: rms error of the estimated roll, with the matching errors of velocity and heading
-    (EstimateError); default: realistic px4_* 1.0, arduplane 0.15, else 0.
-    gps_error_m: standard deviation of the reported position per axis, first order with gps_error_time_s.
-    dead_reckoning_mps: standard deviation of the position drift without GPS, per axis.
+    accel_noise_mps2, gyro_noise_deg_s: rms noise; default: 0.2 and 0, for a realistic px4_* the
+    noise of PX4's SIH. accel_bias_mps2: constant bias with random signs; default: drawn from 0.05
+    to 0.1.
+    imu: "frozen" repeats its last reading, "clipped" saturates at 8 m/s^2, "rotated" is mounted 90
+    deg to the right. attitude_error_deg: rms error of the estimated roll, with the matching errors
+    of velocity and heading (EstimateError); default: realistic px4_* 1.0, arduplane 0.15, else 0.
+    gps_error_m: standard deviation of the reported position per axis, first order with
+    gps_error_time_s. dead_reckoning_mps: standard deviation of the position drift without GPS, per
+    axis.
     """
 
     heading_bias_deg: float = Field(default=0.0, ge=-180.0, le=180.0)
@@ -184,7 +197,8 @@ class Battery(Table):
 
 
 class Signing(Table):
-    """[signing]: key file of vehicle and radio (64 hex digits or 32 bytes); None: no signing, all senders are accepted.
+    """[signing]: key file of vehicle and radio (64 hex digits or 32 bytes); None: no signing, all
+    senders are accepted.
 
     accept_unsigned: as on ArduPilot's USB port.
     """
@@ -224,13 +238,17 @@ class VehicleConfig(Table):
 
     @property
     def unaided_tilts(self) -> bool:
-        """True if the attitude estimate is wrong in turns without GPS: ArduPilot's realistic copters."""
-        return self.vehicle.profile.startswith("arducopter") and self.vehicle.dynamics == "realistic"
+        """True if the attitude estimate is wrong in turns without GPS: ArduPilot's realistic
+        copters."""
+        return (
+            self.vehicle.profile.startswith("arducopter") and self.vehicle.dynamics == "realistic"
+        )
 
     @property
     def attitude_error(self) -> float:
         """Rms error of the estimated roll, rad."""
-        given, ideal = self.sensors.attitude_error_deg, self.vehicle.dynamics == "unicycle"
+        given = self.sensors.attitude_error_deg
+        ideal = self.vehicle.dynamics == "unicycle"
         default = 0.0 if ideal else ATTITUDE_ERROR_DEG.get(self.vehicle.profile, 0.0)
         return math.radians(default if given is None else given)
 
@@ -254,7 +272,8 @@ def _checked(config: VehicleConfig, where: str) -> VehicleConfig:
 
 
 def load_vehicle(path: str | Path) -> VehicleConfig:
-    """Read a vehicle file or the [sim] table of a mission file. A key file's path is relative to that file's folder."""
+    """Read a vehicle file or the [sim] table of a mission file. A key file's path is relative to
+    that file's folder."""
     try:
         table = tomllib.loads(Path(path).read_text("utf-8-sig"))
     except OSError as error:
@@ -262,7 +281,9 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
     except ValueError as error:
         raise ConfigError(f"{path}: not a TOML file: {error}") from error
     if "orbit" in table and "sim" not in table:
-        raise ConfigError(f"{path}: a mission without the table [sim]: add one, or name a mission that has it")
+        raise ConfigError(
+            f"{path}: a mission without the table [sim]: add one, or name a mission that has it"
+        )
     where = f"{path}: sim" if "sim" in table else str(path)
     config = read_table(VehicleConfig, table.get("sim", table), where)
     if config.signing.key_file:
@@ -273,7 +294,9 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
 
 def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:
     """Yield (key, reason) for values that are valid alone but not together."""
-    airframe, ranging, modes = config.vehicle, config.ranging, tuple(MODES[config.vehicle.profile])
+    airframe = config.vehicle
+    ranging = config.ranging
+    modes = tuple(MODES[config.vehicle.profile])
     named = [("start.mode", config.start.mode)]
     for i, event in enumerate(config.events):
         if event.action == "mode" and event.mode is None:
@@ -283,7 +306,10 @@ def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:
         if mode is not None and mode not in modes:
             hint = nearest(mode, modes) or f"; modes: {', '.join(modes)}"
             yield name, f'"{mode}" is not a mode of {airframe.profile}{hint}'
-    if airframe.dynamics == "airborne" and airframe.profile not in ("arducopter", "arducopter_nogps"):
+    if airframe.dynamics == "airborne" and airframe.profile not in (
+        "arducopter",
+        "arducopter_nogps",
+    ):
         yield "vehicle.dynamics", f'"airborne" is an arducopter, not an {airframe.profile}'
     if config.start.random.range_m and config.start.random.range_m[0] < 0:
         yield "start.random.range_m", "must not begin below 0"
@@ -296,5 +322,8 @@ def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:
         yield "ranging.message", 'the autopilot re-sends only "distance_sensor", or use another via'
     if ranging.via == "autopilot" and ranging.rate_name is not None:
         yield "ranging.rate_name", "the autopilot re-sends ranges only, use another via"
-    if ranging.via != "autopilot" and (ranging.system_id, ranging.component_id) == (airframe.system_id, 1):
+    if ranging.via != "autopilot" and (ranging.system_id, ranging.component_id) == (
+        airframe.system_id,
+        1,
+    ):
         yield "ranging.component_id", "1 is the autopilot itself, choose another (192)"

@@ -33,7 +33,8 @@ class Brake(NamedTuple):
 class Tilt(NamedTuple):
     """Attitude. The nose turns to `heading`, if given; `yaw_rate` is added to that turn.
 
-    The autopilot flies the climb rate `climb`. With a raw `thrust` (0 to 1), the sender has to control the height.
+    The autopilot flies the climb rate `climb`. With a raw `thrust` (0 to 1), the sender has to
+    control the height.
     """
 
     roll: float
@@ -55,7 +56,8 @@ class Spin(NamedTuple):
 
 
 class Bank(NamedTuple):
-    """Bank of a fixed wing. The autopilot holds height and airspeed unless pitch or throttle are forced."""
+    """Bank of a fixed wing. The autopilot holds height and airspeed unless pitch or throttle are
+    forced."""
 
     roll: float
     air_speed: float

@@ -69,18 +69,26 @@ class Flight:
         self._say = say
         self.air = Air(config.wind, config.seed)
         self.target = partial(target_at, config.target)
-        self._ranged: tuple[int, Sample] | None = None  # newest sample of the rangefinder driver and its time
+        self._ranged: tuple[int, Sample] | None = (
+            None  # newest sample of the rangefinder driver and its time
+        )
         self.instruments = Instruments(config.sensors, config.seed, config.sih)
         self.battery = config.battery.percent
         self._battery_at = 0
-        self.autopilot = AUTOPILOTS[config.vehicle.profile](config, say, starting_body(config, self.air.velocity))
+        self.autopilot = AUTOPILOTS[config.vehicle.profile](
+            config, say, starting_body(config, self.air.velocity)
+        )
         self._velocities: deque[tuple[int, Vector]] = deque([(0, self.body.velocity)])
         self._estimator_rng = Random(f"{config.seed}:estimator")
         self._estimated_at = self.body.velocity[:2]
         self._position_rng = Random(f"{config.seed}:position")
-        size, drift = config.sensors.gps_error_m, config.sensors.dead_reckoning_mps
+        size = config.sensors.gps_error_m
+        drift = config.sensors.dead_reckoning_mps
         self._gps_error = self._position_rng.gauss(0.0, size), self._position_rng.gauss(0.0, size)
-        self._lost_drift = self._position_rng.gauss(0.0, drift), self._position_rng.gauss(0.0, drift)
+        self._lost_drift = (
+            self._position_rng.gauss(0.0, drift),
+            self._position_rng.gauss(0.0, drift),
+        )
         self.position_error = self._gps_error  # reported minus true, north and east, m
 
     def run(self, until: int) -> None:
@@ -114,10 +122,15 @@ class Flight:
 
     def step_estimate_error(self) -> None:
         """Advance the error of the autopilot's estimate by 0.1 s."""
-        body, roll = self.body, self.config.attitude_error
+        body = self.body
+        roll = self.config.attitude_error
         if self.config.unaided_tilts and not self.autopilot.position:
-            before, self._estimated_at = self._estimated_at, body.velocity[:2]
-            acceleration = tuple((b - a) / (DRIFT_STEP_US * 1e-6) for a, b in zip(before, body.velocity, strict=False))
+            before = self._estimated_at
+            self._estimated_at = body.velocity[:2]
+            acceleration = tuple(
+                (b - a) / (DRIFT_STEP_US * 1e-6)
+                for a, b in zip(before, body.velocity, strict=False)
+            )
             error = body.error.unaided(DRIFT_STEP_US * 1e-6, (acceleration[0], acceleration[1]))
             self.autopilot.body = body._replace(error=error)
             return
@@ -126,15 +139,21 @@ class Flight:
             self.autopilot.body = body._replace(error=EstimateError())
             return
         wander = roll * (1.1 if self.config.sih else 0.6)
-        error = body.error.after(DRIFT_STEP_US * 1e-6, roll, wander, body.heading, self._estimator_rng)
+        error = body.error.after(
+            DRIFT_STEP_US * 1e-6, roll, wander, body.heading, self._estimator_rng
+        )
         self.autopilot.body = body._replace(error=error)
 
     def step_position_error(self) -> None:
-        """Advance the error of the reported position by 0.1 s: error of the GPS, or drift without GPS."""
-        sensors, dt = self.config.sensors, DRIFT_STEP_US * 1e-6
+        """Advance the error of the reported position by 0.1 s: error of the GPS, or drift without
+        GPS."""
+        sensors = self.config.sensors
+        dt = DRIFT_STEP_US * 1e-6
         kept = math.exp(-dt / sensors.gps_error_time_s)
         fresh = sensors.gps_error_m * math.sqrt(1 - kept * kept)
-        north, east = (kept * error + self._position_rng.gauss(0.0, fresh) for error in self._gps_error)
+        north, east = (
+            kept * error + self._position_rng.gauss(0.0, fresh) for error in self._gps_error
+        )
         self._gps_error = north, east
         if self.autopilot.gps:
             self.position_error = self._gps_error
@@ -143,18 +162,28 @@ class Flight:
         if external is not None:
             self.position_error = external[0] - self.body.north, external[1] - self.body.east
         drift = self._lost_drift
-        self.position_error = self.position_error[0] + drift[0] * dt, self.position_error[1] + drift[1] * dt
+        self.position_error = (
+            self.position_error[0] + drift[0] * dt,
+            self.position_error[1] + drift[1] * dt,
+        )
 
     def receive_range(self, sample: Sample) -> None:
-        """Store a sample in the autopilot's rangefinder driver, until the next one arrives or it is too old."""
+        """Store a sample in the autopilot's rangefinder driver, until the next one arrives or it is
+        too old."""
         self._ranged = self.now, sample
 
     def latest_range(self) -> Sample | None:
-        """Return the sample in the rangefinder driver, or None if there is none or it is too old."""
-        return self._ranged[1] if self._ranged is not None and self.now - self._ranged[0] <= RANGE_TOO_OLD_US else None
+        """Return the sample in the rangefinder driver, or None if there is none or it is too
+        old."""
+        return (
+            self._ranged[1]
+            if self._ranged is not None and self.now - self._ranged[0] <= RANGE_TOO_OLD_US
+            else None
+        )
 
     def reboot(self) -> None:
-        """Restart the autopilot: disarmed, in its first mode, its clock at zero. The body keeps its position."""
+        """Restart the autopilot: disarmed, in its first mode, its clock at zero. The body keeps its
+        position."""
         fresh = self.config.rebooted()
         self.booted = self.now
         self._ranged = None
@@ -194,16 +223,36 @@ class Flight:
 
     def slant_rate(self) -> float:
         """Return the rate of the slant range, m/s, positive when it grows."""
-        body, now = self.body, self.seconds
-        offset = [a - b for a, b in zip((body.north, body.east, body.down), self.target(now), strict=True)]
-        before, after = self.target(now - 0.01), self.target(now + 0.01)
+        body = self.body
+        now = self.seconds
+        offset = [
+            a - b for a, b in zip((body.north, body.east, body.down), self.target(now), strict=True)
+        ]
+        before = self.target(now - 0.01)
+        after = self.target(now + 0.01)
         moved = [(b - a) / 0.02 for a, b in zip(before, after, strict=True)]
         relative = [a - b for a, b in zip(self.body.velocity, moved, strict=True)]
-        return sum(a * b for a, b in zip(offset, relative, strict=True)) / max(self.slant_range(), 1e-6)
+        return sum(a * b for a, b in zip(offset, relative, strict=True)) / max(
+            self.slant_range(), 1e-6
+        )
 
     def truth(self) -> Truth:
-        body, wind, target = self.body, self.air.velocity, self.target(self.seconds)
-        speed, airspeed = body.ground_speed, body.airspeed(wind)
-        moved = body.north, body.east, body.down, body.heading, body.course, speed, airspeed, body.turn_rate, body.roll
-        slant, pilot = math.dist((body.north, body.east, body.down), target), self.autopilot
+        body = self.body
+        wind = self.air.velocity
+        target = self.target(self.seconds)
+        speed = body.ground_speed
+        airspeed = body.airspeed(wind)
+        moved = (
+            body.north,
+            body.east,
+            body.down,
+            body.heading,
+            body.course,
+            speed,
+            airspeed,
+            body.turn_rate,
+            body.roll,
+        )
+        slant = math.dist((body.north, body.east, body.down), target)
+        pilot = self.autopilot
         return Truth(self.seconds, *moved, *target, slant, *wind, pilot.mode, pilot.armed)

@@ -8,19 +8,25 @@ from .config import Sensors
 
 CLIP_MPS2 = 8.0  # below 1 g, so that the vertical axis clips in level flight
 VIBRATION_HZ = 73.0  # vibration of a motor; a stream of 50 Hz contains its alias
-ACCEL_OF_SIH, GYRO_OF_SIH = (0.36, 1.15, 0.99), (0.084, 0.042, 0.0185)  # rms noise of sent values, m/s^2, rad/s
+# rms noise of sent values, m/s^2, rad/s
+ACCEL_OF_SIH = (0.36, 1.15, 0.99)
+GYRO_OF_SIH = (0.084, 0.042, 0.0185)
 PHASES = (0.0, 2.1, 4.2)  # phases of the vibration in the three axes, rad
 
 
 class Instruments:
-    """Errors of compass, gyros, airspeed and accelerometers. They affect only the reported values."""
+    """Errors of compass, gyros, airspeed and accelerometers. They affect only the reported
+    values."""
 
     def __init__(self, config: Sensors, seed: int, sih: bool) -> None:
         """sih: True to use the noise of PX4's simulator SIH if the file gives none."""
         self._config = config
-        accel, gyro = config.accel_noise_mps2, config.gyro_noise_deg_s
+        accel = config.accel_noise_mps2
+        gyro = config.gyro_noise_deg_s
         self._accel_noise = (ACCEL_OF_SIH if sih else (0.2,) * 3) if accel is None else (accel,) * 3
-        self._gyro_noise = (GYRO_OF_SIH if sih else (0.0,) * 3) if gyro is None else (math.radians(gyro),) * 3
+        self._gyro_noise = (
+            (GYRO_OF_SIH if sih else (0.0,) * 3) if gyro is None else (math.radians(gyro),) * 3
+        )
         self._gyro_rng = Random(f"{seed}:gyro")
         self._rng = Random(f"{seed}:instruments")
         self._imu_rng = Random(f"{seed}:imu")
@@ -50,7 +56,8 @@ class Instruments:
     def rates(self, true: Body) -> Vector:
         """Return the measured body rates p, q, r."""
         rolling, pitching, turning = (
-            rate * self._config.gyro_scale + (self._gyro_rng.gauss(0.0, noise) if noise > 0 else 0.0)
+            rate * self._config.gyro_scale
+            + (self._gyro_rng.gauss(0.0, noise) if noise > 0 else 0.0)
             for rate, noise in zip(true.body_rates(), self._gyro_noise, strict=True)
         )
         return rolling, pitching, turning
@@ -65,8 +72,13 @@ class Instruments:
             return self._last_imu
         (p, q, r), shaken = self.rates(true), self._config.accel_vibration_mps2
         x, y, z = (
-            value + bias + self._imu_rng.gauss(0.0, noise) + shaken * math.sin(math.tau * VIBRATION_HZ * time + phase)
-            for value, bias, noise, phase in zip(specific_force, self._bias, self._accel_noise, PHASES, strict=True)
+            value
+            + bias
+            + self._imu_rng.gauss(0.0, noise)
+            + shaken * math.sin(math.tau * VIBRATION_HZ * time + phase)
+            for value, bias, noise, phase in zip(
+                specific_force, self._bias, self._accel_noise, PHASES, strict=True
+            )
         )
         if self.imu_state == "rotated":
             x, y, p, q = y, -x, q, -p

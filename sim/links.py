@@ -1,7 +1,7 @@
 """The autopilot's links: bytes to MAVLink messages and back, and forwarding between links.
 
-Each link has its own parser and sequence counter. Invalid bytes are dropped without an error. Forwarding follows
-ArduPilot's MAVLink_routing.cpp.
+Each link has its own parser and sequence counter. Invalid bytes are dropped without an error.
+Forwarding follows ArduPilot's MAVLink_routing.cpp.
 """
 
 import struct
@@ -27,7 +27,9 @@ Address = tuple[int, int]
 class Link:
     """One link of the autopilot: its parser, its frames to send, and its message intervals."""
 
-    def __init__(self, name: str, system: int, component: int, version: int, signing: FrameSigning) -> None:
+    def __init__(
+        self, name: str, system: int, component: int, version: int, signing: FrameSigning
+    ) -> None:
         self.name = name
         self._version = version
         self._signing = signing
@@ -40,7 +42,8 @@ class Link:
         self.silent = False
 
     def messages(self, data: bytes, *, stream: bool) -> list[Message]:
-        """Parse bytes. A datagram resets the parser: a stray byte must not consume later frames. A stream does not."""
+        """Parse bytes. A datagram resets the parser: a stray byte must not consume later frames. A
+        stream does not."""
         if not stream:
             self._in.buf = bytearray()
             self._in.buf_index = 0
@@ -48,17 +51,24 @@ class Link:
         return [message for message in self._in.parse_buffer(data) or [] if self._readable(message)]
 
     def _readable(self, message: Message) -> bool:
-        """True if the frame is intact and of a known id, and not MAVLink 2 on a MAVLink 1 autopilot."""
-        return message.get_msgId() >= 0 and (self._version == 2 or message.get_msgbuf()[0] != V2_MARKER)
+        """True if the frame is intact and of a known id, and not MAVLink 2 on a MAVLink 1
+        autopilot."""
+        return message.get_msgId() >= 0 and (
+            self._version == 2 or message.get_msgbuf()[0] != V2_MARKER
+        )
 
     def frame(self, message: Message) -> bytes | None:
-        """Pack the next frame of this sender. Return None if this MAVLink version or a field cannot carry it."""
+        """Pack the next frame of this sender. Return None if this MAVLink version or a field cannot
+        carry it."""
         if self._version == 1 and message.get_msgId() > V1_LARGEST_ID:
             return None
         self._signing.prepare(self._out)
         try:
             data: bytes = message.pack(self._out, force_mavlink1=self._version == 1)
-        except (struct.error, OverflowError):  # the vehicle is so far away that a value does not fit its field
+        except (
+            struct.error,
+            OverflowError,
+        ):  # the vehicle is so far away that a value does not fit its field
             return None
         self._out.seq = (self._out.seq + 1) % 256
         return data
@@ -81,7 +91,8 @@ class Link:
 
 
 class Router:
-    """Learns the links of senders and forwards messages. A component gets messages only after it has sent one."""
+    """Learns the links of senders and forwards messages. A component gets messages only after it
+    has sent one."""
 
     def __init__(self, own: Address, unknown_ids: frozenset[int], adopts_strays: bool) -> None:
         self._own = own
@@ -93,8 +104,10 @@ class Router:
         self._routes.clear()
 
     def pass_on(self, message: Message, source: Link, links: list[Link]) -> bool:
-        """Forward a message received on `source`. Return True if the autopilot has to handle it, too."""
-        kind, sender = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
+        """Forward a message received on `source`. Return True if the autopilot has to handle it,
+        too."""
+        kind = message.get_type()
+        sender = (message.get_srcSystem(), message.get_srcComponent())
         if message.get_msgId() in self._unknown:
             return False
         if sender == self._own:
@@ -105,7 +118,8 @@ class Router:
             return True
         if kind in NEVER_FORWARDED:
             return True
-        system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
+        system = getattr(message, "target_system", 0)
+        component = getattr(message, "target_component", 0)
         mine = system in (0, self._own[0])
         if mine and component == self._own[1] and system != 0:
             return True
@@ -123,13 +137,19 @@ class Router:
         reached: list[Link] = []
         for (to_system, to_component), link in self._routes:
             right_component = component in (0, to_component) or system != self._own[0]
-            if link is source or link in reached or not (system == 0 or (system == to_system and right_component)):
+            if (
+                link is source
+                or link in reached
+                or not (system == 0 or (system == to_system and right_component))
+            ):
                 continue
             link.forward(message)
             reached.append(link)
         return bool(reached)
 
-    def _forward_heartbeat(self, message: Message, sender: Address, source: Link, links: list[Link]) -> None:
+    def _forward_heartbeat(
+        self, message: Message, sender: Address, source: Link, links: list[Link]
+    ) -> None:
         known = [link for address, link in self._routes if address == sender]
         for link in links:
             if link is not source and link not in known:

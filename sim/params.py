@@ -1,4 +1,5 @@
-"""The few parameters that matter to a companion, under their real names, and the protocol that reads and sets them."""
+"""The few parameters that matter to a companion, under their real names, and the protocol that
+reads and sets them."""
 
 import math
 import struct
@@ -8,7 +9,10 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from .links import Message
 
-INT8, INT16, INT32, REAL32 = 2, 4, 6, 9
+INT8 = 2
+INT16 = 4
+INT32 = 6
+REAL32 = 9
 NOT_IN_LIST = 65535
 LARGEST = 1e6  # no real setting is larger; NaN is rejected as well
 RANGES = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1)}
@@ -22,7 +26,8 @@ class Parameter:
 
 
 class Parameters(dict[str, float]):
-    """Parameter values by name. ArduPilot casts integers to float on the wire, PX4 copies their bytes."""
+    """Parameter values by name. ArduPilot casts integers to float on the wire, PX4 copies their
+    bytes."""
 
     def __init__(self, table: tuple[Parameter, ...], bytewise: bool) -> None:
         super().__init__((p.name, p.default) for p in table)
@@ -37,14 +42,16 @@ class Parameters(dict[str, float]):
         return [self._message(p, i) for i, p in enumerate(self._table)]
 
     def read(self, name: str, index: int) -> Message | None:
-        """Return the value by index, or by name if the index is negative; None if there is no such parameter."""
+        """Return the value by index, or by name if the index is negative; None if there is no such
+        parameter."""
         if index >= 0:
             return self._message(self._table[index], index) if index < len(self._table) else None
         found = self._find(name)
         return self._message(found, NOT_IN_LIST) if found else None
 
     def write(self, name: str, wire_value: float) -> Message | None:
-        """Set a parameter from its wire value. Return the message with its value now; None if the name is unknown."""
+        """Set a parameter from its wire value. Return the message with its value now; None if the
+        name is unknown."""
         found = self._find(name)
         if found is None:
             return None
@@ -59,7 +66,9 @@ class Parameters(dict[str, float]):
     def _message(self, parameter: Parameter, index: int) -> Message:
         value = self._to_wire(parameter.kind, self[parameter.name])
         name = parameter.name.encode()
-        return mavlink.MAVLink_param_value_message(name, value, parameter.kind, len(self._table), index)
+        return mavlink.MAVLink_param_value_message(
+            name, value, parameter.kind, len(self._table), index
+        )
 
     def _to_wire(self, kind: int, value: float) -> float:
         if self._bytewise and kind != REAL32:

@@ -1,4 +1,5 @@
-"""The ranging radio: samples at its rate and sends each sample as one of three messages. It can be muted.
+"""The ranging radio: samples at its rate and sends each sample as one of three messages. It can be
+muted.
 
 The messages carry centimeters, millimeters or meters as a float, with the time of the measurement.
 """
@@ -16,13 +17,16 @@ from .links import Message
 from .sensor import DopplerSensor, RangeSensor, Sample
 
 SECOND = 1_000_000
-UNKNOWN_U32, UNKNOWN_COVARIANCE, UNKNOWN_LATLON = 4_294_967_295, 255, 2_147_483_647
+UNKNOWN_U32 = 4_294_967_295
+UNKNOWN_COVARIANCE = 255
+UNKNOWN_LATLON = 2_147_483_647
 MOST_CM = 65_535
 RADAR = 3
 
 
 class RangingRadio:
-    """Messages go to `send`. A radio on the autopilot's own rangefinder port passes its samples to `driver`."""
+    """Messages go to `send`. A radio on the autopilot's own rangefinder port passes its samples to
+    `driver`."""
 
     def __init__(
         self, config: VehicleConfig, agenda: Agenda, flight: Flight,
@@ -46,7 +50,11 @@ class RangingRadio:
     def _measure(self) -> None:
         now = self._flight.now
         sample = self._sensor.measure(self._flight.slant_range(), now)
-        rate = self._doppler.measure(self._flight.slant_rate()) if self._config.rate_name is not None else 0.0
+        rate = (
+            self._doppler.measure(self._flight.slant_rate())
+            if self._config.rate_name is not None
+            else 0.0
+        )
         if sample is None or self.muted:
             return
         if self.frozen and self._held is not None:
@@ -57,7 +65,9 @@ class RangingRadio:
         if latency == 0:
             self._report(sample)
         else:
-            self._agenda.put(("report", sample.taken_us), now + latency, partial(self._report, sample))
+            self._agenda.put(
+                ("report", sample.taken_us), now + latency, partial(self._report, sample)
+            )
 
     def _report(self, sample: Sample) -> None:
         if self._config.via == "autopilot":
@@ -69,7 +79,8 @@ class RangingRadio:
 
     def _heartbeat(self) -> None:
         if not self.muted:
-            kind, no_autopilot = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID
+            kind = mavlink.MAV_TYPE_ONBOARD_CONTROLLER
+            no_autopilot = mavlink.MAV_AUTOPILOT_INVALID
             self._send(mavlink.MAVLink_heartbeat_message(kind, no_autopilot, 0, 0, 4, 3))
 
 
@@ -79,9 +90,12 @@ def centimeters(meters: float) -> int:
 
 
 def distance_sensor(config: Ranging, sample: Sample) -> Message:
-    most, distance = centimeters(config.max_range_m), centimeters(sample.distance)
+    most = centimeters(config.max_range_m)
+    distance = centimeters(sample.distance)
     about = RADAR, config.sensor_id, config.orientation, _covariance(config)
-    return mavlink.MAVLink_distance_sensor_message(_stamp_ms(config, sample), 1, most, distance, *about)
+    return mavlink.MAVLink_distance_sensor_message(
+        _stamp_ms(config, sample), 1, most, distance, *about
+    )
 
 
 def ranging_beacon(config: Ranging, sample: Sample) -> Message:
@@ -89,17 +103,29 @@ def ranging_beacon(config: Ranging, sample: Sample) -> Message:
     distance = min(UNKNOWN_U32 - 1, round(sample.distance * 1000))
     beacon = UNKNOWN_LATLON, UNKNOWN_LATLON, math.nan, 0, UNKNOWN_U32, UNKNOWN_U32, 0
     return mavlink.MAVLink_ranging_beacon_message(
-        _stamp_us(config, sample), 0, 0, config.beacon_id, distance, *beacon, accuracy, sample.sequence, 0
+        _stamp_us(config, sample),
+        0,
+        0,
+        config.beacon_id,
+        distance,
+        *beacon,
+        accuracy,
+        sample.sequence,
+        0,
     )
 
 
 def named_value(config: Ranging, sample: Sample) -> Message:
-    return mavlink.MAVLink_named_value_float_message(_stamp_ms(config, sample), config.name.encode(), sample.distance)
+    return mavlink.MAVLink_named_value_float_message(
+        _stamp_ms(config, sample), config.name.encode(), sample.distance
+    )
 
 
 def named_rate(config: Ranging, sample: Sample) -> Message:
-    """Return a message of the range rate under its own name, with the timestamp of the range that is sent next."""
-    rate, name = sample.rate if config.rate_sign == "opening" else -sample.rate, config.rate_name or ""
+    """Return a message of the range rate under its own name, with the timestamp of the range that
+    is sent next."""
+    rate = sample.rate if config.rate_sign == "opening" else -sample.rate
+    name = config.rate_name or ""
     return mavlink.MAVLink_named_value_float_message(_stamp_ms(config, sample), name.encode(), rate)
 
 
@@ -113,9 +139,16 @@ def _stamp_us(config: Ranging, sample: Sample) -> int:
 
 
 def _covariance(config: Ranging) -> int:
-    """Return the variance in cm^2 if it is configured and fits the byte (noise up to 15.9 cm), else "unknown"."""
+    """Return the variance in cm^2 if it is configured and fits the byte (noise up to 15.9 cm), else
+    "unknown"."""
     variance = max(1, round((config.noise_m * 100) ** 2))
-    return variance if config.report_accuracy and variance < UNKNOWN_COVARIANCE else UNKNOWN_COVARIANCE
+    return (
+        variance if config.report_accuracy and variance < UNKNOWN_COVARIANCE else UNKNOWN_COVARIANCE
+    )
 
 
-MESSAGES = {"distance_sensor": distance_sensor, "ranging_beacon": ranging_beacon, "named_value_float": named_value}
+MESSAGES = {
+    "distance_sensor": distance_sensor,
+    "ranging_beacon": ranging_beacon,
+    "named_value_float": named_value,
+}

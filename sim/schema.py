@@ -1,4 +1,5 @@
-"""Strict reading of TOML tables with pydantic. An unknown key or an invalid value gives an error of one line."""
+"""Strict reading of TOML tables with pydantic. An unknown key or an invalid value gives an error of
+one line."""
 
 import difflib
 from collections.abc import Iterable
@@ -33,7 +34,9 @@ def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
 
 
 _NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
-Interval = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_ordered), WithJsonSchema(_NUMBERS)]
+Interval = Annotated[
+    tuple[float, float], Field(strict=False), AfterValidator(_ordered), WithJsonSchema(_NUMBERS)
+]
 """Lower and upper bound. Not strict, because TOML has lists and no tuples."""
 
 
@@ -59,12 +62,18 @@ def read_table(kind: type[Section], table: object, where: str) -> Section:
     except ValidationError as error:
         # a misspelled key first: it may have caused the other errors
         wrong = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
-    here, parts, context, given = where, wrong["loc"], wrong.get("ctx", {}), wrong["input"]
+    here = where
+    parts = wrong["loc"]
+    context = wrong.get("ctx", {})
+    given = wrong["input"]
     for part in parts:
         here = f"{here}[{part}]" if isinstance(part, int) else place(here, part)
     if wrong["type"] == "extra_forbidden":
         known = list(_inner(kind, parts[:-1]).model_fields)
-        raise ConfigError(f"{here}: unknown key{nearest(str(parts[-1]), known) or '; known keys: ' + ', '.join(known)}")
+        raise ConfigError(
+            f"{here}: unknown"
+            f" key{nearest(str(parts[-1]), known) or '; known keys: ' + ', '.join(known)}"
+        )
     if "error" in context:
         raise ConfigError(f"{here}: {context['error']}")
     if wrong["type"] == "model_type":
@@ -80,7 +89,11 @@ def _inner(kind: type[BaseModel], names: Iterable[Any]) -> type[BaseModel]:
     for name in names:
         if isinstance(name, str):
             hint = kind.model_fields[name].annotation
-            kind = next(one for one in (hint, *get_args(hint)) if isinstance(one, type) and issubclass(one, BaseModel))
+            kind = next(
+                one
+                for one in (hint, *get_args(hint))
+                if isinstance(one, type) and issubclass(one, BaseModel)
+            )
     return kind
 
 

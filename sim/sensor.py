@@ -31,7 +31,8 @@ CHARACTERS = {
 
 
 class Sample(NamedTuple):
-    """One measurement: time in microseconds, distance in meters, rate in m/s (positive away from the target)."""
+    """One measurement: time in microseconds, distance in meters, rate in m/s (positive away from
+    the target)."""
 
     taken_us: int
     distance: float
@@ -40,7 +41,8 @@ class Sample(NamedTuple):
 
 
 class RangeSensor:
-    """Noise, drift, bias, outliers, dropouts, gaps and maximum range. Random draws do not depend on the settings."""
+    """Noise, drift, bias, outliers, dropouts, gaps and maximum range. Random draws do not depend on
+    the settings."""
 
     def __init__(self, config: Ranging, seed: int) -> None:
         self._config = config
@@ -65,9 +67,15 @@ class RangeSensor:
         return y0 + (true_range - x0) * (y1 - y0) / (x1 - x0)
 
     def measure(self, true_range: float, now: int) -> Sample | None:
-        c, kind, rng = self._config, self._kind, self._rng
-        lost, wild, spread, gap = rng.random(), rng.random(), rng.uniform(-1.0, 1.0), rng.random()
-        noise, fresh = rng.gauss(0.0, 1.0), rng.gauss(0.0, 1.0)
+        c = self._config
+        kind = self._kind
+        rng = self._rng
+        lost = rng.random()
+        wild = rng.random()
+        spread = rng.uniform(-1.0, 1.0)
+        gap = rng.random()
+        noise = rng.gauss(0.0, 1.0)
+        fresh = rng.gauss(0.0, 1.0)
         self._drift = self._kept * self._drift + kind.drift * math.sqrt(1 - self._kept**2) * fresh
         if true_range > 0.85 * c.max_range_m and gap < self._gap_chance:
             self._gap_until = now + round(kind.gap * 1e6)
@@ -85,7 +93,8 @@ class RangeSensor:
 
 
 class DopplerSensor:
-    """Range rate from the carrier's Doppler shift, with white noise and a slowly varying oscillator offset."""
+    """Range rate from the carrier's Doppler shift, with white noise and a slowly varying oscillator
+    offset."""
 
     OFFSET_TIME = 60.0  # correlation time of the offset, s
 
@@ -93,10 +102,16 @@ class DopplerSensor:
         self._config = config
         self._rng = Random(f"{seed}:doppler")
         self._offset = config.rate_bias_mps * self._rng.gauss(0.0, 1.0)
-        self._kept = math.exp(-1 / (self.OFFSET_TIME * config.rate_hz)) if config.rate_hz > 0 else 1.0
+        self._kept = (
+            math.exp(-1 / (self.OFFSET_TIME * config.rate_hz)) if config.rate_hz > 0 else 1.0
+        )
 
     def measure(self, true_rate: float) -> float:
-        c, rng = self._config, self._rng
-        white, fresh = rng.gauss(0.0, 1.0), rng.gauss(0.0, 1.0)
-        self._offset = self._kept * self._offset + c.rate_bias_mps * math.sqrt(1 - self._kept**2) * fresh
+        c = self._config
+        rng = self._rng
+        white = rng.gauss(0.0, 1.0)
+        fresh = rng.gauss(0.0, 1.0)
+        self._offset = (
+            self._kept * self._offset + c.rate_bias_mps * math.sqrt(1 - self._kept**2) * fresh
+        )
         return true_rate + self._offset + c.rate_noise_mps * white

@@ -1,4 +1,5 @@
-"""The vehicle on real sockets, in real or scaled time. No other module of the emulator reads a clock."""
+"""The vehicle on real sockets, in real or scaled time. No other module of the emulator reads a
+clock."""
 
 import select
 import signal
@@ -9,7 +10,9 @@ from .config import VehicleConfig
 from .vehicle import MAIN, RANGING, Vehicle
 from .wires import EndpointError, Wire, open_wire, parse_endpoint
 
-LONGEST_SLEEP = 0.25  # s of wall time: largest delay until a signal or the end of the flight is noticed
+LONGEST_SLEEP = (
+    0.25  # s of wall time: largest delay until a signal or the end of the flight is noticed
+)
 LATE = 0.2  # lag of the simulated time above which it is reported, s
 MAX_CATCH_UP = 0.5  # most simulated time that is made up in one step, s
 REPORT_EVERY = 10.0  # wall time between two reports of the lag, s
@@ -27,18 +30,22 @@ def serve(
 ) -> None:
     """Fly until `duration` (simulated s) is over or `stopped()` returns True.
 
-    `ready` is called with one line when the ports are open, `say` when this computer cannot keep up. Raises
-    EndpointError if a port cannot be opened or the ranging endpoint is missing.
+    `ready` is called with one line when the ports are open, `say` when this computer cannot keep
+    up. Raises EndpointError if a port cannot be opened or the ranging endpoint is missing.
     """
     if config.ranging.via == "direct" and not ranging_endpoint:
-        raise EndpointError('ranging via = "direct" needs --ranging-endpoint, for example udpout:127.0.0.1:14560')
-    main, ranging = parse_endpoint(endpoint), parse_endpoint(ranging_endpoint) if ranging_endpoint else None
+        raise EndpointError(
+            'ranging via = "direct" needs --ranging-endpoint, for example udpout:127.0.0.1:14560'
+        )
+    main = parse_endpoint(endpoint)
+    ranging = parse_endpoint(ranging_endpoint) if ranging_endpoint else None
     wires: dict[str, Wire] = {}  # keyed by the name of the first link
     try:
         wires[MAIN] = open_wire(main, MAIN)
         if ranging is not None:
             wires[RANGING] = open_wire(ranging, RANGING)
-        vehicle, also = Vehicle(config), "" if ranging is None else f", ranging on {ranging}"
+        vehicle = Vehicle(config)
+        also = "" if ranging is None else f", ranging on {ranging}"
         ready(f"sim: {config.vehicle.profile} system {config.vehicle.system_id} on {main}{also}")
         _fly(vehicle, wires, speed, duration, stopped, say)
     finally:
@@ -68,16 +75,21 @@ def _fly(
         behind = simulated - vehicle.time
         if behind > LATE and wall >= quiet_until:
             quiet_until = wall + REPORT_EVERY
-            say(f"sim: this computer cannot keep up: simulated time is {lost + behind:.1f} s behind")
-        # The computer cannot keep up. Long steps would delay received setpoints until the autopilot's timeouts expire,
-        # so the simulation slows down instead.
+            say(
+                f"sim: this computer cannot keep up: simulated time is {lost + behind:.1f} s behind"
+            )
+        # The computer cannot keep up. Long steps would delay received setpoints until the
+        # autopilot's timeouts expire, so the simulation slows down instead.
         if behind > MAX_CATCH_UP:
             started += (behind - MAX_CATCH_UP) / speed
             lost += behind - MAX_CATCH_UP
             simulated -= behind - MAX_CATCH_UP
         vehicle.set_time(time.time())
         vehicle.advance(simulated)
-        for name, wire in wires.items():  # after advance: messages take effect now, not at the previous step
+        for (
+            name,
+            wire,
+        ) in wires.items():  # after advance: messages take effect now, not at the previous step
             for link, data in wire.receive():
                 vehicle.receive(data, RANGING if name == RANGING else link, stream=wire.stream)
         _send(vehicle, wires)
@@ -85,7 +97,8 @@ def _fly(
 
 
 def _send(vehicle: Vehicle, wires: dict[str, Wire]) -> None:
-    """Send the vehicle's frames. Links are named after their wire: main, main-2. Ranging links get the same frames."""
+    """Send the vehicle's frames. Links are named after their wire: main, main-2. Ranging links get
+    the same frames."""
     ranging = vehicle.outgoing(RANGING) if RANGING in wires else []
     for link in vehicle.links:
         if link != RANGING:

@@ -1,4 +1,5 @@
-"""MAVLink services: commands, parameters, missions, time synchronization, requests and message streams.
+"""MAVLink services: commands, parameters, missions, time synchronization, requests and message
+streams.
 
 Commands about streams are answered here. All others go to the autopilot.
 """
@@ -14,15 +15,24 @@ from .flight import Flight
 from .links import Link, Message
 from .telemetry import BUILDERS
 
-GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES, GET_HOME = 510, 511, 512, 520, 410
-AUTOPILOT_VERSION, HOME_POSITION = 148, 242
-FTP_REFUSED, FTP_FILE_NOT_FOUND = 129, 10
-MISSION_UNSUPPORTED, MISSION_ACCEPTED = 3, 0
+GET_INTERVAL = 510
+SET_INTERVAL = 511
+REQUEST_MESSAGE = 512
+REQUEST_CAPABILITIES = 520
+GET_HOME = 410
+AUTOPILOT_VERSION = 148
+HOME_POSITION = 242
+FTP_REFUSED = 129
+FTP_FILE_NOT_FOUND = 10
+MISSION_UNSUPPORTED = 3
+MISSION_ACCEPTED = 0
 ALL_STREAMS = 0
 RELATIVE = 3  # MAV_FRAME_GLOBAL_RELATIVE_ALT
-STOP, DEFAULT = -1, 0
+STOP = -1
+DEFAULT = 0
 SLOWEST_US = 60_000_000
-HEARTBEAT, DISTANCE_SENSOR = 0, 132
+HEARTBEAT = 0
+DISTANCE_SENSOR = 132
 HEARTBEAT_US = 1_000_000
 PX4 = 12
 
@@ -36,8 +46,13 @@ class Streams:
         self._range_sent: dict[str, int] = {}
 
     def open(self, link: Link) -> None:
-        """Start the streams of a new link: a heartbeat at once, then the default streams of this autopilot."""
-        self._agenda.put(("stream", link.name, "first"), self._flight.now, partial(self.send_once, link, HEARTBEAT))
+        """Start the streams of a new link: a heartbeat at once, then the default streams of this
+        autopilot."""
+        self._agenda.put(
+            ("stream", link.name, "first"),
+            self._flight.now,
+            partial(self.send_once, link, HEARTBEAT),
+        )
         self.run(link, HEARTBEAT, HEARTBEAT_US)
         if self._flight.config.vehicle.default_streams:
             for number, interval in self._flight.autopilot.identity.default_streams.items():
@@ -63,7 +78,11 @@ class Streams:
         return Ack.ACCEPTED
 
     def _run_default(self, link: Link, number: int) -> None:
-        default = HEARTBEAT_US if number == HEARTBEAT else self._flight.autopilot.identity.default_streams.get(number)
+        default = (
+            HEARTBEAT_US
+            if number == HEARTBEAT
+            else self._flight.autopilot.identity.default_streams.get(number)
+        )
         if default is None:
             self.stop(link, number)
         else:
@@ -72,8 +91,11 @@ class Streams:
     def run(self, link: Link, number: int, interval: int) -> None:
         link.intervals[number] = interval
         on_update = number == DISTANCE_SENSOR and self._flight.autopilot.identity.ranges_on_update
-        if number in BUILDERS and not on_update:  # the interval of a message that this vehicle lacks is only stored
-            send, first = partial(self.send_once, link, number), self._flight.now + interval
+        if (
+            number in BUILDERS and not on_update
+        ):  # the interval of a message that this vehicle lacks is only stored
+            send = partial(self.send_once, link, number)
+            first = self._flight.now + interval
             self._agenda.every(("stream", link.name, number), interval, first, send)
 
     def stop(self, link: Link, number: int) -> None:
@@ -90,11 +112,15 @@ class Streams:
         return True
 
     def range_updated(self, links: list[Link]) -> None:
-        """Send a new sample of the rangefinder driver once on every link that requested it, as PX4 does."""
+        """Send a new sample of the rangefinder driver once on every link that requested it, as PX4
+        does."""
         now = self._flight.now
         for link in links:
             interval = link.intervals.get(DISTANCE_SENSOR)
-            if interval is not None and now - self._range_sent.get(link.name, -interval) >= interval * 0.9:
+            if (
+                interval is not None
+                and now - self._range_sent.get(link.name, -interval) >= interval * 0.9
+            ):
                 self._range_sent[link.name] = now
                 self.send_once(link, DISTANCE_SENSOR)
 
@@ -131,7 +157,9 @@ class Services:
     def _command(self, message: Message, link: Link) -> None:
         command = read_command(message)
         for result in self._results(command, link):
-            link.send(mavlink.MAVLink_command_ack_message(command.number, result, 0, 0, *command.sender))
+            link.send(
+                mavlink.MAVLink_command_ack_message(command.number, result, 0, 0, *command.sender)
+            )
 
     def _results(self, command: Command, link: Link) -> tuple[int, ...]:
         first = _whole(command.params[0])
@@ -139,7 +167,11 @@ class Services:
             return (self._streams.ask(link, first, command.params[1], self._say),)
         if command.number == GET_INTERVAL:
             return (self._send_interval(link, first),)
-        asked = {REQUEST_MESSAGE: first, REQUEST_CAPABILITIES: AUTOPILOT_VERSION, GET_HOME: HOME_POSITION}
+        asked = {
+            REQUEST_MESSAGE: first,
+            REQUEST_CAPABILITIES: AUTOPILOT_VERSION,
+            GET_HOME: HOME_POSITION,
+        }
         if command.number in asked:
             return (self._send_once(link, asked[command.number]),)
         return self._flight.autopilot.command(command, self._flight.now)
@@ -152,7 +184,9 @@ class Services:
     def _send_interval(self, link: Link, number: int) -> int:
         if not 0 <= number <= 65535:
             return Ack.DENIED
-        link.send(mavlink.MAVLink_message_interval_message(number, link.intervals.get(number, STOP)))
+        link.send(
+            mavlink.MAVLink_message_interval_message(number, link.intervals.get(number, STOP))
+        )
         return Ack.ACCEPTED
 
     def _param_read(self, message: Message, link: Link) -> None:
@@ -169,9 +203,12 @@ class Services:
         link.send(mavlink.MAVLink_mission_count_message(*_sender(message), 0, message.mission_type))
 
     def _mission_change(self, message: Message, link: Link) -> None:
-        """Accept clearing the mission and uploading an empty one. Refuse any other upload: missions are not stored."""
+        """Accept clearing the mission and uploading an empty one. Refuse any other upload: missions
+        are not stored."""
         result = MISSION_UNSUPPORTED if getattr(message, "count", 0) else MISSION_ACCEPTED
-        link.send(mavlink.MAVLink_mission_ack_message(*_sender(message), result, message.mission_type))
+        link.send(
+            mavlink.MAVLink_mission_ack_message(*_sender(message), result, message.mission_type)
+        )
 
     def _log_list(self, message: Message, link: Link) -> None:
         """Send the entry for "no logs"."""
@@ -192,7 +229,8 @@ class Services:
             link.send(mavlink.MAVLink_timesync_message(self._flight.boot_us * 1000, message.ts1))
 
     def _file_transfer(self, message: Message, link: Link) -> None:
-        """Answer "file not found" to every request: without an answer a ground station waits for its timeouts."""
+        """Answer "file not found" to every request: without an answer a ground station waits for
+        its timeouts."""
         asked = message.payload
         sequence = (asked[0] | asked[1] << 8) + 1 & 0xFFFF
         header = [sequence & 0xFF, sequence >> 8, asked[2], FTP_REFUSED, 1, asked[3], *[0] * 6]
@@ -205,12 +243,15 @@ def _sender(message: Message) -> tuple[int, int]:
 
 
 def read_command(message: Message) -> Command:
-    """Return a COMMAND_LONG or COMMAND_INT as a Command. Scaled integers of COMMAND_INT become degrees."""
+    """Return a COMMAND_LONG or COMMAND_INT as a Command. Scaled integers of COMMAND_INT become
+    degrees."""
     params = (message.param1, message.param2, message.param3, message.param4)
     if message.get_type() == "COMMAND_INT":
-        place, frame = (message.x * 1e-7, message.y * 1e-7, message.z), message.frame
+        place = (message.x * 1e-7, message.y * 1e-7, message.z)
+        frame = message.frame
     else:
-        place, frame = (message.param5, message.param6, message.param7), RELATIVE
+        place = (message.param5, message.param6, message.param7)
+        frame = RELATIVE
     return Command(message.command, params, *place, _sender(message), frame)
 
 

@@ -1,6 +1,8 @@
-"""Message signing of autopilots. pymavlink signs frames. Received ones are checked as in the autopilots' C library.
+"""Message signing of autopilots. pymavlink signs frames. Received ones are checked as in the
+autopilots' C library.
 
-Source: mavlink_signature_check (mavlink_helpers.h), ArduPilot's GCS_Signing.cpp, PX4's message_signing.md.
+Source: mavlink_signature_check (mavlink_helpers.h), ArduPilot's GCS_Signing.cpp, PX4's
+message_signing.md.
 """
 
 import hashlib
@@ -21,7 +23,9 @@ SIGNED_FLAG = 1
 class FrameSigning:
     """Key, timestamp and known streams of one autopilot. Without a key it accepts every frame."""
 
-    def __init__(self, key: bytes | None, unsigned_ids: frozenset[int], accept_unsigned: bool = False) -> None:
+    def __init__(
+        self, key: bytes | None, unsigned_ids: frozenset[int], accept_unsigned: bool = False
+    ) -> None:
         self._key = key
         self._unsigned_ids = unsigned_ids
         self._accept_unsigned = accept_unsigned
@@ -41,15 +45,16 @@ class FrameSigning:
     def prepare(self, engine: mavlink.MAVLink) -> None:
         """Set up an engine to sign the next message."""
         signing = engine.signing
-        signing.secret_key, signing.sign_outgoing = self._key, self._key is not None
+        signing.secret_key = self._key
+        signing.sign_outgoing = self._key is not None
         signing.timestamp = self.timestamp
         self.timestamp += 1
 
     def accepts(self, message: mavlink.MAVLink_message) -> bool:
         """True if the autopilot accepts a message.
 
-        A valid signature always advances the timestamp, even on a message that needs no signature (mavlink_helpers.h,
-        accept_unsigned_callback).
+        A valid signature always advances the timestamp, even on a message that needs no signature
+        (mavlink_helpers.h, accept_unsigned_callback).
         """
         if self._key is None:
             return True
@@ -87,5 +92,7 @@ def read_key(path: str, where: str) -> bytes:
     except ValueError:
         key = data
     if len(key) != 32:
-        raise ConfigError(f"{where}: {path}: holds {len(key)} bytes, a key has 32, or 64 hex digits")
+        raise ConfigError(
+            f"{where}: {path}: holds {len(key)} bytes, a key has 32, or 64 hex digits"
+        )
     return key

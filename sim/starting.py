@@ -10,22 +10,29 @@ from .schema import Interval
 ALTITUDE_M = {"arduplane": 100.0, "px4_plane": 100.0, "ardurover": 0.0}
 CRUISE_MPS = {"arduplane": 22.0, "px4_plane": 10.0}
 AIRSPEED_SCALE = {"arduplane": 1.065, "px4_plane": 1.033}
-"""Ratio of true to indicated airspeed at 684 m above sea level. ArduPilot's simulator applies the air density twice."""
+"""Ratio of true to indicated airspeed at 684 m above sea level. ArduPilot's simulator applies the
+air density twice."""
 
 
 def starting_body(config: VehicleConfig, wind: tuple[float, float]) -> Body:
-    """Return the initial state. start.speed_mps is over the ground for copters, through the air for fixed wings."""
+    """Return the initial state. start.speed_mps is over the ground for copters, through the air for
+    fixed wings."""
     north, east, heading = _drawn(config)
-    profile, start = config.vehicle.profile, config.start
+    profile = config.vehicle.profile
+    start = config.start
     altitude = start.altitude_m
     if altitude is None:
         altitude = ALTITUDE_M.get(profile, 50.0) if start.armed else 0.0
     speed = start.speed_mps or 0.0
-    air_speed, drift = 0.0, (0.0, 0.0)
+    air_speed = 0.0
+    drift = (0.0, 0.0)
     if profile in CRUISE_MPS and altitude > 0:
         scale = config.vehicle.airspeed_scale or AIRSPEED_SCALE.get(profile, 1.0)
-        air_speed = start.speed_mps or (config.vehicle.cruise_speed_mps or CRUISE_MPS[profile]) * scale
-        speed, drift = air_speed, wind
+        air_speed = (
+            start.speed_mps or (config.vehicle.cruise_speed_mps or CRUISE_MPS[profile]) * scale
+        )
+        speed = air_speed
+        drift = wind
     return Body(
         north=north,
         east=east,
@@ -40,15 +47,20 @@ def starting_body(config: VehicleConfig, wind: tuple[float, float]) -> Body:
 
 def _drawn(config: VehicleConfig) -> tuple[float, float, float]:
     """Draw north, east and heading. Range and bearing are horizontal and seen from the target."""
-    start, target, bounds = config.start, config.target, config.start.random
+    start = config.start
+    target = config.target
+    bounds = config.start.random
     rng = Random(f"{config.seed}:start")
     draws = [rng.random() for _ in range(5)]
     north = _pick(bounds.north_m, start.north_m, draws[0])
     east = _pick(bounds.east_m, start.east_m, draws[1])
     if bounds.range_m is not None or bounds.bearing_deg is not None:
-        away_north, away_east = north - target.north_m, east - target.east_m
+        away_north = north - target.north_m
+        away_east = east - target.east_m
         distance = _pick(bounds.range_m, math.hypot(away_north, away_east), draws[3])
-        bearing = math.radians(_pick(bounds.bearing_deg, math.degrees(math.atan2(away_east, away_north)), draws[4]))
+        bearing = math.radians(
+            _pick(bounds.bearing_deg, math.degrees(math.atan2(away_east, away_north)), draws[4])
+        )
         north = target.north_m + distance * math.cos(bearing)
         east = target.east_m + distance * math.sin(bearing)
     heading = math.radians(_pick(bounds.heading_deg, start.heading_deg, draws[2]))

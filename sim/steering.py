@@ -1,7 +1,8 @@
 """An autopilot that stays in its mode and ignores or changes the turns of its setpoints.
 
-Real causes are a setpoint that a mode accepts and does not fly (PX4's plane in OFFBOARD by velocity), a disconnected
-servo, a reversed channel, and a rate controller without gain. The fault replaces each setpoint by one of the same type.
+Real causes are a setpoint that a mode accepts and does not fly (PX4's plane in OFFBOARD by
+velocity), a disconnected servo, a reversed channel, and a rate controller without gain. The fault
+replaces each setpoint by one of the same type.
 """
 
 import math
@@ -12,7 +13,9 @@ from .links import Message
 
 TURNING = math.radians(12)  # rad/s
 WEAK = 0.1
-PLANE_SPEED, FULL_STICK = 15.0, math.radians(50)  # speed to convert turn rate to bank, m/s; bank at full stick
+# speed to convert turn rate to bank, m/s; bank at full stick
+PLANE_SPEED = 15.0
+FULL_STICK = math.radians(50)
 
 
 class Steering:
@@ -40,7 +43,8 @@ class Steering:
         return garbled
 
     def _turn(self, turn: float, own: float) -> float:
-        """Return the turn rate or bank that replaces a commanded one. own: the value for the state "turning"."""
+        """Return the turn rate or bank that replaces a commanded one. own: the value for the state
+        "turning"."""
         share = {"reversed": -1.0, "weak": WEAK}.get(self.state)
         return own * (self.state == "turning") if share is None else share * turn
 
@@ -51,8 +55,12 @@ class Steering:
 
     def _attitude(self, message: Message) -> None:
         roll, pitch, _ = euler(tuple(message.q))
-        half_roll, half_pitch = self._bank(roll) / 2, pitch / 2
-        cr, sr, cp, sp = math.cos(half_roll), math.sin(half_roll), math.cos(half_pitch), math.sin(half_pitch)
+        half_roll = self._bank(roll) / 2
+        half_pitch = pitch / 2
+        cr = math.cos(half_roll)
+        sr = math.sin(half_roll)
+        cp = math.cos(half_pitch)
+        sp = math.sin(half_pitch)
         message.q = [cr * cp, sr * cp, cr * sp, -sr * sp]
         message.body_yaw_rate = self._turn(message.body_yaw_rate, TURNING)
 

@@ -1,4 +1,5 @@
-"""The autopilot's own messages and those that carry the true state. Each function has the name of its message.
+"""The autopilot's own messages and those that carry the true state. Each function has the name of
+its message.
 
 Units and frames are MAVLink's.
 """
@@ -15,19 +16,29 @@ from .links import Message
 from .ranging_radio import centimeters
 from .world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
-EPOCH_US = 1_750_000_000_000_000  # SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat
-EKF_GOOD, EKF_NO_POSITION, EKF_RECKONS = 0x33F, 0xA7, 0x12F  # the last one: dead reckoning, no absolute position
-GPS_FIX_RTK, GPS_NO_FIX = 6, 1
+# SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat
+EPOCH_US = 1_750_000_000_000_000
+# the last one: dead reckoning, no absolute position
+EKF_GOOD = 0x33F
+EKF_NO_POSITION = 0xA7
+EKF_RECKONS = 0x12F
+GPS_FIX_RTK = 6
+GPS_NO_FIX = 1
 UNKNOWN_VOLTAGE = 65535
-ONLY_VELOCITY, NO_POSITION_NO_YAW = 0xC07, 0x407
+ONLY_VELOCITY = 0xC07
+NO_POSITION_NO_YAW = 0x407
 IMU_FIELDS_UPDATED = 0x3F  # HIGHRES_IMU: acceleration and rates
-GPS_SENSOR, FENCE_KEPT = 0x20, 0x100000
-SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000  # gyro to GPS, AHRS, battery, pre-arm
+GPS_SENSOR = 0x20
+FENCE_KEPT = 0x100000
+SENSORS = (
+    0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000
+)  # gyro to GPS, AHRS, battery, pre-arm
 
 
 def heartbeat(flight: Flight) -> Message:
     pilot = flight.autopilot
-    kind, status = (pilot.identity.mav_type, pilot.identity.autopilot), pilot.system_status()
+    kind = (pilot.identity.mav_type, pilot.identity.autopilot)
+    status = pilot.system_status()
     return mavlink.MAVLink_heartbeat_message(*kind, pilot.base_mode(), pilot.mode, status, 3)
 
 
@@ -46,7 +57,9 @@ def system_time(flight: Flight) -> Message:
 def gps_raw_int(flight: Flight) -> Message:
     body = flight.body
     if not flight.autopilot.gps:
-        return mavlink.MAVLink_gps_raw_int_message(flight.boot_us, GPS_NO_FIX, 0, 0, 0, 65535, 65535, 0, 65535, 0)
+        return mavlink.MAVLink_gps_raw_int_message(
+            flight.boot_us, GPS_NO_FIX, 0, 0, 0, 65535, 65535, 0, 65535, 0
+        )
     place = *_degrees_e7(flight), round((HOME_AMSL_M - body.down) * 1000)
     speed = min(65534, round(body.ground_speed * 100))
     return mavlink.MAVLink_gps_raw_int_message(
@@ -55,13 +68,18 @@ def gps_raw_int(flight: Flight) -> Message:
 
 
 def attitude(flight: Flight) -> Message:
-    body, rates = flight.shown(), flight.instruments.rates(flight.body)
-    return mavlink.MAVLink_attitude_message(flight.boot_ms, body.roll, body.pitch, body.heading, *rates)
+    body = flight.shown()
+    rates = flight.instruments.rates(flight.body)
+    return mavlink.MAVLink_attitude_message(
+        flight.boot_ms, body.roll, body.pitch, body.heading, *rates
+    )
 
 
 def attitude_quaternion(flight: Flight) -> Message:
     rates = flight.instruments.rates(flight.body)
-    return mavlink.MAVLink_attitude_quaternion_message(flight.boot_ms, *flight.shown().quaternion(), *rates)
+    return mavlink.MAVLink_attitude_quaternion_message(
+        flight.boot_ms, *flight.shown().quaternion(), *rates
+    )
 
 
 def raw_imu(flight: Flight) -> Message:
@@ -75,20 +93,27 @@ def scaled_imu2(flight: Flight) -> Message:
 def highres_imu(flight: Flight) -> Message:
     acceleration, rates = flight.imu()
     nothing = [0.0] * 7  # magnetometer, barometer, temperature: not flagged as updated
-    return mavlink.MAVLink_highres_imu_message(flight.boot_us, *acceleration, *rates, *nothing, IMU_FIELDS_UPDATED)
+    return mavlink.MAVLink_highres_imu_message(
+        flight.boot_us, *acceleration, *rates, *nothing, IMU_FIELDS_UPDATED
+    )
 
 
 def _milli_imu(flight: Flight) -> list[int]:
     """Return accelerations in mg and rates in mrad/s, as ArduPilot sends them."""
     acceleration, rates = flight.imu()
-    return [round(within(value * 1000, 32767)) for value in (*(part / GRAVITY for part in acceleration), *rates)]
+    return [
+        round(within(value * 1000, 32767))
+        for value in (*(part / GRAVITY for part in acceleration), *rates)
+    ]
 
 
 def local_position_ned(flight: Flight) -> Message | None:
     body = flight.shown()
     if not flight.autopilot.position:
         return None
-    return mavlink.MAVLink_local_position_ned_message(flight.boot_ms, body.north, body.east, body.down, *body.velocity)
+    return mavlink.MAVLink_local_position_ned_message(
+        flight.boot_ms, body.north, body.east, body.down, *body.velocity
+    )
 
 
 def global_position_int(flight: Flight) -> Message:
@@ -103,7 +128,9 @@ def global_position_int(flight: Flight) -> Message:
 
 def vfr_hud(flight: Flight) -> Message:
     body = flight.shown()
-    airspeed = flight.instruments.airspeed(flight.autopilot.shown_airspeed(body, flight.air.velocity))
+    airspeed = flight.instruments.airspeed(
+        flight.autopilot.shown_airspeed(body, flight.air.velocity)
+    )
     heading = round(math.degrees(body.heading) % 360) % 360
     return mavlink.MAVLink_vfr_hud_message(
         airspeed, body.ground_speed, heading, 35, HOME_AMSL_M - body.down, -body.velocity_down
@@ -114,7 +141,9 @@ def battery_status(flight: Flight) -> Message:
     percent = flight.battery_percent()
     cells = [_millivolts(percent)] + [UNKNOWN_VOLTAGE] * 9
     used = round((100 - percent) * 33)
-    return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 1500, used, -1, round(percent))
+    return mavlink.MAVLink_battery_status_message(
+        0, 0, 0, 32767, cells, 1500, used, -1, round(percent)
+    )
 
 
 def ekf_status_report(flight: Flight) -> Message:
@@ -128,20 +157,34 @@ def extended_sys_state(flight: Flight) -> Message:
 
 
 def distance_sensor(flight: Flight) -> Message | None:
-    """Range in the rangefinder driver. ArduPilot repeats the last range, stamped at sending, until it is 0.45 s old."""
+    """Range in the rangefinder driver. ArduPilot repeats the last range, stamped at sending, until
+    it is 0.45 s old."""
     sample = flight.latest_range()
     if sample is None:
         return None
-    config, stamp, number = flight.config.ranging, flight.boot_ms, 0
-    if flight.autopilot.identity.ranges_on_update:  # PX4: sensor ids from 1, time of the measurement
-        stamp, number = (sample.taken_us - flight.booted) // 1000 & 0xFFFFFFFF, 1
-    most, distance = centimeters(config.max_range_m), centimeters(sample.distance)
-    return mavlink.MAVLink_distance_sensor_message(stamp, 0, most, distance, 0, number, config.orientation, 0)
+    config = flight.config.ranging
+    stamp = flight.boot_ms
+    number = 0
+    if (
+        flight.autopilot.identity.ranges_on_update
+    ):  # PX4: sensor ids from 1, time of the measurement
+        stamp = (sample.taken_us - flight.booted) // 1000 & 0xFFFFFFFF
+        number = 1
+    most = centimeters(config.max_range_m)
+    distance = centimeters(sample.distance)
+    return mavlink.MAVLink_distance_sensor_message(
+        stamp, 0, most, distance, 0, number, config.orientation, 0
+    )
 
 
 def home_position(flight: Flight) -> Message:
-    place = round(HOME_LATITUDE_DEG * 1e7), round(HOME_LONGITUDE_DEG * 1e7), round(HOME_AMSL_M * 1000)
-    nothing, level = (0.0, 0.0, 0.0), [1.0, 0.0, 0.0, 0.0]
+    place = (
+        round(HOME_LATITUDE_DEG * 1e7),
+        round(HOME_LONGITUDE_DEG * 1e7),
+        round(HOME_AMSL_M * 1000),
+    )
+    nothing = (0.0, 0.0, 0.0)
+    level = [1.0, 0.0, 0.0, 0.0]
     return mavlink.MAVLink_home_position_message(*place, *nothing, level, *nothing, flight.now)
 
 
@@ -152,7 +195,9 @@ def autopilot_version(flight: Flight) -> Message:
         capabilities &= ~mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     unknown = 0, 0, 0, *([0] * 8,) * 3, 0, 0  # other versions, their hashes, vendor and product
     serial = 0x51D0 + flight.config.vehicle.system_id
-    return mavlink.MAVLink_autopilot_version_message(capabilities, identity.version, *unknown, serial)
+    return mavlink.MAVLink_autopilot_version_message(
+        capabilities, identity.version, *unknown, serial
+    )
 
 
 def current_mode(flight: Flight) -> Message:
@@ -162,7 +207,9 @@ def current_mode(flight: Flight) -> Message:
 
 def timesync(flight: Flight) -> Message:
     """Time synchronization request to all receivers."""
-    return mavlink.MAVLink_timesync_message(0, flight.boot_us * 1000 + flight.config.vehicle.system_id)
+    return mavlink.MAVLink_timesync_message(
+        0, flight.boot_us * 1000 + flight.config.vehicle.system_id
+    )
 
 
 def nav_controller_output(flight: Flight) -> Message | None:
@@ -170,15 +217,19 @@ def nav_controller_output(flight: Flight) -> Message | None:
     roll = flight.autopilot.commanded_roll()
     if roll is None:
         return None
-    return mavlink.MAVLink_nav_controller_output_message(math.degrees(roll), 0.0, 0, 0, 0, 0.0, 0.0, 0.0)
+    return mavlink.MAVLink_nav_controller_output_message(
+        math.degrees(roll), 0.0, 0, 0, 0, 0.0, 0.0, 0.0
+    )
 
 
 def position_target_local_ned(flight: Flight) -> Message | None:
     """Velocity setpoint that a copter flies, earth frame.
 
-    ArduCopter 4.6 also reports the acceleration that is fed forward, but no yaw rate. PX4 reports both.
+    ArduCopter 4.6 also reports the acceleration that is fed forward, but no yaw rate. PX4 reports
+    both.
     """
-    flown, pilot = flight.autopilot.flown(), flight.autopilot
+    flown = flight.autopilot.flown()
+    pilot = flight.autopilot
     fed = (0.0, 0.0)
     if isinstance(flown, BodyVelocity):
         north, east = to_earth(flown.forward, flown.right, flight.body.heading)
@@ -205,15 +256,20 @@ def attitude_target(flight: Flight) -> Message | None:
     body = flight.body._replace(roll=flown.roll, pitch=flown.pitch or 0.0)
     q = (body if heading is None else body._replace(heading=heading)).quaternion()
     thrust = 0.5 if thrust is None else thrust
-    return mavlink.MAVLink_attitude_target_message(flight.boot_ms, 0, list(q), 0.0, 0.0, yaw_rate, thrust)
+    return mavlink.MAVLink_attitude_target_message(
+        flight.boot_ms, 0, list(q), 0.0, 0.0, yaw_rate, thrust
+    )
 
 
 def wind(flight: Flight) -> Message | None:
-    """Wind speed, and direction that it comes from, degrees. Only vehicles that control their airspeed send it."""
+    """Wind speed, and direction that it comes from, degrees. Only vehicles that control their
+    airspeed send it."""
     if flight.body.air_speed == 0:
         return None
     north, east = flight.air.velocity
-    return mavlink.MAVLink_wind_message(math.degrees(math.atan2(-east, -north)), math.hypot(north, east), 0.0)
+    return mavlink.MAVLink_wind_message(
+        math.degrees(math.atan2(-east, -north)), math.hypot(north, east), 0.0
+    )
 
 
 def sim_state(flight: Flight) -> Message:
@@ -224,15 +280,25 @@ def sim_state(flight: Flight) -> Message:
     place = latitude, longitude, HOME_AMSL_M - body.down
     whole = round(latitude * 1e7), round(longitude * 1e7)
     return mavlink.MAVLink_sim_state_message(
-        *angles, *flight.specific_force(), *body.body_rates(), *place, 0.0, 0.0, *body.velocity, *whole
+        *angles,
+        *flight.specific_force(),
+        *body.body_rates(),
+        *place,
+        0.0,
+        0.0,
+        *body.velocity,
+        *whole,
     )
 
 
 def truth_array(flight: Flight) -> Message:
-    """DEBUG_FLOAT_ARRAY with the fields north to wind_east of `Truth`, then its time; SI, radians, NED from home."""
+    """DEBUG_FLOAT_ARRAY with the fields north to wind_east of `Truth`, then its time; SI, radians,
+    NED from home."""
     t = flight.truth()
     values = [*t[1:4], math.remainder(t.heading, math.tau), *t[5:16], t.time]
-    return mavlink.MAVLink_debug_float_array_message(flight.now, b"SIM_TRUTH", 0, values + [0.0] * 42)
+    return mavlink.MAVLink_debug_float_array_message(
+        flight.now, b"SIM_TRUTH", 0, values + [0.0] * 42
+    )
 
 
 def _millivolts(percent: float) -> int:
@@ -252,9 +318,31 @@ def _centidegrees(angle: float) -> int:
 
 
 _FUNCTIONS: tuple[Callable[[Flight], Message | None], ...] = (
-    heartbeat, sys_status, system_time, gps_raw_int, raw_imu, attitude, attitude_quaternion, local_position_ned,
-    global_position_int, vfr_hud, nav_controller_output, attitude_target, position_target_local_ned, highres_imu,
-    timesync, scaled_imu2, distance_sensor, battery_status, autopilot_version, wind, ekf_status_report, home_position,
-    extended_sys_state, current_mode,
-)  # fmt: skip
-BUILDERS = {getattr(mavlink, f"MAVLINK_MSG_ID_{build.__name__.upper()}"): build for build in _FUNCTIONS}
+    heartbeat,
+    sys_status,
+    system_time,
+    gps_raw_int,
+    raw_imu,
+    attitude,
+    attitude_quaternion,
+    local_position_ned,
+    global_position_int,
+    vfr_hud,
+    nav_controller_output,
+    attitude_target,
+    position_target_local_ned,
+    highres_imu,
+    timesync,
+    scaled_imu2,
+    distance_sensor,
+    battery_status,
+    autopilot_version,
+    wind,
+    ekf_status_report,
+    home_position,
+    extended_sys_state,
+    current_mode,
+)
+BUILDERS = {
+    getattr(mavlink, f"MAVLINK_MSG_ID_{build.__name__.upper()}"): build for build in _FUNCTIONS
+}

@@ -1,4 +1,5 @@
-"""The vehicle: bytes in, bytes out, simulated time advanced by the caller. No sockets, no clock, no threads."""
+"""The vehicle: bytes in, bytes out, simulated time advanced by the caller. No sockets, no clock, no
+threads."""
 
 import itertools
 from collections import deque
@@ -21,9 +22,15 @@ from .world import Air
 __all__ = ["Truth", "Vehicle"]
 
 AUTOPILOT_COMPONENT = 1
-MAIN, RANGING = "main", "ranging"
+MAIN = "main"
+RANGING = "ranging"
 SETPOINTS = frozenset(
-    {"MANUAL_CONTROL", "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"}
+    {
+        "MANUAL_CONTROL",
+        "SET_ATTITUDE_TARGET",
+        "SET_POSITION_TARGET_LOCAL_NED",
+        "SET_POSITION_TARGET_GLOBAL_INT",
+    }
 )
 MAX_SETPOINT_LOG = 2_000
 TEXT_LENGTH = 50
@@ -31,7 +38,8 @@ REBOOT_S = 2.0
 
 
 class Vehicle:
-    """One MAVLink vehicle in lockstep: equal configuration and equal bytes at equal times give the same flight."""
+    """One MAVLink vehicle in lockstep: equal configuration and equal bytes at equal times give the
+    same flight."""
 
     def __init__(self, config: VehicleConfig) -> None:
         self.config = config
@@ -42,9 +50,12 @@ class Vehicle:
         self._text_ids = itertools.cycle(range(1, 65536))
         self._flight = Flight(config, self._say)
         identity = self._flight.autopilot.identity
-        signing, px4 = config.signing, config.vehicle.profile.startswith("px4")
+        signing = config.signing
+        px4 = config.vehicle.profile.startswith("px4")
         key = None if signing.key_file is None else read_key(signing.key_file, "signing.key_file")
-        self._signing = FrameSigning(key, UNSIGNED_BY_PX4 if px4 else UNSIGNED_BY_ARDUPILOT, signing.accept_unsigned)
+        self._signing = FrameSigning(
+            key, UNSIGNED_BY_PX4 if px4 else UNSIGNED_BY_ARDUPILOT, signing.accept_unsigned
+        )
         own = (config.vehicle.system_id, AUTOPILOT_COMPONENT)
         self._router = Router(own, identity.unknown_ids, identity.adopts_strays)
         self._streams = Streams(self._agenda, self._flight)
@@ -52,18 +63,25 @@ class Vehicle:
         self._setpoints: deque[tuple[float, str]] = deque(maxlen=MAX_SETPOINT_LOG)
         self._steering = Steering(config.vehicle.steering)
         self._link(MAIN)
-        ranging, version = config.ranging, config.vehicle.mavlink_version
-        self._radio_wire = Link("radio", ranging.system_id, ranging.component_id, version, self._signing)
-        # The router forwards broadcasts to every component that has sent a message, also to the radio. The radio reads
-        # no messages, and the queue of its frames would fill the memory in a long flight.
+        ranging = config.ranging
+        version = config.vehicle.mavlink_version
+        self._radio_wire = Link(
+            "radio", ranging.system_id, ranging.component_id, version, self._signing
+        )
+        # The router forwards broadcasts to every component that has sent a message, also to the
+        # radio. The radio reads no messages, and the queue of its frames would fill the memory in a
+        # long flight.
         self._radio_wire.silent = True
         if ranging.via == "direct":
             self._link(RANGING)
-        self._radio = RangingRadio(config, self._agenda, self._flight, self._radio_sends, self._driver)
+        self._radio = RangingRadio(
+            config, self._agenda, self._flight, self._radio_sends, self._driver
+        )
         self._schedule_world()
 
     def receive(self, data: bytes, link: str = MAIN, *, stream: bool = False) -> None:
-        """Handle one datagram, or a piece of a stream, from a link at the current simulated time. Never raises."""
+        """Handle one datagram, or a piece of a stream, from a link at the current simulated time.
+        Never raises."""
         source = self._link(link)
         for message in source.messages(data, stream=stream):
             if self._signing.accepts(message):
@@ -87,14 +105,18 @@ class Vehicle:
         self._flight.run(max(goal, self._flight.now))
 
     def outgoing(self, link: str = MAIN) -> list[bytes]:
-        """Return the frames sent on a link since the last call: whole MAVLink frames, oldest first."""
+        """Return the frames sent on a link since the last call: whole MAVLink frames, oldest
+        first."""
         return self._link(link).drain()
 
     @property
     def next_event(self) -> float:
         """Simulated time of the next action, s."""
         flight = self._flight
-        return min(self._agenda.next_due(), max(flight.now, flight.autopilot.wake_us()), NEVER) / SECOND
+        return (
+            min(self._agenda.next_due(), max(flight.now, flight.autopilot.wake_us()), NEVER)
+            / SECOND
+        )
 
     @property
     def time(self) -> float:
@@ -118,14 +140,16 @@ class Vehicle:
             return  # neither the radio's own link nor a rebooting autopilot receives messages
         if not self._router.pass_on(message, source, self._autopilot_links()):
             return
-        flight, kind = self._flight, message.get_type()
+        flight = self._flight
+        kind = message.get_type()
         if kind in SETPOINTS:
             if flight.autopilot.setpoint(self._steering.flown(message), flight.now):
                 self._setpoints.append((flight.seconds, kind))
         elif not self._services.answer(message, source):
             if kind == "HEARTBEAT" and message.type == TYPE_GCS:
                 source.has_gcs = True
-            # PX4 passes a received DISTANCE_SENSOR to its rangefinder driver, which sends it on all links as its own.
+            # PX4 passes a received DISTANCE_SENSOR to its rangefinder driver, which sends it on all
+            # links as its own.
             if kind == "DISTANCE_SENSOR" and flight.autopilot.identity.ranges_on_update:
                 self._driver(Sample(flight.now, message.current_distance / 100, 0))
             flight.autopilot.on_message(message, flight.now)
@@ -133,7 +157,13 @@ class Vehicle:
     def _link(self, name: str) -> Link:
         if name not in self._links:
             airframe = self.config.vehicle
-            link = Link(name, airframe.system_id, AUTOPILOT_COMPONENT, airframe.mavlink_version, self._signing)
+            link = Link(
+                name,
+                airframe.system_id,
+                AUTOPILOT_COMPONENT,
+                airframe.mavlink_version,
+                self._signing,
+            )
             self._links[name] = link
             link.silent = self._muted and name != RANGING
             if name != RANGING and not self._rebooting:
@@ -147,7 +177,9 @@ class Vehicle:
         """Send a STATUSTEXT; a long text in numbered chunks with one id."""
         data = text.encode()
         number = 0 if len(data) <= TEXT_LENGTH else next(self._text_ids)
-        starts = range(0, len(data) + (number > 0), TEXT_LENGTH)  # the last chunk has room for a final zero byte
+        starts = range(
+            0, len(data) + (number > 0), TEXT_LENGTH
+        )  # the last chunk has room for a final zero byte
         for link in self._autopilot_links():
             if link.has_gcs or not self._flight.autopilot.identity.texts_for_gcs_only:
                 for chunk, at in enumerate(starts):
@@ -157,7 +189,8 @@ class Vehicle:
     def _send_truth(self) -> None:
         if self._rebooting:
             return
-        state, truth = sim_state(self._flight), truth_array(self._flight)
+        state = sim_state(self._flight)
+        truth = truth_array(self._flight)
         for link in self._autopilot_links():
             link.send(state)
             link.send(truth)
@@ -168,15 +201,20 @@ class Vehicle:
             self._agenda.every(("truth",), round(SECOND / rate), 0, self._send_truth)
         if self._flight.air.gusty:
             self._agenda.every(("gusts",), Air.GUST_STEP_US, 0, self._flight.air.gust)
-        if self.config.sensors.gps_error_m > 0 or any(event.action.startswith("gps_") for event in self.config.events):
+        if self.config.sensors.gps_error_m > 0 or any(
+            event.action.startswith("gps_") for event in self.config.events
+        ):
             self._agenda.every(("position",), DRIFT_STEP_US, 0, self._flight.step_position_error)
         if self.config.attitude_error > 0 or self.config.unaided_tilts:
             self._agenda.every(("estimate",), DRIFT_STEP_US, 0, self._flight.step_estimate_error)
         for i, event in enumerate(self.config.events):
-            self._agenda.put(("event", i), round(event.at_s * SECOND), partial(self._run_event, event))
+            self._agenda.put(
+                ("event", i), round(event.at_s * SECOND), partial(self._run_event, event)
+            )
 
     def _run_event(self, event: Event) -> None:
-        flight, action = self._flight, event.action
+        flight = self._flight
+        action = event.action
         if action.endswith("mute_ranging"):
             self._radio.muted = action == "mute_ranging"
         elif action.endswith("freeze_ranging"):
@@ -199,7 +237,8 @@ class Vehicle:
             flight.autopilot.on_event(event, flight.now)
 
     def _reboot(self, seconds: float) -> None:
-        """Stop for `seconds`, then restart the autopilot: clock at zero, no routes, only the default streams."""
+        """Stop for `seconds`, then restart the autopilot: clock at zero, no routes, only the
+        default streams."""
         self._rebooting = True
         self._flight.reboot()
         self._signing.reboot()

@@ -1,4 +1,5 @@
-"""Endpoints and their sockets. Every peer address or connection is a link, as on an autopilot's ports.
+"""Endpoints and their sockets. Every peer address or connection is a link, as on an autopilot's
+ports.
 
 udpin:HOST:PORT, udpout:HOST:PORT or tcpin:HOST:PORT, with or without slashes.
 """
@@ -32,16 +33,20 @@ def parse_endpoint(text: str) -> Endpoint:
     match = PATTERN.fullmatch(text.strip())
     if match is None:
         raise EndpointError(
-            f'"{text}" is not an endpoint, write udpin:127.0.0.1:14550, udpout:HOST:PORT or tcpin:HOST:PORT'
+            f'"{text}" is not an endpoint, write udpin:127.0.0.1:14550, udpout:HOST:PORT or'
+            " tcpin:HOST:PORT"
         )
-    kind, host, port = match[1], match[2], int(match[3])
+    kind = match[1]
+    host = match[2]
+    port = int(match[3])
     if not 0 < port < 65536:
         raise EndpointError(f'"{text}": port {port} is outside 1 to 65535')
     return Endpoint(kind, host, port)
 
 
 class UdpWire:
-    """A UDP port (udpin: sends to every peer that has sent to it) or a fixed peer (udpout: sends first).
+    """A UDP port (udpin: sends to every peer that has sent to it) or a fixed peer (udpout: sends
+    first).
 
     Links are named `first`, then `first-2`, `first-3`, in the order of their first datagrams.
     """
@@ -51,7 +56,11 @@ class UdpWire:
     def __init__(self, endpoint: Endpoint, first: str, most_peers: int) -> None:
         self._first = first
         self._most_peers = most_peers
-        self._peers = {(socket.gethostbyname(endpoint.host), endpoint.port): first} if endpoint.kind == "udpout" else {}
+        self._peers = (
+            {(socket.gethostbyname(endpoint.host), endpoint.port): first}
+            if endpoint.kind == "udpout"
+            else {}
+        )
         self._socket = bound(socket.SOCK_DGRAM, endpoint)
 
     def receive(self) -> list[Datagram]:
@@ -85,12 +94,15 @@ class UdpWire:
 
     def _name(self, peer: tuple[str, int]) -> str:
         if peer not in self._peers:
-            self._peers[peer] = self._first if not self._peers else f"{self._first}-{len(self._peers) + 1}"
+            self._peers[peer] = (
+                self._first if not self._peers else f"{self._first}-{len(self._peers) + 1}"
+            )
         return self._peers[peer]
 
 
 class TcpWire:
-    """A listening TCP port. Each connection is a link, named as for UDP. Frames may arrive in pieces."""
+    """A listening TCP port. Each connection is a link, named as for UDP. Frames may arrive in
+    pieces."""
 
     stream = True
 
@@ -158,9 +170,15 @@ Wire = UdpWire | TcpWire
 def open_wire(endpoint: Endpoint, first: str, most_peers: int = MOST_PEERS) -> Wire:
     """Open an endpoint. Raises EndpointError."""
     try:
-        return TcpWire(endpoint, first) if endpoint.kind == "tcpin" else UdpWire(endpoint, first, most_peers)
+        return (
+            TcpWire(endpoint, first)
+            if endpoint.kind == "tcpin"
+            else UdpWire(endpoint, first, most_peers)
+        )
     except OSError as error:
-        raise EndpointError(f"{endpoint}: cannot be opened: {(error.strerror or str(error)).lower()}") from error
+        raise EndpointError(
+            f"{endpoint}: cannot be opened: {(error.strerror or str(error)).lower()}"
+        ) from error
 
 
 def bound(kind: socket.SocketKind, endpoint: Endpoint) -> socket.socket:

@@ -8,8 +8,16 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-pipe", "--no-first-run")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
+OPTIONS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--remote-debugging-pipe",
+    "--no-first-run",
+)
 
 
 class Browser:
@@ -26,17 +34,27 @@ class Browser:
         os.close(theirs)
         os.close(theirs_out)
         self._in = os.fdopen(back, "rb")
-        self._tail, self._number, self._session = b"", 0, None
+        self._tail = b""
+        self._number = 0
+        self._session = None
         self.complaints: list[str] = []
         targets = self._ask("Target.getTargets")["targetInfos"]
         target = next(t["targetId"] for t in targets if t["type"] == "page")
-        self._session = self._ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._session = self._ask("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
         for domain in ("Page", "Runtime", "Log"):
             self._ask(f"{domain}.enable")
 
     def open(self, url: str, *, width: int = 1100, height: int = 1500, dark: bool = False) -> None:
         """Go to a page and wait until it has loaded."""
-        self._ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self._ask(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self._ask("Emulation.setEmulatedMedia", features=[scheme])
         self._ask("Page.navigate", url=url)
@@ -45,14 +63,22 @@ class Browser:
 
     def value(self, expression: str) -> Any:
         """Return the value of a JavaScript expression (also a promise) in the page."""
-        answer = self._ask("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        answer = self._ask(
+            "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
+        )
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
     def until(self, condition: str) -> None:
         """Wait until a JavaScript condition is true in the page, for a minute at most."""
-        look = f"if ({condition}) yes(true); else if (performance.now() > end) yes(false); else setTimeout(look, 50)"
-        asked = f"new Promise(yes => {{ const end = performance.now() + 60000, look = () => {{ {look}; }}; look(); }})"
+        look = (
+            f"if ({condition}) yes(true); else if (performance.now() > end) yes(false); else"
+            " setTimeout(look, 50)"
+        )
+        asked = (
+            f"new Promise(yes => {{ const end = performance.now() + 60000, look = () => {{ {look};"
+            " }; look(); })"
+        )
         said = "" if self.value(asked) else self.value("document.body.innerText")
         assert not said, f"never became true: {condition}; the page says: {said}"
 
@@ -92,6 +118,12 @@ class Browser:
         line, _, self._tail = self._tail.partition(b"\0")
         message: dict[str, Any] = json.loads(line)
         said = message.get("params", {})
-        if message.get("method") in ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded"):
-            self.complaints.append(json.dumps(said.get("entry") or said.get("exceptionDetails") or said))
+        if message.get("method") in (
+            "Runtime.exceptionThrown",
+            "Runtime.consoleAPICalled",
+            "Log.entryAdded",
+        ):
+            self.complaints.append(
+                json.dumps(said.get("entry") or said.get("exceptionDetails") or said)
+            )
         return message

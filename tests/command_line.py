@@ -1,4 +1,5 @@
-"""The command line run inside the test, with exit code and output, and a recorded flight as input."""
+"""The command line run inside the test, with exit code and output, and a recorded flight as
+input."""
 
 import importlib
 import json
@@ -81,13 +82,17 @@ def circnav(
 def mission(tmp_path: Path) -> Path:
     """A mission file for a real vehicle that does not answer; it waits for 0.3 s."""
     path = tmp_path / "mission.toml"
-    path.write_text(small_mission.TEXT.replace('127.0.0.1:14550"', '127.0.0.1:0"\nwait_s = 0.3'), encoding="utf-8")
+    path.write_text(
+        small_mission.TEXT.replace('127.0.0.1:14550"', '127.0.0.1:0"\nwait_s = 0.3'),
+        encoding="utf-8",
+    )
     return path
 
 
 @pytest.fixture(scope="session")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run folder of 10 s of the quickstart, without summary.json, as after a killed process. Read only."""
+    """Run folder of 10 s of the quickstart, without summary.json, as after a killed process. Read
+    only."""
     folder = tmp_path_factory.mktemp("flown")
     recorded_flight(folder, "quickstart", "limits.duration_s=10").fly(20).recorder.close()
     return folder
@@ -101,15 +106,20 @@ def run(flown: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def with_manifest(run: Path) -> Callable[..., None]:
-    """Return a function that changes values of the run's manifest.json: with_manifest(output_mode="shadow")."""
+    """Return a function that changes values of the run's manifest.json:
+    with_manifest(output_mode="shadow")."""
     path = run / "manifest.json"
-    return lambda **changed: path.write_text(json.dumps(json.loads(path.read_text()) | changed)) and None
+    return lambda **changed: (
+        path.write_text(json.dumps(json.loads(path.read_text()) | changed)) and None
+    )
 
 
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write reports without flight.png, which takes most of their time to draw."""
-    module = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
+    module = importlib.import_module(
+        "circnav_mav.cli.report"
+    )  # the package's `report` is the command
     monkeypatch.setattr(module, "plot_flight", lambda path, *what: path.write_bytes(b"a picture"))
 
 
@@ -145,15 +155,29 @@ def browser(chromium: Browser) -> Browser:
     return chromium
 
 
-def ended(place, command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, *, limit="-f unlimited", **environment):
-    """Run `circnav COMMAND` under a limit of `ulimit`. For the kernel, a limited file size (-f, kB) is a full disk.
-    No bytecode is written, because it would be cut off too."""
+def ended(
+    place,
+    command,
+    stdout=subprocess.PIPE,
+    stderr=subprocess.PIPE,
+    *,
+    limit="-f unlimited",
+    **environment,
+):
+    """Run `circnav COMMAND` under a limit of `ulimit`. For the kernel, a limited file size (-f, kB)
+    is a full disk. No bytecode is written, because it would be cut off too."""
     program = ["-c", UNDRAWN] if command.startswith("fly") else ["-m", "circnav_mav"]
     words = [sys.executable, "-B", *program, *command.split()]
     return subprocess.run(
-        ["bash", "-c", f'ulimit {limit}; exec "$@"', "bash", *words], cwd=place, stdout=stdout, stderr=stderr,
-        text=True, check=False, env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment, timeout=PATIENCE,
-    )  # fmt: skip
+        ["bash", "-c", f'ulimit {limit}; exec "$@"', "bash", *words],
+        cwd=place,
+        stdout=stdout,
+        stderr=stderr,
+        text=True,
+        check=False,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/bin"} | environment,
+        timeout=PATIENCE,
+    )
 
 
 @pytest.fixture

@@ -34,5 +34,9 @@ def rewritten(frame: bytes, **fields: float) -> bytes:
     """Return the same frame with other values in some fields."""
     message = read(frame)
     values = {name: fields.get(name, getattr(message, name)) for name in message.fieldnames}
-    texts = {name: value.encode("ascii", "replace") for name, value in values.items() if isinstance(value, str)}
+    texts = {
+        name: value.encode("ascii", "replace")
+        for name, value in values.items()
+        if isinstance(value, str)
+    }
     return write(type(message)(**values | texts), *sender(frame), frame[4])

@@ -1,4 +1,5 @@
-"""The command line as a separate process, and ports that are reserved for one test at a time on this machine."""
+"""The command line as a separate process, and ports that are reserved for one test at a time on
+this machine."""
 
 import itertools
 import os
@@ -14,11 +15,13 @@ ROOT = Path(__file__).parents[1]
 QUICKSTART = str(ROOT / "config" / "quickstart.toml")
 COPTER = str(ROOT / "config" / "arducopter.toml")
 PATIENCE = 300.0
-"""Time, s, after which a process counts as hanging. Tests do not judge its duration on a busy machine."""
+"""Time, s, after which a process counts as hanging. Tests do not judge its duration on a busy
+machine."""
 
 
 UNHURRIED = ("--set", "limits.stale_s=4.0")
-"""Accept data of a vehicle or radio that stopped for a moment, in tests that do not judge delays."""
+"""Accept data of a vehicle or radio that stopped for a moment, in tests that do not judge
+delays."""
 
 
 UNDRAWN = """
@@ -31,8 +34,8 @@ main()
 
 
 def circnav(*arguments: str, drawn: bool = True) -> subprocess.Popen[str]:
-    """Start circnav with readable output and errors. drawn: end a flight with its pictures, which take a process
-    some seconds."""
+    """Start circnav with readable output and errors. drawn: end a flight with its pictures, which
+    take a process some seconds."""
     return python(*(("-m", "circnav_mav") if drawn else ("-c", UNDRAWN)), *arguments)
 
 
@@ -41,9 +44,14 @@ def python(
 ) -> subprocess.Popen[str]:
     """Start any Python program in the same way, from the project's folder."""
     return subprocess.Popen(
-        [sys.executable, *arguments], stdin=stdin, stdout=subprocess.PIPE, stderr=stderr, text=True, cwd=ROOT,
+        [sys.executable, *arguments],
+        stdin=stdin,
+        stdout=subprocess.PIPE,
+        stderr=stderr,
+        text=True,
+        cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
-    )  # fmt: skip
+    )
 
 
 @contextmanager
@@ -75,15 +83,17 @@ def until(condition: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-FIRST, COUNT = 10_000, 2_000
-"""Below the automatic ports of the kernels (Linux from 32768, gVisor from 16000, macOS from 49152)."""
+FIRST = 10_000
+COUNT = 2_000
+"""Below the automatic ports of the kernels (Linux from 32768, gVisor from 16000, macOS from
+49152)."""
 _turns = itertools.count(os.getpid())
 
 
 @contextmanager
 def reserved_port() -> Iterator[int]:
-    """Reserve a port of this machine that is free on UDP and TCP. The process that has bound TCP port + COUNT owns
-    it, and the kernel frees that when the process ends in any way."""
+    """Reserve a port of this machine that is free on UDP and TCP. The process that has bound TCP
+    port + COUNT owns it, and the kernel frees that when the process ends in any way."""
     while True:
         port = FIRST + next(_turns) % COUNT
         with socket.socket() as claim:

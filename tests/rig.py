@@ -1,5 +1,5 @@
-"""The other side of the link, from pymavlink alone: a vehicle's messages, and a pilot that receives them tick by
-tick."""
+"""The other side of the link, from pymavlink alone: a vehicle's messages, and a pilot that receives
+them tick by tick."""
 
 from collections.abc import Callable, Hashable
 from dataclasses import replace
@@ -21,7 +21,8 @@ from circnav_mav.mav.session import Session
 from circnav_mav.pilot import VEHICLE, Pilot, PilotSettings, Timing
 from tests.frames import output
 
-GUIDED, LOITER = 4, 5
+GUIDED = 4
+LOITER = 5
 ARMED = 128 | 1
 """MAV_MODE_FLAG_SAFETY_ARMED and CUSTOM_MODE_ENABLED."""
 TICK = 0.05
@@ -29,7 +30,9 @@ TICK = 0.05
 ORBIT = Orbit(radius=100.0, direction=Direction.CLOCKWISE, speed=15.0, max_turn_rate=0.35)
 MISSION = PilotSettings(
     orbit=ORBIT,
-    tuning=LawTuning("smooth", EstimatorSettings(15.0, 0.35), turn_lag=0.4, sigma=0.5, period=0.1, gain=1e-4),
+    tuning=LawTuning(
+        "smooth", EstimatorSettings(15.0, 0.35), turn_lag=0.4, sigma=0.5, period=0.1, gain=1e-4
+    ),
     circle_limits=CircleLimits(speed=15.0),
     estimator="kalman",
     ranging=RangingSettings(message="distance_sensor", orientation=24),
@@ -64,9 +67,18 @@ def heartbeat(mode: int = GUIDED, *, armed: bool = True, kind: int = 2, autopilo
 
 
 def distance(cm: int, stamp_ms: int, **rest: Any) -> Any:
-    fields = {"min_distance": 20, "max_distance": 60000, "type": 4, "id": 0, "orientation": 24, "covariance": 0}
+    fields = {
+        "min_distance": 20,
+        "max_distance": 60000,
+        "type": 4,
+        "id": 0,
+        "orientation": 24,
+        "covariance": 0,
+    }
     fields |= {"signal_quality": 0, **rest}
-    return mavlink.MAVLink_distance_sensor_message(time_boot_ms=stamp_ms, current_distance=cm, **fields)
+    return mavlink.MAVLink_distance_sensor_message(
+        time_boot_ms=stamp_ms, current_distance=cm, **fields
+    )
 
 
 def scattering(cm: int, stamp_ms: int, **rest: Any) -> Any:
@@ -75,10 +87,24 @@ def scattering(cm: int, stamp_ms: int, **rest: Any) -> Any:
 
 
 def beacon(mm: int, stamp_us: int, sequence: int, **rest: Any) -> Any:
-    fields = {"target_system": 0, "target_component": 0, "beacon_id": 0, "lat": 2**31 - 1, "lon": 2**31 - 1}
-    fields |= {"alt": float("nan"), "alt_type": 0, "hacc_est": 2**32 - 1, "vacc_est": 2**32 - 1, "carrier_freq": 0}
+    fields = {
+        "target_system": 0,
+        "target_component": 0,
+        "beacon_id": 0,
+        "lat": 2**31 - 1,
+        "lon": 2**31 - 1,
+    }
+    fields |= {
+        "alt": float("nan"),
+        "alt_type": 0,
+        "hacc_est": 2**32 - 1,
+        "vacc_est": 2**32 - 1,
+        "carrier_freq": 0,
+    }
     fields |= {"range_accuracy": 2**32 - 1, "status": 0, **rest}
-    return mavlink.MAVLink_ranging_beacon_message(time_usec=stamp_us, range=mm, sequence=sequence, **fields)
+    return mavlink.MAVLink_ranging_beacon_message(
+        time_usec=stamp_us, range=mm, sequence=sequence, **fields
+    )
 
 
 def timing(**changes: float) -> Timing:
@@ -93,15 +119,18 @@ def decode(data: bytes) -> list[Any]:
 
 
 class Rig:
-    """A pilot on a bench. Every 0.05 s the vehicle may send (heartbeat at 4 Hz, range at 10 Hz) and the pilot steps."""
+    """A pilot on a bench. Every 0.05 s the vehicle may send (heartbeat at 4 Hz, range at 10 Hz) and
+    the pilot steps."""
 
     def __init__(self, **changes: Any) -> None:
         self.pilot = Pilot(replace(MISSION, **changes))
         self.vehicle = Voice()
         self.source: Hashable = "vehicle"
-        self.mode, self.armed = GUIDED, True
+        self.mode = GUIDED
+        self.armed = True
         self.landed_state: int | None = 2  # MAV_LANDED_STATE_IN_AIR
-        self.speaks, self.ranges = True, True
+        self.speaks = True
+        self.ranges = True
         self.round_trip: float | None = 0.0
         """Time, s, that an answer to TIMESYNC takes; None: no answer."""
         self.answers: list[tuple[float, int]] = []
@@ -111,9 +140,18 @@ class Rig:
         self.sent: list[tuple[float, Any]] = []
         self.raw: list[bytes] = []
 
-    def hear(self, message: Any, *, voice: Voice | None = None, link: str = VEHICLE, source: Hashable = None) -> None:
+    def hear(
+        self,
+        message: Any,
+        *,
+        voice: Voice | None = None,
+        link: str = VEHICLE,
+        source: Hashable = None,
+    ) -> None:
         """Pass a message to the pilot now."""
-        self.pilot.receive((voice or self.vehicle).say(message), self.now, source or self.source, link)
+        self.pilot.receive(
+            (voice or self.vehicle).say(message), self.now, source or self.source, link
+        )
 
     def heartbeat(self) -> None:
         self.hear(heartbeat(self.mode, armed=self.armed))
@@ -138,7 +176,11 @@ class Rig:
         messages = decode(data)
         self.sent += [(self.now, message) for message in messages]
         if self.round_trip is not None:
-            asked = [message.ts1 for message in messages if message.get_type() == "TIMESYNC" and not message.tc1]
+            asked = [
+                message.ts1
+                for message in messages
+                if message.get_type() == "TIMESYNC" and not message.tc1
+            ]
             self.answers += [(self.now + self.round_trip, stamp) for stamp in asked]
         return messages
 
@@ -150,7 +192,8 @@ class Rig:
         return self
 
     def run(self, seconds: float, also: Callable[[], object] = lambda: None, **state: Any) -> "Rig":
-        """Let time pass. also: called before each tick. state: changes of the vehicle from now on."""
+        """Let time pass. also: called before each tick. state: changes of the vehicle from now
+        on."""
         self.now_is(**state)
         for _ in range(round(seconds / TICK)):
             also()
@@ -177,7 +220,9 @@ class Rig:
 
     def of(self, kind: str, since: float = -1.0) -> list[Any]:
         """Return the messages of a kind sent after a time."""
-        return [message for then, message in self.sent if then > since and message.get_type() == kind]
+        return [
+            message for then, message in self.sent if then > since and message.get_type() == kind
+        ]
 
     def setpoints(self, since: float = -1.0) -> list[Any]:
         return self.of("SET_POSITION_TARGET_LOCAL_NED", since)

@@ -1,8 +1,8 @@
-"""The command line: commands, printing, exit codes. Only the display of a flight prints elsewhere, and nothing else
-exits.
+"""The command line: commands, printing, exit codes. Only the display of a flight prints elsewhere,
+and nothing else exits.
 
-The commands are described here and carried out in modules of their own, loaded when a command runs, so that
-`circnav --help` does not wait for numpy and filterpy.
+The commands are described here and carried out in modules of their own, loaded when a command runs,
+so that `circnav --help` does not wait for numpy and filterpy.
 """
 
 import io
@@ -27,27 +27,46 @@ from circnav_mav.runtime.clock import unix_time
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 
 MISSION = click.argument("path", metavar="MISSION", type=FileOrName("mission"))
-SET = click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
-                   help="Override a mission value, e.g. --set orbit.radius_m=80. May be repeated.")  # fmt: skip
+SET = click.option(
+    "--set",
+    "overrides",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Override a mission value, e.g. --set orbit.radius_m=80. May be repeated.",
+)
 ENDPOINT = click.option(
     "--endpoint",
     metavar="URL",
-    help="Address of the vehicle: udpin:, udpout: or tcp:HOST:PORT, serial:PATH:BAUD. [default: link.endpoint]",
+    help=(
+        "Address of the vehicle: udpin:, udpout: or tcp:HOST:PORT, serial:PATH:BAUD. [default:"
+        " link.endpoint]"
+    ),
 )
-SPEED_HELP = "Bundled vehicle: N times real time, to watch it. [default: as fast as possible, or 6 with --web]"
+SPEED_HELP = (
+    "Bundled vehicle: N times real time, to watch it. [default: as fast as possible, or 6 with"
+    " --web]"
+)
 YEAR_2100 = 4_102_444_800
-"""Upper bound of the computer's clock, s since 1970. Later timestamps in a tlog would be read as damage."""
+"""Upper bound of the computer's clock, s since 1970. Later timestamps in a tlog would be read as
+damage."""
 
 
 class Commands(click.Group):
-    """Command group that lists its commands in the order of use: commands of this file, then of extensions."""
+    """Command group that lists its commands in the order of use: commands of this file, then of
+    extensions."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        added = (name for extension in extensions() for name in extension.commands if " " not in name)
+        added = (
+            name for extension in extensions() for name in extension.commands if " " not in name
+        )
         return [*self.commands, *added]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        added = {typed: reference for extension in extensions() for typed, reference in extension.commands.items()}
+        added = {
+            typed: reference
+            for extension in extensions()
+            for typed, reference in extension.commands.items()
+        }
         command = load(added[name]) if name in added else super().get_command(ctx, name)
         for typed, reference in added.items():
             group, _, member = typed.partition(" ")
@@ -84,7 +103,7 @@ def circnav() -> None:
         2    bad usage or mission file
         3    no vehicle or no ranging received
         4    ended by a safety rule or by the operator (preflight: a FAIL)
-        5    flown to its end, but the recording is incomplete (disk full or too slow, 2000 MB reached)
+        5    flown to its end, but the recording is incomplete (disk full or too slow, or 2000 MB)
         130  interrupted (after a safe setpoint)
     """
 
@@ -93,7 +112,8 @@ command = partial(described, group=circnav)
 
 
 def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that adds the options of extensions to a command. name: for example "fly_options"."""
+    """Return a decorator that adds the options of extensions to a command. name: for example
+    "fly_options"."""
 
     def add(function: Callable[..., None]) -> Callable[..., None]:
         for extension in extensions():
@@ -110,16 +130,27 @@ def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callabl
 @SET
 @click.option("--speed", type=click.FloatRange(0.01, 100), metavar="N", help=SPEED_HELP)
 @click.option("--duration", type=float, metavar="S", help="Seconds to fly after engaging.")
-@click.option("--out", type=Folder(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]")
-@click.option("--dry-run", is_flag=True, help="Compute and log everything, but send no setpoint and request no mode.")
-@click.option("--shadow", is_flag=True, help="Like --dry-run, and send only our heartbeat and the plot values.")
+@click.option(
+    "--out", type=Folder(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]"
+)
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="Compute and log everything, but send no setpoint and request no mode.",
+)
+@click.option(
+    "--shadow",
+    is_flag=True,
+    help="Like --dry-run, and send only our heartbeat and the plot values.",
+)
 @_options_of_extensions("fly_options")
 def fly() -> None:
     """Fly MISSION, show it live, and record it in a run folder.
 
     MISSION is a file, or the name of a bundled mission: quickstart, copter, plane, px4-copter.
 
-    Switch to any other flight mode and circnav stops sending immediately. Ctrl-C ends the flight safely.
+    Switch to any other flight mode and circnav stops sending immediately. Ctrl-C ends the flight
+    safely.
 
     \b
     Examples:
@@ -129,12 +160,14 @@ def fly() -> None:
     """
 
 
-@command("circnav_mav.cli.init:write_mission", short_help="Write a commented mission file of your own.")
+@command(
+    "circnav_mav.cli.init:write_mission", short_help="Write a commented mission file of your own."
+)
 @click.argument("vehicle", required=False, metavar="VEHICLE")
 @click.argument("file", required=False, type=click.Path())
 def init() -> None:
-    """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] It flies on the bundled emulator at once;
-    nothing is ever overwritten.
+    """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] It flies on the
+    bundled emulator at once; nothing is ever overwritten.
 
     VEHICLE is copter, plane or rover (ArduPilot), px4-copter, px4-plane; without GPS copter-nogps,
     px4-copter-nogps, home (plane), home-copter; or any other bundled mission.
@@ -150,7 +183,8 @@ def init() -> None:
 @MISSION
 @SET
 def check() -> None:
-    """Check MISSION without flying it. Prints PASS, WARN or FAIL for each point, with the number and its limit.
+    """Check MISSION without flying it. Prints PASS, WARN or FAIL for each point, with the number
+    and its limit.
 
     \b
     Example:
@@ -158,16 +192,20 @@ def check() -> None:
     """
 
 
-@command("circnav_mav.cli.preflight:preflight_file", short_help="Listen to vehicle and ranging; command nothing.")
+@command(
+    "circnav_mav.cli.preflight:preflight_file",
+    short_help="Listen to vehicle and ranging; command nothing.",
+)
 @MISSION
 @ENDPOINT
 @SET
 @click.option("--seconds", type=float, default=10.0, metavar="N", help="How long to listen.")
 def preflight() -> None:
-    """Listen to vehicle and ranging of MISSION; command nothing. Prints PASS, WARN or FAIL for each point.
+    """Listen to vehicle and ranging of MISSION; command nothing. Prints PASS, WARN or FAIL for each
+    point.
 
-    Checks identity, mode, streams, range noise and age, clocks, and the parameters that matter. Exit codes: 0 no FAIL,
-    2 bad mission, 3 no vehicle received, 4 at least one FAIL.
+    Checks identity, mode, streams, range noise and age, clocks, and the parameters that matter.
+    Exit codes: 0 no FAIL, 2 bad mission, 3 no vehicle received, 4 at least one FAIL.
 
     \b
     Example:
@@ -177,10 +215,15 @@ def preflight() -> None:
 
 @command("circnav_mav.cli.report:report_run", short_help="Draw the report of a run again.")
 @click.argument("folder", type=click.Path(), metavar="RUN")
-@click.option("--after-flight", is_flag=True, hidden=True, help="Wait for a line on standard input, then draw.")
+@click.option(
+    "--after-flight",
+    is_flag=True,
+    hidden=True,
+    help="Wait for a line on standard input, then draw.",
+)
 def report() -> None:
-    """Draw the report of RUN, a run folder, again: report.html (one page, opens offline, prints) and flight.png. `fly`
-    draws both by itself.
+    """Draw the report of RUN, a run folder, again: report.html (one page, opens offline, prints)
+    and flight.png. `fly` draws both by itself.
 
     \b
     Example:
@@ -188,21 +231,29 @@ def report() -> None:
     """
 
 
-@command("circnav_mav.cli.replay:replay_log", short_help="Run a recorded flight through the pilot again.")
+@command(
+    "circnav_mav.cli.replay:replay_log", short_help="Run a recorded flight through the pilot again."
+)
 @click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
 @click.option(
-    "--mission", type=FileOrName("mission"), metavar="FILE", help="Another mission. Required for a plain tlog."
+    "--mission",
+    type=FileOrName("mission"),
+    metavar="FILE",
+    help="Another mission. Required for a plain tlog.",
 )
 @SET
 @click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
 @click.option("--law", metavar="NAME", help="Another law: guidance.law.")
-@click.option("--out", type=Folder(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there.")
+@click.option(
+    "--out", type=Folder(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there."
+)
 def replay() -> None:
-    """Run a recorded flight through the pilot again, and compare estimates and commands with the flight.
+    """Run a recorded flight through the pilot again, and compare estimates and commands with the
+    flight.
 
-    RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in it (which needs
-    --mission, and is replayed as a dry run). The vehicle's path stays as flown. Exit codes: 0 replayed, 2 bad
-    usage, 3 the replay never steered.
+    RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in
+    it (which needs --mission, and is replayed as a dry run). The vehicle's path stays as flown.
+    Exit codes: 0 replayed, 2 bad usage, 3 the replay never steered.
 
     \b
     Examples:
@@ -219,9 +270,11 @@ def replay() -> None:
 @click.argument("vehicle", required=False, type=FileOrName("mission"), metavar="[VEHICLE]")
 @_options_of_extensions("emulate_options")
 def emulate() -> None:
-    """Run the bundled simulated vehicle alone, in real time. Any ground station or client may connect; Ctrl-C ends it.
+    """Run the bundled simulated vehicle alone, in real time. Any ground station or client may
+    connect; Ctrl-C ends it.
 
-    VEHICLE is a vehicle file, or a mission (file or name) with a [sim] table; without it, a copter hovers.
+    VEHICLE is a vehicle file, or a mission (file or name) with a [sim] table; without it, a copter
+    hovers.
 
     \b
     Example, in two terminals (at --speed 8 the flight needs --set 'link.clock="autopilot"', too):
@@ -230,12 +283,16 @@ def emulate() -> None:
     """
 
 
-@command("circnav_mav.cli.params:print_parameters", short_help="Print the autopilot parameters that a mission needs.")
+@command(
+    "circnav_mav.cli.params:print_parameters",
+    short_help="Print the autopilot parameters that a mission needs.",
+)
 @click.argument("path", type=FileOrName("mission"), metavar="MISSION")
 @SET
 def params() -> None:
-    """Print the parameter file for the autopilot of MISSION: the values that preflight checks, each with its reason.
-    Parameters of the airframe and of the operator (stall speed, fence, failsafes) are listed, not set.
+    """Print the parameter file for the autopilot of MISSION: the values that preflight checks, each
+    with its reason. Parameters of the airframe and of the operator (stall speed, fence, failsafes)
+    are listed, not set.
 
     \b
     Examples, then load it with Mission Planner, QGroundControl or MAVProxy:
@@ -244,11 +301,16 @@ def params() -> None:
     """
 
 
-@command("circnav_mav.cli.init:print_schema", short_help="Print the JSON schema of a file, for editors.")
-@click.argument("kind", type=click.Choice(["mission", *(name for one in extensions() for name in one.schemas)]))
+@command(
+    "circnav_mav.cli.init:print_schema", short_help="Print the JSON schema of a file, for editors."
+)
+@click.argument(
+    "kind", type=click.Choice(["mission", *(name for one in extensions() for name in one.schemas)])
+)
 def schema() -> None:
-    """Print the JSON schema of mission or campaign files. Editors with TOML support (Even Better TOML, taplo, tombi)
-    complete and check a file that begins with the line: #:schema mission.schema.json
+    """Print the JSON schema of mission or campaign files. Editors with TOML support (Even Better
+    TOML, taplo, tombi) complete and check a file that begins with the line: #:schema
+    mission.schema.json
 
     \b
     Example:
@@ -258,8 +320,12 @@ def schema() -> None:
 
 def main() -> None:
     """Entry point of the `circnav` command."""
-    os.environ.pop("MPLBACKEND", None)  # set by a notebook that started us, but our plots need no window
-    warnings.filterwarnings("ignore", message="Glyph .* missing from")  # for names with characters that no font has
+    os.environ.pop(
+        "MPLBACKEND", None
+    )  # set by a notebook that started us, but our plots need no window
+    warnings.filterwarnings(
+        "ignore", message="Glyph .* missing from"
+    )  # for names with characters that no font has
     mind_output()
     try:
         if not 0 < unix_time() < YEAR_2100:

@@ -1,4 +1,5 @@
-"""Mission and campaign files bundled with circnav. Commands accept their names, as in `circnav fly quickstart`."""
+"""Mission and campaign files bundled with circnav. Commands accept their names, as in `circnav fly
+quickstart`."""
 
 from difflib import get_close_matches
 from importlib.resources import files
@@ -15,19 +16,24 @@ FOLDERS = {"mission": CONFIG, "campaign": CONFIG / "campaigns"}
 
 
 def names(kind: str) -> list[str]:
-    """Return the names of the bundled files. Files for ArduPilot are named by vehicle kind, as in `plane`."""
-    return sorted(path.stem.removeprefix("ardu").replace("_", "-") for path in FOLDERS[kind].glob("*.toml"))
+    """Return the names of the bundled files. Files for ArduPilot are named by vehicle kind, as in
+    `plane`."""
+    return sorted(
+        path.stem.removeprefix("ardu").replace("_", "-") for path in FOLDERS[kind].glob("*.toml")
+    )
 
 
 def bundled(kind: str, name: str) -> Path | None:
-    """Return the bundled file of a name, or None. Examples: `px4-plane`, or `plane` for ArduPilot."""
+    """Return the bundled file of a name, or None. Examples: `px4-plane`, or `plane` for
+    ArduPilot."""
     wanted = name.lower().replace("-", "_")
     paths = (FOLDERS[kind] / f"{start}{wanted}.toml" for start in ("", "ardu"))
     return next(filter(Path.is_file, paths), None)
 
 
 class FileOrName(click.ParamType):  # type: ignore[type-arg]
-    """Parameter type: a file, or the name of a bundled one. A file of that name in the current folder has priority."""
+    """Parameter type: a file, or the name of a bundled one. A file of that name in the current
+    folder has priority."""
 
     def __init__(self, kind: str) -> None:
         self.kind = self.name = kind
@@ -45,20 +51,29 @@ class FileOrName(click.ParamType):  # type: ignore[type-arg]
         if path.name == path.stem == value and not path.is_file():
             if found is None:
                 known = names(self.kind)
-                near = "".join(f", did you mean {name}?" for name in get_close_matches(value, known, 1))
+                near = "".join(
+                    f", did you mean {name}?" for name in get_close_matches(value, known, 1)
+                )
                 raise Refused(
-                    f"{value}: is not a file and not a bundled {self.kind}{near}; bundled: {', '.join(known)}"
+                    f"{value}: is not a file and not a bundled {self.kind}{near}; bundled:"
+                    f" {', '.join(known)}"
                 )
             return str(found)
         if found is not None and not path.exists():
-            raise Refused(f"{value}: no such file; give the bundled one by its name: {path.stem.replace('_', '-')}")
+            raise Refused(
+                f"{value}: no such file; give the bundled one by its name:"
+                f" {path.stem.replace('_', '-')}"
+            )
         return value
 
     def get_missing_message(self, param: click.Parameter, ctx: click.Context | None) -> str:
         """Return a description of valid values."""
         return f"A file, or the name of a bundled {self.kind}: {', '.join(names(self.kind))}."
 
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-        """Return completions. Files come first, because the shell's list of files replaces earlier entries."""
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[Any]:
+        """Return completions. Files come first, because the shell's list of files replaces earlier
+        entries."""
         fits = [name for name in names(self.kind) if name.startswith(incomplete)]
         return [CompletionItem(incomplete, type="file"), *map(CompletionItem, fits)]

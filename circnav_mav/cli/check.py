@@ -32,15 +32,17 @@ FLIES = {
 INDENT = 20
 """Columns of grade and subject before the text of a check line."""
 SPEED_OFF = 0.05
-"""Largest accepted difference of the bundled plane's cruise speed from the mission's speed, as a fraction of that
-speed."""
+"""Largest accepted difference of the bundled plane's cruise speed from the mission's speed, as a
+fraction of that speed."""
 
 
 def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
-    """Load a mission file. Also check its endpoints, [sim] table and signing key. Raises Refused."""
+    """Load a mission file. Also check its endpoints, [sim] table and signing key. Raises
+    Refused."""
     try:
         mission = load_mission(path, overrides)
-        link, ranging = mission.file.link.endpoint, mission.file.ranging.endpoint
+        link = mission.file.link.endpoint
+        ranging = mission.file.ranging.endpoint
         if link != SIM:
             parse_endpoint(link)
         if ranging is not None and mission.ranging_driver:
@@ -67,8 +69,11 @@ def all_checks(mission: Mission) -> list[Check]:
     return lines
 
 
-def refuse_failing(path: str, mission: Mission, shown: Collection[Grade] = tuple(Grade)) -> list[Check]:
-    """Print the check lines of these grades, or all if one fails. Return all. Raises Refused if one fails."""
+def refuse_failing(
+    path: str, mission: Mission, shown: Collection[Grade] = tuple(Grade)
+) -> list[Check]:
+    """Print the check lines of these grades, or all if one fails. Return all. Raises Refused if one
+    fails."""
     lines = all_checks(mission)
     failed = any(line.grade is Grade.FAIL for line in lines)
     show_checks([line for line in lines if failed or line.grade in shown])
@@ -92,35 +97,49 @@ def show_counts(path: str, lines: list[Check]) -> int:
 
 
 def show_checks(lines: list[Check]) -> None:
-    """Print check lines with colored grades. On a terminal, long lines break at words and continue below the text."""
+    """Print check lines with colored grades. On a terminal, long lines break at words and continue
+    below the text."""
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
     for line in lines:
-        grade = click.style(f"{line.grade.value:<4}", fg=COLOURS[line.grade], bold=line.grade is not Grade.PASS)
+        grade = click.style(
+            f"{line.grade.value:<4}", fg=COLOURS[line.grade], bold=line.grade is not Grade.PASS
+        )
         texts = wrap(line.text, columns - INDENT) if columns > 2 * INDENT else [line.text]
         say(f"  {line.subject:<12}  " + f"\n{'':{INDENT}}".join(texts), styled=grade)
 
 
 def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, str]]:
     """Yield grade and text for each value of the [sim] table that does not fit the mission."""
-    wanted, profile = mission.file.vehicle, config.vehicle.profile
+    wanted = mission.file.vehicle
+    profile = config.vehicle.profile
     autopilot, kind = FLIES[profile]
     if kind != wanted.kind or wanted.autopilot not in ("auto", autopilot):
-        yield Grade.FAIL, f"sim.vehicle.profile {profile} is not the {wanted.autopilot} {wanted.kind} of [vehicle]"
+        yield (
+            Grade.FAIL,
+            (
+                f"sim.vehicle.profile {profile} is not the {wanted.autopilot} {wanted.kind} of"
+                " [vehicle]"
+            ),
+        )
         return
     cruise = config.vehicle.cruise_speed_mps or CRUISE_MPS.get(profile, wanted.speed_mps)
-    if any(vehicle.cruises for vehicle in mission.vehicles) and abs(cruise / wanted.speed_mps - 1) > SPEED_OFF:
+    if (
+        any(vehicle.cruises for vehicle in mission.vehicles)
+        and abs(cruise / wanted.speed_mps - 1) > SPEED_OFF
+    ):
         cruises = f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps)"
         yield Grade.WARN, f"{cruises}, but vehicle.speed_mps = {wanted.speed_mps:g}"
     in_air = any(vehicle.ground_speed_sigma is None for vehicle in mission.vehicles)
-    drift, tolerated = _drift(config, in_air=in_air), drift_allowed(mission)
+    drift = _drift(config, in_air=in_air)
+    tolerated = drift_allowed(mission)
     if drift > tolerated > 0:
         moves = f"sim.wind minus the target's motion is {drift:.1f} m/s"
         yield Grade.WARN, f"{moves}, more than the {tolerated:.1f} m/s that the circle allows"
 
 
 def _drift(config: VehicleConfig, *, in_air: bool) -> float:
-    """Return the speed of wind minus target motion at the start, m/s. Wind is 0 for a vehicle that holds ground
-    speed."""
+    """Return the speed of wind minus target motion at the start, m/s. Wind is 0 for a vehicle that
+    holds ground speed."""
     wind = config.wind.speed_mps if in_air or config.vehicle.dynamics == "airborne" else 0.0
     towards = radians(config.wind.from_deg + 180.0)
     north = wind * cos(towards) - config.target.velocity_north_mps

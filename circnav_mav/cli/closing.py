@@ -19,22 +19,30 @@ from circnav_mav.runlog.ticks import NO_TICKS, Ticks, Truth, read_ticks, read_tr
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
-OUTCOMES = {ending: ending.value for ending in (Ending.COMPLETED, Ending.INTERRUPTED, Ending.TAKEN_OVER)}
+OUTCOMES = {
+    ending: ending.value for ending in (Ending.COMPLETED, Ending.INTERRUPTED, Ending.TAKEN_OVER)
+}
 """Outcome in summary.json. All other endings are "aborted"."""
 LIBRARIES = ("pymavlink", "numpy", "filterpy")
 """Packages whose versions the manifest holds, besides circnav and Python."""
 
 
-def write_manifest(folder: Path, mission: Mission, pilot: Pilot, epoch_us: int, **end: object) -> None:
-    """Write manifest.json, the description of a run folder. end: outcome, reason, exit. Raises OSError.
+def write_manifest(
+    folder: Path, mission: Mission, pilot: Pilot, epoch_us: int, **end: object
+) -> None:
+    """Write manifest.json, the description of a run folder. end: outcome, reason, exit. Raises
+    OSError.
 
-    Written before the first step of the loop, so that the run of a killed process can be opened, and again at the end.
+    Written before the first step of the loop, so that the run of a killed process can be opened,
+    and again at the end.
     """
     versions: dict[str, str | None] = {"circnav": __version__, "python": platform.python_version()}
     for library in LIBRARIES:
         with suppress(PackageNotFoundError):
             versions[library] = version(library)
-    seed, session, autopilot = (mission.file.sim or {}).get("seed"), pilot.session, dict[str, Any]()
+    seed = (mission.file.sim or {}).get("seed")
+    session = pilot.session
+    autopilot = dict[str, Any]()
     if session.up:
         system, component = session.vehicle_ids
         autopilot = {"system": system, "component": component, "name": session.adapter.name}
@@ -59,8 +67,8 @@ def close_flight(
     alarms: list[dict[str, float | str]],
     onlookers: Onlookers,
 ) -> tuple[dict[str, Any], Exit]:
-    """Write summary.json and the end of manifest.json. Return the summary and the exit code, which is NOT_RECORDED
-    instead of DONE if the recording has gaps."""
+    """Write summary.json and the end of manifest.json. Return the summary and the exit code, which
+    is NOT_RECORDED instead of DONE if the recording has gaps."""
     folder = recorder.folder
     # Read this first: _summary adds problems of reading the files, which are no gaps.
     gaps = recorder.problem is not None
@@ -69,15 +77,20 @@ def close_flight(
     summary["alarms"] = alarms
     for name, text in onlookers.finish(summary).items():
         gaps |= not _written(summary, name, partial(write_text, folder / name, text))
-    gaps |= not _written(summary, f"{folder}:", lambda: write_json(folder / "summary.json", summary))
+    gaps |= not _written(
+        summary, f"{folder}:", lambda: write_json(folder / "summary.json", summary)
+    )
     code = Exit.NOT_RECORDED if gaps and code is Exit.DONE else code
     end = {"outcome": summary["outcome"], "reason": summary["reason"], "exit": int(code)}
-    gaps = not _written(summary, "manifest.json", lambda: write_manifest(folder, mission, pilot, epoch_us, **end))
+    gaps = not _written(
+        summary, "manifest.json", lambda: write_manifest(folder, mission, pilot, epoch_us, **end)
+    )
     return summary, Exit.NOT_RECORDED if gaps and code is Exit.DONE else code
 
 
 def _written(summary: dict[str, Any], name: str, write: Callable[[], None]) -> bool:
-    """Write a file. Return True on success, else store the first problem, which causes the later ones."""
+    """Write a file. Return True on success, else store the first problem, which causes the later
+    ones."""
     try:
         write()
     except OSError as error:
@@ -120,8 +133,10 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) 
 
 
 def _recorded(recorder: Recorder, epoch_us: int, system: int | None) -> tuple[Ticks, Truth | None]:
-    """Return ticks and truth as far as they can be read. A disk that was full from the first line leaves none."""
-    ticks, truth = NO_TICKS, None
+    """Return ticks and truth as far as they can be read. A disk that was full from the first line
+    leaves none."""
+    ticks = NO_TICKS
+    truth = None
     try:
         ticks = read_ticks(recorder.folder)
     except Exception as error:

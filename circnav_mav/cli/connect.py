@@ -1,4 +1,5 @@
-"""Resources of `fly` and `preflight`: links, key and clock of a mission, and the bundled vehicle."""
+"""Resources of `fly` and `preflight`: links, key and clock of a mission, and the bundled
+vehicle."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing
@@ -32,7 +33,9 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
             continue
         opens = open_radio if name == RANGING and mission.ranging_driver else open_link
         with refusing(endpoint, LinkError):
-            links[name] = open_things.enter_context(closing(opens(endpoint, mission.file.link.peer or ())))
+            links[name] = open_things.enter_context(
+                closing(opens(endpoint, mission.file.link.peer or ()))
+            )
     return links
 
 
@@ -42,47 +45,68 @@ def link_troubles(links: dict[str, Link], mission: Mission) -> Iterator[str]:
         endpoint = mission.file.ranging.endpoint if name == RANGING else mission.file.link.endpoint
         if link.troubles:
             yield f"{endpoint}: " + "; ".join(
-                words if count == 1 else f"{words} ({count} times)" for words, count in link.troubles.items()
+                words if count == 1 else f"{words} ({count} times)"
+                for words, count in link.troubles.items()
             )
 
 
-def open_signing(mission: Mission, open_things: ExitStack) -> tuple[Signing, SigningTime] | tuple[None, None]:
-    """Open the signing key of a mission and its timestamp file. (None, None) without signing. Raises Refused."""
+def open_signing(
+    mission: Mission, open_things: ExitStack
+) -> tuple[Signing, SigningTime] | tuple[None, None]:
+    """Open the signing key of a mission and its timestamp file. (None, None) without signing.
+    Raises Refused."""
     table = mission.file.signing
     if table is None:
         return None, None
     path = Path(table.key_file)
     try:
         signing = Signing(read_key(path))
-        return signing, open_things.enter_context(closing(SigningTime(signing, timestamp_path(path))))
+        return signing, open_things.enter_context(
+            closing(SigningTime(signing, timestamp_path(path)))
+        )
     except KeyFileError as error:
         raise Refused(f"signing.key_file: {error}") from None
 
 
 def open_onlookers(
-    mission: Mission, pilot: Pilot, signing: Signing | None, options: Mapping[str, Any], open_things: ExitStack
+    mission: Mission,
+    pilot: Pilot,
+    signing: Signing | None,
+    options: Mapping[str, Any],
+    open_things: ExitStack,
 ) -> Onlookers:
     """Open the onlookers of extensions. options: of `circnav fly`. Raises Refused."""
     onlookers = Onlookers()
     open_things.callback(onlookers.close)
     settings = OnlookerSettings(mission, pilot, signing, options, onlookers)
     for extension in extensions():
-        if extension.onlooker is not None and (one := load(extension.onlooker)(settings)) is not None:
+        if (
+            extension.onlooker is not None
+            and (one := load(extension.onlooker)(settings)) is not None
+        ):
             onlookers.attached.append(one)
     return onlookers
 
 
 def start_clock(
-    mission: Mission, session: Session, links: dict[str, Link], speed: float | None = None, pace: float | None = None
+    mission: Mission,
+    session: Session,
+    links: dict[str, Link],
+    speed: float | None = None,
+    pace: float | None = None,
 ) -> Clock:
-    """Start the clock of a mission: simulated time with the bundled vehicle, whose links are added to `links`. speed,
-    pace: requested by the user and by an onlooker, times real time."""
+    """Start the clock of a mission: simulated time with the bundled vehicle, whose links are added
+    to `links`. speed, pace: requested by the user and by an onlooker, times real time."""
     if mission.flies_sim and mission.file.sim is not None:
         vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
         clock = Lockstep(vehicle, mission.run_speed(speed, pace), others=bool(links))
-        # Set the vehicle's Unix time only once. If it followed fast simulated time, the timestamps of signatures,
-        # including the one stored with our key, would run far ahead.
+        # Set the vehicle's Unix time only once. If it followed fast simulated time, the timestamps
+        # of signatures, including the one stored with our key, would run far ahead.
         vehicle.set_time(clock.epoch_us / 1e6)
         links.update(clock.links(ranging_apart=mission.file.ranging.endpoint == SIM))
         return clock
-    return AutopilotClock(lambda: session.vehicle.boot.newest) if mission.file.link.clock == "autopilot" else Clock()
+    return (
+        AutopilotClock(lambda: session.vehicle.boot.newest)
+        if mission.file.link.clock == "autopilot"
+        else Clock()
+    )

@@ -12,8 +12,9 @@ import circnav_mav
 class Drawing:
     """Process that draws flight.png and report.html of a run folder.
 
-    The flight's process never loads the plotting packages, and a signal to it does not interrupt the drawing. The
-    process starts at once and draws on request. If the flight's process is killed, it exits too.
+    The flight's process never loads the plotting packages, and a signal to it does not interrupt
+    the drawing. The process starts at once and draws on request. If the flight's process is killed,
+    it exits too.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -21,7 +22,16 @@ class Drawing:
         self._process: subprocess.Popen[str] | None = None
         with suppress(OSError):  # too little memory for another process
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "circnav_mav", "report", "--after-flight", "--", str(folder)],
+                [
+                    sys.executable,
+                    "-P",
+                    "-m",
+                    "circnav_mav",
+                    "report",
+                    "--after-flight",
+                    "--",
+                    str(folder),
+                ],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -32,9 +42,16 @@ class Drawing:
 
     def draw(self) -> list[str]:
         """Draw the finished flight. Return a line for each file that could not be made."""
-        process, drawn, why = self._process, "", "no room for one more process"
+        process = self._process
+        drawn = ""
+        why = "no room for one more process"
         if process is not None:
             drawn, errors = process.communicate("over\n")
-            why = errors.strip().rpartition("\n")[2].removeprefix("circnav: ") or f"exit code {process.returncode}"
+            why = (
+                errors.strip().rpartition("\n")[2].removeprefix("circnav: ")
+                or f"exit code {process.returncode}"
+            )
         failed = process is None or process.returncode != 0
-        return drawn.splitlines() + failed * [f"{self._folder}: flight.png and report.html could not be made: {why}"]
+        return drawn.splitlines() + failed * [
+            f"{self._folder}: flight.png and report.html could not be made: {why}"
+        ]

@@ -39,12 +39,14 @@ class Refused(Exception):  # noqa: N818 - a refusal is not a program error
 
 
 def say(text: str, *, styled: str = "", err: bool = False) -> None:
-    """Print lines, with unprintable characters escaped. styled: prefix with colors. err: print to standard error."""
+    """Print lines, with unprintable characters escaped. styled: prefix with colors. err: print to
+    standard error."""
     click.echo(styled + "\n".join(map(printable, text.split("\n"))), err=err)
 
 
 def in_one_line(error: BaseException) -> str:
-    """Describe an unexpected exception: the missing resource, or the error and its place in the program."""
+    """Describe an unexpected exception: the missing resource, or the error and its place in the
+    program."""
     if isinstance(error, MemoryError) or any(words in str(error) for words in OUT_OF_MEMORY):
         return "out of memory"
     if isinstance(error, OSError):
@@ -55,8 +57,9 @@ def in_one_line(error: BaseException) -> str:
 
 @contextmanager
 def refusing(place: str | Path, *kinds: type[Exception]) -> Iterator[None]:
-    """Convert errors of these kinds, and any OSError, to Refused. The exit code is NOTHING_RECEIVED if the vehicle or
-    radio is not there (attribute `no_peer`), else USAGE. place: name of the file if an OSError has none."""
+    """Convert errors of these kinds, and any OSError, to Refused. The exit code is NOTHING_RECEIVED
+    if the vehicle or radio is not there (attribute `no_peer`), else USAGE. place: name of the file
+    if an OSError has none."""
     try:
         yield
     # The reader of our output closed it, as `| head` does. Click ends the process quietly.
@@ -70,8 +73,8 @@ def refusing(place: str | Path, *kinds: type[Exception]) -> Iterator[None]:
 
 
 def mind_output() -> None:
-    """Let a failed write to standard output, such as on a full disk, raise Refused. Ignore failed writes to standard
-    error. Characters that the output cannot encode are escaped."""
+    """Let a failed write to standard output, such as on a full disk, raise Refused. Ignore failed
+    writes to standard error. Characters that the output cannot encode are escaped."""
     sys.stdout, sys.stderr = _onto(_RaisingErrors, sys.stdout), _onto(_IgnoringErrors, sys.stderr)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -79,8 +82,8 @@ def mind_output() -> None:
 
 
 def outlive_terminal() -> None:
-    """Keep running when the terminal closes or the SSH session drops: ignore SIGHUP, also in child processes, and
-    failed writes."""
+    """Keep running when the terminal closes or the SSH session drops: ignore SIGHUP, also in child
+    processes, and failed writes."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     sys.stdout, sys.stderr = _onto(_IgnoringErrors, sys.stdout), _onto(_IgnoringErrors, sys.stderr)
 
@@ -96,14 +99,16 @@ class _IgnoringErrors(io.FileIO):
 
 
 class _RaisingErrors(io.FileIO):
-    """Output file that raises Refused on the first failed write, and ignores later writes. BrokenPipeError is passed
-    on."""
+    """Output file that raises Refused on the first failed write, and ignores later writes.
+    BrokenPipeError is passed on."""
 
     _reported = False
 
     def write(self, data: Any, /) -> int:
         try:
-            return len(data) if self._reported or not data else super().write(data)  # click tests with an empty write
+            return (
+                len(data) if self._reported or not data else super().write(data)
+            )  # click tests with an empty write
         except BrokenPipeError:
             raise
         except OSError as error:
@@ -112,8 +117,8 @@ class _RaisingErrors(io.FileIO):
 
 
 def _onto(kind: type[io.FileIO], stream: TextIO) -> TextIO:
-    """Return a stream like this one, but with an output file of this class. A stream without a file is returned
-    unchanged."""
+    """Return a stream like this one, but with an output file of this class. A stream without a file
+    is returned unchanged."""
     if not isinstance(stream, io.TextIOWrapper):
         return stream
     try:

@@ -12,7 +12,13 @@ from rich.console import Console
 
 from circnav_mav.cli.check import read_mission, refuse_failing
 from circnav_mav.cli.closing import close_flight, write_manifest
-from circnav_mav.cli.connect import link_troubles, open_links, open_onlookers, open_signing, start_clock
+from circnav_mav.cli.connect import (
+    link_troubles,
+    open_links,
+    open_onlookers,
+    open_signing,
+    start_clock,
+)
 from circnav_mav.cli.drawing import Drawing
 from circnav_mav.cli.exits import Exit, Refused, in_one_line, outlive_terminal, refusing, say
 from circnav_mav.cli.verdict import verdict
@@ -38,25 +44,40 @@ EXITS = {
     Ending.INTERRUPTED: Exit.INTERRUPTED,
 }
 MOST_WATCHED = 10.0
-"""Simulation speed, times real time, up to which the display is refreshed at a constant rate in real time. Above it,
-the rate is constant in run time."""
+"""Simulation speed, times real time, up to which the display is refreshed at a constant rate in
+real time. Above it, the rate is constant in run time."""
 RECORDED = ("flight.tlog", STEPS, "ticks.csv", "summary.json", "manifest.json")
 """Files by which a folder is recognized as a recorded flight."""
 
 
 def fly_mission(
-    path: str, *, endpoint: str | None, overrides: tuple[str, ...], speed: float | None, duration: float | None,
-    out: str | None, dry_run: bool, shadow: bool, **options: Any,
-) -> int:  # fmt: skip
-    """Fly a mission with the options of `fly`, and return the exit code. options: of extensions. Raises Refused
-    before the flight begins, or after a crash of the loop."""
+    path: str,
+    *,
+    endpoint: str | None,
+    overrides: tuple[str, ...],
+    speed: float | None,
+    duration: float | None,
+    out: str | None,
+    dry_run: bool,
+    shadow: bool,
+    **options: Any,
+) -> int:
+    """Fly a mission with the options of `fly`, and return the exit code. options: of extensions.
+    Raises Refused before the flight begins, or after a crash of the loop."""
     if (instead := carried_out_by("flies", options)) is not None:
         return int(
             instead(
-                path, endpoint=endpoint, overrides=overrides, speed=speed, duration=duration, out=out,
-                dry_run=dry_run, shadow=shadow, **options,
+                path,
+                endpoint=endpoint,
+                overrides=overrides,
+                speed=speed,
+                duration=duration,
+                out=out,
+                dry_run=dry_run,
+                shadow=shadow,
+                **options,
             )
-        )  # fmt: skip
+        )
     outlive_terminal()
     stop = StopRequest()  # from now on a signal ends the flight, not the process
     output_mode = OutputMode.SHADOW if shadow else OutputMode.DRY_RUN if dry_run else OutputMode.FLY
@@ -65,7 +86,10 @@ def fly_mission(
     given = (f"{key}={value}" for key, value in values.items() if value is not None)
     mission = read_mission(path, (*overrides, *given))
     if speed is not None and not mission.flies_sim:
-        raise Refused(f"--speed: only the bundled vehicle can be simulated faster, not {mission.file.link.endpoint}")
+        raise Refused(
+            "--speed: only the bundled vehicle can be simulated faster, not"
+            f" {mission.file.link.endpoint}"
+        )
     refuse_failing(path, mission, shown=[Grade.WARN])
     _run_folder(out, mission)  # refuse a bad folder before opening anything
     with ExitStack() as watched_open:
@@ -74,25 +98,32 @@ def fly_mission(
             links = open_links(mission, open_things)
             stop.claim()
             pilot = Pilot(mission.pilot_settings(output_mode), signing)
-            onlookers = open_onlookers(mission, pilot, signing, options | {"speed": speed}, watched_open)
+            onlookers = open_onlookers(
+                mission, pilot, signing, options | {"speed": speed}, watched_open
+            )
             recorder = open_things.enter_context(closing(_recorder(out, mission)))
             folder = recorder.folder
             clock = start_clock(mission, pilot.session, links, speed, onlookers.pace)
             recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
             onlookers.start(clock.epoch_us)
             write_manifest(folder, mission, pilot, clock.epoch_us)
-            # With the bundled vehicle, load the plotting packages (1 s) during the flight. For a real flight, start
-            # the drawing only at the end: a companion computer must send setpoints, and has little memory.
+            # With the bundled vehicle, load the plotting packages (1 s) during the flight. For a
+            # real flight, start the drawing only at the end: a companion computer must send
+            # setpoints, and has little memory.
             drawing = Drawing(folder) if isinstance(clock, Lockstep) else None
             alarms = AlarmLog(pilot, onlookers)
-            display = display_for(Console(), pilot, onlookers, mission.file.name, min(clock.speed, MOST_WATCHED))
+            display = display_for(
+                Console(), pilot, onlookers, mission.file.name, min(clock.speed, MOST_WATCHED)
+            )
             open_things.callback(display.close)
             onlookers.attached += [alarms, display]
             loop = partial(run, pilot, links, clock, recorder, onlookers, stop, signing_time)
             crash = _crash_of(loop, pilot, links, clock, folder)
         assert pilot.mission.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.mission.outcome.ending]
-        summary, code = close_flight(pilot, recorder, mission, clock.epoch_us, code, alarms.begun, onlookers)
+        summary, code = close_flight(
+            pilot, recorder, mission, clock.epoch_us, code, alarms.begun, onlookers
+        )
         words = verdict(summary, folder)
         onlookers.show_verdict(words, folder)
     say(words)
@@ -110,7 +141,8 @@ def fly_mission(
 
 
 def _run_folder(out: str | None, mission: Mission) -> Path:
-    """Return the folder to record into. Raises Refused if it holds a flight, or another mission.toml."""
+    """Return the folder to record into. Raises Refused if it holds a flight, or another
+    mission.toml."""
     if out is None:
         return new_folder(mission.file.name)
     folder = Path(out)
@@ -143,9 +175,11 @@ def _recorder(out: str | None, mission: Mission) -> Recorder:
             raise Refused(str(error)) from None
 
 
-def _crash_of(loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], clock: Clock, folder: Path) -> str | None:
-    """Run to the end and return None. After an exception, send a safe setpoint and return a description of the
-    exception."""
+def _crash_of(
+    loop: Callable[[], None], pilot: Pilot, links: dict[str, Link], clock: Clock, folder: Path
+) -> str | None:
+    """Run to the end and return None. After an exception, send a safe setpoint and return a
+    description of the exception."""
     try:
         loop()
     except BaseException as error:  # includes sys.exit() in another package

@@ -20,7 +20,8 @@ DRAFT = "http://json-schema.org/draft-07/schema#"
 
 
 def write_mission(vehicle: str | None, file: str | None) -> int:
-    """Copy the bundled mission of a vehicle to a new file. Raises Refused, also if the file exists."""
+    """Copy the bundled mission of a vehicle to a new file. Raises Refused, also if the file
+    exists."""
     known = f"one of {', '.join(names('mission'))}"
     if vehicle is None:
         raise Refused(f"init: name a vehicle: {known}")
@@ -29,14 +30,18 @@ def write_mission(vehicle: str | None, file: str | None) -> int:
         raise Refused(f"init: {vehicle} is not {known}")
     path = Path(file or f"{vehicle}.toml")
     if not re.fullmatch(r"[A-Za-z0-9._-]+", path.stem):
-        raise Refused(f"init: {path.name}: a mission's name may have letters, digits, '.', '_' and '-' only")
+        raise Refused(
+            f"init: {path.name}: a mission's name may have letters, digits, '.', '_' and '-' only"
+        )
     text = source.read_text(encoding="utf-8")
     called = source.stem.replace("_", "-")
     text = re.sub(rf"(circnav \w+ ){called}\b", lambda found: found[1] + str(path), text)
     text = text.replace(f'\nname = "{source.stem}"\n', f'\nname = "{path.stem}"\n', 1)
     with refusing(path):
         if os.path.lexists(path):
-            raise Refused(f"init: {path}: exists already, name another file: circnav init {vehicle} FILE")
+            raise Refused(
+                f"init: {path}: exists already, name another file: circnav init {vehicle} FILE"
+            )
         write_text(path, text)
         schema = path.with_name(SCHEMA)
         if not schema.exists():
@@ -62,13 +67,15 @@ def schema_text(kind: str) -> str:
         table["properties"]["sim"] = sim = VehicleConfig.model_json_schema()
         table["$defs"] |= sim.pop("$defs")
     else:
-        table = load(next(one.schemas[kind] for one in extensions() if kind in one.schemas)).model_json_schema()
+        table = load(
+            next(one.schemas[kind] for one in extensions() if kind in one.schemas)
+        ).model_json_schema()
     return json.dumps({"$schema": DRAFT, **_plain(table)}, indent=1, ensure_ascii=False) + "\n"
 
 
 def _plain(node: Any) -> Any:
-    """Convert a schema of pydantic for TOML editors: `definitions` as in draft 7, no null, which TOML lacks, and no
-    generated titles."""
+    """Convert a schema of pydantic for TOML editors: `definitions` as in draft 7, no null, which
+    TOML lacks, and no generated titles."""
     if isinstance(node, list):
         return [_plain(one) for one in node if one != {"type": "null"}]
     if isinstance(node, str):
@@ -76,7 +83,9 @@ def _plain(node: Any) -> Any:
     if not isinstance(node, dict):
         return node
     plain = {
-        "definitions" if key == "$defs" else key: _plain(value) for key, value in node.items() if value is not None
+        "definitions" if key == "$defs" else key: _plain(value)
+        for key, value in node.items()
+        if value is not None
     }
     if isinstance(plain.get("title"), str):
         del plain["title"]

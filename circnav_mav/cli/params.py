@@ -10,7 +10,8 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight import parameter_context
 
-INT32, REAL32 = 6, 9
+INT32 = 6
+REAL32 = 9
 """MAV_PARAM_TYPE values in QGroundControl's files for PX4."""
 
 
@@ -40,5 +41,9 @@ def parameter_lines(mission: Mission, vehicle: type[Autopilot]) -> Iterator[str]
         for name, factor in rule.names:
             number = f"{value / factor:g}"
             kind = INT32 if isinstance(value, int) else REAL32
-            yield f"{system}\t1\t{name}\t{number}\t{kind}" if vehicle.firmware.key == "px4" else f"{name},{number}"
+            yield (
+                f"{system}\t1\t{name}\t{number}\t{kind}"
+                if vehicle.firmware.key == "px4"
+                else f"{name},{number}"
+            )
     yield f"# not set here, but checked by circnav preflight: {', '.join(yours)}"

@@ -13,11 +13,16 @@ from circnav_mav.runtime.clock import AutopilotClock
 from circnav_mav.runtime.runner import StopRequest, listen
 
 
-def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float) -> int:
-    """Check the mission, listen to the vehicle, print check lines, and return the exit code. Raises Refused."""
+def preflight_file(
+    path: str, endpoint: str | None, overrides: tuple[str, ...], seconds: float
+) -> int:
+    """Check the mission, listen to the vehicle, print check lines, and return the exit code. Raises
+    Refused."""
     if not 1 <= seconds <= 600:
         raise Refused(f"--seconds: must be at least 1 and at most 600, not {seconds:g}")
-    mission = read_mission(path, overrides if endpoint is None else (*overrides, f'link.endpoint="{endpoint}"'))
+    mission = read_mission(
+        path, overrides if endpoint is None else (*overrides, f'link.endpoint="{endpoint}"')
+    )
     of_mission = refuse_failing(path, mission)
     say(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
     with ExitStack() as open_things:
@@ -31,7 +36,12 @@ def preflight_file(path: str, endpoint: str | None, overrides: tuple[str, ...], 
             raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)
         clock_speed = clock.speed if isinstance(clock, AutopilotClock) else 1.0
         troubles = [Check(Grade.WARN, "endpoint", words) for words in link_troubles(links, mission)]
-    added = [line for extension in extensions() for one in extension.preflight for line in load(one)(mission)]
+    added = [
+        line
+        for extension in extensions()
+        for one in extension.preflight
+        for line in load(one)(mission)
+    ]
     lines = [*judge(mission, listener, clock_speed), *troubles, *added]
     show_checks(lines)
     failed = show_counts(path, [*of_mission, *lines])

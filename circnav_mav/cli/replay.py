@@ -32,21 +32,34 @@ from circnav_mav.runlog.summary import UNRECORDED
 from circnav_mav.runlog.ticks import Ticks
 from circnav_mav.runtime.recorder import write_ticks
 
-UNITS = {"r": ("range", "m"), "r_dot": ("range rate", "m/s"), "demanded": ("law's turn rate", "rad/s"),
-         "turn_rate": ("turn rate", "rad/s")}  # fmt: skip
-TICKS, PICTURE = "ticks.csv", "replay.png"
+UNITS = {
+    "r": ("range", "m"),
+    "r_dot": ("range rate", "m/s"),
+    "demanded": ("law's turn rate", "rad/s"),
+    "turn_rate": ("turn rate", "rad/s"),
+}
+TICKS = "ticks.csv"
+PICTURE = "replay.png"
 """Files that a replay writes."""
 LAST_DIGIT = 1e-6
 """Resolution of numbers in ticks.csv. Smaller differences are rounding."""
 
 
 def replay_log(
-    log: str, mission: str | None = None, overrides: Sequence[str] = (), estimator: str | None = None,
-    law: str | None = None, out: str | None = None,
-) -> int:  # fmt: skip
+    log: str,
+    mission: str | None = None,
+    overrides: Sequence[str] = (),
+    estimator: str | None = None,
+    law: str | None = None,
+    out: str | None = None,
+) -> int:
     """Replay a log, print the results, and return the exit code. Raises Refused."""
-    path, chosen = Path(log), {"estimator": estimator, "law": law}
-    overrides = [*overrides, *(f'guidance.{key}="{name}"' for key, name in chosen.items() if name is not None)]
+    path = Path(log)
+    chosen = {"estimator": estimator, "law": law}
+    overrides = [
+        *overrides,
+        *(f'guidance.{key}="{name}"' for key, name in chosen.items() if name is not None),
+    ]
     with refusing(path, RunError, MissionError, ConfigError):
         _check_out(out)
         if path.is_file() and path.name != "flight.tlog":
@@ -61,17 +74,22 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
     run = open_run(Path(log).parent if Path(log).is_file() else Path(log))
     if not (run.folder / STEPS).is_file():
         raise Refused(
-            f"{run.folder}: has no steps.csv; copy its flight.tlog to another folder and replay the copy with --mission"
+            f"{run.folder}: has no steps.csv; copy its flight.tlog to another folder and replay the"
+            " copy with --mission"
         )
     own = str(run.folder / "mission.toml")
     parse = partial(load_mission, other) if other else partial(parse_mission, run.mission_text, own)
     mission = _mission(other or own, parse, overrides)
-    if other or overrides:  # a mission as flown is not checked: an older version may have had other checks
+    if (
+        other or overrides
+    ):  # a mission as flown is not checked: an older version may have had other checks
         refuse_failing(other or own, mission, shown=())
     try:
         output_mode = OutputMode(run.output_mode)
     except ValueError:
-        raise Refused(f"{run.folder / 'manifest.json'}: output_mode: {run.output_mode!r} is unknown") from None
+        raise Refused(
+            f"{run.folder / 'manifest.json'}: output_mode: {run.output_mode!r} is unknown"
+        ) from None
     settings = mission.pilot_settings(output_mode)
     gain = _held_gain(run, settings)
     settings = settings if gain is None else replace(settings, turn_gain=gain)
@@ -81,7 +99,10 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
     done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty=empty)
     whole = _say_damage(run, done, pilot)
     if gain is not None:
-        say(f"  turn gain  fixed at {gain:.3g}, the value at the end of the flight: it was learned from other turns")
+        say(
+            f"  turn gain  fixed at {gain:.3g}, the value at the end of the flight: it was learned"
+            " from other turns"
+        )
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
     _write(log, out, done, run.ticks, mission)
@@ -91,14 +112,23 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
 def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str | None) -> None:
     """Replay a plain tlog: as a dry run, with added ticks, and without timeouts."""
     if path is None:
-        raise Refused(f"{Path(log)}: a plain tlog needs --mission, a mission with its vehicle, circle and ranging")
+        raise Refused(
+            f"{Path(log)}: a plain tlog needs --mission, a mission with its vehicle, circle and"
+            " ranging"
+        )
     mission = _mission(path, partial(load_mission, path), overrides)
     refuse_failing(path, mission, shown=())
     tlog = Path(log)
     check_tlog(tlog)
     pilot = Pilot(without_timeouts(mission.pilot_settings(OutputMode.DRY_RUN)))
     steps = tlog_steps(tlog, mission.file.link.component_id)
-    done = _replayed(tlog, pilot, steps, ticking=True, empty="no MAVLink frame in it: not a tlog, or an empty one")
+    done = _replayed(
+        tlog,
+        pilot,
+        steps,
+        ticking=True,
+        empty="no MAVLink frame in it: not a tlog, or an empty one",
+    )
     _check_steered(tlog, pilot)
     _say_ticks(done, pilot, None)
     _write(log, out, done, None, mission)
@@ -107,24 +137,32 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
 def _replayed(
     name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str, ticking: bool = False
 ) -> ReplayResult:
-    """Replay, and print how much was replayed. ticking: True for a plain tlog. empty: message for a log without steps.
-    Raises Refused."""
+    """Replay, and print how much was replayed. ticking: True for a plain tlog. empty: message for a
+    log without steps. Raises Refused."""
     began = time.perf_counter()
     done = replay(pilot, steps, ticking=ticking)
     took = time.perf_counter() - began
     if not done.steps:
         raise Refused(f"{name}: {empty}", Exit.NOTHING_RECEIVED)
     if ticking and done.until == 0:
-        raise Refused(f"{name}: its timestamps do not increase: it cannot be replayed", Exit.NOTHING_RECEIVED)
+        raise Refused(
+            f"{name}: its timestamps do not increase: it cannot be replayed", Exit.NOTHING_RECEIVED
+        )
     say(f"{name}: {done.until:.1f} s, {done.frames} received frames, replayed in {took:.2f} s")
     return done
 
 
 def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]) -> Mission:
-    """Return the mission with overrides. Raises MissionError, and Refused if the gain belongs to another law."""
-    as_it_is, mission = parse(), parse(overrides=overrides)
+    """Return the mission with overrides. Raises MissionError, and Refused if the gain belongs to
+    another law."""
+    as_it_is = parse()
+    mission = parse(overrides=overrides)
     gain = as_it_is.file.guidance.gain
-    if gain is not None and mission.law.name != as_it_is.law.name and mission.file.guidance.gain == gain:
+    if (
+        gain is not None
+        and mission.law.name != as_it_is.law.name
+        and mission.file.guidance.gain == gain
+    ):
         raise Refused(
             f"{where}: guidance.gain {gain:g} belongs to the law {as_it_is.law.name}: "
             f"give the gain of {mission.law.name}: --set guidance.gain=..."
@@ -133,9 +171,12 @@ def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]
 
 
 def _held_gain(run: Run, settings: PilotSettings) -> float | None:
-    """Return the result of `held_gain`. None if mission or ticks cannot be read, which is reported later."""
+    """Return the result of `held_gain`. None if mission or ticks cannot be read, which is reported
+    later."""
     try:
-        flown = parse_mission(run.mission_text, str(run.folder / "mission.toml")).pilot_settings(settings.output_mode)
+        flown = parse_mission(run.mission_text, str(run.folder / "mission.toml")).pilot_settings(
+            settings.output_mode
+        )
         return held_gain(settings, flown, run.ticks)
     except (MissionError, RunError):
         return None
@@ -148,10 +189,14 @@ def _check_steered(name: Path, pilot: Pilot) -> None:
     if pilot.mission.outcome is not None:
         why = pilot.mission.outcome.reason
     elif not pilot.session.up:
-        why = f"no vehicle: {'; '.join(pilot.session.misfits.values()) or pilot.connection.counts[VEHICLE].describe()}"
+        misfits = "; ".join(pilot.session.misfits.values())
+        why = f"no vehicle: {misfits or pilot.connection.counts[VEHICLE].describe()}"
     else:
         refused = describe_rejected(pilot.tracker.ranging.rejected)
-        why = f"{pilot.tracker.accepted} ranges of {pilot.settings.ranging.message} accepted, rejected: {refused}"
+        why = (
+            f"{pilot.tracker.accepted} ranges of {pilot.settings.ranging.message} accepted,"
+            f" rejected: {refused}"
+        )
     raise Refused(f"{name}: never steered: {why}", Exit.NOTHING_RECEIVED)
 
 
@@ -163,7 +208,10 @@ def _say_damage(run: Run, done: ReplayResult, pilot: Pilot) -> bool:
     problems = [run.damage_text] if run.damage_text else []
     if short and not (run.damage and run.damage.cut):
         where = "is damaged" if run.damage else "ends"
-        problems.append(f"replayed up to {done.until:.1f} s of {end:.1f} s, where flight.tlog or steps.csv {where}")
+        problems.append(
+            f"replayed up to {done.until:.1f} s of {end:.1f} s, where flight.tlog or steps.csv"
+            f" {where}"
+        )
     if spoilt:
         problems.append(f"flight.tlog: {spoilt} damaged frames left out")
     for problem in problems:
@@ -173,10 +221,14 @@ def _say_damage(run: Run, done: ReplayResult, pilot: Pilot) -> bool:
 
 def _say_setpoints(done: ReplayResult, whole: bool) -> None:
     """Print the comparison of sent and replayed setpoints."""
-    was, would = done.was_setpoints, done.setpoints
+    was = done.was_setpoints
+    would = done.setpoints
     if done.identical:
         until = "" if whole else f" up to {done.until:.1f} s"
-        say(f"  setpoints  {len(was)} as flown, byte for byte the same{until}, as are all other sent frames")
+        say(
+            f"  setpoints  {len(was)} as flown, byte for byte the same{until}, as are all other"
+            " sent frames"
+        )
         return
     same = len(set(was) & set(would))
     say(f"  setpoints  {len(was)} in the flight, {len(would)} in the replay, {same} identical")
@@ -184,7 +236,8 @@ def _say_setpoints(done: ReplayResult, whole: bool) -> None:
 
 
 def _say_ticks(done: ReplayResult, pilot: Pilot, was: Ticks | None) -> None:
-    """Print differences of estimates and commands, if the log has ticks, and the figures of the replay."""
+    """Print differences of estimates and commands, if the log has ticks, and the figures of the
+    replay."""
     would = as_ticks(done.ticks)
     if was is not None:
         for gap in differences(was, would):
@@ -194,31 +247,45 @@ def _say_ticks(done: ReplayResult, pilot: Pilot, was: Ticks | None) -> None:
             say(f"  {name:<16} {difference}, in {gap.ticks} ticks")
     steered = sum(phase == "engaged" for phase in would.words["phase"])
     saturated = sum(record.saturated for record in done.ticks)
-    say(f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate limit")
+    say(
+        f"  ticks      {len(done.ticks)}, {steered} of them steering, {saturated} at the turn-rate"
+        " limit"
+    )
     refused = describe_rejected(dict(sorted(pilot.tracker.ranging.rejected.items())))
     say(f"  ranges     {pilot.tracker.accepted} accepted, rejected: {refused}")
     if pilot.mission.outcome is not None:
         early = done.ended is not None and done.until - done.ended > UNRECORDED
         until = f" (at {done.ended:.1f} s; the log goes on to {done.until:.1f} s)" if early else ""
-        say(f"  outcome    {pilot.mission.outcome.ending.value}: {pilot.mission.outcome.reason}{until}")
+        say(
+            f"  outcome    {pilot.mission.outcome.ending.value}:"
+            f" {pilot.mission.outcome.reason}{until}"
+        )
 
 
-def _write(log: str, out: str | None, done: ReplayResult, was: Ticks | None, mission: Mission) -> None:
-    """Write picture and ticks if `out` is given. The picture comes first: it marks the ticks as replayed."""
+def _write(
+    log: str, out: str | None, done: ReplayResult, was: Ticks | None, mission: Mission
+) -> None:
+    """Write picture and ticks if `out` is given. The picture comes first: it marks the ticks as
+    replayed."""
     if out is None:
         return
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    plot_replay(folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{printable(log)}, replayed")
+    plot_replay(
+        folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{printable(log)}, replayed"
+    )
     with atomic_write(folder / TICKS) as fresh:
         write_ticks(fresh, done.ticks)
     say(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
 
 
 def _check_out(out: str | None) -> None:
-    """Raise Refused if `out` holds a recorded flight. Files of an earlier replay may be overwritten."""
+    """Raise Refused if `out` holds a recorded flight. Files of an earlier replay may be
+    overwritten."""
     folder = Path(out or "")
     if out is None or not folder.is_dir():
         return
-    if (folder / "flight.tlog").exists() or ((folder / TICKS).exists() and not (folder / PICTURE).exists()):
+    if (folder / "flight.tlog").exists() or (
+        (folder / TICKS).exists() and not (folder / PICTURE).exists()
+    ):
         raise Refused(f"--out {out}: holds a recorded flight, name another folder for the replay")

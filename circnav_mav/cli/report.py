@@ -21,12 +21,13 @@ from circnav_mav.runlog.run_folder import Run, RunError, open_run
 from circnav_mav.runlog.summary import FlightFacts, summarise
 
 READ_BACK = {field.name for field in fields(FlightFacts)} | {"flown_s", "alarms", "notes"}
-"""Keys of summary.json that are shown unchanged. The figures of the circle are computed again from the ticks."""
+"""Keys of summary.json that are shown unchanged. The figures of the circle are computed again from
+the ticks."""
 
 
 def report_run(folder: str, after_flight: bool) -> int:
-    """Write report.html and flight.png into a run folder. Raises Refused. after_flight: wait for a line on standard
-    input, then draw, and only print a line for a file that fails."""
+    """Write report.html and flight.png into a run folder. Raises Refused. after_flight: wait for a
+    line on standard input, then draw, and only print a line for a file that fails."""
     if after_flight:
         return _report_flight(folder) if sys.stdin.readline() else Exit.DONE
     with refusing(folder, RunError, MissionError):
@@ -34,7 +35,9 @@ def report_run(folder: str, after_flight: bool) -> int:
         if not len(run.ticks.time):
             raise Refused(f"{folder}: an empty run, nothing was recorded", Exit.NOTHING_RECEIVED)
         if len(run.ticks.time) == 1:
-            raise Refused(f"{folder}: only one tick was recorded, a report needs two", Exit.NOTHING_RECEIVED)
+            raise Refused(
+                f"{folder}: only one tick was recorded, a report needs two", Exit.NOTHING_RECEIVED
+            )
         mission = _mission(run)
         if run.damage_text is not None:
             say(f"  WARNING    {run.damage_text}")
@@ -67,15 +70,29 @@ def _picture(run: Run, mission: Mission) -> None:
 
 def _page(run: Run, mission: Mission) -> None:
     """Write report.html, with the sections that extensions add."""
-    summary = _figures(run, mission) | {key: run.summary[key] for key in READ_BACK & run.summary.keys()}
+    summary = _figures(run, mission) | {
+        key: run.summary[key] for key in READ_BACK & run.summary.keys()
+    }
     if run.damage_text is not None:
-        summary["recording_problem"] = "; ".join(filter(None, (summary["recording_problem"], run.damage_text)))
-    circles, gate = mission.orbit.words(), mission.estimation.gate
-    write_report(run, mission.orbit, circles, gate, verdict(summary, run.folder), _settings(mission), _added(run))
+        summary["recording_problem"] = "; ".join(
+            filter(None, (summary["recording_problem"], run.damage_text))
+        )
+    circles = mission.orbit.words()
+    gate = mission.estimation.gate
+    write_report(
+        run,
+        mission.orbit,
+        circles,
+        gate,
+        verdict(summary, run.folder),
+        _settings(mission),
+        _added(run),
+    )
 
 
 def _added(run: Run) -> str:
-    """Return the sections of extensions as HTML. One that fails is left out, and a line reports it."""
+    """Return the sections of extensions as HTML. One that fails is left out, and a line reports
+    it."""
     sections = []
     for reference in (one.report_section for one in extensions() if one.report_section):
         try:
@@ -86,13 +103,15 @@ def _added(run: Run) -> str:
 
 
 def _settings(mission: Mission) -> dict[str, str]:
-    """Return all values of the mission by key, including defaults, without the bundled vehicle's."""
+    """Return all values of the mission by key, including defaults, without the bundled
+    vehicle's."""
     values = dict(_flat(mission.file.model_dump(exclude={"sim"}, exclude_none=True)))
     return values | {"law as flown": f"{mission.law.name}, k = {mission.law.gain:.4g}"}
 
 
 def _flat(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
-    """Yield (key, value) of a table and its subtables, values as in a mission file, strings without quotes."""
+    """Yield (key, value) of a table and its subtables, values as in a mission file, strings without
+    quotes."""
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{before}{key}.")
@@ -101,14 +120,18 @@ def _flat(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
 
 
 def _figures(run: Run, mission: Mission) -> dict[str, Any]:
-    """Return a summary computed from the ticks, the truth and the manifest, as if summary.json were missing.
+    """Return a summary computed from the ticks, the truth and the manifest, as if summary.json were
+    missing.
 
     Only the time of engagement and the time flown come from summary.json, if it has them.
     """
-    manifest, counts = run.manifest, run.ticks.numbers
+    manifest = run.manifest
+    counts = run.ticks.numbers
     engaged, flown = map(run.summary.get, ("engaged_s", "flown_s"))
     # newest value of an increasing count
-    accepted, rejected = (int(np.nanmax(counts[name], initial=0)) for name in ("accepted", "rejected"))
+    accepted, rejected = (
+        int(np.nanmax(counts[name], initial=0)) for name in ("accepted", "rejected")
+    )
     return summarise(
         FlightFacts(
             mission=run.name,
@@ -122,7 +145,9 @@ def _figures(run: Run, mission: Mission) -> dict[str, Any]:
             firmware=None,
             version=str(manifest.get("versions", {}).get("circnav", __version__)),
             epoch_us=run.epoch_us,
-            recording_problem="summary.json is missing or incomplete: figures from the recorded ticks",
+            recording_problem=(
+                "summary.json is missing or incomplete: figures from the recorded ticks"
+            ),
             engaged_s=engaged,
             until_s=None if engaged is None or flown is None else engaged + flown,
         ),

@@ -11,14 +11,20 @@ NOTABLE = 1.0
 
 
 def verdict(summary: dict[str, Any], folder: Path) -> str:
-    """Return the result of a flight in a few lines. summary: from `summarise`, with additions of onlookers."""
+    """Return the result of a flight in a few lines. summary: from `summarise`, with additions of
+    onlookers."""
     lines = [f"{summary['outcome'].upper()}: {summary['reason']}"]
     if summary["output_mode"] != "fly":
         title = f"{summary['output_mode'].upper():<9}"
-        lines.append(f"  {title}  no setpoint sent, would have steered for {summary['steered_s']:.0f} s")
+        lines.append(
+            f"  {title}  no setpoint sent, would have steered for {summary['steered_s']:.0f} s"
+        )
     elif summary["engaged_s"] is not None:
         lines += _circle(summary)
-    lines.append(f"  ranges     {summary['samples_accepted']} accepted, {_refused(summary['samples_rejected'])}")
+    lines.append(
+        f"  ranges     {summary['samples_accepted']} accepted,"
+        f" {_refused(summary['samples_rejected'])}"
+    )
     if refused := summary["frames_refused"]:
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(refused.items()))
         lines.append(f"  frames     rejected by their signature: {why}")
@@ -33,7 +39,8 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
 
 
 def _refused(rejected: dict[str, int]) -> str:
-    """Return the counts of rejected ranges, and separately of ranges of other senders, which are harmless."""
+    """Return the counts of rejected ranges, and separately of ranges of other senders, which are
+    harmless."""
     own = {reason: count for reason, count in sorted(rejected.items()) if reason not in OTHERS}
     others = sum(rejected.values()) - sum(own.values())
     ignored = f"; {others} of other senders ignored" if others else ""
@@ -42,22 +49,30 @@ def _refused(rejected: dict[str, int]) -> str:
 
 def _circle(summary: dict[str, Any]) -> list[str]:
     """Return the lines of settling and radius, estimated and by the simulator's truth."""
-    desired, truth = summary["desired_radius_m"], summary["truth"]
-    flown, steered = summary["flown_s"], summary["steered_s"]
+    desired = summary["desired_radius_m"]
+    truth = summary["truth"]
+    flown = summary["flown_s"]
+    steered = summary["steered_s"]
     of_these = f" ({steered:.0f} s steered)" if flown - steered > NOTABLE else ""
     circles = summary["circles"]
     lines = [
-        f"  before     circle of {circle['desired_radius_m']:g} m, begun at {circle['begun_s']:.0f} s: "
-        f"{_figures(circle, circle['desired_radius_m'])}"
+        f"  before     circle of {circle['desired_radius_m']:g} m, begun at {circle['begun_s']:.0f}"
+        f" s: {_figures(circle, circle['desired_radius_m'])}"
         for circle in circles[:-1]
     ]
-    lines.append(f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; its last third:")
+    lines.append(
+        f"  desired    {desired:g} m {summary['direction']}, flown {flown:.0f} s{of_these}; its"
+        " last third:"
+    )
     lines.append(f"  estimated  {_figures(summary, desired)}")
     if truth is not None:
         lines.append(f"  truth      {_figures(truth, desired)}")
         right = "as desired" if truth["direction"] == summary["direction"] else "NOT AS DESIRED"
         rotation = f"{truth['direction']} ({right})" if truth["direction"] else "unknown"
-        lines.append(f"             rotation {rotation}, closest approach {truth['closest_approach_m']:.1f} m")
+        lines.append(
+            f"             rotation {rotation}, closest approach"
+            f" {truth['closest_approach_m']:.1f} m"
+        )
     else:
         commanded = summary["direction_commanded"] or "none"
         lines.append(f"  rotation   {commanded} commanded; ranges cannot confirm the direction")
@@ -66,15 +81,22 @@ def _circle(summary: dict[str, Any]) -> list[str]:
 
 def _turn(summary: dict[str, Any]) -> list[str]:
     """Return the lines of the turn command, the vehicle's response, and a limit cycle."""
-    std, at_limit, variation = map(summary.get, ("turn_std_deg_s", "turn_at_limit", "turn_variation_rad_s2"))
+    std, at_limit, variation = map(
+        summary.get, ("turn_std_deg_s", "turn_at_limit", "turn_variation_rad_s2")
+    )
     if std is None or at_limit is None:
         return []
     varies = "" if variation is None else f", variation {variation:.2g} rad/s^2"
-    lines = [f"  turn       command std {std:.1f} deg/s, at the limit {100 * at_limit:.0f} % of the time{varies}"]
+    lines = [
+        f"  turn       command std {std:.1f} deg/s, at the limit {100 * at_limit:.0f} % of the"
+        f" time{varies}"
+    ]
     gain, delay, share = map(summary.get, ("turn_gain", "turn_delay_s", "gain_share"))
     if gain is not None and delay is not None:
         changes = summary["law_changes"]
-        lines.append(f"  vehicle    turn gain {gain:.2f}, turn delay {delay:.2f} s; law changes {changes}")
+        lines.append(
+            f"  vehicle    turn gain {gain:.2f}, turn delay {delay:.2f} s; law changes {changes}"
+        )
     reduced = share is not None and share < 1
     if summary["turn_limit_cycle"] or reduced:
         words = LIMIT_CYCLE.long if reduced else LIMIT_CYCLE.long.partition(",")[0]
@@ -85,6 +107,11 @@ def _turn(summary: dict[str, Any]) -> list[str]:
 def _figures(figures: dict[str, Any], desired: float) -> str:
     if figures["radius_mean_m"] is None:
         return "radius unknown"
-    settled = "never settled" if figures["settled_s"] is None else f"settled after {figures['settled_s']:.0f} s"
-    mean, rms = figures["radius_mean_m"], figures["radius_rms_error_m"]
+    settled = (
+        "never settled"
+        if figures["settled_s"] is None
+        else f"settled after {figures['settled_s']:.0f} s"
+    )
+    mean = figures["radius_mean_m"]
+    rms = figures["radius_rms_error_m"]
     return f"{settled}, radius {mean:.2f} m, RMS error {rms:.2f} m ({100 * rms / desired:.2f} %)"

@@ -1,16 +1,19 @@
-"""Airspeed and side-slip of a multicopter from its accelerometer, and the forward push that holds the airspeed.
+"""Airspeed and side-slip of a multicopter from its accelerometer, and the forward push that holds
+the airspeed.
 
-The thrust of a multicopter has no component along its forward and left axes. So the accelerometers of these axes
-measure the drag of the air alone, straight and turning, whatever the attitude estimate says:
+The thrust of a multicopter has no component along its forward and left axes. So the accelerometers
+of these axes measure the drag of the air alone, straight and turning, whatever the attitude
+estimate says:
 
     force = -c v (1 + |v|/v_2)        for each of the two axes
 
-v: speed through the air along the axis. c: drag coefficient, from the mission. v_2: speed at which the quadratic
-drag of the airframe equals the linear drag of the rotors. The ratio of the true airspeed to the measured one is the
-airspeed scale. The relative-motion estimator learns it from the ranges, `ScaleFit` from a flight with GPS.
+v: speed through the air along the axis. c: drag coefficient, from the mission. v_2: speed at which
+the quadratic drag of the airframe equals the linear drag of the rotors. The ratio of the true
+airspeed to the measured one is the airspeed scale. The relative-motion estimator learns it from the
+ranges, `ScaleFit` from a flight with GPS.
 
-Source: Martin and Salaun, "The true role of accelerometer feedback in quadrotor control" (2010). v_2 was measured on
-ArduCopter's simulated quadrotor, straight and in turns.
+Source: Martin and Salaun, "The true role of accelerometer feedback in quadrotor control" (2010).
+v_2 was measured on ArduCopter's simulated quadrotor, straight and in turns.
 """
 
 from cmath import rect
@@ -22,14 +25,16 @@ from circnav_mav.guidance.types import OwnMotion
 EQUAL_DRAG_SPEED = 8.0
 """v_2, m/s."""
 FORWARD_TIME = 0.5
-"""Time constant of the low-pass on the speed along the nose, s. Below it, gusts and vibration dominate."""
+"""Time constant of the low-pass on the speed along the nose, s. Below it, gusts and vibration
+dominate."""
 LEFT_TIME = 1.0
-"""Time constant of the low-pass on the speed to the left, s. It is longer, because this speed changes the heading of
-the path, and so the turn command."""
+"""Time constant of the low-pass on the speed to the left, s. It is longer, because this speed
+changes the heading of the path, and so the turn command."""
 LONGEST_STEP = 0.5
 """Gap between two reports, s, after which the filters restart."""
 MAX_SLIP = 0.6
-"""Bound of the side-slip, rad. A larger one occurs only near standstill, where it has no meaning."""
+"""Bound of the side-slip, rad. A larger one occurs only near standstill, where it has no
+meaning."""
 
 
 def drag_force(speed: float, coefficient: float) -> float:
@@ -41,14 +46,16 @@ def drag_force(speed: float, coefficient: float) -> float:
 
 
 def speed_of_drag(force: float, coefficient: float) -> float:
-    """Return the speed along one axis, m/s, at a drag per mass, m/s^2: the inverse of `drag_force`."""
+    """Return the speed along one axis, m/s, at a drag per mass, m/s^2: the inverse of
+    `drag_force`."""
     root = sqrt(1 + 4 * abs(force) / (coefficient * EQUAL_DRAG_SPEED))
     speed = EQUAL_DRAG_SPEED / 2 * (root - 1)
     return speed if force >= 0 else -speed
 
 
 def coefficient_at(ratio: float, speed: float) -> float:
-    """Return the coefficient c, 1/s, of a copter whose drag per mass over airspeed is `ratio`, 1/s, at a speed, m/s."""
+    """Return the coefficient c, 1/s, of a copter whose drag per mass over airspeed is `ratio`, 1/s,
+    at a speed, m/s."""
     return ratio / (1 + speed / EQUAL_DRAG_SPEED)
 
 
@@ -80,14 +87,16 @@ class AirVelocity(NamedTuple):
         )
 
     def motion(self, own: OwnMotion) -> OwnMotion:
-        """Return own motion along the path through the air: its direction as heading, and the measured airspeed."""
+        """Return own motion along the path through the air: its direction as heading, and the
+        measured airspeed."""
         slip = atan2(self.left, max(self.forward, 1e-3))
         slip = min(max(slip, -MAX_SLIP), MAX_SLIP)
         return own._replace(heading=own.heading + slip, airspeed=hypot(self.forward, self.left))
 
 
 HIGH_PASS = 5.0
-"""Time constant of the high-pass in `ScaleFit`, s. It removes a steady wind, and keeps turns and accelerations."""
+"""Time constant of the high-pass in `ScaleFit`, s. It removes a steady wind, and keeps turns and
+accelerations."""
 FIT_MEMORY = 120.0
 """Time constant of the least squares, s."""
 PRIOR_WEIGHT = 20.0
@@ -99,9 +108,11 @@ SCALE_SIGMA = 0.25
 
 
 class ScaleFit(NamedTuple):
-    """Least squares of the airspeed scale from accelerations, while GPS keeps the attitude of the autopilot exact.
+    """Least squares of the airspeed scale from accelerations, while GPS keeps the attitude of the
+    autopilot exact.
 
-    In a few seconds the wind is constant, so the velocity through the air changes as the integrated acceleration:
+    In a few seconds the wind is constant, so the velocity through the air changes as the integrated
+    acceleration:
 
         change of measured air velocity = change of velocity / scale
 
@@ -111,7 +122,8 @@ class ScaleFit(NamedTuple):
     since: beginning of the integral of the acceleration, s.
     last: newest integrated acceleration, and newest measured air velocity at a scale of 1, m/s.
     high_passed: the same two after the high-pass, m/s.
-    sums: of the squared change of velocity, and of its product with the measured one, with exponential forgetting.
+    sums: of the squared change of velocity, and of its product with the measured one, with
+    exponential forgetting.
     """
 
     time: float = float("-inf")
@@ -133,13 +145,19 @@ class ScaleFit(NamedTuple):
         return max(SCALE_SIGMA * PRIOR_WEIGHT / (self.sums[0] + PRIOR_WEIGHT), 0.03)
 
     def follow(self, own: OwnMotion, air: AirVelocity) -> "ScaleFit":
-        """Return the state after a report. air: velocity through the air in body axes, measured at this report."""
+        """Return the state after a report. air: velocity through the air in body axes, measured at
+        this report."""
         if own.felt is None:
             return self._replace(time=float("-inf"))
-        new = complex(own.felt.x, own.felt.y), complex(air.forward, air.left) * rect(1.0, own.heading)
+        new = (
+            complex(own.felt.x, own.felt.y),
+            complex(air.forward, air.left) * rect(1.0, own.heading),
+        )
         step = own.time - self.time
         if not 0 < step <= LONGEST_STEP or own.felt.since != self.since:
-            return self._replace(time=own.time, since=own.felt.since, last=new, high_passed=(0j, 0j))
+            return self._replace(
+                time=own.time, since=own.felt.since, last=new, high_passed=(0j, 0j)
+            )
         keep = exp(-step / HIGH_PASS)
         velocity = keep * (self.high_passed[0] + new[0] - self.last[0])
         measured = keep * (self.high_passed[1] + new[1] - self.last[1])
@@ -158,7 +176,8 @@ UNKNOWN_WIND = 4.0
 
 
 class MeanWind(NamedTuple):
-    """Mean of the wind, from a copter that holds its speed over the ground and measures its velocity through the air.
+    """Mean of the wind, from a copter that holds its speed over the ground and measures its
+    velocity through the air.
 
     time: of the report, s. x, y: wind, m/s. share: 0 before the first report, 1 after many.
     """
@@ -176,7 +195,8 @@ class MeanWind(NamedTuple):
     def follow(self, own: OwnMotion, air: AirVelocity, scale: float) -> "MeanWind":
         """Return the state after a report.
 
-        own: heading and speed over the ground. air: velocity through the air. scale: airspeed scale.
+        own: heading and speed over the ground. air: velocity through the air. scale: airspeed
+        scale.
         """
         step = own.time - self.time
         if not 0 < step <= LONGEST_STEP:
@@ -192,8 +212,8 @@ class MeanWind(NamedTuple):
 
 
 TRIM_RATE = 0.15
-"""Rate of the forward integral of `AirspeedHold`, 1/s: slower than the drag (0.25 to 0.5/s), so that it does not
-swing."""
+"""Rate of the forward integral of `AirspeedHold`, 1/s: slower than the drag (0.25 to 0.5/s), so
+that it does not swing."""
 SLIP_GAIN = 0.4
 """Push against a side-slip per speed to the left, 1/s."""
 SLIP_RATE = 0.15
@@ -203,15 +223,17 @@ MAX_TRIM = 1.5
 SCALE_TIME = 10.0
 """Time constant with which the held airspeed follows the estimated scale, s."""
 ACCELERATING = 0.4
-"""Missing share of the drag above which the copter still accelerates: no sign of a wrong attitude."""
+"""Missing share of the drag above which the copter still accelerates: no sign of a wrong
+attitude."""
 
 
 class AirspeedHold:
     """Push of the thrust that holds an airspeed against the drag, without side-slip.
 
-    The push of the drag at this airspeed is commanded at once. Without GPS, the attitude estimate is wrong by some
-    degrees in turns. An integral of the missing drag corrects the forward push, and one of the side-slip the push to
-    the left. Without it, the path through the air turned by up to 1.7 deg/s more or less than the nose.
+    The push of the drag at this airspeed is commanded at once. Without GPS, the attitude estimate
+    is wrong by some degrees in turns. An integral of the missing drag corrects the forward push,
+    and one of the side-slip the push to the left. Without it, the path through the air turned by up
+    to 1.7 deg/s more or less than the nose.
     """
 
     def __init__(self, coefficient: float) -> None:
@@ -229,7 +251,8 @@ class AirspeedHold:
         self._time = float("-inf")
 
     def push(self, speed: float) -> tuple[float, float]:
-        """Return the push forward and to the left, m/s^2, that holds a true airspeed, m/s, along the nose."""
+        """Return the push forward and to the left, m/s^2, that holds a true airspeed, m/s, along
+        the nose."""
         if speed <= 0:
             return 0.0, 0.0
         forward = drag_force(speed / self.scale, self._coefficient) + self._forward_trim

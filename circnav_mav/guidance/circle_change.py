@@ -1,4 +1,5 @@
-"""Changes of the circle in flight: radius, direction or speed, from a mission's list of radii, the operator or a fleet.
+"""Changes of the circle in flight: radius, direction or speed, from a mission's list of radii, the
+operator or a fleet.
 
 Every change is a request, which is checked here. Requests are recorded and replayed.
 """
@@ -15,16 +16,19 @@ NEAR = 0.1
 MIN_INTERVAL = 0.1
 """Shortest time between two requests, s: a fleet adjusts its spacing at most half as often."""
 MAX_OFFSET_SHARE = 0.3
-"""Largest offset from the circle, in units of its radius: the spacing of a fleet, not another circle."""
+"""Largest offset from the circle, in units of its radius: the spacing of a fleet, not another
+circle."""
 SPEED_SHARE = 0.2
-"""Largest change of the mission's speed, as a share of it. Within it, the mission's checks remain about valid."""
+"""Largest change of the mission's speed, as a share of it. Within it, the mission's checks remain
+about valid."""
 
 
 class CircleRequest(NamedTuple):
     """A request for another circle; None keeps a value.
 
-    radius: m. speed: m/s. by: requester, for messages and the log. offset (m, outward), pace (factor on the speed):
-    spacing of a fleet. These small and frequent corrections do not change the circle of the mission.
+    radius: m. speed: m/s. by: requester, for messages and the log. offset (m, outward), pace
+    (factor on the speed): spacing of a fleet. These small and frequent corrections do not change
+    the circle of the mission.
     """
 
     radius: float | None = None
@@ -40,7 +44,8 @@ class CircleRequest(NamedTuple):
         return self.radius is None and self.direction is None and self.speed is None
 
     def circle(self, orbit: Orbit) -> Orbit:
-        """Return the requested circle, without spacing; `orbit` itself if only spacing is requested."""
+        """Return the requested circle, without spacing; `orbit` itself if only spacing is
+        requested."""
         if self.spaces:
             return orbit
         return replace(
@@ -52,15 +57,17 @@ class CircleRequest(NamedTuple):
 
     def applied(self, orbit: Orbit) -> Orbit:
         """Return the orbit to fly: the requested circle with its spacing."""
-        circle, offset, pace = self.circle(orbit), self.offset or 0.0, 1.0 if self.pace is None else self.pace
+        circle = self.circle(orbit)
+        offset = self.offset or 0.0
+        pace = 1.0 if self.pace is None else self.pace
         return replace(circle, radius=circle.radius + offset, speed=circle.speed * pace)
 
 
 @dataclass(frozen=True, slots=True)
 class CircleLimits:
-    """Limits of requested circles. nearest, farthest: bounds of the range, m. speed: of the mission, m/s. keeps_speed:
-    True if the autopilot uses its own airspeed setpoint. turn_gain: least expected ratio of flown to commanded
-    turn rate."""
+    """Limits of requested circles. nearest, farthest: bounds of the range, m. speed: of the
+    mission, m/s. keeps_speed: True if the autopilot uses its own airspeed setpoint. turn_gain:
+    least expected ratio of flown to commanded turn rate."""
 
     speed: float
     nearest: float = 0.0
@@ -70,9 +77,10 @@ class CircleLimits:
 
 
 def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
-    """Return why a requested circle cannot replace `orbit`: value and limit, short enough for a STATUSTEXT; empty if it
-    can."""
-    wanted, most = request.applied(orbit), MAX_OFFSET_SHARE * request.circle(orbit).radius
+    """Return why a requested circle cannot replace `orbit`: value and limit, short enough for a
+    STATUSTEXT; empty if it can."""
+    wanted = request.applied(orbit)
+    most = MAX_OFFSET_SHARE * request.circle(orbit).radius
     if request.offset is not None and not abs(request.offset) <= most:
         return f"spacing offset {request.offset:+.1f} m, limit {most:.1f} m"
     if not limits.nearest < wanted.radius < limits.farthest:  # also rejects NaN

@@ -1,7 +1,9 @@
-"""Control loop of one vehicle, from an estimate to a commanded turn rate. For the pilot and `circnav_mav.Guidance`.
+"""Control loop of one vehicle, from an estimate to a commanded turn rate. For the pilot and
+`circnav_mav.Guidance`.
 
-The turn rate comes from the law, or is the steady turn of the circle while ranges are missing. Corrections: radius
-trim, pending turn and turn gain. `LearnedResponse` learns the response of the vehicle and monitors it.
+The turn rate comes from the law, or is the steady turn of the circle while ranges are missing.
+Corrections: radius trim, pending turn and turn gain. `LearnedResponse` learns the response of the
+vehicle and monitors it.
 """
 
 from collections.abc import Callable
@@ -17,7 +19,8 @@ LONGEST_TRIM_STEP = 0.2
 
 
 class ClosedLoop:
-    """Control loop. orbit: current circle. answer: response of the vehicle to turn commands, learned in flight."""
+    """Control loop. orbit: current circle. answer: response of the vehicle to turn commands,
+    learned in flight."""
 
     def __init__(
         self,
@@ -26,29 +29,36 @@ class ClosedLoop:
         answer: LearnedResponse,
         radius_trim: float = 0.0,
     ) -> None:
-        """law: a choice from `LAWS`, or a function with the arguments of `Steering`. radius_trim: rate of the slow
-        integral on the mean radius, 1/s, for laws on range alone. Raises ValueError if this gain has no radius
-        correction."""
-        self.orbit, self.answer = orbit, answer
+        """law: a choice from `LAWS`, or a function with the arguments of `Steering`. radius_trim:
+        rate of the slow integral on the mean radius, 1/s, for laws on range alone. Raises
+        ValueError if this gain has no radius correction."""
+        self.orbit = orbit
+        self.answer = answer
         self._steer = Steering(orbit, law) if isinstance(law, LawChoice) else law
-        self._rate, self._trim = radius_trim, 0.0
+        self._rate = radius_trim
+        self._trim = 0.0
         self._steered: tuple[float, float] | None = None
         """Time, s, and range, m, of the last steered step."""
 
     def change(self, orbit: Orbit, law: LawChoice, *, keeps_trim: bool) -> None:
-        """Fly another circle from now on. Raises ValueError as `__init__`, and then keeps the circle."""
+        """Fly another circle from now on. Raises ValueError as `__init__`, and then keeps the
+        circle."""
         assert isinstance(self._steer, Steering)
         self._steer.change(orbit, law)
-        self.orbit, self._trim = orbit, self._trim if keeps_trim else 0.0
+        self.orbit = orbit
+        self._trim = self._trim if keeps_trim else 0.0
 
     def command(self, estimate: RangeEstimate, now: float) -> TurnCommand:
         """Return the turn that the law demands, with all corrections."""
         turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
         pending = self.answer.pending(now, turning)
         command = self._steer(estimate, self._trim, pending, self.answer.monitor.share)
-        # Without the target's position the law repeats slow turns on purpose (excitation, successive hypotheses).
-        # So the monitor looks for slow limit cycles only while the law flies on the estimated position.
-        self.answer.monitor.lap = 2 * pi / abs(self.orbit.steady_turn_rate) if command.flies == "drift" else 0.0
+        # Without the target's position the law repeats slow turns on purpose (excitation,
+        # successive hypotheses). So the monitor looks for slow limit cycles only while the law
+        # flies on the estimated position.
+        self.answer.monitor.lap = (
+            2 * pi / abs(self.orbit.steady_turn_rate) if command.flies == "drift" else 0.0
+        )
         self._trim_radius(estimate, command)
         return self._compensated(command)
 
@@ -59,7 +69,8 @@ class ClosedLoop:
         return self._compensated(holding(self.orbit, motion, pending))
 
     def reset(self) -> None:
-        """Forget the commands. Call when another controller, or no controller, steers the vehicle."""
+        """Forget the commands. Call when another controller, or no controller, steers the
+        vehicle."""
         self.answer.reset()
         self._steered = None
 
@@ -67,10 +78,13 @@ class ClosedLoop:
         return compensate_turn_gain(command, self.orbit.max_turn_rate, self.answer.gain)
 
     def _trim_radius(self, estimate: RangeEstimate, command: TurnCommand) -> None:
-        """Update the radius trim over the time since the last steered step, while the vehicle follows."""
-        before, self._steered = self._steered, (estimate.time, estimate.r)
-        # A law on range alone turns with V: a vehicle 6 % faster than V flies outside the circle. Laws on relative
-        # motion estimate the speed, and a trim did not reduce their error in any emulated flight.
+        """Update the radius trim over the time since the last steered step, while the vehicle
+        follows."""
+        before = self._steered
+        self._steered = (estimate.time, estimate.r)
+        # A law on range alone turns with V: a vehicle 6 % faster than V flies outside the circle.
+        # Laws on relative motion estimate the speed, and a trim did not reduce their error in any
+        # emulated flight.
         on_range = not command.flies
         if on_range and before is not None and self._rate > 0 and self.answer.command_gain.followed:
             step = estimate.time - before[0]

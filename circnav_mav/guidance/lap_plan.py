@@ -1,14 +1,16 @@
 """Least-RMS lap when the circle demands more turn rate downwind than the vehicle has.
 
-Without a plan the drift moves the vehicle outside, where it stays until the drift is a headwind again. The planned lap
-turns at the limit earlier. Its radius error is small everywhere: outside before and after, inside in between.
+Without a plan the drift moves the vehicle outside, where it stays until the drift is a headwind
+again. The planned lap turns at the limit earlier. Its radius error is small everywhere: outside
+before and after, inside in between.
 
     turn of the nose = t - (t (e + e'') + t' e')/r_d <= limit,   t = v_g^2/(r_d V cos(crab))
 
-e: radius error. t: turn rate that the circle requires. v_g: ground speed. All are functions of the angle about the
-target; primes are derivatives by this angle. The inequality is linear in e. The term t' e' accounts for a course that
-is not tangent to the circle. The least mean square of e over time under this condition is a least-distance problem
-(Lawson, Hanson, Solving Least Squares Problems, ch. 23).
+e: radius error. t: turn rate that the circle requires. v_g: ground speed. All are functions of the
+angle about the target; primes are derivatives by this angle. The inequality is linear in e. The
+term t' e' accounts for a course that is not tangent to the circle. The least mean square of e over
+time under this condition is a least-distance problem (Lawson, Hanson, Solving Least Squares
+Problems, ch. 23).
 """
 
 from functools import lru_cache
@@ -17,19 +19,31 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
-from circnav_mav.guidance.maths import Array, Batch, Number, Pair, arctan2, hypot, minimum, some, wrap
+from circnav_mav.guidance.maths import (
+    Array,
+    Batch,
+    Number,
+    Pair,
+    arctan2,
+    hypot,
+    minimum,
+    some,
+    wrap,
+)
 
 ANGLES = 72
 """Number of points of a lap: more points change the radius error by less than 2 %."""
 BENDS = 1e-3
-"""Weight of the curvature e + e'' relative to e: without this weight the planned turn jumps. The weight costs 2 % of
-radius error."""
-DRIFT_STEP, LIMIT_STEP = 1 / 200, 1 / 400
-"""Grid of planned laps: drift in units of V, turn-rate limit in units of V/r_d. The estimates vary more than a cell."""
+"""Weight of the curvature e + e'' relative to e: without this weight the planned turn jumps. The
+weight costs 2 % of radius error."""
+DRIFT_STEP = 1 / 200
+LIMIT_STEP = 1 / 400
+"""Grid of planned laps: drift in units of V, turn-rate limit in units of V/r_d. The estimates vary
+more than a cell."""
 SURE = 0.99
-"""Share of the turn-rate limit that a lap uses. The estimates of limit, drift and airspeed have a joint error of 1 %. A
-lap that demands too much ends farther outside: the worst of three ArduPlane flights was off by 1.50 m with 1, by
-1.06 m with 0.99."""
+"""Share of the turn-rate limit that a lap uses. The estimates of limit, drift and airspeed have a
+joint error of 1 %. A lap that demands too much ends farther outside: the worst of three ArduPlane
+flights was off by 1.50 m with 1, by 1.06 m with 0.99."""
 MOST_DRIFT = 0.9
 """Largest drift for which a lap is planned, in units of V."""
 MOST_OFFSET = 0.2
@@ -41,9 +55,9 @@ _CIRCLE = np.zeros((ANGLES + 1, 2))
 
 
 class Lap(NamedTuple):
-    """Planned lap on a counter-clockwise circle. downwind: angle about the target with the highest ground speed, rad.
-    table: e/r_d and its slope, starting half a lap before that angle, (ANGLES + 1, 2); of many flights (B, ANGLES + 1,
-    2). radius: r_d, m."""
+    """Planned lap on a counter-clockwise circle. downwind: angle about the target with the highest
+    ground speed, rad. table: e/r_d and its slope, starting half a lap before that angle, (ANGLES +
+    1, 2); of many flights (B, ANGLES + 1, 2). radius: r_d, m."""
 
     downwind: Array
     table: Batch
@@ -57,22 +71,26 @@ class Lap(NamedTuple):
             low, high = self.table[before : before + 2]
             offset, slope = (low + (place - before) * (high - low)).tolist()
         else:
-            number, flight = np.minimum(place.astype(int), ANGLES - 1), np.arange(place.size)
+            number = np.minimum(place.astype(int), ANGLES - 1)
+            flight = np.arange(place.size)
             low, high = self.table[flight, number], self.table[flight, number + 1]
             offset, slope = (low + (place - number)[:, None] * (high - low)).T
         return self.radius * (1 + offset), self.radius * slope
 
 
 def plan(d: Pair, *, V: Number, r_d: Number, limit: Number) -> Lap | None:
-    """Return the lap in drift d (2, ...), m/s, at true airspeed V, m/s. limit: of the turn rate, rad/s. None if all
-    flights can fly the circle within the limit."""
-    drift, limits = minimum(hypot(d[0], d[1]) / V, MOST_DRIFT), SURE * limit * r_d / V
+    """Return the lap in drift d (2, ...), m/s, at true airspeed V, m/s. limit: of the turn rate,
+    rad/s. None if all flights can fly the circle within the limit."""
+    drift = minimum(hypot(d[0], d[1]) / V, MOST_DRIFT)
+    limits = SURE * limit * r_d / V
     short = (1 + drift) ** 2 > limits
     if not some(short):
         return None
     cells: tuple[Array, Array] = np.floor(drift / DRIFT_STEP), np.floor(limits / LIMIT_STEP)
     if isinstance(short, np.ndarray):
-        table = np.stack([_table(*cell) if one else _CIRCLE for one, *cell in zip(short, *cells, strict=True)])
+        table = np.stack(
+            [_table(*cell) if one else _CIRCLE for one, *cell in zip(short, *cells, strict=True)]
+        )
     else:
         table = _table(*cells)
     return Lap(arctan2(d[1], d[0]) - np.pi / 2, table, r_d)
@@ -82,19 +100,26 @@ def plan(d: Pair, *, V: Number, r_d: Number, limit: Number) -> Lap | None:
 def _table(drift_cell: float, limit_cell: float) -> Batch:
     """Return e/r_d and its slope over a lap, at the center of a grid cell."""
 
-    drift, limit = (drift_cell + 0.5) * DRIFT_STEP, (limit_cell + 0.5) * LIMIT_STEP
+    drift = (drift_cell + 0.5) * DRIFT_STEP
+    limit = (limit_cell + 0.5) * LIMIT_STEP
     angle = _SPACING * np.arange(ANGLES) - np.pi
     nose = np.sqrt(1 - (drift * np.sin(angle)) ** 2)
     ground = nose + drift * np.cos(angle)
     turn = ground**2 / nose
     here = np.eye(ANGLES)
-    after, before = np.roll(here, 1, 1), np.roll(here, -1, 1)
-    bend, slant = here + (after - 2 * here + before) / _SPACING**2, (after - before) / (2 * _SPACING)
+    after = np.roll(here, 1, 1)
+    before = np.roll(here, -1, 1)
+    bend = here + (after - 2 * here + before) / _SPACING**2
+    slant = (after - before) / (2 * _SPACING)
     eased = turn[:, None] * bend + (slant @ turn)[:, None] * slant
-    # Minimize |R e| with eased e >= turn - limit. The residual of this nonnegative problem gives the solution.
-    R = np.asarray(np.linalg.qr(np.vstack([here / np.sqrt(ground)[:, None], np.sqrt(BENDS) * bend]), mode="r"))
+    # Minimize |R e| with eased e >= turn - limit. The residual of this nonnegative problem gives
+    # the solution.
+    R = np.asarray(
+        np.linalg.qr(np.vstack([here / np.sqrt(ground)[:, None], np.sqrt(BENDS) * bend]), mode="r")
+    )
     G = np.linalg.solve(R.T, eased.T)
-    E, f = np.vstack([G, turn - limit]), np.eye(ANGLES + 1)[-1]
+    E = np.vstack([G, turn - limit])
+    f = np.eye(ANGLES + 1)[-1]
     left = E @ nnls(E, f, maxiter=100 * ANGLES)[0] - f
     e = np.clip(np.linalg.solve(R, -left[:-1] / left[-1]), -MOST_OFFSET, MOST_OFFSET)
     lap = np.stack([e, slant @ e], axis=-1)

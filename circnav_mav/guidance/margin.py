@@ -1,18 +1,18 @@
 """Stability margin of the drift law's loop on a circle, computed before the flight.
 
-The loop is linearized about the circle at the most critical point, where the drift is a tailwind: the ground speed
-v = V + W is highest there, and a turn of the nose moves the course by V/v of it. e: radius error, m. psi: heading
-error, rad. c: command.
+The loop is linearized about the circle at the most critical point, where the drift is a tailwind:
+the ground speed v = V + W is highest there, and a turn of the nose moves the course by V/v of it.
+e: radius error, m. psi: heading error, rad. c: command.
 
     e = -V P c/(s^2 + (v/r_d)^2),   psi = s P c/(s^2 + (v/r_d)^2),   pending = (1 - M) c/s
     M = e^(-s dead)/(lag s + 1)
 
-The slopes of the law in e, psi and pending are finite differences of its function. P: response of the vehicle, from the
-family of tests/guidance/test_margins.py, scaled to the mission's delay. M: model of P in the guidance, with errors of
-+-20 %.
+The slopes of the law in e, psi and pending are finite differences of its function. P: response of
+the vehicle, from the family of tests/guidance/test_margins.py, scaled to the mission's delay. M:
+model of P in the guidance, with errors of +-20 %.
 
-On a large circle v/r_d is small compared with the crossover, and the margin depends on the delay alone. On a small
-circle the vehicle turns far within its delay.
+On a large circle v/r_d is small compared with the crossover, and the margin depends on the delay
+alone. On a small circle the vehicle turns far within its delay.
 """
 
 from collections.abc import Callable
@@ -28,14 +28,18 @@ from circnav_mav.guidance.vector_field import drift, drift_gains
 
 LINK = 0.05
 """Delay of link and control period, s, in addition to the vehicle's delay."""
-DEAD_SHARES, DAMPINGS, KNOWN = (0.3, 0.7), (0.3, 0.6, None), (0.8, 1.0, 1.2)
-"""Family of vehicles: share of the dead time in the delay, damping of the response (None: first order), and modeled
-over true delay."""
+DEAD_SHARES = (0.3, 0.7)
+DAMPINGS = (0.3, 0.6, None)
+KNOWN = (0.8, 1.0, 1.2)
+"""Family of vehicles: share of the dead time in the delay, damping of the response (None: first
+order), and modeled over true delay."""
 MOST_SENSITIVITY = 2.3
-"""Largest sensitivity |1/(1 + L)| that counts as a margin: 25 deg and 5 dB at least. Large circles have 2.1 at most. On
-firmware, a plane on 60 m at 15 m/s in 5 m/s of wind (2.6) oscillated; one on 150 m at 22 m/s (1.8) did not."""
+"""Largest sensitivity |1/(1 + L)| that counts as a margin: 25 deg and 5 dB at least. Large circles
+have 2.1 at most. On firmware, a plane on 60 m at 15 m/s in 5 m/s of wind (2.6) oscillated; one on
+150 m at 22 m/s (1.8) did not."""
 DESIGN_DRIFT = 1 / 3
-"""Drift, in units of V, in which a circle should keep its margin if its geometry allows this drift."""
+"""Drift, in units of V, in which a circle should keep its margin if its geometry allows this
+drift."""
 LARGEST = 20.0
 """Upper end of the search for a radius with margin, in units of the given radius."""
 _S = 1j * np.logspace(-1.3, 1.4, 300)
@@ -44,11 +48,13 @@ _S = 1j * np.logspace(-1.3, 1.4, 300)
 
 @lru_cache(maxsize=1024)
 def sensitivity(V: float, r_d: float, W: float, delay: float, late: float, limit: float) -> float:
-    """Return the largest sensitivity over the family. V: speed, m/s. W: drift, m/s. delay: of the vehicle's turn, s.
-    late: delay of the reported turn, s; the gains use the sum. limit: of the turn rate, rad/s."""
+    """Return the largest sensitivity over the family. V: speed, m/s. W: drift, m/s. delay: of the
+    vehicle's turn, s. late: delay of the reported turn, s; the gains use the sum. limit: of the
+    turn rate, rad/s."""
     worst = 0.0
     for known, share, damping in product(KNOWN, DEAD_SHARES, DAMPINGS):
-        dead, lag = share * delay, (1 - share) * delay
+        dead = share * delay
+        lag = (1 - share) * delay
         frequency = 2 * (damping or 0.0) / lag
         answer: Batch = 1 / (lag * _S + 1)
         if damping is not None:
@@ -62,7 +68,15 @@ def sensitivity(V: float, r_d: float, W: float, delay: float, late: float, limit
 
 
 def _loop(
-    P: Batch, M: Batch, V: float, r_d: float, W: float, ahead: float, settles: float, late: float, limit: float
+    P: Batch,
+    M: Batch,
+    V: float,
+    r_d: float,
+    W: float,
+    ahead: float,
+    settles: float,
+    late: float,
+    limit: float,
 ) -> Batch:
     """Return the loop gain, opened at the vehicle."""
     v = V + W
@@ -72,18 +86,34 @@ def _loop(
     def law(e: float, psi: float, pending: float) -> float:
         what = Pending(under_way + pending, ahead, settles)
         heading = pi / 2 + psi
-        return float(drift((r_d + e, 0.0), (0.0, W), heading, what, V=V, r_d=r_d, max_turn_rate=limit, gains=gains))
+        return float(
+            drift(
+                (r_d + e, 0.0),
+                (0.0, W),
+                heading,
+                what,
+                V=V,
+                r_d=r_d,
+                max_turn_rate=limit,
+                gains=gains,
+            )
+        )
 
     # Use small steps: outside the circle the field is curved (square root of the error).
     h = 1e-4
     by_e = (law(h, 0, 0) - law(-h, 0, 0)) / (2 * h)
-    by_psi, by_pending = ((law(0, h * a, h * b) - law(0, -h * a, -h * b)) / (2 * h) for a, b in ((1, 0), (0, 1)))
+    by_psi, by_pending = (
+        (law(0, h * a, h * b) - law(0, -h * a, -h * b)) / (2 * h) for a, b in ((1, 0), (0, 1))
+    )
     circle = _S**2 + (v / r_d) ** 2
     return np.asarray(-P * (by_psi * _S - by_e * V) / circle / (1 - by_pending * (1 - M) / _S))
 
 
-def drift_with_margin(V: float, r_d: float, most: float, delay: float, late: float, limit: float) -> float:
-    """Return the largest drift up to `most`, m/s, in which a circle keeps its margin; negative if none."""
+def drift_with_margin(
+    V: float, r_d: float, most: float, delay: float, late: float, limit: float
+) -> float:
+    """Return the largest drift up to `most`, m/s, in which a circle keeps its margin; negative if
+    none."""
 
     def sound(W: float) -> bool:
         return sensitivity(V, r_d, W, delay, late, limit) <= MOST_SENSITIVITY
@@ -95,7 +125,9 @@ def drift_with_margin(V: float, r_d: float, most: float, delay: float, late: flo
     return _border(0.0, most, sound)
 
 
-def radius_with_margin(V: float, r_d: float, W: float, delay: float, late: float, limit: float) -> float:
+def radius_with_margin(
+    V: float, r_d: float, W: float, delay: float, late: float, limit: float
+) -> float:
     """Return the smallest radius above r_d, m, that keeps its margin in a drift W (m/s), or inf."""
 
     def short(radius: float) -> bool:
@@ -105,7 +137,8 @@ def radius_with_margin(V: float, r_d: float, W: float, delay: float, late: float
 
 
 def _border(low: float, high: float, holds: Callable[[float], bool]) -> float:
-    """Return the value at which a condition changes from true (low) to false (high), by bisection to 1 %."""
+    """Return the value at which a condition changes from true (low) to false (high), by bisection
+    to 1 %."""
     while high - low > 0.01 * high:
         middle = (low + high) / 2
         low, high = (middle, high) if holds(middle) else (low, middle)

@@ -1,8 +1,10 @@
-"""Elementary functions of a float or an array, arcs at a steady turn rate, and horizontal ranges from slant ranges.
+"""Elementary functions of a float or an array, arcs at a steady turn rate, and horizontal ranges
+from slant ranges.
 
-Each equation is written once. It serves one real flight (floats) and the flights of an experiment (last axis of its
-arrays). Floats use `math`, which is several times as fast as numpy and differs only in the last bit. Floats outside the
-domain raise ValueError. `minimum`, `maximum` and `clip` of floats return NaN only if it is the first argument.
+Each equation is written once. It serves one real flight (floats) and the flights of an experiment
+(last axis of its arrays). Floats use `math`, which is several times as fast as numpy and differs
+only in the last bit. Floats outside the domain raise ValueError. `minimum`, `maximum` and `clip` of
+floats return NaN only if it is the first argument.
 """
 
 import math
@@ -15,7 +17,8 @@ from numpy import ndarray
 from numpy.typing import NDArray
 
 Array = Any
-"""Result type: a number for one flight, or an array for many. `Any`, because the caller determines which."""
+"""Result type: a number for one flight, or an array for many. `Any`, because the caller determines
+which."""
 Batch = NDArray[Any]
 """Array with the flights as last axis."""
 Pair = tuple[Array, Array] | Array
@@ -30,16 +33,26 @@ def _either(one: Callable[..., Any], many: Callable[..., Any]) -> Callable[[Any]
 
 
 def _either_of_two(one: Callable[..., Any], many: Callable[..., Any]) -> Callable[[Any, Any], Any]:
-    return lambda x, y: many(x, y) if isinstance(x, ndarray) or isinstance(y, ndarray) else one(x, y)
+    return lambda x, y: (
+        many(x, y) if isinstance(x, ndarray) or isinstance(y, ndarray) else one(x, y)
+    )
 
 
-cos, sin, sqrt = _either(math.cos, np.cos), _either(math.sin, np.sin), _either(math.sqrt, np.sqrt)
-arccos, arcsin = _either(math.acos, np.arccos), _either(math.asin, np.arcsin)
-exp, tanh = _either(math.exp, np.exp), _either(math.tanh, np.tanh)
-logical_not, some = _either(lambda x: not x, np.logical_not), _either(bool, np.any)
-rint, sign = _either(round, np.rint), _either(lambda x: bool(x > 0) - bool(x < 0), np.sign)
-arctan2, hypot = _either_of_two(math.atan2, np.arctan2), _either_of_two(math.hypot, np.hypot)
-minimum, maximum = _either_of_two(min, np.minimum), _either_of_two(max, np.maximum)
+cos = _either(math.cos, np.cos)
+sin = _either(math.sin, np.sin)
+sqrt = _either(math.sqrt, np.sqrt)
+arccos = _either(math.acos, np.arccos)
+arcsin = _either(math.asin, np.arcsin)
+exp = _either(math.exp, np.exp)
+tanh = _either(math.tanh, np.tanh)
+logical_not = _either(lambda x: not x, np.logical_not)
+some = _either(bool, np.any)
+rint = _either(round, np.rint)
+sign = _either(lambda x: bool(x > 0) - bool(x < 0), np.sign)
+arctan2 = _either_of_two(math.atan2, np.arctan2)
+hypot = _either_of_two(math.hypot, np.hypot)
+minimum = _either_of_two(min, np.minimum)
+maximum = _either_of_two(max, np.maximum)
 
 
 def unit(angle: Number) -> Any:
@@ -75,7 +88,8 @@ def where(condition: Flag, then: Any, otherwise: Any) -> Any:
 
 
 MAX_SIGMA_GROWTH = 5.0
-"""Largest growth of the noise from slant to horizontal range, at 78 deg of elevation. Above it a sample is useless."""
+"""Largest growth of the noise from slant to horizontal range, at 78 deg of elevation. Above it a
+sample is useless."""
 
 
 def wrap(angle: Number) -> Array:
@@ -84,12 +98,14 @@ def wrap(angle: Number) -> Array:
 
 
 def chord_parts(V: Number, psi: Number, turn: Number, dt: Number) -> tuple[Array, Array]:
-    """Return the exact displacement (m) in dt (s) at V (m/s), turning steadily by `turn` (rad) from heading psi (rad).
+    """Return the exact displacement (m) in dt (s) at V (m/s), turning steadily by `turn` (rad) from
+    heading psi (rad).
 
-    Its length is V dt sin(turn/2)/(turn/2) and its direction psi + turn/2. An Euler step instead causes -0.3 m of
-    radius error.
+    Its length is V dt sin(turn/2)/(turn/2) and its direction psi + turn/2. An Euler step instead
+    causes -0.3 m of radius error.
     """
-    length, middle = V * dt * sinc(turn / (2 * math.pi)), psi + turn / 2
+    length = V * dt * sinc(turn / (2 * math.pi))
+    middle = psi + turn / 2
     return length * cos(middle), length * sin(middle)
 
 
@@ -101,7 +117,8 @@ def chord(V: Number, psi: Number, turn: Number, dt: Number) -> Array:
 def horizontal(slant: float, sigma: float, height: float) -> tuple[float, float] | None:
     """Return horizontal range and its standard deviation from a slant range, all in m.
 
-    rho = sqrt(slant^2 - height^2), sigma_rho = sigma slant/rho. None if the target is (nearly) below the vehicle.
+    rho = sqrt(slant^2 - height^2), sigma_rho = sigma slant/rho. None if the target is (nearly)
+    below the vehicle.
     """
     inside = slant**2 - height**2
     if inside <= 0:
@@ -111,8 +128,11 @@ def horizontal(slant: float, sigma: float, height: float) -> tuple[float, float]
     return None if growth > MAX_SIGMA_GROWTH else (rho, sigma * growth)
 
 
-def horizontal_rate(slant: float, rate: float, sigma: float, height: float) -> tuple[float, float] | None:
-    """Return horizontal range rate and its standard deviation, m/s, from a slant range (m), its rate and the sigma of
-    this rate (m/s), in level flight: rho' = slant slant'/rho. None as for `horizontal`."""
+def horizontal_rate(
+    slant: float, rate: float, sigma: float, height: float
+) -> tuple[float, float] | None:
+    """Return horizontal range rate and its standard deviation, m/s, from a slant range (m), its
+    rate and the sigma of this rate (m/s), in level flight: rho' = slant slant'/rho. None as for
+    `horizontal`."""
     flat = horizontal(slant, sigma, height)
     return None if flat is None else (rate * slant / flat[0], flat[1])

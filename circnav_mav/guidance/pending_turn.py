@@ -9,8 +9,9 @@ from circnav_mav.guidance.turn_response import Response
 
 
 class Pending(NamedTuple):
-    """Commanded turn that is not flown yet. turn: rad. ahead: delay of the response, s. settles: its settling rate,
-    1/s. measurement_delay: delay of the reported turn rate, s. most: turn rate that the vehicle reaches, rad/s."""
+    """Commanded turn that is not flown yet. turn: rad. ahead: delay of the response, s. settles:
+    its settling rate, 1/s. measurement_delay: delay of the reported turn rate, s. most: turn rate
+    that the vehicle reaches, rad/s."""
 
     turn: Array
     ahead: Array
@@ -20,12 +21,12 @@ class Pending(NamedTuple):
 
 
 class PendingTurn:
-    """Model of the commanded turn that is not flown yet: commands younger than the dead time, and the turn that the lag
-    still adds.
+    """Model of the commanded turn that is not flown yet: commands younger than the dead time, and
+    the turn that the lag still adds.
 
-    Commands are the expected turn rates of the vehicle, rad/s: numbers, or arrays (B,) of flights commanded together.
-    The loop is closed on the commanded heading, so that it does not contain the modeled delay (Smith, "Closer control
-    of loops with dead time", 1957).
+    Commands are the expected turn rates of the vehicle, rad/s: numbers, or arrays (B,) of flights
+    commanded together. The loop is closed on the commanded heading, so that it does not contain the
+    modeled delay (Smith, "Closer control of loops with dead time", 1957).
     """
 
     def __init__(self) -> None:
@@ -43,13 +44,16 @@ class PendingTurn:
         self._rate = None
 
     def at(self, now: float, response: Response, turn_rate: Array) -> Pending:
-        """Return the pending turn. turn_rate: of the vehicle now, rad/s; the model starts from it after a reset."""
+        """Return the pending turn. turn_rate: of the vehicle now, rad/s; the model starts from it
+        after a reset."""
         dead = response.dead + response.link
         if not self._commands:
             return Pending(0.0 * turn_rate, response.delay, response.settles)
         if self._rate is None:
-            self._rate, self._at = turn_rate, self._commands[0][0] + dead
-        rate, at = self._rate, self._at
+            self._rate = turn_rate
+            self._at = self._commands[0][0] + dead
+        rate = self._rate
+        at = self._at
         # Until the first command arrives, the vehicle keeps the turn of its previous controller.
         turn = turn_rate * min(max(self._commands[0][0] - (now - dead), 0.0), dead)
         ends = [*[time for time, _ in self._commands][1:], now]
@@ -61,5 +65,6 @@ class PendingTurn:
             turn = turn + command * max(end - max(begin, now - dead), 0.0)
         while len(self._commands) > 1 and self._commands[1][0] + dead <= at:
             self._commands.popleft()
-        self._rate, self._at = rate, at
+        self._rate = rate
+        self._at = at
         return Pending(turn + response.lag * rate, response.delay, response.settles)

@@ -10,16 +10,22 @@ from math import inf, nan, sqrt
 from circnav_mav.guidance.laws import max_range_acceleration
 from circnav_mav.guidance.white_noise import WhiteNoise, is_even, residual
 
-KEPT, ENOUGH, QUARTILE = 60, 20, 0.25
+KEPT = 60
+ENOUGH = 20
+QUARTILE = 0.25
 """Residuals from sample to sample: number kept, fewest for a result, and the quantile used."""
 TOO_MUCH = 3.0
-"""Use the measured sigma instead of the reported one if it is larger by this factor. The quartile of 60 residuals has
-an error of about 25 %, and 10 % outliers increase it by half."""
-WIDE, KEPT_WIDE = 0.4, 200
-"""Widely spaced residuals, which must be small before a sigma is lowered: spacing, s, and number (20 s at 10 Hz)."""
-TOO_LITTLE, MARGIN = 3.5, 2.0
-"""A reported sigma above the first factor times the measured one is lowered to the second factor times the measured
-one. The margin covers the slow part of a radio's error (UWB: a third), which residuals hardly show."""
+"""Use the measured sigma instead of the reported one if it is larger by this factor. The quartile
+of 60 residuals has an error of about 25 %, and 10 % outliers increase it by half."""
+WIDE = 0.4
+KEPT_WIDE = 200
+"""Widely spaced residuals, which must be small before a sigma is lowered: spacing, s, and number
+(20 s at 10 Hz)."""
+TOO_LITTLE = 3.5
+MARGIN = 2.0
+"""A reported sigma above the first factor times the measured one is lowered to the second factor
+times the measured one. The margin covers the slow part of a radio's error (UWB: a third), which
+residuals hardly show."""
 RESOLUTION = 0.01
 """Lower bound of a lowered sigma, m or m/s: DISTANCE_SENSOR has a resolution of 1 cm."""
 UNIFORM = 0.29
@@ -28,22 +34,31 @@ TURN_BUILDS = 0.4
 """Time, s, in which a turn builds up. It bounds the change of the range acceleration."""
 ROUNDING = 1e-6
 """Largest difference that is a rounding error."""
-FEW, REPEATS = 3, 10
-"""Numbers of equal values in a row. From FEW on, these values are not used for the noise. A frozen sensor repeats its
-value at least REPEATS times."""
+FEW = 3
+REPEATS = 10
+"""Numbers of equal values in a row. From FEW on, these values are not used for the noise. A frozen
+sensor repeats its value at least REPEATS times."""
 
 
 class NoiseCheck:
-    """Corrects the sigma that a sensor reports, and detects a sensor frozen at one value. One instance per flight."""
+    """Corrects the sigma that a sensor reports, and detects a sensor frozen at one value. One
+    instance per flight."""
 
     def __init__(self, bend: Callable[[float], float], patience: float) -> None:
-        """bend: returns, for a value, the largest second derivative (per s^2) that motion can cause. patience: time of
-        equal values, s, after which the sensor counts as frozen."""
-        self._bend_of, self._patience = bend, patience
+        """bend: returns, for a value, the largest second derivative (per s^2) that motion can
+        cause. patience: time of equal values, s, after which the sensor counts as frozen."""
+        self._bend_of = bend
+        self._patience = patience
         self._newest: deque[tuple[float, float]] = deque(maxlen=256)
-        self._still, self._raw, self._wide = (WhiteNoise(kept, QUARTILE) for kept in (KEPT, KEPT, KEPT_WIDE))
-        """Residuals minus the largest effect of motion, unchanged residuals, and residuals of a wider spacing."""
-        self._step, self._same_since, self._same, self._noise = inf, 0.0, 0, inf
+        self._still, self._raw, self._wide = (
+            WhiteNoise(kept, QUARTILE) for kept in (KEPT, KEPT, KEPT_WIDE)
+        )
+        """Residuals minus the largest effect of motion, unchanged residuals, and residuals of a
+        wider spacing."""
+        self._step = inf
+        self._same_since = 0.0
+        self._same = 0
+        self._noise = inf
         self.repeated = 0.0
         """Time for which a frozen sensor has repeated its value, s; 0 if it is not frozen."""
         self.found: tuple[float, float] | None = None
@@ -53,7 +68,8 @@ class NoiseCheck:
 
     @classmethod
     def of_ranges(cls, speed: float, max_turn_rate: float) -> "NoiseCheck":
-        """Return the check for ranges (m) of a vehicle with this speed (m/s) and turn-rate limit (rad/s)."""
+        """Return the check for ranges (m) of a vehicle with this speed (m/s) and turn-rate limit
+        (rad/s)."""
         return cls(lambda r: float(max_range_acceleration(speed, max_turn_rate, r)), patience=10.0)
 
     @classmethod
@@ -63,16 +79,22 @@ class NoiseCheck:
         return cls(lambda rate: most, patience=2.0)
 
     def corrected(self, stamp: float, value: float, sigma: float, *, moving: bool = False) -> float:
-        """Return the standard deviation to use for a value measured at stamp (s) with a reported sigma.
+        """Return the standard deviation to use for a value measured at stamp (s) with a reported
+        sigma.
 
         moving: True if the vehicle moves, so that a working sensor cannot repeat its value.
         """
         self._repeat(stamp, value, sigma, moving)
         self._bend(stamp, value)
-        if self._still.count[0] >= ENOUGH and (measured := float(self._still.sigma[0])) > TOO_MUCH * sigma:
+        if (
+            self._still.count[0] >= ENOUGH
+            and (measured := float(self._still.sigma[0])) > TOO_MUCH * sigma
+        ):
             self.found = self.found or (sigma, measured)
             return measured
-        if self._wide.count[0] < KEPT_WIDE or self._raw.count[0] < ENOUGH:  # no residuals at uneven intervals
+        if (
+            self._wide.count[0] < KEPT_WIDE or self._raw.count[0] < ENOUGH
+        ):  # no residuals at uneven intervals
             return sigma
         measured = max(float(self._raw.sigma[0]), float(self._wide.sigma[0]))
         if self.lowered is None and sigma <= TOO_LITTLE * measured:
@@ -84,7 +106,8 @@ class NoiseCheck:
 
     def _bend(self, stamp: float, value: float) -> None:
         """Add the residuals of the newest values."""
-        newest, now = self._newest, (stamp, value)
+        newest = self._newest
+        now = (stamp, value)
         if len(newest) > 1 and is_even(newest[-2], newest[-1], now):
             (oldest, before), (middle, between) = newest[-2], newest[-1]
             self._resolve(abs(value - 2 * between + before))
@@ -102,7 +125,8 @@ class NoiseCheck:
             self._wide.add(residual(begin, halfway, now))
 
     def _resolve(self, difference: float) -> None:
-        """Update the sensor's resolution: differences and second differences are multiples of it."""
+        """Update the sensor's resolution: differences and second differences are multiples of
+        it."""
         if difference > ROUNDING:
             self._step = min(self._step, difference)
 
@@ -112,8 +136,8 @@ class NoiseCheck:
 
     def _repeat(self, stamp: float, value: float, sigma: float, moving: bool) -> None:
         """Count equal values in a row."""
-        # A coarse sensor on a steady circle may repeat a value without end. It is frozen only if its noise exceeded its
-        # resolution before, or if no other value was ever received.
+        # A coarse sensor on a steady circle may repeat a value without end. It is frozen only if
+        # its noise exceeded its resolution before, or if no other value was ever received.
         before = self._newest[-1][1] if self._newest else None
         if value != before:
             if before is not None:

@@ -1,8 +1,9 @@
-"""Consistency check of measured range rates with the ranges: z = r - (integral of the rate) must stay constant.
+"""Consistency check of measured range rates with the ranges: z = r - (integral of the rate) must
+stay constant.
 
-A wrong sign, a wrong scale, a frozen value or a bias all make z diverge. While z stays constant, they are harmless. The
-slope of z over some seconds is the error of the rate. It is the median over pairs half the span apart (as in the
-Theil-Sen estimator), which is robust to outliers.
+A wrong sign, a wrong scale, a frozen value or a bias all make z diverge. While z stays constant,
+they are harmless. The slope of z over some seconds is the error of the rate. It is the median over
+pairs half the span apart (as in the Theil-Sen estimator), which is robust to outliers.
 """
 
 from collections import deque
@@ -10,7 +11,8 @@ from math import sqrt
 from statistics import median
 from typing import NamedTuple
 
-QUICK, SLOW = 2.5, 15.0
+QUICK = 2.5
+SLOW = 15.0
 """Spans of the slope, s: the first shows large errors, the second a bias."""
 APART = 0.1
 """Shortest time between two stored ranges, s."""
@@ -19,15 +21,17 @@ GAP = 1.0
 FEWEST = 4
 """Least number of pairs for a slope."""
 DRIFTING = 0.1
-"""Share of a range's variance that does not average out over a span: radios also have slow errors."""
+"""Share of a range's variance that does not average out over a span: radios also have slow
+errors."""
 SURE = 4.0
-"""Smallest significant slope, in standard deviations. It is large because slopes are tested ten times a second, for
-hours."""
+"""Smallest significant slope, in standard deviations. It is large because slopes are tested ten
+times a second, for hours."""
 TOLERATED = 2.0
 """Additional tolerance, in standard deviations of the rate."""
-RETRY, LONGEST_RETRY = 10.0, 160.0
-"""Time, s, for which a rejected rate must agree with the ranges before it is trusted again, and its upper bound. The
-time doubles with each rejection."""
+RETRY = 10.0
+LONGEST_RETRY = 160.0
+"""Time, s, for which a rejected rate must agree with the ranges before it is trusted again, and its
+upper bound. The time doubles with each rejection."""
 
 
 class RateCheck:
@@ -39,12 +43,13 @@ class RateCheck:
         """True while the rates are used."""
         self.why = ""
         """Human-readable reason of the last rejection."""
-        self._retry, self._opposite = RETRY / 2, False
+        self._retry = RETRY / 2
+        self._opposite = False
         self._agreed = self._judged_at = 0.0
 
     def reset(self) -> None:
-        """Discard the stored ranges and rates, after a gap or a change of the clock: new values are not comparable with
-        them."""
+        """Discard the stored ranges and rates, after a gap or a change of the clock: new values are
+        not comparable with them."""
         self._integral = 0.0
         self._rate: tuple[float, float] | None = None
         self._ranges: deque[tuple[float, float, float]] = deque()
@@ -62,7 +67,8 @@ class RateCheck:
         self._rate = stamp, rate
 
     def add_range(self, stamp: float, r: float, sigma: float, rate_sigma: float) -> None:
-        """Add a range (m) at stamp (s), with the standard deviations of ranges (m) and rates (m/s)."""
+        """Add a range (m) at stamp (s), with the standard deviations of ranges (m) and rates
+        (m/s)."""
         if self._rate is None or abs(stamp - self._rate[0]) > GAP:
             return
         if self._ranges and stamp - self._ranges[-1][0] < APART - 1e-3:
@@ -74,9 +80,14 @@ class RateCheck:
         self._judge(stamp, sigma, rate_sigma)
 
     def _judge(self, now: float, sigma: float, rate_sigma: float) -> None:
-        slopes = [slope for span in (QUICK, SLOW) if (slope := self._slope(now, span, sigma)) is not None]
-        wrong = next((s for s in slopes if abs(s.off) > SURE * s.sigma + TOLERATED * rate_sigma), None)
-        step, self._judged_at = now - self._judged_at, now
+        slopes = [
+            slope for span in (QUICK, SLOW) if (slope := self._slope(now, span, sigma)) is not None
+        ]
+        wrong = next(
+            (s for s in slopes if abs(s.off) > SURE * s.sigma + TOLERATED * rate_sigma), None
+        )
+        step = now - self._judged_at
+        self._judged_at = now
         if wrong is not None:
             self._agreed = 0.0
             if self.trusted:
@@ -102,14 +113,17 @@ class RateCheck:
         pairs = list(zip(kept, kept[-half:], strict=False))
         apart = median(after[0] - before[0] for before, after in pairs)
         off, change = (
-            median((after[i] - before[i]) / (after[0] - before[0]) for before, after in pairs) for i in (1, 2)
+            median((after[i] - before[i]) / (after[0] - before[0]) for before, after in pairs)
+            for i in (1, 2)
         )
-        return _Slope(-off, sigma * sqrt(2 * (1.57 / half + DRIFTING)) / apart, change)  # 1.57: median over mean
+        return _Slope(
+            -off, sigma * sqrt(2 * (1.57 / half + DRIFTING)) / apart, change
+        )  # 1.57: median over mean
 
 
 class _Slope(NamedTuple):
-    """Slopes over a span, m/s. off: error of the rates. sigma: standard deviation of `off`. change: slope of the
-    ranges."""
+    """Slopes over a span, m/s. off: error of the rates. sigma: standard deviation of `off`. change:
+    slope of the ranges."""
 
     off: float
     sigma: float
@@ -123,6 +137,6 @@ class _Slope(NamedTuple):
         return f"{reported}, but its ranges change by {self.change:+.1f} m/s{advice}"
 
     def opposite(self, within: float) -> bool:
-        """True if the reported rate is the slope of the ranges with the opposite sign. within: tolerance, as a share of
-        the slope."""
+        """True if the reported rate is the slope of the ranges with the opposite sign. within:
+        tolerance, as a share of the slope."""
         return abs(self.change + self.off + self.change) < within * abs(self.change)

@@ -1,23 +1,28 @@
-"""Side-slip of an airplane from bank, pitch and turn rate alone: the angle from its nose to its path.
+"""Side-slip of an airplane from bank, pitch and turn rate alone: the angle from its nose to its
+path.
 
     steady:  angle = c (w - psi') - pitch tan(bank),   w = g tan(bank)/V
-    else:    angle' = q w - psi' + (steady angle - angle)/T,           q = psi'/w, the mean of many seconds
+    else:    angle' = q w - psi' + (steady angle - angle)/T,   q = mean of psi'/w
 
-angle: from the nose to the direction of motion through the air, seen from above. w: turn rate of the coordinated turn.
-psi': turn rate of the nose. All counter-clockwise positive; bank to the left, pitch above the path.
+angle: from the nose to the direction of motion through the air, seen from above. w: turn rate of
+the coordinated turn. psi': turn rate of the nose. All counter-clockwise positive; bank to the left,
+pitch above the path.
 
-First term: if the nose turns less than its bank requires, the side force balances the rest. In the time c a
-side-slip turns the path by its angle. Second term: with bank and the nose up, the nose points to the inside of the
-turn. The pitch is the mean of straight flight over many seconds, plus the rise for the extra lift in a bank. The
-momentary pitch is not used: gusts disturb it. A gust turns the nose into the wind and leaves the path
-unchanged. Within T the path follows the bank, not the nose.
+First term: if the nose turns less than its bank requires, the side force balances the rest. In the
+time c a side-slip turns the path by its angle. Second term: with bank and the nose up, the nose
+points to the inside of the turn. The pitch is the mean of straight flight over many seconds, plus
+the rise for the extra lift in a bank. The momentary pitch is not used: gusts disturb it. A gust
+turns the nose into the wind and leaves the path unchanged. Within T the path follows the bank, not
+the nose.
 
-ArduPilot's simulated plane flies 0.75 of its coordinated turn rate, with its nose 2.8 deg down. On a circle its path
-points 2.3 deg inside of its nose; in wind this varies by +-1 deg with the bank. Source: balance of the forces across
-the path, geometry of a banked vehicle; fitted to true tracks of ArduPlane 4.6.3 (calm, wind of 5 and 8 m/s).
+ArduPilot's simulated plane flies 0.75 of its coordinated turn rate, with its nose 2.8 deg down. On
+a circle its path points 2.3 deg inside of its nose; in wind this varies by +-1 deg with the bank.
+Source: balance of the forces across the path, geometry of a banked vehicle; fitted to true tracks
+of ArduPlane 4.6.3 (calm, wind of 5 and 8 m/s).
 
-Limits: c, T and LIFTS are those of this one simulated airframe. Only q and the pitch are learned in flight. The error
-on another airframe is bounded by MOST. On the emulated PX4 plane the correction changes the radius by less than 2 %.
+Limits: c, T and LIFTS are those of this one simulated airframe. Only q and the pitch are learned in
+flight. The error on another airframe is bounded by MOST. On the emulated PX4 plane the correction
+changes the radius by less than 2 %.
 """
 
 from math import exp, tan
@@ -32,7 +37,8 @@ BY_BANK = 0.6
 LIFTS = 0.052
 """Rise of the nose, rad, per unit of tan(bank)."""
 MEAN_TIME = 20.0
-"""Time constant of the means of straight-flight pitch and of q (flown over coordinated turn rate), s."""
+"""Time constant of the means of straight-flight pitch and of q (flown over coordinated turn rate),
+s."""
 LEAST_TURN = 0.02
 """Turn rate from which q is observable, rad/s. Below, q tends to 1."""
 MOST = 0.2
@@ -42,8 +48,8 @@ LONGEST_STEP = 0.5
 
 
 class SideSlip(NamedTuple):
-    """Estimate after a report. time: s. angle: see above, rad. level: pitch of straight flight, rad. turned, asked:
-    means of psi' w and w^2, (rad/s)^2."""
+    """Estimate after a report. time: s. angle: see above, rad. level: pitch of straight flight,
+    rad. turned, asked: means of psi' w and w^2, (rad/s)^2."""
 
     time: float = float("-inf")
     angle: float = 0.0
@@ -52,20 +58,25 @@ class SideSlip(NamedTuple):
     asked: float = 0.0
 
     def follow(self, own: OwnMotion) -> tuple["SideSlip", OwnMotion]:
-        """Return the state after a report, and the motion with the direction through the air as heading. Both are
-        unchanged for a vehicle that does not bank to turn."""
+        """Return the state after a report, and the motion with the direction through the air as
+        heading. Both are unchanged for a vehicle that does not bank to turn."""
         if own.bank_turn is None:
             return self, own
-        w, lifted, step = own.bank_turn, LIFTS * abs(tan(own.bank)), own.time - self.time
+        w = own.bank_turn
+        lifted = LIFTS * abs(tan(own.bank))
+        step = own.time - self.time
         goes_on = 0 <= step <= LONGEST_STEP
 
         def mean(before: float, value: float, over: float) -> float:
             return value + (exp(-step / over) * (before - value) if goes_on else 0.0)
 
         level = mean(self.level, own.pitch - lifted, MEAN_TIME)
-        turned, asked = mean(self.turned, own.turn_rate * w, MEAN_TIME), mean(self.asked, w * w, MEAN_TIME)
+        turned = mean(self.turned, own.turn_rate * w, MEAN_TIME)
+        asked = mean(self.asked, w * w, MEAN_TIME)
         q = (turned + LEAST_TURN**2) / (asked + LEAST_TURN**2)
         steady = BENDS_AWAY * (1 - q) * w - (level + lifted) * tan(own.bank)
         angle = mean(self.angle, steady + BY_BANK * (q * w - own.turn_rate), BY_BANK)
         angle = min(max(angle, -MOST), MOST)
-        return SideSlip(own.time, angle, level, turned, asked), own._replace(heading=own.heading + angle)
+        return SideSlip(own.time, angle, level, turned, asked), own._replace(
+            heading=own.heading + angle
+        )

@@ -1,17 +1,29 @@
 """Ratio of flown to commanded turn rate, learned in flight; floats for one flight, arrays for many.
 
-Real vehicles fly 0.70 to 1.05 of the commanded turn rate (a plane that banks for a coordinated turn and slips: 0.73). A
-remaining error of 1 % is 0.2 to 0.3 m of radius. Method: least squares of the heading's rate on the commanded rate,
-with exponential forgetting. Both pass the same low-pass, so that the vehicle's lag does not bias the ratio.
+Real vehicles fly 0.70 to 1.05 of the commanded turn rate (a plane that banks for a coordinated turn
+and slips: 0.73). A remaining error of 1 % is 0.2 to 0.3 m of radius. Method: least squares of the
+heading's rate on the commanded rate, with exponential forgetting. Both pass the same low-pass, so
+that the vehicle's lag does not bias the ratio.
 """
 
 from math import inf, pi
 from typing import NamedTuple
 
-from circnav_mav.guidance.maths import Flag, Number, clip, exp, logical_not, magnitude, maximum, rint, where
+from circnav_mav.guidance.maths import (
+    Flag,
+    Number,
+    clip,
+    exp,
+    logical_not,
+    magnitude,
+    maximum,
+    rint,
+    where,
+)
 from circnav_mav.guidance.types import SAME_TIME
 
-SMOOTHING, MEMORY = 1.0, 15.0
+SMOOTHING = 1.0
+MEMORY = 15.0
 """Time constants of the low-pass and of the least squares, s."""
 PRIOR = 0.01
 """Weight of the initial gain 1, (rad/s)^2 s."""
@@ -26,8 +38,8 @@ LONGEST_STEP = 0.5
 
 
 class TurnGain(NamedTuple):
-    """State of the estimate. gain: flown over commanded turn rate. time: of the newest heading, s; -inf at the start.
-    age: time for which the vehicle has followed, s."""
+    """State of the estimate. gain: flown over commanded turn rate. time: of the newest heading, s;
+    -inf at the start. age: time for which the vehicle has followed, s."""
 
     gain: Number = 1.0
     time: Number = -inf
@@ -41,15 +53,18 @@ class TurnGain(NamedTuple):
 
     @property
     def followed(self) -> Flag:
-        """True if the turn is at least a third of the command, or the command is too small to judge."""
+        """True if the turn is at least a third of the command, or the command is too small to
+        judge."""
         return _followed(self.smooth_rate, self.smooth_command)
 
 
-def learn(state: TurnGain, *, lag: Number, time: Number, heading: Number, command: Number) -> TurnGain:
+def learn(
+    state: TurnGain, *, lag: Number, time: Number, heading: Number, command: Number
+) -> TurnGain:
     """Return the state after a heading.
 
-    lag: delay from a command to its turn, s. heading: measured, rad. command: commanded turn rate meanwhile, rad/s,
-    same sense as the heading.
+    lag: delay from a command to its turn, s. heading: measured, rad. command: commanded turn rate
+    meanwhile, rad/s, same sense as the heading.
     """
     gap = time - state.time
     begins = logical_not((gap >= 0) & (gap <= LONGEST_STEP))
@@ -63,7 +78,8 @@ def learn(state: TurnGain, *, lag: Number, time: Number, heading: Number, comman
     rate = state.smooth_rate + (turned / maximum(step, 1e-9) - state.smooth_rate) * smooth
     followed = _followed(rate, smoothed)
     age = where(followed, state.age + step, 0.0)
-    # Earlier, the low-pass still contains its initial value, or turns from before the vehicle followed.
+    # Earlier, the low-pass still contains its initial value, or turns from before the vehicle
+    # followed.
     learns = followed & (age >= 4 * SMOOTHING - SAME_TIME)
     forget = exp(-step / MEMORY)
     square = where(learns, state.square * forget + smoothed**2 * step, state.square)

@@ -1,14 +1,17 @@
-"""Monitor of commanded and flown turns over a sliding window: detects a vehicle that does not follow, and limit cycles.
+"""Monitor of commanded and flown turns over a sliding window: detects a vehicle that does not
+follow, and limit cycles.
 
-Both detectors use bins of 0.2 s: commanded turn rate, flown turn rate (of a plane: that of its bank), and the
-prediction of each candidate of `turn_response`. Ranges are not used, so a wrong range raises no alarm.
+Both detectors use bins of 0.2 s: commanded turn rate, flown turn rate (of a plane: that of its
+bank), and the prediction of each candidate of `turn_response`. Ranges are not used, so a wrong
+range raises no alarm.
 
-Following: least squares of the flown on the predicted turns. A vehicle that follows has a gain of a third or more at
-one of the candidate delays. Otherwise the flown turns fit better to a constant turn (commands are ignored), a negative
-gain (reversed) or a gain below a fifth (weak).
+Following: least squares of the flown on the predicted turns. A vehicle that follows has a gain of a
+third or more at one of the candidate delays. Otherwise the flown turns fit better to a constant
+turn (commands are ignored), a negative gain (reversed) or a gain below a fifth (weak).
 
-Limit cycle: autocorrelation of the fast part of the turns. In a limit cycle the turns repeat after one period
-and are reversed after half a period. Gusts and noise may be as large, but have no period.
+Limit cycle: autocorrelation of the fast part of the turns. In a limit cycle the turns repeat after
+one period and are reversed after half a period. Gusts and noise may be as large, but have no
+period.
 """
 
 from collections import deque
@@ -20,59 +23,74 @@ import numpy as np
 from circnav_mav.guidance.maths import Batch
 
 BIN = 0.2
-"""Width of a bin, s: shorter bins contain too much gyro noise, longer ones do not resolve the delay."""
+"""Width of a bin, s: shorter bins contain too much gyro noise, longer ones do not resolve the
+delay."""
 LONGEST_GAP = 1.0
 """Gap between two bins, s, after which the window restarts: the turns in between are unknown."""
 BEGINS = 1.6
-"""Time after the first command, s, before turns are compared: the vehicle first finishes its previous maneuver."""
+"""Time after the first command, s, before turns are compared: the vehicle first finishes its
+previous maneuver."""
 
-LEAST_GAIN, MOST_GAIN = 1 / 3, 1.6
-"""Gains of a vehicle that follows. A plane with a bank limit below the mission's has a gain down to a third."""
-WEAK_GAIN, REVERSED_GAIN = 0.2, -1.6
+LEAST_GAIN = 1 / 3
+MOST_GAIN = 1.6
+"""Gains of a vehicle that follows. A plane with a bank limit below the mission's has a gain down to
+a third."""
+WEAK_GAIN = 0.2
+REVERSED_GAIN = -1.6
 """Gains of a vehicle that does not follow. Between a fifth and a third the verdict is open."""
 WINDOWS = 12, 20, 50
 """Lengths of the windows, bins: 2.4 s of hard turns are enough, small turns need 10 s."""
 BETTER = 0.3
-"""Largest ratio of the better model's squared error to that of the other model. Gusts that turn the nose, 0.1 rad/s on
-the emulated vehicles, leave a ratio above 0.5."""
+"""Largest ratio of the better model's squared error to that of the other model. Gusts that turn the
+nose, 0.1 rad/s on the emulated vehicles, leave a ratio above 0.5."""
 EVIDENCE = 0.0007
-"""Least difference of both models' squared errors, integrated over time, rad^2/s: 0.05 rad/s (3 deg/s) not flown for
-2.4 s, or 0.025 rad/s for 10 s. A bank error of 3 deg is 0.023 rad/s at 22 m/s."""
+"""Least difference of both models' squared errors, integrated over time, rad^2/s: 0.05 rad/s (3
+deg/s) not flown for 2.4 s, or 0.025 rad/s for 10 s. A bank error of 3 deg is 0.023 rad/s at 22
+m/s."""
 IN_A_ROW = 2
 """Consecutive bins that must agree before the verdict changes."""
 
-SWING_WINDOW, LEAST_SWING_WINDOW = 72, 36
-"""Longest and shortest window for a limit cycle, bins: 14.4 s contain four periods of the slowest cycle, 7.2 s four
-periods of 1.8 s."""
+SWING_WINDOW = 72
+LEAST_SWING_WINDOW = 36
+"""Longest and shortest window for a limit cycle, bins: 14.4 s contain four periods of the slowest
+cycle, 7.2 s four periods of 1.8 s."""
 LONGEST_PERIOD = 18
-"""Longest period of a limit cycle, bins, while the target is not located: 3.6 s. Limit cycles on firmware had periods
-of 1 to 4.6 s, most of them below 2.5 s. Longer periods also occur during the acquisition of the target: its excitation
-has a period of 6 s, and turns from one hypothesis to the next take 4.4 to 5 s."""
-SLOW_WINDOW, SLOWEST_PERIOD = 160, 40
-"""Window and longest period, bins, of a limit cycle while the law uses the estimated target position: 32 s contain
-four periods of 8 s. A copter at its acceleration limit swung with periods of 5 to 6 s."""
+"""Longest period of a limit cycle, bins, while the target is not located: 3.6 s. Limit cycles on
+firmware had periods of 1 to 4.6 s, most of them below 2.5 s. Longer periods also occur during the
+acquisition of the target: its excitation has a period of 6 s, and turns from one hypothesis to the
+next take 4.4 to 5 s."""
+SLOW_WINDOW = 160
+SLOWEST_PERIOD = 40
+"""Window and longest period, bins, of a limit cycle while the law uses the estimated target
+position: 32 s contain four periods of 8 s. A copter at its acceleration limit swung with periods of
+5 to 6 s."""
 LAP_SHARE = 0.4
-"""Longest period of a limit cycle as a share of the lap. In wind, turns repeat with every lap, and twice in a lap."""
+"""Longest period of a limit cycle as a share of the lap. In wind, turns repeat with every lap, and
+twice in a lap."""
 PERIODS = 4.0
-"""Least number of periods in the window. The alternating turns of an approach, and gusts that repeat by chance, have
-fewer periods."""
+"""Least number of periods in the window. The alternating turns of an approach, and gusts that
+repeat by chance, have fewer periods."""
 LASTS = 5
 """Consecutive bins in which the oscillation must be regular."""
 LEAST_SWING = 0.25
-"""Least RMS of the fast part of an oscillation that counts as a limit cycle, in units of the turn-rate limit."""
-REPEATS, REVERSES = 0.8, -0.75
-"""Autocorrelation of a limit cycle: lower bound after one period, upper bound half a period before. On the emulated
-vehicles, limit cycles have magnitudes of 0.9 and more. Stable loops in gusts of 3 m/s have 0.6, approaches and
-acquisition at most 0.71."""
-LOWERED, LEAST = 0.7, 0.15
-"""Factor on the gains after each limit cycle, and least share of the gains. A vehicle whose own turn loop has a damping
-of 0.06 stops oscillating at a third of the gains. With a damping of 0.05 at 3 rad/s it stops at a sixth. A tenth of the
-gains did not hold a circle of 60 m in wind: the vehicle was 71 m off."""
+"""Least RMS of the fast part of an oscillation that counts as a limit cycle, in units of the
+turn-rate limit."""
+REPEATS = 0.8
+REVERSES = -0.75
+"""Autocorrelation of a limit cycle: lower bound after one period, upper bound half a period before.
+On the emulated vehicles, limit cycles have magnitudes of 0.9 and more. Stable loops in gusts of 3
+m/s have 0.6, approaches and acquisition at most 0.71."""
+LOWERED = 0.7
+LEAST = 0.15
+"""Factor on the gains after each limit cycle, and least share of the gains. A vehicle whose own
+turn loop has a damping of 0.06 stops oscillating at a third of the gains. With a damping of 0.05 at
+3 rad/s it stops at a sixth. A tenth of the gains did not hold a circle of 60 m in wind: the vehicle
+was 71 m off."""
 
 
 class TurnBin(NamedTuple):
-    """Mean turn rates of a bin, rad/s. time: end of the bin, s. width: duration, s. predicted: turn rate predicted by
-    each candidate of the turn response. flown: measured turn rate."""
+    """Mean turn rates of a bin, rad/s. time: end of the bin, s. width: duration, s. predicted: turn
+    rate predicted by each candidate of the turn response. flown: measured turn rate."""
 
     time: float
     width: float
@@ -83,9 +101,9 @@ class TurnBin(NamedTuple):
 class TurnMonitor:
     """Detects a vehicle that does not follow, and lowers the gains in a limit cycle.
 
-    follows: False while the vehicle does not follow turn commands. since: time of that verdict, s; inf if the vehicle
-    follows. share: factor on the gains. lap: duration of a lap while the law flies on the estimated target position, s,
-    else 0.
+    follows: False while the vehicle does not follow turn commands. since: time of that verdict, s;
+    inf if the vehicle follows. share: factor on the gains. lap: duration of a lap while the law
+    flies on the estimated target position, s, else 0.
     """
 
     def __init__(self, limit: float) -> None:
@@ -94,11 +112,14 @@ class TurnMonitor:
         self._bins: deque[TurnBin] = deque(maxlen=max(WINDOWS))
         self._turns: deque[tuple[float, float]] = deque(maxlen=SLOW_WINDOW)
         self._in_a_row = self._regular = self._located = 0
-        self.follows, self.since = True, inf
-        self.share, self.lap = 1.0, 0.0
+        self.follows = True
+        self.since = inf
+        self.share = 1.0
+        self.lap = 0.0
 
     def take(self, new: TurnBin, commanded: float, begun: float) -> None:
-        """Add a bin. commanded: turn rate, rad/s. begun: time of the first command to this vehicle, s."""
+        """Add a bin. commanded: turn rate, rad/s. begun: time of the first command to this vehicle,
+        s."""
         if self._bins and new.time - self._bins[-1].time > LONGEST_GAP:
             self._forget()
         if new.time - begun < BEGINS:
@@ -112,7 +133,8 @@ class TurnMonitor:
     def reset(self) -> None:
         """Restart. Call when another controller has the vehicle. The gains stay lowered."""
         self._forget()
-        self.follows, self.since = True, inf
+        self.follows = True
+        self.since = inf
 
     def _forget(self) -> None:
         self._bins.clear()
@@ -125,16 +147,20 @@ class TurnMonitor:
         verdict = min(judged, default=0) if min(judged, default=0) < 0 else max(judged, default=0)
         self._in_a_row = self._in_a_row + verdict if verdict * self._in_a_row >= 0 else verdict
         if self._in_a_row <= -IN_A_ROW and self.follows:
-            self.follows, self.since = False, now
+            self.follows = False
+            self.since = now
         elif self._in_a_row >= IN_A_ROW and not self.follows:
-            self.follows, self.since = True, inf
+            self.follows = True
+            self.since = inf
 
     def _judge_swing(self) -> None:
         if len(self._turns) < LEAST_SWING_WINDOW:
             return
-        turns, least = np.array(self._turns).T, LEAST_SWING * self._limit
+        turns = np.array(self._turns).T
+        least = LEAST_SWING * self._limit
         swings = any(_swings(one[-SWING_WINDOW:], least, LONGEST_PERIOD) for one in turns)
-        # All turns flown on the located target: the longer this stretch, the slower a cycle that it can show.
+        # All turns flown on the located target: the longer this stretch, the slower a cycle that it
+        # can show.
         if (size := min(len(self._turns), self._located)) > SWING_WINDOW:
             longest = min(SLOWEST_PERIOD, int(LAP_SHARE * self.lap / BIN))
             swings = swings or any(_swings(one[-size:], least, longest) for one in turns)
@@ -147,18 +173,20 @@ class TurnMonitor:
 
 
 def _evidence(bins: deque[TurnBin], width: int) -> int:
-    """Return -1 if the newest bins show that the vehicle does not follow, +1 if they show that it does, else 0. A
-    constant turn never gives +1: it may be independent of the commands."""
+    """Return -1 if the newest bins show that the vehicle does not follow, +1 if they show that it
+    does, else 0. A constant turn never gives +1: it may be independent of the commands."""
     newest = list(bins)[-width:]
     flown = np.array([one.flown for one in newest])
     predicted = np.array([one.predicted.ravel() for one in newest])
-    square, product = (predicted**2).sum(0), flown @ predicted
+    square = (predicted**2).sum(0)
+    product = flown @ predicted
 
     def errors(least: float, most: float) -> Batch:
         gain = np.clip(product / np.maximum(square, 1e-9), least, most)
         return np.asarray((flown[:, None] - gain * predicted) ** 2)
 
-    # Ignore the worst bin: a late attitude or a lost setpoint makes one bin wrong, a vehicle that does not follow many.
+    # Ignore the worst bin: a late attitude or a lost setpoint makes one bin wrong, a vehicle that
+    # does not follow many.
     followed = errors(LEAST_GAIN, MOST_GAIN)
     following = float((followed.sum(0) - followed.max(0)).min())
     weak = float(errors(REVERSED_GAIN, WEAK_GAIN).sum(0).min())
@@ -169,8 +197,9 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
 
 
 def _swings(turns: Batch, least: float, longest: int) -> bool:
-    """Return True if binned turn rates (rad/s) repeat as in a limit cycle with a period of at most `longest` bins, and
-    the RMS of their fast part is at least `least`, rad/s. A parabola removes the slow part: wind and approach."""
+    """Return True if binned turn rates (rad/s) repeat as in a limit cycle with a period of at most
+    `longest` bins, and the RMS of their fast part is at least `least`, rad/s. A parabola removes
+    the slow part: wind and approach."""
     place = np.linspace(-1.0, 1.0, turns.size)
     fast = turns - np.polyval(np.polyfit(place, turns, 2), place)
     if sqrt(float(np.mean(fast**2))) < least:

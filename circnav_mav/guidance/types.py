@@ -29,9 +29,10 @@ class Direction(Enum):
 class RangeSample(NamedTuple):
     """One measured range.
 
-    stamp: time of the measurement on the sensor's clock, s (any epoch; only differences matter). time: the same moment
-    on the local clock, s. r: horizontal distance to the target, m. sigma: its standard deviation, m. source: name of
-    the sensor, for the log. r_dot: Doppler range rate, m/s, or None. r_dot_sigma: its standard deviation, m/s.
+    stamp: time of the measurement on the sensor's clock, s (any epoch; only differences matter).
+    time: the same moment on the local clock, s. r: horizontal distance to the target, m. sigma: its
+    standard deviation, m. source: name of the sensor, for the log. r_dot: Doppler range rate, m/s,
+    or None. r_dot_sigma: its standard deviation, m/s.
     """
 
     stamp: float
@@ -45,11 +46,16 @@ class RangeSample(NamedTuple):
     @property
     def rate(self) -> "RateSample | None":
         """Range rate of the same moment, or None."""
-        return None if self.r_dot is None else RateSample(self.stamp, self.time, self.r_dot, self.r_dot_sigma)
+        return (
+            None
+            if self.r_dot is None
+            else RateSample(self.stamp, self.time, self.r_dot, self.r_dot_sigma)
+        )
 
 
 class RateSample(NamedTuple):
-    """One measured range rate, m/s, horizontal, positive away from the target. Other fields as in RangeSample."""
+    """One measured range rate, m/s, horizontal, positive away from the target. Other fields as in
+    RangeSample."""
 
     stamp: float
     time: float
@@ -58,7 +64,8 @@ class RateSample(NamedTuple):
 
 
 class IntegratedAcceleration(NamedTuple):
-    """Integral (x, y) of the measured horizontal acceleration, m/s, beginning at the time `since`, s."""
+    """Integral (x, y) of the measured horizontal acceleration, m/s, beginning at the time `since`,
+    s."""
 
     x: float
     y: float
@@ -68,12 +75,13 @@ class IntegratedAcceleration(NamedTuple):
 class OwnMotion(NamedTuple):
     """Motion that the autopilot measures without GPS.
 
-    time: local clock, s. heading: direction of motion through the air, rad. It differs from the nose by a
-    plane's side-slip or a copter's crab angle. turn_rate: of the nose, rad/s (not the body's z rate). airspeed: as
-    measured, m/s. bank_turn: turn rate of the coordinated turn at this bank, rad/s; None for vehicles that do not bank
-    to turn. bank: to the left, rad. pitch: of the nose above the path, rad. push: horizontal acceleration (x, y) by the
-    tilt of the thrust, m/s^2, or None. felt: integrated accelerometer measurement, or None. drag: specific force
-    (forward, left) along the horizontal axes of a copter without the part of its thrust, m/s^2, or None.
+    time: local clock, s. heading: direction of motion through the air, rad. It differs from the
+    nose by a plane's side-slip or a copter's crab angle. turn_rate: of the nose, rad/s (not the
+    body's z rate). airspeed: as measured, m/s. bank_turn: turn rate of the coordinated turn at this
+    bank, rad/s; None for vehicles that do not bank to turn. bank: to the left, rad. pitch: of the
+    nose above the path, rad. push: horizontal acceleration (x, y) by the tilt of the thrust, m/s^2,
+    or None. felt: integrated accelerometer measurement, or None. drag: specific force (forward,
+    left) along the horizontal axes of a copter without the part of its thrust, m/s^2, or None.
     """
 
     time: float
@@ -91,12 +99,13 @@ class OwnMotion(NamedTuple):
 class RelativeMotion(NamedTuple):
     """Position relative to the target, and drift, in compass axes. Arrays in batched experiments.
 
-    x, y: vehicle minus target, m. sigma: standard deviation of the position, m. drift_x, drift_y: wind minus target
-    velocity, m/s. heading (rad), turn_rate (rad/s): own motion at this moment. airspeed: true, m/s. scale: true over
-    measured airspeed. trusted: True if the estimate may steer. trial: number of the hypothesis during acquisition, else
-    None (in arrays -1). drift_remembered: True if acquisition started with an earlier drift estimate.
-    acceleration_weight: weight of the measured accelerations, 0 to 1. drift_covariance: xx, xy, yy of the steady part
-    of the drift, (m/s)^2; None in experiments.
+    x, y: vehicle minus target, m. sigma: standard deviation of the position, m. drift_x, drift_y:
+    wind minus target velocity, m/s. heading (rad), turn_rate (rad/s): own motion at this moment.
+    airspeed: true, m/s. scale: true over measured airspeed. trusted: True if the estimate may
+    steer. trial: number of the hypothesis during acquisition, else None (in arrays -1).
+    drift_remembered: True if acquisition started with an earlier drift estimate.
+    acceleration_weight: weight of the measured accelerations, 0 to 1. drift_covariance: xx, xy, yy
+    of the steady part of the drift, (m/s)^2; None in experiments.
     """
 
     x: float
@@ -116,7 +125,8 @@ class RelativeMotion(NamedTuple):
 
     @property
     def eta(self) -> float:
-        """Angle from the heading to the line of sight, rad in [-pi, pi), the target to the left positive."""
+        """Angle from the heading to the line of sight, rad in [-pi, pi), the target to the left
+        positive."""
         return (self.bearing - self.heading + pi) % (2 * pi) - pi
 
     @property
@@ -133,9 +143,10 @@ class RelativeMotion(NamedTuple):
 class RangeEstimate(NamedTuple):
     """Output of an estimator at one moment of the local clock.
 
-    r, r_dot: range (m) and range rate (m/s); r_sigma, r_dot_sigma: their standard deviations. eta: angle from the
-    heading to the line of sight (target to the left positive), rad. relative: the whole relative motion. missed: share
-    of recent samples that were rejected as outliers. None: not provided by the estimator.
+    r, r_dot: range (m) and range rate (m/s); r_sigma, r_dot_sigma: their standard deviations. eta:
+    angle from the heading to the line of sight (target to the left positive), rad. relative: the
+    whole relative motion. missed: share of recent samples that were rejected as outliers. None: not
+    provided by the estimator.
     """
 
     time: float
@@ -150,8 +161,8 @@ class RangeEstimate(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Orbit:
-    """The circle to fly and the vehicle that flies it. radius: r_d, m. direction: sense of rotation. speed: V, m/s.
-    max_turn_rate: limit of the vehicle, rad/s."""
+    """The circle to fly and the vehicle that flies it. radius: r_d, m. direction: sense of
+    rotation. speed: V, m/s. max_turn_rate: limit of the vehicle, rad/s."""
 
     radius: float
     direction: Direction
@@ -176,9 +187,9 @@ class Orbit:
 class TurnCommand(NamedTuple):
     """Output of a law, limited to the vehicle's turn rate.
 
-    turn_rate: to command, rad/s. demanded: turn rate that the law demands, rad/s, before handover, limit and turn-gain
-    correction. saturated: True if turn_rate was limited. flies, why: active law and human-readable reason; empty if
-    there is only one law.
+    turn_rate: to command, rad/s. demanded: turn rate that the law demands, rad/s, before handover,
+    limit and turn-gain correction. saturated: True if turn_rate was limited. flies, why: active law
+    and human-readable reason; empty if there is only one law.
     """
 
     turn_rate: TurnRate

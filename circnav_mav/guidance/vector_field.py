@@ -1,10 +1,13 @@
-"""`drift`: guidance on the relative motion (position relative to the target, and drift), not only on range.
+"""`drift`: guidance on the relative motion (position relative to the target, and drift), not only
+on range.
 
-A vector field of ground courses, with the drift compensated by the wind triangle (Lyapunov vector fields: Lawrence,
-Frew, Pisano 2008; wind: Frew 2007). The rotation of the field is the feedforward. Unlike exact linearization of r it
-has no singular heading, and it never demands a closing speed that the wind makes impossible.
+A vector field of ground courses, with the drift compensated by the wind triangle (Lyapunov vector
+fields: Lawrence, Frew, Pisano 2008; wind: Frew 2007). The rotation of the field is the feedforward.
+Unlike exact linearization of r it has no singular heading, and it never demands a closing speed
+that the wind makes impossible.
 
-All functions assume a counter-clockwise orbit, omega > 0 to the left. `mirrored` converts the clockwise one.
+All functions assume a counter-clockwise orbit, omega > 0 to the left. `mirrored` converts the
+clockwise one.
 """
 
 from math import pi
@@ -34,37 +37,40 @@ from circnav_mav.guidance.pending_turn import Pending
 STEP = 0.05
 """Half the interval of the central difference of the field along the path, s."""
 REACHABLE = 0.98
-"""Largest sine of the drift angle: above it the ground course cannot be held, and the nose points nearly across it."""
+"""Largest sine of the drift angle: above it the ground course cannot be held, and the nose points
+nearly across it."""
 CROSSOVER = 0.85
-"""Crossover of the heading loop times the whole delay. The pending turn is subtracted, so that only the error of the
-delay model remains in the loop. For models of real vehicles with 20 % delay error, the gain margin is above 6 dB and
-the phase margin above 45 deg (tests/guidance/test_margins.py)."""
+"""Crossover of the heading loop times the whole delay. The pending turn is subtracted, so that only
+the error of the delay model remains in the loop. For models of real vehicles with 20 % delay error,
+the gain margin is above 6 dB and the phase margin above 45 deg (tests/guidance/test_margins.py)."""
 SETTLING_SHARE = 0.95
-"""Highest crossover in units of the settling rate of the vehicle's response: a poorly damped inner loop has a resonance
-that its delay does not show."""
+"""Highest crossover in units of the settling rate of the vehicle's response: a poorly damped inner
+loop has a resonance that its delay does not show."""
 FASTEST = 1.8
 """Highest crossover, rad/s: a faster radius loop follows the noise of ranges (0.5 m at 10 Hz)."""
 RADIAL_SHARE = 0.4
-"""Radius loop over heading loop. At these margins, two fifths suppress slow errors best: wind and turbulence act on the
-radius below 0.4 rad/s, as flown on ArduPlane 4.6.3."""
+"""Radius loop over heading loop. At these margins, two fifths suppress slow errors best: wind and
+turbulence act on the radius below 0.4 rad/s, as flown on ArduPlane 4.6.3."""
 OUTWARD = 0.5 * pi
-"""Preference for a turn away from the target: it may be longer by this angle, rad, than the turn past the target."""
+"""Preference for a turn away from the target: it may be longer by this angle, rad, than the turn
+past the target."""
 
 
 class DriftGains(NamedTuple):
-    """Gains of the drift law. heading: on the heading error, 1/s. radial: slope of the inward course angle at the
-    circle, rad/m."""
+    """Gains of the drift law. heading: on the heading error, 1/s. radial: slope of the inward
+    course angle at the circle, rad/m."""
 
     heading: Array
     radial: Array
 
 
 def drift_gains(V: Number, delay: Number, settles: Number, share: Number = 1.0) -> DriftGains:
-    """Return the gains. V: speed, m/s. delay: total of link, autopilot and airframe, s. settles: settling rate of the
-    response, 1/s. share: factor on the gains, below 1 after limit cycles."""
+    """Return the gains. V: speed, m/s. delay: total of link, autopilot and airframe, s. settles:
+    settling rate of the response, 1/s. share: factor on the gains, below 1 after limit cycles."""
     most = minimum(SETTLING_SHARE * settles, FASTEST)
     crossover = share * minimum(CROSSOVER / maximum(delay, 1e-3), most)
-    # The feedforward (rotation of the field ahead) adds radial V (1 + heading delay) to the heading loop.
+    # The feedforward (rotation of the field ahead) adds radial V (1 + heading delay) to the heading
+    # loop.
     heading = crossover / (1 + 1.5 * RADIAL_SHARE)
     return DriftGains(heading, RADIAL_SHARE * heading / V)
 
@@ -72,8 +78,8 @@ def drift_gains(V: Number, delay: Number, settles: Number, share: Number = 1.0) 
 def inward_angle(r: Number, *, r_d: Number, k: Number, sharpest: Number) -> Array:
     """Return the angle of the ground course inward of the circle's tangent, rad.
 
-    Near the circle: k (r - r_d). Far outside: the straight line tangent to the circle, acos(r_d/r). Far inside: the
-    tightest turn tangent to it from within, with the curvature `sharpest`, 1/m.
+    Near the circle: k (r - r_d). Far outside: the straight line tangent to the circle, acos(r_d/r).
+    Far inside: the tightest turn tangent to it from within, with the curvature `sharpest`, 1/m.
     """
     e = r - r_d
     line = arccos(minimum(r_d / maximum(r, 1e-6), 1.0))
@@ -83,13 +89,23 @@ def inward_angle(r: Number, *, r_d: Number, k: Number, sharpest: Number) -> Arra
 
 
 def field_heading(
-    p: Pair, d: Pair, *, V: Number, r_d: Number, k: Number, max_turn_rate: Number, lap: Lap | None = None
+    p: Pair,
+    d: Pair,
+    *,
+    V: Number,
+    r_d: Number,
+    k: Number,
+    max_turn_rate: Number,
+    lap: Lap | None = None,
 ) -> Array:
     """Return the heading (rad) with a ground course along the field at p (2, ...), m.
 
-    d: drift (2, ...), m/s. V: true airspeed, m/s. k: as in `inward_angle`, rad/m. lap: replaces the circle.
+    d: drift (2, ...), m/s. V: true airspeed, m/s. k: as in `inward_angle`, rad/m. lap: replaces the
+    circle.
     """
-    r, angle, outward = hypot(p[0], p[1]), arctan2(p[1], p[0]), 0.0
+    r = hypot(p[0], p[1])
+    angle = arctan2(p[1], p[0])
+    outward = 0.0
     if lap is not None:
         r_d, slope = lap.at(angle)
         outward = arctan2(slope, r_d)
@@ -100,28 +116,42 @@ def field_heading(
 
 
 def drift(
-    p: Pair, d: Pair, psi: Number, pending: Pending, *, V: Number, r_d: Number, max_turn_rate: Number,
-    gains: DriftGains, change: Pair = (0.0, 0.0), lap: Lap | None = None,
-) -> Array:  # fmt: skip
-    """Return the turn rate (rad/s): rotation of the field after the response delay, plus gain times heading error. The
-    pending turn is subtracted from the error. Outside the circle the law prefers a turn away from the target.
+    p: Pair,
+    d: Pair,
+    psi: Number,
+    pending: Pending,
+    *,
+    V: Number,
+    r_d: Number,
+    max_turn_rate: Number,
+    gains: DriftGains,
+    change: Pair = (0.0, 0.0),
+    lap: Lap | None = None,
+) -> Array:
+    """Return the turn rate (rad/s): rotation of the field after the response delay, plus gain times
+    heading error. The pending turn is subtracted from the error. Outside the circle the law prefers
+    a turn away from the target.
 
-    p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi: heading, rad. pending: commanded
-    turn not flown yet. V: true airspeed, m/s. change: of d (2, ...), m/s^2. Condition: W = |d| < V; and r_d >=
-    (V + W)^2/(V max_turn_rate), or a lap instead of the circle.
+    p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi: heading, rad.
+    pending: commanded turn not flown yet. V: true airspeed, m/s. change: of d (2, ...), m/s^2.
+    Condition: W = |d| < V; and r_d >= (V + W)^2/(V max_turn_rate), or a lap instead of the circle.
     """
-    ahead, rate = pending.ahead, pending.turn / maximum(pending.ahead, STEP)
+    ahead = pending.ahead
+    rate = pending.turn / maximum(pending.ahead, STEP)
 
     def wanted(time: Number) -> Array:
         x, y = chord_parts(V, psi, rate * time, time)
         there = p[0] + d[0] * time + x, p[1] + d[1] * time + y
         then = d[0] + change[0] * time, d[1] + change[1] * time
-        return field_heading(there, then, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate, lap=lap)
+        return field_heading(
+            there, then, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate, lap=lap
+        )
 
-    now, late = wanted(0.0 * ahead), wanted(ahead + STEP)
+    now = wanted(0.0 * ahead)
+    late = wanted(ahead + STEP)
     turns = wrap(late - wanted(ahead - STEP))
-    # Subtract the rotation of the field during the delay from the pending turn. Use the whole rotation, not rate
-    # times delay: in wind the rate changes along the lap.
+    # Subtract the rotation of the field during the delay from the pending turn. Use the whole
+    # rotation, not rate times delay: in wind the rate changes along the lap.
     under_way = pending.turn - wrap(late - turns / 2 - now)
     # Prefer the side of the pending turn: a turn to the other side first has to cancel it.
     preferred = _outward(hypot(p[0], p[1]), V / max_turn_rate, r_d) + pending.turn
@@ -130,19 +160,21 @@ def drift(
 
 
 def _outward(r: Number, turn_radius: Number, r_d: Number) -> Array:
-    """Return the preference for a left turn, away from the target, over a right turn, rad. It is full where half a turn
-    to the right ends inside the circle, 0 from one turn radius farther out, and always 0 inside 0.9 r_d."""
+    """Return the preference for a left turn, away from the target, over a right turn, rad. It is
+    full where half a turn to the right ends inside the circle, 0 from one turn radius farther out,
+    and always 0 inside 0.9 r_d."""
     beyond = clip((r_d + 3 * turn_radius - r) / turn_radius, 0.0, 1.0)
     outside = clip((r - 0.9 * r_d) / (0.1 * r_d), 0.0, 1.0)
     return OUTWARD * beyond * outside
 
 
 def orbit_turn_rate(d: Pair, psi: Number, *, V: Number, r_d: Number) -> Array:
-    """Return the turn rate (rad/s) that stays on the counter-clockwise circle in drift d (2, ...), m/s, at heading psi,
-    rad.
+    """Return the turn rate (rad/s) that stays on the counter-clockwise circle in drift d (2, ...),
+    m/s, at heading psi, rad.
 
-    The heading determines the position on the circle: no range is used. chi' = v_g/r_d for the ground course, psi' =
-    chi' v_g/(V cos(psi - chi)) by the wind triangle; V/r_d in still air. Condition: |d| < V.
+    The heading determines the position on the circle: no range is used. chi' = v_g/r_d for the
+    ground course, psi' = chi' v_g/(V cos(psi - chi)) by the wind triangle; V/r_d in still air.
+    Condition: |d| < V.
     """
     v = V * cos(psi) + d[0], V * sin(psi) + d[1]
     ground = maximum(hypot(v[0], v[1]), 1e-9)
@@ -156,9 +188,17 @@ def mirrored_pair(pair: Pair, sense: Number) -> tuple[Array, Array]:
     return pair[0], pair[1] * sense
 
 
-def mirrored(p: Pair, d: Pair, psi: Number, pending: Pending, sense: Number) -> tuple[Pair, Pair, Array, Pending]:
-    """Return the situation mirrored to a counter-clockwise orbit. sense: +1 counter-clockwise, -1 clockwise.
+def mirrored(
+    p: Pair, d: Pair, psi: Number, pending: Pending, sense: Number
+) -> tuple[Pair, Pair, Array, Pending]:
+    """Return the situation mirrored to a counter-clockwise orbit. sense: +1 counter-clockwise, -1
+    clockwise.
 
     Multiply the resulting turn rate by sense.
     """
-    return mirrored_pair(p, sense), mirrored_pair(d, sense), psi * sense, pending._replace(turn=pending.turn * sense)
+    return (
+        mirrored_pair(p, sense),
+        mirrored_pair(d, sense),
+        psi * sense,
+        pending._replace(turn=pending.turn * sense),
+    )

@@ -1,4 +1,5 @@
-"""Monitors beside the law: slow integral on the mean radius, mission bounds, and alarm for too strong a drift."""
+"""Monitors beside the law: slow integral on the mean radius, mission bounds, and alarm for too
+strong a drift."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -7,30 +8,41 @@ from circnav_mav.guidance.laws import tolerated_drift
 from circnav_mav.guidance.types import Orbit, RangeEstimate
 
 TRIM_NEAR = 0.2
-"""Radius error, as a fraction of the radius, up to which the trim grows, because the law is linear there. Above it, the
-trim only shrinks, because the trim itself may be the cause of the error."""
+"""Radius error, as a fraction of the radius, up to which the trim grows, because the law is linear
+there. Above it, the trim only shrinks, because the trim itself may be the cause of the error."""
 MOST_TRIM = 0.15
 """Bound of the trim, as a fraction of the radius."""
 CLOSES = 0.4
-"""Closing time of an approach in units of r_d/V: an error that shrinks this fast is not integrated. With full
-integration, the approach left 3.6 m of trim, and 1 m of radius error for 30 s (150 m, 22 m/s)."""
+"""Closing time of an approach in units of r_d/V: an error that shrinks this fast is not integrated.
+With full integration, the approach left 3.6 m of trim, and 1 m of radius error for 30 s (150 m, 22
+m/s)."""
 PERSISTS = 3.0
-"""Time, s, for which the drift must be too strong to raise the alarm: the estimate follows single gusts."""
+"""Time, s, for which the drift must be too strong to raise the alarm: the estimate follows single
+gusts."""
 ALLOWED_AGAIN = 0.9
 """Share of the allowed drift below which the alarm ends."""
 
 
 def next_trim(
-    trim: float, *, rate: float, r: float, change: float, r_d: float, V: float, step: float, saturated: bool
+    trim: float,
+    *,
+    rate: float,
+    r: float,
+    change: float,
+    r_d: float,
+    V: float,
+    step: float,
+    saturated: bool,
 ) -> float:
     """Return the radius trim (m), which is added to the radius that the law is fed.
 
-    trim: trim before this step, m. rate: of the integral, 1/s. r: range, m. change: of the range during the step, m.
-    step: s. The trim integrates against errors that do not close by themselves. It uses the change of the range,
-    because a lasting error of the estimated range rate would become a radius error.
+    trim: trim before this step, m. rate: of the integral, 1/s. r: range, m. change: of the range
+    during the step, m. step: s. The trim integrates against errors that do not close by themselves.
+    It uses the change of the range, because a lasting error of the estimated range rate would
+    become a radius error.
 
-    Laws assume that speed and turn rate are as commanded. A vehicle with a true airspeed 6 % above the indicated one
-    flies 2 m outside a circle of 150 m.
+    Laws assume that speed and turn rate are as commanded. A vehicle with a true airspeed 6 % above
+    the indicated one flies 2 m outside a circle of 150 m.
     """
     after = trim - rate * ((r - r_d) * step + CLOSES * r_d / V * change)
     if saturated:
@@ -44,7 +56,8 @@ def next_trim(
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Bounds of the mission, or None. Ranges in m, altitudes in m above sea level, battery in percent."""
+    """Bounds of the mission, or None. Ranges in m, altitudes in m above sea level, battery in
+    percent."""
 
     closest: float | None = None
     farthest: float | None = None
@@ -53,8 +66,11 @@ class Bounds:
     battery: float | None = None
 
 
-def breach(bounds: Bounds, *, r: float | None, altitude: float | None, battery: float | None) -> str | None:
-    """Return a description of the first violated bound, or None. Unknown values (None) violate no bound."""
+def breach(
+    bounds: Bounds, *, r: float | None, altitude: float | None, battery: float | None
+) -> str | None:
+    """Return a description of the first violated bound, or None. Unknown values (None) violate no
+    bound."""
     limits = (
         (r, bounds.closest, -1, "range {:.1f} m is nearer than {:.1f} m"),
         (r, bounds.farthest, 1, "range {:.1f} m is farther than {:.1f} m"),
@@ -69,9 +85,9 @@ def breach(bounds: Bounds, *, r: float | None, altitude: float | None, battery: 
 
 
 class DriftAlarm(NamedTuple):
-    """Alarm for a drift (wind minus target motion) in which the circle cannot be held. on: True while raised. since:
-    time when the drift became too strong, s, or None. drift: newest estimate, m/s. allowed: largest drift in which the
-    circle can be held, m/s."""
+    """Alarm for a drift (wind minus target motion) in which the circle cannot be held. on: True
+    while raised. since: time when the drift became too strong, s, or None. drift: newest estimate,
+    m/s. allowed: largest drift in which the circle can be held, m/s."""
 
     on: bool = False
     since: float | None = None
@@ -79,9 +95,11 @@ class DriftAlarm(NamedTuple):
     allowed: float = 0.0
 
 
-def watch_drift(alarm: DriftAlarm, estimate: RangeEstimate | None, orbit: Orbit, most_turn: float) -> DriftAlarm:
-    """Return the alarm after an estimate; unchanged if the drift is not trusted. most_turn: learned turn rate that the
-    vehicle reaches, rad/s."""
+def watch_drift(
+    alarm: DriftAlarm, estimate: RangeEstimate | None, orbit: Orbit, most_turn: float
+) -> DriftAlarm:
+    """Return the alarm after an estimate; unchanged if the drift is not trusted. most_turn: learned
+    turn rate that the vehicle reaches, rad/s."""
     motion = estimate.relative if estimate is not None else None
     if estimate is None or motion is None or not motion.trusted:
         return alarm

@@ -1,1 +1,2 @@
-"""MAVLink without sockets and without a clock: received bytes and the time are arguments, bytes to send are results."""
+"""MAVLink without sockets and without a clock: received bytes and the time are arguments, bytes to
+send are results."""

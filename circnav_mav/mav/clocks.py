@@ -1,4 +1,5 @@
-"""Remote clocks: conversion of remote stamps to local time, clock resets, and the speed of a remote clock.
+"""Remote clocks: conversion of remote stamps to local time, clock resets, and the speed of a remote
+clock.
 
 Timestamps alone give a lower bound of the delay. `Timesync` measures the rest.
 """
@@ -17,22 +18,28 @@ BOOT_WRAP = 2**32 / 1000
 """Time after which time_boot_ms wraps to 0, s: 49.7 days."""
 
 WINDOW = 100
-"""Number of samples over which the least lag (arrival - stamp) is taken, so that it follows a drifting clock."""
+"""Number of samples over which the least lag (arrival - stamp) is taken, so that it follows a
+drifting clock."""
 STEP = 0.15
-"""Least step of a remote clock that is detected, s. Most links have less jitter, and harmful pauses are longer."""
+"""Least step of a remote clock that is detected, s. Most links have less jitter, and harmful pauses
+are longer."""
 RISE = 0.4
-"""Share of a step that must appear between two successive samples. Growing congestion raises the lag gradually."""
-STEADY, STEADY_SAMPLES = 0.5, 3
-"""Time, s, and number of samples for which lags must stay at a new level before the clock estimate follows them."""
+"""Share of a step that must appear between two successive samples. Growing congestion raises the
+lag gradually."""
+STEADY = 0.5
+STEADY_SAMPLES = 3
+"""Time, s, and number of samples for which lags must stay at a new level before the clock estimate
+follows them."""
 FALL = 0.03
-"""Fall of the lag, s, that indicates a draining queue. With 6 % of spare link capacity, the lag falls by this within
-STEADY. The drift between two clocks is a thousand times slower."""
+"""Fall of the lag, s, that indicates a draining queue. With 6 % of spare link capacity, the lag
+falls by this within STEADY. The drift between two clocks is a thousand times slower."""
 SPREAD = 0.5
-"""Share of a step by which its lags may differ. Also the share that a slower link may explain: if it explains more,
-the step is not applied to the clock."""
+"""Share of a step by which its lags may differ. Also the share that a slower link may explain: if
+it explains more, the step is not applied to the clock."""
 
 Slower = Callable[[float, float], float]
-"""(since, now) -> largest possible increase of the link delay at `since`, s; infinite while it is not measured."""
+"""(since, now) -> largest possible increase of the link delay at `since`, s; infinite while it is
+not measured."""
 
 
 def no_link_delay(since: float, now: float) -> float:
@@ -46,12 +53,13 @@ def our_boot_ms(now: float) -> int:
 
 
 JUMP = 1.0
-"""Backward step of a remote clock, s, that counts as a reset. A smaller step back is a reordered message."""
+"""Backward step of a remote clock, s, that counts as a reset. A smaller step back is a reordered
+message."""
 
 
 class Order(Enum):
-    """Relation of a stamp to the newest accepted stamp. JUMPED: far off, by a glitch or a clock reset. RESTARTED: far
-    off, and consistent with the stamp before: the clock was reset."""
+    """Relation of a stamp to the newest accepted stamp. JUMPED: far off, by a glitch or a clock
+    reset. RESTARTED: far off, and consistent with the stamp before: the clock was reset."""
 
     NEWER = "newer"
     REPEATED = "repeated"
@@ -63,21 +71,26 @@ class Order(Enum):
 class StampFilter:
     """Order and local times of a remote clock's stamps.
 
-    Local time = remote stamp + offset. The offset is the least (arrival - stamp) of the newest samples, as in
-    ArduPilot's JitterCorrection, because link delay is never negative. A constant delay cannot be distinguished from a
-    clock difference and remains.
+    Local time = remote stamp + offset. The offset is the least (arrival - stamp) of the newest
+    samples, as in ArduPilot's JitterCorrection, because link delay is never negative. A constant
+    delay cannot be distinguished from a clock difference and remains.
 
-    A pause of the remote clock (a paused simulator, a controller that writes its log) raises all later lags at once by
-    its length. Lags of a draining queue fall from sample to sample. Congestion raises them gradually. A link that
-    becomes slower in one step looks like a pause. Only the round trip (`slower`) distinguishes the two, and the offset
-    follows the part of the step that the link does not explain. On an unmeasured link the step is attributed to the
-    clock: pauses are common, routes that become slower by a constant time are rare.
+    A pause of the remote clock (a paused simulator, a controller that writes its log) raises all
+    later lags at once by its length. Lags of a draining queue fall from sample to sample.
+    Congestion raises them gradually. A link that becomes slower in one step looks like a pause.
+    Only the round trip (`slower`) distinguishes the two, and the offset follows the part of the
+    step that the link does not explain. On an unmeasured link the step is attributed to the clock:
+    pauses are common, routes that become slower by a constant time are rare.
     """
 
-    def __init__(self, slower: Slower = no_link_delay, *, wrap: float | None = None, jump: float = JUMP) -> None:
-        """slower: delay increase of the link. wrap: period of the stamps, s, None if they do not wrap. jump: backward
-        step, s, that counts as a clock reset."""
-        self._slower, self._wrap, self._jump = slower, wrap, jump
+    def __init__(
+        self, slower: Slower = no_link_delay, *, wrap: float | None = None, jump: float = JUMP
+    ) -> None:
+        """slower: delay increase of the link. wrap: period of the stamps, s, None if they do not
+        wrap. jump: backward step, s, that counts as a clock reset."""
+        self._slower = slower
+        self._wrap = wrap
+        self._jump = jump
         self.reset()
 
     def reset(self) -> None:
@@ -97,8 +110,11 @@ class StampFilter:
 
     @property
     def doubted(self) -> bool:
-        """True if the newest stamps look like a step of the remote clock that is not applied yet."""
-        return self._jumped is not None or (len(self._raised) > 1 and not self._by_link and self._steady())
+        """True if the newest stamps look like a step of the remote clock that is not applied
+        yet."""
+        return self._jumped is not None or (
+            len(self._raised) > 1 and not self._by_link and self._steady()
+        )
 
     # --- the order of stamps ---
 
@@ -109,13 +125,20 @@ class StampFilter:
         return stamp + self._wrap * round((self.newest - stamp) / self._wrap)
 
     def order(
-        self, stamp: float, now: float, *, most_ahead: float = inf, steady: float = inf, patience: float = 0.0
+        self,
+        stamp: float,
+        now: float,
+        *,
+        most_ahead: float = inf,
+        steady: float = inf,
+        patience: float = 0.0,
     ) -> Order:
-        """Compare an unwrapped stamp with the newest, and reset the filter if the result is RESTARTED.
+        """Compare an unwrapped stamp with the newest, and reset the filter if the result is
+        RESTARTED.
 
-        most_ahead: largest lead over the clock, s. steady: largest difference, s, between the interval of two stamps
-        of a new clock and the interval of their arrivals. patience: silence of the old clock, s, before a new clock is
-        followed.
+        most_ahead: largest lead over the clock, s. steady: largest difference, s, between the
+        interval of two stamps of a new clock and the interval of their arrivals. patience: silence
+        of the old clock, s, before a new clock is followed.
         """
         if self.newest is None:
             return Order.NEWER
@@ -123,10 +146,15 @@ class StampFilter:
         if step > -self._jump and self.ahead(stamp, now) <= most_ahead:
             self._jumped = None
             return Order.NEWER if step > 0 else Order.REPEATED if step == 0 else Order.OLDER
-        # A single stamp far off may be a glitch, or a late frame from another route. After a reset, the next stamp
-        # continues from there.
-        before, self._jumped = self._jumped, (stamp, now)
-        goes_on = before is not None and stamp > before[0] and abs(stamp - before[0] - (now - before[1])) <= steady
+        # A single stamp far off may be a glitch, or a late frame from another route. After a reset,
+        # the next stamp continues from there.
+        before = self._jumped
+        self._jumped = (stamp, now)
+        goes_on = (
+            before is not None
+            and stamp > before[0]
+            and abs(stamp - before[0] - (now - before[1])) <= steady
+        )
         if not goes_on or now - self.newest_at < patience:
             return Order.JUMPED
         self.reset()
@@ -134,7 +162,9 @@ class StampFilter:
 
     def take(self, stamp: float, now: float) -> None:
         """Accept a stamp that arrived now as the newest."""
-        self.newest, self.newest_at, self._jumped = stamp, now, None
+        self.newest = stamp
+        self.newest_at = now
+        self._jumped = None
 
     # --- remote time to ours ---
 
@@ -149,16 +179,25 @@ class StampFilter:
         self._count += 1
         self.followed = 0.0
         self._watch(lag, arrival)
-        if len(self._raised) >= STEADY_SAMPLES and arrival - self._raised[0][0] >= STEADY and self._steady():
+        if (
+            len(self._raised) >= STEADY_SAMPLES
+            and arrival - self._raised[0][0] >= STEADY
+            and self._steady()
+        ):
             self._follow(arrival)
         if self._count >= WINDOW:
-            self._offset, self._candidate, self._count = self._candidate, inf, 0
+            self._offset = self._candidate
+            self._candidate = inf
+            self._count = 0
         return min(stamp + self._offset, arrival)
 
     def _watch(self, lag: float, arrival: float) -> None:
         """Collect the samples since the lag has risen in one step, as long as it stays high."""
-        late, rise, self._lag = lag - self._offset, lag - self._lag, lag
-        # A sudden rise starts a new step. A falling lag is a draining queue, not a paused clock: start over with it.
+        late = lag - self._offset
+        rise = lag - self._lag
+        self._lag = lag
+        # A sudden rise starts a new step. A falling lag is a draining queue, not a paused clock:
+        # start over with it.
         if late < STEP:
             self._raised.clear()
         elif rise >= max(STEP, RISE * late) or (self._raised and lag < self._raised[0][1] - FALL):
@@ -171,7 +210,8 @@ class StampFilter:
 
     def _begin(self, arrival: float) -> None:
         """Start the raised samples with the newest one."""
-        self._raised, self._by_link = deque([(arrival, self._lag)]), False
+        self._raised = deque([(arrival, self._lag)])
+        self._by_link = False
 
     def _steady(self) -> bool:
         lags = [lag for _, lag in self._raised]
@@ -186,7 +226,8 @@ class StampFilter:
         if by_link <= SPREAD * step:
             self.followed = step - by_link
             self._offset += self.followed
-            self._candidate, self._count = self._offset, 0
+            self._candidate = self._offset
+            self._count = 0
             # start over: if the link was slow meanwhile, only later lags show the rest of the step
             self._begin(arrival)
 
@@ -195,9 +236,10 @@ class StampFilter:
 
 SPEED_WINDOW = 3.0
 """Time over which a clock speed is measured, s."""
-OFF, ALIKE = 0.2, 0.1
-"""Least deviation from our clock speed, and largest spread of windows that agree, as a fraction. A radio with a filling
-buffer causes less deviation, or for a shorter time."""
+OFF = 0.2
+ALIKE = 0.1
+"""Least deviation from our clock speed, and largest spread of windows that agree, as a fraction. A
+radio with a filling buffer causes less deviation, or for a shorter time."""
 WINDOWS = 3
 """Consecutive windows that must agree; chosen."""
 Moment = tuple[float, float]
@@ -208,7 +250,8 @@ Span = tuple[Moment, Moment]
 class ClockSpeed:
     """Speed of the vehicle's clock, from times since boot and their arrival times.
 
-    A simulator that does not run in real time looks like a vehicle at another speed. Three windows must agree.
+    A simulator that does not run in real time looks like a vehicle at another speed. Three windows
+    must agree.
     """
 
     def __init__(self) -> None:
@@ -228,7 +271,9 @@ class ClockSpeed:
             return
         speed = span_speed((self._began, (now, boot)))
         self._speeds.append(speed)
-        agree = len(self._speeds) == WINDOWS and max(self._speeds) - min(self._speeds) < ALIKE * max(speed, 1.0)
+        agree = len(self._speeds) == WINDOWS and max(self._speeds) - min(
+            self._speeds
+        ) < ALIKE * max(speed, 1.0)
         self.found = speed if agree and all(abs(one - 1) > OFF for one in self._speeds) else None
         self.noticed = self.found if self.noticed is None else self.noticed
         self._began = (now, boot)
@@ -242,7 +287,9 @@ def quick_span(moments: Sequence[Moment]) -> Span | None:
     third = (len(moments) + 2) // 3
     if not third:
         return None
-    first, last = (min(part, key=lambda one: one[0] - one[1]) for part in (moments[:third], moments[-third:]))
+    first, last = (
+        min(part, key=lambda one: one[0] - one[1]) for part in (moments[:third], moments[-third:])
+    )
     return first, last
 
 
@@ -256,36 +303,40 @@ def span_speed(span: Span) -> float:
 
 KEPT = 5
 """Number of newest round trips in use. After as many answers, requests become less frequent."""
-EVERY, LATER_EVERY = 0.5, 1.0
+EVERY = 0.5
+LATER_EVERY = 1.0
 """Time between two requests, s, at first and later."""
 UNANSWERED = 3.0
-"""Time without an answer, s, after which our frames may be lost on the way to the vehicle: three requests were lost."""
+"""Time without an answer, s, after which our frames may be lost on the way to the vehicle: three
+requests were lost."""
 MOST_REPEATS = 10
 """Limit of early repeats in a row. If no request is answered, the vehicle does not receive us."""
 AGAIN = 0.2
-"""Least wait, s, before an unanswered request is repeated early. It was lost, or the link has become slow, and the
-delay must be measured soon."""
+"""Least wait, s, before an unanswered request is repeated early. It was lost, or the link has
+become slow, and the delay must be measured soon."""
 REMEMBERED = 256
 """Newest answers for comparing a link with its past: some four minutes."""
 OUTSTANDING = 64
-"""Limit of unanswered requests, more than are sent within PATIENCE. Each answer mirrors our stamp, so answers to other
-senders do not match."""
+"""Limit of unanswered requests, more than are sent within PATIENCE. Each answer mirrors our stamp,
+so answers to other senders do not match."""
 PATIENCE = 10.0
-"""Time, s, after which an unanswered request counts as lost, and a vehicle without any answer as unable to answer."""
+"""Time, s, after which an unanswered request counts as lost, and a vehicle without any answer as
+unable to answer."""
 
 
 class Timesync:
     """Round-trip time to the vehicle, measured with TIMESYNC requests.
 
-    It is the only measurable delay: a constant one-way delay looks like a clock difference. The results are kept when
-    the link is lost, because only the same vehicle may come back.
+    It is the only measurable delay: a constant one-way delay looks like a clock difference. The
+    results are kept when the link is lost, because only the same vehicle may come back.
 
     Source: https://mavlink.io/en/services/timesync.html
     """
 
     def __init__(self) -> None:
         self._asked: dict[int, float] = {}
-        """Send time, s, of each unanswered request by its stamp. `_newest`: stamp of the last request."""
+        """Send time, s, of each unanswered request by its stamp. `_newest`: stamp of the last
+        request."""
         self._newest = 0
         self._next = float("-inf")
         self._repeats = 0
@@ -305,23 +356,27 @@ class Timesync:
         return max(self.trips, default=None)
 
     def silent(self, now: float, within: float) -> bool:
-        """True if the vehicle has answered before, but not within this time, s. Our frames may be lost."""
+        """True if the vehicle has answered before, but not within this time, s. Our frames may be
+        lost."""
         return bool(self._answers) and now - self._answers[-1][0] > within
 
     @property
     def one_way(self) -> float:
-        """Least one-way delay, s: half of the shortest of the newest round trips, 0 without an answer."""
+        """Least one-way delay, s: half of the shortest of the newest round trips, 0 without an
+        answer."""
         return min(self.trips, default=0.0) / 2
 
     def slower(self, since: float, now: float) -> float:
-        """Return `delay_increase`. If it is infinite and no request was sent since then, send one at once."""
+        """Return `delay_increase`. If it is infinite and no request was sent since then, send one
+        at once."""
         increase = self.delay_increase(since, now)
         if increase == float("inf") and max(self._asked.values(), default=float("-inf")) < since:
             self._next = now
         return increase
 
     def delay_increase(self, since: float, now: float) -> float:
-        """Return the largest increase of the link delay since then, s, from the shortest round trips.
+        """Return the largest increase of the link delay since then, s, from the shortest round
+        trips.
 
         Infinite until a round trip since then is measured; 0 if the vehicle does not answer.
         """
@@ -352,7 +407,8 @@ class Timesync:
         return [dialect.MAVLink_timesync_message(0, self._newest)]
 
     def received(self, stamp: int, now: float) -> None:
-        """Process an answer that mirrors a stamp. Answers to other senders' requests are ignored."""
+        """Process an answer that mirrors a stamp. Answers to other senders' requests are
+        ignored."""
         at = self._asked.pop(stamp, None)
         if at is None:
             return

@@ -1,6 +1,7 @@
 """Conversion between bytes and MAVLink messages with pymavlink's `all` dialect.
 
-`all` is the only module of pymavlink 2.4.50 with all of DISTANCE_SENSOR, RANGING_BEACON and CURRENT_MODE.
+`all` is the only module of pymavlink 2.4.50 with all of DISTANCE_SENSOR, RANGING_BEACON and
+CURRENT_MODE.
 """
 
 from collections import Counter
@@ -19,14 +20,16 @@ Ids = tuple[int, int]
 """(system, component)."""
 
 _NEVER_SIGNED = dialect.MAVLINK_MSG_ID_RADIO_STATUS
-"""Message that telemetry radios insert unsigned, because they have no key. circnav does not steer by it."""
+"""Message that telemetry radios insert unsigned, because they have no key. circnav does not steer
+by it."""
 _NEVER_LOGGED = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 """Message that contains a secret key."""
 _MOST_SYSTEMS = 32
 """Limit of the senders that are listed: bounds the memory that a hostile link can fill."""
 _MOST_FAILURES = 64
-"""Invalid frame starts after which the rest of a datagram is skipped: bounds the work that a hostile datagram causes.
-Starts with an invalid header count too, because each search for the next start takes time."""
+"""Invalid frame starts after which the rest of a datagram is skipped: bounds the work that a
+hostile datagram causes. Starts with an invalid header count too, because each search for the next
+start takes time."""
 
 
 def ids(message: Message) -> Ids:
@@ -44,7 +47,8 @@ class LinkCounts:
     unknown: int = 0
     version_1: int = 0
     signed: int = 0
-    """Signed frames. Without a key of our own, frames signed with the all-zero key are not counted."""
+    """Signed frames. Without a key of our own, frames signed with the all-zero key are not
+    counted."""
     zero_key: int = 0
     has_key: bool = False
     systems: set[tuple[int, int]] = field(default_factory=set)
@@ -52,29 +56,39 @@ class LinkCounts:
     """Number of unauthenticated frames by reason."""
 
     def describe(self) -> str:
-        """Return one line: rejected frames, then bytes, frames, errors, systems and MAVLink version received."""
+        """Return one line: rejected frames, then bytes, frames, errors, systems and MAVLink version
+        received."""
         if not self.bytes:
             return "0 bytes received"
-        systems = ", ".join(f"{system}/{component}" for system, component in sorted(self.systems)) or "none"
+        systems = (
+            ", ".join(f"{system}/{component}" for system, component in sorted(self.systems))
+            or "none"
+        )
         versions = "none" if not self.frames else "1 only" if self.version_1 == self.frames else "2"
         line = (
             f"received {self.bytes} bytes, {self.frames} frames, {self.bad} CRC or framing errors, "
             f"system/component ids: {systems}, MAVLink version: {versions}"
         )
         if self.signed and not self.has_key:
-            return f"{line}; {self.signed} of the frames are signed, and ours may be rejected: set signing.key_file"
+            return (
+                f"{line}; {self.signed} of the frames are signed, and ours may be rejected: set"
+                " signing.key_file"
+            )
         return f"{self._distrust()}; {line}" if self.refused else line
 
     def _distrust(self) -> str:
         why = ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
         if self.refused[Refusal.UNSIGNED.value] + self.refused[Refusal.WRONG.value] == self.frames:
-            return f"every frame received is unsigned or wrongly signed ({why}): check signing.key_file"
+            return (
+                f"every frame received is unsigned or wrongly signed ({why}): check"
+                " signing.key_file"
+            )
         return f"frames rejected by their signature: {why}"
 
 
 class Decoder:
-    """Decoder for a single link. Datagrams are decoded separately. In a byte stream (TCP, serial), an incomplete frame
-    is kept until the rest arrives."""
+    """Decoder for a single link. Datagrams are decoded separately. In a byte stream (TCP, serial),
+    an incomplete frame is kept until the rest arrives."""
 
     def __init__(
         self,
@@ -84,10 +98,13 @@ class Decoder:
         signing: Signing | None = None,
         accept_unsigned: bool = False,
     ) -> None:
-        """wanted: message ids to decode, None for all. Others are only checked and counted. signing: authentication of
-        the frames, None accepts all. accept_unsigned: accept unsigned frames beside the signed ones."""
+        """wanted: message ids to decode, None for all. Others are only checked and counted.
+        signing: authentication of the frames, None accepts all. accept_unsigned: accept unsigned
+        frames beside the signed ones."""
         if dialect.MAVLINK_IGNORE_CRC:
-            raise ValueError("MAVLINK_IGNORE_CRC is set in the environment: unset it, frames must be checked")
+            raise ValueError(
+                "MAVLINK_IGNORE_CRC is set in the environment: unset it, frames must be checked"
+            )
         self._dialect = dialect.MAVLink(None)
         self._stream = stream
         self._wanted = dialect.mavlink_map.keys() if wanted is None else wanted
@@ -96,24 +113,31 @@ class Decoder:
         self._tail = b""
         self.counts = LinkCounts(has_key=signing is not None)
         self.frames: list[bytes] = []
-        """Accepted frames of the newest call, for the recorder: unknown ids included, SETUP_SIGNING not."""
+        """Accepted frames of the newest call, for the recorder: unknown ids included, SETUP_SIGNING
+        not."""
         self.behind = False
         """True if a frame of the newest call was rejected only because of its sender's clock."""
 
     def decode(self, received: bytes) -> list[Message]:
-        """Return the messages of one datagram or chunk. Damage and unknown ids are counted, never raised."""
+        """Return the messages of one datagram or chunk. Damage and unknown ids are counted, never
+        raised."""
         self.counts.bytes += len(received)
         buffer = self._tail + received if self._tail else received
-        self.frames, self.behind = [], False
-        messages, at, failures = [], 0, 0
+        self.frames = []
+        self.behind = False
+        messages = []
+        at = 0
+        failures = 0
         while at < len(buffer) and failures < _MOST_FAILURES:
             frame = frame_at(buffer, at)
             if self._stream and frame is not None and must_wait(buffer, frame):
                 break
             if frame is None or not is_good(buffer, frame):
-                at, failures = next_start(buffer, at + 1), failures + 1
+                at = next_start(buffer, at + 1)
+                failures = failures + 1
                 continue
-            data, at = buffer[at : frame.end], frame.end
+            data = buffer[at : frame.end]
+            at = frame.end
             self._count(frame, data)
             if not self._is_authentic(frame, data):
                 continue
@@ -128,7 +152,9 @@ class Decoder:
         refusal = None
         if self._signing is not None and frame.signed:
             refusal = self._signing.check(data)
-        elif self._signing is not None and not self._accept_unsigned and frame.ident != _NEVER_SIGNED:
+        elif (
+            self._signing is not None and not self._accept_unsigned and frame.ident != _NEVER_SIGNED
+        ):
             refusal = Refusal.UNSIGNED
         if refusal is not None:
             self.counts.refused[refusal.value] += 1
@@ -138,7 +164,8 @@ class Decoder:
         return refusal is None
 
     def _read(self, data: bytes) -> Message | None:
-        """Return the message of a frame with a valid CRC, or None if pymavlink still cannot decode it."""
+        """Return the message of a frame with a valid CRC, or None if pymavlink still cannot decode
+        it."""
         try:
             return self._dialect.decode(bytearray(data))
         except dialect.MAVError:

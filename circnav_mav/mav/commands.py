@@ -1,6 +1,8 @@
-"""Commands with retries and matched acknowledgements (0.5 s and three retries as in MAVSDK; 3 s in progress).
+"""Commands with retries and matched acknowledgements (0.5 s and three retries as in MAVSDK; 3 s in
+progress).
 
-Also the telemetry streams: requested with SET_MESSAGE_INTERVAL, measured, and requested again when they slow down.
+Also the telemetry streams: requested with SET_MESSAGE_INTERVAL, measured, and requested again when
+they slow down.
 """
 
 from collections import Counter, deque
@@ -17,15 +19,20 @@ ACK_TIMEOUT = 0.5
 IN_PROGRESS_TIMEOUT = 3.0
 """Time, s, for which an IN_PROGRESS answer extends the wait; chosen, three heartbeats."""
 MOST_IN_PROGRESS = 3
-"""Limit of IN_PROGRESS answers per command; chosen, so that no vehicle can keep one pending forever."""
+"""Limit of IN_PROGRESS answers per command; chosen, so that no vehicle can keep one pending
+forever."""
 RETRIES = 3
 """Number of repeats of a command (as in MAVSDK)."""
 LATE = 1.2
-"""Time in which late answers to repeats may arrive, as a fraction of the time between first and last try."""
+"""Time in which late answers to repeats may arrive, as a fraction of the time between first and
+last try."""
 MOST_OWED = 64
-"""Limit of the unanswered commands counted per command number: more than are sent while a link is lost."""
-UNASKED, UNASKED_WITHIN = 2, 10.0
-"""Number of unrequested answers to us, and time, s, within which so many indicate another program with our ids."""
+"""Limit of the unanswered commands counted per command number: more than are sent while a link is
+lost."""
+UNASKED = 2
+UNASKED_WITHIN = 10.0
+"""Number of unrequested answers to us, and time, s, within which so many indicate another program
+with our ids."""
 ANSWERS_KEPT = 16
 """Newest answers kept to recognize a duplicate that arrives by another route."""
 CHECK_EVERY = 3.0
@@ -34,10 +41,17 @@ FIRST_CHECK = 0.6
 """Duration, s, of the first measurement, which looks for the streams in USUAL."""
 USUAL = frozenset(
     getattr(dialect, f"MAVLINK_MSG_ID_{name}")
-    for name in ("SYSTEM_TIME", "SYS_STATUS", "NAV_CONTROLLER_OUTPUT", "ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED")
+    for name in (
+        "SYSTEM_TIME",
+        "SYS_STATUS",
+        "NAV_CONTROLLER_OUTPUT",
+        "ATTITUDE_TARGET",
+        "POSITION_TARGET_LOCAL_NED",
+    )
 )
-"""Streams that a ground station often requests, at 2 to 4 Hz. They are requested only if the first measurement does
-not find them: each request costs an acknowledgment, which MAVProxy prints. All others are requested at once."""
+"""Streams that a ground station often requests, at 2 to 4 Hz. They are requested only if the first
+measurement does not find them: each request costs an acknowledgment, which MAVProxy prints. All
+others are requested at once."""
 LOW = 0.5
 """Fraction of the requested rate below which a stream is requested again."""
 GROUPS = {
@@ -49,7 +63,8 @@ GROUPS = {
     dialect.MAVLINK_MSG_ID_SYSTEM_TIME: dialect.MAV_DATA_STREAM_EXTRA3,
     dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: dialect.MAV_DATA_STREAM_EXTRA3,
 }
-"""Groups of REQUEST_DATA_STREAM by message id, for firmware without SET_MESSAGE_INTERVAL (ArduPilot before 4.0)."""
+"""Groups of REQUEST_DATA_STREAM by message id, for firmware without SET_MESSAGE_INTERVAL (ArduPilot
+before 4.0)."""
 RESULT_NAMES = {
     value: entry.name.removeprefix("MAV_RESULT_").lower().replace("_", " ")
     for value, entry in dialect.enums["MAV_RESULT"].items()
@@ -83,7 +98,11 @@ class CommandResult:
 
     @property
     def answer(self) -> str:
-        return "no answer" if self.result is None else RESULT_NAMES.get(self.result, f"result {self.result}")
+        return (
+            "no answer"
+            if self.result is None
+            else RESULT_NAMES.get(self.result, f"result {self.result}")
+        )
 
 
 @dataclass(slots=True)
@@ -99,8 +118,8 @@ class _Pending:
 class CommandSender:
     """Sender of commands, at most one per command number at a time.
 
-    An answer contains only the command number. The next command of that number waits until the one before is finished
-    and its late answers can no longer arrive.
+    An answer contains only the command number. The next command of that number waits until the one
+    before is finished and its late answers can no longer arrive.
     """
 
     def __init__(self) -> None:
@@ -115,12 +134,14 @@ class CommandSender:
         self._unasked: deque[float] = deque(maxlen=UNASKED)
 
     def sent(self, number: int) -> None:
-        """Count the answers expected for a command that is sent. PX4 answers a mode change twice."""
+        """Count the answers expected for a command that is sent. PX4 answers a mode change
+        twice."""
         answers = 2 if number == dialect.MAV_CMD_DO_SET_MODE else 1
         self._owed[number] = min(self._owed[number] + answers, MOST_OWED)
 
     def answered_unasked(self, now: float) -> bool:
-        """True if answers arrive to commands that we did not send: another program sends commands with our ids."""
+        """True if answers arrive to commands that we did not send: another program sends commands
+        with our ids."""
         return len(self._unasked) == UNASKED and now - self._unasked[0] <= UNASKED_WITHIN
 
     def send(self, command: Command) -> None:
@@ -136,14 +157,16 @@ class CommandSender:
         self._held.clear()
 
     def drop(self, number: int) -> bool:
-        """Drop the commands of this number and do not wait for late answers. Return True if there were any."""
+        """Drop the commands of this number and do not wait for late answers. Return True if there
+        were any."""
         waited = [command for command in self._queue if command.number == number]
         self._queue = [command for command in self._queue if command.number != number]
         self._held.pop(number, None)
         return self._pending.pop(number, None) is not None or bool(waited)
 
     def take_results(self) -> list[CommandResult]:
-        results, self._results = self._results, []
+        results = self._results
+        self._results = []
         return results
 
     def acknowledge(self, ack: Message, us: Ids, now: float) -> None:
@@ -151,8 +174,10 @@ class CommandSender:
 
         Answers for other systems are ignored. A frame that arrives by two routers counts once.
         """
-        frame, target = bytes(ack.get_msgbuf()), (ack.target_system, ack.target_component)
-        known, repeated = frame in self._newest, bool(self._newest) and self._newest[-1] == frame
+        frame = bytes(ack.get_msgbuf())
+        target = (ack.target_system, ack.target_component)
+        known = frame in self._newest
+        repeated = bool(self._newest) and self._newest[-1] == frame
         self._newest.append(frame)
         if target[0] not in (0, us[0]) or target[1] not in (0, us[1]) or repeated:
             return
@@ -167,15 +192,18 @@ class CommandSender:
         if ack.result != dialect.MAV_RESULT_IN_PROGRESS:
             self._end(pending, ack.result, now)
         elif pending.in_progress < MOST_IN_PROGRESS:
-            pending.due, pending.sent = now + IN_PROGRESS_TIMEOUT, 1 + RETRIES
+            pending.due = now + IN_PROGRESS_TIMEOUT
+            pending.sent = 1 + RETRIES
             pending.in_progress += 1
 
     def poll(self, target: Ids, now: float) -> list[Message]:
-        """Return the messages due now: first tries and repeats, with `confirmation` counting the repeats."""
+        """Return the messages due now: first tries and repeats, with `confirmation` counting the
+        repeats."""
         for pending in list(self._pending.values()):
             if now >= pending.due and pending.sent > RETRIES:
                 self._end(pending, None, now)
-        waiting, self._queue = self._queue, []
+        waiting = self._queue
+        self._queue = []
         for command in waiting:
             if command.number in self._pending or now < self._held.get(command.number, now):
                 self._queue.append(command)
@@ -183,20 +211,23 @@ class CommandSender:
                 self._pending[command.number] = _Pending(command, now, now, now)
         due = [pending for pending in self._pending.values() if now >= pending.due]
         for pending in due:
-            pending.due, pending.last, pending.sent = now + ACK_TIMEOUT, now, pending.sent + 1
+            pending.due = now + ACK_TIMEOUT
+            pending.last = now
+            pending.sent = pending.sent + 1
         return [once(pending.command, target, pending.sent - 1) for pending in due]
 
     def _end(self, pending: _Pending, result: int | None, now: float) -> None:
         number = pending.command.number
         del self._pending[number]
-        # After repeats, the answer may be to any of the tries, and answers to the others may follow. After a single
-        # try this time is 0.
+        # After repeats, the answer may be to any of the tries, and answers to the others may
+        # follow. After a single try this time is 0.
         self._held[number] = now + LATE * (pending.last - pending.began)
         self._results.append(CommandResult(pending.command, result))
 
 
 def once(command: Command, target: Ids, confirmation: int = 0) -> Message:
-    """Return the message of a command without tracking its answer. confirmation: number of earlier tries."""
+    """Return the message of a command without tracking its answer. confirmation: number of earlier
+    tries."""
     params = command.params + (0.0,) * (7 - len(command.params))
     return dialect.MAVLink_command_long_message(*target, command.number, confirmation, *params)
 
@@ -212,14 +243,15 @@ class _Stream:
 
 
 class StreamRequests:
-    """Requests that keep the streams at their rates. Other clients change the rates, and a reboot resets them.
+    """Requests that keep the streams at their rates. Other clients change the rates, and a reboot
+    resets them.
 
     A stream that already arrives at its rate is not requested.
     """
 
     def __init__(self, wanted: Mapping[int, float], maybe: Container[int] = ()) -> None:
-        """wanted: message id -> Hz. maybe: ids that the vehicle may lack. They are requested again only if they have
-        been received before."""
+        """wanted: message id -> Hz. maybe: ids that the vehicle may lack. They are requested again
+        only if they have been received before."""
         self._streams = {message_id: _Stream(rate) for message_id, rate in wanted.items()}
         self._since: float | None = None
         self._is_first_check = True
@@ -235,7 +267,8 @@ class StreamRequests:
 
     @property
     def refused(self) -> list[str]:
-        """Names of the streams that the vehicle has denied and does not send after a group request either."""
+        """Names of the streams that the vehicle has denied and does not send after a group request
+        either."""
         return [
             dialect.mavlink_map[ident].msgname
             for ident, stream in self._streams.items()
@@ -260,7 +293,8 @@ class StreamRequests:
             self.by_group |= result.result == dialect.MAV_RESULT_UNSUPPORTED
 
     def group_requests(self, target: Ids, now: float) -> list[Message]:
-        """Return the REQUEST_DATA_STREAM messages due now, for groups with a missing stream. They get no answer."""
+        """Return the REQUEST_DATA_STREAM messages due now, for groups with a missing stream. They
+        get no answer."""
         if not self.by_group or now < self._group_due:
             return []
         missing = {
@@ -275,24 +309,34 @@ class StreamRequests:
         for ident, stream in self._streams.items():
             if GROUPS.get(ident) in {GROUPS[one] for one in missing}:
                 rates[GROUPS[ident]] = max(rates.get(GROUPS[ident], 0.0), stream.wanted)
-        return [dialect.MAVLink_request_data_stream_message(*target, group, ceil(hz), 1) for group, hz in rates.items()]
+        return [
+            dialect.MAVLink_request_data_stream_message(*target, group, ceil(hz), 1)
+            for group, hz in rates.items()
+        ]
 
     def poll(self, now: float) -> list[Command]:
         """Return the requests due now."""
         if self._since is None:
-            self._since, self._is_first_check = now, True
-            self._streams = {message_id: _Stream(stream.wanted) for message_id, stream in self._streams.items()}
+            self._since = now
+            self._is_first_check = True
+            self._streams = {
+                message_id: _Stream(stream.wanted) for message_id, stream in self._streams.items()
+            }
             return self._requests([ident for ident in self._streams if ident not in USUAL])
-        elapsed, first = now - self._since, self._is_first_check
+        elapsed = now - self._since
+        first = self._is_first_check
         if elapsed < (FIRST_CHECK if first else CHECK_EVERY):
             return []
-        self._since, self._is_first_check = now, False
+        self._since = now
+        self._is_first_check = False
         low = []
         for message_id, stream in self._streams.items():
-            received, stream.received = stream.received, 0
+            received = stream.received
+            stream.received = 0
             stream.ever |= received > 0
             if first and stream.asked:
-                continue  # requested at the start of this time, it has arrived for a part of it only
+                # The stream was requested within this time, and has arrived for a part of it only.
+                continue
             stream.rate = received / elapsed
             is_there = stream.ever or not stream.asked or message_id not in self._maybe
             if stream.rate < LOW * stream.wanted and is_there and not stream.denied:
@@ -303,13 +347,17 @@ class StreamRequests:
         """Return requests for these streams at their rates."""
         for ident in idents:
             self._streams[ident].asked = True
-        intervals = ((ident, round(1e6 / self._streams[ident].wanted)) for ident in idents)  # microseconds
+        intervals = (
+            (ident, round(1e6 / self._streams[ident].wanted)) for ident in idents
+        )  # microseconds
         return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, interval) for interval in intervals]
 
     def give_back(self) -> list[Command]:
         """Return the requests that restore the vehicle's own rates of the requested streams."""
         asked = [message_id for message_id, stream in self._streams.items() if stream.asked]
-        return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, 0)) for message_id in asked]
+        return [
+            Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, 0)) for message_id in asked
+        ]
 
 
 def _flows(stream: _Stream) -> bool:

@@ -1,7 +1,7 @@
 """Conversions between frames and sign conventions. Each function is named after its two frames.
 
-Guidance: counter-clockwise positive (the paper: x east, y north, angles from x). MAVLink: clockwise positive (NED:
-heading from north). No other module negates an angle or a turn rate.
+Guidance: counter-clockwise positive (the paper: x east, y north, angles from x). MAVLink: clockwise
+positive (NED: heading from north). No other module negates an angle or a turn rate.
 """
 
 from collections.abc import Sequence
@@ -27,12 +27,14 @@ def turn_rate_from_yaw_rate(yaw_rate: YawRate) -> TurnRate:
 
 
 def left_bank_from_roll(roll: float) -> float:
-    """Convert a right positive roll to a bank that is positive to the left, as counter-clockwise turns are, rad."""
+    """Convert a right positive roll to a bank that is positive to the left, as counter-clockwise
+    turns are, rad."""
     return -roll
 
 
 def heading_enu_from_yaw_ned(yaw: float) -> float:
-    """Convert a NED heading (clockwise from north) to the paper's psi (counter-clockwise from east), rad in (-pi, pi].
+    """Convert a NED heading (clockwise from north) to the paper's psi (counter-clockwise from
+    east), rad in (-pi, pi].
 
     Accepts arrays.
     """
@@ -40,27 +42,35 @@ def heading_enu_from_yaw_ned(yaw: float) -> float:
 
 
 def push_from_tilt(roll: float, pitch: float, psi: float) -> tuple[float, float]:
-    """Return the horizontal acceleration (m/s^2; x, y in the paper's frame) of a thrust that balances the weight.
+    """Return the horizontal acceleration (m/s^2; x, y in the paper's frame) of a thrust that
+    balances the weight.
 
-    roll: right positive, rad. pitch: nose up positive, rad. psi: direction of the nose in the paper's frame, rad.
+    roll: right positive, rad. pitch: nose up positive, rad. psi: direction of the nose in the
+    paper's frame, rad.
     """
     forward, right = -GRAVITY * tan(pitch), GRAVITY * tan(roll) / cos(pitch)
     return vector_from_level(forward, right, psi)
 
 
-def level_from_body(force: tuple[float, float, float], roll: float, pitch: float) -> tuple[float, float]:
-    """Return the horizontal acceleration (forward, right of the nose, m/s^2) for a specific force in the body frame.
+def level_from_body(
+    force: tuple[float, float, float], roll: float, pitch: float
+) -> tuple[float, float]:
+    """Return the horizontal acceleration (forward, right of the nose, m/s^2) for a specific force
+    in the body frame.
 
     force: forward, right, down, m/s^2. roll, pitch: rad. Gravity has no horizontal component.
     """
     x, y, z = force
-    return cos(pitch) * x + sin(pitch) * (sin(roll) * y + cos(roll) * z), cos(roll) * y - sin(roll) * z
+    return cos(pitch) * x + sin(pitch) * (sin(roll) * y + cos(roll) * z), cos(roll) * y - sin(
+        roll
+    ) * z
 
 
 def drag_from_body(force: tuple[float, float], roll: float, pitch: float) -> tuple[float, float]:
     """Return the horizontal drag (forward, left of the nose, m/s^2) of a multicopter.
 
-    force: specific force along the body's forward and right axes, m/s^2, which contains no thrust. roll, pitch: rad.
+    force: specific force along the body's forward and right axes, m/s^2, which contains no thrust.
+    roll, pitch: rad.
     """
     forward = force[0] / cos(pitch)
     right = (force[1] - sin(roll) * sin(pitch) * forward) / cos(roll)
@@ -68,42 +78,53 @@ def drag_from_body(force: tuple[float, float], roll: float, pitch: float) -> tup
 
 
 def pitch_from_push(push: float) -> float:
-    """Return the pitch (nose up positive, rad) of a thrust that balances the weight and pushes forward by `push`,
-    m/s^2."""
+    """Return the pitch (nose up positive, rad) of a thrust that balances the weight and pushes
+    forward by `push`, m/s^2."""
     return -atan(push / GRAVITY)
 
 
 def roll_from_push(right: float, left: float) -> float:
-    """Return the roll (right positive, rad) of a thrust that balances the weight and pushes to the right and to the
-    left, m/s^2."""
+    """Return the roll (right positive, rad) of a thrust that balances the weight and pushes to the
+    right and to the left, m/s^2."""
     return atan((right - left) / GRAVITY)
 
 
-def body_from_level(forward: float, right: float, roll: float, pitch: float) -> tuple[float, float, float]:
-    """Return a horizontal vector (forward, right of the nose) in the body frame (forward, right, down).
+def body_from_level(
+    forward: float, right: float, roll: float, pitch: float
+) -> tuple[float, float, float]:
+    """Return a horizontal vector (forward, right of the nose) in the body frame (forward, right,
+    down).
 
     roll, pitch: rad. Rotation back by the whole attitude gives the horizontal vector again.
     """
-    x, z = forward * cos(pitch), forward * sin(pitch)
+    x = forward * cos(pitch)
+    z = forward * sin(pitch)
     return x, right * cos(roll) + z * sin(roll), z * cos(roll) - right * sin(roll)
 
 
 def vector_from_level(forward: float, right: float, psi: float) -> tuple[float, float]:
-    """Return a horizontal vector (forward, right of the nose) in the paper's frame. psi: direction of the nose, rad."""
+    """Return a horizontal vector (forward, right of the nose) in the paper's frame. psi: direction
+    of the nose, rad."""
     return forward * cos(psi) + right * sin(psi), forward * sin(psi) - right * cos(psi)
 
 
 def compass_from_vector(x: float, y: float) -> float:
-    """Return the compass bearing of a vector in the paper's frame (x east, y north): rad in [0, 2 pi), clockwise from
-    north."""
+    """Return the compass bearing of a vector in the paper's frame (x east, y north): rad in [0, 2
+    pi), clockwise from north."""
     return atan2(x, y) % (2 * pi)
 
 
-def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Return MAVLink's q (w, x, y, z) for Euler angles in rad, NED, applied in the order yaw, pitch, roll."""
-    cr, sr = cos(roll / 2), sin(roll / 2)
-    cp, sp = cos(pitch / 2), sin(pitch / 2)
-    cy, sy = cos(yaw / 2), sin(yaw / 2)
+def quaternion_from_euler(
+    roll: float, pitch: float, yaw: float
+) -> tuple[float, float, float, float]:
+    """Return MAVLink's q (w, x, y, z) for Euler angles in rad, NED, applied in the order yaw,
+    pitch, roll."""
+    cr = cos(roll / 2)
+    sr = sin(roll / 2)
+    cp = cos(pitch / 2)
+    sp = sin(pitch / 2)
+    cy = cos(yaw / 2)
+    sy = sin(yaw / 2)
     return (
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,

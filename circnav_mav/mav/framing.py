@@ -1,7 +1,7 @@
 """Finding and checking MAVLink frames in bytes, by https://mavlink.io/en/guide/serialization.html.
 
-pymavlink's stream parser skips the whole claimed length of a bad frame, and loses the valid frames inside. This module
-skips one byte after a bad start, so that a stray byte loses no frame.
+pymavlink's stream parser skips the whole claimed length of a bad frame, and loses the valid frames
+inside. This module skips one byte after a bad start, so that a stray byte loses no frame.
 """
 
 import re
@@ -12,12 +12,14 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
-V1, V2 = 0xFE, 0xFD
+V1 = 0xFE
+V2 = 0xFD
 """First byte of MAVLink 1 and MAVLink 2 frames."""
 MAGICS = (V1, V2)
 SIGNED = 0x01
 """Incompatibility flag of a signed frame."""
-CRC, SIGNATURE = 2, 13
+CRC = 2
+SIGNATURE = 13
 """Lengths of the checksum and of the signature at the end of a frame, bytes."""
 _HEADER_1 = Struct("<xBxBBB")
 _HEADER_2 = Struct("<xBBxxBBHB")
@@ -30,16 +32,21 @@ def _one_of(numbers: Iterable[int]) -> bytes:
 
 
 def _known_start() -> re.Pattern[bytes]:
-    """Return a pattern for the start of a header with a known id. Its lookahead permits overlapping matches."""
+    """Return a pattern for the start of a header with a known id. Its lookahead permits overlapping
+    matches."""
     pages = groupby(sorted(_EXTRA), key=lambda ident: ident >> 8)
-    idents = (_one_of(ident & 0xFF for ident in page) + re.escape(high.to_bytes(2, "little")) for high, page in pages)
+    idents = (
+        _one_of(ident & 0xFF for ident in page) + re.escape(high.to_bytes(2, "little"))
+        for high, page in pages
+    )
     version_2 = b"\\xfd(?=.[\\x00\\x01].{4}(?:" + b"|".join(idents) + b"))"
     version_1 = b"\\xfe(?=.{4}" + _one_of(ident for ident in _EXTRA if ident <= 0xFF) + b")"
     return re.compile(version_2 + b"|" + version_1, re.DOTALL)
 
 
 _crc: Callable[[bytes], int] = dialect.mcrf4xx or (lambda data: int(dialect.x25crc(data).crc))
-"""MAVLink's CRC function: the compiled one of the package fastcrc, or pymavlink's own if fastcrc is missing."""
+"""MAVLink's CRC function: the compiled one of the package fastcrc, or pymavlink's own if fastcrc is
+missing."""
 _START = re.compile(_one_of(MAGICS))
 _KNOWN_START = _known_start()
 
@@ -47,8 +54,8 @@ _KNOWN_START = _known_start()
 class Frame(NamedTuple):
     """A frame as described by its header.
 
-    end: index after its last byte, beyond the buffer if the frame is incomplete. ident, system, component: ids of the
-    message and its sender, 0 if the header is incomplete.
+    end: index after its last byte, beyond the buffer if the frame is incomplete. ident, system,
+    component: ids of the message and its sender, 0 if the header is incomplete.
     """
 
     start: int
@@ -65,8 +72,10 @@ class Frame(NamedTuple):
 
 
 def frame_at(buffer: bytes, at: int) -> Frame | None:
-    """Return the frame that the header at this index describes, or None if no frame can start there."""
-    magic, left = buffer[at], len(buffer) - at
+    """Return the frame that the header at this index describes, or None if no frame can start
+    there."""
+    magic = buffer[at]
+    left = len(buffer) - at
     if magic not in MAGICS or (magic == V2 and left > 2 and buffer[at + 2] & ~SIGNED):
         return None
     if left < HEADERS[magic].size:
@@ -86,24 +95,29 @@ def next_start(buffer: bytes, at: int) -> int:
 
 
 def must_wait(buffer: bytes, frame: Frame) -> bool:
-    """True if more bytes of a stream are needed: the rest of the frame or, for an unknown id, the byte after it."""
+    """True if more bytes of a stream are needed: the rest of the frame or, for an unknown id, the
+    byte after it."""
     return frame.end > len(buffer) or (frame.end == len(buffer) and not frame.known)
 
 
 def is_good(buffer: bytes, frame: Frame) -> bool:
     """True if the frame is valid: its CRC is correct.
 
-    The CRC of an id outside the dialect cannot be checked. Such a frame is valid if it contains no valid frame, and
-    another frame or the end of the buffer follows.
+    The CRC of an id outside the dialect cannot be checked. Such a frame is valid if it contains no
+    valid frame, and another frame or the end of the buffer follows.
     """
     if frame.end > len(buffer):
         return False
     if frame.known:
         tail = frame.end - CRC - (SIGNATURE if frame.signed else 0)
-        return _crc(buffer[frame.start + 1 : tail] + _EXTRA[frame.ident]) == buffer[tail] | buffer[tail + 1] << 8
+        return (
+            _crc(buffer[frame.start + 1 : tail] + _EXTRA[frame.ident])
+            == buffer[tail] | buffer[tail + 1] << 8
+        )
     if frame.end < len(buffer) and buffer[frame.end] not in MAGICS:
         return False
-    # in a flood of unknown ids most time is spent here: the pattern skips bytes that start no header, at little cost
+    # in a flood of unknown ids most time is spent here: the pattern skips bytes that start no
+    # header, at little cost
     starts = _KNOWN_START.finditer(buffer, frame.start + 1, frame.end + _HEADER_2.size - 1)
     inside = (frame_at(buffer, found.start()) for found in starts if found.start() < frame.end)
     return not any(one is not None and is_good(buffer, one) for one in inside)
@@ -111,7 +125,8 @@ def is_good(buffer: bytes, frame: Frame) -> bool:
 
 def split_frames(data: bytes) -> list[bytes]:
     """Return the frames in our own output, which contains only complete frames."""
-    frames, at = [], 0
+    frames = []
+    at = 0
     while at < len(data) and (frame := frame_at(data, at)) is not None:
         frames.append(data[at : frame.end])
         at = frame.end

@@ -1,4 +1,5 @@
-"""Identity of our vehicle: ids and address of the sender of the first HEARTBEAT that fits the mission."""
+"""Identity of our vehicle: ids and address of the sender of the first HEARTBEAT that fits the
+mission."""
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Mapping
@@ -15,21 +16,25 @@ MAVLINK_1_ONLY = "sends MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SE
 AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
 NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
 MOVES_AFTER = 1.5
-"""Silence of the vehicle's address, s, after which the vehicle may move to another address. Any message ends the
-silence."""
+"""Silence of the vehicle's address, s, after which the vehicle may move to another address. Any
+message ends the silence."""
 PROOF_LASTS = 2.0
 """Time, s, for which a proof of the vehicle's identity is valid: two heartbeat intervals of PX4."""
 MOST_MISFITS = 16
-"""Rejected senders kept for the operator's message: bounds the memory that a hostile link can fill."""
+"""Rejected senders kept for the operator's message: bounds the memory that a hostile link can
+fill."""
 FLOODED = 3.0
 """Time after the last dropped bytes, s, at which a flood is over."""
 SECOND_SENDER_KEPT = 5.0
 """Time, s, for which a second sender is reported: longer than heartbeat gaps on a lossy link."""
-UNKNOWN_RATE, UNKNOWN_BURST = 64_000.0, 32_000.0
-"""Limits for untrusted senders while the vehicle is connected: bytes per second, and bytes at once. Several other
-vehicles send less. Untrusted senders at these limits use 2 % of the processor time, and the socket still receives the
-vehicle's frames."""
-VEHICLE_NAME, OUR_NAME, RADIO_NAME = "the vehicle", "circnav", "the ranging radio"
+UNKNOWN_RATE = 64_000.0
+UNKNOWN_BURST = 32_000.0
+"""Limits for untrusted senders while the vehicle is connected: bytes per second, and bytes at once.
+Several other vehicles send less. Untrusted senders at these limits use 2 % of the processor time,
+and the socket still receives the vehicle's frames."""
+VEHICLE_NAME = "the vehicle"
+OUR_NAME = "circnav"
+RADIO_NAME = "the ranging radio"
 """Identities that a second sender may use, as named in messages to the operator."""
 
 
@@ -58,8 +63,8 @@ def spelt(source: Hashable) -> str:
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """system_id: system id of the vehicle, None for the first vehicle that fits the mission. component_id: component id
-    of circnav, 191 to 194."""
+    """system_id: system id of the vehicle, None for the first vehicle that fits the mission.
+    component_id: component id of circnav, 191 to 194."""
 
     system_id: int | None = None
     component_id: int = 191
@@ -91,7 +96,8 @@ class Allowance:
     """Byte budget for untrusted senders, so that a flood does not block the vehicle's messages."""
 
     def __init__(self) -> None:
-        self._left, self._at = UNKNOWN_BURST, 0.0
+        self._left = UNKNOWN_BURST
+        self._at = 0.0
         self.dropped = 0
         """Bytes that were dropped."""
         self.dropped_at = float("-inf")
@@ -105,18 +111,21 @@ class Allowance:
         self._left = min(self._left + UNKNOWN_RATE * (now - self._at), UNKNOWN_BURST)
         self._at = now
         if size > self._left:
-            self.dropped, self.dropped_at = self.dropped + size, now
+            self.dropped = self.dropped + size
+            self.dropped_at = now
             return False
         self._left -= size
         return True
 
 
 class Identity:
-    """The vehicle's ids and address, the address to reply to, and the reasons why other senders are rejected.
+    """The vehicle's ids and address, the address to reply to, and the reasons why other senders are
+    rejected.
 
-    While messages of the vehicle's system arrive from its address, no other address is accepted. After a silence the
-    vehicle may send from another address if its time since boot is the expected one. Before the flight a lost vehicle
-    is found again without this proof: it may have been switched off.
+    While messages of the vehicle's system arrive from its address, no other address is accepted.
+    After a silence the vehicle may send from another address if its time since boot is the expected
+    one. Before the flight a lost vehicle is found again without this proof: it may have been
+    switched off.
     """
 
     def __init__(self, settings: LinkSettings, adapters: tuple[Autopilot, ...]) -> None:
@@ -130,13 +139,15 @@ class Identity:
         """`home` while the vehicle reports its mode, otherwise None."""
         self.reply_to: Hashable = None
         self.stays = False
-        """True once the vehicle was steered. From then on another address needs proof after any silence."""
+        """True once the vehicle was steered. From then on another address needs proof after any
+        silence."""
         self.since = 0.0
         """Time at which the vehicle was found, or found again after a silence, s."""
         self._received_at = float("-inf")
         """Time of the newest message of the vehicle's system from its address, s."""
         self._proven: tuple[Hashable, float] = (None, float("-inf"))
-        """Newest other address that was proven to be the vehicle's, and the time of the proof, s."""
+        """Newest other address that was proven to be the vehicle's, and the time of the proof,
+        s."""
         self.ignored: Counter[str] = Counter()
         self.vehicles: dict[int, Hashable] = {}
         """Address of the newest autopilot heartbeat, by system id."""
@@ -147,33 +158,51 @@ class Identity:
     def other_vehicles(self) -> Mapping[int, Hashable]:
         """Addresses of other vehicles by system id; empty before our vehicle was found."""
         home = self.home
-        return {} if home is None else {one: at for one, at in self.vehicles.items() if one != home.system}
+        return (
+            {}
+            if home is None
+            else {one: at for one, at in self.vehicles.items() if one != home.system}
+        )
 
     def say_hello(self, source: Hashable, now: float) -> None:
-        """Send circnav's frames to the address of a sender that cannot be accepted yet, unless the vehicle has another
-        address.
+        """Send circnav's frames to the address of a sender that cannot be accepted yet, unless the
+        vehicle has another address.
 
-        These frames may make the sender acceptable. A MAVLink 1 sender may switch to MAVLink 2. A sender whose signing
-        clock is behind, for example without GPS, adopts the timestamp of circnav's frames.
+        These frames may make the sender acceptable. A MAVLink 1 sender may switch to MAVLink 2. A
+        sender whose signing clock is behind, for example without GPS, adopts the timestamp of
+        circnav's frames.
         """
         if self._may_be_at(source, now):
             self.reply_to = source
 
     def receive(
-        self, message: Message, source: Hashable, now: float, *, continues: Callable[[Message, float], bool]
+        self,
+        message: Message,
+        source: Hashable,
+        now: float,
+        *,
+        continues: Callable[[Message, float], bool],
     ) -> bool:
-        """Return True if a message is from our vehicle. Only a HEARTBEAT pins it, or moves it to another address.
+        """Return True if a message is from our vehicle. Only a HEARTBEAT pins it, or moves it to
+        another address.
 
-        Other senders with its ids, and heartbeats of other vehicles, are counted. continues: True if a message carries
-        the expected time since boot.
+        Other senders with its ids, and heartbeats of other vehicles, are counted. continues: True
+        if a message carries the expected time since boot.
         """
-        who, is_heartbeat, home = Sender(*ids(message), source), message.get_type() == "HEARTBEAT", self.home
-        # A radio, gimbal or companion with the default ids 1/1 shares them with the vehicle, often behind the same
-        # router. Its heartbeat has its own mode and armed flag, both 0, which looks like a takeover.
+        who = Sender(*ids(message), source)
+        is_heartbeat = message.get_type() == "HEARTBEAT"
+        home = self.home
+        # A radio, gimbal or companion with the default ids 1/1 shares them with the vehicle, often
+        # behind the same router. Its heartbeat has its own mode and armed flag, both 0, which looks
+        # like a takeover.
         if is_heartbeat and who == self.peer and message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
             self.ignored["no_autopilot"] += 1
             return False
-        if is_heartbeat and who.component == AUTOPILOT_COMPONENT and message.autopilot not in NO_AUTOPILOT:
+        if (
+            is_heartbeat
+            and who.component == AUTOPILOT_COMPONENT
+            and message.autopilot not in NO_AUTOPILOT
+        ):
             self.vehicles[who.system] = source  # otherwise it is a radio with a heartbeat
         if home is not None and (who.system, source) == (home.system, home.source):
             self._received_at = now
@@ -185,10 +214,20 @@ class Identity:
             self._consider(message, who, now)
         if who == self.peer:
             return True
-        # A vehicle that changes its address sends a few messages before its first heartbeat: no second sender.
-        if home is not None and who.ids == home.ids and source != home.source and (is_heartbeat or not silent):
+        # A vehicle that changes its address sends a few messages before its first heartbeat: no
+        # second sender.
+        if (
+            home is not None
+            and who.ids == home.ids
+            and source != home.source
+            and (is_heartbeat or not silent)
+        ):
             self.second_senders.received(VEHICLE_NAME, who, home, now)
-        if is_heartbeat and self.peer is not None and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
+        if (
+            is_heartbeat
+            and self.peer is not None
+            and message.autopilot != dialect.MAV_AUTOPILOT_INVALID
+        ):
             self.ignored["other_vehicle"] += 1
         return False
 
@@ -203,8 +242,12 @@ class Identity:
         return found_again or (source == address and now - at <= PROOF_LASTS)
 
     def _consider(self, heartbeat: Message, who: Sender, now: float) -> None:
-        """Pin the sender of this heartbeat if it is the mission's vehicle. Otherwise record the reason."""
-        if heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID or heartbeat.type == dialect.MAV_TYPE_GCS:
+        """Pin the sender of this heartbeat if it is the mission's vehicle. Otherwise record the
+        reason."""
+        if (
+            heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID
+            or heartbeat.type == dialect.MAV_TYPE_GCS
+        ):
             return
         adapter = next((one for one in self._adapters if _fits(one, heartbeat)), None)
         reason = self._misfit(heartbeat, who, adapter, now)
@@ -213,13 +256,18 @@ class Identity:
                 self.misfits[who.ids] = reason
             return
         if self.peer is None:
-            self.adapter, self.since = adapter, now
+            self.adapter = adapter
+            self.since = now
         self.home = self.peer = who
-        self.reply_to, self._received_at = who.source, now
+        self.reply_to = who.source
+        self._received_at = now
 
-    def _misfit(self, heartbeat: Message, who: Sender, adapter: Autopilot | None, now: float) -> str:
+    def _misfit(
+        self, heartbeat: Message, who: Sender, adapter: Autopilot | None, now: float
+    ) -> str:
         """Return the reason why this sender is not our vehicle, human-readable; empty if it is."""
-        wanted, system = self._settings.system_id, f"system {who.system}"
+        wanted = self._settings.system_id
+        system = f"system {who.system}"
         if who.system == 0:  # 0 is the broadcast address
             return f"{system} is no id of a vehicle: set its system id to 1 to 255"
         if self.home is not None and who.ids != self.home.ids:
@@ -232,17 +280,24 @@ class Identity:
         if self.home is not None and adapter is not self.adapter:
             return f"{system} is {describe_vehicle(heartbeat)} now, not the vehicle received first"
         if heartbeat.get_msgbuf()[0] != V2:
-            self.say_hello(who.source, now)  # our MAVLink 2 heartbeat makes many autopilots switch over
+            self.say_hello(
+                who.source, now
+            )  # our MAVLink 2 heartbeat makes many autopilots switch over
             return f"{system} {MAVLINK_1_ONLY}"
         return ""
 
 
 def _fits(adapter: Autopilot, heartbeat: Message) -> bool:
-    return heartbeat.autopilot == adapter.firmware.autopilot and heartbeat.type in adapter.vehicle_types
+    return (
+        heartbeat.autopilot == adapter.firmware.autopilot
+        and heartbeat.type in adapter.vehicle_types
+    )
 
 
 def describe_vehicle(heartbeat: Message) -> str:
     """Return autopilot and vehicle type of a HEARTBEAT, human-readable."""
     kinds = (("MAV_AUTOPILOT", heartbeat.autopilot), ("MAV_TYPE", heartbeat.type))
     entries = (dialect.enums[name].get(value) for name, value in kinds)
-    return " ".join(entry.name.split("_", 2)[-1].lower() if entry else "unknown" for entry in entries)
+    return " ".join(
+        entry.name.split("_", 2)[-1].lower() if entry else "unknown" for entry in entries
+    )

@@ -1,7 +1,9 @@
-"""The vehicle's own motion without position: attitude, heading rate, airspeed, height and measured accelerations.
+"""The vehicle's own motion without position: attitude, heading rate, airspeed, height and measured
+accelerations.
 
-The position and the velocity that the autopilot estimates are never used. Sources: ATTITUDE or ATTITUDE_QUATERNION,
-VFR_HUD (except its ground speed) and the IMU messages. A value that is missing or older than its bound is None.
+The position and the velocity that the autopilot estimates are never used. Sources: ATTITUDE or
+ATTITUDE_QUATERNION, VFR_HUD (except its ground speed) and the IMU messages. A value that is missing
+or older than its bound is None.
 """
 
 from collections import deque
@@ -25,40 +27,53 @@ from circnav_mav.mav.frames import (
 )
 
 MOST_TILT = 1.2
-"""Largest tilt, rad, used in calculations. Beyond it turns are not coordinated and thrust does not hold the weight."""
+"""Largest tilt, rad, used in calculations. Beyond it turns are not coordinated and thrust does not
+hold the weight."""
 ATTITUDE_MAX_AGE = 0.5
-"""Oldest attitude that is used, s: as the default `max_age` of a range, and ten messages at 20 Hz."""
+"""Oldest attitude that is used, s: as the default `max_age` of a range, and ten messages at 20
+Hz."""
 AIR_MAX_AGE = 1.5
 """Oldest airspeed that is used, s; chosen, it is sent less often than the attitude."""
 MOST_LATE = 0.4
-"""Longest plausible link delay of an attitude, s. Less than ATTITUDE_MAX_AGE, so that the heading stays available when
-the vehicle's clock is reset."""
+"""Longest plausible link delay of an attitude, s. Less than ATTITUDE_MAX_AGE, so that the heading
+stays available when the vehicle's clock is reset."""
 JUMP = 0.5
-"""Backward step of the vehicle's clock, s, that counts as a clock reset. At most ATTITUDE_MAX_AGE: after a stamp that
-is ahead by less, later stamps are rejected as older for up to this time."""
-MOST_ANGLE, MOST_RATE, MOST_AIRSPEED, MOST_ALTITUDE = 6.3, 50.0, 200.0, 1e5
-"""Largest plausible magnitudes of a measurement, rad, rad/s, m/s and m. Larger values are discarded."""
+"""Backward step of the vehicle's clock, s, that counts as a clock reset. At most ATTITUDE_MAX_AGE:
+after a stamp that is ahead by less, later stamps are rejected as older for up to this time."""
+MOST_ANGLE = 6.3
+MOST_RATE = 50.0
+MOST_AIRSPEED = 200.0
+MOST_ALTITUDE = 1e5
+"""Largest plausible magnitudes of a measurement, rad, rad/s, m/s and m. Larger values are
+discarded."""
 NO_ROTATION = 0.1
 """Largest deviation of a quaternion's norm from 1. A quaternion beyond it is discarded."""
 FLOWN_ALTITUDES = -500.0, 6_000.0
-"""Lowest and highest altitude, m, for which airspeed is corrected for air density. Others are clipped."""
+"""Lowest and highest altitude, m, for which airspeed is corrected for air density. Others are
+clipped."""
 YAW_JUMP = 0.35
-"""Difference between the reported and the predicted yaw, rad, above which the autopilot has reset its yaw. Real turns
-stay far below: a yaw rate that changes by 90 deg/s within 0.1 s gives 0.08 rad."""
+"""Difference between the reported and the predicted yaw, rad, above which the autopilot has reset
+its yaw. Real turns stay far below: a yaw rate that changes by 90 deg/s within 0.1 s gives 0.08
+rad."""
 LONGEST_CARRIED = 0.5
 """Longest time, s, over which a yaw is predicted for this comparison."""
-FEWEST, FEWEST_WITHIN = 4, 3.0
-"""Least number of attitudes within this time, s, to follow the vehicle's turns. circnav requests 20 per second."""
+FEWEST = 4
+FEWEST_WITHIN = 3.0
+"""Least number of attitudes within this time, s, to follow the vehicle's turns. circnav requests 20
+per second."""
 REPEATED = 0.2
-"""Within this time, s, an equal stamp is a repeated message. Later, the vehicle's clock has stopped."""
+"""Within this time, s, an equal stamp is a repeated message. Later, the vehicle's clock has
+stopped."""
 ACCELERATIONS = {"HIGHRES_IMU": 1.0, "RAW_IMU": GRAVITY / 1000, "SCALED_IMU": GRAVITY / 1000}
 """Unit of the raw acceleration, m/s^2, by message type."""
 LONGEST_STEP = 0.2
-"""Longest gap between two accelerations, s, that is integrated over: 5 Hz. After a longer one the integral restarts."""
+"""Longest gap between two accelerations, s, that is integrated over: 5 Hz. After a longer one the
+integral restarts."""
 OLDEST_ATTITUDE = 0.2
 """Oldest attitude, s, used to rotate accelerations to the horizontal."""
 FORCE_SMOOTHING = 0.1
-"""Time constant of the low-pass on the specific force, s: vibration between two attitudes is averaged."""
+"""Time constant of the low-pass on the specific force, s: vibration between two attitudes is
+averaged."""
 MOST_FORCE = 16 * GRAVITY
 """Full scale of autopilots' accelerometers, m/s^2."""
 OTHER_SOURCE = 2.0
@@ -68,8 +83,8 @@ OTHER_SOURCE = 2.0
 class Motion(NamedTuple):
     """Newest attitude and air data. None: unknown now.
 
-    roll, pitch, yaw: rad, NED (yaw clockwise from north). yaw_rate: heading rate, rad/s, clockwise positive.
-    airspeed: indicated, m/s. altitude: m above sea level. climb: m/s, up positive.
+    roll, pitch, yaw: rad, NED (yaw clockwise from north). yaw_rate: heading rate, rad/s, clockwise
+    positive. airspeed: indicated, m/s. altitude: m above sea level. climb: m/s, up positive.
     """
 
     roll: float | None = None
@@ -81,19 +96,23 @@ class Motion(NamedTuple):
     climb: float | None = None
 
     def true_airspeed(self, indicated: float) -> float:
-        """Return the true airspeed for an indicated one, m/s, from the standard atmosphere's density (ISO 2533).
+        """Return the true airspeed for an indicated one, m/s, from the standard atmosphere's
+        density (ISO 2533).
 
         Without an altitude it is the indicated airspeed.
         """
         if self.altitude is None:
             return indicated
         lowest, highest = FLOWN_ALTITUDES
-        root_of_density: float = (1 - 2.25577e-5 * min(max(self.altitude, lowest), highest)) ** 2.12794
+        root_of_density: float = (
+            1 - 2.25577e-5 * min(max(self.altitude, lowest), highest)
+        ) ** 2.12794
         return indicated / root_of_density
 
 
 class Attitude(NamedTuple):
-    """Fields of an ATTITUDE: time (s, the vehicle's clock), roll, pitch, yaw (rad, NED), body rates p, q, r (rad/s)."""
+    """Fields of an ATTITUDE: time (s, the vehicle's clock), roll, pitch, yaw (rad, NED), body rates
+    p, q, r (rad/s)."""
 
     time: float
     roll: float
@@ -107,23 +126,32 @@ class Attitude(NamedTuple):
     def yaw_rate(self) -> YawRate:
         """Heading rate, rad/s clockwise positive: (q sin(roll) + r cos(roll))/cos(pitch).
 
-        ATTITUDE.yawspeed is the body z rate r. Used as the heading rate, it caused a radius error of 7 m in flight.
+        ATTITUDE.yawspeed is the body z rate r. Used as the heading rate, it caused a radius error
+        of 7 m in flight.
         """
-        return YawRate((self.q * sin(self.roll) + self.r * cos(self.roll)) / max(cos(self.pitch), 0.1))
+        return YawRate(
+            (self.q * sin(self.roll) + self.r * cos(self.roll)) / max(cos(self.pitch), 0.1)
+        )
 
     def at(self, time: float) -> tuple[float, float, float]:
         """Return roll, pitch and yaw at another time, extrapolated with the rates."""
-        dt, up = time - self.time, tan(min(max(self.pitch, -1.2), 1.2))
+        dt = time - self.time
+        up = tan(min(max(self.pitch, -1.2), 1.2))
         roll_rate = self.p + (self.q * sin(self.roll) + self.r * cos(self.roll)) * up
         pitch_rate = self.q * cos(self.roll) - self.r * sin(self.roll)
-        return self.roll + roll_rate * dt, self.pitch + pitch_rate * dt, self.yaw + self.yaw_rate * dt
+        return (
+            self.roll + roll_rate * dt,
+            self.pitch + pitch_rate * dt,
+            self.yaw + self.yaw_rate * dt,
+        )
 
 
 class OwnMotionSensor:
     """Newest own motion of the vehicle, without stale values.
 
-    The age of an attitude counts from its measurement, by the vehicle's own clock. On the link a message may be delayed
-    or reordered, and a heading with a time error of 0.2 s distorts the reconstructed path.
+    The age of an attitude counts from its measurement, by the vehicle's own clock. On the link a
+    message may be delayed or reordered, and a heading with a time error of 0.2 s distorts the
+    reconstructed path.
     """
 
     def __init__(self, slower: Slower = no_link_delay) -> None:
@@ -145,7 +173,8 @@ class OwnMotionSensor:
         self._clock = StampFilter(slower, wrap=BOOT_WRAP, jump=JUMP)
 
     def receive(self, message: Message, now: float) -> bool:
-        """Process one message of the pinned vehicle. Return True if it was a usable attitude, newer than all before."""
+        """Process one message of the pinned vehicle. Return True if it was a usable attitude, newer
+        than all before."""
         if message.get_type() == "VFR_HUD":
             self._air = Motion(
                 airspeed=_real(message.airspeed, MOST_AIRSPEED, above=0.0),
@@ -160,7 +189,9 @@ class OwnMotionSensor:
             return False
         values = (*angles, message.rollspeed, message.pitchspeed, message.yawspeed)
         bounds = (MOST_ANGLE, MOST_ANGLE, MOST_ANGLE, MOST_RATE, MOST_RATE, MOST_RATE)
-        if not all(abs(value) <= bound for value, bound in zip(values, bounds, strict=True)):  # false for NaN, too
+        if not all(
+            abs(value) <= bound for value, bound in zip(values, bounds, strict=True)
+        ):  # false for NaN, too
             return False
         measured = self._measured(message.time_boot_ms, now)
         if measured is None:
@@ -178,9 +209,10 @@ class OwnMotionSensor:
         return now - self._received[0] > FEWEST_WITHIN
 
     def _watch_yaw(self, body: Attitude, now: float) -> None:
-        """Detect a yaw reset. An autopilot's EKF resets its yaw in flight, by up to 180 deg, when compass and GPS
-        disagree. The vehicle itself has not turned."""
-        before, step = self._body, now - self._received[-1]
+        """Detect a yaw reset. An autopilot's EKF resets its yaw in flight, by up to 180 deg, when
+        compass and GPS disagree. The vehicle itself has not turned."""
+        before = self._body
+        step = now - self._received[-1]
         if before is not None and body.time > before.time:
             step = body.time - before.time
         if before is None or not self.keeps_heading or step > LONGEST_CARRIED:
@@ -191,7 +223,8 @@ class OwnMotionSensor:
             self.jumped = remainder(self.jumped + jump, tau)
 
     def _measured(self, stamp_ms: int, now: float) -> float | None:
-        """Return the local time at which an attitude was measured, s, or None if it is not newer than the newest."""
+        """Return the local time at which an attitude was measured, s, or None if it is not newer
+        than the newest."""
         clock = self._clock
         stamp = clock.unwrapped(stamp_ms / 1000)
         order = clock.order(stamp, now)
@@ -201,7 +234,8 @@ class OwnMotionSensor:
         if order in (Order.OLDER, Order.JUMPED):
             return None
         measured = clock.local(stamp, now)
-        # Such a delay indicates a reset of the vehicle's clock. Restart the filter to keep the heading available.
+        # Such a delay indicates a reset of the vehicle's clock. Restart the filter to keep the
+        # heading available.
         if now - measured > MOST_LATE:
             clock.reset()
             measured = clock.local(stamp, now)
@@ -211,13 +245,14 @@ class OwnMotionSensor:
     def own(self, now: float, airspeed: float, *, banks: bool = False) -> OwnMotion | None:
         """Return the motion in guidance's frame, or None without an attitude.
 
-        airspeed: true, m/s, chosen by the caller. banks: True if the vehicle banks to turn. Otherwise its tilt
-        accelerates it.
+        airspeed: true, m/s, chosen by the caller. banks: True if the vehicle banks to turn.
+        Otherwise its tilt accelerates it.
         """
         body = self._attitude(now)
         if body is None:
             return None
-        psi, turn_rate = heading_enu_from_yaw_ned(body.yaw), turn_rate_from_yaw_rate(body.yaw_rate)
+        psi = heading_enu_from_yaw_ned(body.yaw)
+        turn_rate = turn_rate_from_yaw_rate(body.yaw_rate)
         own = OwnMotion(self._attitude_at, psi, turn_rate, airspeed, felt=self._accelerations.felt)
         roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (body.roll, body.pitch))
         if banks:
@@ -242,7 +277,8 @@ class OwnMotionSensor:
 def _angles(message: Message) -> tuple[float, float, float] | None:
     """Return roll, pitch and yaw of either attitude message, or None for another message.
 
-    An invalid quaternion gives NaN. If a vehicle sends both messages with the same stamp, only the first is used.
+    An invalid quaternion gives NaN. If a vehicle sends both messages with the same stamp, only the
+    first is used.
     """
     if message.get_type() == "ATTITUDE":
         return message.roll, message.pitch, message.yaw
@@ -253,47 +289,60 @@ def _angles(message: Message) -> tuple[float, float, float] | None:
 
 
 def _real(value: float, most: float, above: float = float("-inf")) -> float | None:
-    """Return a value within the bounds, or None. PX4's copter sends a NaN airspeed, ArduPilot 0 before take-off."""
+    """Return a value within the bounds, or None. PX4's copter sends a NaN airspeed, ArduPilot 0
+    before take-off."""
     return value if abs(value) <= most and value > above else None
 
 
 class Accelerations:
-    """Integral of the measured specific force, rotated to the horizontal (ArduPilot sends milli-g in the body frame).
+    """Integral of the measured specific force, rotated to the horizontal (ArduPilot sends milli-g
+    in the body frame).
 
-    The newest attitude is extrapolated to the time of the measurement: an attitude error of 1 deg is 0.17 m/s^2. After
-    a gap or an implausible value the integral restarts. `felt` holds its start time.
+    The newest attitude is extrapolated to the time of the measurement: an attitude error of 1 deg
+    is 0.17 m/s^2. After a gap or an implausible value the integral restarts. `felt` holds its start
+    time.
     """
 
     def __init__(self) -> None:
-        self._type, self._received_at, self._time = "", float("-inf"), float("-inf")
+        self._type = ""
+        self._received_at = float("-inf")
+        self._time = float("-inf")
         self.felt: IntegratedAcceleration | None = None
         self._across: tuple[float, float] | None = None
 
     def receive(self, message: Message, attitude: Attitude | None, now: float) -> None:
         """Process one message of the vehicle. Messages without accelerations are ignored."""
         kind = message.get_type()
-        if kind not in ACCELERATIONS or (kind != self._type and now - self._received_at < OTHER_SOURCE):
+        if kind not in ACCELERATIONS or (
+            kind != self._type and now - self._received_at < OTHER_SOURCE
+        ):
             return
         if kind != self._type:
-            self._type, self.felt = kind, None
+            self._type = kind
+            self.felt = None
         self._received_at = now
         unit = ACCELERATIONS[kind]
         force = unit * message.xacc, unit * message.yacc, unit * message.zacc
         time = message.time_boot_ms / 1e3 if kind == "SCALED_IMU" else message.time_usec / 1e6
-        step, self._time = time - self._time, time
-        sound = 0 <= step <= LONGEST_STEP and all(abs(value) < MOST_FORCE for value in force)  # false for NaN
+        step = time - self._time
+        self._time = time
+        sound = 0 <= step <= LONGEST_STEP and all(
+            abs(value) < MOST_FORCE for value in force
+        )  # false for NaN
         self._smooth(force, step, sound=sound)
         if not sound or attitude is None or abs(time - attitude.time) > OLDEST_ATTITUDE:
             self.felt = None
             return
         roll, pitch, yaw = attitude.at(time)
-        ax, ay = vector_from_level(*level_from_body(force, roll, pitch), heading_enu_from_yaw_ned(yaw))
+        ax, ay = vector_from_level(
+            *level_from_body(force, roll, pitch), heading_enu_from_yaw_ned(yaw)
+        )
         was = self.felt or IntegratedAcceleration(0.0, 0.0, now)
         self.felt = IntegratedAcceleration(was.x + ax * step, was.y + ay * step, was.since)
 
     def across_thrust(self, now: float) -> tuple[float, float] | None:
-        """Return the low-passed specific force along the body's forward and right axes, m/s^2. Return None without a
-        recent measurement."""
+        """Return the low-passed specific force along the body's forward and right axes, m/s^2.
+        Return None without a recent measurement."""
         return self._across if now - self._received_at <= ATTITUDE_MAX_AGE else None
 
     def _smooth(self, force: tuple[float, float, float], step: float, *, sound: bool) -> None:

@@ -1,6 +1,8 @@
-"""Server of the MAVLink parameter protocol: a ground station's editor lists, reads and sets a few of our values.
+"""Server of the MAVLink parameter protocol: a ground station's editor lists, reads and sets a few
+of our values.
 
-Every value is a MAV_PARAM_TYPE_REAL32. ArduPilot and PX4 encode integers differently in PARAM_VALUE, but not floats.
+Every value is a MAV_PARAM_TYPE_REAL32. ArduPilot and PX4 encode integers differently in
+PARAM_VALUE, but not floats.
 """
 
 from collections import Counter
@@ -14,18 +16,21 @@ from circnav_mav.mav.codec import Ids, Message
 
 REAL32 = dialect.MAV_PARAM_TYPE_REAL32
 REQUESTS = frozenset(
-    getattr(dialect, f"MAVLINK_MSG_ID_PARAM_{name}") for name in ("REQUEST_LIST", "REQUEST_READ", "SET")
+    getattr(dialect, f"MAVLINK_MSG_ID_PARAM_{name}")
+    for name in ("REQUEST_LIST", "REQUEST_READ", "SET")
 )
 """Ids of the messages that request or set parameters."""
 EVERY_COMPONENT = 0
 """Target component of a request to all components (MAVLink)."""
 MOST_AT_ONCE = 2
-"""Largest number of values sent in one step. A whole list at once would delay setpoints on a slow link."""
+"""Largest number of values sent in one step. A whole list at once would delay setpoints on a slow
+link."""
 
 
 class Parameter(NamedTuple):
-    """One value. name: at most 16 characters. read: returns the value in the parameter's unit. write: takes the new
-    value and the time (s), and returns the reason for a rejection, empty if it was accepted."""
+    """One value. name: at most 16 characters. read: returns the value in the parameter's unit.
+    write: takes the new value and the time (s), and returns the reason for a rejection, empty if it
+    was accepted."""
 
     name: str
     read: Callable[[], float]
@@ -49,7 +54,10 @@ class ParameterServer:
         """
         component = message.target_component
         is_set = message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_SET
-        if message.target_system != us[0] or component not in (us[1], us[1] if is_set else EVERY_COMPONENT):
+        if message.target_system != us[0] or component not in (
+            us[1],
+            us[1] if is_set else EVERY_COMPONENT,
+        ):
             return ""
         if message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
             self._waiting |= dict.fromkeys(range(len(self._parameters)))
@@ -59,7 +67,9 @@ class ParameterServer:
         index = self._index.get(name) if by_index < 0 else by_index
         if index is None or not 0 <= index < len(self._parameters):
             return ""
-        self._waiting[index] = None  # a PARAM_SET is answered with the value in use, accepted or not
+        self._waiting[index] = (
+            None  # a PARAM_SET is answered with the value in use, accepted or not
+        )
         return self._set(self._parameters[index], message, refusal, now) if is_set else ""
 
     def _set(self, parameter: Parameter, message: Message, refusal: str, now: float) -> str:
@@ -74,12 +84,16 @@ class ParameterServer:
 
     def replies(self) -> list[Message]:
         """Return the messages to send in this step."""
-        now, later = list(self._waiting)[:MOST_AT_ONCE], list(self._waiting)[MOST_AT_ONCE:]
+        now = list(self._waiting)[:MOST_AT_ONCE]
+        later = list(self._waiting)[MOST_AT_ONCE:]
         self._waiting = dict.fromkeys(later)
         return [
             dialect.MAVLink_param_value_message(
-                self._parameters[index].name.encode(), self._parameters[index].read(), REAL32, len(self._parameters),
+                self._parameters[index].name.encode(),
+                self._parameters[index].read(),
+                REAL32,
+                len(self._parameters),
                 index,
             )
             for index in now
-        ]  # fmt: skip
+        ]

@@ -1,7 +1,8 @@
 """Reader of the vehicle's parameters by name: PARAM_REQUEST_READ with retries, never a write.
 
-ArduPilot 4.6 and PX4 do not answer for an unknown name, so an unanswered name counts as unknown. Their request queues
-are short (ArduPilot: 20 requests, 5 answers), so few requests are pending at a time.
+ArduPilot 4.6 and PX4 do not answer for an unknown name, so an unanswered name counts as unknown.
+Their request queues are short (ArduPilot: 20 requests, 5 answers), so few requests are pending at a
+time.
 """
 
 import struct
@@ -32,11 +33,12 @@ _FORMATS = {
 
 
 def parameter_value(message: Message, *, bytewise: bool) -> float:
-    """Return the number in a PARAM_VALUE. bytewise: False for ArduPilot, which casts integers to float (C cast). True
-    for PX4, which sends their bytes in place of the float.
+    """Return the number in a PARAM_VALUE. bytewise: False for ArduPilot, which casts integers to
+    float (C cast). True for PX4, which sends their bytes in place of the float.
 
-    The bytes are read from the frame itself, after its header. Read as a float, an integer's bytes may be a signaling
-    NaN, which Python changes. (pymavlink's `get_payload` uses a wrong offset in MAVLink 2.)
+    The bytes are read from the frame itself, after its header. Read as a float, an integer's bytes
+    may be a signaling NaN, which Python changes. (pymavlink's `get_payload` uses a wrong offset in
+    MAVLink 2.)
     """
     layout = _FORMATS.get(message.param_type)
     if not bytewise or layout is None:
@@ -63,8 +65,8 @@ class ParameterReader:
         return not self._waiting and not self._asked
 
     def receive(self, message: Message) -> None:
-        """Process a PARAM_VALUE of our vehicle. Answers to other programs are used if the name is on our list. The
-        first answer counts, also after the last try."""
+        """Process a PARAM_VALUE of our vehicle. Answers to other programs are used if the name is
+        on our list. The first answer counts, also after the last try."""
         name = plain_text(message.param_id)
         if name in self._names and name not in self.values:
             self.values[name] = parameter_value(message, bytewise=self._bytewise)
@@ -77,9 +79,13 @@ class ParameterReader:
         for name in [name for name in due if self._asked[name][0] >= TRIES]:
             del self._asked[name]
         room = AT_ONCE - len(self._asked)
-        new, self._waiting = self._waiting[:room], self._waiting[room:]
+        new = self._waiting[:room]
+        self._waiting = self._waiting[room:]
         names = [name for name in due if name in self._asked] + new
         for name in names:
             tries, _ = self._asked.get(name, (0, now))
             self._asked[name] = tries + 1, now + ANSWER_TIMEOUT
-        return [dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), BY_NAME) for name in names]
+        return [
+            dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), BY_NAME)
+            for name in names
+        ]

@@ -24,9 +24,10 @@ LOST_AFTER = 3.0
 """Time without a mode report, s, after which the link counts as lost (value of MAVSDK)."""
 SENT_KEPT = 1024
 """Number of our newest frames that are kept to recognize an echo: twenty seconds."""
-TWIN_FRAMES, TWIN_WITHIN = 4, 10.0
-"""Number of foreign frames with our ids within this time, s, that indicates another companion: it sends at least one
-heartbeat per second. A single stray frame is ignored."""
+TWIN_FRAMES = 4
+TWIN_WITHIN = 10.0
+"""Number of foreign frames with our ids within this time, s, that indicates another companion: it
+sends at least one heartbeat per second. A single stray frame is ignored."""
 MOST_REPLIES = 4
 """Largest number of TIMESYNC answers in one step: a flood of requests is not answered."""
 ECHO_RATE = 4.0
@@ -51,7 +52,8 @@ class Session:
         more_streams: Mapping[int, float] | None = None,
         signing: Signing | None = None,
     ) -> None:
-        """adapters: the vehicles that the mission allows. The pinned vehicle selects one. more_streams: id -> Hz."""
+        """adapters: the vehicles that the mission allows. The pinned vehicle selects one.
+        more_streams: id -> Hz."""
         self._component = settings.component_id
         self._more_streams = dict(more_streams or {})
         self._next_heartbeat = float("-inf")
@@ -69,8 +71,10 @@ class Session:
         self.announcer = Announcer()
         self.mode_requests_dropped = 0
         """Number of mode requests that were dropped before their answer."""
-        self.ignored, self.misfits = self.identity.ignored, self.identity.misfits
-        self.clock_speed, self.texts = self.vehicle.clock_speed, self.vehicle.texts
+        self.ignored = self.identity.ignored
+        self.misfits = self.identity.misfits
+        self.clock_speed = self.vehicle.clock_speed
+        self.texts = self.vehicle.texts
 
     @property
     def peer(self) -> Sender | None:
@@ -88,7 +92,8 @@ class Session:
 
     @property
     def adapter(self) -> Autopilot:
-        """Adapter of the pinned vehicle. Before one was found: of the first vehicle that the mission allows."""
+        """Adapter of the pinned vehicle. Before one was found: of the first vehicle that the
+        mission allows."""
         return self.identity.adapter
 
     @property
@@ -111,15 +116,16 @@ class Session:
         return len(received) == TWIN_FRAMES and received[-1] - received[0] <= TWIN_WITHIN
 
     def missing(self, now: float) -> list[str]:
-        """Return the names of the motion values that the adapter needs and the vehicle does not report."""
+        """Return the names of the motion values that the adapter needs and the vehicle does not
+        report."""
         motion = self.motion.at(now)
         return sorted(name for name in self.adapter.needs if getattr(motion, name) is None)
 
     # --- in ---
 
     def receive(self, message: Message, now: float, source: Hashable) -> bool:
-        """Process one message. Return True if it is from the pinned vehicle. Other senders' messages do not
-        change the vehicle's state."""
+        """Process one message. Return True if it is from the pinned vehicle. Other senders'
+        messages do not change the vehicle's state."""
         before = self.peer
         if before is not None and ids(message) == self.us:
             self._in_our_name(bytes(message.get_msgbuf()), before, source, now)
@@ -144,13 +150,15 @@ class Session:
         return True
 
     def change_method(self, adapter: Autopilot) -> None:
-        """Steer the pinned vehicle by another method from now on. Until its new guided mode is reported, the old one
-        is under our control, too."""
+        """Steer the pinned vehicle by another method from now on. Until its new guided mode is
+        reported, the old one is under our control, too."""
         adapter.our_modes = frozenset((adapter.guided_mode, self.adapter.guided_mode))
         self.identity.adapter = adapter
         self.vehicle.change_method(adapter)
         if adapter.echo is not None:
-            self.commands.send(Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (adapter.echo, 1e6 / ECHO_RATE)))
+            self.commands.send(
+                Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (adapter.echo, 1e6 / ECHO_RATE))
+            )
 
     def lose(self) -> None:
         """Release the pinned vehicle after it has become silent."""
@@ -160,8 +168,8 @@ class Session:
 
     def _in_our_name(self, frame: bytes, peer: Sender, source: Hashable, now: float) -> None:
         """Process a frame with our ids: an echo of ours, or one from another companion."""
-        # A foreign frame that comes from the vehicle's address was forwarded by the vehicle: another companion sends to
-        # it. From another address, any sender may use our ids.
+        # A foreign frame that comes from the vehicle's address was forwarded by the vehicle:
+        # another companion sends to it. From another address, any sender may use our ids.
         if frame in self._sent:
             self.ignored["echo"] += 1
         elif source == peer.source:
@@ -182,16 +190,23 @@ class Session:
             echo = {} if self.adapter.echo is None else {self.adapter.echo: ECHO_RATE}
             wanted = {**self.adapter.firmware.streams, **echo, **self._more_streams}
             self.streams = StreamRequests(wanted, maybe=echo)
-            self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)))
+            self.commands.send(
+                Command(
+                    dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)
+                )
+            )
         if self.vehicle.unproven:
-            self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,)))
+            self.commands.send(
+                Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,))
+            )
 
     # --- out ---
 
     def encode(self, message: Message) -> bytes:
         """Encode one frame with our ids.
 
-        The frame is remembered, so that its echo or its answer is not attributed to another companion.
+        The frame is remembered, so that its echo or its answer is not attributed to another
+        companion.
         """
         frame = self.encoder.encode(message)
         if message.get_type() in ("COMMAND_LONG", "COMMAND_INT"):
@@ -200,13 +215,17 @@ class Session:
         return frame
 
     def poll(self, now: float) -> list[Message]:
-        """Return the messages due now: our heartbeat, commands, texts. Call only in a step without errors."""
-        messages, self._replies = self.heartbeats_due(now) + self._replies, []
+        """Return the messages due now: our heartbeat, commands, texts. Call only in a step without
+        errors."""
+        messages = self.heartbeats_due(now) + self._replies
+        self._replies = []
         if self.peer is not None:
             for result in self.commands.take_results():
                 if result.command.number == dialect.MAV_CMD_DO_SET_MODE:
                     self._mode_results.append(result)  # read by take_mode_results
-                elif result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused:
+                elif (
+                    result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused
+                ):
                     self.streams.denied(result)
             for request in self.streams.poll(now):
                 self.commands.send(request)
@@ -221,14 +240,20 @@ class Session:
         return results
 
     def drop_mode_requests(self) -> None:
-        """Drop mode requests: the mode was reached, or the operator has chosen another mode, or may have done so."""
+        """Drop mode requests: the mode was reached, or the operator has chosen another mode, or may
+        have done so."""
         self.mode_requests_dropped += self.commands.drop(dialect.MAV_CMD_DO_SET_MODE)
         self._mode_results.clear()
 
     def farewell(self) -> list[Message]:
-        """Return the commands that restore our vehicle's own stream rates, even if it is lost. Answers are ignored."""
+        """Return the commands that restore our vehicle's own stream rates, even if it is lost.
+        Answers are ignored."""
         home = self.identity.home
-        return [] if home is None else [once(command, home.ids) for command in self.streams.give_back()]
+        return (
+            []
+            if home is None
+            else [once(command, home.ids) for command in self.streams.give_back()]
+        )
 
     def heartbeats_due(self, now: float) -> list[Message]:
         """Return our heartbeat when it is due."""
@@ -243,5 +268,10 @@ class Session:
         A ground station's heartbeat would keep the operator's GCS failsafe from triggering.
         """
         return dialect.MAVLink_heartbeat_message(
-            dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+            dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+            dialect.MAV_AUTOPILOT_INVALID,
+            0,
+            0,
+            dialect.MAV_STATE_ACTIVE,
+            3,
         )

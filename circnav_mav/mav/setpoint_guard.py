@@ -14,7 +14,8 @@ from circnav_mav.mav.frames import YawRate, euler_from_quaternion
 SLACK = 1 + 1e-6
 """Factor on limits for the rounding of single precision."""
 MOST_DAMPED = 1.25
-"""Largest lateral acceleration, in units of speed times turn rate, for a velocity loop with a derivative gain."""
+"""Largest lateral acceleration, in units of speed times turn rate, for a velocity loop with a
+derivative gain."""
 MAX_CLIMB = 1.0
 """Limit of the climb rate of a velocity setpoint, m/s. Height is held, not changed."""
 EVERYBODY = 0
@@ -30,7 +31,8 @@ class Steer(NamedTuple):
 
 
 class UnsafeSetpointError(Exception):
-    """A setpoint that must not be sent. It indicates a fault in circnav. The pilot sends the safe setpoint instead."""
+    """A setpoint that must not be sent. It indicates a fault in circnav. The pilot sends the safe
+    setpoint instead."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +61,10 @@ class SetpointGuard:
         self._limits = limits
 
     def admit(self, steer: Steer, now: float) -> Steer:
-        """Return the command unchanged. Raises UnsafeSetpointError for a value that is not finite or not in limits."""
-        limits, rate = self._limits, steer.yaw_rate
+        """Return the command unchanged. Raises UnsafeSetpointError for a value that is not finite
+        or not in limits."""
+        limits = self._limits
+        rate = steer.yaw_rate
         if not (isfinite(rate) and isfinite(steer.speed)):
             raise UnsafeSetpointError(f"not finite: {steer}")
         if abs(rate) > limits.max_yaw_rate * (1 + 1e-9) or not 0 <= steer.speed <= limits.max_speed:
@@ -70,14 +74,18 @@ class SetpointGuard:
     def check_message(self, message: Message, shapes: frozenset[tuple[str, int | None]]) -> Message:
         """Return the message unchanged if it may be sent. Raises UnsafeSetpointError otherwise.
 
-        Its type and mask must be in the adapter's table, all numbers finite, and the target a single vehicle. The
-        commanded speeds, rates and angles must be within the limits.
+        Its type and mask must be in the adapter's table, all numbers finite, and the target a
+        single vehicle. The commanded speeds, rates and angles must be within the limits.
         """
         shape = (message.get_type(), getattr(message, "type_mask", None))
         if shape not in shapes:
-            raise UnsafeSetpointError(f"{shape[0]} with mask {shape[1]} is not in the adapter's table")
+            raise UnsafeSetpointError(
+                f"{shape[0]} with mask {shape[1]} is not in the adapter's table"
+            )
         values = [getattr(message, name) for name in message.get_fieldnames()]
-        if not all(isfinite(value if isinstance(value, float | int) else sum(value)) for value in values):
+        if not all(
+            isfinite(value if isinstance(value, float | int) else sum(value)) for value in values
+        ):
             raise UnsafeSetpointError(f"not finite: {message}")
         within, address = _CHECKS[message.get_type()]
         if getattr(message, address) == EVERYBODY or not within(message, self._limits):
@@ -85,13 +93,21 @@ class SetpointGuard:
         return message
 
 
-# --- limits of the speeds, rates and angles in each message, as far as its mask does not ignore them
+# --- limits of the speeds, rates and angles in each message, as far as its mask does not ignore
+# them
 
 
 def _velocity_within(message: Message, limits: Limits) -> bool:
-    forward = abs(message.vx) <= limits.max_speed * SLACK and message.vy == 0 and message.coordinate_frame == BODY_NED
+    forward = (
+        abs(message.vx) <= limits.max_speed * SLACK
+        and message.vy == 0
+        and message.coordinate_frame == BODY_NED
+    )
     across = MOST_DAMPED * limits.max_speed * limits.max_yaw_rate
-    fed = hypot(message.afx, message.afy, message.afz) <= hypot(MOST_FED, across) * SLACK and message.afx >= 0
+    fed = (
+        hypot(message.afx, message.afy, message.afz) <= hypot(MOST_FED, across) * SLACK
+        and message.afx >= 0
+    )
     level = abs(message.vz) <= MAX_CLIMB
     turning = abs(message.yaw_rate) <= limits.max_yaw_rate * SLACK
     return bool(forward and fed and level and turning)
@@ -99,7 +115,9 @@ def _velocity_within(message: Message, limits: Limits) -> bool:
 
 def _attitude_within(message: Message, limits: Limits) -> bool:
     roll, pitch, _ = euler_from_quaternion(message.q)
-    level = abs(roll) <= limits.max_bank * SLACK + 1e-6 and abs(pitch) <= limits.max_bank * SLACK + 1e-6
+    level = (
+        abs(roll) <= limits.max_bank * SLACK + 1e-6 and abs(pitch) <= limits.max_bank * SLACK + 1e-6
+    )
     turns_only = abs(sum(part**2 for part in message.q) - 1) < 1e-3
     return bool(level and turns_only and 0 <= message.thrust <= 1)
 

@@ -2,9 +2,10 @@
 
     signature = first 6 bytes of sha256(key + header + payload + CRC + link id + timestamp)
 
-Timestamps count 10 us since 2015. A timestamp is stored only after its signature was verified, so that forged frames
-cannot lock out the real sender (pymavlink 2.4.50 stores the timestamp first). Source of the rules:
-mavlink.io/en/guide/message_signing.html, and mavlink_signature_check of the C library, which autopilots use.
+Timestamps count 10 us since 2015. A timestamp is stored only after its signature was verified, so
+that forged frames cannot lock out the real sender (pymavlink 2.4.50 stores the timestamp first).
+Source of the rules: mavlink.io/en/guide/message_signing.html, and mavlink_signature_check of the C
+library, which autopilots use.
 """
 
 from enum import Enum
@@ -19,7 +20,8 @@ from circnav_mav.mav.framing import SIGNATURE, SIGNED, V2
 KEY_LENGTH = 32
 """Length of a key, bytes (MAVLink signing)."""
 ZERO_KEY = bytes(KEY_LENGTH)
-"""Default key of PX4 (main of 2026) until it is given one. It is public, so it proves and protects nothing."""
+"""Default key of PX4 (main of 2026) until it is given one. It is public, so it proves and protects
+nothing."""
 EPOCH = 1_420_070_400
 """Start of 2015, unix seconds."""
 SECOND = 100_000
@@ -44,10 +46,12 @@ class Refusal(Enum):
 
 
 class Signing:
-    """One key with its timestamps: that of our newest frame, and the newest of each received stream.
+    """One key with its timestamps: that of our newest frame, and the newest of each received
+    stream.
 
-    `timestamp` follows the clock (`advance`), our own frames and received ones, and never decreases. It is at least the
-    timestamp of every accepted frame. Kept across a restart (`resume`), it is enough to reject all replayed frames.
+    `timestamp` follows the clock (`advance`), our own frames and received ones, and never
+    decreases. It is at least the timestamp of every accepted frame. Kept across a restart
+    (`resume`), it is enough to reject all replayed frames.
     """
 
     def __init__(self, key: bytes, *, link_id: int = 0, timestamp: int = 0) -> None:
@@ -64,33 +68,42 @@ class Signing:
         return f"Signing(link_id={self._link_id}, timestamp={self.timestamp})"
 
     def advance(self, unix: float) -> None:
-        """Advance the timestamp to the wall-clock time, unix seconds. An earlier time has no effect."""
+        """Advance the timestamp to the wall-clock time, unix seconds. An earlier time has no
+        effect."""
         self._reach(int((unix - EPOCH) * SECOND))
 
     def resume(self, timestamp: int) -> None:
-        """Continue from the final timestamp of an earlier run. All frames up to it count as received."""
+        """Continue from the final timestamp of an earlier run. All frames up to it count as
+        received."""
         self._resumed_at = timestamp
         self._reach(timestamp)
 
     def sign(self, frame: bytes) -> bytes:
-        """Return one of our MAVLink 2 frames with a signature. Each frame has a unique timestamp."""
+        """Return one of our MAVLink 2 frames with a signature. Each frame has a unique
+        timestamp."""
         self._reach(self.timestamp + 1)
-        body = _flag_changed(frame) + bytes((self._link_id,)) + self.timestamp.to_bytes(_HASH, "little")
+        body = (
+            _flag_changed(frame)
+            + bytes((self._link_id,))
+            + self.timestamp.to_bytes(_HASH, "little")
+        )
         return body + sha256(self._key + body).digest()[:_HASH]
 
     def check(self, frame: bytes) -> Refusal | None:
-        """Return the reason to reject a signed frame, or None. An accepted frame counts as received.
+        """Return the reason to reject a signed frame, or None. An accepted frame counts as
+        received.
 
-        A stream (system, component, link id) that is new to this process may be one minute behind our timestamp.
-        Timestamps of other streams must increase.
+        A stream (system, component, link id) that is new to this process may be one minute behind
+        our timestamp. Timestamps of other streams must increase.
         """
         if not is_signed_with(self._key, frame):
             return Refusal.WRONG
         stream = (frame[5], frame[6], frame[-SIGNATURE])
         timestamp = int.from_bytes(frame[1 - SIGNATURE : -_HASH], "little")
         newest = self._newest.get(stream)
-        # A recorded frame is not newer than the end of the run that received it. A real sender with a clock behind that
-        # time is rejected too, until its clock has passed it or it has adopted the timestamp of our frames.
+        # A recorded frame is not newer than the end of the run that received it. A real sender with
+        # a clock behind that time is rejected too, until its clock has passed it or it has adopted
+        # the timestamp of our frames.
         if newest is None and timestamp < max(self.timestamp - MINUTE, self._resumed_at + 1):
             return Refusal.BEHIND
         if newest is not None and timestamp <= newest:
@@ -113,7 +126,8 @@ def is_signed(frame: bytes) -> bool:
 
 
 def without_signature(frame: bytes) -> bytes:
-    """Return the frame without signature and with a correct CRC, as MAVLink's guide requires for logs."""
+    """Return the frame without signature and with a correct CRC, as MAVLink's guide requires for
+    logs."""
     return _flag_changed(frame[:-SIGNATURE]) if is_signed(frame) else frame
 
 

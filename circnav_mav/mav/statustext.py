@@ -1,4 +1,5 @@
-"""Texts and plotted values for ground stations, at limited rates, and reassembly of long texts that are received."""
+"""Texts and plotted values for ground stations, at limited rates, and reassembly of long texts that
+are received."""
 
 from itertools import cycle
 
@@ -12,7 +13,8 @@ TEXT_INTERVAL = 2.0
 """Least time, s, between two texts of the same kind; chosen for a ground station's message list."""
 PLOT_INTERVAL = 0.25
 """Least time, s, between two sets of NAMED_VALUE_FLOAT; chosen, 4 Hz gives a usable curve."""
-CHUNK, LONGEST_TEXT = 50, 200
+CHUNK = 50
+LONGEST_TEXT = 200
 """Largest size of one STATUSTEXT, and of a text that is split into several, bytes."""
 MOST_SENDERS = 16
 """Limit of senders whose chunks are reassembled: bounds the memory that a hostile link can fill."""
@@ -21,7 +23,8 @@ MOST_PLOTTED = 1e38
 
 
 class Announcer:
-    """Rate limiter: one STATUSTEXT per kind in 2 s, the newest kept, and NAMED_VALUE_FLOAT at 4 Hz."""
+    """Rate limiter: one STATUSTEXT per kind in 2 s, the newest kept, and NAMED_VALUE_FLOAT at 4
+    Hz."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, tuple[int, str]] = {}
@@ -43,11 +46,13 @@ class Announcer:
         return messages
 
     def _chunks(self, severity: int, text: str) -> list[Message]:
-        """Return the messages of one text. A zero in the last chunk ends it. After full chunks, that chunk is empty."""
+        """Return the messages of one text. A zero in the last chunk ends it. After full chunks,
+        that chunk is empty."""
         data = text.encode("ascii", "replace")[:LONGEST_TEXT]
         if len(data) <= CHUNK:
             return [dialect.MAVLink_statustext_message(severity, data)]
-        ident, starts = next(self._text_ids), range(0, len(data) + 1, CHUNK)
+        ident = next(self._text_ids)
+        starts = range(0, len(data) + 1, CHUNK)
         return [
             dialect.MAVLink_statustext_message(severity, data[at : at + CHUNK], ident, number)
             for number, at in enumerate(starts)
@@ -71,14 +76,16 @@ class Announcer:
 class TextReader:
     """Reassembly of STATUSTEXT chunks from several senders.
 
-    Each chunk of a long text gives the text so far. If the next chunk is lost, that part remains available.
+    Each chunk of a long text gives the text so far. If the next chunk is lost, that part remains
+    available.
     """
 
     def __init__(self) -> None:
         self._newest: dict[Ids, tuple[int, int, str]] = {}
 
     def read(self, message: Message) -> tuple[str, str | None]:
-        """Return the text so far and the shorter text that it continues. The shorter text is None for a new text."""
+        """Return the text so far and the shorter text that it continues. The shorter text is None
+        for a new text."""
         sender = ids(message)
         ident, number, before = self._newest.get(sender, (0, 0, ""))
         continues = message.id != 0 and (message.id, message.chunk_seq) == (ident, number + 1)

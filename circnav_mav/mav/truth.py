@@ -1,4 +1,5 @@
-"""True state of the bundled vehicle, for the evaluation of flights. Code that steers must not read it."""
+"""True state of the bundled vehicle, for the evaluation of flights. Code that steers must not read
+it."""
 
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.framing import V2
@@ -19,8 +20,8 @@ def is_truth_frame(frame: bytes) -> bool:
 def read_truth_frame(frame: bytes) -> tuple[float, ...] | None:
     """Return the numbers of a truth frame, or None for another frame.
 
-    0, 1: position north and east of home, m. 7: turn rate, rad/s, clockwise positive. 9, 10: target north and east of
-    home, m. 15: simulated time, s.
+    0, 1: position north and east of home, m. 7: turn rate, rad/s, clockwise positive. 9, 10: target
+    north and east of home, m. 15: simulated time, s.
     """
     if is_truth_frame(frame):
         for message in Decoder(wanted={_ID}).decode(frame):  # a damaged frame may contain others

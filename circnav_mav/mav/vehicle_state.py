@@ -1,4 +1,5 @@
-"""State that our vehicle reports: mode, departures from the guided mode, landed state, battery and reboots."""
+"""State that our vehicle reports: mode, departures from the guided mode, landed state, battery and
+reboots."""
 
 from collections import deque
 
@@ -9,15 +10,17 @@ from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.statustext import TextReader
 
-AHEAD, AHEAD_SHARE = 5.0, 0.25
-"""Largest plausible lead of the vehicle's clock over ours after a silence, s, plus this share of the silence.
-Links buffer, and simulators may run faster than real time."""
+AHEAD = 5.0
+AHEAD_SHARE = 0.25
+"""Largest plausible lead of the vehicle's clock over ours after a silence, s, plus this share of
+the silence. Links buffer, and simulators may run faster than real time."""
 OVERTAKEN = 64
-"""Largest step back in the sequence number that counts as reordering: half a second or more of frames. After a larger
-step the frame counts as new: frames were lost, or the vehicle has rebooted."""
+"""Largest step back in the sequence number that counts as reordering: half a second or more of
+frames. After a larger step the frame counts as new: frames were lost, or the vehicle has
+rebooted."""
 APART = 0.2
-"""Least time between two heartbeats that arrive as they are sent, s (ArduPilot's shortest interval: 0.25). The
-heartbeats of a backlog arrive at once."""
+"""Least time between two heartbeats that arrive as they are sent, s (ArduPilot's shortest interval:
+0.25). The heartbeats of a backlog arrive at once."""
 BATTERY_MAX_AGE = 5.0
 """Oldest battery level that is reported, s. SYS_STATUS arrives once a second."""
 NOT_FLYING = (
@@ -29,14 +32,22 @@ NOT_FLYING = (
 BOOT_TIMES = ("SYSTEM_TIME", "ATTITUDE", "ATTITUDE_QUATERNION")
 """Message types from which the time since boot is read."""
 READ = (
-    *("HEARTBEAT", "CURRENT_MODE", "SYS_STATUS", "EXTENDED_SYS_STATE", "STATUSTEXT", "AUTOPILOT_VERSION"),
+    *(
+        "HEARTBEAT",
+        "CURRENT_MODE",
+        "SYS_STATUS",
+        "EXTENDED_SYS_STATE",
+        "STATUSTEXT",
+        "AUTOPILOT_VERSION",
+    ),
     *BOOT_TIMES,
 )
 """Message types that this module reads."""
 
 
 class VehicleState:
-    """Newest reported state of the pinned vehicle. Messages of other senders must not be passed in."""
+    """Newest reported state of the pinned vehicle. Messages of other senders must not be passed
+    in."""
 
     def __init__(self, adapter: Autopilot) -> None:
         self._adapter = adapter
@@ -52,7 +63,8 @@ class VehicleState:
         """Time of the vehicle's last mode report, s."""
         self.heartbeats = 0
         self.departures = 0
-        """Number of times that the vehicle left the guided mode or was disarmed in it, even for less than a step."""
+        """Number of times that the vehicle left the guided mode or was disarmed in it, even for
+        less than a step."""
         self.left_for: str | None = None
         """Mode entered at the newest departure, None if the vehicle was disarmed."""
         self.on_ground: bool | None = None
@@ -61,8 +73,9 @@ class VehicleState:
         self.reboots = 0
         """Number of reboots, including takeovers of the vehicle's ids by another vehicle."""
         self.unproven = False
-        """True if the vehicle's identity is unconfirmed, after a silence or a change of address. Ids prove nothing:
-        many vehicles have the default ones. The time since boot proves it. If none was reported, no proof is needed."""
+        """True if the vehicle's identity is unconfirmed, after a silence or a change of address.
+        Ids prove nothing: many vehicles have the default ones. The time since boot proves it. If
+        none was reported, no proof is needed."""
         self.clock_speed = ClockSpeed()
         self.texts: deque[str] = deque(maxlen=8)
         self._text_reader = TextReader()
@@ -75,7 +88,11 @@ class VehicleState:
 
     @property
     def mode_name(self) -> str:
-        return "unknown" if self.mode is None else self._adapter.mode_names.get(self.mode, f"mode {self.mode}")
+        return (
+            "unknown"
+            if self.mode is None
+            else self._adapter.mode_names.get(self.mode, f"mode {self.mode}")
+        )
 
     def battery(self, now: float) -> float | None:
         """Return the remaining charge, percent, or None if it is not reported or stale."""
@@ -83,7 +100,8 @@ class VehicleState:
 
     def found(self, adapter: Autopilot) -> None:
         """Prepare for a vehicle that was found, for the first time or again."""
-        self._adapter, self.on_ground = adapter, None
+        self._adapter = adapter
+        self.on_ground = None
         self.moved()
 
     def change_method(self, adapter: Autopilot) -> None:
@@ -97,7 +115,8 @@ class VehicleState:
     def lost(self) -> None:
         """Reset mode and armed state after the vehicle has become silent."""
         self._lost_ours = self.in_our_mode
-        self.mode, self.armed = None, False
+        self.mode = None
+        self.armed = False
 
     def continues(self, message: Message, now: float) -> bool:
         """True if a message from another address carries this vehicle's expected time since boot.
@@ -115,15 +134,22 @@ class VehicleState:
         self._late = self._overtaken(message.get_seq())
         if kind == "HEARTBEAT":
             self._late = self._is_late_heartbeat(message.get_seq(), now)
-            self._on_mode(message.custom_mode, bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED), now)
+            self._on_mode(
+                message.custom_mode,
+                bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
+                now,
+            )
             self.heartbeats += not self._late
         elif kind == "CURRENT_MODE" and message.custom_mode:
-            # CURRENT_MODE reports the mode as a heartbeat does. PX4 sends heartbeats at 1 Hz only, and some are lost.
+            # CURRENT_MODE reports the mode as a heartbeat does. PX4 sends heartbeats at 1 Hz only,
+            # and some are lost.
             self._on_mode(message.custom_mode, self.armed, now)
         elif kind in BOOT_TIMES:
             self._on_boot_time(message.time_boot_ms / 1000, now)
         elif kind == "SYS_STATUS":
-            self._battery = float(message.battery_remaining) if message.battery_remaining >= 0 else None
+            self._battery = (
+                float(message.battery_remaining) if message.battery_remaining >= 0 else None
+            )
             self._battery_at = now
         elif kind == "EXTENDED_SYS_STATE":
             unknown = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
@@ -147,8 +173,9 @@ class VehicleState:
 
     def _is_late_heartbeat(self, sequence: int, now: float) -> bool:
         """True if a heartbeat is reordered."""
-        # A sender may number its heartbeats separately, or the other frames not at all. Then every heartbeat looks
-        # reordered. Accept one if the previous one looked reordered too and both arrive at heartbeat rate.
+        # A sender may number its heartbeats separately, or the other frames not at all. Then every
+        # heartbeat looks reordered. Accept one if the previous one looked reordered too and both
+        # arrive at heartbeat rate.
         before = self._late_heartbeat
         if not self._late:
             self._late_heartbeat = None
@@ -160,21 +187,27 @@ class VehicleState:
     def _on_mode(self, mode: int, armed: bool, now: float) -> None:
         """Store the mode and armed state, and count a departure from the guided mode."""
         self.received_at = now
-        # A reordered report may end our control, but never start it: the operator may have taken over meanwhile.
+        # A reordered report may end our control, but never start it: the operator may have taken
+        # over meanwhile.
         if self._late and not self.in_our_mode and armed and mode in self._adapter.our_modes:
             return
-        was_ours, self._lost_ours = self.in_our_mode or self._lost_ours, False
-        self.mode, self.armed = mode, armed
+        was_ours = self.in_our_mode or self._lost_ours
+        self._lost_ours = False
+        self.mode = mode
+        self.armed = armed
         if was_ours and not self.in_our_mode:
             self.departures += 1
             self.left_for = None if mode in self._adapter.our_modes else self.mode_name
 
     def _on_boot_time(self, stamp: float, now: float) -> None:
-        """Count a backward step of the time since boot as a reboot, but not its wrap after 49.7 days.
+        """Count a backward step of the time since boot as a reboot, but not its wrap after 49.7
+        days.
 
-        After a silence, a boot time that has advanced more than the local time belongs to another vehicle.
+        After a silence, a boot time that has advanced more than the local time belongs to another
+        vehicle.
         """
-        boot, newest = self.boot.unwrapped(stamp), self.boot.newest
+        boot = self.boot.unwrapped(stamp)
+        newest = self.boot.newest
         order = self.boot.order(boot, now)
         if order in (Order.OLDER, Order.JUMPED):
             return

@@ -19,11 +19,14 @@ from circnav_mav.mission.mission import Mission
 WEAK = 0.1
 """Share of the default gain below which a law hardly turns the vehicle."""
 RADIUS_OFF = 0.01
-"""Steady radius error of a law from which `check` warns, as a share of the radius: less than the ranges scatter."""
+"""Steady radius error of a law from which `check` warns, as a share of the radius: less than the
+ranges scatter."""
 TILT_USED = 0.8
-"""Share of the tilt limit that the airspeed may need: the drag is known within a quarter before a flight."""
+"""Share of the tilt limit that the airspeed may need: the drag is known within a quarter before a
+flight."""
 TURN_USED = 0.7
-"""Share of the vehicle's turn rate that the circle may need. The remaining share is for wind and the approach."""
+"""Share of the vehicle's turn rate that the circle may need. The remaining share is for wind and
+the approach."""
 NEED_MOTION = frozenset({"drift", "unicycle"})
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 """Hosts of endpoints that only this computer can reach."""
@@ -37,7 +40,12 @@ def check_mission(mission: Mission) -> list[Check]:
         *(check_ranging, _drift, _margin, _signing),
     )
     lines = [line for part in parts for line in part(mission)]
-    of_extras = (line for extension in extensions() for check in extension.checks for line in load(check)(mission))
+    of_extras = (
+        line
+        for extension in extensions()
+        for check in extension.checks
+        for line in load(check)(mission)
+    )
     return [*lines, *of_extras]
 
 
@@ -49,7 +57,9 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
     autopilot, kind = mission.vehicle_key
     able = allowed(autopilot, kind)
     if not able:
-        reason = REFUSED.get((autopilot, kind), "MAVLink offers no way to steer this vehicle without its position")
+        reason = REFUSED.get(
+            (autopilot, kind), "MAVLink offers no way to steer this vehicle without its position"
+        )
         yield Check(FAIL, "autopilot", f"{autopilot} {kind} cannot be flown: {reason}")
         return
     yield Check(PASS, "autopilot", " or ".join(" ".join(one) for one in able))
@@ -57,9 +67,13 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
     if lacking := [one for one in able.values() if exits not in (None, "stop", *one.exits)]:
         choice = f"choose {', '.join(lacking[0].exits)}"
         yield Check(FAIL, "exit", f"{lacking[0].name} has no exit action {exits}: {choice}")
-    why = next((one.firmware.why_must_leave for one in able.values() if one.firmware.why_must_leave), "")
+    why = next(
+        (one.firmware.why_must_leave for one in able.values() if one.firmware.why_must_leave), ""
+    )
     if why and (exits == "stop" or mission.file.engage.on_takeover == "wait"):
-        others = [f'"{one.firmware.key}"' for one in able.values() if not one.firmware.why_must_leave]
+        others = [
+            f'"{one.firmware.key}"' for one in able.values() if not one.firmware.why_must_leave
+        ]
         otherwise = f", or vehicle.autopilot {' or '.join(others)}" if others else ""
         words = 'exit.action must command a mode, and engage.on_takeover must be "end"'
         yield Check(FAIL, "exit", f"{why}: {words}{otherwise}")
@@ -71,7 +85,8 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
 
 
 def _tilt(mission: Mission) -> Iterator[Check]:
-    """Check that the tilt limit of a copter flown by attitude suffices for its airspeed and its turns."""
+    """Check that the tilt limit of a copter flown by attitude suffices for its airspeed and its
+    turns."""
     by_attitude = any(one.airspeed_from_drag for one in mission.vehicles)
     if not by_attitude and not mission.flies_without_gps:
         return
@@ -81,8 +96,9 @@ def _tilt(mission: Mission) -> Iterator[Check]:
     lateral = degrees(atan(mission.orbit.speed * abs(mission.orbit.steady_turn_rate) / GRAVITY))
     when = "" if by_attitude else "after a loss of GPS, "
     words = (
-        f"{when}{vehicle.speed_mps:g} m/s through the air needs {needed:.0f} deg of forward tilt and {lateral:.0f} deg "
-        f"of roll of the {most:g} deg allowed (vehicle.drag_per_s = {vehicle.drag_per_s:g})"
+        f"{when}{vehicle.speed_mps:g} m/s through the air needs {needed:.0f} deg of forward tilt"
+        f" and {lateral:.0f} deg of roll of the {most:g} deg allowed (vehicle.drag_per_s ="
+        f" {vehicle.drag_per_s:g})"
     )
     share = max(needed, lateral) / most
     advice = "" if share < TILT_USED else ": lower vehicle.speed_mps or raise vehicle.max_bank_deg"
@@ -95,39 +111,62 @@ def _estimator(mission: Mission) -> Iterator[Check]:
         return
     if mission.vehicles and not any(one.measures_airspeed for one in mission.vehicles):
         needs = f"{mission.estimator} needs the airspeed before the vehicle can be engaged"
-        why = f"a {mission.file.vehicle.kind} measures none: its speed is given only while circnav steers"
+        why = (
+            f"a {mission.file.vehicle.kind} measures none: its speed is given only while circnav"
+            " steers"
+        )
         yield Check(FAIL, "estimator", f'{needs}, and {why}. Set guidance.estimator = "auto"')
 
 
 def _gain(mission: Mission) -> Iterator[Check]:
-    law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
+    law = LAWS[mission.law.name]
+    gain = mission.law.gain
+    orbit = mission.orbit
     bound = law.gain_bound(orbit.speed, orbit.radius)
     default = mission.tuning.default_gain(orbit)
     grade = FAIL if gain <= bound else WARN if gain < WEAK * default else PASS
-    weak = f"; the default is {default:.4g}, with this gain the vehicle hardly turns" if grade is WARN else ""
+    weak = (
+        f"; the default is {default:.4g}, with this gain the vehicle hardly turns"
+        if grade is WARN
+        else ""
+    )
     origin = "given" if mission.file.guidance.gain else "default"
     needs = law.gain_condition + (f" = {bound:.4g}" if bound else "")
-    yield Check(grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({origin}), needs {needs}{weak}")
+    yield Check(
+        grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({origin}), needs {needs}{weak}"
+    )
 
 
 def _trim(mission: Mission) -> Iterator[Check]:
     """Check the gain at the smallest radius to which the radius trim may reduce the law's input."""
-    law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
+    law = LAWS[mission.law.name]
+    gain = mission.law.gain
+    orbit = mission.orbit
     least = (1 - MOST_TRIM) * orbit.radius
     bound = law.gain_bound(orbit.speed, least)
-    if mission.file.guidance.radius_trim_per_s > 0 and law.gain_bound(orbit.speed, orbit.radius) < gain <= bound:
+    if (
+        mission.file.guidance.radius_trim_per_s > 0
+        and law.gain_bound(orbit.speed, orbit.radius) < gain <= bound
+    ):
         needs = (
-            f"may reduce the radius that the law uses to {least:g} m, which needs {law.gain_condition} = {bound:.4g}"
+            f"may reduce the radius that the law uses to {least:g} m, which needs"
+            f" {law.gain_condition} = {bound:.4g}"
         )
         cannot = f"k = {gain:.4g} cannot fly this circle; raise guidance.gain"
         yield Check(WARN, "trim", f"guidance.radius_trim_per_s {needs}: {cannot}")
 
 
 def _radius(mission: Mission) -> Iterator[Check]:
-    law, gain, orbit = LAWS[mission.law.name], mission.law.gain, mission.orbit
+    law = LAWS[mission.law.name]
+    gain = mission.law.gain
+    orbit = mission.orbit
     if gain <= law.gain_bound(orbit.speed, orbit.radius):
         return
-    fed = law.fed_radius(orbit.speed, orbit.radius, gain) if mission.law.correct_radius else orbit.radius
+    fed = (
+        law.fed_radius(orbit.speed, orbit.radius, gain)
+        if mission.law.correct_radius
+        else orbit.radius
+    )
     reached = law.reached_radius(orbit.speed, fed, gain)
     beside = abs(reached / orbit.radius - 1) >= RADIUS_OFF
     advice = "; set guidance.correct_radius = true to correct it" if beside else ""
@@ -136,20 +175,35 @@ def _radius(mission: Mission) -> Iterator[Check]:
 
 
 def _turn_rate(mission: Mission) -> Iterator[Check]:
-    orbit, gain = mission.orbit, mission.least_turn_gain
-    needed, able = abs(orbit.steady_turn_rate), gain * orbit.max_turn_rate
-    slips = "" if gain == 1 else f"; it turns {gain:g} times a commanded {degrees(orbit.max_turn_rate):.2f} deg/s"
-    words = f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s"
+    orbit = mission.orbit
+    gain = mission.least_turn_gain
+    needed = abs(orbit.steady_turn_rate)
+    able = gain * orbit.max_turn_rate
+    slips = (
+        ""
+        if gain == 1
+        else f"; it turns {gain:g} times a commanded {degrees(orbit.max_turn_rate):.2f} deg/s"
+    )
+    words = (
+        f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s"
+    )
     share = f"{100 * needed / able:.0f} %, must stay below 100 %"
-    yield Check(graded(needed / able, warn_above=TURN_USED, fail_above=1.0), "turn rate", f"{words} ({share}){slips}")
+    yield Check(
+        graded(needed / able, warn_above=TURN_USED, fail_above=1.0),
+        "turn rate",
+        f"{words} ({share}){slips}",
+    )
     if mission.law.name == "switching" and mission.law.gain > orbit.max_turn_rate:
-        words = f"the law switches between ±{degrees(mission.law.gain):.2f} deg/s, more than the vehicle's limit"
+        words = (
+            f"the law switches between ±{degrees(mission.law.gain):.2f} deg/s, more than the"
+            " vehicle's limit"
+        )
         yield Check(WARN, "turn rate", f"{words}: the vehicle turns at its limit instead")
 
 
 def fastest_turn(mission: Mission) -> float:
-    """Return the turn rate that the acceleration limits of the vehicles allow by default, rad/s, at the mission's
-    speed."""
+    """Return the turn rate that the acceleration limits of the vehicles allow by default, rad/s, at
+    the mission's speed."""
     emulated = (mission.file.sim or {}).get("vehicle", {})
     if mission.flies_sim and emulated.get("dynamics") != "realistic":
         return inf  # the emulator's ideal copters have no limit
@@ -158,46 +212,76 @@ def fastest_turn(mission: Mission) -> float:
 
 
 def _acceleration(mission: Mission) -> Iterator[Check]:
-    """Warn of a turn-rate limit beyond the acceleration limit. The path then does not follow the nose, and the
-    estimator takes the difference for drift: an emulated flight swung about the circle without end. On firmware the
-    same mission settled 3 s later than with a lower limit."""
-    orbit, most = mission.orbit, fastest_turn(mission)
+    """Warn of a turn-rate limit beyond the acceleration limit. The path then does not follow the
+    nose, and the estimator takes the difference for drift: an emulated flight swung about the
+    circle without end. On firmware the same mission settled 3 s later than with a lower limit."""
+    orbit = mission.orbit
+    most = fastest_turn(mission)
     if orbit.max_turn_rate <= most:
         return
-    names = " or ".join(one.acceleration_limit[0] for one in mission.vehicles if one.acceleration_limit)
+    names = " or ".join(
+        one.acceleration_limit[0] for one in mission.vehicles if one.acceleration_limit
+    )
     asked = orbit.max_turn_rate * orbit.speed
-    words = f"turns at vehicle.max_turn_rate_deg_s need {asked:.1f} m/s^2, more than the default of {names} allows"
+    words = (
+        f"turns at vehicle.max_turn_rate_deg_s need {asked:.1f} m/s^2, more than the default of"
+        f" {names} allows"
+    )
     lower = f"lower vehicle.max_turn_rate_deg_s to {floor(degrees(most))}"
-    yield Check(WARN, "acceleration", f"{words}: the path may follow late; {lower}, or raise {names} (circnav params)")
+    yield Check(
+        WARN,
+        "acceleration",
+        f"{words}: the path may follow late; {lower}, or raise {names} (circnav params)",
+    )
 
 
 def drift_allowed(mission: Mission) -> float:
-    """Return the largest drift (wind minus target velocity), m/s, in which the circle can be held. Not positive if the
-    circle cannot be held in still air."""
+    """Return the largest drift (wind minus target velocity), m/s, in which the circle can be held.
+    Not positive if the circle cannot be held in still air."""
     orbit = mission.orbit
-    return tolerated_drift(orbit.speed, mission.orbit.radius, orbit.max_turn_rate * mission.least_turn_gain)
+    return tolerated_drift(
+        orbit.speed, mission.orbit.radius, orbit.max_turn_rate * mission.least_turn_gain
+    )
 
 
 def _drift(mission: Mission) -> Iterator[Check]:
     """Report the drift that the circle's geometry allows, and the time to reach the circle."""
-    orbit, gain, tolerated = mission.orbit, mission.least_turn_gain, drift_allowed(mission)
+    orbit = mission.orbit
+    gain = mission.least_turn_gain
+    tolerated = drift_allowed(mission)
     if tolerated > 0:
         rest = (
-            "" if mission.file.guidance.law in DRIFT_LAWS else f"; the law {mission.law.name} does not correct for wind"
+            ""
+            if mission.file.guidance.law in DRIFT_LAWS
+            else f"; the law {mission.law.name} does not correct for wind"
         )
-        most = f"up to W = {tolerated:.1f} m/s of wind minus target motion ({100 * tolerated / orbit.speed:.0f} % of V)"
-        words = f"the circle can be flown in {most}: (V + W)^2/(V max turn rate) <= radius, V = speed{rest}"
+        most = (
+            f"up to W = {tolerated:.1f} m/s of wind minus target motion"
+            f" ({100 * tolerated / orbit.speed:.0f} % of V)"
+        )
+        words = (
+            f"the circle can be flown in {most}: (V + W)^2/(V max turn rate) <= radius, V ="
+            f" speed{rest}"
+        )
         yield Check(PASS, "drift", words)
     far = min(5 * orbit.radius, mission.max_range)
     seconds = settling_time(far, orbit.speed, orbit.radius, orbit.max_turn_rate * gain)
-    way = f"on the shortest path (Dubins) from {far:.0f} m in still air, flying away from the target at first"
-    yield Check(PASS, "settling", f"about {seconds:.0f} s {way}; laws on range alone may take twice as long")
+    way = (
+        f"on the shortest path (Dubins) from {far:.0f} m in still air, flying away from the target"
+        " at first"
+    )
+    yield Check(
+        PASS, "settling", f"about {seconds:.0f} s {way}; laws on range alone may take twice as long"
+    )
 
 
 def drift_with_loop_margin(mission: Mission, most: float) -> float | None:
-    """Return the largest drift up to `most`, m/s, in which the turn loop keeps its stability margin. Negative if the
-    margin is missing even in still air. None for a law without this loop."""
-    orbit, allowed_drift, delay = mission.orbit, drift_allowed(mission), mission.file.vehicle.turn_lag_s
+    """Return the largest drift up to `most`, m/s, in which the turn loop keeps its stability
+    margin. Negative if the margin is missing even in still air. None for a law without this
+    loop."""
+    orbit = mission.orbit
+    allowed_drift = drift_allowed(mission)
+    delay = mission.file.vehicle.turn_lag_s
     if mission.law.name not in DRIFT_LAWS or allowed_drift <= 0 or delay <= 0:
         return None
     return drift_with_margin(orbit.speed, orbit.radius, most, *_turn_loop(mission))
@@ -208,7 +292,8 @@ def _design_drift(mission: Mission) -> float:
 
 
 def _turn_loop(mission: Mission) -> tuple[float, float, float]:
-    """Return delay from a command to its turn (s), delay of the reported turn rate (s) and turn-rate limit (rad/s)."""
+    """Return delay from a command to its turn (s), delay of the reported turn rate (s) and
+    turn-rate limit (rad/s)."""
     late = MEASUREMENT_DELAY if any(one.banks for one in mission.vehicles) else 0.0
     return mission.file.vehicle.turn_lag_s, late, mission.orbit.max_turn_rate
 
@@ -221,17 +306,29 @@ def _margin(mission: Mission) -> Iterator[Check]:
     kept = drift_with_loop_margin(mission, _design_drift(mission))
     if kept is None:
         return
-    V, r_d, wanted, delay = mission.orbit.speed, mission.orbit.radius, _design_drift(mission), _turn_loop(mission)[0]
+    V = mission.orbit.speed
+    r_d = mission.orbit.radius
+    wanted = _design_drift(mission)
+    delay = _turn_loop(mission)[0]
     if kept >= wanted:
         words = (
-            f"with a turn delay of {delay:g} s, the turn loop is stable in {kept:.1f} m/s of wind minus target motion"
+            f"with a turn delay of {delay:g} s, the turn loop is stable in {kept:.1f} m/s of wind"
+            " minus target motion"
         )
         yield Check(PASS, "margin", words)
         return
-    until = f"in more than {kept:.1f} m/s of wind minus target motion" if kept > 0 else "even in still air"
+    until = (
+        f"in more than {kept:.1f} m/s of wind minus target motion"
+        if kept > 0
+        else "even in still air"
+    )
     words = f"with a turn delay of {delay:g} s, the turn loop may oscillate on this circle {until}"
     radius = radius_with_margin(V, r_d, wanted, *_turn_loop(mission))
-    larger = f"a radius of {ceil(radius):g} m suffices for up to {wanted:.1f} m/s" if isfinite(radius) else "lower V"
+    larger = (
+        f"a radius of {ceil(radius):g} m suffices for up to {wanted:.1f} m/s"
+        if isfinite(radius)
+        else "lower V"
+    )
     yield Check(WARN, "margin", f"{words}; {larger}")
 
 
@@ -241,22 +338,34 @@ def _signing(mission: Mission) -> Iterator[Check]:
         yield from _unsigned(mission)
         return
     if table.accept_unsigned is True:
-        words = "frames are signed, but unsigned frames are accepted too: any program can pose as the vehicle"
+        words = (
+            "frames are signed, but unsigned frames are accepted too: any program can pose as the"
+            " vehicle"
+        )
         yield Check(WARN, "signing", f"{words} (signing.accept_unsigned)")
     else:
         also = ", on the ranging endpoint also unsigned" if table.accept_unsigned else ""
-        yield Check(PASS, "signing", f"frames are signed, and accepted only if signed with our key{also}")
+        yield Check(
+            PASS, "signing", f"frames are signed, and accepted only if signed with our key{also}"
+        )
 
 
 def _unsigned(mission: Mission) -> Iterator[Check]:
     """Check which senders can pose as the vehicle on an unsigned link."""
-    link, ranging = mission.file.link, mission.file.ranging
+    link = mission.file.link
+    ranging = mission.file.ranging
     ports = [split_driver(one)[1] for one in (link.endpoint, ranging.endpoint) if one]
     received = [one for one in ports if one.startswith(("udp:", "udpin:"))]
     if link.peer and not received:
-        yield Check(WARN, "peer", "link.peer has no effect: only udpin receives from more than one address")
+        yield Check(
+            WARN, "peer", "link.peer has no effect: only udpin receives from more than one address"
+        )
     elif link.peer:
         yield Check(PASS, "peer", f"{' and '.join(received)} accepts {', '.join(link.peer)} only")
     elif received and not any(host in received[0] for host in LOOPBACK):
         words = f"{received[0]} trusts any program that is first to send as the vehicle"
-        yield Check(WARN, "peer", f"{words}: set the vehicle's address (link.peer), or sign (docs/signing.md)")
+        yield Check(
+            WARN,
+            "peer",
+            f"{words}: set the vehicle's address (link.peer), or sign (docs/signing.md)",
+        )

@@ -10,13 +10,13 @@ from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.mission import Mission
 
 LOOP_BOUND = 0.4
-"""Bound on the loop gain V |d omega/d r'| (turn lag + filter lag), with turn rate omega and range rate r'. Above about
-0.45 the laws oscillate in a limit cycle."""
+"""Bound on the loop gain V |d omega/d r'| (turn lag + filter lag), with turn rate omega and range
+rate r'. Above about 0.45 the laws oscillate in a limit cycle."""
 REACH = 0.8
 """Largest range on the circle, as a share of the maximum range."""
 HEIGHT_COST = 0.3
-"""Radius error per height error (m/m) above which the height must be accurate: a height that is wrong by a few meters
-then causes a radius error of 1 m or more."""
+"""Radius error per height error (m/m) above which the height must be accurate: a height that is
+wrong by a few meters then causes a radius error of 1 m or more."""
 ROOM = 0.1
 """Least distance between the circle and the bounds of the range, as a share of the radius."""
 
@@ -28,10 +28,18 @@ def check_ranging(mission: Mission) -> list[Check]:
 
 
 def _reach(mission: Mission) -> Iterator[Check]:
-    slant, farthest = _slant_range(mission, mission.orbit.radius), mission.max_range
-    words = f"range on the circle {slant:.1f} m, {mission.file.ranging.message} reports up to {_length(farthest)}"
+    slant = _slant_range(mission, mission.orbit.radius)
+    farthest = mission.max_range
+    words = (
+        f"range on the circle {slant:.1f} m, {mission.file.ranging.message} reports up to"
+        f" {_length(farthest)}"
+    )
     share = f"{100 * slant / farthest:.0f} %, at most {100 * REACH:.0f} %"
-    yield Check(graded(slant / farthest, warn_above=REACH / 2, fail_above=REACH), "reach", f"{words} ({share})")
+    yield Check(
+        graded(slant / farthest, warn_above=REACH / 2, fail_above=REACH),
+        "reach",
+        f"{words} ({share})",
+    )
 
 
 def _slant_range(mission: Mission, horizontal: float) -> float:
@@ -45,13 +53,18 @@ def _length(metres: float) -> str:
 
 def _bounds(mission: Mission) -> Iterator[Check]:
     """Check that the circle lies between the bounds of the range, with room for oscillations."""
-    nearest, farthest, radius = mission.file.bounds.min_range_m, mission.file.bounds.max_range_m, mission.orbit.radius
+    nearest = mission.file.bounds.min_range_m
+    farthest = mission.file.bounds.max_range_m
+    radius = mission.orbit.radius
     given = [] if nearest is None else [f"above bounds.min_range_m = {nearest:g} m"]
     given += [] if farthest is None else [f"below bounds.max_range_m = {farthest:g} m"]
     if not given:
         return
     used = max((nearest or 0.0) / radius, radius / (farthest or inf))
-    words = f"the circle of {radius:g} m must be {' and '.join(given)} (horizontal), with {100 * ROOM:.0f} % to spare"
+    words = (
+        f"the circle of {radius:g} m must be {' and '.join(given)} (horizontal), with"
+        f" {100 * ROOM:.0f} % to spare"
+    )
     yield Check(graded(used, warn_above=1 / (1 + ROOM), fail_above=1.0), "bounds", words)
     if farthest is not None and _slant_range(mission, farthest) > mission.max_range:
         end = f"{mission.file.ranging.message} reports up to {_length(mission.max_range)}"
@@ -69,12 +82,16 @@ def _radio(mission: Mission) -> Iterator[Check]:
 
 
 def _calibration(mission: Mission) -> Iterator[Check]:
-    """Report the range that the radio reports on the circle, and check that the calibration points cover the circle."""
+    """Report the range that the radio reports on the circle, and check that the calibration points
+    cover the circle."""
     calibration = mission.file.ranging.calibration
     if not calibration.is_set:
         return
     slant = _slant_range(mission, mission.orbit.radius)
-    words = f"{calibration.describe()}: {slant:.1f} m on the circle are reported as {calibration.reported(slant):.1f} m"
+    words = (
+        f"{calibration.describe()}: {slant:.1f} m on the circle are reported as"
+        f" {calibration.reported(slant):.1f} m"
+    )
     yield Check(PASS, "calibration", words)
     points = calibration.points
     if points and not points[0][0] <= slant <= points[-1][0]:
@@ -82,14 +99,18 @@ def _calibration(mission: Mission) -> Iterator[Check]:
         yield Check(
             WARN,
             "calibration",
-            f"ranging.points_m covers {span}, the range on the circle is {slant:.1f} m: add a point near it",
+            f"ranging.points_m covers {span}, the range on the circle is {slant:.1f} m: add a point"
+            " near it",
         )
 
 
 def _sampling(mission: Mission) -> Iterator[Check]:
     period = 1 / mission.file.ranging.rate_hz
     stale = mission.stale
-    words = f"a range every {period:.3f} s, stale after {stale:.3g} s (at least two ranges in this time)"
+    words = (
+        f"a range every {period:.3f} s, stale after {stale:.3g} s (at least two ranges in this"
+        " time)"
+    )
     yield Check(graded(period / stale, warn_above=0.5, fail_above=1.0), "sampling", words)
     if LAWS[mission.law.name].switches:
         turn = min(mission.law.gain, mission.orbit.max_turn_rate) * period
@@ -99,34 +120,56 @@ def _sampling(mission: Mission) -> Iterator[Check]:
 
 
 def _noise(mission: Mission) -> Iterator[Check]:
-    orbit, file = mission.orbit, mission.file
+    orbit = mission.orbit
+    file = mission.file
     steady = mission.tuning.steady_estimate(orbit.radius)
     share = steady.r_dot_sigma / orbit.speed
-    error = f"estimated range rate ±{steady.r_dot_sigma:.2f} m/s at a range noise of {file.ranging.sigma_m:g} m"
+    error = (
+        f"estimated range rate ±{steady.r_dot_sigma:.2f} m/s at a range noise of"
+        f" {file.ranging.sigma_m:g} m"
+    )
     words = f"{error}, {100 * share:.0f} % of the speed (at most 50 %), {steady.lag:.2f} s late"
     yield Check(graded(share, warn_above=0.2, fail_above=0.5), "rate error", words)
     if mission.law.name == "smooth":
-        loop = 2 * mission.law.gain * orbit.radius * orbit.speed * mission.tuning.loop_lag(orbit.radius)
+        loop = (
+            2
+            * mission.law.gain
+            * orbit.radius
+            * orbit.speed
+            * mission.tuning.loop_lag(orbit.radius)
+        )
         lags = f"turn lag {file.vehicle.turn_lag_s:g} s + filter lag {steady.lag:.2f} s"
         words = f"2 k r_d V ({lags}) = {loop:.2f}: above {LOOP_BOUND:g} the radius oscillates"
-        yield Check(graded(loop, warn_above=LOOP_BOUND, fail_above=4 * LOOP_BOUND), "damping", words)
+        yield Check(
+            graded(loop, warn_above=LOOP_BOUND, fail_above=4 * LOOP_BOUND), "damping", words
+        )
 
 
 def _slant(mission: Mission) -> Iterator[Check]:
-    radius, height = mission.orbit.radius, mission.file.orbit.height_above_target_m
+    radius = mission.orbit.radius
+    height = mission.file.orbit.height_above_target_m
     if mission.height.needs_altitude:
         yield Check(
             PASS,
             "height",
-            "above the target, from the vehicle's altitude in flight; preflight prints the current height",
+            "above the target, from the vehicle's altitude in flight; preflight prints the current"
+            " height",
         )
     elif height is None:
-        none = "none of orbit.height_above_target_m, target_altitude_m, target_above_home_m is given"
-        cost = f"at a height of half the radius, the circle is {100 * (1 - sqrt(0.75)):.0f} % too small"
+        none = (
+            "none of orbit.height_above_target_m, target_altitude_m, target_above_home_m is given"
+        )
+        cost = (
+            f"at a height of half the radius, the circle is {100 * (1 - sqrt(0.75)):.0f} % too"
+            " small"
+        )
         yield Check(WARN, "height", f"{none}: ranges are taken as horizontal ({cost})")
     else:
         growth = sqrt(radius**2 + height**2) / radius
-        counts = f"removing the height multiplies the range noise by {growth:.2f} (at most {MAX_SIGMA_GROWTH:g})"
+        counts = (
+            f"removing the height multiplies the range noise by {growth:.2f} (at most"
+            f" {MAX_SIGMA_GROWTH:g})"
+        )
         grade = graded(growth, warn_above=1.5, fail_above=MAX_SIGMA_GROWTH)
         yield Check(grade, "height", f"{height:g} m above the target: {counts}")
         yield height_cost(mission, height)
@@ -138,5 +181,10 @@ def height_cost(mission: Mission, height: float) -> Check:
     Horizontal range rho, height h: rho^2 = slant^2 - h^2, so that d rho = -h/rho dh.
     """
     cost = abs(height) / mission.orbit.radius
-    words = f"1 m of error in the height above the target ({height:.1f} m) changes the radius by {cost:.2f} m"
-    return Check(WARN if cost > HEIGHT_COST else PASS, "height cost", f"{words} (WARN above {HEIGHT_COST:g})")
+    words = (
+        f"1 m of error in the height above the target ({height:.1f} m) changes the radius by"
+        f" {cost:.2f} m"
+    )
+    return Check(
+        WARN if cost > HEIGHT_COST else PASS, "height cost", f"{words} (WARN above {HEIGHT_COST:g})"
+    )

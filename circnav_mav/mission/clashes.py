@@ -21,12 +21,19 @@ def _of_endpoints(file: MissionFile) -> Iterator[str]:
     if file.link.endpoint == SIM and file.sim is None:
         yield f'link.endpoint: is "{SIM}": add a [sim] table that describes the vehicle'
     if ranging.endpoint == SIM and file.link.endpoint != SIM:
-        yield f'ranging.endpoint: is "{SIM}", but the vehicle is not the bundled one: --set ranging.endpoint=URL'
-    if ranging.endpoint == file.link.endpoint and ranging.endpoint.startswith(("udpin:", "udp:", "serial:")):
+        yield (
+            f'ranging.endpoint: is "{SIM}", but the vehicle is not the bundled one: --set'
+            " ranging.endpoint=URL"
+        )
+    if ranging.endpoint == file.link.endpoint and ranging.endpoint.startswith(
+        ("udpin:", "udp:", "serial:")
+    ):
         remedy = "omit ranging.endpoint if ranges arrive on that link"
         yield f'ranging.endpoint: is "{ranging.endpoint}" as link.endpoint: {remedy}'
     if split_driver(ranging.endpoint or "")[0] and ranging.message != "ranging_beacon":
-        yield f'ranging.message: is "{ranging.message}": set "ranging_beacon", which drivers produce'
+        yield (
+            f'ranging.message: is "{ranging.message}": set "ranging_beacon", which drivers produce'
+        )
     if file.signing and file.signing.accept_unsigned == "ranging" and ranging.endpoint is None:
         yield 'signing.accept_unsigned: is "ranging": set ranging.endpoint, too'
 
@@ -38,7 +45,10 @@ def _of_range_rate(file: MissionFile) -> Iterator[str]:
     if ranging.rate_name == ranging.name:
         yield f'ranging.rate_name: is "{ranging.name}" as ranging.name: give the rate another name'
     if file.guidance.estimator == "measured" and ranging.rate_name is None:
-        yield 'guidance.estimator: is "measured": set ranging.rate_name, the name of the measured range rate'
+        yield (
+            'guidance.estimator: is "measured": set ranging.rate_name, the name of the measured'
+            " range rate"
+        )
 
 
 def _of_vehicle(file: MissionFile) -> Iterator[str]:
@@ -47,7 +57,10 @@ def _of_vehicle(file: MissionFile) -> Iterator[str]:
     by_attitude = any(row.airspeed_from_drag for row in rows)
     if file.engage.on_gps_loss == "attitude":
         if not any(row.without_gps for row in rows):
-            yield 'engage.on_gps_loss: is "attitude", which only an ArduPilot copter in GUIDED can fly: omit it'
+            yield (
+                'engage.on_gps_loss: is "attitude", which only an ArduPilot copter in GUIDED can'
+                " fly: omit it"
+            )
         by_attitude = True
     if vehicle.max_bank_deg is None and by_attitude:
         yield "vehicle.max_bank_deg: missing, the tilt limit of a copter flown by attitude: add it"
@@ -67,4 +80,7 @@ def _of_pairs(file: MissionFile) -> Iterator[str]:
         low, high = (getattr(file.bounds, f"{side}_{quantity}") for side in ("min", "max"))
         if low is not None and high is not None and low >= high:
             most = f"bounds.max_{quantity} = {high:g}"
-            yield f"bounds.min_{quantity}: {low:g} is not below {most}: lower the first, or raise the second"
+            yield (
+                f"bounds.min_{quantity}: {low:g} is not below {most}: lower the first, or raise the"
+                " second"
+            )

@@ -20,7 +20,8 @@ from circnav_mav.mission.schema import MissionFile
 
 
 class MissionError(Exception):
-    """Error of a mission that cannot be flown as written. Its message is one line for the author of the file."""
+    """Error of a mission that cannot be flown as written. Its message is one line for the author of
+    the file."""
 
 
 def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
@@ -45,14 +46,18 @@ def read_toml(text: str, where: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         at = re.search(r"at line (\d+)", str(error))
         line = text.split("\n")[int(at[1]) - 1].strip()[:MOST_SHOWN] if at else ""
-        raise MissionError(f"{where}: not valid TOML: {error}" + (f": {line!r}" if line else "")) from None
+        raise MissionError(
+            f"{where}: not valid TOML: {error}" + (f": {line!r}" if line else "")
+        ) from None
 
 
-def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: Path | None = None) -> Mission:
+def parse_mission(
+    text: str, where: str, overrides: Iterable[str] = (), folder: Path | None = None
+) -> Mission:
     """Validate the text of a mission file. Raises MissionError.
 
-    where: name of the file in errors. folder: base of its relative paths. They become absolute, so that the file as
-    flown can be flown again from its run folder.
+    where: name of the file in errors. folder: base of its relative paths. They become absolute, so
+    that the file as flown can be flown again from its run folder.
     """
     table = read_toml(text, where)
     changes = [(*_override(override), override) for override in overrides]
@@ -60,12 +65,17 @@ def parse_mission(text: str, where: str, overrides: Iterable[str] = (), folder: 
         _change(table, changes, folder)
         flown = text if table == tomllib.loads(text) else _written(text, changes, folder, table)
         return mission_of(table, where, flown)
-    except (ValueError, OverflowError, RecursionError) as error:  # e.g. a number of thousands of digits
+    except (
+        ValueError,
+        OverflowError,
+        RecursionError,
+    ) as error:  # e.g. a number of thousands of digits
         raise MissionError(f"{where}: cannot be read as a mission: {error}") from None
 
 
 def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None) -> None:
-    """Apply overrides (keys, value, text) to a mission's table, and make its paths absolute. Raises MissionError."""
+    """Apply overrides (keys, value, text) to a mission's table, and make its paths absolute. Raises
+    MissionError."""
     for keys, value, override in changes:
         put(table, keys, value, f"--set {override}")
     if folder is not None:
@@ -73,10 +83,13 @@ def _change(table: Any, changes: Iterable[tuple[list[str], Any, str]], folder: P
 
 
 def _written(
-    text: str, changes: Iterable[tuple[list[str], Any, str]], folder: Path | None, table: dict[str, Any]
+    text: str,
+    changes: Iterable[tuple[list[str], Any, str]],
+    folder: Path | None,
+    table: dict[str, Any],
 ) -> str:
-    """Return the file as flown, with overrides. Its comments are kept unless tomlkit misplaces an override, for example
-    among dotted keys."""
+    """Return the file as flown, with overrides. Its comments are kept unless tomlkit misplaces an
+    override, for example among dotted keys."""
     import tomlkit  # imported here because it is slow, and most files are flown without overrides
 
     document = tomlkit.parse(text)
@@ -90,8 +103,8 @@ def _written(
 
 
 def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
-    """Validate the parsed table of a mission file. where: name of the file in errors. text: file as flown, if it will
-    be recorded. Raises MissionError."""
+    """Validate the parsed table of a mission file. where: name of the file in errors. text: file as
+    flown, if it will be recorded. Raises MissionError."""
     if "mission" in table and "vary" in table:
         raise MissionError(f"{where}: is a campaign file, fly it with: circnav campaign {where}")
     try:
@@ -114,8 +127,8 @@ def whole_schema() -> type[MissionFile]:
 
 
 def _check_numbers(mission: Mission, where: str) -> None:
-    """Check that the derived settings can be computed: noise of 1e-308 m, for example, overflows. Raises
-    MissionError."""
+    """Check that the derived settings can be computed: noise of 1e-308 m, for example, overflows.
+    Raises MissionError."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             mission.pilot_settings()
@@ -128,7 +141,8 @@ def _check_numbers(mission: Mission, where: str) -> None:
 
 
 def _override(text: str) -> tuple[list[str], Any]:
-    """Return keys and value of an override such as `orbit.radius_m=80`. A value that is not TOML becomes a string."""
+    """Return keys and value of an override such as `orbit.radius_m=80`. A value that is not TOML
+    becomes a string."""
     key, sign, value = text.partition("=")
     if not sign or not key.strip():
         raise MissionError(f"--set {text}: write it as table.key=value")
@@ -140,7 +154,8 @@ def _override(text: str) -> tuple[list[str], Any]:
 
 
 def put(table: Any, keys: list[str], value: Any, source: str) -> None:
-    """Set a key in nested tables, creating missing tables. source: name of the value in errors. Raises MissionError."""
+    """Set a key in nested tables, creating missing tables. source: name of the value in errors.
+    Raises MissionError."""
     for key in keys[:-1]:
         table = table.setdefault(key, {})
         if not isinstance(table, Mapping):
@@ -149,8 +164,8 @@ def put(table: Any, keys: list[str], value: Any, source: str) -> None:
 
 
 def _make_absolute(table: Any, folder: Path) -> None:
-    """Make the key file paths of a mission, its bundled vehicle and its extras absolute. They are relative to the
-    folder of the file, or begin with `~`."""
+    """Make the key file paths of a mission, its bundled vehicle and its extras absolute. They are
+    relative to the folder of the file, or begin with `~`."""
     sim = table.get("sim")
     tables = {**table, "sim.signing": sim.get("signing") if isinstance(sim, Mapping) else None}
     for place in tables.values():

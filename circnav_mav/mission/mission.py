@@ -1,4 +1,5 @@
-"""A mission for the flight: values of its file in SI units and radians, and values derived from them."""
+"""A mission for the flight: values of its file in SI units and radians, and values derived from
+them."""
 
 from dataclasses import dataclass, replace
 from math import inf, radians, tan
@@ -24,19 +25,23 @@ from circnav_mav.pilot.settings import HeightSettings
 
 MOST_NOISE = 0.5
 """Largest useful standard deviation of a range, as a share of the radius."""
-STALE_PERIODS, LEAST_STALE = 2.5, 0.5
-"""Default of `limits.stale_s`, in periods of the radio, and its minimum, s. A single lost range does not interrupt
-steering."""
-END_SHARE, CARRIES_FAR = 0.975, 1000.0
-"""Default of `bounds.max_range_m`, as a share of the largest range that the message can carry. Only messages whose
-largest range is below the second value, m, have this default."""
+STALE_PERIODS = 2.5
+LEAST_STALE = 0.5
+"""Default of `limits.stale_s`, in periods of the radio, and its minimum, s. A single lost range
+does not interrupt steering."""
+END_SHARE = 0.975
+CARRIES_FAR = 1000.0
+"""Default of `bounds.max_range_m`, as a share of the largest range that the message can carry. Only
+messages whose largest range is below the second value, m, have this default."""
 SLOWEST_ANSWER = 1.2
-"""Largest round trip of the link with which the vehicle is engaged, as a multiple of `limits.stale_s`."""
+"""Largest round trip of the link with which the vehicle is engaged, as a multiple of
+`limits.stale_s`."""
 LONGEST_OUTAGE = 60.0
-"""Time, s, after the loss of the link at which the mission ends unless the vehicle is steered again. A longer
-`limits.hold_s` is used instead."""
+"""Time, s, after the loss of the link at which the mission ends unless the vehicle is steered
+again. A longer `limits.hold_s` is used instead."""
 UNAIDED_ACCELERATION_BIAS = 0.5
-"""Error of the accelerations of a copter without GPS, m/s^2: its attitude is wrong by 3 degrees in turns."""
+"""Error of the accelerations of a copter without GPS, m/s^2: its attitude is wrong by 3 degrees in
+turns."""
 SIM = "sim"
 """Endpoint of the bundled vehicle."""
 
@@ -45,8 +50,8 @@ SIM = "sim"
 class Mission:
     """A validated mission.
 
-    file: values of the mission file, with units in the names, and with the tables of extras, which the core does not
-    read. text: the file as flown.
+    file: values of the mission file, with units in the names, and with the tables of extras, which
+    the core does not read. text: the file as flown.
     """
 
     file: MissionFile
@@ -54,10 +59,14 @@ class Mission:
 
     @property
     def orbit(self) -> Orbit:
-        """Circle, in SI units and radians. max_turn_rate is the smaller of the given limit and the rate
-        of a coordinated turn at the bank limit."""
+        """Circle, in SI units and radians. max_turn_rate is the smaller of the given limit and the
+        rate of a coordinated turn at the bank limit."""
         vehicle = self.file.vehicle
-        banked = GRAVITY * tan(radians(vehicle.max_bank_deg)) / vehicle.speed_mps if vehicle.max_bank_deg else inf
+        banked = (
+            GRAVITY * tan(radians(vehicle.max_bank_deg)) / vehicle.speed_mps
+            if vehicle.max_bank_deg
+            else inf
+        )
         given = radians(vehicle.max_turn_rate_deg_s) if vehicle.max_turn_rate_deg_s else inf
         direction = Direction(self.file.orbit.direction)
         return Orbit(self.file.orbit.radius_m, direction, vehicle.speed_mps, min(banked, given))
@@ -65,7 +74,8 @@ class Mission:
     @property
     def tuning(self) -> LawTuning:
         """Law, and the values that determine its gain on any circle."""
-        guidance, ranging = self.file.guidance, self.file.ranging
+        guidance = self.file.guidance
+        ranging = self.file.ranging
         return LawTuning(
             guidance.law,
             self.estimation,
@@ -116,7 +126,9 @@ class Mission:
     def height(self) -> HeightSettings:
         """Height settings of the mission."""
         orbit = self.file.orbit
-        return HeightSettings(orbit.height_above_target_m, orbit.target_altitude_m, orbit.target_above_home_m)
+        return HeightSettings(
+            orbit.height_above_target_m, orbit.target_altitude_m, orbit.target_above_home_m
+        )
 
     @property
     def max_range(self) -> float:
@@ -125,22 +137,22 @@ class Mission:
 
     @property
     def farthest(self) -> float | None:
-        """Horizontal range at which the flight ends, m, or None: the file's bound, or slightly less than the largest
-        range of a message with a short limit."""
+        """Horizontal range at which the flight ends, m, or None: the file's bound, or slightly less
+        than the largest range of a message with a short limit."""
         end = self.max_range
         return self.file.bounds.max_range_m or (END_SHARE * end if end < CARRIES_FAR else None)
 
     @property
     def stale(self) -> float:
-        """Age of the newest range up to which it may steer, s: the file's, or a default that tolerates one lost
-        range."""
+        """Age of the newest range up to which it may steer, s: the file's, or a default that
+        tolerates one lost range."""
         usual = min(max(STALE_PERIODS / self.file.ranging.rate_hz, LEAST_STALE), MOST_STALE)
         return self.file.limits.stale_s or usual
 
     @property
     def slowest_answer(self) -> float:
-        """Round trip of the link above which the vehicle is not engaged, s. Half of the round trip adds to the age of
-        each range."""
+        """Round trip of the link above which the vehicle is not engaged, s. Half of the round trip
+        adds to the age of each range."""
         return SLOWEST_ANSWER * self.stale
 
     @property
@@ -154,8 +166,9 @@ class Mission:
         return self.file.link.endpoint == SIM
 
     def run_speed(self, speed: float | None = None, pace: float | None = None) -> float:
-        """Return the speed of the run relative to real time, infinite for the fastest possible. speed: requested by the
-        user. pace: requested by an onlooker. A separate ranging radio requires real time."""
+        """Return the speed of the run relative to real time, infinite for the fastest possible.
+        speed: requested by the user. pace: requested by an onlooker. A separate ranging radio
+        requires real time."""
         if not self.flies_sim:
             return 1.0
         if speed is not None:
@@ -172,17 +185,23 @@ class Mission:
 
     @property
     def vehicles(self) -> tuple[type[Autopilot], ...]:
-        """Adapters of the vehicles that may be flown. Empty if the requested vehicle is not supported."""
+        """Adapters of the vehicles that may be flown. Empty if the requested vehicle is not
+        supported."""
         return tuple(allowed(*self.vehicle_key).values())
 
     @property
     def least_turn_gain(self) -> float:
         """Smallest expected ratio of realized to commanded turn rate."""
         given = self.file.vehicle.turn_gain
-        return given if isinstance(given, float) else min((one.least_turn_gain for one in self.vehicles), default=1.0)
+        return (
+            given
+            if isinstance(given, float)
+            else min((one.least_turn_gain for one in self.vehicles), default=1.0)
+        )
 
     def pilot_settings(self, output_mode: OutputMode = OutputMode.FLY) -> PilotSettings:
-        """Return the settings of the pilot. Raises ValueError if the gain has no radius correction."""
+        """Return the settings of the pilot. Raises ValueError if the gain has no radius
+        correction."""
         file = self.file
         return PilotSettings(
             orbit=self.orbit,
@@ -224,7 +243,10 @@ class Mission:
             ranging_apart=file.ranging.endpoint is not None,
             stream_links=frozenset(
                 link
-                for link, endpoint in ((VEHICLE, file.link.endpoint), (RANGING, file.ranging.endpoint))
+                for link, endpoint in (
+                    (VEHICLE, file.link.endpoint),
+                    (RANGING, file.ranging.endpoint),
+                )
                 if endpoint and endpoint.startswith(("tcp", "serial"))
             ),
             unsigned_links=self._unsigned_links(),
@@ -249,7 +271,9 @@ class Mission:
 
     def _unsigned_links(self) -> frozenset[str]:
         accepted = self.file.signing.accept_unsigned if self.file.signing else False
-        if accepted == "ranging" or (self.ranging_driver and not accepted):  # circnav itself produces a driver's frames
+        if accepted == "ranging" or (
+            self.ranging_driver and not accepted
+        ):  # circnav itself produces a driver's frames
             return frozenset((RANGING,))
         return frozenset(LINKS if accepted else ())
 
@@ -257,4 +281,6 @@ class Mission:
         calibration = {"scale", "bias_m", "delay_s", "points_m"}
         given = self.file.ranging.model_dump(exclude={"endpoint", *calibration})
         most = max(MOST_NOISE * self.orbit.radius, 3 * self.file.ranging.sigma_m)
-        return RangingSettings(**given, max_age=self.stale, max_sigma=most, calibration=self.file.ranging.calibration)
+        return RangingSettings(
+            **given, max_age=self.stale, max_sigma=most, calibration=self.file.ranging.calibration
+        )

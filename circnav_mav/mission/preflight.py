@@ -1,4 +1,5 @@
-"""Preflight checks of the vehicle and the ranging: the data of a `PreflightListener` in, lines out."""
+"""Preflight checks of the vehicle and the ranging: the data of a `PreflightListener` in, lines
+out."""
 
 from collections.abc import Iterator, Mapping
 from math import degrees, isnan
@@ -18,21 +19,24 @@ from circnav_mav.pilot.preflight_listener import PreflightListener
 LOW_RATE = 0.5
 """Share of the requested rate below which a stream counts as missing."""
 SILENT = 2.0
-"""Age of the newest heartbeat, s, above which at least one heartbeat was lost: autopilots send one a second."""
+"""Age of the newest heartbeat, s, above which at least one heartbeat was lost: autopilots send one
+a second."""
 SLOW_ROUND_TRIP = 0.1
-"""Round trip to the autopilot, s, above which the delay is no longer small compared to a turn lag of 0.4 s."""
+"""Round trip to the autopilot, s, above which the delay is no longer small compared to a turn lag
+of 0.4 s."""
 LEAST_SPAN = 1.0
 """Least time, s, in which the speed of a clock can be measured within a few percent."""
 LEAST_SLIP = 0.08
-"""Difference that arises between two clocks during the measurement, s, above which preflight warns. PX4's simulator ran
-at 0.985 of real time: ranges were rejected as too old, and one flight of five ended with RANGE STALE."""
+"""Difference that arises between two clocks during the measurement, s, above which preflight warns.
+PX4's simulator ran at 0.985 of real time: ranges were rejected as too old, and one flight of five
+ended with RANGE STALE."""
 TROUBLE = ("prearm", "arm:", "failsafe", "failed", "error", "unhealthy", "denied", "variance")
 """Words by which preflight selects the STATUSTEXTs that it repeats."""
 
 
 def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.0) -> list[Check]:
-    """Return all lines of a completed preflight. clock_speed: speed of the run's clock relative to real time, if the
-    run follows the autopilot's clock."""
+    """Return all lines of a completed preflight. clock_speed: speed of the run's clock relative to
+    real time, if the run follows the autopilot's clock."""
     if not listener.session.up:
         misfits = "; ".join(listener.session.misfits.values())
         why = misfits or f"no autopilot heartbeat, {listener.connection.counts[VEHICLE].describe()}"
@@ -41,13 +45,18 @@ def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.
     lines = [line for part in parts for line in part(mission, listener)]
     lines += [*_clock(mission, listener, clock_speed), *judge_ranging(mission, listener)]
     context = parameter_context(mission, listener.session.vehicle_ids[0], listener.parameters)
-    lines += [line for rule in listener.session.adapter.parameters if (line := rule.check(context)) is not None]
+    lines += [
+        line
+        for rule in listener.session.adapter.parameters
+        if (line := rule.check(context)) is not None
+    ]
     repeated = [text for text in listener.texts if any(word in text.lower() for word in TROUBLE)]
     return lines + [Check(WARN, "STATUSTEXT", f'"{text}"') for text in repeated]
 
 
 def parameter_context(mission: Mission, system: int, values: Mapping[str, float]) -> Context:
-    """Return the context of the parameter rules. system: id of the vehicle. values: the parameters read."""
+    """Return the context of the parameter rules. system: id of the vehicle. values: the parameters
+    read."""
     return Context(
         speed=mission.orbit.speed,
         max_turn_rate_deg=degrees(mission.orbit.max_turn_rate),
@@ -59,13 +68,19 @@ def parameter_context(mission: Mission, system: int, values: Mapping[str, float]
     )
 
 
-# --- identity ---------------------------------------------------------------------------------------------------------
+# --- identity
+# ------------------------------------------------------------
 
 
 def _identity(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
-    adapter, firmware = listener.session.adapter, listener.session.vehicle.firmware
+    adapter = listener.session.adapter
+    firmware = listener.session.vehicle.firmware
     system, component = listener.session.vehicle_ids
-    yield Check(PASS, "vehicle", f"system {system}, component {component}: {listener.kind}, autopilot {adapter.name}")
+    yield Check(
+        PASS,
+        "vehicle",
+        f"system {system}, component {component}: {listener.kind}, autopilot {adapter.name}",
+    )
     if firmware is None:
         yield Check(WARN, "firmware", "no answer to a request for AUTOPILOT_VERSION")
     else:
@@ -74,42 +89,68 @@ def _identity(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
 
 
 def _mode(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
-    adapter, vehicle = listener.session.adapter, listener.session.vehicle
+    adapter = listener.session.adapter
+    vehicle = listener.session.vehicle
     now = f"now {vehicle.mode_name} ({vehicle.mode}), {'armed' if vehicle.armed else 'disarmed'}"
     if vehicle.armed and vehicle.mode == adapter.guided_mode:
         yield Check(WARN, "mode", f"{now}: a flight would steer the vehicle immediately")
     else:
-        who = "requested by circnav" if mission.file.engage.request_mode else "entered by the operator"
-        yield Check(PASS, "mode", f"flown in {adapter.guided_name} ({adapter.guided_mode}), {who}; {now}")
+        who = (
+            "requested by circnav"
+            if mission.file.engage.request_mode
+            else "entered by the operator"
+        )
+        yield Check(
+            PASS, "mode", f"flown in {adapter.guided_name} ({adapter.guided_mode}), {who}; {now}"
+        )
 
 
 def _protocol(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     received = listener.connection.counts[VEHICLE]
     if received.version_1:
-        yield Check(WARN, "MAVLink", f"{received.version_1} of {received.frames} frames are of version 1")
+        yield Check(
+            WARN, "MAVLink", f"{received.version_1} of {received.frames} frames are of version 1"
+        )
     else:
         yield Check(PASS, "MAVLink", "version 2 only")
 
 
 def _signing(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
-    """Check that received frames are signed as the mission requires. No line if neither side signs."""
+    """Check that received frames are signed as the mission requires. No line if neither side
+    signs."""
     received = listener.connection.counts[VEHICLE]
     if mission.file.signing is None:
         if received.signed:
-            words = f"{received.signed} of {received.frames} frames are signed, and the mission has no key"
-            yield Check(WARN, "signing", f"{words}: our frames may be rejected; set signing.key_file")
+            words = (
+                f"{received.signed} of {received.frames} frames are signed, and the mission has"
+                " no key"
+            )
+            yield Check(
+                WARN, "signing", f"{words}: our frames may be rejected; set signing.key_file"
+            )
         elif received.zero_key:
             words = "the autopilot signs with the all-zero key, as PX4 does without a key"
-            yield Check(PASS, "signing", f"{words}, and accepts unsigned frames: the link is not protected")
+            yield Check(
+                PASS, "signing", f"{words}, and accepts unsigned frames: the link is not protected"
+            )
     elif received.refused:
         why = ", ".join(f"{count} {reason}" for reason, count in sorted(received.refused.items()))
-        yield Check(WARN, "signing", f"{received.refused.total()} of {received.frames} frames rejected: {why}")
+        yield Check(
+            WARN,
+            "signing",
+            f"{received.refused.total()} of {received.frames} frames rejected: {why}",
+        )
     else:
-        yield Check(PASS, "signing", f"{received.signed} of {received.frames} frames signed, all with our key")
+        yield Check(
+            PASS,
+            "signing",
+            f"{received.signed} of {received.frames} frames signed, all with our key",
+        )
 
 
 def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
-    session, ours = listener.session, mission.file.link.component_id
+    session = listener.session
+    ours = mission.file.link.component_id
     second_senders = session.identity.second_senders.recent(listener.end)
     if twins := session.ignored["twin"]:
         words = (
@@ -120,27 +161,40 @@ def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     if others := session.ignored["other_vehicle"]:
         also = f": {'; '.join(session.misfits.values())}" if session.misfits else ""
         advice = "" if mission.file.vehicle.system_id else "; select yours by vehicle.system_id"
-        yield Check(WARN, "others", f"{others} heartbeats of another autopilot on the link{also}{advice}")
+        yield Check(
+            WARN, "others", f"{others} heartbeats of another autopilot on the link{also}{advice}"
+        )
     if peripherals := session.ignored["no_autopilot"]:
         ids = "{}/{}".format(*session.vehicle_ids)
-        words = f"{peripherals} heartbeats from a component that is no autopilot, but has the vehicle's ids {ids}"
+        words = (
+            f"{peripherals} heartbeats from a component that is no autopilot, but has the vehicle's"
+            f" ids {ids}"
+        )
         yield Check(WARN, "others", f"{words}: give that component another id")
     for rival in second_senders:
         of_driver = mission.ranging_driver is not None and rival.startswith(RADIO_NAME)
         advice = "ranging.beacon_id" if of_driver else "link.peer, or sign"
         yield Check(FAIL, "others", f"{rival}; select yours by {advice}")
     if not twins and not others and not second_senders and not peripherals:
-        yield Check(PASS, "others", "no other autopilot on the link, no other companion with our ids")
+        yield Check(
+            PASS, "others", "no other autopilot on the link, no other companion with our ids"
+        )
 
 
-# --- telemetry --------------------------------------------------------------------------------------------------------
+# --- telemetry
+# ------------------------------------------------------------
 
 
 def _streams(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     if (silence := listener.session.heartbeat_age(listener.end)) > SILENT:
-        yield Check(FAIL, "heartbeat", f"the last one was received {silence:.1f} s before preflight ended")
+        yield Check(
+            FAIL, "heartbeat", f"the last one was received {silence:.1f} s before preflight ended"
+        )
     if listener.session.streams.by_group:
-        words = "SET_MESSAGE_INTERVAL is not supported by this old firmware: REQUEST_DATA_STREAM is used"
+        words = (
+            "SET_MESSAGE_INTERVAL is not supported by this old firmware: REQUEST_DATA_STREAM is"
+            " used"
+        )
         yield Check(WARN, "stream", words)
     for message_id, (wanted, measured) in listener.streams.items():
         name = dialect.mavlink_map[message_id].msgname
@@ -183,12 +237,15 @@ _WITHOUT = {
 
 
 def _motion(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
-    session, needs = listener.session, _needs(mission, listener)
+    session = listener.session
+    needs = _needs(mission, listener)
     motion = session.motion.at(listener.end)
     for name, unit in (("airspeed", "m/s"), ("altitude", "m above sea level")):
         value = getattr(motion, name)
         if value is not None:
-            yield Check(PASS, name, f"{value:.1f} {unit}" + ("" if name in needs else ", not needed"))
+            yield Check(
+                PASS, name, f"{value:.1f} {unit}" + ("" if name in needs else ", not needed")
+            )
         elif name not in needs:
             yield Check(PASS, name, "not received, not needed")
         elif name == "airspeed" and listener.airspeed == 0 and not session.vehicle.armed:
@@ -209,26 +266,34 @@ def _needs(mission: Mission, listener: PreflightListener) -> frozenset[str]:
 
 
 def _battery(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
-    least, battery = mission.file.bounds.min_battery_percent, listener.session.vehicle.battery(listener.end)
+    least = mission.file.bounds.min_battery_percent
+    battery = listener.session.vehicle.battery(listener.end)
     if least is None:
         return
     if battery is None:
-        yield Check(FAIL, "battery", f"not reported, but needed for bounds.min_battery_percent = {least:g}")
+        yield Check(
+            FAIL, "battery", f"not reported, but needed for bounds.min_battery_percent = {least:g}"
+        )
     else:
         grade = PASS if battery > least else FAIL
         yield Check(grade, "battery", f"{battery:.0f} %, the flight ends at {least:g} %")
 
 
-# --- time -------------------------------------------------------------------------------------------------------------
+# --- time
+# ------------------------------------------------------------
 
 
 def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) -> Iterator[Check]:
-    reboots, boot, trip = listener.session.vehicle.reboots, listener.boot, listener.session.timesync.typical
+    reboots = listener.session.vehicle.reboots
+    boot = listener.boot
+    trip = listener.session.timesync.typical
     if reboots:
         yield Check(FAIL, "clock", f"the autopilot rebooted {reboots} times during preflight")
     follows = mission.file.link.clock == "autopilot"
     if boot is None or boot[1][0] - boot[0][0] < LEAST_SPAN:
-        words = "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): a reboot would not be detected"
+        words = (
+            "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): a reboot would not be detected"
+        )
         yield Check(FAIL if follows else WARN, "clock", words)
     else:
         speed = span_speed(boot) * clock_speed
@@ -238,9 +303,17 @@ def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) ->
         elif follows:
             yield Check(PASS, "clock", f"{words}, and the flight follows it")
         elif abs(speed - 1) > SPEED_OFF:
-            yield Check(FAIL, "clock", f'{words}: set link.clock = "autopilot" to fly a simulator at this speed')
+            yield Check(
+                FAIL,
+                "clock",
+                f'{words}: set link.clock = "autopilot" to fly a simulator at this speed',
+            )
         elif abs(speed - 1) * (boot[1][0] - boot[0][0]) > LEAST_SLIP:
-            yield Check(WARN, "clock", f'{words}: ranges may count as old. For a simulator: link.clock = "autopilot"')
+            yield Check(
+                WARN,
+                "clock",
+                f'{words}: ranges may count as old. For a simulator: link.clock = "autopilot"',
+            )
         else:
             yield Check(PASS, "clock", words)
     if trip is not None:
@@ -249,4 +322,6 @@ def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) ->
         words = f"{1000 * trip:.0f} ms (TIMESYNC), at most {1000 * most:.0f} ms"
         yield Check(grade, "round trip", words)
     else:
-        yield Check(WARN, "round trip", "no answer to TIMESYNC: the delay of the link is not measured")
+        yield Check(
+            WARN, "round trip", "no answer to TIMESYNC: the delay of the link is not measured"
+        )

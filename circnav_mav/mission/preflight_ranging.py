@@ -14,14 +14,16 @@ from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.preflight_listener import PreflightListener, ReceivedRange
 
 FULL_RATE = 0.8
-"""Share of the expected rate (`ranging.rate_hz`, or of a requested stream) from which a measured rate passes."""
+"""Share of the expected rate (`ranging.rate_hz`, or of a requested stream) from which a measured
+rate passes."""
 SPEED_OFF = 0.03
-"""Largest relative difference between the speeds of another clock and of ours. A larger one means a simulator at
-another speed, or a wrong clock."""
-NOISE_NEAR, NOISE_FAR = 1.5, 4.0
-"""Ratio of measured to assumed noise: PASS up to the first, FAIL above the second. For n residuals both bounds are
-multiplied by 1 + 1/sqrt(n). A correct assumption of 0.5 m then fails to pass in 3 of 1000 preflights with 10 ranges,
-and in none of 20,000 with 50 ranges."""
+"""Largest relative difference between the speeds of another clock and of ours. A larger one means a
+simulator at another speed, or a wrong clock."""
+NOISE_NEAR = 1.5
+NOISE_FAR = 4.0
+"""Ratio of measured to assumed noise: PASS up to the first, FAIL above the second. For n residuals
+both bounds are multiplied by 1 + 1/sqrt(n). A correct assumption of 0.5 m then fails to pass in 3
+of 1000 preflights with 10 ranges, and in none of 20,000 with 50 ranges."""
 MOST_REJECTED = 0.1
 """Share of rejected ranges above which preflight warns; chosen."""
 MOST_OUTLIERS = 0.05
@@ -32,7 +34,8 @@ LATE = 0.1
 
 def judge_ranging(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     """Check reception, rate, delay, noise and timestamps of the ranges."""
-    ranges, height = listener.ranges, listener.height.at(listener.end)
+    ranges = listener.ranges
+    height = listener.height.at(listener.end)
     yield from _height(mission, listener, height)
     if choice := listener.ranging.sources.choice(listener.end):
         # noise, age and distance of ranges to two targets have no meaning
@@ -55,21 +58,30 @@ def _received(mission: Mission, listener: PreflightListener) -> Check:
     message = mission.file.ranging.message.upper()
     if not listener.ranges:
         if listener.carriers:
-            received = "; ".join(f"{count} of {sender}" for sender, count in sorted(listener.carriers.items()))
+            received = "; ".join(
+                f"{count} of {sender}" for sender, count in sorted(listener.carriers.items())
+            )
             return Check(
-                FAIL, "ranging", f"no usable {message}. Received: {received}. Compare with the mission's [ranging]"
+                FAIL,
+                "ranging",
+                f"no usable {message}. Received: {received}. Compare with the mission's [ranging]",
             )
         link = listener.connection.counts[RANGING if mission.file.ranging.endpoint else VEHICLE]
         return Check(FAIL, "ranging", f"no {message}; {link.describe()}")
-    wanted, stale = mission.file.ranging.rate_hz, mission.stale
+    wanted = mission.file.ranging.rate_hz
+    stale = mission.stale
     rate = len(listener.ranges) / listener.seconds
     grade = FAIL if rate < 1 / stale else PASS if rate >= FULL_RATE * wanted else WARN
-    words = f"{len(listener.ranges)} ranges in {listener.seconds:.1f} s, {rate:.1f} Hz, ranging.rate_hz = {wanted:g}"
+    words = (
+        f"{len(listener.ranges)} ranges in {listener.seconds:.1f} s, {rate:.1f} Hz, ranging.rate_hz"
+        f" = {wanted:g}"
+    )
     return Check(grade, "ranging", f"{words}; newest {listener.ranges[-1].r:.2f} m")
 
 
 def _rejected(mission: Mission, listener: PreflightListener) -> Check:
-    """Check the share of rejected ranges. Messages of other sources do not count: only one source is used."""
+    """Check the share of rejected ranges. Messages of other sources do not count: only one source
+    is used."""
     rejected = listener.ranging.rejected
     counts = {reason: count for reason, count in rejected.items() if reason not in OTHERS}
     words = describe_rejected(dict(sorted(rejected.items())))
@@ -79,24 +91,34 @@ def _rejected(mission: Mission, listener: PreflightListener) -> Check:
 
 def _rates(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     """Check reception and noise of the measured range rate, and its consistency with the ranges."""
-    table, values = mission.file.ranging, listener.rates
-    name, wanted = table.rate_name, table.rate_hz
+    table = mission.file.ranging
+    values = listener.rates
+    name = table.rate_name
+    wanted = table.rate_hz
     if trouble := listener.rate_reader.trouble:
         yield Check(FAIL, "range rate", f"{name}: {trouble}")
         return
     if len(values) < 10:
         yield Check(
-            FAIL, "range rate", f"only {len(values)} NAMED_VALUE_FLOAT {name} with sender and clock of the ranges"
+            FAIL,
+            "range rate",
+            f"only {len(values)} NAMED_VALUE_FLOAT {name} with sender and clock of the ranges",
         )
         return
     if len(set(values)) == 1:
-        words = f"all {len(values)} {name} are {values[0]:+.2f} m/s: frozen, or its resolution is too coarse"
+        words = (
+            f"all {len(values)} {name} are {values[0]:+.2f} m/s: frozen, or its resolution is too"
+            " coarse"
+        )
         yield Check(WARN, "range rate", f"{words}; move the radio and repeat preflight")
         return
     rate = len(values) / listener.seconds
     timed = list(enumerate(values))
-    noise = bulk_sigma([residual(*three) for three in zip(timed, timed[1:], timed[2:], strict=False)])
-    enough, quiet = rate >= FULL_RATE * wanted, noise <= NOISE_NEAR * RATE_SIGMA * (1 + 1 / sqrt(len(values)))
+    noise = bulk_sigma(
+        [residual(*three) for three in zip(timed, timed[1:], timed[2:], strict=False)]
+    )
+    enough = rate >= FULL_RATE * wanted
+    quiet = noise <= NOISE_NEAR * RATE_SIGMA * (1 + 1 / sqrt(len(values)))
     spread = f"standard deviation {noise:.2f} m/s, {RATE_SIGMA} m/s assumed"
     advice = "" if quiet else ": in flight the measured standard deviation is used"
     words = f"{name} {rate:.1f} Hz, newest {values[-1]:+.2f} m/s; {spread}{advice}"
@@ -106,17 +128,21 @@ def _rates(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
 def _noise(mission: Mission, ranges: Sequence[ReceivedRange]) -> Iterator[Check]:
     if len({one.r for one in ranges}) == 1:
         words = (
-            f"all {len(ranges)} ranges are {ranges[0].r:.2f} m: the radio is frozen, or its resolution is too coarse"
+            f"all {len(ranges)} ranges are {ranges[0].r:.2f} m: the radio is frozen, or its"
+            " resolution is too coarse"
         )
         yield Check(WARN, "noise", f"{words}; move the radio and repeat preflight")
         return
     residuals = residuals_of(ranges)
-    noise, assumed = bulk_sigma(residuals), median(one.sigma for one in ranges)
+    noise = bulk_sigma(residuals)
+    assumed = median(one.sigma for one in ranges)
     ratio = noise / assumed
     doubt = 1 + 1 / sqrt(len(residuals))
     grade = PASS if ratio <= NOISE_NEAR * doubt else WARN if ratio <= NOISE_FAR * doubt else FAIL
     advice = "" if grade is PASS else f": set ranging.sigma_m = {noise:.2g}"
-    yield Check(grade, "noise", f"standard deviation {noise:.2f} m, assumed {assumed:.2f} m{advice}")
+    yield Check(
+        grade, "noise", f"standard deviation {noise:.2f} m, assumed {assumed:.2f} m{advice}"
+    )
     gate = mission.estimation.gate * assumed
     share = outliers_among(residuals, gate)
     words = f"about {100 * share:.0f} % of the ranges are outliers, wrong by more than {gate:.1f} m"
@@ -124,15 +150,19 @@ def _noise(mission: Mission, ranges: Sequence[ReceivedRange]) -> Iterator[Check]
 
 
 def outliers_among(residuals: Sequence[float], gate: float) -> float:
-    """Return the share of ranges with an error above the gate (m). Each outlier appears in three residuals."""
+    """Return the share of ranges with an error above the gate (m). Each outlier appears in three
+    residuals."""
     return sum(abs(residual) > gate for residual in residuals) / 3 / len(residuals)
 
 
 def residuals_of(ranges: Sequence[ReceivedRange]) -> list[float]:
-    """Return the noise residuals of ranges, m. An acceleration of 1 m/s^2 contributes only 4 mm at 10 Hz."""
+    """Return the noise residuals of ranges, m. An acceleration of 1 m/s^2 contributes only 4 mm at
+    10 Hz."""
     moments = [(one.time, one.r) for one in ranges]
     threes = zip(moments, moments[1:], moments[2:], strict=False)
-    return [float(residual(*three)) for three in threes if three[0][0] < three[1][0] < three[2][0]] or [0.0]
+    return [
+        float(residual(*three)) for three in threes if three[0][0] < three[1][0] < three[2][0]
+    ] or [0.0]
 
 
 def _age(mission: Mission, listener: PreflightListener) -> Check:
@@ -141,14 +171,18 @@ def _age(mission: Mission, listener: PreflightListener) -> Check:
     late = delays[int(0.95 * (len(delays) - 1))]
     stale = mission.stale
     grade = FAIL if age > stale else WARN if late > LATE else PASS
-    words = f"95 % arrive within {1000 * late:.0f} ms of the fastest (a constant delay cannot be measured)"
+    words = (
+        f"95 % arrive within {1000 * late:.0f} ms of the fastest (a constant delay cannot be"
+        " measured)"
+    )
     return Check(grade, "age", f"newest range {age:.2f} s old (stale from {stale:g} s); {words}")
 
 
 def _stamps(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
-    """Check the speed of the sensor's clock. No line if it is wrong by the same factor as the speed of the autopilot's
-    clock, which is checked separately."""
-    ranges, boot = listener.ranges, listener.boot
+    """Check the speed of the sensor's clock. No line if it is wrong by the same factor as the speed
+    of the autopilot's clock, which is checked separately."""
+    ranges = listener.ranges
+    boot = listener.boot
     if mission.file.ranging.stamp == "arrival":
         yield Check(PASS, "stamps", 'arrival times are used (ranging.stamp = "arrival")')
         return
@@ -165,11 +199,14 @@ def _stamps(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     if abs(speed - 1) <= SPEED_OFF:
         yield Check(PASS, "stamps", words)
     elif boot is None or abs(speed / (span_speed(boot) or 1.0) - 1) > SPEED_OFF:
-        yield Check(FAIL, "stamps", f'{words}: its timestamps cannot be used, set ranging.stamp = "arrival"')
+        yield Check(
+            FAIL, "stamps", f'{words}: its timestamps cannot be used, set ranging.stamp = "arrival"'
+        )
 
 
 def _height(mission: Mission, listener: PreflightListener, height: float | None) -> Iterator[Check]:
-    """Check a height that is computed from the vehicle's altitude. `check` covers a height given in the mission."""
+    """Check a height that is computed from the vehicle's altitude. `check` covers a height given in
+    the mission."""
     if unknown := listener.height.why_unknown(listener.end):
         yield Check(FAIL, "height", unknown)
     elif mission.height.needs_altitude and height is not None:
@@ -177,20 +214,28 @@ def _height(mission: Mission, listener: PreflightListener, height: float | None)
 
 
 def _calibrated(mission: Mission, ranges: Sequence[ReceivedRange]) -> Iterator[Check]:
-    """Report the newest range before and after the mission's calibration, for comparison with a tape measure."""
+    """Report the newest range before and after the mission's calibration, for comparison with a
+    tape measure."""
     calibration = mission.file.ranging.calibration
     if calibration.is_set:
         r = ranges[-1].r
-        words = f"{calibration.describe()}: {calibration.reported(r):.2f} m reported, {r:.2f} m true"
+        words = (
+            f"{calibration.describe()}: {calibration.reported(r):.2f} m reported, {r:.2f} m true"
+        )
         yield Check(PASS, "calibration", words)
 
 
 def _distance(ranges: Sequence[ReceivedRange], height: float) -> Check:
     r = ranges[-1].r
     if r <= abs(height):
-        words = f"{r:.1f} m is less than the height of {height:.1f} m above the target: possible on the ground only"
+        words = (
+            f"{r:.1f} m is less than the height of {height:.1f} m above the target: possible on the"
+            " ground only"
+        )
         return Check(WARN, "distance", words)
     across = sqrt(r * r - height * height)
     return Check(
-        PASS, "distance", f"{r:.1f} m, horizontally {across:.1f} m at a height of {height:.1f} m above the target"
+        PASS,
+        "distance",
+        f"{r:.1f} m, horizontally {across:.1f} m at a height of {height:.1f} m above the target",
     )

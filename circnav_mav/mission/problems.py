@@ -7,16 +7,19 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-MOST_PROBLEMS, MOST_SHOWN = 8, 60
+MOST_PROBLEMS = 8
+MOST_SHOWN = 60
 """Largest number of problems in one line, and of characters shown of a wrong value."""
 _BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
 
 def in_words(error: ValidationError, schema: type[BaseModel]) -> str:
-    """Return the problems of a file of this schema as one line. Unknown keys come first, because a misspelled key is
-    also a missing one."""
+    """Return the problems of a file of this schema as one line. Unknown keys come first, because a
+    misspelled key is also a missing one."""
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
-    missing = [".".join(map(str, problem["loc"])) for problem in problems if problem["type"] == "missing"]
+    missing = [
+        ".".join(map(str, problem["loc"])) for problem in problems if problem["type"] == "missing"
+    ]
     lines = [_one_in_words(problem, schema) for problem in problems if problem["type"] != "missing"]
     if missing:
         lines.append(f"{', '.join(missing)}: missing, add {'it' if len(missing) == 1 else 'them'}")
@@ -26,12 +29,17 @@ def in_words(error: ValidationError, schema: type[BaseModel]) -> str:
 
 def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
     place = list(map(str, problem["loc"]))
-    key, kind, context, given = ".".join(place), problem["type"], problem.get("ctx", {}), problem.get("input")
+    key = ".".join(place)
+    kind = problem["type"]
+    context = problem.get("ctx", {})
+    given = problem.get("input")
     if kind == "extra_forbidden":
         known = list(_table(schema, place[:-1]).model_fields)
         anywhere = {key.rpartition(".")[2]: key for key in keys_of(schema)}
         near = get_close_matches(place[-1], known, n=1)
-        near = near or [anywhere[name] for name in get_close_matches(place[-1], anywhere, n=1, cutoff=0.7)]
+        near = near or [
+            anywhere[name] for name in get_close_matches(place[-1], anywhere, n=1, cutoff=0.7)
+        ]
         return f"{key}: unknown key, " + (
             f"did you mean {near[0]}?" if near else f"keys of this table: {', '.join(known)}"
         )
@@ -44,7 +52,9 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
         # a required key has no default
         remedy = ": omit the key for none" if field is not None and field.default is None else ""
         return f"{key}: must be a finite number, not {given}{remedy}"
-    bound = next((f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None)
+    bound = next(
+        (f"{words} {context[name]:g}" for name, words in _BOUNDS.items() if name in context), None
+    )
     if bound is not None and isinstance(given, int | float):
         return f"{key}: must be {bound}, not {given:g}"
     text = problem["msg"][:1].lower() + problem["msg"][1:]
@@ -57,7 +67,8 @@ def _shown(given: Any) -> str:
 
 
 def _remedy(kind: str, given: Any) -> str:
-    """Return the remedy for a value that TOML writes differently: `.5`, `1.`, a number in quotes, yes or True."""
+    """Return the remedy for a value that TOML writes differently: `.5`, `1.`, a number in quotes,
+    yes or True."""
     if kind == "bool_type":
         return ": write true or false"
     if kind not in ("float_type", "int_type") or not isinstance(given, str):

@@ -1,7 +1,7 @@
 """Tables and keys of a mission file, with units in their names, and their bounds.
 
-The bounds reject implausible values (a tick of 1 kHz, a bank of 80 deg). `checks` reports whether a mission is
-flyable.
+The bounds reject implausible values (a tick of 1 kHz, a bank of 80 deg). `checks` reports whether a
+mission is flyable.
 """
 
 from ipaddress import ip_network
@@ -12,7 +12,12 @@ from pydantic_core import PydanticCustomError
 
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.mav.autopilots.table import MISSION_AUTOPILOTS, MISSION_EXITS, MISSION_KINDS, MISSION_METHODS
+from circnav_mav.mav.autopilots.table import (
+    MISSION_AUTOPILOTS,
+    MISSION_EXITS,
+    MISSION_KINDS,
+    MISSION_METHODS,
+)
 from circnav_mav.mav.ranging.calibration import Calibration, rising
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
@@ -25,10 +30,11 @@ MOST_STALE = 5.0
 MAX_TURN_LAG = 10.0
 """Longest delay of a vehicle's turn, s. Larger values were probably meant in ms."""
 MAX_PATIENCE = 3600.0
-"""Longest time, s, that a flight continues without ranges, or while turn commands are not followed. Larger values were
-probably meant in ms, and would disable the exit action."""
+"""Longest time, s, that a flight continues without ranges, or while turn commands are not followed.
+Larger values were probably meant in ms, and would disable the exit action."""
 MAX_NAME = 100
-"""Largest number of characters in a mission's name. The name of the run folder consists of a time and this name."""
+"""Largest number of characters in a mission's name. The name of the run folder consists of a time
+and this name."""
 Positive = Annotated[float, Field(gt=0, le=FAR)]
 NotNegative = Annotated[float, Field(ge=0, le=FAR)]
 Patience = Annotated[float, Field(ge=0, le=MAX_PATIENCE)]
@@ -45,7 +51,9 @@ def _addresses(given: Any) -> list[str]:
         for name in names:
             ip_network(str(name) if isinstance(name, str) else "", strict=False)
     except ValueError:
-        advice = 'must be an address or network, such as "10.0.0.5" or "10.0.0.0/24", or a list of them'
+        advice = (
+            'must be an address or network, such as "10.0.0.5" or "10.0.0.0/24", or a list of them'
+        )
         raise PydanticCustomError("address", advice) from None
     return names
 
@@ -58,14 +66,17 @@ Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 def _rising(points: list[list[float]]) -> list[list[float]]:
     """Validate points of a calibration, each [true, reported], m."""
     if not rising(points):
-        advice = "must be two points or more, [true, reported], both rising, such as [[0, 4.4], [50, 57.6]]"
+        advice = (
+            "must be two points or more, [true, reported], both rising, such as [[0, 4.4], [50,"
+            " 57.6]]"
+        )
         raise PydanticCustomError("points", advice)
     return points
 
 
 class Table(BaseModel):
-    """A table that rejects unknown keys, silent conversions, NaN and infinity. TOML allows NaN and infinity, but
-    a bound with such a value would act never, or always."""
+    """A table that rejects unknown keys, silent conversions, NaN and infinity. TOML allows NaN and
+    infinity, but a bound with such a value would act never, or always."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -78,7 +89,9 @@ class VehicleTable(Table):
     method: Literal[MISSION_METHODS] | None = None  # type: ignore[valid-type]
     speed_mps: Positive
     max_turn_rate_deg_s: Positive | None = None
-    max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None  # at 75 a level turn pulls 3.9 g
+    max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = (
+        None  # at 75 a level turn pulls 3.9 g
+    )
     turn_lag_s: Annotated[float, Field(ge=0, le=MAX_TURN_LAG)] = 0.4
     drag_per_s: Annotated[float, Field(ge=0.05, le=2.0)] = 0.35
     turn_gain: Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)] = "learn"
@@ -115,7 +128,9 @@ class RangingTable(Table):
     beacon_id: Annotated[int, Field(ge=0, le=65535)] | None = None
     sensor_id: Annotated[int, Field(ge=0, le=255)] | None = None
     orientation: Annotated[int, Field(ge=0, le=100)] | None = None
-    name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"  # 10: limit of NAMED_VALUE_FLOAT
+    name: Annotated[str, Field(min_length=1, max_length=10)] = (
+        "RANGE"  # 10: limit of NAMED_VALUE_FLOAT
+    )
     rate_name: Annotated[str, Field(min_length=1, max_length=10)] | None = None
     rate_sign: Literal["opening", "closing"] = "opening"
     system_id: SystemId | None = None
@@ -130,7 +145,8 @@ class RangingTable(Table):
     def _one_calibration(self) -> Self:
         if self.points_m is not None and (self.scale, self.bias_m) != (1.0, 0.0):
             raise PydanticCustomError(
-                "calibration", "points_m replaces scale and bias_m: give either points_m, or scale and bias_m"
+                "calibration",
+                "points_m replaces scale and bias_m: give either points_m, or scale and bias_m",
             )
         return self
 
@@ -198,7 +214,8 @@ class BoundsTable(Table):
 
 
 class MissionFile(Table):
-    """The complete file, without the tables of extras. The bundled vehicle validates `sim` itself."""
+    """The complete file, without the tables of extras. The bundled vehicle validates `sim`
+    itself."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$", max_length=MAX_NAME)]
     vehicle: VehicleTable

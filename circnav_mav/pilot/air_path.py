@@ -1,4 +1,5 @@
-"""The vehicle's motion through the air: from telemetry to the estimators and to the learning of its turn response."""
+"""The vehicle's motion through the air: from telemetry to the estimators and to the learning of its
+turn response."""
 
 from circnav_mav.guidance.air_drag import AirVelocity, MeanWind, ScaleFit
 from circnav_mav.guidance.side_slip import SideSlip
@@ -14,14 +15,18 @@ from circnav_mav.pilot.range_tracker import RangeTracker
 class AirPath:
     """Passes the motion of the vehicle to tracker and controller.
 
-    own: newest motion through the air, or None before an attitude was received. implausible_airspeed: measured airspeed
-    (m/s) that is ignored, or None while it is plausible. scale_fit, wind: airspeed scale of the accelerometer, and
-    wind, learned while a copter holds its speed over the ground.
+    own: newest motion through the air, or None before an attitude was received.
+    implausible_airspeed: measured airspeed (m/s) that is ignored, or None while it is plausible.
+    scale_fit, wind: airspeed scale of the accelerometer, and wind, learned while a copter holds its
+    speed over the ground.
     """
 
     def __init__(self, session: Session, tracker: RangeTracker, controller: Controller) -> None:
-        self._session, self._tracker, self._controller = session, tracker, controller
-        self._copter_motion, self._side_slip = CopterMotion(), SideSlip()
+        self._session = session
+        self._tracker = tracker
+        self._controller = controller
+        self._copter_motion = CopterMotion()
+        self._side_slip = SideSlip()
         self.own: OwnMotion | None = None
         self.implausible_airspeed: float | None = None
         self.air = AirVelocity()
@@ -29,9 +34,11 @@ class AirPath:
         self.wind = MeanWind()
 
     def receive(self, message: Message, now: float, *, steering: bool, flies: bool) -> None:
-        """Process a message of the vehicle. Update the height and, if the message is an attitude, the turn response
-        and the estimators. flies: False in a dry run."""
-        adapter, motion, controller = self._session.adapter, self._session.motion, self._controller
+        """Process a message of the vehicle. Update the height and, if the message is an attitude,
+        the turn response and the estimators. flies: False in a dry run."""
+        adapter = self._session.adapter
+        motion = self._session.motion
+        controller = self._controller
         motion.keeps_heading = steering
         is_attitude = motion.receive(message, now)
         if message.get_type() in READ:
@@ -51,9 +58,10 @@ class AirPath:
             self.scale_fit = self.scale_fit.follow(own, self.air)
             if steering and controller.at_speed:
                 self.wind = self.wind.follow(own, self.air, self.scale_fit.scale)
-        # ArduPilot's copters and rovers hold the commanded speed over ground. Their accelerations show how the velocity
-        # follows the nose. Guidance would compensate this as drift: the emulated copter swung until its gains were
-        # lowered. For PX4's copter, the model of its velocity loop (below) computes how the velocity follows.
+        # ArduPilot's copters and rovers hold the commanded speed over ground. Their accelerations
+        # show how the velocity follows the nose. Guidance would compensate this as drift: the
+        # emulated copter swung until its gains were lowered. For PX4's copter, the model of its
+        # velocity loop (below) computes how the velocity follows.
         holds_ground_speed = not adapter.measures_airspeed and not adapter.airspeed_from_drag
         if holds_ground_speed and adapter.velocity_loop is None:
             own = own._replace(felt=None)
@@ -65,15 +73,16 @@ class AirPath:
             self._side_slip, own = self._side_slip.follow(own)
         self.own = own
         controller.on_motion(own, nose)
-        # A vehicle without an airspeed sensor has the commanded airspeed while it follows its commands. In a dry run
-        # another program commands it: assume this speed while it turns as our commands would turn it.
+        # A vehicle without an airspeed sensor has the commanded airspeed while it follows its
+        # commands. In a dry run another program commands it: assume this speed while it turns as
+        # our commands would turn it.
         follows = controller.at_speed if flies else controller.followed
         if not holds_ground_speed or (steering and follows):
             self._tracker.estimator.move(own)
 
     def _through_air(self, own: OwnMotion, *, steering: bool) -> OwnMotion:
-        """Return the motion of a copter flown by attitude, as the accelerometer measures it, and update the hold of its
-        airspeed."""
+        """Return the motion of a copter flown by attitude, as the accelerometer measures it, and
+        update the hold of its airspeed."""
         controller = self._controller
         if own.drag is not None and steering:
             controller.airspeed_hold.follow(self.air, controller.speed, self._tracker.trusted_scale)
@@ -83,7 +92,8 @@ class AirPath:
 
     def _airspeed(self, now: float) -> float:
         """Return the true airspeed, m/s: measured where possible, else the commanded speed."""
-        adapter, motion = self._session.adapter, self._session.motion.at(now)
+        adapter = self._session.adapter
+        motion = self._session.motion.at(now)
         measured = motion.airspeed if adapter.measures_airspeed else None
         used = adapter.airspeed(measured)
         self.implausible_airspeed = measured if measured != used else None

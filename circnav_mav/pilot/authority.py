@@ -1,6 +1,7 @@
 """Controller of the vehicle, and setpoints that may be sent. The operator always has priority.
 
-`Authority.allowed` permits setpoints only while the controller of the vehicle (`Holder`) is confirmed.
+`Authority.allowed` permits setpoints only while the controller of the vehicle (`Holder`) is
+confirmed.
 """
 
 from enum import Enum
@@ -11,8 +12,8 @@ from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
 GIVEN_AFTER = 1.5
-"""Time, s, for which all reports must show the guided mode before circnav takes control again. A mode switch may
-pass through that mode, and older reports may arrive late over another link."""
+"""Time, s, for which all reports must show the guided mode before circnav takes control again. A
+mode switch may pass through that mode, and older reports may arrive late over another link."""
 TAKEN_OVER = "taken over"
 """First words of all STATUSTEXTs about a takeover. Charts use them to mark the event."""
 LANDED_PATIENCE = 1.5
@@ -20,8 +21,8 @@ LANDED_PATIENCE = 1.5
 STALL = 0.5
 """Gap between two steps, s, above which data received during the gap is considered stale."""
 CATCH_UP = 0.2
-"""Time after a gap between two steps, s, in which received data may still be stale: reading the backlog takes a few
-steps."""
+"""Time after a gap between two steps, s, in which received data may still be stale: reading the
+backlog takes a few steps."""
 SILENT = 1.5
 """Age of the vehicle's newest mode report, s, above which the operator may have taken over."""
 
@@ -31,7 +32,10 @@ class Holder(Enum):
 
     US = "circnav: in the guided mode it may steer"
     OPERATOR_IN_MODE = "the operator, without leaving the guided mode (disarmed, rebooted)"
-    OPERATOR = "the operator, after leaving the guided mode: entering that mode again gives control back to circnav"
+    OPERATOR = (
+        "the operator, after leaving the guided mode: entering that mode again gives control back"
+        " to circnav"
+    )
 
 
 class Allowed(Enum):
@@ -43,7 +47,8 @@ class Allowed(Enum):
 
 
 class Authority:
-    """Tracks the controller of the vehicle. Another mode, disarming or a reboot ends our control."""
+    """Tracks the controller of the vehicle. Another mode, disarming or a reboot ends our
+    control."""
 
     def __init__(self, settings: PilotSettings, session: Session, mission: MissionState) -> None:
         self._settings = settings
@@ -67,7 +72,8 @@ class Authority:
         self._operator_chose = False
         """True if the operator, or a failsafe, has changed the mode since that request."""
 
-    # --- what may be sent -------------------------------------------------------------------------------------------
+    # --- what may be sent
+    # ------------------------------------------------------------
 
     def allowed(self, now: float) -> Allowed:
         """Return the setpoint that may be sent in this step."""
@@ -82,18 +88,22 @@ class Authority:
 
     @property
     def certain(self) -> bool:
-        """True if the vehicle's identity and its controller are confirmed. Always true in a dry run."""
+        """True if the vehicle's identity and its controller are confirmed. Always true in a dry
+        run."""
         return not self._flies or (self._confirmed and not self._session.vehicle.unproven)
 
     @property
     def in_our_hands(self) -> bool:
-        """True if the vehicle is in the guided mode and under our control: it was engaged, or we requested the mode."""
+        """True if the vehicle is in the guided mode and under our control: it was engaged, or we
+        requested the mode."""
         may = self._mission.begun or self._came_at_our_request
-        return may and self._flies and self.holder is Holder.US and self._session.vehicle.in_our_mode
+        return (
+            may and self._flies and self.holder is Holder.US and self._session.vehicle.in_our_mode
+        )
 
     def may_be_ours(self, now: float) -> bool:
-        """True if the mission must end with the exit action: the vehicle is under our control, or its next heartbeat
-        may confirm a mode request of ours."""
+        """True if the mission must end with the exit action: the vehicle is under our control, or
+        its next heartbeat may confirm a mode request of ours."""
         return self.in_our_hands or (self._came_at_our_request and self._request.pending(now))
 
     @property
@@ -103,20 +113,35 @@ class Authority:
 
     def may_send_last_frames(self) -> bool:
         """True if the caller may send the safe setpoint after an internal error of `Pilot`."""
-        return self.in_our_hands and self._mission.phase not in NOT_OURS and not self._session.vehicle.unproven
+        return (
+            self.in_our_hands
+            and self._mission.phase not in NOT_OURS
+            and not self._session.vehicle.unproven
+        )
 
     def may_request_exit(self, now: float) -> bool:
-        """True if the caller may also request the exit action. The vehicle obeys a mode request even after a takeover,
-        so its controller must be confirmed."""
-        return self.certain and not self.may_be_backlog(now) and self._session.heartbeat_age(now) < SILENT
+        """True if the caller may also request the exit action. The vehicle obeys a mode request
+        even after a takeover, so its controller must be confirmed."""
+        return (
+            self.certain
+            and not self.may_be_backlog(now)
+            and self._session.heartbeat_age(now) < SILENT
+        )
 
-    # --- conditions of an engagement --------------------------------------------------------------------------------
+    # --- conditions of an engagement
+    # ------------------------------------------------------------
 
     def obstacle(self, now: float) -> str:
-        """Return a text about a condition that must be met before the vehicle is engaged, or an empty string."""
-        vehicle, guided = self._session.vehicle, self._session.adapter.guided_name
+        """Return a text about a condition that must be met before the vehicle is engaged, or an
+        empty string."""
+        vehicle = self._session.vehicle
+        guided = self._session.adapter.guided_name
         if self.holder is not Holder.US:
-            enter = f"leave {guided} and enter it" if self.holder is Holder.OPERATOR_IN_MODE else f"enter {guided}"
+            enter = (
+                f"leave {guided} and enter it"
+                if self.holder is Holder.OPERATOR_IN_MODE
+                else f"enter {guided}"
+            )
             return f"the operator has control: {enter} again to give control to circnav"
         if hindrance := self._hindrance(now):
             return hindrance
@@ -126,56 +151,81 @@ class Authority:
         return f"mode {guided}: {enter}" if vehicle.armed else "the vehicle is not armed"
 
     def _hindrance(self, now: float, *, over_slow_link: bool = False) -> str:
-        """Return the reason why the vehicle cannot be steered, regardless of its controller and mode, or an empty
-        string."""
-        second_senders = [] if self._mission.begun else self._session.identity.second_senders.recent(now)
-        disputed = f"{second_senders[0]}: select yours by link.peer, or sign" if second_senders else ""
+        """Return the reason why the vehicle cannot be steered, regardless of its controller and
+        mode, or an empty string."""
+        second_senders = (
+            [] if self._mission.begun else self._session.identity.second_senders.recent(now)
+        )
+        disputed = (
+            f"{second_senders[0]}: select yours by link.peer, or sign" if second_senders else ""
+        )
         slow = "" if over_slow_link else self._slow_link(now)
         silent = unreported(self._session, now) or unwatched(self._settings, self._session, now)
         return disputed or slow or silent or self._not_flying(now)
 
     def _slow_link(self, now: float) -> str:
-        """Return a text if the round trip exceeds the mission's bound before the first engagement, else an empty
-        string."""
-        trip, most = self._session.timesync, self._settings.timing.round_trip
+        """Return a text if the round trip exceeds the mission's bound before the first engagement,
+        else an empty string."""
+        trip = self._session.timesync
+        most = self._settings.timing.round_trip
         if self._mission.begun or (trip.settled(now) and (trip.typical or 0.0) <= most):
             return ""
         if trip.typical is None:
             return "measuring the round-trip time of the link (TIMESYNC)"
-        return f"link too slow: round trip {trip.typical:.2f} s (at most {most:g} s, 1.2 times limits.stale_s)"
+        return (
+            f"link too slow: round trip {trip.typical:.2f} s (at most {most:g} s, 1.2 times"
+            " limits.stale_s)"
+        )
 
     def _not_flying(self, now: float) -> str:
         """Return a text if an aircraft does not fly, else an empty string."""
-        session, vehicle = self._session, self._session.vehicle
+        session = self._session
+        vehicle = self._session.vehicle
         if not session.adapter.flies:
             return ""
         if vehicle.on_ground:
             return "the vehicle is on the ground"
         if not vehicle.armed:
             return "the vehicle is not armed"
-        # Some vehicles do not report whether they fly. Wait for the report for a moment, except when a flight resumes
-        # after a lost link.
+        # Some vehicles do not report whether they fly. Wait for the report for a moment, except
+        # when a flight resumes after a lost link.
         goes_on = self._mission.begun and self._mission.phase is Phase.READY
-        silent = vehicle.on_ground is None and not goes_on and now - session.identity.since < LANDED_PATIENCE
+        silent = (
+            vehicle.on_ground is None
+            and not goes_on
+            and now - session.identity.since < LANDED_PATIENCE
+        )
         return "the vehicle has not yet reported whether it flies" if silent else ""
 
     def _streams_first(self, now: float) -> bool:
-        """True if setpoints are sent before the engagement. Never after a takeover, on the ground or without required
-        telemetry."""
-        # PX4 enters OFFBOARD only while it receives setpoints, and does not fly them in other modes. Over a slow link
-        # no setpoints are sent, so that PX4 rejects OFFBOARD.
+        """True if setpoints are sent before the engagement. Never after a takeover, on the ground
+        or without required telemetry."""
+        # PX4 enters OFFBOARD only while it receives setpoints, and does not fly them in other
+        # modes. Over a slow link no setpoints are sent, so that PX4 rejects OFFBOARD.
         session = self._session
-        if self._mission.phase is not Phase.READY or not session.adapter.wants_setpoints_in(session.vehicle.mode):
+        if self._mission.phase is not Phase.READY or not session.adapter.wants_setpoints_in(
+            session.vehicle.mode
+        ):
             return False
-        return self.holder is Holder.US and not self._hindrance(now, over_slow_link=session.vehicle.in_our_mode)
+        return self.holder is Holder.US and not self._hindrance(
+            now, over_slow_link=session.vehicle.in_our_mode
+        )
 
-    # --- request of the guided mode ---------------------------------------------------------------------------------
+    # --- request of the guided mode
+    # ------------------------------------------------------------
 
     def ask_for_mode(self, now: float) -> str | None:
-        """Request the guided mode if only the mode is missing for the first engagement. Return the reason if the
-        autopilot refused the mode for good, else None."""
-        session, adapter, mission = self._session, self._session.adapter, self._mission
-        asks = self._asks_for_mode and self._flies and not mission.begun and mission.phase is Phase.READY
+        """Request the guided mode if only the mode is missing for the first engagement. Return the
+        reason if the autopilot refused the mode for good, else None."""
+        session = self._session
+        adapter = self._session.adapter
+        mission = self._mission
+        asks = (
+            self._asks_for_mode
+            and self._flies
+            and not mission.begun
+            and mission.phase is Phase.READY
+        )
         if not asks or session.vehicle.mode == adapter.guided_mode or self._hindrance(now):
             session.drop_mode_requests()
             return None
@@ -185,40 +235,56 @@ class Authority:
 
     @property
     def _asks_for_mode(self) -> bool:
-        """True if the guided mode may be requested. If another mode was chosen since the first request, a new request
-        would override the operator or a failsafe."""
+        """True if the guided mode may be requested. If another mode was chosen since the first
+        request, a new request would override the operator or a failsafe."""
         return self._settings.request_mode and not self._operator_chose
 
-    # --- controller of the vehicle ----------------------------------------------------------------------------------
+    # --- controller of the vehicle
+    # ------------------------------------------------------------
 
     def watch_takeover(self, now: float) -> tuple[str, Outcome] | None:
         """Return a takeover detected in this step, as STATUSTEXT and as outcome, or None."""
-        session, vehicle = self._session, self._session.vehicle
-        # We keep the control while the link is lost, and after the operator has given it back but the vehicle cannot be
-        # steered yet.
-        ours = self.holder is Holder.US or self._mission.phase not in (Phase.WAIT_LINK, Phase.YIELDED)
-        departed, self._departures = vehicle.departures > self._departures, vehicle.departures
-        self.rebooted, self._reboots = vehicle.reboots > self._reboots, vehicle.reboots
-        outside = session.up and vehicle.mode is not None and vehicle.mode not in session.adapter.our_modes
+        session = self._session
+        vehicle = self._session.vehicle
+        # We keep the control while the link is lost, and after the operator has given it back but
+        # the vehicle cannot be steered yet.
+        ours = self.holder is Holder.US or self._mission.phase not in (
+            Phase.WAIT_LINK,
+            Phase.YIELDED,
+        )
+        departed = vehicle.departures > self._departures
+        self._departures = vehicle.departures
+        self.rebooted = vehicle.reboots > self._reboots
+        self._reboots = vehicle.reboots
+        outside = (
+            session.up
+            and vehicle.mode is not None
+            and vehicle.mode not in session.adapter.our_modes
+        )
         left_for = vehicle.mode_name if outside else vehicle.left_for if departed else None
         in_mode = vehicle.in_our_mode and not departed
         if self._asked_in is not None:
             self._operator_chose |= departed or (outside and vehicle.mode != self._asked_in)
         self._watch_return(left=left_for is not None, in_mode=in_mode)
-        if not (ours and self._mission.begun and self._flies and session.up) or (in_mode and not self.rebooted):
+        if not (ours and self._mission.begun and self._flies and session.up) or (
+            in_mode and not self.rebooted
+        ):
             return None
         self.holder = Holder.OPERATOR_IN_MODE if left_for is None else Holder.OPERATOR
         if self.rebooted or left_for is None:
             what = f"{TAKEN_OVER}, {'autopilot rebooted' if self.rebooted else 'vehicle disarmed'}"
             return what, Outcome(Ending.ABORTED, what)
-        # The heartbeat does not show who changed the mode. `report.html` has the autopilot's message about a failsafe.
+        # The heartbeat does not show who changed the mode. `report.html` has the autopilot's
+        # message about a failsafe.
         flown = now - (self._mission.engaged_at or now)
         reason = f"pilot or failsafe switched to {left_for} after {flown:.0f} s"
-        return f"{TAKEN_OVER}, {session.adapter.guided_name} left for {left_for}", Outcome(Ending.TAKEN_OVER, reason)
+        return f"{TAKEN_OVER}, {session.adapter.guided_name} left for {left_for}", Outcome(
+            Ending.TAKEN_OVER, reason
+        )
 
     def _watch_return(self, *, left: bool, in_mode: bool) -> None:
-        """Detect that the operator gives control back: the guided mode is left, entered again, and lasts for
-        GIVEN_AFTER."""
+        """Detect that the operator gives control back: the guided mode is left, entered again, and
+        lasts for GIVEN_AFTER."""
         reported_at = self._session.vehicle.received_at
         if left and self.holder is Holder.OPERATOR_IN_MODE:
             self.holder = Holder.OPERATOR
@@ -229,18 +295,22 @@ class Authority:
         elif reported_at - self._back_since >= GIVEN_AFTER:
             self.holder = Holder.US
 
-    # --- confirmation after gaps ------------------------------------------------------------------------------------
+    # --- confirmation after gaps
+    # ------------------------------------------------------------
 
     def stepped(self, now: float) -> bool:
         """Begin a step. Return True if received data may date from a gap between steps.
 
-        After such a gap, assume that the operator may have taken over, until a heartbeat reports the vehicle's mode.
+        After such a gap, assume that the operator may have taken over, until a heartbeat reports
+        the vehicle's mode.
         """
-        heartbeats, backlog = self._session.vehicle.heartbeats, self.may_be_backlog(now)
+        heartbeats = self._session.vehicle.heartbeats
+        backlog = self.may_be_backlog(now)
         if self._stood_still(now):
             self._backlog_until = now + CATCH_UP
         if backlog:
-            self._confirmed, self._heartbeats = False, heartbeats
+            self._confirmed = False
+            self._heartbeats = heartbeats
             self._session.drop_mode_requests()
         else:
             self._confirmed |= heartbeats > self._heartbeats
@@ -260,11 +330,15 @@ def unreported(session: Session, now: float) -> str:
     if not (missing := session.missing(now)):
         return ""
     name = session.adapter.name
-    return f"no {' and no '.join(missing)} in VFR_HUD: a {name} cannot be flown without it{denied(session)}"
+    return (
+        f"no {' and no '.join(missing)} in VFR_HUD: a {name} cannot be flown without"
+        f" it{denied(session)}"
+    )
 
 
 def unwatched(settings: PilotSettings, session: Session, now: float) -> str:
-    """Return a text about missing telemetry that a bound of the mission needs, or an empty string."""
+    """Return a text about missing telemetry that a bound of the mission needs, or an empty
+    string."""
     bounds = settings.bounds
     if (bounds.lowest, bounds.highest) != (None, None) and session.motion.at(now).altitude is None:
         return "no altitude in VFR_HUD: bounds.min_altitude_m and max_altitude_m need it"
@@ -274,5 +348,10 @@ def unwatched(settings: PilotSettings, session: Session, now: float) -> str:
 
 
 def denied(session: Session) -> str:
-    """Return a text about the streams that the vehicle denied, to be appended to a text about missing telemetry."""
-    return f"; streams denied by the vehicle: {', '.join(session.streams.refused)}" if session.streams.refused else ""
+    """Return a text about the streams that the vehicle denied, to be appended to a text about
+    missing telemetry."""
+    return (
+        f"; streams denied by the vehicle: {', '.join(session.streams.refused)}"
+        if session.streams.refused
+        else ""
+    )

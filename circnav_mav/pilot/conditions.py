@@ -1,7 +1,9 @@
-"""Conditions of a flight that the operator must be informed of: one table for display, page, STATUSTEXT and verdict.
+"""Conditions of a flight that the operator must be informed of: one table for display, page,
+STATUSTEXT and verdict.
 
-`Conditions` evaluates the table after each step. It sends texts to ground stations once when a condition begins and
-once when it ends. `alarms` holds the current texts. Extras report their own conditions by `Onlooker.alarms`.
+`Conditions` evaluates the table after each step. It sends texts to ground stations once when a
+condition begins and once when it ends. `alarms` holds the current texts. Extras report their own
+conditions by `Onlooker.alarms`.
 """
 
 from collections.abc import Callable
@@ -23,12 +25,16 @@ if TYPE_CHECKING:
 MOST_REJECTED = 0.5
 """Share of rejected ranges above which an alarm is raised."""
 FEW_SETPOINTS = 0.5
-"""Share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too few setpoints."""
+"""Share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too few
+setpoints."""
 UPLINK_SILENT = 2.0
-"""Time, s, without an answer of a steered vehicle to TIMESYNC, after which an alarm is raised. Requests are sent once a
-second and repeated if lost."""
+"""Time, s, without an answer of a steered vehicle to TIMESYNC, after which an alarm is raised.
+Requests are sent once a second and repeated if lost."""
 LOST = {
-    "attitude": "NO ATTITUDE from the vehicle: steered by ranges alone, no check that it follows turn commands",
+    "attitude": (
+        "NO ATTITUDE from the vehicle: steered by ranges alone, no check that it follows turn"
+        " commands"
+    ),
     "airspeed": "NO AIRSPEED from the vehicle: vehicle.speed_mps is used instead",
     "altitude": "NO ALTITUDE from the vehicle: no climb is commanded",
     "climb": "NO CLIMB RATE from the vehicle: the commanded pitch is not corrected for it",
@@ -40,13 +46,15 @@ NOISE = "range noise {found[1]:.2g} m, expected {found[0]:.2g} m"
 
 @dataclass(frozen=True)
 class Condition:
-    """A row of the table. Texts are format strings of `found`, the evidence of the condition, and `p`, the pilot.
+    """A row of the table. Texts are format strings of `found`, the evidence of the condition, and
+    `p`, the pilot.
 
-    name: stable key, also in summary.json. find: function from pilot and time to `found`, which is falsy while the
-    condition is not active. short: STATUSTEXT at the beginning, at most 41 characters, empty for none. long: text
-    of the alarm on display, page and verdict, empty if the condition is no alarm. over: STATUSTEXT at the end. repeats:
-    True to send `short` at each change of `found`. once: True to send `short` once per flight. steering: True if the
-    condition exists only while the vehicle is steered. The end of steering then ends the condition without a text.
+    name: stable key, also in summary.json. find: function from pilot and time to `found`, which is
+    falsy while the condition is not active. short: STATUSTEXT at the beginning, at most 41
+    characters, empty for none. long: text of the alarm on display, page and verdict, empty if the
+    condition is no alarm. over: STATUSTEXT at the end. repeats: True to send `short` at each change
+    of `found`. once: True to send `short` once per flight. steering: True if the condition exists
+    only while the vehicle is steered. The end of steering then ends the condition without a text.
     """
 
     name: str
@@ -68,27 +76,35 @@ class Conditions:
     """The active conditions of one flight, and their texts for ground stations."""
 
     def __init__(self, pilot: "Pilot") -> None:
-        self._pilot, self._say = pilot, pilot.session.announcer.say
+        self._pilot = pilot
+        self._say = pilot.session.announcer.say
         self._active: dict[str, object] = {}
         self._sent: dict[str, object] = {}
-        """Value of `found` when `short` was last sent, by name of the condition; True without `repeats`."""
+        """Value of `found` when `short` was last sent, by name of the condition; True without
+        `repeats`."""
 
     @property
     def alarms(self) -> dict[str, str]:
         """Texts of the active alarms, by name, the worst first."""
         rows = (row for row in TABLE if row.long and row.name in self._active)
-        return {row.name: row.long.format(found=self._active[row.name], p=self._pilot) for row in rows}
+        return {
+            row.name: row.long.format(found=self._active[row.name], p=self._pilot) for row in rows
+        }
 
     def update(self, now: float) -> None:
         """Evaluate the table, and send texts for the conditions that have begun or ended."""
         pilot = self._pilot
         for row in TABLE:
-            hidden = (row.steering and not pilot.mission.steering) or (pilot.done and row is not ENDED)
+            hidden = (row.steering and not pilot.mission.steering) or (
+                pilot.done and row is not ENDED
+            )
             if not hidden and (found := row.find(pilot, now)):
                 self._active[row.name], news = found, found if row.repeats else True
                 if row.short and self._sent.get(row.name) != news:
                     self._sent[row.name] = news
-                    self._say(row.name, row.short.format(found=found, p=pilot), severity=row.severity)
+                    self._say(
+                        row.name, row.short.format(found=found, p=pilot), severity=row.severity
+                    )
             elif row.name in self._active:
                 self.forget(row)
                 if row.over and not hidden:
@@ -106,7 +122,9 @@ def _lost(name: str) -> Callable[["Pilot", float], object]:
 
 
 def _second_sender(name: str) -> Callable[["Pilot", float], object]:
-    return lambda p, now: [one for one in p.session.identity.second_senders.recent(now) if one.startswith(name)]
+    return lambda p, now: [
+        one for one in p.session.identity.second_senders.recent(now) if one.startswith(name)
+    ]
 
 
 # fmt: off
@@ -133,7 +151,8 @@ CLOCK_SPEED = Condition(
     long='CLOCK: autopilot time runs {found:.2g} times as fast as ours: for a simulator set link.clock = "autopilot"',
 )
 NOT_RECORDING = Condition("not_recording", long="NOT RECORDING: {found}")
-"""Condition that the recorder detects, because it depends on the disk in flight, which a replay cannot reproduce."""
+"""Condition that the recorder detects, because it depends on the disk in flight, which a replay
+cannot reproduce."""
 EXTRA_STOPPED = Condition("extra_stopped", long="{found}")
 """Condition that `Onlookers` detects."""
 
@@ -229,7 +248,8 @@ TABLE = (
     ),
     Condition(
         "most_ranges_rejected",
-        # If a link delivers every range three times, two thirds are rejected as duplicates, but none is lost.
+        # If a link delivers every range three times, two thirds are rejected as duplicates, but
+        # none is lost.
         lambda p, now: (
             (one := p.rates.whole) and one.refused > MOST_REJECTED * one.ranges
             and one.taken < MOST_REJECTED * p.settings.ranging.rate_hz and one

@@ -14,26 +14,35 @@ from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
 
 HOME_RATE = 1.0
-"""Rate, Hz, of HOME_POSITION if the height is relative to home. Home may be changed until the engagement."""
+"""Rate, Hz, of HOME_POSITION if the height is relative to home. Home may be changed until the
+engagement."""
 
 GPS_HEALTH_RATE = 4.0
-"""Rate, Hz, of the messages that show a loss of GPS: the flags of the estimator fall 0.8 s before the failsafe acts."""
+"""Rate, Hz, of the messages that show a loss of GPS: the flags of the estimator fall 0.8 s before
+the failsafe acts."""
 
 
 class Connection:
     """Decodes the data of each link, and encodes the hello message of a ranging link."""
 
-    def __init__(self, settings: PilotSettings, signing: Signing | None, also: Iterable[int] = ()) -> None:
-        """signing: signs sent frames and authenticates received ones, or None. also: further message ids to decode."""
+    def __init__(
+        self, settings: PilotSettings, signing: Signing | None, also: Iterable[int] = ()
+    ) -> None:
+        """signing: signs sent frames and authenticates received ones, or None. also: further
+        message ids to decode."""
         self.ranging_message = RANGING_MESSAGES[settings.ranging.message]
         self.more_streams: dict[int, float] = {}
-        """Streams to request in addition to the adapter's, message id -> Hz: the autopilot's ranges, and home."""
+        """Streams to request in addition to the adapter's, message id -> Hz: the autopilot's
+        ranges, and home."""
         if settings.ranging.component_id == AUTOPILOT_COMPONENT and not settings.ranging_apart:
             self.more_streams[self.ranging_message.id] = settings.ranging.rate_hz
         if settings.height.target_above_home is not None:
             self.more_streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = HOME_RATE
         if settings.flies_without_gps:
-            for ident in (dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT):
+            for ident in (
+                dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
+                dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+            ):
                 self.more_streams[ident] = GPS_HEALTH_RATE
         vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
         self.session = Session(settings.link, vehicles, self.more_streams, signing)
@@ -51,21 +60,29 @@ class Connection:
         """Counts of received frames by link."""
         self._next_hello = float("-inf")
 
-    def receive(self, data: bytes, now: float, source: Hashable, link: str) -> Iterator[tuple[Message, bool, bool]]:
-        """Yield the messages of a datagram (or chunk of a stream) that arrived at `now` from `source` on a link.
+    def receive(
+        self, data: bytes, now: float, source: Hashable, link: str
+    ) -> Iterator[tuple[Message, bool, bool]]:
+        """Yield the messages of a datagram (or chunk of a stream) that arrived at `now` from
+        `source` on a link.
 
-        Each message comes with two flags: True if the session's vehicle sent it, and True if it may be a range, that
-        is, the mission's ranging message on the ranging link.
+        Each message comes with two flags: True if the session's vehicle sent it, and True if it may
+        be a range, that is, the mission's ranging message on the ranging link.
         """
         decoder = self.decoders[link]
         for message in decoder.decode(data):
             of_vehicle = link == VEHICLE and self.session.receive(message, now, source)
-            yield message, of_vehicle, link == self.ranging_link and message.get_msgId() == self.ranging_message.id
+            yield (
+                message,
+                of_vehicle,
+                link == self.ranging_link and message.get_msgId() == self.ranging_message.id,
+            )
         if link == VEHICLE and decoder.behind:
             self.session.identity.say_hello(source, now)
 
     def hello(self, now: float) -> bytes:
-        """Return the frames for a separate ranging link: a heartbeat, because routers forward only to known senders."""
+        """Return the frames for a separate ranging link: a heartbeat, because routers forward only
+        to known senders."""
         if now < self._next_hello:
             return b""
         self._next_hello = now + HEARTBEAT_PERIOD

@@ -1,10 +1,17 @@
-"""From an estimate to a setpoint message: law, turn-rate gain, setpoint guard, adapter of the vehicle."""
+"""From an estimate to a setpoint message: law, turn-rate gain, setpoint guard, adapter of the
+vehicle."""
 
 from dataclasses import replace
 from math import ceil, tan
 
 from circnav_mav.guidance.air_drag import AirspeedHold
-from circnav_mav.guidance.circle_change import MIN_INTERVAL, NEAR, SPEED_SHARE, CircleRequest, obstacle
+from circnav_mav.guidance.circle_change import (
+    MIN_INTERVAL,
+    NEAR,
+    SPEED_SHARE,
+    CircleRequest,
+    obstacle,
+)
 from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.lean_limit import LeanLimit
@@ -12,23 +19,30 @@ from circnav_mav.guidance.turn_answer import LearnedResponse
 from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.mav.autopilots.interface import SetpointContext
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.frames import GRAVITY, YawRate, turn_rate_from_yaw_rate, yaw_rate_from_turn_rate
+from circnav_mav.mav.frames import (
+    GRAVITY,
+    YawRate,
+    turn_rate_from_yaw_rate,
+    yaw_rate_from_turn_rate,
+)
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.settings import PilotSettings
 
 SPEED_UP = 2.5
-"""Time, s, of turning as commanded after which the vehicle is assumed to have the commanded speed. A multicopter needs
-this time to accelerate from 0 to 5 m/s. The estimator would mistake the lower speed for a drift."""
+"""Time, s, of turning as commanded after which the vehicle is assumed to have the commanded speed.
+A multicopter needs this time to accelerate from 0 to 5 m/s. The estimator would mistake the lower
+speed for a drift."""
 LONGEST_GAP = 1.0
 """Gap between two reports of own motion, s, above which the vehicle may have stopped in between."""
 UNRESPONSIVE_AFTER = 1.0
-"""Time without turning as commanded, s, after which the vehicle counts as not following its commands. Reversing a turn
-takes less time."""
+"""Time without turning as commanded, s, after which the vehicle counts as not following its
+commands. Reversing a turn takes less time."""
 DOUBTED_AFTER = 0.7
-"""Time without turning as commanded, s, after which the estimators do not receive the motion of a vehicle without
-airspeed sensor. When a turn is reversed, commanded and flown turn differ for this long."""
+"""Time without turning as commanded, s, after which the estimators do not receive the motion of a
+vehicle without airspeed sensor. When a turn is reversed, commanded and flown turn differ for this
+long."""
 RELATIVE = ("auto", "drift")
 """Estimators of the relative motion."""
 LONGEST_DELAY = 2.0
@@ -36,20 +50,26 @@ LONGEST_DELAY = 2.0
 
 
 class Controller:
-    """Steers the vehicle of a session. Every message that it returns has passed the setpoint guard."""
+    """Steers the vehicle of a session. Every message that it returns has passed the setpoint
+    guard."""
 
     def __init__(self, settings: PilotSettings) -> None:
-        orbit, facts = settings.orbit, settings.facts
+        orbit = settings.orbit
+        facts = settings.facts
         self._settings = settings
         self.circle = orbit
         """Circle of the mission, or the circle of the newest accepted request."""
         self._spacing = 0.0, 1.0
         """Radius offset, m, and speed factor of the spacing in a fleet."""
         self._tuning = settings.tuning
-        lag, gain, link = settings.tuning.turn_lag, settings.turn_gain, settings.timing.tick
+        lag = settings.tuning.turn_lag
+        gain = settings.turn_gain
+        link = settings.timing.tick
         self.answer = LearnedResponse(lag, orbit.max_turn_rate, gain=gain, link=link)
         """Response of the vehicle to turn commands, and its limits, as used now."""
-        self._loop = ClosedLoop(orbit, settings.tuning.choice(orbit), self.answer, settings.radius_trim)
+        self._loop = ClosedLoop(
+            orbit, settings.tuning.choice(orbit), self.answer, settings.radius_trim
+        )
         self._changed_at = self._spaced_at = float("-inf")
         stick = ceil(facts.stick(facts.max_bank))
         if facts.tilts_by_stick:
@@ -57,7 +77,8 @@ class Controller:
         self._guard = SetpointGuard(
             Limits(
                 max_yaw_rate=orbit.max_turn_rate,
-                max_speed=orbit.speed * (1 if settings.circle_limits.keeps_speed else 1 + SPEED_SHARE),
+                max_speed=orbit.speed
+                * (1 if settings.circle_limits.keeps_speed else 1 + SPEED_SHARE),
                 max_bank=facts.max_bank,
                 max_stick=stick,
                 max_pitch_stick=stick if facts.tilts_by_stick else 0,
@@ -98,13 +119,16 @@ class Controller:
 
     @property
     def at_speed(self) -> bool:
-        """True if the vehicle has followed its commands for long enough to have the commanded speed."""
+        """True if the vehicle has followed its commands for long enough to have the commanded
+        speed."""
         now = float(self.answer.command_gain.time)
-        return now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
+        return (
+            now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
+        )
 
     def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
-        """Update turn-rate gain, delay and `followed` from the vehicle's heading. own: motion along the path through
-        the air. nose: motion of the nose, as the autopilot reports it."""
+        """Update turn-rate gain, delay and `followed` from the vehicle's heading. own: motion along
+        the path through the air. nose: motion of the nose, as the autopilot reports it."""
         before = self.answer.command_gain.time
         if not self.answer.on_motion(own, nose):
             return
@@ -120,9 +144,11 @@ class Controller:
     def command(
         self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None, now: float
     ) -> TurnCommand | None:
-        """Return the turn command: the law's while engaged, the circle's turn rate while holding, else None.
-        round_trip: delay of the link in both directions, s."""
-        self.answer.link = min(self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY)
+        """Return the turn command: the law's while engaged, the circle's turn rate while holding,
+        else None. round_trip: delay of the link in both directions, s."""
+        self.answer.link = min(
+            self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY
+        )
         if phase is Phase.HOLDING:
             return self._loop.hold(estimate, now)
         if phase is not Phase.ENGAGED or estimate is None:
@@ -130,25 +156,35 @@ class Controller:
         return self._loop.command(estimate, now)
 
     def change_circle(self, request: CircleRequest, now: float) -> str:
-        """Fly another circle from now on. Return the reason if it cannot be flown, else an empty string."""
+        """Fly another circle from now on. Return the reason if it cannot be flown, else an empty
+        string."""
         # Spacing and other changes have separate timers, so that a fleet never delays the operator.
         changed_at = self._spaced_at if request.spaces else self._changed_at
         if now - changed_at < MIN_INTERVAL - SAME_TIME:
             ago = f"{now - changed_at:.2f} s ago"
-            return f"the last change of the circle was {ago}: wait until {MIN_INTERVAL:g} s have passed"
+            return (
+                f"the last change of the circle was {ago}: wait until {MIN_INTERVAL:g} s have"
+                " passed"
+            )
         offset, pace = self._spacing
         offset = offset if request.offset is None else request.offset
         pace = pace if request.pace is None else request.pace
-        spaces, request = request.spaces, request._replace(offset=offset, pace=pace)
-        wanted, circle = request.applied(self.circle), request.circle(self.circle)
+        spaces = request.spaces
+        request = request._replace(offset=offset, pace=pace)
+        wanted = request.applied(self.circle)
+        circle = request.circle(self.circle)
         if why := obstacle(request, self.circle, self._settings.circle_limits):
             return why
-        near = abs(circle.radius / self.circle.radius - 1) <= NEAR and circle.direction is self.circle.direction
+        near = (
+            abs(circle.radius / self.circle.radius - 1) <= NEAR
+            and circle.direction is self.circle.direction
+        )
         try:
             self._loop.change(wanted, self._tuning.choice(wanted), keeps_trim=near)
         except ValueError as error:
             return str(error)
-        self.circle, self._spacing = circle, (offset, pace)
+        self.circle = circle
+        self._spacing = (offset, pace)
         if spaces:
             self._spaced_at = now
         else:
@@ -156,8 +192,8 @@ class Controller:
         return ""
 
     def change_law(self, name: str) -> str:
-        """Fly another law from now on, with its default gain. Return the reason if it cannot be flown, else an empty
-        string."""
+        """Fly another law from now on, with its default gain. Return the reason if it cannot be
+        flown, else an empty string."""
         if LAWS[name].flies_relative_motion and self._settings.estimator not in RELATIVE:
             return f"law {name} needs estimator auto, the mission has {self._settings.estimator}"
         tuning = replace(self._settings.tuning, law=name, gain=None)
@@ -168,12 +204,17 @@ class Controller:
         self._tuning = tuning
         return ""
 
-    def setpoint(self, command: TurnCommand, session: Session, now: float) -> tuple[Message, YawRate]:
-        """Return the setpoint message for a command, and its yaw rate. Raises UnsafeSetpointError."""
+    def setpoint(
+        self, command: TurnCommand, session: Session, now: float
+    ) -> tuple[Message, YawRate]:
+        """Return the setpoint message for a command, and its yaw rate. Raises
+        UnsafeSetpointError."""
         wanted = Steer(yaw_rate_from_turn_rate(command.turn_rate), self.speed)
         steer = self._guard.admit(wanted, now)
         state = self._state(session, now, engaged=True)
-        message = self._guard.check_message(session.adapter.setpoint(steer, state, now), session.adapter.shapes)
+        message = self._guard.check_message(
+            session.adapter.setpoint(steer, state, now), session.adapter.shapes
+        )
         return message, steer.yaw_rate
 
     def commanded(self, sent: YawRate, now: float) -> None:
@@ -181,13 +222,16 @@ class Controller:
         self.answer.command(now, turn_rate_from_yaw_rate(sent))
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
-        """Return the vehicle's safe setpoint. engaged: True to hold the height of the engagement. Raises
-        UnsafeSetpointError."""
+        """Return the vehicle's safe setpoint. engaged: True to hold the height of the engagement.
+        Raises UnsafeSetpointError."""
         state = self._state(session, now, engaged=engaged)
-        return self._guard.check_message(session.adapter.safe_setpoint(state, now), session.adapter.shapes)
+        return self._guard.check_message(
+            session.adapter.safe_setpoint(state, now), session.adapter.shapes
+        )
 
     def hold_airspeed(self, scale: float) -> None:
-        """Hold the airspeed from now on, where the autopilot held the speed over the ground before."""
+        """Hold the airspeed from now on, where the autopilot held the speed over the ground
+        before."""
         self.airspeed_hold.reset(scale)
         self.lean = LeanLimit()
 
@@ -198,9 +242,12 @@ class Controller:
         self.airspeed_hold.reset(self.airspeed_hold.scale)
 
     def _state(self, session: Session, now: float, *, engaged: bool) -> SetpointContext:
-        """Return the context of a setpoint for the adapter. The height to hold is that of the engagement."""
+        """Return the context of a setpoint for the adapter. The height to hold is that of the
+        engagement."""
         motion = session.motion.at(now)
         if engaged and self._height is None:
             self._height = motion.altitude
         push = self.airspeed_hold.push(self.speed)
-        return SetpointContext(*session.vehicle_ids, motion=motion, height=self._height, drag=self.drag, push=push)
+        return SetpointContext(
+            *session.vehicle_ids, motion=motion, height=self._height, drag=self.drag, push=push
+        )

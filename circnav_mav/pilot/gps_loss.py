@@ -1,8 +1,9 @@
-"""Loss of GPS in flight: a copter that circles in GUIDED goes on by attitude setpoints, without a position.
+"""Loss of GPS in flight: a copter that circles in GUIDED goes on by attitude setpoints, without a
+position.
 
-ArduCopter lands 8 s after the loss, because GUIDED requires a position. The loss is read from the fix type of the
-receivers (GPS_RAW_INT, GPS2_RAW), and from the flags of EKF_STATUS_REPORT, which fall 7 s after the loss. Positions and
-velocities in these messages are never read.
+ArduCopter lands 8 s after the loss, because GUIDED requires a position. The loss is read from the
+fix type of the receivers (GPS_RAW_INT, GPS2_RAW), and from the flags of EKF_STATUS_REPORT, which
+fall 7 s after the loss. Positions and velocities in these messages are never read.
 """
 
 from pymavlink.dialects.v20 import all as dialect
@@ -20,7 +21,8 @@ from circnav_mav.pilot.range_tracker import RangeTracker
 from circnav_mav.pilot.settings import PilotSettings
 
 LOST_FOR = 1.0
-"""Time, s, without a fix of any receiver that counts as a loss. The estimator bridges shorter ones."""
+"""Time, s, without a fix of any receiver that counts as a loss. The estimator bridges shorter
+ones."""
 RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
 POSITION_FLAGS = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
 
@@ -28,14 +30,23 @@ POSITION_FLAGS = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_A
 class GpsLoss:
     """Detects the loss of GPS, and changes the steering method once.
 
-    changed_at: time of the change, s, or None. failure: reason why the vehicle refused the mode, human-readable.
+    changed_at: time of the change, s, or None. failure: reason why the vehicle refused the mode,
+    human-readable.
     """
 
     def __init__(
-        self, settings: PilotSettings, session: Session, tracker: RangeTracker, controller: Controller, path: AirPath
+        self,
+        settings: PilotSettings,
+        session: Session,
+        tracker: RangeTracker,
+        controller: Controller,
+        path: AirPath,
     ) -> None:
-        self._settings, self._session = settings, session
-        self._tracker, self._controller, self._path = tracker, controller, path
+        self._settings = settings
+        self._session = session
+        self._tracker = tracker
+        self._controller = controller
+        self._path = path
         self._fixes: dict[str, bool] = {}
         """True for the receivers that have a 3D fix, by message type."""
         self._without_fix_since: float | None = None
@@ -50,7 +61,8 @@ class GpsLoss:
         kind = message.get_type()
         if kind in RECEIVERS:
             if not self._fixes and self._settings.flies_without_gps:
-                # Many vehicles have no second receiver, so its stream is requested once, and not checked.
+                # Many vehicles have no second receiver, so its stream is requested once, and not
+                # checked.
                 second = dialect.MAVLINK_MSG_ID_GPS2_RAW, 1e6 / GPS_HEALTH_RATE
                 self._session.commands.send(Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, second))
             had_fix = any(self._fixes.values())
@@ -70,8 +82,9 @@ class GpsLoss:
         return self._position_lost or (since is not None and now - since >= LOST_FOR)
 
     def step(self, now: float) -> str:
-        """Change the method if the GPS is lost, and request its mode until the vehicle reports it. Call while the
-        vehicle is steered. Return a text for the operator at the change, else an empty string."""
+        """Change the method if the GPS is lost, and request its mode until the vehicle reports it.
+        Call while the vehicle is steered. Return a text for the operator at the change, else an
+        empty string."""
         session = self._session
         if self.changed_at is None:
             method = session.adapter.without_gps
@@ -88,9 +101,16 @@ class GpsLoss:
     def _change(self, adapter: Autopilot, now: float) -> None:
         """Steer by another method from now on. Target, wind and airspeed scale are kept."""
         self.changed_at = now
-        fit, wind = self._path.scale_fit, self._path.wind
+        fit = self._path.scale_fit
+        wind = self._path.wind
         self._session.change_method(adapter)
         self._controller.hold_airspeed(fit.scale)
         self._tracker.estimator.fly_through_air(
-            MethodChange((wind.x, wind.y), wind.sigma, fit.scale, fit.sigma, self._settings.estimation_without_gps)
+            MethodChange(
+                (wind.x, wind.y),
+                wind.sigma,
+                fit.scale,
+                fit.sigma,
+                self._settings.estimation_without_gps,
+            )
         )

@@ -1,7 +1,7 @@
 """Height above the target, used to convert slant ranges to horizontal ones.
 
-The height is computed from VFR_HUD.alt and the altitude of HOME_POSITION. Latitude, longitude and local position are
-never read.
+The height is computed from VFR_HUD.alt and the altitude of HOME_POSITION. Latitude, longitude and
+local position are never read.
 """
 
 from circnav_mav.mav.codec import Message
@@ -9,11 +9,13 @@ from circnav_mav.mav.own_motion import AIR_MAX_AGE, MOST_ALTITUDE
 from circnav_mav.pilot.settings import HeightSettings
 
 MOST_CLIMB = 20.0
-"""Climb or sink rate, m/s, above that of all supported vehicles. A faster change means a reset altitude estimate."""
+"""Climb or sink rate, m/s, above that of all supported vehicles. A faster change means a reset
+altitude estimate."""
 BUNCHED = 0.25
 """Least interval, s, assumed between two altitudes: a link may deliver several at once."""
 RETURNS = 3.0
-"""Time, s, within which the altitude may return gradually after a jump, as ArduPlane's does in turbulence."""
+"""Time, s, within which the altitude may return gradually after a jump, as ArduPlane's does in
+turbulence."""
 
 READ = frozenset({"VFR_HUD", "HOME_POSITION"})
 """Types of the messages that determine the height."""
@@ -22,8 +24,8 @@ READ = frozenset({"VFR_HUD", "HOME_POSITION"})
 class Height:
     """Height above the target.
 
-    Before the engagement it is computed from the mission and the newest altitude. From then on it changes with the
-    altitude alone, and is held while no altitude is received.
+    Before the engagement it is computed from the mission and the newest altitude. From then on it
+    changes with the altitude alone, and is held while no altitude is received.
     """
 
     def __init__(self, settings: HeightSettings) -> None:
@@ -37,7 +39,8 @@ class Height:
         self._jumped = 0.0
         """Sum of the altitude jumps since the engagement, m. They do not change the height."""
         self._doubt: tuple[float, float, float] | None = None
-        """Time of the first recent jump (s), the altitude before it (m), and the sum of the recent jumps (m)."""
+        """Time of the first recent jump (s), the altitude before it (m), and the sum of the recent
+        jumps (m)."""
 
     def engage(self) -> None:
         """Fix home and height for the flight: the vehicle is steered from now on."""
@@ -51,9 +54,13 @@ class Height:
             self._zero = home + above_home if abs(home) <= MOST_ALTITUDE else self._zero
         if message.get_type() != "VFR_HUD" or altitude is None:
             return
-        before, waited = self._altitude, max(now - self._received_at, BUNCHED)
-        self._altitude, self._received_at = altitude, now
-        if not self._engaged:  # setting home late legitimately changes the altitude by hundreds of meters
+        before = self._altitude
+        waited = max(now - self._received_at, BUNCHED)
+        self._altitude = altitude
+        self._received_at = now
+        if (
+            not self._engaged
+        ):  # setting home late legitimately changes the altitude by hundreds of meters
             return
         if self._zero is None:
             self._zero = altitude if self._settings.above_target is not None else None
@@ -62,7 +69,8 @@ class Height:
         if before is None or abs(change) <= MOST_CLIMB * waited:
             self._forgive(altitude, now)
             return
-        # The zero of the altitude has moved, not the vehicle. A glitch that appears and disappears has no effect.
+        # The zero of the altitude has moved, not the vehicle. A glitch that appears and disappears
+        # has no effect.
         began, origin, so_far = self._doubt or (now, before, 0.0)
         self._doubt = began, origin, so_far + change
         self._zero += change
@@ -90,21 +98,25 @@ class Height:
         return self.at(self._received_at)
 
     def set(self, height: float, now: float) -> str:
-        """Use another height above the target from now on, m. Return the reason if impossible, else an empty string."""
+        """Use another height above the target from now on, m. Return the reason if impossible, else
+        an empty string."""
         if self._altitude is None or now - self._received_at > AIR_MAX_AGE:
             return "no altitude (VFR_HUD.alt)"
         self._settings = HeightSettings(above_target=height)
-        self._base, self._zero, self._doubt = height, self._altitude, None
+        self._base = height
+        self._zero = self._altitude
+        self._doubt = None
         return ""
 
     def why_unknown(self, now: float) -> str:
-        """Return the reason why the height that the mission needs is unknown, human-readable, or an empty string."""
+        """Return the reason why the height that the mission needs is unknown, human-readable, or an
+        empty string."""
         if not self._settings.needs_altitude or self.at(now) is not None:
             return ""
         if self._zero is None:
             return (
-                "no home altitude (HOME_POSITION), the reference of orbit.target_above_home_m: set home, or give "
-                "orbit.target_altitude_m or orbit.height_above_target_m instead"
+                "no home altitude (HOME_POSITION), the reference of orbit.target_above_home_m: set"
+                " home, or give orbit.target_altitude_m or orbit.height_above_target_m instead"
             )
         return "no altitude (VFR_HUD.alt), which the height above the target needs"
 

@@ -17,11 +17,12 @@ HELD_BACK = "held"
 class LoopStep:
     """One step of the loop.
 
-    received: (link, source, whole frames) of each datagram. sent: frames sent to the vehicle. hello: frames sent to the
-    ranging link. attached: frames that onlookers sent to the vehicle. requests: requests from outside of the
-    pilot for another circle. interrupt: reason why the flight was ended from outside in this step. held_back: True if
-    nothing was sent because the step took too long. exchanged: frames between onlookers and systems other than the
-    vehicle, such as the members of a fleet.
+    received: (link, source, whole frames) of each datagram. sent: frames sent to the vehicle.
+    hello: frames sent to the ranging link. attached: frames that onlookers sent to the vehicle.
+    requests: requests from outside of the pilot for another circle. interrupt: reason why the
+    flight was ended from outside in this step. held_back: True if nothing was sent because the step
+    took too long. exchanged: frames between onlookers and systems other than the vehicle, such as
+    the members of a fleet.
     """
 
     time: float
@@ -43,14 +44,15 @@ class LoopStep:
 def requests_text(requests: list[CircleRequest]) -> str:
     """Return requests as a cell of steps.csv, empty for none."""
     plain = [
-        [one.radius, one.direction and one.direction.value, one.speed, one.by, one.offset, one.pace] for one in requests
+        [one.radius, one.direction and one.direction.value, one.speed, one.by, one.offset, one.pace]
+        for one in requests
     ]
     return json.dumps(plain) if plain else ""
 
 
 def requests_from(text: str) -> list[CircleRequest]:
-    """Return the requests in a cell of steps.csv. Raises ValueError or TypeError if the recorder cannot have written
-    the cell."""
+    """Return the requests in a cell of steps.csv. Raises ValueError or TypeError if the recorder
+    cannot have written the cell."""
     return [
         CircleRequest(radius, direction and Direction(direction), speed, by, *spacing)
         for radius, direction, speed, by, *spacing in (json.loads(text) if text else ())

@@ -55,7 +55,10 @@ TRANSITIONS: dict[tuple[Phase, Event], Phase] = {
     },
     **{(phase, Event.FINISH_OURS): Phase.LEAVING for phase in IN_REACH},
     **{(phase, Event.FINISH_OURS): Phase.ENDED for phase in (Phase.WAIT_LINK, Phase.YIELDED)},
-    **{(Phase.LEAVING, event): Phase.ENDED for event in (Event.SAFE_SENT, Event.MODE_LEFT, Event.LINK_LOST)},
+    **{
+        (Phase.LEAVING, event): Phase.ENDED
+        for event in (Event.SAFE_SENT, Event.MODE_LEFT, Event.LINK_LOST)
+    },
 }
 """Phase after each pair of phase and event. Pairs that are not listed keep the phase."""
 
@@ -87,11 +90,12 @@ class Outcome:
 class Timing:
     """Time limits, all in s.
 
-    duration: time from the engagement to the end of the flight. wait_link, wait_ranging: longest waits before the first
-    engagement. stale: age of the newest range up to which the prediction steers. hold: longest time after that for
-    which the circle's turn rate is held. unfollowed: longest time without following turn commands before the exit
-    action. outage: longest time from the loss of the link until the vehicle is steered again. round_trip: largest round
-    trip with which the vehicle is engaged. tick: period of the steps without fresh ranges.
+    duration: time from the engagement to the end of the flight. wait_link, wait_ranging: longest
+    waits before the first engagement. stale: age of the newest range up to which the prediction
+    steers. hold: longest time after that for which the circle's turn rate is held. unfollowed:
+    longest time without following turn commands before the exit action. outage: longest time from
+    the loss of the link until the vehicle is steered again. round_trip: largest round trip with
+    which the vehicle is engaged. tick: period of the steps without fresh ranges.
     """
 
     duration: float
@@ -119,7 +123,8 @@ class MissionState:
         self.engaged_at: float | None = None
         """Time of the first engagement, s."""
         self.lost_at: float | None = None
-        """Time when the link to the steered vehicle was lost, s, or None after it is steered again or taken over."""
+        """Time when the link to the steered vehicle was lost, s, or None after it is steered again
+        or taken over."""
         self.outcome: Outcome | None = None
 
     @property
@@ -134,7 +139,8 @@ class MissionState:
 
     def happened(self, event: Event, now: float) -> bool:
         """Apply an event. Return True if it changed the phase."""
-        before, self.phase = self.phase, TRANSITIONS.get((self.phase, event), self.phase)
+        before = self.phase
+        self.phase = TRANSITIONS.get((self.phase, event), self.phase)
         if self.phase is before:
             return False
         self.since = now
@@ -153,8 +159,8 @@ class MissionState:
         self.happened(Event.LINK_LOST, now)
 
     def finish(self, outcome: Outcome, now: float, *, ours: bool) -> bool:
-        """End the mission. Return True for the first reason, which becomes the outcome. ours: True if the exit
-        action must be requested."""
+        """End the mission. Return True for the first reason, which becomes the outcome. ours: True
+        if the exit action must be requested."""
         first = self.outcome is None
         self.outcome = self.outcome or outcome
         self.happened(Event.FINISH_OURS if ours else Event.FINISH, now)

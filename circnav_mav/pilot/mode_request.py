@@ -5,18 +5,22 @@ from circnav_mav.mav.commands import once
 from circnav_mav.mav.session import Session
 
 PROOF = 3.0
-"""Longest time, s, until an accepted request appears in the vehicle's heartbeat (PX4 sends one a second)."""
+"""Longest time, s, until an accepted request appears in the vehicle's heartbeat (PX4 sends one a
+second)."""
 TRIES = 3
 """Number of requests before a mode request counts as failed; chosen."""
 SAFE_SETPOINTS = 3
-"""Number of safe setpoints sent before the stream ends by the exit action `stop`: a datagram can be lost."""
+"""Number of safe setpoints sent before the stream ends by the exit action `stop`: a datagram can be
+lost."""
 PATIENCE = 12.0
-"""Longest time, s, for the exit action. After this time the stream of setpoints ends without the action."""
+"""Longest time, s, for the exit action. After this time the stream of setpoints ends without the
+action."""
 STOP_SENDING = "stop"
 
 
 class ModeRequest:
-    """Request of one mode, repeated until the vehicle's heartbeat confirms the mode, or until the request fails."""
+    """Request of one mode, repeated until the vehicle's heartbeat confirms the mode, or until the
+    request fails."""
 
     def __init__(self) -> None:
         self._tries = 0
@@ -28,29 +32,35 @@ class ModeRequest:
         return now < self._due
 
     def ask(self, session: Session, mode: int, now: float) -> str | None:
-        """Send a request if one is due. Return the reason if the mode request has failed for good, else None."""
+        """Send a request if one is due. Return the reason if the mode request has failed for good,
+        else None."""
         report = f', the vehicle reports "{session.texts[-1]}"' if session.texts else ""
         refusals = [result for result in session.take_mode_results() if not result.accepted]
         if refusals:
             self._due = float("-inf")
             return f"refused: {refusals[0].answer}{report}"
         if session.mode_requests_dropped > self._dropped and self._due > now:
-            self._tries, self._due = self._tries - 1, now  # the request was dropped before an answer: do not count it
+            # the request was dropped before an answer: do not count it
+            self._tries = self._tries - 1
+            self._due = now
         self._dropped = session.mode_requests_dropped
         if now < self._due or session.vehicle.mode == mode:
             return None
         if self._tries == TRIES:
             return f"acknowledged, but the vehicle stays in {session.vehicle.mode_name}{report}"
-        self._tries, self._due = self._tries + 1, now + PROOF
+        self._tries = self._tries + 1
+        self._due = now + PROOF
         session.commands.send(session.adapter.request_mode(mode))
         return None
 
 
 class ExitAction:
-    """Exit action of a mission, requested along with safe setpoints until the vehicle's mode confirms it."""
+    """Exit action of a mission, requested along with safe setpoints until the vehicle's mode
+    confirms it."""
 
     def __init__(self, action: str | None) -> None:
-        """action: name of a mode of the autopilot, STOP_SENDING, or None for the autopilot's default."""
+        """action: name of a mode of the autopilot, STOP_SENDING, or None for the autopilot's
+        default."""
         self.action = action
         self._request = ModeRequest()
         self._safe_left = SAFE_SETPOINTS
@@ -58,8 +68,8 @@ class ExitAction:
         """Reason why the exit action had no effect."""
 
     def go_on(self, session: Session, since: float, now: float) -> bool:
-        """Request the exit action. since: beginning of the phase LEAVING, s. Return True if the safe setpoint of this
-        step is the last one."""
+        """Request the exit action. since: beginning of the phase LEAVING, s. Return True if the
+        safe setpoint of this step is the last one."""
         action = self.named(session)
         self._safe_left -= 1
         if action == STOP_SENDING:
@@ -72,8 +82,8 @@ class ExitAction:
         return failure is not None
 
     def wait_to_send(self, since: float, now: float) -> bool:
-        """Wait while nothing may be sent: after a stall, or while the vehicle's identity is unconfirmed. Return True if
-        this takes too long."""
+        """Wait while nothing may be sent: after a stall, or while the vehicle's identity is
+        unconfirmed. Return True if this takes too long."""
         if now - since <= PATIENCE:
             return False
         self.failure = "exit action not requested: no report of the vehicle's mode"
@@ -84,11 +94,15 @@ class ExitAction:
         action = self.named(session)
         if action == STOP_SENDING:
             return []
-        return [once(session.adapter.request_mode(session.adapter.exits[action]), session.vehicle_ids)]
+        return [
+            once(session.adapter.request_mode(session.adapter.exits[action]), session.vehicle_ids)
+        ]
 
     def named(self, session: Session) -> str:
-        """Return the exit action of the mission, or the default if the vehicle cannot perform it: a copter that has
-        lost its GPS cannot hold a place or fly home."""
+        """Return the exit action of the mission, or the default if the vehicle cannot perform it: a
+        copter that has lost its GPS cannot hold a place or fly home."""
         adapter = session.adapter
-        possible = self.action in adapter.exits or (self.action == STOP_SENDING and not adapter.why_no_stop)
+        possible = self.action in adapter.exits or (
+            self.action == STOP_SENDING and not adapter.why_no_stop
+        )
         return self.action if self.action is not None and possible else adapter.default_exit

@@ -15,16 +15,22 @@ from circnav_mav.pilot.mode_request import ExitAction
 
 DIRECTIONS = {1.0: Direction.CLOCKWISE, -1.0: Direction.COUNTERCLOCKWISE}
 LONGEST_HOLD = 600.0
-"""Largest time, s, that may be set for holding the turn rate without ranges: the circle then drifts with the wind."""
+"""Largest time, s, that may be set for holding the turn rate without ranges: the circle then drifts
+with the wind."""
 BY = "ground station"
 
 
 def flight_parameters(
-    controller: Controller, height: Height, exits: ExitAction, session: Session, mission: MissionState
+    controller: Controller,
+    height: Height,
+    exits: ExitAction,
+    session: Session,
+    mission: MissionState,
 ) -> tuple[Parameter, ...]:
-    """Return radius, direction, speed, height, law, hold time and exit action of a flight, in the order of their
-    indices."""
-    laws, actions = list(LAWS), (None, *MISSION_EXITS)
+    """Return radius, direction, speed, height, law, hold time and exit action of a flight, in the
+    order of their indices."""
+    laws = list(LAWS)
+    actions = (None, *MISSION_EXITS)
 
     def set_direction(value: float, now: float) -> str:
         if value not in DIRECTIONS:
@@ -38,7 +44,9 @@ def flight_parameters(
 
     def set_law(value: float, now: float) -> str:
         if value not in range(len(laws)):
-            return f"{value:g} is not a law: " + ", ".join(f"{index} {name}" for index, name in enumerate(laws))
+            return f"{value:g} is not a law: " + ", ".join(
+                f"{index} {name}" for index, name in enumerate(laws)
+            )
         return controller.change_law(laws[int(value)])
 
     def set_hold(value: float, now: float) -> str:
@@ -50,7 +58,8 @@ def flight_parameters(
     def set_exit(value: float, now: float) -> str:
         if value not in range(len(actions)):
             return f"{value:g} is not an exit action: 0 to {len(actions) - 1}"
-        action, adapter = actions[int(value)], session.adapter
+        action = actions[int(value)]
+        adapter = session.adapter
         if action not in (None, *adapter.exits) and (action != "stop" or adapter.why_no_stop):
             return f"{adapter.name} has no exit action {action}"
         exits.action = action

@@ -2,9 +2,9 @@
 
     pilot.receive(data, now); pilot.step(now, send)
 
-The step after a fresh range steers by this range. Between ranges, a prediction steers at every tick. Without ranges
-the circle's turn rate is held, and after a time limit the flight ends. The operator always has priority: see
-`authority`.
+The step after a fresh range steers by this range. Between ranges, a prediction steers at every
+tick. Without ranges the circle's turn rate is held, and after a time limit the flight ends. The
+operator always has priority: see `authority`.
 """
 
 from collections import Counter
@@ -45,7 +45,8 @@ from circnav_mav.pilot.tick_scheduler import TickScheduler
 REPORTS_AFTER = 3.0
 """Time, s, after a silence until all telemetry streams are received again."""
 RECEIVES_AFTER = 3.0
-"""Time, s, from the first TIMESYNC answer after an outage of the uplink until the vehicle follows commands again."""
+"""Time, s, from the first TIMESYNC answer after an outage of the uplink until the vehicle follows
+commands again."""
 
 UNSIGNED = "the link is not signed; to allow changes: link.unsigned_parameters = true"
 
@@ -55,7 +56,8 @@ class Pilot:
 
     def __init__(self, settings: PilotSettings, signing: Signing | None = None) -> None:
         """signing: signs sent frames and authenticates received ones, or None."""
-        # `conditions` reads these attributes, and this module imports `conditions`: mypy needs the explicit types.
+        # `conditions` reads these attributes, and this module imports `conditions`: mypy needs the
+        # explicit types.
         self.settings: PilotSettings = settings
         self.flies: bool = settings.output_mode is OutputMode.FLY
         self.connection = Connection(settings, signing)
@@ -68,15 +70,20 @@ class Pilot:
         self._authority = Authority(settings, session, self.mission)
         self._exit_action = ExitAction(settings.exit)
         self.parameters = ParameterServer(
-            flight_parameters(self.controller, self.tracker.height, self._exit_action, session, self.mission)
+            flight_parameters(
+                self.controller, self.tracker.height, self._exit_action, session, self.mission
+            )
         )
         """Parameters that a ground station may read and set."""
         self._signed = signing is not None and VEHICLE not in settings.unsigned_links
         self.scheduler = TickScheduler(settings.timing.tick)
-        self.status = StatusText(settings, self.connection, self.mission, self._authority, self.tracker)
+        self.status = StatusText(
+            settings, self.connection, self.mission, self._authority, self.tracker
+        )
         self.law: str = ""
         self.why: str = ""
-        """Reason for the law that `auto` or `drift` flies now, human-readable. Empty for other laws."""
+        """Reason for the law that `auto` or `drift` flies now, human-readable. Empty for other
+        laws."""
         self.drift_alarm: DriftAlarm = DriftAlarm()
         self.rates: RateMeter = RateMeter()
         self.allowance: Allowance = Allowance()
@@ -86,21 +93,28 @@ class Pilot:
         self._silent_at = float("-inf")
         """Last time at which the newest mode report was older than SILENT, s."""
         self.lost_reports: tuple[str, ...] = ()
-        """Names of telemetry that is missing or too rare. Unchanged while the vehicle is completely silent."""
+        """Names of telemetry that is missing or too rare. Unchanged while the vehicle is completely
+        silent."""
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
         self.path: AirPath = AirPath(session, self.tracker, self.controller)
-        self.gps_loss: GpsLoss = GpsLoss(settings, session, self.tracker, self.controller, self.path)
+        self.gps_loss: GpsLoss = GpsLoss(
+            settings, session, self.tracker, self.controller, self.path
+        )
         self.conditions = Conditions(self)
         self.estimate: RangeEstimate | None = None
         """Estimate used by the newest step."""
         self._spacing_refused = ""
 
-    # --- input: received messages -----------------------------------------------------------------------------------
+    # --- input: received messages
+    # ------------------------------------------------------------
 
-    def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
-        """Process a datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
+    def receive(
+        self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE
+    ) -> None:
+        """Process a datagram (or chunk of a stream) that arrived at `now` from `source` on a
+        link."""
         if not self._worth_reading(source, len(data), now, link):
             return
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
@@ -120,8 +134,8 @@ class Pilot:
         self.scheduler.at_once()
 
     def request_circle(self, request: CircleRequest, now: float) -> str:
-        """Fly another circle, if vehicle, bounds and rate of change allow it. Return the reason if not, else an empty
-        string."""
+        """Fly another circle, if vehicle, bounds and rate of change allow it. Return the reason if
+        not, else an empty string."""
         why = self.controller.change_circle(request, now)
         # Spacing is requested twice a second: the same refusal is reported once.
         if why and not (request.spaces and why == self._spacing_refused):
@@ -130,20 +144,25 @@ class Pilot:
         return why
 
     def abandon(self, reason: str) -> None:
-        """End the flight as aborted because of an internal error, even if it had another outcome."""
+        """End the flight as aborted because of an internal error, even if it had another
+        outcome."""
         self.mission.outcome = Outcome(Ending.ABORTED, reason)
 
     def _worth_reading(self, source: Hashable, size: int, now: float, link: str) -> bool:
-        """True if a datagram must be read. Data of the vehicle and the ranging radio are always read, data of other
-        senders up to an allowance."""
-        peer, radio = self.session.peer, self.tracker.ranging.trusted
+        """True if a datagram must be read. Data of the vehicle and the ranging radio are always
+        read, data of other senders up to an allowance."""
+        peer = self.session.peer
+        radio = self.tracker.ranging.trusted
         unknown = peer is None if link == VEHICLE else radio is None
         trusted = link == VEHICLE and peer is not None and source == peer.source
-        trusted |= link == self.connection.ranging_link and radio is not None and source == radio.source
+        trusted |= (
+            link == self.connection.ranging_link and radio is not None and source == radio.source
+        )
         return unknown or trusted or self.allowance.take(size, now)
 
     def _take_parameter_request(self, message: Message, now: float, source: Hashable) -> None:
-        """Answer a ground station. Its frames must arrive from the vehicle's address, else they are ignored."""
+        """Answer a ground station. Its frames must arrive from the vehicle's address, else they are
+        ignored."""
         if source != self.session.reply_to:
             return
         refusal = "" if self._signed or self.settings.unsigned_parameters else UNSIGNED
@@ -152,18 +171,21 @@ class Pilot:
             self._say("parameter", why, severity=MAV_SEVERITY_WARNING)
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
-        mission, stalled = self.mission, self._authority.may_be_backlog(now)
+        mission = self.mission
+        stalled = self._authority.may_be_backlog(now)
         self.tracker.ranging.moving = mission.steering and self.flies
         if self.tracker.receive(message, now, source, stalled=stalled, begun=mission.begun):
             self.scheduler.received(now)
 
-    # --- output: one step -------------------------------------------------------------------------------------------
+    # --- output: one step
+    # ------------------------------------------------------------
 
     def step(self, now: float, send: Callable[[bytes], bool]) -> None:
-        """Run a step if a fresh range is waiting or a tick is due: first send the setpoint, then everything else.
+        """Run a step if a fresh range is waiting or a tick is due: first send the setpoint, then
+        everything else.
 
-        send: sends frames to the vehicle and returns True on success. A setpoint that was not sent is not recorded, and
-        not used to learn the vehicle's response.
+        send: sends frames to the vehicle and returns True on success. A setpoint that was not sent
+        is not recorded, and not used to learn the vehicle's response.
         """
         if self._authority.stepped(now):
             self.tracker.fresh = False
@@ -183,11 +205,15 @@ class Pilot:
         self._watch_following(now)
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
-        desired, self.estimate = self.controller.circle.radius, estimate
+        desired = self.controller.circle.radius
+        self.estimate = estimate
         self.tracker.estimate = estimate
-        command = self.controller.command(self.mission.phase, estimate, self.session.timesync.worst, now)
+        command = self.controller.command(
+            self.mission.phase, estimate, self.session.timesync.worst, now
+        )
         message, yaw_rate = self._setpoint(command, now)
-        phase, was_sent = self.mission.phase, False
+        phase = self.mission.phase
+        was_sent = False
         if message is not None and (was_sent := send(self.session.encode(message))):
             self.setpoints_sent += 1
             self.second_controller.sent(message, now)
@@ -198,18 +224,27 @@ class Pilot:
         if rest := b"".join(map(self.session.encode, self._housekeeping(estimate, command, now))):
             send(rest)
         record = tick_record(
-            now, phase, estimate, command, yaw_rate if was_sent else None, desired=desired, session=self.session,
-            tracker=self.tracker, controller=self.controller, law=self.controller.law,
-        )  # fmt: skip
+            now,
+            phase,
+            estimate,
+            command,
+            yaw_rate if was_sent else None,
+            desired=desired,
+            session=self.session,
+            tracker=self.tracker,
+            controller=self.controller,
+            law=self.controller.law,
+        )
         self._records.append(record)
 
     # --- changes of phase
 
     def _watch_link(self, now: float) -> None:
         """Change the phase when the link is established or lost."""
-        # While the vehicle's identity is unconfirmed, treat the link as lost. In LEAVING, keep waiting so that the exit
-        # action can still be sent.
-        session, mission = self.session, self.mission
+        # While the vehicle's identity is unconfirmed, treat the link as lost. In LEAVING, keep
+        # waiting so that the exit action can still be sent.
+        session = self.session
+        mission = self.mission
         if not session.up:
             return
         if session.heartbeat_age(now) > LOST_AFTER:
@@ -232,7 +267,9 @@ class Pilot:
         self.session.drop_mode_requests()
         self.controller.disengage()
         self.tracker.ranging.sender_stays = False
-        if self.mission.outcome is not None:  # in LEAVING, the change of mode is the exit action taking effect
+        if (
+            self.mission.outcome is not None
+        ):  # in LEAVING, the change of mode is the exit action taking effect
             return
         what, outcome = takeover
         self._say("yield", what, severity=MAV_SEVERITY_WARNING)
@@ -248,12 +285,14 @@ class Pilot:
             self._say("gps", text, severity=MAV_SEVERITY_WARNING)
 
     def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
-        """End the flight if a bound is violated while steering, or if another companion uses our MAVLink ids."""
+        """End the flight if a bound is violated while steering, or if another companion uses our
+        MAVLink ids."""
         session = self.session
         if session.doubled:
             ids = f"{session.encoder.system}/{self.settings.link.component_id}"
             reason = (
-                f"another companion sends with our ids {ids}: change link.component_id on one of the two companions"
+                f"another companion sends with our ids {ids}: change link.component_id on one of"
+                " the two companions"
             )
             self._finish(Outcome(Ending.ABORTED, reason), now)
         if not self.mission.steering:
@@ -269,17 +308,22 @@ class Pilot:
 
     def _watch_following(self, now: float) -> None:
         """End the flight if the vehicle does not follow turn commands for too long."""
-        session, turns, most = self.session, self.controller.turns, self.settings.timing.unfollowed
-        # A vehicle that does not receive setpoints cannot follow them. This is an outage of the link, which the flight
-        # survives: do not judge the turns without answers to TIMESYNC, and start again after the outage. A plane that
-        # flies straight back to the circle then needs time to show that it follows again.
+        session = self.session
+        turns = self.controller.turns
+        most = self.settings.timing.unfollowed
+        # A vehicle that does not receive setpoints cannot follow them. This is an outage of the
+        # link, which the flight survives: do not judge the turns without answers to TIMESYNC, and
+        # start again after the outage. A plane that flies straight back to the circle then needs
+        # time to show that it follows again.
         if session.timesync.silent(now, UNANSWERED):
             self._unanswered_at = now
         if now - self._unanswered_at < RECEIVES_AFTER:
             turns.reset()
             self.conditions.forget(NOT_FOLLOWING)
         if self.mission.steering and not turns.follows and now - turns.since > most:
-            self._finish(Outcome(Ending.ABORTED, f"vehicle did not follow turn commands for {most:g} s"), now)
+            self._finish(
+                Outcome(Ending.ABORTED, f"vehicle did not follow turn commands for {most:g} s"), now
+            )
 
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
         good = self.tracker.good(estimate, now, holding=self.mission.phase is Phase.HOLDING)
@@ -288,9 +332,14 @@ class Pilot:
         self.mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now)
 
     def _watch_engagement(self, now: float) -> None:
-        if self.mission.steering or self.mission.phase is Phase.LEAVING or not self._authority.certain:
+        if (
+            self.mission.steering
+            or self.mission.phase is Phase.LEAVING
+            or not self._authority.certain
+        ):
             return
-        # A dry run always engages. Obstacles are not checked while steering: a slow link or a landing ends no flight.
+        # A dry run always engages. Obstacles are not checked while steering: a slow link or a
+        # landing ends no flight.
         engages = not self.flies or not self._authority.obstacle(now)
         if engages and self.mission.phase is Phase.YIELDED:
             self.mission.happened(Event.MODE_OURS, now)
@@ -306,7 +355,9 @@ class Pilot:
         if self.flies:  # a dry run may begin on the ground, far from the mission's height
             self.tracker.height.engage()
         self.session.drop_mode_requests()
-        self._say("engage", f"{'engaged' if self.flies else 'dry run'}, {self.controller.circle.label}")
+        self._say(
+            "engage", f"{'engaged' if self.flies else 'dry run'}, {self.controller.circle.label}"
+        )
 
     def _finish(self, outcome: Outcome, now: float) -> None:
         if self.mission.finish(outcome, now, ours=self._authority.may_be_ours(now)):
@@ -316,8 +367,11 @@ class Pilot:
 
     # --- the setpoint
 
-    def _setpoint(self, command: TurnCommand | None, now: float) -> tuple[Message | None, YawRate | None]:
-        """Return the setpoint message of this step, or None, and its yaw rate if it steers, or None."""
+    def _setpoint(
+        self, command: TurnCommand | None, now: float
+    ) -> tuple[Message | None, YawRate | None]:
+        """Return the setpoint message of this step, or None, and its yaw rate if it steers, or
+        None."""
         allowed = self._authority.allowed(now)
         try:
             if self.mission.phase is Phase.LEAVING:
@@ -333,7 +387,8 @@ class Pilot:
 
     def _leave(self, allowed: Allowed, now: float) -> Message | None:
         """Return the safe setpoint until the exit action is confirmed or has failed, then None."""
-        mission, exit_action = self.mission, self._exit_action
+        mission = self.mission
+        exit_action = self._exit_action
         if allowed is Allowed.NOTHING:
             ours = self.flies and self._authority.may_be_ours(now)
             over = not ours or exit_action.wait_to_send(mission.since, now)
@@ -342,12 +397,16 @@ class Pilot:
         if over:
             mission.happened(Event.SAFE_SENT, now)
         if exit_action.failure is not None and mission.outcome is not None:
-            mission.outcome = replace(mission.outcome, reason=f"{mission.outcome.reason}; {exit_action.failure}")
-        return None if allowed is Allowed.NOTHING else self.controller.safe_setpoint(self.session, now)
+            mission.outcome = replace(
+                mission.outcome, reason=f"{mission.outcome.reason}; {exit_action.failure}"
+            )
+        return (
+            None if allowed is Allowed.NOTHING else self.controller.safe_setpoint(self.session, now)
+        )
 
     def last_frames(self, now: float) -> bytes:
-        """Return the safe setpoint and a request of the exit action, to be sent after an internal error of `Pilot`.
-        Return no bytes if the vehicle is not under our control."""
+        """Return the safe setpoint and a request of the exit action, to be sent after an internal
+        error of `Pilot`. Return no bytes if the vehicle is not under our control."""
         if not self._authority.may_send_last_frames():
             return b""
         words = [self.controller.safe_setpoint(self.session, now)]
@@ -357,9 +416,14 @@ class Pilot:
 
     # --- other frames sent
 
-    def _housekeeping(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> list[Message]:
-        """Return heartbeat, commands, stream requests, texts and plot values, and the farewell at the end."""
-        plots = self.session.announcer.plots(plot_values(self.controller.circle, estimate, command), now)
+    def _housekeeping(
+        self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float
+    ) -> list[Message]:
+        """Return heartbeat, commands, stream requests, texts and plot values, and the farewell at
+        the end."""
+        plots = self.session.announcer.plots(
+            plot_values(self.controller.circle, estimate, command), now
+        )
         if self.settings.output_mode is OutputMode.SHADOW:
             return self.session.heartbeats_due(now) + plots
         if self.done:
@@ -371,12 +435,20 @@ class Pilot:
         """Return the frames for a separate ranging link."""
         return b"" if self.done else self.connection.hello(now)
 
-    def _watch_conditions(self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float) -> None:
+    def _watch_conditions(
+        self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float
+    ) -> None:
         """Update the table of conditions and its inputs."""
-        tracker, controller = self.tracker, self.controller
-        self.drift_alarm = watch_drift(self.drift_alarm, estimate, controller.orbit, controller.answer.most)
-        if command is not None and (command.flies or not LAWS[controller.law].flies_relative_motion):
-            self.law, self.why = command.flies, command.why
+        tracker = self.tracker
+        controller = self.controller
+        self.drift_alarm = watch_drift(
+            self.drift_alarm, estimate, controller.orbit, controller.answer.most
+        )
+        if command is not None and (
+            command.flies or not LAWS[controller.law].flies_relative_motion
+        ):
+            self.law = command.flies
+            self.why = command.why
         self._silent_at = now if self.session.heartbeat_age(now) > SILENT else self._silent_at
         if now - self._silent_at > REPORTS_AFTER:
             seldom = ("attitude",) if self.session.motion.seldom(now) else ()
@@ -386,7 +458,8 @@ class Pilot:
         self.rates.take(now, counts, steering=self.mission.steering)
         self.conditions.update(now)
 
-    # --- state for display and recording ----------------------------------------------------------------------------
+    # --- state for display and recording
+    # ------------------------------------------------------------
 
     @property
     def done(self) -> bool:
@@ -405,8 +478,10 @@ class Pilot:
 
     @property
     def trusted(self) -> str:
-        """Trusted senders (vehicle and radio) with their addresses, human-readable, or an empty string."""
-        peer, radio = self.session.peer, self.tracker.ranging.trusted
+        """Trusted senders (vehicle and radio) with their addresses, human-readable, or an empty
+        string."""
+        peer = self.session.peer
+        radio = self.tracker.ranging.trusted
         if peer is None or radio is None:
             return str(peer or "")
         apart = radio.source != peer.source
@@ -418,10 +493,12 @@ class Pilot:
 
     def take_records(self) -> list[TickRecord]:
         """Return the records of the steps since the last call."""
-        records, self._records = self._records, []
+        records = self._records
+        self._records = []
         return records
 
     def take_frames(self) -> list[bytes]:
         """Return the complete frames received on all links since the last call."""
-        frames, self._frames = self._frames, []
+        frames = self._frames
+        self._frames = []
         return frames

@@ -1,8 +1,10 @@
-"""Preflight listener: receives vehicle and ranging data before a flight, and sends nothing that could move the vehicle.
+"""Preflight listener: receives vehicle and ranging data before a flight, and sends nothing that
+could move the vehicle.
 
-A `Pilot` would engage the vehicle, end the mission and report both to the ground station, even in a dry run. The
-listener has no controller at all. To receive the same data as a flight, it sends our heartbeat and stream requests. It
-also requests AUTOPILOT_VERSION, TIMESYNC and parameters (PARAM_REQUEST_READ).
+A `Pilot` would engage the vehicle, end the mission and report both to the ground station, even in a
+dry run. The listener has no controller at all. To receive the same data as a flight, it sends our
+heartbeat and stream requests. It also requests AUTOPILOT_VERSION, TIMESYNC and parameters
+(PARAM_REQUEST_READ).
 """
 
 from collections import Counter, defaultdict
@@ -26,15 +28,16 @@ from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 TICK = 0.05
 """Time between two steps, s, as in a flight."""
 SETTLE = 2.0
-"""Time, s, from finding the vehicle to the start of the measurement: the requested streams start meanwhile."""
+"""Time, s, from finding the vehicle to the start of the measurement: the requested streams start
+meanwhile."""
 PARAMETER_PATIENCE = 10.0
 """Longest time, s, for which the listener waits for missing parameters after the measurement."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReceivedRange:
-    """One accepted range. stamp: time of measurement on the sensor's clock, s. time: the same on our clock, s.
-    arrival: on our clock, s. r: slant range, m. sigma: standard deviation of r, m."""
+    """One accepted range. stamp: time of measurement on the sensor's clock, s. time: the same on
+    our clock, s. arrival: on our clock, s. r: slant range, m. sigma: standard deviation of r, m."""
 
     stamp: float
     time: float
@@ -44,18 +47,23 @@ class ReceivedRange:
 
 
 class PreflightListener:
-    """Preflight listener without I/O: `receive` bytes and send the bytes that `step` returns, until `done`. Its
-    attributes then hold the received data."""
+    """Preflight listener without I/O: `receive` bytes and send the bytes that `step` returns, until
+    `done`. Its attributes then hold the received data."""
 
-    def __init__(self, settings: PilotSettings, *, seconds: float, signing: Signing | None = None) -> None:
-        """seconds: duration of the measurement, s. It begins SETTLE seconds after the vehicle was found."""
+    def __init__(
+        self, settings: PilotSettings, *, seconds: float, signing: Signing | None = None
+    ) -> None:
+        """seconds: duration of the measurement, s. It begins SETTLE seconds after the vehicle was
+        found."""
         self.connection = Connection(settings, signing, also=[dialect.MAVLINK_MSG_ID_PARAM_VALUE])
         self.session = self.connection.session
-        self.done, self.next_tick = False, float("-inf")
+        self.done = False
+        self.next_tick = float("-inf")
         self._settings = settings
         self._listens = seconds
         self.ranging = RangeReader(settings.ranging)
-        speed, max_turn_rate = settings.orbit.speed, settings.orbit.max_turn_rate
+        speed = settings.orbit.speed
+        max_turn_rate = settings.orbit.max_turn_rate
         noise = NoiseCheck.of_rates(speed, max_turn_rate)
         self.rate_reader = RangeRateReader(settings.ranging, self.ranging, noise, speed)
         self.ranges: list[ReceivedRange] = []
@@ -79,8 +87,11 @@ class PreflightListener:
         """Pairs (our time, time since boot), s, by number of reboots so far."""
         self._text_reader = TextReader()
 
-    def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
-        """Process a datagram (or chunk of a stream) that arrived at `now` from `source` on a link."""
+    def receive(
+        self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE
+    ) -> None:
+        """Process a datagram (or chunk of a stream) that arrived at `now` from `source` on a
+        link."""
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
                 self._take_telemetry(message, now)
@@ -97,7 +108,8 @@ class PreflightListener:
         if self.session.up:
             messages += self._questions(now)
         if self._over(now):
-            self.done, self.end = True, now
+            self.done = True
+            self.end = now
             messages += self.session.farewell() if self.session.up else []
         return b"".join(map(self.session.encode, messages))
 
@@ -105,7 +117,8 @@ class PreflightListener:
         """Return the frames for a separate ranging link."""
         return b"" if self.done else self.connection.hello(now)
 
-    # --- received data, once done -----------------------------------------------------------------------------------
+    # --- received data, once done
+    # ------------------------------------------------------------
 
     @property
     def seconds(self) -> float:
@@ -116,12 +129,14 @@ class PreflightListener:
     def streams(self) -> Mapping[int, tuple[float, float]]:
         """Requested and measured rate of each stream, message id -> (requested, measured), Hz."""
         wanted = {**self.session.adapter.firmware.streams, **self.connection.more_streams}
-        return {id: (rate, self._counted[id] / max(self.seconds, TICK)) for id, rate in wanted.items()}
+        return {
+            id: (rate, self._counted[id] / max(self.seconds, TICK)) for id, rate in wanted.items()
+        }
 
     @property
     def boot(self) -> Span | None:
-        """Pairs (our time, time since boot), s, of the least delayed messages in the first and in the last third of the
-        measurement."""
+        """Pairs (our time, time since boot), s, of the least delayed messages in the first and in
+        the last third of the measurement."""
         return quick_span(self._boots[self.session.vehicle.reboots])
 
     @property
@@ -129,7 +144,8 @@ class PreflightListener:
         """Parameters received from the vehicle."""
         return self._parameters.values if self._parameters else {}
 
-    # --- while listening --------------------------------------------------------------------------------------------
+    # --- while listening
+    # ------------------------------------------------------------
 
     def _settled(self, now: float) -> bool:
         return self._found is not None and now - self._found >= SETTLE
@@ -145,14 +161,16 @@ class PreflightListener:
     def _questions(self, now: float) -> list[Message]:
         """Return the parameter requests that are due."""
         if self._parameters is None:
-            adapter, self._found = self.session.adapter, now
+            adapter = self.session.adapter
+            self._found = now
             names = [name for rule in adapter.parameters for name, _ in rule.names]
             self._parameters = ParameterReader(names, bytewise=adapter.firmware.bytewise)
         return self._parameters.poll(self.session.vehicle_ids, now)
 
     def _take_telemetry(self, message: Message, now: float) -> None:
         """Process a message of the vehicle, after the session has processed it."""
-        session, type_ = self.session, message.get_type()
+        session = self.session
+        type_ = message.get_type()
         session.motion.receive(message, now)
         self.height.receive(message, session.motion.at(now).altitude, now)
         if type_ == "HEARTBEAT":
@@ -168,7 +186,10 @@ class PreflightListener:
         if self._settled(now):
             self._counted[message.get_msgId()] += 1
             boot_time = session.vehicle.boot.newest
-            if type_ in ("ATTITUDE", "ATTITUDE_QUATERNION", "SYSTEM_TIME") and boot_time is not None:
+            if (
+                type_ in ("ATTITUDE", "ATTITUDE_QUATERNION", "SYSTEM_TIME")
+                and boot_time is not None
+            ):
                 self._boots[session.vehicle.reboots].append((now, boot_time))
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
@@ -181,11 +202,17 @@ class PreflightListener:
         words = ", ".join(f"{mark} {plain_text(str(value))}" for mark, value in marks.items())
         self.carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {words}"] += 1
         peer = None if self._settings.ranging_apart else self.session.peer
-        sample = self.ranging.read(message, now, source=source, vehicle=peer.source if peer else None)
+        sample = self.ranging.read(
+            message, now, source=source, vehicle=peer.source if peer else None
+        )
         if self.ranging.rival is not None and self.ranging.trusted is not None:
-            self.session.identity.second_senders.received(RADIO_NAME, self.ranging.rival, self.ranging.trusted, now)
+            self.session.identity.second_senders.received(
+                RADIO_NAME, self.ranging.rival, self.ranging.trusted, now
+            )
         if sample is None:
             return
         self.rate_reader.range_taken(sample)
         if self._settled(now):
-            self.ranges.append(ReceivedRange(sample.stamp, sample.time, now, sample.r, sample.sigma))
+            self.ranges.append(
+                ReceivedRange(sample.stamp, sample.time, now, sample.r, sample.sigma)
+            )

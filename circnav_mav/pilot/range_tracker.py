@@ -19,38 +19,46 @@ from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.settings import PilotSettings
 
 FRESH = 0.6
-"""Age of a range, as a share of `stale`, below which steering resumes at once after ranges were stale."""
+"""Age of a range, as a share of `stale`, below which steering resumes at once after ranges were
+stale."""
 CALM = 1.0
-"""Time, s, without stale ranges after which steering resumes even if the range is older than FRESH. Without this wait,
-ranges with ages near `stale` would start and stop steering again and again."""
+"""Time, s, without stale ranges after which steering resumes even if the range is older than FRESH.
+Without this wait, ranges with ages near `stale` would start and stop steering again and again."""
 THINNED = 0.75
-"""Least time between two ranges added to the estimator, in ticks. Ranges in between are merged. Each added range causes
-a setpoint and takes 1 to 2 ms of processor time."""
+"""Least time between two ranges added to the estimator, in ticks. Ranges in between are merged.
+Each added range causes a setpoint and takes 1 to 2 ms of processor time."""
 MOST_MERGED = 1000
 """Largest number of ranges that are merged into one range."""
 MOST_AT_ONCE = 64
 """Number of newest ranges kept: as many as one datagram of a slow link may hold."""
 JUMP = 0.5
-"""Smallest jump of the range, as a share of the radius, that is rejected. Noise of this size is rejected, too."""
+"""Smallest jump of the range, as a share of the radius, that is rejected. Noise of this size is
+rejected, too."""
 CLOSING = 2.0
-"""Largest change of the range per time, in units of the vehicle's speed V: wind and target motion add to V."""
+"""Largest change of the range per time, in units of the vehicle's speed V: wind and target motion
+add to V."""
 JUMPED_FOR = 1.0
 """Time, s, after which a jump of the ranges is reported. Outliers are shorter."""
 
 
 class RangeTracker:
-    """Reads ranges and updates the estimator. fresh: True if a range was added since the newest step."""
+    """Reads ranges and updates the estimator. fresh: True if a range was added since the newest
+    step."""
 
     def __init__(self, settings: PilotSettings, session: Session) -> None:
         self._session = session
-        self._apart, self._stale = settings.ranging_apart, settings.timing.stale
-        speed, max_turn_rate = settings.orbit.speed, settings.orbit.max_turn_rate
+        self._apart = settings.ranging_apart
+        self._stale = settings.timing.stale
+        speed = settings.orbit.speed
+        max_turn_rate = settings.orbit.max_turn_rate
         self.noise = NoiseCheck.of_ranges(speed, max_turn_rate)
         self._needs_altitude = settings.height.needs_altitude
         self.height = Height(settings.height)
         slower = no_link_delay if self._apart else session.timesync.slower
         self.ranging = RangeReader(settings.ranging, self.noise, slower)
-        self.rates = RangeRateReader(settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed)
+        self.rates = RangeRateReader(
+            settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed
+        )
         self.estimator = ESTIMATORS[settings.estimator](settings.tuning.estimation)
         self._thinning = Thinning(THINNED * settings.timing.tick)
         self.jumps = JumpGate(speed, JUMP * settings.orbit.radius)
@@ -64,18 +72,25 @@ class RangeTracker:
         self.accepted = 0
         self._stale_at = float("-inf")
 
-    def receive(self, message: Message, now: float, source: Hashable, *, stalled: bool, begun: bool) -> bool:
+    def receive(
+        self, message: Message, now: float, source: Hashable, *, stalled: bool, begun: bool
+    ) -> bool:
         """Process a message that may be a range. Return True if the estimator accepted it.
 
-        source: address of the sender. stalled: True if the message may date from a gap between steps, so that its age
-        is unknown. begun: True after the first engagement. Before it, the delay of a slow link does not reject ranges,
-        because the engagement waits for a shorter round trip.
+        source: address of the sender. stalled: True if the message may date from a gap between
+        steps, so that its age is unknown. begun: True after the first engagement. Before it, the
+        delay of a slow link does not reject ranges, because the engagement waits for a shorter
+        round trip.
         """
-        height, identity = self.height.at(now), self._session.identity
+        height = self.height.at(now)
+        identity = self._session.identity
         peer = None if self._apart else identity.peer
         if self.rates.carries(message):
-            rate, before = self.rates.read(message, now, height=height, source=source), self.newest_rate
-            apart = rate is None or before is None or rate.time - before.time >= self._thinning.period
+            rate = self.rates.read(message, now, height=height, source=source)
+            before = self.newest_rate
+            apart = (
+                rate is None or before is None or rate.time - before.time >= self._thinning.period
+            )
             if rate is not None and not stalled and apart:
                 self.newest_rate = rate
                 self.estimator.observe_rate(rate)
@@ -90,12 +105,16 @@ class RangeTracker:
             vehicle=peer.source if peer else None,
         )
         if self.ranging.rival is not None and self.ranging.trusted is not None:
-            identity.second_senders.received(RADIO_NAME, self.ranging.rival, self.ranging.trusted, now)
+            identity.second_senders.received(
+                RADIO_NAME, self.ranging.rival, self.ranging.trusted, now
+            )
         if self.ranging.restarted:
             self.estimator.restamp()
             self._thinning.reset()
         if self.ranging.stepped:
-            self._session.announcer.say("clock", f"sensor clock stalled {self.ranging.stepped:.1f} s")
+            self._session.announcer.say(
+                "clock", f"sensor clock stalled {self.ranging.stepped:.1f} s"
+            )
         if sample is None:
             return False
         if stalled:
@@ -114,18 +133,23 @@ class RangeTracker:
             self.ranging.reject(Reject.GATED, count)
             return False
         self.accepted += count
-        self.newest, self.fresh = sample, True
+        self.newest = sample
+        self.fresh = True
         self.recent.append(sample)
         return True
 
     def _reference(self) -> RangeSample | None:
-        """Return the newest accepted range with the median of the newest three as its value, or None unless steering.
+        """Return the newest accepted range with the median of the newest three as its value, or
+        None unless steering.
 
-        One of the three may be an outlier. Ranges from before an outage are not used: the vehicle has moved since.
+        One of the three may be an outlier. Ranges from before an outage are not used: the vehicle
+        has moved since.
         """
         if not self.ranging.moving or self.newest is None:
             return None
-        lately = [one.r for one in list(self.recent)[-3:] if self.newest.time - one.time <= JUMPED_FOR]
+        lately = [
+            one.r for one in list(self.recent)[-3:] if self.newest.time - one.time <= JUMPED_FOR
+        ]
         return self.newest._replace(r=median(lately))
 
     @property
@@ -145,17 +169,20 @@ class RangeTracker:
         return None if rate is None or now - rate.time > self._stale + SAME_TIME else rate.r_dot
 
     def good(self, estimate: RangeEstimate | None, now: float, *, holding: bool) -> bool:
-        """True if the current estimate may steer: the estimator is ready and the newest range is not stale.
+        """True if the current estimate may steer: the estimator is ready and the newest range is
+        not stale.
 
-        holding: True while steering is suspended. To resume, the range must be clearly fresh, or no range may have been
-        stale for a while.
+        holding: True while steering is suspended. To resume, the range must be clearly fresh, or no
+        range may have been stale for a while.
         """
         age = self.age(now)
         if age is None or age > self._stale + SAME_TIME:
             self._stale_at = now
             return False
         fresh = not holding or age <= FRESH * self._stale or now - self._stale_at > CALM
-        return self.estimator.ready and estimate is not None and fresh and self.ranging.one_source(now)
+        return (
+            self.estimator.ready and estimate is not None and fresh and self.ranging.one_source(now)
+        )
 
     def age(self, now: float) -> float | None:
         """Return the time since the newest range was measured, s, or None without a range."""
@@ -163,16 +190,19 @@ class RangeTracker:
 
 
 class JumpGate:
-    """Rejects ranges that jump farther than the vehicle can have flown, and ranges that continue from a rejected one.
+    """Rejects ranges that jump farther than the vehicle can have flown, and ranges that continue
+    from a rejected one.
 
-    A radio sends such a series if it changes its unit, ranges to another anchor or reaches its limit. The estimator
-    would accept the series after a second, and the vehicle would follow it off its circle. A rejected series
-    counts as missing ranges: the circle's turn rate is held until the ranges jump back or the flight ends.
+    A radio sends such a series if it changes its unit, ranges to another anchor or reaches its
+    limit. The estimator would accept the series after a second, and the vehicle would follow it off
+    its circle. A rejected series counts as missing ranges: the circle's turn rate is held until the
+    ranges jump back or the flight ends.
     """
 
     def __init__(self, speed: float, least: float) -> None:
         """speed: V, m/s. least: smallest jump that is rejected, m."""
-        self._speed, self._least = CLOSING * speed, least
+        self._speed = CLOSING * speed
+        self._least = least
         self._first: RangeSample | None = None
         self._newest: RangeSample | None = None
         self._by = 0.0
@@ -180,15 +210,17 @@ class JumpGate:
     @property
     def found(self) -> float:
         """Jump of the ranges, m, once it has lasted for JUMPED_FOR, else 0."""
-        first, newest = self._first, self._newest
+        first = self._first
+        newest = self._newest
         lasts = first is not None and newest is not None and newest.time - first.time >= JUMPED_FOR
         return self._by if lasts else 0.0
 
     def rejects(self, sample: RangeSample, accepted: RangeSample | None) -> bool:
-        """Return True if a range is rejected. accepted: newest accepted range to compare with, or None."""
+        """Return True if a range is rejected. accepted: newest accepted range to compare with, or
+        None."""
         before = self._newest
-        # The distance that the vehicle can have flown grows with time until it covers the jump. While ranges continue
-        # from a rejected one, this does not make them acceptable.
+        # The distance that the vehicle can have flown grows with time until it covers the jump.
+        # While ranges continue from a rejected one, this does not make them acceptable.
         goes_on = before is not None and self._gap(sample, before) <= self._least / 2
         if (
             accepted is None
@@ -198,17 +230,19 @@ class JumpGate:
             self._first = self._newest = None
             return False
         self._first = self._first or sample
-        self._newest, self._by = sample, sample.r - accepted.r
+        self._newest = sample
+        self._by = sample.r - accepted.r
         return True
 
     def _gap(self, sample: RangeSample, before: RangeSample) -> float:
-        """Return the difference of two ranges beyond the distance that the vehicle can have flown in between, m."""
+        """Return the difference of two ranges beyond the distance that the vehicle can have flown
+        in between, m."""
         return abs(sample.r - before.r) - self._speed * max(sample.time - before.time, 0.0)
 
 
 class Thinning:
-    """Merges ranges that arrive faster than estimator and vehicle need them. A range that arrives a period or more
-    after the last one passes unchanged and without delay."""
+    """Merges ranges that arrive faster than estimator and vehicle need them. A range that arrives a
+    period or more after the last one passes unchanged and without delay."""
 
     def __init__(self, period: float) -> None:
         """period: least time between two ranges that pass, s."""
@@ -218,26 +252,35 @@ class Thinning:
 
     def reset(self) -> None:
         """Drop the held ranges, because the sensor's clock has changed."""
-        self._held, self._passed_at = [], float("-inf")
+        self._held = []
+        self._passed_at = float("-inf")
 
     def take(self, sample: RangeSample) -> tuple[RangeSample, int] | None:
-        """Return the merged range and the number of ranges that it replaces, or None while ranges are held.
+        """Return the merged range and the number of ranges that it replaces, or None while ranges
+        are held.
 
-        Periods are counted by the times of measurement, so that ranges of a slow radio remain separate if a link
-        delivers several at once.
+        Periods are counted by the times of measurement, so that ranges of a slow radio remain
+        separate if a link delivers several at once.
         """
         self._held.append(sample)
-        if 0 <= sample.time - self._passed_at < self.period - SAME_TIME and len(self._held) < MOST_MERGED:
+        if (
+            0 <= sample.time - self._passed_at < self.period - SAME_TIME
+            and len(self._held) < MOST_MERGED
+        ):
             return None
         # drop ranges held since before a silence of the radio
         held = [one for one in self._held if sample.time - one.time <= self.period]
-        count, self._held, self._passed_at = len(self._held), [], sample.time
+        count = len(self._held)
+        self._held = []
+        self._passed_at = sample.time
         if len(held) == 1:
             return sample, count
-        # The median rejects outliers, which the estimator's gate cannot detect after merging. Its time is halfway
-        # between first and last, because the range changes in between. The standard deviation of a median of n is
-        # sqrt(pi/2n) sigma.
-        first, r = held[0], median(one.r for one in held)
+        # The median rejects outliers, which the estimator's gate cannot detect after merging. Its
+        # time is halfway between first and last, because the range changes in between. The standard
+        # deviation of a median of n is sqrt(pi/2n) sigma.
+        first = held[0]
+        r = median(one.r for one in held)
         sigma = median(one.sigma for one in held) * min(sqrt(pi / 2 / len(held)), 1.0)
-        stamp, time = (first.stamp + sample.stamp) / 2, (first.time + sample.time) / 2
+        stamp = (first.stamp + sample.stamp) / 2
+        time = (first.time + sample.time) / 2
         return sample._replace(stamp=stamp, time=time, r=r, sigma=sigma), count

@@ -8,8 +8,8 @@ RATE_SPAN = 3.0
 
 
 class Rates(NamedTuple):
-    """Frames received, ranges accepted, ranges rejected without an alarm of their own, and setpoints sent, per
-    second."""
+    """Frames received, ranges accepted, ranges rejected without an alarm of their own, and
+    setpoints sent, per second."""
 
     frames: float
     taken: float
@@ -25,8 +25,9 @@ class Rates(NamedTuple):
 class RateMeter:
     """Converts counts to rates.
 
-    newest: rates since the oldest kept count, None before the second count. whole: these rates, but None until they
-    cover `RATE_SPAN`. while_steering: these rates, but None until the vehicle was steered for `RATE_SPAN`.
+    newest: rates since the oldest kept count, None before the second count. whole: these rates, but
+    None until they cover `RATE_SPAN`. while_steering: these rates, but None until the vehicle was
+    steered for `RATE_SPAN`.
     """
 
     def __init__(self) -> None:
@@ -45,6 +46,8 @@ class RateMeter:
         then, before, _ = kept[0]
         span = now - then
         if span > 0:
-            self.newest = Rates(*((count - earlier) / span for count, earlier in zip(counts, before, strict=True)))
+            self.newest = Rates(
+                *((count - earlier) / span for count, earlier in zip(counts, before, strict=True))
+            )
         self.whole = self.newest if span >= RATE_SPAN else None
         self.while_steering = self.whole if all(steered for *_, steered in kept) else None

@@ -15,18 +15,20 @@ _WOULD = {Phase.ENGAGED: "would steer", Phase.HOLDING: "would hold"}
 
 
 def phase_name(phase: Phase, output_mode: OutputMode) -> str:
-    """Return the human-readable phase: "would steer" instead of "engaged" if no setpoints are sent."""
+    """Return the human-readable phase: "would steer" instead of "engaged" if no setpoints are
+    sent."""
     return phase.value if output_mode is OutputMode.FLY else _WOULD.get(phase, phase.value)
 
 
 class TickRecord(NamedTuple):
     """One step, for the log and the display. None means "unknown" or "not sent".
 
-    Turn rates are the paper's (counterclockwise positive) except yaw_rate_sent, which is MAVLink's. turn_gain,
-    turn_delay (s): response of the vehicle to turn commands. gain_share: share of the gains left after an oscillation.
-    law: law in use. x to airspeed_scale: relative motion if estimated (vehicle minus target, m; wind minus target
-    velocity, m/s; paper's frame). felt: weight of the measured accelerations in this estimate, 0 to 1. height: above
-    the target, m, used to convert slant ranges. measured_rate: newest accepted range rate of the radio, m/s. desired:
+    Turn rates are the paper's (counterclockwise positive) except yaw_rate_sent, which is MAVLink's.
+    turn_gain, turn_delay (s): response of the vehicle to turn commands. gain_share: share of the
+    gains left after an oscillation. law: law in use. x to airspeed_scale: relative motion if
+    estimated (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). felt:
+    weight of the measured accelerations in this estimate, 0 to 1. height: above the target, m, used
+    to convert slant ranges. measured_rate: newest accepted range rate of the radio, m/s. desired:
     radius of the circle flown now, m.
     """
 
@@ -65,24 +67,43 @@ class TickRecord(NamedTuple):
     desired: float | None = None
 
 
-def plot_values(orbit: Orbit, estimate: RangeEstimate | None, command: TurnCommand | None) -> dict[str, float]:
-    """Return NAMED_VALUE_FLOAT names and values: range, range rate, error, yaw rate (clockwise positive)."""
+def plot_values(
+    orbit: Orbit, estimate: RangeEstimate | None, command: TurnCommand | None
+) -> dict[str, float]:
+    """Return NAMED_VALUE_FLOAT names and values: range, range rate, error, yaw rate (clockwise
+    positive)."""
     if estimate is None:
         return {}
     yaw_rate = yaw_rate_from_turn_rate(command.turn_rate) if command else 0.0
     return {
-        "CN_RNG": estimate.r, "CN_RRATE": estimate.r_dot, "CN_ERR": estimate.r - orbit.radius, "CN_YRATE": yaw_rate
-    }  # fmt: skip
+        "CN_RNG": estimate.r,
+        "CN_RRATE": estimate.r_dot,
+        "CN_ERR": estimate.r - orbit.radius,
+        "CN_YRATE": yaw_rate,
+    }
 
 
 def tick_record(
-    now: float, phase: Phase, estimate: RangeEstimate | None, command: TurnCommand | None, sent: YawRate | None, *,
-    desired: float, session: Session, tracker: RangeTracker, controller: Controller, law: str,
-) -> TickRecord:  # fmt: skip
-    """Return the record of a step. sent: yaw rate in its setpoint, or None. desired: radius, m. law: chosen
-    law."""
-    link_age, motion, newest = session.heartbeat_age(now), session.motion.at(now), tracker.newest
-    where = estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
+    now: float,
+    phase: Phase,
+    estimate: RangeEstimate | None,
+    command: TurnCommand | None,
+    sent: YawRate | None,
+    *,
+    desired: float,
+    session: Session,
+    tracker: RangeTracker,
+    controller: Controller,
+    law: str,
+) -> TickRecord:
+    """Return the record of a step. sent: yaw rate in its setpoint, or None. desired: radius, m.
+    law: chosen law."""
+    link_age = session.heartbeat_age(now)
+    motion = session.motion.at(now)
+    newest = tracker.newest
+    where = (
+        estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
+    )
     return TickRecord(
         time=now,
         phase=phase,

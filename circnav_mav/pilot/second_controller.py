@@ -1,5 +1,5 @@
-"""Evidence that another program also steers the vehicle: setpoints that the vehicle reports and we did not send, and
-answers to commands that we did not send."""
+"""Evidence that another program also steers the vehicle: setpoints that the vehicle reports and we
+did not send, and answers to commands that we did not send."""
 
 from collections import deque
 from math import degrees
@@ -10,24 +10,30 @@ from circnav_mav.mav.session import Session
 from circnav_mav.pilot.mission_state import MissionState
 
 UPLINK_SILENT = 3.0
-"""Time without an answer to TIMESYNC, s, after which the vehicle may lack our setpoints and fly its own setpoints."""
+"""Time without an answer to TIMESYNC, s, after which the vehicle may lack our setpoints and fly its
+own setpoints."""
 KEPT = 3.0
-"""Time, s, in addition to the round trip, for which the vehicle may still report a sent setpoint. In a shorter,
-unnoticed outage of the uplink, the vehicle flies the last setpoint that it received."""
+"""Time, s, in addition to the round trip, for which the vehicle may still report a sent setpoint.
+In a shorter, unnoticed outage of the uplink, the vehicle flies the last setpoint that it
+received."""
 GAP = 0.5
 """Time without a setpoint, s, after which the next setpoint starts a new stream."""
 SETTLED = 2.0
-"""Time since the start of a stream, s, after which the vehicle is expected to report its setpoints."""
-SLACK, SHARE = 0.03, 0.1
-"""Tolerated difference of a reported turn: rad/s or rad, plus a share of the sent turn. Autopilots report turns with a
-resolution of 0.001."""
-MANY, WITHIN = 4, 5.0
-"""Number of differing reports that count as evidence, and time, s, within which these reports must arrive."""
+"""Time since the start of a stream, s, after which the vehicle is expected to report its
+setpoints."""
+SLACK = 0.03
+SHARE = 0.1
+"""Tolerated difference of a reported turn: rad/s or rad, plus a share of the sent turn. Autopilots
+report turns with a resolution of 0.001."""
+MANY = 4
+WITHIN = 5.0
+"""Number of differing reports that count as evidence, and time, s, within which these reports must
+arrive."""
 
 
 class EchoWatch:
-    """Detects reported turns outside the range of the turns sent recently. Turns are yaw rates (rad/s) or banks (rad),
-    right positive."""
+    """Detects reported turns outside the range of the turns sent recently. Turns are yaw rates
+    (rad/s) or banks (rad), right positive."""
 
     def __init__(self) -> None:
         self._sent: deque[tuple[float, float]] = deque()
@@ -43,12 +49,17 @@ class EchoWatch:
         self._sent.append((now, turn))
 
     def reported(self, turn: float | None, now: float, round_trip: float, *, limited: bool) -> None:
-        """Record the turn in a report of the flown setpoint, None if the setpoint has no turn. limited: True if the
-        autopilot may reduce setpoints (banks). Any reported turn between 0 and the sent turn may then be ours."""
+        """Record the turn in a report of the flown setpoint, None if the setpoint has no turn.
+        limited: True if the autopilot may reduce setpoints (banks). Any reported turn between 0 and
+        the sent turn may then be ours."""
         oldest = now - KEPT - round_trip
         while len(self._sent) > 1 and self._sent[1][0] <= oldest:
             self._sent.popleft()
-        if not self._sent or now - self._sent[-1][0] > GAP or now - self._since < SETTLED + round_trip:
+        if (
+            not self._sent
+            or now - self._sent[-1][0] > GAP
+            or now - self._since < SETTLED + round_trip
+        ):
             return
         turns = [one for _, one in self._sent] + [0.0] * limited
         least, most = min(turns), max(turns)
@@ -57,18 +68,21 @@ class EchoWatch:
             self._others.append((now, turn, min(max(turn or 0.0, least), most)))
 
     def other(self, now: float) -> tuple[float | None, float] | None:
-        """Return the newest reported turn that was not sent (None for another kind of setpoint) and the nearest one
-        sent. Return None if too few reports differ."""
+        """Return the newest reported turn that was not sent (None for another kind of setpoint) and
+        the nearest one sent. Return None if too few reports differ."""
         if len(self._others) < MANY or now - self._others[0][0] > WITHIN:
             return None
         return self._others[-1][1:]
 
 
 class SecondController:
-    """Compares the setpoints that the vehicle reports, and the commands that it acknowledges, with the sent ones."""
+    """Compares the setpoints that the vehicle reports, and the commands that it acknowledges, with
+    the sent ones."""
 
     def __init__(self, session: Session, mission: MissionState) -> None:
-        self._session, self._mission, self._echo = session, mission, EchoWatch()
+        self._session = session
+        self._mission = mission
+        self._echo = EchoWatch()
 
     def sent(self, message: Message, now: float) -> None:
         """Record a setpoint that is sent now."""
@@ -76,19 +90,23 @@ class SecondController:
             self._echo.sent(turn, now)
 
     def receive(self, message: Message, now: float) -> None:
-        """Process a message of the vehicle. Reported setpoints are ignored while the vehicle does not answer TIMESYNC:
-        it may then lack our setpoints and fly setpoints of its own."""
-        adapter, timesync = self._session.adapter, self._session.timesync
+        """Process a message of the vehicle. Reported setpoints are ignored while the vehicle does
+        not answer TIMESYNC: it may then lack our setpoints and fly setpoints of its own."""
+        adapter = self._session.adapter
+        timesync = self._session.timesync
         if message.get_msgId() == adapter.echo and not timesync.silent(now, UPLINK_SILENT):
             self._echo.reported(turn_in(message), now, timesync.worst or 0.0, limited=adapter.banks)
 
     def evidence(self, now: float) -> str:
-        """Return the evidence that another program steers the vehicle, human-readable, or an empty string."""
+        """Return the evidence that another program steers the vehicle, human-readable, or an empty
+        string."""
         if self._session.commands.answered_unasked(now):
             return "the vehicle answers commands that were sent with our ids by another program"
         if not self._mission.steering or (turns := self._echo.other(now)) is None:
             return ""
         unit = "deg of bank" if self._session.adapter.banks else "deg/s"
         reported, sent = turns
-        flown = "another kind of setpoint" if reported is None else f"{degrees(reported):+.0f} {unit}"
+        flown = (
+            "another kind of setpoint" if reported is None else f"{degrees(reported):+.0f} {unit}"
+        )
         return f"the vehicle flies {flown}, commanded {degrees(sent):+.0f} {unit}"

@@ -1,4 +1,5 @@
-"""Texts for the operator: the condition that a mission waits for, and the reason why the mission ends."""
+"""Texts for the operator: the condition that a mission waits for, and the reason why the mission
+ends."""
 
 from dataclasses import dataclass
 
@@ -31,7 +32,11 @@ class StatusText:
         """Return the reason why the vehicle is not steered now, or an empty string."""
         phase = self.mission.phase
         if phase is Phase.WAIT_LINK:
-            rejected = self.connection.session.identity.second_senders.recent(now) if self.mission.begun else ()
+            rejected = (
+                self.connection.session.identity.second_senders.recent(now)
+                if self.mission.begun
+                else ()
+            )
             until = "until the rejected one reports its time since boot as expected"
             return "; ".join(f"{line} {until}" for line in rejected) or self._no_vehicle()
         if phase is Phase.WAIT_RANGING:
@@ -39,13 +44,18 @@ class StatusText:
         return self.authority.obstacle(now) if phase in (Phase.READY, Phase.YIELDED) else ""
 
     def overdue(self, now: float) -> Outcome | None:
-        """Return the outcome if the duration or a time limit of the mission has passed, else None."""
-        mission, timing, waited = self.mission, self.settings.timing, now - self.mission.since
+        """Return the outcome if the duration or a time limit of the mission has passed, else
+        None."""
+        mission = self.mission
+        timing = self.settings.timing
+        waited = now - self.mission.since
         if mission.engaged_at is not None and now - mission.engaged_at >= timing.duration:
             if mission.steering:
                 flown = "flown" if self.settings.output_mode is OutputMode.FLY else "dry run"
                 return Outcome(Ending.COMPLETED, f"{flown} to its end")
-            return Outcome(Ending.ABORTED, f"time ran out while {mission.phase.value}{self._what_is_gone(now)}")
+            return Outcome(
+                Ending.ABORTED, f"time ran out while {mission.phase.value}{self._what_is_gone(now)}"
+            )
         if mission.phase is Phase.HOLDING and waited > mission.hold:
             return Outcome(Ending.ABORTED, self._why_held(now))
         if mission.lost_at is not None and now - mission.lost_at > timing.outage:
@@ -58,27 +68,36 @@ class StatusText:
             return Outcome(Ending.NOTHING_RECEIVED, self._not_ready(now))
         return None
 
-    # --- missing data -----------------------------------------------------------------------------------------------
+    # --- missing data
+    # ------------------------------------------------------------
 
     def _no_vehicle(self) -> str:
         """Return a text about why no vehicle of the mission was found."""
         session = self.connection.session
         if session.up and session.vehicle.unproven:
-            return "the vehicle's identity is not confirmed: no boot time yet (ATTITUDE, SYSTEM_TIME)"
+            return (
+                "the vehicle's identity is not confirmed: no boot time yet (ATTITUDE, SYSTEM_TIME)"
+            )
         if session.misfits:
             return "; ".join(session.misfits.values())
         return f"no autopilot heartbeat, {self.connection.counts[VEHICLE].describe()}"
 
     def _not_ready(self, now: float) -> str:
         """Return a text about missing ranging or missing required telemetry."""
-        tracker, missing = self.tracker, unreported(self.connection.session, now)
+        tracker = self.tracker
+        missing = unreported(self.connection.session, now)
         if not missing and (unknown := tracker.height.why_unknown(now)):
             return unknown
-        age, ready = tracker.age(now), tracker.estimator.ready
+        age = tracker.age(now)
+        ready = tracker.estimator.ready
         if not ready and not missing and age is not None and age <= self.settings.timing.stale:
             name = self.settings.estimator
-            needs = _NEEDS.get(name, "; this estimator first needs the vehicle's motion (estimator auto does not)")
-            return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
+            needs = _NEEDS.get(
+                name, "; this estimator first needs the vehicle's motion (estimator auto does not)"
+            )
+            return (
+                f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
+            )
         if ready and missing:
             return missing
         sources = tracker.ranging.sources
@@ -86,29 +105,44 @@ class StatusText:
             return choice
         if ready and not sources.listened(now):
             return "checking for a second range source"
-        wanted, rejected = RANGING_MESSAGES[self.settings.ranging.message], tracker.ranging.rejected
+        wanted = RANGING_MESSAGES[self.settings.ranging.message]
+        rejected = tracker.ranging.rejected
         received = self.connection.counts[self.connection.ranging_link].describe()
         others = f"; {found}" if (found := sources.others(now)) else ""
-        words = f"rejected: {describe_rejected(rejected)}; {received}{denied(self.connection.session)}{others}"
+        words = (
+            f"rejected: {describe_rejected(rejected)};"
+            f" {received}{denied(self.connection.session)}{others}"
+        )
         return f"no ranging: no usable {wanted.type}, {words}"
 
-    # --- lost data --------------------------------------------------------------------------------------------------
+    # --- lost data
+    # ------------------------------------------------------------
 
     def _why_held(self, now: float) -> str:
         """Return the reason why no range could be used while holding."""
-        tracker, waited, age = self.tracker, now - self.mission.since, self.tracker.age(now)
-        if tracker.estimator.ready and age is not None and FRESH * self.settings.timing.stale < age < waited:
+        tracker = self.tracker
+        waited = now - self.mission.since
+        age = self.tracker.age(now)
+        if (
+            tracker.estimator.ready
+            and age is not None
+            and FRESH * self.settings.timing.stale < age < waited
+        ):
             return f"no fresh range for {waited:.1f} s, the newest is {age:.2f} s old"
         if tracker.ranging.clock.doubted:
             return f"no range for {waited:.1f} s: all ranges rejected, the sensor clock stepped"
         if tracker.one_way > self.settings.timing.stale:
-            return f"no range for {waited:.1f} s: all ranges rejected, the round trip takes {2 * tracker.one_way:.1f} s"
+            return (
+                f"no range for {waited:.1f} s: all ranges rejected, the round trip takes"
+                f" {2 * tracker.one_way:.1f} s"
+            )
         if jump := tracker.jumps.found:
             return f"no range for {waited:.1f} s: all ranges rejected, they jumped by {jump:+.0f} m"
         return f"no range for {waited:.1f} s"
 
     def _what_is_gone(self, now: float) -> str:
-        """Return a text about the lost data that the mission waits for when its duration ends, or an empty string."""
+        """Return a text about the lost data that the mission waits for when its duration ends, or
+        an empty string."""
         if self.mission.phase is Phase.WAIT_LINK:
             return f", no heartbeat for {self.connection.session.heartbeat_age(now):.0f} s"
         age = self.tracker.age(now) if self.mission.phase is Phase.WAIT_RANGING else None

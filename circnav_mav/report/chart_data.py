@@ -1,5 +1,5 @@
-"""Data of the charts of a run as JSON values: columns of samples, texts over time, alarms and the track. The charts
-themselves are defined in report/charts.js, shared with the live page."""
+"""Data of the charts of a run as JSON values: columns of samples, texts over time, alarms and the
+track. The charts themselves are defined in report/charts.js, shared with the live page."""
 
 import json
 from itertools import pairwise
@@ -18,23 +18,29 @@ GAP = 5.0
 """Gap between two samples at which a line is interrupted, as a multiple of the median step."""
 
 SAME_ALARM = 2.5
-"""Longest time between an alarm and its STATUSTEXT, s. At most one text of a kind is sent every 2 s."""
+"""Longest time between an alarm and its STATUSTEXT, s. At most one text of a kind is sent every 2
+s."""
 
 
 def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
-    """Return time and columns with NaN inserted in gaps of the samples, so that lines are interrupted there."""
+    """Return time and columns with NaN inserted in gaps of the samples, so that lines are
+    interrupted there."""
     steps = np.diff(time)
     rising = steps[steps > 0]
-    pauses = np.flatnonzero(steps > GAP * np.median(rising)) + 1 if len(rising) else np.array([], int)
+    pauses = (
+        np.flatnonzero(steps > GAP * np.median(rising)) + 1 if len(rising) else np.array([], int)
+    )
     if not len(pauses):
         return time, *columns
     middles = (time[pauses - 1] + time[pauses]) / 2
-    return np.insert(time, pauses, middles), *(np.insert(column, pauses, np.nan) for column in columns)
+    return np.insert(time, pauses, middles), *(
+        np.insert(column, pauses, np.nan) for column in columns
+    )
 
 
 def fresh(ticks: Ticks) -> NDArray[np.bool_]:
-    """Return a mask of the ticks with a new range, even if the range was rejected by its innovation. Other ticks repeat
-    the last range."""
+    """Return a mask of the ticks with a new range, even if the range was rejected by its
+    innovation. Other ticks repeat the last range."""
     nis = ticks.numbers["nis"]
     # A rejected range does not change the count of accepted ones, but it changes the innovation.
     judged = np.isfinite(nis) & (np.diff(nis, prepend=np.nan) != 0)
@@ -43,8 +49,8 @@ def fresh(ticks: Ticks) -> NDArray[np.bool_]:
 
 
 class Track(NamedTuple):
-    """Track of a vehicle. east, north: position relative to the target, m, NaN where unknown. true: True for the
-    simulator's truth, False for the estimate."""
+    """Track of a vehicle. east, north: position relative to the target, m, NaN where unknown. true:
+    True for the simulator's truth, False for the estimate."""
 
     time: Column
     east: Column
@@ -58,7 +64,8 @@ class Track(NamedTuple):
 
 
 def known_track(ticks: Ticks, truth: Truth | None) -> Track | None:
-    """Return the true track, else the estimated one. None if neither exists: ranges alone do not determine a track."""
+    """Return the true track, else the estimated one. None if neither exists: ranges alone do not
+    determine a track."""
     true = truth is not None and len(truth.time) > 1
     if truth is not None and true:
         places = truth.time, truth.east - truth.target_east, truth.north - truth.target_north
@@ -70,13 +77,13 @@ def known_track(ticks: Ticks, truth: Truth | None) -> Track | None:
 
 
 GAIN_OFF = 0.02
-"""Deviation of the turn gain from 1 above which the command of the steady circle is drawn beside its turn rate. Chosen:
-less is not visible."""
+"""Deviation of the turn gain from 1 above which the command of the steady circle is drawn beside
+its turn rate. Chosen: less is not visible."""
 
 
 def steady_command(ticks: Ticks, orbit: Orbit) -> Column | None:
-    """Return the command that turns the vehicle at the rate of the desired circle, rad/s. None if the vehicle turns as
-    commanded at the end of the flight, so that both are equal there."""
+    """Return the command that turns the vehicle at the rate of the desired circle, rad/s. None if
+    the vehicle turns as commanded at the end of the flight, so that both are equal there."""
     gain = ticks.numbers["turn_gain"]
     if not np.any(np.abs(gain[-1:] - 1) > GAIN_OFF):
         return None
@@ -85,28 +92,42 @@ def steady_command(ticks: Ticks, orbit: Orbit) -> Column | None:
 
 
 STRETCHES = 1500
-"""Number of stretches into which a long line is divided. Each is drawn by its smallest and largest value."""
+"""Number of stretches into which a long line is divided. Each is drawn by its smallest and largest
+value."""
 MOST_DOTS = 4000
-"""Maximum number of evenly spaced dots that are drawn in addition to the smallest and largest of each stretch."""
+"""Maximum number of evenly spaced dots that are drawn in addition to the smallest and largest of
+each stretch."""
 BINS = 240
 """Maximum number of bars of a chart. Each covers at least 1 s."""
 
 
-def chart_data(ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str, str], **flight: Any) -> dict[str, Any]:
-    """Return all data of the charts. names: display names of phases. flight: further values and words that charts.js
-    uses."""
+def chart_data(
+    ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str, str], **flight: Any
+) -> dict[str, Any]:
+    """Return all data of the charts. names: display names of phases. flight: further values and
+    words that charts.js uses."""
     span = (float(ticks.time[0]), float(ticks.time[-1]))
     phases = [names.get(phase, phase) for phase in ticks.words["phase"]]
     words = {"phase": phases, "vehicle mode": ticks.words["mode"], "law": ticks.words["law"]}
     track = known_track(ticks, truth)
     return {
-        "flight": flight | {"radius": orbit.radius, "tolerance": TOLERANCE * orbit.radius, "limit": orbit.max_turn_rate,
-                            "steady": orbit.steady_turn_rate, "radii": ticks.radii(orbit.radius)},
+        "flight": flight
+        | {
+            "radius": orbit.radius,
+            "tolerance": TOLERANCE * orbit.radius,
+            "limit": orbit.max_turn_rate,
+            "steady": orbit.steady_turn_rate,
+            "radii": ticks.radii(orbit.radius),
+        },
         "span": span,
-        "columns": {name: _plain(*column) for name, column in _columns(ticks, truth, orbit, span).items()},
-        "bands": {name: stretches(ticks.time, spans) for name, spans in words.items() if set(spans) - {""}},
+        "columns": {
+            name: _plain(*column) for name, column in _columns(ticks, truth, orbit, span).items()
+        },
+        "bands": {
+            name: stretches(ticks.time, spans) for name, spans in words.items() if set(spans) - {""}
+        },
         "ways": [] if track is None else [_way(track)],
-    }  # fmt: skip
+    }
 
 
 def as_script(data: dict[str, Any]) -> str:
@@ -115,25 +136,41 @@ def as_script(data: dict[str, Any]) -> str:
 
 
 def alarms(happened: list[Event]) -> list[tuple[float, str]]:
-    """Return (time, text) of severe events, without the STATUSTEXT that circnav sent for a listed alarm."""
+    """Return (time, text) of severe events, without the STATUSTEXT that circnav sent for a listed
+    alarm."""
     severe = [event for event in happened if event.severe]
     begun = np.array([event.time for event in severe if event.kind == ALARM])
-    again = [event.kind == OURS and bool(np.any(np.abs(begun - event.time) < SAME_ALARM)) for event in severe]
-    return [(event.time, event.text) for event, is_repeat in zip(severe, again, strict=True) if not is_repeat]
+    again = [
+        event.kind == OURS and bool(np.any(np.abs(begun - event.time) < SAME_ALARM))
+        for event in severe
+    ]
+    return [
+        (event.time, event.text)
+        for event, is_repeat in zip(severe, again, strict=True)
+        if not is_repeat
+    ]
 
 
 def stretches(time: Column, words: list[str]) -> list[tuple[float, float, str]]:
     """Return runs of equal words as (from, to, word), times in s."""
     begins = [at for at, word in enumerate(words) if at == 0 or word != words[at - 1]]
-    return [(float(time[begin]), float(time[end]), words[begin]) for begin, end in pairwise([*begins, len(words) - 1])]
+    return [
+        (float(time[begin]), float(time[end]), words[begin])
+        for begin, end in pairwise([*begins, len(words) - 1])
+    ]
 
 
 def _columns(
     ticks: Ticks, truth: Truth | None, orbit: Orbit, span: tuple[float, float]
 ) -> dict[str, tuple[Column, Column]]:
     """Return time and values of each drawn column, by name."""
-    numbers, time, new = ticks.numbers, ticks.time, fresh(ticks)
-    found = {name: _line(time, numbers[name]) for name in ("r", "r_dot", "turn_rate", "heading", "drift_x", "drift_y")}
+    numbers = ticks.numbers
+    time = ticks.time
+    new = fresh(ticks)
+    found = {
+        name: _line(time, numbers[name])
+        for name in ("r", "r_dot", "turn_rate", "heading", "drift_x", "drift_y")
+    }
     desired = ticks.desired(nan)
     changed = desired != np.append(nan, desired[:-1])
     found["desired"] = time[changed], desired[changed]
@@ -143,7 +180,8 @@ def _columns(
     found["innovation"] = _dots(time[new], np.sqrt(numbers["nis"][new]))
     found |= {name: _rate(time, numbers[name], span) for name in ("accepted", "rejected")}
     if truth is None:
-        received, measured = time[new], numbers["measured"][new]
+        received = time[new]
+        measured = numbers["measured"][new]
         before = np.searchsorted(received, received - 1.0)  # about a second
         with np.errstate(invalid="ignore", divide="ignore"):
             rate = (measured - measured[before]) / (received - received[before])
@@ -152,11 +190,15 @@ def _columns(
     if rising.sum() > 1:
         rate = np.gradient(truth.radius[rising], truth.sim_time[rising])
         found["true_r_dot"] = _line(truth.time[rising], rate)
-    return found | {"true_r": _line(truth.time, truth.radius), "true_turn": _line(truth.time, -truth.turn_rate)}
+    return found | {
+        "true_r": _line(truth.time, truth.radius),
+        "true_turn": _line(truth.time, -truth.turn_rate),
+    }
 
 
 def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Column, Column]:
-    """Return the growth of a count per second in equal bins, with a final NaN that ends the last bin."""
+    """Return the growth of a count per second in equal bins, with a final NaN that ends the last
+    bin."""
     bins = int(min(BINS, max(1, span[1] - span[0])))
     grown = np.clip(np.nan_to_num(np.diff(counted, prepend=0.0)), 0, None)
     heights, edges = np.histogram(time, bins=bins, range=span, weights=grown)
@@ -164,7 +206,8 @@ def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Col
 
 
 def peaks(values: Column, stretches: int = STRETCHES) -> NDArray[np.intp]:
-    """Return the indices of at most two samples per stretch, which preserve every peak, and one per gap."""
+    """Return the indices of at most two samples per stretch, which preserve every peak, and one per
+    gap."""
     if len(values) <= 2 * stretches:
         return np.arange(len(values))
     keep: list[int] = []
@@ -172,7 +215,10 @@ def peaks(values: Column, stretches: int = STRETCHES) -> NDArray[np.intp]:
         part = values[begin:end]
         known = np.flatnonzero(np.isfinite(part))
         if len(known):
-            keep += [begin + int(known[part[known].argmin()]), begin + int(known[part[known].argmax()])]
+            keep += [
+                begin + int(known[part[known].argmin()]),
+                begin + int(known[part[known].argmax()]),
+            ]
         if len(known) < len(part):
             keep.append(begin + int(np.flatnonzero(~np.isfinite(part))[-1]))
     return np.unique(keep)
@@ -187,7 +233,9 @@ def _line(time: Column, values: Column) -> tuple[Column, Column]:
 
 def _dots(time: Column, values: Column) -> tuple[Column, Column]:
     """Return the peaks and every n-th sample, so that the density of dots is preserved."""
-    keep = np.union1d(peaks(values), np.arange(0, len(values), max(1, -(-len(values) // MOST_DOTS))))
+    keep = np.union1d(
+        peaks(values), np.arange(0, len(values), max(1, -(-len(values) // MOST_DOTS)))
+    )
     return time[keep], values[keep]
 
 

@@ -1,4 +1,5 @@
-"""report.html: one page about a flight. Works offline, in print, and without script (as a picture)."""
+"""report.html: one page about a flight. Works offline, in print, and without script (as a
+picture)."""
 
 import base64
 import html
@@ -17,8 +18,8 @@ from circnav_mav.runlog.events import Event, events
 from circnav_mav.runlog.run_folder import Run
 
 MOST_EVENTS = 60
-"""Maximum number of events listed on the page. Of more events, the first and the last ones are listed, half each.
-Chosen."""
+"""Maximum number of events listed on the page. Of more events, the first and the last ones are
+listed, half each. Chosen."""
 LABEL = 13
 """Width of the labels of a verdict, characters."""
 OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn", "ENDED": "neutral"}
@@ -27,15 +28,25 @@ PAGE = Path(__file__).with_name("report.template.html")
 
 
 def write_report(
-    run: Run, orbit: Orbit, circles: str, gate: float, verdict: str, settings: dict[str, str], added: str = ""
+    run: Run,
+    orbit: Orbit,
+    circles: str,
+    gate: float,
+    verdict: str,
+    settings: dict[str, str],
+    added: str = "",
 ) -> Path:
-    """Write report.html of a run with at least two ticks into its folder, atomically. Raises RunError, OSError.
+    """Write report.html of a run with at least two ticks into its folder, atomically. Raises
+    RunError, OSError.
 
-    circles: description. gate: innovation gate, standard deviations. verdict: text with the outcome in its first line.
-    settings: values by key. added: HTML of extras.
+    circles: description. gate: innovation gate, standard deviations. verdict: text with the outcome
+    in its first line. settings: values by key. added: HTML of extras.
     """
-    mode, happened = next((mode for mode in OutputMode if mode.value == run.output_mode), OutputMode.FLY), events(run)
-    names = {phase.value: phase_name(phase, mode) for phase in Phase}  # other names if nothing was sent
+    mode = next((mode for mode in OutputMode if mode.value == run.output_mode), OutputMode.FLY)
+    happened = events(run)
+    names = {
+        phase.value: phase_name(phase, mode) for phase in Phase
+    }  # other names if nothing was sent
     commanded = "commanded" if run.output_mode == OutputMode.FLY.value else "would command"
     data = chart_data(run.ticks, run.truth, orbit, names, gate=gate, commanded=commanded)
     outcome, _, figures = verdict.partition("\n")
@@ -67,8 +78,8 @@ def escape(text: str, quote: bool = True) -> str:
 
 
 def _figure(line: str) -> str:
-    """Return a line of the verdict as HTML: its label, and its comma-separated parts, each kept on one line if it
-    fits."""
+    """Return a line of the verdict as HTML: its label, and its comma-separated parts, each kept on
+    one line if it fits."""
     parts = "".join(f"<span>{escape(part)}</span> " for part in re.split(r"(?<=,) ", line[LABEL:]))
     return f"<dt>{escape(line[:LABEL].strip())}</dt><dd>{parts}</dd>"
 
@@ -78,14 +89,20 @@ def _vehicle(run: Run) -> str:
     autopilot = run.manifest.get("autopilot") or {}
     when = datetime.fromtimestamp(run.epoch_us / 1e6, UTC)
     firmware = autopilot.get("firmware") or run.summary.get("firmware")
-    return f"{when:%Y-%m-%d %H:%M} UTC, {autopilot.get('name') or 'vehicle unknown'}, firmware {firmware or 'unknown'}"
+    return (
+        f"{when:%Y-%m-%d %H:%M} UTC, {autopilot.get('name') or 'vehicle unknown'}, firmware"
+        f" {firmware or 'unknown'}"
+    )
 
 
 def _track_words(run: Run) -> str:
     """Return the caption of the track: true, estimated or unknown."""
     track = known_track(run.ticks, run.truth)
     if track is None:
-        return "Position unknown: range alone does not determine it, and the run has no truth. See range over time."
+        return (
+            "Position unknown: range alone does not determine it, and the run has no truth. See"
+            " range over time."
+        )
     words = "The simulator's truth, relative to the target. Triangle: start."
     if not track.true:
         first = f"first estimate at {track.time[track.known[0]]:.1f} s (triangle)"
@@ -97,11 +114,15 @@ def picture(path: Path, alt: str, style: str = "") -> str:
     """Return a picture embedded as HTML, or "" if the file does not exist."""
     if not path.is_file():
         return ""
-    return f'<img{style} alt="{alt}" src="data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}">'
+    return (
+        f'<img{style} alt="{alt}"'
+        f' src="data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}">'
+    )
 
 
 def _events(happened: list[Event], names: dict[str, str]) -> str:
-    """Return the table rows of events, without rejected ranges and laws. Of many, the first and the last."""
+    """Return the table rows of events, without rejected ranges and laws. Of many, the first and the
+    last."""
     listed = [event for event in happened if event.kind not in ("rejected", "law")]
     rows = [
         f"<tr><td>{event.time:.1f} s</td><td>{escape(event.kind)}</td>"
@@ -110,7 +131,9 @@ def _events(happened: list[Event], names: dict[str, str]) -> str:
     ]
     if len(rows) > MOST_EVENTS:
         half = MOST_EVENTS // 2
-        left_out = f'<tr><td></td><td></td><td class="none">{len(rows) - MOST_EVENTS} more</td></tr>'
+        left_out = (
+            f'<tr><td></td><td></td><td class="none">{len(rows) - MOST_EVENTS} more</td></tr>'
+        )
         rows = [*rows[:half], left_out, *rows[-half:]]
     return "".join(rows)
 
@@ -126,4 +149,7 @@ def _versions(run: Run) -> dict[str, str]:
 
 
 def rows(values: dict[str, str]) -> str:
-    return "".join(f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in values.items())
+    return "".join(
+        f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>"
+        for name, value in values.items()
+    )

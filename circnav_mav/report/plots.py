@@ -1,5 +1,5 @@
-"""Plots of a run: flight.png (track if estimated, range, error, turn rate) and replay.png, and functions that all plots
-share."""
+"""Plots of a run: flight.png (track if estimated, range, error, turn rate) and replay.png, and
+functions that all plots share."""
 
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,8 @@ STYLE: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbe
 
 
 def literal(text: str) -> str:
-    """Return a text that matplotlib draws literally. In names of files and missions, "$" does not enclose a formula."""
+    """Return a text that matplotlib draws literally. In names of files and missions, "$" does not
+    enclose a formula."""
     return text.replace("$", r"\$")
 
 
@@ -28,27 +29,45 @@ def save(figure: Figure, path: Path, dpi: int = 110) -> None:
         figure.savefig(fresh, dpi=dpi, format="png")
 
 
-ESTIMATE, MEASURED, TRUE, DESIRED, LIMIT = "#0063a6", "#9aa9ba", "#d55e00", "#007a5a", "#777777"
+ESTIMATE = "#0063a6"
+MEASURED = "#9aa9ba"
+TRUE = "#d55e00"
+DESIRED = "#007a5a"
+LIMIT = "#777777"
 HOLD_BAND = "#f6d8a8"
 
 
 def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, title: str) -> None:
     """Draw a run and write it as PNG. Raises OSError."""
-    time, desired, track, new = ticks.time, ticks.desired(orbit.radius), known_track(ticks, truth), fresh(ticks)
+    time = ticks.time
+    desired = ticks.desired(orbit.radius)
+    track = known_track(ticks, truth)
+    new = fresh(ticks)
     holding = np.array([phase == "holding" for phase in ticks.words["phase"]])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(12, 7))  # no automatic layout: it draws everything twice
         figure.suptitle(literal(title), y=0.985)
-        sides = {"left": 0.06, "right": 0.99, "bottom": 0.07, "top": 0.92, "hspace": 0.32, "wspace": 0.17}
+        sides = {
+            "left": 0.06,
+            "right": 0.99,
+            "bottom": 0.07,
+            "top": 0.92,
+            "hspace": 0.32,
+            "wspace": 0.17,
+        }
         grid = figure.add_gridspec(3, 2, width_ratios=[1.1, 1] if track else [0.001, 1], **sides)
         if track is not None:
             _track(figure.add_subplot(grid[:, 0]), track, ticks.radii(orbit.radius))
         axes = r, error, turn = [figure.add_subplot(grid[row, 1]) for row in range(3)]
-        r.plot(time[new], ticks.numbers["measured"][new], ".", ms=2, color=MEASURED, label="measured")
+        r.plot(
+            time[new], ticks.numbers["measured"][new], ".", ms=2, color=MEASURED, label="measured"
+        )
         _estimated_and_true(r, ticks, truth, less=0 * desired)
         _steps(r, time, desired, "desired")
         band = TOLERANCE * desired
-        error.fill_between(time, -band, band, color=DESIRED, alpha=0.12, lw=0, label=f"±{100 * TOLERANCE:.0f} %")
+        error.fill_between(
+            time, -band, band, color=DESIRED, alpha=0.12, lw=0, label=f"±{100 * TOLERANCE:.0f} %"
+        )
         _estimated_and_true(error, ticks, truth, less=desired)
         error.set_ylim(-3 * band.max(), 3 * band.max())
         _turn_rate(turn, ticks, truth, orbit)
@@ -56,8 +75,11 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
         for axis, label in zip(axes, labels, strict=True):
             axis.set_ylabel(label)
             if holding.any():  # intervals without ranges, in which the vehicle held its turn
-                limits, label = axis.get_ylim(), "no range, holding"
-                axis.fill_between(time, *limits, where=holding, color=HOLD_BAND, alpha=0.7, lw=0, label=label)
+                limits = axis.get_ylim()
+                label = "no range, holding"
+                axis.fill_between(
+                    time, *limits, where=holding, color=HOLD_BAND, alpha=0.7, lw=0, label=label
+                )
                 axis.set_ylim(*limits)
             _legend_above(axis)
             axis.set_xlim(float(time[0]), float(time[-1]))
@@ -66,15 +88,32 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
 
 
 def plot_replay(path: Path, was: Ticks | None, would: Ticks, orbit: Orbit, title: str) -> None:
-    """Draw estimates and commands of the replay, and of the flight (`was`) if given. Raises OSError."""
-    columns = ("r", "range, m", 1.0), ("r_dot", "range rate, m/s", 1.0), ("turn_rate", "turn rate, deg/s", 180 / np.pi)
+    """Draw estimates and commands of the replay, and of the flight (`was`) if given. Raises
+    OSError."""
+    columns = (
+        ("r", "range, m", 1.0),
+        ("r_dot", "range rate, m/s", 1.0),
+        ("turn_rate", "turn rate, deg/s", 180 / np.pi),
+    )
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8), layout="constrained")
         figure.suptitle(literal(title))
-        for axis, (column, label, scale) in zip(figure.subplots(3, 1, sharex=True), columns, strict=True):
+        for axis, (column, label, scale) in zip(
+            figure.subplots(3, 1, sharex=True), columns, strict=True
+        ):
             if was is not None:
-                axis.plot(*broken(was.time, scale * was.numbers[column]), color=MEASURED, lw=2.5, label="as flown")
-            axis.plot(*broken(would.time, scale * would.numbers[column]), color=ESTIMATE, lw=1, label="replayed")
+                axis.plot(
+                    *broken(was.time, scale * was.numbers[column]),
+                    color=MEASURED,
+                    lw=2.5,
+                    label="as flown",
+                )
+            axis.plot(
+                *broken(would.time, scale * would.numbers[column]),
+                color=ESTIMATE,
+                lw=1,
+                label="replayed",
+            )
             axis.set_ylabel(label)
         _steps(figure.axes[0], would.time, would.desired(orbit.radius), "desired")
         _legend_above(figure.axes[0])
@@ -88,10 +127,16 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
     for at, radius in enumerate(radii):
         circle = radius * np.cos(angle), radius * np.sin(angle)
         label_once = None if at else "desired"
-        axis.plot(*circle, "--", color=DESIRED, lw=1.5, label=label_once, zorder=3)  # above the track
+        axis.plot(
+            *circle, "--", color=DESIRED, lw=1.5, label=label_once, zorder=3
+        )  # above the track
     axis.plot(track.east, track.north, color=colour, lw=1.0, label=label)
     east, north = track.east[track.known], track.north[track.known]
-    begins = {"mfc": "red", "label": "start"} if track.true else {"mfc": "none", "label": "first estimate"}
+    begins = (
+        {"mfc": "red", "label": "start"}
+        if track.true
+        else {"mfc": "none", "label": "first estimate"}
+    )
     axis.plot(east[0], north[0], "^", mec="red", ms=9, **begins)
     axis.plot(0, 0, "k+", ms=12, mew=2, label="target")
     for at in _arrow_places(east, north):
@@ -105,21 +150,32 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
 
 
 def _arrow_places(east: Column, north: Column) -> list[int]:
-    """Return the indices of direction arrows: one on the way to the circle, and one at the last pass of each of four
-    bearings."""
+    """Return the indices of direction arrows: one on the way to the circle, and one at the last
+    pass of each of four bearings."""
     late = len(east) // 2
     bearing = np.arctan2(north, east)[late:-1]
     quarters = (np.angle(np.exp(1j * (bearing - quarter * np.pi / 2))) for quarter in range(4))
-    found = [late + int(np.flatnonzero(np.abs(off) <= np.abs(off).min() + 0.1)[-1]) for off in quarters if len(off)]
+    found = [
+        late + int(np.flatnonzero(np.abs(off) <= np.abs(off).min() + 0.1)[-1])
+        for off in quarters
+        if len(off)
+    ]
     return [int(0.05 * (len(east) - 2)), *found]
 
 
 def _legend_above(axis: Any) -> None:
     """Place the legend above the axis, where it covers no data."""
     axis.legend(
-        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6, fontsize=8, frameon=False, borderaxespad=0.1,
-        columnspacing=1.2, handlelength=1.6, handletextpad=0.5,
-    )  # fmt: skip
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=6,
+        fontsize=8,
+        frameon=False,
+        borderaxespad=0.1,
+        columnspacing=1.2,
+        handlelength=1.6,
+        handletextpad=0.5,
+    )
 
 
 def _steps(axis: Any, time: Column, values: Column, label: str) -> None:
@@ -128,7 +184,9 @@ def _steps(axis: Any, time: Column, values: Column, label: str) -> None:
 
 def _estimated_and_true(axis: Any, ticks: Ticks, truth: Truth | None, less: Column) -> None:
     """Draw estimated and true range, minus `less` (m, one value per tick)."""
-    axis.plot(*broken(ticks.time, ticks.numbers["r"] - less), color=ESTIMATE, lw=1, label="estimated")
+    axis.plot(
+        *broken(ticks.time, ticks.numbers["r"] - less), color=ESTIMATE, lw=1, label="estimated"
+    )
     if truth is not None:
         then = less[np.maximum(np.searchsorted(ticks.time, truth.time, side="right") - 1, 0)]
         axis.plot(*broken(truth.time, truth.radius - then), color=TRUE, lw=0.8, label="true")
@@ -136,12 +194,23 @@ def _estimated_and_true(axis: Any, ticks: Ticks, truth: Truth | None, less: Colu
 
 def _turn_rate(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> None:
     name = "commanded" if np.isfinite(ticks.numbers["yaw_rate_sent"]).any() else "would command"
-    axis.plot(*broken(ticks.time, np.degrees(ticks.numbers["turn_rate"])), color=ESTIMATE, lw=0.8, label=name)
+    axis.plot(
+        *broken(ticks.time, np.degrees(ticks.numbers["turn_rate"])),
+        color=ESTIMATE,
+        lw=0.8,
+        label=name,
+    )
     if (command := steady_command(ticks, orbit)) is not None:
         label = f"steady command, gain {ticks.numbers['turn_gain'][-1]:.2f}"
         axis.plot(ticks.time, np.degrees(command), "--", color=ESTIMATE, lw=1.2, label=label)
     if truth is not None:
-        axis.plot(*broken(truth.time, np.degrees(-truth.turn_rate)), color=TRUE, lw=0.6, alpha=0.7, label="true")
+        axis.plot(
+            *broken(truth.time, np.degrees(-truth.turn_rate)),
+            color=TRUE,
+            lw=0.6,
+            alpha=0.7,
+            label="true",
+        )
     steady = np.degrees(orbit.steady_turn_rate) * orbit.radius / ticks.desired(orbit.radius)
     _steps(axis, ticks.time, steady, "steady circle")
     limit = np.degrees(orbit.max_turn_rate)

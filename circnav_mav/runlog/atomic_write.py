@@ -20,19 +20,22 @@ def atomic_write(path: Path) -> Iterator[Path]:
         with suppress(OSError):
             fresh.unlink(missing_ok=True)
         if isinstance(error, OSError) and str(error.filename or fresh) == str(fresh):
-            error.filename, error.filename2 = str(path), None  # report the name that the user knows
+            # report the name that the user knows
+            error.filename = str(path)
+            error.filename2 = None
         raise
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file atomically. Characters that UTF-8 cannot encode, as in some folder names, become "?". Raises
-    OSError."""
+    """Write a text file atomically. Characters that UTF-8 cannot encode, as in some folder names,
+    become "?". Raises OSError."""
     with atomic_write(path) as fresh:
         fresh.write_text(text, encoding="utf-8", errors="replace")
 
 
 def write_json(path: Path, what: Any) -> None:
-    """Write plain values as a JSON file, atomically. NaN and infinity become null. Raises OSError."""
+    """Write plain values as a JSON file, atomically. NaN and infinity become null. Raises
+    OSError."""
     write_text(path, json.dumps(_known_to_json(what), indent=2, allow_nan=False) + "\n")
 
 

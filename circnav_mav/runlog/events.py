@@ -1,4 +1,5 @@
-"""Events of a run as texts: changes of phase, mode and law, rejected ranges, alarms, STATUSTEXT messages."""
+"""Events of a run as texts: changes of phase, mode and law, rejected ranges, alarms, STATUSTEXT
+messages."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -14,16 +15,18 @@ from circnav_mav.runlog.tlog import read_messages
 STATUSTEXT = 253
 """MAVLink message id."""
 OUR_COMPONENTS = range(191, 195)
-OURS, ALARM = "circnav message", "alarm"
+OURS = "circnav message"
+ALARM = "alarm"
 SEVERE = {"vehicle message": 3, OURS: 4}
-"""Largest MAV_SEVERITY that counts as severe, by kind of event: ERROR and WARNING. A smaller number is more severe."""
+"""Largest MAV_SEVERITY that counts as severe, by kind of event: ERROR and WARNING. A smaller number
+is more severe."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One event. time: run time, s. kind: phase, mode, law, rejected, alarm (when it began), vehicle message, circnav
-    message. severe: True for alarms, for vehicle messages of ERROR or worse, and for circnav messages of WARNING or
-    worse."""
+    """One event. time: run time, s. kind: phase, mode, law, rejected, alarm (when it began),
+    vehicle message, circnav message. severe: True for alarms, for vehicle messages of ERROR or
+    worse, and for circnav messages of WARNING or worse."""
 
     time: float
     kind: str
@@ -33,7 +36,10 @@ class Event:
 
 def events(run: Run) -> list[Event]:
     """Return all events of a run, sorted by time. Raises RunError, OSError."""
-    seen = (Event(alarm["time_s"], ALARM, plain_text(alarm["text"]), True) for alarm in run.summary.get("alarms", ()))
+    seen = (
+        Event(alarm["time_s"], ALARM, plain_text(alarm["text"]), True)
+        for alarm in run.summary.get("alarms", ())
+    )
     return sorted([*_changes(run.ticks), *seen, *_texts(run)], key=lambda event: event.time)
 
 
@@ -50,7 +56,8 @@ def _changes(ticks: Ticks) -> Iterator[Event]:
 
 
 def _texts(run: Run) -> list[Event]:
-    reader, found = TextReader(), list[Event]()
+    reader = TextReader()
+    found = list[Event]()
     newest: dict[Ids, int] = {}
     for stamp, message in read_messages(run.folder / "flight.tlog", {STATUSTEXT}):
         sender = ids(message)
@@ -59,7 +66,9 @@ def _texts(run: Run) -> list[Event]:
         text = text.removeprefix("circnav: ")  # the prefix of circnav's own texts
         if before is None:
             newest[sender] = len(found)
-            found.append(Event((stamp - run.epoch_us) / 1e6, who, text, message.severity <= SEVERE[who]))
+            found.append(
+                Event((stamp - run.epoch_us) / 1e6, who, text, message.severity <= SEVERE[who])
+            )
         else:
             found[newest[sender]] = replace(found[newest[sender]], text=text)
     return found

@@ -1,4 +1,5 @@
-"""Steps of the loop of a recorded flight: exact from a run folder, reconstructed from a plain tlog."""
+"""Steps of the loop of a recorded flight: exact from a run folder, reconstructed from a plain
+tlog."""
 
 import csv
 from collections.abc import Iterator
@@ -20,13 +21,16 @@ HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 SENDING_COMPONENT = 6
 """Position of the sender's component id in a MAVLink 2 frame."""
 DISORDER = 100_000
-"""Largest step back of a timestamp, us, that counts as disorder of a logger's two threads, not as another clock."""
+"""Largest step back of a timestamp, us, that counts as disorder of a logger's two threads, not as
+another clock."""
 LONGEST_SILENCE = 3_600_000_000
-"""Longest gap in a log, us. A larger step forward means that the clock was set, such as from 1970 to now."""
+"""Longest gap in a log, us. A larger step forward means that the clock was set, such as from 1970
+to now."""
 
 
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
-    """Yield the steps of a run folder, up to the first damage or the end of either file. Raises OSError."""
+    """Yield the steps of a run folder, up to the first damage or the end of either file. Raises
+    OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
     with closing(read_lines(folder / STEPS, errors="replace")) as lines:
         rows = csv.reader(lines)
@@ -35,13 +39,14 @@ def recorded_steps(folder: Path) -> Iterator[LoopStep]:
             for row in rows:
                 yield _step(row, frames)
         except (ValueError, TypeError, KeyError, csv.Error):
-            # Frames are assigned to steps by their count. After a damaged line, the assignment is unknown.
+            # Frames are assigned to steps by their count. After a damaged line, the assignment is
+            # unknown.
             return
 
 
 def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
-    """Return the step of a row of steps.csv, with its frames from the tlog. Raises ValueError or KeyError for a damaged
-    row or missing frames."""
+    """Return the step of a row of steps.csv, with its frames from the tlog. Raises ValueError or
+    KeyError for a damaged row or missing frames."""
 
     def take(count: int) -> list[bytes]:
         taken = list(islice(frames, count))
@@ -50,7 +55,8 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
         return taken
 
     time_us, datagrams, sent, hello, interrupt, attached, requests, exchanged = row
-    parts, held_back = (datagram.partition("*") for datagram in datagrams.split()), sent == HELD_BACK
+    parts = (datagram.partition("*") for datagram in datagrams.split())
+    held_back = sent == HELD_BACK
     return LoopStep(
         int(time_us) / 1e6,
         received=[(LINKS[source[:1]], source, take(int(count))) for source, _, count in parts],
@@ -65,34 +71,45 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
 
 
 def check_tlog(path: Path) -> None:
-    """Check that a plain tlog is undamaged, and holds MAVLink 2 frames of one vehicle with timestamps of one clock.
-    Raises RunError, OSError."""
+    """Check that a plain tlog is undamaged, and holds MAVLink 2 frames of one vehicle with
+    timestamps of one clock. Raises RunError, OSError."""
     decoder = Decoder(wanted=frozenset((HEARTBEAT,)))
     newest: int | None = None
     vehicles: set[Ids] = set()
     for stamp, frame in read_tlog(path):
         if frame[0] != V2:
-            raise RunError(f"{path}: has MAVLink 1 frames: only a tlog of MAVLink 2 can be replayed")
+            raise RunError(
+                f"{path}: has MAVLink 1 frames: only a tlog of MAVLink 2 can be replayed"
+            )
         if newest is not None and not -DISORDER <= stamp - newest <= LONGEST_SILENCE:
             jump = (stamp - newest) / 1e6
-            raise RunError(f"{path}: its clock jumps by {jump:+.1f} s: only a tlog of one clock can be replayed")
+            raise RunError(
+                f"{path}: its clock jumps by {jump:+.1f} s: only a tlog of one clock can be"
+                " replayed"
+            )
         newest = stamp if newest is None else max(newest, stamp)
         if message_id(frame) == HEARTBEAT:
             for message in decoder.decode(frame):
-                if message.autopilot != dialect.MAV_AUTOPILOT_INVALID and message.type != dialect.MAV_TYPE_GCS:
+                if (
+                    message.autopilot != dialect.MAV_AUTOPILOT_INVALID
+                    and message.type != dialect.MAV_TYPE_GCS
+                ):
                     vehicles.add(ids(message))
     if len(vehicles) > 1:
         names = ", ".join(f"{system}/{component}" for system, component in sorted(vehicles))
-        raise RunError(f"{path}: has the autopilots {names}: only a tlog of one vehicle can be replayed")
+        raise RunError(
+            f"{path}: has the autopilots {names}: only a tlog of one vehicle can be replayed"
+        )
     if newest is not None and (damage := find_damage(path)) is not None:
         raise RunError(f"{path}: {damage}: only an undamaged tlog can be replayed")
 
 
 def tlog_steps(path: Path, ours: int) -> Iterator[LoopStep]:
-    """Yield steps reconstructed from a plain tlog. Frames with the same timestamp are received together, on one link.
+    """Yield steps reconstructed from a plain tlog. Frames with the same timestamp are received
+    together, on one link.
 
-    ours: component id of circnav, whose frames are left out because circnav sent them. Step times start at the first
-    timestamp and never decrease. Raises OSError.
+    ours: component id of circnav, whose frames are left out because circnav sent them. Step times
+    start at the first timestamp and never decrease. Raises OSError.
     """
     first: int | None = None
     newest = 0

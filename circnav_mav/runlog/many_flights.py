@@ -14,7 +14,8 @@ def rms(values: Batch) -> Batch:
 
 
 def last_exit(time: Batch, r: Batch, r_d: float, within: float) -> Batch:
-    """Return the time (B,) after which |r - r_d| stays below `within` (m); infinite if the flight ends outside."""
+    """Return the time (B,) after which |r - r_d| stays below `within` (m); infinite if the flight
+    ends outside."""
     outside = np.abs(r - r_d) > within
     step = time[1] - time[0]
     newest = len(time) - 1 - outside[::-1].argmax(axis=0)
@@ -23,7 +24,8 @@ def last_exit(time: Batch, r: Batch, r_d: float, within: float) -> Batch:
 
 
 def overshoot(r: Batch, r_d: float) -> Batch:
-    """Return the distance (B,) by which a flight crossed the circle after first reaching it, m; 0 if it did not.
+    """Return the distance (B,) by which a flight crossed the circle after first reaching it, m; 0
+    if it did not.
 
     For starts outside this is the depth inside, for starts inside the distance outside.
     """
@@ -45,23 +47,32 @@ def right_way(angle: Batch, sense: Batch) -> Batch:
 
 
 def went_round(angle: Batch) -> Batch:
-    """True if the flight swept a quarter turn or more, (B,), as in `runlog.metrics.direction_of`."""
+    """True if the flight swept a quarter turn or more, (B,), as in
+    `runlog.metrics.direction_of`."""
     return np.abs(swept(angle)) >= np.pi / 2
 
 
-def tangent_time(p: Batch, psi: Batch, sense: Batch, *, V: float, r_d: float, max_turn_rate: float) -> Batch:
-    """Return the time (B,) to the tangent point, s: one turn at the limit, then the tangent to the circle.
+def tangent_time(
+    p: Batch, psi: Batch, sense: Batch, *, V: float, r_d: float, max_turn_rate: float
+) -> Batch:
+    """Return the time (B,) to the tangent point, s: one turn at the limit, then the tangent to the
+    circle.
 
     This Dubins path in still air is the reference for the settling time.
 
-    For starts outside, p = vehicle - target (2, B), heading psi (B,). sense: +1 counter-clockwise, -1 clockwise.
+    For starts outside, p = vehicle - target (2, B), heading psi (B,). sense: +1 counter-clockwise,
+    -1 clockwise.
     """
     rho = V / max_turn_rate
     best = np.full(np.shape(psi), np.inf)
-    x, y, heading = p[0], p[1] * sense, psi * sense
+    x = p[0]
+    y = p[1] * sense
+    heading = psi * sense
     for side in (1.0, -1.0):
-        cx, cy = x - side * rho * np.sin(heading), y + side * rho * np.cos(heading)
-        D, offset = np.hypot(cx, cy), r_d - side * rho
+        cx = x - side * rho * np.sin(heading)
+        cy = y + side * rho * np.cos(heading)
+        D = np.hypot(cx, cy)
+        offset = r_d - side * rho
         exists = abs(offset) <= D
         line = np.sqrt(np.maximum(D**2 - offset**2, 0.0))
         course = np.arctan2(-cy, -cx) - np.arcsin(np.minimum(offset / np.maximum(D, 1e-9), 1.0))

@@ -1,5 +1,6 @@
-"""Figures of a flown circle: settling, radius error, sense of rotation, and smoothness of the turn command. SI units,
-arrays over samples. The verdict, campaigns and the benchmark share these definitions."""
+"""Figures of a flown circle: settling, radius error, sense of rotation, and smoothness of the turn
+command. SI units, arrays over samples. The verdict, campaigns and the benchmark share these
+definitions."""
 
 from dataclasses import dataclass
 from math import degrees, pi
@@ -14,13 +15,17 @@ from circnav_mav.guidance.types import Direction, Orbit
 Column = NDArray[np.float64]
 
 TOLERANCE = 0.05
-"""Half width of the band in which the radius counts as settled, as a fraction of the desired radius."""
+"""Half width of the band in which the radius counts as settled, as a fraction of the desired
+radius."""
 LAST = 1 / 3
 """Final fraction of the flight over which the circle is judged."""
 
 
-def settling_time(time: Column, radius: Column, desired: float, tolerance: float = TOLERANCE) -> float | None:
-    """Return the time from the first sample to the last entry into the band, s. None if the flight ends outside."""
+def settling_time(
+    time: Column, radius: Column, desired: float, tolerance: float = TOLERANCE
+) -> float | None:
+    """Return the time from the first sample to the last entry into the band, s. None if the flight
+    ends outside."""
     outside = np.flatnonzero(~(np.abs(radius - desired) <= tolerance * desired))
     if not len(radius) or (len(outside) and outside[-1] == len(radius) - 1):
         return None
@@ -29,7 +34,8 @@ def settling_time(time: Column, radius: Column, desired: float, tolerance: float
 
 
 def settled(time: Column, radius: Column, desired: float) -> float | None:
-    """Return the settling time, s, or None if the radius left the band in the part that is judged."""
+    """Return the settling time, s, or None if the radius left the band in the part that is
+    judged."""
     # A flight that leaves the band on every lap also has a last entry, but it has not settled.
     first = settling_time(time, radius, desired)
     return None if first is None or first > (1 - LAST) * (time[-1] - time[0]) else first
@@ -51,7 +57,8 @@ def rms_error(values: Column, desired: float) -> float | None:
 
 
 def swept_angle(north: Column, east: Column) -> float:
-    """Return the angle that a track sweeps around the origin, rad, counter-clockwise positive seen from above."""
+    """Return the angle that a track sweeps around the origin, rad, counter-clockwise positive seen
+    from above."""
     angles = np.unwrap(np.arctan2(north, east))
     return float(angles[-1] - angles[0]) if len(angles) else 0.0
 
@@ -64,24 +71,27 @@ def direction_of(swept: float) -> Direction | None:
 
 
 SLOW = 0.25
-"""Window of the moving mean, as a fraction of a lap. Wind and a moving target require turn rates that vary once or
-twice a lap. Subtracting the mean removes most of that, and leaves oscillations with periods up to about 10 s."""
+"""Window of the moving mean, as a fraction of a lap. Wind and a moving target require turn rates
+that vary once or twice a lap. Subtracting the mean removes most of that, and leaves oscillations
+with periods up to about 10 s."""
 LEAST_SWING = 0.1
-"""RMS of the fast part (turn command minus its moving mean), as a fraction of the turn-rate limit, below which there is
-no limit cycle."""
+"""RMS of the fast part (turn command minus its moving mean), as a fraction of the turn-rate limit,
+below which there is no limit cycle."""
 REPEATS = 0.35
-"""Autocorrelation of the fast part at one period, from which it counts as periodic. Benchmark plant: noise and gusts
-reach 0.2, a loop with 0.25 s dead time 0.7 to 0.9, one with 0.5 s in wind 0.5."""
+"""Autocorrelation of the fast part at one period, from which it counts as periodic. Benchmark
+plant: noise and gusts reach 0.2, a loop with 0.25 s dead time 0.7 to 0.9, one with 0.5 s in wind
+0.5."""
 BANGS = 0.6
-"""RMS of the fast part, as a fraction of the limit, that only a command alternating between both limits reaches (sine
-0.71, square wave 1). Gusts make such a loop irregular (autocorrelation 0.1 to 0.3), but it keeps 0.67. A stable loop in
-gusts has 0.44."""
+"""RMS of the fast part, as a fraction of the limit, that only a command alternating between both
+limits reaches (sine 0.71, square wave 1). Gusts make such a loop irregular (autocorrelation 0.1 to
+0.3), but it keeps 0.67. A stable loop in gusts has 0.44."""
 
 
 @dataclass(frozen=True, slots=True)
 class TurnFigures:
-    """Figures of the turn command. turn_std_deg_s: standard deviation, deg/s. turn_at_limit: fraction of samples at the
-    vehicle's limit. turn_variation_rad_s2: total variation per second, rad/s^2. turn_limit_cycle: see `cycles`."""
+    """Figures of the turn command. turn_std_deg_s: standard deviation, deg/s. turn_at_limit:
+    fraction of samples at the vehicle's limit. turn_variation_rad_s2: total variation per second,
+    rad/s^2. turn_limit_cycle: see `cycles`."""
 
     turn_std_deg_s: float
     turn_at_limit: float
@@ -93,24 +103,32 @@ NAMES = tuple(TurnFigures.__dataclass_fields__)
 """Keys in summary.json, and columns of a campaign and of the benchmark."""
 
 
-def turn_figures(time: Column, command: Column, orbit: Orbit, at_limit: Any = None) -> TurnFigures | None:
-    """Return the figures of commanded turn rates (rad/s, NaN where none) at times (s). None without a command.
+def turn_figures(
+    time: Column, command: Column, orbit: Orbit, at_limit: Any = None
+) -> TurnFigures | None:
+    """Return the figures of commanded turn rates (rad/s, NaN where none) at times (s). None without
+    a command.
 
-    at_limit: nonzero where the limit cut the command; by default, where the command is at the limit. Pass it for a
-    vehicle that turns faster than commanded: its commands stay below the limit.
+    at_limit: nonzero where the limit cut the command; by default, where the command is at the
+    limit. Pass it for a vehicle that turns faster than commanded: its commands stay below the
+    limit.
     """
     known = np.isfinite(command)
     if not known.any():
         return None
     limit = orbit.max_turn_rate
     cut = np.abs(command) >= AT_LIMIT * limit if at_limit is None else np.asarray(at_limit) > 0
-    time, command, cut = time[known], np.asarray(command[known], float), cut[known]
+    time = time[known]
+    command = np.asarray(command[known], float)
+    cut = cut[known]
     span = float(time[-1] - time[0])
     return TurnFigures(
         turn_std_deg_s=degrees(np.std(command)),
         turn_at_limit=float(np.mean(cut)),
         turn_variation_rad_s2=float(np.abs(np.diff(command)).sum() / span) if span > 0 else 0.0,
-        turn_limit_cycle=cycles(time, command, limit=limit, lap=2 * pi * orbit.radius / orbit.speed),
+        turn_limit_cycle=cycles(
+            time, command, limit=limit, lap=2 * pi * orbit.radius / orbit.speed
+        ),
     )
 
 
@@ -121,8 +139,8 @@ def late_figures(time: Column, command: Column, cut: Any, orbit: Orbit) -> TurnF
 
 
 def cycles(time: Column, command: Column, *, limit: float, lap: float) -> bool:
-    """True if the turn command (rad/s) shows a limit cycle. Its fast part, without the moving mean over a quarter of a
-    lap, is large and periodic, or alternates between the limits.
+    """True if the turn command (rad/s) shows a limit cycle. Its fast part, without the moving mean
+    over a quarter of a lap, is large and periodic, or alternates between the limits.
 
     limit: rad/s. lap: s. False for less than half a lap, which is too short to judge.
     """
@@ -135,7 +153,9 @@ def cycles(time: Column, command: Column, *, limit: float, lap: float) -> bool:
         return False
     fast = _without_mean(even, width)
     swing = float(np.sqrt(np.mean(fast**2)))
-    return swing >= BANGS * limit or (swing >= LEAST_SWING * limit and _autocorrelation_peak(fast, width) >= REPEATS)
+    return swing >= BANGS * limit or (
+        swing >= LEAST_SWING * limit and _autocorrelation_peak(fast, width) >= REPEATS
+    )
 
 
 def _without_mean(values: Column, width: int) -> Column:
@@ -146,8 +166,11 @@ def _without_mean(values: Column, width: int) -> Column:
 
 
 def _autocorrelation_peak(values: Column, most: int) -> float:
-    """Return the highest autocorrelation after its first negative lag, at lags below `most` samples."""
+    """Return the highest autocorrelation after its first negative lag, at lags below `most`
+    samples."""
     n = len(values)
-    correlation = np.fft.irfft(np.abs(np.fft.rfft(values, 2 * n)) ** 2)[:most] / (n - np.arange(most))
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(values, 2 * n)) ** 2)[:most] / (
+        n - np.arange(most)
+    )
     negative = np.flatnonzero(correlation < 0)
     return float(correlation[negative[0] :].max() / correlation[0]) if len(negative) else 0.0

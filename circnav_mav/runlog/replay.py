@@ -1,4 +1,5 @@
-"""Replay of a recorded flight through a pilot. The vehicle does not respond to new commands: its path is as flown."""
+"""Replay of a recorded flight through a pilot. The vehicle does not respond to new commands: its
+path is as flown."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -27,8 +28,9 @@ Sent = list[tuple[float, bytes]]
 
 @dataclass(slots=True)
 class ReplayResult:
-    """Result of a replay. sent, was_sent: (time, frame) sent in the replay and in the log, in order. until: time of the
-    last step, s. ended: time when the pilot was done, s, or None; later steps are ignored."""
+    """Result of a replay. sent, was_sent: (time, frame) sent in the replay and in the log, in
+    order. until: time of the last step, s. ended: time when the pilot was done, s, or None; later
+    steps are ignored."""
 
     ticks: list[TickRecord] = field(default_factory=list)
     sent: Sent = field(default_factory=list)
@@ -61,7 +63,8 @@ class ReplayResult:
 
 
 def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) -> ReplayResult:
-    """Feed steps to a pilot at their times. ticking: add ticks when due, for logs without all steps."""
+    """Feed steps to a pilot at their times. ticking: add ticks when due, for logs without all
+    steps."""
     done = ReplayResult()
     for step in steps:
         received_until = min(step.time, done.until + LONGEST_GAP)
@@ -99,25 +102,30 @@ def _step(pilot: Pilot, now: float, done: ReplayResult, *, held_back: bool = Fal
 
 def without_timeouts(settings: PilotSettings) -> PilotSettings:
     """Return settings for a plain tlog: without timeouts, and with a single link."""
-    endless = replace(settings.timing, duration=inf, wait_link=inf, wait_ranging=inf, hold=inf, outage=inf)
+    endless = replace(
+        settings.timing, duration=inf, wait_link=inf, wait_ranging=inf, hold=inf, outage=inf
+    )
     return replace(settings, timing=endless, ranging_apart=False, stream_links=frozenset())
 
 
 def held_gain(settings: PilotSettings, flown: PilotSettings, was: Ticks) -> float | None:
     """Return the turn-rate gain to hold in the replay, or None to estimate it as in flight."""
-    # The recorded headings respond to the turns that were flown. If the replay commands other turns, the gain cannot be
-    # estimated from them. Then the gain at the end of the flight is held.
+    # The recorded headings respond to the turns that were flown. If the replay commands other
+    # turns, the gain cannot be estimated from them. Then the gain at the end of the flight is held.
     same = all(getattr(settings, name) == getattr(flown, name) for name in STEERING)
     if same or settings.turn_gain is not None or settings.output_mode is not OutputMode.FLY:
         return None
-    learnt = was.numbers["turn_gain"][[phase == Phase.ENGAGED.value for phase in was.words["phase"]]]
+    learnt = was.numbers["turn_gain"][
+        [phase == Phase.ENGAGED.value for phase in was.words["phase"]]
+    ]
     known = learnt[learnt > 0]
     return float(known[-1]) if len(known) else None
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Difference of a column between flight and replay: RMS and largest, in its unit, over the common ticks."""
+    """Difference of a column between flight and replay: RMS and largest, in its unit, over the
+    common ticks."""
 
     column: str
     rms: float
@@ -127,13 +135,19 @@ class Difference:
 
 def differences(was: Ticks, would: Ticks) -> list[Difference]:
     """Return the differences of the COMPARED columns, over ticks of equal time."""
-    _, here, there = np.intersect1d(np.round(was.time * 1e6), np.round(would.time * 1e6), return_indices=True)
+    _, here, there = np.intersect1d(
+        np.round(was.time * 1e6), np.round(would.time * 1e6), return_indices=True
+    )
     found = []
     for column in COMPARED:
         gap = would.numbers[column][there] - was.numbers[column][here]
         gap = gap[~np.isnan(gap)]
         if len(gap):
-            found.append(Difference(column, float(np.sqrt(np.mean(gap**2))), float(np.max(np.abs(gap))), len(gap)))
+            found.append(
+                Difference(
+                    column, float(np.sqrt(np.mean(gap**2))), float(np.max(np.abs(gap))), len(gap)
+                )
+            )
     return found
 
 
@@ -141,7 +155,9 @@ def as_ticks(records: list[TickRecord]) -> Ticks:
     """Return tick records as columns, as read from a ticks.csv."""
 
     def column(name: str) -> Column:
-        return np.array([np.nan if (v := getattr(record, name)) is None else float(v) for record in records])
+        return np.array(
+            [np.nan if (v := getattr(record, name)) is None else float(v) for record in records]
+        )
 
     words = {name: [str(getattr(record, name)) for record in records] for name in WORDS - {"phase"}}
     words["phase"] = [record.phase.value for record in records]

@@ -22,8 +22,8 @@ class RunError(Exception):
 
 @dataclass(frozen=True)
 class Run:
-    """Run folder. summary: empty if damaged, or missing because the process was killed. manifest: empty if missing.
-    epoch_us: Unix time of run time zero, us."""
+    """Run folder. summary: empty if damaged, or missing because the process was killed. manifest:
+    empty if missing. epoch_us: Unix time of run time zero, us."""
 
     folder: Path
     mission_text: str
@@ -39,7 +39,9 @@ class Run:
     @property
     def name(self) -> str:
         """Name of the mission."""
-        return printable(self.manifest.get("mission") or self.summary.get("mission") or self.folder.name)
+        return printable(
+            self.manifest.get("mission") or self.summary.get("mission") or self.folder.name
+        )
 
     @cached_property
     def ticks(self) -> Ticks:
@@ -51,7 +53,9 @@ class Run:
     def truth(self) -> Truth | None:
         """Truth of the simulator, or None. Raises RunError."""
         with _refusing(self.folder / "flight.tlog"):
-            return read_truth(self.folder, self.epoch_us, (self.manifest.get("autopilot") or {}).get("system"))
+            return read_truth(
+                self.folder, self.epoch_us, (self.manifest.get("autopilot") or {}).get("system")
+            )
 
     @cached_property
     def damage(self) -> Damage | None:
@@ -61,11 +65,14 @@ class Run:
 
     @property
     def damage_text(self) -> str | None:
-        """Damage of flight.tlog as text, with the run time at which the damage begins, or None. Raises RunError."""
+        """Damage of flight.tlog as text, with the run time at which the damage begins, or None.
+        Raises RunError."""
         found = self.damage
         if found is None:
             return None
-        until, newest = (max(stamp - self.epoch_us, 0) / 1e6 for stamp in (found.until, found.newest))
+        until, newest = (
+            max(stamp - self.epoch_us, 0) / 1e6 for stamp in (found.until, found.newest)
+        )
         end = max(newest, float(self.ticks.time[-1]) if len(self.ticks.time) else 0.0)
         first = "" if found.cut else "from "
         return f"flight.tlog: {found} ({first}{until:.1f} s of {end:.1f} s)"
@@ -82,19 +89,24 @@ def open_run(folder: Path) -> Run:
         raise RunError(f"{folder}: no such run folder")
     if not is_run(folder):
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
-    manifest, summary = _table(folder / "manifest.json"), dict[str, Any]()
+    manifest = _table(folder / "manifest.json")
+    summary = dict[str, Any]()
     with suppress(RunError):  # its figures can be computed again
         summary = _table(folder / "summary.json")
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     if type(epoch) is not int or not 0 < epoch < YEAR_2100_US:
-        raise RunError(f"{folder}: neither manifest.json nor summary.json has the start time of the run (epoch_us)")
+        raise RunError(
+            f"{folder}: neither manifest.json nor summary.json has the start time of the run"
+            " (epoch_us)"
+        )
     with _refusing(folder / "mission.toml"):
         text = read_text(folder / "mission.toml")
     return Run(folder, text, manifest, summary, epoch)
 
 
 def _table(path: Path) -> dict[str, Any]:
-    """Return the table of a JSON file. Empty without the file, or without a table in it. Raises RunError."""
+    """Return the table of a JSON file. Empty without the file, or without a table in it. Raises
+    RunError."""
     with _refusing(path):
         table = read_json(path) if path.exists() else {}
         return table if isinstance(table, dict) else {}

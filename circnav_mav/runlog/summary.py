@@ -14,7 +14,8 @@ from circnav_mav.runlog.metrics import NAMES, late_figures
 from circnav_mav.runlog.ticks import Ticks, Truth
 
 NOT_OURS = frozenset(
-    phase.value for phase in (Phase.WAIT_LINK, Phase.WAIT_RANGING, Phase.READY, Phase.YIELDED, Phase.ENDED)
+    phase.value
+    for phase in (Phase.WAIT_LINK, Phase.WAIT_RANGING, Phase.READY, Phase.YIELDED, Phase.ENDED)
 )
 """Phases in which circnav does not control the vehicle."""
 FIGURES = ("settled_s", "radius_mean_m", "radius_rms_error_m")
@@ -24,10 +25,12 @@ UNRECORDED = 1.0
 
 @dataclass(frozen=True, slots=True)
 class FlightFacts:
-    """Facts known at the end of a flight. The summary holds them under the same names, except orbit and the last three.
+    """Facts known at the end of a flight. The summary holds them under the same names, except orbit
+    and the last three.
 
-    engaged_s, until_s: run time of engaging and of the last tick, s, recorded or not; None: take them from the recorded
-    ticks. clock_speed: speed of the autopilot's clock if it differed from real time. orbit: first circle.
+    engaged_s, until_s: run time of engaging and of the last tick, s, recorded or not; None: take
+    them from the recorded ticks. clock_speed: speed of the autopilot's clock if it differed from
+    real time. orbit: first circle.
     """
 
     mission: str
@@ -51,27 +54,43 @@ class FlightFacts:
 def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
     """Return the summary as plain values.
 
-    The figures of the circle cover the last circle that was begun, and are null if the flight never engaged. They use
-    recorded ticks that steered by a fresh range, because predictions in an outage are not measurements. If parts were
-    not recorded, `recording_problem` reports it.
+    The figures of the circle cover the last circle that was begun, and are null if the flight never
+    engaged. They use recorded ticks that steered by a fresh range, because predictions in an outage
+    are not measurements. If parts were not recorded, `recording_problem` reports it.
     """
     start = ticks.engaged_at if facts.engaged_s is None else facts.engaged_s
-    end = float(ticks.time[-1]) if facts.until_s is None and len(ticks.time) else facts.until_s or 0.0
+    end = (
+        float(ticks.time[-1]) if facts.until_s is None and len(ticks.time) else facts.until_s or 0.0
+    )
     flown = ticks.time >= (np.inf if start is None else start)
     steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.words["phase"]], bool)
     known = flown & steered & ~np.isnan(ticks.numbers["r"])
     circles = _circles(ticks, known, facts.orbit.radius, start or 0.0)
-    orbit, begun = replace(facts.orbit, radius=circles[-1]["desired_radius_m"]), circles[-1]["begun_s"]
+    orbit = replace(facts.orbit, radius=circles[-1]["desired_radius_m"])
+    begun = circles[-1]["begun_s"]
     known &= ticks.time >= begun
-    # ticks in which circnav did not steer: the operator flew, or no link. Unrecorded time counts as steered.
-    without = flown[:-1] & np.array([phase in NOT_OURS for phase in ticks.words["phase"]], bool)[:-1]
+    # ticks in which circnav did not steer: the operator flew, or no link. Unrecorded time counts as
+    # steered.
+    without = (
+        flown[:-1] & np.array([phase in NOT_OURS for phase in ticks.words["phase"]], bool)[:-1]
+    )
     # smoothness of the turn command, over the ticks by which the radius is judged
-    turn = late_figures(ticks.time[known], ticks.numbers["turn_rate"][known], ticks.numbers["saturated"][known], orbit)
+    turn = late_figures(
+        ticks.time[known],
+        ticks.numbers["turn_rate"][known],
+        ticks.numbers["saturated"][known],
+        orbit,
+    )
     height = ticks.numbers["height"][flown & steered]
     height = height[~np.isnan(height)]
-    # sense of most of the commanded turning in the last third: turns on the way to the circle do not count
-    turned = np.nansum(metrics.last_part(ticks.time[flown & steered], ticks.numbers["turn_rate"][flown & steered]))
-    commanded = None if turned == 0 else Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE
+    # sense of most of the commanded turning in the last third: turns on the way to the circle do
+    # not count
+    turned = np.nansum(
+        metrics.last_part(ticks.time[flown & steered], ticks.numbers["turn_rate"][flown & steered])
+    )
+    commanded = (
+        None if turned == 0 else Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE
+    )
     summary = asdict(facts)
     for used in ("orbit", "engaged_s", "until_s"):
         del summary[used]
@@ -81,31 +100,46 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "direction_commanded": commanded.value if commanded else None,
         "engaged_s": start,
         "flown_s": end - start if start is not None else 0.0,
-        "steered_s": 0.0 if start is None else max(end - start - float(np.diff(ticks.time)[without].sum()), 0.0),
+        "steered_s": 0.0
+        if start is None
+        else max(end - start - float(np.diff(ticks.time)[without].sum()), 0.0),
         **{name: circles[-1][name] for name in FIGURES},
         "circles": circles,
         "height_min_m": float(height.min()) if len(height) else None,
         "height_max_m": float(height.max()) if len(height) else None,
         **(asdict(turn) if turn else dict.fromkeys(NAMES)),
         **_vehicle(ticks, flown & steered),
-        "truth": None if truth is None or start is None else _truth(truth, max(start, begun), end, orbit),
+        "truth": None
+        if truth is None or start is None
+        else _truth(truth, max(start, begun), end, orbit),
         "recording_problem": _problem(facts.recording_problem, ticks, truth, end),
     }
 
 
 def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float) -> str | None:
-    """Return the recorder's problem, and the end time of the figures if they do not cover the whole flight, or None."""
-    # Truth that ends early without a recording problem was not received: that is no gap in the record.
+    """Return the recorder's problem, and the end time of the figures if they do not cover the whole
+    flight, or None."""
+    # Truth that ends early without a recording problem was not received: that is no gap in the
+    # record.
     ends = {"estimates": float(ticks.time[-1]) if len(ticks.time) else 0.0}
     if truth is not None and problem is not None:
         ends["truth"] = float(truth.time[-1])
-    short = ", ".join(f"{what} up to {until:.0f} s" for what, until in ends.items() if end - until > UNRECORDED)
-    return "; ".join(filter(None, [problem, short and f"figures cover {short} of {end:.0f} s"])) or None
+    short = ", ".join(
+        f"{what} up to {until:.0f} s" for what, until in ends.items() if end - until > UNRECORDED
+    )
+    return (
+        "; ".join(filter(None, [problem, short and f"figures cover {short} of {end:.0f} s"]))
+        or None
+    )
 
 
-def _circles(ticks: Ticks, known: NDArray[np.bool_], first: float, start: float) -> list[dict[str, Any]]:
-    """Return the figures of each circle that was begun, in order, each from its start to the start of the next one."""
-    desired, at = ticks.desired(first), np.flatnonzero(known)
+def _circles(
+    ticks: Ticks, known: NDArray[np.bool_], first: float, start: float
+) -> list[dict[str, Any]]:
+    """Return the figures of each circle that was begun, in order, each from its start to the start
+    of the next one."""
+    desired = ticks.desired(first)
+    at = np.flatnonzero(known)
     circles: list[dict[str, Any]] = []
     for part in np.split(at, np.flatnonzero(np.diff(desired[at])) + 1):
         radius = float(desired[part[0]]) if len(part) else first
@@ -115,17 +149,25 @@ def _circles(ticks: Ticks, known: NDArray[np.bool_], first: float, start: float)
     return circles
 
 
-def _circle(time: metrics.Column, radius: metrics.Column, desired: float) -> dict[str, float | None]:
+def _circle(
+    time: metrics.Column, radius: metrics.Column, desired: float
+) -> dict[str, float | None]:
     last = metrics.last_part(time, radius)
     settled = metrics.settled(time, radius, desired)
-    return dict(zip(FIGURES, (settled, metrics.mean(last), metrics.rms_error(last, desired)), strict=True))
+    return dict(
+        zip(FIGURES, (settled, metrics.mean(last), metrics.rms_error(last, desired)), strict=True)
+    )
 
 
 def _vehicle(ticks: Ticks, steered: NDArray[np.bool_]) -> dict[str, float | int | None]:
-    """Return turn gain and delay of the vehicle at the end, the share of the gains left after oscillations, and the
-    number of law changes."""
+    """Return turn gain and delay of the vehicle at the end, the share of the gains left after
+    oscillations, and the number of law changes."""
     figures: dict[str, float | int | None] = {}
-    for name, column in (("turn_gain", "turn_gain"), ("turn_delay_s", "turn_delay"), ("gain_share", "gain_share")):
+    for name, column in (
+        ("turn_gain", "turn_gain"),
+        ("turn_delay_s", "turn_delay"),
+        ("gain_share", "gain_share"),
+    ):
         values = ticks.numbers[column][steered]
         known = values[~np.isnan(values)]
         figures[name] = float(known[-1]) if len(known) else None
@@ -137,10 +179,13 @@ def _truth(truth: Truth, start: float, end: float, orbit: Orbit) -> dict[str, An
     flown = (truth.time >= start) & (truth.time <= end)
     if not flown.any():
         return None
-    time, radius = truth.time[flown], truth.radius[flown]
+    time = truth.time[flown]
+    radius = truth.radius[flown]
     ways = truth.north - truth.target_north, truth.east - truth.target_east
     # sense of rotation on the circle only, not on the way to it
-    direction = metrics.direction_of(metrics.swept_angle(*(metrics.last_part(time, way[flown]) for way in ways)))
+    direction = metrics.direction_of(
+        metrics.swept_angle(*(metrics.last_part(time, way[flown]) for way in ways))
+    )
     return {
         **_circle(time, radius, orbit.radius),
         "direction": direction.value if direction else None,

@@ -30,7 +30,8 @@ MOST = 1e30
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """Columns of ticks.csv: numbers as arrays over ticks (NaN for an empty cell), texts as lists."""
+    """Columns of ticks.csv: numbers as arrays over ticks (NaN for an empty cell), texts as
+    lists."""
 
     numbers: dict[str, Column]
     words: dict[str, list[str]]
@@ -47,13 +48,22 @@ class Ticks:
     def radii(self, otherwise: float) -> list[float]:
         """Return the radii of the flown circles, in order, m. otherwise: as in `desired`."""
         desired = self.desired(otherwise)
-        return [otherwise] if not len(desired) else [float(r) for r in desired[np.diff(desired, prepend=nan) != 0]]
+        return (
+            [otherwise]
+            if not len(desired)
+            else [float(r) for r in desired[np.diff(desired, prepend=nan) != 0]]
+        )
 
     @property
     def engaged_at(self) -> float | None:
         """Run time of the first engaged tick, s."""
         return next(
-            (float(t) for t, phase in zip(self.time, self.words["phase"], strict=True) if phase == "engaged"), None
+            (
+                float(t)
+                for t, phase in zip(self.time, self.words["phase"], strict=True)
+                if phase == "engaged"
+            ),
+            None,
         )
 
 
@@ -63,8 +73,9 @@ NO_TICKS = Ticks({name: np.array([]) for name in NAMES - WORDS}, {name: [] for n
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Truth of the simulator, arrays over samples: run time at reception (s), north and east position of vehicle and
-    target from the origin (m), turn rate (rad/s, clockwise), and time of the simulator (s)."""
+    """Truth of the simulator, arrays over samples: run time at reception (s), north and east
+    position of vehicle and target from the origin (m), turn rate (rad/s, clockwise), and time of
+    the simulator (s)."""
 
     time: Column
     north: Column
@@ -81,10 +92,11 @@ class Truth:
 
 
 def read_ticks(folder: Path) -> Ticks:
-    """Return the ticks of a run folder. A truncated last line is skipped. Missing columns and impossible numbers are
-    NaN.
+    """Return the ticks of a run folder. A truncated last line is skipped. Missing columns and
+    impossible numbers are NaN.
 
-    Raises OSError, csv.Error, and ValueError that names the line if a cell is not a number or time decreases.
+    Raises OSError, csv.Error, and ValueError that names the line if a cell is not a number or time
+    decreases.
     """
     with closing(read_lines(folder / "ticks.csv")) as lines:
         reader = csv.reader(lines)
@@ -104,11 +116,17 @@ def read_ticks(folder: Path) -> Ticks:
                     try:
                         numbers[name].append(float(cell) if cell else nan)
                     except ValueError:
-                        raise ValueError(f"line {line}: {name}: {cell[:40]!r} is not a number") from None
+                        raise ValueError(
+                            f"line {line}: {name}: {cell[:40]!r} is not a number"
+                        ) from None
                 if not 0 <= times[-1] < LONGEST:
-                    raise ValueError(f"line {line}: time: must be seconds of the run, not {times[-1]:g}")
+                    raise ValueError(
+                        f"line {line}: time: must be seconds of the run, not {times[-1]:g}"
+                    )
                 if len(times) > 1 and times[-1] < times[-2]:
-                    raise ValueError(f"line {line}: time: {times[-1]:.6f} comes after {times[-2]:.6f}")
+                    raise ValueError(
+                        f"line {line}: time: {times[-1]:.6f} comes after {times[-2]:.6f}"
+                    )
     count = len(times)
     if count > 1 and times[0] == times[-1]:
         raise ValueError("line 3: time: does not increase to the end")
@@ -116,25 +134,32 @@ def read_ticks(folder: Path) -> Ticks:
     words |= {name: [""] * count for name in missing & WORDS}
     numbers |= {name: array("d", [nan]) * count for name in missing - WORDS}
     columns = {name: np.array(cells) for name, cells in numbers.items()}
-    return Ticks({name: np.where(np.abs(column) < MOST, column, nan) for name, column in columns.items()}, words)
+    return Ticks(
+        {name: np.where(np.abs(column) < MOST, column, nan) for name, column in columns.items()},
+        words,
+    )
 
 
 def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth | None:
-    """Return the simulator's truth of a run, or None. Frames with non-finite numbers are skipped, because any sender
-    may have made them.
+    """Return the simulator's truth of a run, or None. Frames with non-finite numbers are skipped,
+    because any sender may have made them.
 
-    epoch_us: Unix time of run time zero, us. system: MAVLink system id of the vehicle, None for the first sender of
-    truth.
+    epoch_us: Unix time of run time zero, us. system: MAVLink system id of the vehicle, None for the
+    first sender of truth.
     """
     rows = array("d")
     for stamp, frame in read_tlog(folder / "flight.tlog"):
         numbers = read_truth_frame(frame)
         if numbers is None or not all(map(isfinite, numbers)):
             continue
-        system = frame[5] if system is None else system  # byte 5 of a MAVLink 2 frame, the only version with truth
+        system = (
+            frame[5] if system is None else system
+        )  # byte 5 of a MAVLink 2 frame, the only version with truth
         if frame[5] == system:
             rows.extend(((stamp - epoch_us) / 1e6, *numbers))
     if not rows:
         return None
     table = np.array(rows).reshape(-1, 17)
-    return Truth(table[:, 0], table[:, 1], table[:, 2], table[:, 10], table[:, 11], table[:, 8], table[:, 16])
+    return Truth(
+        table[:, 0], table[:, 1], table[:, 2], table[:, 10], table[:, 11], table[:, 8], table[:, 16]
+    )

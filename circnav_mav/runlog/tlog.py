@@ -1,7 +1,7 @@
 """Reading of a tlog: a timestamp (big-endian microseconds since 1970) and a raw frame, repeated.
 
-The format has no markers. After damage, reading continues at the next plausible timestamp that is followed by a valid
-frame and then by another record or the end.
+The format has no markers. After damage, reading continues at the next plausible timestamp that is
+followed by a valid frame and then by another record or the end.
 """
 
 import re
@@ -27,9 +27,10 @@ RECORD = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """Damage of a tlog. byte: first unreadable byte. size: of the file, bytes. places, lost: number of unreadable
-    stretches, and bytes in them. until, newest: newest timestamp before the first stretch, and in the whole file,
-    microseconds since 1970, 0 if none. cut: True if nothing after the first stretch is readable."""
+    """Damage of a tlog. byte: first unreadable byte. size: of the file, bytes. places, lost: number
+    of unreadable stretches, and bytes in them. until, newest: newest timestamp before the first
+    stretch, and in the whole file, microseconds since 1970, 0 if none. cut: True if nothing after
+    the first stretch is readable."""
 
     byte: int
     size: int
@@ -47,7 +48,8 @@ class Damage:
 
 
 def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Return the (microseconds since 1970, frame) pairs of a tlog, without damaged parts. Raises OSError."""
+    """Return the (microseconds since 1970, frame) pairs of a tlog, without damaged parts. Raises
+    OSError."""
     return ((stamp, frame) for _, stamp, frame in _records(path))
 
 
@@ -63,16 +65,23 @@ def read_unbroken(path: Path) -> Iterator[tuple[int, bytes]]:
 
 def find_damage(path: Path) -> Damage | None:
     """Return the damage of a tlog, or None. Raises OSError."""
-    end, newest, gaps, lost = 0, 0, 0, 0
-    first, until = None, 0
+    end = 0
+    newest = 0
+    gaps = 0
+    lost = 0
+    first = None
+    until = 0
     for byte, stamp, frame in _records(path):
         if byte != end:
-            gaps, lost = gaps + 1, lost + byte - end
+            gaps = gaps + 1
+            lost = lost + byte - end
             first, until = (end, newest) if first is None else (first, until)
-        end, newest = byte + STAMP + len(frame), max(newest, stamp)
+        end = byte + STAMP + len(frame)
+        newest = max(newest, stamp)
     size = path.stat().st_size
     if end < size:
-        gaps, lost = gaps + 1, lost + size - end
+        gaps = gaps + 1
+        lost = lost + size - end
     if first is None:
         return Damage(end, size, gaps, lost, newest, newest, cut=True) if gaps else None
     return Damage(first, size, gaps, lost, until, newest, cut=False)
@@ -94,37 +103,54 @@ def message_id(frame: bytes) -> int:
 def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
     """Yield (position in the file, timestamp, frame) of each whole record. Raises OSError."""
     with open_file(path) as file:
-        data, base, at = b"", 0, 0  # base: position of the data in the file
+        # base: position of the data in the file
+        data = b""
+        base = 0
+        at = 0
         ended = searching = any_read = False
         while True:
             if len(data) - at < 2 * LONGEST and not ended:
                 fresh = file.read(CHUNK)
-                data, base, at, ended = data[at:] + fresh, base + at, 0, not fresh
+                data = data[at:] + fresh
+                base = base + at
+                at = 0
+                ended = not fresh
             if ended and at >= len(data):
                 return
             if searching:
                 found = RECORD.search(data, at)
-                start = found.start() if found else max(at, len(data) - STAMP)  # keep a possible partial timestamp
+                start = (
+                    found.start() if found else max(at, len(data) - STAMP)
+                )  # keep a possible partial timestamp
                 if start > at:
                     at = start
                     continue
             end = _end(data, at)
             if end is None or not _is_record(data, at, end, searching):
-                at, searching = at + 1, True
+                at = at + 1
+                searching = True
                 continue
             if searching and not any_read and end == len(data):
-                return  # may be chance: in a file of frames without timestamps, the last one can look like a record
+                # May be chance: in a file of frames without timestamps, the last one can look like
+                # a record.
+                return
             yield base + at, int.from_bytes(data[at : at + STAMP], "big"), data[at + STAMP : end]
-            at, searching, any_read = end, False, True
+            at = end
+            searching = False
+            any_read = True
 
 
 def _end(data: bytes, at: int) -> int | None:
-    """Return the end of the record that may begin at `at`, or None if none begins there or it is incomplete."""
+    """Return the end of the record that may begin at `at`, or None if none begins there or it is
+    incomplete."""
     start = at + STAMP
     if len(data) < start + 3 or data[at] or data[at + 1] > LATEST:
         return None
-    magic, flags = data[start], data[start + 2]
-    if magic == V2 and not flags & ~SIGNED:  # not with `frame_at`, for speed: a long log is read several times
+    magic = data[start]
+    flags = data[start + 2]
+    if (
+        magic == V2 and not flags & ~SIGNED
+    ):  # not with `frame_at`, for speed: a long log is read several times
         end = start + data[start + 1] + (25 if flags else 12)
     elif magic == V1:
         end = start + data[start + 1] + 8
@@ -134,8 +160,9 @@ def _end(data: bytes, at: int) -> int | None:
 
 
 def _is_record(data: bytes, at: int, end: int, searching: bool) -> bool:
-    """True if this is a record. It has two signs: a valid checksum, and another record or the end of the file after it.
-    At the expected place, one sign is enough. In a search, both are required."""
+    """True if this is a record. It has two signs: a valid checksum, and another record or the end
+    of the file after it. At the expected place, one sign is enough. In a search, both are
+    required."""
     framed = end == len(data) or _end(data, end) is not None
     if framed is not searching:
         return framed

@@ -5,28 +5,34 @@ from collections import deque
 from collections.abc import Callable
 
 OUT_OF_STEP = 1.0
-"""Difference between elapsed boot time and expected time, s, beyond which the boot time jumped: a reboot, a pause or a
-wrap."""
-SPAN, SHORTEST_SPAN = 2.0, 0.25
-"""Real time, s, over which the autopilot's clock speed is measured, and the shortest such time, s."""
-SLOWEST, FASTEST = 0.01, 1000.0
-"""Bounds of the autopilot's clock speed, as a ratio to real time. Beyond them a timestamp is wrong. Chosen."""
+"""Difference between elapsed boot time and expected time, s, beyond which the boot time jumped: a
+reboot, a pause or a wrap."""
+SPAN = 2.0
+SHORTEST_SPAN = 0.25
+"""Real time, s, over which the autopilot's clock speed is measured, and the shortest such time,
+s."""
+SLOWEST = 0.01
+FASTEST = 1000.0
+"""Bounds of the autopilot's clock speed, as a ratio to real time. Beyond them a timestamp is wrong.
+Chosen."""
 _THROUGH_SLEEP: int | None = getattr(time, "CLOCK_BOOTTIME", None)
 
 
 def steady() -> float:
-    """Return monotonic real seconds from an arbitrary start, including the time that the computer sleeps if the system
-    counts it."""
-    # The vehicle flies on while a laptop sleeps with its lid closed. `time.monotonic` would hide that stall.
+    """Return monotonic real seconds from an arbitrary start, including the time that the computer
+    sleeps if the system counts it."""
+    # The vehicle flies on while a laptop sleeps with its lid closed. `time.monotonic` would hide
+    # that stall.
     return time.monotonic() if _THROUGH_SLEEP is None else time.clock_gettime(_THROUGH_SLEEP)
 
 
 class Clock:
-    """Monotonic seconds since construction, in whole microseconds as in a tlog, so that a replay uses the same
-    times."""
+    """Monotonic seconds since construction, in whole microseconds as in a tlog, so that a replay
+    uses the same times."""
 
     longest_wait = 0.05
-    """Longest single wait, real s. Meanwhile a link may reconnect, or the autopilot's clock may become faster."""
+    """Longest single wait, real s. Meanwhile a link may reconnect, or the autopilot's clock may
+    become faster."""
 
     def __init__(self, speed: float = 1.0) -> None:
         self.speed = speed
@@ -44,7 +50,8 @@ class Clock:
         return max((moment - self.now()) / self.speed, 0.0)
 
     def advance(self, moment: float) -> None:
-        """Advance simulated time to the next event, or to `moment` if earlier. In real time, do nothing."""
+        """Advance simulated time to the next event, or to `moment` if earlier. In real time, do
+        nothing."""
 
     def real(self) -> float:
         """Return monotonic real seconds, for measuring execution time."""
@@ -52,10 +59,12 @@ class Clock:
 
 
 class AutopilotClock(Clock):
-    """Clock at the speed of the autopilot's boot time, for simulators faster or slower than real time.
+    """Clock at the speed of the autopilot's boot time, for simulators faster or slower than real
+    time.
 
-    Between messages it continues at the last measured speed (initially `speed`), so that a silent autopilot is
-    detected. A reboot, a pause or the 32-bit wrap of the boot time does not move this clock.
+    Between messages it continues at the last measured speed (initially `speed`), so that a silent
+    autopilot is detected. A reboot, a pause or the 32-bit wrap of the boot time does not move this
+    clock.
     """
 
     def __init__(self, boot_time: Callable[[], float | None], speed: float = 1.0) -> None:
@@ -77,10 +86,12 @@ class AutopilotClock(Clock):
         return round(self._now * 1e6) / 1e6
 
     def _on_boot_time(self, boot: float) -> None:
-        """Update the speed from a newer boot time. After a jump, restart the measurement at the same speed."""
+        """Update the speed from a newer boot time. After a jump, restart the measurement at the
+        same speed."""
         if self._received:
             then, before = self._received[-1]
-            step, expected = boot - before, self.speed * (self._local - then)
+            step = boot - before
+            expected = self.speed * (self._local - then)
             if -OUT_OF_STEP < step <= 0:
                 return  # nothing new, or two messages arrived out of order
             if step < 0 or (self._measured and abs(step - expected) > OUT_OF_STEP):
@@ -90,7 +101,8 @@ class AutopilotClock(Clock):
         self._measure()
 
     def _measure(self) -> None:
-        """Set the speed from the last SPAN, or from the last two messages if they are further apart."""
+        """Set the speed from the last SPAN, or from the last two messages if they are further
+        apart."""
         while len(self._received) > 2 and self._local - self._received[1][0] >= SPAN:
             self._received.popleft()
         (began, at_first), (ended, at_last) = self._received[0], self._received[-1]

@@ -1,5 +1,6 @@
-"""Display during a flight: a live picture on a terminal, one plain line a second elsewhere. A separate thread draws, so
-that a stopped terminal (Ctrl-S), a closed one or a slow pipe never delays a tick."""
+"""Display during a flight: a live picture on a terminal, one plain line a second elsewhere. A
+separate thread draws, so that a stopped terminal (Ctrl-S), a closed one or a slow pipe never delays
+a tick."""
 
 import threading
 from collections import deque
@@ -25,8 +26,9 @@ PATIENCE = 1.0
 
 
 class PlainScreen:
-    """Prints one line for each status. Further lines report each new alarm, changed lines of onlookers, and, after
-    engaging, the trusted vehicle. A condition that steering waits for is reported if it lasts for two draws."""
+    """Prints one line for each status. Further lines report each new alarm, changed lines of
+    onlookers, and, after engaging, the trusted vehicle. A condition that steering waits for is
+    reported if it lasts for two draws."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -37,15 +39,18 @@ class PlainScreen:
 
     def draw(self, status: Status) -> None:
         """Print the lines of a status."""
-        # After the end, handing back the vehicle may take long: print no more status lines meanwhile, only new facts.
-        ended, self._ended = self._ended, status.tick.phase is Phase.ENDED
+        # After the end, handing back the vehicle may take long: print no more status lines
+        # meanwhile, only new facts.
+        ended = self._ended
+        self._ended = status.tick.phase is Phase.ENDED
         if not (ended and self._ended):
             self._print(one_line(status))
         if status.flown is not None:
             self._print_new("TRUSTED", status.trusted, status.trusted)
         for label, words in status.added.items():
             self._print_new(label.upper(), words, kind(words))
-        waits, self._waits = self._waits, kind(status.waits)
+        waits = self._waits
+        self._waits = kind(status.waits)
         if self._waits == waits:
             self._print_new("WAITING", status.waits, waits)
         for alarm in self._alarms.of(status.conditions).values():
@@ -91,19 +96,28 @@ class Display(Onlooker):
 
     name = "display"
 
-    def __init__(self, screen: Screen, pilot: Pilot, onlookers: Onlookers, period: float, *, last: bool) -> None:
-        """period: run time between two refreshes, s. last: draw the end of the flight even if no refresh is due."""
-        self._screen, self._pilot, self._period, self._last = screen, pilot, period, last
+    def __init__(
+        self, screen: Screen, pilot: Pilot, onlookers: Onlookers, period: float, *, last: bool
+    ) -> None:
+        """period: run time between two refreshes, s. last: draw the end of the flight even if no
+        refresh is due."""
+        self._screen = screen
+        self._pilot = pilot
+        self._period = period
+        self._last = last
         self._watch = StatusSource(pilot, onlookers)
         self._due = 0.0
         self.problem: str | None = None
         """Reason why drawing stopped, or None. A closed terminal is no problem."""
         self._waiting: deque[Status] = deque(maxlen=1)
-        self._wake, self._closing = threading.Event(), False
+        self._wake = threading.Event()
+        self._closing = False
         self._thread = threading.Thread(target=self._run, name="display", daemon=True)
         self._thread.start()
 
-    def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
+    def on_step(
+        self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
+    ) -> Sequence[bytes]:
         """Queue a status if a refresh is due. It replaces one that is still waiting."""
         now = step.time
         if newest is None or (now < self._due and not (self._last and self._pilot.done)):
@@ -139,10 +153,15 @@ class Display(Onlooker):
             self._screen.close()
 
 
-def display_for(console: Console, pilot: Pilot, onlookers: Onlookers, title: str, speed: float) -> Display:
-    """Return a live display for a terminal, else a plain one. speed: run seconds per real second."""
+def display_for(
+    console: Console, pilot: Pilot, onlookers: Onlookers, title: str, speed: float
+) -> Display:
+    """Return a live display for a terminal, else a plain one. speed: run seconds per real
+    second."""
     if console.is_terminal and not console.is_dumb_terminal:
-        screen: Screen = LiveScreen(console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only))
+        screen: Screen = LiveScreen(
+            console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only)
+        )
         return Display(screen, pilot, onlookers, speed / PICTURES_A_SECOND, last=True)
     return Display(PlainScreen(console), pilot, onlookers, speed, last=False)
 

@@ -1,5 +1,5 @@
-"""Endpoints in the notation of mavutil (`udpin:host:port`) or MAVSDK (`udpin://host:port`), and their error
-messages."""
+"""Endpoints in the notation of mavutil (`udpin:host:port`) or MAVSDK (`udpin://host:port`), and
+their error messages."""
 
 import errno
 import socket
@@ -17,7 +17,8 @@ REMEDIES: dict[int | None, str] = {
 
 
 class LinkError(Exception):
-    """An endpoint that cannot be opened. The message is one line. no_peer: True if a TCP peer could not be reached."""
+    """An endpoint that cannot be opened. The message is one line. no_peer: True if a TCP peer could
+    not be reached."""
 
     def __init__(self, text: str, *, no_peer: bool = False) -> None:
         super().__init__(text)
@@ -26,7 +27,8 @@ class LinkError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """Parsed endpoint. kind: `udpin`, `udpout`, `tcp` or `serial`. port: for a serial line, the baud rate."""
+    """Parsed endpoint. kind: `udpin`, `udpout`, `tcp` or `serial`. port: for a serial line, the
+    baud rate."""
 
     kind: str
     host: str
@@ -40,15 +42,19 @@ def parse_endpoint(text: str) -> Endpoint:
     rest = rest.removeprefix("//")
     if not sign or kind not in ("udpin", "udpout", "tcp", "serial"):
         raise LinkError(
-            f"endpoint {text!r}: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:PATH:BAUD"
-            " (udp: is udpin:)"
+            f"endpoint {text!r}: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or"
+            " serial:PATH:BAUD (udp: is udpin:)"
         )
     host, sign, port = rest.replace(",", ":").rpartition(":")
     if kind != "serial" and ":" in host:
         host = _ipv6(host, text)
     if not sign or not host or not port.isdecimal():
         missing, form = ("baud rate", "PATH:BAUD") if kind == "serial" else ("port", "HOST:PORT")
-        wrong = "host is missing" if port.isdecimal() and not host else f"{missing} is missing or not a number"
+        wrong = (
+            "host is missing"
+            if port.isdecimal() and not host
+            else f"{missing} is missing or not a number"
+        )
         raise LinkError(f"endpoint {text!r}: {wrong}, write {kind}:{form}")
     lowest = 0 if kind == "udpin" else 1
     if kind != "serial" and not lowest <= int(port) <= 65535:
@@ -63,12 +69,18 @@ def _ipv6(host: str, text: str) -> str:
             return str(IPv6Address(host[1:-1]))
     except ValueError:
         pass
-    raise LinkError(f"endpoint {text!r}: write an IPv6 address in brackets, as in udpin:[::1]:14550")
+    raise LinkError(
+        f"endpoint {text!r}: write an IPv6 address in brackets, as in udpin:[::1]:14550"
+    )
 
 
 def resolve(endpoint: Endpoint) -> tuple[socket.AddressFamily, Any]:
-    """Return the address family and address of an endpoint, preferring IPv4. Raises OSError, UnicodeError."""
-    found = [(family, address) for family, *_, address in socket.getaddrinfo(endpoint.host, endpoint.port)]
+    """Return the address family and address of an endpoint, preferring IPv4. Raises OSError,
+    UnicodeError."""
+    found = [
+        (family, address)
+        for family, *_, address in socket.getaddrinfo(endpoint.host, endpoint.port)
+    ]
     return min(found, key=lambda one: one[0] != socket.AF_INET)
 
 
@@ -76,7 +88,9 @@ def explain(error: Exception) -> str:
     """Return the message of an OS error, with a remedy where one is known."""
     if isinstance(error, termios.error):  # not an OSError, but has the same arguments
         error = OSError(*error.args)
-    if isinstance(error, socket.gaierror | UnicodeError):  # UnicodeError: `10.0..1` cannot be a name
+    if isinstance(
+        error, socket.gaierror | UnicodeError
+    ):  # UnicodeError: `10.0..1` cannot be a name
         return "unknown host name"
     message = getattr(error, "strerror", None) or error
     return REMEDIES.get(getattr(error, "errno", None), str(message).lower())

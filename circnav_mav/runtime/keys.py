@@ -11,9 +11,9 @@ from circnav_mav.mav.signing import KEY_LENGTH, LATEST, SECOND, Signing
 from circnav_mav.runtime.clock import unix_time
 
 RESERVE = 10 * SECOND
-"""Lead of a stored timestamp over the one in use, in steps of 10 us: 10 s. After a kill, the next process resumes later
-than any frame that was signed or accepted. Its timestamps are then ahead of other clocks, but by far less than the
-minute from which frames are rejected."""
+"""Lead of a stored timestamp over the one in use, in steps of 10 us: 10 s. After a kill, the next
+process resumes later than any frame that was signed or accepted. Its timestamps are then ahead of
+other clocks, but by far less than the minute from which frames are rejected."""
 MAX_KEY_FILE = 4096
 """Maximum size of a key file and of its timestamp file, bytes."""
 TEXT = frozenset(range(32, 127))
@@ -25,15 +25,17 @@ class KeyFileError(Exception):
 
 
 def read_key(path: Path) -> bytes:
-    """Return the 32-byte key of a file: raw bytes or 64 hex digits. Raises KeyFileError, also if other users can read
-    the file."""
+    """Return the 32-byte key of a file: raw bytes or 64 hex digits. Raises KeyFileError, also if
+    other users can read the file."""
     try:
         mode = path.stat().st_mode
         data = read_bytes(path, MAX_KEY_FILE).removeprefix(BOM_UTF8)  # added by Windows editors
     except OSError as error:
         raise KeyFileError(f"{path}: cannot be read: {error.strerror or error}") from None
     if mode & 0o077:
-        raise KeyFileError(f"{path}: other users can read this key (mode {mode & 0o777:o}): chmod 600 {path}")
+        raise KeyFileError(
+            f"{path}: other users can read this key (mode {mode & 0o777:o}): chmod 600 {path}"
+        )
     key = data
     if TEXT.issuperset(data.strip()):  # 1 of 1e14 random keys is 32 printable bytes
         try:
@@ -53,14 +55,19 @@ def timestamp_path(key_file: Path) -> Path:
 
 
 class SigningTime:
-    """Advances the signing timestamp with the wall clock and stores it across restarts. A separate thread writes, so
-    that a slow disk never delays a tick. A disk error is reported in `problem`."""
+    """Advances the signing timestamp with the wall clock and stores it across restarts. A separate
+    thread writes, so that a slow disk never delays a tick. A disk error is reported in
+    `problem`."""
 
-    def __init__(self, signing: Signing, path: Path, clock: Callable[[], float] = unix_time) -> None:
-        """Start from the later of wall clock and stored timestamp. Raises KeyFileError if the file cannot be read or
-        written."""
+    def __init__(
+        self, signing: Signing, path: Path, clock: Callable[[], float] = unix_time
+    ) -> None:
+        """Start from the later of wall clock and stored timestamp. Raises KeyFileError if the file
+        cannot be read or written."""
         self.problem: str | None = None
-        self._signing, self._path, self._clock = signing, path, clock
+        self._signing = signing
+        self._path = path
+        self._clock = clock
         signing.resume(_stored(path))
         signing.advance(clock())
         self._reserved = signing.timestamp + RESERVE
@@ -95,9 +102,13 @@ def _stored(path: Path) -> int:
     except FileNotFoundError:
         return 0
     except (OSError, UnicodeDecodeError) as error:
-        raise KeyFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not text'}") from None
+        raise KeyFileError(
+            f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not text'}"
+        ) from None
     if not (text.strip().isdecimal() and int(text) <= LATEST):
-        raise KeyFileError(f"{path}: is not a timestamp: delete it if the clock of this computer is right")
+        raise KeyFileError(
+            f"{path}: is not a timestamp: delete it if the clock of this computer is right"
+        )
     return int(text)
 
 

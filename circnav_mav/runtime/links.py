@@ -1,5 +1,5 @@
-"""UDP, TCP and serial links with one interface. An open link never raises. Errors of the network or the device are
-counted in `troubles`, and the link retries."""
+"""UDP, TCP and serial links with one interface. An open link never raises. Errors of the network or
+the device are counted in `troubles`, and the link retries."""
 
 import errno
 import os
@@ -16,28 +16,34 @@ from circnav_mav.mav.identity import spelt
 from circnav_mav.runtime.endpoint import Endpoint, LinkError, explain, parse_endpoint, resolve
 
 MOST_BYTES = 1 << 15
-"""Bytes after which one call stops reading (UDP: at the end of a datagram). The rest stays in the socket for the next
-step, which follows at once. In 50 ms a radio sends 1 % of this, a simulator at 20 times real time about 20 kB. Decoding
-this many bytes takes 5 ms, or 0.05 s for frames made to be slow. A stall would be 0.5 s without a step."""
+"""Bytes after which one call stops reading (UDP: at the end of a datagram). The rest stays in the
+socket for the next step, which follows at once. In 50 ms a radio sends 1 % of this, a simulator at
+20 times real time about 20 kB. Decoding this many bytes takes 5 ms, or 0.05 s for frames made to be
+slow. A stall would be 0.5 s without a step."""
 MOST_DATAGRAMS = 512
 """Datagrams read in one call, so that a flood cannot delay a tick."""
 LONGEST = 8192
-"""Longest datagram that is accepted, bytes: five times the size to which routers fill one. Longer ones are ignored."""
+"""Longest datagram that is accepted, bytes: five times the size to which routers fill one. Longer
+ones are ignored."""
 RECEIVE_BUFFER = 1 << 18
-"""Receive buffer of the socket, bytes (Linux doubles this number, and counts overhead in the buffer). The buffer holds
-600 short datagrams: 0.2 s of a simulator at 20 times real time. A flood loses data in any case, and a longer queue only
-adds delay: with 1 MB, ranges and a takeover were received 1 s late."""
+"""Receive buffer of the socket, bytes (Linux doubles this number, and counts overhead in the
+buffer). The buffer holds 600 short datagrams: 0.2 s of a simulator at 20 times real time. A flood
+loses data in any case, and a longer queue only adds delay: with 1 MB, ranges and a takeover were
+received 1 s late."""
 _MOST_HOSTS = 256
 """Hosts for which the peer check is cached. Bounds the memory that a flood of addresses can use."""
-MOST_TROUBLES, FROM_OTHERS = 4, "ignored: from other senders"
-"""Number of different troubles beyond which further ones are counted under one text, and this text for UDP."""
+MOST_TROUBLES = 4
+FROM_OTHERS = "ignored: from other senders"
+"""Number of different troubles beyond which further ones are counted under one text, and this text
+for UDP."""
 LOCAL_PORT = 14691
-"""Local port for `udpout`. PX4 keeps sending to the first client port it received from, so a restart must reuse it."""
+"""Local port for `udpout`. PX4 keeps sending to the first client port it received from, so a
+restart must reuse it."""
 RETRY = 1.0
 """Time between two attempts to reopen a link, s."""
 LOST = (OSError, ValueError, termios.error)
-"""Exceptions of a failed link, such as an unplugged serial device. The exception of pyserial is an OSError, but while
-opening a port, pyserial passes on `termios.error`, which is not an OSError."""
+"""Exceptions of a failed link, such as an unplugged serial device. The exception of pyserial is an
+OSError, but while opening a port, pyserial passes on `termios.error`, which is not an OSError."""
 HALF_OPEN = 3.0
 """Time without acknowledgement, s, after which a TCP connection is closed."""
 CONNECT_PATIENCE = 5.0
@@ -57,7 +63,8 @@ class Link(Protocol):
         """Return the received data, each item with its source."""
 
     def send(self, data: bytes, to: Hashable) -> None:
-        """Send to a source from which data was received. to: None for the peer that the endpoint names, if any."""
+        """Send to a source from which data was received. to: None for the peer that the endpoint
+        names, if any."""
 
     def close(self) -> None:
         """Close the endpoint."""
@@ -69,28 +76,35 @@ def note(troubles: Counter[str], words: str, others: str) -> None:
 
 
 def open_link(text: str, peers: Iterable[str] = ()) -> Link:
-    """Open an endpoint. peers: addresses and networks that `udpin` accepts, empty for all. Raises LinkError."""
+    """Open an endpoint. peers: addresses and networks that `udpin` accepts, empty for all. Raises
+    LinkError."""
     endpoint = parse_endpoint(text)
     try:
         if endpoint.kind == "serial":
             return _open_serial(endpoint)
         return _open_tcp(endpoint) if endpoint.kind == "tcp" else UdpLink(endpoint, peers)
     except ImportError:
-        raise LinkError(f"endpoint {text}: needs the package pyserial (not serial): pip install pyserial") from None
+        raise LinkError(
+            f"endpoint {text}: needs the package pyserial (not serial): pip install pyserial"
+        ) from None
     except LOST as error:
         no_peer = endpoint.kind == "tcp" and not isinstance(error, UnicodeError)
         raise LinkError(f"endpoint {text}: {explain(error)}", no_peer=no_peer) from None
 
 
 class UdpLink:
-    """UDP socket. `udpin` binds a port and sends to the source that the pilot selected. `udpout` exchanges datagrams
-    with one address only, because another vehicle may still send to LOCAL_PORT."""
+    """UDP socket. `udpin` binds a port and sends to the source that the pilot selected. `udpout`
+    exchanges datagrams with one address only, because another vehicle may still send to
+    LOCAL_PORT."""
 
     def __init__(self, endpoint: Endpoint, peers: Iterable[str]) -> None:
-        """peers: addresses and networks that `udpin` accepts, empty for all. Raises OSError, UnicodeError."""
+        """peers: addresses and networks that `udpin` accepts, empty for all. Raises OSError,
+        UnicodeError."""
         self.troubles: Counter[str] = Counter()
         networks = [ip_network(peer, strict=False) for peer in peers]
-        self._accepts = lru_cache(_MOST_HOSTS)(lambda host: not networks or any(_ip(host) in one for one in networks))
+        self._accepts = lru_cache(_MOST_HOSTS)(
+            lambda host: not networks or any(_ip(host) in one for one in networks)
+        )
         family, address = resolve(endpoint)
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -161,16 +175,19 @@ class UdpLink:
 
 
 def _ip(host: str) -> Any:
-    """Return the address of a sender. An IPv4 address mapped by an IPv6 socket is converted back."""
+    """Return the address of a sender. An IPv4 address mapped by an IPv6 socket is converted
+    back."""
     address = ip_address(host)
     return (address.ipv4_mapped or address) if isinstance(address, IPv6Address) else address
 
 
 def _same(peer: Any, source: Any) -> bool:
     """True if both are the same address."""
-    # This computer replies from 127.0.0.1 if a client sent to 0.0.0.0 or to its host name, which many systems resolve
-    # to 127.0.1.1.
-    return bool(peer[1] == source[1]) and (peer[0] == source[0] or (_is_here(peer[0]) and _is_here(source[0])))
+    # This computer replies from 127.0.0.1 if a client sent to 0.0.0.0 or to its host name, which
+    # many systems resolve to 127.0.1.1.
+    return bool(peer[1] == source[1]) and (
+        peer[0] == source[0] or (_is_here(peer[0]) and _is_here(source[0]))
+    )
 
 
 def _is_here(host: str) -> bool:
@@ -178,13 +195,19 @@ def _is_here(host: str) -> bool:
 
 
 class StreamLink:
-    """TCP socket or pyserial port. After an error, or if the other side closed it, reopening is tried once a second."""
+    """TCP socket or pyserial port. After an error, or if the other side closed it, reopening is
+    tried once a second."""
 
-    def __init__(self, source: Hashable, port: Any, reopen: Callable[[], Any], read: Callable[[Any], bytes]) -> None:
-        """source: sender of all received bytes. reopen, read: functions that do not block, and raise one of LOST on
-        failure. read returns b"" if nothing was received."""
+    def __init__(
+        self, source: Hashable, port: Any, reopen: Callable[[], Any], read: Callable[[Any], bytes]
+    ) -> None:
+        """source: sender of all received bytes. reopen, read: functions that do not block, and
+        raise one of LOST on failure. read returns b"" if nothing was received."""
         self.troubles: Counter[str] = Counter()
-        self._source, self._port, self._reopen, self._read = source, port, reopen, read
+        self._source = source
+        self._port = port
+        self._reopen = reopen
+        self._read = read
         self._retry_at = float("-inf")
 
     def fileno(self) -> int | None:
@@ -203,7 +226,8 @@ class StreamLink:
         except LOST as error:
             self.troubles[explain(error)] += 1
             self.close()
-            self._port, self._retry_at = None, now + RETRY
+            self._port = None
+            self._retry_at = now + RETRY
             return []
         return [(data, self._source)] if data else []
 
@@ -248,8 +272,10 @@ def _connect(family: socket.AddressFamily, address: Any) -> socket.socket:
 
 
 def _prepare(connection: socket.socket) -> None:
-    """Disable blocking and Nagle's algorithm, so that a setpoint is sent at once, and set the timeout HALF_OPEN."""
-    # We send every second. A peer that vanished without closing is detected by the missing acknowledgements.
+    """Disable blocking and Nagle's algorithm, so that a setpoint is sent at once, and set the
+    timeout HALF_OPEN."""
+    # We send every second. A peer that vanished without closing is detected by the missing
+    # acknowledgements.
     connection.setblocking(False)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
@@ -273,4 +299,6 @@ def _open_serial(endpoint: Endpoint) -> StreamLink:
     def open_port() -> Any:
         return Serial(endpoint.host, endpoint.port, timeout=0, write_timeout=0)
 
-    return StreamLink(endpoint.host, open_port(), open_port, lambda port: bytes(port.read(MOST_BYTES)))
+    return StreamLink(
+        endpoint.host, open_port(), open_port, lambda port: bytes(port.read(MOST_BYTES))
+    )

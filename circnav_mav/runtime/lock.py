@@ -1,11 +1,12 @@
-"""Lock files that mark a folder as in use by a process. The lock ends with the process, even if it is killed."""
+"""Lock files that mark a folder as in use by a process. The lock ends with the process, even if it
+is killed."""
 
 from typing import IO, Any
 
 
 def lock(file: IO[Any]) -> bool:
-    """Lock an open file until it is closed. Return False if another process holds the lock. On a system or disk without
-    locks, return True."""
+    """Lock an open file until it is closed. Return False if another process holds the lock. On a
+    system or disk without locks, return True."""
     try:
         import fcntl  # not on Windows
 

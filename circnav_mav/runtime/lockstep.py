@@ -1,5 +1,6 @@
-"""Simulated time: a vehicle in this process and the pilot alternate and exchange MAVLink bytes. Time advances only when
-both are done, so a flight is bit-identical on any computer. A finite speed only adds waits."""
+"""Simulated time: a vehicle in this process and the pilot alternate and exchange MAVLink bytes.
+Time advances only when both are done, so a flight is bit-identical on any computer. A finite speed
+only adds waits."""
 
 from collections import Counter
 from collections.abc import Hashable
@@ -10,13 +11,15 @@ from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.runtime.clock import Clock, steady
 from circnav_mav.runtime.links import Link
 
-MAIN, RADIO = "main", "ranging"
+MAIN = "main"
+RADIO = "ranging"
 """Link names of the emulated vehicle."""
 SOURCE = "sim"
 ON_TIME = 1e-3
 """Run time, s, by which a wait may end early and still count as complete."""
 MOST_LATE = 0.5
-"""Longest delay that a paced run makes up for, in real time, s. The rest of a longer delay is skipped."""
+"""Longest delay that a paced run makes up for, in real time, s. The rest of a longer delay is
+skipped."""
 
 
 class Vehicle(Protocol):
@@ -42,14 +45,17 @@ class Lockstep(Clock):
     longest_wait = inf
 
     def __init__(self, vehicle: Vehicle, speed: float = inf, *, others: bool = False) -> None:
-        """speed: simulated seconds per real second, infinite for as fast as possible. others: True if there are real
-        links too, such as a radio. Then simulated time follows real time, also across a pause."""
+        """speed: simulated seconds per real second, infinite for as fast as possible. others: True
+        if there are real links too, such as a radio. Then simulated time follows real time, also
+        across a pause."""
         super().__init__(speed)
-        self._vehicle, self._others = vehicle, others
+        self._vehicle = vehicle
+        self._others = others
         self._now = 0.0
 
     def links(self, *, ranging_apart: bool) -> dict[str, Link]:
-        """Return the vehicle's links by the pilot's names. ranging_apart: include the separate ranging link."""
+        """Return the vehicle's links by the pilot's names. ranging_apart: include the separate
+        ranging link."""
         names = {VEHICLE: MAIN} | ({RANGING: RADIO} if ranging_apart else {})
         return {ours: VehicleLink(self._vehicle, theirs) for ours, theirs in names.items()}
 
@@ -61,11 +67,17 @@ class Lockstep(Clock):
     """Execution time, in simulated seconds: a step of a simulated flight takes no time."""
 
     def until(self, moment: float) -> float:
-        """Return the real seconds until the next event, or until `moment` if earlier; 0 if the speed is infinite."""
-        return max((self.next_event(moment) - self._paced()) / self.speed, 0.0) if isfinite(self.speed) else 0.0
+        """Return the real seconds until the next event, or until `moment` if earlier; 0 if the
+        speed is infinite."""
+        return (
+            max((self.next_event(moment) - self._paced()) / self.speed, 0.0)
+            if isfinite(self.speed)
+            else 0.0
+        )
 
     def advance(self, moment: float) -> None:
-        """Advance to the next event, or to `moment` if earlier. With real links, advance to the paced time instead.
+        """Advance to the next event, or to `moment` if earlier. With real links, advance to the
+        paced time instead.
 
         At a finite speed, do not pass the paced time: a signal may have ended the wait early.
         """
@@ -78,7 +90,9 @@ class Lockstep(Clock):
                 due = max(due - early, self._now)
             self._start += max(-early / self.speed - MOST_LATE, 0.0)
         micros = ceil(due * 1e6)
-        micros += micros / 1e6 < due  # rounded down, the time would stay before the due tick forever
+        micros += (
+            micros / 1e6 < due
+        )  # rounded down, the time would stay before the due tick forever
         self._now = micros / 1e6
         self._vehicle.advance(self._now)
 
@@ -96,7 +110,8 @@ class VehicleLink:
 
     def __init__(self, vehicle: Vehicle, name: str) -> None:
         self.troubles: Counter[str] = Counter()
-        self._vehicle, self._name = vehicle, name
+        self._vehicle = vehicle
+        self._name = name
 
     def fileno(self) -> None:
         """Return None: no descriptor to wait for."""

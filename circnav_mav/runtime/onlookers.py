@@ -1,8 +1,8 @@
 """Interface for extras that observe a flight: the live page, the survey and others.
 
-An onlooker receives every step of the loop, and an error in it never ends the flight. Its only influence on the pilot
-is a request for another circle, which the pilot checks. An import contract denies such requests to extras that use
-positions.
+An onlooker receives every step of the loop, and an error in it never ends the flight. Its only
+influence on the pilot is a request for another circle, which the pilot checks. An import contract
+denies such requests to extras that use positions.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,8 +19,8 @@ from circnav_mav.pilot.loop_step import LoopStep
 
 
 class OtherVehicle(NamedTuple):
-    """Another vehicle as known to an onlooker, for the live page. place: east and north of the target, m, None if
-    unknown. words: its state."""
+    """Another vehicle as known to an onlooker, for the live page. place: east and north of the
+    target, m, None if unknown. words: its state."""
 
     name: str
     place: tuple[float, float] | None
@@ -30,9 +30,10 @@ class OtherVehicle(NamedTuple):
 class Onlooker:
     """Base class of onlookers: every method does nothing.
 
-    name: for messages about the onlooker. pace: simulation speed that the onlooker needs with the bundled vehicle,
-    times real time, None for any. busy: True to keep the loop running after guidance has ended. called_off: True after
-    a signal to end the program. problem: failure, in one line.
+    name: for messages about the onlooker. pace: simulation speed that the onlooker needs with the
+    bundled vehicle, times real time, None for any. busy: True to keep the loop running after
+    guidance has ended. called_off: True after a signal to end the program. problem: failure, in one
+    line.
     """
 
     name = "onlooker"
@@ -44,12 +45,16 @@ class Onlooker:
     def start(self, epoch_us: int) -> None:
         """Called when the clock starts. epoch_us: Unix time of run time zero, us."""
 
-    def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
-        """Process a step and the newest tick. Return frames to send to the vehicle, from a separate component id."""
+    def on_step(
+        self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
+    ) -> Sequence[bytes]:
+        """Process a step and the newest tick. Return frames to send to the vehicle, from a separate
+        component id."""
         return ()
 
     def take_exchanged(self) -> Sequence[bytes]:
-        """Return frames exchanged with other systems since the last step: recorded, never sent to the vehicle."""
+        """Return frames exchanged with other systems since the last step: recorded, never sent to
+        the vehicle."""
         return ()
 
     def circle_requests(self, now: float) -> Sequence[CircleRequest]:
@@ -65,15 +70,18 @@ class Onlooker:
         return ()
 
     def alarms(self, now: float) -> Mapping[str, str]:
-        """Return the texts of active alarms by name. Names are those of the extra's own table of conditions."""
+        """Return the texts of active alarms by name. Names are those of the extra's own table of
+        conditions."""
         return {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
-        """Add keys to the summary, and verdict lines to summary["notes"]. Return files for the run folder, by name."""
+        """Add keys to the summary, and verdict lines to summary["notes"]. Return files for the run
+        folder, by name."""
         return {}
 
     def show_verdict(self, verdict: str, folder: Path) -> None:
-        """Show the verdict. Called after the flight is recorded, before its report is written. folder: run folder."""
+        """Show the verdict. Called after the flight is recorded, before its report is written.
+        folder: run folder."""
 
     def close(self) -> None:
         """Release all resources."""
@@ -81,7 +89,8 @@ class Onlooker:
 
 @dataclass(frozen=True, slots=True)
 class OnlookerSettings:
-    """Inputs of an onlooker. options: of `circnav fly`, by name. others: all onlookers of the flight."""
+    """Inputs of an onlooker. options: of `circnav fly`, by name. others: all onlookers of the
+    flight."""
 
     mission: Mission
     pilot: Pilot
@@ -92,7 +101,8 @@ class OnlookerSettings:
 
 @dataclass(slots=True)
 class Onlookers:
-    """Onlookers of a flight. One that fails receives no more steps. problems: failures, one line each."""
+    """Onlookers of a flight. One that fails receives no more steps. problems: failures, one line
+    each."""
 
     attached: list[Onlooker] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -100,14 +110,19 @@ class Onlookers:
 
     @property
     def pace(self) -> float | None:
-        """Lowest of the simulation speeds that onlookers need with the bundled vehicle, times real time; None for
-        any."""
-        return min((onlooker.pace for onlooker in self.attached if onlooker.pace is not None), default=None)
+        """Lowest of the simulation speeds that onlookers need with the bundled vehicle, times real
+        time; None for any."""
+        return min(
+            (onlooker.pace for onlooker in self.attached if onlooker.pace is not None), default=None
+        )
 
     @property
     def busy(self) -> bool:
         """True while an onlooker still has work after guidance has ended."""
-        return any(self._guarded(onlooker, "", lambda one=onlooker: one.busy) for onlooker in self._working())
+        return any(
+            self._guarded(onlooker, "", lambda one=onlooker: one.busy)
+            for onlooker in self._working()
+        )
 
     def start(self, epoch_us: int) -> None:
         """Start every onlooker. epoch_us: Unix time of run time zero, us."""
@@ -115,7 +130,12 @@ class Onlookers:
             self._guarded(onlooker, " at 0.0 s", onlooker.start, epoch_us)
 
     def on_step(
-        self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None, *, called_off: bool = False
+        self,
+        newest: TickRecord | None,
+        step: LoopStep,
+        recording_problem: str | None,
+        *,
+        called_off: bool = False,
     ) -> list[bytes]:
         """Pass a step to every onlooker. Return the frames to send to the vehicle."""
         for onlooker in self._working():
@@ -123,7 +143,8 @@ class Onlookers:
         return self._all(step.time, "on_step", newest, step, recording_problem)
 
     def take_exchanged(self, now: float) -> list[bytes]:
-        """Return the frames that onlookers exchanged with other systems than the vehicle, for the recorder."""
+        """Return the frames that onlookers exchanged with other systems than the vehicle, for the
+        recorder."""
         return self._all(now, "take_exchanged")
 
     def circle_requests(self, now: float) -> list[CircleRequest]:
@@ -139,7 +160,8 @@ class Onlookers:
         return self._all(now, "vehicles", now)
 
     def alarms(self, now: float) -> dict[str, str]:
-        """Return the alarms of all onlookers by name, and one alarm that lists failed onlookers, if any."""
+        """Return the alarms of all onlookers by name, and one alarm that lists failed onlookers, if
+        any."""
         alarms = dict(self._all(now, "alarms", now, by=Mapping.items))
         return alarms | (EXTRA_STOPPED.alarm("; ".join(self.problems)) if self.problems else {})
 
@@ -169,13 +191,22 @@ class Onlookers:
         """Return the onlookers that have not failed."""
         return [onlooker for onlooker in self.attached if id(onlooker) not in self._failed]
 
-    def _all(self, now: float, name: str, *arguments: Any, by: Callable[[Any], Iterable[Any]] = iter) -> list[Any]:
-        """Return the results of a method of all working onlookers. by: function from one result to its items."""
-        results = [self._guarded(one, f" at {now:.1f} s", getattr(one, name), *arguments) for one in self._working()]
+    def _all(
+        self, now: float, name: str, *arguments: Any, by: Callable[[Any], Iterable[Any]] = iter
+    ) -> list[Any]:
+        """Return the results of a method of all working onlookers. by: function from one result to
+        its items."""
+        results = [
+            self._guarded(one, f" at {now:.1f} s", getattr(one, name), *arguments)
+            for one in self._working()
+        ]
         return [item for result in results if result for item in by(result)]
 
-    def _guarded(self, onlooker: Onlooker, when: str, call: Callable[..., Any], *arguments: Any) -> Any:
-        """Return the result of a call, or None if it raised. After that the onlooker receives no more steps."""
+    def _guarded(
+        self, onlooker: Onlooker, when: str, call: Callable[..., Any], *arguments: Any
+    ) -> Any:
+        """Return the result of a call, or None if it raised. After that the onlooker receives no
+        more steps."""
         try:
             return call(*arguments)
         except Exception as error:

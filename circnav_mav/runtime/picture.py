@@ -1,4 +1,5 @@
-"""Live picture of a flight on a terminal: at least 80 columns, about 20 rows. Colors only repeat the words."""
+"""Live picture of a flight on a terminal: at least 80 columns, about 20 rows. Colors only repeat
+the words."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -15,16 +16,26 @@ from circnav_mav.pilot import PilotSettings, TickRecord
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.status import SILENCED, Status, status_facts
 
-STYLES = {Phase.ENGAGED: "green", Phase.HOLDING: "yellow", Phase.YIELDED: "magenta", Phase.LEAVING: "cyan"}
-NARROWEST, WIDEST = 80, 160
+STYLES = {
+    Phase.ENGAGED: "green",
+    Phase.HOLDING: "yellow",
+    Phase.YIELDED: "magenta",
+    Phase.LEAVING: "cyan",
+}
+NARROWEST = 80
+WIDEST = 160
 """Width limits of the picture, columns: the usual width of a terminal, and twice that."""
 BAR = 41
 """Cells of a bar in the narrowest picture. Odd, so that it has a middle cell."""
-CELLS, CELL = 30, 2.0
-"""Cells of the sparkline in the narrowest picture, and the time that each covers, s: a minute in total."""
-ALARM, LABEL = "ALARM", 12
+CELLS = 30
+CELL = 2.0
+"""Cells of the sparkline in the narrowest picture, and the time that each covers, s: a minute in
+total."""
+ALARM = "ALARM"
+LABEL = 12
 """Label of an alarm, and width of each label, columns."""
-MOST_ALARMS, MOST_REASONS = 3, 3
+MOST_ALARMS = 3
+MOST_REASONS = 3
 """Alarms, and reasons for rejected ranges, that fit into the picture."""
 HOW_TO_STOP = "Ctrl-C ends the flight. In any other flight mode, circnav stops sending."
 
@@ -51,14 +62,15 @@ class Picture:
     """Draws the statuses of a flight, and keeps the recent radius errors for the sparkline."""
 
     def __init__(self, settings: PilotSettings, name: str, *, ascii_only: bool) -> None:
-        self._settings, self._signs = settings, ASCII if ascii_only else FINE
+        self._settings = settings
+        self._signs = ASCII if ascii_only else FINE
         self._title = f"{name}: {settings.orbit.words()}"
         self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS + WIDEST - NARROWEST)
         self._width = NARROWEST
 
     def draw(self, status: Status, columns: int = NARROWEST) -> Panel:
-        """Return the picture of a status: a panel of texts and bars. Alarms are near the top, because a terminal with
-        few rows shows only the first ones.
+        """Return the picture of a status: a panel of texts and bars. Alarms are near the top,
+        because a terminal with few rows shows only the first ones.
 
         columns: width of the terminal. The panel is at least NARROWEST and at most WIDEST wide.
         """
@@ -73,13 +85,23 @@ class Picture:
             *zip(("waiting", ""), self._folded([status.waits]), strict=False),
             *self._circle(status.tick, facts),
             ("target", status.target),
-            *((label, line) for label, words in status.added.items() for line in self._folded([words])[:1]),
-            *((name, facts[name]) for name in ("ranging", "rejected", "link", "senders", "setpoints") if facts[name]),
+            *(
+                (label, line)
+                for label, words in status.added.items()
+                for line in self._folded([words])[:1]
+            ),
+            *(
+                (name, facts[name])
+                for name in ("ranging", "rejected", "link", "senders", "setpoints")
+                if facts[name]
+            ),
         ]
         text = Text(no_wrap=True, overflow="crop")
         for name, value in rows:
             shown = self._fitted(value) if isinstance(value, str) else value
-            text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(shown).append("\n")
+            text.append(f"{name:<{LABEL}}", "bold red" if name == ALARM else "").append(
+                shown
+            ).append("\n")
         text.right_crop()
         return Panel(
             text, title=f"{self._title}, t = {status.time:.1f} s", subtitle=HOW_TO_STOP,
@@ -88,15 +110,23 @@ class Picture:
 
     def _phase(self, status: Status, flown: str) -> list[Row]:
         """Return the rows of phase, mode and time flown, and a notice if nothing is sent."""
-        badge, mode = (f" {status.phase.upper()} ", f"bold reverse {_style(status)}"), self._settings.output_mode
-        rows: list[Row] = [("phase", Text.assemble(badge, f"  mode {status.tick.mode}", flown and f"   {flown}"))]
+        badge = (f" {status.phase.upper()} ", f"bold reverse {_style(status)}")
+        mode = self._settings.output_mode
+        rows: list[Row] = [
+            ("phase", Text.assemble(badge, f"  mode {status.tick.mode}", flown and f"   {flown}"))
+        ]
         return [*rows, ("", Text(SILENCED[mode], "bold"))] if mode in SILENCED else rows
 
     def _circle(self, tick: TickRecord, facts: dict[str, str]) -> list[Row]:
         """Return the rows of range, radius error, range rate and turn rate."""
-        desired, limit = tick.desired or self._settings.orbit.radius, self._settings.orbit.max_turn_rate
+        desired = tick.desired or self._settings.orbit.radius
+        limit = self._settings.orbit.max_turn_rate
         share = None if tick.r is None else tick.r / desired - 1
-        to_right = None if tick.turn_rate is None else yaw_rate_from_turn_rate(TurnRate(tick.turn_rate)) / limit
+        to_right = (
+            None
+            if tick.turn_rate is None
+            else yaw_rate_from_turn_rate(TurnRate(tick.turn_rate)) / limit
+        )
         return [
             ("range", facts["range"]),
             ("", f"0 {self._bar(share)} {2 * desired:.0f} m"),
@@ -107,8 +137,10 @@ class Picture:
         ]
 
     def _bar(self, share: float | None) -> str:
-        """Return a bar from -1 to 1 with a mark at `share`. A value beyond is marked at the end, None is not marked."""
-        signs, half = self._signs, (BAR + self._width - NARROWEST) // 2
+        """Return a bar from -1 to 1 with a mark at `share`. A value beyond is marked at the end,
+        None is not marked."""
+        signs = self._signs
+        half = (BAR + self._width - NARROWEST) // 2
         cells = [signs.line] * (2 * half + 1)
         cells[half] = signs.middle
         if share is not None:
@@ -117,23 +149,31 @@ class Picture:
         return "".join(cells)
 
     def _sparkline(self, tick: TickRecord, desired: float) -> str:
-        """Return the sparkline of the radius error with its time span and maximum. Each cell shows the largest error of
-        CELL seconds. In the narrowest picture, the line covers the last minute."""
+        """Return the sparkline of the radius error with its time span and maximum. Each cell shows
+        the largest error of CELL seconds. In the narrowest picture, the line covers the last
+        minute."""
         if tick.r is None:
             return ""
-        error, cell = abs(tick.r - desired), int(tick.time / CELL)
+        error = abs(tick.r - desired)
+        cell = int(tick.time / CELL)
         if self._errors and self._errors[-1][0] == cell:
             error = max(error, self._errors.pop()[1])
         self._errors.append((cell, error))
-        recent = [(at, size) for at, size in self._errors if cell - at < CELLS + self._width - NARROWEST]
-        full, levels = max(size for _, size in recent), self._signs.levels
+        recent = [
+            (at, size) for at, size in self._errors if cell - at < CELLS + self._width - NARROWEST
+        ]
+        full = max(size for _, size in recent)
+        levels = self._signs.levels
         line = [" "] * (cell - recent[0][0] + 1)
         for at, size in recent:
-            line[at - recent[0][0]] = levels[min(int(size / full * len(levels)), len(levels) - 1) if full else 0]
+            line[at - recent[0][0]] = levels[
+                min(int(size / full * len(levels)), len(levels) - 1) if full else 0
+            ]
         return f"   {''.join(line)} {tick.time - recent[0][0] * CELL:.0f} s, max {full:.1f} m"
 
     def _fitted(self, text: str) -> str:
-        """Return a text as one line. A text that is too long is cut after a word and ends with dots."""
+        """Return a text as one line. A text that is too long is cut after a word and ends with
+        dots."""
         shown = self._printable(text)
         return shown if len(shown) <= self._room else next(iter(self._folded([text], most=1)))
 
@@ -149,7 +189,9 @@ class Picture:
         """Return the texts as lines that fit, at most `most` lines each."""
         room = self._room
         return [
-            line for text in texts for line in wrap(self._printable(text), room, max_lines=most, placeholder=" ...")
+            line
+            for text in texts
+            for line in wrap(self._printable(text), room, max_lines=most, placeholder=" ...")
         ]
 
 

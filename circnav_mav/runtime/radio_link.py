@@ -1,5 +1,5 @@
-"""Link to a ranging radio with a driver. Each reading becomes a RANGING_BEACON frame, so that it passes the same
-checks, log and replay as ranges over MAVLink."""
+"""Link to a ranging radio with a driver. Each reading becomes a RANGING_BEACON frame, so that it
+passes the same checks, log and replay as ranges over MAVLink."""
 
 from collections import Counter
 from collections.abc import Hashable, Iterable
@@ -9,38 +9,56 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.identity import spelt
-from circnav_mav.mav.ranging.driver import FAILURES, Driver, DriverError, RadioReading, make_driver, split_driver
+from circnav_mav.mav.ranging.driver import (
+    FAILURES,
+    Driver,
+    DriverError,
+    RadioReading,
+    make_driver,
+    split_driver,
+)
 from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
 from circnav_mav.runtime.links import Link, note, open_link
 
-SYSTEM, COMPONENT = 1, dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
-"""MAVLink ids of a driver's readings in the log: those of a radio on the companion computer in docs/own-vehicle.md."""
-UNKNOWN, NO_PLACE = 0xFFFFFFFF, 0x7FFFFFFF
+SYSTEM = 1
+COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
+"""MAVLink ids of a driver's readings in the log: those of a radio on the companion computer in
+docs/own-vehicle.md."""
+UNKNOWN = 0xFFFFFFFF
+NO_PLACE = 0x7FFFFFFF
 """Values of RANGING_BEACON that mean unknown: UINT32_MAX and INT32_MAX."""
 LONGEST_STAMP = 1e12
 """Largest timestamp that is forwarded, s. A larger one is invalid."""
 MOST_WORDS = 200
-"""Maximum number of characters kept of a driver's error, which may quote the whole input of the driver."""
-WATCHED, MANY = 2.0, 64
-"""Time without a reading, s, and number of undecoded bytes in that time, from which a wrong baud rate is reported."""
+"""Maximum number of characters kept of a driver's error, which may quote the whole input of the
+driver."""
+WATCHED = 2.0
+MANY = 64
+"""Time without a reading, s, and number of undecoded bytes in that time, from which a wrong baud
+rate is reported."""
 
 
-IN_A_ROW, PAUSE = 10, 1.0
-"""Number of failures in a row after which a driver's method is called only once per pause, s. Chosen: a single damaged
-frame causes no pause, and a driver with an error in its code fails 50 times a second."""
+IN_A_ROW = 10
+PAUSE = 1.0
+"""Number of failures in a row after which a driver's method is called only once per pause, s.
+Chosen: a single damaged frame causes no pause, and a driver with an error in its code fails 50
+times a second."""
 
 
 class _Method:
-    """Method of a driver that may fail. After IN_A_ROW failures it is due once per PAUSE, until it succeeds."""
+    """Method of a driver that may fail. After IN_A_ROW failures it is due once per PAUSE, until it
+    succeeds."""
 
     def __init__(self) -> None:
-        self._failures, self._due = 0, float("-inf")
+        self._failures = 0
+        self._due = float("-inf")
 
     def is_due(self, now: float) -> bool:
         return now >= self._due
 
     def succeeded(self) -> None:
-        self._failures, self._due = 0, float("-inf")
+        self._failures = 0
+        self._due = float("-inf")
 
     def failed(self, now: float) -> None:
         self._failures += 1
@@ -62,7 +80,8 @@ class RadioLink:
         self._sequence = 0
         self._since: float | None = None
         self._unread = 0
-        self._asking, self._reading = _Method(), _Method()
+        self._asking = _Method()
+        self._reading = _Method()
         if self._line_end:
             try:
                 driver.receive(self._line_end, 0.0)  # so that the first datagram begins a line
@@ -75,12 +94,13 @@ class RadioLink:
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         """Return a frame for each new reading."""
         return [
-            (self._frame(reading), f"{spelt(source)} beacon {reading.beacon}") for reading, source in self.read(now)
+            (self._frame(reading), f"{spelt(source)} beacon {reading.beacon}")
+            for reading, source in self.read(now)
         ]
 
     def read(self, now: float) -> list[tuple[RadioReading, Hashable]]:
-        """Return the new readings with their sources. If the driver raises, count a trouble and drop the bytes passed
-        to it."""
+        """Return the new readings with their sources. If the driver raises, count a trouble and
+        drop the bytes passed to it."""
         readings: list[tuple[RadioReading, Hashable]] = []
         if self._asking.is_due(now):
             try:
@@ -89,7 +109,8 @@ class RadioLink:
                 self._asking.succeeded()
             except FAILURES as error:
                 self._failed(error, self._asking, now)
-        # Read even if `ask` raised: bytes left in the socket would wake the loop at once, again and again.
+        # Read even if `ask` raised: bytes left in the socket would wake the loop at once, again and
+        # again.
         for data, source in self._link.receive(now):
             if not self._reading.is_due(now):
                 continue
@@ -124,7 +145,8 @@ class RadioLink:
             if self._driver.unread - self._unread >= MANY:
                 why = "wrong baud rate, driver or output of the radio?"
                 self.troubles[f"received bytes are no {self._name} data: {why}"] += 1
-        self._since, self._unread = now, self._driver.unread
+        self._since = now
+        self._unread = self._driver.unread
 
     def _frame(self, reading: RadioReading) -> bytes:
         self._sequence = (self._sequence + 1) % 256
@@ -132,10 +154,22 @@ class RadioLink:
         return self._encoder.encode(
             dialect.MAVLink_ranging_beacon_message(
                 round(stamp * 1e6) if stamp is not None and 0 < stamp < LONGEST_STAMP else 0,
-                0, 0, reading.beacon, _millimetres(reading.range), NO_PLACE, NO_PLACE, nan, 0, UNKNOWN, UNKNOWN,
-                0, _millimetres(reading.sigma), self._sequence, 0,
+                0,
+                0,
+                reading.beacon,
+                _millimetres(reading.range),
+                NO_PLACE,
+                NO_PLACE,
+                nan,
+                0,
+                UNKNOWN,
+                UNKNOWN,
+                0,
+                _millimetres(reading.sigma),
+                self._sequence,
+                0,
             )
-        )  # fmt: skip
+        )
 
 
 def _millimetres(metres: float | None) -> int:
@@ -146,8 +180,8 @@ def _millimetres(metres: float | None) -> int:
 
 
 def radio_port(endpoint: str) -> tuple[str, Driver, str]:
-    """Return driver name, driver and link endpoint of an endpoint such as `linktrack:/dev/ttyUSB0`. A device without a
-    baud rate uses the driver's. Raises LinkError."""
+    """Return driver name, driver and link endpoint of an endpoint such as `linktrack:/dev/ttyUSB0`.
+    A device without a baud rate uses the driver's. Raises LinkError."""
     name, port = split_driver(endpoint)
     if name is None:
         raise LinkError(f"endpoint {endpoint!r}: has no driver, write it as linktrack:/dev/ttyUSB0")
@@ -156,12 +190,17 @@ def radio_port(endpoint: str) -> tuple[str, Driver, str]:
     except DriverError as error:
         raise LinkError(f"endpoint {endpoint!r}: {error}") from None
     if port.startswith("/"):
-        port = f"serial:{port}" if port.rpartition(":")[2].isdecimal() else f"serial:{port}:{driver.baud}"
+        port = (
+            f"serial:{port}"
+            if port.rpartition(":")[2].isdecimal()
+            else f"serial:{port}:{driver.baud}"
+        )
     parse_endpoint(port)
     return name, driver, port
 
 
 def open_radio(endpoint: str, peers: Iterable[str] = ()) -> RadioLink:
-    """Open the port of a radio. peers: addresses and networks that `udpin` accepts, empty for all. Raises LinkError."""
+    """Open the port of a radio. peers: addresses and networks that `udpin` accepts, empty for all.
+    Raises LinkError."""
     name, driver, port = radio_port(endpoint)
     return RadioLink(name, driver, open_link(port, peers), datagrams=port.startswith("udp"))

@@ -1,14 +1,14 @@
-"""Recorder of the run folder: flight.tlog, steps.csv and ticks.csv. A separate thread writes, so that a slow disk never
-delays a tick.
+"""Recorder of the run folder: flight.tlog, steps.csv and ticks.csv. A separate thread writes, so
+that a slow disk never delays a tick.
 
-A tlog is a sequence of records, each a timestamp (big-endian microseconds since 1970) and a raw frame. Mission Planner,
-MAVExplorer and MAVProxy open it. steps.csv holds what a tlog cannot: the time of each step of the loop, the link and
-source of its frames, and how many of them circnav sent. With both, a replay is exact. Signatures are removed, as
-MAVLink's guide recommends, so that a replay needs no key. Files are flushed: a killed process loses only what waits for
-the disk.
+A tlog is a sequence of records, each a timestamp (big-endian microseconds since 1970) and a raw
+frame. Mission Planner, MAVExplorer and MAVProxy open it. steps.csv holds what a tlog cannot: the
+time of each step of the loop, the link and source of its frames, and how many of them circnav sent.
+With both, a replay is exact. Signatures are removed, as MAVLink's guide recommends, so that a
+replay needs no key. Files are flushed: a killed process loses only what waits for the disk.
 
-The size of a run folder is bounded. At FRAMES_SHARE of the bound, recording of frames stops: flight.tlog and steps.csv
-then hold a complete, shorter flight. The rest is reserved for ticks.
+The size of a run folder is bounded. At FRAMES_SHARE of the bound, recording of frames stops:
+flight.tlog and steps.csv then hold a complete, shorter flight. The rest is reserved for ticks.
 """
 
 import csv
@@ -27,21 +27,34 @@ from circnav_mav.pilot.loop_step import HELD_BACK, STEPS, LoopStep, requests_tex
 MOST_MB = 2000.0
 """Largest total size of the three files, MB: about 65 h of flight."""
 FRAMES_SHARE = 0.75
-"""Fraction of the size bound at which recording of frames stops, so that the ticks of a long flight fit."""
+"""Fraction of the size bound at which recording of frames stops, so that the ticks of a long flight
+fit."""
 MOST_WAITING = 20_000
-"""Queue length (steps and ticks, some minutes of flight) beyond which new items are dropped on a slow disk."""
+"""Queue length (steps and ticks, some minutes of flight) beyond which new items are dropped on a
+slow disk."""
 MOST_SOURCES = 1000
 """Maximum number of senders with a number of their own in steps.csv."""
 CLOSE_PATIENCE = 10.0
 """Timeout for a slow disk at the end, s."""
 TICK_COLUMNS = TickRecord._fields
-STEP_COLUMNS = ("time_us", "heard", "said", "hello", "interrupt", "attached", "requests", "exchanged")
+STEP_COLUMNS = (
+    "time_us",
+    "heard",
+    "said",
+    "hello",
+    "interrupt",
+    "attached",
+    "requests",
+    "exchanged",
+)
 """Columns of steps.csv. The tlog holds the frames of a step in this order.
 
-heard: received datagrams, each as link initial, source number and count of whole frames, as in `v0*2 r1*1`.
-said, hello: number of frames sent to the vehicle and to the ranging link. said = HELD_BACK: commands were not sent.
-interrupt: signal that ended the flight. attached: number of frames of onlookers.
-requests: requests for another circle, JSON. exchanged: number of frames between onlookers and other systems."""
+heard: received datagrams, each as link initial, source number and count of whole frames, as in
+`v0*2 r1*1`. said, hello: number of frames sent to the vehicle and to the ranging link. said =
+HELD_BACK: commands were not sent. interrupt: signal that ended the flight. attached: number of
+frames of onlookers.
+requests: requests for another circle, JSON. exchanged: number of frames between onlookers and other
+systems."""
 
 
 class RecorderError(Exception):
@@ -53,7 +66,8 @@ class TakenError(RecorderError):
 
 
 class Recorder:
-    """Writes steps and ticks in order. A disk error is reported in `problem`, and the flight continues."""
+    """Writes steps and ticks in order. A disk error is reported in `problem`, and the flight
+    continues."""
 
     def __init__(self, folder: Path, mission_text: str) -> None:
         """Raises RecorderError."""
@@ -63,13 +77,18 @@ class Recorder:
         """Run time of the newest tick, s, written or not."""
         self._written = 0
         self._broken = False
-        self._epoch_us, self._at_once = 0, False
+        self._epoch_us = 0
+        self._at_once = False
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._tlog = _claimed(folder / "flight.tlog")
             (folder / "mission.toml").write_text(mission_text, encoding="utf-8")
-            self._ticks: IO[str] = (folder / "ticks.csv").open("w", buffering=1, newline="", encoding="utf-8")
-            self._steps: IO[str] = (folder / STEPS).open("w", buffering=1, newline="", encoding="utf-8")
+            self._ticks: IO[str] = (folder / "ticks.csv").open(
+                "w", buffering=1, newline="", encoding="utf-8"
+            )
+            self._steps: IO[str] = (folder / STEPS).open(
+                "w", buffering=1, newline="", encoding="utf-8"
+            )
             csv.writer(self._ticks).writerow(TICK_COLUMNS)
             csv.writer(self._steps).writerow(STEP_COLUMNS)
         except OSError as error:
@@ -79,9 +98,10 @@ class Recorder:
         self._thread = threading.Thread(target=self._drain, name="recorder", daemon=True)
 
     def start(self, epoch_us: int, *, at_once: bool = False) -> None:
-        """Begin to write. epoch_us: Unix time of run time zero, us, for the tlog. at_once: True if the run may wait for
-        the disk, as in simulated time. Then a slow disk loses nothing."""
-        self._epoch_us, self._at_once = epoch_us, at_once
+        """Begin to write. epoch_us: Unix time of run time zero, us, for the tlog. at_once: True if
+        the run may wait for the disk, as in simulated time. Then a slow disk loses nothing."""
+        self._epoch_us = epoch_us
+        self._at_once = at_once
         if not at_once:
             self._thread.start()
 
@@ -96,7 +116,8 @@ class Recorder:
             self._put(record)
 
     def close(self) -> None:
-        """Write the queue and close the files. Report a problem if that takes longer than CLOSE_PATIENCE."""
+        """Write the queue and close the files. Report a problem if that takes longer than
+        CLOSE_PATIENCE."""
         self._queue.put(None)
         if self._at_once:
             self._drain()
@@ -111,14 +132,17 @@ class Recorder:
         elif self._queue.qsize() < MOST_WAITING:
             self._queue.put(item)
         else:
-            self._note(f"{self.folder}: recording has gaps from {item.time:.0f} s on: the disk is too slow")
+            self._note(
+                f"{self.folder}: recording has gaps from {item.time:.0f} s on: the disk is too slow"
+            )
 
     def _note(self, problem: str) -> None:
         """Keep the first problem, which causes the later ones."""
         self.problem = self.problem or problem
 
     def _drain(self) -> None:
-        """Write queued items until None arrives, then close the files. Body of the writing thread."""
+        """Write queued items until None arrives, then close the files. Body of the writing
+        thread."""
         while (item := self._queue.get()) is not None:
             self._guarded(self._write, item)
         for file in (self._tlog, self._steps, self._ticks):
@@ -131,7 +155,9 @@ class Recorder:
             action(*arguments)
         except Exception as error:
             self._broken = True
-            self._note(f"{self.folder}: recording stopped: {getattr(error, 'strerror', None) or error}")
+            self._note(
+                f"{self.folder}: recording stopped: {getattr(error, 'strerror', None) or error}"
+            )
 
     def _write(self, item: LoopStep | TickRecord) -> None:
         if isinstance(item, TickRecord):
@@ -141,19 +167,26 @@ class Recorder:
             self._write_step(item)
 
     def _room(self, share: float, what: str, time: float) -> bool:
-        """True while less than this fraction of MOST_MB is used. Else report that recording has stopped."""
+        """True while less than this fraction of MOST_MB is used. Else report that recording has
+        stopped."""
         if self._written < share * MOST_MB * 1e6:
             return True
-        self._note(f"{self.folder}: recording of {what} ended at {time:.0f} s: the limit of {MOST_MB:g} MB is reached")
+        self._note(
+            f"{self.folder}: recording of {what} ended at {time:.0f} s: the limit of {MOST_MB:g} MB"
+            " is reached"
+        )
         return False
 
     def _write_step(self, item: LoopStep) -> None:
         frames = item.received_frames + item.sent + item.hello + item.attached + item.exchanged
         stamp = struct.pack(">Q", self._epoch_us + round(item.time * 1e6))
-        self._written += self._tlog.write(b"".join(stamp + without_signature(frame) for frame in frames))
+        self._written += self._tlog.write(
+            b"".join(stamp + without_signature(frame) for frame in frames)
+        )
         self._tlog.flush()
         received = " ".join(
-            f"{link[0]}{self._number(source)}*{len(datagram)}" for link, source, datagram in item.received
+            f"{link[0]}{self._number(source)}*{len(datagram)}"
+            for link, source, datagram in item.received
         )
         sent = HELD_BACK if item.held_back else len(item.sent) or ""
         row = (
@@ -171,7 +204,11 @@ class Recorder:
     def _number(self, source: Hashable) -> int:
         """Return the number of a source. All sources beyond MOST_SOURCES share one number."""
         known = len(self._sources)
-        return self._sources.setdefault(source, known) if known < MOST_SOURCES else self._sources.get(source, known)
+        return (
+            self._sources.setdefault(source, known)
+            if known < MOST_SOURCES
+            else self._sources.get(source, known)
+        )
 
 
 def write_ticks(path: Path, records: Iterable[TickRecord]) -> None:

@@ -19,12 +19,13 @@ from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
 LONGEST_STEP = 0.5
-"""Real duration of a step, s, after which it sends nothing more: the process was probably stopped meanwhile, and the
-operator may have taken over. The pilot detects a stall between two steps."""
+"""Real duration of a step, s, after which it sends nothing more: the process was probably stopped
+meanwhile, and the operator may have taken over. The pilot detects a stall between two steps."""
 
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
-"""Signals that end a flight safely: Ctrl-C, a stopped service, and Ctrl-\\, which is easily typed instead of Ctrl-C."""
+"""Signals that end a flight safely: Ctrl-C, a stopped service, and Ctrl-\\, which is easily typed
+instead of Ctrl-C."""
 
 
 class StopRequest:
@@ -37,12 +38,14 @@ class StopRequest:
         self.claim()
 
     def claim(self) -> None:
-        """Install the handlers. Call again after loading another package: rospy, for example, installs its own."""
+        """Install the handlers. Call again after loading another package: rospy, for example,
+        installs its own."""
         for number in ENDING:
             signal.signal(number, self._on_signal)
 
     def release(self) -> None:
-        """Restore the default handlers, so that a signal ends a process in which a driver left a thread running."""
+        """Restore the default handlers, so that a signal ends a process in which a driver left a
+        thread running."""
         for number in ENDING:
             signal.signal(number, signal.SIG_DFL)
 
@@ -78,12 +81,20 @@ class Loop:
     """Loop of a flight, run step by step."""
 
     def __init__(
-        self, pilot: Pilot, links: Mapping[str, Link], clock: Clock, recorder: Recorder, onlookers: Onlookers
+        self,
+        pilot: Pilot,
+        links: Mapping[str, Link],
+        clock: Clock,
+        recorder: Recorder,
+        onlookers: Onlookers,
     ) -> None:
         self.now = 0.0
         """Time of the newest step, s."""
-        self._pilot, self._links, self._clock = pilot, links, clock
-        self._recorder, self._onlookers = recorder, onlookers
+        self._pilot = pilot
+        self._links = links
+        self._clock = clock
+        self._recorder = recorder
+        self._onlookers = onlookers
         self._newest: TickRecord | None = None
 
     @property
@@ -94,17 +105,26 @@ class Loop:
     @property
     def due(self) -> float:
         """Latest time of the next step, s."""
-        return self.now + self._clock.longest_wait if self._pilot.done else self._pilot.scheduler.due
+        return (
+            self.now + self._clock.longest_wait if self._pilot.done else self._pilot.scheduler.due
+        )
 
     def step(self, signal_name: str | None = None) -> None:
-        """Advance to the next event and process it. signal_name: received signal that ends the flight, or None."""
-        pilot, links, onlookers = self._pilot, self._links, self._onlookers
+        """Advance to the next event and process it. signal_name: received signal that ends the
+        flight, or None."""
+        pilot = self._pilot
+        links = self._links
+        onlookers = self._onlookers
         self._clock.advance(self.due)
-        step = run_step(pilot, links, self._clock, self.now, signal_name, onlookers.circle_requests(self.now))
+        step = run_step(
+            pilot, links, self._clock, self.now, signal_name, onlookers.circle_requests(self.now)
+        )
         self.now = step.time
         records = pilot.take_records()
         self._newest = records[-1] if records else self._newest
-        frames = onlookers.on_step(self._newest, step, self._recorder.problem, called_off=signal_name is not None)
+        frames = onlookers.on_step(
+            self._newest, step, self._recorder.problem, called_off=signal_name is not None
+        )
         if frames:
             links[VEHICLE].send(b"".join(frames), pilot.session.reply_to)
             step.attached = frames
@@ -121,12 +141,13 @@ def run_step(
     signal_name: str | None = None,
     requests: Sequence[CircleRequest] = (),
 ) -> LoopStep:
-    """Run one step of the loop: receive, decide, send. before: time of the previous step, s. signal_name: received
-    signal that ends the flight, or None. requests: requests of onlookers for another circle."""
+    """Run one step of the loop: receive, decide, send. before: time of the previous step, s.
+    signal_name: received signal that ends the flight, or None. requests: requests of onlookers for
+    another circle."""
     began = clock.real()
     received = [(name, *one) for name, link in links.items() for one in link.receive(before)]
-    # Read the clock after receiving. If the process was stopped, ranges that arrived meanwhile would otherwise be dated
-    # before they were sent.
+    # Read the clock after receiving. If the process was stopped, ranges that arrived meanwhile
+    # would otherwise be dated before they were sent.
     now = clock.now()
     step = LoopStep(now)
     for name, data, source in received:
@@ -178,7 +199,8 @@ def listen(
 
 
 def _send_hello(sender: Pilot | PreflightListener, links: Mapping[str, Link], now: float) -> bytes:
-    """Send a hello (heartbeat) to a separate ranging link if a hello is due. Return the bytes sent."""
+    """Send a hello (heartbeat) to a separate ranging link if a hello is due. Return the bytes
+    sent."""
     hello = sender.hello(now) if RANGING in links else b""
     if hello:
         links[RANGING].send(hello, None)

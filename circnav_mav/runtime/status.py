@@ -13,7 +13,8 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.rates import Rates
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 
-LOOK, MOST_ALARMS = 1.0, 1000
+LOOK = 1.0
+MOST_ALARMS = 1000
 """Interval of the check for new alarms, s, and maximum number of recorded alarms."""
 SILENCED = {
     OutputMode.DRY_RUN: "DRY RUN: no setpoint and no mode request is sent",
@@ -25,11 +26,12 @@ SILENCED = {
 class Status:
     """Newest tick and the state around it. Texts are human-readable.
 
-    time: run time, s. tick: newest tick, with None as range if the range is too old for holding. flown: time since
-    engaging, s, None before. phase: name of the phase. waits: condition that steering waits for. why: reason for the
-    active law. target: bearing and drift. trusted: trusted vehicle and its source. conditions: alarms by name of
-    condition. rejected: rejected ranges by reason. others: ranges of other senders, ignored. setpoints: number sent.
-    added: lines of onlookers, by label. vehicle: autopilot and firmware.
+    time: run time, s. tick: newest tick, with None as range if the range is too old for holding.
+    flown: time since engaging, s, None before. phase: name of the phase. waits: condition that
+    steering waits for. why: reason for the active law. target: bearing and drift. trusted: trusted
+    vehicle and its source. conditions: alarms by name of condition. rejected: rejected ranges by
+    reason. others: ranges of other senders, ignored. setpoints: number sent. added: lines of
+    onlookers, by label. vehicle: autopilot and firmware.
     """
 
     time: float
@@ -58,18 +60,22 @@ class StatusSource:
     """Source of statuses of a pilot and its onlookers."""
 
     def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
-        self._pilot, self._onlookers = pilot, onlookers
+        self._pilot = pilot
+        self._onlookers = onlookers
 
     def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
-        """Return the status. tick: the newest. now: run time, s. problem: recording problem, or None."""
-        pilot, timing = self._pilot, self._pilot.settings.timing
+        """Return the status. tick: the newest. now: run time, s. problem: recording problem, or
+        None."""
+        pilot = self._pilot
+        timing = self._pilot.settings.timing
         conditions = pilot.conditions.alarms | self._onlookers.alarms(now)
         if problem is not None:
             conditions |= NOT_RECORDING.alarm(problem)
         lost = timing.stale if tick.x is None else timing.stale + pilot.mission.hold
         if tick.range_age is not None and tick.range_age > lost:
-            # Without relative motion, the prediction continues straight while the vehicle turns: show no range. With
-            # it, the prediction follows the vehicle for as long as the turn is held.
+            # Without relative motion, the prediction continues straight while the vehicle turns:
+            # show no range. With it, the prediction follows the vehicle for as long as the turn is
+            # held.
             tick = tick._replace(r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
         return Status(
             time=now,
@@ -82,7 +88,11 @@ class StatusSource:
             trusted=pilot.trusted,
             added=self._onlookers.facts(now),
             conditions=conditions,
-            rejected={why: count for why, count in pilot.tracker.ranging.rejected.most_common() if why not in OTHERS},
+            rejected={
+                why: count
+                for why, count in pilot.tracker.ranging.rejected.most_common()
+                if why not in OTHERS
+            },
             others=sum(pilot.tracker.ranging.rejected[why] for why in OTHERS),
             rates=None if pilot.done else pilot.rates.newest,
             setpoints=pilot.setpoints_sent,
@@ -111,9 +121,13 @@ class AlarmLog(Onlooker):
     def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
         self.begun: list[dict[str, float | str]] = []
         """Alarms as stored in summary.json."""
-        self._watch, self._news, self._due = StatusSource(pilot, onlookers), NewAlarms(), 0.0
+        self._watch = StatusSource(pilot, onlookers)
+        self._news = NewAlarms()
+        self._due = 0.0
 
-    def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
+    def on_step(
+        self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
+    ) -> Sequence[bytes]:
         """Record new alarms if a check is due."""
         now = step.time
         if newest is not None and now >= self._due:
@@ -125,7 +139,8 @@ class AlarmLog(Onlooker):
 
 
 def kind(text: str) -> str:
-    """Return a text up to its first digit. Texts that differ only in numbers are of the same kind."""
+    """Return a text up to its first digit. Texts that differ only in numbers are of the same
+    kind."""
     return "".join(takewhile(lambda letter: not letter.isdecimal(), text))
 
 
@@ -134,20 +149,34 @@ def shown(value: float | None, form: str) -> str:
     return "-" if value is None else form.format(value)
 
 
-def status_facts(status: Status, settings: PilotSettings, most_reasons: int | None = None) -> dict[str, str]:
-    """Return the facts of a status as texts, by label. Unknown values are "-". A text that does not apply is empty:
-    `flown` before engaging, `waiting` while steering waits for nothing. most_reasons: maximum number of rejection
-    reasons listed, None for all."""
-    tick, timing, orbit = status.tick, settings.timing, settings.orbit
+def status_facts(
+    status: Status, settings: PilotSettings, most_reasons: int | None = None
+) -> dict[str, str]:
+    """Return the facts of a status as texts, by label. Unknown values are "-". A text that does not
+    apply is empty: `flown` before engaging, `waiting` while steering waits for nothing.
+    most_reasons: maximum number of rejection reasons listed, None for all."""
+    tick = status.tick
+    timing = settings.timing
+    orbit = settings.orbit
     # Rates end with the flight: their parts of the texts are left out then.
-    frames, accepted, _, setpoints = ("" if rate is None else f"{rate:.1f}/s" for rate in status.rates or (None,) * 4)
+    frames, accepted, _, setpoints = (
+        "" if rate is None else f"{rate:.1f}/s" for rate in status.rates or (None,) * 4
+    )
     newest = "no range yet" if tick.range_age is None else f"newest {tick.range_age:.2f} s old"
-    heartbeat = "no heartbeat yet" if tick.link_age is None else f"heartbeat {tick.link_age:.2f} s old"
+    heartbeat = (
+        "no heartbeat yet" if tick.link_age is None else f"heartbeat {tick.link_age:.2f} s old"
+    )
     duration = f" of {timing.duration:.0f} s" if isfinite(timing.duration) else ""
     desired = tick.desired or orbit.radius
     measured = "" if tick.measured_rate is None else f", measured {tick.measured_rate:+.2f} m/s"
-    turn = "none commanded" if tick.turn_rate is None else f"commanded {degrees(tick.turn_rate):+.1f} deg/s"
-    limit = "AT LIMIT" if tick.saturated else "limit"  # near the front, so that a narrow terminal shows it
+    turn = (
+        "none commanded"
+        if tick.turn_rate is None
+        else f"commanded {degrees(tick.turn_rate):+.1f} deg/s"
+    )
+    limit = (
+        "AT LIMIT" if tick.saturated else "limit"
+    )  # near the front, so that a narrow terminal shows it
     refused = sum(status.rejected.values())
     reasons = [f"{count} {reason}" for reason, count in status.rejected.items()]
     more = ", ..." if len(reasons[:most_reasons]) < len(reasons) else ""
@@ -156,17 +185,25 @@ def status_facts(status: Status, settings: PilotSettings, most_reasons: int | No
     return {
         "vehicle": status.vehicle,
         "flown": "" if status.flown is None else f"flown {status.flown:.0f} s{duration}",
-        "range": f"{_with_sigma(tick.r, tick.r_sigma, '.2f', 'm')} horizontal, desired {desired:.1f} m",
+        "range": (
+            f"{_with_sigma(tick.r, tick.r_sigma, '.2f', 'm')} horizontal, desired {desired:.1f} m"
+        ),
         "error": shown(None if tick.r is None else tick.r - desired, "{:+.2f} m"),
         "range rate": _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s") + measured,
-        "turn rate": f"{turn} ({limit} {degrees(orbit.max_turn_rate):.1f}), "
-        f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s",
-        "heading": shown(None if tick.heading is None else degrees(tick.heading) % 360, "{:03.0f} deg"),
+        "turn rate": (
+            f"{turn} ({limit} {degrees(orbit.max_turn_rate):.1f}), "
+            f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s"
+        ),
+        "heading": shown(
+            None if tick.heading is None else degrees(tick.heading) % 360, "{:03.0f} deg"
+        ),
         "law": status.why or tick.law or "none",
         "waiting": status.waits,
         "target": status.target,
         **status.added,
-        "ranging": _listed(accepted and f"{accepted} accepted", newest, f"stale at {timing.stale:.2f} s"),
+        "ranging": _listed(
+            accepted and f"{accepted} accepted", newest, f"stale at {timing.stale:.2f} s"
+        ),
         "rejected": f"{refused} of {refused + tick.accepted}{why}{others}",
         "link": _listed(frames and f"{frames} frames", heartbeat),
         "senders": status.trusted,
@@ -181,7 +218,9 @@ def _listed(*parts: str) -> str:
 def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str) -> str:
     if value is None:
         return "-"
-    return f"{value:{form}} {unit}" if sigma is None else f"{value:{form}} {unit} ± {sigma:.2f} {unit}"
+    return (
+        f"{value:{form}} {unit}" if sigma is None else f"{value:{form}} {unit} ± {sigma:.2f} {unit}"
+    )
 
 
 def _vehicle(pilot: Pilot) -> str:

@@ -1,8 +1,9 @@
 """Worker processes that can be terminated at once.
 
-Each has its own pipe and thread, so that one terminated in the middle of a message does not affect the others.
-`ProcessPoolExecutor` has one pipe for all results and blocks forever on an incomplete result. `multiprocessing.Pool`
-blocks forever on the job of a process that died. loky 3.7 replaces processes that have grown by 300 MB.
+Each has its own pipe and thread, so that one terminated in the middle of a message does not affect
+the others. `ProcessPoolExecutor` has one pipe for all results and blocks forever on an incomplete
+result. `multiprocessing.Pool` blocks forever on the job of a process that died. loky 3.7 replaces
+processes that have grown by 300 MB.
 """
 
 import multiprocessing
@@ -27,7 +28,8 @@ class WorkerDiedError(Exception):
 
 @contextmanager
 def workers(count: int) -> Iterator[Submit]:
-    """Context with `count` worker processes. It yields a function that submits jobs. Its end terminates all processes.
+    """Context with `count` worker processes. It yields a function that submits jobs. Its end
+    terminates all processes.
 
     A job raises WorkerDiedError if its process died.
     """
@@ -66,8 +68,9 @@ def _terminate(processes: list[BaseProcess]) -> None:
 
 def _start_worker(processes: list[BaseProcess]) -> Connection:
     """Start a worker and return our end of its pipe."""
-    # Ctrl-C goes to all processes of the terminal. A worker must not receive it, not even while it imports. The signal
-    # is blocked in this thread, and the worker inherits that; the main thread still receives it.
+    # Ctrl-C goes to all processes of the terminal. A worker must not receive it, not even while it
+    # imports. The signal is blocked in this thread, and the worker inherits that; the main thread
+    # still receives it.
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()
@@ -79,13 +82,15 @@ def _start_worker(processes: list[BaseProcess]) -> Connection:
 
 
 def _work(pipe: Connection) -> None:
-    """Run jobs in a worker. It ignores Ctrl-C, which the parent handles, and ends with the parent."""
+    """Run jobs in a worker. It ignores Ctrl-C, which the parent handles, and ends with the
+    parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
     with suppress(EOFError, ConnectionError):
         while True:
             function, arguments = pipe.recv()
-            result, failed = None, None
+            result = None
+            failed = None
             try:
                 result = function(*arguments)
             except Exception as error:

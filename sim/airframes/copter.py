@@ -1,5 +1,5 @@
-"""Airframe of copters: one model flies velocity setpoints, another one attitude setpoints. Each step uses the model of
-its setpoint."""
+"""Airframe of copters: one model flies velocity setpoints, another one attitude setpoints. Each
+step uses the model of its setpoint."""
 
 import math
 from dataclasses import dataclass
@@ -11,18 +11,24 @@ from .multicopter import DRAG, DraggedCopter, Multicopter, YawLoop
 from .unicycle import Unicycle
 
 STEP = 0.025
-TILT_LAG, YAW_LAG = 0.12, 0.15  # s
+# s
+TILT_LAG = 0.12
+YAW_LAG = 0.15
 YAW_GAIN = 4.5  # 1/s
 MOST_TILT = math.radians(80)
 HOVER_THRUST = 0.485  # share of full thrust
-ARDUPILOT_LEAN_DEG, PX4_LEAN_DEG = 30.0, 45.0  # defaults of ANGLE_MAX and MPC_TILTMAX_AIR
+# defaults of ANGLE_MAX and MPC_TILTMAX_AIR
+ARDUPILOT_LEAN_DEG = 30.0
+PX4_LEAN_DEG = 45.0
 
 
 @dataclass(frozen=True)
 class TiltingCopter:
-    """A multicopter flown by attitude setpoints. Its tilt accelerates it until drag balances (10 deg: 4.6 m/s).
+    """A multicopter flown by attitude setpoints. Its tilt accelerates it until drag balances (10
+    deg: 4.6 m/s).
 
-    max_turn_rate: rad/s. drag: linear part of the drag, 1/s. quadratic: True if the drag grows with the speed.
+    max_turn_rate: rad/s. drag: linear part of the drag, 1/s. quadratic: True if the drag grows with
+    the speed.
     """
 
     max_turn_rate: float
@@ -31,7 +37,9 @@ class TiltingCopter:
 
     def step(self, body: Body, demand: Tilt | Spin, dt: float, wind: tuple[float, float]) -> Body:
         for h in pieces(dt, STEP):
-            turned = self._tilt(body, demand, h) if isinstance(demand, Tilt) else _spin(body, demand, h)
+            turned = (
+                self._tilt(body, demand, h) if isinstance(demand, Tilt) else _spin(body, demand, h)
+            )
             body = self._move(turned, body, demand, h, wind)
         return body
 
@@ -40,7 +48,11 @@ class TiltingCopter:
         wrong_roll, wrong_pitch = body.error.tilt(body.heading)
         roll = body.roll + (demand.roll - wrong_roll - body.roll) * share
         pitch = body.pitch + (demand.pitch - wrong_pitch - body.pitch) * share
-        error = 0.0 if demand.heading is None else math.remainder(demand.heading - body.heading, math.tau)
+        error = (
+            0.0
+            if demand.heading is None
+            else math.remainder(demand.heading - body.heading, math.tau)
+        )
         command = within(demand.yaw_rate + YAW_GAIN * error, self.max_turn_rate)
         rate = body.turn_rate + (command - body.turn_rate) * (1 - math.exp(-h / YAW_LAG))
         return body._replace(
@@ -52,8 +64,13 @@ class TiltingCopter:
             heading=math.remainder(body.heading + rate * h, math.tau),
         )
 
-    def _move(self, turned: Body, before: Body, demand: Tilt | Spin, h: float, wind: tuple[float, float]) -> Body:
-        forward, right = -GRAVITY * math.tan(turned.pitch), GRAVITY * math.tan(turned.roll) / math.cos(turned.pitch)
+    def _move(
+        self, turned: Body, before: Body, demand: Tilt | Spin, h: float, wind: tuple[float, float]
+    ) -> Body:
+        forward, right = (
+            -GRAVITY * math.tan(turned.pitch),
+            GRAVITY * math.tan(turned.roll) / math.cos(turned.pitch),
+        )
         (north, east), air = to_earth(forward, right, turned.heading), before.through_air(wind)
         linear = self.drag * air[0], self.drag * air[1]
         drag = air_drag(self.drag, air, turned.heading) if self.quadratic else linear
@@ -71,13 +88,18 @@ class TiltingCopter:
 
     def _sink(self, turned: Body, before: Body, demand: Tilt | Spin, h: float) -> float:
         if demand.thrust is None:
-            return before.velocity_down + (-demand.climb - before.velocity_down) * (1 - math.exp(-h / 0.3))
-        lift = demand.thrust / HOVER_THRUST * GRAVITY * math.cos(turned.roll) * math.cos(turned.pitch)
+            return before.velocity_down + (-demand.climb - before.velocity_down) * (
+                1 - math.exp(-h / 0.3)
+            )
+        lift = (
+            demand.thrust / HOVER_THRUST * GRAVITY * math.cos(turned.roll) * math.cos(turned.pitch)
+        )
         return before.velocity_down + (GRAVITY - lift - self.drag * before.velocity_down) * h
 
 
 def _spin(body: Body, demand: Spin, h: float) -> Body:
-    """Turn at body rates. With p = q = 0 a vehicle that yaws stays tilted in the same direction over the ground."""
+    """Turn at body rates. With p = q = 0 a vehicle that yaws stays tilted in the same direction
+    over the ground."""
     sin, cos = math.sin(body.roll), math.cos(body.roll)
     around = demand.pitch_rate * sin + demand.yaw_rate * cos
     roll_rate = demand.roll_rate + around * math.tan(body.pitch)
@@ -97,7 +119,8 @@ def _spin(body: Body, demand: Spin, h: float) -> Body:
 class CopterAirframe:
     """A copter. by_velocity: model for velocity demands. by_attitude: model for attitude demands.
 
-    carried: True if velocities in body axes are relative to the air, False if relative to the ground.
+    carried: True if velocities in body axes are relative to the air, False if relative to the
+    ground.
     """
 
     by_velocity: Unicycle | Multicopter | DraggedCopter
@@ -120,7 +143,9 @@ class CopterAirframe:
             demand = EarthVelocity(north, east, demand.down, demand.yaw_rate)
         return self.by_velocity.step(body, demand, dt, wind)
 
-    def _through_air(self, body: Body, demand: BodyVelocity, dt: float, wind: tuple[float, float]) -> Body:
+    def _through_air(
+        self, body: Body, demand: BodyVelocity, dt: float, wind: tuple[float, float]
+    ) -> Body:
         """Fly the ideal airframe relative to the air, and add the motion of the air."""
         assert isinstance(self.by_velocity, Unicycle)
         moved = self.by_velocity.step(_seen_from(body, wind), demand, dt)
@@ -137,8 +162,11 @@ def _seen_from(body: Body, velocity: tuple[float, float]) -> Body:
 def copter_airframe(config: Airframe) -> CopterAirframe:
     limit = math.radians(config.max_turn_rate_deg_s)
     ideal = Unicycle(limit, config.turn_lag_s, config.speed_lag_s)
-    # Commands of ±45 deg/s at 1 Hz were flown 1.19 times as large and no larger, because the acceleration is limited.
-    yaw_loop = YawLoop(limit, dead_time=0.18, frequency=7.5, damping=0.46, most_acceleration=3.5).configured(config)
+    # Commands of ±45 deg/s at 1 Hz were flown 1.19 times as large and no larger, because the
+    # acceleration is limited.
+    yaw_loop = YawLoop(
+        limit, dead_time=0.18, frequency=7.5, damping=0.46, most_acceleration=3.5
+    ).configured(config)
     drag = DRAG if config.drag_per_s is None else config.drag_per_s
     real = Multicopter(yaw_loop, drag, math.radians(config.max_lean_deg or ARDUPILOT_LEAN_DEG))
     held = real if config.dynamics == "realistic" else ideal

@@ -9,13 +9,20 @@ from ..config import Airframe
 from ..demands import Bank
 
 STEP = 0.02
-SPEED_LAG, HEIGHT_LAG, CLIMB_LAG = 3.0, 2.0, 1.0  # s
+# s
+SPEED_LAG = 3.0
+HEIGHT_LAG = 2.0
+CLIMB_LAG = 1.0
 MOST_CLIMB = 3.0  # m/s
 MOST_ROLL_RATE = math.radians(100)
 NOSE_DAMPING = 0.7  # damping ratio of the tail fin, which turns the nose into the airflow
 GUST_TURNS = 5.4  # 1/s: rate at which the tail fin removes the side-slip of a gust
-HELD_BY_RUDDER = 0.7  # share of a bank error that becomes side-slip instead of a turn; fitted to PX4's SIH
-SIDE_FORCE = 3.0  # 1/s: path turn rate per side-slip (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
+HELD_BY_RUDDER = (
+    0.7  # share of a bank error that becomes side-slip instead of a turn; fitted to PX4's SIH
+)
+SIDE_FORCE = (
+    3.0  # 1/s: path turn rate per side-slip (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
+)
 
 COURSE_GAIN = 1.0  # course loop in loiter, rad/s per rad
 
@@ -24,17 +31,18 @@ COURSE_GAIN = 1.0  # course loop in loiter, rad/s per rad
 class FixedWing:
     """A fixed wing.
 
-    effectiveness: turn rate divided by that of a coordinated turn. The bank follows its command after dead_time (s) in
-    a second-order loop with roll_frequency (rad/s). If that is 0, it follows with a first-order roll_lag (s).
+    effectiveness: turn rate divided by that of a coordinated turn. The bank follows its command
+    after dead_time (s) in a second-order loop with roll_frequency (rad/s). If that is 0, it follows
+    with a first-order roll_lag (s).
 
-    A bank turns the path at once. The tail fin turns the nose after it with nose_frequency (rad/s), so a turn begins
-    with side-slip. A gust changes airspeed and side-slip, not the ground velocity. Then the fin turns the nose into it
-    and the side force accelerates the plane. With nose_frequency 0 the nose turns with the path, and the plane moves
-    with a gust at once.
+    A bank turns the path at once. The tail fin turns the nose after it with nose_frequency (rad/s),
+    so a turn begins with side-slip. A gust changes airspeed and side-slip, not the ground velocity.
+    Then the fin turns the nose into it and the side force accelerates the plane. With
+    nose_frequency 0 the nose turns with the path, and the plane moves with a gust at once.
 
-    pitch: pitch above the path in level flight, and its increase with
-    tan(bank), rad. In a bank this pitch is also a yaw angle between nose and path. fin: further part of that yaw angle,
-    in the same form.
+    pitch: pitch above the path in level flight, and its increase with tan(bank), rad. In a bank
+    this pitch is also a yaw angle between nose and path. fin: further part of that yaw angle, in
+    the same form.
     """
 
     effectiveness: float
@@ -65,11 +73,13 @@ class FixedWing:
         return body
 
     def _gusted(self, body: Body, wind: tuple[float, float]) -> Body:
-        """Apply a change of the wind: the velocity over the ground stays, so airspeed and side-slip change."""
+        """Apply a change of the wind: the velocity over the ground stays, so airspeed and side-slip
+        change."""
         if wind == body.trimmed_wind or self.nose_frequency == 0:
             return body
         north, east = wind[0] - body.trimmed_wind[0], wind[1] - body.trimmed_wind[1]
-        course, sink = body.heading + body.slip, body.velocity_down
+        course = body.heading + body.slip
+        sink = body.velocity_down
         cos, sin = math.cos(course), math.sin(course)
         ahead = body.air_speed * math.cos(body.climb_angle) - north * cos - east * sin
         right = north * sin - east * cos
@@ -104,7 +114,10 @@ class FixedWing:
         change = (max(0.5 * demand.air_speed, wanted) - speed) * (1 - math.exp(-h / SPEED_LAG))
         pitch = climb_angle + self.pitch[0] + self.pitch[1] * abs(math.tan(body.roll))
         return body._replace(
-            climb_angle=climb_angle, air_speed=speed + change, pitch=pitch, pitch_rate=(pitch - body.pitch) / h
+            climb_angle=climb_angle,
+            air_speed=speed + change,
+            pitch=pitch,
+            pitch_rate=(pitch - body.pitch) / h,
         )
 
     def _fly(self, shaped: Body, before: Body, h: float, wind: tuple[float, float]) -> Body:
@@ -117,7 +130,9 @@ class FixedWing:
         rate = bend
         if self.nose_frequency > 0:
             tilt = math.tan(shaped.roll)
-            side = before.slip + tilt * (shaped.pitch - shaped.climb_angle + self.fin[0] + self.fin[1] * abs(tilt))
+            side = before.slip + tilt * (
+                shaped.pitch - shaped.climb_angle + self.fin[0] + self.fin[1] * abs(tilt)
+            )
             rate = second_order(side, before.turn_rate, self.nose_frequency, NOSE_DAMPING, h)
         heading = before.heading + rate * h
         sink = -shaped.air_speed * math.sin(shaped.climb_angle)
@@ -162,9 +177,13 @@ class Loiter(NamedTuple):
 def bank_on_loiter(body: Body, circle: Loiter, limit: float, effectiveness: float) -> float:
     """Return the bank that leads to the circle and then along it."""
     north, east = body.north - circle.north, body.east - circle.east
-    distance, radius = max(1.0, math.hypot(north, east)), max(5.0, abs(circle.radius))
-    outwards, outside = math.atan2(east, north), distance / radius - 1
-    wanted = outwards + math.pi / 2 + math.atan(2.0 * outside)  # clockwise, bent inwards when outside
+    distance = max(1.0, math.hypot(north, east))
+    radius = max(5.0, abs(circle.radius))
+    outwards = math.atan2(east, north)
+    outside = distance / radius - 1
+    wanted = (
+        outwards + math.pi / 2 + math.atan(2.0 * outside)
+    )  # clockwise, bent inwards when outside
     error = math.remainder(wanted - body.course, math.tau)
     speed = max(3.0, body.ground_speed)
     along = speed / max(distance, radius) if abs(outside) < 0.5 else 0.0

@@ -3,13 +3,25 @@
 import math
 from dataclasses import dataclass, replace
 
-from ..body import GRAVITY, Body, air_drag, at_most, lean, pieces, second_order, through_line, within
+from ..body import (
+    GRAVITY,
+    Body,
+    air_drag,
+    at_most,
+    lean,
+    pieces,
+    second_order,
+    through_line,
+    within,
+)
 from ..config import Airframe
 from ..demands import Brake, EarthVelocity
 
 STEP = 0.02
 YAW_EXCESS = 0.23  # relative excess of the turn rate per g of centripetal acceleration
-FEED_SHARE, FEED_LAG = 0.9, 0.8  # acceleration feedforward: effective share, lag in s
+# acceleration feedforward: effective share, lag in s
+FEED_SHARE = 0.9
+FEED_LAG = 0.8
 COURSE_LAG = 0.3  # s, course rate behind its command: the time to bank
 SPEED_LAG = 0.5  # s
 MOST_ACCELERATION = 2.5  # m/s^2, WPNAV_ACCEL
@@ -19,14 +31,17 @@ DRAG = 0.24  # 1/s, linear part: 10 deg of pitch hold 4.6 m/s
 TRIM_TIME = 2.0  # time constant in which the integrator (PSC_VELXY_P / I) compensates a new wind, s
 
 # PX4's loop
-PROPORTIONAL, INTEGRAL, DERIVATIVE = 1.8, 0.4, 0.2
+PROPORTIONAL = 1.8
+INTEGRAL = 0.4
+DERIVATIVE = 0.2
 SINKING = 0.06  # sink rate with a vertical velocity setpoint of 0, m/s
 CLIMB_LAG = 0.3
 
 
 @dataclass(frozen=True)
 class YawLoop:
-    """A copter's turn rate: limit in rad/s, dead time in s, frequency in rad/s, acceleration limit in rad/s^2."""
+    """A copter's turn rate: limit in rad/s, dead time in s, frequency in rad/s, acceleration limit
+    in rad/s^2."""
 
     limit: float
     dead_time: float
@@ -58,24 +73,30 @@ class YawLoop:
 
 @dataclass(frozen=True)
 class Multicopter:
-    """ArduCopter 4.6.3. It compensates a steady wind. A gust displaces the copter until the loop has compensated it.
+    """ArduCopter 4.6.3. It compensates a steady wind. A gust displaces the copter until the loop
+    has compensated it.
 
-    A yaw-rate step has a dead time of 0.2 s, reaches half its value after 0.35 s and overshoots by 20 %. The turn is
-    then 1 to 6 % faster than commanded, increasing with the turn rate. The velocity follows behind the nose, by 5 deg
-    at 3 m/s and 0.2 rad/s and by 10 deg at 5 m/s and 0.3 rad/s, unless the centripetal acceleration is fed forward.
+    A yaw-rate step has a dead time of 0.2 s, reaches half its value after 0.35 s and overshoots by
+    20 %. The turn is then 1 to 6 % faster than commanded, increasing with the turn rate. The
+    velocity follows behind the nose, by 5 deg at 3 m/s and 0.2 rad/s and by 10 deg at 5 m/s and 0.3
+    rad/s, unless the centripetal acceleration is fed forward.
     """
 
     yaw_loop: YawLoop
     drag: float = DRAG
     most_lean: float = math.radians(30)  # ANGLE_MAX
 
-    def step(self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]) -> Body:
+    def step(
+        self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]
+    ) -> Body:
         for h in pieces(dt, STEP):
             body = self._small_step(self._pushed(body, wind, h), demand, h)
         return body
 
     def _small_step(self, body: Body, demand: EarthVelocity | Brake, h: float) -> Body:
-        wanted = demand if isinstance(demand, EarthVelocity) else EarthVelocity(0.0, 0.0, demand.down)
+        wanted = (
+            demand if isinstance(demand, EarthVelocity) else EarthVelocity(0.0, 0.0, demand.down)
+        )
         command = within(wanted.yaw_rate, self.yaw_loop.limit)
         command *= 1 + YAW_EXCESS * abs(body.ground_speed * command) / GRAVITY
         turned = self.yaw_loop.turn(body, command, h)
@@ -89,26 +110,33 @@ class Multicopter:
         return self._tilted(_displaced(moved, body, wanted.down, h), body, h)
 
     def _pushed(self, body: Body, wind: tuple[float, float], h: float) -> Body:
-        """Apply the drag that a change of the wind causes. The loop compensates it within TRIM_TIME."""
-        gust_north, gust_east = wind[0] - body.trimmed_wind[0], wind[1] - body.trimmed_wind[1]
+        """Apply the drag that a change of the wind causes. The loop compensates it within
+        TRIM_TIME."""
+        gust_north = wind[0] - body.trimmed_wind[0]
+        gust_east = wind[1] - body.trimmed_wind[1]
         share = h / TRIM_TIME
         before = air_drag(self.drag, body.through_air(body.trimmed_wind), body.heading)
         after = air_drag(self.drag, body.through_air(wind), body.heading)
         return body._replace(
             velocity_north=body.velocity_north + (before[0] - after[0]) * h,
             velocity_east=body.velocity_east + (before[1] - after[1]) * h,
-            trimmed_wind=(body.trimmed_wind[0] + gust_north * share, body.trimmed_wind[1] + gust_east * share),
+            trimmed_wind=(
+                body.trimmed_wind[0] + gust_north * share,
+                body.trimmed_wind[1] + gust_east * share,
+            ),
         )
 
     def _thrust(self, moved: Body, before: Body, h: float) -> tuple[float, float]:
-        """Return the horizontal acceleration by thrust: that of the flown step, plus drag in the trimmed wind."""
+        """Return the horizontal acceleration by thrust: that of the flown step, plus drag in the
+        trimmed wind."""
         drag_north, drag_east = self._drag(before)
         north = (moved.velocity_north - before.velocity_north) / h + drag_north
         east = (moved.velocity_east - before.velocity_east) / h + drag_east
         return north, east
 
     def _leant(self, moved: Body, before: Body, wanted: EarthVelocity, h: float) -> Body:
-        """Apply the lean limit: acceleration across the path first, the rest along it (AP_Math limit_accel_xy)."""
+        """Apply the lean limit: acceleration across the path first, the rest along it (AP_Math
+        limit_accel_xy)."""
         north, east = self._thrust(moved, before, h)
         most = GRAVITY * math.tan(self.most_lean)
         if math.hypot(north, east) <= most:
@@ -131,28 +159,41 @@ class Multicopter:
         return air_drag(self.drag, body.through_air(body.trimmed_wind), body.heading)
 
     def _tilted(self, moved: Body, before: Body, h: float) -> Body:
-        """Set the attitude that gives the acceleration just flown and balances the drag of the compensated wind."""
+        """Set the attitude that gives the acceleration just flown and balances the drag of the
+        compensated wind."""
         roll, pitch = lean(*self._thrust(moved, before, h), moved.heading)
         lag = 1 - math.exp(-h / 0.1)
-        roll, pitch = before.roll + (roll - before.roll) * lag, before.pitch + (pitch - before.pitch) * lag
+        roll = before.roll + (roll - before.roll) * lag
+        pitch = before.pitch + (pitch - before.pitch) * lag
         return moved._replace(
-            roll=roll, pitch=pitch, roll_rate=(roll - before.roll) / h, pitch_rate=(pitch - before.pitch) / h
+            roll=roll,
+            pitch=pitch,
+            roll_rate=(roll - before.roll) / h,
+            pitch_rate=(pitch - before.pitch) / h,
         )
 
 
 def _follow(body: Body, wanted: EarthVelocity, h: float) -> Body:
-    """Move speed and course towards the setpoint. The course follows its error and the acceleration fed forward."""
-    goal, speed = math.hypot(wanted.north, wanted.east), body.ground_speed
-    feed = FEED_SHARE * (wanted.north * wanted.acceleration_east - wanted.east * wanted.acceleration_north) / goal**2
+    """Move speed and course towards the setpoint. The course follows its error and the acceleration
+    fed forward."""
+    goal = math.hypot(wanted.north, wanted.east)
+    speed = body.ground_speed
+    feed = (
+        FEED_SHARE
+        * (wanted.north * wanted.acceleration_east - wanted.east * wanted.acceleration_north)
+        / goal**2
+    )
     fed = body.course_feed + (feed - body.course_feed) * (1 - math.exp(-h / FEED_LAG))
     error = math.remainder(math.atan2(wanted.east, wanted.north) - body.course, math.tau)
     sideways = min(MOST_ACCELERATION, abs(speed * wanted.yaw_rate))
     correction_time = 0.3 + 0.2 * sideways  # s: the harder the turn, the more it slips
-    # The limit holds for the correction alone: ArduCopter adds the fed-forward acceleration after limiting.
+    # The limit holds for the correction alone: ArduCopter adds the fed-forward acceleration after
+    # limiting.
     command = fed + within(error / correction_time, 1.4 * MOST_ACCELERATION / speed)
     course_rate = body.course_rate + (command - body.course_rate) * (1 - math.exp(-h / COURSE_LAG))
     change = within((goal - speed) / SPEED_LAG, MOST_ACCELERATION)
-    course, after = body.course + course_rate * h, speed + change * h
+    course = body.course + course_rate * h
+    after = speed + change * h
     return body._replace(
         velocity_north=after * math.cos(course),
         velocity_east=after * math.sin(course),
@@ -198,26 +239,34 @@ def _displaced(moved: Body, before: Body, down: float, h: float) -> Body:
 
 @dataclass(frozen=True)
 class DraggedCopter:
-    """PX4's copter: a velocity loop in NED against drag (1/s), so that a turning copter slows down and crabs.
+    """PX4's copter: a velocity loop in NED against drag (1/s), so that a turning copter slows down
+    and crabs.
 
-    The gains are MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4 and MPC_XY_VEL_D_ACC 0.2. For a velocity setpoint that
-    turns at w without feedforward, drag d gives the transfer function
-    (1.8 jw + 0.4) / (-1.2 w^2 + (1.8 + d) jw + 0.4). With d = 1/s, 5 m/s and 0.3 rad/s it predicts 3.78 m/s and a lag
-    of 17 deg; 3.76 m/s and 16 deg were flown.
+    The gains are MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4 and MPC_XY_VEL_D_ACC 0.2. For a
+    velocity setpoint that turns at w without feedforward, drag d gives the transfer function (1.8
+    jw + 0.4) / (-1.2 w^2 + (1.8 + d) jw + 0.4). With d = 1/s, 5 m/s and 0.3 rad/s it predicts 3.78
+    m/s and a lag of 17 deg; 3.76 m/s and 16 deg were flown.
     """
 
     yaw_loop: YawLoop
     drag: float
     most_lean: float = math.radians(45)  # MPC_TILTMAX_AIR
 
-    def step(self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]) -> Body:
-        wanted = demand if isinstance(demand, EarthVelocity) else EarthVelocity(0.0, 0.0, demand.down)
+    def step(
+        self, body: Body, demand: EarthVelocity | Brake, dt: float, wind: tuple[float, float]
+    ) -> Body:
+        wanted = (
+            demand if isinstance(demand, EarthVelocity) else EarthVelocity(0.0, 0.0, demand.down)
+        )
         for h in pieces(dt, STEP):
             body = self._small_step(body, wanted, h, wind)
         return body
 
-    def _small_step(self, body: Body, wanted: EarthVelocity, h: float, wind: tuple[float, float]) -> Body:
-        # The loop controls the estimate, so the true velocity differs from the setpoint by the estimate's error.
+    def _small_step(
+        self, body: Body, wanted: EarthVelocity, h: float, wind: tuple[float, float]
+    ) -> Body:
+        # The loop controls the estimate, so the true velocity differs from the setpoint by the
+        # estimate's error.
         (error_north, error_east), (lean_north, lean_east) = body.error.velocity, body.error.lean
         missing_north = wanted.north - body.velocity_north - error_north
         missing_east = wanted.east - body.velocity_east - error_east
@@ -231,9 +280,13 @@ class DraggedCopter:
         north, east = north - GRAVITY * lean_north, east - GRAVITY * lean_east
         drag_north, drag_east = (self.drag * speed for speed in body.through_air(wind))
         # the derivative term subtracts DERIVATIVE times the resulting acceleration
-        north_rate, east_rate = (north - drag_north) / (1 + DERIVATIVE), (east - drag_east) / (1 + DERIVATIVE)
-        velocity_north, velocity_east = body.velocity_north + north_rate * h, body.velocity_east + east_rate * h
-        sink = body.velocity_down + (wanted.down + SINKING - body.velocity_down) * (1 - math.exp(-h / CLIMB_LAG))
+        north_rate = (north - drag_north) / (1 + DERIVATIVE)
+        east_rate = (east - drag_east) / (1 + DERIVATIVE)
+        velocity_north = body.velocity_north + north_rate * h
+        velocity_east = body.velocity_east + east_rate * h
+        sink = body.velocity_down + (wanted.down + SINKING - body.velocity_down) * (
+            1 - math.exp(-h / CLIMB_LAG)
+        )
         roll, pitch = lean(north_rate + drag_north, east_rate + drag_east, body.heading)
         return self.yaw_loop.turn(body, within(wanted.yaw_rate, self.yaw_loop.limit), h)._replace(
             north=body.north + (body.velocity_north + velocity_north) / 2 * h,

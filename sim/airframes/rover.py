@@ -1,4 +1,5 @@
-"""A rover with ringing steering: a second-order turn-rate loop instead of the well-tuned first-order one."""
+"""A rover with ringing steering: a second-order turn-rate loop instead of the well-tuned
+first-order one."""
 
 import math
 from dataclasses import dataclass
@@ -21,7 +22,9 @@ class RingingRover:
         wanted = demand if isinstance(demand, BodyVelocity) else BodyVelocity(0.0)
         for h in pieces(dt, STEP):
             turned = self.yaw_loop.turn(body, wanted.yaw_rate, h)
-            speed = body.forward_speed + (wanted.forward - body.forward_speed) * (1 - math.exp(-h / self.speed_lag))
+            speed = body.forward_speed + (wanted.forward - body.forward_speed) * (
+                1 - math.exp(-h / self.speed_lag)
+            )
             north, east = to_earth(speed, 0.0, turned.heading)
             body = turned._replace(
                 north=body.north + (body.velocity_north + north) / 2 * h,

@@ -1,8 +1,10 @@
-"""The ideal airframe: north' = V cos(heading), east' = V sin(heading), heading' = turn rate, integrated exactly.
+"""The ideal airframe: north' = V cos(heading), east' = V sin(heading), heading' = turn rate,
+integrated exactly.
 
-The turn rate follows the command through a limit and a first-order lag, the speed through a first-order lag. When both
-have settled, a step is an exact arc. Until then heading and speed are exact, and the path is a Gauss-Legendre
-quadrature over at most 0.1 s and 0.25 rad (error below a micrometer).
+The turn rate follows the command through a limit and a first-order lag, the speed through a
+first-order lag. When both have settled, a step is an exact arc. Until then heading and speed are
+exact, and the path is a Gauss-Legendre quadrature over at most 0.1 s and 0.25 rad (error below a
+micrometer).
 """
 
 import math
@@ -93,7 +95,8 @@ class _Lagged:
     """A value that moves from `start` to `goal` with a first-order lag; with lag 0 at once."""
 
     def __init__(self, start: float, goal: float, lag: float) -> None:
-        self.goal, self.lag = goal, lag
+        self.goal = goal
+        self.lag = lag
         self.error = start - goal if lag > 0 and abs(start - goal) > SETTLED else 0.0
 
     @property
@@ -108,18 +111,26 @@ class _Lagged:
         return self.goal * t + slow
 
 
-def _arc(heading: float, rate: _Lagged, forward: _Lagged, right: _Lagged, dt: float) -> tuple[float, float]:
+def _arc(
+    heading: float, rate: _Lagged, forward: _Lagged, right: _Lagged, dt: float
+) -> tuple[float, float]:
     """Return the exact displacement of a steady turn: a chord along the mean heading."""
     half = rate.goal * dt / 2
     chord = dt * (math.sin(half) / half if abs(half) > 1e-4 else 1 - half * half / 6)
     cos, sin = math.cos(heading + half), math.sin(heading + half)
-    return chord * (forward.goal * cos - right.goal * sin), chord * (forward.goal * sin + right.goal * cos)
+    return chord * (forward.goal * cos - right.goal * sin), chord * (
+        forward.goal * sin + right.goal * cos
+    )
 
 
-def _quadrature(heading: float, rate: _Lagged, forward: _Lagged, right: _Lagged, dt: float) -> tuple[float, float]:
+def _quadrature(
+    heading: float, rate: _Lagged, forward: _Lagged, right: _Lagged, dt: float
+) -> tuple[float, float]:
     fastest = max(abs(rate.goal), abs(rate.goal + rate.error))
     pieces = max(1, math.ceil(dt / 0.1), math.ceil(fastest * dt / 0.25))
-    north, east, width = 0.0, 0.0, dt / pieces
+    north = 0.0
+    east = 0.0
+    width = dt / pieces
     for piece in range(pieces):
         for node, weight in NODES:
             t = (piece + node) * width

@@ -1,4 +1,5 @@
-"""ArduCopter 4.6.3: GUIDED flies velocities, GUIDED and GUIDED_NOGPS fly attitudes, each for 3 s."""
+"""ArduCopter 4.6.3: GUIDED flies velocities, GUIDED and GUIDED_NOGPS fly attitudes, each for 3
+s."""
 
 from typing import ClassVar
 
@@ -24,8 +25,13 @@ from .copter_targets import (
 )  # fmt: skip
 from .tables import COPTER, copter_parameters
 
-GUIDED, RTL, LAND, GUIDED_NOGPS, SMART_RTL = 4, 6, 9, 20, 21
-TAKEOFF, DO_CHANGE_SPEED = 22, 178
+GUIDED = 4
+RTL = 6
+LAND = 9
+GUIDED_NOGPS = 20
+SMART_RTL = 21
+TAKEOFF = 22
+DO_CHANGE_SPEED = 178
 LEG_US = 100_000
 FALL = Brake(deceleration=1.0, down=10.0)  # no effect on the ground
 LEVEL = Tilt(0.0, 0.0)
@@ -63,10 +69,16 @@ class ArduCopter(ArduPilot):
         return self._airframe.step(self.body, self._demand, dt, wind)
 
     def next_decision(self) -> int:
-        return super().next_decision() if self._on_a_leg() or not self.armed else self._target_until()
+        return (
+            super().next_decision() if self._on_a_leg() or not self.armed else self._target_until()
+        )
 
     def _target_until(self) -> int:
-        return NEVER if self._target is None else self._since + self.params.microseconds("GUID_TIMEOUT")
+        return (
+            NEVER
+            if self._target is None
+            else self._since + self.params.microseconds("GUID_TIMEOUT")
+        )
 
     def wake(self, now: int) -> None:
         super().wake(now)
@@ -74,10 +86,14 @@ class ArduCopter(ArduPilot):
             self._decide_at = now + LEG_US
             self._demand = self._leg()
         elif self.armed and now >= self._target_until():
-            self._rest(LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake())  # same mode, no STATUSTEXT
+            self._rest(
+                LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake()
+            )  # same mode, no STATUSTEXT
 
     def _on_a_leg(self) -> bool:
-        guided_leg = self.mode == GUIDED and (self._climbing_to is not None or isinstance(self._target, GoTo))
+        guided_leg = self.mode == GUIDED and (
+            self._climbing_to is not None or isinstance(self._target, GoTo)
+        )
         return guided_leg or self.mode in (RTL, SMART_RTL, LAND)
 
     def _leg(self) -> Demand:
@@ -96,27 +112,34 @@ class ArduCopter(ArduPilot):
         return demand or Brake()
 
     def _rest(self, demand: Demand) -> None:
-        self._target, self._demand = None, demand
+        self._target = None
+        self._demand = demand
 
     def _idle(self) -> Demand:
         return LEVEL if self.mode == GUIDED_NOGPS else Brake()
 
     def setpoint(self, message: Message, now: int) -> bool:
         kind = message.get_type()
-        if self.mode not in (GUIDED, GUIDED_NOGPS) or not self.armed or self._climbing_to is not None:
+        if (
+            self.mode not in (GUIDED, GUIDED_NOGPS)
+            or not self.armed
+            or self._climbing_to is not None
+        ):
             return False
         if kind == "SET_ATTITUDE_TARGET":
             return self._take(read_attitude_target(message, self.params), now)
         if kind == "SET_POSITION_TARGET_LOCAL_NED" and self.mode == GUIDED:
-            return self._take(read_local_target(message, self.body, self._airframe.turns_with_nose), now)
+            return self._take(
+                read_local_target(message, self.body, self._airframe.turns_with_nose), now
+            )
         # In GUIDED_NOGPS this message disturbs the controller: the copter levels and sinks.
         if kind == "SET_POSITION_TARGET_LOCAL_NED":
             self._rest(SINKING)
         return False
 
     def _take(self, target: Target | Stop | NotFinite | None, now: int) -> bool:
-        # ArduCopter does not check that values are finite. The attitude controller loses control, and the crash check
-        # disarms the vehicle in the air.
+        # ArduCopter does not check that values are finite. The attitude controller loses control,
+        # and the crash check disarms the vehicle in the air.
         if isinstance(target, NotFinite):
             self.say(Severity.EMERGENCY, "Crash: Disarming: AngErr=180>30, Accel=0.1<3.0")
             self.set_armed(False)
@@ -124,8 +147,12 @@ class ArduCopter(ArduPilot):
             self._rest(self._idle())
         if target is None or isinstance(target, (NotFinite, Stop)):
             return False
-        self._target, self._since, self._decide_at = target, now, now
-        self._demand = to_point(self.body, target, self._leg_speeds) if isinstance(target, GoTo) else target
+        self._target = target
+        self._since = now
+        self._decide_at = now
+        self._demand = (
+            to_point(self.body, target, self._leg_speeds) if isinstance(target, GoTo) else target
+        )
         return True
 
     def go_to(self, north: float, east: float, down: float, now: int) -> None:
@@ -148,11 +175,13 @@ class ArduCopter(ArduPilot):
     def _take_off(self, command: Command, now: int) -> int:
         if self.mode != GUIDED or not self.armed or self.flying() or not command.z > 0:
             return Ack.FAILED
-        self._climbing_to, self._decide_at = -command.z, now
+        self._climbing_to = -command.z
+        self._decide_at = now
         return Ack.ACCEPTED
 
     def entered(self, mode: int, now: int) -> None:
-        self._climbing_to, self._decide_at = None, now
+        self._climbing_to = None
+        self._decide_at = now
         self._rest(self._idle())
 
     def flying(self) -> bool:
@@ -183,7 +212,8 @@ class ArduCopter(ArduPilot):
         return LANDING if self.mode == LAND else IN_AIR
 
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
-        """Return the airspeed of the sensor. Without one: the ground speed if there is a position estimate, else 0."""
+        """Return the airspeed of the sensor. Without one: the ground speed if there is a position
+        estimate, else 0."""
         if self._airspeed_sensor:
             return shown.airspeed(wind)
         return shown.ground_speed if self.position else 0.0

@@ -1,4 +1,5 @@
-"""Common part of the ArduPilot vehicles: modes, arming, failsafes for a lost ground station or position estimate."""
+"""Common part of the ArduPilot vehicles: modes, arming, failsafes for a lost ground station or
+position estimate."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -10,11 +11,25 @@ from ..config import VehicleConfig
 from ..links import Message
 from ..params import Parameters
 from ..world import HOME_AMSL_M, from_degrees
-from .contract import CUSTOM_MODE_ENABLED, FORCE, STANDBY, Ack, Autopilot, Command, Identity, Say, Severity
+from .contract import (
+    CUSTOM_MODE_ENABLED,
+    FORCE,
+    STANDBY,
+    Ack,
+    Autopilot,
+    Command,
+    Identity,
+    Say,
+    Severity,
+)
 
 STABILIZED = 16
-DO_SET_MODE, ARM_DISARM, DO_REPOSITION = 176, 400, 192
-SEA_LEVEL, ABOVE_HOME = (0, 5), (3, 6)  # MAV_FRAMEs with this altitude reference
+DO_SET_MODE = 176
+ARM_DISARM = 400
+DO_REPOSITION = 192
+# MAV_FRAMEs with this altitude reference
+SEA_LEVEL = (0, 5)
+ABOVE_HOME = (3, 6)
 
 # REQUEST_DATA_STREAM groups (GCS_Mavlink.cpp of the vehicles).
 STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
@@ -39,11 +54,15 @@ class ArduPilot(Autopilot):
     MODE_COMMANDS: ClassVar[Mapping[int, int]]
     BASE_MODE = CUSTOM_MODE_ENABLED | STABILIZED
 
-    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, body: Body) -> None:
+    def __init__(
+        self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, body: Body
+    ) -> None:
         super().__init__(identity, params, config, say, body)
         self._odometry = config.vehicle.odometry
         self.failsafe = False
-        self._gcs_switch = "FS_GCS_ENABLE" if "FS_GCS_ENABLE" in params else "FS_GCS_ENABL"  # the plane's name
+        self._gcs_switch = (
+            "FS_GCS_ENABLE" if "FS_GCS_ENABLE" in params else "FS_GCS_ENABL"
+        )  # the plane's name
         self._gcs_heartbeat_at: int | None = None
 
     @abstractmethod
@@ -57,7 +76,8 @@ class ArduPilot(Autopilot):
     def ground_station_lost(self, now: int) -> None: ...
 
     def estimator_lost(self, now: int) -> None:
-        """React to the loss of the position estimate. A plane never loses it: its estimator continues with airspeed."""
+        """React to the loss of the position estimate. A plane never loses it: its estimator
+        continues with airspeed."""
 
     @abstractmethod
     def go_to(self, north: float, east: float, down: float, now: int) -> None:
@@ -75,7 +95,10 @@ class ArduPilot(Autopilot):
         lost = mode in self.NEEDS_POSITION and not self.position
         if lost or mode == self.identity.modes["AUTO"]:
             reason = "requires position" if lost else "missing mission"
-            self.say(Severity.WARNING, self.identity.mode_refusal.format(name=self.mode_name(mode), reason=reason))
+            self.say(
+                Severity.WARNING,
+                self.identity.mode_refusal.format(name=self.mode_name(mode), reason=reason),
+            )
             return Ack.FAILED
         self.force_mode(mode, now)
         return Ack.ACCEPTED
@@ -98,11 +121,13 @@ class ArduPilot(Autopilot):
         return (self.own_command(command, now) if mode is None else self.change_mode(mode, now),)
 
     def _reposition(self, command: Command, now: int) -> int:
-        """Handle DO_REPOSITION in GUIDED, or with the flag that enters GUIDED (handle_command_int_do_reposition).
+        """Handle DO_REPOSITION in GUIDED, or with the flag that enters GUIDED
+        (handle_command_int_do_reposition).
 
         A real vehicle also accepts it on the ground and stays there. Here it is refused.
         """
-        guided, flags = self.identity.modes["GUIDED"], command.params[1]
+        guided = self.identity.modes["GUIDED"]
+        flags = command.params[1]
         changes_mode = 0 <= flags < 2**31 and int(flags) & 1
         if self.mode != guided and not changes_mode:
             return Ack.DENIED
@@ -122,7 +147,11 @@ class ArduPilot(Autopilot):
         if wish == 1 and not self.armed and not force:
             lost = self.mode in self.NEEDS_POSITION and not self.position
             if lost or self.mode in self.NOT_ARMABLE:
-                why = "Mode not armable" if self.mode in self.NOT_ARMABLE else "Need Position Estimate"
+                why = (
+                    "Mode not armable"
+                    if self.mode in self.NOT_ARMABLE
+                    else "Need Position Estimate"
+                )
                 self.say(Severity.WARNING, f"Arm: {why}")
                 return Ack.FAILED
         if wish == 0 and self.armed and not force and self.flying():

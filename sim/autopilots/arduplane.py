@@ -15,17 +15,35 @@ from .contract import Ack, Command, Say, Severity
 from .sticks import Sticks
 from .tables import PLANE, plane_parameters
 
-CIRCLE, RTL, LOITER, TAKEOFF, GUIDED = 1, 11, 12, 13, 15
+CIRCLE = 1
+RTL = 11
+LOITER = 12
+TAKEOFF = 13
+GUIDED = 15
 LOITERING = frozenset({RTL, LOITER, TAKEOFF, GUIDED})
-ROLL_RATE, PITCH_RATE, THROTTLE, ATTITUDE = 0x01, 0x02, 0x40, 0x80  # bits of SET_ATTITUDE_TARGET.type_mask
+# bits of SET_ATTITUDE_TARGET.type_mask
+ROLL_RATE = 0x01
+PITCH_RATE = 0x02
+THROTTLE = 0x40
+ATTITUDE = 0x80
 EXTERNAL_POSITION = 43003
-CHANGE_SPEED, CHANGE_ALTITUDE, CHANGE_HEADING, DO_CHANGE_SPEED, DO_CHANGE_ALTITUDE = 43000, 43001, 43002, 178, 186
-DECIDE_US, LOOP_US, TIMEOUT_US = 100_000, 20_000, 3_000_000
+CHANGE_SPEED = 43000
+CHANGE_ALTITUDE = 43001
+CHANGE_HEADING = 43002
+DO_CHANGE_SPEED = 178
+DO_CHANGE_ALTITUDE = 186
+DECIDE_US = 100_000
+LOOP_US = 20_000
+TIMEOUT_US = 3_000_000
 HEADING_GAIN = 2.0
 CIRCLE_BANK = math.radians(20)
-# Measured: half of a bank after 0.36 to 0.5 s, overshoot 15 %; side-slip 1 deg at 14 deg of bank, 2.2 at 26, 3.7 at 42.
-LIFT, FIN = (-0.067, 0.044), (0.0173, -0.0346)
-AIRFRAME = FixedWing(0.747, 0.0, 5.3, 0.52, dead_time=0.18, nose_frequency=13.6, pitch=LIFT, fin=FIN)
+# Measured: half of a bank after 0.36 to 0.5 s, overshoot 15 %; side-slip 1 deg at 14 deg of bank,
+# 2.2 at 26, 3.7 at 42.
+LIFT = (-0.067, 0.044)
+FIN = (0.0173, -0.0346)
+AIRFRAME = FixedWing(
+    0.747, 0.0, 5.3, 0.52, dead_time=0.18, nose_frequency=13.6, pitch=LIFT, fin=FIN
+)
 
 
 class ArduPlane(ArduPilot):
@@ -34,7 +52,8 @@ class ArduPlane(ArduPilot):
     FIRST_MODE = "LOITER"
     POSITION_LOSS_US = 10_000_000  # NavEKF3's posRetryTimeUseVel_ms
     NOT_ARMABLE = frozenset({10, 16})
-    MANUAL_MODES, GUIDED_MODES = frozenset({0, 2, 4, 5, 6, 7, 8}), frozenset({1, 10, 11, 12, 13, 15})
+    MANUAL_MODES = frozenset({0, 2, 4, 5, 6, 7, 8})
+    GUIDED_MODES = frozenset({1, 10, 11, 12, 13, 15})
     MODE_COMMANDS: ClassVar = {20: RTL, 17: LOITER}
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
@@ -71,14 +90,23 @@ class ArduPlane(ArduPilot):
         if self.mode == GUIDED and self._forced is not None:
             return within(self._forced.roll or 0.0, limit)
         if self.mode == GUIDED and self._heading is not None:
-            heading, limit = self._heading[0], min(limit, self._heading[1])
-            return within(HEADING_GAIN * math.remainder(heading - self.body.heading, math.tau), limit)
+            heading = self._heading[0]
+            limit = min(limit, self._heading[1])
+            return within(
+                HEADING_GAIN * math.remainder(heading - self.body.heading, math.tau), limit
+            )
         if self.mode == CIRCLE:
             return CIRCLE_BANK
         if self.mode in LOITERING:
-            return bank_on_loiter(self.body, self._loiter, min(limit, math.radians(58)), self._airframe.effectiveness)
+            return bank_on_loiter(
+                self.body, self._loiter, min(limit, math.radians(58)), self._airframe.effectiveness
+            )
         held = self.mode in self.MANUAL_MODES
-        return self._sticks.roll(now, self.params.microseconds("RC_OVERRIDE_TIME")) * limit if held else 0.0
+        return (
+            self._sticks.roll(now, self.params.microseconds("RC_OVERRIDE_TIME")) * limit
+            if held
+            else 0.0
+        )
 
     def setpoint(self, message: Message, now: int) -> bool:
         if message.get_type() != "SET_ATTITUDE_TARGET" or self.mode != GUIDED or not self.armed:
@@ -86,7 +114,8 @@ class ArduPlane(ArduPilot):
         forced = read_attitude_target(message)
         if forced is None:
             return False
-        self._forced, self._since = forced, now
+        self._forced = forced
+        self._since = now
         if forced.pitch is not None:
             self._height = self.body.down
         self._decide_at = now + -now % LOOP_US  # a setpoint waits for the main loop, 50 Hz
@@ -104,10 +133,13 @@ class ArduPlane(ArduPilot):
             return self._change_altitude(command)
         if command.number in (CHANGE_SPEED, DO_CHANGE_SPEED):
             return self._change_speed(command)
-        return self._change_heading(command) if command.number == CHANGE_HEADING else Ack.UNSUPPORTED
+        return (
+            self._change_heading(command) if command.number == CHANGE_HEADING else Ack.UNSUPPORTED
+        )
 
     def _set_external_position(self, command: Command) -> int:
-        """Accept an external position as NavEKF3 does: only without GPS and only without an altitude."""
+        """Accept an external position as NavEKF3 does: only without GPS and only without an
+        altitude."""
         if not math.isnan(command.z) or not (abs(command.x) <= 90 and abs(command.y) <= 180):
             return Ack.DENIED
         if self.gps:
@@ -123,8 +155,11 @@ class ArduPlane(ArduPilot):
         return Ack.ACCEPTED
 
     def _change_speed(self, command: Command) -> int:
-        kind, speed = command.params[0], command.params[1]
-        mission = command.number == DO_CHANGE_SPEED  # a mission item: accepted in all modes without pilot input
+        kind = command.params[0]
+        speed = command.params[1]
+        mission = (
+            command.number == DO_CHANGE_SPEED
+        )  # a mission item: accepted in all modes without pilot input
         if self.mode != GUIDED and not (mission and self.mode in self.GUIDED_MODES):
             return Ack.FAILED
         if kind != 0 or not self.params["AIRSPEED_MIN"] <= speed <= self.params["AIRSPEED_MAX"]:
@@ -160,7 +195,9 @@ class ArduPlane(ArduPilot):
         return RTL
 
     def ground_station_lost(self, now: int) -> None:
-        self.say(Severity.WARNING, f"GCS Failsafe On: {self.mode_name(self.mode)}")  # FS_LONG_ACTN 0: the mode stays
+        self.say(
+            Severity.WARNING, f"GCS Failsafe On: {self.mode_name(self.mode)}"
+        )  # FS_LONG_ACTN 0: the mode stays
 
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         """Return the indicated airspeed."""
@@ -181,8 +218,9 @@ class Forced(NamedTuple):
 def read_attitude_target(message: Message) -> Forced | None:
     """Read SET_ATTITUDE_TARGET as handle_set_attitude_target in GCS_Mavlink.cpp does.
 
-    The ignore bits only select the forced values: roll if its rate bit or the attitude bit is clear, pitch likewise,
-    throttle if its bit is clear. Body rates are never used. Return None for throttle alone and for invalid values.
+    The ignore bits only select the forced values: roll if its rate bit or the attitude bit is
+    clear, pitch likewise, throttle if its bit is clear. Body rates are never used. Return None for
+    throttle alone and for invalid values.
     """
     mask = message.type_mask
     q = tuple(message.q)

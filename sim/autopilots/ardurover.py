@@ -15,14 +15,28 @@ from .ardupilot import ArduPilot
 from .contract import CUSTOM_MODE_ENABLED, Ack, Command, Say, Severity
 from .tables import ROVER, rover_parameters
 
-HOLD, LOITER, RTL, SMART_RTL, GUIDED = 4, 5, 11, 12, 15
+HOLD = 4
+LOITER = 5
+RTL = 11
+SMART_RTL = 12
+GUIDED = 15
 DO_CHANGE_SPEED = 178
-POSITION, VELOCITY, ACCELERATION, YAW_RATE = 0x007, 0x038, 0x1C0, 0x800
-THROTTLE_BIT, YAW_RATE_BIT = 0x40, 0x04
-TIMEOUT_US, DECIDE_US = 3_000_000, 100_000
-TURN_LAG, SPEED_LAG, TURN_GAIN = 0.12, 0.4, 0.985
+POSITION = 0x007
+VELOCITY = 0x038
+ACCELERATION = 0x1C0
+YAW_RATE = 0x800
+THROTTLE_BIT = 0x40
+YAW_RATE_BIT = 0x04
+TIMEOUT_US = 3_000_000
+DECIDE_US = 100_000
+TURN_LAG = 0.12
+SPEED_LAG = 0.4
+TURN_GAIN = 0.985
 TIGHTEST = 0.9  # smallest turn radius of an Ackermann rover, m
-HOMING, NEARNESS, AT_PLACE = 0.8, 0.4, 2.0  # heading gain, 1/s; speed per remaining distance, 1/s; arrival radius, m
+# heading gain, 1/s; speed per remaining distance, 1/s; arrival radius, m
+HOMING = 0.8
+NEARNESS = 0.4
+AT_PLACE = 2.0
 
 
 class ArduRover(ArduPilot):
@@ -31,7 +45,8 @@ class ArduRover(ArduPilot):
     FIRST_MODE = "HOLD"
     NEEDS_POSITION = frozenset({5, 6, 9, 10, 11, 12, 15})
     NOT_ARMABLE = frozenset({10, 11, 12, 16})
-    MANUAL_MODES, GUIDED_MODES = frozenset({0, 1, 3}), frozenset({10, 11, 12, 15})
+    MANUAL_MODES = frozenset({0, 1, 3})
+    GUIDED_MODES = frozenset({10, 11, 12, 15})
     MODE_COMMANDS: ClassVar = {20: RTL, 17: LOITER}
     BASE_MODE = CUSTOM_MODE_ENABLED
 
@@ -42,10 +57,14 @@ class ArduRover(ArduPilot):
         limit = math.radians(vehicle.max_turn_rate_deg_s)
         self._gain = 1.0 if ideal else TURN_GAIN
         self._airframe: Unicycle | RingingRover = Unicycle(
-            limit, vehicle.turn_lag_s if ideal else TURN_LAG, vehicle.speed_lag_s if ideal else SPEED_LAG
+            limit,
+            vehicle.turn_lag_s if ideal else TURN_LAG,
+            vehicle.speed_lag_s if ideal else SPEED_LAG,
         )
         if not ideal and (vehicle.turn_damping or vehicle.turn_frequency_rad_s):
-            self._airframe = RingingRover(YawLoop(limit, 0.05, 1 / TURN_LAG, 0.7).configured(vehicle), SPEED_LAG)
+            self._airframe = RingingRover(
+                YawLoop(limit, 0.05, 1 / TURN_LAG, 0.7).configured(vehicle), SPEED_LAG
+            )
         self._target: BodyVelocity | None = None
         self._goal: tuple[float, float] | None = None  # north, east
         self._leg_speed = self.params["WP_SPEED"]
@@ -81,28 +100,36 @@ class ArduRover(ArduPilot):
         distance = math.hypot(body.north - north, body.east - east)
         if distance < AT_PLACE:
             return None
-        error = math.remainder(math.atan2(east - body.east, north - body.north) - body.heading, math.tau)
+        error = math.remainder(
+            math.atan2(east - body.east, north - body.north) - body.heading, math.tau
+        )
         speed = min(self._leg_speed, NEARNESS * distance)
         return BodyVelocity(speed, yaw_rate=HOMING * error)
 
     def setpoint(self, message: Message, now: int) -> bool:
         if self.mode != GUIDED or not self.armed:
             return False
-        target, kind = None, message.get_type()
+        target = None
+        kind = message.get_type()
         if kind == "SET_POSITION_TARGET_LOCAL_NED":
             target = self._local_target(message)
         elif kind == "SET_ATTITUDE_TARGET":
             target = self._attitude_target(message)
         if target is None or not all(map(math.isfinite, target)):
             return False
-        self._target, self._since, self._goal = target, now, None
+        self._target = target
+        self._since = now
+        self._goal = None
         return True
 
     def go_to(self, north: float, east: float, down: float, now: int) -> None:
-        self._target, self._goal, self._decide_at = None, (north, east), now
+        self._target = None
+        self._goal = (north, east)
+        self._decide_at = now
 
     def own_command(self, command: Command, now: int) -> int:
-        """Handle DO_CHANGE_SPEED. It is refused except on a leg to a place, because a setpoint has its own speed."""
+        """Handle DO_CHANGE_SPEED. It is refused except on a leg to a place, because a setpoint has
+        its own speed."""
         if command.number != DO_CHANGE_SPEED:
             return Ack.UNSUPPORTED
         if self._goal is None or not 0 < command.params[1] < 100:
@@ -111,7 +138,8 @@ class ArduRover(ArduPilot):
         return Ack.ACCEPTED
 
     def _local_target(self, message: Message) -> BodyVelocity | None:
-        """Return velocity and yaw rate in any frame, or None for other combinations, which are dropped silently."""
+        """Return velocity and yaw rate in any frame, or None for other combinations, which are
+        dropped silently."""
         mask = message.type_mask
         if not (mask & POSITION and mask & ACCELERATION) or mask & YAW_RATE:
             return None
@@ -121,14 +149,17 @@ class ArduRover(ArduPilot):
         return BodyVelocity(self._clipped(speed), yaw_rate=message.yaw_rate)
 
     def _attitude_target(self, message: Message) -> BodyVelocity | None:
-        """Return speed (thrust times WP_SPEED) and yaw rate. If the yaw rate is masked, steer to the heading."""
+        """Return speed (thrust times WP_SPEED) and yaw rate. If the yaw rate is masked, steer to
+        the heading."""
         if message.type_mask & THROTTLE_BIT:
             return None
         speed = self._clipped(message.thrust * self.params["WP_SPEED"])
         if not message.type_mask & YAW_RATE_BIT:
             return BodyVelocity(speed, yaw_rate=message.body_yaw_rate)
         heading = euler(tuple(message.q))[2]
-        return BodyVelocity(speed, yaw_rate=HOMING * math.remainder(heading - self.body.heading, math.tau))
+        return BodyVelocity(
+            speed, yaw_rate=HOMING * math.remainder(heading - self.body.heading, math.tau)
+        )
 
     def _clipped(self, speed: float) -> float:
         most = self.params["WP_SPEED"]

@@ -17,8 +17,15 @@ Say = Callable[[int, str], None]
 """Function (severity, text) that sends a STATUSTEXT."""
 
 CUSTOM_MODE_ENABLED = 1
-STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE
-ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4  # MAV_LANDED_STATE
+# MAV_STATE
+STANDBY = 3
+ACTIVE = 4
+CRITICAL = 5
+# MAV_LANDED_STATE
+ON_GROUND = 1
+IN_AIR = 2
+TAKING_OFF = 3
+LANDING = 4
 FORCE = 21196  # the magic number that overrides arming checks
 
 
@@ -31,7 +38,11 @@ class Ack(IntEnum):
 class Severity(IntEnum):
     """MAV_SEVERITY."""
 
-    EMERGENCY, CRITICAL, ERROR, WARNING, INFO = 0, 2, 3, 4, 6
+    EMERGENCY = 0
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    INFO = 6
 
 
 def message_ids(text: str) -> frozenset[int]:
@@ -43,7 +54,8 @@ def message_ids(text: str) -> frozenset[int]:
 class Command(NamedTuple):
     """A COMMAND_LONG or COMMAND_INT. x, y: degrees, as in COMMAND_LONG.
 
-    frame: MAV_FRAME of x, y and z. COMMAND_LONG has none; ArduPilot reads its altitude as above home.
+    frame: MAV_FRAME of x, y and z. COMMAND_LONG has none; ArduPilot reads its altitude as above
+    home.
     """
 
     number: int
@@ -69,24 +81,29 @@ class Identity:
     unknown_ids: frozenset[int]
     default_streams: Mapping[int, int] = field(default_factory=dict)
     interval_refusal: Ack = Ack.DENIED
-    adopts_strays: bool = True  # handles messages to a component of its system that has never sent a message
+    adopts_strays: bool = (
+        True  # handles messages to a component of its system that has never sent a message
+    )
     mode_refusal: str = "Mode change to {name} failed: {reason}"
     texts_for_gcs_only: bool = False  # STATUSTEXT only on links with a ground station's heartbeat
     ranges_on_update: bool = False  # DISTANCE_SENSOR once per sample, not once per interval
 
 
 class Autopilot(ABC):
-    """Computes the demands on the airframe. Times are simulated microseconds; acks are MAV_RESULT values.
+    """Computes the demands on the airframe. Times are simulated microseconds; acks are MAV_RESULT
+    values.
 
-    body: the vehicle's state; the caller of `fly` stores it. gps: True if the receiver has a fix. position: True if
-    the estimator has a position.
+    body: the vehicle's state; the caller of `fly` stores it. gps: True if the receiver has a fix.
+    position: True if the estimator has a position.
     """
 
     FIRST_MODE: str
     failsafe: bool
     POSITION_LOSS_US: int  # time from the loss of GPS to the loss of the position estimate
 
-    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, body: Body) -> None:
+    def __init__(
+        self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, body: Body
+    ) -> None:
         self.identity = identity
         self.params = params
         self.say = say
@@ -99,8 +116,10 @@ class Autopilot(ABC):
         self._external_position: tuple[float, float] | None = None
 
     def take_external_position(self) -> tuple[float, float] | None:
-        """Return an external position (north, east in m) once; None if there is none or this autopilot ignores it."""
-        placed, self._external_position = self._external_position, None
+        """Return an external position (north, east in m) once; None if there is none or this
+        autopilot ignores it."""
+        placed = self._external_position
+        self._external_position = None
         return placed
 
     def wake_us(self) -> int:
@@ -142,8 +161,11 @@ class Autopilot(ABC):
         """React to the loss of the pilot's radio."""
 
     def on_message(self, message: Message, now: int) -> None:
-        """Handle any other message for the autopilot (a mode, a ground station's heartbeat, sticks)."""
-        if message.get_type() == "SET_MODE" and message.base_mode & CUSTOM_MODE_ENABLED:  # obeyed, but has no ack
+        """Handle any other message for the autopilot (a mode, a ground station's heartbeat,
+        sticks)."""
+        if (
+            message.get_type() == "SET_MODE" and message.base_mode & CUSTOM_MODE_ENABLED
+        ):  # obeyed, but has no ack
             self.change_mode(message.custom_mode, now)
 
     def on_event(self, event: Event, now: int) -> None:
@@ -155,16 +177,21 @@ class Autopilot(ABC):
         elif event.action == "rc_failsafe":
             self.radio_lost(now)
         elif event.action == "gps_off" and self.gps:
-            self.gps, self._position_until = False, now + self.POSITION_LOSS_US
+            self.gps = False
+            self._position_until = now + self.POSITION_LOSS_US
         elif event.action == "gps_on":
-            self.gps, self.position, self._position_until = True, True, NEVER
+            self.gps = True
+            self.position = True
+            self._position_until = NEVER
 
     def reckons(self) -> bool:
         """True if the estimator continues without a measured position."""
         return self.position and not self.gps and self._position_until == NEVER
 
     def mode_name(self, mode: int) -> str:
-        return next((name for name, number in self.identity.modes.items() if number == mode), str(mode))
+        return next(
+            (name for name, number in self.identity.modes.items() if number == mode), str(mode)
+        )
 
     def flying(self) -> bool:
         return self.armed and self.body.down < -0.1
@@ -186,11 +213,13 @@ class Autopilot(ABC):
         """Return VFR_HUD.airspeed, which may differ from the true airspeed."""
 
     def flown(self) -> Demand | Bank | None:
-        """Return the setpoint being flown, if this vehicle reports it (POSITION_TARGET_LOCAL_NED, ATTITUDE_TARGET)."""
+        """Return the setpoint being flown, if this vehicle reports it (POSITION_TARGET_LOCAL_NED,
+        ATTITUDE_TARGET)."""
         return None
 
     def commanded_roll(self) -> float | None:
-        """Return the commanded and limited bank, rad, if this vehicle reports it (NAV_CONTROLLER_OUTPUT)."""
+        """Return the commanded and limited bank, rad, if this vehicle reports it
+        (NAV_CONTROLLER_OUTPUT)."""
         return None
 
     def landed_state(self) -> int:

@@ -1,7 +1,8 @@
-"""Targets of ArduCopter 4.6.3 (GCS_Mavlink.cpp), and its legs without pilot input: to a point, up, home, down.
+"""Targets of ArduCopter 4.6.3 (GCS_Mavlink.cpp), and its legs without pilot input: to a point, up,
+home, down.
 
-In SET_POSITION_TARGET_LOCAL_NED any ignore bit of a group of three ignores the whole group. An unknown combination
-stops the vehicle.
+In SET_POSITION_TARGET_LOCAL_NED any ignore bit of a group of three ignores the whole group. An
+unknown combination stops the vehicle.
 """
 
 import math
@@ -13,10 +14,18 @@ from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
 from ..links import Message
 from ..params import Parameters
 
-LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED = 1, 7, 8, 9
-POSITION, VELOCITY, ACCELERATION = 0x007, 0x038, 0x1C0
-FORCE, YAW_RATE = 0x200, 0x800
-RATES, THROTTLE, ATTITUDE = 0x07, 0x40, 0x80
+LOCAL_NED = 1
+LOCAL_OFFSET_NED = 7
+BODY_NED = 8
+BODY_OFFSET_NED = 9
+POSITION = 0x007
+VELOCITY = 0x038
+ACCELERATION = 0x1C0
+FORCE = 0x200
+YAW_RATE = 0x800
+RATES = 0x07
+THROTTLE = 0x40
+ATTITUDE = 0x80
 THRUST_AS_THRUST = 8  # GUID_OPTIONS bit 3
 NEARNESS = 0.5  # 1/s: speed per remaining distance
 AT_HOME = 2.0  # arrival radius, m
@@ -36,15 +45,18 @@ class Stop(NamedTuple):
 
 
 class NotFinite(NamedTuple):
-    """A yaw rate or acceleration that is not finite: ArduCopter does not check it and passes it to the controllers."""
+    """A yaw rate or acceleration that is not finite: ArduCopter does not check it and passes it to
+    the controllers."""
 
 
 Target = BodyVelocity | EarthVelocity | GoTo | Stop | NotFinite
 
 
 def read_local_target(message: Message, body: Body, turns_with_nose: bool) -> Target:
-    """Return the target. A body-frame velocity is rotated by the present heading, unless the vehicle is a unicycle."""
-    mask, frame = message.type_mask, message.coordinate_frame
+    """Return the target. A body-frame velocity is rotated by the present heading, unless the
+    vehicle is a unicycle."""
+    mask = message.type_mask
+    frame = message.coordinate_frame
     if frame not in (LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED):
         return Stop()
     if mask & FORCE and not mask & ACCELERATION:
@@ -61,7 +73,9 @@ def _velocity(message: Message, body: Body, turns_with_nose: bool) -> Target:
     if any(math.isnan(v) or abs(v) > MAX_SANE_SPEED for v in wanted):
         return Stop()
     yaw_rate = 0.0 if message.type_mask & YAW_RATE else message.yaw_rate
-    fed: tuple[float, float] = (0.0, 0.0) if message.type_mask & ACCELERATION else (message.afx, message.afy)
+    fed: tuple[float, float] = (
+        (0.0, 0.0) if message.type_mask & ACCELERATION else (message.afx, message.afy)
+    )
     if not all(map(math.isfinite, (yaw_rate, *fed))):
         return NotFinite()
     if message.coordinate_frame in (LOCAL_NED, LOCAL_OFFSET_NED):
@@ -73,17 +87,23 @@ def _velocity(message: Message, body: Body, turns_with_nose: bool) -> Target:
 
 
 def _position(message: Message, body: Body) -> Target:
-    north, east, down = message.x, message.y, message.z
+    north = message.x
+    east = message.y
+    down = message.z
     if not all(math.isfinite(v) for v in (north, east, down)):
         return Stop()
     if message.coordinate_frame in (BODY_NED, BODY_OFFSET_NED):
         north, east = to_earth(north, east, body.heading)
     if message.coordinate_frame != LOCAL_NED:
-        north, east, down = north + body.north, east + body.east, down + body.down
+        north = north + body.north
+        east = east + body.east
+        down = down + body.down
     return GoTo(north, east, down)
 
 
-def read_attitude_target(message: Message, params: Parameters) -> Tilt | Spin | Stop | NotFinite | None:
+def read_attitude_target(
+    message: Message, params: Parameters
+) -> Tilt | Spin | Stop | NotFinite | None:
     """Return the demand, Stop if the message is invalid, or None if it is silently dropped."""
     mask = message.type_mask
     if mask & THROTTLE:
@@ -91,7 +111,11 @@ def read_attitude_target(message: Message, params: Parameters) -> Tilt | Spin | 
     given = mask & RATES
     if given not in (0, RATES):  # all three rates or none
         return Stop()
-    rates = (0.0, 0.0, 0.0) if given else (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+    rates = (
+        (0.0, 0.0, 0.0)
+        if given
+        else (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+    )
     climb, thrust = _lift(message.thrust, params)
     if not all(map(math.isfinite, (*rates, climb))):
         return NotFinite()
@@ -105,7 +129,8 @@ def read_attitude_target(message: Message, params: Parameters) -> Tilt | Spin | 
 
 
 def _lift(thrust: float, params: Parameters) -> tuple[float, float | None]:
-    """Return (climb rate in m/s, raw thrust). Thrust 0.5 holds the height, unless GUID_OPTIONS selects raw thrust."""
+    """Return (climb rate in m/s, raw thrust). Thrust 0.5 holds the height, unless GUID_OPTIONS
+    selects raw thrust."""
     if int(params["GUID_OPTIONS"]) & THRUST_AS_THRUST:
         return 0.0, within(thrust, 1.0)
     if not math.isfinite(thrust):
@@ -122,7 +147,9 @@ def to_point(body: Body, goal: GoTo, params: Speeds) -> Demand:
     climb = params["WPNAV_SPEED_UP" if goal.down < body.down else "WPNAV_SPEED_DN"] / 100
     north, east = goal.north - body.north, goal.east - body.east
     distance = math.hypot(north, east)
-    share = min(params["WPNAV_SPEED"] / 100, NEARNESS * distance) / distance if distance > 1e-6 else 0.0
+    share = (
+        min(params["WPNAV_SPEED"] / 100, NEARNESS * distance) / distance if distance > 1e-6 else 0.0
+    )
     vertical = within(NEARNESS * (goal.down - body.down), climb)
     return EarthVelocity(north * share, east * share, vertical)
 
@@ -131,7 +158,9 @@ def climb_out(body: Body, down: float, params: Speeds) -> Demand | None:
     """Climb to a height. Return None at that height."""
     if body.down <= down + 0.1:
         return None
-    return EarthVelocity(0.0, 0.0, max(-params["WPNAV_SPEED_UP"] / 100, NEARNESS * (down - body.down) - 0.2))
+    return EarthVelocity(
+        0.0, 0.0, max(-params["WPNAV_SPEED_UP"] / 100, NEARNESS * (down - body.down) - 0.2)
+    )
 
 
 def way_home(body: Body, params: Speeds) -> Demand | None:

@@ -1,4 +1,5 @@
-"""Common part of the PX4 vehicles: modes and their requirements, OFFBOARD's watchdog, double acks."""
+"""Common part of the PX4 vehicles: modes and their requirements, OFFBOARD's watchdog, double
+acks."""
 
 import math
 from abc import abstractmethod
@@ -15,18 +16,43 @@ from .modes import PX4 as MODES
 from .px4_targets import Rejected, Trajectory, read_setpoint
 from .sticks import Sticks
 
-MANUAL, ALTCTL, POSCTL, TAKEOFF = MODES["MANUAL"], MODES["ALTCTL"], MODES["POSCTL"], MODES["TAKEOFF"]
-LOITER, RTL, LAND, OFFBOARD = MODES["LOITER"], MODES["RTL"], MODES["LAND"], MODES["OFFBOARD"]
-NEEDS_STICKS = frozenset(MODES[name] for name in ("MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "ALT_CRUISE"))
+MANUAL = MODES["MANUAL"]
+ALTCTL = MODES["ALTCTL"]
+POSCTL = MODES["POSCTL"]
+TAKEOFF = MODES["TAKEOFF"]
+LOITER = MODES["LOITER"]
+RTL = MODES["RTL"]
+LAND = MODES["LAND"]
+OFFBOARD = MODES["OFFBOARD"]
+NEEDS_STICKS = frozenset(
+    MODES[name] for name in ("MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "ALT_CRUISE")
+)
 NEEDS_POSITION = frozenset({POSCTL, LOITER, RTL, TAKEOFF, MODES["MISSION"]})
 MAIN_AUTO = 4
-DO_SET_MODE, ARM_DISARM, DO_CHANGE_SPEED, DO_REPOSITION, TAKEOFF_COMMAND = 176, 400, 178, 192, 22
+DO_SET_MODE = 176
+ARM_DISARM = 400
+DO_CHANGE_SPEED = 178
+DO_REPOSITION = 192
+TAKEOFF_COMMAND = 22
 MODE_COMMANDS = {20: RTL, 21: LAND, 17: LOITER}
 NOT_GIVEN = (2**31 - 1) * 1e-7  # degrees: "not given" in a COMMAND_INT; NaN in a COMMAND_LONG
 LOSS_DELAY_US = 50_000
-LOSS_ACTIONS = {3: RTL, 4: LAND, 5: LOITER}  # COM_OBL_RC_ACT; without sticks any other value means RTL
-STICK_LOSS_ACTIONS = {1: LOITER, 2: RTL, 3: LAND}  # NAV_RCL_ACT; 5 (terminate) and 6 (disarm) stop the motors
-STICK_LOSS_EXCEPTIONS = {MODES["MISSION"]: 1, LOITER: 2, TAKEOFF: 2, OFFBOARD: 4}  # bits of COM_RCL_EXCEPT
+LOSS_ACTIONS = {
+    3: RTL,
+    4: LAND,
+    5: LOITER,
+}  # COM_OBL_RC_ACT; without sticks any other value means RTL
+STICK_LOSS_ACTIONS = {
+    1: LOITER,
+    2: RTL,
+    3: LAND,
+}  # NAV_RCL_ACT; 5 (terminate) and 6 (disarm) stop the motors
+STICK_LOSS_EXCEPTIONS = {
+    MODES["MISSION"]: 1,
+    LOITER: 2,
+    TAKEOFF: 2,
+    OFFBOARD: 4,
+}  # bits of COM_RCL_EXCEPT
 
 
 class Px4(Autopilot):
@@ -35,7 +61,9 @@ class Px4(Autopilot):
     FIRST_MODE = "LOITER"
     POSITION_LOSS_US = 5_000_000
 
-    def __init__(self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, body: Body) -> None:
+    def __init__(
+        self, identity: Identity, params: Parameters, config: VehicleConfig, say: Say, body: Body
+    ) -> None:
         super().__init__(identity, params, config, say, body)
         self.sticks = Sticks(config.vehicle.system_id)
         self.take_off_to: float | None = None
@@ -43,7 +71,9 @@ class Px4(Autopilot):
         self._setpoint: Trajectory | Tilt | Spin | None = None
         self._setpoint_at: int | None = 0 if self.mode == OFFBOARD else None
         self._sticks_lost = False  # failsafe of lost sticks is active, until a mode is commanded
-        self._missed: int | None = None  # time of the last stick message before a loss that was handled
+        self._missed: int | None = (
+            None  # time of the last stick message before a loss that was handled
+        )
         self._act_at = NEVER
 
     @abstractmethod
@@ -59,7 +89,8 @@ class Px4(Autopilot):
         return self._sticks_lost or self.mode != self.intended
 
     def setpoint(self, message: Message, now: int) -> bool:
-        """Handle a setpoint. An accepted one feeds the watchdog and returns to OFFBOARD if that is still intended."""
+        """Handle a setpoint. An accepted one feeds the watchdog and returns to OFFBOARD if that is
+        still intended."""
         if message.get_type() == "MANUAL_CONTROL":
             return self.sticks.receive(message, now, None)
         taken = read_setpoint(message, self.body)
@@ -68,22 +99,27 @@ class Px4(Autopilot):
             return False
         if taken is None:
             return False
-        self._setpoint, self._setpoint_at = taken, now
+        self._setpoint = taken
+        self._setpoint_at = now
         self._return_to_offboard(now)
         return True
 
     def _return_to_offboard(self, now: int) -> None:
-        """Return to OFFBOARD after its own failsafe. After the failsafe of lost sticks PX4 does not return."""
+        """Return to OFFBOARD after its own failsafe. After the failsafe of lost sticks PX4 does not
+        return."""
         fell_out = self.mode != self.intended and not self._sticks_lost
         if fell_out and self.intended == OFFBOARD and self._obstacle(OFFBOARD, now) is None:
             self._fly_mode(OFFBOARD, now)
 
     def wake_us(self) -> int:
-        return min(super().wake_us(), self._offboard_deadline(), self._sticks_deadline(), self._act_at)
+        return min(
+            super().wake_us(), self._offboard_deadline(), self._sticks_deadline(), self._act_at
+        )
 
     def wake(self, now: int) -> None:
         if now >= self._position_until:
-            self._position_until, self.position = NEVER, False
+            self._position_until = NEVER
+            self.position = False
             if self.mode == POSCTL or (self.mode == OFFBOARD and self.needs_velocity()):
                 self._fail_to(ALTCTL, now)
         if now >= self._offboard_deadline():
@@ -96,17 +132,22 @@ class Px4(Autopilot):
             self._fail_to(STICK_LOSS_ACTIONS.get(int(self.params["NAV_RCL_ACT"]), LOITER), now)
 
     def _lose_sticks(self, now: int) -> None:
-        """Hold, so that a pilot can select a mode. Later do the action of NAV_RCL_ACT, even if the sticks return."""
+        """Hold, so that a pilot can select a mode. Later do the action of NAV_RCL_ACT, even if the
+        sticks return."""
         self._missed = self.sticks.last
-        number, delay = int(self.params["NAV_RCL_ACT"]), self.params["COM_FAIL_ACT_T"]
+        number = int(self.params["NAV_RCL_ACT"])
+        delay = self.params["COM_FAIL_ACT_T"]
         action = STICK_LOSS_ACTIONS.get(number)
         if action is None:
             if number in (5, 6):
                 self.set_armed(False, now)
         elif action == RTL and self.intended == LAND:
-            self.say(Severity.CRITICAL, "Failsafe activated")  # a warning only: it is landing already
+            self.say(
+                Severity.CRITICAL, "Failsafe activated"
+            )  # a warning only: it is landing already
         else:
-            self._sticks_lost, self._act_at = True, now + round(delay * 1e6)
+            self._sticks_lost = True
+            self._act_at = now + round(delay * 1e6)
             self._fail_to(LOITER, now, f"Failsafe activated: entering Hold for {delay:.0f} seconds")
 
     def _fail_to(self, mode: int, now: int, text: str = "Failsafe activated") -> None:
@@ -119,7 +160,8 @@ class Px4(Autopilot):
         return self._setpoint_at + self.params.microseconds("COM_OF_LOSS_T") + LOSS_DELAY_US
 
     def _sticks_deadline(self) -> int:
-        """Return the time at which silent sticks count as lost: once per loss, not in the modes of COM_RCL_EXCEPT."""
+        """Return the time at which silent sticks count as lost: once per loss, not in the modes of
+        COM_RCL_EXCEPT."""
         last = self.sticks.last
         excepted = int(self.params["COM_RCL_EXCEPT"]) & STICK_LOSS_EXCEPTIONS.get(self.intended, 0)
         if not self.armed or self.failsafe or last is None or last == self._missed or excepted:
@@ -131,11 +173,13 @@ class Px4(Autopilot):
         if reason is not None:
             self.say(
                 Severity.CRITICAL,
-                f"Switching to mode '{self.mode_name(mode).capitalize()}' is currently not available: {reason}",
+                f"Switching to mode '{self.mode_name(mode).capitalize()}' is currently not"
+                f" available: {reason}",
             )
             return Ack.TEMPORARILY_REJECTED
         self.intended = mode
-        self._sticks_lost, self._act_at = False, NEVER
+        self._sticks_lost = False
+        self._act_at = NEVER
         if self.mode != mode:
             self._fly_mode(mode, now)
         return Ack.ACCEPTED
@@ -163,7 +207,9 @@ class Px4(Autopilot):
 
     def command(self, command: Command, now: int) -> tuple[int, ...]:
         number = command.number
-        if number == DO_SET_MODE:  # the receiver accepts every request, then Commander sends its own ack
+        if (
+            number == DO_SET_MODE
+        ):  # the receiver accepts every request, then Commander sends its own ack
             return (Ack.ACCEPTED, self._set_mode(command, now))
         if number == ARM_DISARM:
             return (self._arm(command.params[0], command.params[1] == FORCE, now),)
@@ -178,14 +224,19 @@ class Px4(Autopilot):
         return (Ack.UNSUPPORTED if mode is None else self.change_mode(mode, now),)
 
     def _reposition(self, command: Command, now: int) -> int:
-        """Hold at a place in degrees and meters above sea level; values that are not given stay as they are.
+        """Hold at a place in degrees and meters above sea level; values that are not given stay as
+        they are.
 
-        A real vehicle also accepts it on the ground and stays there. Here that is refused, as is an invalid place.
+        A real vehicle also accepts it on the ground and stays there. Here that is refused, as is an
+        invalid place.
         """
         given = [abs(degrees) < NOT_GIVEN for degrees in (command.x, command.y)]
         place = abs(command.x) <= 90 and abs(command.y) <= 180
         if not self.flying() or (any(given) and not place):
-            self.say(Severity.CRITICAL, f"Reposition denied: {'no such place' if self.flying() else 'not in the air'}")
+            self.say(
+                Severity.CRITICAL,
+                f"Reposition denied: {'no such place' if self.flying() else 'not in the air'}",
+            )
             return Ack.DENIED if self.flying() else Ack.TEMPORARILY_REJECTED
         ack = self.change_mode(LOITER, now)
         if ack == Ack.ACCEPTED:
@@ -203,7 +254,9 @@ class Px4(Autopilot):
         return Ack.ACCEPTED
 
     def _set_mode(self, command: Command, now: int) -> int:
-        base, main, sub = command.params[0], command.params[1], command.params[2]
+        base = command.params[0]
+        main = command.params[1]
+        sub = command.params[2]
         if not all(0 <= v < 256 for v in (base, main)) or not int(base) & 1:
             return Ack.TEMPORARILY_REJECTED
         sub = sub if main == MAIN_AUTO and 0 <= sub < 256 else 0
@@ -215,18 +268,29 @@ class Px4(Autopilot):
         if wish == 0 and self.armed and self.flying() and not force:
             self.say(Severity.CRITICAL, "Disarming denied: not landed")
             return Ack.TEMPORARILY_REJECTED
-        if wish == 1 and not self.armed and not force and self.mode in NEEDS_STICKS and not self.sticks_alive(now):
+        if (
+            wish == 1
+            and not self.armed
+            and not force
+            and self.mode in NEEDS_STICKS
+            and not self.sticks_alive(now)
+        ):
             self.say(Severity.CRITICAL, "Arming denied: no manual control input")
             return Ack.TEMPORARILY_REJECTED
         if self.armed != (wish == 1):
             self.set_armed(wish == 1, now)
-            self.say(Severity.INFO, "Armed by external command" if self.armed else "Disarmed by external command")
+            self.say(
+                Severity.INFO,
+                "Armed by external command" if self.armed else "Disarmed by external command",
+            )
         return Ack.ACCEPTED
 
     def set_armed(self, armed: bool, now: int) -> None:
-        """Arm or disarm. Sticks that are silent at arming can count as lost only after they have sent again."""
+        """Arm or disarm. Sticks that are silent at arming can count as lost only after they have
+        sent again."""
         self.armed = armed
-        self._sticks_lost, self._act_at = False, NEVER
+        self._sticks_lost = False
+        self._act_at = NEVER
         if not self.sticks_alive(now):
             self._missed = self.sticks.last
         self.entered(self.mode, now)

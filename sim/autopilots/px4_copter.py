@@ -1,4 +1,5 @@
-"""PX4 multicopter: OFFBOARD flies velocities or attitudes for 1 s; a new setpoint returns to OFFBOARD."""
+"""PX4 multicopter: OFFBOARD flies velocities or attitudes for 1 s; a new setpoint returns to
+OFFBOARD."""
 
 import math
 
@@ -16,11 +17,19 @@ from .px4 import ALTCTL, LAND, LOITER, NEEDS_STICKS, OFFBOARD, RTL, TAKEOFF, Px4
 from .px4_targets import NOTHING, Trajectory
 from .tables import px4_identity, px4_parameters
 
-DECIDE_US, IDLE_US = 20_000, 500_000
+DECIDE_US = 20_000
+IDLE_US = 500_000
 MOST_YAW_RATE = 2.25  # rad/s, as flown with MC_YAWRATE_MAX 200 deg/s
-POSITION_GAIN, YAW_GAIN, HEIGHT_GAIN = 0.95, 2.8, 1.0
-FASTEST, CLIMB, SINK = 12.0, 3.0, 1.5  # m/s, MPC_XY_VEL_MAX and the vertical limits
-DEADZONE, CUBIC = 0.1, 0.6  # of the yaw stick: MAN_DEADZONE, and the cubic share of its curve
+POSITION_GAIN = 0.95
+YAW_GAIN = 2.8
+HEIGHT_GAIN = 1.0
+# m/s, MPC_XY_VEL_MAX and the vertical limits
+FASTEST = 12.0
+CLIMB = 3.0
+SINK = 1.5
+# of the yaw stick: MAN_DEADZONE, and the cubic share of its curve
+DEADZONE = 0.1
+CUBIC = 0.6
 UNHELD_SINK = 0.7  # m/s: ALTCTL without sticks or position, as flown
 IDENTITY = px4_identity(mav_type=2)
 
@@ -42,8 +51,11 @@ class Px4Copter(Px4):
         )
         super().__init__(IDENTITY, px4_parameters(config, *own), config, say, start)
         limit = min(MOST_YAW_RATE, math.radians(vehicle.max_turn_rate_deg_s))
-        drag, lean = (1.0 if vehicle.drag_per_s is None else vehicle.drag_per_s), vehicle.max_lean_deg or PX4_LEAN_DEG
-        yaw_loop = YawLoop(limit, dead_time=0.12, frequency=5.0, damping=0.7)  # 63 % of a step after 0.45 to 0.5 s
+        drag = 1.0 if vehicle.drag_per_s is None else vehicle.drag_per_s
+        lean = vehicle.max_lean_deg or PX4_LEAN_DEG
+        yaw_loop = YawLoop(
+            limit, dead_time=0.12, frequency=5.0, damping=0.7
+        )  # 63 % of a step after 0.45 to 0.5 s
         real = DraggedCopter(yaw_loop.configured(vehicle), drag, math.radians(lean))
         ideal = Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
         by_velocity = ideal if vehicle.dynamics == "unicycle" else real
@@ -74,7 +86,8 @@ class Px4Copter(Px4):
         return True
 
     def _wanted(self) -> Demand:
-        mode, body = self.mode, self.body
+        mode = self.mode
+        body = self.body
         if mode == OFFBOARD:
             if isinstance(self._setpoint, (Tilt, Spin)):
                 return self._setpoint
@@ -92,19 +105,24 @@ class Px4Copter(Px4):
         return _towards(body, *self._hold, min(FASTEST, self.cruise or FASTEST))
 
     def _by_sticks(self, now: int) -> Tilt:
-        """Return the tilt of ALTCTL: the sticks push the copter horizontally, the height is held."""
+        """Return the tilt of ALTCTL: the sticks push the copter horizontally, the height is
+        held."""
         timeout = self.params.microseconds("COM_RC_LOSS_T")
         most = math.tan(math.radians(self.params["MPC_MAN_TILT_MAX"]))
-        forward, right = at_most(self.sticks.forward(now, timeout), self.sticks.roll(now, timeout), 1.0)
+        forward, right = at_most(
+            self.sticks.forward(now, timeout), self.sticks.roll(now, timeout), 1.0
+        )
         deflection = self.sticks.yaw(now, timeout)
         free = max(0.0, abs(deflection) - DEADZONE) / (1 - DEADZONE)
         curved = math.copysign((1 - CUBIC) * free + CUBIC * free**3, deflection)
         yaw_rate = curved * math.radians(self.params["MPC_MAN_Y_MAX"])
-        roll, pitch = math.atan(right * most), -math.atan(forward * most)
+        roll = math.atan(right * most)
+        pitch = -math.atan(forward * most)
         return Tilt(roll, pitch, yaw_rate=yaw_rate)
 
     def _from_trajectory(self, setpoint: Trajectory | None) -> Demand:
-        """Return the demand: velocities plus the output of the position loop. With an incomplete setpoint, brake."""
+        """Return the demand: velocities plus the output of the position loop. With an incomplete
+        setpoint, brake."""
         body = self.body
         if setpoint is None:
             return _towards(body, *self._hold)
@@ -122,7 +140,9 @@ class Px4Copter(Px4):
         down = max(-CLIMB, min(SINK, wanted[2]))
         if setpoint.along_nose is not None and self._airframe.turns_with_nose:
             return BodyVelocity(*at_most(*setpoint.along_nose, FASTEST), down, yaw_rate)
-        return EarthVelocity(north, east, down, yaw_rate, *(fed or 0.0 for fed in setpoint.acceleration[:2]))
+        return EarthVelocity(
+            north, east, down, yaw_rate, *(fed or 0.0 for fed in setpoint.acceleration[:2])
+        )
 
     def _yaw_rate(self, setpoint: Trajectory) -> float:
         if setpoint.heading is None:
@@ -146,8 +166,13 @@ class Px4Copter(Px4):
         return _towards(body, 0.0, 0.0, cruise, 5.0)
 
     def _taking_off(self) -> Demand:
-        asked, body = self.take_off_to, self.body
-        height = asked - HOME_AMSL_M if asked is not None and math.isfinite(asked) else self.params["MIS_TAKEOFF_ALT"]
+        asked = self.take_off_to
+        body = self.body
+        height = (
+            asked - HOME_AMSL_M
+            if asked is not None and math.isfinite(asked)
+            else self.params["MIS_TAKEOFF_ALT"]
+        )
         if body.down <= -height + 0.2:
             self._hold = (body.north, body.east, -height)
             self.change_mode(LOITER, self._decide_at)
@@ -155,7 +180,12 @@ class Px4Copter(Px4):
 
     def setpoint(self, message: Message, now: int) -> bool:
         taken = super().setpoint(message, now)
-        if taken and message.get_type() != "MANUAL_CONTROL" and self.mode == OFFBOARD and self.armed:
+        if (
+            taken
+            and message.get_type() != "MANUAL_CONTROL"
+            and self.mode == OFFBOARD
+            and self.armed
+        ):
             self._decide(now)
         return taken
 
@@ -182,13 +212,21 @@ class Px4Copter(Px4):
         return math.nan
 
 
-def _towards(body: Body, north: float, east: float, down: float, speed: float = FASTEST) -> EarthVelocity:
-    vn, ve = at_most(POSITION_GAIN * (north - body.north), POSITION_GAIN * (east - body.east), speed)
+def _towards(
+    body: Body, north: float, east: float, down: float, speed: float = FASTEST
+) -> EarthVelocity:
+    vn, ve = at_most(
+        POSITION_GAIN * (north - body.north), POSITION_GAIN * (east - body.east), speed
+    )
     return EarthVelocity(vn, ve, max(-CLIMB, min(SINK, HEIGHT_GAIN * (down - body.down))))
 
 
 def _at_rest(body: Body, dt: float) -> Body:
     down = min(0.0, body.down + 10.0 * dt)
     return body._replace(
-        down=down, velocity_north=0.0, velocity_east=0.0, velocity_down=10.0 if down < 0 else 0.0, turn_rate=0.0
+        down=down,
+        velocity_north=0.0,
+        velocity_east=0.0,
+        velocity_down=10.0 if down < 0 else 0.0,
+        turn_rate=0.0,
     )

@@ -1,4 +1,5 @@
-"""PX4 fixed wing: ALTCTL flies sticks and holds height and airspeed; OFFBOARD flies to positions."""
+"""PX4 fixed wing: ALTCTL flies sticks and holds height and airspeed; OFFBOARD flies to
+positions."""
 
 import math
 
@@ -23,7 +24,8 @@ IDENTITY = px4_identity(mav_type=1)
 
 
 class Px4Plane(Px4):
-    """PX4's fixed wing: a bank with held height and airspeed. Attitude setpoints are accepted, but not flown."""
+    """PX4's fixed wing: a bank with held height and airspeed. Attitude setpoints are accepted, but
+    not flown."""
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle
@@ -50,7 +52,9 @@ class Px4Plane(Px4):
     def flown(self) -> Bank:
         speed = self.params["FW_AIRSPD_TRIM"]
         if self.cruise is not None and self.mode not in BANKED_BY_STICKS:
-            speed = max(self.params["FW_AIRSPD_MIN"], min(self.params["FW_AIRSPD_MAX"], self.cruise))
+            speed = max(
+                self.params["FW_AIRSPD_MIN"], min(self.params["FW_AIRSPD_MAX"], self.cruise)
+            )
         return Bank(self._bank, speed * self._scale, self._height)
 
     def wake(self, now: int) -> None:
@@ -69,15 +73,26 @@ class Px4Plane(Px4):
         return bank_on_loiter(self.body, self._loiter, limit, self._airframe.effectiveness)
 
     def _bank_to_point(self, limit: float) -> float:
-        """Return the bank towards a position setpoint. A setpoint of velocities alone is accepted without effect."""
-        setpoint, body = self._setpoint, self.body
-        if not isinstance(setpoint, Trajectory) or setpoint.position[0] is None or setpoint.position[1] is None:
+        """Return the bank towards a position setpoint. A setpoint of velocities alone is accepted
+        without effect."""
+        setpoint = self._setpoint
+        body = self.body
+        if (
+            not isinstance(setpoint, Trajectory)
+            or setpoint.position[0] is None
+            or setpoint.position[1] is None
+        ):
             return 0.0
         if setpoint.position[2] is not None:
             self._height = setpoint.position[2]
-        angle = math.atan2(setpoint.position[1] - body.east, setpoint.position[0] - body.north) - body.course
+        angle = (
+            math.atan2(setpoint.position[1] - body.east, setpoint.position[0] - body.north)
+            - body.course
+        )
         wrapped = math.remainder(angle, math.tau)
-        rate = COURSE_GAIN * (math.sin(wrapped) if abs(wrapped) < math.pi / 2 else math.copysign(1.0, wrapped))
+        rate = COURSE_GAIN * (
+            math.sin(wrapped) if abs(wrapped) < math.pi / 2 else math.copysign(1.0, wrapped)
+        )
         return within(math.atan(body.air_speed * rate / GRAVITY), limit)
 
     def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:

@@ -1,6 +1,8 @@
-"""SET_POSITION_TARGET_LOCAL_NED and SET_ATTITUDE_TARGET as PX4 reads them (mavlink_receiver.cpp of 2026-03).
+"""SET_POSITION_TARGET_LOCAL_NED and SET_ATTITUDE_TARGET as PX4 reads them (mavlink_receiver.cpp of
+2026-03).
 
-In LOCAL_NED each axis is used or ignored separately. In BODY_NED positions are ignored, and a velocity needs all axes.
+In LOCAL_NED each axis is used or ignored separately. In BODY_NED positions are ignored, and a
+velocity needs all axes.
 """
 
 import math
@@ -10,9 +12,17 @@ from ..body import Body, euler, to_earth
 from ..demands import Spin, Tilt
 from ..links import Message
 
-LOCAL_NED, BODY_NED = 1, 8
-ACCELERATION, FORCE, YAW, YAW_RATE = 0x1C0, 0x200, 0x400, 0x800
-ROLL_RATE, PITCH_RATE, BODY_YAW_RATE, THROTTLE, ATTITUDE = 0x01, 0x02, 0x04, 0x40, 0x80
+LOCAL_NED = 1
+BODY_NED = 8
+ACCELERATION = 0x1C0
+FORCE = 0x200
+YAW = 0x400
+YAW_RATE = 0x800
+ROLL_RATE = 0x01
+PITCH_RATE = 0x02
+BODY_YAW_RATE = 0x04
+THROTTLE = 0x40
+ATTITUDE = 0x80
 
 Axis = float | None
 
@@ -46,7 +56,8 @@ def read_setpoint(message: Message, body: Body) -> Trajectory | Tilt | Spin | Re
 
 
 def read_local_target(message: Message, body: Body) -> Trajectory | Rejected:
-    frame, mask = message.coordinate_frame, message.type_mask
+    frame = message.coordinate_frame
+    mask = message.type_mask
     along_nose = None
     if frame == LOCAL_NED:
         position = _axes(mask, 0, message.x, message.y, message.z)
@@ -62,14 +73,17 @@ def read_local_target(message: Message, body: Body) -> Trajectory | Rejected:
     if acceleration != NOTHING and mask & FORCE:
         return Rejected("SET_POSITION_TARGET_LOCAL_NED force not supported")
     if position == velocity == acceleration == NOTHING and not _masked_in(mask, frame):
-        return Rejected("SET_POSITION_TARGET_LOCAL_NED invalid, missing position, velocity or acceleration")
+        return Rejected(
+            "SET_POSITION_TARGET_LOCAL_NED invalid, missing position, velocity or acceleration"
+        )
     heading = None if mask & YAW else _finite(message.yaw)
     yaw_rate = None if mask & YAW_RATE else _finite(message.yaw_rate)
     return Trajectory(position, velocity, acceleration, heading, yaw_rate, along_nose)
 
 
 def _masked_in(mask: int, frame: int) -> bool:
-    """True if the mask selects an axis, even one that is not finite. Such a setpoint is accepted but not flown."""
+    """True if the mask selects an axis, even one that is not finite. Such a setpoint is accepted
+    but not flown."""
     if frame == BODY_NED:
         return not mask & 0x038 or not mask & ACCELERATION
     return mask & 0x1FF != 0x1FF
@@ -92,9 +106,12 @@ def _by_attitude(vector: tuple[Axis, Axis, Axis], body: Body) -> tuple[Axis, Axi
     x, y, z = vector
     if x is None or y is None or z is None:
         return NOTHING
-    across, below = y * math.cos(body.roll) - z * math.sin(body.roll), y * math.sin(body.roll) + z * math.cos(body.roll)
+    across = y * math.cos(body.roll) - z * math.sin(body.roll)
+    below = y * math.sin(body.roll) + z * math.cos(body.roll)
     ahead = x * math.cos(body.pitch) + below * math.sin(body.pitch)
-    return _rotated((ahead, across, below * math.cos(body.pitch) - x * math.sin(body.pitch)), body.heading)
+    return _rotated(
+        (ahead, across, below * math.cos(body.pitch) - x * math.sin(body.pitch)), body.heading
+    )
 
 
 def _finite(value: float) -> Axis:
@@ -102,7 +119,8 @@ def _finite(value: float) -> Axis:
 
 
 def read_attitude_target(message: Message) -> Tilt | Spin | None:
-    """Return the attitude; if masked, body rates (roll and pitch rate required). A masked throttle gives thrust 0."""
+    """Return the attitude; if masked, body rates (roll and pitch rate required). A masked throttle
+    gives thrust 0."""
     mask = message.type_mask
     none = mask & THROTTLE or not math.isfinite(message.thrust)
     thrust = 0.0 if none else max(0.0, min(1.0, message.thrust))

@@ -3,12 +3,14 @@
 from ..body import within
 from ..links import Message
 
-IGNORED_PWM, RELEASED_PWM = 65535, 0
+IGNORED_PWM = 65535
+RELEASED_PWM = 0
 IGNORED_AXIS = 32767
 
 
 class Sticks:
-    """The sticks for roll, pitch and yaw, and the time of their last message. ArduPilot accepts only SYSID_MYGCS."""
+    """The sticks for roll, pitch and yaw, and the time of their last message. ArduPilot accepts
+    only SYSID_MYGCS."""
 
     def __init__(self, system: int) -> None:
         self._system = system
@@ -16,13 +18,20 @@ class Sticks:
         self.last: int | None = None
 
     def receive(self, message: Message, now: int, pilot: int | None) -> bool:
-        """Read a message. Return True if it moved the stick. pilot: the only accepted system id; None: all."""
+        """Read a message. Return True if it moved the stick. pilot: the only accepted system id;
+        None: all."""
         if pilot is not None and message.get_srcSystem() != pilot:
             return False
         kind = message.get_type()
-        if kind == "MANUAL_CONTROL" and message.target == self._system and message.y != IGNORED_AXIS:
-            self._roll, self.last = within(message.y / 1000, 1.0), now
-            self._forward, self._yaw = within(message.x / 1000, 1.0), within(message.r / 1000, 1.0)
+        if (
+            kind == "MANUAL_CONTROL"
+            and message.target == self._system
+            and message.y != IGNORED_AXIS
+        ):
+            self._roll = within(message.y / 1000, 1.0)
+            self.last = now
+            self._forward = within(message.x / 1000, 1.0)
+            self._yaw = within(message.r / 1000, 1.0)
             return True
         if kind == "RC_CHANNELS_OVERRIDE" and message.chan1_raw != IGNORED_PWM:
             released = message.chan1_raw == RELEASED_PWM
@@ -32,7 +41,8 @@ class Sticks:
         return False
 
     def roll(self, now: int, timeout: int) -> float:
-        """Return the deflection, -1 to 1, right positive; 0 if the last message is older than `timeout` (us)."""
+        """Return the deflection, -1 to 1, right positive; 0 if the last message is older than
+        `timeout` (us)."""
         return self._roll if self.alive(now, timeout) else 0.0
 
     def forward(self, now: int, timeout: int) -> float:

@@ -10,24 +10,31 @@ from .contract import Ack, Identity, message_ids
 
 VERSION_4_6_3 = 0x040603FF
 
-# Mission float and int, param float, command int, attitude target, flight termination, compass calibration, MAVLink 2,
-# fence and rally. FTP is left out because it is not supported here.
+# Mission float and int, param float, command int, attitude target, flight termination, compass
+# calibration, MAVLink 2, fence and rally. FTP is left out because it is not supported here.
 CAPABILITIES = 1 | 2 | 4 | 8 | 64 | 2048 | 4096 | 8192 | 16384 | 32768
 SET_LOCAL_POSITION = 128 | 256
 
-# Message ids that are not in ArduPilot 4.6's dialect: its parser drops them, so they are neither obeyed nor forwarded.
-UNKNOWN_IDS = message_ids("53 220-224 420 435-437 441 513 516 517 8002-8016 17000 17150-17158 60000-60053")
+# Message ids that are not in ArduPilot 4.6's dialect: its parser drops them, so they are neither
+# obeyed nor forwarded.
+UNKNOWN_IDS = message_ids(
+    "53 220-224 420 435-437 441 513 516 517 8002-8016 17000 17150-17158 60000-60053"
+)
 
-# Message ids that SET_MESSAGE_INTERVAL accepts (mavlink_id_to_ap_message_id in GCS_Common.cpp), even if this vehicle
-# lacks them.
+# Message ids that SET_MESSAGE_INTERVAL accepts (mavlink_id_to_ap_message_id in GCS_Common.cpp),
+# even if this vehicle lacks them.
 STREAMABLE = message_ids(
-    "0 1 2 24 26 27 29 30 31 32 33 35 36 42 46 49 62 65 74 83 85 87 110 111 116 124 125 128 129 132 136 137 143 147 "
-    "148 152 158 163 164 165 168 173 178 182 191 192 193 226 230 241 242 245 246 251 259 11020 11039"
+    "0 1 2 24 26 27 29 30 31 32 33 35 36 42 46 49 62 65 74 83 85 87 110 111 116 124 125 128 129 132"
+    " 136 137 143 147 148 152 158 163 164 165 168 173 178 182 191 192 193 226 230 241 242 245 246"
+    " 251 259 11020 11039"
 )
 TIMESYNC_EVERY = {111: 10_000_000}
 
-# Sent by plane and rover without a request: these at 1 Hz, and TIMESYNC. A copter sends only TIMESYNC.
-UNASKED = dict.fromkeys((1, 2, 24, 27, 30, 33, 62, 65, 74, 116, 147, 193), 1_000_000) | TIMESYNC_EVERY
+# Sent by plane and rover without a request: these at 1 Hz, and TIMESYNC. A copter sends only
+# TIMESYNC.
+UNASKED = (
+    dict.fromkeys((1, 2, 24, 27, 30, 33, 62, 65, 74, 116, 147, 193), 1_000_000) | TIMESYNC_EVERY
+)
 
 COPTER = Identity(
     mav_type=2,
@@ -41,7 +48,9 @@ COPTER = Identity(
     default_streams=TIMESYNC_EVERY,
 )
 SLOWER = replace(COPTER, fastest_us=25_000, default_streams=UNASKED)  # loop rate 50 Hz
-PLANE = replace(SLOWER, mav_type=1, capabilities=CAPABILITIES, modes=modes.PLANE)  # takes no local position targets
+PLANE = replace(
+    SLOWER, mav_type=1, capabilities=CAPABILITIES, modes=modes.PLANE
+)  # takes no local position targets
 ROVER = replace(SLOWER, mav_type=10, modes=modes.ROVER, mode_refusal="Flight mode change failed")
 
 
@@ -49,7 +58,9 @@ def copter_parameters(config: VehicleConfig) -> Parameters:
     return _parameters(
         config,
         "FS_GCS_ENABLE",
-        Parameter("ANGLE_MAX", round(100 * (config.vehicle.max_lean_deg or ARDUPILOT_LEAN_DEG)), INT16),
+        Parameter(
+            "ANGLE_MAX", round(100 * (config.vehicle.max_lean_deg or ARDUPILOT_LEAN_DEG)), INT16
+        ),
         Parameter("FS_EKF_ACTION", 1, INT8),
         Parameter("GUID_OPTIONS", 0, INT16),
         Parameter("GUID_TIMEOUT", config.vehicle.setpoint_timeout_s or 3.0),
@@ -104,18 +115,48 @@ def _parameters(config: VehicleConfig, gcs_switch: str, *own: Parameter) -> Para
 
 # Message ids in pymavlink's "all" but not in PX4's dialect.
 _UNKNOWN = (
-    "53 150-158 160 161 163-186 191 193-195 200 201 214-224 226 420 441 513 516 517 8002-8016 10001-10008 10151 "
-    "11000-11005 11010 11011 11020 11030-11044 11060 17000 17150-17158 42000 42001 50001-50005 52000 52001 60000-60053"
+    "53 150-158 160 161 163-186 191 193-195 200 201 214-224 226 420 441 513 516 517 8002-8016"
+    " 10001-10008 10151 11000-11005 11010 11011 11020 11030-11044 11060 17000 17150-17158 42000"
+    " 42001 50001-50005 52000 52001 60000-60053"
 )
 PX4_UNKNOWN_IDS = message_ids(_UNKNOWN)
 
 # As measured, without ODOMETRY, which is not used here.
 _RATES_HZ = {
-    30: 100, 31: 50, 33: 50, 32: 30, 24: 8, 74: 10, 83: 10, 85: 10, 105: 50, 1: 5, 245: 5, 111: 10, 2: 1, 242: 0.5,
-    436: 0.5, 132: 10, 147: 0.5,
-}  # fmt: skip
+    30: 100,
+    31: 50,
+    33: 50,
+    32: 30,
+    24: 8,
+    74: 10,
+    83: 10,
+    85: 10,
+    105: 50,
+    1: 5,
+    245: 5,
+    111: 10,
+    2: 1,
+    242: 0.5,
+    436: 0.5,
+    132: 10,
+    147: 0.5,
+}
 ONBOARD_STREAMS = {number: round(1e6 / rate) for number, rate in _RATES_HZ.items()}
-PX4_STREAMABLE = frozenset(ONBOARD_STREAMS) | {29, 36, 62, 65, 105, 106, 140, 141, 148, 230, 241, 331, 340}
+PX4_STREAMABLE = frozenset(ONBOARD_STREAMS) | {
+    29,
+    36,
+    62,
+    65,
+    105,
+    106,
+    140,
+    141,
+    148,
+    230,
+    241,
+    331,
+    340,
+}
 
 
 def px4_identity(mav_type: int) -> Identity:

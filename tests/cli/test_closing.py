@@ -1,4 +1,5 @@
-"""The end of a flight: all recorded data are kept, also when pictures or figures fail or the terminal is gone."""
+"""The end of a flight: all recorded data are kept, also when pictures or figures fail or the
+terminal is gone."""
 
 import csv
 import json
@@ -30,8 +31,8 @@ def fails(*arguments, **named):
 
 @pytest.fixture
 def fly(circnav, tmp_path):
-    """Return a function that runs a short flight of the bundled vehicle with one warning. It returns the output and
-    the summary."""
+    """Return a function that runs a short flight of the bundled vehicle with one warning. It
+    returns the output and the summary."""
 
     def fly():
         out = circnav("fly", "quickstart", "--duration", 4, "--out", tmp_path / "run").done
@@ -50,9 +51,12 @@ def test_a_picture_that_cannot_be_made_costs_one_line(fly, tmp_path):
     assert (tmp_path / "run" / "flight.png").is_file()
 
 
-def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real_flight(circnav, mission, monkeypatch):
+def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real_flight(
+    circnav, mission, monkeypatch
+):
     """On a companion computer, setpoints come first."""
-    fly, happened = import_module("circnav_mav.cli.fly"), []
+    fly = import_module("circnav_mav.cli.fly")
+    happened = []
 
     class Fake:
         def __init__(self, folder):
@@ -63,7 +67,9 @@ def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real
             return []
 
     run = fly.run
-    monkeypatch.setattr(fly, "run", lambda *things, **named: (run(*things, **named), happened.append("flown")))
+    monkeypatch.setattr(
+        fly, "run", lambda *things, **named: (run(*things, **named), happened.append("flown"))
+    )
     monkeypatch.setattr(fly, "Drawing", Fake)
     circnav("fly", "quickstart", "--duration", 1)
     assert happened == ["loads", "flown", "draws"]
@@ -105,7 +111,10 @@ def test_every_alarm_that_began_is_kept_once_for_the_marks_of_the_report_also_th
     monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_MB", 0.16)
     silence = 'sim.events=[{at_s=6, action="mute_ranging"}, {at_s=9, action="unmute_ranging"}]'
     circnav("fly", "quickstart", "--duration", 12, "--set", silence, "--out", "run")
-    begun = [(alarm["time_s"], alarm["text"][:11]) for alarm in strict(tmp_path / "run" / "summary.json")["alarms"]]
+    begun = [
+        (alarm["time_s"], alarm["text"][:11])
+        for alarm in strict(tmp_path / "run" / "summary.json")["alarms"]
+    ]
     assert begun[0] == (pytest.approx(7, abs=1), "RANGE STALE")
     assert begun[1:] == [(pytest.approx(10, abs=1.5), "NOT RECORDI")]
     assert [(time, text[:11]) for time, text in alarms(events(open_run(tmp_path / "run")))] == begun
@@ -118,7 +127,9 @@ def test_a_display_that_fails_ends_no_flight_and_costs_one_line(fly, monkeypatch
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("what", ["cli.closing.read_truth", "cli.closing.read_ticks", "runlog.summary._truth"])
+@pytest.mark.parametrize(
+    "what", ["cli.closing.read_truth", "cli.closing.read_ticks", "runlog.summary._truth"]
+)
 def test_truth_or_ticks_that_cannot_be_understood_cost_their_figures_alone(fly, monkeypatch, what):
     monkeypatch.setattr(f"circnav_mav.{what}", fails)
     _, summary = fly()
@@ -140,7 +151,9 @@ def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_wri
 ):
     safe = []
     monkeypatch.setattr("circnav_mav.cli.fly.run", failure)
-    monkeypatch.setattr("circnav_mav.pilot.Pilot.last_frames", lambda pilot, now: safe.append(now) or b"")
+    monkeypatch.setattr(
+        "circnav_mav.pilot.Pilot.last_frames", lambda pilot, now: safe.append(now) or b""
+    )
     ran = circnav("fly", "quickstart", "--out", tmp_path / "run")
     report = tmp_path / "run" / "error.txt"
     line = f"internal error: {cause} (test_closing.py:{failure.__code__.co_firstlineno + 1})"
@@ -150,10 +163,13 @@ def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_wri
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_signals_that_a_drivers_package_takes_for_itself_still_end_the_flight_safely(circnav, monkeypatch, tmp_path):
+def test_signals_that_a_drivers_package_takes_for_itself_still_end_the_flight_safely(
+    circnav, monkeypatch, tmp_path
+):
     """rospy and rclpy install their own handlers."""
     fly = import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
-    opened, flown = fly.open_links, fly.run
+    opened = fly.open_links
+    flown = fly.run
 
     def opens(*arguments):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -167,13 +183,18 @@ def test_signals_that_a_drivers_package_takes_for_itself_still_end_the_flight_sa
     monkeypatch.setattr(fly, "run", interrupted)
     assert circnav("fly", "quickstart", "--duration", 2, "--out", tmp_path / "run").code == 130
     assert strict(tmp_path / "run" / "summary.json")["outcome"] == "interrupted"
-    assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL, "a thread that was left behind ends by Ctrl-C"
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL, (
+        "a thread that was left behind ends by Ctrl-C"
+    )
 
 
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(("option", "voice"), [("--dry-run", "dry run"), ("--shadow", "shadow")])
 def test_a_flight_that_may_not_steer_sends_no_setpoint(circnav, tmp_path, option, voice):
-    assert "setpoints  0 sent" in circnav("fly", "quickstart", option, "--duration", 2, "--out", tmp_path / "run").done
+    assert (
+        "setpoints  0 sent"
+        in circnav("fly", "quickstart", option, "--duration", 2, "--out", tmp_path / "run").done
+    )
     assert strict(tmp_path / "run" / "summary.json")["output_mode"] == voice
 
 
@@ -184,9 +205,10 @@ def moments(folder, *phases):
 
 
 def test_a_flight_outlives_its_terminal(tmp_path):
-    """A real terminal is closed while the circle is flown: the kernel signals the session, and all later writes
-    fail."""
-    folder, engaged = tmp_path / "run", Phase.ENGAGED.value.encode()
+    """A real terminal is closed while the circle is flown: the kernel signals the session, and all
+    later writes fail."""
+    folder = tmp_path / "run"
+    engaged = Phase.ENGAGED.value.encode()
     process, terminal = pty.fork()
     if process == 0:
         os.environ.update(TERM="xterm", PYTHONPATH=str(ROOT))
@@ -199,6 +221,10 @@ def test_a_flight_outlives_its_terminal(tmp_path):
     assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 0
     summary = strict(folder / "summary.json")
     assert (summary["outcome"], summary["recording_problem"]) == ("completed", None)
-    assert moments(folder, "leaving")[0] >= summary["engaged_s"] + 12.0 > moments(folder, "engaged", "holding")[-1]
+    assert (
+        moments(folder, "leaving")[0]
+        >= summary["engaged_s"] + 12.0
+        > moments(folder, "engaged", "holding")[-1]
+    )
     assert summary["truth"]["radius_mean_m"] is not None
     assert (folder / "report.html").stat().st_size > 10_000

@@ -30,7 +30,10 @@ def test_the_help_names_the_commands_in_the_order_of_a_newcomer_and_the_exit_cod
         assert word in out
     commands = [line.split()[0] for line in out.partition("Commands:\n")[2].splitlines()]
     assert commands[:4] == ["fly", "init", "check", "preflight"]
-    assert commands == [*cli.commands, *(name for one in extensions() for name in one.commands if " " not in name)]
+    assert commands == [
+        *cli.commands,
+        *(name for one in extensions() for name in one.commands if " " not in name),
+    ]
     for command in commands:
         out = circnav(command, flag).done
         assert "Example" in out
@@ -52,7 +55,9 @@ def test_every_mission_that_ships_can_be_flown(circnav, name):
     assert "0 FAIL" in circnav("check", name).done
 
 
-def test_every_line_has_its_grade_the_last_one_counts_and_an_impossible_gain_fails_with_its_bound(circnav, mission):
+def test_every_line_has_its_grade_the_last_one_counts_and_an_impossible_gain_fails_with_its_bound(
+    circnav, mission
+):
     *lines, count = circnav("check", mission).done.splitlines()
     grades = [line.split()[0] for line in lines]
     assert set(grades) <= {"PASS", "WARN", "FAIL"}
@@ -68,7 +73,10 @@ def test_every_line_has_its_grade_the_last_one_counts_and_an_impossible_gain_fai
 
 def test_on_a_terminal_a_long_check_line_breaks_at_words_below_its_text(monkeypatch):
     """Emulators of terminals break a line at any letter."""
-    text = "1 m of error in the height above the target (60.0 m) changes the radius by 0.40 m (WARN above 0.3)"
+    text = (
+        "1 m of error in the height above the target (60.0 m) changes the radius by 0.40 m (WARN"
+        " above 0.3)"
+    )
     ours, terminal = pty.openpty()
     monkeypatch.setenv("COLUMNS", "80")
     with open(terminal, "w", encoding="utf-8") as out:
@@ -85,20 +93,49 @@ def test_on_a_terminal_a_long_check_line_breaks_at_words_below_its_text(monkeypa
 @pytest.mark.parametrize(
     ("name", "overrides", "says"),
     [
-        ("plane", ["sim.vehicle.profile=arducopter"], "FAIL sim.vehicle.profile arducopter is not the ardupilot plane"),
-        ("px4-copter", ["sim.vehicle.profile=arducopter"], "FAIL sim.vehicle.profile arducopter is not the px4 copter"),
-        ("plane", ["sim.wind.speed_mps=30"], "WARN sim.wind minus the target's motion is 30.0 m/s, more than the"),
-        ("copter", ["sim.target.velocity_east_mps=30"], "WARN sim.wind minus the target's motion is 30.0 m/s"),
+        (
+            "plane",
+            ["sim.vehicle.profile=arducopter"],
+            "FAIL sim.vehicle.profile arducopter is not the ardupilot plane",
+        ),
+        (
+            "px4-copter",
+            ["sim.vehicle.profile=arducopter"],
+            "FAIL sim.vehicle.profile arducopter is not the px4 copter",
+        ),
+        (
+            "plane",
+            ["sim.wind.speed_mps=30"],
+            "WARN sim.wind minus the target's motion is 30.0 m/s, more than the",
+        ),
+        (
+            "copter",
+            ["sim.target.velocity_east_mps=30"],
+            "WARN sim.wind minus the target's motion is 30.0 m/s",
+        ),
         ("plane", ["vehicle.speed_mps=18"], "WARN the bundled plane cruises at 22 m/s"),
         ("copter", ["sim.wind.speed_mps=30"], None),
         ("plane", ["sim.vehicle.profile=arducopter", "link.endpoint=udpin:0.0.0.0:14550"], None),
-        ("plane", ["sim.wind.speed_mps=30", "sim.wind.from_deg=0", "sim.target.velocity_north_mps=-30"], None),
+        (
+            "plane",
+            ["sim.wind.speed_mps=30", "sim.wind.from_deg=0", "sim.target.velocity_north_mps=-30"],
+            None,
+        ),
     ],
-    ids=["autopilot", "kind", "wind", "target", "cruise speed",
-         "wind and a copter that holds its speed over the ground", "one that is not flown",
-         "a target that goes with the wind"],
-)  # fmt: skip
-def test_a_bundled_vehicle_is_told_of_where_it_does_not_fit_the_mission(circnav, name, overrides, says):
+    ids=[
+        "autopilot",
+        "kind",
+        "wind",
+        "target",
+        "cruise speed",
+        "wind and a copter that holds its speed over the ground",
+        "one that is not flown",
+        "a target that goes with the wind",
+    ],
+)
+def test_a_bundled_vehicle_is_told_of_where_it_does_not_fit_the_mission(
+    circnav, name, overrides, says
+):
     out = circnav("check", name, *(part for key in overrides for part in ("--set", key))).out
     told = [line[:5] + line[20:] for line in out.splitlines() if line[6:].startswith("sim ")]
     assert [line.startswith(says) for line in told] == ([True] if says else [])
@@ -109,7 +146,9 @@ def test_a_bundled_vehicle_is_told_of_where_it_does_not_fit_the_mission(circnav,
 
 def test_the_bundled_vehicle_passes_after_the_check_of_its_mission(circnav):
     printed = circnav("preflight", "copter", "--seconds", "3").done
-    assert printed.index("turn rate") < printed.index("listening on sim") < printed.index("firmware")
+    assert (
+        printed.index("turn rate") < printed.index("listening on sim") < printed.index("firmware")
+    )
     assert "PASS  ranging" in printed
     assert printed.splitlines()[-1].endswith("0 FAIL")
 
@@ -126,7 +165,9 @@ def test_a_preflight_that_fails_says_why_in_its_exit_code_too(circnav, port, opt
 
 
 def test_a_fast_simulator_passes_by_its_own_clock(circnav, port):
-    with process_of("emulate", "copter", "--endpoint", f"udpin:127.0.0.1:{port}", "--speed", "2") as vehicle:
+    with process_of(
+        "emulate", "copter", "--endpoint", f"udpin:127.0.0.1:{port}", "--speed", "2"
+    ) as vehicle:
         vehicle.stdout.readline()
         endpoint = ("--endpoint", f"udpout:127.0.0.1:{port}")
         follows = ("--set", 'link.clock="autopilot"')

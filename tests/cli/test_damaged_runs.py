@@ -50,11 +50,17 @@ NO_TIME = "time: must be seconds of the run, not"
             "line 3: time: does not increase to the end",
         ),
         ("report", lambda run: with_cells(run, 7, r="far"), "line 7: r: 'far' is not a number"),
-        ("report", lambda run: (run / "ticks.csv").write_text("time", "utf-16"), "is not a text file in UTF-8"),
+        (
+            "report",
+            lambda run: (run / "ticks.csv").write_text("time", "utf-16"),
+            "is not a text file in UTF-8",
+        ),
     ],
     ids=["empty first", "last at 0", "all equal", "a word", "UTF-16"],
 )
-def test_ticks_whose_times_make_no_sense_are_refused_with_their_line(told, run, command, spoil, says):
+def test_ticks_whose_times_make_no_sense_are_refused_with_their_line(
+    told, run, command, spoil, says
+):
     spoil(run)
     line = told(command).refused
     assert line.startswith(f"{run / 'ticks.csv'}: ")
@@ -62,7 +68,9 @@ def test_ticks_whose_times_make_no_sense_are_refused_with_their_line(told, run, 
 
 
 def test_a_number_that_no_flight_has_is_unknown(told, run):
-    too_large = dict.fromkeys(("accepted", "rejected", "r", "measured", "nis", "turn_rate"), "1e308")
+    too_large = dict.fromkeys(
+        ("accepted", "rejected", "r", "measured", "nis", "turn_rate"), "1e308"
+    )
     for cells in (too_large, too_large | {"accepted": "", "measured": "nan", "turn_rate": "inf"}):
         with_cells(run, -1, **cells)
         assert told("report").done
@@ -77,9 +85,10 @@ def page_with(told, run, summary):
 
 def test_a_summary_that_a_full_disk_left_half_written_is_no_obstacle(told, run):
     for text in ("", "{", "[]", "{}", "null"):
-        assert "summary.json is missing or incomplete: figures from the recorded ticks" in page_with(told, run, text), (
-            text[:9]
-        )
+        assert (
+            "summary.json is missing or incomplete: figures from the recorded ticks"
+            in page_with(told, run, text)
+        ), text[:9]
 
 
 def test_a_beginning_that_is_no_moment_is_refused(told, with_manifest):
@@ -93,7 +102,8 @@ def test_a_beginning_that_is_no_moment_is_refused(told, with_manifest):
 
 def records(log):
     """Return the offset of each record of the tlog."""
-    at, found = 0, []
+    at = 0
+    found = []
     for _, frame in read_tlog(log):
         found.append(at)
         at += 8 + len(frame)
@@ -109,7 +119,9 @@ def spoil(path, at, data):
 def spoil_check(log):
     """Change a byte in a received ATTITUDE (30)."""
     frames = list(read_tlog(log))
-    received = next(n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255 and frame[7] == 30)
+    received = next(
+        n for n, (_, frame) in enumerate(frames) if n > 100 and frame[5] != 255 and frame[7] == 30
+    )
     spoil(log, records(log)[received] + 8 + 10, b"\xaa\x55")
 
 
@@ -128,17 +140,24 @@ def test_a_log_that_ends_between_two_frames_is_not_called_the_same_to_the_end(to
     log = run / "flight.tlog"
     log.write_bytes(log.read_bytes()[: records(log)[len(records(log)) // 2]])
     out = told("replay").done
-    assert re.search(r"WARNING    replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or steps\.csv ends", out)
+    assert re.search(
+        r"WARNING    replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or steps\.csv ends",
+        out,
+    )
     assert "byte for byte the same up to" in out
 
 
-def test_zeros_in_a_log_are_told_with_their_place_and_what_is_behind_them_is_in_the_report(told, run):
+def test_zeros_in_a_log_are_told_with_their_place_and_what_is_behind_them_is_in_the_report(
+    told, run
+):
     newest = read_truth(run, EPOCH_US).time[-1]
     middle = records(run / "flight.tlog")[len(records(run / "flight.tlog")) // 2]
     spoil(run / "flight.tlog", middle, bytes(64))
     out = told("replay").done
     assert f"WARNING    flight.tlog: damaged at byte {middle} of " in out
-    assert re.search(r"replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or steps\.csv is damaged", out)
+    assert re.search(
+        r"replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or steps\.csv is damaged", out
+    )
     assert "byte for byte the same up to" in out
     lost = rf"flight\.tlog: damaged at byte {middle} of \d+, \d+ bytes left out \(from \d\.\d s of"
     assert re.search(lost, told("report").done)
@@ -153,7 +172,9 @@ def test_replay_counts_damaged_frames_when_a_checksum_is_wrong(told, run):
 # --- names ---
 
 
-def test_a_folder_whose_name_is_no_utf_8_is_told_of_all_the_same(circnav, run, with_manifest, tmp_path, monkeypatch):
+def test_a_folder_whose_name_is_no_utf_8_is_told_of_all_the_same(
+    circnav, run, with_manifest, tmp_path, monkeypatch
+):
     """On a strict output like a terminal: pytest's own streams accept every name."""
     with_manifest(mission="")
     odd = run.rename(Path(os.fsdecode(os.fsencode(tmp_path) + b"/bad\xff\xfename")))

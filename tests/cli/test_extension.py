@@ -1,5 +1,5 @@
-"""The core with two extras of this test: command, option, table, check, onlooker, files and report section. An
-onlooker that fails in flight ends nothing."""
+"""The core with two extras of this test: command, option, table, check, onlooker, files and report
+section. An onlooker that fails in flight ends nothing."""
 
 import json
 import re
@@ -17,7 +17,8 @@ from tests.process import PATIENCE, QUICKSTART, ROOT
 
 PACKAGES = {
     "__init__": "",
-    "sight/__init__": """
+    "sight/__init__": (
+        """
 from circnav_mav.extension import Extension
 
 EXTENSION = Extension(
@@ -29,8 +30,10 @@ EXTENSION = Extension(
     report_section="circnav_mav.extras.sight.parts:report_section",
     schemas={"sight": "circnav_mav.extras.sight.parts:SightTable"},
 )
-""",
-    "sight/parts": '''
+"""
+    ),
+    "sight/parts": (
+        '''
 import click
 
 from circnav_mav.mav.check_result import WARN, Check
@@ -84,14 +87,18 @@ def open_onlooker(given):
 
 def report_section(run):
     return f"<h2>Seen for {run.summary['sight']['steps']} steps</h2>" if "sight" in run.summary else ""
-''',
-    "broken/__init__": """
+'''
+    ),
+    "broken/__init__": (
+        """
 from circnav_mav.extension import Extension
 
 PARTS = "circnav_mav.extras.broken.parts"
 EXTENSION = Extension(onlooker=f"{PARTS}:open_onlooker", report_section=f"{PARTS}:report_section")
-""",
-    "broken/parts": """
+"""
+    ),
+    "broken/parts": (
+        """
 from circnav_mav.runtime.onlookers import Onlooker
 
 
@@ -108,7 +115,8 @@ def open_onlooker(given):
 
 def report_section(run):
     return 1 / 0 if "sight" in run.summary else ""
-""",
+"""
+    ),
 }
 
 
@@ -117,10 +125,14 @@ def folder(tmp_path_factory):
     """A copy of the core, with two packages as its only extras."""
     folder = tmp_path_factory.mktemp("copy")
     shutil.copytree(
-        ROOT / "circnav_mav", folder / "circnav_mav", ignore=shutil.ignore_patterns("extras", "__pycache__")
+        ROOT / "circnav_mav",
+        folder / "circnav_mav",
+        ignore=shutil.ignore_patterns("extras", "__pycache__"),
     )
     shutil.copytree(ROOT / "config", folder / "circnav_mav" / "config")
-    shutil.copytree(ROOT / "sim", folder / "circnav_sim", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        ROOT / "sim", folder / "circnav_sim", ignore=shutil.ignore_patterns("__pycache__")
+    )
     for name, text in PACKAGES.items():
         path = folder / "circnav_mav" / "extras" / f"{name}.py"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -134,9 +146,14 @@ def circnav(folder):
 
     def circnav(*arguments):
         ran = subprocess.run(
-            [sys.executable, "-m", "circnav_mav", *map(str, arguments)], cwd=folder, capture_output=True, text=True,
-            timeout=PATIENCE, check=False, env={"PYTHONPATH": str(folder), "PATH": "/usr/bin:/bin"},
-        )  # fmt: skip
+            [sys.executable, "-m", "circnav_mav", *map(str, arguments)],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            check=False,
+            env={"PYTHONPATH": str(folder), "PATH": "/usr/bin:/bin"},
+        )
         assert (ran.returncode, ran.stderr) == (0, ""), ran.stdout
         return ran.stdout
 
@@ -153,21 +170,32 @@ def test_its_command_table_check_and_schema_are_there_with_it(circnav):
     assert "locate" not in schema["properties"]
 
 
-def test_an_onlooker_is_shown_the_flight_and_one_that_fails_ends_nothing_and_is_reported(circnav, folder):
-    run, options = folder / "run", ("--duration", "8", "--set", "sight.miles=3", "--glass", "green")
+def test_an_onlooker_is_shown_the_flight_and_one_that_fails_ends_nothing_and_is_reported(
+    circnav, folder
+):
+    run = folder / "run"
+    options = ("--duration", "8", "--set", "sight.miles=3", "--glass", "green")
     printed = circnav("fly", "quickstart", "--out", run, *options)
     assert "COMPLETED: flown to its end" in printed
     assert "  sight      through green glass\n" in printed
     (failed,) = re.findall(
-        r"  WARNING    (broken: stopped at 5\.\d s: ZeroDivisionError\('division by zero'\))\n", printed
+        r"  WARNING    (broken: stopped at 5\.\d s: ZeroDivisionError\('division by zero'\))\n",
+        printed,
     )
-    assert "report.html: circnav_mav.extras.broken.parts:report_section: left out: division by zero\n" in printed
+    assert (
+        "report.html: circnav_mav.extras.broken.parts:report_section: left out: division by zero\n"
+        in printed
+    )
     summary = json.loads((run / "summary.json").read_text())
-    assert [(alarm["name"], alarm["text"]) for alarm in summary["alarms"]] == [("extra_stopped", failed)]
+    assert [(alarm["name"], alarm["text"]) for alarm in summary["alarms"]] == [
+        ("extra_stopped", failed)
+    ]
     assert summary["sight"]["steps"] > 100
     assert {"engaged", "ended"} <= set((run / "sight.txt").read_text().split())
     page = (run / "report.html").read_text()
     assert f"<h2>Seen for {summary['sight']['steps']} steps</h2>" in page
     assert "through green glass" in page
     alone = load_mission(QUICKSTART, ["limits.duration_s=8"]).pilot_settings()
-    assert replay(Pilot(alone), recorded_steps(run)).identical, "the pilot does what it does without them"
+    assert replay(Pilot(alone), recorded_steps(run)).identical, (
+        "the pilot does what it does without them"
+    )

@@ -1,4 +1,5 @@
-"""`circnav fly` without a vehicle: exit code 3, and the received traffic. Also with a signing key."""
+"""`circnav fly` without a vehicle: exit code 3, and the received traffic. Also with a signing
+key."""
 
 import json
 import re
@@ -34,9 +35,16 @@ def test_nobody_there_and_no_heartbeat_at_all_which_is_recorded_in_a_folder_name
     assert "no vehicle: no autopilot heartbeat, 0 bytes received" in ran.out
     (folder,) = (tmp_path / "runs").iterdir()
     assert folder.name.endswith("-small")
-    assert {"summary.json", "ticks.csv", "flight.tlog", "mission.toml"} <= {path.name for path in folder.iterdir()}
+    assert {"summary.json", "ticks.csv", "flight.tlog", "mission.toml"} <= {
+        path.name for path in folder.iterdir()
+    }
     made = summary(folder)
-    assert (made["outcome"], made["settled_s"], made["truth"], made["setpoints_sent"]) == ("aborted", None, None, 0)
+    assert (made["outcome"], made["settled_s"], made["truth"], made["setpoints_sent"]) == (
+        "aborted",
+        None,
+        None,
+        0,
+    )
     assert made["reason"].startswith("no vehicle: ")
     text = (folder / "mission.toml").read_text(encoding="utf-8")
     assert "radius_m = 80.0" in text, "as flown, with its overrides"
@@ -65,7 +73,9 @@ def speaking(port, datagram):
 
 
 def heartbeat(system=1):
-    message = mavlink.MAVLink_heartbeat_message(2, 3, base_mode=129, custom_mode=4, system_status=4, mavlink_version=3)
+    message = mavlink.MAVLink_heartbeat_message(
+        2, 3, base_mode=129, custom_mode=4, system_status=4, mavlink_version=3
+    )
     return bytes(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=1)))
 
 
@@ -86,20 +96,28 @@ def test_what_was_heard_instead_of_the_vehicle_is_told(circnav, mission, port, d
     assert told in ran.out
 
 
-@pytest.mark.parametrize(("command", "said"), [("fly", "WARNING    "), ("preflight", "WARN  endpoint      ")])
+@pytest.mark.parametrize(
+    ("command", "said"), [("fly", "WARNING    "), ("preflight", "WARN  endpoint      ")]
+)
 def test_what_goes_wrong_on_an_endpoint_is_told(circnav, mission, port, command, said):
     endpoint = f"udpin:127.0.0.1:{port}"
     with speaking(port, heartbeat()):
-        ran = circnav(command, mission, "--endpoint", endpoint, *PATIENTLY, "--set", "link.peer=192.0.2.7")
+        ran = circnav(
+            command, mission, "--endpoint", endpoint, *PATIENTLY, "--set", "link.peer=192.0.2.7"
+        )
     assert ran.code == 3
     assert re.search(rf"{said}{endpoint}: ignored: from 127\.0\.0\.1:\d+ \(\d+ times\)\n", ran.out)
 
 
 def test_a_sigterm_ends_the_process_with_130_and_whole_files(mission, tmp_path):
     folder = tmp_path / "out"
-    with process_of("fly", str(mission), "--set", "link.wait_s=30.0", "--out", str(folder)) as process:
+    with process_of(
+        "fly", str(mission), "--set", "link.wait_s=30.0", "--out", str(folder)
+    ) as process:
         try:
-            assert any("waiting for the link" in line for line in process.stdout), "a plain line a second"
+            assert any("waiting for the link" in line for line in process.stdout), (
+                "a plain line a second"
+            )
             process.terminate()
             out, err = process.communicate(timeout=PATIENCE)
         finally:
@@ -129,7 +147,9 @@ def unsigned(circnav, mission, key, port):
 
     def unsigned(command, *options):
         with speaking(port, heartbeat()):
-            return circnav(command, mission, "--endpoint", f"udpin:127.0.0.1:{port}", *PATIENTLY, *options)
+            return circnav(
+                command, mission, "--endpoint", f"udpin:127.0.0.1:{port}", *PATIENTLY, *options
+            )
 
     return unsigned
 
@@ -144,7 +164,9 @@ def test_a_damaged_timestamp_and_a_key_that_others_can_read_are_refused_before_a
     assert circnav("fly", mission).refused == f"{mission}: signing.key_file: {says}"
 
 
-def test_a_vehicle_that_is_not_believed_is_told_in_one_line_and_the_key_to_nobody(unsigned, key, tmp_path):
+def test_a_vehicle_that_is_not_believed_is_told_in_one_line_and_the_key_to_nobody(
+    unsigned, key, tmp_path
+):
     ran = unsigned("fly", "--out", tmp_path / "out")
     assert (ran.code, ran.err) == (3, "")
     (line,) = [line for line in ran.out.splitlines() if line.startswith("ABORTED")]

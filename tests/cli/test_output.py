@@ -1,4 +1,5 @@
-"""A full standard output or disk is named as such, and a reader that closes its pipe is no error."""
+"""A full standard output or disk is named as such, and a reader that closes its pipe is no
+error."""
 
 import json
 import os
@@ -26,7 +27,9 @@ def test_an_output_that_is_full_is_one_line_that_names_it(told, full, command):
     assert told(command, full) == (2, FULL)
 
 
-def test_it_is_one_line_without_pythons_buffer_too_and_a_complaint_that_nobody_reads_has_its_exit_code(told, full):
+def test_it_is_one_line_without_pythons_buffer_too_and_a_complaint_that_nobody_reads_has_its_exit_code(
+    told, full
+):
     assert told("check quickstart", full, PYTHONUNBUFFERED="1") == (2, FULL)
     assert told("report nowhere", None, full) == (2, None)
 
@@ -46,9 +49,15 @@ def test_a_reader_that_went_away_ends_the_command_without_a_word(told, command):
 
 @pytest.mark.parametrize(
     ("command", "name"),
-    [("init copter", "copter.toml"), ("report run", "run/flight.png"), ("replay run --out .", "replay.png")],
+    [
+        ("init copter", "copter.toml"),
+        ("report run", "run/flight.png"),
+        ("replay run --out .", "replay.png"),
+    ],
 )
-def test_a_file_for_which_the_disk_has_no_room_is_named_and_leaves_the_one_before_or_none(run, command, name):
+def test_a_file_for_which_the_disk_has_no_room_is_named_and_leaves_the_one_before_or_none(
+    run, command, name
+):
     """An incomplete mission would block the next `init` as "exists already"."""
     path = run.parent / name
     if not command.startswith("init"):
@@ -65,7 +74,9 @@ def test_a_file_for_which_the_disk_has_no_room_is_named_and_leaves_the_one_befor
      ("--set bounds.max_range_m=340 --set orbit.direction=counterclockwise", 8, 4, "aborted")],
     ids=["a flight that went well has an exit code of its own", "one that did not keeps its own"],
 )  # fmt: skip
-def test_a_flight_that_was_not_recorded_to_its_end_says_so(tmp_path, options, kilobytes, code, outcome):
+def test_a_flight_that_was_not_recorded_to_its_end_says_so(
+    tmp_path, options, kilobytes, code, outcome
+):
     ran = ended(tmp_path, f"fly quickstart {options} --out run", limit=f"-f {kilobytes}")
     assert (ran.returncode, ran.stderr) == (code, "")
     assert f"{outcome.upper()}: " in ran.stdout

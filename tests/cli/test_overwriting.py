@@ -13,7 +13,9 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
-def test_a_replay_is_written_over_an_earlier_one_and_over_no_flight_and_no_other_ticks(circnav, flown, tmp_path):
+def test_a_replay_is_written_over_an_earlier_one_and_over_no_flight_and_no_other_ticks(
+    circnav, flown, tmp_path
+):
     before = contents(flown)
     line = circnav("replay", flown, "--out", flown).refused
     assert line == f"--out {flown}: holds a recorded flight, name another folder for the replay"
@@ -29,7 +31,10 @@ def test_a_replay_is_written_over_an_earlier_one_and_over_no_flight_and_no_other
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        *((name, f"{name} already") for name in ("flight.tlog", "summary.json", "ticks.csv", "steps.csv")),
+        *(
+            (name, f"{name} already")
+            for name in ("flight.tlog", "summary.json", "ticks.csv", "steps.csv")
+        ),
         ("manifest.json", "manifest.json already"),
         ("mission.toml", "another mission.toml"),
     ],
@@ -39,7 +44,9 @@ def test_what_is_left_of_a_flight_or_is_the_persons_own_is_not_mixed_with_anothe
 ):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / name).write_text("{}")
-    line = circnav("fly", mission, "--set", "orbit.radius_m=80.0", "--out", tmp_path / "out").refused
+    line = circnav(
+        "fly", mission, "--set", "orbit.radius_m=80.0", "--out", tmp_path / "out"
+    ).refused
     assert line == f"--out {tmp_path / 'out'}: holds {says}, name another folder"
     assert contents(tmp_path / "out") == {name: b"{}"}
 
@@ -52,7 +59,9 @@ def test_of_two_flights_that_begin_at_once_one_has_the_folder(tmp_path):
     assert (tmp_path / "run" / "mission.toml").read_text() == "name = 'x'\n"
 
 
-def test_two_flights_of_one_second_have_folders_of_their_own(circnav, mission, tmp_path, monkeypatch):
+def test_two_flights_of_one_second_have_folders_of_their_own(
+    circnav, mission, tmp_path, monkeypatch
+):
     monkeypatch.setattr("circnav_mav.cli.fly.local_time_name", lambda: "20260101-120000")
     for name in ("20260101-120000-small", "20260101-120000-small-2"):
         assert circnav("fly", mission).code == 3
@@ -60,7 +69,8 @@ def test_two_flights_of_one_second_have_folders_of_their_own(circnav, mission, t
 
 
 def test_a_folder_named_from_home_is_made_there(circnav, mission, tmp_path, monkeypatch):
-    """A shell does not expand `~` in `--out=~/run`. A folder of that name would invite `rm -r ~`."""
+    """A shell does not expand `~` in `--out=~/run`. A folder of that name would invite `rm -r
+    ~`."""
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     assert circnav("fly", mission, "--out=~/run").code == 3
     assert (tmp_path / "home" / "run" / "summary.json").exists()

@@ -12,7 +12,9 @@ SCHEMA = "mission.schema.json"
 TOML = [*CONFIG.glob("*.toml"), *(CONFIG / "campaigns").glob("*.toml")]
 
 
-def test_a_bundled_mission_goes_by_its_name_in_any_folder_and_a_file_of_ones_own_comes_before_it(circnav, tmp_path):
+def test_a_bundled_mission_goes_by_its_name_in_any_folder_and_a_file_of_ones_own_comes_before_it(
+    circnav, tmp_path
+):
     for name in ("quickstart", "px4-copter", "px4_copter", "plane", "ArduPlane"):
         assert circnav("check", name).done
     (tmp_path / "quickstart").write_text("name = 3")
@@ -20,7 +22,9 @@ def test_a_bundled_mission_goes_by_its_name_in_any_folder_and_a_file_of_ones_own
 
 
 @pytest.mark.parametrize("vehicle", ["copter", "plane", "rover", "px4-copter", "px4-plane", "home"])
-def test_a_mission_of_ones_own_is_commented_passes_its_checks_and_flies_the_emulator(circnav, tmp_path, vehicle):
+def test_a_mission_of_ones_own_is_commented_passes_its_checks_and_flies_the_emulator(
+    circnav, tmp_path, vehicle
+):
     out = circnav("init", vehicle, "mine.toml").done
     text = (tmp_path / "mine.toml").read_text()
     assert "circnav fly mine.toml" in text
@@ -41,13 +45,21 @@ def test_init_overwrites_nothing(circnav, tmp_path):
     line = circnav("init", "plane").refused
     assert line == "init: plane.toml: exists already, name another file: circnav init plane FILE"
     assert circnav("init", "plane", "other.toml").done
-    assert [(tmp_path / name).read_text() for name in ("plane.toml", "mission.schema.json")] == ["mine", "mine too"]
+    assert [(tmp_path / name).read_text() for name in ("plane.toml", "mission.schema.json")] == [
+        "mine",
+        "mine too",
+    ]
 
 
-def test_the_schemas_that_ship_are_those_that_are_printed_with_the_bounds_that_the_vehicle_keeps(circnav):
-    printed, shipped = json.loads(circnav("schema", "mission").out), json.loads((CONFIG / SCHEMA).read_text())
+def test_the_schemas_that_ship_are_those_that_are_printed_with_the_bounds_that_the_vehicle_keeps(
+    circnav,
+):
+    printed = json.loads(circnav("schema", "mission").out)
+    shipped = json.loads((CONFIG / SCHEMA).read_text())
     for part in ("properties", "definitions"):
-        assert printed[part].items() <= shipped[part].items(), "of extras that are not here there is more"
+        assert printed[part].items() <= shipped[part].items(), (
+            "of extras that are not here there is more"
+        )
     vehicle = json.loads(schema_text("mission"))["definitions"]["Airframe"]["properties"]
     assert vehicle["max_bank_deg"] == {"type": "number", "exclusiveMinimum": 0.0, "maximum": 80.0}
 
@@ -59,7 +71,14 @@ def test_every_file_names_its_schema_and_keeps_to_it(path):
     keeps_to(schema, tomllib.loads(path.read_text()), schema)
 
 
-KINDS = {"number": (int, float), "integer": int, "string": str, "object": dict, "array": list, "boolean": bool}
+KINDS = {
+    "number": (int, float),
+    "integer": int,
+    "string": str,
+    "object": dict,
+    "array": list,
+    "boolean": bool,
+}
 
 
 def keeps_to(schema, value, root) -> None:

@@ -17,7 +17,11 @@ MISSIONS = ["arduplane", "arducopter", "ardurover", "px4_copter", "px4_plane"]
 
 
 def values_of(lines):
-    rows = [line.split("\t")[2:4] if "\t" in line else line.split(",") for line in lines if not line.startswith("#")]
+    rows = [
+        line.split("\t")[2:4] if "\t" in line else line.split(",")
+        for line in lines
+        if not line.startswith("#")
+    ]
     return {name: float(value) for name, value in rows}
 
 
@@ -33,15 +37,21 @@ def test_a_vehicle_with_the_printed_parameters_passes_preflight(name, change):
 
 
 def load(vehicle, lines, bytewise):
-    """Set the values like a ground station that loads the file. PX4 sends the bytes of an integer in the float."""
+    """Set the values like a ground station that loads the file. PX4 sends the bytes of an integer
+    in the float."""
     for line in lines:
         if line.startswith("#"):
             continue
         name, value, *kind = line.split("\t")[2:] if bytewise else line.split(",")
-        number, kind = float(value), int(kind[0]) if kind else mavlink.MAV_PARAM_TYPE_REAL32
+        number = float(value)
+        kind = int(kind[0]) if kind else mavlink.MAV_PARAM_TYPE_REAL32
         if bytewise and kind == mavlink.MAV_PARAM_TYPE_INT32:
             (number,) = struct.unpack("<f", struct.pack("<i", int(number)))
-        vehicle.receive(Voice(255, 190).say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), number, kind)))
+        vehicle.receive(
+            Voice(255, 190).say(
+                mavlink.MAVLink_param_set_message(1, 1, name.encode(), number, kind)
+            )
+        )
 
 
 @pytest.mark.parametrize("name", MISSIONS)
@@ -57,7 +67,9 @@ def test_what_the_airframe_or_the_operator_decides_is_named_and_not_set():
     mission = load_mission(bundled("mission", "arduplane"))
     lines = list(parameter_lines(mission, mission.vehicles[0]))
     assert "AIRSPEED_MIN" in lines[-1] and "FENCE_ENABLE" in lines[-1]
-    assert not {"AIRSPEED_MIN", "ARSPD_FBW_MIN", "FENCE_ENABLE", "FS_GCS_ENABL"} & set(values_of(lines))
+    assert not {"AIRSPEED_MIN", "ARSPD_FBW_MIN", "FENCE_ENABLE", "FS_GCS_ENABL"} & set(
+        values_of(lines)
+    )
 
 
 def test_a_mission_for_any_autopilot_is_asked_to_choose_one(circnav):

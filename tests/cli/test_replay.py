@@ -11,7 +11,9 @@ from circnav_mav.runlog.tlog import read_tlog
 from tests.flight.recorded import recorded_flight
 
 
-def test_a_run_replayed_as_it_was_says_byte_for_byte_and_a_shorter_one_where_it_ends(circnav, flown):
+def test_a_run_replayed_as_it_was_says_byte_for_byte_and_a_shorter_one_where_it_ends(
+    circnav, flown
+):
     out = circnav("replay", flown).done
     assert "byte for byte the same" in out
     assert "range rate       the same" in out
@@ -19,12 +21,16 @@ def test_a_run_replayed_as_it_was_says_byte_for_byte_and_a_shorter_one_where_it_
     out = circnav("replay", flown, "--set", "limits.duration_s=3").done
     assert "turn gain" not in out
     assert "turn rate        the same" in out
-    assert re.search(r"completed: flown to its end \(at \d\.\d s; the log goes on to 1\d\.\d s\)", out)
+    assert re.search(
+        r"completed: flown to its end \(at \d\.\d s; the log goes on to 1\d\.\d s\)", out
+    )
     assert "stalled" not in out
 
 
 def test_another_law_is_told_apart_and_drawn(circnav, flown, tmp_path):
-    out = circnav("replay", flown / "flight.tlog", "--law", "switching", "--out", tmp_path / "what-if").done
+    out = circnav(
+        "replay", flown / "flight.tlog", "--law", "switching", "--out", tmp_path / "what-if"
+    ).done
     assert "first difference: a frame at" in out
     assert (tmp_path / "what-if" / "replay.png").read_bytes().startswith(b"\x89PNG")
     assert len((tmp_path / "what-if" / "ticks.csv").read_text().splitlines()) > 100
@@ -33,11 +39,18 @@ def test_another_law_is_told_apart_and_drawn(circnav, flown, tmp_path):
 def late(folder, column):
     """Mean of a column of ticks.csv from second 45 to 55, on the circle."""
     with (folder / "ticks.csv").open(newline="") as file:
-        return mean(float(row[column]) for row in csv.DictReader(file) if 45 < float(row["time"]) < 55 and row[column])
+        return mean(
+            float(row[column])
+            for row in csv.DictReader(file)
+            if 45 < float(row["time"]) < 55 and row[column]
+        )
 
 
-def test_another_law_is_not_taught_by_headings_that_answer_the_turns_that_were_flown(circnav, tmp_path):
-    """The vehicle turns as commanded, and on the circle the mean of the paper's first law is the circle's turn rate."""
+def test_another_law_is_not_taught_by_headings_that_answer_the_turns_that_were_flown(
+    circnav, tmp_path
+):
+    """The vehicle turns as commanded, and on the circle the mean of the paper's first law is the
+    circle's turn rate."""
     circling = tmp_path / "run"
     recorded_flight(circling, "quickstart", "limits.duration_s=55").fly(65).recorder.close()
     out = circnav("replay", circling, "--law", "smooth", "--out", tmp_path / "smooth").done
@@ -47,8 +60,12 @@ def test_another_law_is_not_taught_by_headings_that_answer_the_turns_that_were_f
     assert "turn gain  fixed at" in out
 
 
-def test_a_gain_that_was_given_is_not_learnt_of_turns_that_were_commanded_with_it(circnav, tmp_path):
-    recorded_flight(tmp_path, "quickstart", "limits.duration_s=10", "vehicle.turn_gain=0.8").fly(15).recorder.close()
+def test_a_gain_that_was_given_is_not_learnt_of_turns_that_were_commanded_with_it(
+    circnav, tmp_path
+):
+    recorded_flight(tmp_path, "quickstart", "limits.duration_s=10", "vehicle.turn_gain=0.8").fly(
+        15
+    ).recorder.close()
     out = circnav("replay", tmp_path, "--set", 'vehicle.turn_gain="learn"').done
     assert "turn gain  fixed at 0.8" in out
     assert "turn rate        the same" in out
@@ -80,16 +97,38 @@ def plain(run, data=b""):
         (emptied, [], 3, "nothing to replay: flight.tlog or steps.csv is empty, or damaged"),
         (lambda run: run, ["--law", "spiral"], 2, "guidance.law: 'spiral' is not one of"),
         (lambda run: run, ["--estimator", "guess"], 2, "guidance.estimator: 'guess' is not"),
-        (lambda run: run, ["--law", "smooth", "--set", "guidance.gain=1e-9"], 2, "refused by its checks, see FAIL"),
+        (
+            lambda run: run,
+            ["--law", "smooth", "--set", "guidance.gain=1e-9"],
+            2,
+            "refused by its checks, see FAIL",
+        ),
         (lambda run: run, ["--set", "vehicle.speed_mps=90"], 2, "refused by its checks, see FAIL"),
-        (lambda run: plain(run, b"not a log"), ["--mission", "quickstart"], 3, "no MAVLink frame in it"),
+        (
+            lambda run: plain(run, b"not a log"),
+            ["--mission", "quickstart"],
+            3,
+            "no MAVLink frame in it",
+        ),
         (plain, ["--mission", "quickstart"], 3, "no MAVLink frame in it"),
         (plain, [], 2, "a plain tlog needs --mission"),
         (plain, ["--mission", "no.toml"], 2, "cannot be read"),
     ],
-    ids=["no log", "no steps", "no manifest", "empty", "law", "estimator", "gain", "method", "no tlog", "empty tlog",
-         "no mission", "no such mission"],
-)  # fmt: skip
+    ids=[
+        "no log",
+        "no steps",
+        "no manifest",
+        "empty",
+        "law",
+        "estimator",
+        "gain",
+        "method",
+        "no tlog",
+        "empty tlog",
+        "no mission",
+        "no such mission",
+    ],
+)
 def test_what_cannot_be_replayed_is_one_line(circnav, run, make, options, code, says):
     ran = circnav("replay", make(run), *options)
     assert ran.code == code
@@ -117,7 +156,13 @@ def replay(circnav, tmp_path):
     def replay(records, *overrides, mission="quickstart"):
         log = tmp_path / "x.tlog"
         log.write_bytes(b"".join(struct.pack(">Q", stamp) + frame for stamp, frame in records))
-        return circnav("replay", log, "--mission", mission, *(part for one in overrides for part in ("--set", one)))
+        return circnav(
+            "replay",
+            log,
+            "--mission",
+            mission,
+            *(part for one in overrides for part in ("--set", one)),
+        )
 
     return replay
 
@@ -128,9 +173,14 @@ def steering(out):
 
 @pytest.mark.parametrize(
     ("message", "says"),
-    [("ranging_beacon", "0 ranges of ranging_beacon accepted"), ("named_value_float", "0 ranges of named_value_float")],
+    [
+        ("ranging_beacon", "0 ranges of ranging_beacon accepted"),
+        ("named_value_float", "0 ranges of named_value_float"),
+    ],
 )
-def test_replay_names_the_ranging_message_when_the_log_has_none_of_it(replay, records, message, says):
+def test_replay_names_the_ranging_message_when_the_log_has_none_of_it(
+    replay, records, message, says
+):
     ran = replay(records, f"ranging.message={message}")
     assert (ran.code, says in ran.line) == (3, True)
 
@@ -143,12 +193,15 @@ def test_plain_tlog_without_time_or_of_two_clocks_is_refused_in_one_line(replay,
     for stamp in (0, 1_790_000_000_000_000):
         ran = replay((stamp, frame) for _, frame in records)
         assert (ran.code, "its timestamps do not increase" in ran.line) == (3, True)
-    two_clocks = ((us - 3_600_000_000 * (at > 500), frame) for at, (us, frame) in enumerate(records))
+    two_clocks = (
+        (us - 3_600_000_000 * (at > 500), frame) for at, (us, frame) in enumerate(records)
+    )
     assert "its clock jumps" in replay(two_clocks).refused
 
 
 def test_a_run_that_never_steered_exits_as_a_plain_log_does(circnav, replay, tmp_path):
-    """No range ever comes: flight and replay end without a received range, in both forms of replay."""
+    """No range ever comes: flight and replay end without a received range, in both forms of
+    replay."""
     short = ("limits.duration_s=5", "link.wait_s=2", "ranging.sensor_id=9")
     recorded_flight(tmp_path / "run", "quickstart", *short).fly(20).recorder.close()
     folder = circnav("replay", tmp_path / "run")

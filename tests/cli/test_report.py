@@ -1,5 +1,5 @@
-"""`circnav report`: one page without network that shows the flight, also in a real browser, and one line for bad
-runs."""
+"""`circnav report`: one page without network that shows the flight, also in a real browser, and one
+line for bad runs."""
 
 import csv
 import importlib
@@ -19,10 +19,22 @@ from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 from tests.runlog.conftest import rewrite_ticks
 
-cli_report = importlib.import_module("circnav_mav.cli.report")  # the package's `report` is the command
+cli_report = importlib.import_module(
+    "circnav_mav.cli.report"
+)  # the package's `report` is the command
 pytestmark = pytest.mark.usefixtures("no_pictures")
-CHARTS = ["phase", "range", "error, range - radius", "range rate", "turn rate, left positive",
-          "drift: wind minus target motion", "innovation", "ranges", "vehicle mode", "law"]  # fmt: skip
+CHARTS = [
+    "phase",
+    "range",
+    "error, range - radius",
+    "range rate",
+    "turn rate, left positive",
+    "drift: wind minus target motion",
+    "innovation",
+    "ranges",
+    "vehicle mode",
+    "law",
+]
 
 
 @pytest.fixture(scope="module")
@@ -40,21 +52,37 @@ def page_of(circnav, run):
     def page_of():
         assert circnav("report", run).done
         page = (run / "report.html").read_text()
-        return page, json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page)[1])
+        return page, json.loads(
+            re.search(r'<script type="application/json" id="data">(.*?)</script>', page)[1]
+        )
 
     return page_of
 
 
 def test_the_page_holds_every_part_and_needs_nobody(page_of, run):
     page, data = page_of()
-    columns = "measured r true_r r_dot true_r_dot turn_rate true_turn innovation accepted rejected drift_x"
+    columns = (
+        "measured r true_r r_dot true_r_dot turn_rate true_turn innovation accepted rejected"
+        " drift_x"
+    )
     assert set(columns.split()) <= set(data["columns"])
     assert '<div class="outcome bad">UNFINISHED: ' in page, "the outcome in words and colour, first"
-    sent = sum(row["yaw_rate_sent"] != "" for row in csv.DictReader((run / "ticks.csv").read_text().splitlines()))
+    sent = sum(
+        row["yaw_rate_sent"] != ""
+        for row in csv.DictReader((run / "ticks.csv").read_text().splitlines())
+    )
     assert f"<span>{sent} sent</span>" in page
     assert "2026-09-21 14:13 UTC, vehicle unknown" in page
     assert page.index("<noscript><img") < page.index('id="charts"'), "the flight without a script"
-    for part in ("UNFINISHED", "The simulator's truth", "orbit.radius_m", "pymavlink", "exit code", "engaged", "gate"):
+    for part in (
+        "UNFINISHED",
+        "The simulator's truth",
+        "orbit.radius_m",
+        "pymavlink",
+        "exit code",
+        "engaged",
+        "gate",
+    ):
         assert part in page
     assert not re.search(r"""(src|href)=["'](?!data:)|https?://|@import|url\((?!#)""", page)
     assert not re.search(r"@[A-Z.]+@|\bnan\b", page)
@@ -63,7 +91,12 @@ def test_the_page_holds_every_part_and_needs_nobody(page_of, run):
 
 def test_a_run_without_truth_tells_ranges_and_no_track(page_of, run):
     shutil.rmtree(run)
-    overrides = ("limits.duration_s=8", "sim.truth.rate_hz=0", 'guidance.estimator="kalman"', 'guidance.law="smooth"')
+    overrides = (
+        "limits.duration_s=8",
+        "sim.truth.rate_hz=0",
+        'guidance.estimator="kalman"',
+        'guidance.law="smooth"',
+    )
     recorded_flight(run, "quickstart", *overrides).fly(15).recorder.close()
     page, data = page_of()
     assert "range alone does not determine it" in page
@@ -71,7 +104,9 @@ def test_a_run_without_truth_tells_ranges_and_no_track(page_of, run):
     assert data["ways"] == []
 
 
-def test_what_never_left_is_called_so_and_names_are_no_markup_and_no_placeholders(page_of, with_manifest):
+def test_what_never_left_is_called_so_and_names_are_no_markup_and_no_placeholders(
+    page_of, with_manifest
+):
     for voice, phase, curve in (
         ("fly", "engaged", "commanded"),
         ("dry run", "would steer", "would command"),
@@ -86,10 +121,16 @@ def test_what_never_left_is_called_so_and_names_are_no_markup_and_no_placeholder
         assert "<h1>&lt;script&gt;alert(1)&lt;/script&gt;@EVENTS@</h1>" in page
 
 
-def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_was_not(page_of, run):
+def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_was_not(
+    page_of, run
+):
     """The estimate is trusted from 10 s to 12 s, and from 14 s on. The log has no truth."""
     frames = list(read_tlog(run / "flight.tlog"))
-    told = [(us, frame) for us, frame in frames if message_id(frame) != mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY]
+    told = [
+        (us, frame)
+        for us, frame in frames
+        if message_id(frame) != mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY
+    ]
     (run / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", us) + frame for us, frame in told))
 
     def believed(time, row):
@@ -105,9 +146,11 @@ def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_
     assert not [time for time in known if 12 <= time < 14]
 
 
-def test_lines_break_where_no_tick_was_made_and_innovations_and_ranges_are_dots_of_new_ranges_alone(page_of, run):
-    """The chart of an estimate has a gap for a stall of 1.5 s at 15 s, without a connecting line. In every ten
-    seconds, the first second has its own ranges and the others repeat the last one."""
+def test_lines_break_where_no_tick_was_made_and_innovations_and_ranges_are_dots_of_new_ranges_alone(
+    page_of, run
+):
+    """The chart of an estimate has a gap for a stall of 1.5 s at 15 s, without a connecting line.
+    In every ten seconds, the first second has its own ranges and the others repeat the last one."""
     last = {}
 
     def seldom(time, row):
@@ -120,7 +163,9 @@ def test_lines_break_where_no_tick_was_made_and_innovations_and_ranges_are_dots_
     rewrite_ticks(run, seldom)
     columns = page_of()[1]["columns"]
     times, values = columns["r"]
-    unknown = [time for time, value in zip(times, values, strict=True) if value is None and time > 1]
+    unknown = [
+        time for time, value in zip(times, values, strict=True) if value is None and time > 1
+    ]
     assert unknown == [pytest.approx(15.75, abs=0.1)]
     for name in ("innovation", "measured"):
         times, _ = columns[name]
@@ -149,7 +194,11 @@ def test_of_very_many_events_the_first_and_the_last_are_told(page_of, run):
 def test_ten_minutes_stay_under_a_megabyte(page_of, run):
     """The ticks of the flight, repeated twenty times: 600 s."""
     header, *rows = (run / "ticks.csv").read_text().splitlines()
-    longer = [f"{float(t) + 30 * n:.6f},{rest}" for n in range(20) for t, _, rest in (r.partition(",") for r in rows)]
+    longer = [
+        f"{float(t) + 30 * n:.6f},{rest}"
+        for n in range(20)
+        for t, _, rest in (r.partition(",") for r in rows)
+    ]
     (run / "ticks.csv").write_text("\n".join([header, *longer]) + "\n")
     assert len(page_of()[0]) < 1_000_000
 
@@ -161,14 +210,28 @@ def test_ten_minutes_stay_under_a_megabyte(page_of, run):
         (lambda run: (run / "ticks.csv").write_text(""), 2, "has no header"),
         (lambda run: (run / "ticks.csv").unlink(), 2, "No such file"),
         (lambda run: (run / "ticks.csv").write_text("time,phase\n"), 3, "an empty run"),
-        (lambda run: (run / "ticks.csv").write_text("".join((run / "ticks.csv").open().readlines()[:2])), 3,
-         "only one tick was recorded, a report needs two"),
+        (
+            lambda run: (run / "ticks.csv").write_text(
+                "".join((run / "ticks.csv").open().readlines()[:2])
+            ),
+            3,
+            "only one tick was recorded, a report needs two",
+        ),
         (lambda run: (run / "mission.toml").write_text("nonsense"), 2, "not valid TOML"),
         (lambda run: (run / "manifest.json").write_text("{"), 2, "manifest.json"),
         (lambda run: (run / "report.html").mkdir(), 2, "Is a directory"),
     ],
-    ids=["no log", "no header", "no ticks", "no tick", "one tick", "mission", "manifest", "no place"],
-)  # fmt: skip
+    ids=[
+        "no log",
+        "no header",
+        "no ticks",
+        "no tick",
+        "one tick",
+        "mission",
+        "manifest",
+        "no place",
+    ],
+)
 def test_a_run_that_cannot_be_told_is_one_line(circnav, run, spoil, code, says):
     spoil(run)
     ran = circnav("report", run)
@@ -178,7 +241,10 @@ def test_a_run_that_cannot_be_told_is_one_line(circnav, run, spoil, code, says):
 
 @pytest.mark.parametrize(
     ("maker", "lost", "left", "size"),
-    [("write_report", "report.html", "flight.png", 8), ("plot_flight", "flight.png", "report.html", 1000)],
+    [
+        ("write_report", "report.html", "flight.png", 8),
+        ("plot_flight", "flight.png", "report.html", 1000),
+    ],
 )
 def test_a_picture_that_fails_at_the_end_of_a_flight_is_a_line_and_nothing_more(
     circnav, run, monkeypatch, maker, lost, left, size
@@ -188,26 +254,40 @@ def test_a_picture_that_fails_at_the_end_of_a_flight_is_a_line_and_nothing_more(
 
     monkeypatch.setattr(cli_report, maker, broken)
     monkeypatch.setattr("sys.stdin", io.StringIO("over\n"))
-    assert circnav("report", run, "--after-flight").done == f"{run / lost}: could not be made: whatever\n"
+    assert (
+        circnav("report", run, "--after-flight").done
+        == f"{run / lost}: could not be made: whatever\n"
+    )
     assert (run / left).stat().st_size > size
 
 
-def test_a_browser_draws_it_zooms_all_charts_and_tells_values_and_logs_no_error(browser, page_of, run):
-    """On a phone and a desktop. Dragging over one chart zooms all of them, and pointing at it shows the values
-    there."""
+def test_a_browser_draws_it_zooms_all_charts_and_tells_values_and_logs_no_error(
+    browser, page_of, run
+):
+    """On a phone and a desktop. Dragging over one chart zooms all of them, and pointing at it shows
+    the values there."""
     _, data = page_of()
     for width in (390, 1100):
         browser.open((run / "report.html").as_uri(), width=width, dark=True)
         assert browser.value("document.documentElement.scrollWidth <= innerWidth")
-    names = browser.value("[...document.querySelectorAll('figcaption > b:first-child')].map(name => name.textContent)")
+    names = browser.value(
+        "[...document.querySelectorAll('figcaption > b:first-child')].map(name => name.textContent)"
+    )
     assert names == ["track", *CHARTS]
-    box = browser.value("document.querySelectorAll('svg.strip')[1].getBoundingClientRect().toJSON()")
+    box = browser.value(
+        "document.querySelectorAll('svg.strip')[1].getBoundingClientRect().toJSON()"
+    )
     at = [(box["left"] + share * box["width"], box["top"] + 20) for share in (0.4, 0.6, 0.5)]
     browser.mouse("mousePressed", *at[0])
     browser.mouse("mouseReleased", *at[1])
     browser.mouse("mouseMoved", *at[2])
-    seconds = "[...{}.querySelectorAll(':scope > text[text-anchor=middle]')].map(label => Number(label.textContent))"
-    axes = browser.value(f"[...document.querySelectorAll('svg.strip')].map(one => {seconds.format('one')})")
+    seconds = (
+        "[...{}.querySelectorAll(':scope > text[text-anchor=middle]')].map(label =>"
+        " Number(label.textContent))"
+    )
+    axes = browser.value(
+        f"[...document.querySelectorAll('svg.strip')].map(one => {seconds.format('one')})"
+    )
     assert len(axes) == len(CHARTS)
     assert all(8 < min(axis) < max(axis) < 20 for axis in axes), "of 30 s, the middle"
     time = float(browser.value("document.querySelector('#tools output').textContent").split()[0])

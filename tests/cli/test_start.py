@@ -21,7 +21,9 @@ SLOW = {"matplotlib", "rich", "tomlkit"}
 
 def told(arguments, after, before=""):
     program = RUN.format(arguments=arguments, before=before, after=after)
-    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    ran = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     return json.loads(ran.stdout)
 
 
@@ -53,9 +55,11 @@ Pilot.receive, fly.Drawing = heard, Drawing
 """
 
 
-def test_a_flight_has_its_optimizer_before_it_hears_anything_and_pictures_neither_load_nor_end_with_it(tmp_path):
-    """A signal during the drawing of pictures does not change the exit code of the flight. scipy.optimize plans
-    laps."""
+def test_a_flight_has_its_optimizer_before_it_hears_anything_and_pictures_neither_load_nor_end_with_it(
+    tmp_path,
+):
+    """A signal during the drawing of pictures does not change the exit code of the flight.
+    scipy.optimize plans laps."""
     arguments = ["fly", "quickstart", "--duration", "3", "--out", str(tmp_path / "run")]
     code, loaded = told(arguments, "[code, loaded]", WATCHED)
     assert code == 0

@@ -1,4 +1,5 @@
-"""The public API: run the examples of README and docs/api.md as printed, and circle a beacon with them."""
+"""The public API: run the examples of README and docs/api.md as printed, and circle a beacon with
+them."""
 
 import re
 import subprocess
@@ -14,7 +15,16 @@ from typing import Any
 import pytest
 
 import circnav_mav
-from circnav_mav import Direction, Guidance, LawChoice, Orbit, OwnMotion, RangeEstimate, RangeSample, tune
+from circnav_mav import (
+    Direction,
+    Guidance,
+    LawChoice,
+    Orbit,
+    OwnMotion,
+    RangeEstimate,
+    RangeSample,
+    tune,
+)
 from circnav_mav.mission.load import parse_mission
 from tests import small_mission
 
@@ -35,12 +45,18 @@ def examples() -> dict[str, Any]:
 
 
 class World:
-    """A simulated vehicle in wind that turns at `gain` times the command, and a beacon at (0, 0). Independent of the
-    emulator."""
+    """A simulated vehicle in wind that turns at `gain` times the command, and a beacon at (0, 0).
+    Independent of the emulator."""
 
     def __init__(self, V: float, *, gain: float = 1.0, wind: float = 0.0) -> None:
-        self.V, self.gain, self.wind = V, gain, wind
-        self.x, self.y, self.heading, self.turn_rate, self.now = -2.5 * V * 10, V * 10, 0.3, 0.0, 0.0
+        self.V = V
+        self.gain = gain
+        self.wind = wind
+        self.x = -2.5 * V * 10
+        self.y = V * 10
+        self.heading = 0.3
+        self.turn_rate = 0.0
+        self.now = 0.0
 
     def fly(self, guidance: Guidance, seconds: float) -> None:
         for _ in range(round(seconds * 20)):
@@ -75,12 +91,15 @@ def test_the_loop_of_the_readme_circles_the_right_way_round(direction, capsys):
     exec(loop.replace("CLOCKWISE", direction.name), flown)
     moment = flown["x"] * sin(flown["heading"]) - flown["y"] * cos(flown["heading"])
     assert hypot(flown["x"], flown["y"]) == pytest.approx(100.0, abs=1.0)
-    assert moment == pytest.approx(100.0 if direction is Direction.COUNTERCLOCKWISE else -100.0, abs=1.0)
+    assert moment == pytest.approx(
+        100.0 if direction is Direction.COUNTERCLOCKWISE else -100.0, abs=1.0
+    )
     assert "100 m" in capsys.readouterr().out
 
 
 def test_the_callbacks_of_the_page_fly_their_circle():
-    node, world = examples()["Node"](), World(12.0)
+    node = examples()["Node"]()
+    world = World(12.0)
     while world.now < 120.0:
         node.on_range(world.now, world.radius)
         node.on_motion(world.now, world.heading, world.turn_rate, world.V)
@@ -90,7 +109,9 @@ def test_the_callbacks_of_the_page_fly_their_circle():
 
 
 def test_the_target_is_found_in_wind_and_a_vehicle_that_turns_less_than_it_is_told_is_told_more():
-    locate, world, guidance = examples()["locate"], World(15.0, wind=4.0), Guidance(ORBIT)
+    locate = examples()["locate"]
+    world = World(15.0, wind=4.0)
+    guidance = Guidance(ORBIT)
     assert locate(guidance, 0.0, 0.0, 0.0) is None
     world.fly(guidance, 120.0)
     assert locate(guidance, world.now, world.x, world.y) == pytest.approx((0.0, 0.0), abs=5.0)
@@ -101,7 +122,9 @@ def test_the_target_is_found_in_wind_and_a_vehicle_that_turns_less_than_it_is_to
     assert world.radius == pytest.approx(100.0, rel=0.01)
 
 
-@pytest.mark.parametrize(("name", "direction"), [("own", Direction.COUNTERCLOCKWISE), ("bold", Direction.CLOCKWISE)])
+@pytest.mark.parametrize(
+    ("name", "direction"), [("own", Direction.COUNTERCLOCKWISE), ("bold", Direction.CLOCKWISE)]
+)
 def test_a_law_and_a_gain_of_ones_own_fly(name, direction):
     world = World(12.0)
     world.fly(examples()[name], 150.0)
@@ -132,7 +155,8 @@ def test_a_law_of_ones_own_is_cut_to_the_limit_and_an_estimator_of_ones_own_is_a
         assert (command.turn_rate, command.saturated) == (commanded, turn != commanded)
 
     class Told:
-        ready, nis = True, None
+        ready = True
+        nis = None
 
         def observe(self, sample):
             self.sample = sample
@@ -157,14 +181,18 @@ NO_MEASUREMENT = (
 @pytest.mark.parametrize("law", ["auto", "feedforward"])
 def test_a_sample_or_motion_that_is_no_measurement_is_refused_and_changes_no_command(law):
     """Radios and drivers report NaN, infinity, 0 or -1 when they have no measurement."""
-    spoiled, whole, world = Guidance(ORBIT, law), Guidance(ORBIT, law), World(15.0)
+    spoiled = Guidance(ORBIT, law)
+    whole = Guidance(ORBIT, law)
+    world = World(15.0)
     for step in range(100):
         sample = RangeSample(world.now, world.now, world.radius, 0.5)
         own = OwnMotion(world.now, world.heading, world.turn_rate, world.V)
         assert not spoiled.observe(sample._replace(**NO_MEASUREMENT[step % len(NO_MEASUREMENT)]))
         assert not spoiled.move(own._replace(**{OwnMotion._fields[step % 4]: nan}))
         for guidance in (spoiled, whole):
-            assert guidance.observe(sample._replace(r_dot=nan if guidance is spoiled and step % 2 else None))
+            assert guidance.observe(
+                sample._replace(r_dot=nan if guidance is spoiled and step % 2 else None)
+            )
             assert guidance.move(own)
         command = whole.command(world.now)
         assert spoiled.command(world.now) == command
@@ -178,7 +206,12 @@ def test_only_a_finite_turn_rate_is_commanded():
 
 @pytest.mark.parametrize("law", ["auto", "feedforward", "smooth", "switching", "pd"])
 def test_tune_gives_the_gain_of_a_mission(law):
-    overrides = (f"guidance.law={law}", "vehicle.turn_lag_s=0.9", "ranging.sigma_m=2.0", "ranging.rate_hz=4.0")
+    overrides = (
+        f"guidance.law={law}",
+        "vehicle.turn_lag_s=0.9",
+        "ranging.sigma_m=2.0",
+        "ranging.rate_hz=4.0",
+    )
     mission = parse_mission(small_mission.TEXT, "small.toml", overrides)
     orbit = Orbit(100.0, Direction.CLOCKWISE, 15.0, radians(20.0))
     assert tune(orbit, law, turn_lag=0.9, sigma=2.0, rate=4.0) == mission.law
@@ -192,11 +225,26 @@ def test_tune_gives_the_gain_of_a_mission(law):
         (lambda: tune(ORBIT, "magic"), "law 'magic' is not one of smooth"),
         (lambda: Guidance(ORBIT, estimator="magic"), "estimator 'magic' is not one of kalman"),
         (lambda: Guidance(ORBIT, LawChoice("smooth", 1e-6)), "must be above"),
-        (lambda: Guidance(replace(ORBIT, radius=0.0)), "orbit.radius: must be a finite number above 0, not 0"),
-        (lambda: Guidance(replace(ORBIT, speed=nan)), "orbit.speed: must be a finite number above 0, not nan"),
-        (lambda: Guidance(replace(ORBIT, max_turn_rate=-0.4)), "orbit.max_turn_rate: must be a finite number above 0"),
-        (lambda: Guidance(replace(ORBIT, max_turn_rate=20.0)), "orbit.max_turn_rate: 20 rad/s .* not deg/s"),
-        (lambda: Guidance(replace(ORBIT, direction="clockwise")), "orbit.direction: must be Direction.CLOCKWISE or"),
+        (
+            lambda: Guidance(replace(ORBIT, radius=0.0)),
+            "orbit.radius: must be a finite number above 0, not 0",
+        ),
+        (
+            lambda: Guidance(replace(ORBIT, speed=nan)),
+            "orbit.speed: must be a finite number above 0, not nan",
+        ),
+        (
+            lambda: Guidance(replace(ORBIT, max_turn_rate=-0.4)),
+            "orbit.max_turn_rate: must be a finite number above 0",
+        ),
+        (
+            lambda: Guidance(replace(ORBIT, max_turn_rate=20.0)),
+            "orbit.max_turn_rate: 20 rad/s .* not deg/s",
+        ),
+        (
+            lambda: Guidance(replace(ORBIT, direction="clockwise")),
+            "orbit.direction: must be Direction.CLOCKWISE or",
+        ),
         (lambda: Guidance(ORBIT, turn_lag=nan), "turn_lag: must be at least 0, not nan"),
         (lambda: Guidance(ORBIT, stale=-1.0), "stale: must be at least 0, not -1"),
         (lambda: tune(ORBIT, sigma=-1.0), "sigma: must be at least 0, not -1"),
@@ -212,12 +260,21 @@ def test_the_page_has_every_promised_name_and_no_filter_is_loaded_before_one_is_
     told = re.findall(r"^\| `(\w+)` \|", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
     assert sorted(told) == sorted(circnav_mav.__all__)
     assert all(hasattr(circnav_mav, name) for name in circnav_mav.__all__)
-    loaded = "import sys, circnav_mav; print('numpy' in sys.modules); circnav_mav.Orbit; print('numpy' in sys.modules)"
-    told = subprocess.run([sys.executable, "-c", loaded], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = (
+        "import sys, circnav_mav; print('numpy' in sys.modules); circnav_mav.Orbit; print('numpy'"
+        " in sys.modules)"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", loaded], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert told.stdout.split() == ["False", "True"]
 
 
 def test_the_interpreter_completes_the_public_names_and_no_other():
     completer = Completer({"circnav_mav": circnav_mav})
-    found = list(takewhile(bool, (completer.complete("circnav_mav.", number) for number in range(99))))
-    assert [name.removeprefix("circnav_mav.").rstrip("()") for name in found] == sorted(circnav_mav.__all__)
+    found = list(
+        takewhile(bool, (completer.complete("circnav_mav.", number) for number in range(99)))
+    )
+    assert [name.removeprefix("circnav_mav.").rstrip("()") for name in found] == sorted(
+        circnav_mav.__all__
+    )

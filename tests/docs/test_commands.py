@@ -15,7 +15,10 @@ import pytest
 from circnav_mav.mission.load import load_mission
 from tests.process import COPTER, PATIENCE, ROOT, UNHURRIED, circnav
 
-RADIO = "import random\n\ndef read_range():\n    time.sleep(0.1)\n    return random.choice((123.2, 123.4, 123.6))\n"
+RADIO = (
+    "import random\n\ndef read_range():\n    time.sleep(0.1)\n    return random.choice((123.2,"
+    " 123.4, 123.6))\n"
+)
 
 ANSWER = b"+OK\r\n+ANCHOR_RCV=DAVID123,5,HELLO,40 cm,-72\r\n"
 """Response from REYAX's RYUW122 AT command guide."""
@@ -34,12 +37,16 @@ def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path, p
     driver = tmp_path / "driver.py"
     program = block("own-vehicle", "python").replace("link = ", f"{RADIO}\nlink = ", 1)
     driver.write_text(program.replace("14560", str(port)))
-    lines = re.findall(r"^(\w+) = (\S+)", block("own-vehicle", "toml").replace("14560", str(port)), re.MULTILINE)
+    lines = re.findall(
+        r"^(\w+) = (\S+)", block("own-vehicle", "toml").replace("14560", str(port)), re.MULTILINE
+    )
     assert len(lines) == 5
     overrides = [word for key, value in lines for word in ("--set", f"ranging.{key}={value}")]
     radio = subprocess.Popen([sys.executable, str(driver)])
     try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:  # wait until the driver sends
+        with socket.socket(
+            socket.AF_INET, socket.SOCK_DGRAM
+        ) as wire:  # wait until the driver sends
             wire.bind(("127.0.0.1", port))
             wire.settimeout(PATIENCE)
             wire.recv(1000)
@@ -74,21 +81,33 @@ def module():
     os.close(theirs)
 
 
-def test_the_driver_of_the_radios_page_is_found_once_installed_and_reads_as_printed(tmp_path, module):
+def test_the_driver_of_the_radios_page_is_found_once_installed_and_reads_as_printed(
+    tmp_path, module
+):
     driver = block("radios", "python", "Ryuw122")
     assert len(driver.splitlines()) <= 60
     (tmp_path / "circnav_ryuw122.py").write_text(driver)
-    entry = re.search(r"\[project.entry-points.\"(.+)\"\]\n(.+)", block("radios", "toml", "entry-points"))
-    installed = tmp_path / "circnav_ryuw122-0.1.0.dist-info"  # as pip generates it from pyproject.toml
+    entry = re.search(
+        r"\[project.entry-points.\"(.+)\"\]\n(.+)", block("radios", "toml", "entry-points")
+    )
+    installed = (
+        tmp_path / "circnav_ryuw122-0.1.0.dist-info"
+    )  # as pip generates it from pyproject.toml
     installed.mkdir()
-    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: circnav-ryuw122\nVersion: 0.1.0\n")
+    (installed / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: circnav-ryuw122\nVersion: 0.1.0\n"
+    )
     (installed / "entry_points.txt").write_text(f"[{entry[1]}]\n{entry[2].replace(chr(34), '')}\n")
     command, *lines = block("radios", "console", "ranging watch").split("$ ")[2].splitlines()
     words = command.replace("/dev/ttyUSB0", module).replace("--seconds 2", "--seconds 60").split()
     watch = subprocess.Popen(
-        [sys.executable, "-m", "circnav_mav", *words[1:]], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        cwd=ROOT, env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"},
-    )  # fmt: skip
+        [sys.executable, "-m", "circnav_mav", *words[1:]],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"},
+    )
     told = next((line for line in watch.stdout if "scatter" in line), "")
     watch.send_signal(signal.SIGINT)
     _, problem = watch.communicate(timeout=PATIENCE)
@@ -108,7 +127,11 @@ def test_the_mission_of_the_radios_page_is_one():
     mission = load_mission(COPTER, [f"ranging.{key}={value}" for key, value in lines])
     assert mission.ranging_driver == "linktrack"
     settings = mission.pilot_settings()
-    assert (settings.ranging.beacon_id, settings.ranging.sigma_m, settings.ranging_apart) == (3, 0.1, True)
+    assert (settings.ranging.beacon_id, settings.ranging.sigma_m, settings.ranging_apart) == (
+        3,
+        0.1,
+        True,
+    )
     assert settings.unsigned_links == {"ranging"}
     without = [f"ranging.{key}={value}" for key, value in lines if key != "beacon_id"]
     assert load_mission(COPTER, without).pilot_settings().ranging.beacon_id is None

@@ -1,4 +1,5 @@
-"""pyproject.toml and setup.py against the repository: the wheel is complete, and its package page has no dead links."""
+"""pyproject.toml and setup.py against the repository: the wheel is complete, and its package page
+has no dead links."""
 
 import re
 import runpy
@@ -30,13 +31,16 @@ def contents():
 
 
 def test_the_list_of_packages_is_complete():
-    assert {name: folder for name, folder in FOLDERS.items() if name != folder} == SETUPTOOLS["package-dir"]
+    assert {name: folder for name, folder in FOLDERS.items() if name != folder} == SETUPTOOLS[
+        "package-dir"
+    ]
     assert len(set(SETUPTOOLS["packages"])) == len(SETUPTOOLS["packages"])
     assert set(SETUPTOOLS["packages"]) == set(contents())
 
 
 def test_every_file_that_is_no_program_is_package_data_and_no_pattern_is_left_of_one_that_has_gone():
-    data, used = SETUPTOOLS["package-data"], set()
+    data = SETUPTOOLS["package-data"]
+    used = set()
     for name, paths in contents().items():
         for path in paths:
             patterns = {(name, one) for one in data.get(name, ()) if path.match(one)}
@@ -49,14 +53,18 @@ def test_every_file_that_is_no_program_is_package_data_and_no_pattern_is_left_of
 
 
 def test_what_is_imported_here_is_this_repository():
-    """Editable and regular installs find the files in the same way, which requires a package in each folder."""
+    """Editable and regular installs find the files in the same way, which requires a package in
+    each folder."""
     for name in contents():
         assert files(name).is_dir(), name
 
 
 @pytest.mark.parametrize(
     "reference",
-    [*PROJECT["project"]["scripts"].values(), *PROJECT["project"]["entry-points"]["circnav.ranging"].values()],
+    [
+        *PROJECT["project"]["scripts"].values(),
+        *PROJECT["project"]["entry-points"]["circnav.ranging"].values(),
+    ],
 )
 def test_every_entry_point_leads_somewhere(reference):
     assert callable(resolve_name(reference))
@@ -64,15 +72,20 @@ def test_every_entry_point_leads_somewhere(reference):
 
 @pytest.mark.parametrize("kind", ["mission", "campaign"])
 def test_the_schemas_that_ship_are_those_of_the_core_and_all_extras(kind):
-    assert schema_text(kind) == (ROOT / "config" / f"{kind}.schema.json").read_text(encoding="utf-8")
+    assert schema_text(kind) == (ROOT / "config" / f"{kind}.schema.json").read_text(
+        encoding="utf-8"
+    )
 
 
-def test_the_page_of_a_package_index_is_the_readme_without_links_that_lead_nowhere_there(monkeypatch):
+def test_the_page_of_a_package_index_is_the_readme_without_links_that_lead_nowhere_there(
+    monkeypatch,
+):
     """The package index does not have the other files of the repository."""
     given = {}
     monkeypatch.setattr(setuptools, "setup", given.update)
     runpy.run_path(str(ROOT / "setup.py"))
-    page, readme = given["long_description"], (ROOT / "README.md").read_text(encoding="utf-8")
+    page = given["long_description"]
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
     assert given["long_description_content_type"] == "text/markdown"
     assert re.findall(r"\]\((?!https?:|#)", page) == []
     assert not re.search(r"<(img|a) ", page)

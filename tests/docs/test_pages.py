@@ -22,8 +22,16 @@ from circnav_mav.runtime.recorder import TICK_COLUMNS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", ROOT / "sim" / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.glob("*.md"))]
-COMMANDS = {name: cli.get_command(click.Context(cli), name) for name in cli.list_commands(click.Context(cli))}
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "sim" / "README.md",
+    ROOT / "CHANGELOG.md",
+    *sorted(DOCS.glob("*.md")),
+]
+COMMANDS = {
+    name: cli.get_command(click.Context(cli), name)
+    for name in cli.list_commands(click.Context(cli))
+}
 PAGES += [ROOT / "circnav_mav" / "extras" / "bench" / "BENCHMARK.md"]
 
 
@@ -53,7 +61,8 @@ def test_in_the_container_the_missions_folder_belongs_to_the_user_that_writes_th
 
 
 def test_the_readme_leads_to_every_page():
-    read, new = set(), [ROOT / "README.md"]
+    read = set()
+    new = [ROOT / "README.md"]
     while new:
         page = new.pop()
         read.add(page)
@@ -64,7 +73,11 @@ def test_the_readme_leads_to_every_page():
 
 def keys_of(table: type[BaseModel], prefix: str = ""):
     for name, field in table.model_fields.items():
-        inner = [one for one in (field.annotation, *getattr(field.annotation, "__args__", ())) if is_table(one)]
+        inner = [
+            one
+            for one in (field.annotation, *getattr(field.annotation, "__args__", ()))
+            if is_table(one)
+        ]
         if inner:
             yield from keys_of(inner[0], f"{prefix}{name}.")
         else:
@@ -90,7 +103,9 @@ def test_the_mission_page_has_every_key_with_its_default():
         elif default is None:
             assert told[key] == "-" or key in WORKED_OUT, key
         else:
-            assert told[key].strip('"`') == (str(default).lower() if isinstance(default, bool) else str(default)), key
+            assert told[key].strip('"`') == (
+                str(default).lower() if isinstance(default, bool) else str(default)
+            ), key
     assert {key for key in told if "." in key} <= set(keys)
 
 
@@ -131,7 +146,9 @@ def test_every_option_in_a_printed_command_exists():
                 if words[1] not in COMMANDS:
                     continue
                 named = COMMANDS[words[1]]
-                named = getattr(named, "commands", {}).get(words[2], named) if len(words) > 2 else named
+                named = (
+                    getattr(named, "commands", {}).get(words[2], named) if len(words) > 2 else named
+                )
                 known = {flag for option in named.params for flag in option.opts}
                 given = {word.strip("[]") for word in words if word.strip("[").startswith("--")}
                 assert given <= known, command
@@ -147,7 +164,12 @@ def texts_of_the_code() -> list[str]:
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 found.append(node.value)
             elif isinstance(node, ast.JoinedStr):
-                found.append("".join(part.value if isinstance(part, ast.Constant) else "..." for part in node.values))
+                found.append(
+                    "".join(
+                        part.value if isinstance(part, ast.Constant) else "..."
+                        for part in node.values
+                    )
+                )
     return found
 
 
@@ -164,9 +186,13 @@ def test_every_message_of_the_troubleshooting_page_is_printed_by_the_code():
 def test_every_curve_of_plotjugglers_layout_is_a_column_of_numbers_that_a_flight_records():
     layout = ElementTree.parse(DOCS / "plotjuggler.xml").getroot()
     curves = list(layout.iter("curve"))
-    named = {name for curve in curves for name in (curve.get("curve_x"), curve.get("curve_y")) if name}
+    named = {
+        name for curve in curves for name in (curve.get("curve_x"), curve.get("curve_y")) if name
+    }
     named |= {curve.get("name") for curve in curves if curve.get("curve_x") is None}
     assert len(curves) > 20
     assert named <= set(TICK_COLUMNS) - {"phase", "law", "mode"}
     assert {"r", "measured", "turn_rate", "yaw_rate_sent", "range_age", "x", "y"} <= named
-    assert layout.find(".//plugin[@ID='DataLoad CSV']/parameters").get("time_axis") == TICK_COLUMNS[0]
+    assert (
+        layout.find(".//plugin[@ID='DataLoad CSV']/parameters").get("time_axis") == TICK_COLUMNS[0]
+    )

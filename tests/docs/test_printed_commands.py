@@ -1,5 +1,6 @@
-"""Run every command that README and documents print, with a shorter duration where it would fly for minutes. Commands
-that cannot run here are listed with the reason, and their options are checked against the program."""
+"""Run every command that README and documents print, with a shorter duration where it would fly for
+minutes. Commands that cannot run here are listed with the reason, and their options are checked
+against the program."""
 
 import ast
 import math
@@ -22,19 +23,29 @@ from tests.process import circnav as process_of
 __all__ = ["circnav", "undrawn"]
 
 NOT_RUN = {
-    r"python3 -m venv": ".ci/run installs the wheel in an empty folder, and runs the tests by that very line",
+    r"python3 -m venv": (
+        ".ci/run installs the wheel in an empty folder, and runs the tests by that very line"
+    ),
     r"\. \.venv/bin/activate": "the same",
     r"pip install": "the same; the driver of radios.md: test_commands.py",
     r"sudo ": "changes the computer",
     r"docker |deploy/build-deb": "needs a container engine, or builds for minutes",
     r"plotjuggler ": "opens a window; its layout: test_pages.py",
-    r"sim_vehicle.py|(PX4_HOME_ALT=0 )?make px4|export CIRCNAV|python -m tests.tools.firmware": "a firmware, for hours",
+    r"sim_vehicle.py|(PX4_HOME_ALT=0 )?make px4|export CIRCNAV|python -m tests.tools.firmware": (
+        "a firmware, for hours"
+    ),
     r"python docs/beacon.py": "beside a firmware; tests/flight/test_beacon.py",
     r"python -m tests\.": "minutes to hours, in a checkout; their parts have tests in tests/tools",
-    r"circnav emulate .*--endpoint|circnav emulate arducopter": "as the pair of the README, which is run",
-    r"circnav (preflight|fly) (?!quickstart).*--endpoint": "a vehicle; on ports: tests/flight/test_process.py",
+    r"circnav emulate .*--endpoint|circnav emulate arducopter": (
+        "as the pair of the README, which is run"
+    ),
+    r"circnav (preflight|fly) (?!quickstart).*--endpoint": (
+        "a vehicle; on ports: tests/flight/test_process.py"
+    ),
     r"circnav ranging watch \w+:/dev/": "a radio on a serial line; test_commands.py has one",
-    r"circnav campaign .*--scheduler": "a cluster; tests/extras/campaign/test_execution.py has a small one",
+    r"circnav campaign .*--scheduler": (
+        "a cluster; tests/extras/campaign/test_execution.py has a small one"
+    ),
     r"circnav locate (runs/|flight\.)": "an earlier flight; tests/extras/locate/test_logs.py",
     r"circnav bench": "minutes to an hour; cells of it: tests/extras/bench/test_command.py",
 }
@@ -42,9 +53,12 @@ SHORTER = {"fly": "--duration 3", "campaign": "--runs 2 --processes 1", "watch":
 
 
 def blocks(page: Path):
-    """Yield the commands that a page prints, block by block. In a transcript they are the lines that begin with $."""
+    """Yield the commands that a page prints, block by block. In a transcript they are the lines
+    that begin with $."""
     listing = r"^```(\w*)\n(.*?)^```|((?:^    [^\n]*\n)+)"
-    for language, fenced, indented in re.findall(listing, page.read_text(), re.MULTILINE | re.DOTALL):
+    for language, fenced, indented in re.findall(
+        listing, page.read_text(), re.MULTILINE | re.DOTALL
+    ):
         if language == "sh":
             yield fenced
         elif language in ("", "console"):
@@ -61,7 +75,9 @@ def printed(page: Path) -> list[str]:
     lines = [line for block in blocks(page) for line in re.sub(r"\\\n\s*", "", block).splitlines()]
     bare = (re.sub(r"(^|\s+)#.*|\s{3,}.*", "", line) for line in lines)
     return [
-        command for line in bare if (command := line.replace("[", "").replace("]", "") if "tests." in line else line)
+        command
+        for line in bare
+        if (command := line.replace("[", "").replace("]", "") if "tests." in line else line)
     ]
 
 
@@ -71,22 +87,35 @@ def reason(command: str) -> str | None:
 
 COMMANDS = {page: printed(page) for page in PAGES}
 RUN = [page for page in PAGES if not all(map(reason, COMMANDS[page]))]
-KEPT = [(page, command) for page, commands in COMMANDS.items() for command in commands if reason(command)]
+KEPT = [
+    (page, command)
+    for page, commands in COMMANDS.items()
+    for command in commands
+    if reason(command)
+]
 
 
 @pytest.mark.parametrize("page", RUN, ids=lambda page: page.name)
 def test_the_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch, port):
     monkeypatch.setenv("HOME", str(tmp_path))
-    track = [(t, 47.0 + 0.001 * math.sin(t / 9), 8.5 + 0.0015 * math.cos(t / 9)) for t in range(120)]
+    track = [
+        (t, 47.0 + 0.001 * math.sin(t / 9), 8.5 + 0.0015 * math.cos(t / 9)) for t in range(120)
+    ]
     rows = [
         f"{t},{lat:.7f},{lon:.7f},{math.hypot((lat - 47) * 111_200, (lon - 8.5) * 75_900):.2f},17"
         for t, lat, lon in track
     ]
-    (tmp_path / "collar.csv").write_text("\n".join(["time,latitude,longitude,range,tag", *rows]) + "\n")
-    for command in (part for one in COMMANDS[page] if not reason(one) for part in one.split(" && ")):
+    (tmp_path / "collar.csv").write_text(
+        "\n".join(["time,latitude,longitude,range,tag", *rows]) + "\n"
+    )
+    for command in (
+        part for one in COMMANDS[page] if not reason(one) for part in one.split(" && ")
+    ):
         words = shlex.split(re.sub(r"\b(14550|5005)\b", str(port), command))
         if words[0] != "circnav":
-            subprocess.run(["sh", "-e", "-c", command.replace("~", str(tmp_path))], cwd=tmp_path, check=True)
+            subprocess.run(
+                ["sh", "-e", "-c", command.replace("~", str(tmp_path))], cwd=tmp_path, check=True
+            )
         elif words[1] == "emulate":
             emulator = process_of(*words[1:], "--endpoint", f"udpout:127.0.0.1:{port}")
         elif "--endpoint" in words:
@@ -100,14 +129,20 @@ def test_the_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch,
 
 
 @pytest.mark.parametrize(
-    "command", dict.fromkeys(command for _, command in KEPT if command.startswith("circnav")), ids=str
+    "command",
+    dict.fromkeys(command for _, command in KEPT if command.startswith("circnav")),
+    ids=str,
 )
-def test_a_printed_command_that_is_not_run_here_has_the_words_that_circnav_takes(command, circnav, tmp_path):
+def test_a_printed_command_that_is_not_run_here_has_the_words_that_circnav_takes(
+    command, circnav, tmp_path
+):
     for name in ("my.toml", "vehicle.toml", "home.toml"):
         (tmp_path / name).write_bytes((ROOT / "config" / "quickstart.toml").read_bytes())
-    named, rest = cli, shlex.split(command)[1:]
+    named = cli
+    rest = shlex.split(command)[1:]
     while isinstance(named, click.Group):
-        named, rest = named.get_command(click.Context(named), rest[0]), rest[1:]
+        named = named.get_command(click.Context(named), rest[0])
+        rest = rest[1:]
     named.make_context(named.name, rest)
 
 
@@ -120,11 +155,17 @@ for _, one in KEPT:
 
 @pytest.mark.parametrize("program", OPTIONS)
 def test_a_program_of_this_repository_has_the_options_that_are_printed(program):
-    told, _ = python(*program.removeprefix("python ").split(), "--help").communicate(timeout=PATIENCE)
-    assert [option for option in sorted(OPTIONS[program]) if not re.search(rf"{option}\b", told)] == []
+    told, _ = python(*program.removeprefix("python ").split(), "--help").communicate(
+        timeout=PATIENCE
+    )
+    assert [
+        option for option in sorted(OPTIONS[program]) if not re.search(rf"{option}\b", told)
+    ] == []
 
 
 def test_no_reason_is_left_of_a_command_that_is_printed_no_more():
     told = [command for commands in COMMANDS.values() for command in commands]
     assert len(told) > 80
-    assert [pattern for pattern in NOT_RUN if not any(re.match(pattern, command) for command in told)] == []
+    assert [
+        pattern for pattern in NOT_RUN if not any(re.match(pattern, command) for command in told)
+    ] == []

@@ -19,10 +19,13 @@ def message(**fields):
 class StubNode:
     """A node with a clock set by the test and a publisher that records the messages."""
 
-    time, given = 0.0, {}
+    time = 0.0
+    given = {}  # noqa: RUF012
 
     def __init__(self, name):
-        self.published, self.callbacks, self.timers = [], {}, []
+        self.published = []
+        self.callbacks = {}
+        self.timers = []
 
     def declare_parameter(self, name, default):
         return SimpleNamespace(value=self.given.get(name, default))
@@ -60,23 +63,35 @@ def node_class(monkeypatch):
 def test_the_node_circles_a_beacon_in_the_direction_of_its_parameter_and_is_silent_without_ranges(
     node_class, monkeypatch, clockwise
 ):
-    """The test integrates the vehicle's motion from the published commands. The beacon is at (0, 0)."""
+    """The test integrates the vehicle's motion from the published commands. The beacon is at (0,
+    0)."""
     monkeypatch.setattr(StubNode, "given", {"radius": 60.0, "clockwise": clockwise})
     node = node_class()
     ((period, on_timer),) = node.timers
-    x, y, yaw, rate, swept, silent_from = -250.0, 90.0, 0.2, 0.0, 0.0, 120.0
+    x = -250.0
+    y = 90.0
+    yaw = 0.2
+    rate = 0.0
+    swept = 0.0
+    silent_from = 120.0
     assert on_timer() is None and node.published == []
     steps = round(130.0 / period)
     for step in range(steps):
         node.time = 100.0 + step * period
         stamp = SimpleNamespace(sec=int(node.time), nanosec=round(1e9 * (node.time % 1)))
         pose = SimpleNamespace(
-            pose=SimpleNamespace(orientation=SimpleNamespace(x=0, y=0, z=sin(yaw / 2), w=cos(yaw / 2)))
+            pose=SimpleNamespace(
+                orientation=SimpleNamespace(x=0, y=0, z=sin(yaw / 2), w=cos(yaw / 2))
+            )
         )
-        twist = SimpleNamespace(twist=SimpleNamespace(linear=SimpleNamespace(x=12.0), angular=SimpleNamespace(z=rate)))
+        twist = SimpleNamespace(
+            twist=SimpleNamespace(linear=SimpleNamespace(x=12.0), angular=SimpleNamespace(z=rate))
+        )
         node.callbacks["odom"](SimpleNamespace(pose=pose, twist=twist))
         if step * period < silent_from:
-            node.callbacks["range"](SimpleNamespace(header=SimpleNamespace(stamp=stamp), range=hypot(x, y)))
+            node.callbacks["range"](
+                SimpleNamespace(header=SimpleNamespace(stamp=stamp), range=hypot(x, y))
+            )
             radius = hypot(x, y)
         before = len(node.published)
         on_timer()
@@ -84,8 +99,11 @@ def test_the_node_circles_a_beacon_in_the_direction_of_its_parameter_and_is_sile
             rate = node.published[-1].angular.z
             assert node.published[-1].linear.x == 12.0
         yaw += period * rate
-        new_x, new_y = x + period * 12.0 * cos(yaw), y + period * 12.0 * sin(yaw)
-        swept += (x * new_y - y * new_x) / (x * x + y * y) if 60.0 < step * period < silent_from else 0.0
+        new_x = x + period * 12.0 * cos(yaw)
+        new_y = y + period * 12.0 * sin(yaw)
+        swept += (
+            (x * new_y - y * new_x) / (x * x + y * y) if 60.0 < step * period < silent_from else 0.0
+        )
         x, y = new_x, new_y
     assert radius == pytest.approx(60.0, abs=2.0)
     assert (swept < -6) if clockwise else (swept > 6)

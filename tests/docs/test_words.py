@@ -18,16 +18,31 @@ FRAGMENT = re.compile(r"(Of|What|Whose|Who|How|Where|Whether|By)\b")
 ODD_NUMBER = re.compile(r"(?<![\w.])\.\d|\d \.\. \d")
 """A decimal without a leading zero, or a range written with dots."""
 TALK = (
-    "hear hears heard hearing tell tells told telling says said feel feels believe believes believed deaf anew nobody"
+    "hear hears heard hearing tell tells told telling says said feel feels believe believes"
+    " believed deaf anew nobody"
 )
-TALKS = re.compile(rf"\b({TALK.replace(' ', '|')}|say|thinks?|knows?|whoever|stands? still)\b|\+-$", re.IGNORECASE)
-"""Words that must not occur in messages: software that talks or believes, and an ASCII plus-minus before a number."""
-NAMED = {*TALK.split(), "greet", "guess", "guesses", "guessed", "favourite", "culprit", "stranger", "strangers"}
+TALKS = re.compile(
+    rf"\b({TALK.replace(' ', '|')}|say|thinks?|knows?|whoever|stands? still)\b|\+-$", re.IGNORECASE
+)
+"""Words that must not occur in messages: software that talks or believes, and an ASCII plus-minus
+before a number."""
+NAMED = {
+    *TALK.split(),
+    "greet",
+    "guess",
+    "guesses",
+    "guessed",
+    "favourite",
+    "culprit",
+    "stranger",
+    "strangers",
+}
 """Words that must not occur in names."""
 
 
 def docstrings(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield line and text of the docstrings of a file, those of constants and attributes included."""
+    """Yield line and text of the docstrings of a file, those of constants and attributes
+    included."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         for part in node.body if isinstance(getattr(node, "body", None), list) else ():
             if (
@@ -49,7 +64,8 @@ def test_docstrings_are_no_fragments_and_write_numbers_with_zeros_and_to(path: P
 
 
 def names(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield line and name of each class, function, argument, variable and attribute that a file defines."""
+    """Yield line and name of each class, function, argument, variable and attribute that a file
+    defines."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ClassDef | ast.FunctionDef):
             yield node.lineno, node.name
@@ -60,10 +76,15 @@ def names(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def messages(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield line and text of the strings in a file that may be displayed: all with a space, except docstrings."""
+    """Yield line and text of the strings in a file that may be displayed: all with a space, except
+    docstrings."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    forms = {id(part) for node in ast.walk(tree) if isinstance(node, ast.FormattedValue) and node.format_spec
-             for part in ast.walk(node.format_spec)}  # fmt: skip
+    forms = {
+        id(part)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FormattedValue) and node.format_spec
+        for part in ast.walk(node.format_spec)
+    }
     shown = {line for line, _ in docstrings(path)}
     for node in ast.walk(tree):
         text = isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value
@@ -73,14 +94,24 @@ def messages(path: Path) -> Iterator[tuple[int, str]]:
 
 @pytest.mark.parametrize("path", CODE, ids=lambda path: str(path.relative_to(ROOT)))
 def test_in_names_and_messages_software_does_not_talk(path: Path) -> None:
-    split = [(line, name, re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_")) for line, name in names(path)]
+    split = [
+        (line, name, re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_"))
+        for line, name in names(path)
+    ]
     assert [(line, name) for line, name, words in split if NAMED & set(words)] == []
-    assert [(line, text) for line, text in messages(path) if TALKS.search(text) or ODD_NUMBER.search(text)] == []
+    assert [
+        (line, text)
+        for line, text in messages(path)
+        if TALKS.search(text) or ODD_NUMBER.search(text)
+    ] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_pages_write_numbers_with_zeros_and_to(page: Path) -> None:
     text = re.sub(
-        r"^```.*?^```|^    .*?$|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+        r"^```.*?^```|^    .*?$|`[^`\n]*`",
+        "",
+        page.read_text(encoding="utf-8"),
+        flags=re.DOTALL | re.MULTILINE,
     )
     assert [line for line in text.splitlines() if ODD_NUMBER.search(line)] == []

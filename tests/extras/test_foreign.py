@@ -43,13 +43,20 @@ def test_a_text_becomes_printable_by_escapes_and_an_ordinary_one_stays():
     assert printable("a\x1b[31m\nb\udcff") == r"a\x1b[31m\nb\udcff"
 
 
-def test_escape_codes_of_a_tag_an_unknown_key_or_an_argument_reach_no_terminal_and_no_file(circnav, tmp_path):
+def test_escape_codes_of_a_tag_an_unknown_key_or_an_argument_reach_no_terminal_and_no_file(
+    circnav, tmp_path
+):
     (tmp_path / "collar.csv").write_text(circle_log(ESCAPE))
     ran = circnav("locate", "collar.csv")
     assert "200 ranges" in ran.done
     (tmp_path / "odd.toml").write_text('"\\u001b[31m" = 1\n["a\\nb\\u009b2J"]\n')
     told = [ran.out, circnav("check", "odd.toml").refused, circnav("emulate", "odd.toml").refused]
-    for arguments in (["replay", ESCAPE], ["check", ESCAPE], ["fly", "quickstart", ESCAPE], ["fly", f"--{ESCAPE}"]):
+    for arguments in (
+        ["replay", ESCAPE],
+        ["check", ESCAPE],
+        ["fly", "quickstart", ESCAPE],
+        ["fly", f"--{ESCAPE}"],
+    ):
         told.append(circnav(*arguments).err)
     told += [path.read_text() for path in tmp_path.glob("*.locate.*json")]
     told += [path.read_text() for path in tmp_path.glob("*.kml")]
@@ -60,10 +67,22 @@ def test_escape_codes_of_a_tag_an_unknown_key_or_an_argument_reach_no_terminal_a
 def test_escape_codes_of_a_manifest_and_of_a_mission_reach_neither_the_report_nor_the_terminal(
     circnav, run, with_manifest
 ):
-    with_manifest(mission=ESCAPE, outcome=ESCAPE, reason=ESCAPE, versions={ESCAPE: ESCAPE}, autopilot={"name": ESCAPE})
+    with_manifest(
+        mission=ESCAPE,
+        outcome=ESCAPE,
+        reason=ESCAPE,
+        versions={ESCAPE: ESCAPE},
+        autopilot={"name": ESCAPE},
+    )
     mission = (run / "mission.toml").read_text()
-    (run / "mission.toml").write_text(mission.replace("[ranging]", '[ranging]\nname = "\\u001b[31m"'))
-    said = [circnav("report", run).done, circnav("replay", run).out, (run / "report.html").read_text()]
+    (run / "mission.toml").write_text(
+        mission.replace("[ranging]", '[ranging]\nname = "\\u001b[31m"')
+    )
+    said = [
+        circnav("report", run).done,
+        circnav("replay", run).out,
+        (run / "report.html").read_text(),
+    ]
     assert r"\x1b[31m" in said[2]
     assert [text[:99] for text in said if OBEYED.search(text)] == []
 
@@ -88,7 +107,9 @@ def long_line(path):
 READERS = {
     "check {0}": "x.toml",
     "check quickstart --set signing.key_file={0}": "x.key",
-    "fly quickstart --duration 1 --set signing.key_file={1}/good.key --out {1}/out": "good.key.timestamp",
+    "fly quickstart --duration 1 --set signing.key_file={1}/good.key --out {1}/out": (
+        "good.key.timestamp"
+    ),
     "campaign {0}": "x.toml",
     "locate {0}": "x.csv",
     "replay {0} --mission quickstart": "x.tlog",
@@ -101,7 +122,9 @@ READERS = {
 
 @pytest.mark.usefixtures("no_pictures", "undrawn")
 @pytest.mark.parametrize("make", [pipe, endless, long_line])
-@pytest.mark.parametrize(("command", "name"), [(one, name) for one, names in READERS.items() for name in names.split()])
+@pytest.mark.parametrize(
+    ("command", "name"), [(one, name) for one, names in READERS.items() for name in names.split()]
+)
 def test_a_file_that_never_ends_is_refused_in_one_line(circnav, run, command, name, make):
     """A pipe without a writer, a link to /dev/zero, and a line of a gigabyte."""
     if make is long_line and name.endswith("tlog"):
@@ -127,19 +150,26 @@ def test_a_mission_is_read_up_to_its_size(circnav, tmp_path):
 def test_a_mission_of_an_editor_on_windows_is_read(circnav, tmp_path):
     text = Path(QUICKSTART).read_bytes()
     (tmp_path / "bom.toml").write_bytes(b"\xef\xbb\xbf" + text.replace(b"\n", b"\r\n"))
-    assert circnav("check", "bom.toml").done.replace("bom.toml", "") == circnav("check", QUICKSTART).done.replace(
-        QUICKSTART, ""
-    )
+    assert circnav("check", "bom.toml").done.replace("bom.toml", "") == circnav(
+        "check", QUICKSTART
+    ).done.replace(QUICKSTART, "")
 
 
-@pytest.mark.parametrize("command", ["fly mission.toml", "replay x", "locate x", "bench", "campaign wind", "paper"])
+@pytest.mark.parametrize(
+    "command", ["fly mission.toml", "replay x", "locate x", "bench", "campaign wind", "paper"]
+)
 def test_nothing_is_written_into_the_root_or_behind_a_link(circnav, mission, tmp_path, command):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").write_text("x")
     (tmp_path / "link").symlink_to(tmp_path / "mine")
     for root in ("/", "//", "/usr/.."):
-        assert circnav(*command.split(), "--out", root).refused.endswith("is the root of the disk, name a folder in it")
-    assert f"is a link to {tmp_path / 'mine'}, which is not empty" in circnav(*command.split(), "--out", "link").refused
+        assert circnav(*command.split(), "--out", root).refused.endswith(
+            "is the root of the disk, name a folder in it"
+        )
+    assert (
+        f"is a link to {tmp_path / 'mine'}, which is not empty"
+        in circnav(*command.split(), "--out", "link").refused
+    )
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
 
 
@@ -157,8 +187,12 @@ def test_the_live_page_is_sent_the_longest_mission():
 
 @pytest.mark.parametrize(
     ("limit", "command"),
-    [("-n 8", "fly quickstart --duration 1"), ("-n 5", "locate x.csv"), ("-v 60000", "check quickstart")],
-)  # fmt: skip
+    [
+        ("-n 8", "fly quickstart --duration 1"),
+        ("-n 5", "locate x.csv"),
+        ("-v 60000", "check quickstart"),
+    ],
+)
 def test_a_computer_without_files_or_memory_to_spare_is_one_line(tmp_path, limit, command):
     (tmp_path / "x.csv").write_text(circle_log("a"))
     ran = ended(tmp_path, command, limit=limit, OPENBLAS_NUM_THREADS="1")

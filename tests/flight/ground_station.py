@@ -17,7 +17,11 @@ class Operator(Station):
     def set_px4_integer(self, name: str, value: int) -> None:
         """Send PARAM_SET. PX4 transmits the bytes of an integer in the float field."""
         (carried,) = struct.unpack("<f", struct.pack("<i", value))
-        self.send(dialect.MAVLink_param_set_message(1, 1, name.encode(), carried, dialect.MAV_PARAM_TYPE_INT32))
+        self.send(
+            dialect.MAVLink_param_set_message(
+                1, 1, name.encode(), carried, dialect.MAV_PARAM_TYPE_INT32
+            )
+        )
 
     def disarm(self) -> None:
         """Send MAV_CMD_COMPONENT_ARM_DISARM with force."""

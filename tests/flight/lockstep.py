@@ -1,4 +1,5 @@
-"""Fly a pilot against the bundled vehicle in the product's own lockstep, with faults between them."""
+"""Fly a pilot against the bundled vehicle in the product's own lockstep, with faults between
+them."""
 
 import copyreg
 import itertools
@@ -22,7 +23,9 @@ from circnav_mav.runtime.runner import run_step
 from tests.tools.fault_link.frames import frames, message_id
 from tests.tools.fault_link.pipe import Pipe
 
-copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))  # lets a flight be copied
+copyreg.pickle(
+    struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,))
+)  # lets a flight be copied
 
 CONFIG = Path(__file__).parents[2] / "config"
 UNIX = 1_790_000_000.0
@@ -32,9 +35,9 @@ SETPOINT_IDS = {84, 82, 69}  # SET_POSITION_TARGET_LOCAL_NED, SET_ATTITUDE_TARGE
 
 @dataclass
 class Flight:
-    """A running flight in the product's lockstep, with its records. down, up: effect of the link on received and sent
-    frames; None: no delay and no loss. signing: of the pilot. vehicle_clock: error of the vehicle's wall clock, s;
-    None: it has no clock."""
+    """A running flight in the product's lockstep, with its records. down, up: effect of the link on
+    received and sent frames; None: no delay and no loss. signing: of the pilot. vehicle_clock:
+    error of the vehicle's wall clock, s; None: it has no clock."""
 
     pilot: Pilot
     vehicle: Vehicle
@@ -42,7 +45,8 @@ class Flight:
     ticks: list[TickRecord] = field(default_factory=list)
     sent: list[tuple[float, bytes]] = field(default_factory=list)
     others: list[tuple[bytes, Hashable]] = field(default_factory=list)
-    """Frames from another sender, with its address, received on the vehicle's link in every step."""
+    """Frames from another sender, with its address, received on the vehicle's link in every
+    step."""
     hears: Callable[[bytes, float], bool] = lambda frame, now: True
     down: Pipe | None = None
     up: Pipe | None = None
@@ -57,7 +61,8 @@ class Flight:
         self.links = {name: Wire(self, link, name) for name, link in links.items()}
 
     def fly(self, until: float, watch: Callable[["Flight"], None] | None = None) -> "Flight":
-        """Run pilot and vehicle to a time, stepping from event to event. `watch` is called after each step."""
+        """Run pilot and vehicle to a time, stepping from event to event. `watch` is called after
+        each step."""
         while self.now < until and not self.pilot.done:
             arrivals = [pipe.next_due for pipe in (self.down, self.up) if pipe is not None]
             self._step(min(self.pilot.scheduler.due, until, *arrivals))
@@ -74,7 +79,9 @@ class Flight:
     @property
     def setpoint_times(self) -> list[float]:
         """Times at which setpoints were sent."""
-        return [time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))]
+        return [
+            time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))
+        ]
 
     def _step(self, moment: float) -> None:
         due = UNIX + max(min(self.vehicle.next_event, moment), self.now)
@@ -110,7 +117,9 @@ class Wire:
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         frames = through(self.flight.down, [frame for frame, _ in self.link.receive(now)], now)
-        received: list[tuple[bytes, Hashable]] = [(frame, "sim") for frame in frames if self.flight.hears(frame, now)]
+        received: list[tuple[bytes, Hashable]] = [
+            (frame, "sim") for frame in frames if self.flight.hears(frame, now)
+        ]
         return received + (self.flight.others if self.name == VEHICLE else [])
 
     def send(self, data: bytes, to: Hashable) -> None:
@@ -127,16 +136,23 @@ def through(pipe: Pipe | None, data: list[bytes], now: float) -> list[bytes]:
     return pipe.take(now)
 
 
-def flight(mission: str, *overrides: str, law: str | None = None, output: OutputMode = OutputMode.FLY) -> Flight:
-    """Return a flight of a file in config/, ready to start. If the mission's law is "auto" and `law` is None, it flies
-    `smooth`: such a test does not depend on the law."""
-    # The pilot ignores the messages of the true state, and the test reads it from the vehicle itself.
+def flight(
+    mission: str, *overrides: str, law: str | None = None, output: OutputMode = OutputMode.FLY
+) -> Flight:
+    """Return a flight of a file in config/, ready to start. If the mission's law is "auto" and
+    `law` is None, it flies `smooth`: such a test does not depend on the law."""
+    # The pilot ignores the messages of the true state, and the test reads it from the vehicle
+    # itself.
     overrides = ("sim.truth.rate_hz=0", *overrides)
     loaded = load_mission(CONFIG / f"{mission}.toml", overrides)
     if law is not None or loaded.file.guidance.law == "auto":
-        loaded = load_mission(CONFIG / f"{mission}.toml", (*overrides, f'guidance.law="{law or "smooth"}"'))
+        loaded = load_mission(
+            CONFIG / f"{mission}.toml", (*overrides, f'guidance.law="{law or "smooth"}"')
+        )
     assert loaded.file.sim is not None
-    return Flight(Pilot(loaded.pilot_settings(output)), Vehicle(parse_vehicle(loaded.file.sim, mission)))
+    return Flight(
+        Pilot(loaded.pilot_settings(output)), Vehicle(parse_vehicle(loaded.file.sim, mission))
+    )
 
 
 def message_ids(data: bytes) -> list[int]:
@@ -166,15 +182,22 @@ def rms_error(truths: list[Truth], desired: float) -> float:
 
 def unrest(flown: Flight) -> float:
     """Return the standard deviation of the commanded turn rate over the last third, deg/s."""
-    turns = [tick.turn_rate for tick in flown.ticks if tick.time > flown.now * 2 / 3 and tick.turn_rate is not None]
+    turns = [
+        tick.turn_rate
+        for tick in flown.ticks
+        if tick.time > flown.now * 2 / 3 and tick.turn_rate is not None
+    ]
     return math.degrees(statistics.pstdev(turns))
 
 
 def clockwise_turns(truths: list[Truth]) -> float:
-    """Return the number of laps round the target, positive clockwise as seen from above, from the track only."""
+    """Return the number of laps round the target, positive clockwise as seen from above, from the
+    track only."""
     swept = 0.0
     for a, b in itertools.pairwise(truths):
-        an, ae = a.north - a.target_north, a.east - a.target_east
-        bn, be = b.north - b.target_north, b.east - b.target_east
+        an = a.north - a.target_north
+        ae = a.east - a.target_east
+        bn = b.north - b.target_north
+        be = b.east - b.target_east
         swept += math.atan2(an * be - ae * bn, an * bn + ae * be)
     return swept / (2 * math.pi)

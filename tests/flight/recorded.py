@@ -20,8 +20,9 @@ EPOCH_US = 1_790_000_000_000_000
 
 @dataclass
 class RecordedFlight(Flight):
-    """A flight whose steps and ticks are recorded. `interrupt_at`: time of the operator's Ctrl-C. `slow_at`: time from
-    which steps are too slow to send a setpoint, until one held back a setpoint."""
+    """A flight whose steps and ticks are recorded. `interrupt_at`: time of the operator's Ctrl-C.
+    `slow_at`: time from which steps are too slow to send a setpoint, until one held back a
+    setpoint."""
 
     recorder: Recorder | None = None
     interrupt_at: float = math.inf
@@ -44,12 +45,15 @@ class RecordedFlight(Flight):
             self.slow_at = math.inf
 
 
-def recorded_flight(folder: Path, mission: str, *overrides: str, output: OutputMode = OutputMode.FLY) -> RecordedFlight:
-    """Return a flight of a file in config/, ready to start, that records into a folder. Close its recorder at the
-    end."""
+def recorded_flight(
+    folder: Path, mission: str, *overrides: str, output: OutputMode = OutputMode.FLY
+) -> RecordedFlight:
+    """Return a flight of a file in config/, ready to start, that records into a folder. Close its
+    recorder at the end."""
     loaded = load_mission(CONFIG / f"{mission}.toml", overrides)
     assert loaded.file.sim is not None
-    recorder, pilot = Recorder(folder, loaded.text), Pilot(loaded.pilot_settings(output))
+    recorder = Recorder(folder, loaded.text)
+    pilot = Pilot(loaded.pilot_settings(output))
     write_manifest(folder, loaded, pilot, EPOCH_US)
     recorder.start(EPOCH_US)
     vehicle = Vehicle(parse_vehicle(loaded.file.sim, mission))

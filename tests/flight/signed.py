@@ -1,4 +1,5 @@
-"""Lockstep flights of a signing pilot and a signing vehicle, with one clock for both, as from GPS."""
+"""Lockstep flights of a signing pilot and a signing vehicle, with one clock for both, as from
+GPS."""
 
 from pathlib import Path
 
@@ -8,7 +9,8 @@ from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot import Pilot
 from tests.flight.lockstep import Flight, flight
 
-KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
+KEY = bytes(range(32))
+OTHER = bytes(range(1, 33))
 
 
 def voice(
@@ -16,8 +18,10 @@ def voice(
 ) -> mavlink.MAVLink:
     """Return a sender with any key and clock."""
     engine = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-    engine.signing.secret_key, engine.signing.sign_outgoing = key, key is not None
-    engine.signing.timestamp, engine.signing.link_id = timestamp, link_id
+    engine.signing.secret_key = key
+    engine.signing.sign_outgoing = key is not None
+    engine.signing.timestamp = timestamp
+    engine.signing.link_id = link_id
     return engine
 
 
@@ -37,10 +41,15 @@ def signed_flight(
     theirs: bytes | None = KEY,
     vehicle_clock: float | None = 0.0,
 ) -> Flight:
-    """Return a flight of a file in config/, ready to start. ours, theirs: key of the pilot, and of vehicle and radio;
-    None: none."""
+    """Return a flight of a file in config/, ready to start. ours, theirs: key of the pilot, and of
+    vehicle and radio; None: none."""
     if theirs is not None:
         overrides = (*overrides, f"sim.signing.key_file={key_file(folder, theirs, 'vehicle.key')}")
     made = flight(mission, *overrides)
     signing = Signing(ours) if ours is not None else None
-    return Flight(Pilot(made.pilot.settings, signing), made.vehicle, signing=signing, vehicle_clock=vehicle_clock)
+    return Flight(
+        Pilot(made.pilot.settings, signing),
+        made.vehicle,
+        signing=signing,
+        vehicle_clock=vehicle_clock,
+    )

@@ -1,4 +1,5 @@
-"""A vehicle that runs faster than real time, flown by its own clock, and the alarm if its clock is not used."""
+"""A vehicle that runs faster than real time, flown by its own clock, and the alarm if its clock is
+not used."""
 
 import pytest
 
@@ -11,17 +12,24 @@ from tests.frames import output
 from tests.tools.fault_link.frames import message_id
 
 SPEED = 3
-RANGE, SETPOINT = 132, 84  # DISTANCE_SENSOR, SET_POSITION_TARGET_LOCAL_NED
+# DISTANCE_SENSOR, SET_POSITION_TARGET_LOCAL_NED
+RANGE = 132
+SETPOINT = 84
 
 
-def test_a_simulator_three_times_as_fast_is_flown_in_its_own_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The test advances the computer's clock by 5 ms per step. Over sockets: tests/cli/test_commands.py."""
+def test_a_simulator_three_times_as_fast_is_flown_in_its_own_seconds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The test advances the computer's clock by 5 ms per step. Over sockets:
+    tests/cli/test_commands.py."""
     real = [0.0]
     monkeypatch.setattr(clock_module, "steady", lambda: real[0])
     flown = flight("arducopter", "limits.duration_s=12")
-    pilot, vehicle = flown.pilot, flown.vehicle
+    pilot = flown.pilot
+    vehicle = flown.vehicle
     clock = AutopilotClock(lambda: pilot.session.vehicle.boot.newest)
-    ranges, setpoints = list[float](), list[float]()
+    ranges = list[float]()
+    setpoints = list[float]()
     while not pilot.done and real[0] < 20.0:
         real[0] += 0.005
         vehicle.advance(SPEED * real[0])
@@ -35,15 +43,24 @@ def test_a_simulator_three_times_as_fast_is_flown_in_its_own_seconds(monkeypatch
     assert began is not None
     assert pilot.mission.outcome is not None and pilot.mission.outcome.reason == "flown to its end"
     assert real[0] == pytest.approx((began + 12.0) / SPEED, abs=1.0)
-    on_the_circle = [[time for time in times if began + 1.0 <= time < began + 11.0] for times in (ranges, setpoints)]
-    assert len(on_the_circle[0]) == pytest.approx(100, abs=2)  # the radio's 10 Hz, in the run's seconds
+    on_the_circle = [
+        [time for time in times if began + 1.0 <= time < began + 11.0]
+        for times in (ranges, setpoints)
+    ]
+    assert len(on_the_circle[0]) == pytest.approx(
+        100, abs=2
+    )  # the radio's 10 Hz, in the run's seconds
     assert len(on_the_circle[1]) == pytest.approx(200, rel=0.2)  # a tick after each range
 
 
 @pytest.mark.parametrize(("speed", "told"), [(1.0, None), (1.05, None), (0.5, 0.5), (8.0, 8.0)])
-def test_a_vehicle_whose_time_runs_at_another_speed_is_noticed(speed: float, told: float | None) -> None:
+def test_a_vehicle_whose_time_runs_at_another_speed_is_noticed(
+    speed: float, told: float | None
+) -> None:
     flown = flight("arducopter")
-    pilot, vehicle, ticks = flown.pilot, flown.vehicle, []
+    pilot = flown.pilot
+    vehicle = flown.vehicle
+    ticks = []
     for step in range(1, 1501):
         now = 0.01 * step
         vehicle.advance(now * speed)
@@ -51,7 +68,16 @@ def test_a_vehicle_whose_time_runs_at_another_speed_is_noticed(speed: float, tol
             pilot.receive(frame, now, "sim")
         vehicle.receive(output(pilot, now))
         ticks += pilot.take_records()
-    assert pilot.session.clock_speed.noticed == (told if told is None else pytest.approx(told, rel=0.02))
-    alarms = [one for one in StatusSource(pilot, Onlookers()).status(ticks[-1], 15.0).alarms if one.startswith("CLOCK")]
-    words = f"CLOCK: autopilot time runs {speed:g} times as fast as ours: for a simulator set link.clock"
+    assert pilot.session.clock_speed.noticed == (
+        told if told is None else pytest.approx(told, rel=0.02)
+    )
+    alarms = [
+        one
+        for one in StatusSource(pilot, Onlookers()).status(ticks[-1], 15.0).alarms
+        if one.startswith("CLOCK")
+    ]
+    words = (
+        f"CLOCK: autopilot time runs {speed:g} times as fast as ours: for a simulator set"
+        " link.clock"
+    )
     assert [alarm.startswith(words) for alarm in alarms] == ([] if told is None else [True])

@@ -20,11 +20,14 @@ class SurveyedError(Exception):
 
 
 class Wire:
-    """The program's own link, with the interface of `mavutil`, to a vehicle that the survey advances in lockstep."""
+    """The program's own link, with the interface of `mavutil`, to a vehicle that the survey
+    advances in lockstep."""
 
     def __init__(self, bench: Bench) -> None:
-        self.mav, self._parser = mavlink.MAVLink(self, 1, 192), mavlink.MAVLink(None)
-        self._bench, self._heard = bench, deque[Any]()
+        self.mav = mavlink.MAVLink(self, 1, 192)
+        self._parser = mavlink.MAVLink(None)
+        self._bench = bench
+        self._heard = deque[Any]()
 
     def write(self, data: bytes) -> None:
         """Deliver a frame of the program to the vehicle."""
@@ -36,19 +39,27 @@ class Wire:
                 raise SurveyedError
             self._bench.step()
             frames = b"".join(self._bench.vehicle.outgoing("radio"))
-            self._heard += [one for one in self._parser.parse_buffer(frames) or () if one.get_type() == type]
+            self._heard += [
+                one for one in self._parser.parse_buffer(frames) or () if one.get_type() == type
+            ]
         return self._heard.popleft()
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "px4_copter"])
-def test_a_simulator_without_a_radio_gets_one(profile: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_simulator_without_a_radio_gets_one(
+    profile: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bench = Bench(profile, "sim.ranging.rate_hz=0.0", seconds=10.0)
     monkeypatch.setattr(mavutil, "mavlink_connection", lambda *_args, **_named: Wire(bench))
-    monkeypatch.setattr(sys, "argv", ["beacon.py", "udpout:here", "--north", "30", "--east", "40", "--seed", "1"])
+    monkeypatch.setattr(
+        sys, "argv", ["beacon.py", "udpout:here", "--north", "30", "--east", "40", "--seed", "1"]
+    )
     with pytest.raises(SurveyedError):
         runpy.run_path(str(ROOT / "docs" / "beacon.py"))["main"]()
     lines = {line.subject: line for line in judge(bench.mission, bench.listener)}
     assert {subject: lines[subject].grade for subject in ("ranging", "noise", "stamps")} == {
         "ranging": Grade.PASS, "noise": Grade.PASS, "stamps": Grade.PASS,
     }  # fmt: skip
-    assert float(lines["distance"].text.split()[0]) == pytest.approx((50**2 + 15**2) ** 0.5, abs=4.0)  # drift, noise
+    assert float(lines["distance"].text.split()[0]) == pytest.approx(
+        (50**2 + 15**2) ** 0.5, abs=4.0
+    )  # drift, noise

@@ -1,4 +1,5 @@
-"""The circle on the map does not depend on the vehicle's height: the slant correction follows its altitude."""
+"""The circle on the map does not depend on the vehicle's height: the slant correction follows its
+altitude."""
 
 import re
 
@@ -17,7 +18,9 @@ HOME_POSITION = b"\xf2\x00\x00"
 
 def told_by(mission: str, key: str, *overrides: str) -> Flight:
     """Return a flight of a file in config/ with another key for the height."""
-    text, count = re.subn(r"(?m)^height_above_target_m = .*$", key, (CONFIG / f"{mission}.toml").read_text())
+    text, count = re.subn(
+        r"(?m)^height_above_target_m = .*$", key, (CONFIG / f"{mission}.toml").read_text()
+    )
     assert count == 1
     loaded = parse_mission(text, mission, (*overrides, 'guidance.law="smooth"'))
     assert loaded.file.sim is not None
@@ -42,8 +45,14 @@ def test_the_radius_stays_when_the_operator_sends_the_plane_20_m_higher() -> Non
         ("px4_copter", 50.0, 30.0, "target_above_home_m = 5.0"),
     ],
 )
-def test_the_radius_is_true_at_a_height_that_nobody_told(mission: str, radius: float, flies: float, key: str) -> None:
-    placed = ("sim.target.altitude_m=5.0", f"sim.start.altitude_m={flies}", "limits.duration_s=75.0")
+def test_the_radius_is_true_at_a_height_that_nobody_told(
+    mission: str, radius: float, flies: float, key: str
+) -> None:
+    placed = (
+        "sim.target.altitude_m=5.0",
+        f"sim.start.altitude_m={flies}",
+        "limits.duration_s=75.0",
+    )
     flown = told_by(mission, key, *placed).fly(200)
     assert flown.outcome.ending is Ending.COMPLETED
     assert mean_radius(last_third(flown)) == pytest.approx(radius, abs=0.015 * radius)

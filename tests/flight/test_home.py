@@ -1,4 +1,5 @@
-"""Homing to one beacon: `config/home.toml`, the SX1280's error and rate, wind of a third of V, GPS lost at 2 km."""
+"""Homing to one beacon: `config/home.toml`, the SX1280's error and rate, wind of a third of V, GPS
+lost at 2 km."""
 
 from math import hypot
 
@@ -12,20 +13,25 @@ from tests.tools.bench.bench_home import HOME, fly, prepared
 from tests.tools.straight_way import straight_way
 
 STOPS = 'sim.events=[{{at_s=1.0, action="gps_off"}}, {{at_s={}, action="mute_ranging"}}]'.format
-STALE, HOLD = 3.0, 60.0
+STALE = 3.0
+HOLD = 60.0
 """`limits.stale_s` and `limits.hold_s` of the mission, s."""
 
 
 def test_the_straight_way_is_flown_with_the_nose_held_into_the_wind() -> None:
     assert straight_way((100.0, 0.0), (0.0, 0.0), 20.0) == pytest.approx(5.0)
-    assert straight_way((100.0, 0.0), (-5.0, 0.0), 20.0, short_of=40.0) == pytest.approx(60.0 / 15.0)
+    assert straight_way((100.0, 0.0), (-5.0, 0.0), 20.0, short_of=40.0) == pytest.approx(
+        60.0 / 15.0
+    )
     assert straight_way((0.0, -100.0), (12.0, 0.0), 20.0) == pytest.approx(100.0 / 16.0)
 
 
 def test_the_radio_of_the_bundled_vehicle_has_the_error_that_the_mission_removes() -> None:
     mission = load_mission(CONFIG / "home.toml", ())
     assert mission.file.sim is not None and mission.file.ranging.points_m is not None
-    assert [list(point) for point in mission.file.ranging.points_m] == mission.file.sim["ranging"]["table_m"]
+    assert [list(point) for point in mission.file.ranging.points_m] == mission.file.sim["ranging"][
+        "table_m"
+    ]
 
 
 def test_a_plane_that_lost_its_gps_flies_straight_home_and_circles_in_sight() -> None:
@@ -37,8 +43,8 @@ def test_a_plane_that_lost_its_gps_flies_straight_home_and_circles_in_sight() ->
 
 
 def lost(seed: int, at: float, away: float) -> tuple[Flight, list[Truth], float]:
-    """Fly until the beacon stops at a time, s, and on to the end. Return the flight, its track after that time and the
-    time of the alarm."""
+    """Fly until the beacon stops at a time, s, and on to the end. Return the flight, its track
+    after that time and the time of the alarm."""
     flown, _ = prepared(seed, STOPS(at), away=away)
     alarmed: list[float] = []
 
@@ -50,13 +56,17 @@ def lost(seed: int, at: float, away: float) -> tuple[Flight, list[Truth], float]
     return flown, [truth for truth in flown.truths if truth.time > at], alarmed[0]
 
 
-def test_a_beacon_that_stops_is_alarmed_within_five_seconds_and_the_circle_is_held_by_drift_until_the_exit() -> None:
+def test_a_beacon_that_stops_is_alarmed_within_five_seconds_and_the_circle_is_held_by_drift_until_the_exit() -> (
+    None
+):
     flown, since, alarmed = lost(11, 60.0, 250.0)
     assert alarmed - 60.0 < 5.0
     assert flown.outcome.ending is Ending.ABORTED
     assert flown.outcome.reason == f"no range for {HOLD:.1f} s"
     held = [truth for truth in since if truth.time < 60.0 + HOLD]
-    assert max(map(true_radius, held)) < HOME, "by drift: the wind alone would have carried it 300 m away"
+    assert max(map(true_radius, held)) < HOME, (
+        "by drift: the wind alone would have carried it 300 m away"
+    )
     assert flown.vehicle.truth.mode == flown.pilot.session.adapter.exits["loiter"]
 
 

@@ -1,5 +1,5 @@
-"""A copter that cannot lean as far as V against the wind requires: detected, alarmed, and flown at the possible
-speed."""
+"""A copter that cannot lean as far as V against the wind requires: detected, alarmed, and flown at
+the possible speed."""
 
 import pytest
 
@@ -12,7 +12,8 @@ LEANS_LITTLE = ("sim.vehicle.max_lean_deg=20.0", "sim.vehicle.drag_per_s=0.175")
 
 
 def test_its_speed_is_lowered_to_what_the_lean_allows() -> None:
-    """Without the reduction, its ground speed dropped once a lap, and the turn was commanded in bursts."""
+    """Without the reduction, its ground speed dropped once a lap, and the turn was commanded in
+    bursts."""
     flown = flight("arducopter", "sim.wind.speed_mps=6.0", *LEANS_LITTLE, law="auto").fly(140)
     assert any(b"lean limit 20 deg, speed cut to 4." in data for _, data in flown.sent)
     alarms = StatusSource(flown.pilot, Onlookers()).status(flown.ticks[-1], flown.now).alarms

@@ -1,4 +1,5 @@
-"""A vehicle that stays in its mode and does not fly the commanded turns: detected in 5 s, handed back after a while."""
+"""A vehicle that stays in its mode and does not fly the commanded turns: detected in 5 s, handed
+back after a while."""
 
 import copy
 
@@ -33,7 +34,9 @@ NEVER = [
 
 
 @pytest.mark.parametrize(("mission", "steering"), NEVER)
-def test_a_vehicle_that_never_flies_the_turns_is_alarmed_in_5_s_and_given_back(mission: str, steering: str) -> None:
+def test_a_vehicle_that_never_flies_the_turns_is_alarmed_in_5_s_and_given_back(
+    mission: str, steering: str
+) -> None:
     """It starts by flying away from the target, so that a turn is commanded."""
     fault = f'sim.vehicle.steering="{steering}"'
     flown = flight(mission, fault, FAR, AWAY, "limits.unfollowed_s=4.0", law="auto").fly(60)
@@ -41,7 +44,8 @@ def test_a_vehicle_that_never_flies_the_turns_is_alarmed_in_5_s_and_given_back(m
     assert flown.outcome.ending is Ending.ABORTED
     assert flown.outcome.reason == "vehicle did not follow turn commands for 4 s"
     assert flown.now - engaged_at(flown) < 12.0
-    exits, wanted = flown.pilot.session.adapter.exits, flown.pilot.settings.exit or "loiter"
+    exits = flown.pilot.session.adapter.exits
+    wanted = flown.pilot.settings.exit or "loiter"
     assert flown.vehicle.truth.mode == exits[wanted]
 
 
@@ -59,7 +63,9 @@ def test_one_that_lets_go_on_its_circle_is_alarmed_too(mission: str) -> None:
 
 
 def test_one_that_follows_again_is_said_to_and_flown_on() -> None:
-    events = 'sim.events=[{at_s=30.0, action="steering_straight"}, {at_s=38.0, action="steering_good"}]'
+    events = (
+        'sim.events=[{at_s=30.0, action="steering_straight"}, {at_s=38.0, action="steering_good"}]'
+    )
     flown = flight("arducopter", events, FAR, "limits.duration_s=70.0", law="auto").fly(100)
     assert said_at(flown) < 35.0
     assert any(b"vehicle follows turn commands again" in data for _, data in flown.sent)
@@ -68,8 +74,8 @@ def test_one_that_follows_again_is_said_to_and_flown_on() -> None:
 
 
 def test_an_outage_of_the_uplink_does_not_count_as_disobedience() -> None:
-    """The copter stops at its setpoint timeout and then follows no command. Unanswered TIMESYNC requests show the
-    outage."""
+    """The copter stops at its setpoint timeout and then follows no command. Unanswered TIMESYNC
+    requests show the outage."""
     flown = flight("arducopter", FAR, "limits.duration_s=75.0", law="auto").fly(30)
     receive = flown.vehicle.receive
     flown.vehicle.receive = lambda *args, **kwargs: None  # type: ignore[method-assign]

@@ -1,4 +1,5 @@
-"""`circnav fly` as a process: its run folder, read and replayed, and its end by signals and a kill."""
+"""`circnav fly` as a process: its run folder, read and replayed, and its end by signals and a
+kill."""
 
 import csv
 import json
@@ -43,7 +44,10 @@ def test_flight_of_the_command_settles_clockwise_and_says_so(run: tuple[Path, st
 
 def again(folder: Path) -> ReplayResult:
     run = open_run(folder)
-    return replay(Pilot(parse_mission(run.mission_text, "mission.toml").pilot_settings()), recorded_steps(folder))
+    return replay(
+        Pilot(parse_mission(run.mission_text, "mission.toml").pilot_settings()),
+        recorded_steps(folder),
+    )
 
 
 def test_run_folder_holds_everything_and_is_replayed_byte_for_byte(run: tuple[Path, str]) -> None:
@@ -52,7 +56,12 @@ def test_run_folder_holds_everything_and_is_replayed_byte_for_byte(run: tuple[Pa
     assert "duration_s = 72" in (run[0] / "mission.toml").read_text()
     manifest = json.loads((run[0] / "manifest.json").read_text())
     assert manifest["exit"] == 0
-    assert manifest["autopilot"] == {"system": 1, "component": 1, "name": "ardupilot copter", "firmware": "4.6.3"}
+    assert manifest["autopilot"] == {
+        "system": 1,
+        "component": 1,
+        "name": "ardupilot copter",
+        "firmware": "4.6.3",
+    }
     assert set(manifest["versions"]) == {"circnav", "python", "pymavlink", "numpy", "filterpy"}
     assert (manifest["seeds"], manifest["output_mode"]) == ({"sim": 7}, "fly")
     done = again(run[0])
@@ -62,7 +71,9 @@ def test_run_folder_holds_everything_and_is_replayed_byte_for_byte(run: tuple[Pa
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(number: signal.Signals, tmp_path: Path) -> None:
+def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(
+    number: signal.Signals, tmp_path: Path
+) -> None:
     folder = tmp_path / "run"
     process = circnav("fly", QUICKSTART, "--speed", "5", "--out", str(folder), drawn=False)
     read_until(process, "engaged")
@@ -85,15 +96,21 @@ def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(number: si
 def test_a_killed_flight_loses_at_most_its_last_second_and_is_replayed(tmp_path: Path) -> None:
     process = circnav("fly", QUICKSTART, "--speed", "2", "--out", str(tmp_path))
     assert process.stdout is not None
-    times = (float(line.split()[0]) for line in process.stdout if " s  " in line and "link age" in line)
+    times = (
+        float(line.split()[0]) for line in process.stdout if " s  " in line and "link age" in line
+    )
     shown = next(time for time in times if time >= 6)
     process.send_signal(signal.SIGKILL)
     process.communicate(timeout=PATIENCE)
-    run, done = open_run(tmp_path), again(tmp_path)
+    run = open_run(tmp_path)
+    done = again(tmp_path)
     assert (run.summary, run.manifest["exit"], done.identical) == ({}, None, True)
     assert min(run.ticks.time[-1], done.until) > shown - 1.0
     replayed = subprocess.run(
-        [sys.executable, "-m", "circnav_mav", "replay", str(tmp_path)], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "circnav_mav", "replay", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert (replayed.returncode, replayed.stderr) == (0, "")
     assert "byte for byte the same" in replayed.stdout

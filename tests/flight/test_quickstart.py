@@ -1,11 +1,18 @@
-"""The quickstart mission in lockstep: another law, a ranging link of its own, and the paper's examples 1 and 3 through
-real MAVLink bytes."""
+"""The quickstart mission in lockstep: another law, a ranging link of its own, and the paper's
+examples 1 and 3 through real MAVLink bytes."""
 
 import itertools
 
 import pytest
 
-from tests.flight.lockstep import clockwise_turns, flight, last_third, mean_radius, rms_error, true_radius
+from tests.flight.lockstep import (
+    clockwise_turns,
+    flight,
+    last_third,
+    mean_radius,
+    rms_error,
+    true_radius,
+)
 
 
 def test_switching_law_flies_the_quickstart_circle_despite_noise() -> None:
@@ -22,14 +29,18 @@ BEACON = (
 
 def test_ranging_beacon_on_a_link_of_its_own_flies_the_circle() -> None:
     """NAMED_VALUE_FLOAT: test_range_rate.py; DISTANCE_SENSOR: all others."""
-    flown = flight("quickstart", 'orbit.direction="clockwise"', "limits.duration_s=80", *BEACON).fly(90)
+    flown = flight(
+        "quickstart", 'orbit.direction="clockwise"', "limits.duration_s=80", *BEACON
+    ).fly(90)
     assert flown.outcome.ending.value == "completed"
     assert rms_error(last_third(flown), 100.0) < 2.0
     assert clockwise_turns(last_third(flown)) > 0.5
 
 
 @pytest.mark.parametrize(("example", "radius", "tolerance"), [(1, 10.987, 0.02), (3, 10.0, 0.05)])
-def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(example, radius, tolerance):
+def test_example_reaches_the_papers_radius_clockwise_and_enters_the_circle_once(
+    example, radius, tolerance
+):
     """From one start. From 60 and 2,000 starts, without MAVLink: tests/extras, `circnav paper`."""
     flown = flight(f"paper_example_{example}", "limits.duration_s=120", "sim.seed=1").fly(130)
     assert flown.outcome.ending.value == "completed"

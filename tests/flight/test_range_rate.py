@@ -1,4 +1,5 @@
-"""Whole flights over MAVLink with a radio that measures the range rate, and with one that freezes."""
+"""Whole flights over MAVLink with a radio that measures the range rate, and with one that
+freezes."""
 
 import numpy as np
 import pytest
@@ -6,23 +7,38 @@ import pytest
 from circnav_mav.pilot import Phase
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.status import StatusSource
-from tests.flight.lockstep import Flight, clockwise_turns, flight, last_third, mean_radius, rms_error
+from tests.flight.lockstep import (
+    Flight,
+    clockwise_turns,
+    flight,
+    last_third,
+    mean_radius,
+    rms_error,
+)
 
 RADIO = (
-    "ranging.message=named_value_float", "ranging.rate_name=RRATE",
-    "sim.ranging.message=named_value_float", "sim.ranging.rate_name=RRATE", "sim.ranging.outlier_fraction=0.0",
-)  # fmt: skip
+    "ranging.message=named_value_float",
+    "ranging.rate_name=RRATE",
+    "sim.ranging.message=named_value_float",
+    "sim.ranging.rate_name=RRATE",
+    "sim.ranging.outlier_fraction=0.0",
+)
 
 
 def flown(until, *overrides, law="smooth"):
-    """Return a quickstart flight with such a radio, and the time of each alarm, by its first words."""
-    under_way, alarms = flight("quickstart", *RADIO, *overrides, law=law), {}
+    """Return a quickstart flight with such a radio, and the time of each alarm, by its first
+    words."""
+    under_way = flight("quickstart", *RADIO, *overrides, law=law)
+    alarms = {}
     watch = StatusSource(under_way.pilot, Onlookers())
 
     def look(now: Flight) -> None:
         if len(now.ticks) % 5 == 1:
             for alarm in watch.status(now.ticks[-1], now.now).alarms:
-                alarms.setdefault(" ".join(word for word in alarm.partition(":")[0].split() if word.isupper()), now.now)
+                alarms.setdefault(
+                    " ".join(word for word in alarm.partition(":")[0].split() if word.isupper()),
+                    now.now,
+                )
 
     return under_way.fly(until, look), alarms
 
@@ -30,7 +46,10 @@ def flown(until, *overrides, law="smooth"):
 @pytest.mark.parametrize("sign", ["opening", "closing"])
 def test_the_paper_flies_its_circle_on_what_the_radio_measures_with_no_filter(sign):
     one, alarms = flown(
-        60.0, "guidance.estimator=measured", f"ranging.rate_sign={sign}", f"sim.ranging.rate_sign={sign}"
+        60.0,
+        "guidance.estimator=measured",
+        f"ranging.rate_sign={sign}",
+        f"sim.ranging.rate_sign={sign}",
     )
     truths = last_third(one)
     assert mean_radius(truths) == pytest.approx(100.0, abs=0.5)
@@ -42,7 +61,9 @@ def test_the_paper_flies_its_circle_on_what_the_radio_measures_with_no_filter(si
 
 
 def test_a_radio_that_freezes_in_flight_counts_as_lost_until_its_number_changes():
-    events = 'sim.events=[{at_s=30.0,action="freeze_ranging"},{at_s=44.0,action="unfreeze_ranging"}]'
+    events = (
+        'sim.events=[{at_s=30.0,action="freeze_ranging"},{at_s=44.0,action="unfreeze_ranging"}]'
+    )
     one, alarms = flown(60.0, events)
     assert 30.0 < alarms["RANGE RATE NOT USED"] <= 33.0
     assert 39.5 <= alarms["RANGE FROZEN"] <= 41.0

@@ -1,9 +1,10 @@
-"""The emulated plane and copter swing where the real vehicles swing, and are quiet where the real vehicles are quiet.
+"""The emulated plane and copter swing where the real vehicles swing, and are quiet where the real
+vehicles are quiet.
 
-Real firmware, flown with the gains below as `flown` (DISTANCE_SENSOR 0.5 m at 10 Hz, calm air, 11 to 21 ms of
-round-trip delay, last two laps): ArduPlane 4.6.3 at R 150, V 22: radius RMS 0.8 to 1.7 m, commanded turn sd 11.7 to 14
-deg/s, roll -43 to +51 deg; ArduCopter at R 30, V 5: sd 26 to 30 deg/s at 1 Hz. Without lead: sd 0.3 to 1 deg/s,
-radius RMS 0.28 to 0.33 m and 0.15 m.
+Real firmware, flown with the gains below as `flown` (DISTANCE_SENSOR 0.5 m at 10 Hz, calm air, 11
+to 21 ms of round-trip delay, last two laps): ArduPlane 4.6.3 at R 150, V 22: radius RMS 0.8 to 1.7
+m, commanded turn sd 11.7 to 14 deg/s, roll -43 to +51 deg; ArduCopter at R 30, V 5: sd 26 to 30
+deg/s at 1 Hz. Without lead: sd 0.3 to 1 deg/s, radius RMS 0.28 to 0.33 m and 0.15 m.
 """
 
 from collections.abc import Callable
@@ -18,27 +19,43 @@ from circnav_mav.guidance.side_slip import SideSlip
 from circnav_mav.guidance.step import Inputs, StepSettings
 from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.guidance.vector_field import field_heading
-from tests.flight.lockstep import Flight, clockwise_turns, flight, last_third, rms_error, true_radius, unrest
+from tests.flight.lockstep import (
+    Flight,
+    clockwise_turns,
+    flight,
+    last_third,
+    rms_error,
+    true_radius,
+    unrest,
+)
 from tests.tools.fault_link.pipe import Impairment, Pipe
 
-RADIUS, SPEED = {"arduplane": 150.0, "arducopter": 30.0}, {"arduplane": 22.0, "arducopter": 5.0}
+RADIUS = {"arduplane": 150.0, "arducopter": 30.0}
+SPEED = {"arduplane": 22.0, "arducopter": 5.0}
 APPROACH = 50.0
 LAG = {"arduplane": 0.5, "arducopter": 0.7}  # turn_lag_s of the missions flown
 
 
 def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., float]:
-    """Return the law as first flown on firmware: designed for a pure first-order lag, with a full lead. share_counts:
-    True if it lowers its gains when its command swings."""
+    """Return the law as first flown on firmware: designed for a pure first-order lag, with a full
+    lead. share_counts: True if it lowers its gains when its command swings."""
 
     before = {"psi": 0.0, "time": -inf, "rate": 0.0}
 
-    def steer(settings: StepSettings, found: RelativeMotion, _change: object, inputs: Inputs) -> float:
-        lag, delay, sense = LAG[mission], 0.022, settings.sense
-        V, r_d = found.airspeed, settings.r_d
+    def steer(
+        settings: StepSettings, found: RelativeMotion, _change: object, inputs: Inputs
+    ) -> float:
+        lag = LAG[mission]
+        delay = 0.022
+        sense = settings.sense
+        V = found.airspeed
+        r_d = settings.r_d
         lead = 1 - 2 * delay / lag
         left = lag / (1 + lead)
         heading = 0.5 / (left + delay) * (inputs.share if share_counts else 1.0)
-        p, d, psi = (found.x, found.y * sense), (found.drift_x, found.drift_y * sense), found.heading * sense
+        p = (found.x, found.y * sense)
+        d = (found.drift_x, found.drift_y * sense)
+        psi = found.heading * sense
         if inputs.time - before["time"] > 0.001:
             before["rate"] = remainder(psi - before["psi"], 2 * pi) / (inputs.time - before["time"])
             before["psi"], before["time"] = psi, inputs.time
@@ -46,7 +63,10 @@ def as_shipped(mission: str, share_counts: bool = False) -> Callable[..., float]
 
         def wanted(ahead: float) -> float:
             at = psi + rate * ahead / 2
-            there = p[0] + d[0] * ahead + V * ahead * cos(at), p[1] + d[1] * ahead + V * ahead * sin(at)
+            there = (
+                p[0] + d[0] * ahead + V * ahead * cos(at),
+                p[1] + d[1] * ahead + V * ahead * sin(at),
+            )
             k = heading / (2.5 * V)
             return float(field_heading(there, d, V=V, r_d=r_d, k=k, max_turn_rate=settings.limit))
 
@@ -62,7 +82,9 @@ def laps(mission: str, count: int = 2) -> Flight:
     duration = APPROACH + count * lap(mission)
     lag = "sim.truth.rate_hz=10", f"vehicle.turn_lag_s={LAG[mission]}"
     flown = flight(mission, *lag, f"limits.duration_s={duration}", law="auto")
-    flown.down, flown.up = (Pipe(Impairment(delay=0.005, jitter=0.006, in_order=True), seed) for seed in (1, 2))
+    flown.down, flown.up = (
+        Pipe(Impairment(delay=0.005, jitter=0.006, in_order=True), seed) for seed in (1, 2)
+    )
     return flown.fly(duration + 30)
 
 
@@ -70,18 +92,24 @@ def lap(mission: str) -> float:
     return 2 * pi * RADIUS[mission] / SPEED[mission]
 
 
-def last_laps(flown: Flight, mission: str, count: int = 2) -> tuple[float, float, float, list[float]]:
-    """Return radius RMS, m; standard deviation of the commanded turn rate, deg/s; laps round the target; smallest and
-    largest roll, deg."""
+def last_laps(
+    flown: Flight, mission: str, count: int = 2
+) -> tuple[float, float, float, list[float]]:
+    """Return radius RMS, m; standard deviation of the commanded turn rate, deg/s; laps round the
+    target; smallest and largest roll, deg."""
     begin = flown.now - count * lap(mission)
     truths = [truth for truth in flown.truths if truth.time > begin]
-    turns = [tick.turn_rate for tick in flown.ticks if tick.time > begin and tick.turn_rate is not None]
+    turns = [
+        tick.turn_rate for tick in flown.ticks if tick.time > begin and tick.turn_rate is not None
+    ]
     rolls = [degrees(truth.roll) for truth in truths]
     sd = degrees(float(np.std(turns)))
     return rms_error(truths, RADIUS[mission]), sd, clockwise_turns(truths), [min(rolls), max(rolls)]
 
 
-@pytest.mark.parametrize(("mission", "least", "most"), [("arduplane", 8.0, 14.1 * 1.5), ("arducopter", 26 / 1.5, 45.0)])
+@pytest.mark.parametrize(
+    ("mission", "least", "most"), [("arduplane", 8.0, 14.1 * 1.5), ("arducopter", 26 / 1.5, 45.0)]
+)
 def test_it_swings_with_the_gains_that_swing_on_firmware(mission, least, most, monkeypatch):
     """least, most: limits of the standard deviation of the commanded turn rate, deg/s."""
     monkeypatch.setattr(step, "_by_drift", as_shipped(mission))
@@ -96,15 +124,21 @@ def test_it_swings_with_the_gains_that_swing_on_firmware(mission, least, most, m
         assert 0.8 / 1.5 < rms < 1.7 * 1.5
         assert rolls[0] < -25 and rolls[1] > 45
         return
-    rates = [tick.turn_rate for tick in flown.ticks[-400:] if tick.turn_rate is not None]  # 20 s of 50 ms ticks
+    rates = [
+        tick.turn_rate for tick in flown.ticks[-400:] if tick.turn_rate is not None
+    ]  # 20 s of 50 ms ticks
     crossings = np.count_nonzero(np.diff(np.sign(np.array(rates) - np.mean(rates))))
     assert crossings / 40 == pytest.approx(1.0, abs=0.2)  # Hz
 
 
-@pytest.mark.parametrize(("mission", "count", "judged", "most"), [("arduplane", 1, 1, 0.3), ("arducopter", 3, 2, 0.12)])
-def test_the_gains_of_today_fly_quietly_and_truly(mission: str, count: int, judged: int, most: float) -> None:
-    """Turn standard deviation on firmware: 0.2 deg/s for both. A filter without a hypothesis of constant drift has a
-    radius RMS of 0.8 m and 0.15 m."""
+@pytest.mark.parametrize(
+    ("mission", "count", "judged", "most"), [("arduplane", 1, 1, 0.3), ("arducopter", 3, 2, 0.12)]
+)
+def test_the_gains_of_today_fly_quietly_and_truly(
+    mission: str, count: int, judged: int, most: float
+) -> None:
+    """Turn standard deviation on firmware: 0.2 deg/s for both. A filter without a hypothesis of
+    constant drift has a radius RMS of 0.8 m and 0.15 m."""
     flown = laps(mission, count)
     rms, sd, turns, _ = last_laps(flown, mission, judged)
     assert sd < 0.55 and rms < most
@@ -123,17 +157,30 @@ def test_a_command_that_swings_is_said_and_answered_by_lower_gains_until_it_stop
     assert any(b"limit cycle" in data for _, data in flown.sent)
 
 
-TIGHT = ("orbit.radius_m=60.0", "vehicle.speed_mps=15.0", "sim.vehicle.cruise_speed_mps=15.0", "sim.wind.speed_mps=5.0")
+TIGHT = (
+    "orbit.radius_m=60.0",
+    "vehicle.speed_mps=15.0",
+    "sim.vehicle.cruise_speed_mps=15.0",
+    "sim.wind.speed_mps=5.0",
+)
 RINGING = {  # mission, overrides, frequency, damping, latest detection (s), quiet (deg/s), radius error (shares)
     "rover, steering badly tuned": ("ardurover", (), 4.0, 0.1, 20.0, 2.0, 0.1),
-    "plane, roll rings on a tight circle in wind": ("arduplane", TIGHT, 4.4, 0.05, 45.0, 11.0, 0.15),
+    "plane, roll rings on a tight circle in wind": (
+        "arduplane",
+        TIGHT,
+        4.4,
+        0.05,
+        45.0,
+        11.0,
+        0.15,
+    ),
 }
 
 
 @pytest.mark.parametrize("name", RINGING)
 def test_a_vehicle_whose_own_loop_rings_is_found_and_flown_with_lower_gains(name: str) -> None:
-    """Before the detection the plane swings at 0.7 Hz between -4 and 48 deg of bank. Its own turn is 18 deg/s on
-    average and 10 to 32 deg/s during a lap."""
+    """Before the detection the plane swings at 0.7 Hz between -4 and 48 deg of bank. Its own turn
+    is 18 deg/s on average and 10 to 32 deg/s during a lap."""
     mission, overrides, frequency, damping, at, quiet, off = RINGING[name]
     loop = (f"sim.vehicle.turn_frequency_rad_s={frequency}", f"sim.vehicle.turn_damping={damping}")
     flown = flight(mission, *overrides, *loop, "limits.duration_s=100.0", law="auto").fly(130)
@@ -144,12 +191,20 @@ def test_a_vehicle_whose_own_loop_rings_is_found_and_flown_with_lower_gains(name
     assert max(abs(true_radius(truth) / radius - 1) for truth in last_third(flown)) < off
 
 
-def test_a_slow_swing_on_the_circle_is_found_and_ends_with_lower_gains(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A copter at its acceleration limit that adds only a part of the acceleration fed forward, so that it swings with
-    periods of 5 to 6 s. With full gains the radius error is 4 m, and the turn's standard deviation 17 deg/s."""
+def test_a_slow_swing_on_the_circle_is_found_and_ends_with_lower_gains(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A copter at its acceleration limit that adds only a part of the acceleration fed forward, so
+    that it swings with periods of 5 to 6 s. With full gains the radius error is 4 m, and the turn's
+    standard deviation 17 deg/s."""
     monkeypatch.setattr(multicopter, "FEED_SHARE", 0.4)
     fast = "vehicle.speed_mps=7.0", "vehicle.max_turn_rate_deg_s=30.0", "orbit.radius_m=45.0"
-    radio = "ranging.rate_hz=20.0", "ranging.sigma_m=0.3", "sim.ranging.rate_hz=20.0", "sim.ranging.noise_m=0.3"
+    radio = (
+        "ranging.rate_hz=20.0",
+        "ranging.sigma_m=0.3",
+        "sim.ranging.rate_hz=20.0",
+        "sim.ranging.noise_m=0.3",
+    )
     vehicle = 'sim.vehicle.dynamics="realistic"', "sim.seed=1", "limits.duration_s=110"
     flown = flight("arducopter", *fast, *radio, *vehicle, law="auto").fly(130)
     said = [time for time, data in flown.sent if b"limit cycle, gains reduced to 70 %" in data]

@@ -1,4 +1,5 @@
-"""Whole flights in lockstep: the operator always takes over, and a loss of range or link has a defined reaction."""
+"""Whole flights in lockstep: the operator always takes over, and a loss of range or link has a
+defined reaction."""
 
 import itertools
 from dataclasses import replace
@@ -15,7 +16,9 @@ def is_ranging(frame: bytes) -> bool:
 
 
 @pytest.mark.parametrize("law", ["auto", "drift"])
-def test_without_own_motion_a_vehicle_is_flown_on_ranges_or_held_but_never_left_without_setpoints(law: str) -> None:
+def test_without_own_motion_a_vehicle_is_flown_on_ranges_or_held_but_never_left_without_setpoints(
+    law: str,
+) -> None:
     """The autopilot stops sending its attitude; ranges continue."""
     flown = flight("arduplane", law=law).fly(20)
     flown.hears = lambda frame, now: message_ids(frame) != [30]
@@ -50,5 +53,7 @@ def test_range_outage_coasts_then_holds_then_regains_the_circle() -> None:
     assert 30.3 < holding[0] < 30.8
     assert 35.9 < holding[-1] < 37.0  # the first range after it is at 36.0
     steady = [tick.turn_rate for tick in flown.ticks if tick.phase is Phase.HOLDING]
-    assert steady == pytest.approx([-15.0 / 100.0] * len(steady), rel=0.01)  # from the learned turn-rate gain
+    assert steady == pytest.approx(
+        [-15.0 / 100.0] * len(steady), rel=0.01
+    )  # from the learned turn-rate gain
     assert rms_error(last_third(flown), 100.0) < 2.0

@@ -1,4 +1,5 @@
-"""A flight with the bundled vehicle is identical to the last digit, under any load of the computer."""
+"""A flight with the bundled vehicle is identical to the last digit, under any load of the
+computer."""
 
 import json
 import os
@@ -14,7 +15,10 @@ from tests.process import PATIENCE, circnav
 @contextmanager
 def busy() -> Iterator[None]:
     """Start one busy process for each processor."""
-    hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    hogs = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        for _ in range(os.cpu_count() or 1)
+    ]
     try:
         yield
     finally:
@@ -24,7 +28,9 @@ def busy() -> Iterator[None]:
 
 
 def flown(folder: Path, *options: str) -> tuple[dict[str, object], bytes, bytes]:
-    process = circnav("fly", "quickstart", "--duration", "6", "--out", str(folder), *options, drawn=False)
+    process = circnav(
+        "fly", "quickstart", "--duration", "6", "--out", str(folder), *options, drawn=False
+    )
     _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     summary = json.loads((folder / "summary.json").read_text())

@@ -1,4 +1,5 @@
-"""Another program steers the same vehicle and is not received here: detected from the vehicle's reports and answers."""
+"""Another program steers the same vehicle and is not received here: detected from the vehicle's
+reports and answers."""
 
 import pytest
 
@@ -17,7 +18,8 @@ def turning_the_other_way(frame: bytes) -> bytes:
     """Return our setpoint as a program that flies the circle in the other sense would send it."""
     message = read(frame)
     if message.get_msgId() == 84:
-        message.yaw_rate, message.afy = -message.yaw_rate, -message.afy
+        message.yaw_rate = -message.yaw_rate
+        message.afy = -message.afy
     elif message.get_msgId() == 82:
         roll, pitch, yaw = euler_from_quaternion(message.q)
         message.q = quaternion_from_euler(-roll, pitch, yaw)
@@ -28,7 +30,9 @@ def turning_the_other_way(frame: bytes) -> bytes:
 
 def flown_with_another(mission, until=BEGINS + 6.0):
     """Return (flight, {evidence: time at which it was first reported, s})."""
-    flown, told, seen = flight(mission, "limits.duration_s=1000.0"), {}, [0]
+    flown = flight(mission, "limits.duration_s=1000.0")
+    told = {}
+    seen = [0]
 
     def other(flown):
         sent = [frame for _, data in flown.sent[seen[0] :] for frame in frames(data)]
@@ -50,7 +54,9 @@ def test_another_programs_setpoints_are_alarmed_within_five_seconds_and_ours_are
     assert told, "not found"
     assert BEGINS < min(told.values()) < BEGINS + 5.0
     assert next(iter(told)).startswith("the vehicle flies ")
-    texts = [read(frame) for _, data in flown.sent for frame in frames(data) if message_id(frame) == 253]
+    texts = [
+        read(frame) for _, data in flown.sent for frame in frames(data) if message_id(frame) == 253
+    ]
     assert "circnav: another program also steers" in [text.text for text in texts]
 
 

@@ -1,4 +1,5 @@
-"""Signed flights end to end: in lockstep, over sockets and replayed; and flights that must not start."""
+"""Signed flights end to end: in lockstep, over sockets and replayed; and flights that must not
+start."""
 
 import hashlib
 import json
@@ -24,7 +25,9 @@ EPOCH = 1_420_070_400
 
 
 def test_signed_flight_circles_as_asked(tmp_path: Path) -> None:
-    flown = signed_flight("arducopter", tmp_path, 'orbit.direction="counterclockwise"', "limits.duration_s=1000.0")
+    flown = signed_flight(
+        "arducopter", tmp_path, 'orbit.direction="counterclockwise"', "limits.duration_s=1000.0"
+    )
     flown.fly(75)
     assert flown.pilot.mission.phase is Phase.ENGAGED
     assert clockwise_turns(last_third(flown)) < -0.5
@@ -44,8 +47,8 @@ APART = ('ranging.endpoint="sim"', 'sim.ranging.via="direct"')
     ids=["px4, before and in offboard", "ranging apart", "no clock"],
 )
 def test_a_vehicle_with_our_key_is_flown(mission, overrides, clock, tmp_path):
-    """Without GPS an autopilot has no clock and takes the time from our first frame. A wrong clock and unknown keys on
-    one link: the fault matrix, F22."""
+    """Without GPS an autopilot has no clock and takes the time from our first frame. A wrong clock
+    and unknown keys on one link: the fault matrix, F22."""
     flown = signed_flight(mission, tmp_path, *overrides, vehicle_clock=clock).fly(15)
     assert flown.pilot.mission.phase is Phase.ENGAGED
     assert len(flown.vehicle.setpoint_log) > 200
@@ -62,7 +65,9 @@ def test_a_vehicle_with_our_key_is_flown(mission, overrides, clock, tmp_path):
 )
 def test_a_vehicle_without_our_key_is_not_flown(ours, theirs, overrides, reason, told, tmp_path):
     wait = "link.wait_s=15.0"
-    flown = signed_flight("arducopter", tmp_path, wait, *overrides, ours=ours, theirs=theirs).fly(100)
+    flown = signed_flight("arducopter", tmp_path, wait, *overrides, ours=ours, theirs=theirs).fly(
+        100
+    )
     assert told in flown.outcome.reason
     assert flown.vehicle.setpoint_log == []
     if reason is None:
@@ -84,7 +89,8 @@ def test_an_autopilot_that_reboots_is_believed_again_and_ends_the_mission(tmp_pa
 
 
 def test_forged_and_replayed_commands_reach_neither_side(tmp_path: Path) -> None:
-    """An attacker sends commands to the vehicle and imitates it, and then replays recorded frames."""
+    """An attacker sends commands to the vehicle and imitates it, and then replays recorded
+    frames."""
     flown = signed_flight("arducopter", tmp_path, "limits.duration_s=1000.0").fly(40)
     recorded: list[bytes] = []
     flown.hears = lambda frame, now: recorded.append(frame) or True
@@ -103,7 +109,11 @@ def test_forged_and_replayed_commands_reach_neither_side(tmp_path: Path) -> None
         flown.fly(flown.now + 0.1)
     flown.fly(60)
     assert (flown.pilot.mission.phase, flown.pilot.mission.engaged_at) == (Phase.ENGAGED, before)
-    assert flown.pilot.frames_refused() == {"unsigned": 50, "wrong_signature": 50, Refusal.REPEATED.value: 250}
+    assert flown.pilot.frames_refused() == {
+        "unsigned": 50,
+        "wrong_signature": 50,
+        Refusal.REPEATED.value: 250,
+    }
     assert flown.vehicle.refused == 100
 
 
@@ -120,7 +130,8 @@ def test_the_operator_with_the_key_takes_over_as_ever(tmp_path: Path) -> None:
 
 def test_a_signed_flight_of_the_command_is_replayed_without_its_key(tmp_path: Path) -> None:
     """The run folder contains neither key nor signature. The circle itself is tested above."""
-    key, folder = key_file(tmp_path, KEY), tmp_path / "out"
+    key = key_file(tmp_path, KEY)
+    folder = tmp_path / "out"
     process = circnav(
         *("fly", QUICKSTART, "--duration", "25", "--out", str(folder)),
         *("--set", f"signing.key_file={key}", "--set", f"sim.signing.key_file={key}"),
@@ -131,7 +142,9 @@ def test_a_signed_flight_of_the_command_is_replayed_without_its_key(tmp_path: Pa
     assert (process.returncode, errors) == (0, "")
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["setpoints_sent"] > 500
-    assert set(summary["frames_refused"]) <= {Refusal.REPEATED.value}, "two datagrams that changed places, at most"
+    assert set(summary["frames_refused"]) <= {Refusal.REPEATED.value}, (
+        "two datagrams that changed places, at most"
+    )
     kept = int(key.with_name("drone.key.timestamp").read_text())
     assert abs(EPOCH + kept / 1e5 - key.with_name("drone.key.timestamp").stat().st_mtime) < 15
     key.unlink()
@@ -155,16 +168,24 @@ def assert_nothing_secret_is_kept(folder: Path) -> None:
     assert kinds.get("BAD_DATA", 0) == 0
 
 
-def test_pymavlink_with_the_passphrase_commands_the_signing_emulator(port: int, tmp_path: Path) -> None:
-    """mavutil with `setup_signing`, which MAVProxy also uses with a passphrase. Without it the vehicle ignores the
-    command."""
+def test_pymavlink_with_the_passphrase_commands_the_signing_emulator(
+    port: int, tmp_path: Path
+) -> None:
+    """mavutil with `setup_signing`, which MAVProxy also uses with a passphrase. Without it the
+    vehicle ignores the command."""
     passphrase = "open sesame"
     made = subprocess.run(
-        ["sh", "-c", f"printf %s '{passphrase}' | sha256sum | cut -c1-64 > drone.key"], cwd=tmp_path, check=True
+        ["sh", "-c", f"printf %s '{passphrase}' | sha256sum | cut -c1-64 > drone.key"],
+        cwd=tmp_path,
+        check=True,
     )
     assert made.returncode == 0
-    (tmp_path / "vehicle.toml").write_text('[signing]\nkey_file = "drone.key"\n[start]\nmode = "LOITER"\n')
-    vehicle = circnav("emulate", str(tmp_path / "vehicle.toml"), "--endpoint", f"udpin:127.0.0.1:{port}")
+    (tmp_path / "vehicle.toml").write_text(
+        '[signing]\nkey_file = "drone.key"\n[start]\nmode = "LOITER"\n'
+    )
+    vehicle = circnav(
+        "emulate", str(tmp_path / "vehicle.toml"), "--endpoint", f"udpin:127.0.0.1:{port}"
+    )
     try:
         assert vehicle.stdout is not None
         assert "udpin" in vehicle.stdout.readline()
@@ -179,7 +200,9 @@ def test_pymavlink_with_the_passphrase_commands_the_signing_emulator(port: int, 
 
 def mode_asked_for(port: int, key: bytes | None) -> int | None:
     """Request GUIDED and return the result, or None without an answer."""
-    station = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255, dialect="all")
+    station = mavutil.mavlink_connection(
+        f"udpout:127.0.0.1:{port}", source_system=255, dialect="all"
+    )
     station.mav = mavlink.MAVLink(station, srcSystem=255, srcComponent=190)
     station.mav.robust_parsing = True
     if key is not None:

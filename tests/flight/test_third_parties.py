@@ -1,4 +1,5 @@
-"""Real ground stations beside circnav on the emulator: they see the vehicle, and their commands take it over."""
+"""Real ground stations beside circnav on the emulator: they see the vehicle, and their commands
+take it over."""
 
 import contextlib
 import json
@@ -19,9 +20,16 @@ class Stage:
 
     def __init__(self, mission: str, folder: Path, open_things: contextlib.ExitStack) -> None:
         self.port = open_things.enter_context(reserved_port())
-        self._open_things, self._mission, self._folder = open_things, str(ROOT / "config" / f"{mission}.toml"), folder
+        self._open_things = open_things
+        self._mission = str(ROOT / "config" / f"{mission}.toml")
+        self._folder = folder
         vehicle = self.start(
-            "-m", "circnav_mav", "emulate", self._mission, "--endpoint", f"udpin:127.0.0.1:{self.port}"
+            "-m",
+            "circnav_mav",
+            "emulate",
+            self._mission,
+            "--endpoint",
+            f"udpin:127.0.0.1:{self.port}",
         )
         read_until(vehicle, "udpin")
 
@@ -33,8 +41,22 @@ class Stage:
     def fly(self) -> subprocess.Popen[str]:
         """Start circnav and return its process once it is engaged."""
         process = self.start(
-            *("-m", "circnav_mav", "fly", self._mission, "--endpoint", f"udpout:127.0.0.1:{self.port}"),
-            *("--duration", "600", "--out", str(self._folder), "--set", "link.unsigned_parameters=true"),
+            *(
+                "-m",
+                "circnav_mav",
+                "fly",
+                self._mission,
+                "--endpoint",
+                f"udpout:127.0.0.1:{self.port}",
+            ),
+            *(
+                "--duration",
+                "600",
+                "--out",
+                str(self._folder),
+                "--set",
+                "link.unsigned_parameters=true",
+            ),
         )
         read_until(process, "engaged")
         return process
@@ -53,24 +75,44 @@ def stage(tmp_path: Path) -> Iterator[Callable[[str], Stage]]:
 
 @pytest.fixture(scope="session")
 def mavproxy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Install MAVProxy from PyPI in a separate folder, without its gigabyte of graphics dependencies."""
+    """Install MAVProxy from PyPI in a separate folder, without its gigabyte of graphics
+    dependencies."""
     folder = tmp_path_factory.mktemp("mavproxy")
-    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(folder), MAVPROXY]
+    install = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--target",
+        str(folder),
+        MAVPROXY,
+    ]
     if subprocess.run(install, capture_output=True, check=False).returncode != 0:
         pytest.skip("MAVProxy cannot be installed here")
     return folder
 
 
-def test_mavproxy_sees_the_copter_changes_our_radius_and_its_mode_command_ends_our_flight(stage, mavproxy, tmp_path):
+def test_mavproxy_sees_the_copter_changes_our_radius_and_its_mode_command_ends_our_flight(
+    stage, mavproxy, tmp_path
+):
     on = stage("arducopter")
     ours = on.fly()
     station = on.start(
-        *("-m", "MAVProxy.mavproxy", f"--master=udpout:127.0.0.1:{on.port}", f"--state-basedir={tmp_path}"),
+        *(
+            "-m",
+            "MAVProxy.mavproxy",
+            f"--master=udpout:127.0.0.1:{on.port}",
+            f"--state-basedir={tmp_path}",
+        ),
         "--default-modules=mode,param,link,misc",
         PYTHONPATH=str(mavproxy),
     )
     assert station.stdin is not None
-    said = read_until(station, "Received")  # its parameters: it has read vehicle, mode and armed state
+    said = read_until(
+        station, "Received"
+    )  # its parameters: it has read vehicle, mode and armed state
     assert "Detected vehicle 1:1" in said
     assert "ARMED" in said
     assert "GUIDED> Mode GUIDED" in said
@@ -88,7 +130,9 @@ def test_mavproxy_sees_the_copter_changes_our_radius_and_its_mode_command_ends_o
     assert code == 4 and reason.startswith("pilot or failsafe switched to BRAKE after ")
 
 
-def test_mavsdk_sees_the_px4_copter_sets_our_radius_and_its_hold_ends_our_flight(stage: Callable[[str], Stage]) -> None:
+def test_mavsdk_sees_the_px4_copter_sets_our_radius_and_its_hold_ends_our_flight(
+    stage: Callable[[str], Stage],
+) -> None:
     mavsdk = pytest.importorskip("mavsdk")
     from mavsdk.plugins.action import Action
     from mavsdk.plugins.param import Param, ParamError, ProtocolVersion
@@ -96,9 +140,14 @@ def test_mavsdk_sees_the_px4_copter_sets_our_radius_and_its_hold_ends_our_flight
 
     on = stage("px4_copter")
     ours = on.fly()
-    client = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION))
+    client = mavsdk.Mavsdk(
+        mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION)
+    )
     try:
-        assert client.add_any_connection(f"udpout://127.0.0.1:{on.port}") == mavsdk.ConnectionResult.SUCCESS
+        assert (
+            client.add_any_connection(f"udpout://127.0.0.1:{on.port}")
+            == mavsdk.ConnectionResult.SUCCESS
+        )
         system = client.first_autopilot(PATIENCE)
         assert system is not None
         telemetry = Telemetry(system)

@@ -18,7 +18,11 @@ from tests.flight.lockstep import (
     unrest,
 )
 
-ARDUPILOT = {"arducopter": 5, "arduplane": 7, "ardurover": 4}  # mission -> a mode that the operator selects
+ARDUPILOT = {
+    "arducopter": 5,
+    "arduplane": 7,
+    "ardurover": 4,
+}  # mission -> a mode that the operator selects
 PX4 = ("px4_copter", "px4_plane")
 VEHICLES = (*ARDUPILOT, *PX4)
 AUTO_LOITER = (4, 3)
@@ -33,14 +37,18 @@ def take_over(flown: Flight, mission: str) -> None:
 def begun(mission: str) -> Flight:
     """Return a flight 8 s after its start, engaged, without its records. Copy it before use."""
     flown = flight(mission, "limits.hold_s=4.0").fly(8)
-    flown.truths, flown.ticks, flown.sent = [], [], []
+    flown.truths = []
+    flown.ticks = []
+    flown.sent = []
     return flown
 
 
 def test_copter_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_turn() -> None:
-    """The turn itself is 10 deg/s. The PX4 plane and the rover: test_weather.py; the other vehicles:
-    tests/tools/firmware/test_emulated.py; clockwise: test_ringing.py."""
-    flown = flight("arducopter", 'orbit.direction="counterclockwise"', "limits.duration_s=120.0", law="auto").fly(200)
+    """The turn itself is 10 deg/s. The PX4 plane and the rover: test_weather.py; the other
+    vehicles: tests/tools/firmware/test_emulated.py; clockwise: test_ringing.py."""
+    flown = flight(
+        "arducopter", 'orbit.direction="counterclockwise"', "limits.duration_s=120.0", law="auto"
+    ).fly(200)
     assert flown.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), 30.0) < 0.02 * 30.0
     assert unrest(flown) < 1.5
@@ -48,9 +56,11 @@ def test_copter_holds_the_circle_to_two_percent_counterclockwise_with_a_quiet_tu
 
 
 def test_plane_flies_the_same_mission_although_it_turns_less_than_it_is_told() -> None:
-    """22.0 m/s indicated is 23.4 m/s true on the emulated plane, so the assumed coordinated turn rate is 6 % too high.
-    The mean radius is correct all the same."""
-    flown = flight("arduplane", "sim.vehicle.turn_effectiveness=0.73", 'orbit.direction="counterclockwise"').fly(160)
+    """22.0 m/s indicated is 23.4 m/s true on the emulated plane, so the assumed coordinated turn
+    rate is 6 % too high. The mean radius is correct all the same."""
+    flown = flight(
+        "arduplane", "sim.vehicle.turn_effectiveness=0.73", 'orbit.direction="counterclockwise"'
+    ).fly(160)
     assert rms_error(last_third(flown), 150.0) < 1.0
     assert clockwise_turns(last_third(flown)) < -0.8
     assert mean_radius(last_third(flown)) == pytest.approx(150.0, abs=0.2)
@@ -58,7 +68,9 @@ def test_plane_flies_the_same_mission_although_it_turns_less_than_it_is_told() -
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
-def test_no_setpoint_after_the_tick_that_saw_the_operator_take_over_at_random_ticks(mission: str) -> None:
+def test_no_setpoint_after_the_tick_that_saw_the_operator_take_over_at_random_ticks(
+    mission: str,
+) -> None:
     """1,000 random ticks: the fault matrix, F16."""
     chance = random.Random(3)
     for _ in range(5):
@@ -78,7 +90,8 @@ def test_no_setpoint_after_the_tick_that_saw_the_operator_take_over_at_random_ti
 @pytest.mark.parametrize("mission", VEHICLES)
 def test_when_the_application_is_killed_the_autopilots_own_timeout_takes_over(mission: str) -> None:
     flown = copy.deepcopy(begun(mission))
-    vehicle, told = flown.vehicle, flown.pilot.session.adapter.guided_mode
+    vehicle = flown.vehicle
+    told = flown.pilot.session.adapter.guided_mode
     banks = []
     for tenth in range(200):
         vehicle.advance(flown.now + tenth / 10)
@@ -88,7 +101,9 @@ def test_when_the_application_is_killed_the_autopilots_own_timeout_takes_over(mi
         assert (truth.mode, truth.ground_speed) == (told, pytest.approx(0.0, abs=0.3))
     elif mission == "arduplane":
         assert truth.mode == told
-        assert max(banks[40:]) > 0.6, "banks hard towards the point where GUIDED was entered, to loiter round it"
+        assert max(banks[40:]) > 0.6, (
+            "banks hard towards the point where GUIDED was entered, to loiter round it"
+        )
     else:
         assert truth.mode != told, "failsafe"
 
@@ -107,8 +122,8 @@ def test_exit_action_gives_the_vehicle_to_the_mode_that_the_mission_names(missio
 def test_px4_plane_given_back_without_sticks_stays_in_hold_only_where_hold_is_excepted(
     excepted: int, in_the_end: str, taken_over: bool
 ) -> None:
-    """Our stick counts as manual control. When it ends, PX4 reports manual control lost, even if the operator has taken
-    over."""
+    """Our stick counts as manual control. When it ends, PX4 reports manual control lost, even if
+    the operator has taken over."""
     flown = flight("px4_plane", "limits.duration_s=8.0")
     operator = Operator(flown.vehicle)
     operator.set_px4_integer("COM_RCL_EXCEPT", excepted)
@@ -131,7 +146,10 @@ def test_range_lost_for_good_holds_then_gives_the_vehicle_back(mission: str) -> 
     flown.hears = lambda frame, now: frame[7:10] != b"\x84\x00\x00"
     flown.fly(40)
     assert "no range" in flown.outcome.reason
-    assert flown.vehicle.truth.mode == flown.pilot.session.adapter.exits[flown.pilot.settings.exit or "loiter"]
+    assert (
+        flown.vehicle.truth.mode
+        == flown.pilot.session.adapter.exits[flown.pilot.settings.exit or "loiter"]
+    )
 
 
 def test_vehicle_is_recognised_when_the_mission_says_auto() -> None:
@@ -163,8 +181,8 @@ def test_px4_copter_holds_its_height_although_zero_climb_rate_does_not() -> None
 
 
 def test_px4_copter_is_believed_to_follow_a_command_that_swings_through_zero() -> None:
-    """It answers within 0.5 s. With the configured 1.3 s it was classified as not following: its path was ignored, and
-    the search for the target restarted on its circle."""
+    """It answers within 0.5 s. With the configured 1.3 s it was classified as not following: its
+    path was ignored, and the search for the target restarted on its circle."""
     flown = flight("px4_copter", "sim.wind.speed_mps=3.0", "sim.seed=4", law="auto").fly(90)
     laws = [tick.law for tick in flown.ticks if tick.time > 40]
     assert laws.count("drift") > 0.95 * len(laws)

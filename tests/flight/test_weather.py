@@ -1,8 +1,9 @@
-"""`auto` through MAVLink in the situations of the benchmark, each on the emulated plane or copter; over a slow link,
-with a radio that reports too little noise, and with less bank than the mission assumes.
+"""`auto` through MAVLink in the situations of the benchmark, each on the emulated plane or copter;
+over a slow link, with a radio that reports too little noise, and with less bank than the mission
+assumes.
 
-Wind and target speeds are shares of the vehicle's speed. The copter's autopilot holds its speed over ground, so the
-wind does not reach the guidance there.
+Wind and target speeds are shares of the vehicle's speed. The copter's autopilot holds its speed
+over ground, so the wind does not reach the guidance there.
 """
 
 import pytest
@@ -12,7 +13,8 @@ from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error
 from tests.tools.fault_link.pipe import Impairment, Pipe
 
 SPEED = {"arduplane": 22.0, "arducopter": 5.0}
-DURATION, JUDGED = 80.0, 45.0
+DURATION = 80.0
+JUDGED = 45.0
 """Length of a flight and of its judged end, s."""
 LATE = ("plane, wind 0.53 V", "plane, target 0.2 V, wind 0.2 V")
 """Situations in which the circle is true later or a lap takes longer."""
@@ -31,14 +33,21 @@ def radio(preset: str, sigma: float) -> tuple[str, ...]:
 
 
 SPARSE = ("sim.ranging.rate_hz=5.0", "ranging.rate_hz=5.0", "sim.ranging.dropout_fraction=0.5")
-THIN_AIR = ("sim.start.altitude_m=3416.0", "sim.target.altitude_m=3356.0", "sim.vehicle.airspeed_scale=1.223")
+THIN_AIR = (
+    "sim.start.altitude_m=3416.0",
+    "sim.target.altitude_m=3356.0",
+    "sim.vehicle.airspeed_scale=1.223",
+)
 SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest RMS radius error in m
     "plane, wind 0.53 V": ((wind(0.53), "orbit.radius_m=200.0"), 0.6),
     "plane, 4000 m above the sea": ((wind(0.2), *THIN_AIR), 0.35),
     "plane, target 0.2 V, wind 0.2 V": ((moving("arduplane"), wind(0.2)), 0.3),
     "plane, gusts": ((wind(0.33), "sim.wind.gust_rms_mps=1.5", "sim.wind.gust_time_s=10.0"), 3.0),
     "plane, lora": ((wind(0.2), *radio("lora", 2.2)), 3.0),
-    "copter, 50 % loss at 5 Hz, heading drift": ((*SPARSE, "sim.sensors.heading_drift_deg_s=0.1"), 1.0),
+    "copter, 50 % loss at 5 Hz, heading drift": (
+        (*SPARSE, "sim.sensors.heading_drift_deg_s=0.1"),
+        1.0,
+    ),
 }
 MISSIONS = {"plane": "arduplane", "copter": "arducopter"}  # first word of a situation -> mission
 
@@ -61,7 +70,9 @@ def test_auto_holds_the_circle_in_the_sense_asked_for(name: str) -> None:
 
 
 def test_a_radio_that_says_too_little_of_its_noise_is_found_out_told_of_and_flown() -> None:
-    flown = flight("quickstart", "limits.duration_s=75.0", "ranging.sigma_m=0.02", law="auto").fly(100.0)
+    flown = flight("quickstart", "limits.duration_s=75.0", "ranging.sigma_m=0.02", law="auto").fly(
+        100.0
+    )
     assert flown.outcome.reason == "flown to its end"
     assert rms_error(last_third(flown), 100.0) < 0.5
     assert clockwise_turns(flown.truths) > 1
@@ -72,27 +83,40 @@ def test_a_radio_that_says_too_little_of_its_noise_is_found_out_told_of_and_flow
 
 @pytest.mark.parametrize(("mission", "most"), [("arduplane", 1.5), ("ardurover", 4.0)])
 def test_a_link_that_takes_a_while_does_not_make_the_turn_swing(mission: str, most: float) -> None:
-    """0.05 to 0.15 s of delay each way, as on a busy companion computer or a fast radio. most: standard deviation of
-    the turn command, deg/s; the turn itself is 8 deg/s."""
+    """0.05 to 0.15 s of delay each way, as on a busy companion computer or a fast radio. most:
+    standard deviation of the turn command, deg/s; the turn itself is 8 deg/s."""
     flown = flight(mission, "sim.truth.rate_hz=10", f"limits.duration_s={DURATION}", law="auto")
-    flown.down, flown.up = (Pipe(Impairment(delay=0.05, jitter=0.1, in_order=True), seed) for seed in (1, 2))
+    flown.down, flown.up = (
+        Pipe(Impairment(delay=0.05, jitter=0.1, in_order=True), seed) for seed in (1, 2)
+    )
     flown.fly(70.0)
     assert unrest(flown) < most
     assert rms_error(last_third(flown), flown.pilot.settings.orbit.radius) < 0.5
     assert clockwise_turns(last_third(flown)) > 0.2
 
 
-EFFECTIVENESS, AIRSPEED_SCALE = 0.747, 1.065 / 1.033
-"""Emulated plane: actual over coordinated turn rate, and true airspeed over the standard atmosphere's."""
+EFFECTIVENESS = 0.747
+AIRSPEED_SCALE = 1.065 / 1.033
+"""Emulated plane: actual over coordinated turn rate, and true airspeed over the standard
+atmosphere's."""
 
 
 def test_a_bank_limit_below_the_missions_is_learnt_as_one_and_a_lap_is_planned_within_it():
-    """ROLL_LIMIT_DEG 35 instead of 45 deg: downwind in 5 m/s the circle requires more. With the commanded bank instead
-    of the measured one, the turn gain came out too low. Without a planned lap the circle is held within 2.6 m."""
+    """ROLL_LIMIT_DEG 35 instead of 45 deg: downwind in 5 m/s the circle requires more. With the
+    commanded bank instead of the measured one, the turn gain came out too low. Without a planned
+    lap the circle is held within 2.6 m."""
     flown = flight(
-        "arduplane", "sim.vehicle.max_bank_deg=35.0", "sim.wind.from_deg=270", "sim.wind.speed_mps=5.0", law="auto"
+        "arduplane",
+        "sim.vehicle.max_bank_deg=35.0",
+        "sim.wind.from_deg=270",
+        "sim.wind.speed_mps=5.0",
+        law="auto",
     ).fly(155.0)
-    asked = max(abs(tick.turn_rate) for tick in flown.ticks if tick.time > 50.0 and tick.turn_rate is not None)
+    asked = max(
+        abs(tick.turn_rate)
+        for tick in flown.ticks
+        if tick.time > 50.0 and tick.turn_rate is not None
+    )
     assert asked > 0.34, "35 degrees at 22 m/s are .31 rad/s"
     assert flown.ticks[-1].turn_gain == pytest.approx(EFFECTIVENESS / AIRSPEED_SCALE, abs=0.02)
     lap = [truth for truth in flown.truths if truth.time > 110.0]

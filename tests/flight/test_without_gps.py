@@ -1,4 +1,5 @@
-"""Copters without GPS on the emulator: flown from the start by attitude or by stick, and after a loss of GPS."""
+"""Copters without GPS on the emulator: flown from the start by attitude or by stick, and after a
+loss of GPS."""
 
 import copy
 from functools import cache
@@ -9,9 +10,22 @@ from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Ending, Pilot
 from circnav_mav.runlog.replay import replay
 from tests.flight.ground_station import Operator
-from tests.flight.lockstep import CONFIG, Flight, clockwise_turns, flight, last_third, rms_error, true_radius, unrest
+from tests.flight.lockstep import (
+    CONFIG,
+    Flight,
+    clockwise_turns,
+    flight,
+    last_third,
+    rms_error,
+    true_radius,
+    unrest,
+)
 
-GUIDED, LOITER, LAND, ALT_HOLD, GUIDED_NOGPS = 4, 5, 9, 2, 20
+GUIDED = 4
+LOITER = 5
+LAND = 9
+ALT_HOLD = 2
+GUIDED_NOGPS = 20
 LOST_AT = 60.0
 GPS_LOST = f'sim.events=[{{at_s={LOST_AT},action="gps_off"}}]'
 WIND = "sim.wind.speed_mps=2.0"
@@ -19,7 +33,9 @@ WIND = "sim.wind.speed_mps=2.0"
 
 @pytest.mark.parametrize("direction", ["clockwise", "counterclockwise"])
 def test_copter_by_attitude_holds_its_circle_in_wind(direction: str) -> None:
-    flown = flight("arducopter_nogps", f'orbit.direction="{direction}"', "limits.duration_s=120.0", law="auto").fly(160)
+    flown = flight(
+        "arducopter_nogps", f'orbit.direction="{direction}"', "limits.duration_s=120.0", law="auto"
+    ).fly(160)
     assert flown.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), 30.0) < 0.7
     assert clockwise_turns(last_third(flown)) * (1 if direction == "clockwise" else -1) > 0.4
@@ -28,8 +44,11 @@ def test_copter_by_attitude_holds_its_circle_in_wind(direction: str) -> None:
 
 
 def test_copter_by_attitude_learns_a_drag_that_differs_by_a_half() -> None:
-    """The mission assumes 1.5 times the drag of the emulated copter: its true airspeed begins too high."""
-    flown = flight("arducopter_nogps", "vehicle.drag_per_s=0.58", "limits.duration_s=150.0", law="auto").fly(180)
+    """The mission assumes 1.5 times the drag of the emulated copter: its true airspeed begins too
+    high."""
+    flown = flight(
+        "arducopter_nogps", "vehicle.drag_per_s=0.58", "limits.duration_s=150.0", law="auto"
+    ).fly(180)
     assert rms_error(last_third(flown), 30.0) < 0.7
     speeds = [truth.airspeed for truth in last_third(flown)]
     assert sum(speeds) / len(speeds) == pytest.approx(5.0, rel=0.1)
@@ -45,7 +64,9 @@ def test_px4_copter_by_stick_holds_its_circle_without_gps() -> None:
 @cache
 def _lost() -> Flight:
     """Return a flight 5 s after the loss of GPS. Copy it before use."""
-    return flight("arducopter", GPS_LOST, WIND, "limits.duration_s=150.0", law="auto").fly(LOST_AT + 5.0)
+    return flight("arducopter", GPS_LOST, WIND, "limits.duration_s=150.0", law="auto").fly(
+        LOST_AT + 5.0
+    )
 
 
 def lost() -> Flight:
@@ -64,7 +85,9 @@ def test_copter_that_loses_gps_goes_on_within_two_seconds_on_its_circle() -> Non
     modes = {truth.mode for truth in after if truth.time < 150}
     assert modes == {GUIDED, GUIDED_NOGPS}, "no failsafe"
     assert flown.outcome.ending is Ending.COMPLETED
-    assert flown.vehicle.truth.mode == LAND, "LOITER, the exit action of the mission, requires a position"
+    assert flown.vehicle.truth.mode == LAND, (
+        "LOITER, the exit action of the mission, requires a position"
+    )
 
 
 def test_copter_that_loses_gps_keeps_target_and_wind() -> None:
@@ -104,8 +127,12 @@ def test_operator_takes_over_while_the_method_changes() -> None:
 
 
 def test_nothing_changes_when_the_gps_returns() -> None:
-    events = f'sim.events=[{{at_s={LOST_AT},action="gps_off"}},{{at_s={LOST_AT + 10},action="gps_on"}}]'
-    flown = flight("arducopter", events, WIND, "limits.duration_s=110.0", law="auto").fly(LOST_AT + 30)
+    events = (
+        f'sim.events=[{{at_s={LOST_AT},action="gps_off"}},{{at_s={LOST_AT + 10},action="gps_on"}}]'
+    )
+    flown = flight("arducopter", events, WIND, "limits.duration_s=110.0", law="auto").fly(
+        LOST_AT + 30
+    )
     assert flown.vehicle.truth.mode == GUIDED_NOGPS
     assert flown.pilot.mission.steering
 
@@ -118,7 +145,9 @@ def test_short_loss_of_gps_changes_nothing() -> None:
 
 
 def test_exit_on_gps_loss_leaves_the_copter_to_its_failsafe() -> None:
-    flown = flight("arducopter", 'engage.on_gps_loss="exit"', 'sim.events=[{at_s=20.0,action="gps_off"}]').fly(40)
+    flown = flight(
+        "arducopter", 'engage.on_gps_loss="exit"', 'sim.events=[{at_s=20.0,action="gps_off"}]'
+    ).fly(40)
     assert flown.outcome.ending is Ending.TAKEN_OVER
     assert flown.vehicle.truth.mode == LAND
 

@@ -1,8 +1,8 @@
 """Helpers of the guidance tests.
 
-Unless stated otherwise, a vehicle flies at 15 m/s, 100 m east of a target whose position is estimated and trusted.
-`hypothesis` builds one flight with one hypothesis for the multiple-model filters. `Circling` turns steadily in wind,
-and estimators observe its ranges and motion.
+Unless stated otherwise, a vehicle flies at 15 m/s, 100 m east of a target whose position is
+estimated and trusted. `hypothesis` builds one flight with one hypothesis for the multiple-model
+filters. `Circling` turns steadily in wind, and estimators observe its ranges and motion.
 """
 
 from copy import deepcopy
@@ -17,14 +17,25 @@ from circnav_mav.guidance.estimators.relative_ekf import Hypotheses, Noise
 from circnav_mav.guidance.estimators.relative_motion import DriftEstimator
 from circnav_mav.guidance.types import OwnMotion, RangeSample, RelativeMotion
 
-V, OMEGA, WIND = 15.0, 0.15, (3.0, -2.0)
+V = 15.0
+OMEGA = 0.15
+WIND = (3.0, -2.0)
 SETTINGS = EstimatorSettings(speed=V, max_turn_rate=0.35)
 RADIUS = V / OMEGA
 
 known = partial(
-    RelativeMotion, x=100.0, y=0.0, sigma=1.0, drift_x=0.0, drift_y=0.0, heading=0.0, turn_rate=0.0, airspeed=15.0,
-    scale=1.0, trusted=True,
-)  # fmt: skip
+    RelativeMotion,
+    x=100.0,
+    y=0.0,
+    sigma=1.0,
+    drift_x=0.0,
+    drift_y=0.0,
+    heading=0.0,
+    turn_rate=0.0,
+    airspeed=15.0,
+    scale=1.0,
+    trusted=True,
+)
 guessed = partial(known, trusted=False, trial=4)
 
 
@@ -40,7 +51,8 @@ def noise(*values):
 
 @dataclass
 class Circling:
-    """A vehicle that turns steadily and drifts with the wind, not around the target. The target can jump."""
+    """A vehicle that turns steadily and drifts with the wind, not around the target. The target can
+    jump."""
 
     target: tuple[float, float] = (150.0, 80.0)
     wind: tuple[float, float] = WIND
@@ -62,7 +74,8 @@ class Circling:
 
 
 def listen(estimator, world, start, end, every=0.05, motion_every=0.05, motion_delay=0.0):
-    """Observe ranges and own motion until `end`, each at its own rate. Own motion arrives motion_delay seconds late."""
+    """Observe ranges and own motion until `end`, each at its own rate. Own motion arrives
+    motion_delay seconds late."""
     events = [(t, "range") for t in np.arange(start, end, every)]
     events += [(t + motion_delay, "motion") for t in np.arange(start, end, motion_every)]
     for t, kind in sorted(events, key=lambda event: (event[0], event[1] == "range")):
@@ -80,7 +93,8 @@ def error(estimator, world, t):
 
 @cache
 def _listened(make, seconds, world):
-    there, estimator = world(), make(SETTINGS)
+    there = world()
+    estimator = make(SETTINGS)
     listen(estimator, there, 0.0, seconds)
     return there, estimator
 

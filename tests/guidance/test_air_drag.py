@@ -1,5 +1,5 @@
-"""Airspeed and side-slip from the accelerometer: against flights of ArduCopter's simulated quadrotor, and against a
-point mass with drag."""
+"""Airspeed and side-slip from the accelerometer: against flights of ArduCopter's simulated
+quadrotor, and against a point mass with drag."""
 
 from cmath import rect
 from math import atan2, degrees, hypot, inf
@@ -18,7 +18,8 @@ from circnav_mav.guidance.air_drag import (
 from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
 
 FLOWN = ((2.68, -0.88), (4.81, -1.89), (6.37, -2.74), (7.68, -3.48))
-"""Airspeed, m/s, and specific force forward, m/s^2, of ArduCopter 4.6.3 at pitches of 5 to 20 deg, GPS off."""
+"""Airspeed, m/s, and specific force forward, m/s^2, of ArduCopter 4.6.3 at pitches of 5 to 20 deg,
+GPS off."""
 STEP = 0.05
 
 
@@ -34,7 +35,8 @@ def test_speed_of_drag_inverts_drag_force(speed: float) -> None:
 
 
 def test_air_velocity_turns_the_heading_by_the_side_slip() -> None:
-    """The copter moves forward and to the right: its drag points backward and to the left, its path to the right."""
+    """The copter moves forward and to the right: its drag points backward and to the left, its path
+    to the right."""
     drag = -drag_force(5.0, 0.25), drag_force(0.5, 0.25)
     air = AirVelocity()
     for tick in range(200):
@@ -51,11 +53,16 @@ def test_air_velocity_keeps_its_state_without_a_measurement() -> None:
 
 
 def circle(seconds: float, true_scale: float, wind: complex) -> tuple[ScaleFit, MeanWind]:
-    """Fly a circle of 30 m at 5 m/s over the ground, with a drag that differs from the mission's by `true_scale`."""
-    fit, mean, air = ScaleFit(), MeanWind(), AirVelocity()
-    speed, rate = 5.0, 5.0 / 30.0
+    """Fly a circle of 30 m at 5 m/s over the ground, with a drag that differs from the mission's by
+    `true_scale`."""
+    fit = ScaleFit()
+    mean = MeanWind()
+    air = AirVelocity()
+    speed = 5.0
+    rate = 5.0 / 30.0
     for tick in range(round(seconds / STEP)):
-        time, heading = tick * STEP, tick * STEP * rate
+        time = tick * STEP
+        heading = tick * STEP * rate
         ground = rect(speed, heading)
         body = (ground - wind) * rect(1.0, -heading) / true_scale
         drag = -drag_force(body.real, 0.25), -drag_force(body.imag, 0.25)
@@ -77,7 +84,8 @@ def test_scale_fit_and_mean_wind_find_drag_and_wind_in_two_laps(true_scale: floa
 
 
 def test_scale_fit_learns_nothing_from_a_steady_wind() -> None:
-    """A copter that hovers in wind measures its speed, but no change: drag and wind cannot be separated."""
+    """A copter that hovers in wind measures its speed, but no change: drag and wind cannot be
+    separated."""
     fit = ScaleFit()
     for tick in range(1000):
         own = OwnMotion(tick * STEP, 0.0, 0.0, 0.0, felt=IntegratedAcceleration(0.0, 0.0, 0.0))
@@ -86,12 +94,18 @@ def test_scale_fit_learns_nothing_from_a_steady_wind() -> None:
 
 
 @pytest.mark.parametrize("attitude_error", [-0.5, 0.0, 0.7])
-def test_airspeed_hold_reaches_the_speed_without_slip_despite_a_wrong_attitude(attitude_error: float) -> None:
-    """A point mass with drag; the thrust pushes by `attitude_error` more than commanded, forward and to the left."""
-    hold, air = AirspeedHold(0.25), AirVelocity()
+def test_airspeed_hold_reaches_the_speed_without_slip_despite_a_wrong_attitude(
+    attitude_error: float,
+) -> None:
+    """A point mass with drag; the thrust pushes by `attitude_error` more than commanded, forward
+    and to the left."""
+    hold = AirspeedHold(0.25)
+    air = AirVelocity()
     forward = left = 0.0
     for tick in range(1200):
-        own = OwnMotion(tick * STEP, 0.0, 0.0, 0.0, drag=(-drag_force(forward, 0.25), -drag_force(left, 0.25)))
+        own = OwnMotion(
+            tick * STEP, 0.0, 0.0, 0.0, drag=(-drag_force(forward, 0.25), -drag_force(left, 0.25))
+        )
         air = air.follow(own, 0.25)
         hold.follow(air, 5.0, None)
         push = hold.push(5.0)
@@ -102,8 +116,10 @@ def test_airspeed_hold_reaches_the_speed_without_slip_despite_a_wrong_attitude(a
 
 
 def test_airspeed_hold_follows_the_scale_of_the_estimator() -> None:
-    """A copter with less drag than the mission assumes: its true airspeed is 1.25 times the measured one."""
-    hold, speed = AirspeedHold(0.25), 0.0
+    """A copter with less drag than the mission assumes: its true airspeed is 1.25 times the
+    measured one."""
+    hold = AirspeedHold(0.25)
+    speed = 0.0
     for tick in range(2000):
         hold.follow(AirVelocity(tick * STEP, speed / 1.25, 0.0), 5.0, 1.25)
         speed += (hold.push(5.0)[0] - drag_force(speed / 1.25, 0.25)) * STEP

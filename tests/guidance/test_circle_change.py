@@ -24,12 +24,22 @@ LIMITS = CircleLimits(speed=15.0, nearest=40.0, farthest=500.0)
         (CircleRequest(speed=18.5), LIMITS, "speed 18.5 m/s outside 12 to 18 m/s"),
         (CircleRequest(speed=nan), LIMITS, "speed nan m/s outside 12 to 18 m/s"),
         (CircleRequest(speed=-15.0), LIMITS, "speed -15 m/s outside 12 to 18 m/s"),
-        (CircleRequest(speed=16.0), CircleLimits(15.0, keeps_speed=True), "this autopilot holds its own airspeed"),
+        (
+            CircleRequest(speed=16.0),
+            CircleLimits(15.0, keeps_speed=True),
+            "this autopilot holds its own airspeed",
+        ),
         (CircleRequest(radius=42.0), LIMITS, "radius 42 m: min 43 m by turn rate"),
-        (CircleRequest(radius=55.0), CircleLimits(15.0, 40.0, turn_gain=0.7), "radius 55 m: min 61 m by turn rate"),
+        (
+            CircleRequest(radius=55.0),
+            CircleLimits(15.0, 40.0, turn_gain=0.7),
+            "radius 55 m: min 61 m by turn rate",
+        ),
     ],
-)  # fmt: skip
-def test_a_circle_that_bounds_speed_or_turn_rate_forbid_is_refused_with_its_limit(request_, limits, why):
+)
+def test_a_circle_that_bounds_speed_or_turn_rate_forbid_is_refused_with_its_limit(
+    request_, limits, why
+):
     assert obstacle(request_, ORBIT, limits) == why
     assert len(why) <= 50 - len("circnav: ")  # of a STATUSTEXT
 

@@ -1,4 +1,5 @@
-"""The path through the air between reports of the vehicle's own motion, and a little beyond the newest."""
+"""The path through the air between reports of the vehicle's own motion, and a little beyond the
+newest."""
 
 from math import cos, pi, sin
 
@@ -7,7 +8,8 @@ import pytest
 from circnav_mav.guidance.estimators.dead_reckoning import EXTRAPOLATED, HOLE, FlownPath
 from circnav_mav.guidance.types import OwnMotion
 
-V, OMEGA = 15.0, 0.4
+V = 15.0
+OMEGA = 0.4
 
 
 def circling(t: float, airspeed: float = V) -> OwnMotion:
@@ -16,7 +18,9 @@ def circling(t: float, airspeed: float = V) -> OwnMotion:
 
 def arc(t: float) -> tuple[float, float]:
     """Displacement of a steady turn since t = 0, from the closed form."""
-    return V / OMEGA * (sin(OMEGA * t + 3.0) - sin(3.0)), -V / OMEGA * (cos(OMEGA * t + 3.0) - cos(3.0))
+    return V / OMEGA * (sin(OMEGA * t + 3.0) - sin(3.0)), -V / OMEGA * (
+        cos(OMEGA * t + 3.0) - cos(3.0)
+    )
 
 
 def told(*times: float) -> FlownPath:
@@ -32,7 +36,9 @@ def test_a_steady_turn_is_an_arc_between_reports_and_beyond_them(t):
     knot = told(0.0, 0.2, 0.4, 1.4).at(t)
     x, y = arc(t)
     assert (knot.x, knot.y) == pytest.approx((x, y), abs=1e-9)
-    assert (knot.motion.time, knot.motion.turn_rate, knot.motion.airspeed) == pytest.approx((t, OMEGA, V))
+    assert (knot.motion.time, knot.motion.turn_rate, knot.motion.airspeed) == pytest.approx(
+        (t, OMEGA, V)
+    )
     assert (knot.motion.heading - OMEGA * t - 3.0 + pi) % (2 * pi) == pytest.approx(pi)
 
 
@@ -52,11 +58,13 @@ def test_between_two_reports_turn_rate_goes_from_one_to_the_other_and_airspeed_i
 
 
 def test_a_report_that_is_late_or_told_twice_moves_nothing_and_a_long_silence_breaks_the_path():
-    path, late = told(0.0, 0.2, 0.4), told(0.0, 0.2, 0.4)
+    path = told(0.0, 0.2, 0.4)
+    late = told(0.0, 0.2, 0.4)
     for t in (0.4, 0.3, 0.0):
         late.move(circling(t, airspeed=3.0))
     assert [late.at(t) for t in (0.1, 0.3, 0.4, 0.6)] == [path.at(t) for t in (0.1, 0.3, 0.4, 0.6)]
-    whole, broken = told(0.0, HOLE), told(0.0, HOLE + 0.01, HOLE + 0.2)
+    whole = told(0.0, HOLE)
+    broken = told(0.0, HOLE + 0.01, HOLE + 0.2)
     assert whole.at(1.0).piece == whole.at(HOLE).piece == 0
     assert broken.at(1.0) is None
     assert (broken.at(HOLE + 0.1).piece, broken.at(HOLE + 0.3).piece) == (1, 1)

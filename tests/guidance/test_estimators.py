@@ -1,4 +1,5 @@
-"""The estimators `unicycle` and `measured`, and the use of a measured range rate by all estimators."""
+"""The estimators `unicycle` and `measured`, and the use of a measured range rate by all
+estimators."""
 
 from copy import deepcopy
 from dataclasses import replace
@@ -12,7 +13,17 @@ from circnav_mav.guidance.estimators.relative_motion import DriftEstimator
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.estimators.unicycle import UnicycleEstimator, UnicycleFilter
 from circnav_mav.guidance.types import RangeSample, RateSample
-from tests.guidance.relative import RADIUS, SETTINGS, WIND, Circling, V, listen, listened, silent, still
+from tests.guidance.relative import (
+    RADIUS,
+    SETTINGS,
+    WIND,
+    Circling,
+    V,
+    listen,
+    listened,
+    silent,
+    still,
+)
 
 
 @pytest.mark.parametrize("rate_first", [True, False])
@@ -21,7 +32,10 @@ def test_a_measured_rate_sharpens_every_estimate_before_or_after_its_range(name,
     wind = (0.0, 0.0) if name == "unicycle" else WIND
 
     def error(with_rates):
-        rng, world, estimator, errors = np.random.default_rng(4), Circling(wind=wind), ESTIMATORS[name](SETTINGS), []
+        rng = np.random.default_rng(4)
+        world = Circling(wind=wind)
+        estimator = ESTIMATORS[name](SETTINGS)
+        errors = []
         for i in range(900):
             t = 0.05 * i
             estimator.move(world.motion(t))
@@ -56,8 +70,8 @@ def test_measured_is_the_paper_with_no_filter_in_between():
 
 @pytest.mark.parametrize("make", [DriftEstimator, UnicycleEstimator])
 def test_where_it_went_in_a_hole_of_its_own_motion_nobody_guesses(make):
-    """For four seconds no motion is reported: nothing is predicted over them, and the next range restarts the
-    estimator."""
+    """For four seconds no motion is reported: nothing is predicted over them, and the next range
+    restarts the estimator."""
     world, estimator = listened(make, 30.0, still)
     assert estimator.ready and estimator.at(30.0) is not None
     for t in (34.0, 34.05, 34.1):
@@ -71,7 +85,8 @@ def test_where_it_went_in_a_hole_of_its_own_motion_nobody_guesses(make):
 
 
 def test_unicycle_knows_the_angle_to_the_target_in_still_air():
-    world, estimator = Circling(wind=(0.0, 0.0)), UnicycleEstimator(SETTINGS)
+    world = Circling(wind=(0.0, 0.0))
+    estimator = UnicycleEstimator(SETTINGS)
     listen(estimator, world, 0.0, 15.0)
     x, y = world.offset(14.95)
     true = (np.arctan2(-y, -x) - world.heading(14.95) + pi) % (2 * pi) - pi
@@ -83,7 +98,10 @@ def test_unicycle_knows_the_angle_to_the_target_in_still_air():
 @pytest.mark.parametrize("measured", ["range", "rate"])
 def test_both_hypotheses_of_unicycle_are_textbook_filters_of_the_exact_motion(measured):
     """The target in body axes, moved by the chord and turned, with Jacobians by differences."""
-    dt, turned, one, unicycle = 0.1, 0.03, np.array([True]), UnicycleFilter(5.0)
+    dt = 0.1
+    turned = 0.03
+    one = np.array([True])
+    unicycle = UnicycleFilter(5.0)
 
     def moved(x):
         place = (x[0] * np.exp(1j * x[1]) - V * dt * np.exp(0.5j * turned)) * np.exp(-1j * turned)
@@ -97,8 +115,13 @@ def test_both_hypotheses_of_unicycle_are_textbook_filters_of_the_exact_motion(me
 
     unicycle.update(np.array([100.0]), np.array([0.5]), one)
     unicycle.predict(np.array([V]), np.array([turned]), dt)
-    predicted, likelihood = deepcopy(unicycle), []
-    z, sigma = (np.array([101.0]), np.array([0.4])) if measured == "range" else (np.array([2.0]), np.array([0.3]))
+    predicted = deepcopy(unicycle)
+    likelihood = []
+    z, sigma = (
+        (np.array([101.0]), np.array([0.4]))
+        if measured == "range"
+        else (np.array([2.0]), np.array([0.3]))
+    )
     if measured == "range":
         unicycle.update(z, sigma, one)
     else:
@@ -106,12 +129,15 @@ def test_both_hypotheses_of_unicycle_are_textbook_filters_of_the_exact_motion(me
     for side, eta in enumerate((pi / 2, -pi / 2)):
         x = np.array([100.0, eta])
         F = derivatives(moved, x)
-        x, P = moved(x), F @ np.diag([0.25, 1.0]) @ F.T + np.diag([0.05**2, 0.03**2]) * dt
+        x = moved(x)
+        P = F @ np.diag([0.25, 1.0]) @ F.T + np.diag([0.05**2, 0.03**2]) * dt
         assert predicted.x[:, side, 0] == pytest.approx(x, abs=2e-3)
         assert predicted.P[..., side, 0] == pytest.approx(P, rel=0.01, abs=1e-3)
-        x, P = predicted.x[:, side, 0], predicted.P[..., side, 0]
+        x = predicted.x[:, side, 0]
+        P = predicted.P[..., side, 0]
         H = derivatives(expected, x)
-        nu, S = z[0] - expected(x), H @ P @ H + sigma[0] ** 2
+        nu = z[0] - expected(x)
+        S = H @ P @ H + sigma[0] ** 2
         assert unicycle.x[:, side, 0] == pytest.approx(x + P @ H / S * nu, abs=1e-6)
         assert unicycle.P[..., side, 0] == pytest.approx(P - np.outer(P @ H, P @ H) / S, abs=1e-6)
         likelihood.append(-0.5 * nu**2 / S - 0.5 * np.log(S))
@@ -120,7 +146,9 @@ def test_both_hypotheses_of_unicycle_are_textbook_filters_of_the_exact_motion(me
 
 
 @pytest.mark.parametrize("gap", [15.0, 60.0])
-def test_after_a_gap_in_which_it_may_have_turned_anywhere_unicycle_is_ready_only_when_it_knows_the_angle_again(gap):
+def test_after_a_gap_in_which_it_may_have_turned_anywhere_unicycle_is_ready_only_when_it_knows_the_angle_again(
+    gap,
+):
     """On its circle the range returns to its value at any assumed angle."""
     world, estimator = listened(UnicycleEstimator, 30.0, still)
     silent(estimator, world, 30.0, 30.0 + gap)
@@ -134,8 +162,10 @@ def test_after_a_gap_in_which_it_may_have_turned_anywhere_unicycle_is_ready_only
 
 
 def test_unicycle_lives_on_a_slow_radio_while_the_vehicle_turns_slowly():
-    """A range every 2.5 s, longer than a quarter turn at the limit takes, on a circle of 62 s per lap."""
-    world, estimator = still(), UnicycleEstimator(replace(SETTINGS, max_turn_rate=0.7))
+    """A range every 2.5 s, longer than a quarter turn at the limit takes, on a circle of 62 s per
+    lap."""
+    world = still()
+    estimator = UnicycleEstimator(replace(SETTINGS, max_turn_rate=0.7))
     for step in range(1200):
         estimator.move(world.motion(0.05 * step))
         if step % 50 == 0:

@@ -1,4 +1,5 @@
-"""The lap of a vehicle that cannot turn as fast as its circle demands, against the geometry of the planned curve."""
+"""The lap of a vehicle that cannot turn as fast as its circle demands, against the geometry of the
+planned curve."""
 
 from itertools import pairwise, product
 from math import hypot, inf, pi
@@ -16,15 +17,17 @@ from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored
 from tests.tools.firmware.bound import squeezed
 
-V, R_D, WIND = 23.4, 150.0, 5.0
+V = 23.4
+R_D = 150.0
+WIND = 5.0
 """ArduPlane as flown. Its circle demands up to 0.230 rad/s."""
 LIMIT = 0.215
 UNKNOWN = BankLimit()
 
 
 def geometry(lap, wind):
-    """Return the nose's turn rates along a planned curve (rad/s) and its RMS off the circle over time (m). Uses
-    positions alone, without the plan's own equation."""
+    """Return the nose's turn rates along a planned curve (rad/s) and its RMS off the circle over
+    time (m). Uses positions alone, without the plan's own equation."""
     knots = np.linspace(-pi, pi, ANGLES, endpoint=False) + lap.downwind
     radii = [lap.at(float(angle))[0] for angle in knots]
     curve = CubicSpline([*knots, knots[0] + 2 * pi], [*radii, radii[0]], bc_type="periodic")
@@ -34,14 +37,17 @@ def geometry(lap, wind):
     blows = wind * np.exp(-1j * course)
     time = np.abs(np.gradient(place)) / (np.sqrt(V**2 - blows.imag**2) + blows.real)
     turn = np.gradient(course - np.arcsin(blows.imag / V)) / time
-    of_a_knot = round(4000 / ANGLES)  # between two of them a spline oscillates where the limited part begins
+    of_a_knot = round(
+        4000 / ANGLES
+    )  # between two of them a spline oscillates where the limited part begins
     smooth = np.convolve(turn, np.ones(of_a_knot) / of_a_knot, "valid")
     return smooth, float(np.sqrt(np.average((abs(place) - R_D) ** 2, weights=time)))
 
 
 @pytest.mark.parametrize("blows", [0.0, 2.3])
 def test_the_planned_lap_keeps_the_limit_and_is_nearly_the_truest_that_does(blows):
-    """The least RMS is computed independently in tests/tools/firmware/bound.py. A plan for a lower limit has more."""
+    """The least RMS is computed independently in tests/tools/firmware/bound.py. A plan for a lower
+    limit has more."""
     wind = WIND * np.exp(1j * blows)
     lap = plan((wind.real, wind.imag), V=V, r_d=R_D, limit=LIMIT)
     assert lap is not None
@@ -51,10 +57,15 @@ def test_the_planned_lap_keeps_the_limit_and_is_nearly_the_truest_that_does(blow
 
 
 def test_every_drift_and_limit_that_can_be_estimated_has_a_lap():
-    """An equation without a solution must not end a flight. Includes a limit of 0 and a drift of V."""
+    """An equation without a solution must not end a flight. Includes a limit of 0 and a drift of
+    V."""
     for wind, limit in product(np.arange(0.0, 1.2, 0.1), np.arange(0.0, 3.2, 0.2)):
         lap = plan((wind * V, 0.0), V=V, r_d=R_D, limit=limit * V / R_D)
-        radii = [R_D] if lap is None else [lap.at(float(angle))[0] for angle in np.linspace(-pi, pi, 20)]
+        radii = (
+            [R_D]
+            if lap is None
+            else [lap.at(float(angle))[0] for angle in np.linspace(-pi, pi, 20)]
+        )
         assert np.isfinite(radii).all()
         assert np.abs(np.array(radii) - R_D).max() <= 0.2 * R_D + 1e-9
 
@@ -66,7 +77,8 @@ def test_a_circle_within_the_limit_needs_no_plan():
 
 def test_many_flights_are_planned_as_one_and_those_within_the_limit_keep_their_circle():
     d = np.array([[5.0, 5.0, -2.0], [0.0, 0.0, 4.0]])
-    limit, angle = np.array([LIMIT, 0.4, LIMIT]), np.array([0.3, 0.3, -2.0])
+    limit = np.array([LIMIT, 0.4, LIMIT])
+    angle = np.array([0.3, 0.3, -2.0])
     many = plan(d, V=np.full(3, V), r_d=R_D, limit=limit)
     assert many is not None
     radius, slope = many.at(angle)
@@ -78,19 +90,30 @@ def test_many_flights_are_planned_as_one_and_those_within_the_limit_keep_their_c
 
 
 def flown(limit_known, sense=1.0, seconds=240.0, dt=0.05):
-    """Return the RMS off the circle over the last two laps (m), and the final angular momentum. The vehicle turns no
-    faster than LIMIT."""
-    lag, p, psi, rate, d = 0.4, (R_D + 40.0, 0.0), 1.5 * sense, 0.0, (3.0, -4.0)
-    under_way, response, errors = PendingTurn(), Response(0.0, lag, 1 / lag), []
+    """Return the RMS off the circle over the last two laps (m), and the final angular momentum. The
+    vehicle turns no faster than LIMIT."""
+    lag = 0.4
+    p = (R_D + 40.0, 0.0)
+    psi = 1.5 * sense
+    rate = 0.0
+    d = (3.0, -4.0)
+    under_way = PendingTurn()
+    response = Response(0.0, lag, 1 / lag)
+    errors = []
     for i in range(round(seconds / dt)):
         here = mirrored(p, d, psi, under_way.at(i * dt, response, rate), sense)
         lap = plan(here[1], V=V, r_d=R_D, limit=LIMIT) if limit_known else None
         gains = drift_gains(V, lag, 1 / lag)
-        command = clip(sense * drift(*here, V=V, r_d=R_D, max_turn_rate=0.3, gains=gains, lap=lap), -LIMIT, LIMIT)
+        command = clip(
+            sense * drift(*here, V=V, r_d=R_D, max_turn_rate=0.3, gains=gains, lap=lap),
+            -LIMIT,
+            LIMIT,
+        )
         under_way.command(i * dt, command)
         rate += (command - rate) * dt / lag
         x, y = chord_parts(V, psi, rate * dt, dt)
-        p, psi = (p[0] + x + d[0] * dt, p[1] + y + d[1] * dt), psi + rate * dt
+        p = (p[0] + x + d[0] * dt, p[1] + y + d[1] * dt)
+        psi = psi + rate * dt
         errors.append(hypot(*p) - R_D)
     last = errors[-round(4 * pi * R_D / V / dt) :]
     v = V * np.cos(psi) + d[0], V * np.sin(psi) + d[1]
@@ -106,11 +129,14 @@ def test_a_vehicle_at_its_limit_flies_the_planned_lap_truer_than_the_circle(sens
 
 
 def after(*banks, commanded=0.4, step=0.05, limit=UNKNOWN):
-    """Turn-rate limit learned from banks (as turn rates) of a vehicle whose nose turns at 0.7 of them."""
+    """Turn-rate limit learned from banks (as turn rates) of a vehicle whose nose turns at 0.7 of
+    them."""
     heading = 3.0
     for i, (before, now) in enumerate(pairwise(banks)):
         heading = wrap(heading + 0.7 * now * step)
-        limit = limit.follow(OwnMotion(i * step, heading, 0.7 * now, V, bank_turn=now), commanded, before)
+        limit = limit.follow(
+            OwnMotion(i * step, heading, 0.7 * now, V, bank_turn=now), commanded, before
+        )
     return limit
 
 

@@ -6,47 +6,70 @@ import pytest
 
 from circnav_mav.guidance.step import FADE, WHY, ActiveLaw, Handover, next_handover
 
-STEP, LIMIT = 0.05, 0.35
-BY_RANGE, BY_BANK = 0.1, -0.05
+STEP = 0.05
+LIMIT = 0.35
+BY_RANGE = 0.1
+BY_BANK = -0.05
 
 
 def go_on(
-    before: Handover, seconds: float, *, trusted=False, most_likely=-1, by_range=BY_RANGE, drift_turn=BY_BANK,
+    before: Handover,
+    seconds: float,
+    *,
+    trusted=False,
+    most_likely=-1,
+    by_range=BY_RANGE,
+    drift_turn=BY_BANK,
     leaves=0.0,
-):  # fmt: skip
+):
     """Return the handover of every step during some seconds."""
     found = []
     for _ in range(round(seconds / STEP)):
         before = next_handover(
-            before, STEP, trusted=trusted, most_likely=most_likely, by_range=by_range, drift_turn=drift_turn,
-            limit=LIMIT, leaves=leaves,
-        )  # fmt: skip
+            before,
+            STEP,
+            trusted=trusted,
+            most_likely=most_likely,
+            by_range=by_range,
+            drift_turn=drift_turn,
+            limit=LIMIT,
+            leaves=leaves,
+        )
         found.append(before)
     return found
 
 
 def test_a_guess_is_tried_once_the_search_has_had_its_second():
     steps = go_on(Handover(), 2.0, most_likely=3)
-    assert {(step.flies, step.command) for step in steps[:19]} == {(ActiveLaw.FEEDFORWARD, BY_RANGE)}
+    assert {(step.flies, step.command) for step in steps[:19]} == {
+        (ActiveLaw.FEEDFORWARD, BY_RANGE)
+    }
     assert {step.flies for step in steps[19:]} == {ActiveLaw.TRIAL}
     assert steps[-1].command == pytest.approx(BY_BANK, abs=0.15 * exp(-0.95 / FADE))
-    assert {step.flies for step in go_on(Handover(), 20.0)} == {ActiveLaw.FEEDFORWARD}, "without a guess"
+    assert {step.flies for step in go_on(Handover(), 20.0)} == {ActiveLaw.FEEDFORWARD}, (
+        "without a guess"
+    )
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize("most_likely", [-1, 3])
-def test_who_leaves_the_target_behind_turns_at_the_limit_the_way_that_is_asked_for(most_likely, way):
+def test_who_leaves_the_target_behind_turns_at_the_limit_the_way_that_is_asked_for(
+    most_likely, way
+):
     asked = {"most_likely": most_likely, "by_range": 0.02 * way, "drift_turn": 0.02 * way}
-    turns = [go_on(Handover(), 2.0, leaves=leaves, **asked)[-1].command for leaves in (0.0, 0.5, 1.0)]
+    turns = [
+        go_on(Handover(), 2.0, leaves=leaves, **asked)[-1].command for leaves in (0.0, 0.5, 1.0)
+    ]
     assert turns == pytest.approx([0.02 * way, (0.02 + LIMIT) / 2 * way, LIMIT * way], abs=1e-3)
     known = go_on(Handover(), 2.0, trusted=True, leaves=1.0, **asked)[-1]
     assert known.command == pytest.approx(0.02 * way), "who knows where it is, flies as asked"
 
 
 def test_who_goes_on_leaving_the_target_behind_keeps_its_side_whatever_guesses_and_weave_ask_for():
-    """Ranges of long-range radios kept the most likely hypothesis changing. Turns to alternating sides flew straight
-    away, 1.3 km."""
-    step, told = Handover(), []
+    """Ranges of long-range radios kept the most likely hypothesis changing. Turns to alternating
+    sides flew straight away, 1.3 km."""
+    step = Handover()
+    told = []
     for n in range(20):
         step = go_on(step, 1.0, most_likely=n, drift_turn=-0.2 if n % 2 else 0.2, leaves=1.0)[-1]
         told.append(round(step.command, 1))
@@ -56,7 +79,8 @@ def test_who_goes_on_leaving_the_target_behind_keeps_its_side_whatever_guesses_a
 
 
 def test_a_trial_that_tells_nothing_apart_weaves_to_either_side_every_six_seconds():
-    """Excitation of 0.7 of the limit around the command of the most likely hypothesis, from the sixth second on."""
+    """Excitation of 0.7 of the limit around the command of the most likely hypothesis, from the
+    sixth second on."""
     for n, step in enumerate(go_on(Handover(), 24.0, most_likely=3), 1):
         weave = 0.7 * LIMIT * sin(2 * pi * n * STEP / 6.0) if n * STEP > 6.0 + 1e-9 else 0.0
         if n * STEP >= 3.0:
@@ -72,18 +96,24 @@ def test_the_target_found_ends_the_weaving_and_the_next_search_has_its_time_agai
 
 
 @pytest.mark.parametrize(("trusted", "most_likely"), [(True, -1), (False, 5)])
-def test_a_change_of_who_steers_or_of_the_guess_is_no_jump_and_fades_in_a_fifth_of_a_second(trusted, most_likely):
+def test_a_change_of_who_steers_or_of_the_guess_is_no_jump_and_fades_in_a_fifth_of_a_second(
+    trusted, most_likely
+):
     before = go_on(Handover(), 5.0, most_likely=3)[-1]
     wanted = 0.25
     after = go_on(before, 1.0, trusted=trusted, most_likely=most_likely, drift_turn=wanted)
     for n, step in enumerate(after):
-        assert step.command == pytest.approx(wanted + (before.command - wanted) * exp(-n * STEP / FADE), abs=1e-9)
+        assert step.command == pytest.approx(
+            wanted + (before.command - wanted) * exp(-n * STEP / FADE), abs=1e-9
+        )
 
 
 def test_nothing_goes_beyond_the_limit():
     before = go_on(Handover(), 5.0, trusted=True, drift_turn=-9.0)[-1]
     assert before.command == -LIMIT
-    assert {abs(step.command) <= LIMIT for step in go_on(before, 3.0, most_likely=1, drift_turn=9.0)} == {True}
+    assert {
+        abs(step.command) <= LIMIT for step in go_on(before, 3.0, most_likely=1, drift_turn=9.0)
+    } == {True}
 
 
 def test_who_flies_is_told_in_a_line_that_a_ground_station_shows_whole():

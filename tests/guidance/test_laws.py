@@ -1,4 +1,5 @@
-"""The laws on range and range rate: equations, steady states, bounds of their commands, and default gains."""
+"""The laws on range and range rate: equations, steady states, bounds of their commands, and default
+gains."""
 
 from math import asin, cos, isfinite, pi, sin, sqrt
 
@@ -13,14 +14,18 @@ from circnav_mav.guidance.laws import LAWS, Kind, smooth, switching
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.watches import MOST_TRIM
 
-V, R_D = 15.0, 100.0
+V = 15.0
+R_D = 100.0
 EXAMPLE = {"V": 1.0, "r_d": 10.0}
 """The paper's three examples share these."""
 STATELESS = [law for law in LAWS.values() if law.kind is Kind.RANGE]
 FEEDBACK = [law for law in STATELESS if law.name not in ("smooth", "switching", "bounded")]
 
-ranges, rates = st.floats(1, 2000), st.floats(-15, 15)
-speeds, radii, lags = st.floats(0.5, 60), st.floats(5, 2000), st.floats(0.05, 10)
+ranges = st.floats(1, 2000)
+rates = st.floats(-15, 15)
+speeds = st.floats(0.5, 60)
+radii = st.floats(5, 2000)
+lags = st.floats(0.05, 10)
 
 
 def each(laws):
@@ -48,8 +53,15 @@ def test_many_flights_fly_the_law_of_one(law, points):
 
 
 @each(STATELESS)
-@given(share=st.floats(1 - MOST_TRIM, 1 + MOST_TRIM), over=st.floats(1.001, 3), r=st.floats(0, 2000), r_dot=rates)
-def test_every_law_stays_finite_for_every_trim_of_its_radius_and_gain_that_is_allowed(law, share, over, r, r_dot):
+@given(
+    share=st.floats(1 - MOST_TRIM, 1 + MOST_TRIM),
+    over=st.floats(1.001, 3),
+    r=st.floats(0, 2000),
+    r_dot=rates,
+)
+def test_every_law_stays_finite_for_every_trim_of_its_radius_and_gain_that_is_allowed(
+    law, share, over, r, r_dot
+):
     k = over * (law.gain_bound(V, R_D) or 0.5 * gain(law))
     assert isfinite(law.function(r, r_dot, V=V, r_d=share * R_D, k=k))
 
@@ -80,7 +92,8 @@ def test_no_turn_accelerates_the_range_beyond_its_bound(theta_b, r, turn):
     """r'' = V sin(theta_b) theta_b' with theta_b' = omega + V sin(theta_b)/r (eq. `thetadot`).
 
     V = 15 m/s, omega_max = 1/3 rad/s, so the tightest turn is 45 m."""
-    V, omega_max = 15.0, 1 / 3
+    V = 15.0
+    omega_max = 1 / 3
     acceleration = V * sin(theta_b) * (turn * omega_max + V * sin(theta_b) / r)
     assert abs(acceleration) <= laws.max_range_acceleration(V, omega_max, r) * (1 + 1e-12)
 
@@ -127,9 +140,12 @@ def test_far_out_an_approach_that_every_law_accepts_is_slower_than_the_vehicle(l
     assert -0.8 * V <= asked_for < -0.2 * V
 
 
-@pytest.mark.parametrize(("r", "asked"), [(120.0, sqrt(3) / 2), (100.0, 0.8), (60.0, 0.0), (30.0, -sqrt(3) / 2)])
+@pytest.mark.parametrize(
+    ("r", "asked"), [(120.0, sqrt(3) / 2), (100.0, 0.8), (60.0, 0.0), (30.0, -sqrt(3) / 2)]
+)
 def test_bounded_asks_for_an_approach_outside_and_for_as_quick_a_way_out_inside(r, asked):
-    """r_s = 60 at r_d = 100 and k = 1/80. By hand at twice r_s, on the circle, on r_s, and at half of it."""
+    """r_s = 60 at r_d = 100 and k = 1/80. By hand at twice r_s, on the circle, on r_s, and at half
+    of it."""
     assert laws.bounded(r, 3.0, V=V, r_d=R_D, k=-1 / 80) == pytest.approx((3.0 + V * asked) / 80)
 
 
@@ -141,14 +157,18 @@ def test_bounded_fed_less_than_its_gain_can_fly_holds_the_smallest_circle_that_i
 
 def test_relay_changes_over_within_its_boundary_layer_and_not_at_once():
     """The loop allows 6/r_d = 0.06 rad/m, so the layer is 0.2/0.06 m/s to either side."""
-    turns = [laws.relay(R_D, r_dot, V=V, r_d=R_D, k=-0.2) for r_dot in (-5.0, -5 / 3, 0.0, 5 / 3, 5.0)]
+    turns = [
+        laws.relay(R_D, r_dot, V=V, r_d=R_D, k=-0.2) for r_dot in (-5.0, -5 / 3, 0.0, 5 / 3, 5.0)
+    ]
     assert turns == pytest.approx([0.15 - 0.2, 0.15 - 0.1, 0.15, 0.15 + 0.1, 0.15 + 0.2])
 
 
-@pytest.mark.parametrize(("r", "turn"), [(102.0, 0.193), (250.0, 0.34), (98.0, 0.187), (1.0, 0.0415)])
+@pytest.mark.parametrize(
+    ("r", "turn"), [(102.0, 0.193), (250.0, 0.34), (98.0, 0.187), (1.0, 0.0415)]
+)
 def test_pd_is_its_equation_with_the_error_cut(r, turn):
-    """V/r_d = 0.15 and k r' = 0.04. The error counts with k^2 V/4 = 0.0015, up to 100 m, which demand a radial speed
-    of V/2."""
+    """V/r_d = 0.15 and k r' = 0.04. The error counts with k^2 V/4 = 0.0015, up to 100 m, which
+    demand a radial speed of V/2."""
     assert laws.pd(r, 2.0, V=V, r_d=R_D, k=-0.02) == pytest.approx(turn)
 
 
@@ -160,14 +180,17 @@ def test_pd_is_its_equation_with_the_error_cut(r, turn):
         (10.0, 9.0, 12 / 43 + 0.02 * (9 - 8.25 * 0.4971057)),
     ],
 )
-def test_feedforward_is_the_turn_of_the_present_circle_and_the_closing_speed_missing(r, r_dot, turn):
-    """V, r' and the tangential speed are 15, 9 and 12 m/s. gamma = 0.02 * 15/6 = 0.05, v* = 8.25; tanh of 1, 50/165 and
-    90/165. Nearer than 43 m the circle gets no smaller."""
+def test_feedforward_is_the_turn_of_the_present_circle_and_the_closing_speed_missing(
+    r, r_dot, turn
+):
+    """V, r' and the tangential speed are 15, 9 and 12 m/s. gamma = 0.02 * 15/6 = 0.05, v* = 8.25;
+    tanh of 1, 50/165 and 90/165. Nearer than 43 m the circle gets no smaller."""
     assert laws.feedforward(r, r_dot, V=V, r_d=R_D, k=-0.02) == pytest.approx(turn, rel=1e-5)
 
 
 def test_pi_is_its_equation_and_its_integral_stays_within_its_bounds():
-    """c = 7.5, delta = 50, k_i = 0.02 * 0.15 = 0.003. The integral settles at 50 and is held below 100."""
+    """c = 7.5, delta = 50, k_i = 0.02 * 0.15 = 0.003. The integral settles at 50 and is held below
+    100."""
     values = {"V": V, "r_d": R_D, "k": -0.02}
     s = -4.0 + 7.5 * 0.7615942
     turn, memory = laws.pi(150.0, -4.0, 20.0, 0.1, **values)
@@ -178,7 +201,9 @@ def test_pi_is_its_equation_and_its_integral_stays_within_its_bounds():
 
 @each(LAWS.values())
 @given(V=speeds, r_d=radii, lag=lags)
-def test_every_default_gain_meets_its_own_condition_and_is_none_higher_in_a_later_loop(law, V, r_d, lag):
+def test_every_default_gain_meets_its_own_condition_and_is_none_higher_in_a_later_loop(
+    law, V, r_d, lag
+):
     gain = law.default_gain(V, r_d, lag)
     assert gain > law.gain_bound(V, r_d)
     assert law.default_gain(V, r_d, 2 * lag) <= gain
@@ -187,12 +212,23 @@ def test_every_default_gain_meets_its_own_condition_and_is_none_higher_in_a_late
 @pytest.mark.parametrize(
     ("law", "V", "r_d", "lag", "gain"),
     [
-        ("smooth", 1.0, 10.0, 0.1, 0.01),  # examples 1 and 2 of the paper, where the loop has no lag
+        (
+            "smooth",
+            1.0,
+            10.0,
+            0.1,
+            0.01,
+        ),  # examples 1 and 2 of the paper, where the loop has no lag
         ("switching", 1.0, 10.0, 0.1, 0.12),  # example 3
-        *((law, 15.0, 100.0, 1.0, 0.5 / 15) for law in ("feedforward", "pd", "pi", "drift", "auto")),
+        *(
+            (law, 15.0, 100.0, 1.0, 0.5 / 15)
+            for law in ("feedforward", "pd", "pi", "drift", "auto")
+        ),
     ],
 )
-def test_default_gains_are_the_papers_and_in_a_late_loop_those_at_which_vehicles_do_not_swing(law, V, r_d, lag, gain):
+def test_default_gains_are_the_papers_and_in_a_late_loop_those_at_which_vehicles_do_not_swing(
+    law, V, r_d, lag, gain
+):
     """k V lag = 0.5. Above it, autopilots were seen in a limit cycle."""
     assert LAWS[law].default_gain(V, r_d, lag) == pytest.approx(gain)
 

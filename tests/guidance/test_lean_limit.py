@@ -9,18 +9,28 @@ import pytest
 from circnav_mav.guidance.lean_limit import GRAVITY, LeanLimit
 from circnav_mav.guidance.types import OwnMotion
 
-V, DRAG, TURN = 5.0, 0.35, 5.0 / 30
+V = 5.0
+DRAG = 0.35
+TURN = 5.0 / 30
 
 
 def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0):
-    """Return the state after laps at V. wind: m/s. gust: RMS of the push, m/s^2. trim: lean fixed to the nose, in
-    m/s^2."""
-    rng, limit, lean, gusts = np.random.default_rng(2), GRAVITY * tan(radians(limit_deg)), LeanLimit(), 0j
+    """Return the state after laps at V. wind: m/s. gust: RMS of the push, m/s^2. trim: lean fixed
+    to the nose, in m/s^2."""
+    rng = np.random.default_rng(2)
+    limit = GRAVITY * tan(radians(limit_deg))
+    lean = LeanLimit()
+    gusts = 0j
     for i in range(round(laps * 2 * pi / TURN / 0.05)):
         heading = TURN * 0.05 * i
         nose = rect(1.0, heading)
         gusts += (-gusts * 0.05 + gust * complex(*rng.standard_normal(2)) * 0.3) / 2
-        push = DRAG * (V * lean.share * nose - wind) + 1j * V * lean.share * TURN * nose + gusts + trim * nose
+        push = (
+            DRAG * (V * lean.share * nose - wind)
+            + 1j * V * lean.share * TURN * nose
+            + gusts
+            + trim * nose
+        )
         push = rect(min(abs(push), limit), phase(push))
         own = OwnMotion(0.05 * i, heading, TURN, V * lean.share, push=(push.real, push.imag))
         lean = lean.follow(own)
@@ -29,8 +39,8 @@ def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0):
 
 @pytest.mark.parametrize("wind", [6.5, 7.5])
 def test_a_limit_is_found_and_the_speed_lowered_until_it_is_held(wind):
-    """20 deg are 3.57 m/s^2. With a drag of 0.35/s, that allows 10.2 m/s of airspeed less the part that turns the
-    path."""
+    """20 deg are 3.57 m/s^2. With a drag of 0.35/s, that allows 10.2 m/s of airspeed less the part
+    that turns the path."""
     lean = after(5, wind, limit_deg=20.0)
     assert degrees(atan(lean.found / GRAVITY)) == pytest.approx(20.0, abs=0.5)
     asked = abs(DRAG * (V * lean.share + wind) + 1j * V * lean.share * TURN)
@@ -40,7 +50,13 @@ def test_a_limit_is_found_and_the_speed_lowered_until_it_is_held(wind):
 
 @pytest.mark.parametrize(
     "flight",
-    [{"wind": 0.0}, {"wind": 6.0}, {"wind": 6.0, "trim": 0.4}, {"wind": 3.0, "gust": 1.0}, {"wind": 6.0, "gust": 2.0}],
+    [
+        {"wind": 0.0},
+        {"wind": 6.0},
+        {"wind": 6.0, "trim": 0.4},
+        {"wind": 3.0, "gust": 1.0},
+        {"wind": 6.0, "gust": 2.0},
+    ],
     ids=str,
 )
 def test_a_lean_that_wind_trim_or_gusts_ask_for_is_no_limit(flight):

@@ -1,14 +1,16 @@
 """Stability margins of the heading and radius loop for plants like those of real vehicles.
 
-The loop is linear around the circle, so the margins are computed, not flown. Only the gains come from the law's code.
-theta is the heading inward of the tangent, e the radius error, c the turn command, P the vehicle.
+The loop is linear around the circle, so the margins are computed, not flown. Only the gains come
+from the law's code. theta is the heading inward of the tangent, e the radius error, c the turn
+command, P the vehicle.
 
     theta' = P c,   e' = -V theta,   pending' = (1 - M) c,   M = e^(-s dead)/(lag s + 1)
     c = -(heading + radial V) (theta + pending) - heading radial V T (theta + pending/2) + heading radial e
     T = dead + lag
 
-The plants cover airframes and links as flown on ArduPilot 4.6.3 and PX4. The dead time is 0.05 to 0.6 s. The response
-is of first order (0.1 to 1.2 s) or of second order (3 to 8 rad/s, damping 0.3 to 0.8). The link adds 0.05 s.
+The plants cover airframes and links as flown on ArduPilot 4.6.3 and PX4. The dead time is 0.05 to
+0.6 s. The response is of first order (0.1 to 1.2 s) or of second order (3 to 8 rad/s, damping 0.3
+to 0.8). The link adds 0.05 s.
 """
 
 from itertools import product
@@ -16,7 +18,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from circnav_mav.guidance.margin import MOST_SENSITIVITY, drift_with_margin, radius_with_margin, sensitivity
+from circnav_mav.guidance.margin import (
+    MOST_SENSITIVITY,
+    drift_with_margin,
+    radius_with_margin,
+    sensitivity,
+)
 from circnav_mav.guidance.turn_response import ResponseLearner
 from circnav_mav.guidance.vector_field import drift_gains
 
@@ -27,7 +34,10 @@ V = 15.0
 DEAD = (0.05, 0.2, 0.4, 0.6)
 PLANTS = [
     *((dead, "first", lag, 0.0) for dead, lag in product(DEAD, (0.1, 0.4, 0.8, 1.2))),
-    *((dead, "second", w, damping) for dead, w, damping in product(DEAD, (3.0, 5.0, 8.0), (0.3, 0.55, 0.8))),
+    *(
+        (dead, "second", w, damping)
+        for dead, w, damping in product(DEAD, (3.0, 5.0, 8.0), (0.3, 0.55, 0.8))
+    ),
 ]
 
 
@@ -39,18 +49,26 @@ def answer(kind, a, damping):
 
 
 def loop(P, dead, lag, settles):
-    """The loop opened at the vehicle, with the gains for the assumed dead time, lag and settling rate."""
+    """The loop opened at the vehicle, with the gains for the assumed dead time, lag and settling
+    rate."""
     T = dead + lag
     gains = drift_gains(V, T, settles)
-    heading, across = float(gains.heading), float(gains.radial) * V
-    both, ahead = heading + across, heading * across * T
+    heading = float(gains.heading)
+    across = float(gains.radial) * V
+    both = heading + across
+    ahead = heading * across * T
     model = np.exp(-S * dead) / (lag * S + 1)
-    return P * ((both + ahead) / S + heading * across / S**2) / (1 + (both + ahead / 2) * (1 - model) / S)
+    return (
+        P
+        * ((both + ahead) / S + heading * across / S**2)
+        / (1 + (both + ahead / 2) * (1 - model) / S)
+    )
 
 
 def margins(L):
     """Gain margin (dB) and phase margin (deg) of a loop that begins at -180 deg."""
-    gain, phase = np.abs(L), np.unwrap(np.angle(L))
+    gain = np.abs(L)
+    phase = np.unwrap(np.angle(L))
     phase -= 2 * np.pi * np.round((phase[0] + np.pi) / (2 * np.pi))
     through = np.nonzero((gain[:-1] >= 1) != (gain[1:] >= 1))[0]
     turned = np.nonzero((phase[:-1] > -np.pi) & (phase[1:] <= -np.pi) & (W[:-1] > 0.05))[0]
@@ -59,7 +77,9 @@ def margins(L):
 
 def assert_margins(plant, dead, lag, settles):
     """Check the margins of a loop that is tuned for the assumed vehicle."""
-    gain, phase = margins(loop(answer(*plant[1:])[0] * np.exp(-S * (plant[0] + LINK)), dead, lag, settles))
+    gain, phase = margins(
+        loop(answer(*plant[1:])[0] * np.exp(-S * (plant[0] + LINK)), dead, lag, settles)
+    )
     assert gain >= 6.0
     assert phase >= 45.0
 
@@ -76,7 +96,10 @@ def flown(dead, kind, a, damping, seconds=25.0, dt=0.01, gain=0.75):
     time = np.arange(0.0, seconds, dt)
     command = np.where(time < 14.0, 0.3 * np.sign(np.sin(0.7 * time)), 0.15)
     late = gain * command[np.maximum(np.arange(time.size) - round(dead / dt), 0)]
-    angle, rate, acceleration, angles = 0.0, 0.0, 0.0, []
+    angle = 0.0
+    rate = 0.0
+    acceleration = 0.0
+    angles = []
     for wanted in late:
         if kind == "first":
             rate += (wanted - rate) * dt / a
@@ -89,9 +112,11 @@ def flown(dead, kind, a, damping, seconds=25.0, dt=0.01, gain=0.75):
 
 
 def learnt(plant, expected=0.5):
-    """Return the response learned from headings at 25 Hz of a plant that was expected to take 0.5 s."""
+    """Return the response learned from headings at 25 Hz of a plant that was expected to take 0.5
+    s."""
     time, command, angles = flown(*plant)
-    rng, learner = np.random.default_rng(3), ResponseLearner(expected)
+    rng = np.random.default_rng(3)
+    learner = ResponseLearner(expected)
     for i in range(0, time.size, 4):
         learner.candidates.command(float(time[i]), float(command[i]))
         learner.on_motion(float(time[i]), float(angles[i] + 0.005 * rng.standard_normal()), 0.0)
@@ -105,7 +130,9 @@ def test_margins_hold_with_what_a_flight_teaches_of_its_vehicle(plant):
     assert_margins(plant, known.dead + LINK, known.lag, known.settles)
 
 
-@pytest.mark.parametrize("plant", [(0.5, "first", 0.25, 0.0), (0.22, "second", 5.8, 0.46), (0.6, "first", 0.9, 0.0)])
+@pytest.mark.parametrize(
+    "plant", [(0.5, "first", 0.25, 0.0), (0.22, "second", 5.8, 0.46), (0.6, "first", 0.9, 0.0)]
+)
 def test_the_delay_is_learnt_from_the_turns_of_an_approach(plant):
     dead, *shape = plant
     assert learnt(plant).delay - LINK == pytest.approx(dead + answer(*shape)[1], abs=0.12)
@@ -124,7 +151,8 @@ def test_the_margin_that_check_computes_is_that_of_this_loop_on_a_large_circle(d
     """`check` linearizes the law's own code numerically. This test uses the equations."""
     worst = 0.0
     for known, share, damping in product((0.8, 1.0, 1.2), (0.3, 0.7), (None, 0.3, 0.6)):
-        dead, lag = share * delay, (1 - share) * delay
+        dead = share * delay
+        lag = (1 - share) * delay
         kind, a = ("first", lag) if damping is None else ("second", 2 * damping / lag)
         transfer, _, settles = answer(kind, a, damping or 0.0)
         L = loop(transfer * np.exp(-S * (dead + LINK)), (dead + LINK) * known, lag * known, settles)

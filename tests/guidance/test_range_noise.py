@@ -8,13 +8,25 @@ import pytest
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.types import RangeSample
 
-V, LIMIT = 15.0, 0.35
+V = 15.0
+LIMIT = 0.35
 
 
-def ranges(told: float, sigma: float, *, hz: float = 10.0, seconds: float = 20.0, seed: int = 1, lost: float = 0.0):
-    """Ranges, with white noise, of a vehicle that turns as hard as it can to either side past a target 40 m off."""
+def ranges(
+    told: float,
+    sigma: float,
+    *,
+    hz: float = 10.0,
+    seconds: float = 20.0,
+    seed: int = 1,
+    lost: float = 0.0,
+):
+    """Ranges, with white noise, of a vehicle that turns as hard as it can to either side past a
+    target 40 m off."""
     chance = np.random.default_rng(seed)
-    psi, x, y = 0.0, -120.0, 40.0
+    psi = 0.0
+    x = -120.0
+    y = 40.0
     for n in range(round(seconds * hz)):
         for _ in range(10):
             psi += LIMIT * np.sign(sin(0.7 * n / hz)) / hz / 10
@@ -37,7 +49,9 @@ def test_who_tells_the_truth_is_believed_however_the_vehicle_turns(hz, sigma):
 
 
 @pytest.mark.parametrize(("told", "sigma"), [(0.01, 0.5), (0.1, 0.5), (0.5, 5.0)])
-def test_a_sensor_that_says_too_little_is_found_out_within_seconds_and_what_was_found_first_is_kept(told, sigma):
+def test_a_sensor_that_says_too_little_is_found_out_within_seconds_and_what_was_found_first_is_kept(
+    told, sigma
+):
     for seed in range(3):
         check = NoiseCheck.of_ranges(V, LIMIT)
         sigmas = believed(ranges(told, sigma, seed=seed), check)
@@ -48,17 +62,27 @@ def test_a_sensor_that_says_too_little_is_found_out_within_seconds_and_what_was_
 
 
 def circling(
-    told: float, sigma: float, *, drifting: float = 0.0, step: float = 0.0, seconds: float = 60.0, seed: int = 1
+    told: float,
+    sigma: float,
+    *,
+    drifting: float = 0.0,
+    step: float = 0.0,
+    seconds: float = 60.0,
+    seed: int = 1,
 ):
-    """Ranges on a circle that wind pushes in and out by 0.5 m. drifting: slow error, 2 s. step: resolution."""
-    chance, slow = np.random.default_rng(seed), 0.0
+    """Ranges on a circle that wind pushes in and out by 0.5 m. drifting: slow error, 2 s. step:
+    resolution."""
+    chance = np.random.default_rng(seed)
+    slow = 0.0
     for n in range(round(seconds * 10)):
         slow = 0.951 * slow + drifting * 0.309 * chance.normal()
         z = 100.0 + 0.5 * sin(0.15 * n / 10) + slow + chance.normal(0, sigma)
         yield RangeSample(n / 10, n / 10, round(z / step) * step if step else z, told)
 
 
-@pytest.mark.parametrize(("sigma", "drifting", "least", "most"), [(0.1, 0, 0.15, 0.27), (0.02, 0.15, 0.08, 0.25)])
+@pytest.mark.parametrize(
+    ("sigma", "drifting", "least", "most"), [(0.1, 0, 0.15, 0.27), (0.02, 0.15, 0.08, 0.25)]
+)
 def test_a_sigma_told_too_large_is_lowered_with_a_margin(sigma, drifting, least, most):
     """UWB reported as 0.5 m is really 0.1 m, white or slow."""
     for seed in range(3):
@@ -81,16 +105,20 @@ def test_no_sigma_is_lowered_below_what_the_message_can_say():
 def test_a_lowered_sigma_rises_again_with_the_noise():
     check = NoiseCheck.of_ranges(V, LIMIT)
     sigmas = [
-        check.corrected(t + s.stamp, s.r, 0.5) for t, sigma in ((0.0, 0.1), (60.0, 0.5)) for s in circling(0.5, sigma)
+        check.corrected(t + s.stamp, s.r, 0.5)
+        for t, sigma in ((0.0, 0.1), (60.0, 0.5))
+        for s in circling(0.5, sigma)
     ]
     assert np.median(sigmas[400:600]) < 0.3
     assert min(sigmas[660:]) == 0.5
 
 
 def repeated(samples, *, moving=True, since=None) -> list[float]:
-    """Return the time for which the sensor counts as frozen, at each range. From the stamp `since` on, the range is
-    constant."""
-    check, told, held = NoiseCheck.of_ranges(V, LIMIT), [], None
+    """Return the time for which the sensor counts as frozen, at each range. From the stamp `since`
+    on, the range is constant."""
+    check = NoiseCheck.of_ranges(V, LIMIT)
+    told = []
+    held = None
     for sample in samples:
         held = sample.r if held is None or since is None or sample.stamp <= since else held
         check.corrected(sample.stamp, held, sample.sigma, moving=moving)
@@ -113,10 +141,17 @@ def test_a_radio_that_never_says_anything_else_is_frozen_but_only_to_a_vehicle_t
 
 @pytest.mark.parametrize(("sigma", "step"), [(0.02, 1.0), (0.1, 2.0), (0.0, 0.01)])
 def test_a_coarse_radio_on_a_perfect_circle_is_not_frozen(sigma, step):
-    """It approaches first, so the resolution becomes visible. Then the range is constant although the radio works."""
-    way = [RangeSample(s.stamp, s.stamp, round(s.r / step) * step, 0.5) for s in ranges(0.5, sigma, seconds=15.0)]
+    """It approaches first, so the resolution becomes visible. Then the range is constant although
+    the radio works."""
+    way = [
+        RangeSample(s.stamp, s.stamp, round(s.r / step) * step, 0.5)
+        for s in ranges(0.5, sigma, seconds=15.0)
+    ]
     circle = [RangeSample(15.0 + n / 10, 0.0, 100.0, 0.5) for n in range(600)]
-    settles = [RangeSample(15.0 + n / 10, 0.0, round((100 + 40 * 0.9**n) / step) * step, 0.5) for n in range(80)]
+    settles = [
+        RangeSample(15.0 + n / 10, 0.0, round((100 + 40 * 0.9**n) / step) * step, 0.5)
+        for n in range(80)
+    ]
     later = [RangeSample(s.stamp + 8.0, 0.0, s.r, 0.5) for s in circle]
     assert not any(repeated([*way, *settles, *later]))
 
@@ -125,7 +160,9 @@ def test_lost_ranges_and_outliers_do_not_confuse_it():
     for seed in range(5):
         chance = np.random.default_rng(seed)
         samples = [
-            RangeSample(s.stamp, s.time, s.r + chance.uniform(-50, 50), s.sigma) if chance.random() < 0.1 else s
+            RangeSample(s.stamp, s.time, s.r + chance.uniform(-50, 50), s.sigma)
+            if chance.random() < 0.1
+            else s
             for s in ranges(0.5, 0.5, lost=0.3, seconds=60.0, seed=seed)
         ]
         assert set(believed(samples)) == {0.5}

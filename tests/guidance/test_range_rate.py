@@ -8,7 +8,8 @@ from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate, steady_state
 from circnav_mav.guidance.types import RangeSample, RateSample
 
-V, TURN = 15.0, 0.35
+V = 15.0
+TURN = 0.35
 SETTINGS = EstimatorSettings(speed=V, max_turn_rate=TURN)
 EPOCH = 1_700_000_000.0
 """Offset of the sensor's clock from the local one. Only differences of stamps may matter."""
@@ -32,46 +33,61 @@ def hear(kalman, last, values):
 
 
 class MatrixKalman:
-    """filterpy's general filter: predict with F, Q and update with H, R. The deviation of the acceleration is one third
-    of V^2/r + V w."""
+    """filterpy's general filter: predict with F, Q and update with H, R. The deviation of the
+    acceleration is one third of V^2/r + V w."""
 
     def __init__(self, first, sigma):
         self.filter = KalmanFilter(dim_x=2, dim_z=1)
-        self.filter.x, self.filter.P = np.array([first, 0.0]), np.diag([sigma**2, V**2 / 2])
+        self.filter.x = np.array([first, 0.0])
+        self.filter.P = np.diag([sigma**2, V**2 / 2])
 
     def step(self, dt, z, sigma, H=((1.0, 0.0),)):
-        bound, G = V**2 / max(self.filter.x[0], V / TURN) + V * TURN, np.array([[dt**2 / 2], [dt]])
+        bound = V**2 / max(self.filter.x[0], V / TURN) + V * TURN
+        G = np.array([[dt**2 / 2], [dt]])
         self.filter.predict(F=np.array([[1.0, dt], [0.0, 1.0]]), Q=(bound / 3) ** 2 * (G @ G.T))
         self.filter.update(z, R=sigma**2, H=np.array(H))
         return float(self.filter.y[0] ** 2 / self.filter.S[0, 0])
 
     def expects(self, estimate):
         """Matcher for an estimate."""
-        assert (estimate.r, estimate.r_dot) == pytest.approx(tuple(self.filter.x), rel=1e-9, abs=1e-9)
+        assert (estimate.r, estimate.r_dot) == pytest.approx(
+            tuple(self.filter.x), rel=1e-9, abs=1e-9
+        )
         assert (estimate.r_sigma, estimate.r_dot_sigma) == pytest.approx(
             tuple(np.sqrt(np.diag(self.filter.P))), rel=1e-9
         )
 
 
 def flight(seed, count):
-    """A vehicle that flies past and then around a target: true (t, r) with uneven steps of about 0.1 s."""
+    """A vehicle that flies past and then around a target: true (t, r) with uneven steps of about
+    0.1 s."""
     rng = np.random.default_rng(seed)
-    t = np.round(np.cumsum(rng.uniform(0.05, 0.15, count)) * 1024) / 1024  # exact on a clock of any epoch
+    t = (
+        np.round(np.cumsum(rng.uniform(0.05, 0.15, count)) * 1024) / 1024
+    )  # exact on a clock of any epoch
     return rng, t, np.hypot(-400 + V * t, 120 + 10 * np.sin(t / 5))
 
 
 @pytest.mark.parametrize("rates", [0.0, 0.6], ids=["ranges alone", "ranges and rates"])
 def test_the_filter_is_filterpys_general_one_over_uneven_steps_and_noises(rates):
     rng, t, r = flight(1, 400)
-    kalman, now = KalmanRangeRate(SETTINGS), t[0]
+    kalman = KalmanRangeRate(SETTINGS)
+    now = t[0]
     kalman.observe_rate(RateSample(EPOCH, 0.0, 5.0, 0.1))  # no estimate before any range
     assert kalman.at(0.0) is None
     z = r[0] + rng.normal()
     kalman.observe(sample(now, z, 1.0))
-    assert (kalman.at(now).r, kalman.at(now).r_dot, kalman.nis, kalman.ready) == (z, 0.0, None, False)
+    assert (kalman.at(now).r, kalman.at(now).r_dot, kalman.nis, kalman.ready) == (
+        z,
+        0.0,
+        None,
+        False,
+    )
     reference = MatrixKalman(z, 1.0)
     reference.expects(kalman.at(now))  # E[V^2 cos^2(theta_b)] over all bearings is V^2/2
-    for now, step, true, r_dot in zip(t[1:], np.diff(t), r[1:], np.diff(r) / np.diff(t), strict=True):
+    for now, step, true, r_dot in zip(
+        t[1:], np.diff(t), r[1:], np.diff(r) / np.diff(t), strict=True
+    ):
         sigma = rng.uniform(0.2, 2.0)
         if rng.random() < rates:
             rate = r_dot + sigma * rng.normal()
@@ -84,7 +100,9 @@ def test_the_filter_is_filterpys_general_one_over_uneven_steps_and_noises(rates)
         reference.expects(kalman.at(now))
     before = kalman.at(now).r_dot
     kalman.observe_rate(RateSample(EPOCH + now, now, before + 40.0, 0.3))  # an outlier
-    kalman.observe_rate(RateSample(EPOCH + now - 0.05, now - 0.05, before + 0.5, 0.3))  # older than the newest
+    kalman.observe_rate(
+        RateSample(EPOCH + now - 0.05, now - 0.05, before + 0.5, 0.3)
+    )  # older than the newest
     assert kalman.at(now).r_dot == before
     reference.step(0.4, 0.0, 1e9)  # a measurement without information: a prediction of 0.4 s
     reference.expects(kalman.at(now + 0.4))
@@ -92,20 +110,27 @@ def test_the_filter_is_filterpys_general_one_over_uneven_steps_and_noises(rates)
 
 
 def test_arrival_jitter_costs_nothing_when_the_stamps_are_right():
-    steady, jittery = KalmanRangeRate(SETTINGS), KalmanRangeRate(SETTINGS)
+    steady = KalmanRangeRate(SETTINGS)
+    jittery = KalmanRangeRate(SETTINGS)
     rng = np.random.default_rng(5)
     for i in range(50):
         r = 200 - 0.5 * i
         steady.observe(sample(0.1 * i, r))
-        jittery.observe(RangeSample(stamp=EPOCH + 0.1 * i, time=0.1 * i + rng.uniform(0, 0.05), r=r, sigma=0.5))
+        jittery.observe(
+            RangeSample(stamp=EPOCH + 0.1 * i, time=0.1 * i + rng.uniform(0, 0.05), r=r, sigma=0.5)
+        )
     assert jittery.at(0).r_dot == steady.at(0).r_dot
 
 
 @pytest.mark.parametrize("sigmas", [4.99, 5.01, -5.01, -20.0])
-def test_the_gate_stands_at_its_number_of_standard_deviations_and_what_is_outside_moves_nothing(sigmas):
-    """Innovation variance = predicted range variance + measurement variance, at the time of the sample."""
+def test_the_gate_stands_at_its_number_of_standard_deviations_and_what_is_outside_moves_nothing(
+    sigmas,
+):
+    """Innovation variance = predicted range variance + measurement variance, at the time of the
+    sample."""
     kalman, last = settled()
-    ahead, outside = kalman.at(last + 0.1), abs(sigmas) > 5
+    ahead = kalman.at(last + 0.1)
+    outside = abs(sigmas) > 5
     off = sigmas * (ahead.r_sigma**2 + 0.5**2) ** 0.5
     assert hear(kalman, last, [ahead.r + off]) == [Fused.GATED if outside else Fused.ACCEPTED]
     after = kalman.at(last + 0.1)
@@ -115,8 +140,8 @@ def test_the_gate_stands_at_its_number_of_standard_deviations_and_what_is_outsid
 
 
 def test_scattered_outliers_never_restart_the_filter_and_time_passes():
-    """The state is predicted through the rejected samples: after 4 s at -6 m/s the range is 24 m less. A good sample
-    between two runs that agree discards the first."""
+    """The state is predicted through the rejected samples: after 4 s at -6 m/s the range is 24 m
+    less. A good sample between two runs that agree discards the first."""
     kalman, last = settled()
     before = kalman.at(last).r
     assert hear(kalman, last, [900.0, 5.0] * 20) == [Fused.GATED] * 40
@@ -131,7 +156,9 @@ def test_scattered_outliers_never_restart_the_filter_and_time_passes():
 
 
 @pytest.mark.parametrize(("apart", "agree"), [(6.0, True), (7.0, False)])
-def test_samples_of_one_motion_are_no_farther_apart_than_twice_the_speed_and_the_noise_carry_it(apart, agree):
+def test_samples_of_one_motion_are_no_farther_apart_than_twice_the_speed_and_the_noise_carry_it(
+    apart, agree
+):
     """2 V 0.1 s = 3 m. Five standard deviations of a difference of two samples are 3.5 m."""
     kalman, last = settled()
     said = hear(kalman, last, [900.0 - apart * i for i in range(5)])
@@ -140,16 +167,24 @@ def test_samples_of_one_motion_are_no_farther_apart_than_twice_the_speed_and_the
 
 def test_a_real_jump_restarts_the_filter_after_five_samples_that_agree():
     kalman, last = settled()
-    assert hear(kalman, last, [900.0 - 0.6 * i for i in range(1, 6)]) == [Fused.GATED] * 4 + [Fused.ACCEPTED]
+    assert hear(kalman, last, [900.0 - 0.6 * i for i in range(1, 6)]) == [Fused.GATED] * 4 + [
+        Fused.ACCEPTED
+    ]
     assert kalman.at(last + 0.5).r == pytest.approx(897.0)
     assert not kalman.ready, "a restarted filter knows no rate yet"
-    assert hear(kalman, last + 0.5, [897.0 - 0.6 * i for i in range(1, 15)]) == [Fused.ACCEPTED] * 14
+    assert (
+        hear(kalman, last + 0.5, [897.0 - 0.6 * i for i in range(1, 15)]) == [Fused.ACCEPTED] * 14
+    )
     assert kalman.ready
     assert kalman.at(last + 1.9).r_dot == pytest.approx(-6.0, abs=1.0)
 
 
-@pytest.mark.parametrize(("sigma", "ready"), [(0.5, [False] * 4 + [True] * 2), (200.0, [False] * 10)])
-def test_the_estimate_may_steer_after_its_fifth_sample_if_that_tells_anything_of_the_rate(sigma, ready):
+@pytest.mark.parametrize(
+    ("sigma", "ready"), [(0.5, [False] * 4 + [True] * 2), (200.0, [False] * 10)]
+)
+def test_the_estimate_may_steer_after_its_fifth_sample_if_that_tells_anything_of_the_rate(
+    sigma, ready
+):
     """Ten samples of 200 m noise within a second leave the rate as uncertain as before."""
     kalman = KalmanRangeRate(SETTINGS)
     for i, expected in enumerate(ready):
@@ -158,7 +193,8 @@ def test_the_estimate_may_steer_after_its_fifth_sample_if_that_tells_anything_of
 
 
 def test_no_prediction_goes_through_zero():
-    """Without ranges for 20 s, a vehicle that closes at 6 m/s from 10 m would have a range of -110 m."""
+    """Without ranges for 20 s, a vehicle that closes at 6 m/s from 10 m would have a range of -110
+    m."""
     kalman, last = settled(r=46.0)
     assert [round(kalman.at(last + t).r) for t in (0.0, 1.0, 3.0, 20.0)] == [11, 5, 7, 109]
     assert kalman.at(last + 1.0).r_dot == pytest.approx(-6.0, abs=0.1)
@@ -174,13 +210,19 @@ def test_a_reset_forgets_everything():
 
 
 @pytest.mark.parametrize(("sigma", "period"), [(0.5, 0.1), (2.0, 0.2), (0.001, 0.05)])
-def test_the_steady_state_is_what_the_filter_settles_to_and_how_late_it_is_under_acceleration(sigma, period):
-    """With r'' = 2 m/s^2 for long and far off, the estimated rate trails the true one by lag times 2 m/s^2."""
+def test_the_steady_state_is_what_the_filter_settles_to_and_how_late_it_is_under_acceleration(
+    sigma, period
+):
+    """With r'' = 2 m/s^2 for long and far off, the estimated rate trails the true one by lag times
+    2 m/s^2."""
     kalman, _ = settled(r_dot=0.0, sigma=sigma, count=200, period=period)
     steady = steady_state(SETTINGS, r=300.0, sigma=sigma, period=period)
     assert kalman.at(0.0).r_dot_sigma == pytest.approx(steady.r_dot_sigma, rel=1e-6)
-    kalman, acceleration = KalmanRangeRate(SETTINGS), 2.0
+    kalman = KalmanRangeRate(SETTINGS)
+    acceleration = 2.0
     for t in period * np.arange(300):
         kalman.observe(sample(t, 1e6 + acceleration * t**2 / 2, sigma))
     lag = (acceleration * t - kalman.at(t).r_dot) / acceleration
-    assert steady_state(SETTINGS, r=1e6, sigma=sigma, period=period).lag == pytest.approx(lag, rel=2e-3)
+    assert steady_state(SETTINGS, r=1e6, sigma=sigma, period=period).lag == pytest.approx(
+        lag, rel=2e-3
+    )

@@ -7,12 +7,18 @@ import pytest
 
 from circnav_mav.guidance.rate_check import RateCheck
 
-V, HZ = 15.0, 10.0
+V = 15.0
+HZ = 10.0
 
 
 def flight(seconds, seed=1, sigma=0.5, rate_sigma=0.1, outliers=0.0, drifting=0.0, wind=5.0):
-    """An approach, then the circle of 100 m in wind: (t, r, true rate, measured r, measured rate)."""
-    chance, psi, x, y, slow = np.random.default_rng(seed), 0.3, -250.0, 60.0, 0.0
+    """An approach, then the circle of 100 m in wind: (t, r, true rate, measured r, measured
+    rate)."""
+    chance = np.random.default_rng(seed)
+    psi = 0.3
+    x = -250.0
+    y = 60.0
+    slow = 0.0
     for n in range(round(seconds * HZ)):
         for _ in range(5):
             r = hypot(x, y)
@@ -28,11 +34,19 @@ def flight(seconds, seed=1, sigma=0.5, rate_sigma=0.1, outliers=0.0, drifting=0.
 
 
 def judged(said, **noise):
-    """Return the times at which the rates were dropped or accepted again. `said(t, true, measured)`: reported rate."""
-    check, changes, was = RateCheck(), [], True
+    """Return the times at which the rates were dropped or accepted again. `said(t, true,
+    measured)`: reported rate."""
+    check = RateCheck()
+    changes = []
+    was = True
     for t, z, true, measured in flight(**noise):
         check.add_rate(t, said(t, true, measured))
-        check.add_range(t, z, hypot(noise.get("sigma", 0.5), noise.get("drifting", 0.0)), noise.get("rate_sigma", 0.1))
+        check.add_range(
+            t,
+            z,
+            hypot(noise.get("sigma", 0.5), noise.get("drifting", 0.0)),
+            noise.get("rate_sigma", 0.1),
+        )
         if check.trusted != was:
             was = check.trusted
             changes.append(t)
@@ -41,11 +55,19 @@ def judged(said, **noise):
 
 @pytest.mark.parametrize(
     "noise",
-    [{}, {"rate_sigma": 0.3}, {"sigma": 0.02, "drifting": 0.15}, {"outliers": 0.1}, {"sigma": 1.0, "drifting": 2}],
+    [
+        {},
+        {"rate_sigma": 0.3},
+        {"sigma": 0.02, "drifting": 0.15},
+        {"outliers": 0.1},
+        {"sigma": 1.0, "drifting": 2},
+    ],
 )
 def test_an_honest_rate_counts_all_the_time(noise):
     for seed in (1, 2):
-        check, changes = judged(lambda t, true, measured: measured, seconds=300.0, seed=seed, **noise)
+        check, changes = judged(
+            lambda t, true, measured: measured, seconds=300.0, seed=seed, **noise
+        )
         assert changes == []
         assert abs(check.bias) < 0.2
 

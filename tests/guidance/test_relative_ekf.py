@@ -1,4 +1,5 @@
-"""The relative-motion filters against filterpy's, and their predictions for the single flight in the air."""
+"""The relative-motion filters against filterpy's, and their predictions for the single flight in
+the air."""
 
 from math import pi
 
@@ -33,19 +34,39 @@ from circnav_mav.guidance.estimators.relative_ekf import (
 from circnav_mav.guidance.maths import chord
 from tests.guidance.relative import hypothesis, noise
 
-DT, SIGMA = 0.1, 0.7
-PSD, GUST, WHITE, DRIFTING = 0.02, 1.2, 0.6, 0.8
+DT = 0.1
+SIGMA = 0.7
+PSD = 0.02
+GUST = 1.2
+WHITE = 0.6
+DRIFTING = 0.8
 NOISE = noise(PSD, GUST, WHITE, DRIFTING)
 STATE = np.array([180.0, 2.0, 1.0, -2.0, 1.02, 0.1, 0.3, -0.2, 0.1, -0.2, 0.3, 0.1])
 
 
 def moved(x, path):
     """Independent model: Cartesian, one state at a time."""
-    p = x[0] * np.array([np.cos(x[1]), np.sin(x[1])]) + x[4] * path + (x[2:4] + x[6:8] + x[10:] / 2) * DT
-    bias, gust = x[5] * np.exp(-DT / BIAS_TIME), x[6:8] * np.exp(-DT / GUST_TIME)
+    p = (
+        x[0] * np.array([np.cos(x[1]), np.sin(x[1])])
+        + x[4] * path
+        + (x[2:4] + x[6:8] + x[10:] / 2) * DT
+    )
+    bias = x[5] * np.exp(-DT / BIAS_TIME)
+    gust = x[6:8] * np.exp(-DT / GUST_TIME)
     turned = np.arctan2(p[1], p[0])
     return np.array(
-        [np.hypot(*p), x[1] + np.angle(np.exp(1j * (turned - x[1]))), x[2], x[3], x[4], bias, *gust, *x[8:10], 0, 0]
+        [
+            np.hypot(*p),
+            x[1] + np.angle(np.exp(1j * (turned - x[1]))),
+            x[2],
+            x[3],
+            x[4],
+            bias,
+            *gust,
+            *x[8:10],
+            0,
+            0,
+        ]
     )
 
 
@@ -61,7 +82,8 @@ def jacobian(x, path):
 
 def process_noise(x):
     """Cartesian noise turned into the polar frame of the state after the step."""
-    steady, gusty = PSD * DT, (1 - np.exp(-2 * DT / GUST_TIME)) * GUST**2
+    steady = PSD * DT
+    gusty = (1 - np.exp(-2 * DT / GUST_TIME)) * GUST**2
     Q = np.zeros((STATES, STATES))
     Q[:2, :2] = np.eye(2) * ((steady + gusty) * DT**2 / 3 + POSITION_PSD * DT)
     for first, q in ((2, steady), (6, gusty)):
@@ -70,7 +92,8 @@ def process_noise(x):
         Q[:2, at] = Q[at, :2] = np.eye(2) * q * DT / 2
     Q[8, 8] = Q[9, 9] = NOISE.acceleration_bias**2 / ACCELERATION_BIAS_TIME * DT
     Q[4, 4], Q[5, 5] = KAPPA_PSD * DT, (1 - np.exp(-2 * DT / BIAS_TIME)) * (DRIFTING * SIGMA) ** 2
-    c, s = np.cos(x[1]), np.sin(x[1])
+    c = np.cos(x[1])
+    s = np.sin(x[1])
     T = np.eye(STATES)
     T[:2, :2] = [[c, s], [-s / x[0], c / x[0]]]
     return T @ Q @ T.T
@@ -80,7 +103,8 @@ def test_one_hypothesis_is_filterpys_extended_kalman_filter():
     rng = np.random.default_rng(4)
     P = np.diag([4.0, 0.05, 9.0, 9.0, 2.5e-3, 0.2, 1.0, 1.0, 0.04, 0.04, 0.1, 0.1])
     reference = ExtendedKalmanFilter(dim_x=STATES, dim_z=1)
-    reference.x, reference.P = STATE[:, None].copy(), P.copy()
+    reference.x = STATE[:, None].copy()
+    reference.P = P.copy()
     H = np.eye(STATES)[[0]] + np.eye(STATES)[[5]]
     ours = hypothesis(STATE, P)
     psi = 0.3
@@ -101,23 +125,28 @@ def test_one_hypothesis_is_filterpys_extended_kalman_filter():
 
 def test_an_outlier_is_refused_and_changes_nothing():
     before = hypothesis([100.0, 0, 0, 0, 1, *[0] * 7], 0.01 * np.eye(STATES))
-    after, _, taken = update(before, NOISE, np.array([120.0]), np.array([SIGMA]), np.array([True]), 5.0)
+    after, _, taken = update(
+        before, NOISE, np.array([120.0]), np.array([SIGMA]), np.array([True]), 5.0
+    )
     assert not taken[0, 0]
     assert np.array_equal(after.x, before.x)
 
 
 def test_a_range_rate_corrects_by_the_derivatives_of_its_equation():
-    """h(x) = n.(kappa V u + d + g + e), its Jacobian by differences; textbook update in full matrices."""
+    """h(x) = n.(kappa V u + d + g + e), its Jacobian by differences; textbook update in full
+    matrices."""
     rng = np.random.default_rng(3)
     x = rng.normal(size=STATES) * 0.3 + np.array([120.0, 0.7, 2.0, -1.0, 1.0, *[0.0] * 7])
     root = 0.1 * rng.normal(size=(STATES, STATES))
-    P, air = root @ root.T, np.array([9.0, 12.0])
+    P = root @ root.T
+    air = np.array([9.0, 12.0])
 
     def h(x):
         return np.array([np.cos(x[1]), np.sin(x[1])]) @ (x[4] * air + x[2:4] + x[6:8] + x[10:12])
 
     H = np.array([(h(x + 1e-6 * unit) - h(x - 1e-6 * unit)) / 2e-6 for unit in np.eye(STATES)])
-    S, z = H @ P @ H + 0.3**2, h(x) + 0.4
+    S = H @ P @ H + 0.3**2
+    z = h(x) + 0.4
     rates = Rates(np.array([z]), np.array([0.3]), np.array([True]), air[:, None])
     after = update_rate(hypothesis(x, P), NOISE, rates, 5.0)
     assert after.x[:, 0, 0] == pytest.approx(x + P @ H / S * 0.4, abs=1e-6)
@@ -130,28 +159,56 @@ def test_directions_are_averaged_across_the_cut_at_pi_and_a_place_is_the_same_in
     mean, P = mixture(Hypotheses(x, np.zeros((STATES, STATES, 2, 1)), np.zeros((2, 1))))
     assert abs(np.cos(mean[1, 0]) + 1) < 1e-6
     assert P[1, 1, 0] == pytest.approx(1e-4, rel=1e-6)
-    p, P = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])[:, None], np.diag([4.0, 4.0, *[1] * 10])[..., None]
+    p = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])[:, None]
+    P = np.diag([4.0, 4.0, *[1] * 10])[..., None]
     x, polar_P = polar(p, P)
     assert position(x)[:, 0] == pytest.approx([30.0, -40.0])
     assert np.diag(polar_P[..., 0]) == pytest.approx([4.0, 4.0 / 50**2, *[1] * 10])
 
 
-@given(seed=st.integers(0, 2**32 - 1), dt=st.floats(0.0, 20.0), heading=st.floats(-pi, pi), airspeed=st.floats(0.5, 30))
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    dt=st.floats(0.0, 20.0),
+    heading=st.floats(-pi, pi),
+    airspeed=st.floats(0.5, 30),
+)
 def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airspeed):
     rng = np.random.default_rng(seed)
-    mean = rng.normal(size=STATES) * [80, 2, 3, 3, 0.05, 0.3, 1, 1, 0.1, 0.1, 0, 0] + [150, 0, 0, 0, 1, *[0] * 7]
+    mean = rng.normal(size=STATES) * [80, 2, 3, 3, 0.05, 0.3, 1, 1, 0.1, 0.1, 0, 0] + [
+        150,
+        0,
+        0,
+        0,
+        1,
+        *[0] * 7,
+    ]
     mean[R] = max(mean[R], 1.0)
     root = rng.normal(size=(STATES, STATES)) * 0.1
-    P, chord, psd, gust = root @ root.T, rng.normal(size=2) * 10 * dt, 0.02, 1.3
-    after = predict(hypothesis(mean, P), noise(psd, gust, 0.7, 0.5), np.array([dt]), chord[:, None], np.array([0.5]))
-    x, Q = after.x[:, 0, 0], after.P[:, :, 0, 0]
+    P = root @ root.T
+    chord = rng.normal(size=2) * 10 * dt
+    psd = 0.02
+    gust = 1.3
+    after = predict(
+        hypothesis(mean, P),
+        noise(psd, gust, 0.7, 0.5),
+        np.array([dt]),
+        chord[:, None],
+        np.array([0.5]),
+    )
+    x = after.x[:, 0, 0]
+    Q = after.P[:, :, 0, 0]
 
-    ours = predict_one(mean.tolist(), P, (psd, gust, 0.0), dt, (chord[0], chord[1]), heading, airspeed, None)
+    ours = predict_one(
+        mean.tolist(), P, (psd, gust, 0.0), dt, (chord[0], chord[1]), heading, airspeed, None
+    )
 
-    n, air = np.array([np.cos(x[THETA]), np.sin(x[THETA])]), airspeed * np.array([np.cos(heading), np.sin(heading)])
+    n = np.array([np.cos(x[THETA]), np.sin(x[THETA])])
+    air = airspeed * np.array([np.cos(heading), np.sin(heading)])
     v = x[KAPPA] * air + x[2:4] + x[6:8]
     gradient = np.array([0.0, n[0] * v[1] - n[1] * v[0], *n, n @ air, 0.0, *n, 0, 0, 0, 0])
-    assert [ours.r, ours.x, ours.y, *ours.drift] == pytest.approx([x[R], *(x[R] * n), *(x[2:4] + x[6:8])], abs=1e-9)
+    assert [ours.r, ours.x, ours.y, *ours.drift] == pytest.approx(
+        [x[R], *(x[R] * n), *(x[2:4] + x[6:8])], abs=1e-9
+    )
     assert (ours.r_dot, ours.airspeed) == pytest.approx((n @ v, x[KAPPA] * airspeed), abs=1e-9)
     assert ours.r_variance == pytest.approx(Q[R, R], rel=1e-9)
     assert ours.direction_variance == pytest.approx(Q[THETA, THETA], rel=1e-9)
@@ -162,38 +219,56 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
 def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_as_far_as_it_is_believed(
     acceleration_weight,
 ):
-    """v = kappa V u(psi) + drift, so the drift changes by the change of v minus kappa times the change of V u(psi).
-    Gusts are not assumed to follow the measured change. (f, l) = (0.1, -0.2) is the accelerometer's error, for 0.1 s
-    due up."""
-    felt, assumed = VelocityChange((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0), (PSD, GUST, acceleration_weight)
+    """v = kappa V u(psi) + drift, so the drift changes by the change of v minus kappa times the
+    change of V u(psi). Gusts are not assumed to follow the measured change. (f, l) = (0.1, -0.2) is
+    the accelerometer's error, for 0.1 s due up."""
+    felt = VelocityChange((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
+    assumed = (PSD, GUST, acceleration_weight)
     ours = predict_one(STATE.tolist(), np.eye(STATES), assumed, DT, (0.5, 1.4), pi / 2, 15.0, felt)
     stays = 1.0 if acceleration_weight else np.exp(-DT / GUST_TIME)
     measured = acceleration_weight * np.array([0.35 + 1.02 * 0.1, 0.1 - 1.02 * 0.2])
-    left = np.array([1.0, -2.0]) + stays * np.array([0.3, -0.2]) + [0.3, 0.1] - np.array([0.02, 0.01])
+    left = (
+        np.array([1.0, -2.0]) + stays * np.array([0.3, -0.2]) + [0.3, 0.1] - np.array([0.02, 0.01])
+    )
     assert ours.drift == pytest.approx(tuple(left + measured))
 
 
 def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
-    """Condition the prediction on the measured change of velocity, with explicit noises of the step. They are the
-    states before (12), steps of d and g, the new e, their effect on position, and the accelerometer's own noise."""
-    nose, psi, turn = 0.4, 0.7, 2.2
+    """Condition the prediction on the measured change of velocity, with explicit noises of the
+    step. They are the states before (12), steps of d and g, the new e, their effect on position,
+    and the accelerometer's own noise."""
+    nose = 0.4
+    psi = 0.7
+    turn = 2.2
     assumed = noise(PSD, GUST, WHITE, DRIFTING, nose, 1.0)
     x = STATE
     root = np.random.default_rng(1).normal(size=(STATES, STATES)) * 0.05
-    P, path = root @ root.T, np.array([1.2, 0.7])
-    change, air = np.array([0.35, 0.1]), np.array([-0.1, 0.2])
-    u, left = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
+    P = root @ root.T
+    path = np.array([1.2, 0.7])
+    change = np.array([0.35, 0.1])
+    air = np.array([-0.1, 0.2])
+    u = np.array([np.cos(psi), np.sin(psi)])
+    left = np.array([-np.sin(psi), np.cos(psi)])
     felt = VelocityChange(change[:, None], air[:, None], (u * DT)[:, None], np.array([turn]))
     before = hypothesis(x, P)
     step = np.array([DT]), path[:, None], np.array([SIGMA])
-    plain, ours = predict(before, assumed, *step), predict(before, assumed, *step, felt)
+    plain = predict(before, assumed, *step)
+    ours = predict(before, assumed, *step, felt)
 
-    F, I2 = jacobian(x, path), np.eye(2)
-    steady, gusty = PSD * DT, (1 - np.exp(-2 * DT / GUST_TIME)) * GUST**2
+    F = jacobian(x, path)
+    I2 = np.eye(2)
+    steady = PSD * DT
+    gusty = (1 - np.exp(-2 * DT / GUST_TIME)) * GUST**2
     H = np.zeros((2, STATES))
-    H[:, 4], H[:, 6:8], H[:, 8], H[:, 9] = turn * DT * left, (np.exp(-DT / GUST_TIME) - 1) * I2, u * DT, left * DT
+    H[:, 4], H[:, 6:8], H[:, 8], H[:, 9] = (
+        turn * DT * left,
+        (np.exp(-DT / GUST_TIME) - 1) * I2,
+        u * DT,
+        left * DT,
+    )
     H[:, 10:] = -I2
-    c, s = np.cos(plain.x[1, 0, 0]), np.sin(plain.x[1, 0, 0])
+    c = np.cos(plain.x[1, 0, 0])
+    s = np.sin(plain.x[1, 0, 0])
     polar = np.array([[c, s], [-s / plain.x[0, 0, 0], c / plain.x[0, 0, 0]]])
     crossed = F @ P @ H.T
     crossed[:2] += polar * ((steady + gusty + nose**2) * DT / 2)
@@ -206,5 +281,9 @@ def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
     assert ours.x[:, 0, 0] == pytest.approx(expected, abs=1e-6)
     moved_by_nose = np.zeros((STATES, 2))
     moved_by_nose[:2], moved_by_nose[10:] = polar * DT / 2, I2
-    less = plain.P[..., 0, 0] + nose**2 * moved_by_nose @ moved_by_nose.T - crossed @ np.linalg.solve(S, crossed.T)
+    less = (
+        plain.P[..., 0, 0]
+        + nose**2 * moved_by_nose @ moved_by_nose.T
+        - crossed @ np.linalg.solve(S, crossed.T)
+    )
     assert ours.P[..., 0, 0] == pytest.approx(less, abs=1e-6)

@@ -1,4 +1,5 @@
-"""The multiple-model filter in flight: own motion and ranges that are asynchronous, lost, false or interrupted."""
+"""The multiple-model filter in flight: own motion and ranges that are asynchronous, lost, false or
+interrupted."""
 
 from dataclasses import replace
 from math import cos, hypot, sin
@@ -13,14 +14,27 @@ from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, Drift
 from circnav_mav.guidance.estimators.unicycle import UnicycleEstimator
 from circnav_mav.guidance.maths import chord
 from circnav_mav.guidance.types import IntegratedAcceleration, RangeSample
-from tests.guidance.relative import OMEGA, SETTINGS, WIND, Circling, V, error, listen, listened, silent, still
+from tests.guidance.relative import (
+    OMEGA,
+    SETTINGS,
+    WIND,
+    Circling,
+    V,
+    error,
+    listen,
+    listened,
+    silent,
+    still,
+)
 
 
 @pytest.mark.parametrize(
-    ("every", "motion_every", "motion_delay"), [(0.05, 0.05, 0.0), (0.05, 0.1, 0.04), (0.2, 0.04, 0.02)]
+    ("every", "motion_every", "motion_delay"),
+    [(0.05, 0.05, 0.0), (0.05, 0.1, 0.04), (0.2, 0.04, 0.02)],
 )
 def test_target_and_drift_are_found_whatever_the_rates(every, motion_every, motion_delay):
-    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    world = Circling()
+    estimator = DriftEstimator(SETTINGS)
     listen(estimator, world, 0.0, 25.0, every, motion_every, motion_delay)
     estimate = estimator.at(25.0)
     assert estimator.ready and estimate.relative.trusted
@@ -30,22 +44,29 @@ def test_target_and_drift_are_found_whatever_the_rates(every, motion_every, moti
 
 
 def test_a_search_goes_on_after_the_first_estimate_and_before_the_next_range():
-    """The first estimate after a range becomes a setpoint at once. A search iteration would delay it."""
-    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    """The first estimate after a range becomes a setpoint at once. A search iteration would delay
+    it."""
+    world = Circling()
+    estimator = DriftEstimator(SETTINGS)
     listen(estimator, world, 0.0, 2.0)
-    assert [(estimator.at(t) is not None, estimator.bank._due is not None) for t in (1.95, 1.95, 2.0)] == [
-        (True, True), (True, True), (True, False)
-    ]  # fmt: skip
+    assert [
+        (estimator.at(t) is not None, estimator.bank._due is not None) for t in (1.95, 1.95, 2.0)
+    ] == [(True, True), (True, True), (True, False)]
 
 
 @pytest.mark.parametrize("wrong", ["outliers", "airspeed"])
 def test_a_range_in_five_that_is_20_m_off_and_an_airspeed_sensor_10_percent_off_do_no_harm(wrong):
-    world, estimator = Circling(), DriftEstimator(SETTINGS)
+    world = Circling()
+    estimator = DriftEstimator(SETTINGS)
     for i, t in enumerate(np.arange(0, 60, 0.05)):
         sample = world.range(t)
         wild = 20.0 if i % 7 == 3 else -20.0 if i % 11 == 5 else 0.0
-        estimator.move(world.motion(t) if wrong == "outliers" else world.motion(t)._replace(airspeed=1.1 * V))
-        estimator.observe(sample._replace(r=max(sample.r + wild, 0.1)) if wrong == "outliers" else sample)
+        estimator.move(
+            world.motion(t) if wrong == "outliers" else world.motion(t)._replace(airspeed=1.1 * V)
+        )
+        estimator.observe(
+            sample._replace(r=max(sample.r + wild, 0.1)) if wrong == "outliers" else sample
+        )
     assert estimator.ready and error(estimator, world, 59.95) < 3.0
     scale = 1.0 if wrong == "outliers" else 1 / 1.1
     assert estimator.at(59.95).relative.scale == pytest.approx(scale, abs=0.02)
@@ -53,7 +74,8 @@ def test_a_range_in_five_that_is_20_m_off_and_an_airspeed_sensor_10_percent_off_
 
 @pytest.mark.parametrize("make", [DriftEstimator, AutoEstimator])
 def test_ranges_are_not_rejected_any_more_once_the_bank_searches_anew(make):
-    """`auto` continues with the range filter meanwhile, and after a reset nothing of that filter is left."""
+    """`auto` continues with the range filter meanwhile, and after a reset nothing of that filter is
+    left."""
     world, estimator = listened(make)
     world.target = (-250.0, 300.0)
     said = []
@@ -70,7 +92,9 @@ def test_ranges_are_not_rejected_any_more_once_the_bank_searches_anew(make):
 
 
 def test_without_heading_the_bank_is_not_ready_but_auto_is():
-    world, drift, auto = Circling(), DriftEstimator(SETTINGS), AutoEstimator(SETTINGS)
+    world = Circling()
+    drift = DriftEstimator(SETTINGS)
+    auto = AutoEstimator(SETTINGS)
     for t in np.arange(0, 5, 0.05):
         assert drift.observe(world.range(t)) is Fused.ACCEPTED
         auto.observe(world.range(t))
@@ -93,18 +117,20 @@ def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():
     sure = estimator.at(29.95).relative.sigma
     for start, end, trusted in ((30.0, 40.0, True), (40.0, 70.0, False)):
         silent(estimator, world, start, end)
-        relative, r = estimator.at(end).relative, estimator.at(end).r
+        relative = estimator.at(end).relative
+        r = estimator.at(end).r
         assert error(estimator, world, end) < 10.0
         assert relative.sigma > sure
         assert relative.trusted == (relative.sigma < 0.25 * r) == trusted
 
 
 def test_a_lost_bank_recovers_by_itself():
-    """Far off the circle the position is less certain. The median of several flights is tested, and each error against
-    its sigma."""
+    """Far off the circle the position is less certain. The median of several flights is tested, and
+    each error against its sigma."""
     errors = []
     for seed in range(3):
-        world, estimator = Circling(rng=np.random.default_rng(seed)), DriftEstimator(SETTINGS)
+        world = Circling(rng=np.random.default_rng(seed))
+        estimator = DriftEstimator(SETTINGS)
         listen(estimator, world, 0.0, 25.0)
         assert estimator.ready
         world.target = (-250.0, 300.0)
@@ -119,8 +145,8 @@ def test_a_lost_bank_recovers_by_itself():
 
 @pytest.mark.parametrize("trouble", [False, True])
 def test_after_a_gap_the_drift_is_known_from_before_it(trouble):
-    """Also if the vehicle stood still just before the gap, contrary to the assumed motion, because it did not receive
-    setpoints."""
+    """Also if the vehicle stood still just before the gap, contrary to the assumed motion, because
+    it did not receive setpoints."""
     world, estimator = listened(seconds=45.0)
     if trouble:
         for t in np.arange(45.0, 52.0, 0.05):
@@ -185,9 +211,12 @@ def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
 
 
 def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
-    """One flight starts late, one loses half of its ranges. A search has its own bins, and a track its own filters."""
-    worlds, rng = [Circling(rng=np.random.default_rng(n)) for n in range(3)], np.random.default_rng(1)
-    together, alone = MultipleModelFilter(SETTINGS, 3), [MultipleModelFilter(SETTINGS) for _ in worlds]
+    """One flight starts late, one loses half of its ranges. A search has its own bins, and a track
+    its own filters."""
+    worlds = [Circling(rng=np.random.default_rng(n)) for n in range(3)]
+    rng = np.random.default_rng(1)
+    together = MultipleModelFilter(SETTINGS, 3)
+    alone = [MultipleModelFilter(SETTINGS) for _ in worlds]
     received = np.full(3, np.nan)
     stages = []
     for t in np.arange(0.0, 30.0, 0.1):
@@ -195,7 +224,8 @@ def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
         before = np.where(np.isnan(received), t, received)
         dt = np.where(valid, t - before, 0.0)
         path = chord(V, OMEGA * before, OMEGA * dt, dt)
-        z, sigma = np.array([world.range(t).r for world in worlds]), np.full(3, 0.5)
+        z = np.array([world.range(t).r for world in worlds])
+        sigma = np.full(3, 0.5)
         together.step(dt, path, z, sigma, valid)
         received = np.where(valid, t, received)
         for n in np.flatnonzero(valid):
@@ -224,11 +254,14 @@ def test_a_bank_without_own_motion_vouches_for_no_range_and_is_ready_again_with_
 
 
 def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
-    """On a calm circle, a reported airspeed 2.5 % wrong and a gust that turns with the nose look the same to a model
-    with accelerations. Its wrong state must not initialize the other models forever (flown: 0.3 m instead of 0.15 m).
+    """On a calm circle, a reported airspeed 2.5 % wrong and a gust that turns with the nose look
+    the same to a model with accelerations. Its wrong state must not initialize the other models
+    forever (flown: 0.3 m instead of 0.15 m).
     """
-    scale, told = 1.065, V / 1.065
-    world, estimator = still(), DriftEstimator(replace(SETTINGS, speed=told))
+    scale = 1.065
+    told = V / 1.065
+    world = still()
+    estimator = DriftEstimator(replace(SETTINGS, speed=told))
 
     def listen_felt(start, end):
         for t in np.arange(start, end, 0.05):
@@ -239,12 +272,17 @@ def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
 
     listen_felt(0.0, 40.0)
     assert estimator.ready
-    tracks, noise, nose = estimator.bank._tracks, estimator.bank.noise, OMEGA * 40.0
+    tracks = estimator.bank._tracks
+    noise = estimator.bank.noise
+    nose = OMEGA * 40.0
     acceleration_weight = noise.acceleration_weight[:, 0] > 0
-    wrong = acceleration_weight | (noise.drift_psd[:, 0] < 1e-3)  # and models that were initialized from them
+    wrong = acceleration_weight | (
+        noise.drift_psd[:, 0] < 1e-3
+    )  # and models that were initialized from them
     tracks.x[KAPPA, wrong] = scale - 0.025
     tracks.x[GX, wrong], tracks.x[GY, wrong] = 0.025 * told * cos(nose), 0.025 * told * sin(nose)
-    tracks.P[KAPPA, :, wrong], tracks.P[:, KAPPA, wrong] = 0.0, 0.0
+    tracks.P[KAPPA, :, wrong] = 0.0
+    tracks.P[:, KAPPA, wrong] = 0.0
     tracks.P[KAPPA, KAPPA, wrong] = 1e-6
     tracks.log_weight[:, 0] = np.where(acceleration_weight, 0.0, -11.0)
     listen_felt(40.0, 120.0)

@@ -10,10 +10,15 @@ from tests.flight.lockstep import flight
 
 
 def flown(
-    turn_rate: float, *, bank: float | None, pitch: float = 0.0, bank_turn: float = 0.0, seconds: float = 120.0
+    turn_rate: float,
+    *,
+    bank: float | None,
+    pitch: float = 0.0,
+    bank_turn: float = 0.0,
+    seconds: float = 120.0,
 ) -> float:
-    """Return the angle (deg) from the nose to the motion through the air after some seconds of a turn,
-    counter-clockwise."""
+    """Return the angle (deg) from the nose to the motion through the air after some seconds of a
+    turn, counter-clockwise."""
     own = OwnMotion(0.0, 1.0, 0.0, 23.4, pitch=pitch, bank_turn=None if bank is None else 0.0)
     slip, moved = SideSlip().follow(own)
     for step in range(1, round(20 * seconds) + 1):
@@ -25,12 +30,19 @@ def flown(
 
 @pytest.mark.parametrize("sense", [1, -1])
 @pytest.mark.parametrize(
-    ("turn", "bank", "pitch", "angle"), [(3.0, 9.5, -3.8, 0.95), (8.96, 26.7, -2.8, 2.32), (16.0, 41.9, -1.6, 3.1)]
+    ("turn", "bank", "pitch", "angle"),
+    [(3.0, 9.5, -3.8, 0.95), (8.96, 26.7, -2.8, 2.32), (16.0, 41.9, -1.6, 3.1)],
 )
 def test_it_is_known_how_far_inside_of_its_nose_arduplane_flies(turn, bank, pitch, angle, sense):
-    """True tracks of ArduPlane 4.6.3 at 23.4 m/s, calm and around the lap in wind of 8 m/s. Units: deg/s and deg."""
+    """True tracks of ArduPlane 4.6.3 at 23.4 m/s, calm and around the lap in wind of 8 m/s. Units:
+    deg/s and deg."""
     bank_turn = 9.80665 * tan(radians(bank)) / 23.4
-    known = flown(sense * radians(turn), bank=sense * radians(bank), pitch=radians(pitch), bank_turn=sense * bank_turn)
+    known = flown(
+        sense * radians(turn),
+        bank=sense * radians(bank),
+        pitch=radians(pitch),
+        bank_turn=sense * bank_turn,
+    )
     assert known == pytest.approx(sense * angle, abs=0.1)
 
 
@@ -61,10 +73,12 @@ def test_a_slip_comes_within_a_second_and_goes_in_straight_flight():
 
 def test_the_way_through_the_air_is_known_better_than_by_the_nose():
     flying = flight("arduplane", "sim.sensors.heading_bias_deg=0", law="auto").fly(50.0)
-    by_nose, by_slip = [], []
+    by_nose = []
+    by_slip = []
     for _ in range(200):
         flying.fly(flying.now + 0.1)
-        true, own = flying.truths[-1], flying.pilot.own
+        true = flying.truths[-1]
+        own = flying.pilot.own
         assert own is not None
         by_nose.append(remainder(true.heading - true.course, tau))
         by_slip.append(remainder(radians(90.0) - own.heading - true.course, tau))

@@ -1,4 +1,5 @@
-"""From an estimate to a limited turn: direction, correction, saturation, and the circle's turn rate without ranges."""
+"""From an estimate to a limited turn: direction, correction, saturation, and the circle's turn rate
+without ranges."""
 
 from math import inf, nan, pi
 
@@ -16,7 +17,9 @@ from circnav_mav.guidance.vector_field import drift, drift_gains
 from tests.guidance.relative import guessed, known
 
 PAPER = Orbit(radius=10.0, direction=Direction.CLOCKWISE, speed=1.0, max_turn_rate=10.0)
-V, R_D, LIMIT = 15.0, 100.0, 0.35
+V = 15.0
+R_D = 100.0
+LIMIT = 0.35
 ORBIT = Orbit(R_D, Direction.CLOCKWISE, V, LIMIT)
 AT_REST = Pending(0.0, 0.0)
 
@@ -31,11 +34,17 @@ def estimate(r, r_dot=0.0, time=0.0, relative=None):
         (LawChoice("smooth", 0.01), 10.0, -0.1),  # example 2: given 8.66025404, it settles on 10
         (LawChoice("smooth", 0.01), 8.6602, 0.0),
         (LawChoice("smooth", 0.01, correct_radius=False), 9.99, 0.0),
-        (LawChoice("smooth", 0.01, correct_radius=False), 10.98684113, -1 / 10.98684113),  # example 1
+        (
+            LawChoice("smooth", 0.01, correct_radius=False),
+            10.98684113,
+            -1 / 10.98684113,
+        ),  # example 1
         (LawChoice("switching", 0.12), 10.9, -0.12),  # example 3
     ],
 )
-def test_the_papers_laws_turn_at_v_over_r_on_the_radius_they_settle_on_in_the_missions_sense(choice, r, demanded):
+def test_the_papers_laws_turn_at_v_over_r_on_the_radius_they_settle_on_in_the_missions_sense(
+    choice, r, demanded
+):
     """In the paper's frame, counter-clockwise is positive."""
     other = Orbit(PAPER.radius, Direction.COUNTERCLOCKWISE, PAPER.speed, PAPER.max_turn_rate)
     assert Steering(PAPER, choice)(estimate(r)).demanded == pytest.approx(demanded, rel=1e-8)
@@ -69,7 +78,9 @@ def test_the_limit_cuts_what_is_beyond_it_and_a_vehicle_that_turns_less_than_it_
 
 def test_the_vehicles_limit_is_applied_after_the_law():
     """Law 1 is unsaturated: 200 m out and flying across, it demands 40 times the limit."""
-    command = Steering(Orbit(10.0, Direction.CLOCKWISE, 1.0, 0.1), LawChoice("smooth", 0.01))(estimate(200.0))
+    command = Steering(Orbit(10.0, Direction.CLOCKWISE, 1.0, 0.1), LawChoice("smooth", 0.01))(
+        estimate(200.0)
+    )
     assert (command.turn_rate, command.saturated) == (-0.1, True)
     assert command.demanded == pytest.approx(-4.0, rel=0.01)
 
@@ -87,14 +98,20 @@ def test_a_command_just_below_the_limit_counts_as_cut_by_it():
 
 @pytest.mark.parametrize("direction", Direction)
 def test_the_law_with_a_memory_integrates_over_the_time_between_estimates_and_no_gap(direction):
-    """The first estimate has no interval before it, a gap counts 0.5 s, and an estimate out of order counts 0. k < 0
-    flies counter-clockwise."""
-    gain, memory = 0.06, 0.0
+    """The first estimate has no interval before it, a gap counts 0.5 s, and an estimate out of
+    order counts 0. k < 0 flies counter-clockwise."""
+    gain = 0.06
+    memory = 0.0
     steer = Steering(Orbit(R_D, direction, V, LIMIT), LawChoice("pi", gain))
     for time, dt, r, trim in (
-        (5.0, 0.0, 140.0, 0.0), (5.1, 0.1, 138.0, 0.0), (65.0, 0.5, 120.0, 3.0), (64.0, 0.0, 121.0, 0.0)
-    ):  # fmt: skip
-        turn, memory = pi_law(r, -1.0, memory, dt, V=V, r_d=R_D + trim, k=-direction.turn_sign * gain)
+        (5.0, 0.0, 140.0, 0.0),
+        (5.1, 0.1, 138.0, 0.0),
+        (65.0, 0.5, 120.0, 3.0),
+        (64.0, 0.0, 121.0, 0.0),
+    ):
+        turn, memory = pi_law(
+            r, -1.0, memory, dt, V=V, r_d=R_D + trim, k=-direction.turn_sign * gain
+        )
         command = steer(estimate(r, -1.0, time), trim)
         assert command.demanded == pytest.approx(float(turn))
         assert abs(command.turn_rate) <= LIMIT
@@ -104,18 +121,23 @@ def test_the_law_with_a_memory_integrates_over_the_time_between_estimates_and_no
 def test_a_gap_between_estimates_is_no_patience_with_a_search():
     steer = Steering(ORBIT, LawChoice("auto", 0.02))
     flown = [
-        steer(estimate(300.0, -15.0, time, guessed(x=300.0, heading=pi))).flies for time in (0.0, 60.0, 60.4, 60.6)
+        steer(estimate(300.0, -15.0, time, guessed(x=300.0, heading=pi))).flies
+        for time in (0.0, 60.0, 60.4, 60.6)
     ]
     assert flown == ["feedforward", "feedforward", "feedforward", "trial"]
 
 
 def test_auto_says_who_flies_and_why_and_needs_no_heading_and_the_law_drift_tries_no_guesses():
-    auto, feedforward, drift = (Steering(ORBIT, LawChoice(name, 0.06)) for name in ("auto", "feedforward", "drift"))
+    auto, feedforward, drift = (
+        Steering(ORBIT, LawChoice(name, 0.06)) for name in ("auto", "feedforward", "drift")
+    )
     command = auto(estimate(150.0, -3.0))
     assert command.turn_rate == feedforward(estimate(150.0, -3.0)).turn_rate < 0
     assert (command.flies, bool(command.why)) == ("feedforward", True)
     assert auto(estimate(150.0, -3.0, 0.05, known(x=150.0))).flies == "drift"
-    assert {drift(estimate(150.0, -3.0, 0.1 * i, guessed())).flies for i in range(60)} == {"feedforward"}
+    assert {drift(estimate(150.0, -3.0, 0.1 * i, guessed())).flies for i in range(60)} == {
+        "feedforward"
+    }
 
 
 @pytest.mark.parametrize(
@@ -131,15 +153,19 @@ def test_auto_says_who_flies_and_why_and_needs_no_heading_and_the_law_drift_trie
         (100.0, -6.1, True, "trial"),
     ],
 )
-def test_no_guess_is_tried_on_the_circle_while_the_drift_is_known_from_before(r, r_dot, remembered, flies):
-    steer, guess = Steering(ORBIT, LawChoice("auto", 0.06)), guessed(x=r, drift_remembered=remembered)
+def test_no_guess_is_tried_on_the_circle_while_the_drift_is_known_from_before(
+    r, r_dot, remembered, flies
+):
+    steer = Steering(ORBIT, LawChoice("auto", 0.06))
+    guess = guessed(x=r, drift_remembered=remembered)
     flown = [steer(estimate(r, r_dot, t, guess)).flies for t in np.arange(0.0, 15.0, 0.5)]
     assert flown[4] == flown[19] == flies  # at 2 s and at 9.5 s
     assert flown[-1] == "trial"
 
 
 def test_the_wait_for_a_search_on_the_circle_begins_when_the_path_is_known_again():
-    """A copter hovers during an outage of its uplink. Its path is unknown, so no search runs meanwhile."""
+    """A copter hovers during an outage of its uplink. Its path is unknown, so no search runs
+    meanwhile."""
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
     for t in np.arange(0.0, 60.0, 0.5):
         steer(estimate(105.0, 0.0, t))
@@ -150,23 +176,35 @@ def test_the_wait_for_a_search_on_the_circle_begins_when_the_path_is_known_again
 
 def test_the_law_flies_with_the_gains_for_the_answer_that_it_is_told():
     at = known(x=130.0, y=20.0, drift_x=1.0, drift_y=-2.0, heading=1.2, turn_rate=0.1)
-    steer = Steering(Orbit(R_D, Direction.COUNTERCLOCKWISE, V, LIMIT), LawChoice("auto", 0.06, lag=0.5))
+    steer = Steering(
+        Orbit(R_D, Direction.COUNTERCLOCKWISE, V, LIMIT), LawChoice("auto", 0.06, lag=0.5)
+    )
     for time, pending in enumerate((Pending(0.0, 0.5), Pending(0.1, 0.9, 1.2), Pending(-0.1, 0.3))):
         gains = drift_gains(V, pending.ahead, pending.settles, 0.7)
-        wanted = drift((130.0, 20.0), (1.0, -2.0), 1.2, pending, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=gains)
-        assert steer(estimate(150.0, -3.0, float(time), at), 0.0, pending, 0.7).demanded == pytest.approx(float(wanted))
+        wanted = drift(
+            (130.0, 20.0), (1.0, -2.0), 1.2, pending, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=gains
+        )
+        assert steer(
+            estimate(150.0, -3.0, float(time), at), 0.0, pending, 0.7
+        ).demanded == pytest.approx(float(wanted))
 
 
 def test_a_drift_that_swings_once_a_second_moves_the_turn_less_than_half_as_far_as_its_crab_swings():
-    """1 m/s of drift across the nose is a crab angle of 1/V, which changes at 2 pi f/V. A few bad ranges move the
-    estimated drift by 1 m/s for a moment. It also contains the lag of the course behind the nose."""
-    orbit = Orbit(radius=150.0, direction=Direction.COUNTERCLOCKWISE, speed=22.0, max_turn_rate=0.44)
+    """1 m/s of drift across the nose is a crab angle of 1/V, which changes at 2 pi f/V. A few bad
+    ranges move the estimated drift by 1 m/s for a moment. It also contains the lag of the course
+    behind the nose."""
+    orbit = Orbit(
+        radius=150.0, direction=Direction.COUNTERCLOCKWISE, speed=22.0, max_turn_rate=0.44
+    )
 
     def swing(frequency: float) -> float:
-        steer, turns = Steering(orbit, LawChoice("auto", 0.01)), []
+        steer = Steering(orbit, LawChoice("auto", 0.01))
+        turns = []
         for tick in range(round(3 / frequency / 0.05)):
             blows = np.cos(2 * pi * frequency * tick * 0.05)
-            here = known(x=150.0, drift_x=blows, heading=pi / 2, turn_rate=22.0 / 150.0, airspeed=22.0)
+            here = known(
+                x=150.0, drift_x=blows, heading=pi / 2, turn_rate=22.0 / 150.0, airspeed=22.0
+            )
             turns.append(steer(estimate(150.0, 0.0, tick * 0.05, here)).turn_rate)
         late = turns[len(turns) // 2 :]
         return max(late) - min(late)
@@ -176,17 +214,22 @@ def test_a_drift_that_swings_once_a_second_moves_the_turn_less_than_half_as_far_
 
 @pytest.mark.parametrize("direction", Direction)
 def test_holding_in_drift_flies_the_circle_in_the_missions_sense_without_a_range(direction):
-    """One lap by heading alone in 6 m/s of wind. At V/r_d the wind would carry the vehicle away at 6 m/s for 40 s."""
-    s, dt, d = direction.turn_sign, 0.02, np.array([0.0, 6.0])
-    orbit, p = Orbit(R_D, direction, V, LIMIT), np.array([R_D, 0.0])
-    psi, swept, farthest = (
-        s * pi / 2,
-        0.0,
-        0.0,
-    )  # the wind blows along the tangent, and the nose too
+    """One lap by heading alone in 6 m/s of wind. At V/r_d the wind would carry the vehicle away at
+    6 m/s for 40 s."""
+    s = direction.turn_sign
+    dt = 0.02
+    d = np.array([0.0, 6.0])
+    orbit = Orbit(R_D, direction, V, LIMIT)
+    p = np.array([R_D, 0.0])
+    # the wind blows along the tangent, and the nose too
+    psi = s * pi / 2
+    swept = 0.0
+    farthest = 0.0
     for _ in range(round(60 / dt)):
         turned = holding(orbit, known(drift_y=6.0, heading=psi), AT_REST).turn_rate * dt
-        before, p, psi = p, p + chord(V, psi, turned, dt) + d * dt, psi + turned
+        before = p
+        p = p + chord(V, psi, turned, dt) + d * dt
+        psi = psi + turned
         swept += np.arctan2(before[0] * p[1] - before[1] * p[0], before @ p)
         farthest = max(farthest, abs(np.hypot(*p) - R_D))
     assert s * swept > 2 * pi
@@ -202,20 +245,35 @@ def test_holding_looks_ahead_by_the_turn_that_is_under_way():
 @pytest.mark.parametrize(
     "not_known",
     [
-        {"trusted": False}, {"trusted": False, "trial": 4}, None,
-        *({one: number} for one in ("drift_x", "drift_y", "heading", "turn_rate", "airspeed") for number in (nan, inf)),
+        {"trusted": False},
+        {"trusted": False, "trial": 4},
+        None,
+        *(
+            {one: number}
+            for one in ("drift_x", "drift_y", "heading", "turn_rate", "airspeed")
+            for number in (nan, inf)
+        ),
     ],
     ids=str,
-)  # fmt: skip
-def test_holding_without_a_trusted_motion_of_numbers_turns_at_v_over_r_in_the_missions_sense(direction, not_known):
-    orbit, motion = Orbit(R_D, direction, V, LIMIT), {"drift_y": 6.0, "heading": pi / 2}
+)
+def test_holding_without_a_trusted_motion_of_numbers_turns_at_v_over_r_in_the_missions_sense(
+    direction, not_known
+):
+    orbit = Orbit(R_D, direction, V, LIMIT)
+    motion = {"drift_y": 6.0, "heading": pi / 2}
     assert holding(orbit, known(**motion), AT_REST).turn_rate != orbit.steady_turn_rate
-    held = holding(orbit, None if not_known is None else known(**motion | not_known), Pending(-0.04, 0.4))
-    assert held.turn_rate == held.demanded == direction.turn_sign * V / R_D == orbit.steady_turn_rate
+    held = holding(
+        orbit, None if not_known is None else known(**motion | not_known), Pending(-0.04, 0.4)
+    )
+    assert (
+        held.turn_rate == held.demanded == direction.turn_sign * V / R_D == orbit.steady_turn_rate
+    )
     assert not held.saturated
 
 
-@pytest.mark.parametrize("motion", [None, known(drift_y=-9.0, heading=-pi / 2)])  # downwind, at 24 m/s
+@pytest.mark.parametrize(
+    "motion", [None, known(drift_y=-9.0, heading=-pi / 2)]
+)  # downwind, at 24 m/s
 def test_holding_goes_no_further_than_the_limit(motion):
     held = holding(Orbit(R_D, Direction.CLOCKWISE, V, 0.1), motion, AT_REST)
     assert (held.turn_rate, held.saturated) == (-0.1, True)

@@ -1,4 +1,5 @@
-"""The turn-rate gain: learning from a vehicle that receives no commands, and in batches of flights."""
+"""The turn-rate gain: learning from a vehicle that receives no commands, and in batches of
+flights."""
 
 from math import exp, inf, pi, remainder, sin
 
@@ -13,7 +14,8 @@ STEP = 0.05
 
 
 def turned(state: TurnGain, start: float, seconds: float, rate: float) -> TurnGain:
-    """Return the state after the heading has turned at a rate (rad/s) for some time under the same command."""
+    """Return the state after the heading has turned at a rate (rad/s) for some time under the same
+    command."""
     heading = state.heading
     for n in range(round(seconds / STEP)):
         heading += rate * STEP
@@ -21,7 +23,9 @@ def turned(state: TurnGain, start: float, seconds: float, rate: float) -> TurnGa
     return state
 
 
-def test_gain_is_learnt_however_poor_and_survives_a_minute_in_which_the_vehicle_stands_still() -> None:
+def test_gain_is_learnt_however_poor_and_survives_a_minute_in_which_the_vehicle_stands_still() -> (
+    None
+):
     slipping = turned(TurnGain(), 0.0, 120.0, 0.65 * COMMAND)
     assert slipping.followed
     assert slipping.gain == pytest.approx(0.65, abs=0.02)
@@ -40,7 +44,10 @@ def test_gain_is_learnt_however_poor_and_survives_a_minute_in_which_the_vehicle_
 @pytest.mark.parametrize("swing", [0.3, 1.0])
 def test_the_lag_of_a_vehicle_whose_command_swings_hides_no_lack_of_turn(swing: float) -> None:
     """A swing of 0.3 or 1 rad/s and a lag of 0.4 s give 7 and 20 deg of phase."""
-    state, heading, rate, lag = TurnGain(), 0.0, 0.0, 0.4
+    state = TurnGain()
+    heading = 0.0
+    rate = 0.0
+    lag = 0.4
     for n in range(2400):
         command = TurnRate(0.2 * sin(swing * n * STEP))
         rate += (0.8 * command - rate) * (1 - exp(-STEP / lag))
@@ -50,8 +57,11 @@ def test_the_lag_of_a_vehicle_whose_command_swings_hides_no_lack_of_turn(swing: 
 
 
 def test_many_flights_learn_what_one_does_over_gaps_and_the_turn_of_the_compass() -> None:
-    rng, time, heading = np.random.default_rng(0), 0.0, 3.0
-    one, many = TurnGain(), TurnGain(time=np.full(2, -inf))
+    rng = np.random.default_rng(0)
+    time = 0.0
+    heading = 3.0
+    one = TurnGain()
+    many = TurnGain(time=np.full(2, -inf))
     for step in range(900):
         time += 1.0 if step == 300 else 0.0 if step % 50 == 9 else STEP
         command = 0.2 * sin(step / 40) + 0.1

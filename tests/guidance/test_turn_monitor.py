@@ -1,4 +1,5 @@
-"""Commanded against flown turns: a vehicle that does not follow, a turn rate that oscillates, and harmless cases."""
+"""Commanded against flown turns: a vehicle that does not follow, a turn rate that oscillates, and
+harmless cases."""
 
 from math import inf, pi, sin
 
@@ -14,15 +15,21 @@ DELAYS = (0, 1, 2, 4)
 
 
 def monitored(command, flown, seconds=30.0, *, noise=0.0, monitor=None, start=0.0, lap=0.0):
-    """Return the monitor after some time. command: turn rate by time. flown: turn rate by time and the commands so far,
-    newest last. lap: duration of a lap round the located target, s."""
-    monitor, rng, said = monitor or TurnMonitor(LIMIT), np.random.default_rng(4), [0.0] * 20
+    """Return the monitor after some time. command: turn rate by time. flown: turn rate by time and
+    the commands so far, newest last. lap: duration of a lap round the located target, s."""
+    monitor = monitor or TurnMonitor(LIMIT)
+    rng = np.random.default_rng(4)
+    said = [0.0] * 20
     monitor.lap = lap
     for i in range(round(seconds / BIN)):
         time = start + i * BIN
         said.append(min(max(command(time), -LIMIT), LIMIT))
         predicted = np.array([said[-1 - late] for late in DELAYS])
-        monitor.take(TurnBin(time, BIN, predicted, flown(time, said) + noise * rng.standard_normal()), said[-1], -inf)
+        monitor.take(
+            TurnBin(time, BIN, predicted, flown(time, said) + noise * rng.standard_normal()),
+            said[-1],
+            -inf,
+        )
     return monitor
 
 
@@ -52,7 +59,9 @@ def test_one_that_does_not_is_found_within_5_s_of_the_turns(flown):
 
 
 def test_one_wrong_bin_is_no_disobedience():
-    assert monitored(lambda t: 0.2, lambda t, said: -0.5 if t % 15 < BIN else said[-2], 120.0, noise=0.01).follows
+    assert monitored(
+        lambda t: 0.2, lambda t, said: -0.5 if t % 15 < BIN else said[-2], 120.0, noise=0.01
+    ).follows
 
 
 def test_what_is_followed_again_ends_it_and_a_turn_that_does_not_change_does_not():
@@ -70,7 +79,9 @@ def test_commands_too_small_to_tell_raise_nothing():
 
 
 @pytest.mark.parametrize("period", [1.0, 1.4, 2.5, 3.0])
-def test_a_swing_of_up_to_3_s_is_a_cycle_within_15_s_and_lowers_the_gains_but_not_without_end(period):
+def test_a_swing_of_up_to_3_s_is_a_cycle_within_15_s_and_lowers_the_gains_but_not_without_end(
+    period,
+):
     def swing(time):
         return 0.15 + 0.25 * sin(2 * pi * time / period)
 
@@ -81,9 +92,13 @@ def test_a_swing_of_up_to_3_s_is_a_cycle_within_15_s_and_lowers_the_gains_but_no
     assert monitored(swing, follow, 200.0, noise=0.02).share == LEAST
 
 
-@pytest.mark.parametrize("lap", [0.0, 12.0, 40.0], ids=["not located", "a lap of two periods", "located"])
+@pytest.mark.parametrize(
+    "lap", [0.0, 12.0, 40.0], ids=["not located", "a lap of two periods", "located"]
+)
 @pytest.mark.parametrize("period", [5.0, 7.5])
-def test_a_slow_swing_is_a_cycle_once_the_target_is_located_unless_it_repeats_with_the_lap(period, lap):
+def test_a_slow_swing_is_a_cycle_once_the_target_is_located_unless_it_repeats_with_the_lap(
+    period, lap
+):
     def swing(time):
         return 0.15 + 0.25 * sin(2 * pi * time / period)
 
@@ -99,7 +114,12 @@ def test_a_slow_swing_is_a_cycle_once_the_target_is_located_unless_it_repeats_wi
         lambda time: 0.35 * sin(2 * pi * time / 6),
         lambda time: 0.15 if time > 16 else LIMIT if time // 2.5 % 2 == 0 else -LIMIT,
     ],
-    ids=["the circle in wind", "restless, but small", "the weave of a search", "an approach, six times to and fro"],
+    ids=[
+        "the circle in wind",
+        "restless, but small",
+        "the weave of a search",
+        "an approach, six times to and fro",
+    ],
 )
 def test_what_a_flight_needs_is_no_cycle(command):
     assert monitored(command, lambda time, said: said[-2], 60.0).share == 1.0
@@ -109,7 +129,8 @@ def test_what_a_flight_needs_is_no_cycle(command):
 @pytest.mark.parametrize("frequency", [2.6, 1.1])
 def test_gusts_are_no_cycle_however_large(seed, frequency):
     """Noise through a loop with a period of 2.4 s or 6 s and a damping of 0.3."""
-    rng, state = np.random.default_rng(seed), [0.0, 0.0]
+    rng = np.random.default_rng(seed)
+    state = [0.0, 0.0]
 
     def gusty(time):
         for _ in range(10):
@@ -123,7 +144,9 @@ def test_gusts_are_no_cycle_however_large(seed, frequency):
 
 def test_a_swing_that_stops_lowers_the_gains_no_further():
     shares = [
-        monitored(lambda t: 0.4 * sin(2 * pi * t) if t < 8 else 0.15, lambda t, said: said[-2], seconds).share
+        monitored(
+            lambda t: 0.4 * sin(2 * pi * t) if t < 8 else 0.15, lambda t, said: said[-2], seconds
+        ).share
         for seconds in (30.0, 200.0)
     ]
     assert shares[0] == shares[1] < 1.0
@@ -131,7 +154,8 @@ def test_a_swing_that_stops_lowers_the_gains_no_further():
 
 def test_a_link_whose_delay_is_estimated_anew_changes_no_prediction():
     candidates = CandidateTurns()
-    bins, rates = TurnBins(candidates), []
+    bins = TurnBins(candidates)
+    rates = []
     for i in range(400):
         time = 0.05 * i
         candidates.command(time, 0.2)

@@ -7,22 +7,33 @@ import pytest
 from circnav_mav.guidance.turn_answer import LearnedResponse
 from circnav_mav.guidance.types import OwnMotion
 
-STEP, DEAD, LAG, GAIN = 0.05, 0.2, 0.15, 0.9
+STEP = 0.05
+DEAD = 0.2
+LAG = 0.15
+GAIN = 0.9
 
 
 class Vehicle:
-    """Turns at 0.9 of the command of 0.2 s ago, through a lag of 0.15 s. While deaf, it continues its last turn for
-    3 s."""
+    """Turns at 0.9 of the command of 0.2 s ago, through a lag of 0.15 s. While deaf, it continues
+    its last turn for 3 s."""
 
     def __init__(self):
-        self.answer, self.now, self.heading, self.rate = LearnedResponse(0.4, 0.5), 0.0, 0.0, 0.0
+        self.answer = LearnedResponse(0.4, 0.5)
+        self.now = 0.0
+        self.heading = 0.0
+        self.rate = 0.0
         self._on_the_way = [0.0] * round(DEAD / STEP)
 
     def fly(self, seconds, *, deaf=False):
-        last, since = self._on_the_way[-1], self.now
+        last = self._on_the_way[-1]
+        since = self.now
         for _ in range(round(seconds / STEP)):
             # a circle with corrections; while deaf, the vehicle leaves it and the command grows
-            command = 0.17 + 0.1 * sin(0.9 * self.now) + (0.3 * min((self.now - since) / 3, 1.0) if deaf else 0.0)
+            command = (
+                0.17
+                + 0.1 * sin(0.9 * self.now)
+                + (0.3 * min((self.now - since) / 3, 1.0) if deaf else 0.0)
+            )
             self.answer.command(self.now, command)
             received = command if not deaf else last if self.now - since < 3.0 else 0.0
             self._on_the_way.append(received)
@@ -35,10 +46,11 @@ class Vehicle:
 
 
 def test_commands_that_a_dead_uplink_swallowed_teach_nothing():
-    """A minute of lost commands made the learned response of a copter 60 ms too quick. Its gains became so high that it
-    oscillated for 45 s."""
+    """A minute of lost commands made the learned response of a copter 60 ms too quick. Its gains
+    became so high that it oscillated for 45 s."""
     vehicle = Vehicle()
-    before, gain = vehicle.fly(90.0).response, vehicle.answer.gain
+    before = vehicle.fly(90.0).response
+    gain = vehicle.answer.gain
     assert before.delay == pytest.approx(DEAD + LAG, abs=0.05)
     vehicle.fly(60.0, deaf=True)
     assert vehicle.answer.response.delay == pytest.approx(before.delay, abs=0.005)

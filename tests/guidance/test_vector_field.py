@@ -21,7 +21,9 @@ from circnav_mav.guidance.vector_field import (
     orbit_turn_rate,
 )
 
-V, R_D, LIMIT = 15.0, 100.0, 0.35
+V = 15.0
+R_D = 100.0
+LIMIT = 0.35
 LAG = 0.4
 GAINS = drift_gains(V, LAG, 1 / LAG)
 angles = st.floats(-pi, pi)
@@ -30,11 +32,25 @@ angles = st.floats(-pi, pi)
 def turn(p, d, psi, omega):
     """Turn command with the previous turn rate still pending."""
     return drift(
-        np.array(p), np.array(d), psi, Pending(LAG * omega, LAG), V=V, r_d=R_D, max_turn_rate=LIMIT, gains=GAINS
+        np.array(p),
+        np.array(d),
+        psi,
+        Pending(LAG * omega, LAG),
+        V=V,
+        r_d=R_D,
+        max_turn_rate=LIMIT,
+        gains=GAINS,
     )
 
 
-@given(r=st.floats(5, 900), at=angles, psi=angles, wind=st.floats(0, 10), blows=angles, omega=st.floats(-0.35, 0.35))
+@given(
+    r=st.floats(5, 900),
+    at=angles,
+    psi=angles,
+    wind=st.floats(0, 10),
+    blows=angles,
+    omega=st.floats(-0.35, 0.35),
+)
 def test_turning_the_compass_changes_nothing(r, at, psi, wind, blows, omega):
     commands = []
     for turned in (0.0, 1.1):
@@ -43,7 +59,10 @@ def test_turning_the_compass_changes_nothing(r, at, psi, wind, blows, omega):
         commands.append(float(turn(p, d, psi + turned, omega)))
     first, command = commands
     # where the heading error wraps at pi, both directions are right
-    assert command == pytest.approx(first, abs=1e-6) or abs(abs(command - first) - 2 * pi * GAINS.heading) < 1e-3
+    assert (
+        command == pytest.approx(first, abs=1e-6)
+        or abs(abs(command - first) - 2 * pi * GAINS.heading) < 1e-3
+    )
 
 
 @given(at=angles, wind=st.floats(0, 13), blows=angles, r=st.floats(30, 900))
@@ -58,35 +77,55 @@ def test_the_field_is_followed_over_the_ground_whatever_the_wind(at, wind, blows
 
 @pytest.mark.parametrize(
     ("r", "sharpest", "inward"),
-    [(50.0, 0.02, -1.0), (98.0, 0.02, -0.2), (50.0, 0.01, -sqrt(0.1)), (1.0, 0.05, -pi / 2), (400.0, 0.02, acos(0.25))],
+    [
+        (50.0, 0.02, -1.0),
+        (98.0, 0.02, -0.2),
+        (50.0, 0.01, -sqrt(0.1)),
+        (1.0, 0.05, -pi / 2),
+        (400.0, 0.02, acos(0.25)),
+    ],
 )
-def test_far_inside_the_course_leads_out_as_the_tightest_turn_does_and_far_outside_it_touches(r, sharpest, inward):
-    """Hand calculation: sqrt(2 e (sharpest - 1/r_d)) = sqrt(2 50 0.01) = 1. The difference counts as at least
-    0.1/r_d, and the course is at most straight out."""
+def test_far_inside_the_course_leads_out_as_the_tightest_turn_does_and_far_outside_it_touches(
+    r, sharpest, inward
+):
+    """Hand calculation: sqrt(2 e (sharpest - 1/r_d)) = sqrt(2 50 0.01) = 1. The difference counts
+    as at least 0.1/r_d, and the course is at most straight out."""
     assert inward_angle(r, r_d=R_D, k=1e4, sharpest=sharpest) == pytest.approx(inward, rel=1e-4)
 
 
 def flown(sense, start, psi, d, seconds, dt=0.05):
-    """Flights under the law with full information: point masses with a turn lag. Return ranges (N, B), positions (2, B)
-    and angular momentum around the target. The sign of the momentum is the direction of rotation."""
-    p, psi, d = np.array(start, float).T, np.array(psi, float), np.array(d, float).T
-    omega, under_way, ranges, response = 0.0 * psi, PendingTurn(), [], Response(0.0, LAG, 1 / LAG)
+    """Flights under the law with full information: point masses with a turn lag. Return ranges (N,
+    B), positions (2, B) and angular momentum around the target. The sign of the momentum is the
+    direction of rotation."""
+    p = np.array(start, float).T
+    psi = np.array(psi, float)
+    d = np.array(d, float).T
+    omega = 0.0 * psi
+    under_way = PendingTurn()
+    ranges = []
+    response = Response(0.0, LAG, 1 / LAG)
     for i in range(round(seconds / dt)):
         here = mirrored(p, d, psi, under_way.at(i * dt, response, omega), np.asarray(sense))
-        command = sense * np.clip(drift(*here, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=GAINS), -LIMIT, LIMIT)
+        command = sense * np.clip(
+            drift(*here, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=GAINS), -LIMIT, LIMIT
+        )
         under_way.command(i * dt, command)
         after = command + (omega - command) * np.exp(-dt / LAG)
         turned = command * dt + (omega - command) * LAG * (1 - np.exp(-dt / LAG))
         p = p + chord(V, psi, turned, dt) + d * dt
-        psi, omega = psi + turned, after
+        psi = psi + turned
+        omega = after
         ranges.append(np.hypot(*p))
     v = V * np.array([np.cos(psi), np.sin(psi)]) + d
     return np.array(ranges), p, p[0] * v[1] - p[1] * v[0]
 
 
 def test_outside_and_going_the_wrong_way_round_it_turns_away_from_the_target_and_not_past_it():
-    """The half turn to the inside is the shorter one, and passes within 0.3 to 0.7 r_d of the target."""
-    flights = product([115.0, 130.0, 160.0, 190.0, 230.0], [-1.7, -1.3, -0.6], [(0, 0), (-3, 2), (-3, -2)])
+    """The half turn to the inside is the shorter one, and passes within 0.3 to 0.7 r_d of the
+    target."""
+    flights = product(
+        [115.0, 130.0, 160.0, 190.0, 230.0], [-1.7, -1.3, -0.6], [(0, 0), (-3, 2), (-3, -2)]
+    )
     r, heading, d = zip(*flights, strict=True)
     ranges, _, _ = flown(1.0, [(x, 0.0) for x in r], heading, d, seconds=60.0)
     assert ranges.min() > 0.9 * R_D
@@ -97,7 +136,8 @@ def test_outside_and_going_the_wrong_way_round_it_turns_away_from_the_target_and
 def test_it_reaches_the_circle_in_strong_wind_clockwise_in_the_exact_mirror_image_of_counterclockwise():
     senses = np.array([1.0, 1.0, -1.0, -1.0])
     mirror = np.stack([np.ones(4), senses], axis=1)
-    starts, wind = [(300.0, 0.0), (10.0, 5.0)] * 2 * mirror, (6.0, -3.0) * mirror
+    starts = [(300.0, 0.0), (10.0, 5.0)] * 2 * mirror
+    wind = (6.0, -3.0) * mirror
     ranges, p, momentum = flown(senses, starts, 2.0 * senses, wind, seconds=200.0)
     assert ranges[-1] == pytest.approx(R_D, abs=0.1)
     assert (np.sign(momentum) == senses).all()
@@ -105,46 +145,68 @@ def test_it_reaches_the_circle_in_strong_wind_clockwise_in_the_exact_mirror_imag
 
 
 def swing(dead, known):
-    """Largest radius error (m) in the last 60 s of 200 s, in calm air. `known`: share of the vehicle's dead time in
-    the law."""
-    dt, x, y, psi, rate, worst = 0.02, 1.15 * R_D, 0.0, pi / 2, 0.0, 0.0
-    response, under_way, told = Response(known * dead, LAG, 1 / LAG), PendingTurn(), [0.0] * (round(dead / dt) + 1)
+    """Largest radius error (m) in the last 60 s of 200 s, in calm air. `known`: share of the
+    vehicle's dead time in the law."""
+    dt = 0.02
+    x = 1.15 * R_D
+    y = 0.0
+    psi = pi / 2
+    rate = 0.0
+    worst = 0.0
+    response = Response(known * dead, LAG, 1 / LAG)
+    under_way = PendingTurn()
+    told = [0.0] * (round(dead / dt) + 1)
     facts = {"V": V, "r_d": R_D, "max_turn_rate": LIMIT}
     gains = drift_gains(V, response.delay, response.settles)
     for i in range(10_000):
         pending = under_way.at(i * dt, response, rate)
-        told.append(clip(drift((x, y), (0.0, 0.0), psi, pending, gains=gains, **facts), -LIMIT, LIMIT))
+        told.append(
+            clip(drift((x, y), (0.0, 0.0), psi, pending, gains=gains, **facts), -LIMIT, LIMIT)
+        )
         under_way.command(i * dt, told[-1])
         rate += (told[-1 - round(dead / dt)] - rate) * dt / LAG
         east, north = chord_parts(V, psi, rate * dt, dt)
-        x, y, psi = x + east, y + north, psi + rate * dt
+        x = x + east
+        y = y + north
+        psi = psi + rate * dt
         worst = max(worst, abs(hypot(x, y) - R_D)) if i > 7000 else 0.0
     return worst
 
 
 @pytest.mark.parametrize("under_way", [0.3, -0.3])
 @pytest.mark.parametrize("beyond", [0.2, 0.4])
-def test_a_turn_goes_on_the_longer_way_round_while_turning_back_first_would_take_longer(under_way, beyond):
-    """Half a circle plus `beyond` one way, half a circle minus `beyond` the other way. The pending turn adds to the
-    latter."""
-    p, d = (10 * R_D, 0.0), (0.0, 0.0)
+def test_a_turn_goes_on_the_longer_way_round_while_turning_back_first_would_take_longer(
+    under_way, beyond
+):
+    """Half a circle plus `beyond` one way, half a circle minus `beyond` the other way. The pending
+    turn adds to the latter."""
+    p = (10 * R_D, 0.0)
+    d = (0.0, 0.0)
     wanted = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
     psi = wanted - (pi + beyond) * np.sign(under_way)
-    asked = drift(p, d, psi, Pending(under_way, LAG), V=V, r_d=R_D, max_turn_rate=LIMIT, gains=GAINS)
-    assert np.sign(asked) == (np.sign(under_way) if beyond < abs(under_way) else -np.sign(under_way))
+    asked = drift(
+        p, d, psi, Pending(under_way, LAG), V=V, r_d=R_D, max_turn_rate=LIMIT, gains=GAINS
+    )
+    assert np.sign(asked) == (
+        np.sign(under_way) if beyond < abs(under_way) else -np.sign(under_way)
+    )
 
 
 @given(wind=st.floats(0, 6), blows=angles, at=angles)
 def test_who_has_the_circles_own_turn_under_way_in_wind_is_commanded_what_the_circle_asks_for_at_its_end(
     wind, blows, at
 ):
-    d, ahead, dt = wind * np.array([np.cos(blows), np.sin(blows)]), 0.5, 0.005
+    d = wind * np.array([np.cos(blows), np.sin(blows)])
+    ahead = 0.5
+    dt = 0.005
     p = R_D * np.array([np.cos(at), np.sin(at)])
     psi = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
-    turned, heading = 0.0, psi
+    turned = 0.0
+    heading = psi
     for _ in range(round(ahead / dt)):
         step = dt * float(orbit_turn_rate(d, heading, V=V, r_d=R_D))
-        turned, heading = turned + step, heading + step
+        turned = turned + step
+        heading = heading + step
     gains = DriftGains(1.0, GAINS.radial)
     asked = drift(p, d, psi, Pending(turned, ahead), V=V, r_d=R_D, max_turn_rate=LIMIT, gains=gains)
     assert float(asked) == pytest.approx(float(orbit_turn_rate(d, heading, V=V, r_d=R_D)), abs=3e-4)
@@ -153,13 +215,21 @@ def test_who_has_the_circles_own_turn_under_way_in_wind_is_commanded_what_the_ci
 @given(beyond=st.floats(-0.3, 0.3))
 def test_what_is_under_way_beyond_the_circles_own_turn_is_taken_off(beyond):
     """The vehicle is on the circle with the right heading."""
-    here, turn = ((R_D, 0.0), (0.0, 0.0), pi / 2), V / R_D
+    here = ((R_D, 0.0), (0.0, 0.0), pi / 2)
+    turn = V / R_D
     under_way = Pending(turn * 0.01 + beyond, 0.01)
     asked = drift(*here, under_way, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=DriftGains(1.0, 0.0))
     assert float(asked) == pytest.approx(turn - beyond, abs=5e-3)
 
 
-@given(at=angles, psi=angles, wind=st.floats(0, 10), blows=angles, r=st.floats(80, 130), turns=st.floats(-0.1, 0.1))
+@given(
+    at=angles,
+    psi=angles,
+    wind=st.floats(0, 10),
+    blows=angles,
+    r=st.floats(80, 130),
+    turns=st.floats(-0.1, 0.1),
+)
 def test_a_wind_that_turns_takes_the_nose_along_as_its_field_turns(at, psi, wind, blows, r, turns):
     def blowing(time):
         return wind * np.array([np.cos(blows + turns * time), np.sin(blows + turns * time)])
@@ -167,9 +237,13 @@ def test_a_wind_that_turns_takes_the_nose_along_as_its_field_turns(at, psi, wind
     def wanted(time):
         return field_heading(p, blowing(time), V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
 
-    p, change = r * np.array([np.cos(at), np.sin(at)]), turns * wind * np.array([-np.sin(blows), np.cos(blows)])
+    p = r * np.array([np.cos(at), np.sin(at)])
+    change = turns * wind * np.array([-np.sin(blows), np.cos(blows)])
     known = {"V": V, "r_d": R_D, "max_turn_rate": LIMIT, "gains": GAINS}
-    without, with_it = (drift(p, blowing(0), psi, Pending(0.0, 0.0), **known, change=c) for c in (0 * change, change))
+    without, with_it = (
+        drift(p, blowing(0), psi, Pending(0.0, 0.0), **known, change=c)
+        for c in (0 * change, change)
+    )
     assert with_it - without == pytest.approx(wrap(wanted(0.05) - wanted(-0.05)) / 0.1, abs=2e-4)
 
 
@@ -181,7 +255,8 @@ def test_a_dead_time_swings_only_if_nobody_knows_of_it():
 
 @given(wind=st.floats(0, 8), blows=angles, at=angles)
 def test_the_circles_own_turn_in_drift_is_the_turn_of_the_law_on_the_circle(wind, blows, at):
-    """Two derivations: from the heading alone, and from the rotation of the field along the circle."""
+    """Two derivations: from the heading alone, and from the rotation of the field along the
+    circle."""
     d = wind * np.array([np.cos(blows), np.sin(blows)])
     p = R_D * np.array([np.cos(at), np.sin(at)])
     psi = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)

@@ -1,4 +1,5 @@
-"""A copter whose velocity follows its nose by a velocity loop, against the loop's transfer function."""
+"""A copter whose velocity follows its nose by a velocity loop, against the loop's transfer
+function."""
 
 from cmath import phase
 from math import cos, degrees, remainder, sin, tau
@@ -8,20 +9,25 @@ import pytest
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.guidance.velocity_loop import CopterMotion, VelocityLoop
 
-LOOP, V = VelocityLoop(proportional=1.8, integral=0.4, derivative=0.2), 5.0
+LOOP = VelocityLoop(proportional=1.8, integral=0.4, derivative=0.2)
+V = 5.0
 LEAN = 0.25  # s, lag of the thrust's lean
 STEP = 0.04
 
 
 def flown(turn_rate, drag, wind=(0.0, 0.0), seconds=150.0, tilts=True):
-    """Return the estimated motion after a steady turn that the tilt of the thrust maintains, and the true response.
+    """Return the estimated motion after a steady turn that the tilt of the thrust maintains, and
+    the true response.
 
-    With the acceleration 1.2 u' + c u fed forward, the loop turns the setpoint u into the velocity v by
-    ((1 + lean s)(s + c) + 0.2 s + 1.8 + 0.4/s) v = (1.8 + 0.4/s + 1.2 s + c) u.
+    With the acceleration 1.2 u' + c u fed forward, the loop turns the setpoint u into the velocity
+    v by ((1 + lean s)(s + c) + 0.2 s + 1.8 + 0.4/s) v = (1.8 + 0.4/s + 1.2 s + c) u.
     """
-    motion, own = CopterMotion(), None
+    motion = CopterMotion()
+    own = None
     s = 1j * turn_rate
-    response = (1.8 + 0.4 / s + 1.2 * s + drag) / ((1 + LEAN * s) * (s + drag) + 0.2 * s + 1.8 + 0.4 / s)
+    response = (1.8 + 0.4 / s + 1.2 * s + drag) / (
+        (1 + LEAN * s) * (s + drag) + 0.2 * s + 1.8 + 0.4 / s
+    )
     for i in range(round(seconds / STEP)):
         psi = turn_rate * i * STEP
         velocity = response * V * complex(cos(psi), sin(psi))
@@ -35,15 +41,17 @@ def flown(turn_rate, drag, wind=(0.0, 0.0), seconds=150.0, tilts=True):
 @pytest.mark.parametrize("turn_rate", [0.1, -0.3])
 def test_a_turning_copter_follows_its_nose_as_far_as_it_leans(drag, turn_rate):
     motion, own, response = flown(turn_rate, drag)
-    assert own.airspeed == pytest.approx(abs(response) * V, rel=0.025)  # with a drag that is learned to some percent
+    assert own.airspeed == pytest.approx(
+        abs(response) * V, rel=0.025
+    )  # with a drag that is learned to some percent
     lag = degrees(remainder(turn_rate * (motion.time) - own.heading, tau))
     assert lag == pytest.approx(-degrees(phase(response)), abs=1.0)
     assert own.turn_rate == pytest.approx(turn_rate, rel=0.02)
 
 
 def test_the_drag_of_px4_in_simulation_is_learnt_and_fed_forward():
-    """Drag in 1/s. PX4 SIH flew 4.92 m/s and hardly crabbed. Without acceleration setpoints it flew 4.57 m/s and 11 deg
-    at 0.1 rad/s."""
+    """Drag in 1/s. PX4 SIH flew 4.92 m/s and hardly crabbed. Without acceleration setpoints it flew
+    4.57 m/s and 11 deg at 0.1 rad/s."""
     motion, own, _ = flown(0.1, 1.0)
     assert motion.drag == pytest.approx(1.0, abs=0.05)
     assert own.airspeed == pytest.approx(5.0, abs=0.1)
@@ -56,9 +64,10 @@ def test_wind_is_not_taken_for_drag_and_without_a_tilt_the_drag_stays_a_bare_qua
 
 
 def test_a_copter_handed_over_hovering_is_known_to_fly_slower_than_told_until_it_has_got_to_speed():
-    """Straight on, without drag and feedforward, the loop 1.8 + 0.4/s takes at least 1/1.8 ln 5 = 0.9 s to bring v
-    to 0.8 V."""
-    motion, speeds = CopterMotion(drag=0.0), []
+    """Straight on, without drag and feedforward, the loop 1.8 + 0.4/s takes at least 1/1.8 ln 5 =
+    0.9 s to bring v to 0.8 V."""
+    motion = CopterMotion(drag=0.0)
+    speeds = []
     for i in range(100):
         motion, _ = motion.follow(OwnMotion(i * STEP, 0.5, 0.0, V), LOOP)
         speeds.append(abs(motion.v))

@@ -1,5 +1,6 @@
-"""The setpoint of every adapter for left, right, straight and hold, against frames built by hand from the MAVLink
-definitions. Rules: wire order by field size, trailing zeros cut, CRC-16/MCRF4XX with the message's extra byte."""
+"""The setpoint of every adapter for left, right, straight and hold, against frames built by hand
+from the MAVLink definitions. Rules: wire order by field size, trailing zeros cut, CRC-16/MCRF4XX
+with the message's extra byte."""
 
 import struct
 from dataclasses import replace
@@ -20,15 +21,22 @@ from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
 from tests.rig import ORBIT, Rig, Voice, decode, heartbeat, x25
 
-US, VEHICLE_IDS = (7, 191), (7, 1)
-SPEED, TURN = 10.0, 0.2  # m/s; rad/s, left positive
+US = (7, 191)
+VEHICLE_IDS = (7, 1)
+# m/s; rad/s, left positive
+SPEED = 10.0
+TURN = 0.2
 FACTS = VehicleFacts(speed=SPEED, max_bank=0.7)
 FULL_STICK = radians(50)
 AT = 12.345
 LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=0.0, climb=0.5)
 STATE = SetpointContext(*VEHICLE_IDS, motion=LEVEL, height=-1.0)
 BANK = atan(0.2 * 10.0 / 9.80665)  # of the coordinated turn
-SIDES = {"left": (TURN, -1), "right": (-TURN, 1), "straight": (0.0, 0)}  # turn rate, sense in MAVLink
+SIDES = {
+    "left": (TURN, -1),
+    "right": (-TURN, 1),
+    "straight": (0.0, 0),
+}  # turn rate, sense in MAVLink
 
 
 def test_the_check_sum_of_this_file_is_the_standard_one() -> None:
@@ -43,7 +51,13 @@ def frame(message_id: int, crc_extra: int, payload: bytes) -> bytes:
 
 
 def velocity_frame(
-    mask: int, *, forward: float, down: float, yaw_rate: float, ahead: float = 0.0, right: float = 0.0
+    mask: int,
+    *,
+    forward: float,
+    down: float,
+    yaw_rate: float,
+    ahead: float = 0.0,
+    right: float = 0.0,
 ) -> bytes:
     """SET_POSITION_TARGET_LOCAL_NED (84, extra 143) in MAV_FRAME_BODY_NED (8)."""
     floats = (0.0, 0.0, 0.0, forward, 0.0, down, ahead, right, 0.0, 0.0, yaw_rate)
@@ -58,12 +72,16 @@ def attitude_frame(mask: int, *, roll: float, pitch: float = 0.0, thrust: float 
         cos(roll / 2) * sin(pitch / 2),
         0.0 - sin(roll / 2) * sin(pitch / 2),
     )
-    return frame(82, 49, struct.pack("<I8f3B", 12345, *q, 0.0, 0.0, 0.0, thrust, *VEHICLE_IDS, mask))
+    return frame(
+        82, 49, struct.pack("<I8f3B", 12345, *q, 0.0, 0.0, 0.0, thrust, *VEHICLE_IDS, mask)
+    )
 
 
 def assert_alike(got: bytes, expected: bytes) -> None:
     """Compare two SET_ATTITUDE_TARGET frames, except for the rounding of q, rates and thrust."""
-    assert struct.unpack_from("<8f", got, 14) == pytest.approx(struct.unpack_from("<8f", expected, 14), abs=1e-6)
+    assert struct.unpack_from("<8f", got, 14) == pytest.approx(
+        struct.unpack_from("<8f", expected, 14), abs=1e-6
+    )
     assert got[46:49] == expected[46:49] == bytes((*VEHICLE_IDS, expected[48]))
 
 
@@ -73,7 +91,8 @@ def stick_frame(y: int) -> bytes:
 
 
 def sent(key: tuple[str, str], turn_rate: float | None, state: SetpointContext = STATE) -> bytes:
-    """Return the bytes of an adapter for a turn rate in the paper's frame, or of its safe setpoint."""
+    """Return the bytes of an adapter for a turn rate in the paper's frame, or of its safe
+    setpoint."""
     adapter = AUTOPILOTS[key](FACTS)
     if turn_rate is None:
         return Encoder(*US).encode(adapter.safe_setpoint(state, AT))
@@ -86,10 +105,12 @@ def at_airspeed(airspeed: float | None) -> SetpointContext:
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_copters_and_rovers_are_commanded_speed_yaw_rate_and_the_acceleration_of_the_turn(side: str) -> None:
-    """Masks ignore position (bits 0 to 2) and yaw (bit 10), for the rover also the acceleration (6 to 8). V w =
-    2 m/s^2 to the right. PX4: 1 m too high, down at 0.5 /s times 1 m. It gets 1.2 V w to the right, and for 0.3/s of
-    drag at 10 m/s, 3 m/s^2 ahead."""
+def test_copters_and_rovers_are_commanded_speed_yaw_rate_and_the_acceleration_of_the_turn(
+    side: str,
+) -> None:
+    """Masks ignore position (bits 0 to 2) and yaw (bit 10), for the rover also the acceleration (6
+    to 8). V w = 2 m/s^2 to the right. PX4: 1 m too high, down at 0.5 /s times 1 m. It gets 1.2 V w
+    to the right, and for 0.3/s of drag at 10 m/s, 3 m/s^2 ahead."""
     turn_rate, sense = SIDES[side]
     rate = 0.2 * sense if sense else -0.0
     turn = {"forward": 10.0, "yaw_rate": rate}
@@ -100,9 +121,12 @@ def test_copters_and_rovers_are_commanded_speed_yaw_rate_and_the_acceleration_of
     assert sent(("px4", "copter"), turn_rate, STATE._replace(drag=0.3)) == px4
 
 
-def test_a_leaning_px4_copter_is_fed_an_acceleration_that_is_level_when_its_attitude_has_turned_it() -> None:
+def test_a_leaning_px4_copter_is_fed_an_acceleration_that_is_level_when_its_attitude_has_turned_it() -> (
+    None
+):
     """PX4 multiplies it by the rotation matrix of roll and pitch, and then by the one of yaw."""
-    roll, pitch = 0.2, -0.45
+    roll = 0.2
+    pitch = -0.45
     leaning = STATE._replace(drag=0.3, motion=STATE.motion._replace(roll=roll, pitch=pitch))
     fed = struct.unpack_from("<3f", sent(("px4", "copter"), -0.2, leaning), 10 + 4 + 6 * 4)
     by_roll = np.array([[1, 0, 0], [0, cos(roll), -sin(roll)], [0, sin(roll), cos(roll)]])
@@ -118,7 +142,8 @@ def test_planes_are_commanded_the_bank_of_the_coordinated_turn(side: str) -> Non
 
 
 def yawed_frame(*, roll: float, pitch: float, yaw: float) -> bytes:
-    """SET_ATTITUDE_TARGET (82, extra 49), mask 7, thrust 0.5: the product of the turns about z, y and x."""
+    """SET_ATTITUDE_TARGET (82, extra 49), mask 7, thrust 0.5: the product of the turns about z, y
+    and x."""
     about_z = np.array([[cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)]])
     q = about_z[0]
     for angle, axis in ((pitch, 2), (roll, 1)):
@@ -139,8 +164,9 @@ def yawed_frame(*, roll: float, pitch: float, yaw: float) -> bytes:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_copter_by_attitude_leans_forward_and_into_its_turn(side: str) -> None:
-    """A push of 1.8 m/s^2 forward: nose down by atan(1.8/g). To the right: roll and yaw are positive in MAVLink. The
-    first yaw target is the reported yaw, 1 rad; 0.1 s later it has moved by a tenth of the yaw rate."""
+    """A push of 1.8 m/s^2 forward: nose down by atan(1.8/g). To the right: roll and yaw are
+    positive in MAVLink. The first yaw target is the reported yaw, 1 rad; 0.1 s later it has moved
+    by a tenth of the yaw rate."""
     turn_rate, sense = SIDES[side]
     adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
     state = STATE._replace(push=(1.8, 0.0))
@@ -157,7 +183,9 @@ def test_copter_by_attitude_limits_the_lead_of_its_yaw_target() -> None:
     """A vehicle that does not turn: the target stays within 20 deg of its yaw."""
     adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
     for tick in range(200):
-        message = adapter.setpoint(Steer(yaw_rate_from_turn_rate(TurnRate(-0.5)), SPEED), STATE, AT + tick / 20)
+        message = adapter.setpoint(
+            Steer(yaw_rate_from_turn_rate(TurnRate(-0.5)), SPEED), STATE, AT + tick / 20
+        )
     w, _, _, z = message.q
     assert 2 * atan(z / w) == pytest.approx(1.0 + radians(20), abs=0.02)
 
@@ -170,8 +198,9 @@ def test_copter_by_attitude_levels_at_the_end() -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_px4_copter_by_stick_pushes_forward_and_into_its_turn(side: str) -> None:
-    """Full stick is g tan(35 deg) = 6.867 m/s^2, and 150 deg/s of yaw behind a dead zone of 0.1 and the curve
-    0.4 x + 0.6 x^3. A yaw rate of 0.2 rad/s (0.0764 of full) needs x = 0.1820, so a deflection of 0.2638."""
+    """Full stick is g tan(35 deg) = 6.867 m/s^2, and 150 deg/s of yaw behind a dead zone of 0.1 and
+    the curve 0.4 x + 0.6 x^3. A yaw rate of 0.2 rad/s (0.0764 of full) needs x = 0.1820, so a
+    deflection of 0.2638."""
     turn_rate, sense = SIDES[side]
     adapter = AUTOPILOTS["px4", "copter stick"](FACTS)
     steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn_rate)), SPEED)
@@ -182,18 +211,31 @@ def test_px4_copter_by_stick_pushes_forward_and_into_its_turn(side: str) -> None
 
 def test_hold_is_standing_still_or_wings_level() -> None:
     """Our clock in the setpoint wraps like a boot time."""
-    assert sent(("ardupilot", "copter"), None) == velocity_frame(0x407, forward=0.0, down=0.0, yaw_rate=0.0)
-    assert sent(("ardupilot", "rover"), None) == velocity_frame(0x5C7, forward=0.0, down=0.0, yaw_rate=0.0)
-    assert sent(("px4", "copter"), None) == velocity_frame(0x407, forward=0.0, down=0.5, yaw_rate=0.0)
+    assert sent(("ardupilot", "copter"), None) == velocity_frame(
+        0x407, forward=0.0, down=0.0, yaw_rate=0.0
+    )
+    assert sent(("ardupilot", "rover"), None) == velocity_frame(
+        0x5C7, forward=0.0, down=0.0, yaw_rate=0.0
+    )
+    assert sent(("px4", "copter"), None) == velocity_frame(
+        0x407, forward=0.0, down=0.5, yaw_rate=0.0
+    )
     assert sent(("ardupilot", "plane"), None) == attitude_frame(0xC6, roll=0.0)
     assert sent(("px4", "plane"), None) == stick_frame(0)
     for key in (("ardupilot", "copter"), ("ardupilot", "plane")):
-        assert AUTOPILOTS[key](FACTS).safe_setpoint(STATE, now=2**32 / 1000 + 1.0).time_boot_ms == 1000
+        assert (
+            AUTOPILOTS[key](FACTS).safe_setpoint(STATE, now=2**32 / 1000 + 1.0).time_boot_ms == 1000
+        )
 
 
 def test_the_guided_mode_is_asked_for_by_its_numbers() -> None:
-    """DO_SET_MODE (176): p1 = 1, custom mode enabled, then ArduPilot's mode, or PX4's main and sub mode."""
-    for key, numbers in ((("ardupilot", "copter"), (4,)), (("ardupilot", "plane"), (15,)), (("px4", "plane"), (2, 0))):
+    """DO_SET_MODE (176): p1 = 1, custom mode enabled, then ArduPilot's mode, or PX4's main and sub
+    mode."""
+    for key, numbers in (
+        (("ardupilot", "copter"), (4,)),
+        (("ardupilot", "plane"), (15,)),
+        (("px4", "plane"), (2, 0)),
+    ):
         vehicle = AUTOPILOTS[key](FACTS)
         command = vehicle.request_mode(vehicle.guided_mode)
         assert (command.number, command.params) == (176, (1, *numbers))
@@ -206,7 +248,11 @@ def test_the_guided_mode_is_asked_for_by_its_numbers() -> None:
         (("px4", "copter"), 4 << 16 | 3 << 24, True),
         (("px4", "copter"), None, True),
         (("px4", "plane"), 4 << 16 | 3 << 24, True),  # AUTO.LOITER
-        (("px4", "plane"), 3 << 16, False),  # POSCTL is flown by stick: our setpoints would move the vehicle
+        (
+            ("px4", "plane"),
+            3 << 16,
+            False,
+        ),  # POSCTL is flown by stick: our setpoints would move the vehicle
         (("px4", "plane"), None, False),
     ],
 )
@@ -214,7 +260,9 @@ def test_setpoints_before_the_guided_mode_go_only_where_nothing_obeys_them(key, 
     assert AUTOPILOTS[key](FACTS).wants_setpoints_in(mode) == wanted
 
 
-@pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
+@pytest.mark.parametrize(
+    ("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)]
+)
 def test_a_whole_flight_ends_in_the_frame_built_by_hand(direction: Direction, sign: int) -> None:
     """Holding without ranges turns at V/r_d = 15/100 rad/s: clockwise is positive in MAVLink."""
     rig = Rig(orbit=replace(ORBIT, direction=direction))
@@ -222,9 +270,19 @@ def test_a_whole_flight_ends_in_the_frame_built_by_hand(direction: Direction, si
     rig.engage()
     rig.ranges = False
     rig.run(1.0)
-    (message,) = [message for message in decode(rig.raw[-1]) if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
-    assert (message.vx, message.afy, message.yaw_rate) == pytest.approx((15.0, sign * 2.25, sign * 0.15))
-    assert (message.type_mask, message.coordinate_frame, message.time_boot_ms) == (0x407, 8, round(rig.now * 1000))
+    (message,) = [
+        message
+        for message in decode(rig.raw[-1])
+        if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"
+    ]
+    assert (message.vx, message.afy, message.yaw_rate) == pytest.approx(
+        (15.0, sign * 2.25, sign * 0.15)
+    )
+    assert (message.type_mask, message.coordinate_frame, message.time_boot_ms) == (
+        0x407,
+        8,
+        round(rig.now * 1000),
+    )
 
 
 @pytest.mark.parametrize("key", AUTOPILOTS)
@@ -241,7 +299,9 @@ def test_bank_and_stick_stay_within_the_mission_s_limit(key: tuple[str, str]) ->
 
 @pytest.mark.parametrize("airspeed", [None, 0.1, 1.0, 4.99, 16.01, 150.0, nan])
 @pytest.mark.parametrize("key", [("ardupilot", "plane"), ("px4", "plane")])
-def test_an_airspeed_that_cannot_be_is_not_used(key: tuple[str, str], airspeed: float | None) -> None:
+def test_an_airspeed_that_cannot_be_is_not_used(
+    key: tuple[str, str], airspeed: float | None
+) -> None:
     """The commanded 10 m/s replaces the reported airspeed in bank and thrust."""
     assert sent(key, TURN, at_airspeed(airspeed)) == sent(key, TURN)
     assert sent(key, None, at_airspeed(airspeed)) == sent(key, None)
@@ -253,26 +313,35 @@ def test_a_parameter_that_is_no_number_fails_and_says_so(vehicle, value) -> None
     names = {name for rule in vehicle.parameters for name, _ in rule.names}
     context = Context(15.0, 20.0, 30.0, 0.05, 1, dict.fromkeys(names, value))
     for check in (rule.check(context) for rule in vehicle.parameters):
-        assert check.grade is Grade.FAIL and check.text.endswith(f"= {value:g}: is not a number: set it again")
+        assert check.grade is Grade.FAIL and check.text.endswith(
+            f"= {value:g}: is not a number: set it again"
+        )
 
 
 @pytest.mark.parametrize("airspeed", [5.01, 9.0, 12.0, 15.99])
-def test_an_airspeed_that_can_be_makes_the_bank_of_its_own_coordinated_turn(airspeed: float) -> None:
-    bank, state = atan(TURN * airspeed / 9.80665), at_airspeed(airspeed)
+def test_an_airspeed_that_can_be_makes_the_bank_of_its_own_coordinated_turn(
+    airspeed: float,
+) -> None:
+    bank = atan(TURN * airspeed / 9.80665)
+    state = at_airspeed(airspeed)
     assert_alike(sent(("ardupilot", "plane"), TURN, state), attitude_frame(0xC6, roll=-bank))
     assert sent(("px4", "plane"), TURN, state) == stick_frame(-round(1000 * bank / FULL_STICK))
 
 
 def test_thin_air_makes_the_bank_steeper() -> None:
-    """3000 m above the sea the density is 0.909 kg/m^3. The bank uses the true airspeed, which no message reports."""
+    """3000 m above the sea the density is 0.909 kg/m^3. The bank uses the true airspeed, which no
+    message reports."""
     thin = STATE._replace(motion=LEVEL._replace(altitude=3000.0))
     bank = atan(TURN * SPEED * sqrt(1.225 / 0.90925) / 9.80665)
     assert sent(("px4", "plane"), TURN, thin) == stick_frame(-round(1000 * bank / FULL_STICK))
 
 
 @pytest.mark.parametrize(("bound", "again"), [(16.0, 15.0), (5.0, 6.0)])
-def test_airspeed_at_the_bound_of_plausibility_does_not_step_the_bank(bound: float, again: float) -> None:
-    """After it was rejected at 1.6 V or 0.5 V, the airspeed is used again only within 1.5 V or 0.6 V."""
+def test_airspeed_at_the_bound_of_plausibility_does_not_step_the_bank(
+    bound: float, again: float
+) -> None:
+    """After it was rejected at 1.6 V or 0.5 V, the airspeed is used again only within 1.5 V or 0.6
+    V."""
     adapter = AUTOPILOTS["ardupilot", "plane"](FACTS)
     outside = bound + (0.01 if bound > SPEED else -0.01)
     beside = again + (0.01 if bound > SPEED else -0.01)
@@ -290,13 +359,19 @@ def test_a_multirotor_of_a_rare_kind_is_flown_as_a_copter(kind: int) -> None:
 # --- the turn in a report of the flown setpoint, by which another controller is detected
 
 
-def copter_report(course: float, speed: float, turn: float, *, ignored: int = 0) -> mavlink.MAVLink_message:
-    """ArduCopter's POSITION_TARGET_LOCAL_NED on a course (rad from north) in a turn (rad/s, right positive): velocity,
-    and the acceleration to its right. Position, yaw and yaw rate are ignored."""
+def copter_report(
+    course: float, speed: float, turn: float, *, ignored: int = 0
+) -> mavlink.MAVLink_message:
+    """ArduCopter's POSITION_TARGET_LOCAL_NED on a course (rad from north) in a turn (rad/s, right
+    positive): velocity, and the acceleration to its right. Position, yaw and yaw rate are
+    ignored."""
     north, east = cos(course), sin(course)
-    velocity, across = (speed * north, speed * east, 0.5), (-speed * turn * east, speed * turn * north, 0.0)
+    velocity = (speed * north, speed * east, 0.5)
+    across = (-speed * turn * east, speed * turn * north, 0.0)
     mask = 0x07 | 0x400 | 0x800 | ignored
-    return mavlink.MAVLink_position_target_local_ned_message(0, 1, mask, 0, 0, 0, *velocity, *across, 0, 0)
+    return mavlink.MAVLink_position_target_local_ned_message(
+        0, 1, mask, 0, 0, 0, *velocity, *across, 0, 0
+    )
 
 
 @pytest.mark.parametrize("turn", [TURN, -TURN, 0.0])
@@ -306,10 +381,15 @@ def test_a_copters_report_of_velocity_and_acceleration_shows_its_turn_right_posi
 ) -> None:
     assert turn_in(copter_report(course, 5.0, turn)) == pytest.approx(turn, abs=1e-6)
     assert turn_in(copter_report(course, 0.2, 3.0)) == 0.0, "a copter that hovers after a timeout"
-    assert [turn_in(copter_report(course, 5.0, turn, ignored=bit)) for bit in (0x08, 0x40)] == [None, None]
+    assert [turn_in(copter_report(course, 5.0, turn, ignored=bit)) for bit in (0x08, 0x40)] == [
+        None,
+        None,
+    ]
 
 
-@pytest.mark.parametrize("key", sorted(set(AUTOPILOTS) - {("px4", "plane"), ("px4", "copter stick")}))
+@pytest.mark.parametrize(
+    "key", sorted(set(AUTOPILOTS) - {("px4", "plane"), ("px4", "copter stick")})
+)
 def test_the_turn_in_a_setpoint_is_the_one_commanded(key: tuple[str, str]) -> None:
     adapter = AUTOPILOTS[key](FACTS)
     for turn in (TURN, -TURN, 0.0):

@@ -1,4 +1,5 @@
-"""A remote clock mapped to ours from stamps and arrivals alone, including clock resets and the clock's rate."""
+"""A remote clock mapped to ours from stamps and arrivals alone, including clock resets and the
+clock's rate."""
 
 import numpy as np
 import pytest
@@ -18,13 +19,17 @@ def test_the_least_delay_seen_is_the_offset_and_one_that_stays_is_believed_after
     assert clock.local(100.1, 10.2) == pytest.approx(10.2)  # 0.2 s less delay than the first
     assert clock.local(100.2, 10.5) == pytest.approx(10.3)
     assert clock.local(100.3, 10.4) == pytest.approx(10.4)
-    ages = [10.8 + i / 10 - clock.local(100.4 + i / 10, 10.8 + i / 10) for i in range(2 * WINDOW + 1)]
+    ages = [
+        10.8 + i / 10 - clock.local(100.4 + i / 10, 10.8 + i / 10) for i in range(2 * WINDOW + 1)
+    ]
     assert (ages[0], ages[-1]) == pytest.approx((0.3, 0.0), abs=1e-9)
 
 
 def test_jitter_of_the_way_is_taken_out():
-    """Delays of 0 to 50 ms: after some samples the local times are as even as the stamps, within 2 ms."""
-    rng, clock = np.random.default_rng(1), StampFilter()
+    """Delays of 0 to 50 ms: after some samples the local times are as even as the stamps, within 2
+    ms."""
+    rng = np.random.default_rng(1)
+    clock = StampFilter()
     stamps = 5000 + 0.1 * np.arange(400)
     arrivals = stamps - 4000 + rng.uniform(0, 0.05, len(stamps))
     local = np.array([clock.local(*pair) for pair in zip(stamps, arrivals, strict=True)])
@@ -34,7 +39,8 @@ def test_jitter_of_the_way_is_taken_out():
 
 @pytest.mark.parametrize("drift", [200e-6, -200e-6])
 def test_a_drifting_clock_is_followed(drift):
-    """200 ppm over an hour are 0.7 s. The mapping lags by at most the drift of two windows, 4 ms at 10 Hz."""
+    """200 ppm over an hour are 0.7 s. The mapping lags by at most the drift of two windows, 4 ms at
+    10 Hz."""
     clock = StampFilter()
     for i in range(36_000):
         true = 0.1 * i
@@ -91,7 +97,10 @@ def test_a_stamp_is_newer_repeated_or_overtaken_unless_it_is_far_behind_or_ahead
     assert clock.order(50.0, 0.0) is Order.NEWER
     clock.local(50.0, 0.0)
     clock.take(50.0, 0.0)
-    orders = {stamp: clock.order(stamp, 0.1, most_ahead=2.0) for stamp in (50.1, 50.0, 49.5, 52.0, 52.2, 48.9)}
+    orders = {
+        stamp: clock.order(stamp, 0.1, most_ahead=2.0)
+        for stamp in (50.1, 50.0, 49.5, 52.0, 52.2, 48.9)
+    }
     assert orders == {50.1: Order.NEWER, 50.0: Order.REPEATED, 49.5: Order.OLDER, 52.0: Order.NEWER,
                       52.2: Order.JUMPED, 48.9: Order.JUMPED}  # fmt: skip
 
@@ -100,12 +109,17 @@ def test_a_stamp_is_newer_repeated_or_overtaken_unless_it_is_far_behind_or_ahead
 
 
 def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
-    """Return (time, estimated age) at 10 Hz. lag(t): delay (s) of a sample stamped t, from 4 s on, without the
-    jitter."""
-    rng, clock, shown, received = np.random.default_rng(7), StampFilter(slower), [], 0.0
+    """Return (time, estimated age) at 10 Hz. lag(t): delay (s) of a sample stamped t, from 4 s on,
+    without the jitter."""
+    rng = np.random.default_rng(7)
+    clock = StampFilter(slower)
+    shown = []
+    received = 0.0
     for i in range(round(10 * seconds)):
         stamp = i / 10
-        received = max(received, stamp + rng.uniform(0.0, jitter) + (lag(stamp) if stamp >= 4.0 else 0.0))
+        received = max(
+            received, stamp + rng.uniform(0.0, jitter) + (lag(stamp) if stamp >= 4.0 else 0.0)
+        )
         shown.append((received, received - clock.local(stamp + 900.0, received)))
     return shown
 
@@ -126,9 +140,12 @@ def test_pauses_that_follow_each_other_are_followed_each():
 @pytest.mark.parametrize("jitter", [0.0, 0.02])
 @pytest.mark.parametrize("spare", [0.1, 0.5, 3.0])
 def test_a_queue_that_drains_is_never_believed_fresh(spare, jitter):
-    """A queue after 2 s of outage, on a link with little spare capacity, until the smallest lag is forgotten."""
+    """A queue after 2 s of outage, on a link with little spare capacity, until the smallest lag is
+    forgotten."""
     wait = lambda stamp: max(2.0 - spare / (1 + spare) * (stamp - 4.0), 0.0)  # noqa: E731
-    for (time, age), stamp in zip(ages(wait, jitter=jitter, seconds=19.9), np.arange(199) / 10, strict=True):
+    for (time, age), stamp in zip(
+        ages(wait, jitter=jitter, seconds=19.9), np.arange(199) / 10, strict=True
+    ):
         assert stamp < 4.0 or age >= wait(stamp) - 0.05, time
 
 
@@ -147,8 +164,8 @@ def test_a_link_that_has_turned_slow_in_one_step_is_told_by_its_round_trip():
 
 
 def test_what_the_round_trip_does_not_explain_is_the_clocks():
-    """Timesync is silent for 1 s: the whole lag counts as delay. Then a round trip that has grown by 0.2 s explains
-    only 0.2 s."""
+    """Timesync is silent for 1 s: the whole lag counts as delay. Then a round trip that has grown
+    by 0.2 s explains only 0.2 s."""
     slower = lambda since, now: float("inf") if now < 6.0 else 0.2  # noqa: E731
     shown = ages(lambda stamp: 1.0, slower=slower)
     assert [round(age, 6) for time, age in shown if 5.0 < time < 5.95] == [1.0] * 9
@@ -156,8 +173,8 @@ def test_what_the_round_trip_does_not_explain_is_the_clocks():
 
 
 COMPUTER_PAUSED = [0.4] * 3 + [0.96, 0.88, 0.96, 1.09, 1.17, 1.26, 1.28, 1.28, 1.09] + [1.01] * 23
-"""A simulator stopped for 0.5 s twice within 1.3 s, and answered slowly meanwhile. The part explained by slow
-answers is assigned to the clock once the answers are quick."""
+"""A simulator stopped for 0.5 s twice within 1.3 s, and answered slowly meanwhile. The part
+explained by slow answers is assigned to the clock once the answers are quick."""
 COMPUTER_BUSY = [
     0.57, 0.6, 0.66, 0.56, 0.64, 0.67, 0.57, 0.67, 0.69, 0.79, 0.91, 0.96, 1.18, 1.27, 1.17,
     1.18, 1.08, 1.16, 1.06, 0.96, 0.88, 0.78, 0.69, 0.67, 0.68, 0.97, 0.88, 0.81, 0.78, 0.79,
@@ -176,7 +193,8 @@ COMPUTER_BUSY = [
 )
 def test_a_step_among_slow_answers_is_followed_within_a_second_of_settling(lags, slower):
     """Flown lags, s, at intervals of 0.1 s. The last one stays."""
-    clock, shown = StampFilter(slower), []
+    clock = StampFilter(slower)
+    shown = []
     for i in range(200):
         lag = 0.0 if i < 100 else lags[min(i - 100, len(lags) - 1)]
         shown.append(0.1 * i - clock.local(5000.0 + 0.1 * i - lag, 0.1 * i))
@@ -184,7 +202,8 @@ def test_a_step_among_slow_answers_is_followed_within_a_second_of_settling(lags,
 
 
 def test_a_step_is_doubted_while_it_may_be_the_clocks():
-    clock, doubts = StampFilter(lambda since, now: float("inf")), []
+    clock = StampFilter(lambda since, now: float("inf"))
+    doubts = []
     for i in range(30):
         clock.local(i / 10, i / 10 + (i >= 20))
         doubts.append(clock.doubted)
@@ -214,7 +233,11 @@ def test_a_steady_speed_is_found_after_three_windows_of_three_seconds(speed):
         lambda t: t + (1.0 if t > 5.0 else 0.0),
         lambda t: t + min(max(0.15 * (t - 5.0), 0.0), 1.05),
     ],
-    ids=["2 s of silence, then all at once", "a link a second slower", "a radio's buffer that fills for 7 s"],
+    ids=[
+        "2 s of silence, then all at once",
+        "a link a second slower",
+        "a radio's buffer that fills for 7 s",
+    ],
 )
 def test_what_delays_messages_is_no_speed(arrival):
     assert set(found([(0.1 * n, arrival(0.1 * n)) for n in range(200)])) == {None}

@@ -23,7 +23,9 @@ def frames(count):
         message = (
             mavlink.MAVLink_heartbeat_message(2, 3, 129, i % 30, 4, 3),
             mavlink.MAVLink_attitude_message(i + 1, 0.1, 0.2, 0.3, 0.4, 0.5, float(i)),
-            mavlink.MAVLink_statustext_message(6, f"frame number {i}, padded {'.' * (i % 20)}".encode()),
+            mavlink.MAVLink_statustext_message(
+                6, f"frame number {i}, padded {'.' * (i % 20)}".encode()
+            ),
             mavlink.MAVLink_distance_sensor_message(i + 1, 20, 60000, 1000 + i, 4, 0, 24, 0),
         )[i % 4]
         speaker.seq = i % 256
@@ -32,7 +34,12 @@ def frames(count):
 
 
 def unknown_frame(ident=UNKNOWN_ID):
-    return b"\xfd\x09\x00\x00\x00\x09\x09" + ident.to_bytes(3, "little") + bytes(range(1, 10)) + b"\x12\x34"
+    return (
+        b"\xfd\x09\x00\x00\x00\x09\x09"
+        + ident.to_bytes(3, "little")
+        + bytes(range(1, 10))
+        + b"\x12\x34"
+    )
 
 
 def decoded(decoder, chunks):
@@ -48,8 +55,20 @@ GOOD = frames(12)
 BEAT = GOOD[4]
 """A heartbeat of 21 bytes. Its sequence number 4 is not a message id of MAVLink 1."""
 STUMP = bytes((0xFD, 13, 0, 0))
-"""First 4 bytes of a frame of 25. Followed by the 21 of a heartbeat, they look like a frame of an unknown id."""
-STARTS = [STUMP, *(b"\xfd", b"\xfe", b"\xfe\x09", b"\xfd\x09\x00", b"\xfd\xff\x00\x00", b"\x00", b"\x00GET / HTTP")]
+"""First 4 bytes of a frame of 25. Followed by the 21 of a heartbeat, they look like a frame of an
+unknown id."""
+STARTS = [
+    STUMP,
+    *(
+        b"\xfd",
+        b"\xfe",
+        b"\xfe\x09",
+        b"\xfd\x09\x00",
+        b"\xfd\xff\x00\x00",
+        b"\x00",
+        b"\x00GET / HTTP",
+    ),
+]
 STUMPS = [frame[:length] for frame in GOOD for length in (10, 12, len(frame) - 5)]
 PLACES = st.lists(st.integers(0, 10_000), max_size=20)
 
@@ -60,23 +79,34 @@ PLACES = st.lists(st.integers(0, 10_000), max_size=20)
 @example(data=[STUMP, BEAT, BEAT])
 @example(data=[b"\xfe", *[BEAT] * 10, GOOD[2]])  # the length after 0xFE covers most of the datagram
 def test_no_good_frame_of_a_datagram_is_lost_to_false_starts_stumps_and_junk_round_it(data):
-    """The parser of pymavlink loses the 14 frames within the length after a stray 0xFD (mavlink.md, rule 2)."""
+    """The parser of pymavlink loses the 14 frames within the length after a stray 0xFD (mavlink.md,
+    rule 2)."""
     assert decoded(Decoder(), [b"".join(data)]) == [piece for piece in data if piece in GOOD]
 
 
-@given(data=st.lists(st.sampled_from([BEAT, STUMP, b"\xfe", b"\x00", unknown_frame()]), max_size=20), places=PLACES)
+@given(
+    data=st.lists(st.sampled_from([BEAT, STUMP, b"\xfe", b"\x00", unknown_frame()]), max_size=20),
+    places=PLACES,
+)
 def test_even_a_damaged_stream_is_read_alike_in_any_chunks(data, places):
     whole = b"".join(data) + bytes(600)
-    assert decoded(Decoder(stream=True), cut(whole, places)) == decoded(Decoder(stream=True), [whole])
+    assert decoded(Decoder(stream=True), cut(whole, places)) == decoded(
+        Decoder(stream=True), [whole]
+    )
 
 
-quiet_junk = st.binary(max_size=40).map(lambda data: data.translate(bytes.maketrans(b"\xfd\xfe", b"\x00\x00")))
+quiet_junk = st.binary(max_size=40).map(
+    lambda data: data.translate(bytes.maketrans(b"\xfd\xfe", b"\x00\x00"))
+)
 """Junk without a byte that could start a frame."""
 
 
 @given(junk=st.lists(quiet_junk, min_size=12, max_size=12), places=PLACES)
-def test_junk_between_the_frames_loses_none_of_a_datagram_nor_of_a_stream_in_any_chunks(junk, places):
-    data, decoder = b"".join(noise + frame for noise, frame in zip(junk, GOOD, strict=True)), Decoder()
+def test_junk_between_the_frames_loses_none_of_a_datagram_nor_of_a_stream_in_any_chunks(
+    junk, places
+):
+    data = b"".join(noise + frame for noise, frame in zip(junk, GOOD, strict=True))
+    decoder = Decoder()
     assert decoded(decoder, [data]) == GOOD
     assert decoder.counts.bad == any(junk)
     assert decoded(Decoder(stream=True), cut(data, places)) == GOOD
@@ -84,7 +114,8 @@ def test_junk_between_the_frames_loses_none_of_a_datagram_nor_of_a_stream_in_any
 
 @pytest.mark.parametrize("start", [b"\xfd", b"\xfe", b"\xfd\xff\x00\x00", STUMP])
 def test_a_false_start_costs_no_frame_of_a_stream_once_its_claimed_length_has_come(start):
-    first, late = [BEAT, *GOOD], frames(40)
+    first = [BEAT, *GOOD]
+    late = frames(40)
     got = decoded(Decoder(stream=True), [start + b"".join(first), *late])
     assert got[: len(first)] == first
     assert set(late[:25]) <= set(got)
@@ -92,7 +123,10 @@ def test_a_false_start_costs_no_frame_of_a_stream_once_its_claimed_length_has_co
 
 def test_a_frame_that_nobody_knows_is_believed_in_a_stream_only_when_another_follows_it():
     decoder = Decoder(stream=True)
-    assert decoded(decoder, cut(b"".join(frame + unknown_frame() for frame in GOOD), range(0, 900, 7))) == GOOD
+    assert (
+        decoded(decoder, cut(b"".join(frame + unknown_frame() for frame in GOOD), range(0, 900, 7)))
+        == GOOD
+    )
     assert decoder.counts.unknown == 11
 
 
@@ -131,10 +165,22 @@ VERSION_1 = bytes(HEARTBEAT.pack(mavlink.MAVLink(None, srcSystem=7), force_mavli
     ("data", "words", "unknown"),
     [
         (b"", "0 bytes received", 0),
-        (b"GET / HTTP/1.1\r\n\r\n", "received 18 bytes, 0 frames, 1 CRC or framing errors, {}: none, {}: none", 0),
+        (
+            b"GET / HTTP/1.1\r\n\r\n",
+            "received 18 bytes, 0 frames, 1 CRC or framing errors, {}: none, {}: none",
+            0,
+        ),
         (VERSION_1, "received 17 bytes, 1 frames, 0 CRC or framing errors, {}: 7/0, {}: 1 only", 0),
-        (VERSION_1 + GOOD[0], "received 38 bytes, 2 frames, 0 CRC or framing errors, {}: 7/0, 7/1, {}: 2", 0),
-        (b"\0" + BEAT + unknown_frame(), "received 43 bytes, 2 frames, 1 CRC or framing errors, {}: 7/1, {}: 2", 1),
+        (
+            VERSION_1 + GOOD[0],
+            "received 38 bytes, 2 frames, 0 CRC or framing errors, {}: 7/0, 7/1, {}: 2",
+            0,
+        ),
+        (
+            b"\0" + BEAT + unknown_frame(),
+            "received 43 bytes, 2 frames, 1 CRC or framing errors, {}: 7/1, {}: 2",
+            1,
+        ),
     ],
     ids=["nothing", "no frame", "version 1", "both versions", "junk and an unknown id"],
 )
@@ -150,7 +196,9 @@ def test_a_flood_of_ids_and_systems_leaves_the_counters_small():
     for ident in range(70_000, 73_000):
         decoder.decode(unknown_frame(ident=ident))
     for system in range(1, 251):
-        decoder.decode(bytes(HEARTBEAT.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=system))))
+        decoder.decode(
+            bytes(HEARTBEAT.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=system)))
+        )
     assert decoder.counts.unknown == 3000
     assert decoder.counts.frames == 3250
     assert len(decoder.counts.systems) == 32
@@ -169,7 +217,9 @@ def test_a_hostile_datagram_is_given_up_after_64_false_starts():
 def test_what_nobody_reads_is_checked_counted_and_kept_for_the_log_but_not_decoded():
     """Includes unknown ids."""
     decoder = Decoder(wanted={mavlink.MAVLINK_MSG_ID_HEARTBEAT})
-    assert [m.get_type() for m in decoder.decode(b"".join([b"\x00", *GOOD, unknown_frame()]))] == ["HEARTBEAT"] * 3
+    assert [m.get_type() for m in decoder.decode(b"".join([b"\x00", *GOOD, unknown_frame()]))] == [
+        "HEARTBEAT"
+    ] * 3
     assert decoder.counts.frames == 13
     assert decoder.frames == [*GOOD, unknown_frame()]
     broken = bytearray(GOOD[1])
@@ -179,12 +229,18 @@ def test_what_nobody_reads_is_checked_counted_and_kept_for_the_log_but_not_decod
 
 
 @pytest.mark.parametrize(
-    ("flags", "signature", "understood"), [(0x01, bytes(13), True), (0x02, b"", False), (0x03, bytes(13), False)]
+    ("flags", "signature", "understood"),
+    [(0x01, bytes(13), True), (0x02, b"", False), (0x03, bytes(13), False)],
 )
-def test_a_signed_frame_is_read_and_one_with_flags_that_we_do_not_understand_is_dropped(flags, signature, understood):
-    """Payload, CRC, then 13 bytes of signature, which is kept for the log. 50 is the CRC_EXTRA of HEARTBEAT."""
+def test_a_signed_frame_is_read_and_one_with_flags_that_we_do_not_understand_is_dropped(
+    flags, signature, understood
+):
+    """Payload, CRC, then 13 bytes of signature, which is kept for the log. 50 is the CRC_EXTRA of
+    HEARTBEAT."""
     body = GOOD[0][1:2] + bytes((flags,)) + GOOD[0][3:-2]
-    flagged = b"\xfd" + body + mavlink.x25crc(body + bytes((50,))).crc.to_bytes(2, "little") + signature
+    flagged = (
+        b"\xfd" + body + mavlink.x25crc(body + bytes((50,))).crc.to_bytes(2, "little") + signature
+    )
     expected = [flagged, GOOD[1]] if understood else [GOOD[1]]
     decoder = Decoder()
     assert decoded(decoder, [flagged + GOOD[1]]) == expected

@@ -1,5 +1,5 @@
-"""COMMAND_LONG: retries, acknowledgements, bounded time (MAVSDK: 0.5 s, three retries, 3 s in progress). Telemetry
-rates: requested, measured, requested again."""
+"""COMMAND_LONG: retries, acknowledgements, bounded time (MAVSDK: 0.5 s, three retries, 3 s in
+progress). Telemetry rates: requested, measured, requested again."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -7,10 +7,15 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.mav.commands import Command, CommandResult, CommandSender, StreamRequests
 from tests.rig import Voice
 
-US, TARGET = (1, 191), (1, 1)
-SET_MODE, SET_INTERVAL = 176, 511
+US = (1, 191)
+TARGET = (1, 1)
+SET_MODE = 176
+SET_INTERVAL = 511
 GUIDED = Command(SET_MODE, (1.0, 4.0))
-ACCEPTED, DENIED, UNSUPPORTED, IN_PROGRESS = 0, 2, 3, 5
+ACCEPTED = 0
+DENIED = 2
+UNSUPPORTED = 3
+IN_PROGRESS = 5
 
 
 VEHICLE = Voice()
@@ -38,26 +43,51 @@ def test_an_unanswered_command_is_repeated_three_times_counting_and_then_given_u
     sent = poll_until(sender, 1.95)
     assert sender.take_results() == []
     sent += poll_until(sender, 5.0, start=2.0)
-    assert [(now, message.confirmation) for now, message in sent] == [(0.0, 0), (0.5, 1), (1.0, 2), (1.5, 3)]
+    assert [(now, message.confirmation) for now, message in sent] == [
+        (0.0, 0),
+        (0.5, 1),
+        (1.0, 2),
+        (1.5, 3),
+    ]
     for _, message in sent:
-        assert (message.target_system, message.target_component, message.command) == (1, 1, SET_MODE)
+        assert (message.target_system, message.target_component, message.command) == (
+            1,
+            1,
+            SET_MODE,
+        )
         assert [getattr(message, f"param{i}") for i in range(1, 8)] == [1, 4, 0, 0, 0, 0, 0]
     (result,) = sender.take_results()
-    assert (result.command, result.result, result.accepted, result.answer) == (GUIDED, None, False, "no answer")
+    assert (result.command, result.result, result.accepted, result.answer) == (
+        GUIDED,
+        None,
+        False,
+        "no answer",
+    )
     assert not result.refused
     assert sender.take_results() == []
 
 
 @pytest.mark.parametrize(
     ("result", "said"),
-    [(0, "accepted"), (1, "temporarily rejected"), (2, "denied"), (3, "unsupported"), (4, "failed"), (99, "result 99")],
+    [
+        (0, "accepted"),
+        (1, "temporarily rejected"),
+        (2, "denied"),
+        (3, "unsupported"),
+        (4, "failed"),
+        (99, "result 99"),
+    ],
 )
 def test_an_answer_ends_the_repeats_and_is_told_in_words(sender, result, said):
     sender.poll(TARGET, 0.0)
     sender.acknowledge(ack(result=result), US, 0.1)
     assert poll_until(sender, 3.0, start=0.25) == []
     (ended,) = sender.take_results()
-    assert (ended.accepted, ended.refused, ended.answer) == (result == ACCEPTED, result != ACCEPTED, said)
+    assert (ended.accepted, ended.refused, ended.answer) == (
+        result == ACCEPTED,
+        result != ACCEPTED,
+        said,
+    )
 
 
 @pytest.mark.parametrize(
@@ -66,7 +96,9 @@ def test_an_answer_ends_the_repeats_and_is_told_in_words(sender, result, said):
     + [(ack(target=target), False) for target in ((255, 190), (1, 190), (2, 191), (255, 0))]
     + [(ack(number), False) for number in (400, 511)],
 )
-def test_only_an_answer_to_our_command_and_to_us_or_nobody_in_particular_counts(sender, answer, ours):
+def test_only_an_answer_to_our_command_and_to_us_or_nobody_in_particular_counts(
+    sender, answer, ours
+):
     sender.poll(TARGET, 0.0)
     sender.acknowledge(answer, US, 0.1)
     assert (poll_until(sender, 0.6) == [], len(sender.take_results())) == (ours, ours)
@@ -84,7 +116,9 @@ def test_in_progress_stops_the_repeats_for_three_seconds_and_three_times_at_most
 
 
 def test_one_command_of_a_number_is_under_way_at_a_time_and_those_of_others_do_not_wait():
-    sender, first, second = CommandSender(), Command(SET_INTERVAL, (30, 1e5)), Command(SET_INTERVAL, (74, 1e5))
+    sender = CommandSender()
+    first = Command(SET_INTERVAL, (30, 1e5))
+    second = Command(SET_INTERVAL, (74, 1e5))
     for command in (first, second, GUIDED):
         sender.send(command)
     assert [message.param1 for message in sender.poll(TARGET, 0.0)] == [30, 1]
@@ -94,10 +128,16 @@ def test_one_command_of_a_number_is_under_way_at_a_time_and_those_of_others_do_n
     assert [result.command for result in sender.take_results()] == [first, second]
 
 
-@pytest.mark.parametrize(("trip", "doubled"), [(0.55, False), (1.95, False), (0.1, True), (0.95, True)])
-def test_each_answer_counts_for_the_command_that_it_answers_however_late_or_often_it_comes(trip, doubled):
+@pytest.mark.parametrize(
+    ("trip", "doubled"), [(0.55, False), (1.95, False), (0.1, True), (0.95, True)]
+)
+def test_each_answer_counts_for_the_command_that_it_answers_however_late_or_often_it_comes(
+    trip, doubled
+):
     """Ten streams, of which the vehicle denies one. doubled: two routers bring each answer."""
-    sender, answers, results = CommandSender(), [], []
+    sender = CommandSender()
+    answers = []
+    results = []
     for stream in range(10):
         sender.send(Command(SET_INTERVAL, (stream, 1e5)))
     for now in (round(0.05 * tick, 6) for tick in range(1200)):
@@ -105,9 +145,14 @@ def test_each_answer_counts_for_the_command_that_it_answers_however_late_or_ofte
             sender.acknowledge(answer, US, now)
         for message in sender.poll(TARGET, now):
             answer = ack(SET_INTERVAL, 2 if message.param1 == 3 else ACCEPTED)
-            answers += [(round(now + trip + later, 6), answer) for later in ((0.0, 0.05) if doubled else (0.0,))]
+            answers += [
+                (round(now + trip + later, 6), answer)
+                for later in ((0.0, 0.05) if doubled else (0.0,))
+            ]
         results += sender.take_results()
-    assert [(one.command.params[0], one.refused) for one in results] == [(stream, stream == 3) for stream in range(10)]
+    assert [(one.command.params[0], one.refused) for one in results] == [
+        (stream, stream == 3) for stream in range(10)
+    ]
 
 
 def test_the_same_command_is_not_queued_twice(sender):
@@ -134,7 +179,8 @@ def test_dropping_a_number_drops_what_waits_and_what_is_under_way_and_clearing_d
 
 # --- streams ---
 
-ATTITUDE, TIME = 30, 2
+ATTITUDE = 30
+TIME = 2
 
 
 @pytest.fixture
@@ -154,7 +200,9 @@ def asked(commands):
 
 
 @pytest.mark.parametrize(("rate", "again"), [(4.9, True), (5.1, False), (0.0, True)])
-def test_streams_are_asked_for_in_microseconds_measured_and_below_half_their_rate_asked_for_again(streams, rate, again):
+def test_streams_are_asked_for_in_microseconds_measured_and_below_half_their_rate_asked_for_again(
+    streams, rate, again
+):
     """Other clients reset rates: gh:ArduPilot/ardupilot#19761."""
     assert asked(streams.poll(0.0)) == [(ATTITUDE, 100_000)]
     assert asked(streams.poll(0.6)) == [(TIME, 1_000_000)]
@@ -165,11 +213,16 @@ def test_streams_are_asked_for_in_microseconds_measured_and_below_half_their_rat
     hear(streams, 100, attitude=rate)
     assert asked(streams.poll(103.6)) == ([(ATTITUDE, 100_000)] if again else [])
     assert streams.rates[ATTITUDE] == pytest.approx(rate)
-    assert asked(streams.give_back()) == [(ATTITUDE, 0), (TIME, 0)], "an interval of zero is the vehicle's own"
+    assert asked(streams.give_back()) == [(ATTITUDE, 0), (TIME, 0)], (
+        "an interval of zero is the vehicle's own"
+    )
 
 
-def test_a_stream_that_a_ground_station_already_requested_is_neither_requested_nor_given_back(streams):
-    """Behind MAVProxy, which prints each acknowledgment: 4 Hz of everything, set again every 15 s."""
+def test_a_stream_that_a_ground_station_already_requested_is_neither_requested_nor_given_back(
+    streams,
+):
+    """Behind MAVProxy, which prints each acknowledgment: 4 Hz of everything, set again every 15
+    s."""
     assert asked(streams.poll(0.0)) == [(ATTITUDE, 100_000)]
     streams.received(TIME)
     assert streams.poll(0.6) == []
@@ -178,11 +231,16 @@ def test_a_stream_that_a_ground_station_already_requested_is_neither_requested_n
     assert asked(streams.give_back()) == [(ATTITUDE, 0)]
 
 
-def test_a_vehicle_that_does_not_know_the_request_is_asked_by_the_older_one_until_the_streams_flow(streams):
+def test_a_vehicle_that_does_not_know_the_request_is_asked_by_the_older_one_until_the_streams_flow(
+    streams,
+):
     for request in (*streams.poll(0.0), *streams.poll(0.6)):
         streams.denied(CommandResult(request, UNSUPPORTED))
     (one, two) = streams.group_requests((1, 1), 0.7)
-    assert [(m.req_stream_id, m.req_message_rate, m.start_stop) for m in (one, two)] == [(10, 10, 1), (12, 1, 1)]
+    assert [(m.req_stream_id, m.req_message_rate, m.start_stop) for m in (one, two)] == [
+        (10, 10, 1),
+        (12, 1, 1),
+    ]
     assert streams.group_requests((1, 1), 2.0) == [], "once in a while is enough"
     assert streams.refused == ["ATTITUDE", "SYSTEM_TIME"] and streams.by_group
     hear(streams, 3.1)
@@ -190,7 +248,9 @@ def test_a_vehicle_that_does_not_know_the_request_is_asked_by_the_older_one_unti
     assert streams.group_requests((1, 1), 6.2) == [] and streams.refused == []
 
 
-def test_a_denied_stream_is_not_asked_for_again_before_a_restart_after_which_all_begins_anew(streams):
+def test_a_denied_stream_is_not_asked_for_again_before_a_restart_after_which_all_begins_anew(
+    streams,
+):
     streams.denied(CommandResult(streams.poll(0.0)[0], DENIED))
     assert streams.refused == ["ATTITUDE"]
     for check in range(1, 5):
@@ -199,7 +259,9 @@ def test_a_denied_stream_is_not_asked_for_again_before_a_restart_after_which_all
     streams.restart()
     assert len(streams.poll(13.0)) == 1
     assert streams.rates == {ATTITUDE: None, TIME: None}
-    assert [len(streams.poll(now)) for now in (13.7, 16.8)] == [1, 2], "what was heard before does not count"
+    assert [len(streams.poll(now)) for now in (13.7, 16.8)] == [1, 2], (
+        "what was heard before does not count"
+    )
 
 
 def test_what_the_vehicle_may_not_have_is_asked_for_again_only_once_it_was_heard():
@@ -207,4 +269,6 @@ def test_what_the_vehicle_may_not_have_is_asked_for_again_only_once_it_was_heard
     asked = [[one.params[0] for one in streams.poll(now)] for now in (0.0, 10.0, 20.0)]
     assert asked == [[ATTITUDE], [TIME], [ATTITUDE]]
     streams.received(TIME)
-    assert [[one.params[0] for one in streams.poll(now)] for now in (30.0, 40.0)] == 2 * [[ATTITUDE, TIME]]
+    assert [[one.params[0] for one in streams.poll(now)] for now in (30.0, 40.0)] == 2 * [
+        [ATTITUDE, TIME]
+    ]

@@ -1,4 +1,5 @@
-"""Frames in bytes: the fast search finds the same frames as a search at every byte, and unknown frames cost little."""
+"""Frames in bytes: the fast search finds the same frames as a search at every byte, and unknown
+frames cost little."""
 
 import itertools
 import sys
@@ -17,7 +18,9 @@ IDS = sorted(mavlink.mavlink_map)
 def right_crc(frame):
     """Right CRC of a whole frame without signature."""
     ident = int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]
-    return mavlink.x25crc(frame[1:-2] + bytes((mavlink.mavlink_map[ident].crc_extra,))).crc.to_bytes(2, "little")
+    return mavlink.x25crc(
+        frame[1:-2] + bytes((mavlink.mavlink_map[ident].crc_extra,))
+    ).crc.to_bytes(2, "little")
 
 
 def good_by_every_byte(buffer, frame):
@@ -30,23 +33,32 @@ def good_by_every_byte(buffer, frame):
     if frame.end < len(buffer) and buffer[frame.end] not in MAGICS:
         return False
     inside = (frame_at(buffer, at) for at in range(frame.start + 1, frame.end))
-    return not any(inner is not None and inner.known and good_by_every_byte(buffer, inner) for inner in inside)
+    return not any(
+        inner is not None and inner.known and good_by_every_byte(buffer, inner) for inner in inside
+    )
 
 
 @st.composite
 def known(draw, longest=40):
     """A good frame of any length, version and id, signed or not."""
-    ident, payload = draw(st.sampled_from(IDS)), draw(st.binary(max_size=longest))
+    ident = draw(st.sampled_from(IDS))
+    payload = draw(st.binary(max_size=longest))
     if ident < 256 and draw(st.booleans()):
         frame = bytes((0xFE, len(payload), 1, 2, 3, ident)) + payload + bytes(2)
         return frame[:-2] + right_crc(frame)
     signed = draw(st.booleans())
-    frame = bytes((0xFD, len(payload), signed, 0, 1, 2, 3)) + ident.to_bytes(3, "little") + payload + bytes(2)
+    frame = (
+        bytes((0xFD, len(payload), signed, 0, 1, 2, 3))
+        + ident.to_bytes(3, "little")
+        + payload
+        + bytes(2)
+    )
     return frame[:-2] + right_crc(frame) + bytes(13 * signed)
 
 
 SPICY = st.lists(
-    st.sampled_from([0xFD, 0xFE, 0, 1, 2, 9, 11, 12, 60, 100, 132, 255]) | st.integers(0, 255), max_size=40
+    st.sampled_from([0xFD, 0xFE, 0, 1, 2, 9, 11, 12, 60, 100, 132, 255]) | st.integers(0, 255),
+    max_size=40,
 ).map(bytes)
 """Bytes that often begin a frame, or seem to."""
 
@@ -92,7 +104,8 @@ def test_no_payload_with_a_right_crc_raises(frame):
 
 def cost(data):
     """Lines of Python executed to read some bytes: the same on every machine under any load."""
-    decoder, lines = Decoder(wanted=()), itertools.count()
+    decoder = Decoder(wanted=())
+    lines = itertools.count()
 
     def trace(frame, event, argument):
         if event == "line":
@@ -111,17 +124,30 @@ def cost(data):
 @pytest.mark.parametrize("payload", [bytes(255), b"\xfd" * 255], ids=["zeros", "false starts"])
 def test_a_long_frame_that_nobody_knows_costs_little_more_than_a_short_one(payload):
     """Otherwise a flood of such frames delays the ranges."""
-    head, few = bytes((0, 0, 1, 9, 9, 0x31, 0xD4, 0)), payload[:9]
-    long, short = (bytes((0xFD, len(inside))) + head + inside + b"\x12\x34" for inside in (payload, few))
+    head = bytes((0, 0, 1, 9, 9, 0x31, 0xD4, 0))
+    few = payload[:9]
+    long, short = (
+        bytes((0xFD, len(inside))) + head + inside + b"\x12\x34" for inside in (payload, few)
+    )
     assert cost(long * 20) < 4 * cost(short * 20)
 
 
 @pytest.mark.parametrize(
     "data",
-    [bytes(65_000), *(start * (65_000 // len(start)) for start in (b"\xfd", b"\xfe", b"\xfd\xff", b"\xfd\x00\x02"))],
+    [
+        bytes(65_000),
+        *(
+            start * (65_000 // len(start))
+            for start in (b"\xfd", b"\xfe", b"\xfd\xff", b"\xfd\x00\x02")
+        ),
+    ],
     ids=["zeros", "fd", "fe", "fd ff", "fd 00 02"],
 )
 def test_a_long_datagram_of_zeros_or_false_starts_costs_less_than_a_few_frames(data):
     """Such datagrams once took 41 ms each and stopped a flight."""
-    beat = bytes(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3).pack(mavlink.MAVLink(None, srcSystem=1)))
+    beat = bytes(
+        mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3).pack(
+            mavlink.MAVLink(None, srcSystem=1)
+        )
+    )
     assert cost(data) < cost(beat * 50)

@@ -1,4 +1,5 @@
-"""Attacks by unknown senders, with the vehicle's ids or with other ids, and late frames of the vehicle itself."""
+"""Attacks by unknown senders, with the vehicle's ids or with other ids, and late frames of the
+vehicle itself."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -7,7 +8,8 @@ from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.mission_state import Phase
 from tests.rig import Voice, attitude, boot_time, heartbeat, scattering, timing, vfr_hud
 
-GUIDED, LOITER = 4, 5
+GUIDED = 4
+LOITER = 5
 PLANE_GUIDED = 15
 
 
@@ -33,12 +35,17 @@ def test_nobody_else_is_told_to_change_his_streams_when_our_vehicle_is_gone(make
     assert {message.target_system for message in rig.of("COMMAND_LONG")} == {1}
 
 
-def test_a_vehicle_that_calls_itself_0_is_not_believed_for_everybody_would_hear_what_is_said_to_it(make_rig):
+def test_a_vehicle_that_calls_itself_0_is_not_believed_for_everybody_would_hear_what_is_said_to_it(
+    make_rig,
+):
     rig = make_rig(request_mode=True)
     rig.vehicle = Voice(0, 1)
     rig.run(3.0, mode=LOITER)
     assert rig.of("COMMAND_LONG") == [] and not rig.pilot.session.up
-    assert rig.pilot.session.misfits[0, 1] == "system 0 is no id of a vehicle: set its system id to 1 to 255"
+    assert (
+        rig.pilot.session.misfits[0, 1]
+        == "system 0 is no id of a vehicle: set its system id to 1 to 255"
+    )
 
 
 @pytest.mark.parametrize("source", ["vehicle", "elsewhere"])
@@ -52,21 +59,31 @@ def test_a_vehicle_of_another_kind_that_comes_back_under_our_ids_is_not_ours(mak
         rig.run(0.2)
     assert rig.setpoints(since) + rig.of("SET_ATTITUDE_TARGET", since) == []
     assert rig.pilot.session.reply_to == "vehicle"
-    reasons = [*rig.pilot.session.misfits.values(), *rig.pilot.session.identity.second_senders.recent(rig.now)]
-    assert ("not the vehicle received first" if source == "vehicle" else "has a second sender") in " ".join(reasons)
+    reasons = [
+        *rig.pilot.session.misfits.values(),
+        *rig.pilot.session.identity.second_senders.recent(rig.now),
+    ]
+    assert (
+        "not the vehicle received first" if source == "vehicle" else "has a second sender"
+    ) in " ".join(reasons)
 
 
-# --- other addresses: the vehicle's own stays while it sends anything, and afterwards a proof of identity counts
+# --- other addresses: the vehicle's own stays while it sends anything, and afterwards a proof of
+# identity counts
 
 
 @pytest.mark.parametrize(("version", "system"), [(1, 1), (2, 1), (1, 2), (2, 2)])
-@pytest.mark.parametrize("seconds", [0.0, 2.0, 5.0], ids=["", "mode not reported for 2 s", "for 5 s"])
+@pytest.mark.parametrize(
+    "seconds", [0.0, 2.0, 5.0], ids=["", "mode not reported for 2 s", "for 5 s"]
+)
 @pytest.mark.parametrize("alive", [True, False], ids=["ranges go on", "all silent"])
 def test_a_heartbeat_that_is_not_accepted_never_changes_the_address_that_setpoints_go_to(
     flying, version, system, seconds, alive
 ):
-    """CURRENT_MODE is the first message of the vehicle that arrives afterwards, as PX4 may send it."""
-    rig, stranger = flying, Voice(system, 1, version=version)
+    """CURRENT_MODE is the first message of the vehicle that arrives afterwards, as PX4 may send
+    it."""
+    rig = flying
+    stranger = Voice(system, 1, version=version)
     rig.run(seconds, speaks=False, ranges=alive)
     rig.hear(heartbeat(GUIDED), voice=stranger, source="elsewhere")
     assert rig.pilot.session.reply_to == "vehicle"
@@ -88,9 +105,13 @@ SIGNS_OF_LIFE = {
 
 @pytest.mark.parametrize("seconds", [1.8, 4.0], ids=["two heartbeats lost", "link lost"])
 @pytest.mark.parametrize("sign", SIGNS_OF_LIFE.values(), ids=SIGNS_OF_LIFE.keys())
-def test_no_other_address_replaces_one_that_still_sends_anything_of_the_vehicle(flying, sign, seconds):
-    """The other sender uses the vehicle's ids and the right time since boot, because it can listen."""
-    rig, twin = flying, Voice(1, 1)
+def test_no_other_address_replaces_one_that_still_sends_anything_of_the_vehicle(
+    flying, sign, seconds
+):
+    """The other sender uses the vehicle's ids and the right time since boot, because it can
+    listen."""
+    rig = flying
+    twin = Voice(1, 1)
     rig.now_is(speaks=False, ranges=False)
     for i in range(round(seconds / 0.05)):
         sign(rig)
@@ -107,7 +128,9 @@ def test_no_other_address_replaces_one_that_still_sends_anything_of_the_vehicle(
     assert len(rig.run(1.0).setpoints(since)) >= 15
 
 
-def test_before_the_flight_neither_and_a_vehicle_that_was_switched_off_may_come_back_from_anywhere(rig):
+def test_before_the_flight_neither_and_a_vehicle_that_was_switched_off_may_come_back_from_anywhere(
+    rig,
+):
     rig.run(1.0, mode=LOITER).hear(boot_time(1000.0))
     for seconds, alive, address in ((5.0, True, "vehicle"), (5.0, False, "elsewhere")):
         rig.run(seconds, speaks=False, ranges=alive).hear(heartbeat(LOITER), source="elsewhere")
@@ -119,12 +142,16 @@ def test_before_the_flight_neither_and_a_vehicle_that_was_switched_off_may_come_
 
 
 @pytest.mark.parametrize("seconds", [2.0, 5.0])
-@pytest.mark.parametrize("offset", [5000.0, 30.0, -30.0, None], ids=["+5000", "+30", "-30", "the time reported last"])
+@pytest.mark.parametrize(
+    "offset", [5000.0, 30.0, -30.0, None], ids=["+5000", "+30", "-30", "the time reported last"]
+)
 def test_another_vehicle_that_has_the_ids_of_ours_by_default_takes_no_place_of_ours_which_is_flown_on_when_it_is_back(
     flying, offset, seconds
 ):
     """Its heartbeats show GUIDED too. Only its time since boot differs."""
-    rig, twin, last = flying, Voice(1, 1), 1000.0 + flying.now
+    rig = flying
+    twin = Voice(1, 1)
+    last = 1000.0 + flying.now
     rig.run(seconds, speaks=False, ranges=False)
     since = rig.now
     for i in range(100):
@@ -145,7 +172,9 @@ def test_another_vehicle_that_has_the_ids_of_ours_by_default_takes_no_place_of_o
 
 @pytest.mark.parametrize("source", ["vehicle", "elsewhere"])
 @pytest.mark.parametrize("seconds", [2.0, 5.0])
-def test_our_own_vehicle_goes_on_being_ours_after_a_silence_as_soon_as_its_time_is_heard(flying, source, seconds):
+def test_our_own_vehicle_goes_on_being_ours_after_a_silence_as_soon_as_its_time_is_heard(
+    flying, source, seconds
+):
     rig = flying
     rig.run(seconds, speaks=False, ranges=False)
     rig.run(1.0, source=source, speaks=True, ranges=True)
@@ -166,7 +195,9 @@ def test_a_pause_in_its_heartbeats_alone_does_not_make_our_vehicle_doubtful(flyi
 
 
 @pytest.mark.parametrize("source", ["vehicle", "elsewhere"])
-def test_a_vehicle_that_never_tells_its_time_after_a_silence_is_waited_for_as_for_a_lost_one(make_rig, source):
+def test_a_vehicle_that_never_tells_its_time_after_a_silence_is_waited_for_as_for_a_lost_one(
+    make_rig, source
+):
     rig = make_rig(timing=timing(outage=20.0)).engage()
     rig.hear(boot_time(1000.0 + rig.now))
     rig.run(5.0, speaks=False, ranges=False)
@@ -174,7 +205,10 @@ def test_a_vehicle_that_never_tells_its_time_after_a_silence_is_waited_for_as_fo
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
-    waits = {"vehicle": "the vehicle's identity is not confirmed", "elsewhere": "its time since boot"}
+    waits = {
+        "vehicle": "the vehicle's identity is not confirmed",
+        "elsewhere": "its time since boot",
+    }
     assert waits[source] in rig.pilot.status.waits_for(rig.now)
     rig.run(21.0)
     asked = [message.param1 for message in rig.commands(512, since)]
@@ -184,7 +218,8 @@ def test_a_vehicle_that_never_tells_its_time_after_a_silence_is_waited_for_as_fo
 
 
 def test_last_words_that_could_not_be_said_are_told_of(make_rig):
-    """The vehicle has moved to another address. One message confirms its identity, but a second one is needed."""
+    """The vehicle has moved to another address. One message confirms its identity, but a second one
+    is needed."""
     rig = make_rig(exit="brake").engage()
     rig.hear(boot_time(1000.0 + rig.now))
     rig.run(2.0, speaks=False, ranges=False)
@@ -210,7 +245,8 @@ def test_a_simulator_that_hurries_is_no_other_vehicle_after_a_silence(rig):
 
 def test_the_ranges_of_another_autopilot_are_given_up_when_its_heartbeat_tells_what_it_is(make_rig):
     """Its ranges were received and used before the first of its heartbeats arrived."""
-    rig, other = make_rig(), Voice(2, 1)
+    rig = make_rig()
+    other = Voice(2, 1)
     rig.run(4.0, lambda: rig.range(4000, voice=other), ranges=False)
     assert rig.pilot.mission.phase is Phase.ENGAGED
     rig.hear(heartbeat(GUIDED), voice=other)
@@ -259,14 +295,15 @@ def test_a_heartbeat_that_was_overtaken_takes_the_vehicle_and_does_not_give_it_b
 
 
 def test_a_vehicle_whose_heartbeats_have_a_counter_of_their_own_is_believed(rig):
-    """A sender that builds its own heartbeats: pymavlink's `pack` does not advance the sequence, so other messages
-    have 0."""
+    """A sender that builds its own heartbeats: pymavlink's `pack` does not advance the sequence, so
+    other messages have 0."""
     rig.engage()
     for _ in range(160):
         rig.hear(attitude(0))
     rig.hear(attitude(0), voice=Voice(1, 1))
     rig.pass_time(0.6)
-    since, received = rig.now, rig.pilot.session.vehicle.heartbeats
+    since = rig.now
+    received = rig.pilot.session.vehicle.heartbeats
     for _ in range(40):
         rig.hear(attitude(0), voice=Voice(1, 1))
         rig.run(0.05)
@@ -277,9 +314,14 @@ def test_a_vehicle_whose_heartbeats_have_a_counter_of_their_own_is_believed(rig)
 # --- frames under our own ids ---
 
 
-@pytest.mark.parametrize(("apart", "ends"), [(0.05, True), (1.0, True), (3.0, True), (3.6, False), (12.0, False)])
-def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_not(make_rig, apart, ends):
-    rig, twin = make_rig().engage(), Voice(1, 191)
+@pytest.mark.parametrize(
+    ("apart", "ends"), [(0.05, True), (1.0, True), (3.0, True), (3.6, False), (12.0, False)]
+)
+def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_not(
+    make_rig, apart, ends
+):
+    rig = make_rig().engage()
+    twin = Voice(1, 191)
     for _ in range(4):
         assert rig.pilot.mission.outcome is None
         rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin)
@@ -291,9 +333,14 @@ def test_another_companion_ends_the_flight_and_a_stray_frame_now_and_then_does_n
 
 def test_frames_in_our_name_that_the_vehicle_did_not_forward_end_nothing_and_are_told_of(make_rig):
     """Any host on the network can send them."""
-    rig, twin = make_rig().engage(), Voice(1, 191)
+    rig = make_rig().engage()
+    twin = Voice(1, 191)
     for _ in range(20):
-        rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin, source=("10.9.9.9", 6666))
+        rig.hear(
+            mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3),
+            voice=twin,
+            source=("10.9.9.9", 6666),
+        )
         rig.run(0.1)
     assert rig.pilot.mission.outcome is None
     (line,) = rig.pilot.session.identity.second_senders.recent(rig.now)
@@ -328,7 +375,8 @@ def test_of_strangers_so_much_is_read_as_leaves_time_for_the_vehicle(rig):
     """The vehicle's own frames are all read."""
     rig.engage()
     received = rig.pilot.connection.counts[VEHICLE]
-    junk, before = bytes(1000), received.bytes
+    junk = bytes(1000)
+    before = received.bytes
     for source, read in (("elsewhere", 32), ("vehicle", 500)):
         for _ in range(500):
             rig.pilot.receive(junk, rig.now, source)
@@ -341,7 +389,8 @@ def test_of_strangers_so_much_is_read_as_leaves_time_for_the_vehicle(rig):
 
 def test_a_radio_of_its_own_address_is_not_followed_to_another_in_flight(rig):
     """Only the vehicle may move to another address."""
-    radio, at = Voice(1, 192), ("10.0.0.7", 7)
+    radio = Voice(1, 192)
+    at = ("10.0.0.7", 7)
     rig.run(6.0, lambda: rig.range(voice=radio, source=at), ranges=False)
     rig.run(4.0, lambda: rig.range(voice=radio, source=("10.0.0.7", 8)))
     assert rig.pilot.tracker.newest.time < 6.1
@@ -357,7 +406,11 @@ def test_a_second_sender_is_told_of_once_and_only_if_his_ranges_fit_the_mission(
     """It must send from another address: on our own link, other sensors are common."""
     rig.engage()
     told = ["circnav: the ranging radio: second sender rejected"]
-    for orientation, source, texts in ((24, "vehicle", []), (0, "elsewhere", []), (24, "elsewhere", told)):
+    for orientation, source, texts in (
+        (24, "vehicle", []),
+        (0, "elsewhere", []),
+        (24, "elsewhere", told),
+    ):
         other = Voice(1, 193)
         for _ in range(60):
             message = scattering(15000, 1_000_000 + round(rig.now * 1000), orientation=orientation)
@@ -371,7 +424,10 @@ def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(r
         rig.hear(heartbeat(GUIDED), source="elsewhere")
         rig.run(0.1)
     assert rig.pilot.mission.phase is Phase.READY
-    assert "the vehicle has a second sender: 1/1 at vehicle is rejected" in rig.pilot.status.waits_for(rig.now)
+    assert (
+        "the vehicle has a second sender: 1/1 at vehicle is rejected"
+        in rig.pilot.status.waits_for(rig.now)
+    )
     assert rig.pilot.status.waits_for(rig.now).endswith("select yours by link.peer, or sign")
     assert rig.setpoints() == []
 
@@ -380,14 +436,22 @@ def test_where_two_speak_as_the_vehicle_neither_is_engaged_until_one_is_silent(r
 
 
 def test_answers_to_commands_in_our_name_that_nothing_of_ours_asked_for_are_alarmed(rig):
-    """Each command of ours is answered once, a mode change twice, and some answers arrive by two paths."""
+    """Each command of ours is answered once, a mode change twice, and some answers arrive by two
+    paths."""
     for message in rig.engage().of("COMMAND_LONG"):
-        answer = rig.vehicle.say(mavlink.MAVLink_command_ack_message(message.command, 0, 0, 0, 1, 191))
+        answer = rig.vehicle.say(
+            mavlink.MAVLink_command_ack_message(message.command, 0, 0, 0, 1, 191)
+        )
         for _ in range(2):
             rig.pilot.receive(answer, rig.now, rig.source)
     rig.run(1.0)
     assert rig.pilot.second_controller.evidence(rig.now) == ""
-    for target, shown in (((255, 190), False), ((1, 193), False), ((0, 0), False), ((1, 191), True)):
+    for target, shown in (
+        ((255, 190), False),
+        ((1, 193), False),
+        ((0, 0), False),
+        ((1, 191), True),
+    ):
         for _ in range(2):
             rig.hear(mavlink.MAVLink_command_ack_message(511, 0, 0, 0, *target))
         assert bool(rig.pilot.second_controller.evidence(rig.now)) is shown
@@ -400,8 +464,12 @@ def test_answers_to_commands_in_our_name_that_nothing_of_ours_asked_for_are_alar
 
 
 def test_a_component_with_the_vehicles_ids_that_is_no_autopilot_takes_nothing_over(rig):
-    """A radio or gimbal with the default ids 1/1, behind the same router: its mode 0 looked like a takeover."""
+    """A radio or gimbal with the default ids 1/1, behind the same router: its mode 0 looked like a
+    takeover."""
     peripheral = Voice()
-    rig.run(20.0, lambda: rig.tick % 20 or rig.hear(heartbeat(0, armed=False, autopilot=8), voice=peripheral))
+    rig.run(
+        20.0,
+        lambda: rig.tick % 20 or rig.hear(heartbeat(0, armed=False, autopilot=8), voice=peripheral),
+    )
     assert rig.pilot.mission.phase is Phase.ENGAGED and rig.pilot.session.vehicle.departures == 0
     assert rig.pilot.session.ignored["no_autopilot"] == 19, "all after the first of the vehicle"

@@ -1,4 +1,5 @@
-"""Own motion from ATTITUDE, VFR_HUD and the IMU: frames, measurement times, stale values and missing values."""
+"""Own motion from ATTITUDE, VFR_HUD and the IMU: frames, measurement times, stale values and
+missing values."""
 
 import random
 from functools import partial
@@ -20,16 +21,31 @@ attitude = partial(attitude_at_rest, yawspeed=RATE)
 
 
 def hud(**rest):
-    fields = {"airspeed": 15.0, "groundspeed": 99.0, "heading": 0, "throttle": 0, "alt": 50.0, "climb": 0.1} | rest
+    fields = {
+        "airspeed": 15.0,
+        "groundspeed": 99.0,
+        "heading": 0,
+        "throttle": 0,
+        "alt": 50.0,
+        "climb": 0.1,
+    } | rest
     return mavlink.MAVLink_vfr_hud_message(**fields)
 
 
 @pytest.mark.parametrize(
     ("yaw", "course"),
-    [(0.0, pi / 2), (pi / 2, 0.0), (-pi / 2, pi), (pi, -pi / 2), (pi / 4, pi / 4), (7.0, 2.5 * pi - 7.0)],
+    [
+        (0.0, pi / 2),
+        (pi / 2, 0.0),
+        (-pi / 2, pi),
+        (pi, -pi / 2),
+        (pi / 4, pi / 4),
+        (7.0, 2.5 * pi - 7.0),
+    ],
 )
 def test_north_is_up_and_east_is_right(yaw, course):
-    """Heading clockwise from north, course counter-clockwise from east, in (-pi, pi]; and back, in [0, 2 pi)."""
+    """Heading clockwise from north, course counter-clockwise from east, in (-pi, pi]; and back, in
+    [0, 2 pi)."""
     assert heading_enu_from_yaw_ned(yaw) == pytest.approx(course)
     assert compass_from_vector(cos(course), sin(course)) == pytest.approx(yaw % (2 * pi))
 
@@ -37,7 +53,8 @@ def test_north_is_up_and_east_is_right(yaw, course):
 @pytest.mark.parametrize("steered", [True, False])
 @pytest.mark.parametrize("jump", [pi, -pi / 2, 0.5])
 def test_a_yaw_that_is_set_anew_in_flight_is_no_turn_and_setpoints_go_by_the_new_one(jump, steered):
-    sensor, headings = OwnMotionSensor(), []
+    sensor = OwnMotionSensor()
+    headings = []
     sensor.keeps_heading = steered
     for n in range(200):
         now = 0.1 * n
@@ -60,8 +77,10 @@ def test_two_attitudes_in_three_seconds_are_too_few_and_two_per_second_are_enoug
 
 
 def received(delays, boot_ms=0, seconds=20.0):
-    """Return (own motion, its true time) for attitudes at 20 Hz, each with a delay of delays() seconds."""
-    sensor, found = OwnMotionSensor(), []
+    """Return (own motion, its true time) for attitudes at 20 Hz, each with a delay of delays()
+    seconds."""
+    sensor = OwnMotionSensor()
+    found = []
     sent = [(i / 20, (boot_ms + 50 * i) % 2**32) for i in range(round(20 * seconds))]
     for now, at, ms in sorted((at + delays(), at, ms) for at, ms in sent):
         if sensor.receive(attitude(ms, (RATE * at + pi) % (2 * pi) - pi), now):
@@ -86,7 +105,8 @@ def test_an_attitude_counts_from_when_it_was_measured_not_from_when_it_came_and_
 
 @pytest.mark.parametrize("jump_ms", [3_600_000, -3_600_000])
 def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
-    sensor, used = OwnMotionSensor(), []
+    sensor = OwnMotionSensor()
+    used = []
     for i in range(200):
         ms = 10_000_000 + 50 * i + (jump_ms if i >= 100 else 0)
         used.append(sensor.receive(attitude(ms), i / 20))
@@ -96,26 +116,42 @@ def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
 
 
 def test_a_quaternion_is_an_attitude_where_no_other_comes_and_no_news_beside_it():
-    """Definition of ATTITUDE_QUATERNION: w, x, y, z. A yaw of 0.6 rad is (cos 0.3, 0, 0, sin 0.3). Heading and turn
-    rate are the paper's: counter-clockwise, from east."""
-    q = {"q1": cos(0.3), "q2": 0.0, "q3": 0.0, "q4": sin(0.3), "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": RATE}
+    """Definition of ATTITUDE_QUATERNION: w, x, y, z. A yaw of 0.6 rad is (cos 0.3, 0, 0, sin 0.3).
+    Heading and turn rate are the paper's: counter-clockwise, from east."""
+    q = {
+        "q1": cos(0.3),
+        "q2": 0.0,
+        "q3": 0.0,
+        "q4": sin(0.3),
+        "rollspeed": 0.0,
+        "pitchspeed": 0.0,
+        "yawspeed": RATE,
+    }
     sensor = OwnMotionSensor()
     assert sensor.receive(mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1000, **q), 1.0)
     own = sensor.own(1.0, 15.0)
     assert (own.heading, own.turn_rate, own.airspeed) == pytest.approx((pi / 2 - 0.6, -RATE, 15.0))
     assert sensor.receive(attitude(1050, 0.61), 1.05)
     assert not sensor.receive(attitude(1050, 0.61), 1.07)
-    assert not sensor.receive(mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1050, **q), 1.05)
+    assert not sensor.receive(
+        mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1050, **q), 1.05
+    )
     for wrong in ({"q1": 0.0, "q4": 0.0}, {"q1": nan}):
-        assert not sensor.receive(mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1100, **q | wrong), 1.1)
+        assert not sensor.receive(
+            mavlink.MAVLink_attitude_quaternion_message(time_boot_ms=1100, **q | wrong), 1.1
+        )
 
 
-@pytest.mark.parametrize(("altitude", "density"), [(0.0, 1.225), (1000.0, 1.1117), (3000.0, 0.90925)])
+@pytest.mark.parametrize(
+    ("altitude", "density"), [(0.0, 1.225), (1000.0, 1.1117), (3000.0, 0.90925)]
+)
 def test_a_plane_flies_faster_in_thin_air_than_its_airspeed_tells(altitude, density):
     """Densities of the standard atmosphere, kg/m^3, from its tables."""
     sensor = OwnMotionSensor()
     sensor.receive(hud(alt=altitude), 0.0)
-    assert sensor.at(0.0).true_airspeed(22.0) == pytest.approx(22.0 * sqrt(1.225 / density), rel=1e-4)
+    assert sensor.at(0.0).true_airspeed(22.0) == pytest.approx(
+        22.0 * sqrt(1.225 / density), rel=1e-4
+    )
 
 
 def test_what_is_stale_is_not_known():
@@ -133,8 +169,11 @@ WRONG_CLOCKS = [lambda t: 0, lambda t: 5000, lambda t: t // 2, lambda t: 5 * t]
 
 @pytest.mark.parametrize("hz", [10, 50])
 @pytest.mark.parametrize("stamp", FUTURE_STAMPS + WRONG_CLOCKS)
-def test_one_stamp_of_the_future_or_a_clock_that_stands_or_runs_wrong_does_not_take_the_heading_away(stamp, hz):
-    sensor, known = OwnMotionSensor(), []
+def test_one_stamp_of_the_future_or_a_clock_that_stands_or_runs_wrong_does_not_take_the_heading_away(
+    stamp, hz
+):
+    sensor = OwnMotionSensor()
+    known = []
     for i in range(20 * hz):
         sensor.receive(attitude(10_000 + stamp(1000 * i // hz)), i / hz)
         known.append(sensor.own(i / hz, 15.0) is not None)
@@ -166,11 +205,14 @@ def test_rubbish_from_an_air_data_computer_is_not_known(field, unknown, rubbish)
         sensor.receive(hud(**{field: value}), 0.0)
         motion = sensor.at(0.1)
         known = {"airspeed": motion.airspeed, "altitude": motion.altitude, "climb": motion.climb}
-        assert known == pytest.approx({"airspeed": 15.0, "altitude": 50.0, "climb": 0.1, unknown: None})
+        assert known == pytest.approx(
+            {"airspeed": 15.0, "altitude": 50.0, "climb": 0.1, unknown: None}
+        )
 
 
 @pytest.mark.parametrize(
-    "rubbish", [{"yaw": nan}, {"yaw": 7.0}, {"roll": -1e30}, {"pitchspeed": 51.0}, {"yawspeed": -3e38}]
+    "rubbish",
+    [{"yaw": nan}, {"yaw": 7.0}, {"roll": -1e30}, {"pitchspeed": 51.0}, {"yawspeed": -3e38}],
 )
 def test_an_attitude_that_cannot_be_is_none(rubbish):
     assert not OwnMotionSensor().receive(attitude(0, **rubbish), 0.0)
@@ -179,13 +221,18 @@ def test_an_attitude_that_cannot_be_is_none(rubbish):
 @pytest.mark.parametrize("pitch", [0.0, 0.5, -1.0])
 @pytest.mark.parametrize("roll", [0.0, 0.7, -0.7])
 def test_the_heading_rate_is_that_of_the_heading_and_not_of_the_body_axis(roll, pitch):
-    """Against the attitude itself after a small rotation by the body rates: R_z(yaw) R_y(pitch) R_x(roll) exp(omega
-    dt)."""
-    q, r, dt = 0.2, 0.3, 1e-6
+    """Against the attitude itself after a small rotation by the body rates: R_z(yaw) R_y(pitch)
+    R_x(roll) exp(omega dt)."""
+    q = 0.2
+    r = 0.3
+    dt = 1e-6
     x_axis = (1.0, r * dt, -q * dt)  # direction of the nose after dt, in the previous body axes
-    y, z = x_axis[1] * cos(roll) - x_axis[2] * sin(roll), x_axis[1] * sin(roll) + x_axis[2] * cos(roll)
+    y = x_axis[1] * cos(roll) - x_axis[2] * sin(roll)
+    z = x_axis[1] * sin(roll) + x_axis[2] * cos(roll)
     turned = atan2(y, cos(pitch) * x_axis[0] + sin(pitch) * z)
-    assert Attitude(0.0, roll, pitch, 0.0, 0.0, q, r).yaw_rate == pytest.approx(turned / dt, rel=1e-4)
+    assert Attitude(0.0, roll, pitch, 0.0, 0.0, q, r).yaw_rate == pytest.approx(
+        turned / dt, rel=1e-4
+    )
 
 
 def imu(ms, force, type_="raw"):
@@ -201,8 +248,9 @@ def imu(ms, force, type_="raw"):
 @pytest.mark.parametrize("type_", ["raw", "highres", "scaled"])
 @pytest.mark.parametrize("yaw", [0.0, 2.1])
 def test_a_coordinated_turn_to_the_right_is_felt_as_velocity_to_the_right(type_, yaw):
-    """Bank 0.4 rad, specific force g/cos(0.4) up in body axes and 0.5 m/s^2 along the nose. In 1 s the velocity
-    changes by 0.5 m/s forward and by g tan(0.4) = 4.146 m/s to the right. Paper's frame: x east, y north."""
+    """Bank 0.4 rad, specific force g/cos(0.4) up in body axes and 0.5 m/s^2 along the nose. In 1 s
+    the velocity changes by 0.5 m/s forward and by g tan(0.4) = 4.146 m/s to the right. Paper's
+    frame: x east, y north."""
     sensor = OwnMotionSensor()
     for ms in range(0, 1001, 40):
         sensor.receive(attitude(ms, yaw, roll=0.4, yawspeed=0.0), ms / 1000)
@@ -213,7 +261,8 @@ def test_a_coordinated_turn_to_the_right_is_felt_as_velocity_to_the_right(type_,
 
 
 def test_accelerations_begin_anew_after_a_gap_and_end_with_what_cannot_be():
-    sensor, since = OwnMotionSensor(), set()
+    sensor = OwnMotionSensor()
+    since = set()
     for ms in (*range(0, 400, 40), *range(1000, 1400, 40)):
         sensor.receive(attitude(ms, yawspeed=0.0), ms / 1000)
         sensor.receive(imu(ms, (0.0, 0.0, -9.8)), ms / 1000)

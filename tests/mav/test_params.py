@@ -8,18 +8,27 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.params import ParameterReader, parameter_value
 
-INT8, UINT8, INT16, INT32, REAL32 = 2, 1, 4, 6, 9
+INT8 = 2
+UINT8 = 1
+INT16 = 4
+INT32 = 6
+REAL32 = 9
 VEHICLE = (7, 1)
-ANSWER_TIMEOUT, AT_ONCE, TRIES = 0.7, 5, 3
+ANSWER_TIMEOUT = 0.7
+AT_ONCE = 5
+TRIES = 3
 """s; ArduPilot has room for 5 answers; mavlink.md: an unknown name is never answered."""
 
 
 def frame(name: bytes, raw: bytes, kind: int) -> Any:
-    """A PARAM_VALUE built by hand (value bytes, count, index, name, type) and decoded as by a receiver."""
+    """A PARAM_VALUE built by hand (value bytes, count, index, name, type) and decoded as by a
+    receiver."""
     payload = raw + struct.pack("<HH16sB", 900, 65535, name, kind)
     head = bytes((len(payload), 0, 0, 0, 7, 1)) + (22).to_bytes(3, "little")
     crc = mavlink.x25crc(head + payload + bytes((220,))).crc  # 220: CRC_EXTRA of PARAM_VALUE
-    return mavlink.MAVLink(None).decode(bytearray(b"\xfd" + head + payload + struct.pack("<H", crc)))
+    return mavlink.MAVLink(None).decode(
+        bytearray(b"\xfd" + head + payload + struct.pack("<H", crc))
+    )
 
 
 def cast(name: str, value: float, kind: int = REAL32) -> Any:
@@ -39,19 +48,27 @@ def test_ardupilot_casts_integers_to_float(value: int) -> None:
 @pytest.mark.parametrize(
     ("kind", "raw", "value"),
     [
-        *((INT32, struct.pack("<i", n), n) for n in (0, 1, -1, 4001, -8_388_607, 0x7F800001, 2**31 - 1, -(2**31))),
+        *(
+            (INT32, struct.pack("<i", n), n)
+            for n in (0, 1, -1, 4001, -8_388_607, 0x7F800001, 2**31 - 1, -(2**31))
+        ),
         (INT8, b"\xfe\x55\x55\x55", -2),
         (UINT8, b"\xfe\x55\x55\x55", 254),
         (INT16, b"\xfe\xff\x55\x55", -2),
         (REAL32, struct.pack("<f", 1.5), 1.5),
     ],
 )
-def test_px4_puts_the_bytes_of_an_integer_in_the_place_of_the_float(kind: int, raw: bytes, value: float) -> None:
+def test_px4_puts_the_bytes_of_an_integer_in_the_place_of_the_float(
+    kind: int, raw: bytes, value: float
+) -> None:
     assert parameter_value(frame(b"COM_OBL_RC_ACT", raw, kind), bytewise=True) == value
 
 
-def test_few_are_under_way_at_a_time_and_each_answer_makes_room_a_lost_request_is_repeated() -> None:
-    """A ground station downloads all parameters on the same link. Values that were not requested are ignored."""
+def test_few_are_under_way_at_a_time_and_each_answer_makes_room_a_lost_request_is_repeated() -> (
+    None
+):
+    """A ground station downloads all parameters on the same link. Values that were not requested
+    are ignored."""
     names = [f"P{i}" for i in range(AT_ONCE + 3)]
     reader = ParameterReader(names, bytewise=False)
     assert names_asked(reader.poll(VEHICLE, 0.0)) == names[:AT_ONCE]

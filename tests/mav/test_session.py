@@ -6,16 +6,19 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.mav.commands import Command
 from tests.rig import Voice, attitude, boot_time, heartbeat
 
-GCS, COMPANION = 6, 18
+GCS = 6
+COMPANION = 18
 INVALID = 8
-SET_INTERVAL, REQUEST_MESSAGE = 511, 512
+SET_INTERVAL = 511
+REQUEST_MESSAGE = 512
 
 
 class Line:
     """A session and the senders on its line."""
 
     def __init__(self, session):
-        self.session, self.vehicle = session, Voice(1, 1)
+        self.session = session
+        self.vehicle = Voice(1, 1)
 
     def hear(self, message, now=0.0, voice=None, source="vehicle"):
         self.session.receive((voice or self.vehicle).message(message), now, source)
@@ -27,8 +30,8 @@ class Line:
         return [message for message in self.session.poll(now) if kind in (None, message.get_type())]
 
     def answer_all(self, began, result=0):
-        """Poll and acknowledge until no command is pending, at once and after the first measurement of the streams.
-        Return the commands that were sent."""
+        """Poll and acknowledge until no command is pending, at once and after the first measurement
+        of the streams. Return the commands that were sent."""
         sent = []
         for now in (began, began + 0.7):
             while commands := self.poll(now, "COMMAND_LONG"):
@@ -54,7 +57,9 @@ def here(line):
 # --- the vehicle that is flown ---
 
 
-def test_the_first_vehicle_that_fits_is_pinned_under_its_system_id_and_answered_where_it_spoke(line):
+def test_the_first_vehicle_that_fits_is_pinned_under_its_system_id_and_answered_where_it_spoke(
+    line,
+):
     here = line()
     here.beat(now=1.0, voice=Voice(42, 1), source=("10.0.0.1", 14550))
     session = here.session
@@ -66,7 +71,9 @@ def test_the_first_vehicle_that_fits_is_pinned_under_its_system_id_and_answered_
 
 
 def test_a_second_vehicle_and_strangers_of_its_ids_are_counted_and_move_nothing(line):
-    here, other, camera = line(), Voice(2, 1), Voice(1, 154)
+    here = line()
+    other = Voice(2, 1)
+    camera = Voice(1, 154)
     here.beat(now=0.0, mode=5)
     for i in range(5):
         here.beat(now=0.1 * i, voice=other, mode=4, source="elsewhere")
@@ -81,7 +88,9 @@ def test_a_second_vehicle_and_strangers_of_its_ids_are_counted_and_move_nothing(
     assert list(session.texts) == []
 
 
-def test_our_vehicle_may_come_back_from_another_address_with_its_time_since_boot_and_no_other_vehicle_may(line):
+def test_our_vehicle_may_come_back_from_another_address_with_its_time_since_boot_and_no_other_vehicle_may(
+    line,
+):
     here = line()
     here.beat(now=0.0, source="port 1")
     here.beat(now=1.4, source="port 2")
@@ -123,9 +132,21 @@ def test_heartbeats_that_are_no_vehicles_pin_nothing_and_move_nothing(line, fiel
     ("voice", "fields", "words"),
     [
         ((1, 1), {}, "system 1 is not the mission's vehicle.system_id 7"),
-        ((7, 1), {"autopilot": 12}, "system 7 is px4 quadrotor, the mission is for ardupilot copter"),
-        ((7, 1), {"kind": 1}, "system 7 is ardupilotmega fixed_wing, the mission is for ardupilot copter"),
-        ((7, 1), {"autopilot": 99}, "system 7 is unknown quadrotor, the mission is for ardupilot copter"),
+        (
+            (7, 1),
+            {"autopilot": 12},
+            "system 7 is px4 quadrotor, the mission is for ardupilot copter",
+        ),
+        (
+            (7, 1),
+            {"kind": 1},
+            "system 7 is ardupilotmega fixed_wing, the mission is for ardupilot copter",
+        ),
+        (
+            (7, 1),
+            {"autopilot": 99},
+            "system 7 is unknown quadrotor, the mission is for ardupilot copter",
+        ),
     ],
     ids=["system", "autopilot", "kind", "an autopilot that nobody knows"],
 )
@@ -148,7 +169,9 @@ def test_a_peer_that_speaks_mavlink_1_only_is_told_what_to_set_and_sent_our_mavl
     (reason,) = here.session.misfits.values()
     assert "MAVLink 1 only" in reason
     assert "SERIALn_PROTOCOL = 2" in reason
-    assert here.session.reply_to == "old port", "our MAVLink 2 heartbeat makes many autopilots switch over"
+    assert here.session.reply_to == "old port", (
+        "our MAVLink 2 heartbeat makes many autopilots switch over"
+    )
     here.beat(source="old port")
     assert here.session.up
 
@@ -158,7 +181,12 @@ def test_a_peer_that_speaks_mavlink_1_only_is_told_what_to_set_and_sent_our_mavl
 
 @pytest.mark.parametrize(
     ("mode", "armed", "ours", "name"),
-    [(4, True, True, "GUIDED"), (4, False, False, "GUIDED"), (5, True, False, "LOITER"), (77, True, False, "mode 77")],
+    [
+        (4, True, True, "GUIDED"),
+        (4, False, False, "GUIDED"),
+        (5, True, False, "LOITER"),
+        (77, True, False, "mode 77"),
+    ],
 )
 def test_the_vehicle_is_ours_when_armed_in_guided_by_its_own_heartbeat_until_it_is_let_go(
     line, mode, armed, ours, name
@@ -177,7 +205,10 @@ def test_the_vehicle_is_ours_when_armed_in_guided_by_its_own_heartbeat_until_it_
     ("times", "reboots"),
     [
         ([500_000, 500_100, 499_200, 499_300, 500_200], 0),  # 0.9 s back is a late message
-        ([500_000, 3_000, 500_300, 3_000, 3_000, 500_400], 0),  # single frames by another path, one of them twice
+        (
+            [500_000, 3_000, 500_300, 3_000, 3_000, 500_400],
+            0,
+        ),  # single frames by another path, one of them twice
         ([2**32 - 200, 2**32 - 100, 0, 100], 0),  # the wrap after 49.7 days
         ([500_000, 3_000, 3_100, 3_200], 1),
     ],
@@ -199,14 +230,18 @@ def test_the_vehicles_own_texts_are_kept_the_newest_eight_and_its_version_is_rea
         here.hear(mavlink.MAVLink_statustext_message(3, f"text {i}".encode()))
     assert list(here.session.texts) == [f"text {i}" for i in range(12, 20)]
     version = 4 << 24 | 6 << 16 | 3 << 8
-    here.hear(mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, *([bytes(8)] * 3), 0, 0, 0))
+    here.hear(
+        mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, *([bytes(8)] * 3), 0, 0, 0)
+    )
     assert here.session.vehicle.firmware == "4.6.3"
 
 
 # --- own messages ---
 
 
-def test_without_a_vehicle_nothing_but_the_heartbeat_of_an_onboard_controller_is_said_each_second(line):
+def test_without_a_vehicle_nothing_but_the_heartbeat_of_an_onboard_controller_is_said_each_second(
+    line,
+):
     """System 255 or MAV_TYPE_GCS would feed the operator's GCS failsafe."""
     here = line()
     here.session.announcer.say("range", "range lost")
@@ -217,8 +252,11 @@ def test_without_a_vehicle_nothing_but_the_heartbeat_of_an_onboard_controller_is
     }
 
 
-def test_a_new_vehicle_is_asked_for_its_streams_and_its_version_and_gets_its_streams_back_in_one_go(here):
-    asked, streams = here.answer_all(0.0), set(here.session.streams.rates)
+def test_a_new_vehicle_is_asked_for_its_streams_and_its_version_and_gets_its_streams_back_in_one_go(
+    here,
+):
+    asked = here.answer_all(0.0)
+    streams = set(here.session.streams.rates)
     assert {message.param1 for message in asked if message.command == SET_INTERVAL} == streams
     assert [message.param1 for message in asked if message.command == REQUEST_MESSAGE] == [148]
     assert all((message.target_system, message.target_component) == (1, 1) for message in asked)
@@ -229,7 +267,9 @@ def test_a_new_vehicle_is_asked_for_its_streams_and_its_version_and_gets_its_str
 
 
 @pytest.mark.parametrize("dropped", [False, True])
-def test_the_result_of_a_mode_request_is_kept_until_it_is_read_or_the_request_dropped(here, dropped):
+def test_the_result_of_a_mode_request_is_kept_until_it_is_read_or_the_request_dropped(
+    here, dropped
+):
     here.answer_all(0.0)
     here.session.commands.send(Command(176, (1, 5)))
     here.poll(2.0)
@@ -247,13 +287,17 @@ def test_a_refused_stream_is_not_asked_for_again(here):
 
 def test_timesync_requests_are_answered_with_our_clock_when_heard_and_theirs_mirrored(here):
     here.hear(mavlink.MAVLink_timesync_message(0, 123_456_789_012), now=2.0)
-    here.hear(mavlink.MAVLink_timesync_message(55, 66), now=2.0)  # an answer to another sender, no request
+    here.hear(
+        mavlink.MAVLink_timesync_message(55, 66), now=2.0
+    )  # an answer to another sender, no request
     replies = [message for message in here.poll(2.04, "TIMESYNC") if message.tc1]
     assert [(reply.tc1, reply.ts1) for reply in replies] == [(2_000_000_000, 123_456_789_012)]
     assert [message for message in here.poll(2.1, "TIMESYNC") if message.tc1] == []
     for i in range(1000):
         here.hear(mavlink.MAVLink_timesync_message(0, i))
-    assert len([message for message in here.poll(2.2, "TIMESYNC") if message.tc1]) == 4, "a flood, in part"
+    assert len([message for message in here.poll(2.2, "TIMESYNC") if message.tc1]) == 4, (
+        "a flood, in part"
+    )
 
 
 def test_the_vehicles_answer_to_our_question_is_its_round_trip(here):

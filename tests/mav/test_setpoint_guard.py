@@ -47,7 +47,9 @@ def test_a_number_that_is_none_or_beyond_the_limits_is_stopped(yaw_rate, speed, 
 def test_a_message_that_is_not_in_the_vehicles_table_is_stopped(copter, message, mask):
     assert SetpointGuard(LIMITS).check_message(message, copter.shapes) is message
     message.type_mask = mask
-    stranger = mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, 0x407, 0, 0, *[0.0] * 9)
+    stranger = mavlink.MAVLink_set_position_target_global_int_message(
+        0, 1, 1, 6, 0x407, 0, 0, *[0.0] * 9
+    )
     for other in (message, stranger):
         with pytest.raises(UnsafeSetpointError, match="not in the adapter's table"):
             SetpointGuard(LIMITS).check_message(other, copter.shapes)
@@ -77,7 +79,8 @@ STICKS = [("px4", "copter stick")]
 
 
 def passes(key, limits=ALL, **fields):
-    """True if an adapter's own message passes with some fields changed. Only the limits may stop it."""
+    """True if an adapter's own message passes with some fields changed. Only the limits may stop
+    it."""
     adapter = AUTOPILOTS[key](VehicleFacts(speed=15.0))
     message = adapter.setpoint(steer(), FOR, 1.0)
     for name, value in fields.items():
@@ -97,10 +100,20 @@ BOUNDS = (
     (VELOCITY, "yaw_rate", [0.35, -0.35, 0.0], [0.3501, -0.3501]),
     (VELOCITY, "afy", [6.0, -6.0, 0.0], [8.26, -8.26]),
     (VELOCITY, "afz", [6.0, -6.0, 0.0], [8.26, -8.26]),
-    (VELOCITY, "coordinate_frame", [8], [1, 7, 9, 12]),  # in LOCAL_NED the same numbers fly straight on
+    (
+        VELOCITY,
+        "coordinate_frame",
+        [8],
+        [1, 7, 9, 12],
+    ),  # in LOCAL_NED the same numbers fly straight on
     (VELOCITY + ATTITUDE, "target_system", [1], [0]),  # 0 is every vehicle behind the endpoint
     (ATTITUDE, "thrust", [0.0, 1.0], [-0.001, 1.001]),
-    (ATTITUDE, "q", [(1.0, 0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (0.5, 0.0, 0.0, 0.5)]),
+    (
+        ATTITUDE,
+        "q",
+        [(1.0, 0.0, 0.0, 0.0)],
+        [(0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (0.5, 0.0, 0.0, 0.5)],
+    ),
     (STICK, "x", [0], [1, -1]),  # the autopilot controls the height
     (STICK, "y", [1000, -1000], [1001, -1001]),
     (STICK, "z", [0, 1000], [-1, 1001]),
@@ -126,17 +139,31 @@ def test_the_messages_of_every_vehicle_are_judged_and_the_stick_goes_no_farther_
     assert not passes(*STICKS, sticks, x=-701)
     assert not passes(*STICKS, sticks, r=1001)
     tight = replace(ALL, max_stick=800)
-    assert [passes(*STICK, tight, y=y) for y in (800, -800, 801, -801)] == [True, True, False, False]
+    assert [passes(*STICK, tight, y=y) for y in (800, -800, 801, -801)] == [
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 @pytest.mark.parametrize(
     ("angle", "most", "limits"),
-    [("roll", 0.7, ALL), ("roll", -0.7, ALL), ("pitch", 0.7, ALL), ("pitch", -0.7, ALL), ("roll", 0.0, LIMITS)],
+    [
+        ("roll", 0.7, ALL),
+        ("roll", -0.7, ALL),
+        ("pitch", 0.7, ALL),
+        ("pitch", -0.7, ALL),
+        ("roll", 0.0, LIMITS),
+    ],
 )
 @pytest.mark.parametrize("key", ATTITUDE)
-def test_bank_and_pitch_of_a_setpoint_have_a_bound_each_and_limits_without_a_bank_permit_none(key, angle, most, limits):
+def test_bank_and_pitch_of_a_setpoint_have_a_bound_each_and_limits_without_a_bank_permit_none(
+    key, angle, most, limits
+):
     q, beyond = (
-        quaternion_from_euler(**{"roll": 0.0, "pitch": 0.0, angle: by}, yaw=0.5) for by in (most, most * 1.001 or 1e-3)
+        quaternion_from_euler(**{"roll": 0.0, "pitch": 0.0, angle: by}, yaw=0.5)
+        for by in (most, most * 1.001 or 1e-3)
     )
     assert passes(key, limits, q=q)
     assert not passes(key, limits, q=beyond)

@@ -1,4 +1,5 @@
-"""Signatures against pymavlink's own in both directions, changes of the timestamps, and signed links."""
+"""Signatures against pymavlink's own in both directions, changes of the timestamps, and signed
+links."""
 
 import pytest
 from hypothesis import given
@@ -7,7 +8,15 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.framing import split_frames
-from circnav_mav.mav.signing import EPOCH, LATEST, MINUTE, Refusal, Signing, is_signed, without_signature
+from circnav_mav.mav.signing import (
+    EPOCH,
+    LATEST,
+    MINUTE,
+    Refusal,
+    Signing,
+    is_signed,
+    without_signature,
+)
 from circnav_mav.pilot import RANGING, Pilot
 from tests.flight.signed import KEY, OTHER, voice
 from tests.frames import output
@@ -20,7 +29,9 @@ MESSAGES = (
     mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3),
     mavlink.MAVLink_attitude_message(77, 0.1, -0.2, 3.0, 0.4, 0.5, -0.6),
     mavlink.MAVLink_statustext_message(6, b"a text of some length"),
-    mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 8, 0x5C7, 0, 0, 0, 15, 0, 0, 0, 0, 0, 0, 0.15),
+    mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 8, 0x5C7, 0, 0, 0, 15, 0, 0, 0, 0, 0, 0, 0.15
+    ),
 )
 keys = st.binary(min_size=32, max_size=32).filter(any)
 
@@ -36,7 +47,12 @@ def said(engine, number=0):
     return frame
 
 
-@given(key=keys, link_id=st.integers(0, 255), timestamp=st.integers(1, LATEST - 1), number=st.integers(0, 3))
+@given(
+    key=keys,
+    link_id=st.integers(0, 255),
+    timestamp=st.integers(1, LATEST - 1),
+    number=st.integers(0, 3),
+)
 def test_a_signed_frame_is_byte_for_byte_that_of_pymavlink(key, link_id, timestamp, number):
     theirs = said(peer(key, timestamp=timestamp, link_id=link_id), number)
     ours = Signing(key, link_id=link_id, timestamp=timestamp - 1).sign(said(peer(None), number))
@@ -51,7 +67,9 @@ def test_a_frame_of_any_id_comes_out_of_its_signature_as_it_went_in(payload, ide
     frame = b"\xfd" + head + payload + crc.to_bytes(2, "little")
     signed = Signing(KEY).sign(frame)
     assert is_signed(signed)
-    assert mavlink.x25crc(signed[1:-15] + bytes((seed,))).crc == int.from_bytes(signed[-15:-13], "little")
+    assert mavlink.x25crc(signed[1:-15] + bytes((seed,))).crc == int.from_bytes(
+        signed[-15:-13], "little"
+    )
     assert without_signature(signed) == frame == without_signature(frame)
 
 
@@ -65,7 +83,8 @@ def test_no_bit_of_a_signed_frame_can_be_changed(at, bit):
 
 
 def test_a_frame_said_again_or_overtaken_is_refused_and_streams_count_each_for_itself():
-    theirs, signing = peer(timestamp=NOW + 1000), Signing(KEY)
+    theirs = peer(timestamp=NOW + 1000)
+    signing = Signing(KEY)
     first, second, third = (said(theirs, number) for number in range(3))
     answers = [signing.check(frame) for frame in (first, first, third, second)]
     assert answers == [None, Refusal.REPEATED, None, Refusal.REPEATED]
@@ -75,12 +94,17 @@ def test_a_frame_said_again_or_overtaken_is_refused_and_streams_count_each_for_i
 
 def test_a_new_stream_may_be_a_minute_behind_and_no_more():
     assert Signing(KEY, timestamp=NOW).check(said(peer(timestamp=NOW - MINUTE))) is None
-    assert Signing(KEY, timestamp=NOW).check(said(peer(timestamp=NOW - MINUTE - 1))) is Refusal.BEHIND
+    assert (
+        Signing(KEY, timestamp=NOW).check(said(peer(timestamp=NOW - MINUTE - 1))) is Refusal.BEHIND
+    )
 
 
 @pytest.mark.parametrize("timestamp", [NOW + 1, NOW + 100 * MINUTE, LATEST])
-def test_a_forged_timestamp_of_the_future_locks_the_real_sender_out_neither_before_nor_after_it_was_heard(timestamp):
-    real, signing = peer(), Signing(KEY, timestamp=NOW)
+def test_a_forged_timestamp_of_the_future_locks_the_real_sender_out_neither_before_nor_after_it_was_heard(
+    timestamp,
+):
+    real = peer()
+    signing = Signing(KEY, timestamp=NOW)
     for count in (0, 1):
         assert signing.check(said(peer(OTHER, timestamp=timestamp))) is Refusal.WRONG
         assert signing.check(said(real)) is None
@@ -88,9 +112,11 @@ def test_a_forged_timestamp_of_the_future_locks_the_real_sender_out_neither_befo
 
 
 def test_a_true_timestamp_of_the_future_is_followed_and_locks_nobody_out():
-    """One holder of the key has a wrong clock. Senders received before continue, and a new sender is accepted after
-    it has received our timestamp."""
-    vehicle, station, radio = peer(), peer(system=255, timestamp=NOW + 60 * MINUTE), peer(component=192)
+    """One holder of the key has a wrong clock. Senders received before continue, and a new sender
+    is accepted after it has received our timestamp."""
+    vehicle = peer()
+    station = peer(system=255, timestamp=NOW + 60 * MINUTE)
+    radio = peer(component=192)
     signing = Signing(KEY, timestamp=NOW)
     assert signing.check(said(vehicle)) is None
     assert signing.check(said(station)) is None
@@ -117,7 +143,8 @@ def test_the_timestamp_goes_with_the_clock_and_never_back_nor_beyond_its_end():
 
 
 def test_after_a_quiet_hour_a_peer_that_has_restarted_still_believes_us():
-    signing, restarted = Signing(KEY, timestamp=NOW), peer(timestamp=NOW + 60 * MINUTE)
+    signing = Signing(KEY, timestamp=NOW)
+    restarted = peer(timestamp=NOW + 60 * MINUTE)
     signing.advance(EPOCH + (NOW + 60 * MINUTE) / 1e5)
     assert restarted.decode(bytearray(signing.sign(said(peer(None, component=191))))).get_signed()
 
@@ -137,7 +164,8 @@ def believing(**options):
 
 
 def test_unsigned_and_wrongly_signed_frames_are_refused_counted_and_not_logged_and_cost_no_other():
-    decoder, theirs = believing(), peer()
+    decoder = believing()
+    theirs = peer()
     version_1 = bytes(heartbeat().pack(peer(None), force_mavlink1=True))
     for frame in (said(peer(None)), version_1, said(peer(OTHER))):
         assert decoder.decode(frame) == []
@@ -186,11 +214,16 @@ def beat(pilot, theirs, now=0.0, source="vehicle"):
 
 
 def test_all_that_a_pilot_says_is_signed_with_one_running_timestamp_and_without_a_key_the_same_is_unsigned():
-    pilot, plain = pilot_with(link_id=9), pilot_with(None)
+    pilot = pilot_with(link_id=9)
+    plain = pilot_with(None)
     beat(pilot, peer())
     beat(plain, peer(None))
     out, same = (
-        [frame for now in range(5) for frame in split_frames(output(one, float(now)) + one.hello(float(now)))]
+        [
+            frame
+            for now in range(5)
+            for frame in split_frames(output(one, float(now)) + one.hello(float(now)))
+        ]
         for one in (pilot, plain)
     )
     assert len(out) > 10
@@ -211,9 +244,10 @@ def test_an_echo_of_our_signed_frames_is_no_twin():
 
 
 def test_a_vehicle_whose_clock_is_hours_behind_is_greeted_takes_our_time_over_and_is_heard():
-    """An autopilot without GPS starts at its last timestamp. The pilot waits on a port and has no peer to send to
-    yet."""
-    pilot, vehicle = pilot_with(), peer(timestamp=NOW - 120 * MINUTE)
+    """An autopilot without GPS starts at its last timestamp. The pilot waits on a port and has no
+    peer to send to yet."""
+    pilot = pilot_with()
+    vehicle = peer(timestamp=NOW - 120 * MINUTE)
     beat(pilot, vehicle, source="vehicle's address")
     assert not pilot.session.up
     assert pilot.frames_refused() == {"clock_behind": 1}

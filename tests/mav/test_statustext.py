@@ -15,7 +15,11 @@ def test_a_text_goes_out_at_once_its_kind_once_in_two_seconds_and_the_newest_is_
     announcer.say("range", "range lost")
     (message,) = announcer.texts(0.0)
     assert (message.text, message.severity) == ("circnav: range lost", 5)  # MAV_SEVERITY_NOTICE
-    for kind, text in (("range", "range regained"), ("range", "range lost again"), ("end", "ended")):
+    for kind, text in (
+        ("range", "range regained"),
+        ("range", "range lost again"),
+        ("end", "ended"),
+    ):
         announcer.say(kind, text)
     told = {now: [message.text for message in announcer.texts(now)] for now in (1.99, 2.0, 10.0)}
     assert told == {1.99: ["circnav: ended"], 2.0: ["circnav: range lost again"], 10.0: []}
@@ -23,18 +27,26 @@ def test_a_text_goes_out_at_once_its_kind_once_in_two_seconds_and_the_newest_is_
 
 def on_the_wire(messages, system=1, component=191):
     """Return the messages as a receiver decodes them."""
-    sender, receiver = mavlink.MAVLink(None, system, component), mavlink.MAVLink(None)
+    sender = mavlink.MAVLink(None, system, component)
+    receiver = mavlink.MAVLink(None)
     return [receiver.decode(bytearray(message.pack(sender))) for message in messages]
 
 
 @pytest.mark.parametrize(
     ("text", "chunks"),
-    [("x" * 41, [50]), ("x" * 42, [50, 1]), ("x" * 91, [50, 50, 0]), ("é" * 300, [50, 50, 50, 50, 0]),
-     ("Zürich → Genève " * 4, [50, 23])],
-)  # fmt: skip
-def test_a_text_of_more_than_fifty_bytes_is_told_in_chunks_whose_last_has_a_zero(announcer, text, chunks):
-    """STATUSTEXT of common.xml: one id, numbered from zero; "any null character in the text field is taken to mean this
-    was the last chunk"; id 0 is a text by itself."""
+    [
+        ("x" * 41, [50]),
+        ("x" * 42, [50, 1]),
+        ("x" * 91, [50, 50, 0]),
+        ("é" * 300, [50, 50, 50, 50, 0]),
+        ("Zürich → Genève " * 4, [50, 23]),
+    ],
+)
+def test_a_text_of_more_than_fifty_bytes_is_told_in_chunks_whose_last_has_a_zero(
+    announcer, text, chunks
+):
+    """STATUSTEXT of common.xml: one id, numbered from zero; "any null character in the text field
+    is taken to mean this was the last chunk"; id 0 is a text by itself."""
     announcer.say("end", text)
     said = on_the_wire(announcer.texts(0.0))
     assert [len(one.text) for one in said] == chunks
@@ -50,8 +62,11 @@ def test_chunks_are_put_together_by_sender_and_a_lost_one_costs_the_rest(announc
     announcer.say("law", "d" * 60)
     chunks = announcer.texts(0.0)
     assert [(one.id, one.chunk_seq) for one in chunks] == [(1, 0), (1, 1), (1, 2), (2, 0), (2, 1)]
-    ours, theirs = on_the_wire(chunks[:3]), on_the_wire(chunks[:3], component=192)
-    a, b, c = "circnav: " + "a" * 41, "b" * 50, "c" * 9
+    ours = on_the_wire(chunks[:3])
+    theirs = on_the_wire(chunks[:3], component=192)
+    a = "circnav: " + "a" * 41
+    b = "b" * 50
+    c = "c" * 9
     read = [(a, None), (a + b, a), (a + b + c, a + b)]
     for pair, expected in zip(zip(ours, theirs, strict=True), read, strict=True):
         assert [reader.read(one) for one in pair] == [expected] * 2
@@ -64,7 +79,9 @@ def test_numbers_to_plot_come_at_four_hertz_with_their_names_and_our_clock(annou
     """Values that no graph can show are omitted."""
     assert announcer.plots({}, 0.0) == []
     wild = {"CN_RNG": 101.5, "CN_RRATE": 3.5e38, "CN_ERR": float("nan"), "CN_YRATE": float("inf")}
-    sent = [(now, messages) for i in range(200) if (messages := announcer.plots(wild, now := i / 20))]
+    sent = [
+        (now, messages) for i in range(200) if (messages := announcer.plots(wild, now := i / 20))
+    ]
     assert len(sent) == 40
     now, (message,) = sent[1]
     assert now == pytest.approx(0.25)
@@ -72,7 +89,7 @@ def test_numbers_to_plot_come_at_four_hertz_with_their_names_and_our_clock(annou
 
 
 def test_a_text_of_others_obeys_no_terminal():
-    """ESC, BEL and the C1 controls command a terminal, and U+202E reverses the text after it. C ends a text at its
-    zero."""
+    """ESC, BEL and the C1 controls command a terminal, and U+202E reverses the text after it. C
+    ends a text at its zero."""
     assert plain_text("PreArm: \x1b[2J\x07ok\0\x1b") == r"PreArm: \x1b[2J\x07ok"
     assert plain_text("a\x9b31m\u202eb\r\n") == r"a\x9b31m\u202eb\r\n"

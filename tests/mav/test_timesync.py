@@ -1,4 +1,5 @@
-"""Round-trip time of a question and its answer: accepted answers, and the times of the questions."""
+"""Round-trip time of a question and its answer: accepted answers, and the times of the
+questions."""
 
 from itertools import pairwise
 
@@ -8,8 +9,10 @@ from circnav_mav.mav.clocks import Timesync
 
 
 def ask_and_answer(timesync, since, trips):
-    """Poll at 20 Hz for 20 s. Each question is answered after the next of the trips (s), or never if that is None."""
-    due, trips = [], list(trips)
+    """Poll at 20 Hz for 20 s. Each question is answered after the next of the trips (s), or never
+    if that is None."""
+    due = []
+    trips = list(trips)
     for i in range(400):
         now = since + i / 20
         for at, stamp in due:
@@ -43,7 +46,10 @@ def test_the_round_trip_is_the_median_of_the_newest_five():
 @pytest.mark.parametrize(
     ("answers", "trips"),
     [
-        ([(1, 1.1), (0, 1.3), (0, 3.0)], [0.3]),  # to another sender's question, to ours, to ours again
+        (
+            [(1, 1.1), (0, 1.3), (0, 3.0)],
+            [0.3],
+        ),  # to another sender's question, to ours, to ours again
         ([(0, 200.0)], []),  # minutes late
     ],
 )
@@ -65,7 +71,9 @@ def test_a_question_that_should_have_been_answered_is_asked_again_at_once(quick)
 def test_who_never_answers_is_not_asked_in_haste_for_ever(quick):
     times = asked(quick, 26.0, 60.0)
     assert len([time for time in times if time < 29.0]) > 10
-    assert [b - a for a, b in pairwise(time for time in times if time > 30.0)] == pytest.approx([1.0] * 29, abs=0.06)
+    assert [b - a for a, b in pairwise(time for time in times if time > 30.0)] == pytest.approx(
+        [1.0] * 29, abs=0.06
+    )
 
 
 def test_a_link_that_is_slow_but_answers_is_not_asked_more_often():
@@ -74,7 +82,8 @@ def test_a_link_that_is_slow_but_answers_is_not_asked_more_often():
 
 
 def test_a_vehicle_is_asked_the_time_twice_a_second_and_later_once():
-    timesync, times = Timesync(), []
+    timesync = Timesync()
+    times = []
     for i in range(120):
         for question in timesync.poll(i / 20):
             times.append(i / 20)

@@ -1,4 +1,5 @@
-"""`check`: the grade of each line changes at its documented bound. Numbers by hand at V = 15 m/s, r_d = 100 m."""
+"""`check`: the grade of each line changes at its documented bound. Numbers by hand at V = 15 m/s,
+r_d = 100 m."""
 
 import re
 from math import degrees
@@ -10,9 +11,22 @@ from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import load_mission
 
-PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
+PASS = Grade.PASS
+WARN = Grade.WARN
+FAIL = Grade.FAIL
 PLANE = ("vehicle.kind=plane", "vehicle.max_bank_deg=45")
-SUBJECTS = ["keys", "autopilot", "gain", "radius", "drift", "settling", "height", "reach", "sampling", "damping"]
+SUBJECTS = [
+    "keys",
+    "autopilot",
+    "gain",
+    "radius",
+    "drift",
+    "settling",
+    "height",
+    "reach",
+    "sampling",
+    "damping",
+]
 
 
 def lines(mission, subject, *overrides):
@@ -45,32 +59,50 @@ def law(name, gain, *more):
     return " ".join([f"guidance.law={name} guidance.gain={gain}", *more])
 
 
-BEACON, FAST = "ranging.message=ranging_beacon", "vehicle.max_turn_rate_deg_s=90.0 ranging.rate_hz=2.1"
+BEACON = "ranging.message=ranging_beacon"
+FAST = "vehicle.max_turn_rate_deg_s=90.0 ranging.rate_hz=2.1"
 BOUNDS = [
     # above 1/(2 r_d^2) = 5e-5 and above V/r_d = 0.15, both exclusive
-    ("gain", law("smooth", 4.99e-5), FAIL), ("gain", law("smooth", 5e-5), FAIL), ("gain", law("smooth", 5.01e-5), PASS),
-    ("gain", law("switching", 0.149), FAIL), ("gain", law("switching", 0.15), FAIL),
-    ("gain", law("switching", 0.151), PASS), ("gain", "vehicle.turn_lag_s=9.0", PASS),
+    ("gain", law("smooth", 4.99e-5), FAIL),
+    ("gain", law("smooth", 5e-5), FAIL),
+    ("gain", law("smooth", 5.01e-5), PASS),
+    ("gain", law("switching", 0.149), FAIL),
+    ("gain", law("switching", 0.15), FAIL),
+    ("gain", law("switching", 0.151), PASS),
+    ("gain", "vehicle.turn_lag_s=9.0", PASS),
     # V/r_d = 0.15 rad/s = 8.594 deg/s
-    ("turn rate", turn(0.69), PASS), ("turn rate", turn(0.71), WARN), ("turn rate", turn(0.99), WARN),
+    ("turn rate", turn(0.69), PASS),
+    ("turn rate", turn(0.71), WARN),
+    ("turn rate", turn(0.99), WARN),
     ("turn rate", turn(1.01), FAIL),
     # DISTANCE_SENSOR ends at 655.34 m: 40 % are 262.1 m, 80 % are 524.3 m
-    ("reach", "orbit.radius_m=261", PASS), ("reach", "orbit.radius_m=263", WARN), ("reach", "orbit.radius_m=524", WARN),
-    ("reach", "orbit.radius_m=525", FAIL), ("reach", f"orbit.radius_m=2000 {BEACON}", PASS),
+    ("reach", "orbit.radius_m=261", PASS),
+    ("reach", "orbit.radius_m=263", WARN),
+    ("reach", "orbit.radius_m=524", WARN),
+    ("reach", "orbit.radius_m=525", FAIL),
+    ("reach", f"orbit.radius_m=2000 {BEACON}", PASS),
     # stale after 0.5 s, two ranges should fit
-    ("sampling", "ranging.rate_hz=4.0", PASS), ("sampling", "limits.stale_s=0.5 ranging.rate_hz=3.9", WARN),
+    ("sampling", "ranging.rate_hz=4.0", PASS),
+    ("sampling", "limits.stale_s=0.5 ranging.rate_hz=3.9", WARN),
     ("sampling", "limits.stale_s=0.5 ranging.rate_hz=2.0", WARN),
     ("sampling", "limits.stale_s=0.5 ranging.rate_hz=1.9", FAIL),
     # 0.2 rad/s at 4 Hz turns 0.05 rad between two samples; lost beyond half a radian
     ("switching", law("switching", 0.2, "ranging.rate_hz=4.1"), PASS),
     ("switching", law("switching", 0.2, "ranging.rate_hz=3.9"), WARN),
-    ("switching", law("switching", 1.04, FAST), WARN), ("switching", law("switching", 1.06, FAST), FAIL),
-    # a fifth and a half of 15 m/s. Steady P_vv of white acceleration a: sqrt 2 (a^2 T)^(3/4) (sigma^2 T)^(1/4), with
-    # a = (15^2/100 + 15 * 0.349)/3 = 2.5 m/s^2 and T = 0.1 s: 2.8 m/s at 200 m, 5.0 at 2000 m, 7.6 at 11 km
-    ("rate error", "ranging.sigma_m=200.0", PASS), ("rate error", "ranging.sigma_m=2000.0", WARN),
+    ("switching", law("switching", 1.04, FAST), WARN),
+    ("switching", law("switching", 1.06, FAST), FAIL),
+    # a fifth and a half of 15 m/s. Steady P_vv of white acceleration a: sqrt 2 (a^2 T)^(3/4)
+    # (sigma^2 T)^(1/4), with a = (15^2/100 + 15 * 0.349)/3 = 2.5 m/s^2 and T = 0.1 s: 2.8 m/s at
+    # 200 m, 5.0 at 2000 m, 7.6 at 11 km
+    ("rate error", "ranging.sigma_m=200.0", PASS),
+    ("rate error", "ranging.sigma_m=2000.0", WARN),
     ("rate error", "ranging.sigma_m=11000.0", FAIL),
-    # 2 k r_d V = 0.3/s, times the lags of turn and filter: limit cycles from 0.45 on, refused at four times that
-    ("damping", lag(0.5), PASS), ("damping", lag(1.7), WARN), ("damping", lag(4.5), WARN), ("damping", lag(7.0), FAIL),
+    # 2 k r_d V = 0.3/s, times the lags of turn and filter: limit cycles from 0.45 on, refused at
+    # four times that
+    ("damping", lag(0.5), PASS),
+    ("damping", lag(1.7), WARN),
+    ("damping", lag(4.5), WARN),
+    ("damping", lag(7.0), FAIL),
     ("damping", "vehicle.turn_lag_s=0.8", PASS),
     # growth sqrt(1 + (h/r)^2): 1.5 at 111.8 m, 5 at 489.9 m
     ("height", f"orbit.height_above_target_m=0 {BEACON}", PASS),
@@ -78,12 +110,16 @@ BOUNDS = [
     ("height", f"orbit.height_above_target_m=113 {BEACON}", WARN),
     ("height", f"orbit.height_above_target_m=489 {BEACON}", WARN),
     ("height", f"orbit.height_above_target_m=491 {BEACON}", FAIL),
-    ("height", "orbit.target_altitude_m=500", PASS), ("height", "orbit.target_above_home_m=-3", PASS),
+    ("height", "orbit.target_altitude_m=500", PASS),
+    ("height", "orbit.target_above_home_m=-3", PASS),
     # the reserve should be a tenth of the circle of 100 m
-    ("bounds", "bounds.max_range_m=99", FAIL), ("bounds", "bounds.max_range_m=109", WARN),
-    ("bounds", "bounds.max_range_m=111", PASS), ("bounds", "bounds.min_range_m=101", FAIL),
-    ("bounds", "bounds.min_range_m=92", WARN), ("bounds", "bounds.min_range_m=90", PASS),
-]  # fmt: skip
+    ("bounds", "bounds.max_range_m=99", FAIL),
+    ("bounds", "bounds.max_range_m=109", WARN),
+    ("bounds", "bounds.max_range_m=111", PASS),
+    ("bounds", "bounds.min_range_m=101", FAIL),
+    ("bounds", "bounds.min_range_m=92", WARN),
+    ("bounds", "bounds.min_range_m=90", PASS),
+]
 
 
 @pytest.mark.parametrize(("subject", "overrides", "grade"), BOUNDS)
@@ -93,54 +129,127 @@ def test_a_grade_turns_at_its_bound(mission, subject, overrides, grade):
 
 SIGNED = "signing.key_file=k"
 SENT_TYPES = [
-    ("gain", "guidance.gain=2e-4", PASS, "smooth: k = 0.0002 1/m^2 (given), needs k > 1/(2 r_d^2) = 5e-05"),
-    ("gain", "orbit.radius_m=100", PASS, "smooth: k = 0.0001 1/m^2 (default), needs k > 1/(2 r_d^2) = 5e-05"),
+    (
+        "gain",
+        "guidance.gain=2e-4",
+        PASS,
+        "smooth: k = 0.0002 1/m^2 (given), needs k > 1/(2 r_d^2) = 5e-05",
+    ),
+    (
+        "gain",
+        "orbit.radius_m=100",
+        PASS,
+        "smooth: k = 0.0001 1/m^2 (default), needs k > 1/(2 r_d^2) = 5e-05",
+    ),
     # example 1 of the paper: r_a = 10.98684113 at r_d = 10, k = 0.01
-    ("radius", "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0 guidance.correct_radius=false", WARN,
-     "steady radius 10.987 m, desired 10 m; set guidance.correct_radius = true to correct it"),
-    ("radius", "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0", PASS,
-     "steady radius 10.000 m, desired 10 m"),
+    (
+        "radius",
+        "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0 guidance.correct_radius=false",
+        WARN,
+        "steady radius 10.987 m, desired 10 m; set guidance.correct_radius = true to correct it",
+    ),
+    (
+        "radius",
+        "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0",
+        PASS,
+        "steady radius 10.000 m, desired 10 m",
+    ),
     # 9.80665 tan(45 deg)/15 = 37.46 deg/s, of which a plane that slips reaches 0.72
-    ("turn rate", " ".join([*PLANE, "vehicle.max_turn_rate_deg_s=90"]), PASS,
-     "the circle needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, must stay below 100 %); it turns 0.72 "
-     "times a commanded 37.46 deg/s"),
+    (
+        "turn rate",
+        " ".join([*PLANE, "vehicle.max_turn_rate_deg_s=90"]),
+        PASS,
+        "the circle needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, must stay below 100 %); it turns 0.72 "
+        "times a commanded 37.46 deg/s",
+    ),
     # 3, 4, 5: 300 m out and 400 m up are 500 m
-    ("reach", "orbit.radius_m=300 orbit.height_above_target_m=400", WARN,
-     "range on the circle 500.0 m, distance_sensor reports up to 655.3 m (76 %, at most 80 %)"),
-    ("reach", BEACON, PASS,
-     "range on the circle 100.0 m, ranging_beacon reports up to 4295 km (0 %, at most 80 %)"),
+    (
+        "reach",
+        "orbit.radius_m=300 orbit.height_above_target_m=400",
+        WARN,
+        "range on the circle 500.0 m, distance_sensor reports up to 655.3 m (76 %, at most 80 %)",
+    ),
+    (
+        "reach",
+        BEACON,
+        PASS,
+        "range on the circle 100.0 m, ranging_beacon reports up to 4295 km (0 %, at most 80 %)",
+    ),
     # d rho = h/rho dh
-    ("height cost", "orbit.height_above_target_m=29", PASS,
-     "1 m of error in the height above the target (29.0 m) changes the radius by 0.29 m (WARN above 0.3)"),
-    ("height cost", "orbit.height_above_target_m=31", WARN,
-     "1 m of error in the height above the target (31.0 m) changes the radius by 0.31 m (WARN above 0.3)"),
-    ("bounds", "bounds.max_range_m=640", PASS,
-     "the circle of 100 m must be below bounds.max_range_m = 640 m (horizontal), with 10 % to spare"),
-    ("ranging", BEACON, WARN,
-     "ArduPilot and PX4 do not forward RANGING_BEACON: set ranging.endpoint, unless the radio "
-     "itself sends to link.endpoint"),
-    ("exit", "vehicle.autopilot=auto exit.action=brake", FAIL,  # of the two copters, only ArduPilot's has a brake mode
-     "px4 copter has no exit action brake: choose loiter, rtl, land, hold"),
-    ("signing", SIGNED, PASS,
-     "frames are signed, and accepted only if signed with our key"),
-    ("signing", f"{SIGNED} signing.accept_unsigned=true", WARN,
-     "frames are signed, but unsigned frames are accepted too: any program can pose as the vehicle "
-     "(signing.accept_unsigned)"),
-    ("signing", f"{SIGNED} ranging.endpoint=udpin:0.0.0.0:14560 signing.accept_unsigned=ranging", PASS,
-     "frames are signed, and accepted only if signed with our key, on the ranging endpoint also unsigned"),
+    (
+        "height cost",
+        "orbit.height_above_target_m=29",
+        PASS,
+        "1 m of error in the height above the target (29.0 m) changes the radius by 0.29 m (WARN above 0.3)",
+    ),
+    (
+        "height cost",
+        "orbit.height_above_target_m=31",
+        WARN,
+        "1 m of error in the height above the target (31.0 m) changes the radius by 0.31 m (WARN above 0.3)",
+    ),
+    (
+        "bounds",
+        "bounds.max_range_m=640",
+        PASS,
+        "the circle of 100 m must be below bounds.max_range_m = 640 m (horizontal), with 10 % to spare",
+    ),
+    (
+        "ranging",
+        BEACON,
+        WARN,
+        "ArduPilot and PX4 do not forward RANGING_BEACON: set ranging.endpoint, unless the radio "
+        "itself sends to link.endpoint",
+    ),
+    (
+        "exit",
+        "vehicle.autopilot=auto exit.action=brake",
+        FAIL,  # of the two copters, only ArduPilot's has a brake mode
+        "px4 copter has no exit action brake: choose loiter, rtl, land, hold",
+    ),
+    ("signing", SIGNED, PASS, "frames are signed, and accepted only if signed with our key"),
+    (
+        "signing",
+        f"{SIGNED} signing.accept_unsigned=true",
+        WARN,
+        "frames are signed, but unsigned frames are accepted too: any program can pose as the vehicle "
+        "(signing.accept_unsigned)",
+    ),
+    (
+        "signing",
+        f"{SIGNED} ranging.endpoint=udpin:0.0.0.0:14560 signing.accept_unsigned=ranging",
+        PASS,
+        "frames are signed, and accepted only if signed with our key, on the ranging endpoint also unsigned",
+    ),
     # without a configured address, the first sender is accepted
-    ("peer", "link.endpoint=udpin:0.0.0.0:14550", WARN,
-     "udpin:0.0.0.0:14550 trusts any program that is first to send as the vehicle: set the vehicle's "
-     "address (link.peer), or sign (docs/signing.md)"),
-    ("peer", "link.endpoint=udpin:0.0.0.0:14550 link.peer=10.0.0.5", PASS,
-     "udpin:0.0.0.0:14550 accepts 10.0.0.5 only"),
-    ("peer", "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5", WARN,
-     "link.peer has no effect: only udpin receives from more than one address"),
+    (
+        "peer",
+        "link.endpoint=udpin:0.0.0.0:14550",
+        WARN,
+        "udpin:0.0.0.0:14550 trusts any program that is first to send as the vehicle: set the vehicle's "
+        "address (link.peer), or sign (docs/signing.md)",
+    ),
+    (
+        "peer",
+        "link.endpoint=udpin:0.0.0.0:14550 link.peer=10.0.0.5",
+        PASS,
+        "udpin:0.0.0.0:14550 accepts 10.0.0.5 only",
+    ),
+    (
+        "peer",
+        "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5",
+        WARN,
+        "link.peer has no effect: only udpin receives from more than one address",
+    ),
     # a plane loiters after 3 s with a steep bank; a copter brakes
-    ("exit", " ".join([*PLANE, "exit.action=stop"]), FAIL,
-     "a plane left in GUIDED loiters after 3 s, with a sudden hard bank: exit.action must command a mode, choose "
-     "loiter, rtl, hold"),
-]  # fmt: skip
+    (
+        "exit",
+        " ".join([*PLANE, "exit.action=stop"]),
+        FAIL,
+        "a plane left in GUIDED loiters after 3 s, with a sudden hard bank: exit.action must command a mode, choose "
+        "loiter, rtl, hold",
+    ),
+]
 
 
 @pytest.mark.parametrize(("subject", "overrides", "grade", "says"), SENT_TYPES)
@@ -160,7 +269,10 @@ def test_a_line_has_the_number_its_bound_and_the_remedy(mission, subject, overri
         ("exit", "exit.action=stop"),
         ("exit", "exit.action=brake"),
         ("exit", "engage.on_takeover=wait"),
-        ("exit", "vehicle.kind=rover vehicle.autopilot=auto exit.action=stop"),  # no PX4 rover is flown
+        (
+            "exit",
+            "vehicle.kind=rover vehicle.autopilot=auto exit.action=stop",
+        ),  # no PX4 rover is flown
         ("exit", "vehicle.autopilot=auto"),
         ("exit", "vehicle.autopilot=px4"),
         ("estimator", " ".join([*PLANE, "guidance.estimator=drift"])),
@@ -175,11 +287,19 @@ def test_nothing_is_said_where_there_is_nothing_to_say(mission, subject, overrid
 
 
 @pytest.mark.parametrize(
-    ("gain", "trim", "told"), [(0.0117, 0.05, [WARN]), (0.0118, 0.05, []), (0.0117, 0.0, []), (0.0099, 0.05, [])]
+    ("gain", "trim", "told"),
+    [(0.0117, 0.05, [WARN]), (0.0118, 0.05, []), (0.0117, 0.0, []), (0.0099, 0.05, [])],
 )
-def test_a_gain_that_does_not_do_for_the_whole_trim_of_the_radius_is_told(mission, gain, trim, told):
-    """A trim of 15 % leaves 85 m: 1/r_d = 0.01176. A gain that is too low for 100 m is reported as such."""
-    overrides = ("guidance.law=bounded", f"guidance.gain={gain}", f"guidance.radius_trim_per_s={trim}")
+def test_a_gain_that_does_not_do_for_the_whole_trim_of_the_radius_is_told(
+    mission, gain, trim, told
+):
+    """A trim of 15 % leaves 85 m: 1/r_d = 0.01176. A gain that is too low for 100 m is reported as
+    such."""
+    overrides = (
+        "guidance.law=bounded",
+        f"guidance.gain={gain}",
+        f"guidance.radius_trim_per_s={trim}",
+    )
     assert [line.grade for line in lines(mission, "trim", *overrides)] == told
 
 
@@ -196,23 +316,33 @@ def test_a_switching_law_beyond_the_vehicles_limit_is_told(mission):
     assert "22.92 deg/s" in second.text
 
 
-def test_a_default_gain_is_lowered_for_a_vehicle_that_turns_late_but_stays_above_the_papers_bound(mission):
+def test_a_default_gain_is_lowered_for_a_vehicle_that_turns_late_but_stays_above_the_papers_bound(
+    mission,
+):
     quick, late, very_late = (mission(f"vehicle.turn_lag_s={lag}") for lag in (0.1, 0.8, 9.0))
     assert quick.law.gain == pytest.approx(1e-4)
     assert 5e-5 < very_late.law.gain < late.law.gain < quick.law.gain
 
 
-@pytest.mark.parametrize(("bound", "height", "told"), [(650, 0, False), (660, 0, True), (650, 100, True)])
+@pytest.mark.parametrize(
+    ("bound", "height", "told"), [(650, 0, False), (660, 0, True), (650, 100, True)]
+)
 def test_a_bound_beyond_the_farthest_range_is_told(mission, bound, height, told):
-    """DISTANCE_SENSOR ends at a slant range of 655.34 m. A horizontal range of 650 m and a height of 100 m give
-    657.6 m."""
-    found = lines(mission, "bounds", f"bounds.max_range_m={bound}", f"orbit.height_above_target_m={height}")
+    """DISTANCE_SENSOR ends at a slant range of 655.34 m. A horizontal range of 650 m and a height
+    of 100 m give 657.6 m."""
+    found = lines(
+        mission, "bounds", f"bounds.max_range_m={bound}", f"orbit.height_above_target_m={height}"
+    )
     assert [line.grade for line in found] == [PASS, WARN][: 1 + told]
 
 
 @pytest.mark.parametrize("leaves_it", ["exit.action=stop", "engage.on_takeover=wait"])
-@pytest.mark.parametrize(("autopilot", "remedy"), [("px4", '"end"'), ("auto", ', or vehicle.autopilot "ardupilot"')])
-def test_a_px4_is_left_in_no_mode_to_which_it_would_return_by_itself(mission, leaves_it, autopilot, remedy):
+@pytest.mark.parametrize(
+    ("autopilot", "remedy"), [("px4", '"end"'), ("auto", ', or vehicle.autopilot "ardupilot"')]
+)
+def test_a_px4_is_left_in_no_mode_to_which_it_would_return_by_itself(
+    mission, leaves_it, autopilot, remedy
+):
     """It returns to OFFBOARD as soon as setpoints resume. With "auto", the vehicle may be a PX4."""
     line = only(mission, "exit", f"vehicle.autopilot={autopilot}", leaves_it)
     assert line.grade is FAIL and line.text.endswith(remedy)
@@ -225,8 +355,9 @@ def test_a_copter_cannot_be_engaged_on_an_estimator_that_must_see_it_move_first(
 
 
 def test_the_settling_time_is_that_of_the_shortest_tangent_and_is_not_promised_for_a_law(mission):
-    """500 m from a circle of 100 m, with the worst heading, the Dubins path to the tangent point takes 42.1 s.
-    Feedforward closes in at 0.55 V or less, so the direct way alone takes 400/8.25 = 48 s."""
+    """500 m from a circle of 100 m, with the worst heading, the Dubins path to the tangent point
+    takes 42.1 s. Feedforward closes in at 0.55 V or less, so the direct way alone takes 400/8.25 =
+    48 s."""
     line = only(mission, "settling", "guidance.law=feedforward")
     assert float(re.search(r"about (\d+) s", line.text)[1]) == pytest.approx(42.1, abs=1.5)
     assert "at most" not in line.text
@@ -237,7 +368,9 @@ TIGHT = ("guidance.law=auto", *PLANE, "vehicle.turn_lag_s=0.5", "vehicle.max_tur
 
 
 @pytest.mark.parametrize(("radius", "grade"), [(60, WARN), (68, PASS), (150, PASS)])
-def test_a_circle_on_which_the_loop_has_too_little_margin_warns_and_names_one_that_holds(mission, radius, grade):
+def test_a_circle_on_which_the_loop_has_too_little_margin_warns_and_names_one_that_holds(
+    mission, radius, grade
+):
     """60 m at 15 m/s oscillated in 5 m/s of wind on firmware, where the geometry allows 5.6 m/s."""
     line = only(mission, "margin", *TIGHT, f"orbit.radius_m={radius}")
     assert line.grade is grade
@@ -249,9 +382,12 @@ def test_the_margin_is_of_the_laws_that_are_tuned_by_the_delay(mission):
 
 
 @pytest.mark.parametrize(
-    ("vehicle", "speed", "warns"), [("arducopter", 5.2, False), ("arducopter", 5.3, True), ("px4_copter", 7, False)]
+    ("vehicle", "speed", "warns"),
+    [("arducopter", 5.2, False), ("arducopter", 5.3, True), ("px4_copter", 7, False)],
 )
 def test_turns_beyond_the_default_acceleration_of_the_autopilot_warn(vehicle, speed, warns):
-    checks = check_mission(load_mission(bundled("mission", vehicle), [f"vehicle.speed_mps={speed}"]))
+    checks = check_mission(
+        load_mission(bundled("mission", vehicle), [f"vehicle.speed_mps={speed}"])
+    )
     # 30 deg/s at 5.25 m/s are 1.1 times 2.5 m/s^2
     assert [line.grade for line in checks if line.subject == "acceleration"] == [WARN] * warns

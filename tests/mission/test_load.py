@@ -38,12 +38,18 @@ def refusal(text, *overrides):
     [(1, "smooth", 0.01, False), (2, "smooth", 0.01, True), (3, "switching", 0.12, False)],
 )
 def test_the_papers_examples_carry_the_papers_numbers(config, example, law, k, corrected):
-    """V = 1, r_d = 10, target (0, -10), starts in [0, 10] x [0, 10] x [0, 2 pi]; clockwise is k > 0."""
+    """V = 1, r_d = 10, target (0, -10), starts in [0, 10] x [0, 10] x [0, 2 pi]; clockwise is k >
+    0."""
     mission = load_mission(config / f"paper_example_{example}.toml")
-    assert (mission.orbit.speed, mission.orbit.radius, mission.orbit.direction) == (1.0, 10.0, Direction.CLOCKWISE)
+    assert (mission.orbit.speed, mission.orbit.radius, mission.orbit.direction) == (
+        1.0,
+        10.0,
+        Direction.CLOCKWISE,
+    )
     assert (mission.law.name, mission.law.gain) == (law, k)
     assert mission.law.correct_radius == corrected or law == "switching"
-    target, random = mission.file.sim["target"], mission.file.sim["start"]["random"]
+    target = mission.file.sim["target"]
+    random = mission.file.sim["start"]["random"]
     assert (target["east_m"], target["north_m"]) == (0.0, -10.0)
     assert random == {"north_m": [0.0, 10.0], "east_m": [0.0, 10.0], "heading_deg": [0.0, 360.0]}
 
@@ -53,21 +59,41 @@ def test_the_papers_examples_carry_the_papers_numbers(config, example, law, k, c
 
 def test_degrees_become_radians_here(mission):
     settings = mission("vehicle.max_turn_rate_deg_s=36.0").pilot_settings()
-    assert settings.orbit.max_turn_rate == settings.tuning.estimation.max_turn_rate == pytest.approx(pi / 5)
+    assert (
+        settings.orbit.max_turn_rate
+        == settings.tuning.estimation.max_turn_rate
+        == pytest.approx(pi / 5)
+    )
 
 
 def test_every_number_of_a_file_reaches_the_pilot(mission):
     settings = mission(
-        "orbit.direction=counterclockwise", "orbit.height_above_target_m=30.0",
-        "ranging.sensor_id=3", "ranging.orientation=24", "ranging.system_id=9",
-        "ranging.component_id=5", "link.component_id=192",
-        "link.wait_s=12.0", "limits.stale_s=0.4", "limits.hold_s=3.0",  "limits.tick_hz=25.0",
-        "engage.request_mode=true", "engage.on_takeover=wait", "vehicle.system_id=4", "ranging.stamp=arrival",
-        "bounds.min_altitude_m=-20", "bounds.max_altitude_m=-5.5",
-    ).pilot_settings()  # fmt: skip
+        "orbit.direction=counterclockwise",
+        "orbit.height_above_target_m=30.0",
+        "ranging.sensor_id=3",
+        "ranging.orientation=24",
+        "ranging.system_id=9",
+        "ranging.component_id=5",
+        "link.component_id=192",
+        "link.wait_s=12.0",
+        "limits.stale_s=0.4",
+        "limits.hold_s=3.0",
+        "limits.tick_hz=25.0",
+        "engage.request_mode=true",
+        "engage.on_takeover=wait",
+        "vehicle.system_id=4",
+        "ranging.stamp=arrival",
+        "bounds.min_altitude_m=-20",
+        "bounds.max_altitude_m=-5.5",
+    ).pilot_settings()
     assert settings.orbit.direction is Direction.COUNTERCLOCKWISE
     ranging = settings.ranging
-    assert (ranging.sensor_id, ranging.orientation, ranging.system_id, ranging.component_id) == (3, 24, 9, 5)
+    assert (ranging.sensor_id, ranging.orientation, ranging.system_id, ranging.component_id) == (
+        3,
+        24,
+        9,
+        5,
+    )
     assert (ranging.max_age, ranging.stamp, ranging.rate_hz) == (0.4, "arrival", 10.0)
     assert (settings.bounds.lowest, settings.bounds.highest) == (-20.0, -5.5)
     assert settings.height.above_target == 30.0
@@ -82,13 +108,20 @@ def test_every_number_of_a_file_reaches_the_pilot(mission):
 @pytest.mark.parametrize("second", ["target_altitude_m=584.0", "target_above_home_m=-2.0"])
 def test_the_height_is_given_in_one_way(mission, second):
     key = second.split("=")[0]
-    assert getattr(mission(f"orbit.{second}").height, key.removesuffix("_m")) == float(second.split("=")[1])
-    clash = rf"small\.toml: orbit\.height_above_target_m and orbit\.{key}: only one of them may be given"
+    assert getattr(mission(f"orbit.{second}").height, key.removesuffix("_m")) == float(
+        second.split("=")[1]
+    )
+    clash = (
+        rf"small\.toml: orbit\.height_above_target_m and orbit\.{key}: only one of them may be"
+        r" given"
+    )
     with pytest.raises(MissionError, match=clash):
         mission("orbit.height_above_target_m=30.0", f"orbit.{second}")
 
 
-@pytest.mark.parametrize(("rate", "stale"), [(0.2, 5.0), (1.0, 2.5), (3.0, 2.5 / 3), (10.0, 0.5), (100.0, 0.5)])
+@pytest.mark.parametrize(
+    ("rate", "stale"), [(0.2, 5.0), (1.0, 2.5), (3.0, 2.5 / 3), (10.0, 0.5), (100.0, 0.5)]
+)
 def test_the_age_of_ranges_left_out_follows_the_rate_of_the_radio(mission, rate, stale):
     settings = mission(f"ranging.rate_hz={rate}").pilot_settings()
     assert (settings.timing.stale, settings.ranging.max_age) == pytest.approx((stale, stale))
@@ -104,7 +137,9 @@ def test_the_age_of_ranges_left_out_follows_the_rate_of_the_radio(mission, rate,
     ],
     ids=["distance_sensor", "given", "named_value_float", "ranging_beacon"],
 )
-def test_the_bound_of_the_range_left_out_follows_what_the_message_carries(mission, overrides, farthest):
+def test_the_bound_of_the_range_left_out_follows_what_the_message_carries(
+    mission, overrides, farthest
+):
     assert mission(*overrides).pilot_settings().bounds.farthest == farthest
 
 
@@ -119,7 +154,8 @@ def test_gains_count_on_a_measured_rate_only_where_nothing_flies_without(mission
     """If the rate is dropped in flight, the filter's lag returns. The gain must allow for this."""
     keys = ["guidance.law=feedforward", "ranging.message=named_value_float"]
     rate = ["ranging.rate_name=RR", "ranging.rate_sign=closing"]
-    alone, beside = mission(*keys), mission(*keys, *rate)
+    alone = mission(*keys)
+    beside = mission(*keys, *rate)
     assert beside.law.gain == alone.law.gain
     assert mission(*keys, *rate, "guidance.estimator=measured").law.gain > alone.law.gain
     ranging = beside.pilot_settings().ranging
@@ -153,7 +189,11 @@ def test_tcp_and_serial_are_byte_streams_and_udp_is_not(mission, link, ranging, 
 
 def test_what_a_file_does_not_ask_for_is_left_to_the_operator(mission):
     settings = mission().pilot_settings()
-    assert (settings.request_mode, settings.end_on_takeover, settings.output_mode) == (False, True, OutputMode.FLY)
+    assert (settings.request_mode, settings.end_on_takeover, settings.output_mode) == (
+        False,
+        True,
+        OutputMode.FLY,
+    )
     assert settings.ranging.stamp == "sensor"
     assert mission().pilot_settings(OutputMode.DRY_RUN).output_mode is OutputMode.DRY_RUN
 
@@ -164,7 +204,10 @@ def test_what_a_file_does_not_ask_for_is_left_to_the_operator(mission):
 def test_an_override_counts_like_the_file_and_is_written_down(mission):
     """It may open a table. The last of two overrides counts."""
     changed = mission(
-        "engage.request_mode=true", "orbit.radius_m=90", "orbit.radius_m=80", "orbit.direction=counterclockwise"
+        "engage.request_mode=true",
+        "orbit.radius_m=90",
+        "orbit.radius_m=80",
+        "orbit.direction=counterclockwise",
     )
     assert changed.orbit.radius == 80.0
     assert changed.file.engage.request_mode
@@ -184,7 +227,10 @@ def test_an_override_that_is_none_is_refused(text, override):
 
 
 def test_an_override_is_validated_like_the_file(text):
-    assert refusal(text, "orbit.radius_m=far") == "m.toml: orbit.radius_m: should be a valid number, not 'far'"
+    assert (
+        refusal(text, "orbit.radius_m=far")
+        == "m.toml: orbit.radius_m: should be a valid number, not 'far'"
+    )
     line = "--set orbit.radius_m.x=1: radius_m is a value, not a table"
     assert refusal(text, "orbit.radius_m.x=1") == line
 
@@ -206,25 +252,57 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, content, says):
 
 
 def test_an_empty_file_misses_itskeys_of():
-    assert refusal("") == "m.toml: name, vehicle, orbit, guidance, ranging, link, limits: missing, add them"
+    assert (
+        refusal("")
+        == "m.toml: name, vehicle, orbit, guidance, ranging, link, limits: missing, add them"
+    )
 
 
 WORDS = (
-    "nan", "-inf", "-1", "0", "1e308", "5e-324", "true", '""', "[]", "[[1]]", "{}", "{a=1}", '"x"', '"\\u0000"',
-    "2026-01-01", 400 * "9", 5000 * "9", "0x" + 5000 * "f", 2000 * "[",
-)  # fmt: skip
-LINES = [*TEXT.splitlines(), "[sim]", "[signing]", "[handback]", 'key_file = "\\u0000"', "\x1b", "é=", "orbit.x.y = 1"]
+    "nan",
+    "-inf",
+    "-1",
+    "0",
+    "1e308",
+    "5e-324",
+    "true",
+    '""',
+    "[]",
+    "[[1]]",
+    "{}",
+    "{a=1}",
+    '"x"',
+    '"\\u0000"',
+    "2026-01-01",
+    400 * "9",
+    5000 * "9",
+    "0x" + 5000 * "f",
+    2000 * "[",
+)
+LINES = [
+    *TEXT.splitlines(),
+    "[sim]",
+    "[signing]",
+    "[handback]",
+    'key_file = "\\u0000"',
+    "\x1b",
+    "é=",
+    "orbit.x.y = 1",
+]
 KEYS = [*keys_of(MissionFile), *(f"sim.{key}" for key in keys_of(VehicleConfig))]
 
 
 @settings(max_examples=500)
 @given(
     st.one_of(st.text(), st.lists(st.sampled_from(LINES)).map("\n".join)),
-    st.lists(st.tuples(st.sampled_from(KEYS), st.one_of(st.sampled_from(WORDS), st.text())), max_size=3),
+    st.lists(
+        st.tuples(st.sampled_from(KEYS), st.one_of(st.sampled_from(WORDS), st.text())), max_size=3
+    ),
 )
 @example("", [("orbit.radius_m", "[1, " + 5000 * "9" + "]")])
 def test_any_text_gives_a_mission_or_one_line_that_names_the_file(text, changes):
-    """Valid or damaged files with overrides of any kind, up to the settings of pilot and bundled vehicle."""
+    """Valid or damaged files with overrides of any kind, up to the settings of pilot and bundled
+    vehicle."""
     overrides = [f"{key}={value}" for key, value in changes]
     for whole in (text, TEXT + text):
         try:
@@ -241,40 +319,97 @@ def test_text_that_is_not_toml_is_shown():
 
 
 SPOILED = [
-    ("radius_m = 100.0", "raduis_m = 100.0", "m.toml: orbit.raduis_m: unknown key, did you mean radius_m?"),
-    ("[orbit]", "[orbit]\nmax_range = 9", "m.toml: orbit.max_range: unknown key, did you mean bounds.max_range_m?"),
-    ("[orbit]", "[orbits]", "m.toml: orbits: unknown key, did you mean orbit?; orbit: missing, add it"),
-    ("radius_m = 100.0", "radius_m = 100.0\nzzz = 1", "m.toml: orbit.zzz: unknown key, keys of this table: radius_m,"),
+    (
+        "radius_m = 100.0",
+        "raduis_m = 100.0",
+        "m.toml: orbit.raduis_m: unknown key, did you mean radius_m?",
+    ),
+    (
+        "[orbit]",
+        "[orbit]\nmax_range = 9",
+        "m.toml: orbit.max_range: unknown key, did you mean bounds.max_range_m?",
+    ),
+    (
+        "[orbit]",
+        "[orbits]",
+        "m.toml: orbits: unknown key, did you mean orbit?; orbit: missing, add it",
+    ),
+    (
+        "radius_m = 100.0",
+        "radius_m = 100.0\nzzz = 1",
+        "m.toml: orbit.zzz: unknown key, keys of this table: radius_m,",
+    ),
     ("radius_m = 100.0\n", "", "m.toml: orbit.radius_m: missing, add it"),
     ("radius_m = 100.0", "radius_m = 0.0", "m.toml: orbit.radius_m: must be above 0, not 0"),
-    ("radius_m = 100.0", 'radius_m = "100"', "m.toml: orbit.radius_m: should be a valid number, not '100'"),
-    ("speed_mps = 15.0", "speed_mps = -1.5", "m.toml: vehicle.speed_mps: must be above 0, not -1.5"),
-    ("duration_s = 60.0", "duration_s = 60.0\ntick_hz = 4.0", "m.toml: limits.tick_hz: must be at least 5, not 4"),
-    ("duration_s = 60.0", "duration_s = 60.0\nstale_s = 6.0", "m.toml: limits.stale_s: must be at most 5, not 6"),
+    (
+        "radius_m = 100.0",
+        'radius_m = "100"',
+        "m.toml: orbit.radius_m: should be a valid number, not '100'",
+    ),
+    (
+        "speed_mps = 15.0",
+        "speed_mps = -1.5",
+        "m.toml: vehicle.speed_mps: must be above 0, not -1.5",
+    ),
+    (
+        "duration_s = 60.0",
+        "duration_s = 60.0\ntick_hz = 4.0",
+        "m.toml: limits.tick_hz: must be at least 5, not 4",
+    ),
+    (
+        "duration_s = 60.0",
+        "duration_s = 60.0\nstale_s = 6.0",
+        "m.toml: limits.stale_s: must be at most 5, not 6",
+    ),
     # milliseconds, and a fraction of a battery
     *(
-        ("duration_s = 60.0", f"duration_s = 60.0\n{key} = 10000", f"m.toml: limits.{key}: must be at most 3600, not")
+        (
+            "duration_s = 60.0",
+            f"duration_s = 60.0\n{key} = 10000",
+            f"m.toml: limits.{key}: must be at most 3600, not",
+        )
         for key in ("hold_s", "unfollowed_s")
     ),
-    ("[vehicle]", "[vehicle]\nturn_lag_s = 400", "m.toml: vehicle.turn_lag_s: must be at most 10, not 400"),
-    ("[orbit]", "[bounds]\nmin_battery_percent = 0.2\n[orbit]", "m.toml: bounds.min_battery_percent: must be at least"),
-    ("[orbit]", "[engage]\nrequest_mode = 1\n[orbit]",
-     "m.toml: engage.request_mode: should be a valid boolean, not 1: write true or false"),
-    ('direction = "clockwise"', 'direction = "left"', "m.toml: orbit.direction: 'left' is not one of 'clockwise' or"),
+    (
+        "[vehicle]",
+        "[vehicle]\nturn_lag_s = 400",
+        "m.toml: vehicle.turn_lag_s: must be at most 10, not 400",
+    ),
+    (
+        "[orbit]",
+        "[bounds]\nmin_battery_percent = 0.2\n[orbit]",
+        "m.toml: bounds.min_battery_percent: must be at least",
+    ),
+    (
+        "[orbit]",
+        "[engage]\nrequest_mode = 1\n[orbit]",
+        "m.toml: engage.request_mode: should be a valid boolean, not 1: write true or false",
+    ),
+    (
+        'direction = "clockwise"',
+        'direction = "left"',
+        "m.toml: orbit.direction: 'left' is not one of 'clockwise' or",
+    ),
     ('law = "smooth"', 'law = "magic"', "m.toml: guidance.law: 'magic' is not one of 'smooth'"),
     ("max_turn_rate_deg_s = 20.0\n", "", "m.toml: vehicle.max_turn_rate_deg_s: missing, add it"),
     ('name = "small"', 'name = "../../etc"', "m.toml: name: "),
-    ('name = "small"', f'name = "{300 * "x"}"', "m.toml: name: string should have at most 100 characters, not 'xxx"),
+    (
+        'name = "small"',
+        f'name = "{300 * "x"}"',
+        "m.toml: name: string should have at most 100 characters, not 'xxx",
+    ),
     (
         'endpoint = "udpin:127.0.0.1:14550"',
         'endpoint = "udpin:127.0.0.1:14550"\ncomponent_id = 190',
         "m.toml: link.component_id: must be at least 191, not 190",
     ),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(
-    ("right", "wrong", "line"), SPOILED, ids=[wrong.strip() or f"no {right}" for right, wrong, _ in SPOILED]
+    ("right", "wrong", "line"),
+    SPOILED,
+    ids=[wrong.strip() or f"no {right}" for right, wrong, _ in SPOILED],
 )
 def test_a_mistake_is_told_in_one_line_that_names_file_and_key(text, right, wrong, line):
     assert text.count(right) == 1
@@ -289,34 +424,56 @@ def test_no_key_of_a_mission_takes_nan_or_infinity(text, value):
 
 @pytest.mark.parametrize("value", ["nan", "inf"])
 def test_a_bound_that_would_never_act_or_always_is_refused_with_what_to_do(text, value):
-    line = f"m.toml: bounds.min_altitude_m: must be a finite number, not {value}: omit the key for none"
+    line = (
+        f"m.toml: bounds.min_altitude_m: must be a finite number, not {value}: omit the key for"
+        " none"
+    )
     assert refusal(text, f"bounds.min_altitude_m={value}") == line
 
 
 RATE = "ranging.rate_name=RR"
 CLASHES = [
     (RATE, 'ranging.rate_name: needs message = "named_value_float", not "distance_sensor"'),
-    ("ranging.message=named_value_float ranging.rate_name=RANGE",
-     'ranging.rate_name: is "RANGE" as ranging.name: give the rate another name'),
-    ("guidance.estimator=measured",
-     'guidance.estimator: is "measured": set ranging.rate_name, the name of the measured range rate'),
-    ("signing.key_file=k signing.accept_unsigned=ranging",
-     'signing.accept_unsigned: is "ranging": set ranging.endpoint, too'),
-    ("vehicle.kind=plane", "vehicle.max_bank_deg: missing, a plane turns by banking: add its limit"),
+    (
+        "ranging.message=named_value_float ranging.rate_name=RANGE",
+        'ranging.rate_name: is "RANGE" as ranging.name: give the rate another name',
+    ),
+    (
+        "guidance.estimator=measured",
+        'guidance.estimator: is "measured": set ranging.rate_name, the name of the measured range rate',
+    ),
+    (
+        "signing.key_file=k signing.accept_unsigned=ranging",
+        'signing.accept_unsigned: is "ranging": set ranging.endpoint, too',
+    ),
+    (
+        "vehicle.kind=plane",
+        "vehicle.max_bank_deg: missing, a plane turns by banking: add its limit",
+    ),
     ("link.endpoint=sim", 'link.endpoint: is "sim": add a [sim] table that describes the vehicle'),
-    ("ranging.endpoint=sim",
-     'ranging.endpoint: is "sim", but the vehicle is not the bundled one: --set ranging.endpoint=URL'),
-    ("ranging.endpoint=udpin:127.0.0.1:14550",
-     'ranging.endpoint: is "udpin:127.0.0.1:14550" as link.endpoint: omit ranging.endpoint if ranges arrive on that '
-     "link"),
-    ("bounds.min_range_m=300 bounds.max_range_m=200",
-     "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower the first, or raise the second"),
-    ("bounds.min_altitude_m=50 bounds.max_altitude_m=50",
-     "bounds.min_altitude_m: 50 is not below bounds.max_altitude_m = 50: lower the first, or raise the second"),
-    ("bounds.min_range_m=300 bounds.max_range_m=200 link.endpoint=sim",
-     'link.endpoint: is "sim": add a [sim] table that describes the vehicle; '
-     "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower the first, or raise the second"),
-]  # fmt: skip
+    (
+        "ranging.endpoint=sim",
+        'ranging.endpoint: is "sim", but the vehicle is not the bundled one: --set ranging.endpoint=URL',
+    ),
+    (
+        "ranging.endpoint=udpin:127.0.0.1:14550",
+        'ranging.endpoint: is "udpin:127.0.0.1:14550" as link.endpoint: omit ranging.endpoint if ranges arrive on that '
+        "link",
+    ),
+    (
+        "bounds.min_range_m=300 bounds.max_range_m=200",
+        "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower the first, or raise the second",
+    ),
+    (
+        "bounds.min_altitude_m=50 bounds.max_altitude_m=50",
+        "bounds.min_altitude_m: 50 is not below bounds.max_altitude_m = 50: lower the first, or raise the second",
+    ),
+    (
+        "bounds.min_range_m=300 bounds.max_range_m=200 link.endpoint=sim",
+        'link.endpoint: is "sim": add a [sim] table that describes the vehicle; '
+        "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower the first, or raise the second",
+    ),
+]
 
 
 @pytest.mark.parametrize(("overrides", "line"), CLASHES)
@@ -326,10 +483,12 @@ def test_keys_that_do_not_go_together_are_named_all_at_once(text, overrides, lin
 
 def test_all_that_is_wrong_is_told_at_once(text):
     wrong = (
-        text.replace("radius_m", "raduis_m").replace("rate_hz = 10.0", 'rate_hz = ".5"').replace("sigma_m = 0.5", "")
+        text.replace("radius_m", "raduis_m")
+        .replace("rate_hz = 10.0", 'rate_hz = ".5"')
+        .replace("sigma_m = 0.5", "")
     )
-    assert refusal(wrong) == (
-        "m.toml: orbit.raduis_m: unknown key, did you mean radius_m?; "
+    assert (
+        refusal(wrong) == "m.toml: orbit.raduis_m: unknown key, did you mean radius_m?; "
         "ranging.rate_hz: should be a valid number, not '.5': write 0.5; "
         "orbit.radius_m, ranging.sigma_m: missing, add them"
     )
@@ -355,15 +514,23 @@ def test_what_is_no_address_is_refused_with_an_example(text, peer):
 
 def test_a_campaign_file_is_known_as_one(config):
     path = config / "campaigns" / "wind.toml"
-    with pytest.raises(MissionError, match=rf"is a campaign file, fly it with: circnav campaign {path}$"):
+    with pytest.raises(
+        MissionError, match=rf"is a campaign file, fly it with: circnav campaign {path}$"
+    ):
         load_mission(path)
 
 
-@pytest.mark.parametrize("override", ["vehicle.turn_lag_s=0.5", "vehicle.speed_mps=14.0", "bounds.max_range_m=200.0"])
+@pytest.mark.parametrize(
+    "override", ["vehicle.turn_lag_s=0.5", "vehicle.speed_mps=14.0", "bounds.max_range_m=200.0"]
+)
 def test_a_mission_in_dotted_keys_is_written_down_as_it_is_flown(text, override):
     """tomlkit puts a nested table in front of all dotted keys, where it captures the rest."""
     tables = {name: keys for name, keys in tomllib.loads(text).items() if name != "name"}
-    dotted = [f"{name}.{key} = {json.dumps(value)}" for name, keys in tables.items() for key, value in keys.items()]
+    dotted = [
+        f"{name}.{key} = {json.dumps(value)}"
+        for name, keys in tables.items()
+        for key, value in keys.items()
+    ]
     flown = parse_mission("\n".join(['name = "small"', *dotted]), "dotted.toml", [override])
     assert flown.file == parse_mission(text, "small.toml", [override]).file
     assert flown.file == parse_mission(flown.text, "flown.toml").file
@@ -380,9 +547,12 @@ def test_a_mission_in_dotted_keys_is_written_down_as_it_is_flown(text, override)
         ("/etc/drone.key", "/etc/drone.key"),
     ],
 )
-def test_a_key_is_told_from_the_folder_of_the_mission_from_home_or_from_the_root(text, tmp_path, given, meant):
+def test_a_key_is_told_from_the_folder_of_the_mission_from_home_or_from_the_root(
+    text, tmp_path, given, meant
+):
     """The saved mission has absolute paths, so that it can be flown again from its run folder."""
-    path, meant = tmp_path / "small.toml", meant.format(folder=tmp_path, home=Path.home())
+    path = tmp_path / "small.toml"
+    meant = meant.format(folder=tmp_path, home=Path.home())
     path.write_text(f'{text}[signing]\nkey_file = "{given}"\n[sim.signing]\nkey_file = "{given}"\n')
     flown = load_mission(path)
     again = tomllib.loads(flown.text)
@@ -394,7 +564,10 @@ def test_a_key_is_told_from_the_folder_of_the_mission_from_home_or_from_the_root
     ("overrides", "told"),
     [
         ("signing.accept_unsigned=true", "signing.key_file: missing"),
-        ("signing.key_file=k signing.accept_unsigned=maybe", "signing.accept_unsigned: 'maybe' is not one of"),
+        (
+            "signing.key_file=k signing.accept_unsigned=maybe",
+            "signing.accept_unsigned: 'maybe' is not one of",
+        ),
         (
             "signing.key_file=k signing.key=00",
             "signing.key: unknown key, keys of this table: key_file, accept_unsigned",
@@ -410,8 +583,13 @@ def test_a_mistake_in_the_key_is_told_in_one_line(text, tmp_path, overrides, tol
 
 
 @pytest.mark.parametrize(
-    ("accepted", "links"), [("false", set()), ("true", {VEHICLE, RANGING}), ('"ranging"', {RANGING})]
+    ("accepted", "links"),
+    [("false", set()), ("true", {VEHICLE, RANGING}), ('"ranging"', {RANGING})],
 )
 def test_links_on_which_unsigned_frames_are_believed(mission, accepted, links):
-    table = ("signing.key_file=k", f"signing.accept_unsigned={accepted}", "ranging.endpoint=udpin:0.0.0.0:14560")
+    table = (
+        "signing.key_file=k",
+        f"signing.accept_unsigned={accepted}",
+        "ranging.endpoint=udpin:0.0.0.0:14560",
+    )
     assert mission(*table).pilot_settings().unsigned_links == links

@@ -1,5 +1,5 @@
-"""Setpoints to a vehicle that was not handed over: none on the ground, over a slow link, after a stall or in a dry
-run."""
+"""Setpoints to a vehicle that was not handed over: none on the ground, over a slow link, after a
+stall or in a dry run."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -8,8 +8,10 @@ from circnav_mav.guidance.watches import Bounds
 from circnav_mav.pilot import Ending, Outcome, OutputMode, Phase
 from tests.rig import Rig, timing, vfr_hud
 
-GUIDED, LOITER = 4, 5
-SET_MODE, SET_INTERVAL = 176, 511
+GUIDED = 4
+LOITER = 5
+SET_MODE = 176
+SET_INTERVAL = 511
 IN_AIR = 2
 
 
@@ -21,12 +23,16 @@ def commanded(rig: Rig, since: float = -1.0) -> list:
 # --- before the engagement ---
 
 SLOW = "link too slow: round trip {} s (at most 0.6 s, 1.2 times limits.stale_s)"
-ON_GROUND, UNTOLD = "the vehicle is on the ground", "the vehicle has not yet reported whether it flies"
-NOT_ARMED, MEASURING = "the vehicle is not armed", "measuring the round-trip time of the link (TIMESYNC)"
+ON_GROUND = "the vehicle is on the ground"
+UNTOLD = "the vehicle has not yet reported whether it flies"
+NOT_ARMED = "the vehicle is not armed"
+MEASURING = "measuring the round-trip time of the link (TIMESYNC)"
 
 
 @pytest.mark.parametrize("mode", [LOITER, 20, 0])
-def test_nothing_is_commanded_in_another_mode_and_no_mode_asked_for_unless_the_mission_says_so(rig, mode):
+def test_nothing_is_commanded_in_another_mode_and_no_mode_asked_for_unless_the_mission_says_so(
+    rig, mode
+):
     assert rig.run(5.0, mode=mode).pilot.mission.phase is Phase.READY
     assert commanded(rig) == []
     assert rig.pilot.status.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
@@ -39,12 +45,13 @@ def test_nothing_is_commanded_in_another_mode_and_no_mode_asked_for_unless_the_m
         ({"armed": False}, 5.0, NOT_ARMED, {"armed": True}),
         ({"armed": False, "landed_state": None}, 6.0, NOT_ARMED, {"armed": True}),
         ({"armed": False, "landed_state": 0}, 6.0, NOT_ARMED, {"armed": True}),
-        # an armed copter in GUIDED on the ground would fight its own take-off: on ground, taking off, landing
+        # an armed copter in GUIDED on the ground would fight its own take-off: on ground, taking
+        # off, landing
         ({"landed_state": 1}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
         ({"landed_state": 3}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
         ({"landed_state": 4}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
-        # without a landed state, the vehicle counts as flying after a moment; so does MAV_LANDED_STATE_UNDEFINED, which
-        # PX4 sends until its land detector runs
+        # without a landed state, the vehicle counts as flying after a moment; so does
+        # MAV_LANDED_STATE_UNDEFINED, which PX4 sends until its land detector runs
         ({"landed_state": None}, 1.5, UNTOLD, {}),
         ({"landed_state": 0}, 1.5, UNTOLD, {}),
         ({"round_trip": None}, 9.0, MEASURING, {}),
@@ -55,9 +62,15 @@ def test_nothing_is_commanded_in_another_mode_and_no_mode_asked_for_unless_the_m
     ],
     ids=str,
 )
-@pytest.mark.parametrize("request_mode", [False, True], ids=["waits for the mode", "asks for the mode"])
-def test_nothing_is_commanded_before_all_is_well_and_then_it_is(state, seconds, waits_for, then, request_mode):
-    rig = Rig(request_mode=request_mode).run(seconds, mode=LOITER if request_mode else GUIDED, **state)
+@pytest.mark.parametrize(
+    "request_mode", [False, True], ids=["waits for the mode", "asks for the mode"]
+)
+def test_nothing_is_commanded_before_all_is_well_and_then_it_is(
+    state, seconds, waits_for, then, request_mode
+):
+    rig = Rig(request_mode=request_mode).run(
+        seconds, mode=LOITER if request_mode else GUIDED, **state
+    )
     assert (rig.pilot.mission.phase, commanded(rig)) == (Phase.READY, [])
     assert rig.pilot.status.waits_for(rig.now) == waits_for
     assert commanded(rig.run(25.0 if seconds == 25.0 else 5.0, **then))
@@ -88,7 +101,8 @@ def test_streams_that_the_vehicle_denies_are_asked_for_once_and_named_when_the_f
 
 
 def test_after_a_stall_nothing_is_commanded_until_the_vehicle_is_heard_anew(rig):
-    """The loop stopped for 2 s. Frames in the buffers are stale, because the operator may have taken over meanwhile."""
+    """The loop stopped for 2 s. Frames in the buffers are stale, because the operator may have
+    taken over meanwhile."""
     rig.engage().pass_time(2.0)
     rig.heartbeat()
     rig.range()
@@ -114,7 +128,9 @@ def test_a_gap_of_less_than_half_a_second_is_no_stall(rig):
 
 def test_a_dry_run_computes_everything_commands_nothing_and_is_not_flown_to_its_end():
     limits = timing(duration=4.0)
-    rig = Rig(output_mode=OutputMode.DRY_RUN, request_mode=True, timing=limits).run(4.0, mode=LOITER, armed=False)
+    rig = Rig(output_mode=OutputMode.DRY_RUN, request_mode=True, timing=limits).run(
+        4.0, mode=LOITER, armed=False
+    )
     assert rig.pilot.mission.phase is Phase.ENGAGED
     newest = rig.pilot.take_records()[-1]
     assert newest.turn_rate is not None and newest.yaw_rate_sent is None
@@ -145,12 +161,18 @@ def test_an_interrupt_sends_no_setpoint_to_a_vehicle_that_was_not_engaged(output
 # --- the mission's own bounds, and another companion ---
 
 
-@pytest.mark.parametrize("apart", [False, True], ids=["of a router", "of the greeting of a ranging link"])
+@pytest.mark.parametrize(
+    "apart", [False, True], ids=["of a router", "of the greeting of a ranging link"]
+)
 def test_an_echo_of_our_own_frames_is_no_other_companion(apart):
     rig = Rig(ranging_apart=apart)
 
     def echo():
-        rig.pilot.receive(rig.pilot.hello(rig.now) if apart else rig.raw[-1] if rig.raw else b"", rig.now, rig.source)
+        rig.pilot.receive(
+            rig.pilot.hello(rig.now) if apart else rig.raw[-1] if rig.raw else b"",
+            rig.now,
+            rig.source,
+        )
 
     rig.run(20.0, echo)
     assert rig.pilot.session.ignored["twin"] == 0
@@ -202,5 +224,7 @@ def test_a_bound_whose_value_is_not_reported_keeps_the_flight_from_beginning_and
     assert f"circnav: {needs}" not in rig.texts()
     assert f"circnav: {needs}" in rig.run(6.0, lambda: unknown and rig.hear(unknown)).texts()
     assert rig.pilot.mission.phase is Phase.ENGAGED
-    assert rig.pilot.conditions.alarms["bound_not_watched"].startswith(f"BOUND NOT CHECKED: {needs}")
+    assert rig.pilot.conditions.alarms["bound_not_watched"].startswith(
+        f"BOUND NOT CHECKED: {needs}"
+    )
     assert "circnav: bounds checked again" in rig.run(1.0, lambda: rig.hear(told)).texts()

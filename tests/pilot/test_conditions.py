@@ -1,4 +1,5 @@
-"""The table of conditions, of which one row feeds display, STATUSTEXT and documentation, and stream requests."""
+"""The table of conditions, of which one row feeds display, STATUSTEXT and documentation, and stream
+requests."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -45,7 +46,10 @@ def test_the_table_is_read_by_display_and_statustext_from_begin_to_end(rig):
     assert alarm.startswith("RANGE STALE ") and "setpoints per second" in alarm
     rig.run(2.0, ranges=True)
     assert rig.pilot.conditions.alarms.keys() == {"no_attitude"}, "which the bench does not send"
-    assert [text for text in texts(rig) if "range" in text] == ["range lost, holding", "range regained"]
+    assert [text for text in texts(rig) if "range" in text] == [
+        "range lost, holding",
+        "range regained",
+    ]
 
 
 def test_a_condition_of_steering_ends_without_a_text_if_the_operator_takes_the_vehicle():
@@ -59,15 +63,17 @@ def test_a_condition_of_steering_ends_without_a_text_if_the_operator_takes_the_v
 def test_a_vehicle_that_receives_nothing_and_one_that_sends_nothing_are_two_alarms():
     rig = Rig().engage()
     rig.run(3.0, round_trip=None)
-    assert {"uplink_silent", "link_silent"} & rig.pilot.conditions.alarms.keys() == {"uplink_silent"}
+    assert {"uplink_silent", "link_silent"} & rig.pilot.conditions.alarms.keys() == {
+        "uplink_silent"
+    }
     rig.run(3.0, speaks=False, ranges=False)
     assert {"uplink_silent", "link_silent"} & rig.pilot.conditions.alarms.keys() == {"link_silent"}
     assert rig.pilot.conditions.alarms["link_silent"].startswith("LINK SILENT for ")
 
 
 def flown_in_wind(max_turn_rate: float, seconds: float) -> tuple[Flight, list[str]]:
-    """Fly in 6 m/s of wind, where (V + W)^2/(V omega_max) <= r_d allows 2.7 m/s at 12 deg/s. Return the flight and
-    its texts."""
+    """Fly in 6 m/s of wind, where (V + W)^2/(V omega_max) <= r_d allows 2.7 m/s at 12 deg/s. Return
+    the flight and its texts."""
     limit = f"vehicle.max_turn_rate_deg_s={max_turn_rate}"
     windy = ('sim.vehicle.dynamics="airborne"', "sim.wind.speed_mps=6.0", limit)
     flown = flight("quickstart", *windy, law="auto").fly(seconds)
@@ -94,12 +100,15 @@ def test_a_drift_that_the_circle_does_not_allow_is_said_once_and_shown():
 
 
 def test_an_alarm_is_said_once_as_a_warning_and_its_end_as_news(rig):
-    """MAV_SEVERITY_WARNING is 4, NOTICE is 5. A takeover that ends the flight is no second alarm."""
+    """MAV_SEVERITY_WARNING is 4, NOTICE is 5. A takeover that ends the flight is no second
+    alarm."""
     since = rig.engage().now
     rig.run(2.5, speaks=False)
     rig.run(4.0, speaks=True)
     rig.run(1.0, mode=LOITER)
-    said = [(text.severity, text.text.removeprefix("circnav: ")) for text in rig.of("STATUSTEXT", since)]
+    said = [
+        (text.severity, text.text.removeprefix("circnav: ")) for text in rig.of("STATUSTEXT", since)
+    ]
     said.remove((4, "no attitude"))  # the bench sends no attitude
     taken = "taken over, GUIDED left for LOITER"
     ended = "ended, pilot or failsafe switched to LOITER after"

@@ -1,5 +1,5 @@
-"""Detection that the vehicle flies at the commanded speed, and the integral of its radius error. Only a copter at
-speed is assumed to fly at V."""
+"""Detection that the vehicle flies at the commanded speed, and the integral of its radius error.
+Only a copter at speed is assumed to fly at V."""
 
 from dataclasses import replace
 
@@ -20,36 +20,48 @@ from tests.small_mission import TEXT
 
 COMMANDED = TurnRate(-0.2)
 STEP = 0.05
-SPEED_UP, UNRESPONSIVE_BELOW, GAP = 2.5, 1.0, 1.0
-"""Times, s: turning as commanded until it counts as fast, not turning until it counts as deaf, and between two
-reports after which it may have stopped."""
+SPEED_UP = 2.5
+UNRESPONSIVE_BELOW = 1.0
+GAP = 1.0
+"""Times, s: turning as commanded until it counts as fast, not turning until it counts as deaf, and
+between two reports after which it may have stopped."""
 
 
 class Vehicle:
-    """A controller that has commanded a vehicle to turn, and the heading that the vehicle reports."""
+    """A controller that has commanded a vehicle to turn, and the heading that the vehicle
+    reports."""
 
     def __init__(self, *overrides):
         settings = parse_mission(TEXT, "small.toml", overrides).pilot_settings()
-        session = Session(settings.link, adapters(settings.autopilot, settings.kind, settings.facts))
+        session = Session(
+            settings.link, adapters(settings.autopilot, settings.kind, settings.facts)
+        )
         session.identity.peer = Sender(1, 1, "here")
-        self.controller, self.now, self.heading = Controller(settings), 0.0, 0.0
+        self.controller = Controller(settings)
+        self.now = 0.0
+        self.heading = 0.0
         command = TurnCommand(COMMANDED, COMMANDED, saturated=False)
         _, sent = self.controller.setpoint(command, session, 0.0)
         self.controller.commanded(sent, 0.0)
 
     def turns(self, seconds, rate):
-        """Report the heading while it turns at a rate (rad/s). Return whether it was at speed at each report."""
+        """Report the heading while it turns at a rate (rad/s). Return whether it was at speed at
+        each report."""
         seen = []
         for _ in range(round(seconds / STEP)):
-            self.now, self.heading = self.now + STEP, self.heading + rate * STEP
+            self.now = self.now + STEP
+            self.heading = self.heading + rate * STEP
             own = OwnMotion(self.now, self.heading, rate, 15.0)
             self.controller.on_motion(own, own)
             seen.append(self.controller.at_speed)
         return seen
 
     def demanded(self, time, r):
-        """Return the turn rate (rad/s) that the law demands on a path around the target at a range (m)."""
-        return self.controller.command(Phase.ENGAGED, RangeEstimate(time, r, 0.0, 0.1, 0.1), None, time).demanded
+        """Return the turn rate (rad/s) that the law demands on a path around the target at a range
+        (m)."""
+        return self.controller.command(
+            Phase.ENGAGED, RangeEstimate(time, r, 0.0, 0.1, 0.1), None, time
+        ).demanded
 
 
 @pytest.mark.parametrize(
@@ -64,9 +76,15 @@ class Vehicle:
         ),  # it must first be seen to follow again
         ([(10.0, COMMANDED)], GAP + 0.1, SPEED_UP - 2 * STEP, SPEED_UP + 2 * STEP),
     ],
-    ids=["at first", "after it was deaf", "after a gap in its reports, in which it may have stopped"],
+    ids=[
+        "at first",
+        "after it was deaf",
+        "after a gap in its reports, in which it may have stopped",
+    ],
 )
-def test_a_vehicle_is_at_speed_once_it_has_turned_as_commanded_for_long_enough(before, silence, earliest, latest):
+def test_a_vehicle_is_at_speed_once_it_has_turned_as_commanded_for_long_enough(
+    before, silence, earliest, latest
+):
     vehicle = Vehicle()
     assert all(vehicle.turns(seconds, rate)[-1] is (rate != 0.0) for seconds, rate in before)
     vehicle.now += silence
@@ -77,8 +95,8 @@ def test_a_vehicle_is_at_speed_once_it_has_turned_as_commanded_for_long_enough(b
 
 
 def test_a_moment_of_not_following_costs_no_more_than_the_moment():
-    """Reversing a turn takes less time than counting as deaf, and the vehicle does not stop meanwhile. A shorter
-    pause has no effect."""
+    """Reversing a turn takes less time than counting as deaf, and the vehicle does not stop
+    meanwhile. A shorter pause has no effect."""
     vehicle = Vehicle()
     vehicle.turns(30.0, COMMANDED)
     assert all([*vehicle.turns(1.3, 0.0), *vehicle.turns(10.0, COMMANDED)])
@@ -87,7 +105,9 @@ def test_a_moment_of_not_following_costs_no_more_than_the_moment():
     assert seen[-1]
 
 
-@pytest.mark.parametrize(("rate", "pulls"), [(COMMANDED, True), (0.0, False)], ids=["following", "deaf"])
+@pytest.mark.parametrize(
+    ("rate", "pulls"), [(COMMANDED, True), (0.0, False)], ids=["following", "deaf"]
+)
 def test_the_radius_integral_pulls_towards_the_circle_while_the_vehicle_follows(rate, pulls):
     vehicle = Vehicle("guidance.radius_trim_per_s=0.02")
     vehicle.turns(5.0, rate)
@@ -104,24 +124,39 @@ def test_the_spacing_of_a_fleet_leaves_the_circle_and_its_changes_by_the_operato
     assert controller.change_circle(CircleRequest(offset=5.0, pace=1.0, by="fleet"), 1.0) == ""
     assert (controller.circle, controller.orbit.radius) == (base, base.radius + 5.0)
     # The operator does not have to wait for the fleet, and the offset stays.
-    assert controller.change_circle(CircleRequest(radius=base.radius + 30.0, by="operator"), 1.01) == ""
-    assert (controller.circle.radius, controller.orbit.radius) == (base.radius + 30.0, base.radius + 35.0)
+    assert (
+        controller.change_circle(CircleRequest(radius=base.radius + 30.0, by="operator"), 1.01)
+        == ""
+    )
+    assert (controller.circle.radius, controller.orbit.radius) == (
+        base.radius + 30.0,
+        base.radius + 35.0,
+    )
     assert controller.change_circle(CircleRequest(offset=0.0, by="fleet"), 1.2) == ""
     assert controller.orbit.radius == controller.circle.radius
-    assert "spacing offset" in controller.change_circle(CircleRequest(offset=0.31 * controller.circle.radius), 2.0)
+    assert "spacing offset" in controller.change_circle(
+        CircleRequest(offset=0.31 * controller.circle.radius), 2.0
+    )
 
 
-# --- the limits of the mission in the setpoint guard: a fault of law, loop or adapter does not leave
+# --- the limits of the mission in the setpoint guard: a fault of law, loop or adapter does not
+# leave
 
-KEPT, CHANGES = CircleLimits(speed=15.0, keeps_speed=True), CircleLimits(speed=15.0)
-COPTER, PLANE, STICK = ("ardupilot", "copter"), ("ardupilot", "plane"), ("px4", "plane")
+KEPT = CircleLimits(speed=15.0, keeps_speed=True)
+CHANGES = CircleLimits(speed=15.0)
+COPTER = ("ardupilot", "copter")
+PLANE = ("ardupilot", "plane")
+STICK = ("px4", "plane")
 BANK = 0.4
 """Largest bank of the mission, rad. At 15 m/s, it turns a plane at 0.276 rad/s."""
 
 
 def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_bank=BANK):
-    """True if the controller returns a setpoint for a turn rate, a speed, and an adapter with a largest bank."""
-    controller = Controller(replace(MISSION, facts=VehicleFacts(15.0, max_bank=BANK), circle_limits=limits))
+    """True if the controller returns a setpoint for a turn rate, a speed, and an adapter with a
+    largest bank."""
+    controller = Controller(
+        replace(MISSION, facts=VehicleFacts(15.0, max_bank=BANK), circle_limits=limits)
+    )
     monkeypatch.setattr(Controller, "speed", speed)
     session = Session(MISSION.link, (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=adapters_bank)),))
     session.identity.peer = Sender(1, 1, "here")
@@ -138,14 +173,21 @@ def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_
         (COPTER, KEPT, {"rate": 0.35}, {"rate": 0.3501}),
         (COPTER, KEPT, {"rate": -0.35}, {"rate": -0.3501}),
         (COPTER, KEPT, {"speed": 15.0}, {"speed": 15.01}),
-        (COPTER, CHANGES, {"speed": 18.0}, {"speed": 18.01}),  # a fifth more: the most that may be requested in flight
+        (
+            COPTER,
+            CHANGES,
+            {"speed": 18.0},
+            {"speed": 18.01},
+        ),  # a fifth more: the most that may be requested in flight
         (COPTER, CHANGES, {"speed": 0.0}, {"speed": -0.01}),
         (PLANE, KEPT, {"rate": 0.35}, {"rate": 0.35, "adapters_bank": 0.42}),
         (PLANE, KEPT, {"rate": -0.35}, {"rate": -0.35, "adapters_bank": 0.42}),
         (STICK, KEPT, {"rate": 0.35}, {"rate": 0.35, "adapters_bank": 0.42}),
         (STICK, KEPT, {"rate": -0.35}, {"rate": -0.35, "adapters_bank": 0.42}),
     ],
-)  # fmt: skip
-def test_no_setpoint_leaves_that_turns_flies_or_banks_more_than_the_mission(key, limits, inside, outside, monkeypatch):
+)
+def test_no_setpoint_leaves_that_turns_flies_or_banks_more_than_the_mission(
+    key, limits, inside, outside, monkeypatch
+):
     assert setpoint_passes(key, limits, monkeypatch, **inside)
     assert not setpoint_passes(key, limits, monkeypatch, **outside)

@@ -1,5 +1,5 @@
-"""The setpoint reported by the vehicle against those sent: its origin is found despite the effects of link and
-autopilot."""
+"""The setpoint reported by the vehicle against those sent: its origin is found despite the effects
+of link and autopilot."""
 
 from math import cos, sin
 
@@ -10,10 +10,13 @@ from circnav_mav.pilot.second_controller import WITHIN, EchoWatch
 TICK = 0.05
 
 
-def watched(ours, reported, *, seconds=20.0, rate=4, limited=False, trip=0.0, sends=lambda now: True):
-    """Return the time (s) at which another sender's turn was first found, or None. ours, reported: turn rate by
-    time."""
-    watch, found = EchoWatch(), None
+def watched(
+    ours, reported, *, seconds=20.0, rate=4, limited=False, trip=0.0, sends=lambda now: True
+):
+    """Return the time (s) at which another sender's turn was first found, or None. ours, reported:
+    turn rate by time."""
+    watch = EchoWatch()
+    found = None
     for step in range(round(seconds / TICK)):
         now = step * TICK
         if sends(now):
@@ -32,17 +35,28 @@ def weaving(now):
 @pytest.mark.parametrize("limited", [True, False])
 @pytest.mark.parametrize("trip", [0.0, 0.5, 2.0])
 def test_our_own_setpoint_is_known_however_late_it_is_reported(trip, limited):
-    assert watched(weaving, lambda now: weaving(max(now - trip - 0.1, 0.0)), limited=limited, trip=trip) is None
+    assert (
+        watched(
+            weaving, lambda now: weaving(max(now - trip - 0.1, 0.0)), limited=limited, trip=trip
+        )
+        is None
+    )
 
 
 def test_a_bank_that_the_autopilot_limits_is_ours_and_one_beyond_it_or_the_other_way_is_not():
     for reported, found in ((0.35, False), (0.0, False), (0.6, False), (0.85, True), (-0.25, True)):
-        assert (watched(lambda now: 0.6, lambda now, turn=reported: turn, limited=True) is not None) is found
+        assert (
+            watched(lambda now: 0.6, lambda now, turn=reported: turn, limited=True) is not None
+        ) is found
 
 
-@pytest.mark.parametrize("other", [lambda now: 0.1, lambda now: -0.17, lambda now: 0.24, lambda now: None])
+@pytest.mark.parametrize(
+    "other", [lambda now: 0.1, lambda now: -0.17, lambda now: 0.24, lambda now: None]
+)
 @pytest.mark.parametrize("every", [1, 2, 3])
-def test_another_turn_is_found_within_five_seconds_also_where_only_some_reports_show_it(other, every):
+def test_another_turn_is_found_within_five_seconds_also_where_only_some_reports_show_it(
+    other, every
+):
     def reported(now):
         return other(now) if round(4 * now) % every == 0 else 0.17
 

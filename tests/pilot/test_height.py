@@ -24,7 +24,8 @@ class Climb:
     """A height that receives an altitude five times a second."""
 
     def __init__(self, settings):
-        self.height, self.now = Height(settings), 0.0
+        self.height = Height(settings)
+        self.now = 0.0
 
     def at(self, altitude):
         self.now += 0.2
@@ -73,9 +74,12 @@ def test_in_flight_the_last_height_holds_when_no_altitude_comes_and_that_is_an_a
 
 
 @pytest.mark.parametrize(
-    ("message", "accepted"), [(vfr_hud(float("nan")), None), (vfr_hud(1e9), None), (home(530.0), 562.0)]
+    ("message", "accepted"),
+    [(vfr_hud(float("nan")), None), (vfr_hud(1e9), None), (home(530.0), 562.0)],
 )
-def test_a_message_without_an_accepted_altitude_leaves_the_height_and_does_not_hide_the_loss(message, accepted):
+def test_a_message_without_an_accepted_altitude_leaves_the_height_and_does_not_hide_the_loss(
+    message, accepted
+):
     """The altitude passed with another message is an earlier one of VFR_HUD."""
     climb = Climb(TOLD)
     climb.height.engage()
@@ -88,7 +92,8 @@ def test_a_message_without_an_accepted_altitude_leaves_the_height_and_does_not_h
 
 
 def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothing():
-    """4 m in 0.2 s are 20 m/s, and 5 m count as a jump. No vehicle climbs that fast, but a reset estimate jumps."""
+    """4 m in 0.2 s are 20 m/s, and 5 m count as a jump. No vehicle climbs that fast, but a reset
+    estimate jumps."""
     climb = Climb(ABSOLUTE)
     assert [climb.at(0.0), climb.at(530.0)] == [-500.0, 30.0]  # its home is set on the ground
     climb.height.engage()
@@ -99,8 +104,8 @@ def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothi
 
 
 def test_an_altitude_that_jumps_and_comes_back_by_and_by_is_the_height_again():
-    """ArduPlane 4.6.3 in turbulence: -5.2 m in 0.2 s, and back within 2 s. When this counted as a jump, it flew 2 m
-    too wide."""
+    """ArduPlane 4.6.3 in turbulence: -5.2 m in 0.2 s, and back within 2 s. When this counted as a
+    jump, it flew 2 m too wide."""
     climb = Climb(ABSOLUTE)
     climb.height.engage()
     assert [climb.at(573.0), climb.at(567.8)] == [73.0, 73.0]
@@ -124,8 +129,12 @@ def test_of_home_only_the_altitude_is_read(make_rig):
     assert rigs[0].raw == rigs[1].raw
 
 
-@pytest.mark.parametrize(("output_mode", "expected"), [(OutputMode.FLY, 88.0), (OutputMode.DRY_RUN, 60.0)])
-def test_a_dry_run_which_may_begin_on_the_ground_keeps_the_height_told(make_rig, output_mode, expected):
+@pytest.mark.parametrize(
+    ("output_mode", "expected"), [(OutputMode.FLY, 88.0), (OutputMode.DRY_RUN, 60.0)]
+)
+def test_a_dry_run_which_may_begin_on_the_ground_keeps_the_height_told(
+    make_rig, output_mode, expected
+):
     rig = make_rig(height=TOLD, output_mode=output_mode)
     for second in range(60):
         rig.run(0.5)
@@ -133,4 +142,6 @@ def test_a_dry_run_which_may_begin_on_the_ground_keeps_the_height_told(make_rig,
     assert rig.pilot.mission.phase is Phase.ENGAGED
     records = rig.pilot.take_records()
     assert records[-1].height == pytest.approx(expected, abs=1.01)
-    assert records[-1].measured == pytest.approx((150.0**2 - records[-1].height ** 2) ** 0.5, abs=0.5)
+    assert records[-1].measured == pytest.approx(
+        (150.0**2 - records[-1].height ** 2) ** 0.5, abs=0.5
+    )

@@ -16,7 +16,8 @@ def advance(phase, event):
 
 def reachable(start, allowed):
     """Return the phases that some order of the allowed events reaches."""
-    found, edge = {start}, [start]
+    found = {start}
+    edge = [start]
     while edge:
         phase = edge.pop()
         for event in allowed:
@@ -32,7 +33,11 @@ def reachable(start, allowed):
     [
         (OURS, Event.MODE_LEFT, Phase.YIELDED),
         (STEERING, Event.FINISH, Phase.LEAVING),
-        (set(Phase) - {Phase.WAIT_LINK, Phase.LEAVING, Phase.ENDED}, Event.LINK_LOST, Phase.WAIT_LINK),
+        (
+            set(Phase) - {Phase.WAIT_LINK, Phase.LEAVING, Phase.ENDED},
+            Event.LINK_LOST,
+            Phase.WAIT_LINK,
+        ),
         (OURS, Event.FINISH_OURS, Phase.LEAVING),
         ({Phase.WAIT_LINK, Phase.YIELDED}, Event.FINISH_OURS, Phase.ENDED),
         ({Phase.LEAVING}, Event.SAFE_SENT, Phase.ENDED),

@@ -1,5 +1,5 @@
-"""Requests for the guided mode before the flight and for the exit action after it, and the last frames of a failed
-pilot."""
+"""Requests for the guided mode before the flight and for the exit action after it, and the last
+frames of a failed pilot."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -7,7 +7,10 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.pilot import Ending, Phase
 from tests.rig import Rig, decode, timing
 
-GUIDED, LOITER, RTL, LAND = 4, 5, 6, 9
+GUIDED = 4
+LOITER = 5
+RTL = 6
+LAND = 9
 SET_MODE = 176
 
 
@@ -55,15 +58,20 @@ def test_a_refused_mode_ends_the_mission_with_the_vehicles_own_words():
     rig.hear(mavlink.MAVLink_statustext_message(3, b"Mode change failed: requires position"))
     rig.acknowledge(SET_MODE, result=4)
     assert rig.run(0.5).pilot.mission.outcome.ending is Ending.ABORTED
-    assert rig.pilot.mission.outcome.reason == (
-        'mode GUIDED refused: failed, the vehicle reports "Mode change failed: requires position"'
+    assert (
+        rig.pilot.mission.outcome.reason
+        == 'mode GUIDED refused: failed, the vehicle reports "Mode change failed: requires'
+        ' position"'
     )
     assert rig.setpoints() == []
 
 
 @pytest.mark.parametrize(
     ("acknowledged", "why", "confirmations"),
-    [(False, "refused: no answer", [0, 1, 2, 3]), (True, "acknowledged, but the vehicle stays in LOITER", [0, 0, 0])],
+    [
+        (False, "refused: no answer", [0, 1, 2, 3]),
+        (True, "acknowledged, but the vehicle stays in LOITER", [0, 0, 0]),
+    ],
     ids=["nobody answers", "acknowledged, but never entered"],
 )
 def test_a_mode_that_is_asked_for_in_vain_ends_the_mission(acknowledged, why, confirmations):
@@ -105,14 +113,17 @@ def test_a_vehicle_that_entered_the_guided_mode_at_our_request_is_given_back_als
     if why == "interrupted":
         rig.pilot.interrupt(rig.now, "SIGTERM")
     rig.run(0.7, ranges=False).run(1.8, mode=shows)
-    assert set(modes(rig, since)) == ({RTL} if shows == GUIDED else set()), "the exit action, where it is ours"
+    assert set(modes(rig, since)) == ({RTL} if shows == GUIDED else set()), (
+        "the exit action, where it is ours"
+    )
     assert not rig.setpoints(since) or (safe(rig, since) and shows == GUIDED)
     rig.run(2.0, mode=RTL if shows == GUIDED else shows)
     assert rig.pilot.done
 
 
 def test_a_command_that_waits_when_the_link_is_lost_is_not_sent_to_whoever_comes_back():
-    """A mode request is still unanswered: the vehicle that returns may be in the operator's hands."""
+    """A mode request is still unanswered: the vehicle that returns may be in the operator's
+    hands."""
     rig = Rig(request_mode=True).run(3.0, mode=LOITER, ranges=False)
     rig.run(1.8, speaks=False).run(1.5, ranges=True)
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
@@ -136,7 +147,9 @@ def test_after_a_stall_no_mode_is_asked_for_until_a_heartbeat_shows_the_present_
     rig.heartbeat()
     rig.range()
     rig.step()
-    assert modes(rig.run(0.95, speaks=False), since) == [], "the heartbeats of PX4 are a second apart"
+    assert modes(rig.run(0.95, speaks=False), since) == [], (
+        "the heartbeats of PX4 are a second apart"
+    )
     assert modes(rig.run(4.0, speaks=True), since), "but then it is"
 
 
@@ -182,7 +195,10 @@ def test_an_exit_action_without_an_answer_or_while_every_heartbeat_comes_with_a_
 def test_a_mission_that_ends_while_it_waits_to_go_on_still_asks_for_its_exit_action(why):
     limits = timing(duration=12.0 if why == "time is over" else 600.0, outage=10.0)
     rig = Rig(exit="rtl", timing=limits).engage()
-    assert rig.run(5.0, speaks=False, ranges=False).run(1.0, speaks=True).pilot.mission.phase is Phase.WAIT_RANGING
+    assert (
+        rig.run(5.0, speaks=False, ranges=False).run(1.0, speaks=True).pilot.mission.phase
+        is Phase.WAIT_RANGING
+    )
     since = rig.now
     if why == "interrupted":
         rig.pilot.interrupt(rig.now, "SIGTERM")
@@ -230,8 +246,12 @@ def last_frames(rig: Rig) -> list:
 
 
 @pytest.mark.parametrize("exit", ["stop", "rtl"])
-@pytest.mark.parametrize("waits", [False, True], ids=["in flight", "while the mission waits to go on"])
-def test_the_last_words_are_one_safe_setpoint_and_the_exit_action_while_it_is_ours_to_fly(waits, exit):
+@pytest.mark.parametrize(
+    "waits", [False, True], ids=["in flight", "while the mission waits to go on"]
+)
+def test_the_last_words_are_one_safe_setpoint_and_the_exit_action_while_it_is_ours_to_fly(
+    waits, exit
+):
     rig = Rig(exit=exit, end_on_takeover=False)
     assert last_frames(rig.run(0.3)) == []
     rig.engage()
@@ -247,7 +267,11 @@ def test_the_last_words_are_one_safe_setpoint_and_the_exit_action_while_it_is_ou
 
 @pytest.mark.parametrize(
     "passes",
-    [lambda rig: rig.pass_time(0.6), lambda rig: rig.pass_time(5.0), lambda rig: rig.run(2.0, speaks=False)],
+    [
+        lambda rig: rig.pass_time(0.6),
+        lambda rig: rig.pass_time(5.0),
+        lambda rig: rig.run(2.0, speaks=False),
+    ],
     ids=["short stall", "long stall", "silence"],
 )
 def test_the_last_words_ask_for_no_mode_when_the_vehicle_may_be_in_other_hands(passes):

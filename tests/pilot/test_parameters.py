@@ -1,4 +1,5 @@
-"""Parameters requested by a ground station, frame by frame: listed, read, set, or refused with the reason."""
+"""Parameters requested by a ground station, frame by frame: listed, read, set, or refused with the
+reason."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -76,17 +77,31 @@ def test_direction_and_law_are_set_by_their_numbers(flying):
     [
         (setting("CN_RADIUS", 5.0), "CN_RADIUS not set: radius 5 m: min 43 m by turn rate"),
         (setting("CN_RADIUS", float("nan")), "CN_RADIUS not set: not a finite number"),
-        (setting("CN_RADIUS", 80.0, mavlink.MAV_PARAM_TYPE_INT32), "CN_RADIUS not set: send it as REAL32"),
-        (setting("CN_DIRECTION", 0.0), "CN_DIRECTION not set: 0 is not 1 (clockwise) or -1 (counterclockwise)"),
+        (
+            setting("CN_RADIUS", 80.0, mavlink.MAV_PARAM_TYPE_INT32),
+            "CN_RADIUS not set: send it as REAL32",
+        ),
+        (
+            setting("CN_DIRECTION", 0.0),
+            "CN_DIRECTION not set: 0 is not 1 (clockwise) or -1 (counterclockwise)",
+        ),
         (setting("CN_SPEED", 30.0), "CN_SPEED not set: speed 30 m/s outside 12 to 18 m/s"),
-        (setting("CN_HEIGHT", -1.0), "CN_HEIGHT not set: -1 m is below 0: give the height above the target"),
-        (setting("CN_LAW", 8.0), "CN_LAW not set: law auto needs estimator auto, the mission has kalman"),
+        (
+            setting("CN_HEIGHT", -1.0),
+            "CN_HEIGHT not set: -1 m is below 0: give the height above the target",
+        ),
+        (
+            setting("CN_LAW", 8.0),
+            "CN_LAW not set: law auto needs estimator auto, the mission has kalman",
+        ),
         (setting("CN_LAW", 0.5), "CN_LAW not set: 0.5 is not a law: 0 smooth, 1 switching"),
         (setting("CN_HOLD", 1e9), "CN_HOLD not set: 1e+09 s outside 0 to 600 s"),
         (setting("CN_EXIT", 99.0), "CN_EXIT not set: 99 is not an exit action: 0 to 6"),
     ],
 )
-def test_a_value_that_cannot_be_flown_is_refused_with_the_reason_and_the_old_one_answered(flying, message, reason):
+def test_a_value_that_cannot_be_flown_is_refused_with_the_reason_and_the_old_one_answered(
+    flying, message, reason
+):
     before = after(flying, mavlink.MAVLink_param_request_list_message(*OURS))
     flying.hear(message, voice=GCS)
     flying.run(1.0)
@@ -113,7 +128,9 @@ def test_what_is_not_for_us_or_not_from_the_vehicle_is_neither_set_nor_answered(
     assert flying.pilot.controller.orbit.radius == 100.0
 
 
-def test_a_link_that_is_not_signed_lists_values_and_sets_none_unless_the_mission_allows_it(make_rig):
+def test_a_link_that_is_not_signed_lists_values_and_sets_none_unless_the_mission_allows_it(
+    make_rig,
+):
     rig = make_rig()
     rig.run(5.0)
     assert list(after(rig, mavlink.MAVLink_param_request_list_message(*OURS))) == NAMES

@@ -11,7 +11,8 @@ from circnav_mav.guidance.types import Direction, TurnCommand, TurnRate
 from circnav_mav.pilot import Ending, Phase
 from tests.rig import ORBIT, Rig, Voice, attitude, decode, heartbeat, timing
 
-GUIDED, LOITER = 4, 5
+GUIDED = 4
+LOITER = 5
 STEADY = 15.0 / 100.0
 """V/r_d of the bench's mission, rad/s."""
 SAFE_THREE_TIMES = [(0.0, 0.0)] * 3
@@ -63,7 +64,11 @@ def test_every_step_that_acted_leaves_one_record(rig):
     records = rig.run(1.0).pilot.take_records()
     assert [record.phase for record in records] == [Phase.ENGAGED] * len(records)
     assert len(records) >= 20
-    assert all(record.yaw_rate_sent == pytest.approx(-record.turn_rate) for record in records if record.yaw_rate_sent)
+    assert all(
+        record.yaw_rate_sent == pytest.approx(-record.turn_rate)
+        for record in records
+        if record.yaw_rate_sent
+    )
     assert records[-1].link_age == pytest.approx(rig.now % 0.25, abs=1e-6)
     assert (records[-1].mode, records[-1].measured) == ("GUIDED", 150.0)
 
@@ -71,7 +76,8 @@ def test_every_step_that_acted_leaves_one_record(rig):
 def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(rig):
     """A copter without uplink stands still. At the commanded speed it would be somewhere else."""
     rig.engage()
-    received, heading = [], [0.0]
+    received = []
+    heading = [0.0]
     rig.pilot.tracker.estimator.move = received.append
 
     def tells_heading(turns):
@@ -86,7 +92,8 @@ def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(ri
 
 def test_a_setpoint_is_sent_alone_and_everything_else_that_is_due_is_sent_after_it(rig):
     rig.engage()
-    first, rest = set(), set()
+    first = set()
+    rest = set()
     for _ in range(30):
         rig.pass_time(0.05)
         rig.heartbeat()
@@ -100,7 +107,8 @@ def test_a_setpoint_is_sent_alone_and_everything_else_that_is_due_is_sent_after_
 
 
 def sent(rig, accepts=True):
-    """Return the data that a step of the pilot passes to its `send`, which accepts or rejects it."""
+    """Return the data that a step of the pilot passes to its `send`, which accepts or rejects
+    it."""
     out = []
     rig.pilot.step(rig.now, lambda data: out.append(data) or accepts)
     return out
@@ -121,7 +129,9 @@ def test_a_setpoint_that_could_not_be_sent_is_neither_counted_nor_recorded_as_se
 
 
 def test_a_mission_waits_for_link_ranging_and_mode_in_this_order(rig):
-    assert rig.run(1.0, speaks=False, ranges=False, mode=LOITER).pilot.mission.phase is Phase.WAIT_LINK
+    assert (
+        rig.run(1.0, speaks=False, ranges=False, mode=LOITER).pilot.mission.phase is Phase.WAIT_LINK
+    )
     assert rig.run(1.0, speaks=True).pilot.mission.phase is Phase.WAIT_RANGING
     assert rig.run(1.5, ranges=True).pilot.mission.phase is Phase.READY
     assert rig.setpoints() == [] and rig.pilot.setpoints_sent == 0
@@ -149,22 +159,28 @@ def test_a_fresh_range_is_answered_by_the_very_next_step(rig):
     rig.now += 0.041
     assert rig.step() == [], "nothing new and no tick due"
     rig.range(15050)  # the same value this soon would be a repeated one
-    (setpoint,) = [message for message in rig.step() if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+    (setpoint,) = [
+        message for message in rig.step() if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"
+    ]
     assert setpoint.time_boot_ms == round(rig.now * 1000)
     assert rig.step() == [], "one range, one answer"
 
 
-@pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
+@pytest.mark.parametrize(
+    ("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)]
+)
 def test_at_a_constant_range_the_vehicle_turns_towards_the_circle_from_outside_and_flies_straight_inside(
     direction, sign
 ):
-    """A constant range outside means flying across the line of sight. Clockwise is to the right, positive in
-    MAVLink."""
+    """A constant range outside means flying across the line of sight. Clockwise is to the right,
+    positive in MAVLink."""
     orbit = replace(ORBIT, direction=direction)
     setpoint = Rig(orbit=orbit).engage().setpoints()[-1]
     assert setpoint.yaw_rate * sign > 0
     assert (setpoint.vx, setpoint.vy, setpoint.vz) == (15.0, 0.0, 0.0)
-    assert {message.yaw_rate for message in Rig(orbit=orbit).engage(range_cm=5000).setpoints()} == {0.0}
+    assert {message.yaw_rate for message in Rig(orbit=orbit).engage(range_cm=5000).setpoints()} == {
+        0.0
+    }
 
 
 def test_no_setpoint_asks_for_more_than_the_vehicles_limit(rig):
@@ -177,38 +193,67 @@ def test_no_setpoint_asks_for_more_than_the_vehicles_limit(rig):
 @pytest.mark.parametrize(
     ("message", "count"),
     [
-        (mavlink.MAVLink_global_position_int_message(1, 473_000_000, 85_000_000, 0, 0, 1500, 0, 0, 0), 3),
-        (mavlink.MAVLink_gps_raw_int_message(1, 3, 473_000_000, 85_000_000, 0, 1, 1, 1500, 0, 9), 3),
+        (
+            mavlink.MAVLink_global_position_int_message(
+                1, 473_000_000, 85_000_000, 0, 0, 1500, 0, 0, 0
+            ),
+            3,
+        ),
+        (
+            mavlink.MAVLink_gps_raw_int_message(1, 3, 473_000_000, 85_000_000, 0, 1, 1, 1500, 0, 9),
+            3,
+        ),
         (mavlink.MAVLink_local_position_ned_message(1, 1e4, -1e4, -30, 15, 0, 0), 3),
         (mavlink.MAVLink_gps_global_origin_message(473_000_000, 85_000_000, 0), 1),
-        (mavlink.MAVLink_home_position_message(473_000_000, 85_000_000, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0), 1),
+        (
+            mavlink.MAVLink_home_position_message(
+                473_000_000, 85_000_000, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0
+            ),
+            1,
+        ),
         (
             mavlink.MAVLink_odometry_message(
                 1, 1, 8, 1e4, 1e4, -30, [1, 0, 0, 0], 15, 0, 0, 0, 0, 0.3, [0.0] * 21, [0.0] * 21
             ),
             3,
         ),
-        (mavlink.MAVLink_gps2_raw_message(1, 3, 473_000_000, 85_000_000, 0, 1, 1, 1500, 0, 9, 0, 0), 3),
-        (mavlink.MAVLink_sim_state_message(1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 47.3, 8.5, 500, 0, 0, 15, 0, 0), 3),
+        (
+            mavlink.MAVLink_gps2_raw_message(
+                1, 3, 473_000_000, 85_000_000, 0, 1, 1, 1500, 0, 9, 0, 0
+            ),
+            3,
+        ),
+        (
+            mavlink.MAVLink_sim_state_message(
+                1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 47.3, 8.5, 500, 0, 0, 15, 0, 0
+            ),
+            3,
+        ),
     ],
     ids=lambda value: value.get_type() if hasattr(value, "get_type") else "",
 )
 def test_false_positions_change_no_byte_of_the_output(message, count):
     """The UAV is GPS-denied: no position may reach the guidance."""
-    honest, lied_to = Rig().engage(), Rig()
+    honest = Rig().engage()
+    lied_to = Rig()
     lied_to.run(3.0, lambda: [lied_to.hear(message) for _ in range(count)])
     assert lied_to.raw == honest.raw
 
 
 def test_a_false_report_of_the_setpoint_flown_changes_no_setpoint_and_is_alarmed():
-    honest, lied_to = Rig().engage().run(5.0), Rig().engage()
-    report = mavlink.MAVLink_position_target_local_ned_message(1, 8, 0x407, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 1)
+    honest = Rig().engage().run(5.0)
+    lied_to = Rig().engage()
+    report = mavlink.MAVLink_position_target_local_ned_message(
+        1, 8, 0x407, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 1
+    )
     lied_to.run(5.0, lambda: lied_to.hear(report))
     assert list(map(str, lied_to.setpoints())) == list(map(str, honest.setpoints()))
     assert "circnav: another program also steers" in lied_to.texts()
 
 
-def test_without_fresh_ranges_the_prediction_is_flown_for_half_a_second_and_then_the_steady_turn(rig):
+def test_without_fresh_ranges_the_prediction_is_flown_for_half_a_second_and_then_the_steady_turn(
+    rig,
+):
     last = rig.engage().now
     assert rig.run(0.45, ranges=False).pilot.mission.phase is Phase.ENGAGED
     since = rig.run(0.15).now
@@ -248,7 +293,11 @@ def fails(rig):
     ("happens", "ending", "reason"),
     [
         (holds, Ending.ABORTED, "no range for 10"),
-        (lambda rig: rig.run(rig.pilot.mission.engaged_at + 14.8 - rig.now), Ending.COMPLETED, "flown to its end"),
+        (
+            lambda rig: rig.run(rig.pilot.mission.engaged_at + 14.8 - rig.now),
+            Ending.COMPLETED,
+            "flown to its end",
+        ),
         (lambda rig: rig.pilot.interrupt(rig.now, "SIGINT"), Ending.INTERRUPTED, "SIGINT"),
         (fails, Ending.ABORTED, "internal error, unsafe setpoint not sent"),
     ],
@@ -260,7 +309,10 @@ def test_a_flight_ends_with_the_safe_setpoint_three_times_and_then_silence(happe
     happens(rig)
     since = rig.now
     assert rig.run(1.0).pilot.done
-    assert (rig.pilot.mission.outcome.ending, rig.pilot.mission.outcome.reason[: len(reason)]) == (ending, reason)
+    assert (rig.pilot.mission.outcome.ending, rig.pilot.mission.outcome.reason[: len(reason)]) == (
+        ending,
+        reason,
+    )
     assert flown(rig.setpoints(since)[-3:]) == SAFE_THREE_TIMES
     safe = [then for then, message in rig.sent if getattr(message, "vx", None) == 0.0]
     assert len(safe) == 3 and rig.sent[-1][0] < safe[0] + 0.2
@@ -290,28 +342,36 @@ def test_time_that_runs_out_in_a_silence_says_in_which_and_for_how_long(comes_ba
     while not rig.pilot.done:
         rig.run(0.05)
     assert rig.pilot.mission.outcome.ending is Ending.ABORTED
-    assert rig.pilot.mission.outcome.reason.endswith(f", no {what} for {rig.now - silent_since:.0f} s")
+    assert rig.pilot.mission.outcome.reason.endswith(
+        f", no {what} for {rig.now - silent_since:.0f} s"
+    )
 
 
-def test_the_safe_setpoints_of_the_end_begin_at_once_and_are_a_tick_apart_however_many_ranges_come(rig):
+def test_the_safe_setpoints_of_the_end_begin_at_once_and_are_a_tick_apart_however_many_ranges_come(
+    rig,
+):
     since = rig.engage().now
     rig.pilot.interrupt(rig.now, "SIGINT")
     rig.now += 0.001
     rig.step()
-    assert [message.vx for message in rig.setpoints(since)] == [0.0], "however lately a setpoint has left"
+    assert [message.vx for message in rig.setpoints(since)] == [0.0], (
+        "however lately a setpoint has left"
+    )
     for _ in range(40):
         rig.now = round(rig.now + 0.005, 6)
         rig.range()
         rig.step()
-    times = [then for then, message in rig.sent if then > since and getattr(message, "vx", None) == 0.0]
+    times = [
+        then for then, message in rig.sent if then > since and getattr(message, "vx", None) == 0.0
+    ]
     assert len(times) == 3
     assert all(b - a >= 0.05 - 1e-9 for a, b in pairwise(times))
     assert "circnav: ended, SIGINT" in rig.texts(since)
 
 
 JUNK = (
-    "no vehicle: no autopilot heartbeat, received 4 bytes, 0 frames, 1 CRC or framing errors, system/component ids: "
-    "none, MAVLink version: none"
+    "no vehicle: no autopilot heartbeat, received 4 bytes, 0 frames, 1 CRC or framing errors,"
+    " system/component ids: none, MAVLink version: none"
 )
 MISFIT = "no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot copter"
 
@@ -321,11 +381,19 @@ MISFIT = "no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot co
     [
         ("wait_link", b"junk", {"speaks": False, "ranges": False}, JUNK, JUNK),
         ("wait_link", Voice().say(heartbeat(autopilot=12)), {"speaks": False}, MISFIT, MISFIT),
-        ("wait_ranging", b"", {"range_cm": 65535}, "no ranging: no usable DISTANCE_SENSOR, rejected: ", " 2"),
+        (
+            "wait_ranging",
+            b"",
+            {"range_cm": 65535},
+            "no ranging: no usable DISTANCE_SENSOR, rejected: ",
+            " 2",
+        ),
     ],
     ids=["no vehicle", "another vehicle", "no range"],
 )
-def test_a_mission_that_waits_in_vain_ends_and_says_what_was_heard(limit, hears, state, begins, ends):
+def test_a_mission_that_waits_in_vain_ends_and_says_what_was_heard(
+    limit, hears, state, begins, ends
+):
     rig = Rig(timing=timing(**{limit: 2.0}))
     rig.pilot.receive(hears, rig.now, rig.source)
     outcome = rig.run(3.0, **state).pilot.mission.outcome

@@ -28,31 +28,47 @@ from tests.tools.fault_link.frames import message_id
 
 CONFIG = Path(__file__).parents[2] / "config"
 MISSIONS = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane")
-HEARTBEAT, COMMAND_LONG, PARAM_REQUEST_READ, TIMESYNC = 0, 76, 20, 111
-SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
-ATTITUDE, VFR_HUD, COMMAND_ACK = 30, 74, 77
-FAIL, WARN, PASS = Grade.FAIL, Grade.WARN, Grade.PASS
+HEARTBEAT = 0
+COMMAND_LONG = 76
+PARAM_REQUEST_READ = 20
+TIMESYNC = 111
+SET_MESSAGE_INTERVAL = 511
+REQUEST_MESSAGE = 512
+ATTITUDE = 30
+VFR_HUD = 74
+COMMAND_ACK = 77
+FAIL = Grade.FAIL
+WARN = Grade.WARN
+PASS = Grade.PASS
 
 
 class Bench:
-    """A mission's preflight listener and its emulated vehicle, in lockstep. speed: rate of the vehicle's clock."""
+    """A mission's preflight listener and its emulated vehicle, in lockstep. speed: rate of the
+    vehicle's clock."""
 
     def __init__(self, name, *overrides, seconds=5.0, without=None, signing=None):
-        """without: keys of [ranging] or [orbit] that are unset, although the mission's file has them."""
+        """without: keys of [ranging] or [orbit] that are unset, although the mission's file has
+        them."""
         mission = load_mission(CONFIG / f"{name}.toml", overrides)
         for table, keys in (without or {}).items():
             changed = getattr(mission.file, table).model_copy(update=keys)
             mission = replace(mission, file=mission.file.model_copy(update={table: changed}))
-        self.mission, self.vehicle = mission, Vehicle(parse_vehicle(mission.file.sim, name))
+        self.mission = mission
+        self.vehicle = Vehicle(parse_vehicle(mission.file.sim, name))
         self.listener = PreflightListener(
             mission.pilot_settings(), seconds=seconds, signing=signing and Signing(signing)
         )
-        self.sent, self.speed = [], 1.0
+        self.sent = []
+        self.speed = 1.0
         self.hears = lambda frame, now: True
         self.speaks = lambda now: []
 
-        self.now, self.parser = 0.0, mavlink.MAVLink(None)
-        self.links = {"main": VEHICLE, **({"ranging": RANGING} if mission.file.ranging.endpoint else {})}
+        self.now = 0.0
+        self.parser = mavlink.MAVLink(None)
+        self.links = {
+            "main": VEHICLE,
+            **({"ranging": RANGING} if mission.file.ranging.endpoint else {}),
+        }
 
     def run(self):
         while not self.listener.done:
@@ -88,12 +104,17 @@ class Overridden:
     """The same object except for some values, by their dotted paths."""
 
     def __init__(self, same, changes):
-        self._same, self._changes = same, changes
+        self._same = same
+        self._changes = changes
 
     def __getattr__(self, name):
         if name in self._changes:
             return self._changes[name]
-        below = {path.partition(".")[2]: value for path, value in self._changes.items() if path.startswith(f"{name}.")}
+        below = {
+            path.partition(".")[2]: value
+            for path, value in self._changes.items()
+            if path.startswith(f"{name}.")
+        }
         return Overridden(getattr(self._same, name), below) if below else getattr(self._same, name)
 
 
@@ -121,7 +142,8 @@ def failing(lines):
     return [line.subject for line in lines if line.grade is FAIL]
 
 
-# --- every vehicle ----------------------------------------------------------------------------------------------------
+# --- every vehicle
+# ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", MISSIONS)
@@ -129,26 +151,51 @@ def test_every_bundled_vehicle_passes_and_what_it_is_flown_without_is_called_not
     lines = judge(good(name).mission, good(name).listener)
     assert failing(lines) == []
     subjects = {line.subject for line in lines}
-    assert {"vehicle", "firmware", "mode", "stream", "clock", "ranging", "noise", "parameter"} <= subjects
+    assert {
+        "vehicle",
+        "firmware",
+        "mode",
+        "stream",
+        "clock",
+        "ranging",
+        "noise",
+        "parameter",
+    } <= subjects
     needed = {"arduplane": {"airspeed"}, "px4_plane": {"airspeed"}, "px4_copter": {"altitude"}}
     told = {subject: one(lines, subject) for subject in ("airspeed", "altitude")}
     assert {line.grade for line in told.values()} == {PASS}
-    assert {name for name, line in told.items() if not line.text.endswith("not needed")} == needed.get(name, set())
+    assert {
+        name for name, line in told.items() if not line.text.endswith("not needed")
+    } == needed.get(name, set())
 
 
 @pytest.mark.parametrize("name", MISSIONS)
 def test_nothing_that_moves_anything_is_sent_and_streams_get_their_own_rates_back_at_the_end(name):
     sent = good(name).sent
-    assert {message.get_msgId() for message in sent} == {HEARTBEAT, COMMAND_LONG, PARAM_REQUEST_READ, TIMESYNC}
+    assert {message.get_msgId() for message in sent} == {
+        HEARTBEAT,
+        COMMAND_LONG,
+        PARAM_REQUEST_READ,
+        TIMESYNC,
+    }
     commands = [message for message in sent if message.get_msgId() == COMMAND_LONG]
     assert {message.command for message in commands} == {SET_MESSAGE_INTERVAL, REQUEST_MESSAGE}
-    last = {message.param1: message.param2 for message in commands if message.command == SET_MESSAGE_INTERVAL}
+    last = {
+        message.param1: message.param2
+        for message in commands
+        if message.command == SET_MESSAGE_INTERVAL
+    }
     assert set(last.values()) == {0.0}
 
 
 @pytest.mark.parametrize(
     ("name", "mode"),
-    [("arducopter", "GUIDED"), ("arduplane", "GUIDED"), ("ardurover", "GUIDED"), ("px4_plane", "ALTCTL")],
+    [
+        ("arducopter", "GUIDED"),
+        ("arduplane", "GUIDED"),
+        ("ardurover", "GUIDED"),
+        ("px4_plane", "ALTCTL"),
+    ],
 )
 def test_a_vehicle_stays_as_it_was_even_in_our_mode(name, mode):
     """Armed, in the guided mode, and with ranges: a pilot would engage it."""
@@ -161,30 +208,42 @@ def test_a_vehicle_stays_as_it_was_even_in_our_mode(name, mode):
 
 @pytest.mark.parametrize("name", MISSIONS)
 def test_every_parameter_that_the_vehicle_has_is_read_with_its_value(name):
-    listener, table = good(name).listener, good(name).vehicle._flight.autopilot.params.all_values()
+    listener = good(name).listener
+    table = good(name).vehicle._flight.autopilot.params.all_values()
     held = {value.param_id: value.param_value if value.param_type == 9 else None for value in table}
-    asked = {name for rule in listener.session.adapter.parameters for name, _ in rule.names} & set(held)
+    asked = {name for rule in listener.session.adapter.parameters for name, _ in rule.names} & set(
+        held
+    )
     assert set(listener.parameters) == asked
     floats = {name: held[name] for name in asked if held[name] is not None}
     assert {name: listener.parameters[name] for name in floats} == pytest.approx(floats)
-    assert listener.parameters.get("COM_RC_IN_MODE", 1.0) in (0.0, 1.0, 2.0), "an integer of PX4 is read as one"
+    assert listener.parameters.get("COM_RC_IN_MODE", 1.0) in (
+        0.0,
+        1.0,
+        2.0,
+    ), "an integer of PX4 is read as one"
 
 
 @pytest.mark.parametrize("name", MISSIONS)
 def test_rates_are_measured_after_the_streams_have_come_up(name):
-    """Streams that the vehicle sends before its rates are lowered must not count. A stream that is faster than
-    needed and often requested by ground stations keeps its rate: SYS_STATUS of PX4, 5 Hz."""
+    """Streams that the vehicle sends before its rates are lowered must not count. A stream that is
+    faster than needed and often requested by ground stations keeps its rate: SYS_STATUS of PX4, 5
+    Hz."""
     for ident, (wanted, measured) in Bench(name, seconds=10.0).run().streams.items():
         expected = max(wanted, measured) if ident in USUAL else wanted
         assert measured == pytest.approx(expected, rel=0.1)
 
 
-# --- what keys alone change -------------------------------------------------------------------------------------------
+# --- what keys alone change
+# ------------------------------------------------------------
 
 BEACON = (
-    'ranging.endpoint="udpin:0.0.0.0:14560"', 'ranging.message="ranging_beacon"', "ranging.beacon_id=1",
-    'sim.ranging.via="direct"', 'sim.ranging.message="ranging_beacon"',
-)  # fmt: skip
+    'ranging.endpoint="udpin:0.0.0.0:14560"',
+    'ranging.message="ranging_beacon"',
+    "ranging.beacon_id=1",
+    'sim.ranging.via="direct"',
+    'sim.ranging.message="ranging_beacon"',
+)
 ROVER = ("link.wait_s=2.0", 'sim.vehicle.profile="ardurover"', 'sim.start.mode="HOLD"')
 LOW = ("orbit.height_above_target_m=95.0", "orbit.radius_m=60.0")
 RATE = (
@@ -210,15 +269,26 @@ RATE_SENT = (*RATE, "sim.ranging.rate_name=RR")
         (("sim.events=[{at_s=5.0, action='mute_ranging'}]",), "age", FAIL, "s old"),
         (LOW, "distance", WARN, "possible on the ground only"),
         (RATE_SENT, "range rate", PASS, " Hz, newest "),
-        ((*RATE_SENT, "sim.ranging.rate_noise_mps=0.8"), "range rate", WARN, "in flight the measured standard"),
+        (
+            (*RATE_SENT, "sim.ranging.rate_noise_mps=0.8"),
+            "range rate",
+            WARN,
+            "in flight the measured standard",
+        ),
         (RATE, "range rate", FAIL, "0 NAMED_VALUE_FLOAT RR"),
-        ((*RATE_SENT, "sim.ranging.rate_noise_mps=0.0", "sim.ranging.rate_bias_mps=0.0"), "range rate", WARN,
-         "frozen, or its"),
+        (
+            (*RATE_SENT, "sim.ranging.rate_noise_mps=0.0", "sim.ranging.rate_bias_mps=0.0"),
+            "range rate",
+            WARN,
+            "frozen, or its",
+        ),
         ((*RATE_SENT, "sim.ranging.rate_bias_mps=20.0"), "range rate", FAIL, "ranges change by"),
     ],
-)  # fmt: skip
+)
 def test_a_line_is_graded_by_what_was_heard(keys, subject, grade, says):
-    line = one(Bench("quickstart" if subject == "range rate" else "arducopter", *keys).lines(), subject)
+    line = one(
+        Bench("quickstart" if subject == "range rate" else "arducopter", *keys).lines(), subject
+    )
     assert (line.grade, says in line.text) == (grade, True), line.text
 
 
@@ -233,9 +303,13 @@ def test_silence_is_told_with_what_was_heard():
 
 
 def test_a_twin_of_ours_fails_and_another_vehicle_warns():
-    bench, twin, other = Bench("arducopter"), Voice(1, 191), Voice(2, 1)
+    bench = Bench("arducopter")
+    twin = Voice(1, 191)
+    other = Voice(2, 1)
     bench.speaks = lambda now: (
-        [twin.say(heartbeat(kind=18, autopilot=8)), other.say(heartbeat())] if round(now * 100) % 50 == 0 else []
+        [twin.say(heartbeat(kind=18, autopilot=8)), other.say(heartbeat())]
+        if round(now * 100) % 50 == 0
+        else []
     )
     lines = of(bench.lines(), "others")
     assert [line.grade for line in lines] == [FAIL, WARN]
@@ -243,10 +317,16 @@ def test_a_twin_of_ours_fails_and_another_vehicle_warns():
 
 
 def test_a_component_that_shares_the_vehicles_ids_warns():
-    bench, radio = Bench("arducopter"), Voice(1, 1)
-    bench.speaks = lambda now: [radio.say(heartbeat(0, kind=18, autopilot=8))] if round(now * 100) % 50 == 0 else []
+    bench = Bench("arducopter")
+    radio = Voice(1, 1)
+    bench.speaks = lambda now: (
+        [radio.say(heartbeat(0, kind=18, autopilot=8))] if round(now * 100) % 50 == 0 else []
+    )
     (line,) = of(bench.lines(), "others")
-    ids = "from a component that is no autopilot, but has the vehicle's ids 1/1: give that component another id"
+    ids = (
+        "from a component that is no autopilot, but has the vehicle's ids 1/1: give that component"
+        " another id"
+    )
     assert line.grade is WARN and ids in line.text
 
 
@@ -256,7 +336,8 @@ def test_a_vehicle_that_falls_silent_fails():
     assert {"heartbeat", "age"} <= set(failing(bench.lines()))
 
 
-# --- signatures -------------------------------------------------------------------------------------------------------
+# --- signatures
+# ------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -264,7 +345,12 @@ def test_a_vehicle_that_falls_silent_fails():
     [
         (None, None, None, ""),
         (KEY, KEY, PASS, "frames signed, all with our key"),
-        (None, KEY, WARN, "the mission has no key: our frames may be rejected; set signing.key_file"),
+        (
+            None,
+            KEY,
+            WARN,
+            "the mission has no key: our frames may be rejected; set signing.key_file",
+        ),
         (KEY, None, FAIL, "every frame received is unsigned or wrongly signed"),
         (KEY, OTHER, FAIL, "every frame received is unsigned or wrongly signed"),
     ],
@@ -273,20 +359,29 @@ def test_a_vehicle_that_falls_silent_fails():
 def test_a_vehicle_that_signs_otherwise_than_we_do_is_named(tmp_path, ours, theirs, grade, says):
     overrides = ["link.wait_s=3.0"]
     overrides += [f"signing.key_file={key_file(tmp_path, ours)}"] if ours else []
-    overrides += [f"sim.signing.key_file={key_file(tmp_path, theirs, 'vehicle.key')}"] if theirs else []
+    overrides += (
+        [f"sim.signing.key_file={key_file(tmp_path, theirs, 'vehicle.key')}"] if theirs else []
+    )
     lines = Bench("arducopter", *overrides, seconds=1.0, signing=ours).lines()
-    told = [line for line in lines if line.subject == "signing" or (line.subject, line.grade) == ("vehicle", FAIL)]
+    told = [
+        line
+        for line in lines
+        if line.subject == "signing" or (line.subject, line.grade) == ("vehicle", FAIL)
+    ]
     assert [(line.grade, says in line.text) for line in told] == ([(grade, True)] if grade else [])
 
 
 def test_a_vehicle_that_signs_with_the_all_zero_key_is_as_good_as_unsigned():
     """A stock PX4 does this. Its frames are signed here by hand with 32 zero bytes."""
-    bench, clock = Bench("px4_copter", seconds=1.0), itertools.count(10**12)
+    bench = Bench("px4_copter", seconds=1.0)
+    clock = itertools.count(10**12)
     receive = bench.listener.receive
 
     def signed(frame, *rest):
         head = frame[:2] + b"\x01" + frame[3:-2]
-        crc = mavlink.x25crc(head[1:] + bytes((mavlink.mavlink_map[frame[7] | frame[8] << 8].crc_extra,))).crc
+        crc = mavlink.x25crc(
+            head[1:] + bytes((mavlink.mavlink_map[frame[7] | frame[8] << 8].crc_extra,))
+        ).crc
         body = head + crc.to_bytes(2, "little") + b"\x00" + next(clock).to_bytes(6, "little")
         receive(body + hashlib.sha256(bytes(32) + body).digest()[:6], *rest)
 
@@ -297,7 +392,8 @@ def test_a_vehicle_that_signs_with_the_all_zero_key_is_as_good_as_unsigned():
     assert (received.signed, received.zero_key, received.refused) == (0, received.frames, {})
 
 
-# --- streams ----------------------------------------------------------------------------------------------------------
+# --- streams
+# ------------------------------------------------------------
 
 
 def without(message_id):
@@ -324,7 +420,8 @@ def test_a_missing_stream_is_graded_by_what_comes_with_it(name, keys, message_id
     assert (line.grade, mavlink.mavlink_map[message_id].msgname in line.text) == (grade, True)
 
 
-# --- time -------------------------------------------------------------------------------------------------------------
+# --- time
+# ------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -335,7 +432,9 @@ def test_a_missing_stream_is_graded_by_what_comes_with_it(name, keys, message_id
         ("autopilot", 1.0, 5.0, PASS, "5.000 times our speed, and the flight follows it"),
     ],
 )
-def test_a_simulator_at_another_speed_needs_the_autopilots_clock(clock, speed, clock_speed, grade, says):
+def test_a_simulator_at_another_speed_needs_the_autopilots_clock(
+    clock, speed, clock_speed, grade, says
+):
     bench = Bench("arducopter", f'link.clock="{clock}"')
     bench.speed = speed
     lines = judge(bench.mission, bench.run(), clock_speed)
@@ -345,7 +444,8 @@ def test_a_simulator_at_another_speed_needs_the_autopilots_clock(clock, speed, c
 
 
 def test_frames_that_wait_in_a_busy_machine_are_not_another_clock_speed():
-    bench, late = Bench("arducopter"), []
+    bench = Bench("arducopter")
+    late = []
 
     def hears(frame, now):
         if 2.0 <= now % 4.0 < 2.3:  # the first that is measured is among them
@@ -354,7 +454,9 @@ def test_frames_that_wait_in_a_busy_machine_are_not_another_clock_speed():
         return True
 
     bench.hears = hears
-    bench.speaks = lambda now: [late.pop(0) for _ in range(len(late))] if not 2.0 <= now % 4.0 < 2.3 else []
+    bench.speaks = lambda now: (
+        [late.pop(0) for _ in range(len(late))] if not 2.0 <= now % 4.0 < 2.3 else []
+    )
     line = one(bench.lines(), "clock")
     assert (line.grade, "1.00" in line.text) == (PASS, True), line.text
 
@@ -368,7 +470,11 @@ def test_a_reboot_while_listening_fails():
 
 def airspeed(reported, *, armed):
     """Return changes for a vehicle without airspeed, and the airspeed that VFR_HUD reports."""
-    return {"session.motion.at": lambda now: Motion(), "airspeed": reported, "session.vehicle.armed": armed}
+    return {
+        "session.motion.at": lambda now: Motion(),
+        "airspeed": reported,
+        "session.vehicle.armed": armed,
+    }
 
 
 def mode(number, *, armed):
@@ -383,14 +489,32 @@ def mode(number, *, armed):
         ("arducopter", {"session.timesync.typical": 0.8}, "round trip", FAIL, "800 ms"),
         ("arducopter", {"session.timesync.typical": None}, "round trip", WARN, "no answer"),
         ("arducopter", {"session.vehicle.firmware": None}, "firmware", WARN, "no answer"),
-        ("arducopter", {"connection.counts": {VEHICLE: LinkCounts(frames=100)}}, "MAVLink", PASS, "version 2 only"),
-        ("arducopter", {"connection.counts": {VEHICLE: LinkCounts(frames=9, version_1=3)}}, "MAVLink", WARN, "3 of 9"),
+        (
+            "arducopter",
+            {"connection.counts": {VEHICLE: LinkCounts(frames=100)}},
+            "MAVLink",
+            PASS,
+            "version 2 only",
+        ),
+        (
+            "arducopter",
+            {"connection.counts": {VEHICLE: LinkCounts(frames=9, version_1=3)}},
+            "MAVLink",
+            WARN,
+            "3 of 9",
+        ),
         ("arducopter", mode(4, armed=True), "mode", WARN, "immediately"),
         ("arducopter", mode(5, armed=True), "mode", PASS, "requested by circnav"),
         ("arducopter", mode(4, armed=False), "mode", PASS, "requested by circnav"),
         ("arduplane", airspeed(0.0, armed=True), "airspeed", FAIL, "not received; a"),
         ("arduplane", airspeed(0.0, armed=False), "airspeed", WARN, "as before take-off"),
-        ("arduplane", airspeed(float("nan"), armed=False), "airspeed", FAIL, "check the airspeed sensor"),
+        (
+            "arduplane",
+            airspeed(float("nan"), armed=False),
+            "airspeed",
+            FAIL,
+            "check the airspeed sensor",
+        ),
         ("arduplane", airspeed(None, armed=False), "airspeed", FAIL, "no VFR_HUD"),
     ],
 )
@@ -399,7 +523,8 @@ def test_what_was_seen_of_a_vehicle_is_graded(name, changes, subject, grade, say
     assert (line.grade, says in line.text) == (grade, True), line.text
 
 
-# --- ranging ----------------------------------------------------------------------------------------------------------
+# --- ranging
+# ------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("noise", "grade"), [(0.05, PASS), (0.5, PASS), (1.2, WARN), (3.0, FAIL)])
@@ -411,27 +536,35 @@ def test_noise_is_measured_against_what_the_mission_assumes(noise, grade):
 
 @pytest.mark.parametrize("received", [12, 50])
 def test_an_honest_radio_is_not_doubted_for_want_of_ranges(received):
-    """Few ranges give an uncertain scatter. Of 300 short preflights with the mission's own noise, at most three may
-    propose another sigma_m, and none may fail."""
+    """Few ranges give an uncertain scatter. Of 300 short preflights with the mission's own noise,
+    at most three may propose another sigma_m, and none may fail."""
     grades = []
     for seed in range(300):
         draw = random.Random(seed)
-        ranges = [ReceivedRange(i / 10, i / 10, i / 10, 50 + draw.gauss(0, 0.5), 0.5) for i in range(received)]
-        lines = bent("arducopter", {"ranges": ranges, "end": received / 10, "seconds": received / 10})
+        ranges = [
+            ReceivedRange(i / 10, i / 10, i / 10, 50 + draw.gauss(0, 0.5), 0.5)
+            for i in range(received)
+        ]
+        lines = bent(
+            "arducopter", {"ranges": ranges, "end": received / 10, "seconds": received / 10}
+        )
         grades.append(one(lines, "noise").grade)
     assert grades.count(WARN) <= 3
     assert FAIL not in grades
 
 
 def test_neither_outliers_nor_gaps_nor_motion_count_as_noise():
-    """A range that closes at 20 m/s with a curvature of 4 m/s^2. Every fifth range is lost, and one in twenty is off
-    by 30 m."""
-    draw, ranges = random.Random(3), []
+    """A range that closes at 20 m/s with a curvature of 4 m/s^2. Every fifth range is lost, and one
+    in twenty is off by 30 m."""
+    draw = random.Random(3)
+    ranges = []
     for i in range(600):
         t = i / 10
         off = 30.0 if i % 20 == 7 else 0.0
         if i % 5:
-            ranges.append(ReceivedRange(t, t, t, 2000 - 20 * t + 2 * t * t + off + draw.gauss(0, 0.5), 0.5))
+            ranges.append(
+                ReceivedRange(t, t, t, 2000 - 20 * t + 2 * t * t + off + draw.gauss(0, 0.5), 0.5)
+            )
     lines = bent("arducopter", {"ranges": ranges, "end": 60.0, "seconds": 60.0})
     assert float(one(lines, "noise").text.split()[2]) == pytest.approx(0.5, rel=0.15)
     assert one(lines, "outliers").grade is WARN or "5 %" in one(lines, "outliers").text
@@ -439,9 +572,12 @@ def test_neither_outliers_nor_gaps_nor_motion_count_as_noise():
 
 UNNAMED = {"ranging": {"component_id": None, "orientation": None}}
 BEACON = (
-    'ranging.message="ranging_beacon"', 'ranging.endpoint="sim"', 'sim.ranging.message="ranging_beacon"',
-    'sim.ranging.via="direct"', "sim.ranging.beacon_id=1",
-)  # fmt: skip
+    'ranging.message="ranging_beacon"',
+    'ranging.endpoint="sim"',
+    'sim.ranging.message="ranging_beacon"',
+    'sim.ranging.via="direct"',
+    "sim.ranging.beacon_id=1",
+)
 
 
 def test_the_echo_of_the_radios_ranges_is_no_fault():
@@ -452,13 +588,22 @@ def test_the_echo_of_the_radios_ranges_is_no_fault():
 
 
 def of_another(now, sender=(1, 192), *, beacon_id=None, id=0, orientation=24):
-    """Return frames of a second sensor that ranges to something 90 m away, stamped as the first one."""
+    """Return frames of a second sensor that ranges to something 90 m away, stamped as the first
+    one."""
     if round(now * 100) % 10:
         return []
     if beacon_id is not None:
-        return [Voice(*sender).say(beacon(90_000, round(now * 1e6), round(now * 10) & 255, beacon_id=beacon_id))]
+        return [
+            Voice(*sender).say(
+                beacon(90_000, round(now * 1e6), round(now * 10) & 255, beacon_id=beacon_id)
+            )
+        ]
     stamp = round(now * 1000)
-    return [Voice(*sender).say(mavlink.MAVLink_distance_sensor_message(stamp, 20, 60000, 9000, 4, id, orientation, 0))]
+    return [
+        Voice(*sender).say(
+            mavlink.MAVLink_distance_sensor_message(stamp, 20, 60000, 9000, 4, id, orientation, 0)
+        )
+    ]
 
 
 @pytest.mark.parametrize(
@@ -471,16 +616,26 @@ def of_another(now, sender=(1, 192), *, beacon_id=None, id=0, orientation=24):
     ],
     ids=["sensor", "component", "system", "beacon"],
 )
-def test_several_range_sources_fail_with_their_ids_their_ranges_and_the_key_that_names_one(other, missions, named):
+def test_several_range_sources_fail_with_their_ids_their_ranges_and_the_key_that_names_one(
+    other, missions, named
+):
     bench = Bench("arducopter", *missions, without=UNNAMED)
     bench.speaks = lambda now: of_another(now, **other)
     lines = bench.lines()
     line = one(lines, "ranging")
     key, _, value = named.partition("=")
     assert line.grade is FAIL and not of(lines, "noise")
-    assert line.text.startswith("2 range sources: 1/192 ") and "(90.0 m)" in line.text and key in line.text
-    assert f" {key.removeprefix('ranging.')} {value} " in line.text or key.endswith(("component_id", "system_id"))
-    bench = Bench("arducopter", *missions, without={"ranging": {**UNNAMED["ranging"], key[8:]: int(value)}})
+    assert (
+        line.text.startswith("2 range sources: 1/192 ")
+        and "(90.0 m)" in line.text
+        and key in line.text
+    )
+    assert f" {key.removeprefix('ranging.')} {value} " in line.text or key.endswith(
+        ("component_id", "system_id")
+    )
+    bench = Bench(
+        "arducopter", *missions, without={"ranging": {**UNNAMED["ranging"], key[8:]: int(value)}}
+    )
     bench.speaks = lambda now: of_another(now, **other)
     lines = bench.lines()
     assert (one(lines, "ranging").grade, one(lines, "noise").grade) == (PASS, PASS)
@@ -488,11 +643,14 @@ def test_several_range_sources_fail_with_their_ids_their_ranges_and_the_key_that
 
 def test_firmware_from_before_set_message_interval_is_asked_the_old_way_and_that_is_said():
     bench = Bench("arducopter")
-    vehicle, unsupported = Voice(), mavlink.MAVLink_command_ack_message(SET_MESSAGE_INTERVAL, 3)
+    vehicle = Voice()
+    unsupported = mavlink.MAVLink_command_ack_message(SET_MESSAGE_INTERVAL, 3)
     bench.speaks = lambda now: [vehicle.say(unsupported)] if round(now * 100) % 10 == 0 else []
     bench.hears = lambda frame, now: message_id(frame) not in (COMMAND_ACK, ATTITUDE, VFR_HUD)
     assert "REQUEST_DATA_STREAM is used" in of(bench.lines(), "stream")[0].text
-    assert {10, 11} <= {one.req_stream_id for one in bench.sent if one.get_type() == "REQUEST_DATA_STREAM"}
+    assert {10, 11} <= {
+        one.req_stream_id for one in bench.sent if one.get_type() == "REQUEST_DATA_STREAM"
+    }
 
 
 @pytest.mark.parametrize(
@@ -504,7 +662,9 @@ def test_firmware_from_before_set_message_interval_is_asked_the_old_way_and_that
         (2, 3, {}, WARN, "too few ranges to check"),
     ],
 )
-def test_stamps_without_time_or_of_a_clock_at_another_speed_are_found(speed, received, rest, grade, says):
+def test_stamps_without_time_or_of_a_clock_at_another_speed_are_found(
+    speed, received, rest, grade, says
+):
     ranges = good("arducopter").listener.ranges[:received]
     ranges = [replace(one, stamp=speed * one.stamp if speed else one.arrival) for one in ranges]
     line = one(bent("arducopter", {"ranges": ranges, **rest}), "stamps")
@@ -525,7 +685,9 @@ def test_a_height_by_the_altitude_is_told_with_what_a_metre_of_it_costs():
     lines = Bench("arduplane", "sim.start.altitude_m=80.0", without=BY_HOME).lines()
     line = one(lines, "height cost")
     assert line.grade is WARN
-    assert line.text.startswith("1 m of error in the height above the target (75.0 m) changes the radius by 0.50 m")
+    assert line.text.startswith(
+        "1 m of error in the height above the target (75.0 m) changes the radius by 0.50 m"
+    )
     assert one(lines, "distance").text.endswith("at a height of 75.0 m above the target")
     assert "HOME_POSITION" in str([line.text for line in of(lines, "stream")])
 
@@ -537,7 +699,8 @@ def test_a_height_above_a_home_that_is_not_told_fails():
     assert (line.grade, line.text.startswith("no home altitude (HOME_POSITION)")) == (FAIL, True)
 
 
-# --- parameters -------------------------------------------------------------------------------------------------------
+# --- parameters
+# ------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -575,17 +738,41 @@ def test_a_height_above_a_home_that_is_not_told_fails():
 )
 def test_a_parameter_is_graded_by_what_it_implies(name, key, grades):
     for value, grade in grades.items():
-        (line,) = [line for line in parameter(name, {key: float(value)}) if line.text.startswith(f"{key} = ")]
+        (line,) = [
+            line
+            for line in parameter(name, {key: float(value)})
+            if line.text.startswith(f"{key} = ")
+        ]
         assert line.grade is grade, line.text
 
 
 @pytest.mark.parametrize(
     ("name", "values", "grade", "says"),
     [
-        ("px4_plane", {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 0}, WARN, "does not stay there, but flies home (RTL)"),
-        ("px4_plane", {"NAV_RCL_ACT": 3, "COM_RCL_EXCEPT": 0}, WARN, "does not stay there, but lands"),
-        ("px4_plane", {"NAV_RCL_ACT": 1, "COM_RCL_EXCEPT": 0}, PASS, "NAV_RCL_ACT commands Hold, too"),
-        ("px4_plane", {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 2}, PASS, "stays there without our stick messages"),
+        (
+            "px4_plane",
+            {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 0},
+            WARN,
+            "does not stay there, but flies home (RTL)",
+        ),
+        (
+            "px4_plane",
+            {"NAV_RCL_ACT": 3, "COM_RCL_EXCEPT": 0},
+            WARN,
+            "does not stay there, but lands",
+        ),
+        (
+            "px4_plane",
+            {"NAV_RCL_ACT": 1, "COM_RCL_EXCEPT": 0},
+            PASS,
+            "NAV_RCL_ACT commands Hold, too",
+        ),
+        (
+            "px4_plane",
+            {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 2},
+            PASS,
+            "stays there without our stick messages",
+        ),
         # without WP_SPEED a rover is clipped at its cruise speed
         ("ardurover", {"WP_SPEED": 0, "CRUISE_SPEED": 2}, FAIL, "CRUISE_SPEED = 2"),
         ("ardurover", {"WP_SPEED": 5, "CRUISE_SPEED": 2}, PASS, "CRUISE_SPEED = 2"),
@@ -617,9 +804,12 @@ def test_a_parameter_is_judged_with_what_else_the_vehicle_has(name, values, grad
         ("px4_copter", "vehicle.max_turn_rate_deg_s", "MC_YAWRATE_MAX", 24.0, 23.9, FAIL),
     ],
 )
-def test_a_limit_that_is_the_missions_own_number_is_within_it(name, key, parameter, number, stricter, grade):
+def test_a_limit_that_is_the_missions_own_number_is_within_it(
+    name, key, parameter, number, stricter, grade
+):
     """In 32 bits, 2.3 rounds down, and 24 degrees gain one bit by the conversion to radians."""
-    listener, mission = good(name).listener, load_mission(CONFIG / f"{name}.toml", [f"{key}={number}"])
+    listener = good(name).listener
+    mission = load_mission(CONFIG / f"{name}.toml", [f"{key}={number}"])
     for value, expected in ((number, PASS), (stricter, grade)):
         (in_32_bits,) = struct.unpack("<f", struct.pack("<f", value))
         values = {**listener.parameters, parameter: in_32_bits}
@@ -631,25 +821,37 @@ def test_a_limit_that_is_the_missions_own_number_is_within_it(name, key, paramet
 def test_a_parameter_that_the_vehicle_does_not_know_is_said_and_not_fatal():
     lines = parameter("arducopter", {}, only=True)
     assert {line.grade for line in lines} == {WARN}
-    assert "MAV_GCS_SYSID or SYSID_MYGCS: no answer, this version may not have it" in [line.text for line in lines]
+    assert "MAV_GCS_SYSID or SYSID_MYGCS: no answer, this version may not have it" in [
+        line.text for line in lines
+    ]
     assert len(lines) == 6, "and nothing of the fence, which is optional"
 
 
 def test_a_value_set_by_a_ground_station_is_what_is_read():
     bench = Bench("arducopter")
-    bench.vehicle.receive(Voice(255, 190).say(mavlink.MAVLink_param_set_message(1, 1, b"GUID_TIMEOUT", 7.0, 9)))
+    bench.vehicle.receive(
+        Voice(255, 190).say(mavlink.MAVLink_param_set_message(1, 1, b"GUID_TIMEOUT", 7.0, 9))
+    )
     assert bench.run().parameters["GUID_TIMEOUT"] == 7.0
 
 
-@pytest.mark.parametrize(("seconds", "least"), [(5.0, 5), (0.5, 1)], ids=["some are lost", "they are slow"])
+@pytest.mark.parametrize(
+    ("seconds", "least"), [(5.0, 5), (0.5, 1)], ids=["some are lost", "they are slow"]
+)
 def test_parameters_are_asked_for_again_and_waited_for_beyond_the_time_to_listen(seconds, least):
-    draw, bench = random.Random(5), Bench("arducopter", seconds=seconds)
-    bench.hears = lambda frame, now: now > 2.6 or without(22)(frame, now) if seconds < 1 else draw.random() > 0.3
+    draw = random.Random(5)
+    bench = Bench("arducopter", seconds=seconds)
+    bench.hears = lambda frame, now: (
+        now > 2.6 or without(22)(frame, now) if seconds < 1 else draw.random() > 0.3
+    )
     assert len(bench.run().parameters) >= least
 
 
 def test_troubles_that_the_vehicle_tells_are_repeated():
-    bench, vehicle = Bench("arducopter"), Voice(1, 1)
+    bench = Bench("arducopter")
+    vehicle = Voice(1, 1)
     text = mavlink.MAVLink_statustext_message(4, b"PreArm: Compass not healthy")
     bench.speaks = lambda now: [vehicle.say(text)] if round(now * 100) == 400 else []
-    assert [line.text for line in of(bench.lines(), "STATUSTEXT")] == ['"PreArm: Compass not healthy"']
+    assert [line.text for line in of(bench.lines(), "STATUSTEXT")] == [
+        '"PreArm: Compass not healthy"'
+    ]

@@ -1,4 +1,5 @@
-"""PX4's demands on a pilot: setpoints before its OFFBOARD mode can be entered, and a height that the pilot holds."""
+"""PX4's demands on a pilot: setpoints before its OFFBOARD mode can be entered, and a height that
+the pilot holds."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -6,8 +7,13 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.pilot import Phase
 from tests.rig import Rig, attitude, heartbeat, vfr_hud
 
-OFFBOARD, POSCTL, LOITER, MANUAL, ALTCTL = 6 << 16, 3 << 16, 4 << 16 | 3 << 24, 1 << 16, 2 << 16
-ON_GROUND, IN_AIR = 1, 2
+OFFBOARD = 6 << 16
+POSCTL = 3 << 16
+LOITER = 4 << 16 | 3 << 24
+MANUAL = 1 << 16
+ALTCTL = 2 << 16
+ON_GROUND = 1
+IN_AIR = 2
 KINDS = [
     ("copter", "SET_POSITION_TARGET_LOCAL_NED"),
     ("plane", "MANUAL_CONTROL"),
@@ -19,7 +25,8 @@ class PX4(Rig):
 
     def __init__(self, mode: int = OFFBOARD, kind: str = "copter", **settings) -> None:
         super().__init__(autopilot="px4", kind=kind, **settings)
-        self.mode, self.altitude = mode, 104.0
+        self.mode = mode
+        self.altitude = 104.0
         self.kind, self.airspeed = (2, float("nan")) if kind == "copter" else (1, 15.0)
 
     def heartbeat(self):
@@ -47,11 +54,14 @@ def test_setpoints_flow_before_the_mode_and_ask_for_nothing():
     rig = PX4(POSCTL).run(3.0)
     assert rig.pilot.mission.phase is Phase.READY
     assert len(rig.setpoints()) > 20
-    assert {(message.vx, message.vz, message.yaw_rate) for message in rig.setpoints()} == {(0.0, 0.0, 0.0)}
+    assert {(message.vx, message.vz, message.yaw_rate) for message in rig.setpoints()} == {
+        (0.0, 0.0, 0.0)
+    }
 
 
 def test_a_vehicle_disarmed_by_its_operator_is_sent_nothing_when_it_comes_back_armed_in_offboard():
-    """The mission is ready, but the mode was not left and entered again, so the operator has not consented."""
+    """The mission is ready, but the mode was not left and entered again, so the operator has not
+    consented."""
     rig = PX4(end_on_takeover=False).engage()
     since = rig.run(0.3, armed=False).now
     rig.run(1.0).run(4.0, speaks=False).run(3.0, speaks=True, armed=True)
@@ -61,8 +71,8 @@ def test_a_vehicle_disarmed_by_its_operator_is_sent_nothing_when_it_comes_back_a
 
 @pytest.mark.parametrize(("mode", "setpoints"), [(POSCTL, False), (OFFBOARD, True)])
 def test_over_a_slow_link_offboard_is_not_made_possible_but_kept_without_steering(mode, setpoints):
-    """In OFFBOARD the setpoints came from another sender until now. Without setpoints from the pilot, its failsafe
-    would act."""
+    """In OFFBOARD the setpoints came from another sender until now. Without setpoints from the
+    pilot, its failsafe would act."""
     rig = PX4(mode).run(8.0, round_trip=1.5)
     assert rig.pilot.mission.phase is Phase.READY
     assert {message.vx for message in rig.setpoints()} == ({0.0} if setpoints else set())
@@ -75,7 +85,9 @@ def test_each_engagement_holds_the_height_at_which_it_began_and_not_that_of_the_
     since = rig.run(1.0, altitude=120.0).now
     assert rig.run(2.0, mode=OFFBOARD).pilot.mission.phase is Phase.ENGAGED
     assert {message.vz for message in rig.setpoints(since)} == {0.0}
-    assert rig.run(0.5, altitude=121.0).setpoints()[-1].vz == pytest.approx(0.5), "1 m too high: down"
+    assert rig.run(0.5, altitude=121.0).setpoints()[-1].vz == pytest.approx(0.5), (
+        "1 m too high: down"
+    )
     since = rig.run(1.0, mode=LOITER).now
     assert rig.run(3.0, mode=OFFBOARD, altitude=150.0).pilot.mission.phase is Phase.ENGAGED
     assert {message.vz for message in rig.setpoints(since)} == {0.0}
@@ -97,4 +109,6 @@ def test_an_airspeed_that_cannot_be_is_told_once_and_only_of_a_vehicle_that_we_s
     rig.run(5.0, tells_its_attitude, airspeed=2.0)
     assert [text for text in rig.texts() if "airspeed" in text] == []
     assert rig.run(10.0, tells_its_attitude, mode=ALTCTL).pilot.mission.phase is Phase.ENGAGED
-    assert [text for text in rig.texts() if "airspeed" in text] == ["circnav: airspeed 2.0 m/s implausible, ignored"]
+    assert [text for text in rig.texts() if "airspeed" in text] == [
+        "circnav: airspeed 2.0 m/s implausible, ignored"
+    ]

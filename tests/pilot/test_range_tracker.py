@@ -10,7 +10,8 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.pilot import RANGING, OutputMode, Phase
 from tests.rig import MISSION, Rig, Voice, beacon, decode, distance, heartbeat, scattering, timing
 
-GUIDED, LOITER = 4, 5
+GUIDED = 4
+LOITER = 5
 
 
 def ranging(**changes):
@@ -22,8 +23,11 @@ def ranging(**changes):
 
 
 def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
-    rig, received = Rig(ranging=ranging(component_id=192)), []
-    ours, theirs, their_vehicle = Voice(1, 192), Voice(2, 192), Voice(2, 1)
+    rig = Rig(ranging=ranging(component_id=192))
+    received = []
+    ours = Voice(1, 192)
+    theirs = Voice(2, 192)
+    their_vehicle = Voice(2, 1)
     rig.run(0.5, ranges=False)
 
     def both_radios():
@@ -44,13 +48,16 @@ def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_o
         rig.hear(scattering(4000, 500_000 + round(rig.now * 1000)), voice=other)
     rig.run(6.0).run(0.5, ranges=True)
     assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
-    assert set(rig.pilot.tracker.ranging.rejected) <= {"repeat"}  # the rig sends one value at twice the rate
+    assert set(rig.pilot.tracker.ranging.rejected) <= {
+        "repeat"
+    }  # the rig sends one value at twice the rate
 
 
 @pytest.mark.parametrize("output_mode", [OutputMode.FLY, OutputMode.DRY_RUN])
 def test_nobody_stands_in_for_a_radio_that_falls_silent_in_flight(output_mode):
     """A dry run accepts another radio."""
-    rig, other = Rig(output_mode=output_mode).engage(), Voice(system=77, component=192)
+    rig = Rig(output_mode=output_mode).engage()
+    other = Voice(system=77, component=192)
     since = rig.now
     rig.run(9.0, lambda: rig.range(4000, voice=other), ranges=False)
     newest = rig.pilot.tracker.newest
@@ -60,7 +67,9 @@ def test_nobody_stands_in_for_a_radio_that_falls_silent_in_flight(output_mode):
         assert newest.r == pytest.approx(40.0, abs=0.02)
 
 
-GENERIC, INVALID, ARDUPILOT = 0, 8, 3
+GENERIC = 0
+INVALID = 8
+ARDUPILOT = 3
 """Members of MAV_AUTOPILOT."""
 
 
@@ -75,19 +84,30 @@ GENERIC, INVALID, ARDUPILOT = 0, 8, 3
         (1, 1, ARDUPILOT, 5.0, "elsewhere"),
     ],
     ids=[
-        *("invalid", "autopilot", "generic as 1", "invalid as 1", "a vehicle of the same system, in flight"),
+        *(
+            "invalid",
+            "autopilot",
+            "generic as 1",
+            "invalid as 1",
+            "a vehicle of the same system, in flight",
+        ),
         "a stranger in its own name, in flight",
     ],
 )
 def test_a_heartbeat_of_our_radios_system_does_not_take_its_ranges_from_us(
     rig, radio, speaker, autopilot, begins, source
 ):
-    radio, speaker = Voice(42, radio), Voice(42, speaker)
+    radio = Voice(42, radio)
+    speaker = Voice(42, speaker)
     rig.run(0.5, ranges=False)
 
     def speaks():
         if rig.now > begins and rig.tick % 5 == 0:
-            rig.hear(heartbeat(kind=2 if begins else 0, autopilot=autopilot), voice=speaker, source=source)
+            rig.hear(
+                heartbeat(kind=2 if begins else 0, autopilot=autopilot),
+                voice=speaker,
+                source=source,
+            )
         if rig.tick % 2:
             rig.range(voice=radio)
 
@@ -108,21 +128,28 @@ def test_ranges_of_another_vehicle_end_with_its_first_heartbeat_also_in_flight(r
 
 
 @pytest.mark.parametrize("cm", [30_000, 50_000, 4_000])
-def test_ranges_that_jump_farther_than_the_vehicle_can_fly_count_as_lost_until_they_jump_back(rig, cm):
-    """Such jumps were once followed after 1 s: a radio that changes its unit or its anchor, or that reports its
-    limit."""
+def test_ranges_that_jump_farther_than_the_vehicle_can_fly_count_as_lost_until_they_jump_back(
+    rig, cm
+):
+    """Such jumps were once followed after 1 s: a radio that changes its unit or its anchor, or that
+    reports its limit."""
     rig.engage().run(5.0, range_cm=cm)
-    assert rig.pilot.mission.phase is Phase.HOLDING and rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
+    assert rig.pilot.mission.phase is Phase.HOLDING and rig.pilot.tracker.newest.r == pytest.approx(
+        150.0, abs=0.02
+    )
     assert "circnav: range jumped, rejected" in rig.texts()
     assert rig.run(3.0, range_cm=15_000).pilot.mission.phase is Phase.ENGAGED
-    assert rig.run(20.0, range_cm=cm).pilot.mission.outcome.reason.endswith(f"they jumped by {cm / 100 - 150:+.0f} m")
+    assert rig.run(20.0, range_cm=cm).pilot.mission.outcome.reason.endswith(
+        f"they jumped by {cm / 100 - 150:+.0f} m"
+    )
 
 
 # --- one source ---
 
 
 def two(rig, *, equal_stamps=True, **other):
-    """Return a function that sends ranges of two sensors of one radio at 10 Hz, the mission's and another one."""
+    """Return a function that sends ranges of two sensors of one radio at 10 Hz, the mission's and
+    another one."""
     both = {"id": 1, "orientation": 24, **other}
 
     def speaks():
@@ -135,7 +162,10 @@ def two(rig, *, equal_stamps=True, **other):
 
 
 ANY = {"sensor_id": None, "orientation": None}
-NOT_ENGAGED = "2 range sources: 1/1 sensor_id 0 orientation 24 (150.0 m), 1/1 sensor_id 1 orientation {} (40.0 m): "
+NOT_ENGAGED = (
+    "2 range sources: 1/1 sensor_id 0 orientation 24 (150.0 m), 1/1 sensor_id 1 orientation {}"
+    " (40.0 m): "
+)
 
 
 @pytest.mark.parametrize("equal_stamps", [True, False])
@@ -145,14 +175,18 @@ NOT_ENGAGED = "2 range sources: 1/1 sensor_id 0 orientation 24 (150.0 m), 1/1 se
     ids=["sensors", "orientations"],
 )
 def test_of_two_sensors_none_steers_until_the_mission_names_one(equal_stamps, other, keys):
-    """A mission from `init` names neither sensor. The text gives the ids, the ranges and the key."""
+    """A mission from `init` names neither sensor. The text gives the ids, the ranges and the
+    key."""
     rig = Rig(ranging=ranging(**ANY), timing=timing(wait_ranging=10.0))
     rig.run(8.0, two(rig, equal_stamps=equal_stamps, **other), ranges=False)
     said = NOT_ENGAGED.format(other.get("orientation", 24)) + f"select yours by {keys}"
     assert rig.pilot.status.waits_for(rig.now) == said
     assert rig.setpoints() == []
     assert "circnav: 2 range sources: set ranging.sensor_id" in rig.texts()
-    assert rig.run(5.0, two(rig, equal_stamps=equal_stamps, **other)).pilot.mission.outcome.reason == said
+    assert (
+        rig.run(5.0, two(rig, equal_stamps=equal_stamps, **other)).pilot.mission.outcome.reason
+        == said
+    )
     named = Rig(ranging=ranging(**ANY | {"sensor_id": 0}))
     named.run(5.0, two(named, equal_stamps=equal_stamps, **other), ranges=False)
     assert named.pilot.mission.phase is Phase.ENGAGED
@@ -161,8 +195,8 @@ def test_of_two_sensors_none_steers_until_the_mission_names_one(equal_stamps, ot
 
 
 def test_a_second_sensor_is_waited_for_before_the_first_setpoint():
-    """The second sensor measures once a second. Without the listening time, the flight would begin on the first one
-    alone."""
+    """The second sensor measures once a second. Without the listening time, the flight would begin
+    on the first one alone."""
     rig = Rig(ranging=ranging(**ANY))
 
     def late():
@@ -174,7 +208,8 @@ def test_a_second_sensor_is_waited_for_before_the_first_setpoint():
 
 
 def test_a_second_sensor_that_comes_up_in_flight_changes_nothing():
-    rig, alone = Rig(ranging=ranging(**ANY)).engage(), Rig(ranging=ranging(**ANY)).engage()
+    rig = Rig(ranging=ranging(**ANY)).engage()
+    alone = Rig(ranging=ranging(**ANY)).engage()
     rig.run(10.0, two(rig), ranges=False)
     alone.run(10.0)
     assert rig.pilot.mission.phase is Phase.ENGAGED
@@ -191,10 +226,15 @@ def test_one_that_falls_silent_leaves_the_other_alone_and_then_it_counts():
 
 def test_a_name_that_nobody_sends_is_told_with_those_that_are_sent():
     rig = Rig(ranging=ranging(message="named_value_float", name="UWB"))
-    values = [mavlink.MAVLink_named_value_float_message(0, name, 30.0) for name in (b"UWB1", b"UWB2")]
+    values = [
+        mavlink.MAVLink_named_value_float_message(0, name, 30.0) for name in (b"UWB1", b"UWB2")
+    ]
     rig.run(3.0, lambda: [rig.hear(value) for value in values], ranges=False)
     waits = rig.pilot.status.waits_for(rig.now)
-    assert "received: 1/1 name UWB1 (30.0 m), 1/1 name UWB2 (30.0 m), which the mission does not select" in waits
+    assert (
+        "received: 1/1 name UWB1 (30.0 m), 1/1 name UWB2 (30.0 m), which the mission does not"
+        " select" in waits
+    )
     assert "compare ranging.name" in waits
 
 
@@ -202,7 +242,8 @@ def test_a_name_that_nobody_sends_is_told_with_those_that_are_sent():
 
 
 def fast(rig, hz, values=lambda n: 15000 + n % 2):
-    """Return a function that sends the ranges of a tick at a rate above the tick rate, with a step after each."""
+    """Return a function that sends the ranges of a tick at a rate above the tick rate, with a step
+    after each."""
 
     number = count(1)
 
@@ -217,8 +258,10 @@ def fast(rig, hz, values=lambda n: 15000 + n % 2):
 
 @pytest.mark.parametrize("hz", [100, 200, 1000])
 def test_ranges_faster_than_ticks_are_all_used_and_get_one_setpoint_a_tick(hz):
-    rig, taken = Rig().engage(), []
-    observe, since = rig.pilot.tracker.estimator.observe, rig.now
+    rig = Rig().engage()
+    taken = []
+    observe = rig.pilot.tracker.estimator.observe
+    since = rig.now
     rig.pilot.tracker.estimator.observe = lambda sample: taken.append(sample) or observe(sample)
     before = rig.pilot.tracker.accepted
     rig.run(4.0, fast(rig, hz), ranges=False)
@@ -230,7 +273,8 @@ def test_ranges_faster_than_ticks_are_all_used_and_get_one_setpoint_a_tick(hz):
 
 
 def test_an_outlier_among_merged_ranges_moves_nothing():
-    """One range in twenty at 400 Hz is 250 m too long. Half of all medians of their means would be 12 m too long."""
+    """One range in twenty at 400 Hz is 250 m too long. Half of all medians of their means would be
+    12 m too long."""
     rig = Rig().engage()
     rig.run(3.0, fast(rig, 400, lambda n: 40000 if n % 20 == 0 else 15000 + n % 2), ranges=False)
     assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.1)
@@ -241,7 +285,8 @@ def test_an_outlier_among_merged_ranges_moves_nothing():
 
 
 def test_an_outlier_is_counted_and_moves_nothing():
-    steady, disturbed = Rig().engage(), Rig().engage()
+    steady = Rig().engage()
+    disturbed = Rig().engage()
     disturbed.now = steady.now = round(steady.now + 0.04, 6)
     disturbed.range(40000)
     for rig in (steady, disturbed):
@@ -271,11 +316,14 @@ def test_a_range_that_says_it_may_be_anywhere_is_not_taken(accuracy_mm):
 
 
 @pytest.mark.parametrize(
-    ("round_trip", "believed"), [(0.0, pytest.approx(2.7, abs=0.15)), (None, pytest.approx(2.7, abs=0.15)), (2.0, None)]
+    ("round_trip", "believed"),
+    [(0.0, pytest.approx(2.7, abs=0.15)), (None, pytest.approx(2.7, abs=0.15)), (2.0, None)],
 )
-def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answers_are_as_late(round_trip, believed):
-    """No range for 2 s, and a delay of 2 s from then on. Without answers to TIMESYNC, the cause of the delay is
-    unknown."""
+def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answers_are_as_late(
+    round_trip, believed
+):
+    """No range for 2 s, and a delay of 2 s from then on. Without answers to TIMESYNC, the cause of
+    the delay is unknown."""
     rig = Rig().run(15.0, round_trip=0.0 if round_trip is not None else None)
     since = rig.now
     rig.run(2.0, round_trip=round_trip, ranges=False)
@@ -293,11 +341,14 @@ def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answer
 
 def test_ranges_that_scatter_over_half_the_radius_are_lost_ranges():
     """The measured scatter is too large to fly with."""
-    draw, rig = Random(3), Rig(ranging=ranging(max_sigma=50.0), exit="rtl").engage()
+    draw = Random(3)
+    rig = Rig(ranging=ranging(max_sigma=50.0), exit="rtl").engage()
     since = rig.now
     rig.run(30.0, lambda: rig.tick % 2 or rig.range(draw.randrange(3000, 60000)), ranges=False)
     steered = [time for time, sent in rig.sent if time > since + 1.0 and getattr(sent, "vx", 0) > 0]
-    assert rig.pilot.mission.outcome is not None and rig.pilot.mission.outcome.reason.startswith("no range for")
+    assert rig.pilot.mission.outcome is not None and rig.pilot.mission.outcome.reason.startswith(
+        "no range for"
+    )
     assert steered and steered[-1] - since < 15.0
 
 
@@ -312,7 +363,11 @@ def test_ranges_without_an_estimate_name_the_estimator():
 @pytest.mark.parametrize(("stale", "phase"), [(0.5, Phase.HOLDING), (1.5, Phase.ENGAGED)])
 def test_a_link_that_gets_slower_in_flight_than_ranges_may_be_old_is_a_lost_range(stale, phase):
     """Stamps cannot show a constant delay, but answers to TIMESYNC can."""
-    rig = Rig(ranging=ranging(max_age=stale), timing=timing(stale=stale)).engage().run(8.0, round_trip=2.0)
+    rig = (
+        Rig(ranging=ranging(max_age=stale), timing=timing(stale=stale))
+        .engage()
+        .run(8.0, round_trip=2.0)
+    )
     assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
     assert rig.pilot.mission.phase is phase
     ended = rig.run(8.0).pilot.mission.outcome
@@ -350,7 +405,12 @@ def test_a_ranging_link_is_greeted_once_a_second():
 
 def test_a_vehicle_on_the_ranging_link_moves_nothing():
     rig = Rig(ranging_apart=True)
-    rig.run(2.0, lambda: rig.hear(heartbeat(GUIDED), link=RANGING, source="radio"), speaks=False, ranges=False)
+    rig.run(
+        2.0,
+        lambda: rig.hear(heartbeat(GUIDED), link=RANGING, source="radio"),
+        speaks=False,
+        ranges=False,
+    )
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
 
 

@@ -13,17 +13,23 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.pilot import Ending, Phase
 from tests.rig import Rig, Voice, attitude, decode, heartbeat, timing
 
-GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
-ON_GROUND, IN_AIR = 1, 2
+GUIDED = 4
+LOITER = 5
+LAND = 9
+RTL = 6
+ON_GROUND = 1
+IN_AIR = 2
 SET_MODE = 176
 GIVEN_BACK = 2.0
-"""Time, s, in the guided mode after which a returned vehicle is engaged. The hand-over takes 1.5 s of it."""
+"""Time, s, in the guided mode after which a returned vehicle is engaged. The hand-over takes 1.5 s
+of it."""
 
 
 @dataclass(frozen=True)
 class Takeover:
-    """One way to take the vehicle over. before: earlier events. take: messages of the vehicle. stays: True if it stays
-    in another mode or disarmed. left: True if the guided mode was left, so that entering it returns the vehicle."""
+    """One way to take the vehicle over. before: earlier events. take: messages of the vehicle.
+    stays: True if it stays in another mode or disarmed. left: True if the guided mode was left, so
+    that entering it returns the vehicle."""
 
     take: Callable[[Rig], None]
     text: str = "taken over, GUIDED left for LOITER"
@@ -50,14 +56,15 @@ def silent(rig: Rig) -> None:
 
 
 def silent_until_known(rig: Rig) -> None:
-    """An outage of a vehicle that reports its time since boot. Afterwards its identity is confirmed by that time
-    alone."""
+    """An outage of a vehicle that reports its time since boot. Afterwards its identity is confirmed
+    by that time alone."""
     rig.hear(attitude(round(rig.now * 1000)))
     silent(rig)
 
 
 def known_late(rig: Rig) -> None:
-    """The mode is received first, and a little later the time since boot, which confirms the identity."""
+    """The mode is received first, and a little later the time since boot, which confirms the
+    identity."""
     told(rig, (LOITER, True))
     rig.run(0.25)
     told(rig, (GUIDED, True))
@@ -94,10 +101,13 @@ def loses_heartbeats(rig: Rig) -> None:
 
 
 def says_mode(*modes: int) -> Callable[[Rig], None]:
-    return lambda rig: [rig.hear(mavlink.MAVLink_current_mode_message(0, mode, 0)) for mode in modes] and None
+    return lambda rig: (
+        [rig.hear(mavlink.MAVLink_current_mode_message(0, mode, 0)) for mode in modes] and None
+    )
 
 
-DISARMED, REBOOTED = "taken over, vehicle disarmed", "taken over, autopilot rebooted"
+DISARMED = "taken over, vehicle disarmed"
+REBOOTED = "taken over, autopilot rebooted"
 TAKEOVERS = {
     "another mode": Takeover(stays(mode=LOITER)),
     "return to launch": Takeover(stays(mode=RTL), "taken over, GUIDED left for RTL"),
@@ -105,32 +115,43 @@ TAKEOVERS = {
     "rebooted": Takeover(reboots, REBOOTED, stays=False, left=False),
     "another mode while holding": Takeover(stays(mode=LOITER), before=holds),
     "CURRENT_MODE where heartbeats get lost": Takeover(says_mode(LOITER), before=loses_heartbeats),
-    "between two steps, another mode": Takeover(lambda rig: told(rig, (LOITER, True), (GUIDED, True)), stays=False),
+    "between two steps, another mode": Takeover(
+        lambda rig: told(rig, (LOITER, True), (GUIDED, True)), stays=False
+    ),
     "between two steps, CURRENT_MODE": Takeover(says_mode(LOITER, GUIDED), stays=False),
     "between two steps, disarmed": Takeover(
         lambda rig: told(rig, (GUIDED, False), (GUIDED, True)), DISARMED, stays=False, left=False
     ),
-    "in the buffers of a stall": Takeover(stays(mode=LOITER), before=lambda rig: rig.pass_time(2.0)),
+    "in the buffers of a stall": Takeover(
+        stays(mode=LOITER), before=lambda rig: rig.pass_time(2.0)
+    ),
     "last in the buffers of a stall": Takeover(backlog, before=lambda rig: rig.pass_time(6.0)),
     "in an outage": Takeover(stays(mode=LOITER), before=silent),
     "in an outage, and back": Takeover(
         lambda rig: told(rig, (LOITER, True), (GUIDED, True)), before=silent, stays=False
     ),
     "disarmed in an outage, and back": Takeover(
-        lambda rig: told(rig, (GUIDED, False), (GUIDED, True)), DISARMED, before=silent, stays=False, left=False
+        lambda rig: told(rig, (GUIDED, False), (GUIDED, True)),
+        DISARMED,
+        before=silent,
+        stays=False,
+        left=False,
     ),
     "after an outage, before the vehicle is known again": Takeover(
         known_late, before=silent_until_known, stays=False
     ),
     "and a request for the mode still under way": Takeover(stays(mode=LOITER)),
-}  # fmt: skip
+}
 
 
 def taken(how: str, *, end: bool) -> tuple[Rig, float]:
-    """Fly a rig that is then taken over. Return the rig after the step that received the takeover, and the time
-    before it."""
-    rig, takeover = Rig(end_on_takeover=end, request_mode=True, exit="rtl"), TAKEOVERS[how]
-    if "under way" in how:  # its acknowledgement was lost: a repeat would take the vehicle from the operator
+    """Fly a rig that is then taken over. Return the rig after the step that received the takeover,
+    and the time before it."""
+    rig = Rig(end_on_takeover=end, request_mode=True, exit="rtl")
+    takeover = TAKEOVERS[how]
+    if (
+        "under way" in how
+    ):  # its acknowledgement was lost: a repeat would take the vehicle from the operator
         while not rig.commands(SET_MODE):
             rig.run(0.05, mode=LOITER)
         assert rig.run(0.6, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
@@ -139,7 +160,8 @@ def taken(how: str, *, end: bool) -> tuple[Rig, float]:
     takeover.before(rig)
     if rig.pilot.mission.phase in (Phase.ENGAGED, Phase.HOLDING):
         assert rig.setpoints(), "it was flown"
-    since, rig.now = rig.now, round(rig.now + 0.02, 6)
+    since = rig.now
+    rig.now = round(rig.now + 0.02, 6)
     takeover.take(rig)
     rig.range()
     rig.step()
@@ -149,13 +171,15 @@ def taken(how: str, *, end: bool) -> tuple[Rig, float]:
 @pytest.mark.parametrize("end", [True, False], ids=["ends", "waits"])
 @pytest.mark.parametrize("how", TAKEOVERS)
 def test_from_the_step_that_hears_of_a_takeover_nothing_is_commanded_any_more(how, end):
-    """No setpoint, not even the safe one, no mode and no exit action: the vehicle belongs to the operator."""
+    """No setpoint, not even the safe one, no mode and no exit action: the vehicle belongs to the
+    operator."""
     rig, since = taken(how, end=end)
     rig.run(0.3)
     assert rig.pilot.mission.phase in ({Phase.ENDED} if end else {Phase.YIELDED, Phase.READY})
     rig.run(10.0 if end or TAKEOVERS[how].stays else 0.9)
     assert rig.setpoints(since) == [] and rig.commands(SET_MODE, since) == []
-    text, outcome = TAKEOVERS[how].text, rig.pilot.mission.outcome
+    text = TAKEOVERS[how].text
+    outcome = rig.pilot.mission.outcome
     assert f"circnav: {text}" in rig.texts(since)
     if not end:
         assert outcome is None
@@ -190,7 +214,8 @@ def test_only_the_guided_mode_entered_anew_gives_the_vehicle_back(how):
 
 @pytest.fixture
 def waiting() -> Rig:
-    """A rig that flies, may request the mode, and waits for the vehicle to be returned after a takeover."""
+    """A rig that flies, may request the mode, and waits for the vehicle to be returned after a
+    takeover."""
     return Rig(request_mode=True, end_on_takeover=False).engage()
 
 
@@ -202,20 +227,42 @@ LANDED = {"landed_state": ON_GROUND}
     ("what", "waits_for"),
     [
         # the switch may have moved on during a silence
-        ([({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 4.0), ({}, GUIDED, 1.0)], "operator"),
+        (
+            [({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 4.0), ({}, GUIDED, 1.0)],
+            "operator",
+        ),
         ([(LANDED, LAND, 3.0), (LANDED, GUIDED, 3.0)], "the vehicle is on the ground"),
-        ([({}, LAND, 5.0), ({**LANDED, "armed": False}, LAND, 5.0), (LANDED, GUIDED, 5.0)], "on the ground"),
+        (
+            [({}, LAND, 5.0), ({**LANDED, "armed": False}, LAND, 5.0), (LANDED, GUIDED, 5.0)],
+            "on the ground",
+        ),
         # returned on the ground; then a switch passes through the guided mode in the air
-        ([(LANDED, LAND, 3.0), (LANDED, GUIDED, 3.0), ({}, LOITER, 3.0), ({}, GUIDED, 1.0), ({}, LOITER, 1.0)],
-         "operator"),
+        (
+            [
+                (LANDED, LAND, 3.0),
+                (LANDED, GUIDED, 3.0),
+                ({}, LOITER, 3.0),
+                ({}, GUIDED, 1.0),
+                ({}, LOITER, 1.0),
+            ],
+            "operator",
+        ),
     ],
-    ids=["a silence that ends in the guided mode", "on the ground", "landed and disarmed meanwhile",
-         "on the ground, and taken again in the air"],
-)  # fmt: skip
-def test_a_vehicle_that_was_taken_is_not_steered_before_it_is_given_back_for_certain(waiting, what, waits_for):
+    ids=[
+        "a silence that ends in the guided mode",
+        "on the ground",
+        "landed and disarmed meanwhile",
+        "on the ground, and taken again in the air",
+    ],
+)
+def test_a_vehicle_that_was_taken_is_not_steered_before_it_is_given_back_for_certain(
+    waiting, what, waits_for
+):
     since = waiting.run(0.2, mode=what[0][1]).now  # until the next heartbeat arrives
     for state, mode, seconds in what:
-        waiting.run(seconds, mode=mode, **{"speaks": True, "armed": True, "landed_state": IN_AIR, **state})
+        waiting.run(
+            seconds, mode=mode, **{"speaks": True, "armed": True, "landed_state": IN_AIR, **state}
+        )
     assert waiting.setpoints(since) == [] and waiting.commands(SET_MODE, since) == []
     assert waits_for in waiting.pilot.status.waits_for(waiting.now)
     assert waiting.run(2.0, mode=GUIDED, landed_state=IN_AIR).pilot.mission.phase is Phase.ENGAGED
@@ -223,8 +270,10 @@ def test_a_vehicle_that_was_taken_is_not_steered_before_it_is_given_back_for_cer
 
 @pytest.mark.parametrize("offset", [20, 60, 100, 150, 200, 250])
 def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_back(offset):
-    """Each path brings one heartbeat a second, with its own counter. The second path is 1.2 s slower."""
-    rig, late = Rig(end_on_takeover=False), Voice(1, 1)
+    """Each path brings one heartbeat a second, with its own counter. The second path is 1.2 s
+    slower."""
+    rig = Rig(end_on_takeover=False)
+    late = Voice(1, 1)
     for _ in range(offset):
         late.say(heartbeat(GUIDED))
     began = rig.engage().tick
@@ -242,11 +291,14 @@ def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_ba
 
 
 def test_a_current_mode_of_zero_is_no_mode(rig):
-    """Mode 0 means an unset field: neither another mode nor evidence that the vehicle is present."""
+    """Mode 0 means an unset field: neither another mode nor evidence that the vehicle is
+    present."""
     nothing = mavlink.MAVLink_current_mode_message(0, 0, 0)
     rig.engage().run(0.5, lambda: rig.hear(nothing))
     assert (rig.pilot.mission.phase, rig.pilot.session.vehicle.mode) == (Phase.ENGAGED, GUIDED)
-    assert rig.run(4.0, lambda: rig.hear(nothing), speaks=False).pilot.mission.phase is Phase.WAIT_LINK
+    assert (
+        rig.run(4.0, lambda: rig.hear(nothing), speaks=False).pilot.mission.phase is Phase.WAIT_LINK
+    )
 
 
 @pytest.mark.parametrize(
@@ -256,9 +308,15 @@ def test_a_current_mode_of_zero_is_no_mode(rig):
         ({"duration": 10.0}, 0.0, {"mode": LOITER}, Ending.ABORTED),
         ({"duration": 10.0}, 0.0, {"speaks": False}, Ending.ABORTED),
     ],
-    ids=["an outage before the takeover", "time runs out, the operator has it", "time runs out, the link is gone"],
+    ids=[
+        "an outage before the takeover",
+        "time runs out, the operator has it",
+        "time runs out, the link is gone",
+    ],
 )
-def test_a_mission_in_other_hands_is_not_completed_and_ends_by_no_outage_of_before(limits, before, how, ends):
+def test_a_mission_in_other_hands_is_not_completed_and_ends_by_no_outage_of_before(
+    limits, before, how, ends
+):
     rig = Rig(end_on_takeover=False, timing=timing(**limits)).engage()
     rig.run(before, speaks=False).run(12.0, **{"speaks": True, **how})
     assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.ending) is ends
@@ -283,19 +341,25 @@ FOREVER = timing(duration=1e9, hold=1e9, outage=1e9)
 
 
 class Watched(Rig):
-    """A flown rig. From the vehicle's reports alone, it determines in each step whether the vehicle is ours."""
+    """A flown rig. From the vehicle's reports alone, it determines in each step whether the vehicle
+    is ours."""
 
     def __init__(self) -> None:
         super().__init__(end_on_takeover=False, request_mode=True, timing=FOREVER)
-        self.ours, self.left, self.proven = True, False, True
+        self.ours = True
+        self.left = False
+        self.proven = True
         self.back_since = self.reported_at = 0.0
         self.heard: list[bytes] = []
         self.engage()
 
     def report(self, mode: int, armed: bool, frame: bytes | None = None) -> None:
-        """Receive a heartbeat, or an earlier one again, which may end our control but not begin it."""
+        """Receive a heartbeat, or an earlier one again, which may end our control but not begin
+        it."""
         if mode != GUIDED or not armed:
-            self.ours, self.left, self.back_since = False, self.left or mode != GUIDED, float("inf")
+            self.ours = False
+            self.left = self.left or mode != GUIDED
+            self.back_since = float("inf")
         elif frame is None:
             self.back_since = min(self.back_since, self.now)
             self.ours |= self.left and self.now - self.back_since >= 1.5 - 1e-6
@@ -329,7 +393,10 @@ class AnyOrder(RuleBasedStateMachine):
     def time_passes(self, seconds: float) -> None:
         self.rig.run(seconds)
 
-    @rule(mode=st.sampled_from([GUIDED, LOITER, RTL]), armed=st.sampled_from([True, True, True, False]))
+    @rule(
+        mode=st.sampled_from([GUIDED, LOITER, RTL]),
+        armed=st.sampled_from([True, True, True, False]),
+    )
     def the_operator_acts(self, mode: int, armed: bool) -> None:
         self.rig.run(0.25, mode=mode, armed=armed)
 
@@ -343,7 +410,10 @@ class AnyOrder(RuleBasedStateMachine):
             self.rig.report(*report)
         self.rig.run(0.05)
 
-    @rule(seconds=st.sampled_from([0.3, 0.7, 5.0]), waiting=st.lists(st.sampled_from(REPORTS), max_size=3))
+    @rule(
+        seconds=st.sampled_from([0.3, 0.7, 5.0]),
+        waiting=st.lists(st.sampled_from(REPORTS), max_size=3),
+    )
     def the_computer_stalls(self, seconds: float, waiting: list[tuple[int, bool]]) -> None:
         self.rig.pass_time(seconds)
         self.rig.proven &= seconds < 0.5
@@ -353,10 +423,14 @@ class AnyOrder(RuleBasedStateMachine):
         self.rig.step()
 
     @rule(number=st.integers(2, 6))
-    def an_earlier_report_comes_again_and_another_sender_has_the_same_ids(self, number: int) -> None:
+    def an_earlier_report_comes_again_and_another_sender_has_the_same_ids(
+        self, number: int
+    ) -> None:
         frame = self.rig.run(0.25, speaks=True).heard[-number]
         (again,) = decode(frame)
-        self.rig.report(again.custom_mode, bool(again.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED), frame)
+        self.rig.report(
+            again.custom_mode, bool(again.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED), frame
+        )
         self.rig.hear(heartbeat(GUIDED), voice=Voice(1, 1), source="elsewhere")
         self.rig.run(0.25)
 

@@ -10,16 +10,21 @@ from circnav_mav.pilot.tick_scheduler import TickScheduler
 TICK = 0.05
 
 
-def stepped(hz: float, jitter: float = 0.0, seconds: float = 20.0, lost: float = 0.0) -> tuple[list[float], int]:
-    """Return the times of the steps of a pilot that receives ranges at `hz`, each late by up to `jitter`, and the
-    number of ranges.
+def stepped(
+    hz: float, jitter: float = 0.0, seconds: float = 20.0, lost: float = 0.0
+) -> tuple[list[float], int]:
+    """Return the times of the steps of a pilot that receives ranges at `hz`, each late by up to
+    `jitter`, and the number of ranges.
 
     Times are whole microseconds, like the clocks of the loop.
     """
-    ticks, chance, now = TickScheduler(TICK), random.Random(4), 0.0
+    ticks = TickScheduler(TICK)
+    chance = random.Random(4)
+    now = 0.0
     times = [round(n / hz + chance.uniform(0.0, jitter), 6) for n in range(round(seconds * hz))]
     ranges = [time for time in times if chance.random() >= lost]
-    received, steps = len(ranges), []
+    received = len(ranges)
+    steps = []
     while now < seconds:
         now = round(max(min([ticks.due, *ranges[:1]]), 0.0), 6)
         if ranges and ranges[0] <= now:
@@ -33,7 +38,9 @@ def gaps(steps: list[float]) -> list[float]:
     return [after - before for before, after in itertools.pairwise(steps[60:-1])]
 
 
-@pytest.mark.parametrize("hz", [1.0, 2.0, 4.98, 5.0, 9.9, 9.98, 10.0, 10.02, 12.0, 19.9, 19.98, 20.0, 20.1])
+@pytest.mark.parametrize(
+    "hz", [1.0, 2.0, 4.98, 5.0, 9.9, 9.98, 10.0, 10.02, 12.0, 19.9, 19.98, 20.0, 20.1]
+)
 @pytest.mark.parametrize("jitter", [0.0, 0.004])
 def test_no_tick_comes_just_before_a_range_and_no_gap_is_long(hz: float, jitter: float) -> None:
     apart = gaps(stepped(hz, jitter)[0])

@@ -15,7 +15,11 @@ from circnav_mav.runlog.ticks import read_ticks, read_truth
 from tests.runlog.conftest import EPOCH_US
 
 FLIGHT = {"radius": 100.0, "tolerance": 5.0, "limit": 0.35, "steady": -0.15, "gate": 5.0}
-WIDTH, LEFT, WIDE, TALL = 1000, 54, 934, 162  # of a strip and of the area inside its frame
+# of a strip and of the area inside its frame
+WIDTH = 1000
+LEFT = 54
+WIDE = 934
+TALL = 162
 
 
 def script(expression, **values):
@@ -28,9 +32,19 @@ def script(expression, **values):
 
 
 def strip(times, values, view, **chart):
-    line = {"name": "a", "colour": "estimate", "times": times, "values": values, **chart.pop("line", {})}
-    return script(f"Charts.strip(chart, view, {WIDTH}, marked)", chart={"lines": [line], **chart}, view=view,
-                  marked=chart.pop("marked", []))  # fmt: skip
+    line = {
+        "name": "a",
+        "colour": "estimate",
+        "times": times,
+        "values": values,
+        **chart.pop("line", {}),
+    }
+    return script(
+        f"Charts.strip(chart, view, {WIDTH}, marked)",
+        chart={"lines": [line], **chart},
+        view=view,
+        marked=chart.pop("marked", []),
+    )
 
 
 def path(drawn, kind="line estimate"):
@@ -38,14 +52,17 @@ def path(drawn, kind="line estimate"):
 
 
 def points(drawn):
-    return [tuple(map(float, point)) for point in re.findall(r"[ML](-?[\d.]+),(-?[\d.]+)", path(drawn))]
+    return [
+        tuple(map(float, point)) for point in re.findall(r"[ML](-?[\d.]+),(-?[\d.]+)", path(drawn))
+    ]
 
 
 # --- strips ---
 
 
 def test_any_line_can_be_drawn_and_leaves_the_frame_as_steep_as_it_is_and_the_frame_cuts_it_off():
-    """From 0 to 10 in 10 s, displayed up to 1: the line leaves the frame after 1 s and is nowhere flat."""
+    """From 0 to 10 in 10 s, displayed up to 1: the line leaves the frame after 1 s and is nowhere
+    flat."""
     for values in ([None, None], [5, 5], [0, 0], [-1e-9, 1e9]):
         assert not re.search("NaN|Infinity|undefined", strip([0, 1], values, [0, 1])), values
     drawn = strip([0, 10, 20], [0, 10, 10], [0, 20], shown=[-1, 1])
@@ -56,22 +73,41 @@ def test_any_line_can_be_drawn_and_leaves_the_frame_as_steep_as_it_is_and_the_fr
 @pytest.mark.parametrize(
     ("values", "chart", "kind", "drawn"),
     [
-        ([1, 1, None, 1, 1], {"shown": [0, 2]}, "line", "M0.0,81.0L233.5,81.0M700.5,81.0L934.0,81.0"),
+        (
+            [1, 1, None, 1, 1],
+            {"shown": [0, 2]},
+            "line",
+            "M0.0,81.0L233.5,81.0M700.5,81.0L934.0,81.0",
+        ),
         ([0.5, 3, -3], {"shown": [0, 1], "line": {"dots": True}}, "dots", "M0.0,81.0h0"),
-        ([0.5, 3, -3], {"shown": [0, 1], "line": {"dots": True}}, "filled beyond",
-         "M467.0,0l-3,5h6ZM934.0,162l-3,-5h6Z"),
-        ([2, 0, None], {"shown": [0, 4], "line": {"bars": True}}, "filled", "M0.0,162V81.0H467.0V162Z"),
+        (
+            [0.5, 3, -3],
+            {"shown": [0, 1], "line": {"dots": True}},
+            "filled beyond",
+            "M467.0,0l-3,5h6ZM934.0,162l-3,-5h6Z",
+        ),
+        (
+            [2, 0, None],
+            {"shown": [0, 4], "line": {"bars": True}},
+            "filled",
+            "M0.0,162V81.0H467.0V162Z",
+        ),
     ],
-    ids=["a gap lifts the pen", "dots", "dots beyond are triangles at the edge that point there", "bars"],
-)  # fmt: skip
+    ids=[
+        "a gap lifts the pen",
+        "dots",
+        "dots beyond are triangles at the edge that point there",
+        "bars",
+    ],
+)
 def test_a_line_is_drawn_as_its_kind(values, chart, kind, drawn):
     times = list(range(len(values)))
     assert path(strip(times, values, [0, times[-1]], **chart), f"{kind} estimate") == drawn
 
 
 def test_zoomed_in_a_line_goes_on_to_its_neighbours_outside_and_the_axis_fits_what_is_seen_and_is_not_cut_off():
-    """Values 0 to 99 at 1 Hz, zoomed in from 40 to 50.5 s: the visible values are 40 to 50. The values above are not
-    numbers."""
+    """Values 0 to 99 at 1 Hz, zoomed in from 40 to 50.5 s: the visible values are 40 to 50. The
+    values above are not numbers."""
     drawn = strip(list(range(100)), list(range(100)), [40, 50.5])
     xs = [x for x, _ in points(drawn)]
     assert (xs[0], len(xs)) == (0.0, 12)
@@ -84,12 +120,22 @@ def test_zoomed_in_a_line_goes_on_to_its_neighbours_outside_and_the_axis_fits_wh
 
 
 def test_what_a_run_does_not_hold_is_no_chart_and_no_line():
-    columns = {"r": [[0, 1], [99, 101]], "turn_rate": [[0, 1], [0.1, 0.2]], "true_r": [[0, 1], [None, None]]}
+    columns = {
+        "r": [[0, 1], [99, 101]],
+        "turn_rate": [[0, 1], [0.1, 0.2]],
+        "true_r": [[0, 1], [None, None]],
+    }
     charts = script("Charts.resolve(flight, columns)", flight=FLIGHT, columns=columns)
-    assert [chart["title"] for chart in charts] == ["range", "error, range - radius", "turn rate, left positive"]
+    assert [chart["title"] for chart in charts] == [
+        "range",
+        "error, range - radius",
+        "turn rate, left positive",
+    ]
     assert [line["name"] for line in charts[0]["lines"]] == ["estimated"]
     assert charts[1]["lines"][0]["values"] == [-1, 1]
-    assert charts[2]["lines"][0]["values"] == pytest.approx([5.7296, 11.4592], abs=1e-3)  # deg/s of rad/s
+    assert charts[2]["lines"][0]["values"] == pytest.approx(
+        [5.7296, 11.4592], abs=1e-3
+    )  # deg/s of rad/s
 
 
 # --- words over time, and marks ---
@@ -103,35 +149,61 @@ def test_words_become_one_stretch_each_escaped_and_some_have_a_colour_of_their_o
     assert "<i>" not in script(f"Charts.band([[0, 1, '<i>']], [0, 1], {WIDTH})")
     assert "<" not in as_script({"mode": "</script>"})
     for words in ("holding", "would hold", "yielded", "GUIDED", "drift"):
-        first, second = script(f"[Charts.colour('{words}'), Charts.colour('{words}', ['x', 'y', '{words}'])]")
+        first, second = script(
+            f"[Charts.colour('{words}'), Charts.colour('{words}', ['x', 'y', '{words}'])]"
+        )
         assert first == second
         assert not first.startswith("other")
 
 
 def test_takeovers_outages_changes_of_law_and_alarms_are_marked_and_waiting_before_the_flight_is_not():
     bands = {
-        "phase": [(0, 2, "waiting for ranging"), (2, 3, "ready"), (3, 9, "engaged"), (9, 11, "holding"),
-                  (11, 20, "engaged"), (20, 25, "yielded"), (25, 30, "waiting for the link")],
-        "law": [(3, 5, "feedforward"), (5, 9, "drift"), (9, 11, ""), (11, 20, "drift"), (20, 30, "feedforward")],
-    }  # fmt: skip
+        "phase": [
+            (0, 2, "waiting for ranging"),
+            (2, 3, "ready"),
+            (3, 9, "engaged"),
+            (9, 11, "holding"),
+            (11, 20, "engaged"),
+            (20, 25, "yielded"),
+            (25, 30, "waiting for the link"),
+        ],
+        "law": [
+            (3, 5, "feedforward"),
+            (5, 9, "drift"),
+            (9, 11, ""),
+            (11, 20, "drift"),
+            (20, 30, "feedforward"),
+        ],
+    }
     marks = script("Charts.marks(bands, [[12, 'low battery']])", bands=bands)
     assert [mark[:3] for mark in marks] == [
-        [5, 5, "law"], [9, 11, "outage"], [12, 12, "alarm"], [20, 25, "takeover"], [20, 20, "law"], [25, 30, "outage"],
-    ]  # fmt: skip
+        [5, 5, "law"],
+        [9, 11, "outage"],
+        [12, 12, "alarm"],
+        [20, 25, "takeover"],
+        [20, 20, "law"],
+        [25, 30, "outage"],
+    ]
     drawn = strip([0, 30], [0, 1], [0, 30], marked=marks)
     assert re.findall('class="mark ([a-z]+)"', drawn) == [mark[2] for mark in marks]
     assert "low battery, 12 s" in drawn
 
 
 def test_a_takeover_that_ends_the_flight_is_marked_as_one_and_not_twice_where_its_phase_shows_it_already():
-    """The phase usually goes from engaged to ended. The text of the event decides, on the link and the live page."""
+    """The phase usually goes from engaged to ended. The text of the event decides, on the link and
+    the live page."""
     ended = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 10, "ended")]}
     for words in ("taken over, GUIDED left for LOITER", "ABORTED: taken over, vehicle disarmed"):
         marks = script("Charts.marks(bands, [[9, words]])", bands=ended, words=words)
         assert marks == [[9, 9, "takeover", words]]
         assert ">T</text>" in track([90, 80], [100] * 2, marked=[[0, *marks[0][1:]]])
-    yielded = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 12, "yielded"), (12, 20, "engaged")]}
-    said = [[9, "taken over, GUIDED left for LOITER"], [9.1, "OPERATOR HAS THE VEHICLE, mode LOITER"]]
+    yielded = {
+        "phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 12, "yielded"), (12, 20, "engaged")]
+    }
+    said = [
+        [9, "taken over, GUIDED left for LOITER"],
+        [9.1, "OPERATOR HAS THE VEHICLE, mode LOITER"],
+    ]
     marks = script("Charts.marks(bands, said)", bands=yielded, said=said)
     assert marks == [[9, 12, "takeover", "yielded"]]
 
@@ -145,25 +217,39 @@ def test_an_alarm_of_an_outage_is_the_mark_of_its_phase_and_one_of_its_own_where
         [30, "range frozen, rejected"],
     ]
     marks = script("Charts.marks(bands, said)", bands=held, said=said)
-    assert [mark[:3] for mark in marks] == [[9, 12, "outage"], [20, 20, "outage"], [30, 30, "alarm"]]
+    assert [mark[:3] for mark in marks] == [
+        [9, 12, "outage"],
+        [20, 20, "outage"],
+        [30, 30, "alarm"],
+    ]
 
 
 # --- the track ---
 
 
 def track(east, north, **options):
-    way = {"name": "true", "colour": "true", "times": list(range(len(east))), "east": east, "north": north}
+    way = {
+        "name": "true",
+        "colour": "true",
+        "times": list(range(len(east))),
+        "east": east,
+        "north": north,
+    }
     return script("Charts.track([way], [100], 520, options)", way=way, options=options)
 
 
 def test_north_is_up_and_east_is_right_and_arrows_point_ahead():
-    """From 100 m north of the target towards the east: the track starts above the center, and arrows point to the
-    right."""
+    """From 100 m north of the target towards the east: the track starts above the center, and
+    arrows point to the right."""
     drawn = track(list(range(0, 100, 2)), [100] * 50, at=49, heading=np.pi / 2)
     x, y = map(float, re.search(r'<path d="M([\d.]+),([\d.]+)m0,-8', drawn).groups())
     assert (x, y < 40) == (260.0, True)
-    assert set(re.findall(r'6Z" transform="translate\([^)]*\) rotate\((-?[\d.]+)\)', drawn)) == {"0.0"}
-    assert re.search(r'rotate\(90\.0\)" class="now true"', drawn), "a heading is clockwise from north"
+    assert set(re.findall(r'6Z" transform="translate\([^)]*\) rotate\((-?[\d.]+)\)', drawn)) == {
+        "0.0"
+    }
+    assert re.search(r'rotate\(90\.0\)" class="now true"', drawn), (
+        "a heading is clockwise from north"
+    )
 
 
 def test_a_track_breaks_where_it_is_not_known_and_its_circle_lies_on_it():
@@ -198,29 +284,49 @@ def test_a_long_line_keeps_every_peak_and_every_gap_in_few_points():
 
 
 def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
-    """Built by hand: 120 m for 100 s, then 101 m, clockwise at 0.15 rad/s; one range per second, none rejected."""
+    """Built by hand: 120 m for 100 s, then 101 m, clockwise at 0.15 rad/s; one range per second,
+    none rejected."""
     folder = run_folder()
     ticks = read_ticks(folder)
     ticks.numbers["desired"][:] = np.where(ticks.time < 150, 100.0, 60.0)
-    data = chart_data(ticks, read_truth(folder, EPOCH_US), Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35), {})
+    data = chart_data(
+        ticks, read_truth(folder, EPOCH_US), Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35), {}
+    )
     columns = {name: dict(zip(*column, strict=True)) for name, column in data["columns"].items()}
     assert (columns["r"][50.0], columns["r"][200.0]) == (120.0, 101.0)
     assert columns["desired"] == {0.0: 100.0, 150.0: 60.0}
     assert columns["true_r"][200.0] == pytest.approx(101.0, abs=1e-3)
     assert columns["true_turn"][200.0] == columns["turn_rate"][200.0] == -0.15
-    assert set(list(columns["accepted"].values())[1:-2]) <= {0.8, 1.6, 2.4}, "1 a second in bins of 1.25 s"
+    assert set(list(columns["accepted"].values())[1:-2]) <= {
+        0.8,
+        1.6,
+        2.4,
+    }, "1 a second in bins of 1.25 s"
     assert data["bands"]["phase"] == [(0.0, 10.0, "ready"), (10.0, 300.0, "engaged")]
     assert data["ways"][0]["name"] == "true"
     assert len(json.loads(as_script(data))["columns"]) == len(columns)
 
 
 def test_alarms_seen_in_flight_errors_of_the_vehicle_and_warnings_of_ours_are_marked_each_once():
-    failsafe, hello = Event(7.0, "vehicle message", "EKF failsafe", severe=True), Event(8.0, "vehicle message", "hello")
-    seen = [Event(8.0, "alarm", "LEAN LIMIT: 31 deg", True), Event(20.0, "alarm", "NOT RECORDING: full", True)]
+    failsafe = Event(7.0, "vehicle message", "EKF failsafe", severe=True)
+    hello = Event(8.0, "vehicle message", "hello")
+    seen = [
+        Event(8.0, "alarm", "LEAN LIMIT: 31 deg", True),
+        Event(20.0, "alarm", "NOT RECORDING: full", True),
+    ]
     said = [
         Event(9.5, "circnav message", "LEAN LIMIT: on", True),
         Event(40.0, "circnav message", "vehicle banks", True),
     ]
-    found = [(7.0, "EKF failsafe"), (8.0, seen[0].text), (20.0, seen[1].text), (40.0, "vehicle banks")]
+    found = [
+        (7.0, "EKF failsafe"),
+        (8.0, seen[0].text),
+        (20.0, seen[1].text),
+        (40.0, "vehicle banks"),
+    ]
     assert alarms([failsafe, *seen, hello, *said]) == found
-    assert alarms([failsafe, hello, *said]) == [found[0], (9.5, "LEAN LIMIT: on"), found[3]], "of a killed flight"
+    assert alarms([failsafe, hello, *said]) == [
+        found[0],
+        (9.5, "LEAN LIMIT: on"),
+        found[3],
+    ], "of a killed flight"

@@ -15,7 +15,9 @@ from tests.runlog.conftest import EPOCH_US, rewrite_ticks
 ORBIT = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
 
 
-@pytest.mark.parametrize("kind", [{}, {"truth": False}, {"engaged": False}], ids=["truth", "no truth", "never engaged"])
+@pytest.mark.parametrize(
+    "kind", [{}, {"truth": False}, {"engaged": False}], ids=["truth", "no truth", "never engaged"]
+)
 def test_every_run_has_its_picture(run_folder, tmp_path, kind):
     folder = run_folder(**kind)
     arguments = read_ticks(folder), read_truth(folder, EPOCH_US), ORBIT, "by hand"
@@ -53,12 +55,15 @@ def legend(axis):
 def test_no_legend_covers_a_line(run_folder, ticks, drawn):
     figure = drawn(plot_flight, ticks, read_truth(run_folder(), EPOCH_US), ORBIT)
     for axis in figure.axes:
-        around, inside = axis.get_legend().get_window_extent(), axis.get_window_extent()
+        around = axis.get_legend().get_window_extent()
+        inside = axis.get_window_extent()
         assert around.y0 >= inside.y1 - 1 or around.y1 <= inside.y0
 
 
 def test_a_time_without_ranges_and_what_was_never_sent_are_named_in_the_legends(run_folder, drawn):
-    folder = rewrite_ticks(run_folder(), lambda time, row: row.update(phase="holding") if 120 <= time < 130 else None)
+    folder = rewrite_ticks(
+        run_folder(), lambda time, row: row.update(phase="holding") if 120 <= time < 130 else None
+    )
     ticks = read_ticks(folder)
     *others, turn_rate = drawn(plot_flight, ticks, None, ORBIT).axes
     assert all("no range, holding" in legend(axis) for axis in (*others, turn_rate))
@@ -71,8 +76,11 @@ def test_a_time_without_ranges_and_what_was_never_sent_are_named_in_the_legends(
     assert legend(drawn(plot_flight, ticks, None, ORBIT).axes[-1])[0] == "would command"
 
 
-def test_a_vehicle_that_turns_less_than_commanded_has_the_steady_command_beside_the_steady_circle(ticks, drawn):
-    """With a gain of 0.75, a command of -11.5 deg/s flies -8.6 deg/s. With a gain of 1 the two lines coincide."""
+def test_a_vehicle_that_turns_less_than_commanded_has_the_steady_command_beside_the_steady_circle(
+    ticks, drawn
+):
+    """With a gain of 0.75, a command of -11.5 deg/s flies -8.6 deg/s. With a gain of 1 the two
+    lines coincide."""
     turn_rate = drawn(plot_flight, ticks, None, ORBIT).axes[-1]
     assert "steady command" not in " ".join(legend(turn_rate))
     ticks.numbers["turn_gain"][:] = 0.75
@@ -81,7 +89,9 @@ def test_a_vehicle_that_turns_less_than_commanded_has_the_steady_command_beside_
     assert level["steady circle"] == pytest.approx(-8.59, abs=0.01)
     assert level["steady command, gain 0.75"] == pytest.approx(-11.46, abs=0.01)
     columns = chart_data(ticks, None, ORBIT, {})["columns"]
-    assert columns["steady_command"][1][-1] == pytest.approx(-0.2, abs=1e-3)  # rad/s: the report shows it as well
+    assert columns["steady_command"][1][-1] == pytest.approx(
+        -0.2, abs=1e-3
+    )  # rad/s: the report shows it as well
 
 
 def test_arrows_stand_all_round_the_circle_and_the_desired_one_on_top(run_folder, ticks, drawn):
@@ -93,9 +103,13 @@ def test_arrows_stand_all_round_the_circle_and_the_desired_one_on_top(run_folder
     assert lines["desired"] > lines["flown (truth)"]
 
 
-def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_believed(ticks, drawn):
+def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_believed(
+    ticks, drawn
+):
     """Built by hand: no estimate for 50 s, then a quarter of a circle."""
-    assert len(drawn(plot_flight, ticks, None, ORBIT).axes) == 3, "no track where nothing of it is known"
+    assert len(drawn(plot_flight, ticks, None, ORBIT).axes) == 3, (
+        "no track where nothing of it is known"
+    )
     angle = np.where(ticks.time < 50, np.nan, np.radians(90 * (ticks.time - 50) / 250))
     ticks.numbers["x"], ticks.numbers["y"] = 100 * np.cos(angle), 100 * np.sin(angle)
     track, *others = drawn(plot_flight, ticks, None, ORBIT).axes
@@ -113,7 +127,9 @@ def test_lines_of_the_pictures_break_where_no_tick_was_made(run_folder, drawn):
     *_, error, _ = drawn(plot_flight, ticks, None, ORBIT).axes
     assert error.lines[0].get_ydata()[[0, -1]] == pytest.approx([20.0, 1.0])  # of 120 and 101 m
     for axis in (error, *drawn(plot_replay, None, ticks, ORBIT).axes[:2]):
-        values = next(line for line in axis.lines if line.get_label() in ("estimated", "replayed")).get_ydata()
+        values = next(
+            line for line in axis.lines if line.get_label() in ("estimated", "replayed")
+        ).get_ydata()
         assert np.isnan(values).sum() == 1
 
 

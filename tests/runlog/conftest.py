@@ -11,11 +11,13 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 EPOCH_US = 1_790_000_000_000_000
-RADIUS, TURN = 100.0, 0.15
+RADIUS = 100.0
+TURN = 0.15
 
 
 def truth_frame(seconds: float, north: float, east: float, name: bytes = b"SIM_TRUTH") -> bytes:
-    """Truth message of the bundled vehicle, with its position and the target's in the log's array layout."""
+    """Truth message of the bundled vehicle, with its position and the target's in the log's array
+    layout."""
     data = [0.0] * 58
     data[0], data[1], data[7], data[9], data[10] = north, east, TURN, 5.0, 7.0
     message = mavlink.MAVLink_debug_float_array_message(round(seconds * 1e6), name, 0, data)
@@ -37,18 +39,23 @@ def rewrite_ticks(folder: Path, change: Callable[[float, dict[str, str]], Any]) 
 
 @pytest.fixture
 def run_folder(tmp_path: Path) -> Callable[..., Path]:
-    """Run folder of 300 s around a target at (5, 7): clockwise, 120 m at first and 101 m from 100 s on, engaged at
-    10 s."""
+    """Run folder of 300 s around a target at (5, 7): clockwise, 120 m at first and 101 m from 100 s
+    on, engaged at 10 s."""
 
     def make(*, engaged: bool = True, truth: bool = True, clockwise: bool = True) -> Path:
         header = "time,phase,measured,r,r_dot,demanded,turn_rate,saturated,yaw_rate_sent,mode,accepted,rejected"
-        lines, log = [header], b""
+        lines = [header]
+        log = b""
         for second in np.arange(0.0, 300.5, 0.5):
             on = engaged and second >= 10
             radius = 120.0 if second < 100 else 101.0
             turn = (-TURN if clockwise else TURN) if on else None
-            numbers = f"{radius:.6f},{radius:.6f},0.0,{turn or ''},{turn or ''},0,{-turn if turn else ''}"
-            lines.append(f"{second:.6f},{'engaged' if on else 'ready'},{numbers},GUIDED,{int(second)},0")
+            numbers = (
+                f"{radius:.6f},{radius:.6f},0.0,{turn or ''},{turn or ''},0,{-turn if turn else ''}"
+            )
+            lines.append(
+                f"{second:.6f},{'engaged' if on else 'ready'},{numbers},GUIDED,{int(second)},0"
+            )
             angle = (-1 if clockwise else 1) * TURN * second
             north, east = 5 + radius * np.sin(angle), 7 + radius * np.cos(angle)
             log += truth_frame(second, north, east) if truth else b""

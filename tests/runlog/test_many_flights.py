@@ -22,7 +22,9 @@ def column(*values):
 
 def test_settled_from_the_last_exit_and_never_if_it_ends_outside():
     r = column(100 + 50 * np.exp(-TIME / 10), np.full_like(TIME, 130.0), np.full_like(TIME, 100.0))
-    assert many_flights.last_exit(TIME, r, 100.0, 10.0) == pytest.approx([10 * np.log(5), inf, 0.0], abs=0.11)
+    assert many_flights.last_exit(TIME, r, 100.0, 10.0) == pytest.approx(
+        [10 * np.log(5), inf, 0.0], abs=0.11
+    )
 
 
 def test_the_wrong_way_round_is_noticed_although_the_radius_is_perfect():
@@ -46,20 +48,32 @@ def test_overshoot_is_inward_for_starts_outside_and_outward_for_starts_inside():
 )  # fmt: skip
 def test_the_dubins_time_is_what_can_be_drawn_by_hand(north, psi, sense, least, most):
     """From 100 m east of the target, at 15 m/s."""
-    (time,) = tangent_time(np.array([[100.0], [north]]), np.array([psi]), np.array([float(sense)]), **SPEED)
+    (time,) = tangent_time(
+        np.array([[100.0], [north]]), np.array([psi]), np.array([float(sense)]), **SPEED
+    )
     assert least - 1e-6 <= time <= most + 1e-6
 
 
-@given(r=st.floats(180, 900), bearing=st.floats(-pi, pi), psi=st.floats(-pi, pi), sense=st.sampled_from([-1.0, 1.0]))
-def test_the_way_lies_between_straight_to_the_circle_and_a_turn_about_with_the_tangent(r, bearing, psi, sense):
-    """A full turn at the limit, plus its width, is the most that is added to the tangent from here."""
+@given(
+    r=st.floats(180, 900),
+    bearing=st.floats(-pi, pi),
+    psi=st.floats(-pi, pi),
+    sense=st.sampled_from([-1.0, 1.0]),
+)
+def test_the_way_lies_between_straight_to_the_circle_and_a_turn_about_with_the_tangent(
+    r, bearing, psi, sense
+):
+    """A full turn at the limit, plus its width, is the most that is added to the tangent from
+    here."""
     p = np.array([[r * np.cos(bearing)], [r * np.sin(bearing)]])
     way = 15.0 * tangent_time(p, np.array([psi]), np.array([sense]), **SPEED)[0]
-    rho, tangent = 15.0 / 0.45, np.sqrt(r**2 - 100.0**2)
+    rho = 15.0 / 0.45
+    tangent = np.sqrt(r**2 - 100.0**2)
     assert r - 100.0 - 1e-6 <= way <= tangent + 2 * pi * rho + 2 * rho
 
 
 def test_the_settling_time_that_check_prints_is_the_dubins_time_of_the_worst_heading():
-    heading, away = np.radians(np.arange(0.0, 360.0)), np.stack([np.full(360, 500.0), np.zeros(360)])
+    heading = np.radians(np.arange(0.0, 360.0))
+    away = np.stack([np.full(360, 500.0), np.zeros(360)])
     worst = tangent_time(away, heading, np.ones(360), V=15.0, r_d=100.0, max_turn_rate=0.35).max()
     assert settling_time(500.0, 15.0, 100.0, 0.35) == pytest.approx(worst, abs=1.0)

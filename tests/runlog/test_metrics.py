@@ -1,4 +1,5 @@
-"""Figures of a circle and of its turn command, by hand, and the detection of a limit cycle in wind, noise and gusts."""
+"""Figures of a circle and of its turn command, by hand, and the detection of a limit cycle in wind,
+noise and gusts."""
 
 from math import degrees, pi
 
@@ -9,8 +10,12 @@ from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.runlog import metrics
 from circnav_mav.runlog.metrics import turn_figures
 
-CLOCKWISE, COUNTERCLOCKWISE = Direction.CLOCKWISE, Direction.COUNTERCLOCKWISE
-V, R, LIMIT, STEP = 22.0, 150.0, 0.45, 0.05
+CLOCKWISE = Direction.CLOCKWISE
+COUNTERCLOCKWISE = Direction.COUNTERCLOCKWISE
+V = 22.0
+R = 150.0
+LIMIT = 0.45
+STEP = 0.05
 ORBIT = Orbit(R, CLOCKWISE, V, LIMIT)
 TIME = np.arange(0.0, 100.0, STEP)
 
@@ -38,7 +43,8 @@ def test_settled_means_the_last_entry_into_five_percent(radius, settled):
 
 
 def test_a_settled_flight_was_within_the_band_through_all_of_the_last_third():
-    """With +-8 m at 100 m and 40 s a lap, the last entry into the band comes 5 s before the end and is no settling."""
+    """With +-8 m at 100 m and 40 s a lap, the last entry into the band comes 5 s before the end and
+    is no settling."""
     time = np.arange(0.0, 301.0)
     for entered, settled in ((60, 60.0), (200, 200.0), (201, None)):
         assert metrics.settled(time, np.where(time < entered, 150.0, 101.0), 100.0) == settled
@@ -48,7 +54,9 @@ def test_a_settled_flight_was_within_the_band_through_all_of_the_last_third():
 
 def test_nothing_flown_is_nothing_known():
     empty = column()
-    assert metrics.settling_time(empty, empty, 100.0) is metrics.settled(empty, empty, 100.0) is None
+    assert (
+        metrics.settling_time(empty, empty, 100.0) is metrics.settled(empty, empty, 100.0) is None
+    )
     assert metrics.mean(empty) is metrics.rms_error(empty, 100.0) is None
     assert metrics.swept_angle(empty, empty) == len(metrics.last_part(empty, empty)) == 0
     assert turn_figures(TIME, np.full_like(TIME, np.nan), ORBIT) is None
@@ -57,15 +65,28 @@ def test_nothing_flown_is_nothing_known():
 def test_the_last_third_is_of_the_time_and_not_of_the_samples_and_the_mean_hides_what_the_rms_error_shows():
     time = column(0, 1, 2, 3, 4, 5, 20, 30)
     assert list(metrics.last_part(time, time)) == [20, 30]
-    assert list(metrics.last_part(column(0, 1, 2, 3), column(5, 6, 7, 8))) == [7, 8], "both its ends included"
-    assert (metrics.mean(column(90, 110)), metrics.rms_error(column(90, 110), 100.0)) == (100.0, 10.0)
+    assert list(metrics.last_part(column(0, 1, 2, 3), column(5, 6, 7, 8))) == [
+        7,
+        8,
+    ], "both its ends included"
+    assert (metrics.mean(column(90, 110)), metrics.rms_error(column(90, 110), 100.0)) == (
+        100.0,
+        10.0,
+    )
 
 
 @pytest.mark.parametrize(
     ("turns", "direction"),
-    [(1.0, COUNTERCLOCKWISE), (-3.7, CLOCKWISE), (0.26, COUNTERCLOCKWISE), (-0.26, CLOCKWISE), (0.24, None),
-     (-0.24, None), (0.0, None)],
-)  # fmt: skip
+    [
+        (1.0, COUNTERCLOCKWISE),
+        (-3.7, CLOCKWISE),
+        (0.26, COUNTERCLOCKWISE),
+        (-0.26, CLOCKWISE),
+        (0.24, None),
+        (-0.24, None),
+        (0.0, None),
+    ],
+)
 def test_the_swept_angle_counts_every_turn_and_from_a_quarter_on_it_has_a_sense(turns, direction):
     """North up, east right: counter-clockwise from east is positive in a view from above."""
     angle = 1.0 + np.linspace(0, turns * 2 * np.pi, 1000)
@@ -79,7 +100,8 @@ def test_the_swept_angle_counts_every_turn_and_from_a_quarter_on_it_has_a_sense(
 
 def needed(wind):
     """Turn rate of the nose on a circle over ground in steady wind, step by step."""
-    at, noses = 0.0, []
+    at = 0.0
+    noses = []
     for _ in TIME:
         along = np.array([-np.sin(at), np.cos(at)])
         ground = wind * along[0] + np.sqrt(V**2 - wind**2 * (1 - along[0] ** 2))
@@ -89,8 +111,11 @@ def needed(wind):
 
 
 def coloured(size, seconds, seed=1):
-    """Noise of a standard deviation (rad/s) with a correlation time (s), like the response to gusts."""
-    chance, keep, values = np.random.default_rng(seed), np.exp(-STEP / seconds), [0.0]
+    """Noise of a standard deviation (rad/s) with a correlation time (s), like the response to
+    gusts."""
+    chance = np.random.default_rng(seed)
+    keep = np.exp(-STEP / seconds)
+    values = [0.0]
     for fresh in chance.standard_normal(len(TIME) - 1):
         values.append(keep * values[-1] + size * np.sqrt(1 - keep**2) * fresh)
     return np.array(values)
@@ -102,12 +127,15 @@ def swinging(size, period):
 
 def from_limit_to_limit():
     """Return the command of a loop that gusts excite and that has lost its rhythm."""
-    phase = 2 * pi * np.cumsum(STEP / 2.0 * np.exp(coloured(0.5, 2.0))) + np.random.default_rng(3).uniform(0, 6)
+    phase = 2 * pi * np.cumsum(STEP / 2.0 * np.exp(coloured(0.5, 2.0))) + np.random.default_rng(
+        3
+    ).uniform(0, 6)
     return 2.0 * np.sin(phase)
 
 
 def test_figures_of_a_relay_between_the_limits_are_those_drawn_by_hand():
-    """Half a second each way: the standard deviation is LIMIT, and the command moves by 4 LIMIT per second."""
+    """Half a second each way: the standard deviation is LIMIT, and the command moves by 4 LIMIT per
+    second."""
     relay = np.where(np.arange(len(TIME)) // 10 % 2 == 0, LIMIT, -LIMIT)
     found = turn_figures(TIME, relay, ORBIT)
     assert found.turn_std_deg_s == pytest.approx(degrees(LIMIT))
@@ -118,7 +146,8 @@ def test_figures_of_a_relay_between_the_limits_are_those_drawn_by_hand():
 
 @pytest.mark.parametrize("wind", [0.0, 8.0, 0.5 * V])
 def test_what_the_circle_itself_asks_for_in_wind_deviates_as_theory_has_it(wind):
-    """To first order in W/V the amplitude is 2 W/R, half from the ground speed and half from the crab angle."""
+    """To first order in W/V the amplitude is 2 W/R, half from the ground speed and half from the
+    crab angle."""
     found = turn_figures(TIME, needed(wind), ORBIT)
     assert found.turn_std_deg_s == pytest.approx(degrees(2**0.5 * wind / R), rel=0.1)
 
@@ -129,17 +158,31 @@ def test_what_the_circle_itself_asks_for_in_wind_deviates_as_theory_has_it(wind)
         *((needed(wind), False) for wind in (0.0, 8.0, 0.5 * V)),
         *((needed(wind) + coloured(0.03, 0.2), False) for wind in (0.0, 8.0, 0.5 * V)),
         # response to strong gusts: 11 deg/s of standard deviation, at the limit now and then
-        *((needed(8.0) + coloured(0.2, seconds, seed), False) for seconds in (0.1, 0.5, 2.0) for seed in range(5)),
+        *(
+            (needed(8.0) + coloured(0.2, seconds, seed), False)
+            for seconds in (0.1, 0.5, 2.0)
+            for seed in range(5)
+        ),
         # oscillation of 1.1 deg/s, where the limit is 26 deg/s
         (needed(8.0) + swinging(0.02, 2.0), False),
-        # oscillation in wind and noise too; periods as flown on firmware: 1 s (copter), 2.5 to 4.6 s (planes)
-        *((needed(wind) + swinging(size, period) + coloured(0.04, 0.5), True)
-          for wind in (0.0, 8.0) for size, period in ((0.12, 2.5), (0.3, 1.0), (0.5, 4.6))),
+        # oscillation in wind and noise too; periods as flown on firmware: 1 s (copter), 2.5 to 4.6
+        # s (planes)
+        *(
+            (needed(wind) + swinging(size, period) + coloured(0.04, 0.5), True)
+            for wind in (0.0, 8.0)
+            for size, period in ((0.12, 2.5), (0.3, 1.0), (0.5, 4.6))
+        ),
         (from_limit_to_limit(), True),
         # less than half a lap is too short for a verdict
-        *((swinging(0.3, 2.0)[: round(laps * 2 * pi * R / V / STEP)], laps > 0.5) for laps in (0.6, 0.49)),
+        *(
+            (swinging(0.3, 2.0)[: round(laps * 2 * pi * R / V / STEP)], laps > 0.5)
+            for laps in (0.6, 0.49)
+        ),
     ],
     ids=lambda value: str(value) if isinstance(value, bool) else "",
-)  # fmt: skip
+)
 def test_a_command_that_rings_is_a_limit_cycle_and_a_busy_or_a_quiet_one_is_none(command, cycles):
-    assert turn_figures(TIME[: len(command)], np.clip(command, -LIMIT, LIMIT), ORBIT).turn_limit_cycle is cycles
+    assert (
+        turn_figures(TIME[: len(command)], np.clip(command, -LIMIT, LIMIT), ORBIT).turn_limit_cycle
+        is cycles
+    )

@@ -1,4 +1,5 @@
-"""Replay: the same flight gives the same bytes, another mission gives others, and half a log gives half a flight."""
+"""Replay: the same flight gives the same bytes, another mission gives others, and half a log gives
+half a flight."""
 
 import dataclasses
 import math
@@ -18,15 +19,23 @@ from circnav_mav.runlog.run_folder import RunError, open_run
 from circnav_mav.runlog.tlog import read_tlog
 from tests.flight.recorded import recorded_flight
 
-APART = ('ranging.message="ranging_beacon"', 'ranging.endpoint="sim"', "ranging.beacon_id=9",
-         'sim.ranging.message="ranging_beacon"', 'sim.ranging.via="direct"', "sim.ranging.beacon_id=9")  # fmt: skip
+APART = (
+    'ranging.message="ranging_beacon"',
+    'ranging.endpoint="sim"',
+    "ranging.beacon_id=9",
+    'sim.ranging.message="ranging_beacon"',
+    'sim.ranging.via="direct"',
+    "sim.ranging.beacon_id=9",
+)
 SHORT = "limits.duration_s=6"
 PLAIN = ('guidance.law="smooth"', 'guidance.estimator="kalman"')
 
 
 def settings_of(folder, *overrides):
     run = open_run(folder)
-    return parse_mission(run.mission_text, "mission.toml", overrides).pilot_settings(OutputMode(run.output_mode))
+    return parse_mission(run.mission_text, "mission.toml", overrides).pilot_settings(
+        OutputMode(run.output_mode)
+    )
 
 
 def replayed(folder, *overrides):
@@ -37,12 +46,15 @@ def replayed(folder, *overrides):
 
 def gaps(folder, done):
     """Return the largest difference of each column of the ticks."""
-    return {gap.column: gap.largest for gap in differences(open_run(folder).ticks, as_ticks(done.ticks))}
+    return {
+        gap.column: gap.largest for gap in differences(open_run(folder).ticks, as_ticks(done.ticks))
+    }
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """20 s of the quickstart under the paper's first law, whose estimator does not use the commands."""
+    """20 s of the quickstart under the paper's first law, whose estimator does not use the
+    commands."""
     folder = tmp_path_factory.mktemp("flown")
     recorded_flight(folder, "quickstart", "limits.duration_s=20", *PLAIN).fly(30).recorder.close()
     return folder
@@ -57,7 +69,9 @@ def flown(tmp_path_factory):
     ids=["fly", "ranging apart", "dry run"],
 )
 def test_nothing_changed_gives_every_frame_byte_for_byte_at_its_time(tmp_path, overrides, output):
-    recorded_flight(tmp_path, "quickstart", SHORT, *overrides, output=output).fly(30).recorder.close()
+    recorded_flight(tmp_path, "quickstart", SHORT, *overrides, output=output).fly(
+        30
+    ).recorder.close()
     _, done = replayed(tmp_path)
     assert done.identical
     assert done.first_difference is None
@@ -67,11 +81,14 @@ def test_nothing_changed_gives_every_frame_byte_for_byte_at_its_time(tmp_path, o
 
 
 @pytest.mark.parametrize(
-    ("event", "at", "reason"), [("interrupt_at", 5.0, "SIGINT"), ("slow_at", 6.0, "flown to its end")]
+    ("event", "at", "reason"),
+    [("interrupt_at", 5.0, "SIGINT"), ("slow_at", 6.0, "flown to its end")],
 )
-def test_an_interrupt_and_a_turn_that_was_held_back_are_replayed_as_such(tmp_path, event, at, reason):
-    """The interrupt has its safe setpoints. In the late step no setpoint was sent, and neither ticks nor summary
-    count it."""
+def test_an_interrupt_and_a_turn_that_was_held_back_are_replayed_as_such(
+    tmp_path, event, at, reason
+):
+    """The interrupt has its safe setpoints. In the late step no setpoint was sent, and neither
+    ticks nor summary count it."""
     flight = recorded_flight(tmp_path, "quickstart", SHORT)
     setattr(flight, event, at)
     flight.fly(30).recorder.close()
@@ -85,9 +102,12 @@ def test_an_interrupt_and_a_turn_that_was_held_back_are_replayed_as_such(tmp_pat
 
 
 def test_an_impostor_with_the_vehicles_ids_is_told_apart_by_its_source(tmp_path):
-    """A heartbeat in LOITER from another address changes nothing. Without its source, it would end the flight."""
+    """A heartbeat in LOITER from another address changes nothing. Without its source, it would end
+    the flight."""
     flight = recorded_flight(tmp_path, "quickstart", SHORT)
-    loiter = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3).pack(mavlink.MAVLink(None, 1, 1))
+    loiter = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3).pack(
+        mavlink.MAVLink(None, 1, 1)
+    )
     flight.fly(5)
     flight.others = [(bytes(loiter), "somebody else")]
     flight.fly(30).recorder.close()
@@ -104,7 +124,9 @@ def test_another_law_commands_other_turns_from_the_same_estimates(flown):
     assert moved["r"] < 1e-6
     assert moved["turn_rate"] > 0.05
     _, wider = replayed(flown, "orbit.radius_m=120")
-    assert len(wider.setpoints) == len(wider.was_setpoints), "another radius shows in the setpoints alone"
+    assert len(wider.setpoints) == len(wider.was_setpoints), (
+        "another radius shows in the setpoints alone"
+    )
     assert not wider.identical
 
 
@@ -120,7 +142,8 @@ def test_a_log_that_was_cut_off_is_replayed_up_to_there(flown, tmp_path, kept):
 
 
 def test_what_comes_after_the_pilots_end_is_not_counted(flown):
-    """Replayed for 5 s of the 20 s that were flown: the ranges of the other 15 s do not count as stalled."""
+    """Replayed for 5 s of the 20 s that were flown: the ranges of the other 15 s do not count as
+    stalled."""
     pilot, done = replayed(flown, "limits.duration_s=5")
     assert done.ended < 10 < done.until
     assert "stalled" not in pilot.tracker.ranging.rejected
@@ -131,19 +154,27 @@ def test_what_comes_after_the_pilots_end_is_not_counted(flown):
 
 
 def replayed_plain(flown, steps):
-    pilot = Pilot(dataclasses.replace(without_timeouts(settings_of(flown)), output_mode=OutputMode.DRY_RUN))
+    pilot = Pilot(
+        dataclasses.replace(without_timeouts(settings_of(flown)), output_mode=OutputMode.DRY_RUN)
+    )
     return pilot, replay(pilot, steps, ticking=True)
 
 
-def test_a_plain_tlog_is_steered_by_its_ranges_without_timeouts_and_our_own_frames_are_left_out(flown):
+def test_a_plain_tlog_is_steered_by_its_ranges_without_timeouts_and_our_own_frames_are_left_out(
+    flown,
+):
     timing = without_timeouts(settings_of(flown, "limits.stale_s=0.75")).timing
     assert (timing.round_trip, timing.stale, timing.hold) == (pytest.approx(0.9), 0.75, math.inf)
     pilot, done = replayed_plain(flown, tlog_steps(flown / "flight.tlog", 191))
     assert pilot.mission.engaged_at is not None
     assert pilot.session.ignored["twin"] == pilot.session.ignored["echo"] == 0
     assert done.setpoints == []
-    assert as_ticks(done.ticks).numbers["r"][-1] == pytest.approx(open_run(flown).ticks.numbers["r"][-1], abs=1.0)
-    assert max(b.time - a.time for a, b in pairwise(done.ticks)) <= pilot.settings.timing.tick + 1e-6
+    assert as_ticks(done.ticks).numbers["r"][-1] == pytest.approx(
+        open_run(flown).ticks.numbers["r"][-1], abs=1.0
+    )
+    assert (
+        max(b.time - a.time for a, b in pairwise(done.ticks)) <= pilot.settings.timing.tick + 1e-6
+    )
 
 
 def test_gap_in_a_plain_tlog_does_not_tick_for_hours(flown):
@@ -159,11 +190,15 @@ HOUR = 3_600_000_000
 
 
 def v1(stamp, frame):
-    return stamp, mavlink.MAVLink_system_time_message(0, 0).pack(mavlink.MAVLink(None, 1, 1), force_mavlink1=True)
+    return stamp, mavlink.MAVLink_system_time_message(0, 0).pack(
+        mavlink.MAVLink(None, 1, 1), force_mavlink1=True
+    )
 
 
 def of_another_vehicle(stamp, frame):
-    return stamp, mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 4, 4, 3).pack(mavlink.MAVLink(None, 7, 1))
+    return stamp, mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 4, 4, 3).pack(
+        mavlink.MAVLink(None, 7, 1)
+    )
 
 
 @pytest.mark.parametrize(
@@ -180,7 +215,9 @@ def of_another_vehicle(stamp, frame):
 def test_plain_tlog_is_refused_with_the_reason(flown, tmp_path, change, says):
     records = list(read_tlog(flown / "flight.tlog"))
     records[1000] = change(*records[1000])
-    (tmp_path / "x.tlog").write_bytes(b"".join(struct.pack(">Q", stamp) + bytes(frame) for stamp, frame in records))
+    (tmp_path / "x.tlog").write_bytes(
+        b"".join(struct.pack(">Q", stamp) + bytes(frame) for stamp, frame in records)
+    )
     with pytest.raises(RunError, match=re.escape(says)):
         check_tlog(tmp_path / "x.tlog")
 

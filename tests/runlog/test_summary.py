@@ -14,16 +14,24 @@ from circnav_mav.runlog.ticks import NO_TICKS, read_ticks, read_truth
 from tests.runlog.conftest import EPOCH_US, rewrite_ticks
 
 FACTS = FlightFacts(
-    mission="by hand", outcome="completed", reason="flown to its end",
+    mission="by hand",
+    outcome="completed",
+    reason="flown to its end",
     orbit=Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35),
-    samples_accepted=2800, samples_rejected={"gated": 3}, setpoints_sent=5000, firmware="4.6.3", version="0",
-    epoch_us=EPOCH_US, recording_problem=None,
-)  # fmt: skip
+    samples_accepted=2800,
+    samples_rejected={"gated": 3},
+    setpoints_sent=5000,
+    firmware="4.6.3",
+    version="0",
+    epoch_us=EPOCH_US,
+    recording_problem=None,
+)
 
 
 @pytest.fixture
 def summary(run_folder):
-    """Return a function that summarizes a run folder with changed ticks and facts; see `rewrite_ticks`."""
+    """Return a function that summarizes a run folder with changed ticks and facts; see
+    `rewrite_ticks`."""
 
     def make(change=lambda time, row: None, facts=FACTS, **kind):
         folder = rewrite_ticks(run_folder(**kind), change)
@@ -33,8 +41,8 @@ def summary(run_folder):
 
 
 def test_the_figures_are_those_of_the_flight_after_engaging(summary):
-    """Engaged at 10 s, at 101 m from 100 s on. The band of 5 % is entered then, 90 s after engaging. Users' scripts
-    read these keys."""
+    """Engaged at 10 s, at 101 m from 100 s on. The band of 5 % is entered then, 90 s after
+    engaging. Users' scripts read these keys."""
     made = summary()
     figures = {"settled_s": 90.0, "radius_mean_m": 101.0, "radius_rms_error_m": 1.0}
     assert {key: made[key] for key in figures} == pytest.approx(figures)
@@ -44,42 +52,79 @@ def test_the_figures_are_those_of_the_flight_after_engaging(summary):
     truth = figures | {"closest_approach_m": 101.0}
     assert made["truth"].items() >= told.items()
     assert {key: made["truth"][key] for key in truth} == pytest.approx(truth, abs=2e-3)
-    assert set(made) >= {"mission", "outcome", "reason", "desired_radius_m", "samples_accepted", "samples_rejected",
-                         "setpoints_sent"}  # fmt: skip
+    assert set(made) >= {
+        "mission",
+        "outcome",
+        "reason",
+        "desired_radius_m",
+        "samples_accepted",
+        "samples_rejected",
+        "setpoints_sent",
+    }
     assert summary(truth=False)["truth"] is None
 
 
 @pytest.mark.parametrize(
     ("kind", "change", "told"),
     [
-        ({"clockwise": False}, {}, {"direction": "clockwise", "direction_commanded": "counterclockwise"}),
+        (
+            {"clockwise": False},
+            {},
+            {"direction": "clockwise", "direction_commanded": "counterclockwise"},
+        ),
         # left at 1 rad/s for 90 s, then right at 0.15 rad/s for 200 s
         ({}, {(10, 100): {"turn_rate": "1.0"}}, {"direction_commanded": "clockwise"}),
         # from second 200 on the link was lost, and the ticks held extrapolated values
-        ({}, {(200, 999): {"phase": "waiting for the link", "r": "20.0"}}, {"radius_mean_m": 101.0, "settled_s": 90.0}),
+        (
+            {},
+            {(200, 999): {"phase": "waiting for the link", "r": "20.0"}},
+            {"radius_mean_m": 101.0, "settled_s": 90.0},
+        ),
         # 106 m for a moment; the last entry, after 240 s, does not count as settled
         ({}, {(250, 250.5): {"r": "106.0"}}, {"settled_s": None}),
-        # taken over from second 100 to 150, returned for a moment at 200; while holding its turn it was still steered
-        ({}, {(100, 150): {"phase": "yielded"}, (200, 200.5): {"phase": "ready"}, (250, 260): {"phase": "holding"}},
-         {"flown_s": 290.0, "steered_s": 239.5}),
+        # taken over from second 100 to 150, returned for a moment at 200; while holding its turn it
+        # was still steered
+        (
+            {},
+            {
+                (100, 150): {"phase": "yielded"},
+                (200, 200.5): {"phase": "ready"},
+                (250, 260): {"phase": "holding"},
+            },
+            {"flown_s": 290.0, "steered_s": 239.5},
+        ),
     ],
-    ids=["the wrong way round shows", "the sense is that on the circle and not that on the way",
-         "a prediction through an outage is not scored", "who leaves the band in the last third never settled",
-         "the time that the operator flew is not steered"],
-)  # fmt: skip
+    ids=[
+        "the wrong way round shows",
+        "the sense is that on the circle and not that on the way",
+        "a prediction through an outage is not scored",
+        "who leaves the band in the last third never settled",
+        "the time that the operator flew is not steered",
+    ],
+)
 def test_what_happened_shows_in_the_figures(summary, kind, change, told):
     def happened(time, row):
         row.update(*(cells for (begin, end), cells in change.items() if begin <= time < end))
 
     made = summary(happened, **kind)
     assert {name: made[name] for name in told} == pytest.approx(told)
-    assert made["truth"]["direction"] == ("clockwise" if kind.get("clockwise", True) else "counterclockwise")
+    assert made["truth"]["direction"] == (
+        "clockwise" if kind.get("clockwise", True) else "counterclockwise"
+    )
     assert made["truth"]["settled_s"] == 90.0
 
 
 def test_a_flight_that_never_engaged_has_no_figures(summary):
     made = summary(engaged=False)
-    unknown = ("engaged_s", "settled_s", "radius_mean_m", "radius_rms_error_m", "truth", "direction_commanded", *NAMES)
+    unknown = (
+        "engaged_s",
+        "settled_s",
+        "radius_mean_m",
+        "radius_rms_error_m",
+        "truth",
+        "direction_commanded",
+        *NAMES,
+    )
     assert [key for key in unknown if made[key] is not None] == []
     assert made["flown_s"] == made["steered_s"] == 0.0
 
@@ -89,19 +134,26 @@ def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(summary)
     flown = replace(FACTS, engaged_s=10.0, until_s=500.0, recording_problem="full")
     made = summary(facts=flown)
     assert made["flown_s"] == 490.0
-    assert made["recording_problem"] == "full; figures cover estimates up to 300 s, truth up to 300 s of 500 s"
+    assert (
+        made["recording_problem"]
+        == "full; figures cover estimates up to 300 s, truth up to 300 s of 500 s"
+    )
     made = summarise(replace(flown, recording_problem=None), NO_TICKS, None)
     assert (made["engaged_s"], made["flown_s"], made["radius_mean_m"]) == (10.0, 490.0, None)
     assert made["recording_problem"] == "figures cover estimates up to 0 s of 500 s"
 
 
 def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(summary):
-    """From 200 s on, the turn rate alternates by 0.1 rad/s, with one tick in four at the limit. Values before 200 s
-    and in other phases do not count."""
+    """From 200 s on, the turn rate alternates by 0.1 rad/s, with one tick in four at the limit.
+    Values before 200 s and in other phases do not count."""
 
     def change(time, row):
-        at, swings = round(2 * time), time >= 200
-        row.update(turn_rate=str(0.1 * (-1) ** at if swings else 3.0), saturated=str(int(swings and at % 4 == 0)))
+        at = round(2 * time)
+        swings = time >= 200
+        row.update(
+            turn_rate=str(0.1 * (-1) ** at if swings else 3.0),
+            saturated=str(int(swings and at % 4 == 0)),
+        )
         if time > 295:
             row.update(phase="holding", turn_rate="9.0")
 
@@ -114,7 +166,9 @@ def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(s
 # --- the file ---
 
 
-def test_the_file_is_json_that_comes_back_and_a_number_that_json_does_not_know_is_unknown(summary, tmp_path):
+def test_the_file_is_json_that_comes_back_and_a_number_that_json_does_not_know_is_unknown(
+    summary, tmp_path
+):
     for made, told in (
         (summary(), None),
         ({"a": math.nan, "b": {"c": [math.inf, 1.5]}, "d": (-math.inf, True), "e": None},

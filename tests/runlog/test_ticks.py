@@ -1,4 +1,5 @@
-"""Ticks and truth of a run folder read back, also from an incomplete one, and their description in docs/logs.md."""
+"""Ticks and truth of a run folder read back, also from an incomplete one, and their description in
+docs/logs.md."""
 
 import re
 import struct
@@ -17,7 +18,9 @@ from tests.runlog.conftest import EPOCH_US
 LOGS = Path(__file__).parents[2] / "docs" / "logs.md"
 
 
-def test_ticks_are_columns_an_empty_cell_is_no_number_and_a_last_line_that_was_cut_off_is_left_out(run_folder):
+def test_ticks_are_columns_an_empty_cell_is_no_number_and_a_last_line_that_was_cut_off_is_left_out(
+    run_folder,
+):
     ticks = read_ticks(run_folder())
     assert (len(ticks.time), ticks.engaged_at, ticks.words["mode"][0]) == (601, 10.0, "GUIDED")
     assert set(ticks.words["phase"]) == {"ready", "engaged"}
@@ -58,8 +61,12 @@ def truth(north, system=1, *, spoilt=None):
 )
 def test_the_truth_is_that_of_one_vehicle_and_whole(tmp_path, said, system, norths):
     """Any sender that reaches our port can send such messages."""
-    frames = [bytes(message.pack(mavlink.MAVLink(None, srcSystem=sender))) for sender, message in said]
-    (tmp_path / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", EPOCH_US) + frame for frame in frames))
+    frames = [
+        bytes(message.pack(mavlink.MAVLink(None, srcSystem=sender))) for sender, message in said
+    ]
+    (tmp_path / "flight.tlog").write_bytes(
+        b"".join(struct.pack(">Q", EPOCH_US) + frame for frame in frames)
+    )
     found = read_truth(tmp_path, EPOCH_US, system)
     assert (None if found is None else list(found.north)) == norths
 
@@ -75,4 +82,6 @@ def test_the_truth_is_that_of_one_vehicle_and_whole(tmp_path, said, system, nort
 def test_every_name_in_a_log_is_described(begins, ends, names):
     table = LOGS.read_text(encoding="utf-8").split(begins)[1].split(ends)[0]
     rows = [row for row in table.splitlines() if row.startswith("| `")]
-    assert sorted(name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])) == sorted(names)
+    assert sorted(
+        name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])
+    ) == sorted(names)

@@ -24,7 +24,11 @@ def heartbeat(number, v1=False):
 @pytest.fixture
 def records():
     """Frames of both versions, and long ones."""
-    kinds = (heartbeat, lambda number: heartbeat(number, v1=True), lambda number: truth_frame(number / 1e3, 1.0, 2.0))
+    kinds = (
+        heartbeat,
+        lambda number: heartbeat(number, v1=True),
+        lambda number: truth_frame(number / 1e3, 1.0, 2.0),
+    )
     return [kinds[number % 3](number) for number in range(RECORDS)]
 
 
@@ -41,12 +45,15 @@ def log(tmp_path):
 
 
 def test_a_log_is_read_to_where_it_was_cut_off(log, records, tmp_path):
-    data, one, two = b"".join(records), len(records[-1]), len(records[0])
+    data = b"".join(records)
+    one = len(records[-1])
+    two = len(records[0])
     ends = [sum(map(len, records[: n + 1])) for n in range(RECORDS)]
     for kept in (len(data) - 1, len(data) - one, len(data) - one - 1, two + 9, two - 1, 7):
         fits = [record for record, end in zip(records, ends, strict=True) if end <= kept]
         assert log(data[:kept]) == fits
-        damage, whole = find_damage(tmp_path / "some.tlog"), sum(map(len, fits))
+        damage = find_damage(tmp_path / "some.tlog")
+        whole = sum(map(len, fits))
         if whole == kept:
             assert damage is None
         else:
@@ -64,7 +71,14 @@ def test_behind_a_damage_the_next_good_record_is_found(log, records, tmp_path, m
     monkeypatch.setattr(tlog, "CHUNK", chunk)
     rng = random.Random(3)
     for at in (0, 50, RECORDS - 1):
-        for torn in (b"", b"\0" * 64, b"\xff" * 5000, rng.randbytes(3000), records[at][:20], records[at][9:]):
+        for torn in (
+            b"",
+            b"\0" * 64,
+            b"\xff" * 5000,
+            rng.randbytes(3000),
+            records[at][:20],
+            records[at][9:],
+        ):
             kept = [*records[:at], *records[at + 1 :]]
             data = b"".join([*records[:at], torn, *records[at + 1 :]])
             assert log(data) == kept, (at, torn[:20])
@@ -86,9 +100,12 @@ def test_a_bit_that_flipped_costs_no_other_record(log, records, at):
 def test_what_is_left_out_is_counted_and_the_unbroken_part_is_the_first(log, records, tmp_path):
     data = b"".join([*records[:50], b"torn", *records[50:90], bytes(40), *records[90:], b"end"])
     assert log(data) == records
-    damage, size = find_damage(tmp_path / "some.tlog"), len(data)
+    damage = find_damage(tmp_path / "some.tlog")
+    size = len(data)
     assert (damage.places, damage.lost, damage.cut) == (3, 47, False)
     assert (damage.until, damage.newest) == (EPOCH_US + 49_000, EPOCH_US + 1000 * (RECORDS - 1))
     first = sum(map(len, records[:50]))
-    assert str(damage) == f"damaged at byte {first} of {size} and in 2 more places, 47 bytes left out"
+    assert (
+        str(damage) == f"damaged at byte {first} of {size} and in 2 more places, 47 bytes left out"
+    )
     assert log(data, read_unbroken) == records[:50]

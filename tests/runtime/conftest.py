@@ -21,16 +21,19 @@ EVENTS = {
 
 @pytest.fixture(scope="session")
 def statuses() -> Callable[..., list[Status]]:
-    """Return the statuses, 4 per second, of some seconds of the quickstart with overrides and an event at 6 s. how:
-    its law and output."""
+    """Return the statuses, 4 per second, of some seconds of the quickstart with overrides and an
+    event at 6 s. how: its law and output."""
 
     @cache
     def fly(seconds: float, *overrides: str, event: str | None = None, **how: Any) -> list[Status]:
         under_way = flight("quickstart", f"sim.events=[{EVENTS[event]}]", *overrides, **how)
-        found, watch = list[Status](), StatusSource(under_way.pilot, Onlookers())
+        found = list[Status]()
+        watch = StatusSource(under_way.pilot, Onlookers())
 
         def look(flown: Flight) -> None:
-            if flown.ticks and (flown.pilot.done or not found or flown.now - found[-1].time >= 0.25):
+            if flown.ticks and (
+                flown.pilot.done or not found or flown.now - found[-1].time >= 0.25
+            ):
                 found.append(watch.status(flown.ticks[-1], flown.now))
 
         under_way.fly(seconds, look)

@@ -1,5 +1,5 @@
-"""The clocks: ours, the autopilot's through gaps, reboots, pauses and the wrap of its counter, and simulated time,
-which advances from event to event."""
+"""The clocks: ours, the autopilot's through gaps, reboots, pauses and the wrap of its counter, and
+simulated time, which advances from event to event."""
 
 import math
 import random
@@ -14,7 +14,9 @@ from circnav_mav.runtime import lockstep
 from circnav_mav.runtime.clock import AutopilotClock, Clock, local_time_name
 from circnav_mav.runtime.lockstep import Lockstep
 
-BOTH = pytest.mark.parametrize("make", [Clock, lambda: AutopilotClock(lambda: None)], ids=["ours", "the autopilot's"])
+BOTH = pytest.mark.parametrize(
+    "make", [Clock, lambda: AutopilotClock(lambda: None)], ids=["ours", "the autopilot's"]
+)
 WRAP = 2**32 / 1000
 
 
@@ -47,18 +49,24 @@ def test_seconds_count_from_the_start_at_the_runs_speed_and_waits_are_real(ticki
     assert whole_microseconds(clock.now())
 
 
-@pytest.mark.skipif(not hasattr(time, "CLOCK_BOOTTIME"), reason="only Linux tells how long it slept")
+@pytest.mark.skipif(
+    not hasattr(time, "CLOCK_BOOTTIME"), reason="only Linux tells how long it slept"
+)
 @BOTH
 def test_time_goes_on_while_the_computer_sleeps(make, monkeypatch):
     """The lid is closed for ten minutes: the gap must be visible to the pilot."""
-    clock, slept = make(), {time.CLOCK_BOOTTIME: 600.0}
-    before, tell = clock.now(), time.clock_gettime
+    clock = make()
+    slept = {time.CLOCK_BOOTTIME: 600.0}
+    before = clock.now()
+    tell = time.clock_gettime
     monkeypatch.setattr(time, "clock_gettime", lambda which: tell(which) + slept.get(which, 0.0))
     assert clock.now() - before == pytest.approx(600.0, abs=1.0)
 
 
 @BOTH
-def test_the_epoch_is_the_wall_clock_at_second_0_whose_jumps_move_nothing(make, ticking, monkeypatch):
+def test_the_epoch_is_the_wall_clock_at_second_0_whose_jumps_move_nothing(
+    make, ticking, monkeypatch
+):
     assert re.fullmatch(r"20\d{6}-\d{6}", local_time_name()), "run folders sort by time"
     monkeypatch.setattr(time, "time_ns", lambda: 1_790_000_000_123_456_789)
     clock = make()
@@ -73,17 +81,22 @@ def test_the_epoch_is_the_wall_clock_at_second_0_whose_jumps_move_nothing(make, 
 
 
 class Autopilot:
-    """An autopilot at `speed` times real time, which the test advances, and the clock that follows it."""
+    """An autopilot at `speed` times real time, which the test advances, and the clock that follows
+    it."""
 
     def __init__(self, ticking):
-        self.ticking, self.boot, self.speed = ticking, 100.0, 1.0
-        self.told, self.times = None, []
+        self.ticking = ticking
+        self.boot = 100.0
+        self.speed = 1.0
+        self.told = None
+        self.times = []
         self.clock = AutopilotClock(lambda: self.told)
 
     def run(self, seconds, *, every=0.05, late=None):
-        """Let real time pass. The clock is read every 10 ms and receives a boot time every `every` s of the
-        autopilot's time, `late()` s old. Return the time by which the clock advanced."""
-        before, due = self.clock.now(), self.boot + every
+        """Let real time pass. The clock is read every 10 ms and receives a boot time every `every`
+        s of the autopilot's time, `late()` s old. Return the time by which the clock advanced."""
+        before = self.clock.now()
+        due = self.boot + every
         for _ in range(round(seconds / 0.01)):
             self.ticking["now"] += 0.01
             self.boot += 0.01 * self.speed
@@ -110,7 +123,9 @@ def lateness(seed):
 
 
 @pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
-def test_before_the_first_boot_time_it_is_the_local_clock_and_one_a_second_is_enough(autopilot, speed):
+def test_before_the_first_boot_time_it_is_the_local_clock_and_one_a_second_is_enough(
+    autopilot, speed
+):
     """SYSTEM_TIME alone, before ATTITUDE was requested."""
     assert autopilot.silent(3.0) == pytest.approx(3.0)
     assert autopilot.clock.until(4.0) == pytest.approx(1.0)
@@ -121,7 +136,9 @@ def test_before_the_first_boot_time_it_is_the_local_clock_and_one_a_second_is_en
 
 def test_it_does_not_drift_away_in_the_long_run(autopilot):
     """A simulator that cannot quite hold its speed, with late messages: within 1 s in 1500 s."""
-    autopilot.speed, draw, late = 5.0, random.Random(2), lateness(2)
+    autopilot.speed = 5.0
+    draw = random.Random(2)
+    late = lateness(2)
     autopilot.run(5.0)
     lead = autopilot.clock.now() - autopilot.boot
     for _ in range(30):
@@ -133,7 +150,8 @@ def test_it_does_not_drift_away_in_the_long_run(autopilot):
 
 
 def test_late_messages_make_it_neither_jump_nor_stand_still(autopilot):
-    autopilot.speed, late = 5.0, lateness(1)
+    autopilot.speed = 5.0
+    late = lateness(1)
     autopilot.run(3.0, late=late)
     autopilot.times.clear()
     autopilot.run(20.0, late=late)
@@ -177,10 +195,17 @@ def changes_places(autopilot):
         (100.0, 5.0, 3.0, 5.0, stands_still),
         (100.0, 1.0, 5.0, 2.0, changes_places),
     ],
-    ids=["reboot", "reboot before the speed is known", "the wrap of 32 bits of milliseconds", "pause", "disorder"],
+    ids=[
+        "reboot",
+        "reboot before the speed is known",
+        "the wrap of 32 bits of milliseconds",
+        "pause",
+        "disorder",
+    ],
 )
 def test_a_jump_of_the_boot_time_moves_nothing(autopilot, boot, speed, known, then, jump):
-    autopilot.boot, autopilot.speed = boot, speed
+    autopilot.boot = boot
+    autopilot.speed = speed
     autopilot.run(known)
     jump(autopilot)
     for _ in range(2):
@@ -188,7 +213,9 @@ def test_a_jump_of_the_boot_time_moves_nothing(autopilot, boot, speed, known, th
     assert autopilot.clock.speed == pytest.approx(speed, rel=0.01)
 
 
-@pytest.mark.parametrize("speeds", [(1.0, 5.0), (5.0, 1.0), (1.0, 100.0), (20.0, 0.2), (1 / 3, 1.0)])
+@pytest.mark.parametrize(
+    "speeds", [(1.0, 5.0), (5.0, 1.0), (1.0, 100.0), (20.0, 0.2), (1 / 3, 1.0)]
+)
 def test_it_takes_the_autopilots_speed_and_follows_a_change_within_seconds(autopilot, speeds):
     for autopilot.speed in speeds:
         autopilot.run(5.0)
@@ -204,7 +231,8 @@ class Metronome:
     """A vehicle that acts every 20 ms and records its calls."""
 
     def __init__(self):
-        self.time, self.received = 0.0, []
+        self.time = 0.0
+        self.received = []
 
     @property
     def next_event(self):
@@ -245,9 +273,12 @@ def test_a_pace_waits_in_real_seconds_and_ends_at_the_same_times(ticking):
 @pytest.mark.parametrize(
     ("others", "passed", "goes_on"),
     [(False, 0.005, 0.005), (True, 0.3, 0.3), (False, 3600.0, 0.02)],
-    ids=["a wait cut short by a signal does not run ahead", "beside a real radio it keeps up, also after a pause",
-         "after a night of sleep it does not race"],
-)  # fmt: skip
+    ids=[
+        "a wait cut short by a signal does not run ahead",
+        "beside a real radio it keeps up, also after a pause",
+        "after a night of sleep it does not race",
+    ],
+)
 def test_a_pace_keeps_to_real_time(ticking, others, passed, goes_on):
     clock = Lockstep(Metronome(), speed=1.0, others=others)
     ticking["now"] += passed

@@ -28,8 +28,11 @@ class Screen:
     """A screen that records the pictures drawn on it, and that may be stuck or broken."""
 
     def __init__(self, fails=None):
-        self.seen, self.fails, self.closed = [], fails, False
-        self.entered, self.go_on = threading.Event(), threading.Event()
+        self.seen = []
+        self.fails = fails
+        self.closed = False
+        self.entered = threading.Event()
+        self.go_on = threading.Event()
         self.go_on.set()
 
     def draw(self, status):
@@ -45,12 +48,15 @@ class Screen:
 
 def showing(display):
     """Return a function that updates the display like the runner after each step."""
-    return lambda flown: display.on_step(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now), None)
+    return lambda flown: display.on_step(
+        flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now), None
+    )
 
 
 def test_a_stuck_terminal_delays_no_tick_and_gets_the_newest_picture_later():
     """The terminal was stopped with Ctrl-S while the first picture was drawn."""
-    flown, screen = flight("quickstart"), Screen()
+    flown = flight("quickstart")
+    screen = Screen()
     screen.go_on.clear()
     display = Display(screen, flown.pilot, Onlookers(), 0.0, last=True)
     flown.fly(1.0, showing(display))
@@ -65,11 +71,15 @@ def test_a_stuck_terminal_delays_no_tick_and_gets_the_newest_picture_later():
 
 @pytest.mark.parametrize(
     ("fails", "problem"),
-    [(BrokenPipeError(), None), (ZeroDivisionError("why"), "display: stopped: ZeroDivisionError('why')")],
+    [
+        (BrokenPipeError(), None),
+        (ZeroDivisionError("why"), "display: stopped: ZeroDivisionError('why')"),
+    ],
     ids=["a terminal that has gone", "a screen that fails"],
 )
 def test_a_screen_that_cannot_draw_ends_no_flight_and_is_told_of_if_somebody_looks(fails, problem):
-    flown, screen = flight("quickstart"), Screen(fails)
+    flown = flight("quickstart")
+    screen = Screen(fails)
     display = Display(screen, flown.pilot, Onlookers(), 0.0, last=True)
     flown.fly(5.0, showing(display))
     display.close()
@@ -78,7 +88,8 @@ def test_a_screen_that_cannot_draw_ends_no_flight_and_is_told_of_if_somebody_loo
 
 
 def test_a_status_that_comes_late_does_not_delay_the_next_drawing():
-    flown, screen = flight("quickstart").fly(5.0), Screen()
+    flown = flight("quickstart").fly(5.0)
+    screen = Screen()
     display = Display(screen, flown.pilot, Onlookers(), 1.0, last=False)
     for now in (0.0, 0.97, 1.04, 1.99, 2.03, 2.9, 7.0, 7.5, 8.0):
         display.on_step(flown.ticks[-1], LoopStep(now), None)
@@ -99,7 +110,13 @@ def test_only_a_terminal_that_can_be_drawn_on_gets_the_picture(monkeypatch):
         ("xterm", False, PlainScreen),
     ):
         monkeypatch.setenv("TERM", term)
-        display = display_for(Console(file=io.StringIO(), force_terminal=is_terminal), pilot, Onlookers(), "small", 1.0)
+        display = display_for(
+            Console(file=io.StringIO(), force_terminal=is_terminal),
+            pilot,
+            Onlookers(),
+            "small",
+            1.0,
+        )
         display.close()
         assert type(display._screen) is screen
 
@@ -116,7 +133,8 @@ def test_plain_lines_come_once_a_second_and_none_between():
 
     flown.fly(30.0, show_and_let_print)
     display.close()
-    believed, lines = [], []
+    believed = []
+    lines = []
     for line in console.export_text().strip().splitlines():
         (believed if "TRUSTED" in line else lines).append(line)
     assert flown.pilot.done
@@ -142,8 +160,10 @@ def test_plain_output_tells_each_new_alarm_and_what_is_waited_for_once(statuses)
 
 
 def test_plain_lines_end_with_the_flight_while_a_hand_back_goes_on():
-    flown, out = flight("quickstart", "limits.duration_s=2.0").fly(40.0), io.StringIO()
-    screen, watch = PlainScreen(Console(file=out, width=200)), StatusSource(flown.pilot, Onlookers())
+    flown = flight("quickstart", "limits.duration_s=2.0").fly(40.0)
+    out = io.StringIO()
+    screen = PlainScreen(Console(file=out, width=200))
+    watch = StatusSource(flown.pilot, Onlookers())
     for second in range(30):
         screen.draw(watch.status(flown.ticks[-1], flown.now + second))
     assert flown.pilot.done

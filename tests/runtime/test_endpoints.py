@@ -87,8 +87,8 @@ def test_a_serial_device_that_is_not_there_is_refused_and_one_without_the_packag
 
 @pytest.mark.parametrize("kind", ["udpin", "udpout", "tcp"])
 def test_a_host_that_can_be_no_name_or_that_nobody_knows_is_refused(kind, monkeypatch):
-    """With an empty label, or one beyond 63 letters, the resolver is not called. Otherwise the message is the
-    resolver's own error, here without a name server."""
+    """With an empty label, or one beyond 63 letters, the resolver is not called. Otherwise the
+    message is the resolver's own error, here without a name server."""
     for host in ("192.168..1", ".localhost", 70 * "a"):
         assert refusal(f"{kind}:{host}:14550") == ("unknown host name", False)
 
@@ -99,10 +99,15 @@ def test_a_host_that_can_be_no_name_or_that_nobody_knows_is_refused(kind, monkey
     assert refusal(f"{kind}:no.such.host.invalid:14550") == ("unknown host name", kind == "tcp")
 
 
-def test_a_port_in_use_and_an_address_that_is_not_ours_are_refused_and_a_server_that_is_not_there_is_nobody(port):
+def test_a_port_in_use_and_an_address_that_is_not_ours_are_refused_and_a_server_that_is_not_there_is_nobody(
+    port,
+):
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
         other.bind(("127.0.0.1", port))
         in_use = "port is in use by another program: close it, or choose another port"
         assert refusal(f"udpin:127.0.0.1:{port}") == (in_use, False)
     assert refusal("udpin:192.0.2.1:14550") == ("cannot assign requested address", False)
-    assert refusal(f"tcp:127.0.0.1:{port}") == ("connection refused: no program listens at this address", True)
+    assert refusal(f"tcp:127.0.0.1:{port}") == (
+        "connection refused: no program listens at this address",
+        True,
+    )

@@ -52,10 +52,15 @@ def test_a_key_is_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
         (KEY + KEY[:8], 0o600, "holds a key of 40 bytes, not 32", "sha256sum"),
         (bytes(32), 0o600, "is all zeros", "sha256sum"),
         (b"0" * 64, 0o600, "is all zeros", "sha256sum"),
-        *((KEY, mode, "other users can read this key ", ": chmod 600 {path}") for mode in (0o640, 0o604, 0o620, 0o777)),
+        *(
+            (KEY, mode, "other users can read this key ", ": chmod 600 {path}")
+            for mode in (0o640, 0o604, 0o620, 0o777)
+        ),
     ],
 )
-def test_what_is_no_key_or_nobodys_alone_is_refused_in_one_line_with_the_remedy(path, data, mode, told, remedy):
+def test_what_is_no_key_or_nobodys_alone_is_refused_in_one_line_with_the_remedy(
+    path, data, mode, told, remedy
+):
     with pytest.raises(KeyFileError) as refused:
         read_key(written(path, data, mode))
     line = str(refused.value)
@@ -64,7 +69,9 @@ def test_what_is_no_key_or_nobodys_alone_is_refused_in_one_line_with_the_remedy(
     assert "\n" not in line
 
 
-def test_a_key_that_is_not_there_and_a_folder_and_a_pipe_are_refused(path: Path, tmp_path: Path) -> None:
+def test_a_key_that_is_not_there_and_a_folder_and_a_pipe_are_refused(
+    path: Path, tmp_path: Path
+) -> None:
     with pytest.raises(KeyFileError, match="No such file"):
         read_key(path)
     os.mkfifo(path, 0o600)
@@ -80,7 +87,8 @@ class Flight:
     """A flight that signs under a wall clock set by the test, s after BEGAN."""
 
     def __init__(self, path: Path, seconds: float = 0.0) -> None:
-        self.seconds, self.signing = seconds, Signing(KEY)
+        self.seconds = seconds
+        self.signing = Signing(KEY)
         self.kept = SigningTime(self.signing, path, lambda: EPOCH + BEGAN + self.seconds)
 
     def turn(self, seconds: float) -> None:
@@ -93,7 +101,9 @@ class Flight:
         return self.signing.timestamp / SECOND - BEGAN
 
 
-def test_a_restart_goes_on_where_the_last_run_ended_though_the_clock_was_set_back(path: Path) -> None:
+def test_a_restart_goes_on_where_the_last_run_ended_though_the_clock_was_set_back(
+    path: Path,
+) -> None:
     first = Flight(path)
     assert first.signed == 0.0, "the first of all is that of the clock"
     first.turn(100.0)
@@ -104,9 +114,12 @@ def test_a_restart_goes_on_where_the_last_run_ended_though_the_clock_was_set_bac
 
 
 @pytest.mark.parametrize("seconds", [0.0, 9.9, 15.0, 61.7])
-def test_a_killed_process_signs_nothing_again_and_its_file_is_written_seldom(path, seconds, monkeypatch):
+def test_a_killed_process_signs_nothing_again_and_its_file_is_written_seldom(
+    path, seconds, monkeypatch
+):
     """The killed process never closes the file, and the clock is set back before the restart."""
-    writes, replace = [], os.replace
+    writes = []
+    replace = os.replace
     monkeypatch.setattr(os, "replace", lambda *names: writes.append(names) or replace(*names))
     killed = Flight(path)
     for step in range(int(seconds * 20) + 1):
@@ -120,35 +133,52 @@ def test_a_killed_process_signs_nothing_again_and_its_file_is_written_seldom(pat
 
 @pytest.mark.parametrize("ends", ["closed", "killed"])
 @pytest.mark.parametrize("down", [0.0, 3.0, 50.0])
-def test_after_a_restart_every_frame_of_before_is_refused_and_the_real_senders_go_on(path, ends, down):
-    """Radio and vehicle send for 20 s. After the restart all frames are repeated while both are silent."""
-    first, recorded = Flight(path), []
-    radio, vehicle = voice(KEY, component=192), voice(KEY)
+def test_after_a_restart_every_frame_of_before_is_refused_and_the_real_senders_go_on(
+    path, ends, down
+):
+    """Radio and vehicle send for 20 s. After the restart all frames are repeated while both are
+    silent."""
+    first = Flight(path)
+    recorded = []
+    radio = voice(KEY, component=192)
+    vehicle = voice(KEY)
     for step in range(200):
         first.turn(step / 10)
-        for engine, message in ((radio, distance(5000 + step % 2, 100 * step)), (vehicle, heartbeat())):
+        for engine, message in (
+            (radio, distance(5000 + step % 2, 100 * step)),
+            (vehicle, heartbeat()),
+        ):
             engine.signing.timestamp = round((BEGAN + step / 10) * SECOND)
             recorded.append(bytes(message.pack(engine)))
             assert first.signing.check(recorded[-1]) is None
     first.kept.close() if ends == "closed" else first.kept._writer.shutdown()
     again = Flight(path, 20.0 + down)
     assert {again.signing.check(frame) for frame in recorded} == {Refusal.BEHIND}
-    assert vehicle.decode(bytearray(again.signing.sign(bytes(heartbeat().pack(voice(None)))))).get_signed()
-    assert again.signing.check(bytes(heartbeat().pack(vehicle))) is None, "it has adopted our timestamp at once"
+    assert vehicle.decode(
+        bytearray(again.signing.sign(bytes(heartbeat().pack(voice(None)))))
+    ).get_signed()
+    assert again.signing.check(bytes(heartbeat().pack(vehicle))) is None, (
+        "it has adopted our timestamp at once"
+    )
     radio.signing.timestamp = round((BEGAN + 20.0 + max(down, RESERVE / SECOND)) * SECOND) + 1
-    assert again.signing.check(bytes(distance(5000, 9).pack(radio))) is None, "by its own clock, 10 s after a kill"
+    assert again.signing.check(bytes(distance(5000, 9).pack(radio))) is None, (
+        "by its own clock, 10 s after a kill"
+    )
     assert {again.signing.check(frame) for frame in recorded} == {Refusal.REPEATED}
 
 
 def test_a_clock_that_is_set_forth_is_followed_and_one_set_back_is_not(path: Path) -> None:
-    flight, seen = Flight(path), []
+    flight = Flight(path)
+    seen = []
     for seconds in (0.0, 3600.0, -3600.0, -3599.0):
         flight.turn(seconds)
         seen.append(flight.signed)
     assert seen == [0.0, 3600.0, 3600.0, 3600.0]
 
 
-def test_a_damaged_timestamp_and_a_folder_that_cannot_be_written_are_refused_in_one_line(path: Path) -> None:
+def test_a_damaged_timestamp_and_a_folder_that_cannot_be_written_are_refused_in_one_line(
+    path: Path,
+) -> None:
     for text in ("", "soon", "-5", "1.5", str(2**48), 5000 * "9", "\xff"):
         path.write_text(text, encoding="latin-1")
         with pytest.raises(KeyFileError, match=f"^{path}: "):

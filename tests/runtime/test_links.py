@@ -109,10 +109,13 @@ def test_a_flood_is_taken_in_portions_in_their_order_and_none_is_lost(udp, udpin
 
 
 def test_what_waits_in_a_flooded_socket_is_not_old(udp, udpin):
-    """A longer queue would lose no less. It would only delay all its frames, including a takeover."""
+    """A longer queue would lose no less. It would only delay all its frames, including a
+    takeover."""
     for _ in range(3000):
         udp.send(bytes(1400))
-    assert sum(len(data) for portion in portions(udpin) for data in portion) < 400_000, "0.4 s at 1 MB/s"
+    assert sum(len(data) for portion in portions(udpin) for data in portion) < 400_000, (
+        "0.4 s at 1 MB/s"
+    )
 
 
 @pytest.mark.parametrize(
@@ -128,15 +131,21 @@ def test_what_waits_in_a_flooded_socket_is_not_old(udp, udpin):
 )
 def test_udpin_hears_the_addresses_that_the_mission_names_and_no_other(host, peers, received):
     family, to = (socket.AF_INET6, "::1") if host == "[::1]" else (socket.AF_INET, "127.0.0.1")
-    with closing(open_link(f"udpin:{host}:0", peers)) as link, closing(socket.socket(family, UDP[1])) as other:
+    with (
+        closing(open_link(f"udpin:{host}:0", peers)) as link,
+        closing(socket.socket(family, UDP[1])) as other,
+    ):
         other.sendto(b"hello", (to, link.port))
         assert receive(link) == [b"hello"] * received
-        assert list(link.troubles) == ([] if received else [f"ignored: from {host}:{other.getsockname()[1]}"])
+        assert list(link.troubles) == (
+            [] if received else [f"ignored: from {host}:{other.getsockname()[1]}"]
+        )
 
 
 def test_udpout_speaks_to_its_own_address_only_and_hears_no_other(udp, udpout):
-    """A vehicle may still send to our fixed port after our link was opened to another vehicle. Otherwise one vehicle
-    would be received and the other commanded. A second link cannot have that port, and takes another."""
+    """A vehicle may still send to our fixed port after our link was opened to another vehicle.
+    Otherwise one vehicle would be received and the other commanded. A second link cannot have that
+    port, and takes another."""
     udpout.send(b"again", ("127.0.0.1", 9))
     assert udp.recv(100) == b"again"
     with closing(open_link(f"udpout:127.0.0.1:{udp.getsockname()[1]}")) as second:
@@ -147,7 +156,9 @@ def test_udpout_speaks_to_its_own_address_only_and_hears_no_other(udp, udpout):
         udp.sendto(b"ours", ("127.0.0.1", udpout.port))
         assert receive(udpout) == []
         assert udpout.receive(0.0) == [(b"ours", udp.getsockname())]
-        assert udpout.troubles == {f"ignored: from 127.0.0.1:{other.getsockname()[1]}": MOST_DATAGRAMS}
+        assert udpout.troubles == {
+            f"ignored: from 127.0.0.1:{other.getsockname()[1]}": MOST_DATAGRAMS
+        }
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.1.1", "localhost"])
@@ -184,7 +195,9 @@ def test_a_peer_that_refuses_is_silence_and_counted_and_may_come_back(request, p
         assert back.recv(100) == b"there"
 
 
-def test_a_datagram_that_no_router_sends_is_not_read_and_a_network_that_is_unreachable_is_counted(udp, udpin):
+def test_a_datagram_that_no_router_sends_is_not_read_and_a_network_that_is_unreachable_is_counted(
+    udp, udpin
+):
     for size in (LONGEST + 1, 65_000, LONGEST):
         udp.send(bytes(size))
     assert list(map(len, receive(udpin))) == [LONGEST]
@@ -218,9 +231,11 @@ LINGER = {"its end": bytes(8), "a reset": b"\x01" + bytes(7)}
 def test_a_tcp_server_that_comes_and_goes_is_connected_again_a_second_later_as_quick_as_before(
     server, tcp, monkeypatch, end
 ):
-    """Its name is not resolved again: a name server may fail in flight, and would delay the loop."""
+    """Its name is not resolved again: a name server may fail in flight, and would delay the
+    loop."""
     monkeypatch.delattr(socket, "getaddrinfo")
-    there, now = server.accept()[0], 10.0
+    there = server.accept()[0]
+    now = 10.0
     before = len(os.listdir("/proc/self/fd"))
     for flap in range(20):
         there.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER[end])
@@ -244,7 +259,8 @@ def test_a_tcp_server_that_comes_and_goes_is_connected_again_a_second_later_as_q
 
 
 def test_a_dead_tcp_server_does_not_make_the_loop_spin(server, tcp):
-    """A thousand calls between two retries make one attempt. Meanwhile the link has no descriptor to select on."""
+    """A thousand calls between two retries make one attempt. Meanwhile the link has no descriptor
+    to select on."""
     server.accept()[0].close()
     assert receive(tcp) == []
     server.close()
@@ -258,9 +274,11 @@ def test_a_dead_tcp_server_does_not_make_the_loop_spin(server, tcp):
     assert tcp.troubles.total() == attempts + 1
 
 
-def test_a_peer_that_does_not_read_delays_nothing_and_one_that_vanishes_without_a_word_is_given_up(server, tcp):
-    """A full buffer loses bytes instead. On a half-open connection without acknowledgements, Linux ends the
-    connection after the timeout of the socket."""
+def test_a_peer_that_does_not_read_delays_nothing_and_one_that_vanishes_without_a_word_is_given_up(
+    server, tcp
+):
+    """A full buffer loses bytes instead. On a half-open connection without acknowledgements, Linux
+    ends the connection after the timeout of the socket."""
     with socket.socket(fileno=os.dup(tcp.fileno())) as twin:
         assert twin.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 3000
     with closing(server.accept()[0]):
@@ -273,8 +291,8 @@ def test_a_peer_that_does_not_read_delays_nothing_and_one_that_vanishes_without_
 
 
 class Line:
-    """A device that can be unplugged, under a fixed name like one from udev. Its pty number may be reused by the
-    next terminal, also in another test."""
+    """A device that can be unplugged, under a fixed name like one from udev. Its pty number may be
+    reused by the next terminal, also in another test."""
 
     def __init__(self, name):
         pytest.importorskip("serial")
@@ -311,8 +329,11 @@ def test_a_serial_line_carries_bytes_both_ways(line, serial):
     assert serial.receive(0.0) == []
 
 
-def test_a_serial_device_that_is_plugged_in_again_and_again_is_back_each_time_within_two_seconds(line, serial):
-    before, now = len(os.listdir("/proc/self/fd")), 0.0
+def test_a_serial_device_that_is_plugged_in_again_and_again_is_back_each_time_within_two_seconds(
+    line, serial
+):
+    before = len(os.listdir("/proc/self/fd"))
+    now = 0.0
     for flap in range(20):
         line.unplug()
         assert receive(serial, now) == []
@@ -342,7 +363,8 @@ FAILURES = [termios.error(5, "Input/output error"), ValueError("not a baud rate"
 def test_a_serial_device_may_fail_in_every_way_while_it_is_read_written_closed_and_opened_again(
     line, serial, monkeypatch, error
 ):
-    """When pyserial opens a device, it flushes it last, and an error of the flush is raised to the caller."""
+    """When pyserial opens a device, it flushes it last, and an error of the flush is raised to the
+    caller."""
     with monkeypatch.context() as failing:
         for action in ("read", "close", "fileno"):
             failing.setattr(serial._port, action, Mock(side_effect=error))
@@ -360,7 +382,11 @@ def test_a_serial_device_may_fail_in_every_way_while_it_is_read_written_closed_a
     assert receive(serial, 4.0) == [b"back"]
 
 
-def test_a_serial_device_that_vanishes_while_it_is_first_opened_is_refused_in_one_line(line, monkeypatch):
+def test_a_serial_device_that_vanishes_while_it_is_first_opened_is_refused_in_one_line(
+    line, monkeypatch
+):
     monkeypatch.setattr(termios, "tcflush", Mock(side_effect=FAILURES[0]))
-    with pytest.raises(LinkError, match=rf"^endpoint serial:{line.name}:57600: input/output error$"):
+    with pytest.raises(
+        LinkError, match=rf"^endpoint serial:{line.name}:57600: input/output error$"
+    ):
         open_link(f"serial:{line.name}:57600")

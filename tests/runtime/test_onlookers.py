@@ -1,4 +1,5 @@
-"""Onlookers: a failure in any call is reported, and neither ends the flight nor affects other onlookers."""
+"""Onlookers: a failure in any call is reported, and neither ends the flight nor affects other
+onlookers."""
 
 from pathlib import Path
 
@@ -14,7 +15,8 @@ class Sound(Onlooker):
     name = "sound"
 
     def __init__(self):
-        self.steps, self.closed = [], False
+        self.steps = []
+        self.closed = False
 
     def on_step(self, newest, step, recording_problem):
         self.steps.append(step.time)
@@ -40,7 +42,8 @@ def fails(*given):
 
 def flown(one, other):
     """Return the results of a short flight with two onlookers."""
-    onlookers, summary = Onlookers([one, other]), {"notes": []}
+    onlookers = Onlookers([one, other])
+    summary = {"notes": []}
     onlookers.start(1)
     frames = []
     for moment in (1.0, 2.0, 3.0):
@@ -56,23 +59,34 @@ def flown(one, other):
 
 @pytest.mark.parametrize(
     ("what", "when"),
-    [("start", " at 0.0 s"), ("on_step", " at 1.0 s"), ("take_exchanged", " at 1.0 s"),
-     ("facts", " at 1.0 s"), ("alarms", " at 1.0 s"),
-     ("busy", ""), ("finish", " at the end"), ("show_verdict", " at the end"), ("close", " at the end")],
-)  # fmt: skip
+    [
+        ("start", " at 0.0 s"),
+        ("on_step", " at 1.0 s"),
+        ("take_exchanged", " at 1.0 s"),
+        ("facts", " at 1.0 s"),
+        ("alarms", " at 1.0 s"),
+        ("busy", ""),
+        ("finish", " at the end"),
+        ("show_verdict", " at the end"),
+        ("close", " at the end"),
+    ],
+)
 def test_one_that_fails_is_reported_once_and_shown_no_more_and_the_others_go_on(what, when):
     class Broken(Onlooker):
         name = "broken"
         busy = property(fails) if what == "busy" else True
 
-    broken, sound = Broken(), Sound()
+    broken = Broken()
+    sound = Sound()
     sound.busy = True
     if what != "busy":
         setattr(broken, what, fails)
     frames, seen, files, notes, problems = flown(broken, sound)
     assert (sound.steps, frames, sound.closed) == ([1.0, 2.0, 3.0], [b"frame"] * 3, True)
     assert (files, notes) == ({"sound.txt": "heard"}, ["  sound"])
-    assert problems == [f"broken: stopped{when}: ValueError('Out of range float values are not JSON compliant')"]
+    assert problems == [
+        f"broken: stopped{when}: ValueError('Out of range float values are not JSON compliant')"
+    ]
     assert seen[0] == {"place": "known"} and seen[1]["sound"] == "SOUND: loud"
 
 
@@ -95,7 +109,9 @@ def test_one_that_has_failed_is_an_alarm_and_shown_no_further_step():
 
 
 def test_the_slowest_pace_that_an_onlooker_asks_for_is_flown():
-    slow, slower = Onlooker(), Onlooker()
+    slow = Onlooker()
+    slower = Onlooker()
     assert Onlookers([Onlooker()]).pace is None
-    slow.pace, slower.pace = 6.0, 2.0
+    slow.pace = 6.0
+    slower.pace = 2.0
     assert Onlookers([Onlooker(), slow, slower]).pace == 2.0

@@ -23,15 +23,25 @@ def frames(count):
     made = []
     for i in range(count):
         speaker.seq = i % 256
-        made.append(bytes(mavlink.MAVLink_attitude_message(i, 0.1 * i, 0, 0, 0, 0, 0).pack(speaker)))
+        made.append(
+            bytes(mavlink.MAVLink_attitude_message(i, 0.1 * i, 0, 0, 0, 0, 0).pack(speaker))
+        )
     return made
 
 
 def tick(**changes):
     values = dict.fromkeys(TICK_COLUMNS, None) | {
-        "time": 1.25, "phase": Phase.ENGAGED, "saturated": True, "mode": "GUIDED", "accepted": 7, "rejected": 2,
-        "r": 101.23456789, "turn_gain": 1.0, "turn_delay": 0.4, "gain_share": 1.0,
-    }  # fmt: skip
+        "time": 1.25,
+        "phase": Phase.ENGAGED,
+        "saturated": True,
+        "mode": "GUIDED",
+        "accepted": 7,
+        "rejected": 2,
+        "r": 101.23456789,
+        "turn_gain": 1.0,
+        "turn_delay": 0.4,
+        "gain_share": 1.0,
+    }
     return TickRecord(**(values | changes))
 
 
@@ -68,8 +78,22 @@ def test_every_tick_is_a_line_and_every_field_a_column(recorder):
     with (recorder.folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
         first, second = csv.DictReader(file)
     assert tuple(first) == TICK_COLUMNS
-    assert {"time", "phase", "r", "r_dot", "turn_rate", "yaw_rate_sent", "range_age", "mode"} <= set(TICK_COLUMNS)
-    assert (first["time"], first["phase"], first["saturated"], first["mode"]) == ("1.250000", "engaged", "1", "GUIDED")
+    assert {
+        "time",
+        "phase",
+        "r",
+        "r_dot",
+        "turn_rate",
+        "yaw_rate_sent",
+        "range_age",
+        "mode",
+    } <= set(TICK_COLUMNS)
+    assert (first["time"], first["phase"], first["saturated"], first["mode"]) == (
+        "1.250000",
+        "engaged",
+        "1",
+        "GUIDED",
+    )
     assert (first["r"], first["accepted"], first["r_dot"]) == ("101.234568", "7", "")
     assert (second["phase"], second["saturated"], second["r"]) == ("holding", "0", "")
 
@@ -79,9 +103,13 @@ def test_what_is_written_is_on_the_disk_at_once(recorder):
     recorder.step(LoopStep(0.5, sent=frames(30)))
     recorder.ticks([tick()])
     until(lambda: "engaged" in (recorder.folder / "ticks.csv").read_text())
-    sizes = [(recorder.folder / name).read_bytes().count(b"\n") for name in ("steps.csv", "ticks.csv")]
+    sizes = [
+        (recorder.folder / name).read_bytes().count(b"\n") for name in ("steps.csv", "ticks.csv")
+    ]
     assert sizes == [2, 2]
-    assert (recorder.folder / "flight.tlog").stat().st_size == sum(8 + len(frame) for frame in frames(30))
+    assert (recorder.folder / "flight.tlog").stat().st_size == sum(
+        8 + len(frame) for frame in frames(30)
+    )
 
 
 # --- disks that fail ---
@@ -127,15 +155,20 @@ def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(r
         recorder.step(LoopStep(0.05 * i, received=[("vehicle", "a", frames(2))], sent=frames(1)))
         recorder.ticks([tick(time=0.05 * i)])
     recorder.close()
-    sizes = {name: (folder / name).stat().st_size for name in ("flight.tlog", "steps.csv", "ticks.csv")}
+    sizes = {
+        name: (folder / name).stat().st_size for name in ("flight.tlog", "steps.csv", "ticks.csv")
+    }
     assert 0.095e6 < sum(sizes.values()) < 0.1e6 + 1000
-    steps, ticks = list(recorded_steps(folder)), read_ticks(folder)
+    steps = list(recorded_steps(folder))
+    ticks = read_ticks(folder)
     assert sizes["flight.tlog"] == sum(
         8 + len(frame) for step in steps for frame in (*step.sent, *step.received_frames)
     )
     assert steps[-1].time < ticks.time[-1] < 74
-    assert recorder.problem == (
-        f"{folder}: recording of frames ended at {steps[-1].time + 0.05:.0f} s: the limit of 0.1 MB is reached"
+    assert (
+        recorder.problem
+        == f"{folder}: recording of frames ended at {steps[-1].time + 0.05:.0f} s: the limit of 0.1"
+        " MB is reached"
     )
 
 
@@ -156,6 +189,8 @@ def test_a_flood_of_senders_does_not_fill_the_memory_and_closing_without_a_start
     for i in range(3000):
         recorder.step(LoopStep(0.001 * i, received=[("vehicle", ("10.0.0.1", i), [])]))
     recorder.close()
-    numbers = {row.split(",")[1] for row in (recorder.folder / "steps.csv").read_text().splitlines()[1:]}
+    numbers = {
+        row.split(",")[1] for row in (recorder.folder / "steps.csv").read_text().splitlines()[1:]
+    }
     assert len(recorder._sources) == 1000
     assert len(numbers) == 1001

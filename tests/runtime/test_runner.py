@@ -17,8 +17,8 @@ def frame(number):
 
 
 class FakeClock:
-    """A clock that advances by one tick at each reading. `stop`: the process is stopped for some seconds. The run is
-    ten times as fast as real time."""
+    """A clock that advances by one tick at each reading. `stop`: the process is stopped for some
+    seconds. The run is ten times as fast as real time."""
 
     longest_wait = 0.05
 
@@ -44,7 +44,8 @@ class FakeClock:
 
 class FakeLink:
     def __init__(self, *incoming):
-        self.incoming, self.sent = list(incoming), []
+        self.incoming = list(incoming)
+        self.sent = []
 
     def fileno(self):
         return None
@@ -59,11 +60,15 @@ class FakeLink:
 class FakePilot:
     """Ends after some steps, or two steps after an interrupt. Also used as a preflight listener."""
 
-    next_tick, scheduler, session = 0.0, Mock(due=0.0), Mock(reply_to="the vehicle")
+    next_tick = 0.0
+    scheduler = Mock(due=0.0)
+    session = Mock(reply_to="the vehicle")
 
     def __init__(self, steps=5):
-        self.left, self.mission = steps, Mock(outcome=None)
-        self.received, self.interrupts = [], []
+        self.left = steps
+        self.mission = Mock(outcome=None)
+        self.received = []
+        self.interrupts = []
 
     @property
     def done(self):
@@ -89,7 +94,8 @@ class FakePilot:
     def interrupt(self, now, reason):
         assert not self.interrupts, "once is enough"
         self.interrupts.append(reason)
-        self.mission.outcome, self.left = "interrupted", 2
+        self.mission.outcome = "interrupted"
+        self.left = 2
 
     def take_frames(self):
         return [data for data, _, _ in self.received[-1:]]
@@ -112,8 +118,10 @@ class FakeRecorder:
     problem = None
 
     def __init__(self):
-        self.ticked, self.steps = [], []
-        self.step, self.ticks = self.steps.append, self.ticked.extend
+        self.ticked = []
+        self.steps = []
+        self.step = self.steps.append
+        self.ticks = self.ticked.extend
 
     @property
     def kept(self):
@@ -133,8 +141,17 @@ def fly(stop):
     """Return a function that runs a pilot to its end and returns the recorder."""
 
     def run_to_the_end(pilot, *onlookers, clock=None, recorder=None, signing_time=None, **links):
-        recorder, attached = recorder or FakeRecorder(), Onlookers([*onlookers])
-        run(pilot, {"vehicle": FakeLink()} | links, clock or FakeClock(), recorder, attached, stop, signing_time)
+        recorder = recorder or FakeRecorder()
+        attached = Onlookers([*onlookers])
+        run(
+            pilot,
+            {"vehicle": FakeLink()} | links,
+            clock or FakeClock(),
+            recorder,
+            attached,
+            stop,
+            signing_time,
+        )
         assert not attached.problems
         return recorder
 
@@ -144,11 +161,17 @@ def fly(stop):
 def test_the_pilot_is_given_what_comes_in_with_its_source_and_link_and_what_it_says_goes_to_vehicle_recorder_and_screen(
     fly,
 ):
-    pilot, shown = FakePilot(2), []
-    vehicle, ranging = FakeLink((b"a", "x"), (b"b", "y")), FakeLink((b"c", "radio"))
+    pilot = FakePilot(2)
+    shown = []
+    vehicle = FakeLink((b"a", "x"), (b"b", "y"))
+    ranging = FakeLink((b"c", "radio"))
     screen = Showing(lambda tick, step: shown.append((tick, step.time)))
     recorder = fly(pilot, screen, vehicle=vehicle, ranging=ranging)
-    assert pilot.received == [(b"a", "x", "vehicle"), (b"c", "radio", "ranging"), (b"b", "y", "vehicle")]
+    assert pilot.received == [
+        (b"a", "x", "vehicle"),
+        (b"c", "radio", "ranging"),
+        (b"b", "y", "vehicle"),
+    ]
     said = [frame(1), frame(101), frame(0), frame(100)]  # the setpoint separately, at once
     assert vehicle.sent == [(one, "the vehicle") for one in said]
     assert recorder.kept == said
@@ -159,7 +182,8 @@ def test_the_pilot_is_given_what_comes_in_with_its_source_and_link_and_what_it_s
 
 @pytest.mark.parametrize("number", ENDING)
 def test_signals_interrupt_the_pilot_once_and_let_it_say_goodbye(fly, number):
-    pilot, vehicle = FakePilot(1000), FakeLink()
+    pilot = FakePilot(1000)
+    vehicle = FakeLink()
     for _ in range(2000):
         signal.raise_signal(number)
     fly(pilot, vehicle=vehicle)
@@ -170,7 +194,8 @@ def test_signals_interrupt_the_pilot_once_and_let_it_say_goodbye(fly, number):
 class Lasting(Onlooker):
     """Busy until a signal, with one frame to send afterwards."""
 
-    busy, steps = True, 0
+    busy = True
+    steps = 0
 
     def on_step(self, newest, step, recording_problem):
         self.steps += 1
@@ -180,16 +205,22 @@ class Lasting(Onlooker):
         return [b"streams"] if self.called_off else []
 
 
-def test_an_onlooker_keeps_the_loop_going_after_guidance_until_a_signal_which_it_is_shown_in_a_step_of_its_own(fly):
+def test_an_onlooker_keeps_the_loop_going_after_guidance_until_a_signal_which_it_is_shown_in_a_step_of_its_own(
+    fly,
+):
     """In that step the vehicle gets its streams back, and the frames sent are recorded."""
-    lasting, pilot, vehicle = Lasting(), FakePilot(1), FakeLink()
+    lasting = Lasting()
+    pilot = FakePilot(1)
+    vehicle = FakeLink()
     pilot.mission.outcome = "completed"
     recorder = fly(pilot, lasting, vehicle=vehicle)
     assert lasting.steps == 4 and vehicle.sent[-1] == (b"streams", "the vehicle")
     assert [step.attached for step in recorder.steps] == [[], [], [], [b"streams"]]
 
 
-def test_frames_that_an_onlooker_exchanged_with_others_are_recorded_and_never_sent_to_the_vehicle(fly):
+def test_frames_that_an_onlooker_exchanged_with_others_are_recorded_and_never_sent_to_the_vehicle(
+    fly,
+):
     class Member(Onlooker):
         def take_exchanged(self):
             return [b"report"]
@@ -202,13 +233,23 @@ def test_frames_that_an_onlooker_exchanged_with_others_are_recorded_and_never_se
 
 @pytest.mark.parametrize(("seconds", "stands"), [(0.4, False), (5.0, True)])
 @pytest.mark.parametrize("moment", ["reading", "decoding", "deciding", "preparing the rest"])
-def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it(fly, seconds, stands, moment):
-    """The process stops in its second step. A setpoint or mode request from before is obsolete, because the operator
-    may have taken over. A range dated seconds before it was sent would make all later ones look old."""
-    pilot, clock, vehicle = FakePilot(3), FakeClock(), FakeLink(*[(b"a", "x")] * 3)
-    where, name = {"reading": (vehicle, "receive"), "decoding": (pilot, "receive"), "deciding": (pilot, "decide"),
-                   "preparing the rest": (pilot, "prepare_the_rest")}[moment]  # fmt: skip
-    does, calls = getattr(where, name), []
+def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it(
+    fly, seconds, stands, moment
+):
+    """The process stops in its second step. A setpoint or mode request from before is obsolete,
+    because the operator may have taken over. A range dated seconds before it was sent would make
+    all later ones look old."""
+    pilot = FakePilot(3)
+    clock = FakeClock()
+    vehicle = FakeLink(*[(b"a", "x")] * 3)
+    where, name = {
+        "reading": (vehicle, "receive"),
+        "decoding": (pilot, "receive"),
+        "deciding": (pilot, "decide"),
+        "preparing the rest": (pilot, "prepare_the_rest"),
+    }[moment]
+    does = getattr(where, name)
+    calls = []
 
     def stops(*arguments):
         calls.append(arguments)
@@ -227,7 +268,8 @@ def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it
 
 
 def test_the_time_of_signatures_goes_on_in_every_step(fly, stop):
-    flying, listening = Mock(), Mock()
+    flying = Mock()
+    listening = Mock()
     fly(FakePilot(3), signing_time=flying)
     listen(FakePilot(3), {"vehicle": FakeLink()}, FakeClock(), stop, listening)
     assert (flying.advance.call_count, listening.advance.call_count) == (3, 3)
@@ -235,8 +277,14 @@ def test_the_time_of_signatures_goes_on_in_every_step(fly, stop):
 
 def test_a_setpoint_leaves_before_anything_is_recorded_or_shown(fly, monkeypatch):
     order = []
-    pilot, vehicle, recorder = FakePilot(1), FakeLink(), FakeRecorder()
-    monkeypatch.setattr(vehicle, "send", lambda words, _: order.append("setpoint" if words == frame(0) else "the rest"))
+    pilot = FakePilot(1)
+    vehicle = FakeLink()
+    recorder = FakeRecorder()
+    monkeypatch.setattr(
+        vehicle,
+        "send",
+        lambda words, _: order.append("setpoint" if words == frame(0) else "the rest"),
+    )
     monkeypatch.setattr(pilot, "take_records", lambda: order.append("records worked out") or [0])
     monkeypatch.setattr(recorder, "step", lambda _: order.append("recorded"))
     fly(pilot, Showing(lambda *_: order.append("shown")), vehicle=vehicle, recorder=recorder)

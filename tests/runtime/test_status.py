@@ -1,4 +1,5 @@
-"""Status of a flight: reasons for waiting, alarms and data rates, and its picture of 80 by 24 characters."""
+"""Status of a flight: reasons for waiting, alarms and data rates, and its picture of 80 by 24
+characters."""
 
 import io
 import re
@@ -39,19 +40,50 @@ def drawn(*statuses, ascii_only=False, settings=SETTINGS, columns=80):
     ("seconds", "overrides", "event", "phase", "waits", "alarms"),
     [
         (0.1, [], None, "waiting for ranging", "no ranging: no usable DISTANCE_SENSOR", ""),
-        (4.0, ["sim.ranging.rate_hz=0.0"], None, "waiting for ranging", "no ranging: no usable DISTANCE_SENSOR", ""),
-        (4.0, ["engage.request_mode=false"], None, "ready", "mode GUIDED: the operator must enter it", ""),
+        (
+            4.0,
+            ["sim.ranging.rate_hz=0.0"],
+            None,
+            "waiting for ranging",
+            "no ranging: no usable DISTANCE_SENSOR",
+            "",
+        ),
+        (
+            4.0,
+            ["engage.request_mode=false"],
+            None,
+            "ready",
+            "mode GUIDED: the operator must enter it",
+            "",
+        ),
         (4.0, GROUND, None, "ready", "the vehicle is on the ground", ""),
         (12.0, [], None, "engaged", "", ""),
         (10.2, [], "outage", "holding", "", STALE),
         (9.0, ['engage.on_takeover="wait"'], "takeover", "yielded", BACK, ""),
         (9.0, [], "takeover", "ended", "", ""),
-        (8.0, ["ranging.bias_m=900.0"], None, "waiting for ranging", "no ranging: ",
-         "MOST RANGES REJECTED: .* per second"),
+        (
+            8.0,
+            ["ranging.bias_m=900.0"],
+            None,
+            "waiting for ranging",
+            "no ranging: ",
+            "MOST RANGES REJECTED: .* per second",
+        ),
         (9.0, [], "silence", "waiting for the link", "", r"LINK SILENT for [23]\.\d s; .*"),
     ],
-    ids=["waiting", "no ranging", "mode", "ground", "engaged", "outage", "takeover", "ended", "rejected", "silent"],
-)  # fmt: skip
+    ids=[
+        "waiting",
+        "no ranging",
+        "mode",
+        "ground",
+        "engaged",
+        "outage",
+        "takeover",
+        "ended",
+        "rejected",
+        "silent",
+    ],
+)
 def test_what_it_waits_for_and_what_is_wrong_is_told_in_words_that_fit_a_small_terminal(
     statuses, seconds, overrides, event, phase, waits, alarms
 ):
@@ -63,17 +95,26 @@ def test_what_it_waits_for_and_what_is_wrong_is_told_in_words_that_fit_a_small_t
     assert len(lines) <= 24
     assert {len(line) for line in lines} == {80}
     shown = re.sub(r"[│\s]+", " ", "\n".join(lines))
-    for words in (f" {phase.upper()} ", f"mode {last.tick.mode}", waits, *(alarm[:40] for alarm in last.alarms)):
+    for words in (
+        f" {phase.upper()} ",
+        f"mode {last.tick.mode}",
+        waits,
+        *(alarm[:40] for alarm in last.alarms),
+    ):
         assert words in shown
     assert ("alarms none" in shown) is (alarms == "")
-    assert "".join(drawn(last, ascii_only=True)[1:-1]).replace("│", "").isascii(), "a terminal without Unicode"
+    assert "".join(drawn(last, ascii_only=True)[1:-1]).replace("│", "").isascii(), (
+        "a terminal without Unicode"
+    )
 
 
 def during(statuses, phase):
     return [status for status in statuses if status.tick.phase.value == phase]
 
 
-def test_a_flight_that_goes_well_raises_no_alarm_tells_its_rates_and_counts_from_the_moment_of_engaging(statuses):
+def test_a_flight_that_goes_well_raises_no_alarm_tells_its_rates_and_counts_from_the_moment_of_engaging(
+    statuses,
+):
     told = statuses(12.0)
     assert [status.alarms for status in told if status.alarms] == []
     last = told[-1]
@@ -82,13 +123,17 @@ def test_a_flight_that_goes_well_raises_no_alarm_tells_its_rates_and_counts_from
     assert last.rates.setpoints > 9
     assert "law         smooth" in "\n".join(drawn(last))
     flown = during(told, "engaged")
-    assert [status.flown for status in told if status.time < flown[0].time] == [None] * told.index(flown[0])
+    assert [status.flown for status in told if status.time < flown[0].time] == [None] * told.index(
+        flown[0]
+    )
     engaged = flown[0].time - flown[0].flown
     assert told[0].time < engaged <= flown[0].time
     assert [status.time - status.flown for status in flown] == pytest.approx([engaged] * len(flown))
 
 
-def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or_of_others_not_at_all(statuses):
+def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or_of_others_not_at_all(
+    statuses,
+):
     """PX4 repeats the radio's ranges under its own id."""
     rejecting = statuses(8.0, "ranging.bias_m=900.0")[-1]
     assert list(rejecting.rejected) == ["no_range"]
@@ -103,7 +148,9 @@ def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or
     assert flown.ticks[-1].rejected == sum(status.rejected.values())
 
 
-def test_a_dry_run_would_steer_without_the_mode_and_why_a_law_flies_is_told_while_it_steers_and_no_longer(statuses):
+def test_a_dry_run_would_steer_without_the_mode_and_why_a_law_flies_is_told_while_it_steers_and_no_longer(
+    statuses,
+):
     told = statuses(9.0, event="takeover", law="auto")
     assert {bool(status.why) for status in during(told, "engaged")} == {True}
     assert {status.why for status in told if status.tick.law == ""} == {""}
@@ -124,7 +171,9 @@ def test_a_vehicle_that_is_gone_leaves_no_range_that_counts_down(statuses):
 def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_and_a_recording_that_stopped():
     """The vehicle is 30 m east and 40 m south of the target and drifts north."""
     flown = flight("quickstart").fly(6.0)
-    tick = flown.ticks[-1]._replace(x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46)
+    tick = flown.ticks[-1]._replace(
+        x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46
+    )
     status = StatusSource(flown.pilot, Onlookers()).status(tick, 6.0, "disk full")
     assert status.target == "bearing 323 deg, drift 2.0 m/s towards 000 deg"
     assert status.alarms == ("NOT RECORDING: disk full",)
@@ -135,33 +184,50 @@ def test_the_target_is_told_as_seen_from_the_vehicle_and_drift_by_where_it_goes_
 
 
 def test_a_wide_terminal_is_used_and_one_below_80_columns_gets_80(statuses):
-    """The bar is as wide as the terminal allows: 41 cells of 80, 101 of 140. At 140 columns no text is shortened."""
+    """The bar is as wide as the terminal allows: 41 cells of 80, 101 of 140. At 140 columns no text
+    is shortened."""
     for columns, cells in ((60, 41), (80, 41), (140, 101)):
         picture = Picture(SETTINGS, "small", ascii_only=False).draw(statuses(12.0)[-1], columns)
         assert picture.width == max(columns, 80)
-        assert max(sum(line.count(sign) for sign in "─┼●") for line in picture.renderable.plain.splitlines()) == cells
+        assert (
+            max(
+                sum(line.count(sign) for sign in "─┼●")
+                for line in picture.renderable.plain.splitlines()
+            )
+            == cells
+        )
     waits = statuses(8.0, "ranging.bias_m=900.0")[-1]
-    assert [" ... " in "\n".join(drawn(waits, columns=columns)) for columns in (80, 140)] == [True, False]
+    assert [" ... " in "\n".join(drawn(waits, columns=columns)) for columns in (80, 140)] == [
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("height", [6, 14])
 def test_a_low_terminal_shows_phase_and_alarm(statuses, height):
-    """The picture omits the last rows for lack of space. The display's own thread writes the first picture, because
-    writing may block forever."""
-    console = Console(width=80, height=height, file=io.StringIO(), color_system=None, force_terminal=True)
+    """The picture omits the last rows for lack of space. The display's own thread writes the first
+    picture, because writing may block forever."""
+    console = Console(
+        width=80, height=height, file=io.StringIO(), color_system=None, force_terminal=True
+    )
     screen = LiveScreen(console, Picture(SETTINGS, "small", ascii_only=False))
     assert console.file.getvalue() == ""
     screen.draw(statuses(10.2, event="outage")[-1])
     seen = console.file.getvalue()
     screen.close()
-    assert [words in seen for words in (" HOLDING ", "RANGE STALE", "Ctrl-C ends")] == [True, True, False]
+    assert [words in seen for words in (" HOLDING ", "RANGE STALE", "Ctrl-C ends")] == [
+        True,
+        True,
+        False,
+    ]
 
 
 def test_bars_lean_to_the_side_that_is_flown_and_the_sparkline_falls_with_the_error(statuses):
     """A clockwise circle turns right. The vehicle approaches from outside the circle."""
     far = next(line for line in drawn(statuses(6.0)[-1]) if line.startswith("│             0 "))
     assert far.rstrip(" │").endswith("> 200 m")
-    picture, flown = Picture(SETTINGS, "small", ascii_only=False), statuses(40.0)
+    picture = Picture(SETTINGS, "small", ascii_only=False)
+    flown = statuses(40.0)
     for status in flown:
         lines = picture.draw(status).renderable.plain.splitlines()
     turn = next(line for line in lines if "left " in line)
@@ -174,7 +240,9 @@ def test_bars_lean_to_the_side_that_is_flown_and_the_sparkline_falls_with_the_er
     assert re.search(r" 40 s, max 21\d\.\d m$", error.rstrip()), "what its height and width mean"
 
 
-@pytest.mark.parametrize(("seconds", "event"), [(12.0, None), (9.0, "takeover")], ids=["engaged", "ended"])
+@pytest.mark.parametrize(
+    ("seconds", "event"), [(12.0, None), (9.0, "takeover")], ids=["engaged", "ended"]
+)
 def test_no_fact_has_a_dash_for_a_value_in_flight_and_after_its_end(statuses, seconds, event):
     facts = status_facts(statuses(seconds, event=event)[-1], SETTINGS)
     assert {name: text for name, text in facts.items() if re.search(r"(^| )-(,| |$)", text)} == {}
@@ -185,11 +253,18 @@ def test_no_word_is_cut_at_80_columns_by_long_addresses_nor_the_limit_that_is_re
     senders = "1/1 at 192.168.144.11:14550, ranges of 1/192 at 192.168.144.12:14560"
     tick = flown.tick._replace(saturated=True, turn_rate=-0.349)
     lines = drawn(
-        replace(flown, tick=tick, trusted=senders, rejected={"a_reason_of_some_length": 1000000} | flown.rejected)
+        replace(
+            flown,
+            tick=tick,
+            trusted=senders,
+            rejected={"a_reason_of_some_length": 1000000} | flown.rejected,
+        )
     )
     told = next(line for line in lines if "senders" in line)
     assert told.strip("│ ") == "senders     1/1 at 192.168.144.11:14550, ranges of 1/192 at ..."
-    assert re.search(r"heartbeat \d\.\d\d s old +│", next(line for line in lines if "│ link " in line))
+    assert re.search(
+        r"heartbeat \d\.\d\d s old +│", next(line for line in lines if "│ link " in line)
+    )
     assert "commanded -20.0 deg/s (AT LIMIT 20.0)" in "\n".join(lines)
 
 
@@ -198,9 +273,12 @@ def test_no_word_is_cut_at_80_columns_by_long_addresses_nor_the_limit_that_is_re
 
 def alarms_of(name, seconds, *overrides):
     """Return all alarms of the first seconds of a bundled flight."""
-    under_way, found = flight(name, *overrides), set()
+    under_way = flight(name, *overrides)
+    found = set()
     watch = StatusSource(under_way.pilot, Onlookers())
-    under_way.fly(seconds, lambda f: f.ticks and found.update(watch.status(f.ticks[-1], f.now).alarms))
+    under_way.fly(
+        seconds, lambda f: f.ticks and found.update(watch.status(f.ticks[-1], f.now).alarms)
+    )
     assert under_way.pilot.mission.phase is Phase.ENGAGED
     return found
 
@@ -208,8 +286,14 @@ def alarms_of(name, seconds, *overrides):
 @pytest.mark.parametrize(
     ("name", "overrides"),
     [
-        ("arducopter", ("ranging.rate_hz=3.0", "sim.ranging.rate_hz=3.0", "sim.ranging.dropout_fraction=0.1")),
-        ("arduplane", ("ranging.rate_hz=1.0", "sim.ranging.rate_hz=1.0", "sim.ranging.dropout_fraction=0.1")),
+        (
+            "arducopter",
+            ("ranging.rate_hz=3.0", "sim.ranging.rate_hz=3.0", "sim.ranging.dropout_fraction=0.1"),
+        ),
+        (
+            "arduplane",
+            ("ranging.rate_hz=1.0", "sim.ranging.rate_hz=1.0", "sim.ranging.dropout_fraction=0.1"),
+        ),
         ("arduplane", ("ranging.rate_hz=100.0", "sim.ranging.rate_hz=100.0")),
     ],
     ids=["3 Hz", "1 Hz", "100 Hz"],
@@ -241,4 +325,6 @@ def test_a_computer_that_sends_a_tenth_of_the_setpoints_is_said_to():
             records = rig.pilot.take_records()
             found = list(watch.status(records[-1], rig.now).alarms)
     (few,) = [alarm for alarm in found if alarm.startswith("FEW SETPOINTS")]
-    assert re.match(r"FEW SETPOINTS: only [012]\.\d of 20 per second are sent: the computer is overloaded", few)
+    assert re.match(
+        r"FEW SETPOINTS: only [012]\.\d of 20 per second are sent: the computer is overloaded", few
+    )

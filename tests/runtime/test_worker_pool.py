@@ -67,9 +67,12 @@ def test_a_ctrl_c_is_not_heard_by_the_processes_whenever_it_comes(tmp_path):
     script.write_text(JOBS)
     for seconds in (0.0, 0.05, 0.1, 0.3):
         process = subprocess.Popen(
-            [sys.executable, script, str(seconds)], stderr=subprocess.PIPE, text=True, start_new_session=True,
+            [sys.executable, script, str(seconds)],
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
             env=os.environ | {"PYTHONPATH": str(ROOT)},
-        )  # fmt: skip
+        )
         assert (process.communicate(timeout=PATIENCE)[1], process.returncode) == ("", 7), seconds
 
 

@@ -16,7 +16,9 @@ EXACT = {"attitude_error_deg": 0.0, "gyro_noise_deg_s": 0.0}
 class Station:
     """One sender connected to one vehicle on one link. It keeps all received messages."""
 
-    def __init__(self, vehicle: Vehicle, system: int = 1, component: int = 191, link: str = "main") -> None:
+    def __init__(
+        self, vehicle: Vehicle, system: int = 1, component: int = 191, link: str = "main"
+    ) -> None:
         self.vehicle = vehicle
         self.link = link
         self._out = mavlink.MAVLink(None, system, component)
@@ -48,16 +50,24 @@ class Station:
     def heartbeat(self, kind: int = 18) -> None:
         self.send(mavlink.MAVLink_heartbeat_message(kind, 8, 0, 0, 4, 3))
 
-    def velocity(self, vx, yaw_rate, *, mask=0x5C7, frame=8, vz=0.0, sideways=0.0, target=(1, 1)) -> None:
-        """Send SET_POSITION_TARGET_LOCAL_NED with a velocity and a yaw rate; `sideways` is an acceleration."""
+    def velocity(
+        self, vx, yaw_rate, *, mask=0x5C7, frame=8, vz=0.0, sideways=0.0, target=(1, 1)
+    ) -> None:
+        """Send SET_POSITION_TARGET_LOCAL_NED with a velocity and a yaw rate; `sideways` is an
+        acceleration."""
         numbers = (0, 0, 0, vx, 0, vz, 0, sideways, 0, 0, yaw_rate)
-        self.send(mavlink.MAVLink_set_position_target_local_ned_message(0, *target, frame, mask, *numbers))
+        self.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(0, *target, frame, mask, *numbers)
+        )
 
     def turn(self, speed: float, yaw_rate: float) -> None:
-        """Send a velocity along the nose and a turn rate, with the acceleration of the turn fed forward."""
+        """Send a velocity along the nose and a turn rate, with the acceleration of the turn fed
+        forward."""
         self.velocity(speed, yaw_rate, mask=0x407, sideways=speed * yaw_rate)
 
-    def attitude(self, mask, roll=0.0, pitch=0.0, yaw=0.0, *, rates=(0.0, 0.0, 0.0), thrust=0.5) -> None:
+    def attitude(
+        self, mask, roll=0.0, pitch=0.0, yaw=0.0, *, rates=(0.0, 0.0, 0.0), thrust=0.5
+    ) -> None:
         """Send SET_ATTITUDE_TARGET; angles in radians."""
         q = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat()
         q = [q[3], *q[:3]]
@@ -78,7 +88,8 @@ class Station:
         self.vehicle.advance(self.vehicle.time + seconds)
 
     def listen(self, *kinds: str, source: tuple[int, int] | None = None) -> list[Any]:
-        """Return all messages received so far, optionally of some types or from one component only."""
+        """Return all messages received so far, optionally of some types or from one component
+        only."""
         for frame in self.vehicle.outgoing(self.link):
             self.received.extend(self._in.parse_buffer(frame) or [])
         chosen = [m for m in self.received if not kinds or m.get_type() in kinds]
@@ -101,7 +112,9 @@ class Station:
     def texts(self) -> list[str]:
         return [m.text for m in self.listen("STATUSTEXT")]
 
-    def fly(self, seconds: float, vx: float, yaw_rate: float, *, rate: float = 20.0, **rest: Any) -> None:
+    def fly(
+        self, seconds: float, vx: float, yaw_rate: float, *, rate: float = 20.0, **rest: Any
+    ) -> None:
         """Send velocity setpoints at a rate (Hz) for a time (s)."""
         self.repeat(seconds, lambda: self.velocity(vx, yaw_rate, **rest), rate)
 
@@ -112,8 +125,12 @@ def build(**tables: Any) -> Vehicle:
 
 
 def aboard(profile: str = "arducopter", mode: str | None = None, **tables: Any) -> Station:
-    """Return the companion of a vehicle in the air with exact sensors. Only the default streams of its autopilot are
-    sent. Keys of [vehicle] and [start] are added to `profile` and `mode`."""
-    vehicle = {"profile": profile, "default_streams": not profile.startswith("px4"), **tables.pop("vehicle", {})}
+    """Return the companion of a vehicle in the air with exact sensors. Only the default streams of
+    its autopilot are sent. Keys of [vehicle] and [start] are added to `profile` and `mode`."""
+    vehicle = {
+        "profile": profile,
+        "default_streams": not profile.startswith("px4"),
+        **tables.pop("vehicle", {}),
+    }
     start = {**({} if mode is None else {"mode": mode}), **tables.pop("start", {})}
     return Station(build(vehicle=vehicle, start=start, **{**QUIET, "sensors": EXACT, **tables}))

@@ -1,4 +1,5 @@
-"""Commands that ArduCopter 4.6.3 obeys or refuses, and its timeouts (figures: flown on the real firmware)."""
+"""Commands that ArduCopter 4.6.3 obeys or refuses, and its timeouts (figures: flown on the real
+firmware)."""
 
 import math
 import struct
@@ -32,7 +33,9 @@ def test_a_positive_yaw_rate_turns_clockwise_seen_from_above():
     truth = vehicle.truth
     assert truth.heading == pytest.approx(0.5)  # from north towards east
     assert truth.east > 0 and truth.turn_rate == 0.5
-    assert (truth.north + 200.0, truth.east) == pytest.approx((20 * math.sin(0.5), 20 * (1 - math.cos(0.5))))
+    assert (truth.north + 200.0, truth.east) == pytest.approx(
+        (20 * math.sin(0.5), 20 * (1 - math.cos(0.5)))
+    )
     assert vehicle.setpoint_log == [(0.0, "SET_POSITION_TARGET_LOCAL_NED")]
 
 
@@ -54,7 +57,11 @@ def test_after_three_seconds_of_silence_or_what_its_parameter_says_it_brakes_and
     companion.wait(0.101)
     assert companion.truth.turn_rate == 0.0 and companion.truth.ground_speed == pytest.approx(4.8)
     companion.wait(2.5)  # 5 -> 0 m/s in 2.5 s
-    assert companion.truth.ground_speed == 0.0 and companion.truth.mode == 4 and companion.truth.down == -50.0
+    assert (
+        companion.truth.ground_speed == 0.0
+        and companion.truth.mode == 4
+        and companion.truth.down == -50.0
+    )
     assert companion.texts() == []
     companion.send(mavlink.MAVLink_param_set_message(1, 1, b"GUID_TIMEOUT", 1.0, 9))
     assert companion.listen("PARAM_VALUE")[-1].param_value == 1.0
@@ -94,7 +101,9 @@ def test_a_yaw_rate_that_is_not_a_number_is_not_checked_and_crashes_the_copter()
     assert any(text.startswith("Crash") for text in companion.texts())
 
 
-@pytest.mark.parametrize("start", [{"mode": "LOITER"}, {"mode": "GUIDED", "armed": False, "altitude_m": 0.0}])
+@pytest.mark.parametrize(
+    "start", [{"mode": "LOITER"}, {"mode": "GUIDED", "armed": False, "altitude_m": 0.0}]
+)
 def test_setpoints_count_only_in_guided_and_armed(start):
     companion = aboard(start=start)
     companion.velocity(5.0, 0.2)
@@ -132,20 +141,29 @@ def test_it_arms_takes_off_and_lands_and_from_afar_it_flies_home_first():
     companion = aboard()
     assert companion.set_mode(6) == [0]
     companion.wait(150.0)
-    assert math.hypot(companion.truth.north, companion.truth.east) < 2.5 and not companion.truth.armed
+    assert (
+        math.hypot(companion.truth.north, companion.truth.east) < 2.5 and not companion.truth.armed
+    )
 
 
 HANDLED = [0, 11, 20, 21, 23, 43, 44, 66, 69, 70, 75, 76, 82, 84, 86, 110, 111, 132, 251, 253]
 GUIDED = {"px4_copter": "OFFBOARD", "px4_plane": "OFFBOARD", "arducopter_nogps": "GUIDED_NOGPS"}
 
 
-@given(st.sampled_from(HANDLED), st.binary(min_size=60, max_size=255), st.booleans(), st.sampled_from(PROFILES))
+@given(
+    st.sampled_from(HANDLED),
+    st.binary(min_size=60, max_size=255),
+    st.booleans(),
+    st.sampled_from(PROFILES),
+)
 def test_junk_and_correctly_framed_nonsense_never_raise(number, noise, addressed, profile):
     kind = mavlink.mavlink_map[number]
     payload = bytearray((noise * 5)[: kind.unpacker.size])
     if addressed and "target_system" in kind.fieldnames:
         names = list(kind.ordered_fieldnames)
-        format_before = "<" + "".join(kind.native_format.decode()[1 : 1 + names.index("target_system")])
+        format_before = "<" + "".join(
+            kind.native_format.decode()[1 : 1 + names.index("target_system")]
+        )
         payload[min(struct.calcsize(format_before), len(payload) - 1)] = 1
     header = bytes([len(payload), 0, 0, 0, 1, 191]) + number.to_bytes(3, "little")
     checksum = x25(header + bytes(payload) + bytes([kind.crc_extra]))
@@ -162,7 +180,8 @@ def test_no_parameter_brings_it_down(profile, data):
     companion = Station(build(vehicle={"profile": profile, "default_streams": False}))
     names = [m.param_id for m in companion.vehicle._flight.autopilot.params.all_values()]
     for _ in range(4):
-        value, name = data.draw(st.floats(width=32)), data.draw(st.sampled_from(names)).encode()
+        value = data.draw(st.floats(width=32))
+        name = data.draw(st.sampled_from(names)).encode()
         companion.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
     companion.command(20)  # return to launch
     for _ in range(4):
@@ -178,4 +197,8 @@ def test_what_is_flown_is_echoed_in_the_earth_frame():
     companion.velocity(5.0, 0.0)
     companion.wait(0.5)
     echo = companion.listen("POSITION_TARGET_LOCAL_NED")[-1]
-    assert (echo.vx, echo.vy, echo.type_mask) == (pytest.approx(0.0, abs=1e-6), pytest.approx(5.0), 3079)
+    assert (echo.vx, echo.vy, echo.type_mask) == (
+        pytest.approx(0.0, abs=1e-6),
+        pytest.approx(5.0),
+        3079,
+    )

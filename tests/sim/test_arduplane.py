@@ -17,12 +17,16 @@ def plane(mode="GUIDED", **tables):
 IDEAL = {"turn_effectiveness": 1.0, "airspeed_scale": 1.0}
 
 
-@pytest.mark.parametrize(("rate", "vehicle", "flown"), [(0.1, {}, 0.0692), (-0.3, {}, -0.208), (0.19, IDEAL, 0.19)])
+@pytest.mark.parametrize(
+    ("rate", "vehicle", "flown"), [(0.1, {}, 0.0692), (-0.3, {}, -0.208), (0.19, IDEAL, 0.19)]
+)
 def test_a_coordinated_bank_turns_at_three_quarters_of_the_rate_and_at_all_of_it_where_the_file_says_so(
     rate, vehicle, flown
 ):
     companion = plane(vehicle=vehicle)
-    companion.repeat(15.0, lambda: companion.attitude(ROLL_ONLY, math.atan(rate * 22 / 9.80665)), 10.0)
+    companion.repeat(
+        15.0, lambda: companion.attitude(ROLL_ONLY, math.atan(rate * 22 / 9.80665)), 10.0
+    )
     assert companion.truth.turn_rate == pytest.approx(flown, rel=0.03 if vehicle == {} else 0.01)
     assert companion.truth.down == pytest.approx(-100.0, abs=0.25)
 
@@ -37,11 +41,14 @@ def test_silence_of_three_seconds_sends_it_back_to_its_loiter_banking_hard():
     assert companion.texts() == [] and companion.truth.mode == 15
     companion.wait(120.0)
     truth = companion.truth
-    assert math.hypot(truth.north + 200.0, truth.east) == pytest.approx(60.0, abs=15.0)  # where GUIDED was entered
+    assert math.hypot(truth.north + 200.0, truth.east) == pytest.approx(
+        60.0, abs=15.0
+    )  # where GUIDED was entered
 
 
 @pytest.mark.parametrize(
-    ("mask", "held"), [(0xC6, True), (0xFE, True), (0xC7, None), (0x47, False), (0x46, False), (0xC0, False)]
+    ("mask", "held"),
+    [(0xC6, True), (0xFE, True), (0xC7, None), (0x47, False), (0x46, False), (0xC0, False)],
 )
 def test_the_mask_says_what_is_forced(mask, held):
     companion = plane()

@@ -12,13 +12,16 @@ def rover(**tables):
 
 
 @pytest.mark.parametrize(
-    ("speed", "rate", "radius", "frame"), [(2.0, 0.2, 10.11, 1), (3.0, -0.3, 10.13, 8), (1.0, 0.5, 2.01, 9)]
+    ("speed", "rate", "radius", "frame"),
+    [(2.0, 0.2, 10.11, 1), (3.0, -0.3, 10.13, 8), (1.0, 0.5, 2.01, 9)],
 )
 def test_circles_are_a_percent_wide_in_any_frame(speed, rate, radius, frame):
     companion = rover()
     companion.fly(10.0, speed, rate, frame=frame, rate=10.0)
     truth = companion.truth
-    assert truth.ground_speed / truth.turn_rate == pytest.approx(math.copysign(radius, rate), rel=0.012)
+    assert truth.ground_speed / truth.turn_rate == pytest.approx(
+        math.copysign(radius, rate), rel=0.012
+    )
     assert truth.down == 0.0
 
 
@@ -52,7 +55,9 @@ def test_thrust_is_a_share_of_the_speed_and_the_yaw_rate_counts(mask):
     companion = rover()
     companion.repeat(10.0, lambda: companion.attitude(mask, rates=(0.0, 0.0, 0.3), thrust=0.6))
     truth = companion.truth
-    assert truth.ground_speed == pytest.approx(3.0, abs=0.02) and truth.turn_rate == pytest.approx(0.3, rel=0.02)
+    assert truth.ground_speed == pytest.approx(3.0, abs=0.02) and truth.turn_rate == pytest.approx(
+        0.3, rel=0.02
+    )
 
 
 def test_without_gps_it_holds_and_guided_is_refused():

@@ -52,7 +52,8 @@ def test_slow_setpoints_slip_more_because_they_are_rotated_once():
 @pytest.mark.parametrize("led_round", [True, False])
 def test_attitude_setpoints_turn_the_course_only_if_the_yaw_is_led_round(led_round):
     companion = flying(5.0)
-    bank, pitch = math.atan(5 * 0.3 / 9.8), math.radians(-4)
+    bank = math.atan(5 * 0.3 / 9.8)
+    pitch = math.radians(-4)
 
     def send():
         if led_round:
@@ -89,14 +90,22 @@ def test_rates_in_part_are_ill_defined_and_no_throttle_is_dropped():
 
 
 def test_guided_nogps_leans_and_drags_is_levelled_by_silence_and_sinks_under_a_position_target():
-    leaning, silent, sinking = (aboard("arducopter_nogps", start={"speed_mps": 5.0}) for _ in range(3))
+    leaning, silent, sinking = (
+        aboard("arducopter_nogps", start={"speed_mps": 5.0}) for _ in range(3)
+    )
     for companion in (leaning, silent, sinking):
         assert companion.set_mode(4) == [4] and companion.set_mode(20) == [0]
     leaning.repeat(40.0, lambda: leaning.attitude(7, 0.0, math.radians(-4)))
-    assert leaning.truth.ground_speed == pytest.approx(2.23, abs=0.05)  # 0.24 v (1 + v/8) = g tan 4 deg
+    assert leaning.truth.ground_speed == pytest.approx(
+        2.23, abs=0.05
+    )  # 0.24 v (1 + v/8) = g tan 4 deg
     silent.repeat(5.0, lambda: silent.attitude(7, 0.3, 0.0, 0.0))
     silent.wait(3.5)
-    assert abs(silent.truth.roll) < 0.02 and silent.truth.mode == 20 and silent.truth.ground_speed > 1.0
+    assert (
+        abs(silent.truth.roll) < 0.02
+        and silent.truth.mode == 20
+        and silent.truth.ground_speed > 1.0
+    )
     sinking.repeat(8.0, lambda: sinking.velocity(5.0, 0.2))
     assert sinking.truth.down == pytest.approx(-45.0, abs=0.5)
     assert sinking.vehicle.setpoint_log == [] and sinking.truth.mode == 20

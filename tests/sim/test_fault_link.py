@@ -1,4 +1,5 @@
-"""The fault link: its effect on bytes and times, in both directions, repeatable for the same seed."""
+"""The fault link: its effect on bytes and times, in both directions, repeatable for the same
+seed."""
 
 import socket
 import time
@@ -17,7 +18,8 @@ from tests.tools.faults.tampering import dropping, on, outliers
 
 def carried(impairment, count=2000, seed=1, step=0.01):
     """Send numbered datagrams through a pipe and return (time of arrival, bytes)."""
-    pipe, out = Pipe(impairment, seed), []
+    pipe = Pipe(impairment, seed)
+    out = []
     for n in range(count):
         now = n * step
         pipe.push(n.to_bytes(4, "big"), now)
@@ -47,7 +49,9 @@ def test_loss_duplicates_bursts_and_corruption_take_their_shares():
     assert len(carried(Impairment(duplicate=0.5))) == pytest.approx(3000, abs=70)
     lost = 1 - len(carried(Impairment(burst_every=0.9, burst=0.1), 20000)) / 20000
     assert 0.05 < lost < 0.2
-    assert sum(byte != 0 for byte in corrupted(bytes(100_000), 0.01, Random(1))) == pytest.approx(1000, rel=0.1)
+    assert sum(byte != 0 for byte in corrupted(bytes(100_000), 0.01, Random(1))) == pytest.approx(
+        1000, rel=0.1
+    )
 
 
 def test_delay_and_jitter_stay_within_their_bounds():
@@ -86,7 +90,8 @@ def distance(cm):
 
 
 def test_tampered_frame_is_a_good_frame_with_one_other_value():
-    before, after = distance(1234), rewritten(distance(1234), current_distance=77)
+    before = distance(1234)
+    after = rewritten(distance(1234), current_distance=77)
     assert message_id(after) == 132
     assert {**read(before).to_dict(), "current_distance": 77} == read(after).to_dict()
     assert after[4:7] == before[4:7]
@@ -110,7 +115,12 @@ def test_proxy_passes_datagrams_both_ways_and_late(port):
         for end in (vehicle, application):
             end.bind(("127.0.0.1", 0))
             end.settimeout(PATIENCE)
-        ends = ("--listen", f"udpin:127.0.0.1:{port}", "--forward", f"udpout:127.0.0.1:{vehicle.getsockname()[1]}")
+        ends = (
+            "--listen",
+            f"udpin:127.0.0.1:{port}",
+            "--forward",
+            f"udpout:127.0.0.1:{vehicle.getsockname()[1]}",
+        )
         with running(python("-m", "tests.tools.fault_link", *ends, "--delay", "0.05")) as process:
             assert "delay=0.05" in process.stdout.readline()
             sent = time.monotonic()

@@ -28,11 +28,14 @@ def test_a_plane_that_fell_disarmed_flies_on_from_where_it_is(profile, mode):
     events = [{"at_s": 1.0, "action": "disarm"}, {"at_s": 5.0, "action": "mode", "mode": "LOITER"}]
     companion = aboard(profile, mode, events=[*events, {"at_s": 5.0, "action": "arm"}])
     companion.wait(25.0)
-    assert companion.truth.down == pytest.approx(-80.0, abs=1.0)  # 4 s at 5 m/s below the initial 100 m
+    assert companion.truth.down == pytest.approx(
+        -80.0, abs=1.0
+    )  # 4 s at 5 m/s below the initial 100 m
 
 
 @pytest.mark.parametrize(
-    ("profile", "guided", "after"), [("arducopter", 4, 6), ("arduplane", 15, 11), ("ardurover", 15, 4)]
+    ("profile", "guided", "after"),
+    [("arducopter", 4, 6), ("arduplane", 15, 11), ("ardurover", 15, 4)],
 )
 def test_a_radio_failsafe_takes_the_mode(profile, guided, after):
     companion = aboard(profile, "GUIDED", events=[{"at_s": 1.0, "action": "rc_failsafe"}])
@@ -86,14 +89,19 @@ def test_a_reboot_is_silence_then_a_clock_at_zero_and_nobody_remembered():
     companion.wait(2.2)
     beats = companion.listen(source=(1, 1))
     assert {m.get_type() for m in beats} == {"HEARTBEAT"}  # no streams
-    assert companion.listen("DISTANCE_SENSOR") == []  # and no ranges forwarded to a component that has not sent since
+    assert (
+        companion.listen("DISTANCE_SENSOR") == []
+    )  # and no ranges forwarded to a component that has not sent since
     assert beats[-1].custom_mode == 0 and not beats[-1].base_mode & 128
     companion.command(512, 2)
     assert companion.listen("SYSTEM_TIME")[-1].time_boot_ms == 2100
 
 
 def test_a_muted_autopilot_says_nothing_but_flies_on():
-    events = [{"at_s": 1.0, "action": "mute_autopilot"}, {"at_s": 3.0, "action": "unmute_autopilot"}]
+    events = [
+        {"at_s": 1.0, "action": "mute_autopilot"},
+        {"at_s": 3.0, "action": "unmute_autopilot"},
+    ]
     companion = aboard(mode="GUIDED", events=events)
     companion.fly(1.0, 5.0, 0.1)
     companion.forget()
@@ -105,7 +113,9 @@ def test_a_muted_autopilot_says_nothing_but_flies_on():
 
 def test_the_battery_drains_and_can_be_set():
     battery = {"percent": 80.0, "drain_percent_per_min": 6.0}
-    companion = aboard(battery=battery, events=[{"at_s": 100.0, "action": "battery", "value": 15.0}])
+    companion = aboard(
+        battery=battery, events=[{"at_s": 100.0, "action": "battery", "value": 15.0}]
+    )
     companion.stream(147, 1_000_000)
     companion.wait(60.0)
     assert companion.listen("BATTERY_STATUS")[-1].battery_remaining == 74
@@ -130,7 +140,9 @@ def test_gusts_have_their_strength_and_memory():
 def test_a_target_turns_and_accelerates_along_its_course():
     turning = Target(velocity_north_mps=2.0, turn_rate_deg_s=90.0)
     assert target_at(turning, 4.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert target_at(turning, 1.0)[:2] == pytest.approx((2.0 / (math.pi / 2), 2.0 / (math.pi / 2)))  # clockwise
+    assert target_at(turning, 1.0)[:2] == pytest.approx(
+        (2.0 / (math.pi / 2), 2.0 / (math.pi / 2))
+    )  # clockwise
     faster = Target(velocity_east_mps=1.0, acceleration_mps2=0.5)
     assert target_at(faster, 4.0)[:2] == pytest.approx((0.0, 1.0 * 4 + 0.25 * 16))
     both = Target(velocity_north_mps=1.0, acceleration_mps2=0.3, turn_rate_deg_s=10.0)
@@ -159,20 +171,34 @@ def test_a_copter_shows_its_ground_speed_for_airspeed_unless_it_has_a_sensor(sen
 
 
 def test_reports_are_bent_as_the_file_says_and_the_truth_is_not():
-    sensors = {"heading_bias_deg": 10.0, "heading_drift_deg_s": 0.5, "gyro_scale": 1.1, "airspeed_noise_mps": 0.3}
+    sensors = {
+        "heading_bias_deg": 10.0,
+        "heading_drift_deg_s": 0.5,
+        "gyro_scale": 1.1,
+        "airspeed_noise_mps": 0.3,
+    }
     companion = aboard("arduplane", "GUIDED", sensors=sensors)
     companion.stream(74, 100_000)
     companion.repeat(20.0, lambda: companion.attitude(0xC6, 0.0))
     reported = companion.listen("ATTITUDE")[-1].yaw
     assert math.degrees(reported - companion.truth.heading) == pytest.approx(20.0, abs=0.6)
-    assert statistics.stdev(m.airspeed for m in companion.listen("VFR_HUD")) == pytest.approx(0.3, abs=0.08)
+    assert statistics.stdev(m.airspeed for m in companion.listen("VFR_HUD")) == pytest.approx(
+        0.3, abs=0.08
+    )
     companion.repeat(5.0, lambda: companion.attitude(0xC6, 0.3))
     last = companion.listen("ATTITUDE")[-1]
     rate = last.pitchspeed * math.sin(last.roll) + last.yawspeed * math.cos(last.roll)
     assert rate == pytest.approx(1.1 * companion.truth.turn_rate, rel=0.02)
 
 
-TURNS = {"good": 0.2, "straight": 0.0, "turning": math.radians(12), "hovering": 0.0, "reversed": -0.2, "weak": 0.02}
+TURNS = {
+    "good": 0.2,
+    "straight": 0.0,
+    "turning": math.radians(12),
+    "hovering": 0.0,
+    "reversed": -0.2,
+    "weak": 0.02,
+}
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "ardurover", "px4_copter"])
@@ -183,12 +209,15 @@ def test_steering_that_is_broken_ignores_turns_or_garbles_them(profile, state):
     companion.fly(3.2, 3.0, 0.1)
     companion.fly(4.0, 3.0, 0.2)
     assert companion.truth.turn_rate == pytest.approx(TURNS.get(state, 0.1), abs=0.02)
-    assert companion.truth.ground_speed == pytest.approx(0.0 if state == "hovering" else 3.0, abs=0.5)
+    assert companion.truth.ground_speed == pytest.approx(
+        0.0 if state == "hovering" else 3.0, abs=0.5
+    )
 
 
 @pytest.mark.parametrize(("profile", "lean"), [("arducopter", 12.0), ("px4_copter", 20.0)])
 def test_a_copter_flies_no_faster_through_the_air_than_its_lean_holds(profile, lean):
-    """The drag at the fastest airspeed is g tan(lean); it is linear on PX4, and grows with the speed on ArduPilot."""
+    """The drag at the fastest airspeed is g tan(lean); it is linear on PX4, and grows with the
+    speed on ArduPilot."""
     wind = {"speed_mps": 4.0, "from_deg": 0.0}
     airframe = {"dynamics": "realistic", "max_lean_deg": lean, "drag_per_s": 0.4}
     mode = "OFFBOARD" if profile == "px4_copter" else "GUIDED"
@@ -199,4 +228,6 @@ def test_a_copter_flies_no_faster_through_the_air_than_its_lean_holds(profile, l
         fastest = (math.sqrt(1 + fastest / 2) - 1) * 4  # of v (1 + v / 8)
     assert companion.truth.airspeed == pytest.approx(min(fastest, 12.0), rel=0.06)
     name = "MPC_TILTMAX_AIR" if profile == "px4_copter" else "ANGLE_MAX"
-    assert companion.vehicle._flight.autopilot.params[name] == lean * (1 if profile == "px4_copter" else 100)
+    assert companion.vehicle._flight.autopilot.params[name] == lean * (
+        1 if profile == "px4_copter" else 100
+    )

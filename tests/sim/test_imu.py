@@ -1,4 +1,5 @@
-"""Accelerometers, gusts and the error of a velocity estimate: the measurements of an inertial sensor in flight."""
+"""Accelerometers, gusts and the error of a velocity estimate: the measurements of an inertial
+sensor in flight."""
 
 import itertools
 import math
@@ -11,12 +12,15 @@ from tests.sim.station import EXACT, QUIET, Station, aboard, build
 
 FLAWLESS = EXACT | {"accel_noise_mps2": 0.0, "accel_bias_mps2": 0.0}
 G = 9.80665
-RAW_IMU, HIGHRES_IMU = 27, 105
+RAW_IMU = 27
+HIGHRES_IMU = 105
 
 
 def si(message):
     """Return forward, right, down in m/s^2, then rad/s, for any of the three messages."""
-    values = [getattr(message, name) for name in ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro")]
+    values = [
+        getattr(message, name) for name in ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro")
+    ]
     if message.get_type() == "HIGHRES_IMU":
         return values
     return [value * 1e-3 * G for value in values[:3]] + [value * 1e-3 for value in values[3:]]
@@ -32,14 +36,18 @@ def si(message):
     ],
 )
 def test_at_rest_the_accelerometers_feel_one_g_upwards(profile, number, kind):
-    """Noise about a bias of 0.05 to 0.1 m/s^2 that the seed determines: 0.2 m/s^2 for ArduPilot, and the noise of SIH
-    for PX4."""
+    """Noise about a bias of 0.05 to 0.1 m/s^2 that the seed determines: 0.2 m/s^2 for ArduPilot,
+    and the noise of SIH for PX4."""
     companion = aboard(profile, start={"armed": False}, sensors={"attitude_error_deg": 0.0})
     assert companion.stream(number, 25_000) == [0]
     companion.wait(20.0)
     readings = list(zip(*[si(message) for message in companion.listen(kind)], strict=True))
     assert len(readings[0]) >= 790
-    noise = (0.36, 1.15, 0.99, 0.084, 0.042, 0.0185) if profile.startswith("px4") else (0.2, 0.2, 0.2, 0.0, 0.0, 0.0)
+    noise = (
+        (0.36, 1.15, 0.99, 0.084, 0.042, 0.0185)
+        if profile.startswith("px4")
+        else (0.2, 0.2, 0.2, 0.0, 0.0, 0.0)
+    )
     for values, rest, rms in zip(readings, (0, 0, -G, 0, 0, 0), noise, strict=True):
         assert statistics.mean(values) == pytest.approx(rest, abs=0.13)
         assert statistics.pstdev(values) == pytest.approx(rms, rel=0.15, abs=1e-3)
@@ -48,7 +56,9 @@ def test_at_rest_the_accelerometers_feel_one_g_upwards(profile, number, kind):
 
 def turning(**sensors):
     """Return the IMU measurement of an ideal plane in a turn with 30 deg of bank."""
-    companion = aboard("arduplane", "GUIDED", vehicle={"dynamics": "unicycle"}, sensors=FLAWLESS | sensors)
+    companion = aboard(
+        "arduplane", "GUIDED", vehicle={"dynamics": "unicycle"}, sensors=FLAWLESS | sensors
+    )
     companion.stream(RAW_IMU, 40_000)
     companion.repeat(6.0, lambda: companion.attitude(0xC6, math.radians(30)))
     return si(companion.listen("RAW_IMU")[-1])
@@ -57,7 +67,10 @@ def turning(**sensors):
 def test_a_coordinated_turn_presses_straight_into_the_seat():
     x, y, z, *rates = turning()
     turn = G * math.tan(math.radians(30)) / (22.0 * 1.065)
-    assert (y, z) == (pytest.approx(0.0, abs=0.02), pytest.approx(-G / math.cos(math.radians(30)), abs=0.03))
+    assert (y, z) == (
+        pytest.approx(0.0, abs=0.02),
+        pytest.approx(-G / math.cos(math.radians(30)), abs=0.03),
+    )
     assert x == pytest.approx(0.0, abs=0.05)
     assert rates == pytest.approx([0.0, turn / 2, turn * math.cos(math.radians(30))], abs=2e-3)
 
@@ -91,19 +104,24 @@ def test_a_sensor_begins_to_lie_in_flight():
     ],
 )
 def test_accelerometers_and_attitude_add_up_to_the_change_of_velocity(profile, step, imu):
-    """Specific force rotated to NED with ATTITUDE_QUATERNION, plus gravity; in gusts, hard turns and changes of
-    speed."""
+    """Specific force rotated to NED with ATTITUDE_QUATERNION, plus gravity; in gusts, hard turns
+    and changes of speed."""
     px4 = profile == "px4_copter"
     wind = {"speed_mps": 4.0, "gust_rms_mps": 2.0}
     companion = aboard(
-        profile, None if px4 else "GUIDED", vehicle={"dynamics": "realistic"}, wind=wind, sensors=FLAWLESS
+        profile,
+        None if px4 else "GUIDED",
+        vehicle={"dynamics": "realistic"},
+        wind=wind,
+        sensors=FLAWLESS,
     )
     if px4:
         companion.velocity(0.0, 0.0)
         assert companion.set_mode(6) == [0, 0]
     for number in (31, imu):
         assert companion.stream(number, step * 1e6) == [0]
-    start, summed = companion.vehicle.time, [0.0, 0.0]
+    start = companion.vehicle.time
+    summed = [0.0, 0.0]
     for tick in range(round(8.0 / step)):
         turn = 0.5 if tick * step < 4.0 else -0.4
         if profile == "arduplane":
@@ -118,7 +136,10 @@ def test_accelerometers_and_attitude_add_up_to_the_change_of_velocity(profile, s
             (attitude,) = companion.listen("ATTITUDE_QUATERNION")
             (felt,) = companion.listen("RAW_IMU", "HIGHRES_IMU")
             to_ned = Rotation.from_quat([attitude.q2, attitude.q3, attitude.q4, attitude.q1])
-            summed = [total + a * step for total, a in zip(summed, to_ned.apply(si(felt)[:3])[:2], strict=True)]
+            summed = [
+                total + a * step
+                for total, a in zip(summed, to_ned.apply(si(felt)[:3])[:2], strict=True)
+            ]
     moved = [b - a for a, b in zip(before, velocity(companion.truth), strict=True)]
     assert math.hypot(*moved) > 1.0
     assert math.dist(summed, moved) < 0.1 + 0.1 * math.hypot(*moved)
@@ -131,12 +152,14 @@ def velocity(truth):
 def struck(profile, mode, gust, from_deg=0.0, **vehicle):
     """Return a vehicle in still air; a wind begins after 1 s."""
     events = [{"at_s": 1.0, "action": "wind", "value": gust}]
-    return aboard(profile, mode, vehicle=vehicle, wind={"from_deg": from_deg}, events=events, sensors=FLAWLESS)
+    return aboard(
+        profile, mode, vehicle=vehicle, wind={"from_deg": from_deg}, events=events, sensors=FLAWLESS
+    )
 
 
 def test_a_plane_turns_into_a_side_gust_and_is_carried_along_later():
-    """A gust of 3 m/s across the nose: 7.3 deg of slip at once. The ground velocity follows smoothly by a part of
-    it."""
+    """A gust of 3 m/s across the nose: 7.3 deg of slip at once. The ground velocity follows
+    smoothly by a part of it."""
     companion = struck("arduplane", "FBWA", 3.0, 90.0, airspeed_scale=1.0)
     companion.wait(0.99)
     truths = []
@@ -145,8 +168,12 @@ def test_a_plane_turns_into_a_side_gust_and_is_carried_along_later():
         truths.append(companion.truth)
     east = [velocity(truth)[1] for truth in truths]
     assert abs(east[1]) < 0.3 and -2.0 < east[-1] < -0.5
-    assert max(abs(b - a) for a, b in itertools.pairwise(east)) < 0.12  # 0.1 rad of slip: about 9 m/s^2
-    assert 0.03 < math.asin(3.0 / 22.0) - truths[-1].heading < 0.1  # from the right: turns to the right by a part of it
+    assert (
+        max(abs(b - a) for a, b in itertools.pairwise(east)) < 0.12
+    )  # 0.1 rad of slip: about 9 m/s^2
+    assert (
+        0.03 < math.asin(3.0 / 22.0) - truths[-1].heading < 0.1
+    )  # from the right: turns to the right by a part of it
     assert truths[2].airspeed == pytest.approx(math.hypot(22.0, 3.0), abs=0.1)
 
 
@@ -170,23 +197,32 @@ def test_a_gust_pushes_a_copter_until_its_loop_leans_against_it(profile, most):
         speeds.append(velocity(companion.truth)[0])
     assert speeds[2] == 0.0 and -most < min(speeds) < -0.05 and abs(speeds[-1]) < 0.05
     force = companion.vehicle._flight.specific_force()
-    assert force[0] < -0.5 and math.hypot(*force) == pytest.approx(G, abs=0.02)  # leans and measures it
+    assert force[0] < -0.5 and math.hypot(*force) == pytest.approx(
+        G, abs=0.02
+    )  # leans and measures it
 
 
 def test_px4s_estimate_under_sih_is_off_as_the_firmwares_is_and_flown_by():
-    """Flown on firmware: 0.9 to 1.1 deg of roll, 0.18 to 0.24 m/s along the nose, 1.0 to 1.8 deg of heading. Half of
-    the roll error remains after 2 s, none after 5 s."""
+    """Flown on firmware: 0.9 to 1.1 deg of roll, 0.18 to 0.24 m/s along the nose, 1.0 to 1.8 deg of
+    heading. Half of the roll error remains after 2 s, none after 5 s."""
     companion = aboard("px4_copter", sensors={})
     companion.velocity(5.0, 0.0)
     companion.set_mode(6)
     companion.stream(30, 500_000)
     companion.stream(32, 500_000)
     companion.fly(10.0, 5.0, 0.0)
-    flown, speeds, rolls, headings = [], [], [], []
+    flown = []
+    speeds = []
+    rolls = []
+    headings = []
     for _ in range(1200):
         companion.forget()
         companion.fly(0.5, 5.0, 0.0, rate=4.0)
-        true, (told,), (moving,) = companion.truth, companion.listen("ATTITUDE"), companion.listen("LOCAL_POSITION_NED")
+        true, (told,), (moving,) = (
+            companion.truth,
+            companion.listen("ATTITUDE"),
+            companion.listen("LOCAL_POSITION_NED"),
+        )
         flown.append(velocity(true)[0])
         speeds.append(moving.vx - flown[-1])
         rolls.append(math.degrees(told.roll - true.roll))

@@ -12,7 +12,9 @@ def test_a_heartbeat_a_second_says_who_flies_and_how():
     companion.wait(9.5)
     beats = companion.listen(source=(1, 1))  # no streams before a request
     assert len(beats) == 10 and {b.get_type() for b in beats} == {"HEARTBEAT"}
-    seen = {(b.type, b.autopilot, b.custom_mode, b.base_mode & 0x89, b.system_status) for b in beats}
+    seen = {
+        (b.type, b.autopilot, b.custom_mode, b.base_mode & 0x89, b.system_status) for b in beats
+    }
     assert seen == {(2, 3, 4, 0x89, 4)}
 
 
@@ -31,7 +33,8 @@ def test_requested_intervals_are_kept_per_link():
 
 
 def test_what_is_not_streamed_and_too_short_an_interval_are_denied_a_default_is_silence_and_heartbeats_may_hurry():
-    companion, unknown = aboard(), (8, 513, 9999, 253)
+    companion = aboard()
+    unknown = (8, 513, 9999, 253)
     assert [companion.stream(number, 100_000) for number in unknown] == [[2]] * 4
     assert companion.texts() == [f"No ap_message for mavlink id ({number})" for number in unknown]
     assert companion.stream(30, 500) == [2]
@@ -70,12 +73,16 @@ def test_the_version_the_boot_time_and_commands_in_either_form_are_answered_to_t
     assert companion.listen("MISSION_COUNT")[-1].count == 0
 
 
-@pytest.mark.parametrize(("profile", "gcs_switch"), [("arducopter", "FS_GCS_ENABLE"), ("arduplane", "FS_GCS_ENABL")])
+@pytest.mark.parametrize(
+    ("profile", "gcs_switch"), [("arducopter", "FS_GCS_ENABLE"), ("arduplane", "FS_GCS_ENABL")]
+)
 def test_parameters_are_listed_and_read_by_name(profile, gcs_switch):
     companion = aboard(profile)
     companion.send(mavlink.MAVLink_param_request_list_message(1, 1))
     values = companion.listen("PARAM_VALUE")
-    assert len(values) == values[0].param_count and [v.param_index for v in values] == [*range(len(values))]
+    assert len(values) == values[0].param_count and [v.param_index for v in values] == [
+        *range(len(values))
+    ]
     table = {v.param_id: v.param_value for v in values}
     assert (table["SYSID_MYGCS"], table[gcs_switch], table["FENCE_ENABLE"]) == (255.0, 0.0, 0.0)
     companion.forget()
@@ -85,15 +92,37 @@ def test_parameters_are_listed_and_read_by_name(profile, gcs_switch):
 
 
 def test_truth_is_sent_unasked_and_names_its_numbers():
-    vehicle = build(start={"mode": "GUIDED", "heading_deg": 90.0, "speed_mps": 12.0}, target={"east_m": 7.0})
+    vehicle = build(
+        start={"mode": "GUIDED", "heading_deg": 90.0, "speed_mps": 12.0}, target={"east_m": 7.0}
+    )
     observer = Station(vehicle)
     vehicle.advance(1.0)
-    arrays, states = observer.listen("DEBUG_FLOAT_ARRAY"), observer.listen("SIM_STATE")
+    arrays = observer.listen("DEBUG_FLOAT_ARRAY")
+    states = observer.listen("SIM_STATE")
     assert len(arrays) == len(states) == 11
-    t, last = vehicle.truth, arrays[-1]
+    t = vehicle.truth
+    last = arrays[-1]
     assert last.name == "SIM_TRUTH" and last.time_usec == 1_000_000
-    wanted = [t.north, t.east, t.down, t.heading, t.course, t.ground_speed, t.airspeed, t.turn_rate, t.roll]
-    wanted += [t.target_north, t.target_east, t.target_down, t.range, t.wind_north, t.wind_east, 1.0]
+    wanted = [
+        t.north,
+        t.east,
+        t.down,
+        t.heading,
+        t.course,
+        t.ground_speed,
+        t.airspeed,
+        t.turn_rate,
+        t.roll,
+    ]
+    wanted += [
+        t.target_north,
+        t.target_east,
+        t.target_down,
+        t.range,
+        t.wind_north,
+        t.wind_east,
+        1.0,
+    ]
     assert last.data[:16] == pytest.approx(wanted, rel=1e-6)
     assert (t.east, t.target_east, t.airspeed) == pytest.approx((12.0, 7.0, 12.0))
     assert states[-1].yaw == pytest.approx(t.heading) and states[-1].ve == pytest.approx(12.0)
@@ -104,9 +133,13 @@ def test_telemetry_of_others_is_forwarded_unchanged_and_a_ranging_beacon_is_not(
     radio = Station(companion.vehicle, 42, 1, link="telem2")
     companion.heartbeat()
     radio.send(mavlink.MAVLink_distance_sensor_message(5, 1, 60000, 4321, 3, 9, 24, 255))
-    radio.send(mavlink.MAVLink_ranging_beacon_message(0, 0, 0, 1, 5000, 0, 0, 0.0, 0, 0, 0, 0, 0, 1, 0))
+    radio.send(
+        mavlink.MAVLink_ranging_beacon_message(0, 0, 0, 1, 5000, 0, 0, 0.0, 0, 0, 0, 0, 0, 1, 0)
+    )
     received = companion.listen("DISTANCE_SENSOR", source=(42, 1))
-    assert [m.current_distance for m in received] == [4321] and radio.listen("DISTANCE_SENSOR") == []
+    assert [m.current_distance for m in received] == [4321] and radio.listen(
+        "DISTANCE_SENSOR"
+    ) == []
     assert companion.listen("RANGING_BEACON") == []
 
 
@@ -116,20 +149,31 @@ def test_directed_messages_go_to_whom_they_are_directed():
     other = Station(companion.vehicle, 255, 190, link="gcs")
     for target in ((1, 191), (1, 1), (1, 77), (99, 1), (0, 0)):
         other.send(mavlink.MAVLink_tunnel_message(*target, 40000, 3, [1, 2, 3] + [0] * 125))
-    received = [(message.target_system, message.target_component) for message in companion.listen("TUNNEL")]
+    received = [
+        (message.target_system, message.target_component) for message in companion.listen("TUNNEL")
+    ]
     assert received == [(1, 191), (0, 0)]
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "px4_copter"])
 @pytest.mark.parametrize(
     ("target", "obeyed"),
-    [((1, 1), True), ((1, 0), True), ((0, 0), True), ((0, 1), True), ((1, 191), None), ((2, 1), False)],
+    [
+        ((1, 1), True),
+        ((1, 0), True),
+        ((0, 0), True),
+        ((0, 1), True),
+        ((1, 191), None),
+        ((2, 1), False),
+    ],
 )
 def test_only_what_is_addressed_to_this_autopilot_is_obeyed(profile, target, obeyed):
-    """None: a component of the same system that never sent a message. ArduPilot obeys messages for it, PX4 does not."""
+    """None: a component of the same system that never sent a message. ArduPilot obeys messages for
+    it, PX4 does not."""
     companion = aboard(profile, "GUIDED" if profile == "arducopter" else None)
     if obeyed is None:
-        companion, obeyed = Station(companion.vehicle, 255, 190), profile == "arducopter"
+        companion = Station(companion.vehicle, 255, 190)
+        obeyed = profile == "arducopter"
     companion.velocity(1.0, 0.0, target=target)
     assert bool(companion.vehicle.setpoint_log) == obeyed
     assert bool(companion.command(400, 1, target=target)) == obeyed

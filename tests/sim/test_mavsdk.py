@@ -1,6 +1,8 @@
-"""MAVSDK as an independent client: it detects a vehicle, reads its mode and telemetry, and flies it where supported.
+"""MAVSDK as an independent client: it detects a vehicle, reads its mode and telemetry, and flies it
+where supported.
 
-ArduPilot sends no streams without a request, so the rates are requested first. MAVSDK's offboard mode is PX4's.
+ArduPilot sends no streams without a request, so the rates are requested first. MAVSDK's offboard
+mode is PX4's.
 """
 
 import contextlib
@@ -18,7 +20,8 @@ from mavsdk.plugins.telemetry import FlightMode, Telemetry  # noqa: E402
 
 from tests.process import PATIENCE, python, reserved_port, running, until  # noqa: E402
 
-PX4, ARDUPILOT = 1, 2
+PX4 = 1
+ARDUPILOT = 2
 
 
 @pytest.fixture
@@ -28,11 +31,18 @@ def connect(tmp_path):
 
     def start(profile: str) -> Any:
         port = open_things.enter_context(reserved_port())
-        client = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION))
+        client = mavsdk.Mavsdk(
+            mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION)
+        )
         open_things.callback(client.destroy)
-        assert client.add_any_connection(f"udpin://127.0.0.1:{port}") == mavsdk.ConnectionResult.SUCCESS
+        assert (
+            client.add_any_connection(f"udpin://127.0.0.1:{port}")
+            == mavsdk.ConnectionResult.SUCCESS
+        )
         vehicle = tmp_path / "vehicle.toml"
-        vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n')  # it may stand still
+        vehicle.write_text(
+            f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n'
+        )  # it may stand still
         arguments = (str(vehicle), "--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "2")
         open_things.enter_context(running(python("-m", "sim", *arguments)))
         system = client.first_autopilot(PATIENCE)
@@ -46,8 +56,14 @@ def connect(tmp_path):
 def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], Any]):
     system = connect("px4_copter")
     assert (system.get_system_id(), int(system.autopilot_type())) == (1, PX4)
-    telemetry, action, offboard = Telemetry(system), Action(system), Offboard(system)
-    until(lambda: telemetry.armed() and telemetry.in_air() and telemetry.flight_mode() == FlightMode.HOLD)
+    telemetry = Telemetry(system)
+    action = Action(system)
+    offboard = Offboard(system)
+    until(
+        lambda: (
+            telemetry.armed() and telemetry.in_air() and telemetry.flight_mode() == FlightMode.HOLD
+        )
+    )
     until(lambda: bool(telemetry.health().is_armable and telemetry.health().is_global_position_ok))
     assert telemetry.position().relative_altitude_m == pytest.approx(50.0, abs=1.0)
     assert telemetry.battery().remaining_percent == pytest.approx(100.0)
@@ -56,10 +72,14 @@ def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], A
     offboard.start()
     until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)
     before = telemetry.attitude_euler()
-    until(lambda: telemetry.attitude_euler().timestamp_us - before.timestamp_us > 2_000_000)  # of the vehicle's time
+    until(
+        lambda: telemetry.attitude_euler().timestamp_us - before.timestamp_us > 2_000_000
+    )  # of the vehicle's time
     after = telemetry.attitude_euler()
     turned = math.remainder(math.radians(after.yaw_deg - before.yaw_deg), math.tau)
-    assert 0.5 < turned / ((after.timestamp_us - before.timestamp_us) * 1e-6) < 0.55  # 30 deg/s, clockwise
+    assert (
+        0.5 < turned / ((after.timestamp_us - before.timestamp_us) * 1e-6) < 0.55
+    )  # 30 deg/s, clockwise
     velocity = telemetry.velocity_ned()
     assert 1.0 < math.hypot(velocity.north_m_s, velocity.east_m_s) < 4.5
 
@@ -70,7 +90,8 @@ def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], A
 def test_ardupilot_is_seen_and_its_streams_come_when_asked(connect: Callable[[str], Any]):
     system = connect("arducopter")
     assert int(system.autopilot_type()) == ARDUPILOT
-    telemetry, action = Telemetry(system), Action(system)
+    telemetry = Telemetry(system)
+    action = Action(system)
     until(lambda: telemetry.armed() and telemetry.flight_mode() == FlightMode.HOLD)  # LOITER
     time.sleep(0.3)
     assert math.isnan(telemetry.attitude_euler().yaw_deg)
@@ -80,8 +101,14 @@ def test_ardupilot_is_seen_and_its_streams_come_when_asked(connect: Callable[[st
     until(lambda: telemetry.position().relative_altitude_m == pytest.approx(50.0, abs=0.1))
     here = telemetry.position()
     action.set_current_speed(8.0)
-    action.goto_location(here.latitude_deg + 1e-4, here.longitude_deg, here.absolute_altitude_m, 0.0)  # 11 m
+    action.goto_location(
+        here.latitude_deg + 1e-4, here.longitude_deg, here.absolute_altitude_m, 0.0
+    )  # 11 m
     until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)  # GUIDED
-    until(lambda: telemetry.position().latitude_deg == pytest.approx(here.latitude_deg + 1e-4, abs=1e-5))
+    until(
+        lambda: (
+            telemetry.position().latitude_deg == pytest.approx(here.latitude_deg + 1e-4, abs=1e-5)
+        )
+    )
     action.return_to_launch()
     until(lambda: telemetry.flight_mode() == FlightMode.RETURN_TO_LAUNCH)

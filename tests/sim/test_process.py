@@ -40,7 +40,12 @@ def say(wire, message):
 
 
 def command(wire, *numbers):
-    say(wire, mavlink.MAVLink_command_long_message(1, 1, numbers[0], 0, *numbers[1:], *[0] * (8 - len(numbers))))
+    say(
+        wire,
+        mavlink.MAVLink_command_long_message(
+            1, 1, numbers[0], 0, *numbers[1:], *[0] * (8 - len(numbers))
+        ),
+    )
 
 
 def hear(wire, kind, seconds=PATIENCE):
@@ -51,7 +56,9 @@ def hear(wire, kind, seconds=PATIENCE):
     while time.monotonic() < end:
         wire.settimeout(max(0.01, end - time.monotonic()))
         for message in parser.parse_buffer(wire.recv(2048)) or []:
-            if message.get_type() == kind and (kind != "HEARTBEAT" or message.get_srcComponent() == 1):
+            if message.get_type() == kind and (
+                kind != "HEARTBEAT" or message.get_srcComponent() == 1
+            ):
                 return message
     raise TimeoutError(kind)
 
@@ -96,20 +103,26 @@ def test_a_tcp_client_is_served_and_sigint_ends_cleanly(port):
         assert process.wait(PATIENCE) == 0
 
 
-def test_a_direct_radio_has_its_own_port_udpout_speaks_first_and_the_duration_ends_it(wire, port, tmp_path):
+def test_a_direct_radio_has_its_own_port_udpout_speaks_first_and_the_duration_ends_it(
+    wire, port, tmp_path
+):
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text('[ranging]\nmessage = "ranging_beacon"\nvia = "direct"\n')
-    radio, ends = f"udpout:127.0.0.1:{wire.getsockname()[1]}", ("--speed", "20", "--duration", "5")
+    radio = f"udpout:127.0.0.1:{wire.getsockname()[1]}"
+    ends = ("--speed", "20", "--duration", "5")
     endpoints = ("--endpoint", f"udpin:127.0.0.1:{port}", "--ranging-endpoint", radio)
     with emulator(str(vehicle), *endpoints, *ends) as process:
-        assert process.stdout.readline().endswith(f"on udpin:127.0.0.1:{port}, ranging on {radio}\n")
+        assert process.stdout.readline().endswith(
+            f"on udpin:127.0.0.1:{port}, ranging on {radio}\n"
+        )
         assert hear(wire, "RANGING_BEACON").range > 0
         assert process.wait(PATIENCE) == 0
 
 
 def test_what_cannot_be_started_is_said_in_one_line(wire, port, tmp_path, monkeypatch):
     monkeypatch.setattr(signal, "signal", lambda *_: None)
-    bad, direct = tmp_path / "bad.toml", tmp_path / "direct.toml"
+    bad = tmp_path / "bad.toml"
+    direct = tmp_path / "direct.toml"
     bad.write_text("[vehicle]\nprofil = 1\n")
     direct.write_text('[ranging]\nvia = "direct"\n')
     for arguments, said in (
@@ -126,12 +139,20 @@ def test_what_cannot_be_started_is_said_in_one_line(wire, port, tmp_path, monkey
 
 
 @pytest.mark.parametrize(("step", "said"), [(0.05, 0), (0.3, 2)])
-def test_it_says_in_one_line_every_ten_seconds_that_the_computer_cannot_keep_up(monkeypatch, step, said):
+def test_it_says_in_one_line_every_ten_seconds_that_the_computer_cannot_keep_up(
+    monkeypatch, step, said
+):
     """Each step of its loop takes this wall time, s. The test covers 15 s."""
-    wall, lines = [100.0], []
+    wall = [100.0]
+    lines = []
     monkeypatch.setattr(server.time, "monotonic", lambda: wall[0])
     monkeypatch.setattr(server, "_send", lambda *_: None)
     monkeypatch.setattr(server, "_sleep", lambda *_: wall.__setitem__(0, wall[0] + step))
-    server._fly(Vehicle(parse_vehicle({}, "here")), {}, 1.0, None, lambda: wall[0] > 115.0, lines.append)
+    server._fly(
+        Vehicle(parse_vehicle({}, "here")), {}, 1.0, None, lambda: wall[0] > 115.0, lines.append
+    )
     assert len(lines) == said
-    assert all(line.startswith("sim: this computer cannot keep up: simulated time is 0.3 s behind") for line in lines)
+    assert all(
+        line.startswith("sim: this computer cannot keep up: simulated time is 0.3 s behind")
+        for line in lines
+    )

@@ -1,4 +1,5 @@
-"""PX4's multicopter as flown: OFFBOARD, its watchdog, steady-state error and crab angle, acknowledgements and texts."""
+"""PX4's multicopter as flown: OFFBOARD, its watchdog, steady-state error and crab angle,
+acknowledgements and texts."""
 
 import math
 import struct
@@ -9,7 +10,8 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from tests.sim.station import Station, aboard, build
 
-LOITER, OFFBOARD = (4, 3), (6, 0)
+LOITER = (4, 3)
+OFFBOARD = (6, 0)
 HOVERING = 0.485  # thrust
 
 
@@ -58,20 +60,26 @@ def test_offboard_without_setpoints_or_sticks_modes_without_sticks_or_without_cu
         (5.0, 0.3, 5.27, 0.298, -12.0, {"drag_per_s": 0.1}),
     ],
 )
-def test_the_turn_rate_is_true_and_the_speed_droops_with_the_drag(speed, rate, flown, turned, crab, vehicle):
+def test_the_turn_rate_is_true_and_the_speed_droops_with_the_drag(
+    speed, rate, flown, turned, crab, vehicle
+):
     companion = offboard(vehicle=vehicle)
     companion.fly(30.0, speed, rate)
     truth = companion.truth
     assert truth.turn_rate == pytest.approx(turned, rel=0.015)
     assert truth.ground_speed == pytest.approx(flown, rel=0.04 if vehicle == {} else 0.03)
-    assert math.degrees(math.remainder(truth.course - truth.heading, math.tau)) == pytest.approx(crab, abs=4.0)
+    assert math.degrees(math.remainder(truth.course - truth.heading, math.tau)) == pytest.approx(
+        crab, abs=4.0
+    )
 
 
 def test_no_vertical_speed_does_not_hold_the_height_but_a_loop_on_it_does():
     companion = offboard()
     companion.fly(60.0, 3.0, 0.1)
     assert 2.0 < companion.truth.down + 50.0 < 8.0
-    companion.repeat(30.0, lambda: companion.velocity(3.0, 0.1, vz=0.5 * (-50.0 - companion.truth.down)))
+    companion.repeat(
+        30.0, lambda: companion.velocity(3.0, 0.1, vz=0.5 * (-50.0 - companion.truth.down))
+    )
     assert companion.truth.down == pytest.approx(-50.0, abs=0.3)
 
 
@@ -110,7 +118,10 @@ def test_other_frames_are_dropped_with_a_text_where_a_ground_station_was_seen(fr
     companion = px4(gcs=True)
     companion.velocity(3.0, 0.1, frame=frame)
     chunks = companion.listen("STATUSTEXT")
-    assert "".join(c.text for c in chunks) == f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported"
+    assert (
+        "".join(c.text for c in chunks)
+        == f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported"
+    )
     assert [c.chunk_seq for c in chunks] == [0, 1] and chunks[0].id == chunks[1].id != 0
     assert companion.set_mode(*OFFBOARD) == [0, 1]
     companion = px4()
@@ -134,7 +145,10 @@ def test_what_is_not_a_number_is_a_free_axis_and_too_much_is_limited():
     assert companion.px4_mode == "OFFBOARD"
     assert companion.truth.ground_speed < 0.05 and abs(companion.truth.turn_rate) < 0.01
     companion.fly(25.0, 3.0, math.nan)
-    assert companion.truth.ground_speed == pytest.approx(3.0, abs=0.1) and abs(companion.truth.turn_rate) < 0.01
+    assert (
+        companion.truth.ground_speed == pytest.approx(3.0, abs=0.1)
+        and abs(companion.truth.turn_rate) < 0.01
+    )
     companion = offboard(vehicle={"max_turn_rate_deg_s": 300.0})
     companion.fly(5.0, 0.0, 100.0)
     assert companion.truth.turn_rate == pytest.approx(2.25, abs=0.01)
@@ -143,7 +157,9 @@ def test_what_is_not_a_number_is_a_free_axis_and_too_much_is_limited():
 
 
 def test_without_gps_velocities_fail_after_five_seconds_and_come_back_with_it_and_attitudes_stay():
-    companion = offboard(events=[{"at_s": 5.0, "action": "gps_off"}, {"at_s": 20.0, "action": "gps_on"}])
+    companion = offboard(
+        events=[{"at_s": 5.0, "action": "gps_off"}, {"at_s": 20.0, "action": "gps_on"}]
+    )
     companion.fly(9.4, 3.0, 0.1)
     assert companion.px4_mode == "OFFBOARD"
     companion.fly(5.0, 3.0, 0.1)
@@ -160,8 +176,16 @@ def test_without_gps_velocities_fail_after_five_seconds_and_come_back_with_it_an
 def test_it_streams_unasked_at_the_onboard_rates_and_the_heartbeat_cannot_be_hurried():
     companion = aboard("px4_copter", vehicle={"default_streams": True})
     companion.wait(2.0)
-    wanted = {"ATTITUDE": 100, "HIGHRES_IMU": 50, "LOCAL_POSITION_NED": 30, "VFR_HUD": 10, "TIMESYNC": 10}
-    assert {kind: len(companion.listen(kind)) / 2 for kind in wanted} == pytest.approx(wanted, abs=1)
+    wanted = {
+        "ATTITUDE": 100,
+        "HIGHRES_IMU": 50,
+        "LOCAL_POSITION_NED": 30,
+        "VFR_HUD": 10,
+        "TIMESYNC": 10,
+    }
+    assert {kind: len(companion.listen(kind)) / 2 for kind in wanted} == pytest.approx(
+        wanted, abs=1
+    )
     assert math.isnan(companion.listen("VFR_HUD")[0].airspeed)
     companion = px4()
     assert companion.stream(0, 100_000) == [4] and companion.stream(9999, 100_000) == [4]
@@ -169,7 +193,9 @@ def test_it_streams_unasked_at_the_onboard_rates_and_the_heartbeat_cannot_be_hur
 
 
 def test_a_forwarded_range_arrives_twice_and_the_second_only_on_update():
-    companion = Station(build(vehicle={"profile": "px4_copter"}, ranging={"rate_hz": 5.0, "noise_m": 0.0}))
+    companion = Station(
+        build(vehicle={"profile": "px4_copter"}, ranging={"rate_hz": 5.0, "noise_m": 0.0})
+    )
     companion.heartbeat()
     companion.wait(2.05)
     raw = companion.listen("DISTANCE_SENSOR", source=(1, 192))
@@ -197,5 +223,8 @@ def test_attitude_setpoints_turn_only_with_the_yaw_led_round():
     companion.repeat(5.0, lambda: companion.attitude(3, rates=(0.0, 0.0, 0.3), thrust=HOVERING))
     assert companion.truth.turn_rate == pytest.approx(0.0, abs=0.005)
     led = companion.truth.heading - 0.3 * companion.truth.time
-    companion.repeat(8.0, lambda: companion.attitude(7, 0.1, 0.0, led + 0.3 * companion.truth.time, thrust=HOVERING))
+    companion.repeat(
+        8.0,
+        lambda: companion.attitude(7, 0.1, 0.0, led + 0.3 * companion.truth.time, thrust=HOVERING),
+    )
     assert companion.truth.turn_rate == pytest.approx(0.3, abs=0.005)

@@ -1,4 +1,5 @@
-"""PX4's fixed wing as flown: sticks with height and speed held, or attitude and thrust without any hold."""
+"""PX4's fixed wing as flown: sticks with height and speed held, or attitude and thrust without any
+hold."""
 
 import math
 
@@ -10,7 +11,10 @@ from tests.sim.station import aboard
 
 G = 9.80665
 TRIM = 0.63  # thrust
-LOITER, LAND, ALTCTL, OFFBOARD = (4, 3), (4, 6), (2, 0), (6, 0)
+LOITER = (4, 3)
+LAND = (4, 6)
+ALTCTL = (2, 0)
+OFFBOARD = (6, 0)
 
 
 def plane(**tables):
@@ -26,7 +30,11 @@ def offboard():
 
 @pytest.mark.parametrize(
     ("held_in", "stick", "bank", "rate"),
-    [("ALTCTL", 0.3, 15.0, 0.261), ("ALTCTL", -0.6, -30.0, -0.550), ("ALT_CRUISE", 0.6, 30.0, 0.550)],
+    [
+        ("ALTCTL", 0.3, 15.0, 0.261),
+        ("ALTCTL", -0.6, -30.0, -0.550),
+        ("ALT_CRUISE", 0.6, 30.0, 0.550),
+    ],
 )
 def test_the_roll_stick_banks_and_height_and_speed_are_held(held_in, stick, bank, rate):
     companion = plane()
@@ -36,7 +44,9 @@ def test_the_roll_stick_banks_and_height_and_speed_are_held(held_in, stick, bank
     truth = companion.truth
     assert math.degrees(truth.roll) == pytest.approx(bank, abs=0.1)
     assert truth.turn_rate == pytest.approx(rate, rel=0.035)
-    assert truth.down == pytest.approx(-100.0, abs=0.6) and truth.airspeed == pytest.approx(10.0, abs=0.2)
+    assert truth.down == pytest.approx(-100.0, abs=0.6) and truth.airspeed == pytest.approx(
+        10.0, abs=0.2
+    )
 
 
 def test_sticks_lost_hold_then_return_and_do_not_come_back():
@@ -50,12 +60,14 @@ def test_sticks_lost_hold_then_return_and_do_not_come_back():
         companion.repeat(3.0, lambda: companion.sticks(0.3))
 
 
-HOLD, OFFBOARD_TOO = 2, 4  # bits of COM_RCL_EXCEPT
+# bits of COM_RCL_EXCEPT
+HOLD = 2
+OFFBOARD_TOO = 4
 
 
 def after_the_sticks_end(left_in, **parameters):
-    """Return a plane that received sticks for 2 s and was left in a mode without them, and its modes: at once, during
-    the hold time, and at the end."""
+    """Return a plane that received sticks for 2 s and was left in a mode without them, and its
+    modes: at once, during the hold time, and at the end."""
     companion = plane()
     companion.heartbeat(6)
     companion.vehicle._flight.autopilot.params.update(parameters)
@@ -84,13 +96,18 @@ def after_the_sticks_end(left_in, **parameters):
         (OFFBOARD, {"COM_RCL_EXCEPT": OFFBOARD_TOO}, ["OFFBOARD", "OFFBOARD", "OFFBOARD"]),
     ],
 )
-def test_sticks_that_were_heard_once_are_missed_in_every_mode_that_is_not_excepted(left_in, parameters, seen):
+def test_sticks_that_were_heard_once_are_missed_in_every_mode_that_is_not_excepted(
+    left_in, parameters, seen
+):
     assert after_the_sticks_end(left_in, **parameters)[1] == seen
 
 
 def test_the_loss_of_sticks_is_told_and_a_mode_chosen_afterwards_lasts():
     companion, seen = after_the_sticks_end(LOITER)
-    assert companion.texts() == ["Failsafe activated: entering Hold for 5 seconds", "Failsafe activated"]
+    assert companion.texts() == [
+        "Failsafe activated: entering Hold for 5 seconds",
+        "Failsafe activated",
+    ]
     assert companion.set_mode(*LOITER) == [0, 0]
     companion.wait(30.0)
     assert (seen[-1], companion.px4_mode) == ("RTL", "LOITER")
@@ -132,7 +149,11 @@ def test_a_position_is_flown_to_at_0835_sin_eta():
         truth = companion.truth
         bearing = truth.course + angle
         place = truth.north + 80 * math.cos(bearing), truth.east + 80 * math.sin(bearing), -100
-        companion.send(mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 3576, *place, *[0] * 8))
+        companion.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 1, 3576, *place, *[0] * 8
+            )
+        )
 
     carrot()
     assert companion.set_mode(*OFFBOARD) == [0, 0]

@@ -10,13 +10,17 @@ from tests.sim.station import Station, build
 
 STILL = {"north_m": -300.0, "altitude_m": 40.0}
 SLANT = math.hypot(300.0, 40.0)
-RADIO, AUTOPILOT = (1, 192), (1, 1)
+RADIO = (1, 192)
+AUTOPILOT = (1, 1)
 BEACON = {"message": "ranging_beacon", "via": "direct"}
 
 
 def ranging(start=STILL, **keys):
-    """Return a companion of an autopilot with an exact radio. keys: changes of its [ranging] table."""
-    companion = Station(build(seed=3, start=start, truth={"rate_hz": 0}, ranging={"noise_m": 0.0, **keys}))
+    """Return a companion of an autopilot with an exact radio. keys: changes of its [ranging]
+    table."""
+    companion = Station(
+        build(seed=3, start=start, truth={"rate_hz": 0}, ranging={"noise_m": 0.0, **keys})
+    )
     companion.heartbeat()
     return companion
 
@@ -45,12 +49,19 @@ def test_distance_sensor_is_the_slant_range_in_whole_centimetres():
         ({"latency_s": 0.25}, 0.25, [(round(SLANT * 100), 0)]),
         ({"max_range_m": 200.0}, 2.0, []),
     ],
-    ids=["too far for the field", "still under way", "late under the stamp of its measuring", "beyond its range"],
+    ids=[
+        "too far for the field",
+        "still under way",
+        "late under the stamp of its measuring",
+        "beyond its range",
+    ],
 )
 def test_what_a_distance_sensor_says_of_a_far_or_late_range(radio, after, told):
     companion = ranging(**radio)
     companion.wait(after)
-    assert [(m.current_distance, m.time_boot_ms) for m in companion.listen("DISTANCE_SENSOR")] == told
+    assert [
+        (m.current_distance, m.time_boot_ms) for m in companion.listen("DISTANCE_SENSOR")
+    ] == told
 
 
 def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know_and_a_named_value_has_single_precision():
@@ -58,7 +69,12 @@ def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know_and_a_
     companion.wait(0.35)
     received = Station(companion.vehicle, link="ranging").listen()
     assert [m.range for m in received] == [round(SLANT * 1000)] * 4
-    assert [(m.sequence, m.time_usec) for m in received] == [(1, 0), (2, 100_000), (3, 200_000), (4, 300_000)]
+    assert [(m.sequence, m.time_usec) for m in received] == [
+        (1, 0),
+        (2, 100_000),
+        (3, 200_000),
+        (4, 300_000),
+    ]
     first = received[0]
     assert (first.beacon_id, first.target_system, first.target_component) == (9, 0, 0)
     assert (first.lat, first.lon, first.range_accuracy) == (2**31 - 1, 2**31 - 1, 2**32 - 1)
@@ -92,7 +108,9 @@ def test_noise_bias_outliers_and_dropouts_are_as_configured():
     assert len(wild) / len(spread) == pytest.approx(0.2, abs=0.03) and max(map(abs, wild)) <= 40.0
 
 
-@pytest.mark.parametrize(("preset", "slow", "loss"), [("gaussian", 0.0, 0.0), ("uwb", 0.15, 0.0), ("lora", 2.0, 0.1)])
+@pytest.mark.parametrize(
+    ("preset", "slow", "loss"), [("gaussian", 0.0, 0.0), ("uwb", 0.15, 0.0), ("lora", 2.0, 0.1)]
+)
 def test_radios_have_their_character(preset, slow, loss):
     vehicle = build(
         seed=2,
@@ -104,7 +122,9 @@ def test_radios_have_their_character(preset, slow, loss):
     vehicle.advance(1000.0)
     received = [m.range / 1000 - 200.0 for m in Station(vehicle, link="ranging").listen()]
     assert len(received) == pytest.approx(10_000 * (1 - loss), rel=0.02)
-    means = [statistics.fmean(received[i : i + 10]) for i in range(0, len(received) - 10, 10)]  # over a second
+    means = [
+        statistics.fmean(received[i : i + 10]) for i in range(0, len(received) - 10, 10)
+    ]  # over a second
     assert statistics.pstdev(means) == pytest.approx(slow, abs=0.25 * slow + 0.2)
 
 
@@ -135,7 +155,9 @@ def test_through_the_rangefinder_driver_values_repeat_with_send_time_stamps():
     companion.wait(1.0)
     received = companion.listen("DISTANCE_SENSOR", source=AUTOPILOT)
     assert [m.time_boot_ms for m in received] == [*range(540, 1501, 40)]
-    assert 5 <= len({m.current_distance for m in received}) <= 6  # 5 new values per second, sent at 25 Hz
+    assert (
+        5 <= len({m.current_distance for m in received}) <= 6
+    )  # 5 new values per second, sent at 25 Hz
     assert {(m.id, m.covariance, m.type) for m in received} == {(0, 0, 0)}
 
 
@@ -145,12 +167,19 @@ def test_the_driver_stops_when_its_input_is_older_than_450_ms():
     companion.stream(132, 50_000)
     companion.wait(2.9)
     last = companion.listen("DISTANCE_SENSOR")[-1]
-    assert last.time_boot_ms == 1450  # the slant range passes 130 m after 1.0 s, the last sample's time
+    assert (
+        last.time_boot_ms == 1450
+    )  # the slant range passes 130 m after 1.0 s, the last sample's time
 
 
 def test_the_range_rate_is_how_fast_the_slant_range_grows_under_the_stamp_of_its_range():
     target = {"velocity_east_mps": 4.0, "turn_rate_deg_s": 5.0}
-    radio = {"message": "named_value_float", "noise_m": 0.0, "rate_name": "RR", "rate_noise_mps": 0.0}
+    radio = {
+        "message": "named_value_float",
+        "noise_m": 0.0,
+        "rate_name": "RR",
+        "rate_noise_mps": 0.0,
+    }
     tables = {"target": target, "ranging": {**radio, "rate_bias_mps": 0.0}, "truth": {"rate_hz": 0}}
     companion = Station(build(start={**STILL, "speed_mps": 0.0}, **tables))
     companion.heartbeat()
@@ -167,11 +196,15 @@ def test_a_rate_scatters_white_and_slowly_and_may_count_the_other_way():
     def rates(**keys):
         companion = ranging(message="named_value_float", rate_name="RR", **keys)
         companion.wait(40.0)
-        return [m.value for m in companion.listen("NAMED_VALUE_FLOAT", source=RADIO) if m.name == "RR"]
+        return [
+            m.value for m in companion.listen("NAMED_VALUE_FLOAT", source=RADIO) if m.name == "RR"
+        ]
 
     white = rates(rate_noise_mps=0.3, rate_bias_mps=0.0)
     assert statistics.pstdev(white) == pytest.approx(0.3, rel=0.15)
-    assert rates(rate_noise_mps=0.3, rate_bias_mps=0.0, rate_sign="closing") == pytest.approx([-v for v in white])
+    assert rates(rate_noise_mps=0.3, rate_bias_mps=0.0, rate_sign="closing") == pytest.approx(
+        [-v for v in white]
+    )
     slow = rates(rate_noise_mps=0.0, rate_bias_mps=0.3)
     assert statistics.pstdev([b - a for a, b in pairwise(slow)]) < 0.03
     assert abs(slow[0]) > 0.0

@@ -8,10 +8,17 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from tests.sim.station import aboard
 
-REPOSITION, CHANGE_SPEED = 192, 178
+REPOSITION = 192
+CHANGE_SPEED = 178
 HOME = (-35.3632621, 149.1652374)
-ACCEPTED, NOT_NOW, DENIED, FAILED = 0, 1, 2, 4
-AMSL, RELATIVE, TERRAIN = 5, 6, 11  # MAV_FRAME_GLOBAL_INT, _RELATIVE_ALT_INT, _TERRAIN_ALT_INT
+ACCEPTED = 0
+NOT_NOW = 1
+DENIED = 2
+FAILED = 4
+# MAV_FRAME_GLOBAL_INT, _RELATIVE_ALT_INT, _TERRAIN_ALT_INT
+AMSL = 5
+RELATIVE = 6
+TERRAIN = 11
 EARTH = 6_378_137.0
 
 
@@ -20,7 +27,11 @@ def reposition(at, north, east, height, *, frame=RELATIVE, flags=1):
     longitude = HOME[1] + math.degrees(east / EARTH / math.cos(math.radians(HOME[0])))
     x, y = round(latitude * 1e7), round(longitude * 1e7)
     before = len(at.acks(REPOSITION))
-    at.send(mavlink.MAVLink_command_int_message(1, 1, frame, REPOSITION, 0, 0, -1, flags, 0, math.nan, x, y, height))
+    at.send(
+        mavlink.MAVLink_command_int_message(
+            1, 1, frame, REPOSITION, 0, 0, -1, flags, 0, math.nan, x, y, height
+        )
+    )
     (result,) = at.acks(REPOSITION)[before:]
     return result
 
@@ -55,7 +66,9 @@ def test_a_plane_circles_there_at_that_height(profile, frame, height, radius, wi
     for _ in range(5):
         companion.wait(5.0)
         truth = companion.truth
-        assert math.hypot(truth.north - 300.0, truth.east - 200.0) == pytest.approx(radius, abs=within)
+        assert math.hypot(truth.north - 300.0, truth.east - 200.0) == pytest.approx(
+            radius, abs=within
+        )
         assert (truth.down, truth.airspeed) == pytest.approx((-120.0, speed), abs=0.6)
 
 
@@ -78,7 +91,9 @@ def test_a_rover_drives_there_and_stops_and_the_next_setpoint_takes_it_away():
 @pytest.mark.parametrize("profile", ["arducopter", "arduplane", "ardurover"])
 def test_what_is_not_flown_is_refused(profile):
     companion = aboard(profile, "LOITER")
-    assert reposition(companion, 80.0, 0.0, 40.0, flags=0) == DENIED  # not in GUIDED, and entering it is not allowed
+    assert (
+        reposition(companion, 80.0, 0.0, 40.0, flags=0) == DENIED
+    )  # not in GUIDED, and entering it is not allowed
     assert reposition(companion, 80.0, 0.0, math.nan) == DENIED
     assert reposition(companion, 80.0, 0.0, 40.0, frame=TERRAIN) == DENIED
     assert companion.command(REPOSITION, -1, 1, 0, 0, 95.0, 0.0, 40.0) == [DENIED]
@@ -105,8 +120,10 @@ def test_px4_refuses_in_words_what_it_does_not_fly_and_keeps_a_place_that_is_not
     assert flying.command(REPOSITION, -1, 1, 0, 0, 95.0, 0.0, 624.0) == [DENIED]
     for speed in (math.nan, math.inf, -3.0, 0.0):
         assert flying.command(CHANGE_SPEED, 1, speed, -1) == [DENIED], speed
-    assert flying.texts() == ["Reposition denied: no such place",
-                              *(f"Change speed denied: {n} m/s" for n in ("nan", "inf", "-3", "0"))]  # fmt: skip
+    assert flying.texts() == [
+        "Reposition denied: no such place",
+        *(f"Change speed denied: {n} m/s" for n in ("nan", "inf", "-3", "0")),
+    ]
     assert [flying.command(CHANGE_SPEED, 1, speed, -1) for speed in (-1, -2)] == [[ACCEPTED]] * 2
     flying.send(mavlink.MAVLink_command_int_message(
         1, 1, AMSL, REPOSITION, 0, 0, -1, 1, 0, math.nan, 2**31 - 1, 2**31 - 1, 624.0))  # fmt: skip

@@ -1,4 +1,5 @@
-"""The emulated autopilots with a key: which frames they sign and trust, and their behavior after a reboot."""
+"""The emulated autopilots with a key: which frames they sign and trust, and their behavior after a
+reboot."""
 
 import pytest
 from circnav_sim.config import ConfigError, load_vehicle, parse_vehicle
@@ -7,7 +8,8 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from tests.sim.station import Station, build
 
-KEY, OTHER = bytes(range(32)), bytes(range(100, 132))
+KEY = bytes(range(32))
+OTHER = bytes(range(100, 132))
 UNIX = 1_790_000_000.0
 NOW = round((UNIX - EPOCH_S) * TICKS_PER_S)
 
@@ -23,7 +25,11 @@ def key_file(tmp_path):
 def make(key_file):
     def vehicle(profile="arducopter", **signing):
         mode = "OFFBOARD" if profile.startswith("px4") else "GUIDED"
-        made = build(vehicle={"profile": profile}, start={"mode": mode}, signing={"key_file": str(key_file), **signing})
+        made = build(
+            vehicle={"profile": profile},
+            start={"mode": mode},
+            signing={"key_file": str(key_file), **signing},
+        )
         made.set_time(UNIX)
         return made
 
@@ -38,7 +44,8 @@ def vehicle(make):
 def station(vehicle, key, timestamp=NOW, **ids):
     made = Station(vehicle, **ids)
     for engine in (made._out, made._in):
-        engine.signing.secret_key, engine.signing.timestamp = key, timestamp
+        engine.signing.secret_key = key
+        engine.signing.timestamp = timestamp
     made._out.signing.sign_outgoing = key is not None
     return made
 
@@ -53,7 +60,8 @@ def accepted(vehicle, by):
 
 def test_all_that_it_says_is_signed_by_vehicle_and_radio_alike(vehicle):
     listener = mavlink.MAVLink(None)
-    listener.signing.secret_key, listener.signing.timestamp = KEY, NOW
+    listener.signing.secret_key = KEY
+    listener.signing.timestamp = NOW
     station(vehicle, KEY).heartbeat()
     vehicle.advance(2.0)
     received = [listener.decode(bytearray(frame)) for frame in vehicle.outgoing()]
@@ -72,7 +80,9 @@ def test_it_obeys_the_holder_of_its_key_alone(vehicle):
 
 
 @pytest.mark.parametrize(("profile", "believed"), [("arducopter", False), ("px4_copter", True)])
-def test_the_radios_status_is_taken_unsigned_heartbeats_by_px4_alone_and_all_on_the_usb_port(make, profile, believed):
+def test_the_radios_status_is_taken_unsigned_heartbeats_by_px4_alone_and_all_on_the_usb_port(
+    make, profile, believed
+):
     vehicle = make(profile)
     station(vehicle, None).send(mavlink.MAVLink_radio_status_message(200, 190, 100, 10, 12, 0, 0))
     assert vehicle.refused == 0
@@ -114,7 +124,10 @@ def test_after_a_reboot_it_signs_a_minute_ahead_and_remembers_no_stream(vehicle)
 
 
 def test_a_key_is_told_from_the_folder_of_the_vehicle_file(key_file):
-    for text in ('[signing]\nkey_file = "vehicle.key"\n', '[sim.signing]\nkey_file = "vehicle.key"\n'):
+    for text in (
+        '[signing]\nkey_file = "vehicle.key"\n',
+        '[sim.signing]\nkey_file = "vehicle.key"\n',
+    ):
         path = key_file.with_name("vehicle.toml")
         path.write_text(text)
         assert load_vehicle(path).signing.key_file == str(key_file)

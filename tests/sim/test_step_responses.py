@@ -1,7 +1,7 @@
 """Steps of the commanded bank and turn rate against real firmware.
 
-ArduPilot 4.6.3 and PX4 main of 2026-03 in their own simulators, 20 setpoints per second. Times are from the first
-setpoint of the step. The path's rate is the turn rate of the ground track.
+ArduPilot 4.6.3 and PX4 main of 2026-03 in their own simulators, 20 setpoints per second. Times are
+from the first setpoint of the step. The path's rate is the turn rate of the ground track.
 """
 
 import itertools
@@ -19,7 +19,8 @@ TICK = 0.01
 
 
 class Step(NamedTuple):
-    """Times to 50 %, 63 % and 90 % of a step, s; its peak and the time of the peak. Peak 1.1: an overshoot of 10 %."""
+    """Times to 50 %, 63 % and 90 % of a step, s; its peak and the time of the peak. Peak 1.1: an
+    overshoot of 10 %."""
 
     half: float
     most: float
@@ -31,13 +32,16 @@ class Step(NamedTuple):
 def measured(values: list[float]) -> Step:
     """Return the step from the first value to the last."""
     share = [(value - values[0]) / (values[-1] - values[0]) for value in values]
-    half, most, nearly = (next(i for i, s in enumerate(share) if s >= part) * TICK for part in (0.5, 0.632, 0.9))
+    half, most, nearly = (
+        next(i for i, s in enumerate(share) if s >= part) * TICK for part in (0.5, 0.632, 0.9)
+    )
     return Step(half, most, nearly, max(share), share.index(max(share)) * TICK)
 
 
 def flown(companion: Station, send: Callable[[], None], seconds: float = 4.0) -> list[Truth]:
     """Return the truth every 10 ms while `send` sends at 20 Hz."""
-    start, truths = companion.vehicle.time, [companion.truth]
+    start = companion.vehicle.time
+    truths = [companion.truth]
     for tick in range(round(seconds / TICK)):
         if tick % 5 == 0:
             send()
@@ -65,7 +69,8 @@ def banked(before: float, after: float) -> list[Truth]:
 
 @cache
 def turned(before: float, after: float) -> list[Truth]:
-    """ArduCopter at 5 m/s with one commanded turn rate, rad/s, and its acceleration fed forward, and then another."""
+    """ArduCopter at 5 m/s with one commanded turn rate, rad/s, and its acceleration fed forward,
+    and then another."""
     real = {"dynamics": "realistic", "max_turn_rate_deg_s": 200.0}
     companion = aboard(mode="GUIDED", vehicle=real, start={"speed_mps": 5.0})
     companion.repeat(8.0, lambda: companion.turn(5.0, before))
@@ -74,7 +79,8 @@ def turned(before: float, after: float) -> list[Truth]:
 
 @pytest.mark.parametrize(("before", "after"), [(0.0, 20.0), (17.0, -28.6)])
 def test_a_plane_banks_after_a_dead_time_and_overshoots(before, after):
-    """Flown: 50 % at 0.36 to 0.5 s, 90 % at 0.5 to 0.75 s, 15 % overshoot; from +17 to -28.6 deg it reaches -33 deg."""
+    """Flown: 50 % at 0.36 to 0.5 s, 90 % at 0.5 to 0.75 s, 15 % overshoot; from +17 to -28.6 deg it
+    reaches -33 deg."""
     truths = banked(before, after)
     roll = measured([truth.roll for truth in truths])
     assert all(truth.roll == pytest.approx(truths[0].roll, abs=1e-6) for truth in truths[:16])
@@ -83,29 +89,37 @@ def test_a_plane_banks_after_a_dead_time_and_overshoots(before, after):
 
 
 def test_a_planes_path_follows_its_bank_at_once_and_its_nose_a_fifth_of_a_second_later():
-    """Flown: the ground track turns with the bank, the heading follows 0.15 to 0.25 s later because of side-slip."""
+    """Flown: the ground track turns with the bank, the heading follows 0.15 to 0.25 s later because
+    of side-slip."""
     truths = banked(17.0, -28.6)
     roll = measured([truth.roll for truth in truths])
     path = measured(rates([truth.course for truth in truths]))
     nose = measured([truth.turn_rate for truth in truths])
     assert path.half == pytest.approx(roll.half, abs=0.03)
     assert 0.15 <= nose.half - path.half <= 0.28 and 0.15 <= nose.nearly - path.nearly <= 0.28
-    assert max(abs(lead(truth) - lead(truths[-1])) for truth in truths) > 2.0  # and much more at the entry
+    assert (
+        max(abs(lead(truth) - lead(truths[-1])) for truth in truths) > 2.0
+    )  # and much more at the entry
 
 
 @pytest.mark.parametrize(("bank", "slip"), [(14.0, 1.1), (26.0, 2.2), (42.0, 3.8)])
 def test_a_plane_flies_to_the_inside_of_its_nose(bank, slip):
-    """Flown in steady turns and in wind 8 m/s, in which the bank swings: 4.70 tan(bank) - 0.54 tan(bank)^2 deg."""
+    """Flown in steady turns and in wind 8 m/s, in which the bank swings: 4.70 tan(bank) - 0.54
+    tan(bank)^2 deg."""
     assert lead(banked(bank, bank)[-1]) == pytest.approx(-slip, abs=0.3)
 
 
 def test_a_copters_yaw_rate_follows_after_a_dead_time_and_overshoots():
-    """Flown, 0.2 to -0.4 rad/s: zero at 0.25 s, -0.53 rad/s at 0.64 s; closed loop: dead time 0.22 s, then a lag of
-    0.18 s."""
+    """Flown, 0.2 to -0.4 rad/s: zero at 0.25 s, -0.53 rad/s at 0.64 s; closed loop: dead time 0.22
+    s, then a lag of 0.18 s."""
     truths = turned(0.2, -0.4)
     yaw = measured([truth.turn_rate for truth in truths])
-    assert all(truth.turn_rate == pytest.approx(truths[0].turn_rate, abs=1e-3) for truth in truths[:15])
-    assert next(i for i, truth in enumerate(truths) if truth.turn_rate < 0) * TICK == pytest.approx(0.25, abs=0.07)
+    assert all(
+        truth.turn_rate == pytest.approx(truths[0].turn_rate, abs=1e-3) for truth in truths[:15]
+    )
+    assert next(i for i, truth in enumerate(truths) if truth.turn_rate < 0) * TICK == pytest.approx(
+        0.25, abs=0.07
+    )
     assert yaw.half == pytest.approx(0.22 + 0.18 * math.log(2), abs=0.03)
     assert (yaw.peak, yaw.peak_at) == (pytest.approx(1.2, abs=0.03), pytest.approx(0.64, abs=0.04))
     assert truths[-1].turn_rate == pytest.approx(-0.42, abs=0.03)
@@ -115,7 +129,9 @@ def test_a_copters_path_follows_its_nose_by_half_a_second():
     """Flown: half of the step at 0.7 to 0.78 s, 90 % at 1.1 s; the nose leads."""
     truths = turned(0.2, -0.4)
     path = measured(rates([truth.course for truth in truths]))
-    assert path.half == pytest.approx(0.74, abs=0.05) and path.nearly == pytest.approx(1.1, abs=0.06)
+    assert path.half == pytest.approx(0.74, abs=0.05) and path.nearly == pytest.approx(
+        1.1, abs=0.06
+    )
     assert min(lead(truth) for truth in truths) < -8.0
 
 
@@ -127,7 +143,9 @@ def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second():
     truths = flown(companion, lambda: companion.velocity(5.0, 0.1), 60.0)
     assert measured([truth.turn_rate for truth in truths]).most == pytest.approx(0.475, abs=0.03)
     assert all(truth.turn_rate == 0.0 for truth in truths[:10])
-    assert truths[-1].ground_speed == pytest.approx(4.56, abs=0.05)  # flown at R 50: 4.56, course 7 to 9 deg behind
+    assert truths[-1].ground_speed == pytest.approx(
+        4.56, abs=0.05
+    )  # flown at R 50: 4.56, course 7 to 9 deg behind
     assert lead(truths[-1]) == pytest.approx(9.0, abs=3.0)
 
 
@@ -152,7 +170,10 @@ def test_what_is_reported_in_a_slipping_turn_is_the_noses():
     companion.repeat(3.0, lambda: companion.attitude(0xC6, math.radians(35.0)))
     reports = companion.listen("ATTITUDE")
     for a, b in itertools.pairwise(reports):
-        told = [(m.pitchspeed * math.sin(m.roll) + m.yawspeed * math.cos(m.roll)) / math.cos(m.pitch) for m in (a, b)]
+        told = [
+            (m.pitchspeed * math.sin(m.roll) + m.yawspeed * math.cos(m.roll)) / math.cos(m.pitch)
+            for m in (a, b)
+        ]
         seen = math.remainder(b.yaw - a.yaw, math.tau) / ((b.time_boot_ms - a.time_boot_ms) / 1000)
         assert seen == pytest.approx(sum(told) / 2, abs=0.02)
     truth = companion.truth

@@ -16,7 +16,12 @@ LAGGED = Unicycle(max_turn_rate=1.0, turn_lag=0.4, speed_lag=0.8)
 NORTHBOUND = Body(0.0, 0.0, -50.0, 0.0)
 
 
-@given(speed=st.floats(1.0, 40.0), rate=st.floats(-1.0, 1.0), heading=st.floats(-3.0, 3.0), dt=st.floats(0.001, 30.0))
+@given(
+    speed=st.floats(1.0, 40.0),
+    rate=st.floats(-1.0, 1.0),
+    heading=st.floats(-3.0, 3.0),
+    dt=st.floats(0.001, 30.0),
+)
 def test_a_steady_turn_is_an_exact_arc(speed, rate, heading, dt):
     start = Body(0.0, 0.0, -50.0, heading)
     end = IDEAL.step(start, BodyVelocity(speed, yaw_rate=rate), dt)
@@ -25,7 +30,9 @@ def test_a_steady_turn_is_an_exact_arc(speed, rate, heading, dt):
         north = radius * (math.sin(heading + rate * dt) - math.sin(heading))
         east = radius * (math.cos(heading) - math.cos(heading + rate * dt))
         assert (end.north, end.east) == pytest.approx((north, east), rel=1e-9, abs=1e-6)
-    assert math.remainder(end.heading - heading - rate * dt, math.tau) == pytest.approx(0.0, abs=1e-9)
+    assert math.remainder(end.heading - heading - rate * dt, math.tau) == pytest.approx(
+        0.0, abs=1e-9
+    )
     assert end.ground_speed == pytest.approx(speed)
 
 
@@ -47,7 +54,10 @@ def test_the_turn_rate_follows_a_first_order_lag_and_is_limited_and_braking_stop
     assert after.turn_rate == pytest.approx(0.5 * (1 - math.exp(-1)))
     assert after.heading == pytest.approx(0.5 * 0.4 - 0.5 * 0.4 * (1 - math.exp(-1)))
     for sense in (1, -1):
-        assert IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=sense * 100.0), 0.1).turn_rate == sense
+        assert (
+            IDEAL.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=sense * 100.0), 0.1).turn_rate
+            == sense
+        )
     moving = Body(0.0, 0.0, -50.0, 1.0, velocity_north=3.0, velocity_east=4.0)
     stopped = IDEAL.step(moving, Brake(2.0), 60.0)
     assert stopped.ground_speed == 0.0
@@ -63,12 +73,20 @@ def test_a_bank_goes_with_the_turn():
 
 
 def test_the_airborne_copter_flies_its_arc_through_the_air_and_the_wind_carries_it():
-    airborne, ideal = (copter_airframe(Airframe(dynamics=name, turn_lag_s=0.4)) for name in ("airborne", "unicycle"))
-    demand, wind = BodyVelocity(15.0, yaw_rate=0.2), (3.0, -2.0)
-    carried, still = NORTHBOUND, NORTHBOUND
+    airborne, ideal = (
+        copter_airframe(Airframe(dynamics=name, turn_lag_s=0.4))
+        for name in ("airborne", "unicycle")
+    )
+    demand = BodyVelocity(15.0, yaw_rate=0.2)
+    wind = (3.0, -2.0)
+    carried = NORTHBOUND
+    still = NORTHBOUND
     for _ in range(40):
-        carried, still = airborne.step(carried, demand, 0.25, wind), ideal.step(still, demand, 0.25, wind)
+        carried = airborne.step(carried, demand, 0.25, wind)
+        still = ideal.step(still, demand, 0.25, wind)
     assert (carried.north, carried.east) == pytest.approx((still.north + 30.0, still.east - 20.0))
     assert carried.heading == pytest.approx(still.heading)
     assert carried.airspeed(wind) == pytest.approx(15.0)
-    assert airborne.step(NORTHBOUND, Brake(), 5.0, wind).ground_speed == 0.0, "it brakes over the ground"
+    assert airborne.step(NORTHBOUND, Brake(), 5.0, wind).ground_speed == 0.0, (
+        "it brakes over the ground"
+    )

@@ -13,20 +13,38 @@ from circnav_sim.vehicle import Vehicle
     ("table", "complaint"),
     [
         ({"vehicel": {}}, 'f.toml: vehicel: unknown key, did you mean "vehicle"?'),
-        ({"ranging": {"noise": 1.0}}, 'f.toml: ranging.noise: unknown key, did you mean "noise_m"?'),
-        ({"ranging": {"rate_hz": "fast"}}, "f.toml: ranging.rate_hz: should be a valid number, not 'fast'"),
+        (
+            {"ranging": {"noise": 1.0}},
+            'f.toml: ranging.noise: unknown key, did you mean "noise_m"?',
+        ),
+        (
+            {"ranging": {"rate_hz": "fast"}},
+            "f.toml: ranging.rate_hz: should be a valid number, not 'fast'",
+        ),
         ({"ranging": {"noise_m": math.nan}}, "f.toml: ranging.noise_m: should be a finite number"),
         ({"ranging": {"name": "MUCHTOOLONG"}}, "f.toml: ranging.name: longer than 10 characters"),
-        ({"vehicle": {"system_id": 0}}, "f.toml: vehicle.system_id: should be greater than or equal to 1, not 0"),
-        ({"start": {"random": {"north_m": [5, 1]}}}, "f.toml: start.random.north_m: [5, 1] is empty"),
+        (
+            {"vehicle": {"system_id": 0}},
+            "f.toml: vehicle.system_id: should be greater than or equal to 1, not 0",
+        ),
+        (
+            {"start": {"random": {"north_m": [5, 1]}}},
+            "f.toml: start.random.north_m: [5, 1] is empty",
+        ),
         ({"start": {"random": {"north_m": [5]}}}, "f.toml: start.random.north_m[1]: is missing"),
         ({"start": 5}, "f.toml: start: should be a table of keys and values, not 5"),
         (
             {"start": {"mode": "GUIDE"}},
             'f.toml: start.mode: "GUIDE" is not a mode of arducopter, did you mean "GUIDED"?',
         ),
-        ({"start": {"armed": False, "altitude_m": 10}}, "f.toml: start.armed: false needs altitude_m = 0"),
-        ({"events": [{"action": "explode"}]}, "f.toml: events[0].action: should be 'mode', 'arm', "),
+        (
+            {"start": {"armed": False, "altitude_m": 10}},
+            "f.toml: start.armed: false needs altitude_m = 0",
+        ),
+        (
+            {"events": [{"action": "explode"}]},
+            "f.toml: events[0].action: should be 'mode', 'arm', ",
+        ),
         ({"events": [{"action": "mode"}]}, "f.toml: events[0].mode: is missing"),
         (
             {"ranging": {"message": "ranging_beacon"}},
@@ -36,8 +54,14 @@ from circnav_sim.vehicle import Vehicle
             {"ranging": {"via": "autopilot", "rate_name": "R"}},
             "f.toml: ranging.rate_name: the autopilot re-sends ranges",
         ),
-        ({"ranging": {"via": "autopilot", "message": "named_value_float"}}, "f.toml: ranging.message: the autopilot"),
-        ({"ranging": {"component_id": 1}}, "f.toml: ranging.component_id: 1 is the autopilot itself"),
+        (
+            {"ranging": {"via": "autopilot", "message": "named_value_float"}},
+            "f.toml: ranging.message: the autopilot",
+        ),
+        (
+            {"ranging": {"component_id": 1}},
+            "f.toml: ranging.component_id: 1 is the autopilot itself",
+        ),
         (
             {"vehicle": {"profile": "arduplane", "dynamics": "airborne"}},
             'f.toml: vehicle.dynamics: "airborne" is an arducopter, not an arduplane',
@@ -61,7 +85,10 @@ def test_a_mission_files_sim_table_is_used_and_the_rest_ignored(tmp_path):
     ("text", "complaint"),
     [
         ("[sim.start]\nnorht_m = 12\n", 'sim.start.norht_m: unknown key, did you mean "north_m"?'),
-        ('name = "mine"\n[vehicle]\nkind = "copter"\n[orbit]\nradius_m = 80\n', "a mission without the table [sim]: "),
+        (
+            'name = "mine"\n[vehicle]\nkind = "copter"\n[orbit]\nradius_m = 80\n',
+            "a mission without the table [sim]: ",
+        ),
         (None, "cannot be read"),
         ("[vehicle\n", "not a TOML file"),
         ("\xff", "not a TOML file"),
@@ -79,7 +106,9 @@ def test_a_file_that_is_no_vehicle_or_cannot_be_read_is_one_line(tmp_path, text,
 def test_random_starts_stay_in_bounds_and_repeat_with_the_seed():
     table = {
         "target": {"north_m": 50.0, "east_m": -20.0},
-        "start": {"random": {"range_m": [100, 300], "bearing_deg": [0, 360], "heading_deg": [-180, 180]}},
+        "start": {
+            "random": {"range_m": [100, 300], "bearing_deg": [0, 360], "heading_deg": [-180, 180]}
+        },
     }
     truths = [Vehicle(parse_vehicle({"seed": seed, **table}, "x")).truth for seed in range(30)]
     distances = [math.hypot(t.north - 50.0, t.east + 20.0) for t in truths]
@@ -93,7 +122,12 @@ def test_the_documented_file_flies():
     example = tomllib.loads(text.split("```toml")[1].split("```")[0])
     vehicle = Vehicle(parse_vehicle(example, "README.md"))
     vehicle.advance(1.0)
-    documented = {f"{section}.{key}" for section, table in example.items() if isinstance(table, dict) for key in table}
+    documented = {
+        f"{section}.{key}"
+        for section, table in example.items()
+        if isinstance(table, dict)
+        for key in table
+    }
     for section in ("vehicle", "start", "target", "wind", "ranging", "truth", "sensors", "battery"):
         for name in type(getattr(vehicle.config, section)).model_fields:
             assert f"{section}.{name}" in documented or name in text, f"{section}.{name}"

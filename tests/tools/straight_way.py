@@ -1,15 +1,19 @@
-"""Shortest time home: straight over ground, with the nose held into the wind. Shares no code with the product."""
+"""Shortest time home: straight over ground, with the nose held into the wind. Shares no code with
+the product."""
 
 from math import hypot, sqrt
 
 
-def straight_way(to: tuple[float, float], wind: tuple[float, float], airspeed: float, short_of: float = 0.0) -> float:
+def straight_way(
+    to: tuple[float, float], wind: tuple[float, float], airspeed: float, short_of: float = 0.0
+) -> float:
     """Return the time, s, of a straight flight to a place, up to a distance short of it.
 
-    to: place as seen from the vehicle, north and east, m. wind: the velocity of the air, north and east, m/s. airspeed:
-    true, m/s, faster than the wind. short_of: m.
+    to: place as seen from the vehicle, north and east, m. wind: the velocity of the air, north and
+    east, m/s. airspeed: true, m/s, faster than the wind. short_of: m.
     """
     away = hypot(*to)
     north, east = to[0] / away, to[1] / away
-    along, across = wind[0] * north + wind[1] * east, wind[1] * north - wind[0] * east
+    along = wind[0] * north + wind[1] * east
+    across = wind[1] * north - wind[0] * east
     return max(away - short_of, 0.0) / (sqrt(airspeed**2 - across**2) + along)

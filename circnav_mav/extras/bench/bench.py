@@ -2,8 +2,9 @@
 
     circnav bench --flights 20 --out bench
 
-A flight is kept if the RMS radius error of its last 100 s is below 10 m and it went round the right way. The random
-numbers of a cell depend only on --seed and its situation, so its results are the same alone and in the whole table.
+A flight is kept if the RMS radius error of its last 100 s is below 10 m and it went round the right
+way. The random numbers of a cell depend only on --seed and its situation, so its results are the
+same alone and in the whole table.
 """
 
 import time
@@ -34,7 +35,8 @@ def run(
     cells: Sequence[tuple[str, str]], flights: int, seed: int = 1, out: Path | None = None, *,
     report: Callable[[str], None] = lambda line: None, cores: int = 1,
 ) -> list[Cell]:  # fmt: skip
-    """Fly cells (names of situation and policy). Write table.csv, table.md and table.png into the folder `out`.
+    """Fly cells (names of situation and policy). Write table.csv, table.md and table.png into the
+    folder `out`.
 
     report: called with a line for each cell. Raises WorkerDiedError.
     """
@@ -42,7 +44,10 @@ def run(
     with workers(cores) if min(cores, len(cells) * flights) > 1 else nullcontext() as submit:
         jobs: list[list[Future[Flown]]] = []
         if submit is not None:
-            jobs = [[submit(fly_one, *cell, seed, number) for number in range(flights)] for cell in cells]
+            jobs = [
+                [submit(fly_one, *cell, seed, number) for number in range(flights)]
+                for cell in cells
+            ]
         for at, cell in enumerate(cells):
             if jobs:
                 flown = [job.result() for job in jobs[at]]
@@ -50,7 +55,9 @@ def run(
             else:
                 flown = [fly_one(*cell, seed, number) for number in range(flights)]
             seconds = sum(one for _, one in flown)
-            done.append(evaluate(SITUATIONS[cell[0]], cell[1], [track for track, _ in flown], seconds))
+            done.append(
+                evaluate(SITUATIONS[cell[0]], cell[1], [track for track, _ in flown], seconds)
+            )
             report(line(done[-1]))
             if out is not None:
                 write_csv(done, out / "table.csv")
@@ -61,7 +68,8 @@ def run(
 
 
 def fly_one(situation: str, law: str, seed: int, number: int) -> Flown:
-    """Fly one flight. Its world depends on seed, situation and number only, so that it is the same for all policies."""
+    """Fly one flight. Its world depends on seed, situation and number only, so that it is the same
+    for all policies."""
     began = time.process_time()
     world = seed + zlib.crc32(situation.encode()) % 1_000_000
     track = fly(SITUATIONS[situation], law, world, number)
@@ -73,7 +81,9 @@ def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds:
     r_d = ORBIT.radius
     time = flown[0].time
     late = time >= time[-1] - LAST
-    rows = {name: np.array([track.rows[name] for track in flown], float).T for name in flown[0].rows}
+    rows = {
+        name: np.array([track.rows[name] for track in flown], float).T for name in flown[0].rows
+    }
     sense = np.array([track.sense for track in flown])
     start = np.array([track.start for track in flown]).T
     heading = np.array([track.heading for track in flown])
@@ -89,7 +99,10 @@ def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds:
         start[:, outside], heading[outside], sense[outside],
         V=ORBIT.speed, r_d=r_d, max_turn_rate=ORBIT.max_turn_rate,
     )  # fmt: skip
-    ten, two = (many_flights.last_exit(time, rows["r"][:, outside], r_d, band * r_d) / ideal for band in (0.1, 0.02))
+    ten, two = (
+        many_flights.last_exit(time, rows["r"][:, outside], r_d, band * r_d) / ideal
+        for band in (0.1, 0.02)
+    )
     commands = (turn_figures(time[late], command, ORBIT) for command in end("command").T)
     turns = [turn for turn in commands if turn]
     range_error = end("r_hat") - end("r")
@@ -113,7 +126,9 @@ def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds:
         settled2_median=_percentile(two, 50),
         settled2_p95=_percentile(two, 95),
         closest_outside=_percentile(rows["r"][:, outside].min(axis=0), 1),
-        overshoot_inside=_percentile(many_flights.overshoot(rows["r"], r_d)[rows["r"][0] < r_d], 50),
+        overshoot_inside=_percentile(
+            many_flights.overshoot(rows["r"], r_d)[rows["r"][0] < r_d], 50
+        ),
         wrong_way=int((~right_way & many_flights.went_round(end("angle"))).sum()),
         turn_std_deg_s=float(np.median([turn.turn_std_deg_s for turn in turns])),
         turn_at_limit=float(np.median([turn.turn_at_limit for turn in turns])),
@@ -129,5 +144,6 @@ def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds:
 
 
 def _percentile(values: Batch, q: float) -> float:
-    """Return a percentile. It is an element of the values, because a number and infinity have no mean."""
+    """Return a percentile. It is an element of the values, because a number and infinity have no
+    mean."""
     return float(np.percentile(values, q, method="higher")) if len(values) else float("nan")

@@ -11,7 +11,9 @@ from circnav_mav.extras.bench.situations import SITUATIONS
 from circnav_mav.runtime.worker_pool import WorkerDiedError
 
 
-def fly_bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None) -> int:
+def fly_bench(
+    flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None
+) -> int:
     """Fly the requested cells, by default all, and print a line for each. Raises Refused."""
     _known("--law", laws, POLICIES)
     _known("--situation", situations, SITUATIONS)
@@ -24,7 +26,9 @@ def fly_bench(flights: int, laws: tuple[str, ...], situations: tuple[str, ...], 
         try:
             bench.run(cells, flights, seed, folder, report=say, cores=os.cpu_count() or 1)
         except WorkerDiedError:
-            raise Refused("a worker process died (out of memory?): reduce --flights", Exit.INTERNAL) from None
+            raise Refused(
+                "a worker process died (out of memory?): reduce --flights", Exit.INTERNAL
+            ) from None
     return Exit.DONE
 
 

@@ -5,14 +5,33 @@ import click
 from circnav_mav.cli.describe import Folder, command
 
 
-@command("circnav_mav.extras.bench.command:fly_bench", short_help="Compare the laws over many flights.")
+@command(
+    "circnav_mav.extras.bench.command:fly_bench", short_help="Compare the laws over many flights."
+)
 @click.option("--flights", type=click.IntRange(1), default=4, metavar="N", help="Flights per cell.")
-@click.option("--law", "laws", multiple=True, metavar="NAME", help="Only this law (law+estimator). May be repeated.")
-@click.option("--situation", "situations", multiple=True, metavar="NAME", help="Only this situation. May be repeated.")
-@click.option("--seed", type=click.IntRange(0), default=1, metavar="N", help="Seed of all random numbers.")
-@click.option("--out", type=Folder(), metavar="DIR", help="Write table.csv, table.md and table.png there.")
+@click.option(
+    "--law",
+    "laws",
+    multiple=True,
+    metavar="NAME",
+    help="Only this law (law+estimator). May be repeated.",
+)
+@click.option(
+    "--situation",
+    "situations",
+    multiple=True,
+    metavar="NAME",
+    help="Only this situation. May be repeated.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=1, metavar="N", help="Seed of all random numbers."
+)
+@click.option(
+    "--out", type=Folder(), metavar="DIR", help="Write table.csv, table.md and table.png there."
+)
 def bench() -> None:
-    """Compare the laws over many flights, with wind, gusts, moving targets and bad sensors. The result is a table.
+    """Compare the laws over many flights, with wind, gusts, moving targets and bad sensors. The
+    result is a table.
 
     \b
     Examples:

@@ -1,4 +1,5 @@
-"""One flight of the benchmark: a planar point mass, its sensors, and the public `Guidance` of circnav.
+"""One flight of the benchmark: a planar point mass, its sensors, and the public `Guidance` of
+circnav.
 
 SI, radians, the paper's frame (x east, y north, counter-clockwise).
 """
@@ -28,7 +29,9 @@ from circnav_mav.guidance.types import (
 
 TRUTH = "truth"
 """Name of the estimator `FullInformation`."""
-POLICIES: dict[str, tuple[str, str]] = {law: (law, default_estimator(law)) for law in reversed(LAWS)} | {
+POLICIES: dict[str, tuple[str, str]] = {
+    law: (law, default_estimator(law)) for law in reversed(LAWS)
+} | {
     "feedforward+unicycle": ("feedforward", "unicycle"),
     "smooth+unicycle": ("smooth", "unicycle"),
     "full information": ("drift", TRUTH),
@@ -36,7 +39,8 @@ POLICIES: dict[str, tuple[str, str]] = {law: (law, default_estimator(law)) for l
 """Policies of the benchmark: law and estimator."""
 GUST_TIME = 10.0
 """Correlation time of the gusts, s: the longitudinal Dryden spectrum at constant airspeed."""
-VEER_TIME, VEER_EVERY = 10.0, 50.0
+VEER_TIME = 10.0
+VEER_EVERY = 50.0
 """Duration of a turn of the wind, and its period, s."""
 GAUSS = ((0.5 - sqrt(15) / 10, 5 / 18), (0.5, 8 / 18), (0.5 + sqrt(15) / 10, 5 / 18))
 """Gauss-Legendre rule with three points on 0 to 1: place and weight."""
@@ -63,13 +67,18 @@ class Track:
 
 
 class World:
-    """Vehicle, wind and target. x, y: vehicle minus target, m. heading, turn_rate: of the vehicle."""
+    """Vehicle, wind and target. x, y: vehicle minus target, m. heading, turn_rate: of the
+    vehicle."""
 
-    def __init__(self, situation: Situation, draws: NDArray[np.float64], random: np.random.Generator) -> None:
+    def __init__(
+        self, situation: Situation, draws: NDArray[np.float64], random: np.random.Generator
+    ) -> None:
         """draws: ten uniform numbers from 0 to 1 that choose the start and all directions."""
         self._situation = situation
         self._random = random
-        angle, self.heading, self._wind_from, self.course = (2 * pi * float(draw) for draw in draws[:4])
+        angle, self.heading, self._wind_from, self.course = (
+            2 * pi * float(draw) for draw in draws[:4]
+        )
         self._sense = -1.0 if draws[4] < 0.5 else 1.0
         self._phase = float(draws[9])
         r = situation.start[0] + (situation.start[1] - situation.start[0]) * float(draws[8])
@@ -84,7 +93,9 @@ class World:
     def wind(self) -> Pair:
         """Present wind, m/s."""
         times, since = divmod(self._now + self._phase * VEER_EVERY, VEER_EVERY)
-        angle = self._wind_from + self._sense * self._situation.veer * (times + min(since / VEER_TIME, 1.0))
+        angle = self._wind_from + self._sense * self._situation.veer * (
+            times + min(since / VEER_TIME, 1.0)
+        )
         speed = self._situation.wind
         return speed * cos(angle) + float(self._gust[0]), speed * sin(angle) + float(self._gust[1])
 
@@ -126,7 +137,10 @@ class World:
         goal = min(max(command, -ORBIT.max_turn_rate), ORBIT.max_turn_rate)
         drift = self.drift
         way = ORBIT.speed * dt
-        headings = [(self.heading + turn_step(self.turn_rate, goal, at * dt)[1], weight) for at, weight in GAUSS]
+        headings = [
+            (self.heading + turn_step(self.turn_rate, goal, at * dt)[1], weight)
+            for at, weight in GAUSS
+        ]
         self.x += way * sum(weight * cos(heading) for heading, weight in headings) + drift[0] * dt
         self.y += way * sum(weight * sin(heading) for heading, weight in headings) + drift[1] * dt
         self.turn_rate, angle = turn_step(self.turn_rate, goal, dt)
@@ -146,15 +160,20 @@ class World:
 
 
 def turn_step(omega: float, command: float, dt: float) -> Pair:
-    """Return turn rate and turned angle after dt with a constant command: the exact first-order lag."""
+    """Return turn rate and turned angle after dt with a constant command: the exact first-order
+    lag."""
     keep = exp(-dt / TURN_LAG)
-    return command + (omega - command) * keep, command * dt + (omega - command) * TURN_LAG * (1 - keep)
+    return command + (omega - command) * keep, command * dt + (omega - command) * TURN_LAG * (
+        1 - keep
+    )
 
 
 class Radio:
     """Ranges, and range rates if `rates` is given, with the errors of a radio."""
 
-    def __init__(self, ranging: Ranging, rates: RateNoise | None, random: np.random.Generator) -> None:
+    def __init__(
+        self, ranging: Ranging, rates: RateNoise | None, random: np.random.Generator
+    ) -> None:
         self._ranging = ranging
         self._rates = rates
         self._random = random
@@ -173,10 +192,17 @@ class Radio:
         since = dt * cfg.every
         self._error = _markov(self._error, cfg.drifting, since / cfg.drift_time, fresh)
         if self._rates is not None:
-            self._offset = _markov(self._offset, self._rates.bias, since / self._rates.bias_time, rate_fresh)
+            self._offset = _markov(
+                self._offset, self._rates.bias, since / self._rates.bias_time, rate_fresh
+            )
         if lost < cfg.loss or (cfg.outage and (now - self._outage_from) % 60.0 < cfg.outage):
             return None
-        z = world.r + self._error + cfg.white * white + cfg.near_bias * max(1 - world.r / cfg.near, 0.0)
+        z = (
+            world.r
+            + self._error
+            + cfg.white * white
+            + cfg.near_bias * max(1 - world.r / cfg.near, 0.0)
+        )
         if wild < cfg.outlier_share:
             z += cfg.outlier * (2 * spread - 1)
         sample = RangeSample(now, now, float(z), cfg.sigma)
@@ -193,9 +219,12 @@ def _markov(error: float, sigma: float, share: float, fresh: float) -> float:
 
 
 class MotionSensors:
-    """Own motion as an autopilot reports it: noise, compass bias and drift, airspeed scale, accelerations."""
+    """Own motion as an autopilot reports it: noise, compass bias and drift, airspeed scale,
+    accelerations."""
 
-    def __init__(self, situation: Situation, draws: NDArray[np.float64], random: np.random.Generator) -> None:
+    def __init__(
+        self, situation: Situation, draws: NDArray[np.float64], random: np.random.Generator
+    ) -> None:
         bias, drift, speed = (-1.0 if draw < 0.5 else 1.0 for draw in draws[5:8])
         self._situation = situation
         self._random = random
@@ -228,7 +257,9 @@ class MotionSensors:
         velocity = world.velocity
         if self._before is not None:
             before, heading = self._before
-            forward, left = (self._imu_bias + white * self._random.standard_normal(2)) * self._situation.dt
+            forward, left = (
+                self._imu_bias + white * self._random.standard_normal(2)
+            ) * self._situation.dt
             nose = (world.heading + heading) / 2
             x = velocity[0] - before[0] + forward * cos(nose) - left * sin(nose)
             y = velocity[1] - before[1] + forward * sin(nose) + left * cos(nose)
@@ -239,7 +270,8 @@ class MotionSensors:
 
 
 class FullInformation(Estimator):
-    """The truth instead of an estimate, as a reference. It is an estimator of one's own for `Guidance`."""
+    """The truth instead of an estimate, as a reference. It is an estimator of one's own for
+    `Guidance`."""
 
     ready = True
     nis = None
@@ -257,7 +289,16 @@ class FullInformation(Estimator):
         world = self._world
         drift = world.drift
         relative = RelativeMotion(
-            world.x, world.y, 0.0, drift[0], drift[1], world.heading, world.turn_rate, ORBIT.speed, 1.0, True
+            world.x,
+            world.y,
+            0.0,
+            drift[0],
+            drift[1],
+            world.heading,
+            world.turn_rate,
+            ORBIT.speed,
+            1.0,
+            True,
         )
         return RangeEstimate(time, world.r, world.r_dot, 0.0, 0.0, relative=relative)
 
@@ -266,7 +307,8 @@ class FullInformation(Estimator):
 
 
 def fly(situation: Situation, policy: str, seed: int, flight: int) -> Track:
-    """Fly one flight. It depends on the situation, the seed and the flight's number; the policy changes no draw."""
+    """Fly one flight. It depends on the situation, the seed and the flight's number; the policy
+    changes no draw."""
     streams = [np.random.default_rng([seed, flight, part]) for part in range(4)]
     draws = streams[3].random(10)
     world = World(situation, draws, streams[0])

@@ -1,4 +1,5 @@
-"""Situations of the benchmark, with the required errors of `auto`, and the noise of radios and autopilots."""
+"""Situations of the benchmark, with the required errors of `auto`, and the noise of radios and
+autopilots."""
 
 from dataclasses import dataclass, field
 from math import hypot, radians
@@ -54,7 +55,8 @@ LORA = Ranging(white=1.0, drifting=2.0, drift_time=5.0, every=2, loss=0.1, near_
 class RateNoise:
     """Standard deviations of measured range rates, m/s.
 
-    white: independent from sample to sample. bias: the carrier's offset, with correlation time bias_time, s.
+    white: independent from sample to sample. bias: the carrier's offset, with correlation time
+    bias_time, s.
     """
 
     white: float = 0.3
@@ -69,9 +71,11 @@ class RateNoise:
 
 @dataclass(frozen=True, slots=True)
 class MotionNoise:
-    """Standard deviations of an autopilot's reports of its own motion, independent from step to step.
+    """Standard deviations of an autopilot's reports of its own motion, independent from step to
+    step.
 
-    heading: rad. turn_rate: rad/s. airspeed: m/s. The defaults are those of real autopilots in calm air.
+    heading: rad. turn_rate: rad/s. airspeed: m/s. The defaults are those of real autopilots in calm
+    air.
     """
 
     heading: float = 0.02
@@ -83,8 +87,8 @@ class MotionNoise:
 class ImuNoise:
     """Standard deviations of measured accelerations, m/s^2.
 
-    white: independent from step to step. bias: constant in a flight, forward and to the left; it contains the attitude
-    error in the compensation of gravity.
+    white: independent from step to step. bias: constant in a flight, forward and to the left; it
+    contains the attitude error in the compensation of gravity.
     """
 
     white: float = 0.2
@@ -144,13 +148,19 @@ SITUATIONS = {
         Situation("target 0.2 V, wind 0.2 V", 0.40, target=3.0, wind=0.20 * V),
         Situation("target turns", target=3.0, target_turn=0.05),
         Situation("wind 0.33 V turns 90 deg in 10 s", 0.4, wind=0.33 * V, veer=radians(90)),
-        Situation("it turns, with accelerations", 0.4, wind=0.33 * V, veer=radians(90), imu=ImuNoise()),
+        Situation(
+            "it turns, with accelerations", 0.4, wind=0.33 * V, veer=radians(90), imu=ImuNoise()
+        ),
         Situation("target stops and goes", 0.4, target=3.0, stands=30.0),
         Situation("target accelerates", target=3.0, target_walk=0.3),
         Situation("gusts 1.5, wind 0.33 V", 1.0, wind=5.0, gust=1.5),
         Situation("the same with accelerations", wind=5.0, gust=1.5, imu=ImuNoise()),
-        Situation("accelerations, rate 0.3", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.3)),
-        Situation("accelerations, rate 0.1", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.1)),
+        Situation(
+            "accelerations, rate 0.3", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.3)
+        ),
+        Situation(
+            "accelerations, rate 0.1", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.1)
+        ),
         Situation("gusts with rate 0.1 alone", wind=5.0, gust=1.5, rates=RateNoise(0.1)),
         Situation("uwb, wind 0.2 V", 0.35, wind=0.20 * V, ranging=UWB),
         Situation("lora, wind 0.2 V", 2.0, wind=0.20 * V, ranging=LORA),

@@ -1,4 +1,5 @@
-"""Results of the benchmark, as one cell per law and situation: printed line, tables of BENCHMARK.md, picture."""
+"""Results of the benchmark, as one cell per law and situation: printed line, tables of
+BENCHMARK.md, picture."""
 
 import csv
 from collections.abc import Callable, Sequence
@@ -21,13 +22,15 @@ LOST = 300.0
 class Cell:
     """One law in one situation. Lengths in m, times in s; p95: 95th percentile over the flights.
 
-    kept: flights that kept the circle. rms, peak: RMS and largest radius error over the last 100 s. settled10,
-    settled2: time of the last exit from ±10 % and ±2 % of the radius, divided by the Dubins time to the tangent point,
-    for starts outside 1.3 radii. closest_outside: 1st percentile of the closest approach to the target, for starts
-    outside. wrong_way: flights that swept at least a quarter turn the wrong way. turn_*: medians of the figures of the
-    turn command over the last 100 s. limit_cycles: flights with a limit cycle (see `TurnFigures`). range_rmse,
-    rate_rmse: RMS error of the estimated range (m) and range rate (m/s) over the last 100 s. nees_mean: mean normalized
-    estimation error squared (NEES) of (r, theta). nees_in_band: fraction of steps with this NEES in its 95 % band.
+    kept: flights that kept the circle. rms, peak: RMS and largest radius error over the last 100 s.
+    settled10, settled2: time of the last exit from ±10 % and ±2 % of the radius, divided by the
+    Dubins time to the tangent point, for starts outside 1.3 radii. closest_outside: 1st percentile
+    of the closest approach to the target, for starts outside. wrong_way: flights that swept at
+    least a quarter turn the wrong way. turn_*: medians of the figures of the turn command over the
+    last 100 s. limit_cycles: flights with a limit cycle (see `TurnFigures`). range_rmse, rate_rmse:
+    RMS error of the estimated range (m) and range rate (m/s) over the last 100 s. nees_mean: mean
+    normalized estimation error squared (NEES) of (r, theta). nees_in_band: fraction of steps with
+    this NEES in its 95 % band.
     """
 
     situation: str
@@ -59,19 +62,19 @@ class Cell:
 
 
 def line(cell: Cell) -> str:
-    """Return the printed line of a cell. Settling: median and 95th percentile, in ideal times (Dubins times)."""
+    """Return the printed line of a cell. Settling: median and 95th percentile, in ideal times
+    (Dubins times)."""
     need = SITUATIONS[cell.situation].required
     required = "" if need is None or cell.policy != OWN else f" (<= {need:.2f})"
     wrong = f"wrong way {cell.wrong_way}  " if cell.wrong_way else ""
     cycles = f", limit cycles {cell.limit_cycles}" if cell.limit_cycles else ""
     return (
-        f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  {wrong}"
-        f"RMS {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{required}, peak {cell.peak_median:.2f}  "
-        f"settled to 10 % in {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} ideal times, "
-        f"to 2 % in {cell.settled2_median:.2f}  "
-        f"turn sd {cell.turn_std_deg_s:.1f} deg/s, at the limit {100 * cell.turn_at_limit:.0f} %, "
-        f"varies {cell.turn_variation_rad_s2:.2f} rad/s per s{cycles}  "
-        f"r' {cell.rate_rmse:.3f}  {cell.seconds:.0f} s"
+        f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  {wrong}RMS"
+        f" {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{required}, peak {cell.peak_median:.2f} "
+        f" settled to 10 % in {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} ideal times, to"
+        f" 2 % in {cell.settled2_median:.2f}  turn sd {cell.turn_std_deg_s:.1f} deg/s, at the limit"
+        f" {100 * cell.turn_at_limit:.0f} %, varies {cell.turn_variation_rad_s2:.2f} rad/s per"
+        f" s{cycles}  r' {cell.rate_rmse:.3f}  {cell.seconds:.0f} s"
     )
 
 
@@ -80,14 +83,17 @@ def write_csv(cells: list[Cell], path: Path) -> None:
         rows = [asdict(cell) for cell in cells]
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
-        writer.writerows({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
+        writer.writerows(
+            {k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
+        )
 
 
 COLUMNS: dict[str, Callable[[Cell], str]] = {
     "situation": lambda cell: cell.situation,
     "flights that kept the circle": lambda cell: f"{cell.kept} of {cell.flights}",
     "RMS radius error, m: median / 95th percentile / worst; median peak": lambda cell: (
-        f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f}; {cell.peak_median:.2f}"
+        f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f};"
+        f" {cell.peak_median:.2f}"
     ),
     "required RMS, m": lambda cell: (
         "report" if (need := SITUATIONS[cell.situation].required) is None else f"{need:.2f}"
@@ -98,16 +104,19 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
     "settled to ±2 %, Dubins times: median": lambda cell: (
         f"{_times(cell.settled2_median)} / {_times(cell.settled2_p95)}"
     ),
-    "turn command: standard deviation, deg/s / share at the limit / total variation, rad/s per s": lambda cell: (
-        f"{cell.turn_std_deg_s:.1f} / {100 * cell.turn_at_limit:.0f} % / {cell.turn_variation_rad_s2:.2f}"
+    "turn command: standard deviation, deg/s / share at the limit / total variation, rad/s per s": (
+        lambda cell: (
+            f"{cell.turn_std_deg_s:.1f} / {100 * cell.turn_at_limit:.0f} % /"
+            f" {cell.turn_variation_rad_s2:.2f}"
+        )
     ),
     "limit cycles": lambda cell: f"{cell.limit_cycles}",
     "closest approach to the target, m: 1st percentile of the starts outside": lambda cell: (
         f"{cell.closest_outside:.0f}"
     ),
     "RMS error of the range rate, m/s": lambda cell: f"{cell.rate_rmse:.3f}",
-    "NEES (squared estimation error over its variance): mean / share of steps in the 95 % band": lambda cell: (
-        f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %"
+    "NEES (squared estimation error over its variance): mean / share of steps in the 95 % band": (
+        lambda cell: f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %"
     ),
 }
 """Columns of the table of OWN."""
@@ -116,18 +125,30 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
 def markdown(cells: Sequence[Cell]) -> str:
     """Return the table of `auto`, then that of the other laws, as far as they were flown.
 
-    A cell of the second table has the median RMS radius error, the number of flights that kept the circle (in brackets,
-    unless all kept it), and the standard deviation of the turn command.
+    A cell of the second table has the median RMS radius error, the number of flights that kept the
+    circle (in brackets, unless all kept it), and the standard deviation of the turn command.
     """
-    own, others = ([cell for cell in cells if (cell.policy == OWN) is mine] for mine in (True, False))
-    tables = [_table(tuple(COLUMNS), [[text(cell) for text in COLUMNS.values()] for cell in own])] if own else []
+    own, others = (
+        [cell for cell in cells if (cell.policy == OWN) is mine] for mine in (True, False)
+    )
+    tables = (
+        [_table(tuple(COLUMNS), [[text(cell) for text in COLUMNS.values()] for cell in own])]
+        if own
+        else []
+    )
     if others:
         laws = list(dict.fromkeys(cell.policy for cell in others))
-        rows: dict[str, dict[str, str]] = {cell.situation: dict.fromkeys(laws, "") for cell in others}
+        rows: dict[str, dict[str, str]] = {
+            cell.situation: dict.fromkeys(laws, "") for cell in others
+        }
         for cell in others:
             kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
-            rows[cell.situation][cell.policy] = f"{median_or_lost(cell)}{kept}, sd {cell.turn_std_deg_s:.1f}"
-        tables.append(_table(("situation", *laws), [(row, *texts.values()) for row, texts in rows.items()]))
+            rows[cell.situation][cell.policy] = (
+                f"{median_or_lost(cell)}{kept}, sd {cell.turn_std_deg_s:.1f}"
+            )
+        tables.append(
+            _table(("situation", *laws), [(row, *texts.values()) for row, texts in rows.items()])
+        )
     return "\n".join(tables)
 
 
@@ -137,27 +158,36 @@ def median_or_lost(cell: Cell) -> str:
 
 
 def draw(cells: Sequence[Cell], path: Path) -> None:
-    """Draw the table: color by median RMS error, text with error and share of flights that kept the circle. Rows are
-    situations, columns are laws."""
+    """Draw the table: color by median RMS error, text with error and share of flights that kept the
+    circle. Rows are situations, columns are laws."""
     from matplotlib.colors import LogNorm  # the workers do not need matplotlib
     from matplotlib.figure import Figure
 
     from circnav_mav.report.plots import save
 
-    rows, columns = list(dict.fromkeys(c.situation for c in cells)), list(dict.fromkeys(c.policy for c in cells))
+    rows = list(dict.fromkeys(c.situation for c in cells))
+    columns = list(dict.fromkeys(c.policy for c in cells))
     values = np.full((len(rows), len(columns)), np.nan)
     width = max(5.5, 2 + 1.1 * len(columns))  # inches, of which the title needs 5.5
     figure = Figure(figsize=(width, 1.5 + 0.42 * len(rows)), layout="constrained")
     axes = figure.subplots()
     for cell in cells:
-        i, j = rows.index(cell.situation), columns.index(cell.policy)
+        i = rows.index(cell.situation)
+        j = columns.index(cell.policy)
         values[i, j] = max(cell.rms_median, 1e-3)
-        kept = "" if cell.kept == cell.flights else f"\ncircle kept: {100 * cell.kept / cell.flights:.0f} %"
+        kept = (
+            ""
+            if cell.kept == cell.flights
+            else f"\ncircle kept: {100 * cell.kept / cell.flights:.0f} %"
+        )
         axes.text(j, i, median_or_lost(cell) + kept, ha="center", va="center", fontsize=7)
     image = axes.imshow(values, norm=LogNorm(0.05, 50), cmap="RdYlGn_r", aspect="auto")
     axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right", fontsize=8)
     axes.set_yticks(range(len(rows)), rows, fontsize=8)
-    axes.set_title(f"Median RMS radius error, m, last 100 of 400 s, {cells[0].flights} flights per cell", fontsize=9)
+    axes.set_title(
+        f"Median RMS radius error, m, last 100 of 400 s, {cells[0].flights} flights per cell",
+        fontsize=9,
+    )
     figure.colorbar(image, ax=axes, label="m")
     save(figure, path, dpi=130)
 

@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extras.campaign.execute import cores, on_cores, on_scheduler
@@ -27,7 +34,13 @@ REPORT_EVERY = 10.0
 
 
 def fly_campaign(
-    file: str, *, runs: int | None, out: str | None, resume: bool, scheduler: str | None, processes: int | None
+    file: str,
+    *,
+    runs: int | None,
+    out: str | None,
+    resume: bool,
+    scheduler: str | None,
+    processes: int | None,
 ) -> int:
     """Fly the missing runs, print the results, and return the exit code. Raises Refused."""
     with refusing(file, CampaignError):
@@ -38,7 +51,9 @@ def fly_campaign(
             raise Refused("--resume: name the folder of the campaign to continue: --out DIR")
         name = Path(file).stem
         folder = Path(out) if out else Path("campaigns") / f"{local_time_name()}-{name}"
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: keep and print the results
+        signal.signal(
+            signal.SIGTERM, signal.default_int_handler
+        )  # as Ctrl-C: keep and print the results
         with closing(Store(folder, campaign, resume=resume)) as store:
             say(f"{campaign.where}: {campaign.runs} flights")
             interrupted = _fly(campaign, store, scheduler, processes)
@@ -71,8 +86,15 @@ def _progress(done: int, total: int) -> Iterator[Callable[[int, Row], None]]:
     if not console.is_terminal:
         yield _lines(done, total)
         return
-    columns = (TextColumn("flights"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[lost]}"),
-             TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn())  # fmt: skip
+    columns = (
+        TextColumn("flights"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[lost]}"),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=console) as bar:
         task = bar.add_task("", total=total, completed=done, lost="")
         lost = 0
@@ -92,22 +114,28 @@ def _lines(before: int, total: int) -> Callable[[int, Row], None]:
         nonlocal reported
         now = time.monotonic()
         if now - reported >= REPORT_EVERY:
-            reported, rate = now, max(done - before, 1) / (now - began)
+            reported = now
+            rate = max(done - before, 1) / (now - began)
             say(f"  {done} of {total} flights, {(total - done) / rate:.0f} s left")
 
     return show
 
 
 def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> int:
-    """Sort the table, write and print the summary, draw the pictures. Raises CampaignError, Refused."""
+    """Sort the table, write and print the summary, draw the pictures. Raises CampaignError,
+    Refused."""
     store.sort()
     rows = store.read()
     summary = summarize(rows, campaign.swept)
     try:
         write_json(store.folder / SUMMARY, summary)
     except OSError as error:
-        raise Refused(f"{store.folder}: cannot be written: {error.strerror or error}; {TABLE} is complete") from None
-    pictures, problems = plot_campaign(store.folder, rows, list(campaign.specs), list(campaign.swept), name)
+        raise Refused(
+            f"{store.folder}: cannot be written: {error.strerror or error}; {TABLE} is complete"
+        ) from None
+    pictures, problems = plot_campaign(
+        store.folder, rows, list(campaign.specs), list(campaign.swept), name
+    )
     _print_figures("all flights", summary["all"])
     for key, values in summary["by"].items():
         for value, figures in values.items():
@@ -119,7 +147,10 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> i
     written = [TABLE, SUMMARY, *(path.name for path in pictures)]
     say(f"  written    {store.folder}/: {', '.join(written)}")
     if interrupted:
-        say(f"  stopped after {len(rows)} of {campaign.runs} flights; continue with --out {store.folder} --resume")
+        say(
+            f"  stopped after {len(rows)} of {campaign.runs} flights; continue with --out"
+            f" {store.folder} --resume"
+        )
         return Exit.INTERRUPTED
     return Exit.DONE
 
@@ -127,16 +158,25 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> i
 def _print_figures(what: str, figures: dict[str, Any]) -> None:
     """Print one line of the summary."""
     low, high = figures["kept_interval"]
-    share = "" if low is None else f" ({100 * figures['kept_share']:.1f} %, {100 * low:.1f} to {100 * high:.1f})"
+    share = (
+        ""
+        if low is None
+        else f" ({100 * figures['kept_share']:.1f} %, {100 * low:.1f} to {100 * high:.1f})"
+    )
     line = f"  {what:<34} kept {figures['kept']} of {figures['flights']}{share}"
     if figures["rms_median"] is not None:
         low, high = figures["rms_interval"]
         interval = "" if low is None else f" ({low:.3g} to {high:.3g})"
         line += f"  RMS {figures['rms_median']:.3g} m{interval}, p95 {figures['rms_p95']:.3g} m"
-        median, late = ("never" if time is None else f"{time:.0f} s" for time in map(figures.get, SETTLED))
+        median, late = (
+            "never" if time is None else f"{time:.0f} s" for time in map(figures.get, SETTLED)
+        )
         line += f"  settled {median}, p95 {late}"
     if figures["turn_std_deg_s"] is not None:
-        line += f"  turn sd {figures['turn_std_deg_s']:.1f} deg/s, at the limit {100 * figures['turn_at_limit']:.0f} %"
+        line += (
+            f"  turn sd {figures['turn_std_deg_s']:.1f} deg/s, at the limit"
+            f" {100 * figures['turn_at_limit']:.0f} %"
+        )
     for name in ("limit_cycles", "wrong_way", "not_engaged", "failed"):
         line += f"  {name.replace('_', ' ')}: {figures[name]}" if figures[name] else ""
     say(line)

@@ -6,16 +6,30 @@ from circnav_mav.cli.bundled import FileOrName
 from circnav_mav.cli.describe import Folder, command
 
 
-@command("circnav_mav.extras.campaign.command:fly_campaign", short_help="Fly a mission many times with varied values.")
+@command(
+    "circnav_mav.extras.campaign.command:fly_campaign",
+    short_help="Fly a mission many times with varied values.",
+)
 @click.argument("file", type=FileOrName("campaign"), metavar="CAMPAIGN")
-@click.option("--runs", type=click.IntRange(1), metavar="N", help="Number of flights. [default: as in the file]")
-@click.option("--out", type=Folder(), metavar="DIR", help="Folder. [default: campaigns/<time>-<name>]")
+@click.option(
+    "--runs",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Number of flights. [default: as in the file]",
+)
+@click.option(
+    "--out", type=Folder(), metavar="DIR", help="Folder. [default: campaigns/<time>-<name>]"
+)
 @click.option("--resume", is_flag=True, help="Continue the campaign in DIR.")
-@click.option("--processes", type=click.IntRange(1), metavar="N", help="Processes. [default: all cores]")
-@click.option("--scheduler", metavar="ADDR", help="Fly on a Dask scheduler's workers, e.g. tcp://host:8786.")
+@click.option(
+    "--processes", type=click.IntRange(1), metavar="N", help="Processes. [default: all cores]"
+)
+@click.option(
+    "--scheduler", metavar="ADDR", help="Fly on a Dask scheduler's workers, e.g. tcp://host:8786."
+)
 def campaign() -> None:
-    """Fly a mission many times with varied values. CAMPAIGN is a file or the name of a bundled one. The results are a
-    table, a summary and plots.
+    """Fly a mission many times with varied values. CAMPAIGN is a file or the name of a bundled one.
+    The results are a table, a summary and plots.
 
     \b
     Examples:

@@ -1,4 +1,5 @@
-"""Execution of a campaign's runs on the cores of this computer or on the workers of a Dask scheduler."""
+"""Execution of a campaign's runs on the cores of this computer or on the workers of a Dask
+scheduler."""
 
 import logging
 import os
@@ -15,14 +16,15 @@ from circnav_mav.runtime.worker_pool import Submit, WorkerDiedError, workers
 
 Rows = Generator[Row, None, None]
 SERVER_FIRST = ("", "tcp")
-"""Schemes of addresses at which a Dask scheduler sends the first byte. At the others it waits for the client."""
+"""Schemes of addresses at which a Dask scheduler sends the first byte. At the others it waits for
+the client."""
 SCHEMES = (*SERVER_FIRST, "tls", "ws", "wss")
 CONNECT_TIMEOUT = 5.0
 """Time, s, within which a scheduler must accept the connection and answer."""
 
 AHEAD = 1000
-"""Largest number of jobs that are submitted and not finished: more than a cluster has workers, and few enough for the
-memory."""
+"""Largest number of jobs that are submitted and not finished: more than a cluster has workers, and
+few enough for the memory."""
 
 
 def cores() -> int:
@@ -40,7 +42,9 @@ def on_cores(campaign: Campaign, runs: Iterable[int], processes: int) -> Rows:
         with workers(processes) as submit:
             yield from _gathered(submit, campaign, runs)
     except WorkerDiedError:
-        raise CampaignError("a worker process died (out of memory?): --resume flies the missing runs") from None
+        raise CampaignError(
+            "a worker process died (out of memory?): --resume flies the missing runs"
+        ) from None
 
 
 def _gathered(submit: Submit, campaign: Campaign, runs: Iterable[int]) -> Rows:
@@ -60,7 +64,8 @@ def _gathered(submit: Submit, campaign: Campaign, runs: Iterable[int]) -> Rows:
 
 
 def on_scheduler(campaign: Campaign, runs: Iterable[int], address: str) -> Rows:
-    """Yield the rows as `on_cores` does, flown by the workers of a Dask scheduler. Raises CampaignError."""
+    """Yield the rows as `on_cores` does, flown by the workers of a Dask scheduler. Raises
+    CampaignError."""
     try:
         import distributed
     except ImportError:
@@ -69,23 +74,33 @@ def on_scheduler(campaign: Campaign, runs: Iterable[int], address: str) -> Rows:
     safe = distributed.Security().get_connection_args("client").get("ssl_context")  # type: ignore[no-untyped-call]
     if address.startswith(("tls:", "wss:")) and safe is None:
         scheme = address.partition(":")[0]
-        raise CampaignError(f"--scheduler {address}: {scheme} needs the certificates named in Dask's configuration")
-    for name in ("distributed", "distributed.client"):  # Dask sets the level of the second one separately
+        raise CampaignError(
+            f"--scheduler {address}: {scheme} needs the certificates named in Dask's configuration"
+        )
+    for name in (
+        "distributed",
+        "distributed.client",
+    ):  # Dask sets the level of the second one separately
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client: Any = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
-    except Exception as error:  # Dask raises many types: there is no scheduler, or it requires certificates
+    except (
+        Exception
+    ) as error:  # Dask raises many types: there is no scheduler, or it requires certificates
         reason = str(error).splitlines()[0] if str(error) else "no answer"
         raise CampaignError(f"--scheduler {address}: no Dask scheduler answers: {reason}") from None
     with client:
         if not client.scheduler_info()["workers"]:
-            raise CampaignError(f"--scheduler {address}: has no workers: start some with: dask worker {address}")
+            raise CampaignError(
+                f"--scheduler {address}: has no workers: start some with: dask worker {address}"
+            )
         try:
             yield from _gathered(client.get_executor(pure=False).submit, campaign, runs)
         except Exception as error:
             reason = " ".join(str(error).split())[:200]
             raise CampaignError(
-                f"--scheduler {address}: {type(error).__name__}: {reason}; --resume flies the missing runs"
+                f"--scheduler {address}: {type(error).__name__}: {reason}; --resume flies the"
+                " missing runs"
             ) from None
 
 
@@ -97,7 +112,9 @@ def _check_scheduler(address: str) -> None:
     scheme, _, place = address.rpartition("://")
     host, _, port = place.rpartition(":")
     if scheme not in SCHEMES or not host or not port.isdecimal() or int(port) > 65535:
-        raise CampaignError(f"--scheduler {address}: write it as tcp://HOST:PORT (or tls://, ws://, wss://)")
+        raise CampaignError(
+            f"--scheduler {address}: write it as tcp://HOST:PORT (or tls://, ws://, wss://)"
+        )
     try:
         with socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT) as there:
             answered = scheme not in SERVER_FIRST or there.recv(1)
@@ -105,4 +122,6 @@ def _check_scheduler(address: str) -> None:
         reason = getattr(error, "strerror", None) or error
         raise CampaignError(f"--scheduler {address}: no answer: {reason}") from None
     if not answered:
-        raise CampaignError(f"--scheduler {address}: the program at this address is not a Dask scheduler")
+        raise CampaignError(
+            f"--scheduler {address}: the program at this address is not a Dask scheduler"
+        )

@@ -1,4 +1,5 @@
-"""Row of a flight in the table, computed from its true path, and figures of many rows with confidence intervals."""
+"""Row of a flight in the table, computed from its true path, and figures of many rows with
+confidence intervals."""
 
 from collections.abc import Mapping, Sequence, Sized
 from dataclasses import asdict
@@ -13,13 +14,28 @@ from circnav_mav.runlog import metrics
 from circnav_mav.runlog.metrics import NAMES, late_figures
 
 KEPT_WITHIN = 0.1
-"""A flight is kept if it was completed, went round in the required sense, and the RMS radius error of its last third is
-below this fraction of the radius."""
+"""A flight is kept if it was completed, went round in the required sense, and the RMS radius error
+of its last third is below this fraction of the radius."""
 FIGURES = (
-    "outcome", "start_range_m", "start_bearing_deg", "start_heading_deg", "engaged_s", "flown_s", "kept",
-    "rms_m", "mean_error_m", "settled_s", "closest_m", *NAMES, "sense", "right_way", "error",
-)  # fmt: skip
-NUMBERS = frozenset(name for name in FIGURES if name.endswith(("_m", "_s", "_deg", "_at_limit", "_rad_s2")))
+    "outcome",
+    "start_range_m",
+    "start_bearing_deg",
+    "start_heading_deg",
+    "engaged_s",
+    "flown_s",
+    "kept",
+    "rms_m",
+    "mean_error_m",
+    "settled_s",
+    "closest_m",
+    *NAMES,
+    "sense",
+    "right_way",
+    "error",
+)
+NUMBERS = frozenset(
+    name for name in FIGURES if name.endswith(("_m", "_s", "_deg", "_at_limit", "_rad_s2"))
+)
 FAILED = "error"
 """Outcome of a run that could not be flown."""
 
@@ -34,7 +50,8 @@ def row(run: Run, result: FlightResult) -> dict[str, Any]:
 
     It is None below a quarter turn.
     """
-    orbit, r = run.mission.orbit, np.hypot(result.east, result.north)
+    orbit = run.mission.orbit
+    r = np.hypot(result.east, result.north)
     east, north, heading = result.start
     known: dict[str, Any] = {
         "run": run.number,
@@ -49,12 +66,18 @@ def row(run: Run, result: FlightResult) -> dict[str, Any]:
     if len(r) < 2:
         return known
     late = metrics.last_part(result.time, r)
-    swept = metrics.swept_angle(*(metrics.last_part(result.time, values) for values in (result.north, result.east)))
+    swept = metrics.swept_angle(
+        *(metrics.last_part(result.time, values) for values in (result.north, result.east))
+    )
     sense = metrics.direction_of(swept)
     rms = metrics.rms_error(late, orbit.radius)
     assert rms is not None
     turn = late_figures(result.turn_time, result.turn, result.turn_cut, orbit)
-    kept = result.outcome == COMPLETED and sense is orbit.direction and rms < KEPT_WITHIN * orbit.radius
+    kept = (
+        result.outcome == COMPLETED
+        and sense is orbit.direction
+        and rms < KEPT_WITHIN * orbit.radius
+    )
     return known | {
         "flown_s": float(result.time[-1]),
         "kept": kept,
@@ -77,25 +100,31 @@ SUMMARY = "summary.json"
 Z = 1.959964
 """Quantile of the normal distribution for intervals of 95 %."""
 LEAST_WORLDS = 6
-"""Smallest number of worlds (draws) whose values enclose the median with 95 %: 1 - 2/2^6 is 97 %, 1 - 2/2^5 is 94 %."""
+"""Smallest number of worlds (draws) whose values enclose the median with 95 %: 1 - 2/2^6 is 97 %, 1
+- 2/2^5 is 94 %."""
 Interval = tuple[float | None, float | None]
 Rows = Sequence[dict[str, str]]
 """Rows of the table, as text."""
 
 
 def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
-    """Return the figures of some rows of the table. points: number of grid points, which share their draws in a pass.
+    """Return the figures of some rows of the table. points: number of grid points, which share
+    their draws in a pass.
 
-    failed: could not be flown. not_engaged: ended before the engagement. Flights of both kinds have no RMS error and no
-    settling time, so these figures cover the other flights. wrong_way: went round in the wrong sense. rms_*: RMS radius
-    error of the last third, m. settled_*: time from the engagement until the error stays within 5 %, s; None: never.
-    closest: closest approach of all flights, m. worlds: number of different draws; in the intervals, flights with the
-    same draws and noise count as one. turn_*: medians of the figures of the turn command (see `TurnFigures`).
+    failed: could not be flown. not_engaged: ended before the engagement. Flights of both kinds have
+    no RMS error and no settling time, so these figures cover the other flights. wrong_way: went
+    round in the wrong sense. rms_*: RMS radius error of the last third, m. settled_*: time from the
+    engagement until the error stays within 5 %, s; None: never. closest: closest approach of all
+    flights, m. worlds: number of different draws; in the intervals, flights with the same draws and
+    noise count as one. turn_*: medians of the figures of the turn command (see `TurnFigures`).
     limit_cycles: flights with a limit cycle.
     """
     flown = [row for row in rows if row["rms_m"]]
-    worlds, worlds_flown = (len({int(row["run"]) // points for row in some}) for some in (rows, flown))
-    kept, rms = sum(row["kept"] == "true" for row in rows), known(rows, "rms_m")
+    worlds, worlds_flown = (
+        len({int(row["run"]) // points for row in some}) for some in (rows, flown)
+    )
+    kept = sum(row["kept"] == "true" for row in rows)
+    rms = known(rows, "rms_m")
     settled = np.sort([float(row["settled_s"] or "inf") for row in flown])
     share = kept / len(rows) if rows else 0.0
     return {
@@ -124,20 +153,23 @@ def known(rows: Rows, name: str) -> Any:
 
 
 def summarize(rows: Rows, swept: Mapping[str, Sized]) -> dict[str, Any]:
-    """Return the contents of summary.json: "all", and "by" swept key and value. swept: values of the grid by key."""
+    """Return the contents of summary.json: "all", and "by" swept key and value. swept: values of
+    the grid by key."""
     points = prod(len(values) for values in swept.values())
     by: dict[str, dict[str, Any]] = {}
     for key in swept:
         values = dict.fromkeys(row[key] for row in rows)
-        by[key] = {value: figures([row for row in rows if row[key] == value], points) for value in values}
+        by[key] = {
+            value: figures([row for row in rows if row[key] == value], points) for value in values
+        }
     return {"all": figures(rows, points), "by": by}
 
 
 def wilson(share: float, worlds: int) -> Interval:
     """Return Wilson's score interval of a share, over a number of independent worlds.
 
-    Flights in one world may all have the same result and then count as one. If they do not, the interval is wider than
-    necessary.
+    Flights in one world may all have the same result and then count as one. If they do not, the
+    interval is wider than necessary.
     """
     if worlds == 0:
         return None, None
@@ -148,9 +180,11 @@ def wilson(share: float, worlds: int) -> Interval:
 
 
 def median_interval(ordered: Any, worlds: int) -> Interval:
-    """Return an interval of the median for any distribution: ranks n/2 ± z n / (2 sqrt(worlds)), rounded outwards.
+    """Return an interval of the median for any distribution: ranks n/2 ± z n / (2 sqrt(worlds)),
+    rounded outwards.
 
-    Below six worlds, even the smallest and the largest value enclose the median with less than 95 %: no interval.
+    Below six worlds, even the smallest and the largest value enclose the median with less than 95
+    %: no interval.
     """
     n = len(ordered)
     if worlds < LEAST_WORLDS:
@@ -161,6 +195,7 @@ def median_interval(ordered: Any, worlds: int) -> Interval:
 
 
 def percentile(ordered: Any, q: float) -> float | None:
-    """Return a percentile that is one of the values, since a number and "never" have no mean; None: never or empty."""
+    """Return a percentile that is one of the values, since a number and "never" have no mean; None:
+    never or empty."""
     value = float(np.percentile(ordered, q, method="higher")) if len(ordered) else float("inf")
     return value if isfinite(value) else None

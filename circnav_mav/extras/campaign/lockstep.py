@@ -1,4 +1,5 @@
-"""One flight of a campaign in lockstep, as in `circnav fly`: pilot and emulated vehicle exchange MAVLink bytes."""
+"""One flight of a campaign in lockstep, as in `circnav fly`: pilot and emulated vehicle exchange
+MAVLink bytes."""
 
 from dataclasses import dataclass
 
@@ -21,10 +22,10 @@ EXIT_TIME = 60.0
 class FlightResult:
     """Result of a flight: the true path under control, relative to the target, and the outcome.
 
-    start: east, north (m) of the target and heading (rad, clockwise from north) at time zero. engaged: time of the
-    engagement, s; None if it never engaged. time: time since the engagement, s. outcome: "completed", or the reason of
-    another end. turn_time, turn, turn_cut: of every command the time since the engagement (s), the turn rate (rad/s),
-    and True if the limit cut it.
+    start: east, north (m) of the target and heading (rad, clockwise from north) at time zero.
+    engaged: time of the engagement, s; None if it never engaged. time: time since the engagement,
+    s. outcome: "completed", or the reason of another end. turn_time, turn, turn_cut: of every
+    command the time since the engagement (s), the turn rate (rad/s), and True if the limit cut it.
     """
 
     start: tuple[float, float, float]
@@ -42,7 +43,8 @@ class Flight:
     """A running flight. ticks: the ticks that commanded a turn."""
 
     def __init__(self, run: Run) -> None:
-        self.pilot, self.vehicle = Pilot(run.mission.pilot_settings()), Vehicle(run.vehicle)
+        self.pilot = Pilot(run.mission.pilot_settings())
+        self.vehicle = Vehicle(run.vehicle)
         self.ticks = list[TickRecord]()
         self._clock = Lockstep(self.vehicle)
         self._links = self._clock.links(ranging_apart=self.pilot.settings.ranging_apart)
@@ -62,19 +64,37 @@ class Flight:
 def fly_lockstep(run: Run) -> FlightResult:
     """Fly one run to its end."""
     flight = Flight(run)
-    pilot, mission, timing = flight.pilot, flight.pilot.mission, flight.pilot.settings.timing
-    start, truths, due = flight.vehicle.truth, list[Truth](), 0.0
+    pilot = flight.pilot
+    mission = flight.pilot.mission
+    timing = flight.pilot.settings.timing
+    start = flight.vehicle.truth
+    truths = list[Truth]()
+    due = 0.0
     until = timing.duration + timing.wait_link + timing.wait_ranging + timing.outage + EXIT_TIME
     while not pilot.done and flight.now < until:
         flight.step(until)
         ours = mission.engaged_at is not None and mission.outcome is None
-        if ours and flight.now >= due - 1e-9 and flight.now - (mission.engaged_at or 0.0) < timing.duration - 1e-6:
+        if (
+            ours
+            and flight.now >= due - 1e-9
+            and flight.now - (mission.engaged_at or 0.0) < timing.duration - 1e-6
+        ):
             truths.append(flight.vehicle.truth)
             due = flight.now + timing.tick
     ended = mission.outcome
-    outcome = COMPLETED if ended and ended.ending is Ending.COMPLETED else ended.reason if ended else "no end"
-    turns = np.array([(tick.time, tick.turn_rate, tick.saturated) for tick in flight.ticks], float).reshape(-1, 3)
-    path = np.array([(t.time, t.east - t.target_east, t.north - t.target_north) for t in truths]).reshape(-1, 3)
+    outcome = (
+        COMPLETED
+        if ended and ended.ending is Ending.COMPLETED
+        else ended.reason
+        if ended
+        else "no end"
+    )
+    turns = np.array(
+        [(tick.time, tick.turn_rate, tick.saturated) for tick in flight.ticks], float
+    ).reshape(-1, 3)
+    path = np.array(
+        [(t.time, t.east - t.target_east, t.north - t.target_north) for t in truths]
+    ).reshape(-1, 3)
     return FlightResult(
         start=(start.east - start.target_east, start.north - start.target_north, start.heading),
         engaged=mission.engaged_at,

@@ -1,6 +1,7 @@
 """Campaign files (mission, number of runs, varied values) and their runs.
 
-The values and the seed of a run follow from the campaign's seed and the run's number. An error in a file is one line.
+The values and the seed of a run follow from the campaign's seed and the run's number. An error in a
+file is one line.
 """
 
 import copy
@@ -17,7 +18,14 @@ import numpy as np
 from circnav_sim.config import ConfigError, VehicleConfig, parse_vehicle
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from circnav_mav.mission.load import MissionError, load_mission, mission_of, put, read_text, read_toml
+from circnav_mav.mission.load import (
+    MissionError,
+    load_mission,
+    mission_of,
+    put,
+    read_text,
+    read_toml,
+)
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.problems import in_words
 
@@ -43,7 +51,10 @@ DRAWS: dict[str, Callable[..., Any]] = {
 }
 MOST = 1e300
 """Largest bound of a draw: the sum of two such numbers is still finite."""
-FORMS = "a list, {uniform=[low, high]}, {log_uniform=[low, high]}, {normal=[mean, sigma]} or {choice=[...]}"
+FORMS = (
+    "a list, {uniform=[low, high]}, {log_uniform=[low, high]}, {normal=[mean, sigma]} or"
+    " {choice=[...]}"
+)
 
 
 def read_spec(value: Any) -> Spec:
@@ -67,8 +78,12 @@ def read_spec(value: Any) -> Spec:
 
 
 def _check_numbers(kind: str, numbers: list[Any]) -> None:
-    if len(numbers) != 2 or not all(type(number) in (int, float) and abs(number) <= MOST for number in numbers):
-        raise ValueError(f"{kind}: must be two numbers, neither of them above {MOST:g}, not {numbers!r:.80}")
+    if len(numbers) != 2 or not all(
+        type(number) in (int, float) and abs(number) <= MOST for number in numbers
+    ):
+        raise ValueError(
+            f"{kind}: must be two numbers, neither of them above {MOST:g}, not {numbers!r:.80}"
+        )
     first, second = numbers
     if kind == "normal" and second < 0:
         raise ValueError(f"normal: the standard deviation must be at least 0, not {second:g}")
@@ -79,9 +94,12 @@ def _check_numbers(kind: str, numbers: list[Any]) -> None:
 
 
 def flat(
-    table: Mapping[str, Any], before: str = "", whole: Callable[[Mapping[str, Any]], bool] = lambda table: False
+    table: Mapping[str, Any],
+    before: str = "",
+    whole: Callable[[Mapping[str, Any]], bool] = lambda table: False,
 ) -> Iterator[tuple[str, Any]]:
-    """Yield (dotted key, value) of nested tables. whole(table): True if the table itself is a value."""
+    """Yield (dotted key, value) of nested tables. whole(table): True if the table itself is a
+    value."""
     for key, value in table.items():
         if isinstance(value, Mapping) and value and not whole(value):
             yield from flat(value, f"{before}{key}.", whole)
@@ -89,15 +107,22 @@ def flat(
             yield before + key, value
 
 
-START = {f"start.{name}": f"sim.start.random.{name}" for name in ("range_m", "bearing_deg", "heading_deg")}
-"""Keys of the start relative to the target. A vehicle file gives this start only as bounds of random values."""
-LEAST_TRIED, MOST_TRIED = 32, 256
-"""Bounds of the number of runs tried before a value is refused. Within them: one per grid point of the other keys."""
+START = {
+    f"start.{name}": f"sim.start.random.{name}"
+    for name in ("range_m", "bearing_deg", "heading_deg")
+}
+"""Keys of the start relative to the target. A vehicle file gives this start only as bounds of
+random values."""
+LEAST_TRIED = 32
+MOST_TRIED = 256
+"""Bounds of the number of runs tried before a value is refused. Within them: one per grid point of
+the other keys."""
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """Contents of a campaign file. mission: table of the mission file. mission_text, text: the files as written."""
+    """Contents of a campaign file. mission: table of the mission file. mission_text, text: the
+    files as written."""
 
     where: str
     mission: dict[str, Any]
@@ -120,13 +145,16 @@ class Campaign:
     def values(self, run: int) -> dict[str, Any]:
         """Return the values of run number `run` by key, with the emulator's seed.
 
-        Successive runs pass through the grid repeatedly. All points of a pass have the same draws and the same noise.
+        Successive runs pass through the grid repeatedly. All points of a pass have the same draws
+        and the same noise.
         """
         world, cell = divmod(run, self.cells)
         values: dict[str, Any] = {}
         for key, spec in self.specs.items():
             if isinstance(spec, Distribution):
-                values[key] = spec.draw(np.random.default_rng([self.seed, world, zlib.crc32(key.encode())]))
+                values[key] = spec.draw(
+                    np.random.default_rng([self.seed, world, zlib.crc32(key.encode())])
+                )
             else:
                 cell, which = divmod(cell, len(spec))
                 values[key] = spec[which]
@@ -135,7 +163,8 @@ class Campaign:
 
 
 class CampaignError(Exception):
-    """Error in a campaign file, its execution or its folder; the message is one line with the remedy."""
+    """Error in a campaign file, its execution or its folder; the message is one line with the
+    remedy."""
 
 
 class CampaignFile(BaseModel):
@@ -150,7 +179,8 @@ class CampaignFile(BaseModel):
 
 
 def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
-    """Read and validate a campaign file; `runs` replaces its number of flights. Raises CampaignError."""
+    """Read and validate a campaign file; `runs` replaces its number of flights. Raises
+    CampaignError."""
     path = Path(path)
     try:
         text = read_text(path)
@@ -169,7 +199,9 @@ def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
     except MissionError as error:
         raise CampaignError(f"{path}: mission: {error}") from None
     if mission.file.sim is None or not mission.flies_sim:
-        raise CampaignError(f'{path}: mission: {file.mission}: needs a [sim] table and link.endpoint = "sim"')
+        raise CampaignError(
+            f'{path}: mission: {file.mission}: needs a [sim] table and link.endpoint = "sim"'
+        )
     return Campaign(
         where=str(path),
         mission=tomllib.loads(mission.text),
@@ -195,7 +227,9 @@ def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
         except ValueError as error:
             raise CampaignError(f"{where}: vary.{key}: {error}") from None
     if not specs:
-        raise CampaignError(f'{where}: vary: is empty, name what varies: "sim.wind.speed_mps" = [0.0, 5.0]')
+        raise CampaignError(
+            f'{where}: vary: is empty, name what varies: "sim.wind.speed_mps" = [0.0, 5.0]'
+        )
     return specs
 
 
@@ -221,12 +255,14 @@ class Run:
 
 
 def prepare(campaign: Campaign, number: int) -> Run:
-    """Return a run, with its mission checked as any mission file. Raises MissionError, ConfigError."""
+    """Return a run, with its mission checked as any mission file. Raises MissionError,
+    ConfigError."""
     values = campaign.values(number)
     table = copy.deepcopy(campaign.mission)
     where = f"{campaign.where}: vary"
     for key, value in values.items():
-        path, given = START.get(key, key), [value, value] if key in START else value
+        path = START.get(key, key)
+        given = [value, value] if key in START else value
         put(table, path.split("."), given, f"{where}: {path}")
     mission = mission_of(table, where)
     if mission.file.sim is None or not mission.flies_sim:
@@ -235,8 +271,10 @@ def prepare(campaign: Campaign, number: int) -> Run:
 
 
 def unflyable_value(campaign: Campaign) -> str | None:
-    """Return why a listed value cannot be flown with any other values, or why no run can be flown; None if all can."""
-    stride, points = 1, [(1, 1, 0)]
+    """Return why a listed value cannot be flown with any other values, or why no run can be flown;
+    None if all can."""
+    stride = 1
+    points = [(1, 1, 0)]
     for values in campaign.swept.values():
         points += [(stride, len(values), which) for which in range(len(values))]
         stride *= len(values)
@@ -244,12 +282,14 @@ def unflyable_value(campaign: Campaign) -> str | None:
 
 
 def _why_not(campaign: Campaign, stride: int, values: int, which: int) -> str | None:
-    """Return the reason why no run with value number `which` of a key can be flown; None if one of a sample can.
+    """Return the reason why no run with value number `which` of a key can be flown; None if one of
+    a sample can.
 
-    The sample is taken from the grid and the draws. stride: step in the number of the grid point from one value of
-    the key to the next. values: number of values of the key.
+    The sample is taken from the grid and the draws. stride: step in the number of the grid point
+    from one value of the key to the next. values: number of values of the key.
     """
-    first, others = None, campaign.cells // values
+    first = None
+    others = campaign.cells // values
     rng = np.random.default_rng([campaign.seed, which])
     for world in range(min(max(others, LEAST_TRIED), MOST_TRIED)):
         other = world % others if others <= MOST_TRIED else int(rng.random() * others)

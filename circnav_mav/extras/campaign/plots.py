@@ -1,4 +1,5 @@
-"""Pictures of a campaign: starts and kept flights, distributions, and the error against the varied values."""
+"""Pictures of a campaign: starts and kept flights, distributions, and the error against the varied
+values."""
 
 import json
 import re
@@ -17,17 +18,20 @@ from circnav_mav.extras.campaign.plan import START
 from circnav_mav.report.plots import STYLE, literal, save
 
 Rows = Sequence[dict[str, str]]
-LOST, LINE = "#c8501e", "#1f5fa8"
+LOST = "#c8501e"
+LINE = "#1f5fa8"
 MOST_LINES = 8
 """Largest number of values of a key for which a picture has a line for each value; chosen."""
 BINS = 12
-"""Number of groups of flights along an axis; chosen, enough for a curve and few enough for medians."""
+"""Number of groups of flights along an axis; chosen, enough for a curve and few enough for
+medians."""
 
 
 def plot_campaign(
     folder: Path, rows: Rows, keys: Sequence[str], swept: Sequence[str], title: str
 ) -> tuple[list[Path], list[str]]:
-    """Draw the pictures. Return their files, and a line for each that could not be drawn or written."""
+    """Draw the pictures. Return their files, and a line for each that could not be drawn or
+    written."""
     done: list[Path] = []
     problems: list[str] = []
     with mpl.rc_context(STYLE):
@@ -36,7 +40,11 @@ def plot_campaign(
                 save(draw(), folder / name)
                 done.append(folder / name)
             except Exception as error:  # a failed picture must not lose the results of the flights
-                reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
+                reason = (
+                    getattr(error, "strerror", None)
+                    or " ".join(str(error).split())
+                    or type(error).__name__
+                )
                 problems.append(f"{folder / name}: could not be drawn: {reason}")
     return done, problems
 
@@ -46,13 +54,24 @@ def _pictures(
 ) -> Iterator[tuple[str, Callable[[], Figure]]]:
     """Yield file names and their drawing functions."""
     flown = [row for row in rows if row["rms_m"]]
-    if len({row["start_range_m"] + row["start_bearing_deg"] + row["start_heading_deg"] for row in rows}) > 2:
+    if (
+        len(
+            {
+                row["start_range_m"] + row["start_bearing_deg"] + row["start_heading_deg"]
+                for row in rows
+            }
+        )
+        > 2
+    ):
         yield "starts.png", partial(_starts, [row for row in rows if row["start_range_m"]], title)
     if len(flown) > 1:
         yield "distributions.png", partial(_distributions, rows, title)
         for key in keys:
             if key not in START and len({row[key] for row in rows}) > 1:
-                yield f"error-{re.sub(r'[^A-Za-z0-9]+', '-', key)}.png", partial(_against, rows, key, swept, title)
+                yield (
+                    f"error-{re.sub(r'[^A-Za-z0-9]+', '-', key)}.png",
+                    partial(_against, rows, key, swept, title),
+                )
 
 
 def _numbers(rows: Rows, key: str) -> Any:
@@ -60,11 +79,14 @@ def _numbers(rows: Rows, key: str) -> Any:
 
 
 def _starts(rows: Rows, title: str) -> Figure:
-    """Draw starting positions relative to the target and starting headings, colored by the share of kept flights."""
+    """Draw starting positions relative to the target and starting headings, colored by the share of
+    kept flights."""
     figure = Figure(figsize=(12, 5.5), layout="constrained")
     figure.suptitle(f"{title}: starts, and the share of flights kept")
     place, turned = figure.subplots(1, 2)
-    r, bearing, heading = (_numbers(rows, f"start_{name}") for name in ("range_m", "bearing_deg", "heading_deg"))
+    r, bearing, heading = (
+        _numbers(rows, f"start_{name}") for name in ("range_m", "bearing_deg", "heading_deg")
+    )
     kept = np.array([row["kept"] == "true" for row in rows], float)
     (away, towards), style = _shares(kept, r, np.radians(bearing))
     place.scatter(away * np.sin(towards), away * np.cos(towards), **style)
@@ -73,33 +95,51 @@ def _starts(rows: Rows, title: str) -> Figure:
     place.set(xlabel="east of the target, m", ylabel="north of the target, m")
     (away, off), style = _shares(kept, r, np.round((heading - bearing) % 360 - 180, 3))
     drawn = turned.scatter(off, away, **style)
-    off_line = "start heading off the line to the target, deg (0: towards the target, right positive)"
-    turned.set(xlim=(-180, 180), xticks=range(-180, 181, 60), xlabel=off_line, ylabel="start range, m")
+    off_line = (
+        "start heading off the line to the target, deg (0: towards the target, right positive)"
+    )
+    turned.set(
+        xlim=(-180, 180), xticks=range(-180, 181, 60), xlabel=off_line, ylabel="start range, m"
+    )
     figure.colorbar(drawn, ax=turned, label="kept, %")
     return figure
 
 
 def _shares(kept: Any, *coordinates: Any) -> tuple[Any, dict[str, Any]]:
-    """Return the distinct points, and the style of their dots: color by the share of kept flights (%), and size."""
+    """Return the distinct points, and the style of their dots: color by the share of kept flights
+    (%), and size."""
     points, which = np.unique(np.stack(coordinates, axis=1), axis=0, return_inverse=True)
     share = 100 * np.bincount(which.ravel(), kept) / np.bincount(which.ravel())
-    return points.T, {"c": share, "s": float(np.clip(8000 / len(share), 5, 40)), "cmap": "RdYlGn", "vmin": 0,
-                      "vmax": 100, "edgecolors": "#555555", "linewidths": 0.3}  # fmt: skip
+    return points.T, {
+        "c": share,
+        "s": float(np.clip(8000 / len(share), 5, 40)),
+        "cmap": "RdYlGn",
+        "vmin": 0,
+        "vmax": 100,
+        "edgecolors": "#555555",
+        "linewidths": 0.3,
+    }
 
 
 def _distributions(rows: Rows, title: str) -> Figure:
     """Draw the distributions of error, settling time and closest approach."""
     figure = Figure(figsize=(12, 4), layout="constrained")
-    found, rows = figures(rows), [row for row in rows if row["rms_m"]]
+    found = figures(rows)
+    rows = [row for row in rows if row["rms_m"]]
     others = (("not_engaged", "never engaged"), ("failed", "could not be flown"))
     unflown = "".join(f", {found[name]} more {what}" for name, what in others if found[name])
     figure.suptitle(f"{title}: {len(rows)} flights{unflown}")
     error, settling, nearest = figure.subplots(1, 3)
-    rms, settled = np.maximum(_numbers(rows, "rms_m"), 1e-6), _numbers(rows, "settled_s")
-    error.hist(rms, bins=np.geomspace(rms.min(), max(rms.max(), rms.min() * 1.1), 40).tolist(), color=LINE)
+    rms = np.maximum(_numbers(rows, "rms_m"), 1e-6)
+    settled = _numbers(rows, "settled_s")
+    error.hist(
+        rms, bins=np.geomspace(rms.min(), max(rms.max(), rms.min() * 1.1), 40).tolist(), color=LINE
+    )
     error.set_xscale("log")
     _label_decades(error.xaxis, rms)
-    error.axvline(found["rms_median"], color=LOST, lw=1, label=f"median {found['rms_median']:.3g} m")
+    error.axvline(
+        found["rms_median"], color=LOST, lw=1, label=f"median {found['rms_median']:.3g} m"
+    )
     error.legend()
     never = int(np.isnan(settled).sum())
     if never < len(rows):
@@ -107,7 +147,11 @@ def _distributions(rows: Rows, title: str) -> Figure:
     settling.set_title(f"never: {never}", fontsize=9)
     nearest.hist(_numbers(rows, "closest_m"), bins=40, color=LINE)
     error.set_ylabel("flights")
-    labels = "RMS radius error of the last third, m", "time until the error stays within 5 %, s", "closest approach, m"
+    labels = (
+        "RMS radius error of the last third, m",
+        "time until the error stays within 5 %, s",
+        "closest approach, m",
+    )
     for axis, label in zip(figure.axes, labels, strict=True):
         axis.set_xlabel(label)
         axis.yaxis.set_major_locator(MaxNLocator(integer=True))
@@ -117,7 +161,13 @@ def _distributions(rows: Rows, title: str) -> Figure:
 def _label_decades(axis: Any, values: Any) -> None:
     """Label a logarithmic axis so that labels do not overlap and a single decade has several."""
     ratio = values.max() / values.min()
-    subs = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8) if ratio < 5 else (1, 2, 3, 5) if ratio < 30 else (1,)
+    subs = (
+        (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8)
+        if ratio < 5
+        else (1, 2, 3, 5)
+        if ratio < 30
+        else (1,)
+    )
     axis.set_major_locator(LogLocator(subs=subs, numticks=12))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
@@ -131,9 +181,13 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     figure = Figure(figsize=(8, 6.5), layout="constrained")
     figure.suptitle(f"{title}: error against {literal(key)}")
     error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    others = [other for other in swept if other != key and len({row[other] for row in rows}) <= MOST_LINES]
+    others = [
+        other for other in swept if other != key and len({row[other] for row in rows}) <= MOST_LINES
+    ]
     values = [_json_or_text(row[key]) for row in rows]
-    numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    numeric = all(
+        isinstance(value, int | float) and not isinstance(value, bool) for value in values
+    )
     names = list(dict.fromkeys(map(str, values)))
     x = np.array(values if numeric else [names.index(str(value)) for value in values], float)
     lines = np.array([row[others[0]] for row in rows] if len(others) == 1 else [""] * len(rows))
@@ -145,11 +199,25 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
         color = f"C{number}" if len(labels) > 1 else LINE
         spots, parts = _binned(x[mine], key in swept)
         known = [part[np.isfinite(part)] for part in (rms[mine][part] for part in parts)]
-        middle, low, high = (np.array([percentile(one, q) for one in known], float) for q in (50, 5, 95))
+        middle, low, high = (
+            np.array([percentile(one, q) for one in known], float) for q in (50, 5, 95)
+        )
         shift = 0.0 if numeric else 0.06 * (number - (len(labels) - 1) / 2)
-        style: dict[str, Any] = {"color": color, "marker": "o", "ms": 4, "lw": 1.5 if numeric else 0}
-        error.errorbar(spots + shift, middle, [middle - low, high - middle], capsize=2, elinewidth=0.7,
-                       label=literal(label) or "median, 5 to 95 %", **style)  # fmt: skip
+        style: dict[str, Any] = {
+            "color": color,
+            "marker": "o",
+            "ms": 4,
+            "lw": 1.5 if numeric else 0,
+        }
+        error.errorbar(
+            spots + shift,
+            middle,
+            [middle - low, high - middle],
+            capsize=2,
+            elinewidth=0.7,
+            label=literal(label) or "median, 5 to 95 %",
+            **style,
+        )
         share.plot(spots + shift, [100 * kept[mine][part].mean() for part in parts], **style)
     if not numeric:
         share.set_xticks(range(len(names)), [literal(name) for name in names])
@@ -158,13 +226,18 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     error.set_ylabel("RMS radius error, m\n(median, 5 to 95 %)")
     error.legend(title=literal(others[0]) if len(labels) > 1 else None, fontsize=8)
     drawn = len(np.unique(x))
-    bins = "" if key in swept or drawn <= BINS else f" ({drawn} drawn values, in {BINS} bins of equally many flights)"
+    bins = (
+        ""
+        if key in swept or drawn <= BINS
+        else f" ({drawn} drawn values, in {BINS} bins of equally many flights)"
+    )
     share.set(ylim=(-5, 105), ylabel="kept, %", xlabel=literal(key) + bins)
     return figure
 
 
 def _binned(x: Any, exact: bool) -> tuple[Any, list[Any]]:
-    """Return positions and the flights at each: every value of a grid, or bins of equally many flights."""
+    """Return positions and the flights at each: every value of a grid, or bins of equally many
+    flights."""
     if exact or len(np.unique(x)) <= BINS:
         spots = np.unique(x)
         return spots, [x == spot for spot in spots]

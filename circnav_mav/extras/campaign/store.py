@@ -1,4 +1,5 @@
-"""The folder of a campaign: its table, written row by row, and its input files, so that it can be resumed."""
+"""The folder of a campaign: its table, written row by row, and its input files, so that it can be
+resumed."""
 
 import csv
 import errno
@@ -34,16 +35,21 @@ class Store:
     """
 
     def __init__(self, folder: Path, campaign: Campaign, *, resume: bool = False) -> None:
-        """Create the folder, or open the folder of the same campaign to resume it. Raises CampaignError."""
-        self.folder, self.done = folder, set[int]()
-        self._columns, self._runs = columns(campaign), campaign.runs
+        """Create the folder, or open the folder of the same campaign to resume it. Raises
+        CampaignError."""
+        self.folder = folder
+        self.done = set[int]()
+        self._columns = columns(campaign)
+        self._runs = campaign.runs
         self._path = folder / TABLE
         sources = {SOURCE: campaign.text, "mission.toml": campaign.mission_text}
         with ExitStack() as held:
             try:
                 if folder.exists() and not (folder / SOURCE).is_file():
                     if resume and self._begun():
-                        raise CampaignError(f"{folder}: cannot resume: {SOURCE} is missing; name another --out")
+                        raise CampaignError(
+                            f"{folder}: cannot resume: {SOURCE} is missing; name another --out"
+                        )
                     self._refuse_foreign(sources)
                 folder.mkdir(parents=True, exist_ok=True)
                 held.enter_context(_lock(folder))
@@ -56,7 +62,9 @@ class Store:
                     self._path.write_bytes(_line(self._columns))
                 self._file = held.enter_context(self._path.open("ab", buffering=0))
             except OSError as error:
-                raise CampaignError(f"{error.filename or folder}: cannot be used: {error.strerror or error}") from None
+                raise CampaignError(
+                    f"{error.filename or folder}: cannot be used: {error.strerror or error}"
+                ) from None
             self._held = held.pop_all()
 
     def add(self, rows: Iterable[dict[str, Any]]) -> None:
@@ -75,7 +83,8 @@ class Store:
         self._held.close()
 
     def sort(self) -> None:
-        """Sort the rows by run. Call after the last row: equal campaigns give equal files. Raises CampaignError."""
+        """Sort the rows by run. Call after the last row: equal campaigns give equal files. Raises
+        CampaignError."""
         with _refusing(self._path):
             header, *lines = read_bytes(self._path, MAX_TABLE).splitlines(keepends=True) or [b""]
             lines.sort(key=lambda line: int(line.partition(b",")[0]))
@@ -92,47 +101,62 @@ class Store:
         return self._path.exists() and read_bytes(self._path, MAX_TABLE).count(b"\n") > 1
 
     def _refuse_foreign(self, sources: dict[str, str]) -> None:
-        """Refuse a folder with files that would be overwritten, except incomplete files of this very campaign.
+        """Refuse a folder with files that would be overwritten, except incomplete files of this
+        very campaign.
 
         Raises CampaignError, OSError.
         """
-        whole = {name: text.encode() for name, text in sources.items()} | {TABLE: _line(self._columns)}
+        whole = {name: text.encode() for name, text in sources.items()} | {
+            TABLE: _line(self._columns)
+        }
         if all(_bytes(self.folder / name) == text for name, text in whole.items()):
             return
         for path in sorted(self.folder.iterdir()):
-            of_ours = path.name in whole and whole[path.name].startswith(read_bytes(path, MAX_TABLE))
+            of_ours = path.name in whole and whole[path.name].startswith(
+                read_bytes(path, MAX_TABLE)
+            )
             if not of_ours and (path.name in {*whole, SUMMARY} or path.suffix == ".png"):
                 raise CampaignError(
-                    f"{self.folder}: holds {path.name}, which is not a file of this campaign: name another --out"
+                    f"{self.folder}: holds {path.name}, which is not a file of this campaign: name"
+                    " another --out"
                 )
 
     def _reopen(self, sources: dict[str, str], resume: bool) -> None:
-        """Continue an interrupted table. An incomplete last line is dropped. Raises CampaignError, OSError."""
+        """Continue an interrupted table. An incomplete last line is dropped. Raises CampaignError,
+        OSError."""
         if not resume:
-            raise CampaignError(f"{self.folder}: holds a campaign already: --resume it, or name another --out")
+            raise CampaignError(
+                f"{self.folder}: holds a campaign already: --resume it, or name another --out"
+            )
         for name, text in sources.items():
             there = _bytes(self.folder / name)
             if there != text.encode():
                 what = "has changed since" if there else "is missing"
-                raise CampaignError(f"{self.folder}: cannot resume: {name} {what}; name another --out")
+                raise CampaignError(
+                    f"{self.folder}: cannot resume: {name} {what}; name another --out"
+                )
         data = read_bytes(self._path, MAX_TABLE)
         whole = data[: data.rfind(b"\n") + 1]
         header, *lines = whole.splitlines(keepends=True)
         if header != _line(self._columns):
             raise CampaignError(
-                f"{self._path}: cannot resume: its columns are those of another version; name another --out"
+                f"{self._path}: cannot resume: its columns are those of another version; name"
+                " another --out"
             )
         if whole != data:
             self._path.write_bytes(whole)
         for number, line in enumerate(lines, 2):
             run = self._whole(line)
             if run is None or run in self.done:
-                raise CampaignError(f"{self._path}: line {number} is damaged: delete it, and its run is flown again")
+                raise CampaignError(
+                    f"{self._path}: line {number} is damaged: delete it, and its run is flown again"
+                )
             self.done.add(run)
         beyond = [run for run in self.done if run >= self._runs]
         if beyond:
             raise CampaignError(
-                f"{self._path}: already holds run {min(beyond)}: give --runs of at least {max(beyond) + 1}"
+                f"{self._path}: already holds run {min(beyond)}: give --runs of at least"
+                f" {max(beyond) + 1}"
             )
 
     def _whole(self, line: bytes) -> int | None:
@@ -157,7 +181,9 @@ def _lock(folder: Path) -> Iterator[None]:
     """Lock the folder against other processes. Raises CampaignError, OSError."""
     with (folder / SOURCE).open("ab") as file:
         if not lock(file):
-            raise CampaignError(f"{folder}: another process is flying a campaign there: wait, or name another --out")
+            raise CampaignError(
+                f"{folder}: another process is flying a campaign there: wait, or name another --out"
+            )
         yield
 
 
@@ -167,7 +193,9 @@ def _refusing(path: Path, what: str = "read or written", remedy: str = "") -> It
     try:
         yield
     except OSError as error:
-        raise CampaignError(f"{path}: cannot be {what}: {error.strerror or error}{remedy}") from None
+        raise CampaignError(
+            f"{path}: cannot be {what}: {error.strerror or error}{remedy}"
+        ) from None
 
 
 def _line(cells: Iterable[str]) -> bytes:
@@ -181,6 +209,8 @@ def _cell(name: str, value: Any) -> str:
     if value is None or isinstance(value, str):
         return " ".join(value.splitlines()) if value else ""
     if isinstance(value, float) and name in FIGURES:
-        decimals = DECIMALS if name.endswith("_m") else TURN_DECIMALS if name.startswith("turn_") else None
+        decimals = (
+            DECIMALS if name.endswith("_m") else TURN_DECIMALS if name.startswith("turn_") else None
+        )
         return f"{value if decimals is None else round(value, decimals) + 0.0:.6g}"
     return json.dumps(value)

@@ -6,7 +6,9 @@ EXTENSION = Extension(
     tables={"fleet": "circnav_mav.extras.fleet.settings:FleetTable"},
     checks=["circnav_mav.extras.fleet.settings:check_fleet"],
     preflight=["circnav_mav.extras.fleet.settings:preflight_fleet"],
-    fly_options=[f"circnav_mav.extras.fleet.commands:{name}" for name in ("DELAY", "LOSS", "FLEET")],
+    fly_options=[
+        f"circnav_mav.extras.fleet.commands:{name}" for name in ("DELAY", "LOSS", "FLEET")
+    ],
     emulate_options=["circnav_mav.extras.fleet.commands:FLEET"],
     flies={"fleet": "circnav_mav.extras.fleet.fly:fly_fleet"},
     emulates={"fleet": "circnav_mav.extras.fleet.emulate:emulate_fleet"},

@@ -1,8 +1,9 @@
 """Acceptance of frames from the fleet link, without sockets and without a clock.
 
-A datagram is accepted if it is one complete report of another member of the same group. It must be authentic, new,
-finite and within bounds. Its timestamp must agree with this member's own clock, and its phase with the sender's earlier
-reports. Rejections are counted by reason. Repeated rejections raise an alarm for the operator.
+A datagram is accepted if it is one complete report of another member of the same group. It must be
+authentic, new, finite and within bounds. Its timestamp must agree with this member's own clock, and
+its phase with the sender's earlier reports. Rejections are counted by reason. Repeated rejections
+raise an alarm for the operator.
 """
 
 from collections import Counter, deque
@@ -11,32 +12,51 @@ from dataclasses import dataclass
 from enum import Enum
 from math import hypot, inf, isfinite, isnan, pi, remainder, tau
 
-from circnav_mav.extras.fleet.frames import COMPONENT, LONGEST_FRAME, MESSAGE, from_message, is_report
+from circnav_mav.extras.fleet.frames import (
+    COMPONENT,
+    LONGEST_FRAME,
+    MESSAGE,
+    from_message,
+    is_report,
+)
 from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.framing import SIGNATURE, frame_at, is_good
 from circnav_mav.mav.identity import spelt
-from circnav_mav.mav.signing import EPOCH, MINUTE, SECOND, Refusal, Signing, is_signed, is_signed_with
+from circnav_mav.mav.signing import (
+    EPOCH,
+    MINUTE,
+    SECOND,
+    Refusal,
+    Signing,
+    is_signed,
+    is_signed_with,
+)
 
 CLOCK_TOLERANCE = 0.5
-"""Largest difference, s, between a timestamp and this member's own clock. It includes the delay of the network."""
+"""Largest difference, s, between a timestamp and this member's own clock. It includes the delay of
+the network."""
 SHORTEST_INTERVAL = 0.1
 """Shortest time, s, between two reports of one member: half the interval at the highest rate."""
 MOVES_AFTER = 1.5
-"""Silence of a member, s, after which another address may use its id, as for a vehicle (mav/identity.py)."""
+"""Silence of a member, s, after which another address may use its id, as for a vehicle
+(mav/identity.py)."""
 FORGET_AFTER = 60.0
 """Silence, s, after which a member leaves the table."""
 MOST_MEMBERS = 32
 """Largest number of members in the table."""
 PHASE_TOLERANCE = 0.35
-"""Tolerance, rad, between a phase and its extrapolation, in addition to three standard deviations."""
+"""Tolerance, rad, between a phase and its extrapolation, in addition to three standard
+deviations."""
 PHASE_RATE_TOLERANCE = 0.1
-"""Growth rate of the phase tolerance on the circle, rad/s: changes of the commanded radius change the phase rate."""
+"""Growth rate of the phase tolerance on the circle, rad/s: changes of the commanded radius change
+the phase rate."""
 CONFIRMED_AFTER = 2.0
 """Time, s, for which a phase must be consistent after a jump before it is accepted."""
-ALARM_COUNT, ALARM_TIME = 3, 5.0
-"""Number of rejections for one reason, and time, s, within which they raise an alarm. Single rejections are normal: a
-lossy network repeats and reorders frames."""
+ALARM_COUNT = 3
+ALARM_TIME = 5.0
+"""Number of rejections for one reason, and time, s, within which they raise an alarm. Single
+rejections are normal: a lossy network repeats and reorders frames."""
 MOST_COPIES = 512
 """Number of newest frames kept to recognize copies: 0.4 s of 255 members at 5 Hz."""
 _HASH = 6
@@ -44,8 +64,10 @@ _HASH = 6
 _ROUNDING = 1e-6
 """Relative tolerance of the bounds: fields are rounded to 32 bits."""
 
-MAX_DRIFT, MAX_VARIANCE = 100.0, 1e4
-"""Largest drift, m/s, and largest variance of the drift, (m/s)^2, in a report; chosen, beyond any flight."""
+MAX_DRIFT = 100.0
+MAX_VARIANCE = 1e4
+"""Largest drift, m/s, and largest variance of the drift, (m/s)^2, in a report; chosen, beyond any
+flight."""
 BOUNDS: dict[str, tuple[float, float]] = {
     "phase": (0.0, tau),
     "phase_sigma": (1e-6, 10.0),
@@ -62,7 +84,8 @@ BOUNDS: dict[str, tuple[float, float]] = {
 
 
 class Rejection(Enum):
-    """Reason for rejecting a datagram. value: remedy or effect for the alarm, empty for no alarm."""
+    """Reason for rejecting a datagram. value: remedy or effect for the alarm, empty for no
+    alarm."""
 
     MALFORMED = "frames are not complete MAVLink 2 reports: give each program its own port"
     OTHER_MESSAGE = ""
@@ -75,7 +98,9 @@ class Rejection(Enum):
     OUT_OF_BOUNDS = "a number is out of bounds"
     CLOCKS_DISAGREE = "clocks disagree, or frames are late: synchronize the companion computers"
     SAME_ID = "two members have the same id: give each member its own id"
-    PHASE_JUMP = "a phase jumps: the member's estimate is wrong, or another program sends as this member"
+    PHASE_JUMP = (
+        "a phase jumps: the member's estimate is wrong, or another program sends as this member"
+    )
     TOO_OFTEN = "a member sends more than 10 reports a second"
     TABLE_FULL = "the group has more members than its limit"
     FLOOD = "network flood: frames are lost"
@@ -101,27 +126,44 @@ def check_numbers(report: MemberReport) -> None:
     """Raise RejectedError if a number of a report is not finite or out of bounds."""
     east, north, ee, en, nn = *report.drift, *report.drift_covariance
     height = 0.0 if isnan(report.height) else report.height
-    values = (report.phase, report.phase_sigma, report.lap_period, report.radius, height, east, north, ee, en, nn)
+    values = (
+        report.phase,
+        report.phase_sigma,
+        report.lap_period,
+        report.radius,
+        height,
+        east,
+        north,
+        ee,
+        en,
+        nn,
+    )
     for (name, (least, greatest)), value in zip(BOUNDS.items(), values, strict=True):
         if not isfinite(value):
             raise RejectedError(Rejection.NOT_FINITE, f"{name} {value}")
         if not least - _ROUNDING * abs(least) <= value <= greatest * (1 + _ROUNDING):
-            raise RejectedError(Rejection.OUT_OF_BOUNDS, f"{name} {value:g}, not {least:g} to {greatest:g}")
+            raise RejectedError(
+                Rejection.OUT_OF_BOUNDS, f"{name} {value:g}, not {least:g} to {greatest:g}"
+            )
     if en**2 > ee * nn * (1 + _ROUNDING):
-        raise RejectedError(Rejection.OUT_OF_BOUNDS, f"drift covariance {en:g} with variances {ee:g} and {nn:g}")
+        raise RejectedError(
+            Rejection.OUT_OF_BOUNDS, f"drift covariance {en:g} with variances {ee:g} and {nn:g}"
+        )
 
 
 def phase_error(before: MemberReport, report: MemberReport) -> float:
-    """Return the distance of a phase from the extrapolated phase of an earlier report, rad, 0 to pi."""
+    """Return the distance of a phase from the extrapolated phase of an earlier report, rad, 0 to
+    pi."""
     return abs(remainder(report.phase - before.phase_at(report.stamp), tau))
 
 
 def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
-    """Return the largest plausible distance of a phase from its extrapolation, rad; infinite if a phase is unknown."""
+    """Return the largest plausible distance of a phase from its extrapolation, rad; infinite if a
+    phase is unknown."""
     if State.SEARCH in (before.state, report.state):
         return inf
-    # On the circle the phase grows at its nominal rate, except for changes of the radius. During the approach and the
-    # departure, the bearing may be constant or turn at twice the rate.
+    # On the circle the phase grows at its nominal rate, except for changes of the radius. During
+    # the approach and the departure, the bearing may be constant or turn at twice the rate.
     on_circle = before.state is State.ON_CIRCLE and report.state is State.ON_CIRCLE
     rate = PHASE_RATE_TOLERANCE if on_circle else max(tau / report.lap_period, PHASE_RATE_TOLERANCE)
     sigmas = 3 * hypot(before.phase_sigma, report.phase_sigma)
@@ -130,7 +172,8 @@ def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
 
 @dataclass(slots=True)
 class Member:
-    """Accepted state of another member. jumped: first and newest report after a jump of its phase."""
+    """Accepted state of another member. jumped: first and newest report after a jump of its
+    phase."""
 
     report: MemberReport
     address: Hashable
@@ -158,12 +201,15 @@ class Acceptance:
         *,
         hosts: frozenset[str] | None = None,
     ) -> None:
-        """group, member: ids of this member. signing, key: of the fleet, both or neither. hosts: accepted senders;
-        None: all."""
+        """group, member: ids of this member. signing, key: of the fleet, both or neither. hosts:
+        accepted senders; None: all."""
         self.members: dict[int, Member] = {}
         self.rejected: Counter[Rejection] = Counter()
         self.accepted = self.copies = 0
-        self._group, self._member, self._key, self._hosts = group, member, key, hosts
+        self._group = group
+        self._member = member
+        self._key = key
+        self._hosts = hosts
         self._signing = signing
         self._decoder = Decoder(wanted={MESSAGE}, signing=signing)
         self._seen: dict[bytes, float] = {}
@@ -204,14 +250,21 @@ class Acceptance:
     def _take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
         self._check_address(address)
         frame = frame_at(data, 0) if data else None
-        if len(data) > LONGEST_FRAME or frame is None or frame.end != len(data) or not is_good(data, frame):
+        if (
+            len(data) > LONGEST_FRAME
+            or frame is None
+            or frame.end != len(data)
+            or not is_good(data, frame)
+        ):
             raise RejectedError(Rejection.MALFORMED, f"{len(data)} bytes")
-        # Copies arrive by multicast loopback, by a mesh, or by a second route. The first copy was already processed,
-        # and the signature check would reject the second one as a replay.
+        # Copies arrive by multicast loopback, by a mesh, or by a second route. The first copy was
+        # already processed, and the signature check would reject the second one as a replay.
         if data in self._seen:
             age = now - self._seen[data]
             if age > CLOCK_TOLERANCE:
-                raise RejectedError(Rejection.REPLAYED, f"id {data[5]}, copy of a frame of {age:.1f} s ago")
+                raise RejectedError(
+                    Rejection.REPLAYED, f"id {data[5]}, copy of a frame of {age:.1f} s ago"
+                )
             self.copies += 1
             return None
         report = self._authentic_report(data, now)
@@ -221,7 +274,9 @@ class Acceptance:
         check_numbers(report)
         self._check_time(report, now)
         if report.member == self._member:
-            raise RejectedError(Rejection.SAME_ID, f"another sender has this member's id {self._member}")
+            raise RejectedError(
+                Rejection.SAME_ID, f"another sender has this member's id {self._member}"
+            )
         self._check_member(report, address, now)
         self.members[report.member] = Member(report, address, now)
         self.accepted += 1
@@ -239,7 +294,11 @@ class Acceptance:
         messages = self._decoder.decode(data)
         for value in self._decoder.counts.refused - refused:
             raise RejectedError(_REFUSALS[Refusal(value)], f"id {data[5]}")
-        if not messages or not is_report(messages[0]) or messages[0].get_srcComponent() != COMPONENT:
+        if (
+            not messages
+            or not is_report(messages[0])
+            or messages[0].get_srcComponent() != COMPONENT
+        ):
             raise RejectedError(Rejection.OTHER_MESSAGE, f"system {data[5]}")
         try:
             report = from_message(messages[0])
@@ -252,15 +311,20 @@ class Acceptance:
     def _check_signing_time(self, data: bytes, now: float) -> None:
         """Raise RejectedError if the timestamp of the signature is in the future.
 
-        By the rules of MAVLink signing, this member's own timestamp follows the newest accepted one. A member with a
-        wrong clock would advance all members' timestamps, and a new member with a correct clock would then be rejected.
+        By the rules of MAVLink signing, this member's own timestamp follows the newest accepted
+        one. A member with a wrong clock would advance all members' timestamps, and a new member
+        with a correct clock would then be rejected.
         """
         if self._signing is None or self._key is None or not is_signed(data):
             return
         self._signing.advance(now)
-        ahead = int.from_bytes(data[1 - SIGNATURE : -_HASH], "little") - max(int((now - EPOCH) * SECOND), 0)
+        ahead = int.from_bytes(data[1 - SIGNATURE : -_HASH], "little") - max(
+            int((now - EPOCH) * SECOND), 0
+        )
         if ahead > MINUTE and is_signed_with(self._key, data):
-            raise RejectedError(Rejection.CLOCKS_DISAGREE, f"id {data[5]} is {ahead / SECOND:.0f} s ahead")
+            raise RejectedError(
+                Rejection.CLOCKS_DISAGREE, f"id {data[5]} is {ahead / SECOND:.0f} s ahead"
+            )
 
     def _check_time(self, report: MemberReport, now: float) -> None:
         known = self.members.get(report.member)
@@ -269,7 +333,8 @@ class Acceptance:
         if abs(ahead) > CLOCK_TOLERANCE:
             reason = Rejection.CLOCKS_DISAGREE if is_new else Rejection.REPLAYED
             raise RejectedError(
-                reason, f"id {report.member} is {abs(ahead):.1f} s {'ahead' if ahead > 0 else 'behind'}"
+                reason,
+                f"id {report.member} is {abs(ahead):.1f} s {'ahead' if ahead > 0 else 'behind'}",
             )
 
     def _check_member(self, report: MemberReport, address: Hashable, now: float) -> None:
@@ -278,11 +343,13 @@ class Acceptance:
         known = self.members.get(report.member)
         if known is None:
             if len(self.members) >= MOST_MEMBERS:
-                raise RejectedError(Rejection.TABLE_FULL, f"id {report.member} beside {len(self.members)} members")
+                raise RejectedError(
+                    Rejection.TABLE_FULL, f"id {report.member} beside {len(self.members)} members"
+                )
             return
-        # Signed frames are accepted from any address: otherwise a relay that is faster than the sender could make the
-        # sender's own frames look foreign. Two addresses still raise an alarm. Without signatures, only the first
-        # address is accepted until it is silent.
+        # Signed frames are accepted from any address: otherwise a relay that is faster than the
+        # sender could make the sender's own frames look foreign. Two addresses still raise an
+        # alarm. Without signatures, only the first address is accepted until it is silent.
         if address != known.address and now - known.received_at <= MOVES_AFTER:
             detail = f"id {report.member} at {spelt(known.address)} and at {spelt(address)}"
             if self._signing is None:
@@ -290,28 +357,42 @@ class Acceptance:
             self.note(Rejection.SAME_ID, detail, now)
         newer_by = report.stamp - known.report.stamp
         if newer_by <= 0:
-            raise RejectedError(Rejection.REPLAYED, f"id {report.member}, {-newer_by:.1f} s older than its newest")
+            raise RejectedError(
+                Rejection.REPLAYED, f"id {report.member}, {-newer_by:.1f} s older than its newest"
+            )
         if newer_by < SHORTEST_INTERVAL:
-            raise RejectedError(Rejection.TOO_OFTEN, f"id {report.member}, reports {newer_by:.3f} s apart")
+            raise RejectedError(
+                Rejection.TOO_OFTEN, f"id {report.member}, reports {newer_by:.3f} s apart"
+            )
         self._check_phase(known, report, now)
 
     def _check_phase(self, known: Member, report: MemberReport, now: float) -> None:
-        """Raise RejectedError if a phase contradicts its extrapolation and was not consistent for CONFIRMED_AFTER."""
-        error, tolerance = phase_error(known.report, report), phase_tolerance(known.report, report)
+        """Raise RejectedError if a phase contradicts its extrapolation and was not consistent for
+        CONFIRMED_AFTER."""
+        error = phase_error(known.report, report)
+        tolerance = phase_tolerance(known.report, report)
         if error <= tolerance:
             return
-        # A member whose estimator moves the target to the other side reports one jump of the phase, then consistent
-        # phases. A wrong frame has no consistent successors. Until the new phase is confirmed, keep the last accepted
-        # report, from which the phase of the member is extrapolated.
+        # A member whose estimator moves the target to the other side reports one jump of the phase,
+        # then consistent phases. A wrong frame has no consistent successors. Until the new phase is
+        # confirmed, keep the last accepted report, from which the phase of the member is
+        # extrapolated.
         first, newest = known.jumped or (report, report)
         if known.jumped and phase_error(newest, report) > phase_tolerance(newest, report):
             first = report
         known.jumped = (first, report)
         known.received_at = now
         if report.stamp - first.stamp < CONFIRMED_AFTER:
-            raise RejectedError(Rejection.PHASE_JUMP, f"id {report.member} by {error * 180 / pi:.0f} deg")
+            raise RejectedError(
+                Rejection.PHASE_JUMP, f"id {report.member} by {error * 180 / pi:.0f} deg"
+            )
 
     def _forget(self, now: float) -> None:
-        """Remove silent members, and members with reception times in the future after the clock was set back."""
-        for ident in [one for one, member in self.members.items() if abs(now - member.received_at) > FORGET_AFTER]:
+        """Remove silent members, and members with reception times in the future after the clock was
+        set back."""
+        for ident in [
+            one
+            for one, member in self.members.items()
+            if abs(now - member.received_at) > FORGET_AFTER
+        ]:
             del self.members[ident]

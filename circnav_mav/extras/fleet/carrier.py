@@ -1,7 +1,9 @@
-"""Carrier of the fleet's reports between companion computers, on a separate socket, never through an autopilot.
+"""Carrier of the fleet's reports between companion computers, on a separate socket, never through
+an autopilot.
 
-Transport: UDP multicast, or a list of peers. An open carrier never blocks and never raises: a network failure raises
-an alarm and is retried. Time comes from the stamp of this member's report and from the `now` of `received`.
+Transport: UDP multicast, or a list of peers. An open carrier never blocks and never raises: a
+network failure raises an alarm and is retried. Time comes from the stamp of this member's report
+and from the `now` of `received`.
 """
 
 import socket
@@ -21,8 +23,10 @@ from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.signing import Signing, without_signature
 from circnav_mav.runtime.endpoint import LinkError, explain, parse_endpoint, resolve
 
-MULTICAST, PORT = "239.255.145.51", 14560
-"""Multicast group and UDP port of the fleet. The port is next to those of the usual ground stations."""
+MULTICAST = "239.255.145.51"
+PORT = 14560
+"""Multicast group and UDP port of the fleet. The port is next to those of the usual ground
+stations."""
 HOPS = 1
 """Time to live of a multicast datagram: no router passes it on."""
 INTERVAL = 0.2
@@ -32,12 +36,14 @@ EARLY = 0.01
 MOST_DATAGRAMS = 64
 """Largest number of datagrams read in one step. 255 members at 5 Hz send this many in 50 ms."""
 RECEIVE_BUFFER = 1 << 16
-"""Receive buffer of the socket, bytes. Linux doubles it: about 170 reports. A longer queue only delays reports."""
+"""Receive buffer of the socket, bytes. Linux doubles it: about 170 reports. A longer queue only
+delays reports."""
 RETRY = 2.0
 """Time, s, between two attempts to open the socket."""
 SILENCE = 5.0
-"""Time, s, without any datagram after which a multicast socket is reopened. It also receives this member's datagrams,
-so silence is a fault: unplugging an interface ends the group membership without an error."""
+"""Time, s, without any datagram after which a multicast socket is reopened. It also receives this
+member's datagrams, so silence is a fault: unplugging an interface ends the group membership without
+an error."""
 PROBLEM_LASTS = 5.0
 """Time, s, for which a problem is reported after it last occurred."""
 MOST_FRAMES = 4096
@@ -53,19 +59,24 @@ Datagram = tuple[bytes, Hashable]
 class FrameCarrier:
     """Sends and receives reports as signed MAVLink frames over a port."""
 
-    def __init__(self, port: "UdpPort | LocalPort", group: int, member: int, key: bytes | None = None) -> None:
-        """group, member: ids of this member. key: the fleet's key, 32 bytes; None for unsigned frames."""
-        # Not the `Signing` of the vehicle's link: a member with a wrong clock must not change the timestamp that
-        # signs commands to the autopilot.
+    def __init__(
+        self, port: "UdpPort | LocalPort", group: int, member: int, key: bytes | None = None
+    ) -> None:
+        """group, member: ids of this member. key: the fleet's key, 32 bytes; None for unsigned
+        frames."""
+        # Not the `Signing` of the vehicle's link: a member with a wrong clock must not change the
+        # timestamp that signs commands to the autopilot.
         signing = None if key is None else Signing(key, link_id=LINK_ID)
         self.acceptance = Acceptance(group, member, signing, key, hosts=port.hosts)
         self.sent = 0
-        self._port, self._signing = port, signing
+        self._port = port
+        self._signing = signing
         self._ids = group, member
         self._encoder = Encoder(member, COMPONENT, signing)
         self._frames: list[bytes] = []
         self._sent_at = -inf
-        self._problem, self._problem_at = "", -inf
+        self._problem = ""
+        self._problem_at = -inf
 
     def send(self, report: MemberReport) -> None:
         """Send a report, unless the last one was sent less than 0.2 s ago."""
@@ -76,7 +87,8 @@ class FrameCarrier:
         try:
             if (report.group, report.member) != self._ids:
                 raise RejectedError(
-                    Rejection.OUT_OF_BOUNDS, f"ids {report.group}, {report.member} are not those of this member"
+                    Rejection.OUT_OF_BOUNDS,
+                    f"ids {report.group}, {report.member} are not those of this member",
                 )
             check_numbers(report)
         except RejectedError as wrong:
@@ -94,10 +106,13 @@ class FrameCarrier:
             self._record(frame)
 
     def received(self, now: float) -> list[MemberReport]:
-        """Return the reports accepted since the last call. now: Unix time, or in lockstep the simulated time, s."""
+        """Return the reports accepted since the last call. now: Unix time, or in lockstep the
+        simulated time, s."""
         datagrams = self._port.receive(MOST_DATAGRAMS, now)
         if len(datagrams) == MOST_DATAGRAMS:
-            self.acceptance.note(Rejection.FLOOD, f"more than {MOST_DATAGRAMS} datagrams in a step", now)
+            self.acceptance.note(
+                Rejection.FLOOD, f"more than {MOST_DATAGRAMS} datagrams in a step", now
+            )
         reports = []
         for data, address in datagrams:
             if (report := self.acceptance.take(data, address, now)) is not None:
@@ -107,17 +122,22 @@ class FrameCarrier:
 
     def take_frames(self) -> list[bytes]:
         """Return all frames sent or accepted since the last call, for the recorder."""
-        frames, self._frames = self._frames, []
+        frames = self._frames
+        self._frames = []
         return frames
 
     def alarms(self, now: float) -> list[str]:
         """Return the problems of the link, one line each."""
-        problem = [f"fleet link: {self._problem}"] if abs(now - self._problem_at) <= PROBLEM_LASTS else []
+        problem = (
+            [f"fleet link: {self._problem}"] if abs(now - self._problem_at) <= PROBLEM_LASTS else []
+        )
         return problem + self.acceptance.alarms(now)
 
     def summary(self) -> dict[str, Any]:
         """Return the counts of the link for summary.json."""
-        rejected = {reason.name.lower(): count for reason, count in self.acceptance.rejected.items()}
+        rejected = {
+            reason.name.lower(): count for reason, count in self.acceptance.rejected.items()
+        }
         return {
             "sent": self.sent,
             "accepted": self.acceptance.accepted,
@@ -134,20 +154,25 @@ class FrameCarrier:
             self._frames.append(without_signature(frame))
 
     def _note(self, problem: str, now: float) -> None:
-        self._problem, self._problem_at = problem, now
+        self._problem = problem
+        self._problem_at = now
 
 
 class UdpPort:
-    """A UDP socket: multicast, or a list of peers. A socket that fails is closed and opened again."""
+    """A UDP socket: multicast, or a list of peers. A socket that fails is closed and opened
+    again."""
 
     def __init__(self, port: int = PORT, interface: str = "", peers: Sequence[str] = ()) -> None:
-        """interface: name or IPv4 address of the network interface for multicast, empty for the default route. peers:
-        HOST:PORT of every other member. With peers, multicast is not used. Raises LinkError if an endpoint is invalid
-        or in use. A missing network is not an error."""
-        self._port, self._interface = port, interface
+        """interface: name or IPv4 address of the network interface for multicast, empty for the
+        default route. peers: HOST:PORT of every other member. With peers, multicast is not used.
+        Raises LinkError if an endpoint is invalid or in use. A missing network is not an error."""
+        self._port = port
+        self._interface = interface
         self._peers = [_peer(text) for text in peers]
         if len({family for family, _ in self._peers}) > 1:
-            raise LinkError(f"fleet peers {', '.join(peers)}: use either IPv4 or IPv6 for all of them")
+            raise LinkError(
+                f"fleet peers {', '.join(peers)}: use either IPv4 or IPv6 for all of them"
+            )
         # hosts: allowed senders, None for all.
         self.hosts = frozenset(address[0] for _, address in self._peers) if self._peers else None
         self._socket: socket.socket | None = None
@@ -204,7 +229,8 @@ class UdpPort:
         if self._socket is None and self._retry_at != inf and abs(now - self._retry_at) >= RETRY:
             self._retry_at = now
             try:
-                self._socket, self._received_at = self._open(), now
+                self._socket = self._open()
+                self._received_at = now
             except OSError as error:
                 self._problem = self._explain(error)
         return self._socket
@@ -233,13 +259,15 @@ class UdpPort:
         return opened
 
     def _join(self, opened: socket.socket) -> None:
-        """Bind to the group and join it. Datagrams to other addresses of this computer are then not received."""
+        """Bind to the group and join it. Datagrams to other addresses of this computer are then not
+        received."""
         membership = _membership(self._interface)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind((MULTICAST, self._port))
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
-        # Without this option, Linux also delivers datagrams from interfaces on which another program joined the group.
+        # Without this option, Linux also delivers datagrams from interfaces on which another
+        # program joined the group.
         if sys.platform == "linux":
             opened.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
@@ -247,18 +275,25 @@ class UdpPort:
             opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, membership)
 
     def _explain(self, error: OSError) -> str:
-        where = "peers" if self._peers else f"{MULTICAST} on {self._interface or 'the default interface'}"
+        where = (
+            "peers"
+            if self._peers
+            else f"{MULTICAST} on {self._interface or 'the default interface'}"
+        )
         return f"reports can be neither sent to nor received from {where}: {explain(error)}"
 
 
 class LocalNetwork:
-    """Network within one process, for fleets in lockstep. It drops and delays frames, reproducibly for each seed."""
+    """Network within one process, for fleets in lockstep. It drops and delays frames, reproducibly
+    for each seed."""
 
     def __init__(self, loss: float = 0.0, delay: float = 0.0, seed: int = 0) -> None:
         """loss: share of frames lost at each receiver. delay: s."""
         self.cut: set[Hashable] = set()
         """Addresses that neither send nor receive."""
-        self._loss, self._delay, self._random = loss, delay, Random(f"{seed}:fleet link")
+        self._loss = loss
+        self._delay = delay
+        self._random = Random(f"{seed}:fleet link")
         self._ports: list[LocalPort] = []
 
     def port(self, address: Hashable) -> "LocalPort":
@@ -291,7 +326,8 @@ class LocalPort:
         return None
 
     def receive(self, most: int, now: float) -> list[Datagram]:
-        """Return at most this number of datagrams that have arrived. The rest is lost, as in a full socket."""
+        """Return at most this number of datagrams that have arrived. The rest is lost, as in a full
+        socket."""
         arrived = [(frame, sender) for due, frame, sender in self.under_way if due <= now]
         self.under_way = [one for one in self.under_way if one[0] > now]
         return arrived[:most]
@@ -312,8 +348,10 @@ def _peer(text: str) -> tuple[socket.AddressFamily, Any]:
 
 
 def _membership(interface: str) -> bytes:
-    """Return the kernel's ip_mreqn: the group, and the interface by address or number. Raises OSError."""
-    address, number = "0.0.0.0", 0
+    """Return the kernel's ip_mreqn: the group, and the interface by address or number. Raises
+    OSError."""
+    address = "0.0.0.0"
+    number = 0
     if interface:
         try:
             address = str(ip_address(interface))

@@ -3,9 +3,17 @@
 import click
 
 FLEET = click.option(
-    "--fleet", type=click.IntRange(2, 100), metavar="N", help="N vehicles on one circle, on the bundled emulator."
+    "--fleet",
+    type=click.IntRange(2, 100),
+    metavar="N",
+    help="N vehicles on one circle, on the bundled emulator.",
 )
 LOSS = click.option(
-    "--fleet-loss", type=click.FloatRange(0, 1), metavar="P", help="Share of the fleet's reports that is lost."
+    "--fleet-loss",
+    type=click.FloatRange(0, 1),
+    metavar="P",
+    help="Share of the fleet's reports that is lost.",
 )
-DELAY = click.option("--fleet-delay", type=click.FloatRange(0, 60), metavar="S", help="Delay of the fleet's reports.")
+DELAY = click.option(
+    "--fleet-delay", type=click.FloatRange(0, 60), metavar="S", help="Delay of the fleet's reports."
+)

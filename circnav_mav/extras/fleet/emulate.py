@@ -21,15 +21,23 @@ PORTS_APART = 10
 
 
 def emulate_fleet(
-    endpoint: str, *, vehicle: str | None, fleet: int, ranging_endpoint: str | None, speed: float, seed: int | None,
-    duration: float | None, **options: Any,
-) -> int:  # fmt: skip
+    endpoint: str,
+    *,
+    vehicle: str | None,
+    fleet: int,
+    ranging_endpoint: str | None,
+    speed: float,
+    seed: int | None,
+    duration: float | None,
+    **options: Any,
+) -> int:
     """Run the vehicles until SIGINT or SIGTERM. Raises Refused."""
     if vehicle is None:
         raise Refused("--fleet: name a mission with a [sim] table, such as plane")
     if ranging_endpoint is not None:
         raise Refused(
-            "--ranging-endpoint: not with --fleet, choose a mission that receives ranges on the vehicle's link"
+            "--ranging-endpoint: not with --fleet, choose a mission that receives ranges on the"
+            " vehicle's link"
         )
     try:
         first = parse_endpoint(endpoint)
@@ -40,13 +48,26 @@ def emulate_fleet(
         processes = []
         for member in range(1, fleet + 1):
             given = [] if seed is None else [f"sim.seed={seed}"]
-            overrides = [*member_overrides(vehicle, member, given, fleet), f"sim.vehicle.system_id={member}"]
+            overrides = [
+                *member_overrides(vehicle, member, given, fleet),
+                f"sim.vehicle.system_id={member}",
+            ]
             file = Path(folder) / f"{member}.toml"
             file.write_text(load_mission(vehicle, overrides).text, encoding="utf-8")
             port = first.port + PORTS_APART * (member - 1)
             where = f"{first.kind}:{first.host}:{port}"
             lasts = [] if duration is None else ["--duration", str(duration)]
-            command = [sys.executable, "-P", "-m", "circnav_sim", str(file), "--endpoint", where, "--speed", str(speed)]
+            command = [
+                sys.executable,
+                "-P",
+                "-m",
+                "circnav_sim",
+                str(file),
+                "--endpoint",
+                where,
+                "--speed",
+                str(speed),
+            ]
             processes.append(process := subprocess.Popen([*command, *lasts]))
             running.callback(process.wait)
             running.callback(process.terminate)

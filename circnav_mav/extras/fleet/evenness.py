@@ -25,11 +25,13 @@ def gap_error(phases: Collection[float]) -> float:
 
 
 def even_from(time: ArrayLike, errors: ArrayLike, since: float) -> float | None:
-    """Return the first time, s, not before `since`, from which all gap errors stay within EVEN for LASTS; or None.
+    """Return the first time, s, not before `since`, from which all gap errors stay within EVEN for
+    LASTS; or None.
 
     errors: gap errors at these times, rad; nan counts as uneven.
     """
-    times, good = np.asarray(time, float), np.asarray(errors, float) <= EVEN
+    times = np.asarray(time, float)
+    good = np.asarray(errors, float) <= EVEN
     if not len(times):
         return None
     # Time of the next uneven sample, or the end of the record.

@@ -1,4 +1,5 @@
-"""Complete fleet in one process, in lockstep. Every member has its own pilot, bundled vehicle and clock.
+"""Complete fleet in one process, in lockstep. Every member has its own pilot, bundled vehicle and
+clock.
 
 The members run in the order of simulated time, so the result is identical on every computer.
 """
@@ -27,24 +28,31 @@ from circnav_mav.runtime.runner import Loop
 from circnav_mav.runtime.status import AlarmLog
 
 START_APART_DEG = 12.0
-"""Angle between the starts of two members, seen from the target, deg: they start from one airfield."""
+"""Angle between the starts of two members, seen from the target, deg: they start from one
+airfield."""
 SAMPLE_EVERY = 0.2
 """Time between two samples of the true tracks, s."""
 SEEDS_APART = 1000
 """Difference of the random seeds of two members; chosen."""
 
 
-def member_overrides(path: str | Path, member: int, overrides: Sequence[str] = (), size: int = 6) -> list[str]:
-    """Return the overrides of a member's mission: those of the whole fleet, then id, height layer, seed and start."""
+def member_overrides(
+    path: str | Path, member: int, overrides: Sequence[str] = (), size: int = 6
+) -> list[str]:
+    """Return the overrides of a member's mission: those of the whole fleet, then id, height layer,
+    seed and start."""
     mission = load_mission(path, overrides)
-    file, sim = mission.file, mission.file.sim or {}
+    file = mission.file
+    sim = mission.file.sim or {}
     layer = table_of(mission).layer_m * (member - 1) if file.vehicle.kind != "rover" else 0.0
-    start, target = sim.get("start", {}), sim.get("target", {})
+    start = sim.get("start", {})
+    target = sim.get("target", {})
     north, east = start.get("north_m", -200.0), start.get("east_m", 0.0)
     center = target.get("north_m", 0.0), target.get("east_m", 0.0)
     turn = radians(START_APART_DEG * (member - 1))
     away = north - center[0], east - center[1]
     altitude = start.get("altitude_m")
+    heading = start.get("heading_deg", 0.0) + START_APART_DEG * (member - 1)
     found = [
         f'name="{file.name}-{member}"',
         f"fleet.id={member}",
@@ -52,7 +60,7 @@ def member_overrides(path: str | Path, member: int, overrides: Sequence[str] = (
         f"sim.seed={sim.get('seed', 0) * SEEDS_APART + member}",
         f"sim.start.north_m={center[0] + cos(turn) * away[0] - sin(turn) * away[1]:.3f}",
         f"sim.start.east_m={center[1] + sin(turn) * away[0] + cos(turn) * away[1]:.3f}",
-        f"sim.start.heading_deg={start.get('heading_deg', 0.0) + START_APART_DEG * (member - 1):.1f}",
+        f"sim.start.heading_deg={heading:.1f}",
     ]
     if altitude is not None:
         found.append(f"sim.start.altitude_m={altitude + layer:.1f}")
@@ -75,8 +83,9 @@ class NoRecord:
 
 @dataclass
 class Tracks:
-    """True tracks. time: s. east, north, height: of every member relative to the target, m. state, flying: of
-    every member; flying is True if steered. drift: true, east and north, m/s. radius, sense, speed: of the mission."""
+    """True tracks. time: s. east, north, height: of every member relative to the target, m. state,
+    flying: of every member; flying is True if steered. drift: true, east and north, m/s. radius,
+    sense, speed: of the mission."""
 
     radius: float
     speed: float
@@ -94,10 +103,18 @@ class Member:
     """One member in flight."""
 
     def __init__(
-        self, mission: Mission, carrier: FrameCarrier, recorder: Recorder | NoRecord, onlookers: Onlookers, pilot: Pilot
+        self,
+        mission: Mission,
+        carrier: FrameCarrier,
+        recorder: Recorder | NoRecord,
+        onlookers: Onlookers,
+        pilot: Pilot,
     ) -> None:
         assert mission.file.sim is not None
-        self.mission, self.pilot, self.onlookers, self.carrier = mission, pilot, onlookers, carrier
+        self.mission = mission
+        self.pilot = pilot
+        self.onlookers = onlookers
+        self.carrier = carrier
         self.recorder = recorder
         self.alarms: AlarmLog | None = None
         self.vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
@@ -112,7 +129,8 @@ class Member:
         return self.clock.next_event(self.loop.due)
 
     def place(self, time: float) -> tuple[Truth, float, float]:
-        """Return the truth, and the position relative to the target (east, north, m) extrapolated to a time."""
+        """Return the truth, and the position relative to the target (east, north, m) extrapolated
+        to a time."""
         truth = self.vehicle.truth
         ahead = time - truth.time
         east = truth.east - truth.target_east + ahead * truth.ground_speed * sin(truth.course)
@@ -124,7 +142,8 @@ class FleetFlight:
     """Fleet in flight."""
 
     def __init__(self, members: Iterable[Member], network: LocalNetwork) -> None:
-        self.members, self.network = list(members), network
+        self.members = list(members)
+        self.network = network
         orbit = self.members[0].mission.orbit
         self.tracks = Tracks(orbit.radius, orbit.speed, orbit.direction.turn_sign)
         self.now = 0.0
@@ -135,9 +154,11 @@ class FleetFlight:
         watch: Callable[["FleetFlight"], None] = lambda flight: None,
         stopped: Callable[[], str | None] = lambda: None,
     ) -> "FleetFlight":
-        """Fly until a time (s) or until all members have ended. watch: called after each sample. stopped: returns the
-        name of a signal that ends the flight, or None."""
-        queue = [(member.next_event, i) for i, member in enumerate(self.members) if not member.loop.over]
+        """Fly until a time (s) or until all members have ended. watch: called after each sample.
+        stopped: returns the name of a signal that ends the flight, or None."""
+        queue = [
+            (member.next_event, i) for i, member in enumerate(self.members) if not member.loop.over
+        ]
         heapq.heapify(queue)
         while queue and queue[0][0] <= until:
             due, i = heapq.heappop(queue)
@@ -157,7 +178,8 @@ class FleetFlight:
         return len(self.tracks.time) * SAMPLE_EVERY
 
     def _sample(self, time: float) -> None:
-        tracks, places = self.tracks, [member.place(time) for member in self.members]
+        tracks = self.tracks
+        places = [member.place(time) for member in self.members]
         truth = places[0][0]
         tracks.time.append(time)
         tracks.east.append([east for _, east, _ in places])
@@ -166,7 +188,12 @@ class FleetFlight:
         tracks.state.append([member.fleet.state for member in self.members])
         tracks.flying.append([member.pilot.mission.steering for member in self.members])
         target = self.members[0].vehicle.config.target
-        tracks.drift.append((truth.wind_east - target.velocity_east_mps, truth.wind_north - target.velocity_north_mps))
+        tracks.drift.append(
+            (
+                truth.wind_east - target.velocity_east_mps,
+                truth.wind_north - target.velocity_north_mps,
+            )
+        )
 
 
 def bare_fleet(
@@ -179,12 +206,15 @@ def bare_fleet(
     delay: float = 0.0,
     seed: int = 0,
 ) -> FleetFlight:
-    """Return a fleet without run folders, for tests and benchmarks. each: further overrides of a member, by id."""
+    """Return a fleet without run folders, for tests and benchmarks. each: further overrides of a
+    member, by id."""
     network = LocalNetwork(loss, delay, seed)
 
     def members() -> Iterator[Member]:
         for member in range(1, size + 1):
-            mission = load_mission(path, [*member_overrides(path, member, overrides, size), *each(member)])
+            mission = load_mission(
+                path, [*member_overrides(path, member, overrides, size), *each(member)]
+            )
             pilot = Pilot(mission.pilot_settings())
             carrier = FrameCarrier(network.port(member), table_of(mission).group, member)
             onlooker = FleetOnlooker(mission, pilot, table_of(mission), carrier, lockstep=True)

@@ -1,4 +1,5 @@
-"""`circnav fly MISSION --fleet N`: a fleet on the bundled emulator, with one run folder per member."""
+"""`circnav fly MISSION --fleet N`: a fleet on the bundled emulator, with one run folder per
+member."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
@@ -31,24 +32,38 @@ LINE_EVERY = 20.0
 
 
 def fly_fleet(
-    path: str, *, endpoint: str | None, overrides: tuple[str, ...], speed: float | None, duration: float | None,
-    out: str | None, dry_run: bool, shadow: bool, fleet: int, fleet_loss: float | None, fleet_delay: float | None,
+    path: str,
+    *,
+    endpoint: str | None,
+    overrides: tuple[str, ...],
+    speed: float | None,
+    duration: float | None,
+    out: str | None,
+    dry_run: bool,
+    shadow: bool,
+    fleet: int,
+    fleet_loss: float | None,
+    fleet_delay: float | None,
     **options: Any,
-) -> int:  # fmt: skip
+) -> int:
     """Fly, print the table of the fleet, and return the exit code. Raises Refused."""
     for name, value in (("--endpoint", endpoint), ("--speed", speed)):
         if value is not None:
             raise Refused(
-                f"{name}: cannot be used with --fleet, which flies the bundled vehicles at full speed: omit the option"
+                f"{name}: cannot be used with --fleet, which flies the bundled vehicles at full"
+                " speed: omit the option"
             )
     if dry_run or shadow:
         raise Refused(
-            "--dry-run, --shadow: cannot be used with --fleet, which flies the bundled vehicles: omit the option"
+            "--dry-run, --shadow: cannot be used with --fleet, which flies the bundled vehicles:"
+            " omit the option"
         )
     outlive_terminal()
     stop = StopRequest()
     given = (*overrides, *([f"limits.duration_s={duration}"] if duration is not None else []))
-    missions = [read_mission(path, tuple(member_overrides(path, i + 1, given, fleet))) for i in range(fleet)]
+    missions = [
+        read_mission(path, tuple(member_overrides(path, i + 1, given, fleet))) for i in range(fleet)
+    ]
     if not missions[0].flies_sim:
         raise Refused(f"{path}: --fleet flies the bundled vehicle: set link.endpoint to sim")
     refuse_failing(path, missions[0], shown=[Grade.WARN])
@@ -58,7 +73,10 @@ def fly_fleet(
     with ExitStack() as opened:
         # Only the first member has a live page: it shows the other members too.
         rest = options | {"web": None}
-        members = [_member(one, network, folder, rest if i else options, opened) for i, one in enumerate(missions)]
+        members = [
+            _member(one, network, folder, rest if i else options, opened)
+            for i, one in enumerate(missions)
+        ]
         epoch_us = members[0].clock.epoch_us
         for member in members:
             _start(member, epoch_us)
@@ -69,7 +87,9 @@ def fly_fleet(
     rows = [_row(member, code) for member, code in zip(flight.members, codes, strict=True)]
     link = {"loss": fleet_loss or 0.0, "delay_s": fleet_delay or 0.0}
     with refusing(folder):
-        write_json(folder / "fleet.json", {"mission": path, "link": link, **found.plain(), "each": rows})
+        write_json(
+            folder / "fleet.json", {"mission": path, "link": link, **found.plain(), "each": rows}
+        )
     try:
         draw_fleet(flight.tracks, folder / "fleet.png")
     except Exception as error:
@@ -91,7 +111,11 @@ def _fleet_folder(out: str | None, name: str) -> Path:
 
 
 def _member(
-    mission: Mission, network: LocalNetwork, folder: Path, options: dict[str, Any], opened: ExitStack
+    mission: Mission,
+    network: LocalNetwork,
+    folder: Path,
+    options: dict[str, Any],
+    opened: ExitStack,
 ) -> Member:
     table = table_of(mission)
     assert table.id is not None
@@ -119,7 +143,8 @@ def _start(member: Member, epoch_us: int) -> None:
 
 
 def _watch(pace: float | None, stop: StopRequest) -> Callable[[FleetFlight], None]:
-    """Return a function to call after each sample: it prints progress lines, and waits to keep the pace.
+    """Return a function to call after each sample: it prints progress lines, and waits to keep the
+    pace.
 
     pace: simulated seconds per real second, None for any.
     """
@@ -136,7 +161,9 @@ def _watch(pace: float | None, stop: StopRequest) -> Callable[[FleetFlight], Non
 def _show_progress(flight: FleetFlight) -> None:
     tracks = flight.tracks
     if tracks.time[-1] % LINE_EVERY < 1e-6:
-        words = "  ".join(f"{state.name.lower().replace('_', ' '):9s}" for state in tracks.state[-1])
+        words = "  ".join(
+            f"{state.name.lower().replace('_', ' '):9s}" for state in tracks.state[-1]
+        )
         errors = [m.fleet.adjusted.error for m in flight.members if m.fleet.adjusted is not None]
         known = [abs(error) for error in errors if error is not None]
         worst = f"farthest from its slot {degrees(max(known)):.0f} deg" if known else ""
@@ -145,11 +172,18 @@ def _show_progress(flight: FleetFlight) -> None:
 
 def _close(member: Member, epoch_us: int) -> Exit:
     """Write the summary and manifest of a member. Return its exit code."""
-    outcome, recorder = member.pilot.mission.outcome, member.recorder
+    outcome = member.pilot.mission.outcome
+    recorder = member.recorder
     assert outcome is not None and isinstance(recorder, Recorder) and member.alarms is not None
     code = EXITS[outcome.ending]
     summary, code = close_flight(
-        member.pilot, recorder, member.mission, epoch_us, code, member.alarms.begun, member.onlookers
+        member.pilot,
+        recorder,
+        member.mission,
+        epoch_us,
+        code,
+        member.alarms.begun,
+        member.onlookers,
     )
     member.onlookers.show_verdict(verdict(summary, recorder.folder), recorder.folder)
     return code
@@ -157,7 +191,8 @@ def _close(member: Member, epoch_us: int) -> Exit:
 
 def _row(member: Member, code: Exit) -> dict[str, Any]:
     """Return the entry of a member in fleet.json."""
-    ident, outcome = member.fleet.spacing.settings.member, member.pilot.mission.outcome
+    ident = member.fleet.spacing.settings.member
+    outcome = member.pilot.mission.outcome
     return {
         "id": ident,
         "folder": f"{ident:02d}",
@@ -175,21 +210,37 @@ def _show(found: FleetFigures, radius: float, members: Sequence[dict[str, Any]])
         return unknown if value is None else f"{value:.1f} {unit}"
 
     say(f"FLEET of {found.members} on {radius:g} m")
-    say(f"  on circle   {shown(found.all_on_circle_s, 's until every member was on it', 'never all members')}")
-    say(f"  even        {shown(found.even_after_s, 's later, all gaps within 5 deg', 'never all gaps within 5 deg')}")
+    say(
+        "  on circle  "
+        f" {shown(found.all_on_circle_s, 's until every member was on it', 'never all members')}"
+    )
+    even = shown(
+        found.even_after_s, "s later, all gaps within 5 deg", "never all gaps within 5 deg"
+    )
+    say(f"  even        {even}")
     worst = found.worst_gap_deg if found.even_after_s is not None else None
-    say(f"  worst gap   {shown(worst, 'deg rms off even spacing', 'unknown: the spacing was never even')}")
+    say(
+        "  worst gap  "
+        f" {shown(worst, 'deg rms off even spacing', 'unknown: the spacing was never even')}"
+    )
     kept = "unknown: the members were never all on the circle"
     if found.radius_rms_m is not None and found.radius_spread_m is not None:
-        kept = f"{found.radius_rms_m:.1f} m rms error, {found.radius_spread_m:.1f} m rms about each member's mean"
+        kept = (
+            f"{found.radius_rms_m:.1f} m rms error, {found.radius_spread_m:.1f} m rms about each"
+            " member's mean"
+        )
     say(f"  radius      {kept}")
-    flat, up = shown(found.smallest_horizontal_m, "m"), shown(found.smallest_vertical_m, "m")
+    flat = shown(found.smallest_horizontal_m, "m")
+    up = shown(found.smallest_vertical_m, "m")
     say(f"  separation  {flat} horizontally, {up} vertically")
-    say(f"  too near    {found.too_near} pairs of members (within 10 m vertically and 25 m horizontally)")
+    say(
+        f"  too near    {found.too_near} pairs of members (within 10 m vertically and 25 m"
+        " horizontally)"
+    )
     say("  member  end                          alarms  reports accepted, rejected")
     for one in members:
         link = one["link"]
         say(
-            f"  {one['id']:6d}  {one['outcome'][:27]:27s}  {len(one['alarms']):6d}  {link['accepted']:8d}"
-            f" {sum(link['rejected'].values()):9d}"
+            f"  {one['id']:6d}  {one['outcome'][:27]:27s}  {len(one['alarms']):6d} "
+            f" {link['accepted']:8d} {sum(link['rejected'].values()):9d}"
         )

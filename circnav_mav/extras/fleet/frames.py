@@ -1,11 +1,12 @@
 """Conversion between member reports and MAVLink messages.
 
-A report is one DEBUG_FLOAT_ARRAY: every log reader decodes it, and no autopilot acts on it. The sender's system id is
-its id within the group, its component id is COMPONENT, and `array_id` is the group. `time_usec` holds the stamp in
-microseconds, so that it is not rounded to a 32-bit float. NAME ends in the version of the format.
+A report is one DEBUG_FLOAT_ARRAY: every log reader decodes it, and no autopilot acts on it. The
+sender's system id is its id within the group, its component id is COMPONENT, and `array_id` is the
+group. `time_usec` holds the stamp in microseconds, so that it is not rounded to a 32-bit float.
+NAME ends in the version of the format.
 
-The other fields are 32-bit floats in the order of `_numbers`. Their coarsest steps are 1 mm in height (at 10 km),
-0.25 ms in lap period (at one hour), and 0.5 microradian in phase.
+The other fields are 32-bit floats in the order of `_numbers`. Their coarsest steps are 1 mm in
+height (at 10 km), 0.25 ms in lap period (at one hour), and 0.5 microradian in phase.
 """
 
 from math import tau
@@ -44,7 +45,9 @@ def is_report(message: Message) -> bool:
 
 def from_message(message: Message) -> MemberReport:
     """Return the report in a message. Raises ValueError if a state or sense does not exist."""
-    state, sense, phase, sigma, period, radius, east, north, ee, en, nn, height = message.data[:_USED]
+    state, sense, phase, sigma, period, radius, east, north, ee, en, nn, height = message.data[
+        :_USED
+    ]
     if state not in tuple(State) or sense not in _SENSES:
         raise ValueError(f"state {state:g} or sense {sense:g} does not exist")
     return MemberReport(
@@ -65,7 +68,8 @@ def from_message(message: Message) -> MemberReport:
 
 
 def _numbers(report: MemberReport) -> list[float]:
-    """Return the fields in the order of the format. The height is last: if it is 0, its bytes are not sent."""
+    """Return the fields in the order of the format. The height is last: if it is 0, its bytes are
+    not sent."""
     return [
         float(report.state),
         float(report.sense),

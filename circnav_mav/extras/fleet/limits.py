@@ -23,8 +23,10 @@ AUTO_LAWS = ("auto", "drift")
 
 
 def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
-    """Return the spacing settings of a member. The mission's circle limits bound the requested changes."""
-    orbit, kind = mission.orbit, mission.file.vehicle.kind
+    """Return the spacing settings of a member. The mission's circle limits bound the requested
+    changes."""
+    orbit = mission.orbit
+    kind = mission.file.vehicle.kind
     limits = mission.pilot_settings().circle_limits
     # Room beside the circle, inward and outward, that the mission allows, m.
     inward, outward = (
@@ -51,28 +53,48 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
 
 
 def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
-    """Yield checks of the law, the fleet size, the evenness, the time to reach it, and the ranges per second."""
+    """Yield checks of the law, the fleet size, the evenness, the time to reach it, and the ranges
+    per second."""
     assert table.id is not None
     if mission.file.guidance.law not in AUTO_LAWS:
-        words = f'the law {mission.file.guidance.law} does not estimate the phase: set guidance.law = "auto"'
+        words = (
+            f"the law {mission.file.guidance.law} does not estimate the phase: set guidance.law ="
+            ' "auto"'
+        )
         yield Check(FAIL, "fleet", words)
-    orbit, n = mission.orbit, table.size
+    orbit = mission.orbit
+    n = table.size
     settings = spacing_settings(mission, table.id)
     by_distance = int(2 * pi * orbit.radius / LEAST_GAP)
-    too_many = (m for m in range(2, 256) if 2 * pi / m < GAP_SIGMAS * evenness_floor(m, COMPASS_SIGMA))
+    too_many = (
+        m for m in range(2, 256) if 2 * pi / m < GAP_SIGMAS * evenness_floor(m, COMPASS_SIGMA)
+    )
     by_phase = next(too_many, 256) - 1
     why = "because of compass errors" if by_phase < by_distance else f"{LEAST_GAP:g} m apart"
-    words = f"{n} members; a radius of {orbit.radius:g} m takes at most {min(by_distance, by_phase)}, {why}"
+    words = (
+        f"{n} members; a radius of {orbit.radius:g} m takes at most {min(by_distance, by_phase)},"
+        f" {why}"
+    )
     yield Check(FAIL if n > min(by_distance, by_phase) else PASS, "fleet size", words)
     floor = f"worst gap {degrees(evenness_floor(n, COMPASS_SIGMA)):.1f} deg rms"
     words = f"{floor} with compass errors of {degrees(COMPASS_SIGMA):g} deg"
     if settings.most > 0:
         seconds = least_time_to_even(n, orbit.speed / orbit.radius, settings.most)
-        yield Check(PASS, "fleet evenness", f"{words}; from one place, evenly spaced after at least {seconds:.0f} s")
+        yield Check(
+            PASS,
+            "fleet evenness",
+            f"{words}; from one place, evenly spaced after at least {seconds:.0f} s",
+        )
     else:
         remedy = "enlarge orbit.radius_m or the bounds"
-        yield Check(FAIL, "fleet evenness", f"bounds and turn rate leave no room beside the circle: {remedy}")
+        yield Check(
+            FAIL,
+            "fleet evenness",
+            f"bounds and turn rate leave no room beside the circle: {remedy}",
+        )
     rate = mission.file.ranging.rate_hz
-    words = f"if a two-way beacon has {rate:g} Hz in all, each of {n} members gets {rate / n:.1f} Hz"
+    words = (
+        f"if a two-way beacon has {rate:g} Hz in all, each of {n} members gets {rate / n:.1f} Hz"
+    )
     grade = WARN if rate / n < LEAST_RATE else PASS
     yield Check(grade, "fleet ranging", f"{words}: set ranging.rate_hz to the rate of one member")

@@ -12,14 +12,16 @@ from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mission.mission import Mission
 from circnav_mav.runtime.clock import steady, unix_time
 
-LISTEN, LISTEN_AT_START = 3.0, 1.0
+LISTEN = 3.0
+LISTEN_AT_START = 1.0
 """Time to listen in preflight and before a flight, s: 15 and 5 reports of each member."""
 REFUSED = (Rejection.SAME_ID, Rejection.CLOCKS_DISAGREE, Rejection.WRONG_KEY, Rejection.UNSIGNED)
 """Rejections that fail the preflight. Other rejections give a warning."""
 
 
 def listen_to_fleet(mission: Mission, table: FleetTable) -> Iterator[Check]:
-    """Receive reports, and yield checks of members, ids, clocks and height layers. Raises Refused."""
+    """Receive reports, and yield checks of members, ids, clocks and height layers. Raises
+    Refused."""
     newest, rejected, problems = _listen(table, LISTEN)
     yield from judge_fleet(mission, table, newest, rejected, problems)
 
@@ -27,7 +29,8 @@ def listen_to_fleet(mission: Mission, table: FleetTable) -> Iterator[Check]:
 def refuse_taken(mission: Mission, table: FleetTable) -> None:
     """Receive reports for a moment. Raises Refused if this member's id or height layer is taken."""
     newest, rejected, _ = _listen(table, LISTEN_AT_START)
-    # Other rejections do not prevent the start: one member with a wrong clock would otherwise ground all members.
+    # Other rejections do not prevent the start: one member with a wrong clock would otherwise
+    # ground all members.
     relevant: dict[Rejection, int] = {
         reason: count for reason, count in rejected.items() if reason is Rejection.SAME_ID
     }
@@ -36,8 +39,11 @@ def refuse_taken(mission: Mission, table: FleetTable) -> None:
         raise Refused(f"fleet: {'; '.join(failed)}")
 
 
-def _listen(table: FleetTable, seconds: float) -> tuple[dict[int, MemberReport], dict[Rejection, int], list[str]]:
-    """Return the newest report of each member, the counts of rejections and the problems. Raises Refused."""
+def _listen(
+    table: FleetTable, seconds: float
+) -> tuple[dict[int, MemberReport], dict[Rejection, int], list[str]]:
+    """Return the newest report of each member, the counts of rejections and the problems. Raises
+    Refused."""
     carrier = mission_carrier(table)
     newest: dict[int, MemberReport] = {}
     until = steady() + seconds

@@ -11,20 +11,23 @@ from circnav_mav.extras.fleet.flight import Tracks
 from circnav_mav.extras.fleet.phase import LAP, PhaseMap
 from circnav_mav.extras.fleet.report import State
 
-NEAR_ABOVE, NEAR_BESIDE = 10.0, 25.0
-"""Vertical and horizontal distance, m. Two members are too near each other if both of their distances are smaller."""
+NEAR_ABOVE = 10.0
+NEAR_BESIDE = 25.0
+"""Vertical and horizontal distance, m. Two members are too near each other if both of their
+distances are smaller."""
 MAX_DRIFT_CHANGE = 0.5
 """Change of the true drift, m/s, that requires a new map of the true phase."""
 
 
 @dataclass(frozen=True, slots=True)
 class FleetFigures:
-    """Figures of one fleet. all_on_circle_s: time from the start until every member flew on the circle. even_after_s:
-    from then to the start of the first 20 s with all gap errors within 5 deg. worst_gap_deg: rms of the worst gap error
-    from that start (never even: in the last third of the time on the circle). radius_rms_m: rms radius error of all
-    members in the same time. radius_spread_m: the same about each member's mean radius. smallest_horizontal_m,
-    smallest_vertical_m, smallest_distance_m: between any two members. too_near: number of pairs that were within 10 m
-    vertically and 25 m horizontally.
+    """Figures of one fleet. all_on_circle_s: time from the start until every member flew on the
+    circle. even_after_s: from then to the start of the first 20 s with all gap errors within 5 deg.
+    worst_gap_deg: rms of the worst gap error from that start (never even: in the last third of the
+    time on the circle). radius_rms_m: rms radius error of all members in the same time.
+    radius_spread_m: the same about each member's mean radius. smallest_horizontal_m,
+    smallest_vertical_m, smallest_distance_m: between any two members. too_near: number of pairs
+    that were within 10 m vertically and 25 m horizontally.
     """
 
     members: int
@@ -40,7 +43,10 @@ class FleetFigures:
 
     def plain(self) -> dict[str, Any]:
         """Return the figures for fleet.json."""
-        return {name: round(value, 2) if isinstance(value, float) else value for name, value in asdict(self).items()}
+        return {
+            name: round(value, 2) if isinstance(value, float) else value
+            for name, value in asdict(self).items()
+        }
 
 
 def true_phases(tracks: Tracks) -> Array:
@@ -48,16 +54,22 @@ def true_phases(tracks: Tracks) -> Array:
     east, north = np.array(tracks.east), np.array(tracks.north)
     angle = np.arctan2(tracks.sense * north, east) % LAP
     phases: Array = np.empty_like(angle)
-    phase_map, mapped = None, (inf, inf)
+    phase_map = None
+    mapped = (inf, inf)
     for i, drift in enumerate(tracks.drift):
-        if phase_map is None or np.hypot(drift[0] - mapped[0], drift[1] - mapped[1]) > MAX_DRIFT_CHANGE:
-            phase_map, mapped = PhaseMap.of(tracks.speed, drift, tracks.sense), drift
+        if (
+            phase_map is None
+            or np.hypot(drift[0] - mapped[0], drift[1] - mapped[1]) > MAX_DRIFT_CHANGE
+        ):
+            phase_map = PhaseMap.of(tracks.speed, drift, tracks.sense)
+            mapped = drift
         phases[i] = [phase_map.at(one)[0] for one in angle[i]]
     return phases
 
 
 def gap_errors(tracks: Tracks) -> Array:
-    """Return the largest gap error of the members on the circle at every sample, rad; nan for fewer than two."""
+    """Return the largest gap error of the members on the circle at every sample, rad; nan for fewer
+    than two."""
     pairs = zip(true_phases(tracks), tracks.state, strict=True)
     rings = (phases[[state is State.ON_CIRCLE for state in states]] for phases, states in pairs)
     found: Array = np.array([gap_error(ring.tolist()) for ring in rings])
@@ -66,7 +78,9 @@ def gap_errors(tracks: Tracks) -> Array:
 
 def figures(tracks: Tracks) -> FleetFigures:
     """Return the figures of a fleet."""
-    states = np.array([[int(state) for state in row] for row in tracks.state]).reshape(len(tracks.time), -1)
+    states = np.array([[int(state) for state in row] for row in tracks.state]).reshape(
+        len(tracks.time), -1
+    )
     whole = (states == State.ON_CIRCLE).all(axis=1)
     first = int(np.argmax(whole)) if whole.any() else None
     errors = gap_errors(tracks)
@@ -83,7 +97,9 @@ def figures(tracks: Tracks) -> FleetFigures:
         even_after_s=None if even is None or began is None else even - began,
         worst_gap_deg=rms(np.degrees(errors[late])),
         radius_rms_m=rms(radius[late] - tracks.radius),
-        radius_spread_m=float(np.sqrt(np.mean(np.var(radius[late], axis=0)))) if len(late) else None,
+        radius_spread_m=float(np.sqrt(np.mean(np.var(radius[late], axis=0))))
+        if len(late)
+        else None,
         smallest_horizontal_m=horizontal,
         smallest_vertical_m=vertical,
         smallest_distance_m=distance,
@@ -92,11 +108,16 @@ def figures(tracks: Tracks) -> FleetFigures:
 
 
 def _separation(tracks: Tracks) -> tuple[float | None, float | None, float | None, int]:
-    """Return the smallest horizontal, vertical and true distance of two steered members, m, and the number of pairs
-    that were too near each other."""
-    east, north, height = np.array(tracks.east), np.array(tracks.north), np.array(tracks.height)
+    """Return the smallest horizontal, vertical and true distance of two steered members, m, and the
+    number of pairs that were too near each other."""
+    east = np.array(tracks.east)
+    north = np.array(tracks.north)
+    height = np.array(tracks.height)
     flying = np.array(tracks.flying)
-    beside, above, apart, near = [], [], [], 0
+    beside = []
+    above = []
+    apart = []
+    near = 0
     for i in range(east.shape[1] if len(east) else 0):
         for j in range(i):
             both = flying[:, i] & flying[:, j]

@@ -1,7 +1,9 @@
-"""Onlooker of a fleet member: sends and receives reports, and requests changes that space the fleet evenly.
+"""Onlooker of a fleet member: sends and receives reports, and requests changes that space the fleet
+evenly.
 
-It uses the relative motion estimated by the pilot. It requests only changes of radius and speed within narrow limits.
-Without reports from other members it requests nothing, and the vehicle flies as a single vehicle.
+It uses the relative motion estimated by the pilot. It requests only changes of radius and speed
+within narrow limits. Without reports from other members it requests nothing, and the vehicle flies
+as a single vehicle.
 """
 
 import io
@@ -33,18 +35,24 @@ from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings, OtherVehic
 
 STEP = 0.1
 """Shortest time between two steps of the fleet law, s."""
-REQUEST_EVERY, LEAST_OFFSET, LEAST_PACE = 0.5, 0.1, 0.002
-"""Shortest time between two requests, s, and smallest requested changes: of radius, m, and as a share of speed."""
+REQUEST_EVERY = 0.5
+LEAST_OFFSET = 0.1
+LEAST_PACE = 0.002
+"""Shortest time between two requests, s, and smallest requested changes: of radius, m, and as a
+share of speed."""
 MAP_EVERY = 1.0
 """Time between two updates of the phase map, s."""
 DRIFT_TIME = 10.0
-"""Time constant of the filter on the drift for the phase map, s. It removes gusts, which do not change the lap."""
+"""Time constant of the filter on the drift for the phase map, s. It removes gusts, which do not
+change the lap."""
 LEAVE_AHEAD = 15.0
 """Time before the end of the flight, s, at which a member announces that it leaves."""
 FAREWELL = 1.0
-"""Time after the end, s, for which a member still reports that it leaves: some reports may be lost."""
+"""Time after the end, s, for which a member still reports that it leaves: some reports may be
+lost."""
 LAYER_SHARE = 0.5
-"""Height difference, as a share of the layer distance, below which two members are in the same layer."""
+"""Height difference, as a share of the layer distance, below which two members are in the same
+layer."""
 UNKNOWN_VARIANCE = 1e4
 """Variance of an unknown drift, (m/s)^2."""
 COLUMNS = "time,state,phase_deg,phase_sigma_deg,error_deg,offset_m,pace,present,counted,ring"
@@ -52,12 +60,12 @@ COLUMNS = "time,state,phase_deg,phase_sigma_deg,error_deg,offset_m,pace,present,
 
 
 def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
-    """Return a line for each pair of members in the same height layer. heights: above the target, m, by id. layer:
-    distance of the layers, m."""
+    """Return a line for each pair of members in the same height layer. heights: above the target,
+    m, by id. layer: distance of the layers, m."""
     known = sorted((member, height) for member, height in heights.items() if isfinite(height))
     return [
-        f"fleet: members {one} and {other} are {abs(a - b):.0f} m apart in height, but the height layers are"
-        f" {layer:g} m apart: change the height of one member"
+        f"fleet: members {one} and {other} are {abs(a - b):.0f} m apart in height, but the height"
+        f" layers are {layer:g} m apart: change the height of one member"
         for i, (one, a) in enumerate(known)
         for other, b in known[i + 1 :]
         if abs(a - b) < LAYER_SHARE * layer
@@ -70,7 +78,11 @@ def fleet_line(found: Mapping[str, Any]) -> str:
     if found["even_after_s"] is not None:
         worst = f"worst gap off by {found['worst_gap_deg']:.1f} deg rms"
         even = f"even {found['even_after_s']:.0f} s after entering the circle, {worst}"
-    layer = "" if found["nearest_layer_m"] is None else f", nearest in height {found['nearest_layer_m']:.0f} m"
+    layer = (
+        ""
+        if found["nearest_layer_m"] is None
+        else f", nearest in height {found['nearest_layer_m']:.0f} m"
+    )
     return f"  fleet      id {found['id']}, {len(found['members'])} members, {even}{layer}"
 
 
@@ -84,15 +96,24 @@ class FleetOnlooker(Onlooker):
     name = "fleet"
 
     def __init__(
-        self, mission: Mission, pilot: Pilot, table: FleetTable, carrier: FrameCarrier | None, *, lockstep: bool
+        self,
+        mission: Mission,
+        pilot: Pilot,
+        table: FleetTable,
+        carrier: FrameCarrier | None,
+        *,
+        lockstep: bool,
     ) -> None:
-        """carrier: None for a member without a fleet link. lockstep: True if timestamps are simulated time."""
+        """carrier: None for a member without a fleet link. lockstep: True if timestamps are
+        simulated time."""
         assert table.id is not None
         self.spacing = Spacing(spacing_settings(mission, table.id))
         self.carrier = carrier
         self.state = State.SEARCH
         self.adjusted: Adjustment | None = None
-        self._pilot, self._table, self._lockstep = pilot, table, lockstep
+        self._pilot = pilot
+        self._table = table
+        self._lockstep = lockstep
         self._flies = mission.file.vehicle.kind != "rover"
         self._speed = mission.orbit.speed
         self._duration = mission.file.limits.duration_s
@@ -102,7 +123,8 @@ class FleetOnlooker(Onlooker):
         self._covariance = (UNKNOWN_VARIANCE, 0.0, UNKNOWN_VARIANCE)
         self._map: PhaseMap | None = None
         self._map_at = self._stepped_at = float("-inf")
-        self._requested, self._requested_at = (0.0, 1.0), float("-inf")
+        self._requested = (0.0, 1.0)
+        self._requested_at = float("-inf")
         self._own = OwnState(None, 0.0, nan)
         self._over_at: float | None = None
         self._now = 0.0
@@ -119,7 +141,9 @@ class FleetOnlooker(Onlooker):
     def start(self, epoch_us: int) -> None:
         self._epoch = 0.0 if self._lockstep else epoch_us / 1e6
 
-    def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
+    def on_step(
+        self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
+    ) -> Sequence[bytes]:
         """Process received reports, estimate this member's phase, and send its report."""
         self._now = now = step.time
         if self._pilot.done and self._over_at is None:
@@ -128,9 +152,11 @@ class FleetOnlooker(Onlooker):
             self.spacing.take(self.carrier.received(self._epoch + now))
         if now - self._stepped_at < STEP - 1e-6:
             return ()
-        dt, self._stepped_at = min(now - self._stepped_at, 1.0), now
+        dt = min(now - self._stepped_at, 1.0)
+        self._stepped_at = now
         if self.spacing.sense != self._sense:
-            self.spacing.sense, self._map = self._sense, None
+            self.spacing.sense = self._sense
+            self._map = None
         self._find_phase(now, dt)
         self.adjusted = self.spacing.step(self._epoch + now, self._own)
         self.state = self.adjusted.state
@@ -150,11 +176,13 @@ class FleetOnlooker(Onlooker):
         steering = self._pilot.mission.phase is Phase.ENGAGED
         if adjusted is None or not steering or now - self._requested_at < REQUEST_EVERY:
             return ()
-        offset, pace = round(adjusted.offset, 2) + 0.0, round(adjusted.speed, 4)
+        offset = round(adjusted.offset, 2) + 0.0
+        pace = round(adjusted.speed, 4)
         before = self._requested
         if abs(offset - before[0]) < LEAST_OFFSET and abs(pace - before[1]) < LEAST_PACE:
             return ()
-        self._requested, self._requested_at = (offset, pace), now
+        self._requested = (offset, pace)
+        self._requested_at = now
         return (CircleRequest(offset=offset, pace=pace, by="fleet"),)
 
     def facts(self, now: float) -> Mapping[str, str]:
@@ -163,19 +191,22 @@ class FleetOnlooker(Onlooker):
             return {}
         present = len(self.spacing.present(self._epoch + now)) + 1
         words = (
-            f"{self.state.name.lower().replace('_', ' ')}, {len(adjusted.counted)} of {present} members on the circle"
+            f"{self.state.name.lower().replace('_', ' ')}, {len(adjusted.counted)} of {present}"
+            " members on the circle"
         )
         if self._own.shares_layer and self.state is State.PHASE_KNOWN:
             words += ": waits outside, the height layer is taken"
         if adjusted.error is not None and self._own.phase is not None:
             apart = sorted((phase - self._own.phase) % LAP for phase in adjusted.counted.values())
-            ahead, behind = [*apart[1:2], LAP][0], LAP - apart[-1] if len(apart) > 1 else LAP
+            ahead = [*apart[1:2], LAP][0]
+            behind = LAP - apart[-1] if len(apart) > 1 else LAP
             words += f", gap {degrees(ahead):.0f} deg ahead, {degrees(behind):.0f} deg behind"
             words += f", radius {adjusted.offset:+.1f} m"
         return {"fleet": words}
 
     def vehicles(self, now: float) -> Sequence[OtherVehicle]:
-        """Return the other members for the live page. The phase map gives their places from their phases."""
+        """Return the other members for the live page. The phase map gives their places from their
+        phases."""
         if self._map is None:
             return ()
         ring = self.spacing.phases(self._epoch + now)
@@ -201,17 +232,23 @@ class FleetOnlooker(Onlooker):
         return found
 
     def layer_alarms(self, now: float) -> list[str]:
-        """Return a line for each pair of members in the same height layer. Every member raises the alarm."""
+        """Return a line for each pair of members in the same height layer. Every member raises the
+        alarm."""
         present = self.spacing.present(self._epoch + now)
         heights = {member: report.height for member, report in present.items()}
         height = self._pilot.tracker.height.at(now)
         if height is not None:
             heights[self.spacing.settings.member] = height
-        return layer_lines(heights, self._table.layer_m) if self._pilot.mission.steering and self._flies else []
+        return (
+            layer_lines(heights, self._table.layer_m)
+            if self._pilot.mission.steering and self._flies
+            else []
+        )
 
     def report(self, now: float) -> MemberReport:
         """Return this member's report."""
-        height, drift = self._pilot.tracker.height.at(now), self._own_drift()
+        height = self._pilot.tracker.height.at(now)
+        drift = self._own_drift()
         return MemberReport(
             group=self._table.group,
             member=self.spacing.settings.member,
@@ -251,13 +288,21 @@ class FleetOnlooker(Onlooker):
         if self.carrier is not None:
             self.carrier.close()
 
-    # --- phase of this member -----------------------------------------------------------------------------------------
+    # --- phase of this member
+    # ------------------------------------------------------------
 
     def _find_phase(self, now: float, dt: float) -> None:
-        pilot, estimate = self._pilot, self._pilot.estimate
+        pilot = self._pilot
+        estimate = self._pilot.estimate
         relative = estimate.relative if estimate is not None else None
-        leaving, shares = self._leaves(now), self._shares_layer(now)
-        if relative is None or not relative.trusted or not pilot.mission.steering or estimate is None:
+        leaving = self._leaves(now)
+        shares = self._shares_layer(now)
+        if (
+            relative is None
+            or not relative.trusted
+            or not pilot.mission.steering
+            or estimate is None
+        ):
             self._own = OwnState(None, pi, nan if estimate is None else estimate.r, leaving, shares)
             return
         self._follow(relative, now, dt)
@@ -280,11 +325,14 @@ class FleetOnlooker(Onlooker):
         self._airspeed += share * (relative.airspeed - self._airspeed)
         if self._map is None or now - self._map_at >= MAP_EVERY:
             drift = self._own_drift()
-            if self.state is not State.ON_CIRCLE:  # before joining, use the drift of the other members too
+            if (
+                self.state is not State.ON_CIRCLE
+            ):  # before joining, use the drift of the other members too
                 for report in self.spacing.present(self._epoch + now).values():
                     if report.state is State.ON_CIRCLE:
                         drift = intersected(drift, Drift(report.drift, report.drift_covariance))
-            self._map, self._map_at = PhaseMap.of(self._airspeed, drift.mean, self._sense), now
+            self._map = PhaseMap.of(self._airspeed, drift.mean, self._sense)
+            self._map_at = now
 
     @property
     def _sense(self) -> int:
@@ -308,11 +356,14 @@ class FleetOnlooker(Onlooker):
         mission = self._pilot.mission
         if mission.phase in (Phase.YIELDED, Phase.LEAVING, Phase.ENDED):
             return True
-        return mission.engaged_at is not None and now - mission.engaged_at > self._duration - LEAVE_AHEAD
+        return (
+            mission.engaged_at is not None
+            and now - mission.engaged_at > self._duration - LEAVE_AHEAD
+        )
 
     def _shares_layer(self, now: float) -> bool:
-        """True if another member is in the same height layer and has priority: it is on the circle or has the lower
-        id."""
+        """True if another member is in the same height layer and has priority: it is on the circle
+        or has the lower id."""
         height = self._pilot.tracker.height.at(now)
         if height is None or not self._flies:
             return False
@@ -330,15 +381,20 @@ class FleetOnlooker(Onlooker):
         height = self._pilot.tracker.height.at(now)
         if height is not None and self._pilot.mission.steering:
             heights = (report.height for report in self.spacing.present(self._epoch + now).values())
-            self._nearest_layer = min([self._nearest_layer, *(abs(other - height) for other in heights)])
+            self._nearest_layer = min(
+                [self._nearest_layer, *(abs(other - height) for other in heights)]
+            )
 
     def _note(self, now: float) -> None:
-        own, adjusted = self._own, self.adjusted
+        own = self._own
+        adjusted = self.adjusted
         assert adjusted is not None
         phase = "" if own.phase is None else f"{degrees(own.phase):.2f}"
         error = "" if adjusted.error is None else f"{degrees(adjusted.error):.2f}"
         present = len(self.spacing.present(self._epoch + now)) + 1
-        ring = " ".join(f"{member}:{degrees(one):.1f}" for member, one in sorted(adjusted.counted.items()))
+        ring = " ".join(
+            f"{member}:{degrees(one):.1f}" for member, one in sorted(adjusted.counted.items())
+        )
         self._log.write(
             f"{now:.2f},{self.state.name.lower()},{phase},{degrees(own.phase_sigma):.2f},{error},"
             f"{adjusted.offset:.2f},{adjusted.speed:.4f},{present},{len(adjusted.counted)},{ring}\n"
@@ -346,7 +402,8 @@ class FleetOnlooker(Onlooker):
 
 
 def mission_carrier(table: FleetTable) -> FrameCarrier:
-    """Open the carrier configured in a mission, with the signing key of the fleet. Raises Refused."""
+    """Open the carrier configured in a mission, with the signing key of the fleet. Raises
+    Refused."""
     assert table.id is not None
     try:
         key = None if table.key_file is None else read_key(Path(table.key_file))
@@ -359,9 +416,11 @@ def mission_carrier(table: FleetTable) -> FrameCarrier:
 def join_fleet(given: OnlookerSettings) -> FleetOnlooker:
     """Return the onlooker of a fleet member. Raises Refused.
 
-    In simulated time only `circnav fly --fleet` provides a carrier: a real network is slower than the simulation.
+    In simulated time only `circnav fly --fleet` provides a carrier: a real network is slower than
+    the simulation.
     """
-    mission, table = given.mission, table_of(given.mission)
+    mission = given.mission
+    table = table_of(given.mission)
     assert table.id is not None
     carrier: FrameCarrier | None = given.options.get("fleet_carrier")
     if carrier is None and not mission.flies_sim:

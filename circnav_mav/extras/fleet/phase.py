@@ -1,7 +1,9 @@
-"""Temporal phase: progress of a vehicle on its lap, measured in time, so that it has a constant rate in any wind.
+"""Temporal phase: progress of a vehicle on its lap, measured in time, so that it has a constant
+rate in any wind.
 
-A vehicle with constant airspeed is slow against the drift and fast along it. Members that are even in time are
-therefore uneven in angle. Angles count from east in the sense of rotation: every circle is counter-clockwise here.
+A vehicle with constant airspeed is slow against the drift and fast along it. Members that are even
+in time are therefore uneven in angle. Angles count from east in the sense of rotation: every circle
+is counter-clockwise here.
 """
 
 from dataclasses import dataclass
@@ -15,13 +17,15 @@ LAP = 2 * pi
 POINTS = 120
 """Number of table points per lap. Linear interpolation between them is accurate to 0.01 deg."""
 MAX_DRIFT_SHARE = 0.9
-"""Largest drift of the map, as a share of the airspeed. In a faster drift no circle can be flown."""
+"""Largest drift of the map, as a share of the airspeed. In a faster drift no circle can be
+flown."""
 
 Pair = tuple[float, float]
 
 
 class Drift(NamedTuple):
-    """Estimate of wind minus target velocity: east, north, m/s, and its covariance ee, en, nn, (m/s)^2."""
+    """Estimate of wind minus target velocity: east, north, m/s, and its covariance ee, en, nn,
+    (m/s)^2."""
 
     mean: Pair
     covariance: tuple[float, float, float]
@@ -29,8 +33,9 @@ class Drift(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PhaseMap:
-    """Map from the angle on the circle to the temporal phase, for one drift. phase, rate: phase and its derivative with
-    respect to the angle, at the table points. lap_time: duration of a lap of radius 1 m, s."""
+    """Map from the angle on the circle to the temporal phase, for one drift. phase, rate: phase and
+    its derivative with respect to the angle, at the table points. lap_time: duration of a lap of
+    radius 1 m, s."""
 
     rate: np.ndarray
     phase: np.ndarray
@@ -38,7 +43,8 @@ class PhaseMap:
 
     @classmethod
     def of(cls, airspeed: float, drift: Pair, sense: int) -> "PhaseMap":
-        """Return the map at an airspeed (m/s) and drift. sense: +1 counter-clockwise, -1 clockwise."""
+        """Return the map at an airspeed (m/s) and drift. sense: +1 counter-clockwise, -1
+        clockwise."""
         east, north = drift[0], sense * drift[1]
         excess = hypot(east, north) / (MAX_DRIFT_SHARE * airspeed)
         if excess > 1:
@@ -47,11 +53,14 @@ class PhaseMap:
         along = -east * np.sin(angle) + north * np.cos(angle)
         across = east * np.cos(angle) + north * np.sin(angle)
         slowness = 1 / (along + np.sqrt(airspeed**2 - across**2))
-        passed = np.concatenate([[0.0], np.cumsum((slowness[1:] + slowness[:-1]) / 2)]) * (LAP / POINTS)
+        passed = np.concatenate([[0.0], np.cumsum((slowness[1:] + slowness[:-1]) / 2)]) * (
+            LAP / POINTS
+        )
         return cls(slowness * LAP / passed[-1], passed * LAP / passed[-1], float(passed[-1]))
 
     def at(self, angle: float) -> tuple[float, float]:
-        """Return the temporal phase at an angle, rad, and its derivative with respect to the angle."""
+        """Return the temporal phase at an angle, rad, and its derivative with respect to the
+        angle."""
         place = angle % LAP * (POINTS / LAP)
         index = min(int(place), POINTS - 1)
         share = place - index
@@ -65,7 +74,8 @@ class PhaseMap:
 
 
 def circle_angle(x: float, y: float, sense: int) -> float:
-    """Return the angle on the circle, rad, in the sense of rotation. x, y: east and north of the target, m."""
+    """Return the angle on the circle, rad, in the sense of rotation. x, y: east and north of the
+    target, m."""
     return atan2(sense * y, x) % LAP
 
 
@@ -75,15 +85,22 @@ def wrapped(angle: float) -> float:
 
 
 def intersected(one: Drift, other: Drift) -> Drift:
-    """Fuse two estimates whose correlation is unknown (covariance intersection, Julier and Uhlmann 1997).
+    """Fuse two estimates whose correlation is unknown (covariance intersection, Julier and Uhlmann
+    1997).
 
     The weight is the one of eleven values that minimizes the determinant of the fused covariance.
     """
-    a, b = _matrix(one), _matrix(other)
-    inverse_a, inverse_b = np.linalg.inv(a), np.linalg.inv(b)
-    fused = [(w, np.linalg.inv(w * inverse_a + (1 - w) * inverse_b)) for w in np.linspace(0.0, 1.0, 11)]
+    a = _matrix(one)
+    b = _matrix(other)
+    inverse_a = np.linalg.inv(a)
+    inverse_b = np.linalg.inv(b)
+    fused = [
+        (w, np.linalg.inv(w * inverse_a + (1 - w) * inverse_b)) for w in np.linspace(0.0, 1.0, 11)
+    ]
     weight, covariance = min(fused, key=lambda choice: float(np.linalg.det(choice[1])))
-    mean = covariance @ (weight * inverse_a @ np.array(one.mean) + (1 - weight) * inverse_b @ np.array(other.mean))
+    mean = covariance @ (
+        weight * inverse_a @ np.array(one.mean) + (1 - weight) * inverse_b @ np.array(other.mean)
+    )
     return Drift(
         (float(mean[0]), float(mean[1])),
         (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])),

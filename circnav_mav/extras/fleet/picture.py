@@ -41,11 +41,14 @@ def _color(member: int) -> str:
 
 
 def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
-    """Draw one snapshot with the fading trail of each member. The first snapshot has a scale bar and a drift arrow."""
+    """Draw one snapshot with the fading trail of each member. The first snapshot has a scale bar
+    and a drift arrow."""
     east, north = np.array(tracks.east), np.array(tracks.north)
     since = max(index - round(TRAIL / SAMPLE_EVERY), 0)
     angle = np.linspace(0.0, LAP, 200)
-    axes.plot(tracks.radius * np.cos(angle), tracks.radius * np.sin(angle), color="0.75", ls="--", lw=0.8)
+    axes.plot(
+        tracks.radius * np.cos(angle), tracks.radius * np.sin(angle), color="0.75", ls="--", lw=0.8
+    )
     axes.plot(0, 0, "x", color="0.3", ms=5)
     extent = 1.35 * tracks.radius
     for member in range(east.shape[1]):
@@ -53,7 +56,9 @@ def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
         if len(trail) > 1:
             pieces = np.stack([trail[:-1], trail[1:]], axis=1)
             fading = np.linspace(0.0, 1.0, len(pieces))
-            axes.add_collection(LineCollection(list(pieces), colors=_color(member), alpha=fading, lw=1.6))
+            axes.add_collection(
+                LineCollection(list(pieces), colors=_color(member), alpha=fading, lw=1.6)
+            )
         here = trail[-1]
         if max(map(abs, here)) < extent:
             axes.plot(*here, "o", color=_color(member), ms=9)
@@ -73,10 +78,15 @@ def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
         axes.text(low, low, f"{tracks.radius:g} m", fontsize=7, color="0.3", va="bottom")
         drift = np.array(tracks.drift[index])
         if (speed := float(np.hypot(*drift))) > LEAST_DRIFT:
-            tail, tip = np.array([0.0, 0.35]) * extent, 0.5 * extent * drift / speed
+            tail = np.array([0.0, 0.35]) * extent
+            tip = 0.5 * extent * drift / speed
             arrow = {"arrowstyle": "->", "color": "0.4"}
-            axes.annotate("", (tail + tip / 2).tolist(), (tail - tip / 2).tolist(), arrowprops=arrow)
-            axes.text(0, -0.3 * extent, f"wind {speed:.0f} m/s", fontsize=7, color="0.4", ha="center")
+            axes.annotate(
+                "", (tail + tip / 2).tolist(), (tail - tip / 2).tolist(), arrowprops=arrow
+            )
+            axes.text(
+                0, -0.3 * extent, f"wind {speed:.0f} m/s", fontsize=7, color="0.4", ha="center"
+            )
     axes.set(xlim=(-extent, extent), ylim=(-extent, extent), aspect="equal", xticks=[], yticks=[])
     axes.set_title(f"{tracks.time[index]:.0f} s", fontsize=10)
     axes.spines[:].set_visible(False)
@@ -84,7 +94,8 @@ def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
 
 def _phases(axes: Axes, tracks: Tracks) -> None:
     """Draw the phases relative to the mean motion. A member that keeps its slot is a level line."""
-    time, phases = np.array(tracks.time), true_phases(tracks)
+    time = np.array(tracks.time)
+    phases = true_phases(tracks)
     on = np.array([[state is State.ON_CIRCLE for state in row] for row in tracks.state])
     unwrapped = np.unwrap(phases, axis=0)
     whole = on.all(axis=1)
@@ -95,7 +106,10 @@ def _phases(axes: Axes, tracks: Tracks) -> None:
     for member in range(phases.shape[1]):
         relative = np.degrees(unwrapped[:, member] - mean)
         axes.plot(time, relative, color=_color(member), label=str(member + 1), lw=1.3)
-    axes.set(xlabel="time, s", title="Phase in time less the mean, deg: an even fleet is level and evenly spaced")
+    axes.set(
+        xlabel="time, s",
+        title="Phase in time less the mean, deg: an even fleet is level and evenly spaced",
+    )
     axes.title.set_fontsize(10)
     axes.grid(alpha=0.3)
 

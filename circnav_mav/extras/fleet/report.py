@@ -18,10 +18,11 @@ class State(IntEnum):
 class MemberReport:
     """State of one member at one time.
 
-    group: 0 to 255. member: id within the group, 1 to 255. stamp: Unix time of the sender's companion computer, s; in
-    lockstep the simulated time. phase: temporal phase in the sense of rotation, rad, 0 to 2 pi. phase_sigma: its
-    standard deviation, rad. lap_period: s. radius: as commanded, m. height: above the target, m, nan if unknown. sense:
-    +1 counter-clockwise, -1 clockwise. drift: east, north, m/s. drift_covariance: ee, en, nn, (m/s)^2.
+    group: 0 to 255. member: id within the group, 1 to 255. stamp: Unix time of the sender's
+    companion computer, s; in lockstep the simulated time. phase: temporal phase in the sense of
+    rotation, rad, 0 to 2 pi. phase_sigma: its standard deviation, rad. lap_period: s. radius: as
+    commanded, m. height: above the target, m, nan if unknown. sense: +1 counter-clockwise, -1
+    clockwise. drift: east, north, m/s. drift_covariance: ee, en, nn, (m/s)^2.
     """
 
     group: int
@@ -38,5 +39,6 @@ class MemberReport:
     drift_covariance: tuple[float, float, float]
 
     def phase_at(self, stamp: float) -> float:
-        """Return the phase extrapolated to another time, rad, not wrapped. Its rate is constant in any wind."""
+        """Return the phase extrapolated to another time, rad, not wrapped. Its rate is constant in
+        any wind."""
         return self.phase + tau * (stamp - self.stamp) / self.lap_period

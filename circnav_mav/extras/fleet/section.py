@@ -1,4 +1,5 @@
-"""Section of the report: figures of the fleet, and its phases and gaps over time, from fleet.csv."""
+"""Section of the report: figures of the fleet, and its phases and gaps over time, from
+fleet.csv."""
 
 import csv
 from collections.abc import Sequence
@@ -16,12 +17,17 @@ EVERY = 0.5
 """Smallest time between two drawn samples, s."""
 COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
 """Paul Tol's bright scheme: distinct for color-blind readers."""
-WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 1000, 190, 44, 8, 20
+WIDTH = 1000
+HEIGHT = 190
+LEFT = 44
+TOP = 8
+BOTTOM = 20
 """Size and margins of a chart, px."""
 LARGEST_ERROR = 60.0
 """Upper end of the axis of gap errors, deg."""
 BREAK = 90.0
-"""Change between two samples, deg, at which a line is interrupted: the phase has wrapped, or the ring has changed."""
+"""Change between two samples, deg, at which a line is interrupted: the phase has wrapped, or the
+ring has changed."""
 
 Ring = dict[str, float]
 """Phases of the members on the circle, deg, by id."""
@@ -30,12 +36,15 @@ Line = tuple[str, list[tuple[float, float]]]
 
 
 def report_section(run: Run) -> str:
-    """Return the section "Fleet" of a run, empty for a single vehicle. Raises OSError, ValueError."""
-    path, summary = run.folder / "fleet.csv", run.summary.get("fleet")
+    """Return the section "Fleet" of a run, empty for a single vehicle. Raises OSError,
+    ValueError."""
+    path = run.folder / "fleet.csv"
+    summary = run.summary.get("fleet")
     if not path.is_file():
         return ""
     found: dict[str, Any] = summary if isinstance(summary, dict) else {}
-    return f"<h2>Fleet</h2><table>{rows(_figures(found))}</table>{_charts(_rings(path), str(found.get('id', '')))}"
+    charts = _charts(_rings(path), str(found.get("id", "")))
+    return f"<h2>Fleet</h2><table>{rows(_figures(found))}</table>{charts}"
 
 
 def _figures(found: dict[str, Any]) -> dict[str, str]:
@@ -72,12 +81,21 @@ def _charts(rings: Sequence[tuple[float, Ring]], own: str) -> str:
     members = sorted({member for _, ring in rings for member in ring}, key=int)
     colors = {member: COLORS[i % len(COLORS)] for i, member in enumerate(members)}
     lines = [
-        (colors[one], [(time, (ring[one] - ring[own]) % 360) for time, ring in rings if {one, own} <= ring.keys()])
+        (
+            colors[one],
+            [
+                (time, (ring[one] - ring[own]) % 360)
+                for time, ring in rings
+                if {one, own} <= ring.keys()
+            ],
+        )
         for one in members
         if one != own
     ]
     keys = "".join(
-        f'<span class="key"><i style="--c:{colors[one]}"></i>{escape(one)}</span>' for one in members if one != own
+        f'<span class="key"><i style="--c:{colors[one]}"></i>{escape(one)}</span>'
+        for one in members
+        if one != own
     )
     errors = [
         (time, min(degrees(gap_error([radians(phase) for phase in ring.values()])), LARGEST_ERROR))
@@ -85,13 +103,18 @@ def _charts(rings: Sequence[tuple[float, Ring]], own: str) -> str:
         if len(ring) > 1
     ]
     span = rings[0][0], rings[-1][0]
-    return _chart(f"phase ahead of this vehicle{keys}", span, lines, [0, 90, 180, 270, 360]) + _chart(
+    return _chart(
+        f"phase ahead of this vehicle{keys}", span, lines, [0, 90, 180, 270, 360]
+    ) + _chart(
         "largest gap error", span, [(COLORS[0], errors)], [0, 5, 20, 40, round(LARGEST_ERROR)]
     )
 
 
-def _chart(title: str, span: tuple[float, float], lines: Sequence[Line], levels: Sequence[int]) -> str:
-    """Return one chart as HTML. levels: values of the grid lines, deg; the axis ends at the last one."""
+def _chart(
+    title: str, span: tuple[float, float], lines: Sequence[Line], levels: Sequence[int]
+) -> str:
+    """Return one chart as HTML. levels: values of the grid lines, deg; the axis ends at the last
+    one."""
     (first, last), top = span, levels[-1]
 
     def point(time: float, value: float) -> tuple[float, float]:
@@ -101,7 +124,9 @@ def _chart(title: str, span: tuple[float, float], lines: Sequence[Line], levels:
     parts = []
     for level in levels:
         _, y = point(first, level)
-        parts.append(f'<path d="M{LEFT},{y}H{WIDTH}" class="grid"/><text x="4" y="{y + 4}">{level}</text>')
+        parts.append(
+            f'<path d="M{LEFT},{y}H{WIDTH}" class="grid"/><text x="4" y="{y + 4}">{level}</text>'
+        )
     for share in range(5):
         time = first + share / 4 * (last - first)
         x, _ = point(time, 0)

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from circnav_mav.extras.fleet.onlooker import FleetOnlooker
 
 LEAST_LAYER = 15.0
-"""Smallest distance of two height layers, m: twice the barometer error in a turn, plus the size of the vehicles."""
+"""Smallest distance of two height layers, m: twice the barometer error in a turn, plus the size of
+the vehicles."""
 PORT = 14560
 """UDP port of the reports."""
 
@@ -38,14 +39,17 @@ def table_of(mission: Mission) -> FleetTable:
 
 
 def check_fleet(mission: Mission) -> Iterator[Check]:
-    """Yield checks of the fleet's limits if the mission has a fleet id. Warn if it has other fleet keys only."""
+    """Yield checks of the fleet's limits if the mission has a fleet id. Warn if it has other fleet
+    keys only."""
     table = table_of(mission)
     if table.id is not None:
         from circnav_mav.extras.fleet.limits import fleet_limits
 
         yield from fleet_limits(mission, table)
     elif table != FleetTable():
-        yield Check(WARN, "fleet", "[fleet] without an id is without effect: give fleet.id, 1 to 255")
+        yield Check(
+            WARN, "fleet", "[fleet] without an id is without effect: give fleet.id, 1 to 255"
+        )
 
 
 def preflight_fleet(mission: Mission) -> Iterator[Check]:

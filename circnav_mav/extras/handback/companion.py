@@ -1,7 +1,8 @@
-"""MAVLink component of the hand-back: reports of the autopilot in, positions out. No socket, no clock.
+"""MAVLink component of the hand-back: reports of the autopilot in, positions out. No socket, no
+clock.
 
-It sends as a separate component, so the frames of pilot and survey stay the same, byte for byte. It sends only the
-message types in `SENT_TYPES`: none of them moves the vehicle.
+It sends as a separate component, so the frames of pilot and survey stay the same, byte for byte. It
+sends only the message types in `SENT_TYPES`: none of them moves the vehicle.
 """
 
 from cmath import phase, rect
@@ -32,7 +33,9 @@ AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 
 """Streams for dead reckoning after the pilot has released its own streams: message id -> Hz."""
 SENT_TYPES = frozenset({"COMMAND_LONG", "COMMAND_INT"})
 """Message types that the hand-back may send. Commands are limited to COMMANDS."""
-COMMANDS = frozenset({dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE})
+COMMANDS = frozenset(
+    {dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE}
+)
 GONE = 10.0
 """Age of the newest heartbeat, s, after which no position is handed back."""
 FRESH_RANGE = 2.0
@@ -42,10 +45,15 @@ FRESH_BEARING = 1.0
 
 
 class Companion:
-    """Receives the same frames as the pilot, after the pilot and the survey, and changes neither."""
+    """Receives the same frames as the pilot, after the pilot and the survey, and changes
+    neither."""
 
     def __init__(
-        self, settings: HandBackSettings, pilot: Pilot, survey: Locator, signing: Signing | None = None
+        self,
+        settings: HandBackSettings,
+        pilot: Pilot,
+        survey: Locator,
+        signing: Signing | None = None,
     ) -> None:
         self._settings = settings
         self._pilot = pilot
@@ -69,13 +77,16 @@ class Companion:
 
     @property
     def plane(self) -> Plane | None:
-        """Plane of all positions in m. None before the survey has a position, if the mission gives no place."""
+        """Plane of all positions in m. None before the survey has a position, if the mission gives
+        no place."""
         return self._given or self._survey.plane
 
-    # --- in ---------------------------------------------------------------------------------------------------------
+    # --- in
+    # ------------------------------------------------------------
 
     def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
-        """Handle complete, trusted frames once the pilot and the survey have handled them. now: s."""
+        """Handle complete, trusted frames once the pilot and the survey have handled them. now:
+        s."""
         for ident, frame in vehicle_frames(self._pilot.session, link, source, frames):
             if self._streams is not None:
                 self._streams.received(ident)
@@ -96,7 +107,8 @@ class Companion:
             self.handback.reported(east, north, self.reckoning.where, now)
 
     def _compare_compass(self, now: float) -> None:
-        """Compare the bearings of the surveyed place by compass and by the newest position with a GPS fix."""
+        """Compare the bearings of the surveyed place by compass and by the newest position with a
+        GPS fix."""
         place = self._survey.place
         position = self._survey.newest_position
         newest = self._pilot.tracker.newest
@@ -114,11 +126,13 @@ class Companion:
             off = phase(complex(-relative.x, -relative.y) / way)
             self.reckoning.compass.learn(rect(1.0, off), now)
 
-    # --- out --------------------------------------------------------------------------------------------------------
+    # --- out
+    # ------------------------------------------------------------
 
     @property
     def busy(self) -> bool:
-        """True if work remains after the end of guidance: positions to hand back, then streams to release."""
+        """True if work remains after the end of guidance: positions to hand back, then streams to
+        release."""
         return self._gives or (self._alone and not self._ended and self._pilot.session.up)
 
     @property
@@ -130,7 +144,8 @@ class Companion:
 
     def step(self, now: float) -> list[bytes]:
         """Return the frames to send now."""
-        session, mode = self._pilot.session, self._pilot.settings.output_mode
+        session = self._pilot.session
+        mode = self._pilot.settings.output_mode
         self._now = now
         if session.peer is None or mode is OutputMode.SHADOW:
             return []
@@ -145,12 +160,16 @@ class Companion:
         return [self._encode(message) for message in messages]
 
     def _stream(self, target: tuple[int, int], now: float) -> list[Message]:
-        """Request the streams that are due. At the end, return the requests that restore the vehicle's own rates."""
-        session, done = self._pilot.session, self._pilot.done
+        """Request the streams that are due. At the end, return the requests that restore the
+        vehicle's own rates."""
+        session = self._pilot.session
+        done = self._pilot.done
         if self._streams is None or (done and not self._alone and self._gives):
             self._alone = done  # after guidance, pilot and survey have released their own streams
             health = {REPORTS[session.adapter.firmware.key]: 2.0, SECOND: 2.0}
-            self._streams = StreamRequests(health | (STREAMS | AFTER if done else {}), maybe={SECOND})
+            self._streams = StreamRequests(
+                health | (STREAMS | AFTER if done else {}), maybe={SECOND}
+            )
         if not done or self._gives:
             for request in self._streams.poll(now):
                 self._commands.send(request)
@@ -161,21 +180,29 @@ class Companion:
         return [once(request, target) for request in self._streams.give_back()]
 
     def _place(self, now: float) -> Place | None:
-        """Return the target's place: as given by the mission, else as surveyed. None if it is unknown."""
+        """Return the target's place: as given by the mission, else as surveyed. None if it is
+        unknown."""
         if self._given is not None:
-            return Place(now, self._given, 0.0, 0.0, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False)
+            return Place(
+                now, self._given, 0.0, 0.0, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False
+            )
         surveyed = self._survey.place
         return None if surveyed is None else surveyed.at(now)
 
     def _give_back(self, target: tuple[int, int], now: float) -> list[Message]:
-        """Return the command with a position for an autopilot that has lost its own, if a command is due."""
+        """Return the command with a position for an autopilot that has lost its own, if a command
+        is due."""
         tracker = self._pilot.tracker
         if self.plane is None:
             return []
         fresh = tracker.newest is not None and now - tracker.newest.time < FRESH_RANGE
-        self.reckoning.step(now, self._own(now), self._place(now), tracker.estimator.at(now) if fresh else None)
+        self.reckoning.step(
+            now, self._own(now), self._place(now), tracker.estimator.at(now) if fresh else None
+        )
         good = self._health.good(now) if self._pilot.session.vehicle.armed else None
-        message = self.handback.step(now, good=good, where=self.reckoning.where, plane=self.plane, target=target)
+        message = self.handback.step(
+            now, good=good, where=self.reckoning.where, plane=self.plane, target=target
+        )
         return [] if message is None else [message]
 
     def _own(self, now: float) -> OwnMotion | None:

@@ -1,8 +1,9 @@
-"""Hand-back: send MAV_CMD_EXTERNAL_POSITION_ESTIMATE once a second to an autopilot that has lost its position.
+"""Hand-back: send MAV_CMD_EXTERNAL_POSITION_ESTIMATE once a second to an autopilot that has lost
+its position.
 
-No position is sent while the autopilot has an absolute position, or while its status is not reported. Sending stops
-for good if the autopilot does not answer, does not support the command, gives an unexpected answer, or accepts
-positions without effect.
+No position is sent while the autopilot has an absolute position, or while its status is not
+reported. Sending stops for good if the autopilot does not answer, does not support the command,
+gives an unexpected answer, or accepts positions without effect.
 """
 
 from cmath import phase, rect
@@ -22,10 +23,10 @@ FUSES = {
     "EKF_STATUS_REPORT": dialect.EKF_POS_HORIZ_ABS,
     "ESTIMATOR_STATUS": dialect.ESTIMATOR_PRED_POS_HORIZ_ABS,
 }
-"""Estimator flag that an absolute position is fused, by message. ArduPilot clears it 10 s after the last GPS, vision or
-beacon measurement (NavEKF3's posTimeout), and a handed-back position does not set it. PX4 keeps its absolute flag set
-in dead reckoning by airspeed. So PX4's predicted flag is used: it needs GNSS or an auxiliary position and is cleared
-after 7 s."""
+"""Estimator flag that an absolute position is fused, by message. ArduPilot clears it 10 s after the
+last GPS, vision or beacon measurement (NavEKF3's posTimeout), and a handed-back position does not
+set it. PX4 keeps its absolute flag set in dead reckoning by airspeed. So PX4's predicted flag is
+used: it needs GNSS or an auxiliary position and is cleared after 7 s."""
 REPORTS = {
     "ardupilot": dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
     "px4": dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
@@ -33,47 +34,63 @@ REPORTS = {
 """Message id of the estimator report, by firmware."""
 LOST_FOR = 2.0
 """Time, s, for which the autopilot must lack a position before the first one is handed back."""
-ANSWER_PATIENCE, MOST_SILENT = 2.0, 3
-"""Time, s, to wait for an answer. If none comes, the next position is sent after the same time again: the answer may be
-late. Number of consecutive unanswered positions after which the hand-back stops."""
+ANSWER_PATIENCE = 2.0
+MOST_SILENT = 3
+"""Time, s, to wait for an answer. If none comes, the next position is sent after the same time
+again: the answer may be late. Number of consecutive unanswered positions after which the hand-back
+stops."""
 AFTER_FAILED = 10.0
-"""Time, s, until the next position after the answer FAILED or TEMPORARILY_REJECTED. FAILED: the autopilot has a
-position after all, or has none that it could reset."""
-LOOK_AFTER, EFFECT, MOST_WITHOUT = 0.5, 30.0, 3
-"""Effect of a position on the autopilot: time of the check after acceptance, s; distance from our estimate to the
-reported position, m, above which the sent position had no effect; number of consecutive positions without effect after
-which the hand-back stops."""
-LEAST_SIGMA, MOST_SIGMA = 1.0, 300.0
-"""Smallest standard deviation that is sent, m: with a smaller one, PX4 makes a hard reset. Largest standard deviation
-with which a position is still sent, m: without hand-back, the autopilot's own position was several km off."""
+"""Time, s, until the next position after the answer FAILED or TEMPORARILY_REJECTED. FAILED: the
+autopilot has a position after all, or has none that it could reset."""
+LOOK_AFTER = 0.5
+EFFECT = 30.0
+MOST_WITHOUT = 3
+"""Effect of a position on the autopilot: time of the check after acceptance, s; distance from our
+estimate to the reported position, m, above which the sent position had no effect; number of
+consecutive positions without effect after which the hand-back stops."""
+LEAST_SIGMA = 1.0
+MOST_SIGMA = 300.0
+"""Smallest standard deviation that is sent, m: with a smaller one, PX4 makes a hard reset. Largest
+standard deviation with which a position is still sent, m: without hand-back, the autopilot's own
+position was several km off."""
 MOST_GIVEN = 10_000
 """Number of newest positions kept for handback.csv: 2.7 hours at 1 Hz."""
 PLACE_SIGMA = 15.0
-"""Largest standard deviation of the target's place, m, with which the vehicle's position is computed from this place
-and the ranges. With a larger one, dead reckoning continues. Chosen."""
+"""Largest standard deviation of the target's place, m, with which the vehicle's position is
+computed from this place and the ranges. With a larger one, dead reckoning continues. Chosen."""
 COMPASS_SIGMA = 0.03
-"""Standard deviation of the estimated compass bias, rad. It is three times larger before the bias is estimated."""
-WIND_SIGMA, STRAYS = 0.3, 0.6
-"""Velocity errors of dead reckoning, m/s: the error of the wind alone, and the error of wind, gusts and airspeed."""
-WIND_MEMORY, SCALE_MEMORY = 40.0, 300.0
-"""Averaging times, s, of the wind (about a lap) and of the airspeed scale, which hardly changes. The unfiltered drift
-contains gusts and sideslip: an error of 0.7 m/s put a plane 190 m off on its way home."""
-WIND_CHANGED, CHANGED_FOR = 3.0, 10.0
-"""Change of the drift, m/s, and its duration, s, from which the change counts as a new wind instead of a gust."""
+"""Standard deviation of the estimated compass bias, rad. It is three times larger before the bias
+is estimated."""
+WIND_SIGMA = 0.3
+STRAYS = 0.6
+"""Velocity errors of dead reckoning, m/s: the error of the wind alone, and the error of wind, gusts
+and airspeed."""
+WIND_MEMORY = 40.0
+SCALE_MEMORY = 300.0
+"""Averaging times, s, of the wind (about a lap) and of the airspeed scale, which hardly changes.
+The unfiltered drift contains gusts and sideslip: an error of 0.7 m/s put a plane 190 m off on its
+way home."""
+WIND_CHANGED = 3.0
+CHANGED_FOR = 10.0
+"""Change of the drift, m/s, and its duration, s, from which the change counts as a new wind instead
+of a gust."""
 AGREE = 3.0
 """Largest difference between two position estimates that agree, in standard deviations."""
 BIAS_MEMORY = 60.0
 """Averaging time of the compass bias, s."""
-RECKON_EVERY, LONGEST_STEP = 0.1, 1.0
-"""Shortest time between two steps of dead reckoning, s. Longest step, s, over which the heading is still valid."""
+RECKON_EVERY = 0.1
+LONGEST_STEP = 1.0
+"""Shortest time between two steps of dead reckoning, s. Longest step, s, over which the heading is
+still valid."""
 INTERVAL = 1.0
 """Time between two handed-back positions, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class SentPosition:
-    """Position sent to the autopilot. by: "ranges" or "dead reckoning". answer: autopilot's answer. off: distance, m,
-    from our estimate to the position that the vehicle reported after acceptance."""
+    """Position sent to the autopilot. by: "ranges" or "dead reckoning". answer: autopilot's answer.
+    off: distance, m, from our estimate to the position that the vehicle reported after
+    acceptance."""
 
     time: float
     latitude: float
@@ -86,7 +103,8 @@ class SentPosition:
 
 @dataclass(frozen=True, slots=True)
 class PositionEstimate:
-    """Estimated position of the vehicle. east, north, sigma: m on the plane. wind: m/s, east + j north.
+    """Estimated position of the vehicle. east, north, sigma: m on the plane. wind: m/s, east + j
+    north.
 
     scale: true over measured airspeed. by_ranges: True if ranges were used.
     """
@@ -101,7 +119,8 @@ class PositionEstimate:
 
 
 class Health(GpsFix):
-    """Position status reported by the autopilot: fixes of its receivers, and the state of its estimator."""
+    """Position status reported by the autopilot: fixes of its receivers, and the state of its
+    estimator."""
 
     def on_message(self, message: Message, now: float) -> None:
         """Process a message of RECEIVERS or FUSES."""
@@ -112,8 +131,8 @@ class Health(GpsFix):
             super().on_message(message, now)
 
     def good(self, now: float) -> bool | None:
-        """True if a receiver has a fix or the estimator fuses an absolute position. False if both report none. None if
-        a report is missing."""
+        """True if a receiver has a fix or the estimator fuses an absolute position. False if both
+        report none. None if a report is missing."""
         fresh = self._fresh(now)
         received = RECEIVERS[0] in fresh and not FUSES.keys().isdisjoint(fresh)
         return True if any(fresh.values()) else False if received else None
@@ -123,7 +142,8 @@ class RunningMean:
     """Running mean with exponential forgetting. memory: time constant, s."""
 
     def __init__(self, memory: float) -> None:
-        self._memory, self._at = memory, float("-inf")
+        self._memory = memory
+        self._at = float("-inf")
         self.value: complex = 0j
         self.over = 0.0
         """Time span of the mean, s."""
@@ -137,14 +157,16 @@ class RunningMean:
 
 
 class CompassBias(RunningMean):
-    """Mean difference between bearings by compass and by GPS, as unit vectors. Updated while GPS is available."""
+    """Mean difference between bearings by compass and by GPS, as unit vectors. Updated while GPS is
+    available."""
 
     def __init__(self) -> None:
         super().__init__(BIAS_MEMORY)
 
     @property
     def bias(self) -> tuple[float, float]:
-        """Compass bias (bearing by compass minus by GPS, counter-clockwise positive) and its standard deviation, rad.
+        """Compass bias (bearing by compass minus by GPS, counter-clockwise positive) and its
+        standard deviation, rad.
 
         The bias counts as 0 until 10 s of GPS data were averaged.
         """
@@ -165,24 +187,34 @@ class Wind(RunningMean):
             self._other.learn(value, now)
         super().learn(value, now)
         if self._other.over >= CHANGED_FOR:
-            self.value, self.over = self._other.value, self._other.over
+            self.value = self._other.value
+            self.over = self._other.over
             self._other = RunningMean(WIND_MEMORY)
 
 
 class DeadReckoning:
-    """Vehicle position from the target's place, ranges and compass. Without ranges: from airspeed, heading and wind."""
+    """Vehicle position from the target's place, ranges and compass. Without ranges: from airspeed,
+    heading and wind."""
 
     def __init__(self) -> None:
         self.where: PositionEstimate | None = None
         self.compass = CompassBias()
-        self._wind, self._scale = Wind(), RunningMean(SCALE_MEMORY)
+        self._wind = Wind()
+        self._scale = RunningMean(SCALE_MEMORY)
         self._air: complex = 0j
         """Last known velocity through the air, m/s, east + j north."""
         self._strayed = 0.0
-        """Position error, m (standard deviation), accumulated in dead reckoning since the filter was last used."""
+        """Position error, m (standard deviation), accumulated in dead reckoning since the filter
+        was last used."""
         self._stepped_at = float("-inf")
 
-    def step(self, now: float, own: OwnMotion | None, target: Place | None, estimate: RangeEstimate | None) -> None:
+    def step(
+        self,
+        now: float,
+        own: OwnMotion | None,
+        target: Place | None,
+        estimate: RangeEstimate | None,
+    ) -> None:
         """Use the range filter's position if it is trusted, else dead reckoning.
 
         now: s. own: None if stale. estimate: of the range filter, None without fresh ranges.
@@ -200,10 +232,13 @@ class DeadReckoning:
         elif flown is not None:
             self.where = _at_distance(estimate.r, target, flown)
 
-    def _accepts(self, relative: RelativeMotion, target: Place, flown: PositionEstimate | None) -> bool:
+    def _accepts(
+        self, relative: RelativeMotion, target: Place, flown: PositionEstimate | None
+    ) -> bool:
         """True if the filter's position is better than dead reckoning."""
-        # On a straight flight away from the target, ranges give no bearing: the filter then extrapolates with the last
-        # drift. Prefer dead reckoning, unless both positions differ by so much that the wind must have changed.
+        # On a straight flight away from the target, ranges give no bearing: the filter then
+        # extrapolates with the last drift. Prefer dead reckoning, unless both positions differ by
+        # so much that the wind must have changed.
         if flown is None or relative.sigma <= self._strayed:
             return True
         return abs(_from(target, flown) - self._way(relative)) > AGREE * relative.sigma
@@ -218,18 +253,26 @@ class DeadReckoning:
         sigma = hypot(target.sigma, relative.sigma, bias_sigma * abs(way))
         self._wind.learn(drift + complex(*target.velocity), now)
         self._scale.learn(relative.scale, now)
-        self._air, self._strayed = rect(relative.airspeed, relative.heading - bias), relative.sigma
-        wind, scale = self._wind.value, self._scale.value.real
-        self.where = PositionEstimate(now, target.east + way.real, target.north + way.imag, sigma, wind, scale, True)
+        self._air = rect(relative.airspeed, relative.heading - bias)
+        self._strayed = relative.sigma
+        wind = self._wind.value
+        scale = self._scale.value.real
+        self.where = PositionEstimate(
+            now, target.east + way.real, target.north + way.imag, sigma, wind, scale, True
+        )
 
-    def _flown(self, now: float, before: PositionEstimate, own: OwnMotion | None) -> PositionEstimate:
-        """Return the position by dead reckoning. Without own motion it assumes a straight flight and a large error."""
+    def _flown(
+        self, now: float, before: PositionEstimate, own: OwnMotion | None
+    ) -> PositionEstimate:
+        """Return the position by dead reckoning. Without own motion it assumes a straight flight
+        and a large error."""
         bias, bias_sigma = self.compass.bias
         dt = now - before.time
         if own is not None:
             self._air = rect(own.airspeed * before.scale, own.heading - bias)
         known = own is not None and dt <= LONGEST_STEP
-        v, off = self._air + before.wind, hypot(WIND_SIGMA, (bias_sigma if known else 1.0) * abs(self._air))
+        v = self._air + before.wind
+        off = hypot(WIND_SIGMA, (bias_sigma if known else 1.0) * abs(self._air))
         self._strayed += (STRAYS if known else off) * dt
         return replace(
             before, time=now, by_ranges=False, sigma=before.sigma + off * dt,
@@ -242,7 +285,8 @@ def _from(target: Place, here: PositionEstimate) -> complex:
 
 
 def _at_distance(r: float, target: Place, here: PositionEstimate) -> PositionEstimate:
-    """Return the position, moved along the line to the target to the measured distance r (m) if r is plausible."""
+    """Return the position, moved along the line to the target to the measured distance r (m) if r
+    is plausible."""
     way = _from(target, here)
     if not 0 < abs(r - abs(way)) < AGREE * here.sigma or abs(way) < 1.0:
         return here
@@ -267,7 +311,8 @@ class HandBack:
         """Human-readable reason why no position is available."""
         self._due = 0.0
         self._waits = self._open = False
-        """True while waiting for an answer; True while an answer can still belong to the newest position."""
+        """True while waiting for an answer; True while an answer can still belong to the newest
+        position."""
         self._silent = self._without = 0
         self._look_at: float | None = None
 
@@ -286,38 +331,66 @@ class HandBack:
         if not self.given or self.given[-1].time < self._lost_since:
             return ""
         newest = self.given[-1]
-        return f"autopilot lost its position, sent it one from {newest.by}, ±{newest.sigma:.0f} m: {newest.answer}"
+        return (
+            f"autopilot lost its position, sent it one from {newest.by}, ±{newest.sigma:.0f} m:"
+            f" {newest.answer}"
+        )
 
     def step(
-        self, now: float, *, good: bool | None, where: PositionEstimate | None, plane: Plane, target: tuple[int, int]
+        self,
+        now: float,
+        *,
+        good: bool | None,
+        where: PositionEstimate | None,
+        plane: Plane,
+        target: tuple[int, int],
     ) -> Message | None:
-        """Return the command to send now. good: True if the autopilot has a position, None if unknown. target: the
-        autopilot's system and component id."""
-        # An unknown status counts as a valid position: never send a position to an autopilot that may
-        # still have its own.
+        """Return the command to send now. good: True if the autopilot has a position, None if
+        unknown. target: the autopilot's system and component id."""
+        # An unknown status counts as a valid position: never send a position to an autopilot that
+        # may still have its own.
         if good is None or good:
-            self._lost_since, self._waits, self._open, self._lacks = None, False, False, ""
+            self._lost_since = None
+            self._waits = False
+            self._open = False
+            self._lacks = ""
             if self.given and not self.over:
-                self.ended = "the autopilot has a position again" if good else "GPS or EKF status is not received"
+                self.ended = (
+                    "the autopilot has a position again"
+                    if good
+                    else "GPS or EKF status is not received"
+                )
             return None
         self._lost_since = now if self._lost_since is None else self._lost_since
         if self._waits and now - self.given[-1].time > ANSWER_PATIENCE:
-            self._waits, self._silent, self._due = False, self._silent + 1, max(self._due, now + ANSWER_PATIENCE)
+            self._waits, self._silent, self._due = (
+                False,
+                self._silent + 1,
+                max(self._due, now + ANSWER_PATIENCE),
+            )
             if self._silent >= MOST_SILENT:
                 self._end("the autopilot does not answer")
         if self.over or self._waits or now - self._lost_since < LOST_FOR or now < self._due:
             return None
         if where is None or where.sigma > MOST_SIGMA:
-            self._lacks = "the target's place is unknown" if where is None else "the last usable range is too old"
+            self._lacks = (
+                "the target's place is unknown"
+                if where is None
+                else "the last usable range is too old"
+            )
             return None
-        self._due, self._waits, self._open, self._look_at = now + INTERVAL, True, True, None
+        self._due = now + INTERVAL
+        self._waits = True
+        self._open = True
+        self._look_at = None
         latitude, longitude = map(float, plane.to_degrees(where.east, where.north))
         sigma = max(where.sigma, LEAST_SIGMA)
         by = "ranges" if where.by_ranges else "dead reckoning"
         self.given.append(SentPosition(now, latitude, longitude, sigma, by))
         del self.given[:-MOST_GIVEN]
         self.sent += 1
-        self.ended, self._lacks = "going on", ""
+        self.ended = "going on"
+        self._lacks = ""
         return position_estimate(latitude, longitude, sigma, target, now, now - where.time)
 
     def answered(self, message: Message, us: tuple[int, int], now: float) -> None:
@@ -330,7 +403,9 @@ class HandBack:
         self.given[-1] = replace(self.given[-1], answer=answer)
         if message.result == dialect.MAV_RESULT_IN_PROGRESS:
             return  # the final answer follows
-        self._waits, self._open, self._silent = False, False, 0
+        self._waits = False
+        self._open = False
+        self._silent = 0
         match message.result:
             case dialect.MAV_RESULT_ACCEPTED:
                 self._look_at, self.accepted = now + LOOK_AFTER, self.accepted + 1
@@ -339,8 +414,11 @@ class HandBack:
             case _:
                 self._end(f"the autopilot answered: {answer}")
 
-    def reported(self, east: float, north: float, here: PositionEstimate | None, now: float) -> None:
-        """Process a position reported by the vehicle (m). After an acceptance it must be near our estimate `here`."""
+    def reported(
+        self, east: float, north: float, here: PositionEstimate | None, now: float
+    ) -> None:
+        """Process a position reported by the vehicle (m). After an acceptance it must be near our
+        estimate `here`."""
         if self._look_at is None or here is None or now < self._look_at:
             return
         self._look_at = None
@@ -355,14 +433,15 @@ class HandBack:
         return {"sent": self.sent, "accepted": self.accepted, "ended": self.ended}
 
     def _end(self, why: str) -> None:
-        self.over, self.ended = True, why
+        self.over = True
+        self.ended = why
 
 
 def position_estimate(
     latitude: float, longitude: float, sigma: float, target: tuple[int, int], now: float, age: float
 ) -> Message:
-    """Return MAV_CMD_EXTERNAL_POSITION_ESTIMATE. param1: time of sending, s; param2: age of the estimate, s; param3:
-    standard deviation, m. ArduPilot requires z = NaN and the frame GLOBAL."""
+    """Return MAV_CMD_EXTERNAL_POSITION_ESTIMATE. param1: time of sending, s; param2: age of the
+    estimate, s; param3: standard deviation, m. ArduPilot requires z = NaN and the frame GLOBAL."""
     return dialect.MAVLink_command_int_message(
         *target, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0,
         now % 10_000.0, age, sigma, 0.0, round(latitude * 1e7), round(longitude * 1e7), nan,

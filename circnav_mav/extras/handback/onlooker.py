@@ -15,7 +15,8 @@ COLUMNS = "time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_off_m"
 
 
 class HandBackOnlooker(Onlooker):
-    """Runs a `Companion`. If the survey fails, the hand-back continues with the last place of the target."""
+    """Runs a `Companion`. If the survey fails, the hand-back continues with the last place of the
+    target."""
 
     name = "hand-back"
 
@@ -24,11 +25,15 @@ class HandBackOnlooker(Onlooker):
 
     @property
     def busy(self) -> bool:  # type: ignore[override]
-        """True while positions are handed back or the vehicle's stream rates are not yet restored."""
+        """True while positions are handed back or the vehicle's stream rates are not yet
+        restored."""
         return self.companion.busy
 
-    def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
-        """Process the frames of a step. Return the frames to send now; none if the pilot's frames were held back."""
+    def on_step(
+        self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
+    ) -> Sequence[bytes]:
+        """Process the frames of a step. Return the frames to send now; none if the pilot's frames
+        were held back."""
         self.companion.called_off = self.called_off
         for link, source, received in step.received:
             self.companion.on_frames(link, source, received, step.time)
@@ -45,7 +50,8 @@ class HandBackOnlooker(Onlooker):
         if not handback.given:
             return {}
         summary["notes"].append(
-            f"  hand-back  {handback.sent} positions sent, {handback.accepted} accepted; {handback.ended}"
+            f"  hand-back  {handback.sent} positions sent, {handback.accepted} accepted;"
+            f" {handback.ended}"
         )
         rows = [
             f"{one.time:.2f},{one.latitude:.7f},{one.longitude:.7f},{one.sigma:.1f},{one.by},{one.answer},"

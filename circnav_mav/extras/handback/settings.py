@@ -23,7 +23,9 @@ class HandBackTable(Table):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.latitude_deg is None) != (self.longitude_deg is None):
-            raise PydanticCustomError("place", "one of latitude_deg and longitude_deg is missing: give both or neither")
+            raise PydanticCustomError(
+                "place", "one of latitude_deg and longitude_deg is missing: give both or neither"
+            )
         return self
 
 
@@ -54,4 +56,6 @@ def handback_settings(mission: Mission) -> HandBackSettings | None:
 def check_table(mission: Mission) -> Iterator[Check]:
     """Check the table against the rest of the mission."""
     if handback_settings(mission) is not None and not table_of(mission).enabled:
-        yield Check(FAIL, "handback", "handback.enabled = true needs the survey, set locate.enabled = true")
+        yield Check(
+            FAIL, "handback", "handback.enabled = true needs the survey, set locate.enabled = true"
+        )

@@ -1,4 +1,5 @@
-"""`circnav ranging calibrate`: range error of a radio from a log with positions, and mission keys to correct it."""
+"""`circnav ranging calibrate`: range error of a radio from a log with positions, and mission keys
+to correct it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,30 +27,36 @@ from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
 
-BIAS, CLOCKS = 10.0, 0.1
-"""Standard deviation of an uncalibrated radio's bias, m. Standard deviation of its delay, s: small, because one
-recorder stamps ranges and positions."""
+BIAS = 10.0
+CLOCKS = 0.1
+"""Standard deviation of an uncalibrated radio's bias, m. Standard deviation of its delay, s: small,
+because one recorder stamps ranges and positions."""
 LEAST = 10
 """Smallest number of ranges in a bin."""
 BINS = 8
 """Number of bins of the error over range."""
 CURVED = 2.0
-"""Deviation of a bin from scale and bias (a straight line), in GPS sigmas, above which a table of points is used."""
+"""Deviation of a bin from scale and bias (a straight line), in GPS sigmas, above which a table of
+points is used."""
 SHARP = 0.01
 """Standard deviation below which a scale counts as observed: 1 m at 100 m."""
 ROUNDS = 4
-"""Number of refinements of the table and of the place. Each refinement changes both less than the one before."""
+"""Number of refinements of the table and of the place. Each refinement changes both less than the
+one before."""
 MISSION_HEIGHT = 0.1
-"""Standard deviation of the mission's height, m: small, because the flight corrects its ranges with the same height. An
-error of the height changes the calibration, but the circle still has the true radius."""
+"""Standard deviation of the mission's height, m: small, because the flight corrects its ranges with
+the same height. An error of the height changes the calibration, but the circle still has the true
+radius."""
 LATE = 0.05
-"""Smallest delay that is corrected, s. At 15 m/s a smaller delay changes a range by less than the GPS error."""
+"""Smallest delay that is corrected, s. At 15 m/s a smaller delay changes a range by less than the
+GPS error."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """Ranges of similar length. true: median true length, m. error: median of reported minus true length, m. spread:
-    standard deviation of this error without outliers, m. count: number of ranges."""
+    """Ranges of similar length. true: median true length, m. error: median of reported minus true
+    length, m. spread: standard deviation of this error without outliers, m. count: number of
+    ranges."""
 
     true: float
     error: float
@@ -59,8 +66,9 @@ class Bin:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationFit:
-    """Error of a radio. place: of the beacon. true: length of each range, m. error: reported minus true length, m.
-    scale_sigma: standard deviation of the scale when estimated together with the bias."""
+    """Error of a radio. place: of the beacon. true: length of each range, m. error: reported minus
+    true length, m. scale_sigma: standard deviation of the scale when estimated together with the
+    bias."""
 
     place: Place
     calibration: Calibration
@@ -70,25 +78,42 @@ class CalibrationFit:
 
 
 def calibrate_radio(
-    path: str, *, tag: str | None, vehicle: int | None, range_name: str | None,
-    sigma: float | None, gps_sigma: float, altitude: float | None, mission: str | None, out: str | None,
-) -> int:  # fmt: skip
-    """Print and plot the range error over the true range, and write the keys of [ranging]. Raises Refused."""
+    path: str,
+    *,
+    tag: str | None,
+    vehicle: int | None,
+    range_name: str | None,
+    sigma: float | None,
+    gps_sigma: float,
+    altitude: float | None,
+    mission: str | None,
+    out: str | None,
+) -> int:
+    """Print and plot the range error over the true range, and write the keys of [ranging]. Raises
+    Refused."""
     source = Path(path)
     with refusing(source):
         flown = mission_of(source)
         options = ReadOptions(name_of(range_name, flown), vehicle=vehicle)
         log, tag = _radio(read(source, options), tag, source)
         plane = log.plane()
-        track, (ranges, sigma_known) = log.track(plane), log.of(tag, sigma)
+        track = log.track(plane)
+        (ranges, sigma_known) = log.of(tag, sigma)
         up, up_sigma = _target_height(track, altitude, flown)
         known = Knowledge(
-            up=up, up_sigma=up_sigma, gps_sigma=gps_sigma, bias_sigma=BIAS, scale_sigma=UNCALIBRATED,
-            delay_sigma=CLOCKS, sigma_known=sigma_known,
-        )  # fmt: skip
+            up=up,
+            up_sigma=up_sigma,
+            gps_sigma=gps_sigma,
+            bias_sigma=BIAS,
+            scale_sigma=UNCALIBRATED,
+            delay_sigma=CLOCKS,
+            sigma_known=sigma_known,
+        )
         found = measure(plane, track, ranges, known)
         if isinstance(found, NotLocated):
-            raise Refused(f"{source}: {tag}: the beacon was not located: {found.why}", Exit.NOTHING_RECEIVED)
+            raise Refused(
+                f"{source}: {tag}: the beacon was not located: {found.why}", Exit.NOTHING_RECEIVED
+            )
         for note in log.notes:
             say(f"note: {note}")
         _say(tag, found)
@@ -104,7 +129,9 @@ def calibrate_radio(
     return Exit.DONE
 
 
-def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> CalibrationFit | NotLocated:
+def measure(
+    plane: Plane, track: Track, ranges: Ranges, known: Knowledge
+) -> CalibrationFit | NotLocated:
     """Return the error of a radio from positions and reported ranges."""
     place = free = locate_as_it_shows(plane, track, ranges, known)
     if isinstance(free, NotLocated):
@@ -114,21 +141,27 @@ def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Cal
         if isinstance(place, NotLocated):
             return place
     assert isinstance(place, Place)
-    # A range is never measured after its timestamp. A negative delay has another cause: late positions, or a radio that
-    # is not linear.
+    # A range is never measured after its timestamp. A negative delay has another cause: late
+    # positions, or a radio that is not linear.
     delay = round(-place.delay, 3) if -place.delay > max(3 * place.delay_sigma, LATE) else 0.0
     scale, bias = (
-        (1.0, place.range_error(place.range_scale)[0]) if not place.scale_found else (1 + place.scale, place.bias)
+        (1.0, place.range_error(place.range_scale)[0])
+        if not place.scale_found
+        else (1 + place.scale, place.bias)
     )
     linear = Calibration(round(scale, 5), round(bias, 2), delay)
     straight = CalibrationFit(place, linear, *_errors(place, track, ranges), free.scale_sigma)
     bins = _bins(straight.true, straight.error)
-    off = [abs(one.error - (linear.reported(one.true) - one.true)) - 3 * one.spread / one.count**0.5 for one in bins]
+    off = [
+        abs(one.error - (linear.reported(one.true) - one.true)) - 3 * one.spread / one.count**0.5
+        for one in bins
+    ]
     if max(off, default=0.0) <= CURVED * known.gps_sigma:
         return straight
-    # The radio is not linear. The place fitted with a straight line is slightly off, and so is a table made with this
-    # place. Each round improves both, because a circle gives the place for any constant error. The delay is kept: on a
-    # straight approach it is indistinguishable from a bias of the far ranges, and estimating both diverges.
+    # The radio is not linear. The place fitted with a straight line is slightly off, and so is a
+    # table made with this place. Each round improves both, because a circle gives the place for any
+    # constant error. The delay is kept: on a straight approach it is indistinguishable from a bias
+    # of the far ranges, and estimating both diverges.
     track = replace(track, time=track.time - place.delay)
     settled = replace(known, bias_sigma=1.0, scale_sigma=CALIBRATED, delay_sigma=0.001)
     curved = straight
@@ -137,16 +170,21 @@ def measure(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Cal
         if not rising(points):
             return straight
         calibration = Calibration(points=points, delay=delay)
-        again = locate_as_it_shows(plane, track, corrected(ranges, replace(calibration, delay=0.0)), settled)
+        again = locate_as_it_shows(
+            plane, track, corrected(ranges, replace(calibration, delay=0.0)), settled
+        )
         if isinstance(again, NotLocated):
             return straight
-        curved = CalibrationFit(again, calibration, *_errors(again, track, ranges), free.scale_sigma)
+        curved = CalibrationFit(
+            again, calibration, *_errors(again, track, ranges), free.scale_sigma
+        )
         bins = _bins(curved.true, curved.error)
     return curved
 
 
 def write_into(file: Path, calibration: Calibration) -> None:
-    """Write a calibration into a mission file. Comments and other keys are kept. Raises Refused, OSError."""
+    """Write a calibration into a mission file. Comments and other keys are kept. Raises Refused,
+    OSError."""
     with refusing(file, MissionError):
         load_mission(file)
     document = tomlkit.parse(file.read_text(encoding="utf-8"))
@@ -162,7 +200,9 @@ def write_into(file: Path, calibration: Calibration) -> None:
 def keys_of(calibration: Calibration) -> dict[str, float | list[list[float]]]:
     """Return the keys of [ranging] for a calibration."""
     if calibration.points:
-        keys: dict[str, float | list[list[float]]] = {"points_m": [list(point) for point in calibration.points]}
+        keys: dict[str, float | list[list[float]]] = {
+            "points_m": [list(point) for point in calibration.points]
+        }
     else:
         keys = {"scale": calibration.scale, "bias_m": calibration.bias}
     return keys | ({"delay_s": calibration.delay} if calibration.delay else {})
@@ -178,25 +218,37 @@ def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[Ran
     return chosen[0]
 
 
-def _target_height(track: Track, altitude: float | None, mission: Mission | None) -> tuple[float, float]:
-    """Return the beacon's altitude (given, else by the mission, else the track's lowest point) and its sigma, m."""
+def _target_height(
+    track: Track, altitude: float | None, mission: Mission | None
+) -> tuple[float, float]:
+    """Return the beacon's altitude (given, else by the mission, else the track's lowest point) and
+    its sigma, m."""
     if altitude is None and mission is not None:
-        above, altitude = mission.height.above_target, mission.height.target_altitude
-        altitude = float(np.median(track.up)) - above if altitude is None and above is not None else altitude
+        above = mission.height.above_target
+        altitude = mission.height.target_altitude
+        altitude = (
+            float(np.median(track.up)) - above
+            if altitude is None and above is not None
+            else altitude
+        )
     return (float(track.up.min()), 50.0) if altitude is None else (altitude, MISSION_HEIGHT)
 
 
 def _errors(place: Place, track: Track, ranges: Ranges) -> tuple[Array, Array]:
-    """Return the true length of each range by positions, and the reported minus the true length, m."""
+    """Return the true length of each range by positions, and the reported minus the true length,
+    m."""
     inside = (ranges.time >= track.time[0]) & (ranges.time <= track.time[-1])
     time = ranges.time[inside] + place.delay
     way = [np.interp(time, track.time, part) for part in (track.east, track.north, track.up)]
-    true = np.sqrt((way[0] - place.east) ** 2 + (way[1] - place.north) ** 2 + (way[2] - place.up) ** 2)
+    true = np.sqrt(
+        (way[0] - place.east) ** 2 + (way[1] - place.north) ** 2 + (way[2] - place.up) ** 2
+    )
     return true, ranges.r[inside] - true
 
 
 def _bins(true: Array, error: Array) -> list[Bin]:
-    """Return the error over range in bins of equal width. Medians, because outliers are included."""
+    """Return the error over range in bins of equal width. Medians, because outliers are
+    included."""
     width = max(float(np.ptp(true)), 1e-3) / BINS
     at = np.minimum(((true - true.min()) / width).astype(int), BINS - 1)
     found = []
@@ -210,11 +262,15 @@ def _bins(true: Array, error: Array) -> list[Bin]:
 
 
 def _say(tag: str, found: CalibrationFit) -> None:
-    place, calibration = found.place, found.calibration
+    place = found.place
+    calibration = found.calibration
     say(f"{tag}: {place.used} ranges, noise {place.noise:.2f} m, beacon at {place.words()}")
     say("  true range     reported minus true     spread    ranges")
     for one in _bins(found.true, found.error):
-        say(f"  {one.true:8.1f} m     {one.error:+10.2f} m        {one.spread:8.2f} m  {one.count:6d}")
+        say(
+            f"  {one.true:8.1f} m     {one.error:+10.2f} m        {one.spread:8.2f} m "
+            f" {one.count:6d}"
+        )
     error = place.range_error_words()
     if calibration.points:
         say("  radio      not linear: a table of points")
@@ -225,11 +281,14 @@ def _say(tag: str, found: CalibrationFit) -> None:
         say(f"  radio      {error}; scale 1 ±{found.scale_sigma:.4f}")
     else:
         say(
-            f"  radio      {error}. Valid at this range only: one circle cannot separate scale and bias; also fly the "
-            "approach or a second radius"
+            f"  radio      {error}. Valid at this range only: one circle cannot separate scale and"
+            " bias; also fly the approach or a second radius"
         )
     if not place.up_known:
-        say("  WARNING    the height of the beacon is unknown, its effect looks like a bias: give --altitude")
+        say(
+            "  WARNING    the height of the beacon is unknown, its effect looks like a bias: give"
+            " --altitude"
+        )
 
 
 def _plot(path: Path, found: CalibrationFit, tag: str) -> None:
@@ -238,15 +297,24 @@ def _plot(path: Path, found: CalibrationFit, tag: str) -> None:
 
     from circnav_mav.report.plots import STYLE, literal, save
 
-    true, error, calibration = found.true, found.error, found.calibration
+    true = found.true
+    error = found.error
+    calibration = found.calibration
     line = np.linspace(0, float(true.max()), 200)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8, 4.5), layout="constrained")
         axis = figure.subplots()
         axis.plot(true, error, ".", ms=2, alpha=0.4, label="ranges")
-        axis.plot(line, [calibration.reported(one) - one for one in line], color="#d55e00", label="calibration")
+        axis.plot(
+            line,
+            [calibration.reported(one) - one for one in line],
+            color="#d55e00",
+            label="calibration",
+        )
         low, high = np.percentile(error, [1, 99])
-        axis.set(xlabel="true range, m", ylabel="reported minus true range, m", ylim=(low - 2, high + 2))
+        axis.set(
+            xlabel="true range, m", ylabel="reported minus true range, m", ylim=(low - 2, high + 2)
+        )
         axis.set_title(literal(f"{tag}: {calibration.describe()}"))
         axis.legend(fontsize=8)
         save(figure, path)

@@ -25,24 +25,39 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.run_folder import RunError
 
-MIXED, POOR = 0.25, 0.05
+MIXED = 0.25
+POOR = 0.05
 """Share of outliers, and noise over range, above which the ranges probably mix two tags."""
 CLOCKS = 0.5
-"""Standard deviation, s, of the offset between the clocks of positions and ranges: they are not synchronized."""
+"""Standard deviation, s, of the offset between the clocks of positions and ranges: they are not
+synchronized."""
 
 
 def locate_log(
-    path: str, *, out: str | None, tags: tuple[str, ...], sigma: float | None, gps_sigma: float, bias: float,
-    altitude: float | None, vehicle: int | None, range_name: str | None, units: str | None,
+    path: str,
+    *,
+    out: str | None,
+    tags: tuple[str, ...],
+    sigma: float | None,
+    gps_sigma: float,
+    bias: float,
+    altitude: float | None,
+    vehicle: int | None,
+    range_name: str | None,
+    units: str | None,
     params: str | None,
-) -> int:  # fmt: skip
-    """Locate every tag of a log and write the map. Parameters: options of `circnav locate`. Raises Refused."""
+) -> int:
+    """Locate every tag of a log and write the map. Parameters: options of `circnav locate`. Raises
+    Refused."""
     source = Path(path)
     with refusing(source):
         flown = mission_of(source)
         unit = None if units is None else meters_in(units)
         if units is not None and unit is None:
-            raise Refused(f"--units {units}: is not a unit: {', '.join(METERS)}, or the length of the unit in meters")
+            raise Refused(
+                f"--units {units}: is not a unit: {', '.join(METERS)}, or the length of the unit in"
+                " meters"
+            )
         options = ReadOptions(name_of(range_name, flown), unit, vehicle)
         with _busy(f"reading {printable(source.name)}"):
             logs = read(source, options)
@@ -51,7 +66,10 @@ def locate_log(
             altitude = flown.height.target_altitude if altitude is None else altitude
         calibration = Calibration() if flown is None else flown.file.ranging.calibration
         if calibration.is_set:
-            say(f"note: the log's ranges are corrected with the mission's calibration: {calibration.describe()}")
+            say(
+                "note: the log's ranges are corrected with the mission's calibration:"
+                f" {calibration.describe()}"
+            )
         jobs = [(log, tag) for log in logs if len(log.positions) > 1 for tag in log.ranges]
         unknown = [tag for tag in tags if tag not in (known for _, known in jobs)]
         if unknown:
@@ -65,9 +83,12 @@ def locate_log(
                 continue
             ground = float(log.track(log.plane()).up.min())
             known = Knowledge(
-                up=ground if altitude is None else altitude, up_sigma=50.0 if altitude is None else 1.0,
-                gps_sigma=gps_sigma, bias_sigma=bias, delay_sigma=CLOCKS,
-            )  # fmt: skip
+                up=ground if altitude is None else altitude,
+                up_sigma=50.0 if altitude is None else 1.0,
+                gps_sigma=gps_sigma,
+                bias_sigma=bias,
+                delay_sigma=CLOCKS,
+            )
             place = _one(log, tag, sigma, known, calibration, search_unit=unit is None)
             if place is not None:
                 places[tag] = place
@@ -98,12 +119,14 @@ def mission_of(source: Path) -> Mission | None:
 
 
 def name_of(given: str | None, mission: Mission | None) -> str:
-    """Return the name of the messages with the ranges: as given, else of the mission, else the default."""
+    """Return the name of the messages with the ranges: as given, else of the mission, else the
+    default."""
     return given or (ReadOptions().range_name if mission is None else mission.file.ranging.name)
 
 
 def output(out: str | None, source: Path, kind: str) -> Path:
-    """Return the path of the results of a log, without suffix: in the folder `out`, else beside the log."""
+    """Return the path of the results of a log, without suffix: in the folder `out`, else beside the
+    log."""
     folder = Path(out) if out else source if source.is_dir() else source.parent
     folder.mkdir(parents=True, exist_ok=True)
     return folder / (kind if source.is_dir() else f"{source.stem}.{kind}")
@@ -114,21 +137,32 @@ def _busy(what: str) -> Progress:
     console = Console(stderr=True)
     columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
     line = Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal, redirect_stdout=False,
+        *columns,
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+        redirect_stdout=False,
         redirect_stderr=False,
-    )  # fmt: skip
+    )
     line.add_task(escape(what), total=None)
     return line
 
 
 def _one(
-    log: RangeLog, tag: str, sigma: float | None, known: Knowledge, calibration: Calibration, *, search_unit: bool
+    log: RangeLog,
+    tag: str,
+    sigma: float | None,
+    known: Knowledge,
+    calibration: Calibration,
+    *,
+    search_unit: bool,
 ) -> Place | None:
     """Locate a tag and print the result. Return None if it was not located."""
     plane = log.plane()
     ranges, sigma_known = log.of(tag, sigma)
     ranges = corrected(ranges, calibration)
-    track, known = log.track(plane), replace(known, sigma_known=sigma_known)
+    track = log.track(plane)
+    known = replace(known, sigma_known=sigma_known)
     say(f"{tag}: {len(ranges.r)} ranges{f' of {log.vehicle}' if log.vehicle else ''}")
     with _busy(f"locating {tag}"):
         place = locate_as_it_shows(plane, track, ranges, known)
@@ -140,8 +174,8 @@ def _one(
         _say(place, known)
     if likely is not None:
         say(
-            f"  WARNING    the ranges are {1 / METERS[likely]:.3g} times as long as in m: probably in {likely}, give "
-            f"--units {likely}"
+            f"  WARNING    the ranges are {1 / METERS[likely]:.3g} times as long as in m: probably"
+            f" in {likely}, give --units {likely}"
         )
     return found
 
@@ -150,30 +184,47 @@ def _say(place: Place, known: Knowledge) -> None:
     ellipse = place.ellipse
     say(f"  place      {place.words()}")
     say(
-        f"  95 %       ±{ellipse.major:.1f} x ±{ellipse.minor:.1f} m, long axis {ellipse.azimuth:.0f} deg; "
-        f"includes {known.gps_sigma:g} m of position error"
+        f"  95 %       ±{ellipse.major:.1f} x ±{ellipse.minor:.1f} m, long axis"
+        f" {ellipse.azimuth:.0f} deg; includes {known.gps_sigma:g} m of position error"
     )
     if not place.up_known:
         say(f"  height     {NOT_OBSERVABLE}")
     bias = f"bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m"
-    scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}" if place.scale_found else NO_SCALE
+    scale = (
+        f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}" if place.scale_found else NO_SCALE
+    )
     say(f"  ranges     noise {place.noise:.2f} m; {place.range_error_words()}")
     say(f"  radio      {bias}, {scale}")
-    late = f"timestamps of positions are {place.delay:+.2f} ±{place.delay_sigma:.2f} s later than timestamps of ranges"
+    late = (
+        f"timestamps of positions are {place.delay:+.2f} ±{place.delay_sigma:.2f} s later than"
+        " timestamps of ranges"
+    )
     known_clocks = place.delay_sigma < known.delay_sigma
-    say(f"  clocks     {late if known_clocks else 'offset not observable: the distance hardly changes'}")
+    say(
+        "  clocks    "
+        f" {late if known_clocks else 'offset not observable: the distance hardly changes'}"
+    )
     total = place.used + place.outliers
     if not is_plausible(place, known):
-        say(f"  WARNING    the ranges fit only a target at altitude {place.up:.0f} m: are they slant ranges in meters?")
+        say(
+            f"  WARNING    the ranges fit only a target at altitude {place.up:.0f} m: are they"
+            " slant ranges in meters?"
+        )
     if place.outliers:
         say(f"  outliers   {place.outliers} of {total} left out")
     if place.outliers > MIXED * total or place.noise > POOR * place.range_scale:
-        say("  WARNING    the ranges fit no single place well: two tags mixed? Add a column named tag to the CSV")
+        say(
+            "  WARNING    the ranges fit no single place well: two tags mixed? Add a column named"
+            " tag to the CSV"
+        )
 
 
-def _write(out: str | None, source: Path, places: dict[str, Place], logs: Sequence[RangeLog]) -> None:
+def _write(
+    out: str | None, source: Path, places: dict[str, Place], logs: Sequence[RangeLog]
+) -> None:
     """Write GeoJSON, KML and the picture."""
-    path, table = output(out, source, "locate"), geojson(places, *tracks(logs))
+    path = output(out, source, "locate")
+    table = geojson(places, *tracks(logs))
     write_text(Path(f"{path}.geojson"), table)
     write_text(Path(f"{path}.kml"), kml(places))
     plot_map(Path(f"{path}.png"), table, printable(str(source)))

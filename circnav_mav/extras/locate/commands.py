@@ -1,4 +1,5 @@
-"""Options and help of `circnav locate` and `circnav ranging calibrate`. The modules `command`, `calibrate` run them."""
+"""Options and help of `circnav locate` and `circnav ranging calibrate`. The modules `command`,
+`calibrate` run them."""
 
 import click
 
@@ -7,28 +8,54 @@ from circnav_mav.cli.describe import Finite, Folder, command
 ERROR = Finite(0.001, 1000)
 """Standard deviation, m."""
 VEHICLE = click.option(
-    "--vehicle", type=click.IntRange(1, 255), metavar="ID", help="Only this vehicle of a tlog (system id)."
+    "--vehicle",
+    type=click.IntRange(1, 255),
+    metavar="ID",
+    help="Only this vehicle of a tlog (system id).",
 )
 RANGE_NAME = click.option(
-    "--range-name", metavar="NAME", help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range."
+    "--range-name",
+    metavar="NAME",
+    help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range.",
 )
 SIGMA = click.option(
-    "--sigma", type=ERROR, metavar="M", help="Noise of the ranges, if the log has none. [default: as measured]"
+    "--sigma",
+    type=ERROR,
+    metavar="M",
+    help="Noise of the ranges, if the log has none. [default: as measured]",
 )
-GPS_SIGMA = click.option("--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions.")
-OUT = click.option("--out", type=Folder(), metavar="DIR", help="Output folder. [default: beside the log]")
+GPS_SIGMA = click.option(
+    "--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions."
+)
+OUT = click.option(
+    "--out", type=Folder(), metavar="DIR", help="Output folder. [default: beside the log]"
+)
 
 
 @command("circnav_mav.extras.locate.command:locate_log", short_help="Locate the targets of a log.")
 @click.argument("path", type=click.Path(), metavar="RUN|LOG")
-@click.option("--tag", "tags", multiple=True, metavar="ID", help="Only this tag. May be repeated. [default: all]")
+@click.option(
+    "--tag",
+    "tags",
+    multiple=True,
+    metavar="ID",
+    help="Only this tag. May be repeated. [default: all]",
+)
 @VEHICLE
 @RANGE_NAME
-@click.option("--units", metavar="UNIT", help="Unit of the ranges: m, cm, ft, nmi ... [default: the log's, or m]")
+@click.option(
+    "--units",
+    metavar="UNIT",
+    help="Unit of the ranges: m, cm, ft, nmi ... [default: the log's, or m]",
+)
 @SIGMA
 @GPS_SIGMA
 @click.option(
-    "--bias", type=ERROR, default=2.0, metavar="M", help="Standard deviation of a common error of all ranges."
+    "--bias",
+    type=ERROR,
+    default=2.0,
+    metavar="M",
+    help="Standard deviation of a common error of all ranges.",
 )
 @click.option(
     "--altitude",
@@ -36,14 +63,16 @@ OUT = click.option("--out", type=Folder(), metavar="DIR", help="Output folder. [
     metavar="M",
     help="Altitude of the target, if known, with the log's reference.",
 )
-@click.option("--params", type=click.Choice(["px4", "ardupilot"]), help="Also print the places as parameters.")
+@click.option(
+    "--params", type=click.Choice(["px4", "ardupilot"]), help="Also print the places as parameters."
+)
 @OUT
 def locate() -> None:
     """Locate the targets of a log. Writes GeoJSON, KML and a picture.
 
-    A log is a run folder, a tlog, an ArduPilot .BIN, a PX4 .ulg, or a CSV with the header time, latitude, longitude,
-    range, and optionally altitude, sigma, tag; a unit is a suffix: range_ft. Exit codes: 0 located, 2 bad usage, 3 no
-    target located.
+    A log is a run folder, a tlog, an ArduPilot .BIN, a PX4 .ulg, or a CSV with the header time,
+    latitude, longitude, range, and optionally altitude, sigma, tag; a unit is a suffix: range_ft.
+    Exit codes: 0 located, 2 bad usage, 3 no target located.
 
     \b
     Examples:
@@ -64,16 +93,23 @@ def locate() -> None:
 @SIGMA
 @GPS_SIGMA
 @click.option(
-    "--altitude", type=Finite(-1e6, 1e6), metavar="M", help="Altitude of the beacon, with the log's reference."
+    "--altitude",
+    type=Finite(-1e6, 1e6),
+    metavar="M",
+    help="Altitude of the beacon, with the log's reference.",
 )
-@click.option("--mission", type=click.Path(), metavar="FILE", help="Also write the keys into this mission.")
+@click.option(
+    "--mission", type=click.Path(), metavar="FILE", help="Also write the keys into this mission."
+)
 @OUT
 def calibrate() -> None:
-    """Measure the error of a radio over its range by a flight with GPS, and write it for the mission.
+    """Measure the error of a radio over its range by a flight with GPS, and write it for the
+    mission.
 
-    Prints and plots the error, and writes ranging.scale, ranging.bias_m and ranging.delay_s; of a radio that is not
-    linear ranging.points_m. The beacon need not be surveyed. Fly to the circle from afar, or on two radii: on one, only
-    the error of that radius is known. Exit codes: 0 calibrated, 2 bad usage, 3 nothing to calibrate.
+    Prints and plots the error, and writes ranging.scale, ranging.bias_m and ranging.delay_s; of a
+    radio that is not linear ranging.points_m. The beacon need not be surveyed. Fly to the circle
+    from afar, or on two radii: on one, only the error of that radius is known. Exit codes: 0
+    calibrated, 2 bad usage, 3 nothing to calibrate.
 
     \b
     Examples:

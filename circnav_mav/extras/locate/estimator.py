@@ -1,8 +1,10 @@
-"""Target place by batch least squares over vehicle positions and ranges. The same estimator serves flights and logs.
+"""Target place by batch least squares over vehicle positions and ranges. The same estimator serves
+flights and logs.
 
-States: the place, its height, its velocity if it moves, the radio's bias and scale, the delay of positions relative to
-ranges, and the GPS error. The GPS error is a first-order Gauss-Markov process, linear between nodes. It is needed for a
-realistic covariance: GPS errors are correlated, and a lap averages little of them.
+States: the place, its height, its velocity if it moves, the radio's bias and scale, the delay of
+positions relative to ranges, and the GPS error. The GPS error is a first-order Gauss-Markov
+process, linear between nodes. It is needed for a realistic covariance: GPS errors are correlated,
+and a lap averages little of them.
 """
 
 from collections.abc import Iterator
@@ -23,32 +25,43 @@ GAP = 3.0
 """Longest time, s, between the two positions around a range."""
 FIRST_FIT_RANGES = 150
 """Number of ranges used to compare the starting points."""
-GPS_TIME, SPEED_SIGMA = 100.0, 10.0
-"""Correlation time of the GPS error, s. Standard deviation of the target's velocity, per axis, m/s."""
-NODES, MOST_NODES = 8, 40
-"""Nodes of the GPS error per correlation time, and their largest number. With too few nodes, the error between them is
-fitted as a height: with 2 per correlation time, heights were 20 m off after one lap."""
-HUBER, OUTLIER = 2.0, 4.0
-"""Residuals, in standard deviations, from which the loss is linear and from which a range is excluded at the end."""
-SAME, AMBIGUOUS = 3.0, 12.0
-"""Distance, in standard deviations, within which two places count as the same. Difference in chi-squared (p = 0.002)
-below which the second-best place may be the right one."""
+GPS_TIME = 100.0
+SPEED_SIGMA = 10.0
+"""Correlation time of the GPS error, s. Standard deviation of the target's velocity, per axis,
+m/s."""
+NODES = 8
+MOST_NODES = 40
+"""Nodes of the GPS error per correlation time, and their largest number. With too few nodes, the
+error between them is fitted as a height: with 2 per correlation time, heights were 20 m off after
+one lap."""
+HUBER = 2.0
+OUTLIER = 4.0
+"""Residuals, in standard deviations, from which the loss is linear and from which a range is
+excluded at the end."""
+SAME = 3.0
+AMBIGUOUS = 12.0
+"""Distance, in standard deviations, within which two places count as the same. Difference in
+chi-squared (p = 0.002) below which the second-best place may be the right one."""
 MOVING = 18.0
-"""Chi-squared of the velocity (two degrees of freedom, p = 1e-4) from which a target counts as moving."""
+"""Chi-squared of the velocity (two degrees of freedom, p = 1e-4) from which a target counts as
+moving."""
 SLOWEST = 0.15
 """Speed, m/s, below which a target counts as stationary: the GPS error drifts as fast."""
 MOVING_WINDOW = 120.0
 """Window of ranges, s, for a moving target: its velocity is not constant for longer."""
-CALIBRATED, UNCALIBRATED = 0.0003, 0.1
-"""Standard deviation of a radio's scale error, calibrated and uncalibrated. A quartz clock errs by 20 ppm. Air slows
-radio waves by 300 ppm, which many radios do not correct."""
+CALIBRATED = 0.0003
+UNCALIBRATED = 0.1
+"""Standard deviation of a radio's scale error, calibrated and uncalibrated. A quartz clock errs by
+20 ppm. Air slows radio waves by 300 ppm, which many radios do not correct."""
 EXPLAINED = 1.3
-"""Largest ratio of the noise found to the reported sigma with which a stationary target explains the ranges."""
+"""Largest ratio of the noise found to the reported sigma with which a stationary target explains
+the ranges."""
 UP_KNOWN = 2.0
 """Standard deviation of the height, m, above which it counts as not observed."""
 HARDLY = 5.0
-"""Smallest change of the target's distance that makes the clock offset observable, in units of range noise plus GPS
-sigma. With a smaller change, variations of the GPS error would be fitted as an offset."""
+"""Smallest change of the target's distance that makes the clock offset observable, in units of
+range noise plus GPS sigma. With a smaller change, variations of the GPS error would be fitted as an
+offset."""
 ROUGH = 0.25
 """Largest standard deviation of a valid place, as a share of the median range."""
 E, N, U, BIAS, SCALE, DELAY, VE, VN = range(8)
@@ -81,8 +94,9 @@ class Ranges:
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Prior knowledge; standard deviations in m and s. gps_sigma: of a position, per axis. up: height of the target, m.
-    scale_sigma: of the radio's scale error. sigma_known: True if the sigmas of the ranges are measured or reported."""
+    """Prior knowledge; standard deviations in m and s. gps_sigma: of a position, per axis. up:
+    height of the target, m. scale_sigma: of the radio's scale error. sigma_known: True if the
+    sigmas of the ranges are measured or reported."""
 
     up: float
     up_sigma: float = 50.0
@@ -103,26 +117,34 @@ class NotLocated:
 def locate(
     plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None = None
 ) -> Place | NotLocated:
-    """Return the place at the time of the last range. near: an earlier result, used as a starting point."""
+    """Return the place at the time of the last range. near: an earlier result, used as a starting
+    point."""
     place = _locate(plane, track, ranges, known, near)
     if known.scale_sigma >= UNCALIBRATED:
         return place
     if _explains(place, ranges, known) and abs(place.bias) < SIGNIFICANT * place.bias_sigma:
         return place
-    # Most radios measure true meters, and a free scale that is hardly observable makes the place less certain. So the
-    # scale is free only if the ranges contradict 1. Residuals cannot decide: a scale error looks like noise.
+    # Most radios measure true meters, and a free scale that is hardly observable makes the place
+    # less certain. So the scale is free only if the ranges contradict 1. Residuals cannot decide: a
+    # scale error looks like noise.
     free = _locate(plane, track, ranges, replace(known, scale_sigma=UNCALIBRATED), near)
     return free if isinstance(free, Place) and free.scale_found else place
 
 
-def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotLocated:
+def _locate(
+    plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None
+) -> Place | NotLocated:
     """Return the place for fixed prior knowledge."""
-    kept = np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3  # drop repeated and late positions
-    track, received = Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept]), ranges
+    kept = (
+        np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3
+    )  # drop repeated and late positions
+    track = Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept])
+    received = ranges
     ranges = _covered(track, received)
     if len(ranges.r) < LEAST:
         return NotLocated(
-            f"{len(ranges.r)} ranges have positions before and after them, {LEAST} are needed{_apart(track, received)}"
+            f"{len(ranges.r)} ranges have positions before and after them, {LEAST} are"
+            f" needed{_apart(track, received)}"
         )
     still = _best(plane, track, ranges, known, near)
     newest = ranges.take(ranges.time >= ranges.time[-1] - MOVING_WINDOW)
@@ -133,19 +155,28 @@ def _locate(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: 
     moving = _Problem(track, newest, known, moves=True)
     fits = [moving.fit(start) for start in _moving_starts(track, newest, still, near)]
     fit = min(filter(None, fits), key=lambda one: one.cost, default=None)
-    # A moving model always fits at least as well as a stationary one. Accept it only if it fits much better and the
-    # velocity exceeds the drift of the GPS error.
-    at_rest = isinstance(still, Place) and _Problem(track, newest, known).fit(np.array([still.east, still.north]))
+    # A moving model always fits at least as well as a stationary one. Accept it only if it fits
+    # much better and the velocity exceeds the drift of the GPS error.
+    at_rest = isinstance(still, Place) and _Problem(track, newest, known).fit(
+        np.array([still.east, still.north])
+    )
     if fit is None or (at_rest and 2 * (at_rest.cost - fit.cost) < MOVING):
         return still
     place = moving.finish(fit, plane)
     if place is None or not _good(place):
         return still
-    return place if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), SLOWEST) else still
+    return (
+        place
+        if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), SLOWEST)
+        else still
+    )
 
 
-def locate_as_it_shows(plane: Plane, track: Track, ranges: Ranges, known: Knowledge) -> Place | NotLocated:
-    """Return the place. If the range noise is unknown, take it from a first fit with sigmas ten times larger."""
+def locate_as_it_shows(
+    plane: Plane, track: Track, ranges: Ranges, known: Knowledge
+) -> Place | NotLocated:
+    """Return the place. If the range noise is unknown, take it from a first fit with sigmas ten
+    times larger."""
     if not known.sigma_known:
         rough = locate(plane, track, replace(ranges, sigma=ranges.sigma * 10), known)
         if isinstance(rough, Place):
@@ -161,18 +192,25 @@ def _explains(place: Place | NotLocated, ranges: Ranges, known: Knowledge) -> Ty
 
 
 def _apart(track: Track, ranges: Ranges) -> str:
-    """Return a hint that clocks or time units may differ, with both time spans. Empty for few ranges or positions."""
+    """Return a hint that clocks or time units may differ, with both time spans. Empty for few
+    ranges or positions."""
     if len(ranges.r) < LEAST or len(track.time) < 2:
         return ""
-    of_ranges, of_positions = (f"{time[0]:.6g} to {time[-1]:.6g} s" for time in (ranges.time, track.time))
+    of_ranges, of_positions = (
+        f"{time[0]:.6g} to {time[-1]:.6g} s" for time in (ranges.time, track.time)
+    )
     every = f"one every {float(np.median(np.diff(track.time))):.3g} s"
     return f"; ranges at {of_ranges}, positions at {of_positions}, {every}: same clock, in seconds?"
 
 
-def _moving_starts(track: Track, ranges: Ranges, still: Place | NotLocated, near: Place | None) -> Iterator[Array]:
-    """Yield starting points: the previous place, the stationary result, and a line fitted to the vehicle's track.
+def _moving_starts(
+    track: Track, ranges: Ranges, still: Place | NotLocated, near: Place | None
+) -> Iterator[Array]:
+    """Yield starting points: the previous place, the stationary result, and a line fitted to the
+    vehicle's track.
 
-    The line assumes that the vehicle circles the target: the mean motion of the vehicle is then the target's.
+    The line assumes that the vehicle circles the target: the mean motion of the vehicle is then the
+    target's.
     """
     if near is not None:
         there = near.at(float(ranges.time[-1]))
@@ -180,7 +218,10 @@ def _moving_starts(track: Track, ranges: Ranges, still: Place | NotLocated, near
     if isinstance(still, Place):
         yield np.array([still.east, still.north, 0.0, 0.0])
     new = track.time >= ranges.time[0]
-    ways = [np.polyfit(track.time[new] - ranges.time[-1], way[new], 1) for way in (track.east, track.north)]
+    ways = [
+        np.polyfit(track.time[new] - ranges.time[-1], way[new], 1)
+        for way in (track.east, track.north)
+    ]
     yield np.array([ways[0][1], ways[1][1], ways[0][0], ways[1][0]])
 
 
@@ -190,7 +231,9 @@ def _good(place: Place) -> bool:
     return bool(usual and place.sigma < max(ROUGH * place.range_scale, 3.0))
 
 
-def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None) -> Place | NotLocated:
+def _best(
+    plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None
+) -> Place | NotLocated:
     """Return the place of a stationary target, or `NotLocated` if no place or two places fit."""
     problem = _Problem(track, ranges, known)
     if near is not None and not near.moves:
@@ -200,7 +243,8 @@ def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Pl
     every = max(1, len(ranges.r) // FIRST_FIT_RANGES)
     rough = _Problem(track, ranges.take(np.arange(0, len(ranges.r), every)), known, nodes=1)
     found = sorted(
-        (fit for start in _starts(track, rough.ranges) if (fit := rough.fit(start))), key=lambda fit: fit.cost
+        (fit for start in _starts(track, rough.ranges) if (fit := rough.fit(start))),
+        key=lambda fit: fit.cost,
     )
     if not found:
         return NotLocated("no place fits the ranges")
@@ -210,17 +254,25 @@ def _best(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Pl
     for other in found[1:]:
         apart = np.hypot(*(other.x[:2] - found[0].x[:2]))
         if apart > SAME * place.sigma + 1.0 and 2 * (other.cost - found[0].cost) < AMBIGUOUS:
-            return NotLocated(f"two places {apart:.0f} m apart fit the ranges: the track is too straight, fly a turn")
+            return NotLocated(
+                f"two places {apart:.0f} m apart fit the ranges: the track is too straight, fly a"
+                " turn"
+            )
     return place
 
 
 def _starts(track: Track, ranges: Ranges) -> Iterator[Array]:
-    """Yield starting points on circles around the start, middle and end of the track, with the ranges as radii."""
+    """Yield starting points on circles around the start, middle and end of the track, with the
+    ranges as radii."""
     for share in (0.0, 0.5, 1.0):
         at = int(share * (len(ranges.r) - 1))
-        east, north = (np.interp(ranges.time[at], track.time, way) for way in (track.east, track.north))
+        east, north = (
+            np.interp(ranges.time[at], track.time, way) for way in (track.east, track.north)
+        )
         for angle in np.arange(8) * np.pi / 4:
-            yield np.array([east + ranges.r[at] * np.cos(angle), north + ranges.r[at] * np.sin(angle)])
+            yield np.array(
+                [east + ranges.r[at] * np.cos(angle), north + ranges.r[at] * np.sin(angle)]
+            )
 
 
 def _covered(track: Track, ranges: Ranges) -> Ranges:
@@ -237,52 +289,87 @@ class _Problem:
     """Residuals of the ranges and of the priors, in standard deviations."""
 
     def __init__(
-        self, track: Track, ranges: Ranges, known: Knowledge, *, moves: bool = False, nodes: int = MOST_NODES
+        self,
+        track: Track,
+        ranges: Ranges,
+        known: Knowledge,
+        *,
+        moves: bool = False,
+        nodes: int = MOST_NODES,
     ) -> None:
-        self.track, self.ranges, self.known, self.moves = track, ranges, known, moves
+        self.track = track
+        self.ranges = ranges
+        self.known = known
+        self.moves = moves
         self.end = float(ranges.time[-1])
         self._own = VN + 1 if moves else DELAY + 1
-        sigmas = known.up_sigma, known.bias_sigma, known.scale_sigma, known.delay_sigma, SPEED_SIGMA, SPEED_SIGMA
+        sigmas = (
+            known.up_sigma,
+            known.bias_sigma,
+            known.scale_sigma,
+            known.delay_sigma,
+            SPEED_SIGMA,
+            SPEED_SIGMA,
+        )
         self._expected_sigma = np.array(sigmas[: self._own - U])
         self._expected = np.zeros(self._own - U)  # of all states except east and north
         self._expected[0] = known.up
         span = self.end - float(ranges.time[0])
         count = int(min(nodes, 1 + np.ceil(NODES * span / GPS_TIME)))
         places = np.linspace(ranges.time[0], self.end, count)
-        self._between = np.column_stack([np.interp(ranges.time, places, row) for row in np.eye(count)])
+        self._between = np.column_stack(
+            [np.interp(ranges.time, places, row) for row in np.eye(count)]
+        )
         kernel = known.gps_sigma**2 * np.exp(-np.abs(places[:, None] - places) / GPS_TIME)
         self._whiten = np.linalg.inv(np.linalg.cholesky(kernel))
         # velocity of the vehicle: a delay moves the position along it
         self._rates = [np.gradient(way, track.time) for way in (track.east, track.north, track.up)]
 
     def fit(self, start: Array) -> Fit | None:
-        """Return the robust fit, or None. start: east, north[, velocity], or all states except the nodes."""
+        """Return the robust fit, or None. start: east, north[, velocity], or all states except the
+        nodes."""
         x = np.zeros(self._own + 2 * self._between.shape[1])
-        # Start below the track. At the vehicle's own height, the derivative of the range with respect to the height
-        # is zero, and the fit would stay there.
+        # Start below the track. At the vehicle's own height, the derivative of the range with
+        # respect to the height is zero, and the fit would stay there.
         below = float(np.median(self.track.up)) - 0.2 * float(np.median(self.ranges.r))
-        x[:2], x[U] = start[:2], min(self.known.up, below) if self.known.up_sigma > 10 else self.known.up
+        x[:2], x[U] = (
+            start[:2],
+            min(self.known.up, below) if self.known.up_sigma > 10 else self.known.up,
+        )
         if len(start) == self._own:
             x[: self._own] = start
         elif self.moves:
             x[VE : VN + 1] = start[2:4]
         scale = np.ones_like(x)
-        scale[[E, N, U]], scale[DELAY], scale[SCALE] = 10.0, 0.1, 0.01
+        scale[[E, N, U]] = 10.0
+        scale[DELAY] = 0.1
+        scale[SCALE] = 0.01
         found = least_squares(
-            self._residuals, x, self._jacobian, loss=self._loss, f_scale=HUBER, x_scale=scale, max_nfev=60, ftol=1e-5,
+            self._residuals,
+            x,
+            self._jacobian,
+            loss=self._loss,
+            f_scale=HUBER,
+            x_scale=scale,
+            max_nfev=60,
+            ftol=1e-5,
             xtol=1e-5,
-        )  # fmt: skip
+        )
         return found if np.isfinite(found.cost) else None
 
     def _loss(self, z: Array) -> Array:
-        """Return the loss and its derivatives: Huber for ranges, quadratic for priors. z: squared residuals (scipy)."""
+        """Return the loss and its derivatives: Huber for ranges, quadratic for priors. z: squared
+        residuals (scipy)."""
         far = z > 1
         far[len(self.ranges.r) :] = False
         root = np.sqrt(np.where(far, z, 1.0))
-        return np.array([np.where(far, 2 * root - 1, z), 1 / root, np.where(far, -0.5 / root**3, 0.0)])
+        return np.array(
+            [np.where(far, 2 * root - 1, z), 1 / root, np.where(far, -0.5 / root**3, 0.0)]
+        )
 
     def finish(self, fit: Fit | None, plane: Plane) -> Place | None:
-        """Return the place: repeat the fit without outliers and with the measured noise. None if nothing fits."""
+        """Return the place: repeat the fit without outliers and with the measured noise. None if
+        nothing fits."""
         if fit is None:
             return None
         count = len(self.ranges.r)
@@ -292,10 +379,14 @@ class _Problem:
         keep = np.abs(off) <= OUTLIER * max(scale, least)
         if keep.sum() < LEAST:
             return None
-        spread, kept = float(np.sqrt(np.mean(off[keep] ** 2))), self.ranges.take(keep)
-        # A radio with correlated errors gives less information than its number of ranges suggests: enlarge the sigmas.
+        spread = float(np.sqrt(np.mean(off[keep] ** 2)))
+        kept = self.ranges.take(keep)
+        # A radio with correlated errors gives less information than its number of ranges suggests:
+        # enlarge the sigmas.
         worse = max(spread, least) * np.sqrt(_correlation(off[keep]))
-        again = _Problem(self.track, replace(kept, sigma=kept.sigma * worse), self.known, moves=self.moves)
+        again = _Problem(
+            self.track, replace(kept, sigma=kept.sigma * worse), self.known, moves=self.moves
+        )
         last = again.fit(fit.x[: self._own])
         if last is None:
             return None
@@ -308,10 +399,13 @@ class _Problem:
         velocity = (float(x[VE]), float(x[VN])) if self.moves else (0.0, 0.0)
         noise = spread * float(np.median(self.ranges.sigma))
         both = [BIAS, SCALE]
-        radio, radio_covariance = x[both], covariance[np.ix_(both, both)]
+        radio = x[both]
+        radio_covariance = covariance[np.ix_(both, both)]
         nearest, farthest = np.percentile(kept.r, [5, 95])
         if farthest - nearest < HARDLY * (noise + self.known.gps_sigma):
-            sd[DELAY] = self.known.delay_sigma  # on a circle around the target every clock offset fits
+            sd[DELAY] = (
+                self.known.delay_sigma
+            )  # on a circle around the target every clock offset fits
             radio, radio_covariance = self._of_one_length(radio, radio_covariance)
         return Place(
             time=self.end, plane=plane, east=float(x[E]), north=float(x[N]), up=float(x[U]),
@@ -326,9 +420,11 @@ class _Problem:
         )  # fmt: skip
 
     def _of_one_length(self, radio: Array, covariance: Array) -> tuple[Array, Array]:
-        """Return bias and scale with their covariance, from the prior and the range error at the median length."""
-        # On a circle around the target, the computed lengths change only by the GPS error, which the ranges do not
-        # contain. The fit mistakes it for a slope: with a free bias, a true scale of 1.07 was fitted as 0.80 ±0.06.
+        """Return bias and scale with their covariance, from the prior and the range error at the
+        median length."""
+        # On a circle around the target, the computed lengths change only by the GPS error, which
+        # the ranges do not contain. The fit mistakes it for a slope: with a free bias, a true scale
+        # of 1.07 was fitted as 0.80 ±0.06.
         slope = np.array([1.0, (float(np.median(self.ranges.r)) - radio[0]) / (1 + radio[1])])
         prior = np.diag([self.known.bias_sigma**2, self.known.scale_sigma**2])
         gain = prior @ slope / (slope @ prior @ slope + slope @ covariance @ slope)
@@ -337,12 +433,18 @@ class _Problem:
     def covariance(self, fit: Fit) -> Array:
         """Return the covariance of the states. Raises LinAlgError."""
         covariance: Array = np.linalg.inv(fit.jac.T @ fit.jac).astype(float)
-        # For a target level with the vehicle, the derivative of a range with respect to the height is zero. The
-        # covariance then ignores that a height error changes the ranges as a bias and a scale do. The range depends on
-        # the square of the height difference. The root of the standard deviation of this square is the smallest
-        # observable difference. Below it, use the slope at this smallest difference instead of the derivative.
-        count, (far, _, _) = len(self.ranges.r), self._line_of_sight(fit.x)
-        off = float(np.median(np.abs(np.interp(self.ranges.time, self.track.time, self.track.up) - fit.x[U])))
+        # For a target level with the vehicle, the derivative of a range with respect to the height
+        # is zero. The covariance then ignores that a height error changes the ranges as a bias and
+        # a scale do. The range depends on the square of the height difference. The root of the
+        # standard deviation of this square is the smallest observable difference. Below it, use the
+        # slope at this smallest difference instead of the derivative.
+        count = len(self.ranges.r)
+        (far, _, _) = self._line_of_sight(fit.x)
+        off = float(
+            np.median(
+                np.abs(np.interp(self.ranges.time, self.track.time, self.track.up) - fit.x[U])
+            )
+        )
         if off > self.known.up_sigma:
             return covariance
         table = fit.jac.copy()
@@ -357,10 +459,13 @@ class _Problem:
         return np.linalg.inv(table.T @ table).astype(float)
 
     def one_sided(self, fit: Fit, sigma: float) -> bool:
-        """True if the ranges or the prior reject the height mirrored at the track. sigma: of the height, m."""
-        # A level track fits a target as far above it as below it. Near the level of the track the linear covariance is
-        # too small: a UWB radio on a cart once gave -1.5 ±0.7 m for a true +0.9 m.
-        known, start = self.known, fit.x[: self._own].copy()
+        """True if the ranges or the prior reject the height mirrored at the track. sigma: of the
+        height, m."""
+        # A level track fits a target as far above it as below it. Near the level of the track the
+        # linear covariance is too small: a UWB radio on a cart once gave -1.5 ±0.7 m for a true
+        # +0.9 m.
+        known = self.known
+        start = fit.x[: self._own].copy()
         mirror = 2 * float(np.median(self.track.up)) - float(fit.x[U])
         if abs(mirror - fit.x[U]) < sigma:
             return True
@@ -373,13 +478,18 @@ class _Problem:
         return bool(2 * (other.cost - fit.cost) + off**2 > AMBIGUOUS)
 
     def _line_of_sight(self, x: Array) -> tuple[Array, list[Array], Array]:
-        """Return the distances (m), their direction (east, north, up) and the times of the positions (s)."""
+        """Return the distances (m), their direction (east, north, up) and the times of the
+        positions (s)."""
         time = self.ranges.time + x[DELAY]
         ways = (self.track.east, self.track.north, self.track.up)
         east, north, up = (np.interp(time, self.track.time, way) for way in ways)
         nodes = x[self._own :].reshape(2, -1)
         ahead = self.ranges.time - self.end
-        way = [x[E] - east + self._between @ nodes[0], x[N] - north + self._between @ nodes[1], x[U] - up]
+        way = [
+            x[E] - east + self._between @ nodes[0],
+            x[N] - north + self._between @ nodes[1],
+            x[U] - up,
+        ]
         if self.moves:
             way[0], way[1] = way[0] + x[VE] * ahead, way[1] + x[VN] * ahead
         far = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
@@ -395,7 +505,9 @@ class _Problem:
     def _jacobian(self, x: Array) -> Array:
         far, directions, time = self._line_of_sight(x)
         east, north, up = (part * (1 + x[SCALE]) for part in directions)
-        count, own, nodes = len(far), self._own, self._between.shape[1]
+        count = len(far)
+        own = self._own
+        nodes = self._between.shape[1]
         priors = self._own - U
         table = np.zeros((count + priors + 2 * nodes, own + 2 * nodes))
         table[:count, E], table[:count, N], table[:count, U] = east, north, up
@@ -415,11 +527,13 @@ class _Problem:
 
 
 def _correlation(residuals: Array) -> float:
-    """Return the number of consecutive residuals that carry as much information as one independent residual.
+    """Return the number of consecutive residuals that carry as much information as one independent
+    residual.
 
     This is 1 + 2 * sum of the autocorrelation, up to the lag where it is noise.
     """
-    count, variance = len(residuals), float(np.mean(residuals**2))
+    count = len(residuals)
+    variance = float(np.mean(residuals**2))
     if variance == 0.0:
         return 1.0
     total = 1.0

@@ -22,8 +22,14 @@ NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def named_values(place: Place, now: float) -> list[Message]:
-    """Return values for ground station graphs: target m east and north of the first vehicle position, sigma, speed."""
-    values = {"CN_TEAST": place.east, "CN_TNORTH": place.north, "CN_TSIG": place.sigma, "CN_TSPD": place.speed}
+    """Return values for ground station graphs: target m east and north of the first vehicle
+    position, sigma, speed."""
+    values = {
+        "CN_TEAST": place.east,
+        "CN_TNORTH": place.north,
+        "CN_TSIG": place.sigma,
+        "CN_TSPD": place.speed,
+    }
     if place.up_known:
         values["CN_TALT"] = place.up
     stamp = our_boot_ms(now)
@@ -35,13 +41,15 @@ def named_values(place: Place, now: float) -> list[Message]:
 
 
 def orbit_status(place: Place, orbit: Orbit, now: float) -> Message:
-    """Return ORBIT_EXECUTION_STATUS, from which QGroundControl draws the circle. Positive radius: clockwise. z: target
-    altitude above sea level, m, or 0 if unknown."""
+    """Return ORBIT_EXECUTION_STATUS, from which QGroundControl draws the circle. Positive radius:
+    clockwise. z: target altitude above sea level, m, or 0 if unknown."""
     x = round(place.latitude * 1e7)
     y = round(place.longitude * 1e7)
     radius = orbit.radius if orbit.direction is Direction.CLOCKWISE else -orbit.radius
     z = place.up if place.up_known else 0.0
-    return dialect.MAVLink_orbit_execution_status_message(round(now * 1e6), radius, dialect.MAV_FRAME_GLOBAL, x, y, z)
+    return dialect.MAVLink_orbit_execution_status_message(
+        round(now * 1e6), radius, dialect.MAV_FRAME_GLOBAL, x, y, z
+    )
 
 
 CORNERS = 72
@@ -50,11 +58,13 @@ CORNERS = 72
 
 def ring(place: Place) -> list[list[float]]:
     """Return the 95 % ellipse as a closed ring of longitude and latitude, counter-clockwise."""
-    ellipse, azimuth = place.ellipse, radians(place.ellipse.azimuth)
+    ellipse = place.ellipse
+    azimuth = radians(place.ellipse.azimuth)
     points = []
     for corner in range(CORNERS + 1):
         angle = 2 * pi * (corner % CORNERS) / CORNERS
-        along, across = ellipse.major * cos(angle), ellipse.minor * sin(angle)
+        along = ellipse.major * cos(angle)
+        across = ellipse.minor * sin(angle)
         east = place.east + along * sin(azimuth) - across * cos(azimuth)
         north = place.north + along * cos(azimuth) + across * sin(azimuth)
         latitude, longitude = place.plane.to_degrees(east, north)
@@ -63,7 +73,8 @@ def ring(place: Place) -> list[list[float]]:
 
 
 def geojson(places: dict[str, Place], *tracks: Iterable[tuple[float, float]]) -> str:
-    """Return a FeatureCollection: point and ellipse of each target, and vehicle tracks (latitude, longitude)."""
+    """Return a FeatureCollection: point and ellipse of each target, and vehicle tracks (latitude,
+    longitude)."""
     shapes: list[tuple[str, Any, dict[str, Any]]] = []
     for name, place in places.items():
         point = [round(place.longitude, 8), round(place.latitude, 8)]
@@ -74,10 +85,16 @@ def geojson(places: dict[str, Place], *tracks: Iterable[tuple[float, float]]) ->
         if len(way) > 1:
             shapes.append(("LineString", way, {"name": "vehicle"}))
     features = [
-        {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+        {
+            "type": "Feature",
+            "geometry": {"type": kind, "coordinates": coordinates},
+            "properties": properties,
+        }
         for kind, coordinates, properties in shapes
     ]
-    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False)
+    return json.dumps(
+        {"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False
+    )
 
 
 def kml(places: dict[str, Place]) -> str:
@@ -97,4 +114,6 @@ def kml(places: dict[str, Place]) -> str:
         corners = " ".join(f"{longitude:.8f},{latitude:.8f}" for longitude, latitude in ring(place))
         Xml.SubElement(Xml.SubElement(boundary, "LinearRing"), "coordinates").text = corners
     Xml.indent(root)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
+    )

@@ -15,13 +15,14 @@ POSITION_PERIOD = 0.25
 
 
 def survey_sigma(mission: Mission, seconds: float) -> float | None:
-    """Return the standard deviation per axis of the beacon's place after this time on the circle, m, or None if the
-    estimator cannot find it.
+    """Return the standard deviation per axis of the beacon's place after this time on the circle,
+    m, or None if the estimator cannot find it.
 
-    The estimator gets positions and ranges without errors. Its covariance then contains only the stated sigmas of
-    GPS, height and ranges.
+    The estimator gets positions and ranges without errors. Its covariance then contains only the
+    stated sigmas of GPS, height and ranges.
     """
-    orbit, ranging = mission.orbit, mission.file.ranging
+    orbit = mission.orbit
+    ranging = mission.file.ranging
     height = mission.file.orbit.height_above_target_m
     lap = 2 * pi * orbit.radius / orbit.speed
 
@@ -29,7 +30,8 @@ def survey_sigma(mission: Mission, seconds: float) -> float | None:
         angle = 2 * pi * time / lap
         return orbit.radius * np.cos(angle), orbit.radius * np.sin(angle)
 
-    positions, times = np.arange(0.0, seconds + 1.0, POSITION_PERIOD), np.arange(0.0, seconds, 1 / ranging.rate_hz)
+    positions = np.arange(0.0, seconds + 1.0, POSITION_PERIOD)
+    times = np.arange(0.0, seconds, 1 / ranging.rate_hz)
     track = Track(positions, *at(positions), np.full(positions.size, height or 0.0))
     slant = np.full(times.size, float(np.hypot(orbit.radius, height or 0.0)))
     ranges = Ranges(times, slant, np.full(times.size, ranging.sigma_m))

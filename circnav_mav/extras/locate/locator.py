@@ -1,7 +1,8 @@
-"""Live target localization: vehicle positions and ranges in, target estimate and its messages out. No socket, no clock.
+"""Live target localization: vehicle positions and ranges in, target estimate and its messages out.
+No socket, no clock.
 
-The survey sends as a separate MAVLink component, so the pilot's frames stay the same, byte for byte. It sends only the
-message types in `SENT_TYPES`: none of them moves the vehicle.
+The survey sends as a separate MAVLink component, so the pilot's frames stay the same, byte for
+byte. It sends only the message types in `SENT_TYPES`: none of them moves the vehicle.
 """
 
 from collections import deque
@@ -28,36 +29,50 @@ from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
 
-WANTED = frozenset({
-    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_GPS2_RAW,
-    dialect.MAVLINK_MSG_ID_COMMAND_ACK,
-})  # fmt: skip
+WANTED = frozenset(
+    {
+        dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+        dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
+        dialect.MAVLINK_MSG_ID_GPS2_RAW,
+        dialect.MAVLINK_MSG_ID_COMMAND_ACK,
+    }
+)
 STREAMS = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0, dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0}
-SENT_TYPES = frozenset({"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "COMMAND_LONG"})
+SENT_TYPES = frozenset(
+    {"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "COMMAND_LONG"}
+)
 """Message types that the survey may send. The only command is SET_MESSAGE_INTERVAL."""
 MOST_AHEAD = 5.0
 """Largest time, s, by which a vehicle's timestamp may be ahead of the estimate of its clock."""
 WINDOW = 600.0
 """Length, s, of the window of positions and ranges used for the estimate."""
 MOST_KEPT = 2000
-"""Largest number of ranges kept. Above it, every second one is dropped: the pilot misses a tick when thousands are
-passed to the process that runs `locate`."""
-SOLVE_EVERY, MESSAGES_EVERY, TEXT_EVERY = 1.0, 1.0, 30.0
-"""Shortest time, s, between two estimates, two map updates and two texts to the ground station; chosen."""
+"""Largest number of ranges kept. Above it, every second one is dropped: the pilot misses a tick
+when thousands are passed to the process that runs `locate`."""
+SOLVE_EVERY = 1.0
+MESSAGES_EVERY = 1.0
+TEXT_EVERY = 30.0
+"""Shortest time, s, between two estimates, two map updates and two texts to the ground station;
+chosen."""
 SOLVE_SHARE = 0.03
-"""Shortest time between two estimates, as a share of the time span of the positions. An estimate takes up to 0.5 s, and
-one more second of data adds little to a long track."""
+"""Shortest time between two estimates, as a share of the time span of the positions. An estimate
+takes up to 0.5 s, and one more second of data adds little to a long track."""
 HEIGHT_SIGMA = 5.0
-"""Standard deviation, m, of a height given by the mission: drift of the barometer and error of the operator's value."""
+"""Standard deviation, m, of a height given by the mission: drift of the barometer and error of the
+operator's value."""
 HOME_SIGMA = 50.0
-"""Standard deviation, m, of the target's altitude if the mission gives no height and the altitude of home is used."""
+"""Standard deviation, m, of the target's altitude if the mission gives no height and the altitude
+of home is used."""
 RADIUS_OFF = 0.02
-"""Difference between the radius by ranges and by positions that raises an alarm, as a share of the radius. The
-difference must also exceed the GPS error."""
-COMPARED_LAPS, MIN_COMPARED, SETTLED = 1.2, 20, 0.05
-"""Comparison of the radius by ranges with the radius by positions. Number of newest laps used. Smallest number of
-positions and of ranges in these laps. Largest deviation of 90 % of the ranges from the range on the circle, as a share
-of the radius: during the approach the mean distance is not a radius."""
+"""Difference between the radius by ranges and by positions that raises an alarm, as a share of the
+radius. The difference must also exceed the GPS error."""
+COMPARED_LAPS = 1.2
+MIN_COMPARED = 20
+SETTLED = 0.05
+"""Comparison of the radius by ranges with the radius by positions. Number of newest laps used.
+Smallest number of positions and of ranges in these laps. Largest deviation of 90 % of the ranges
+from the range on the circle, as a share of the radius: during the approach the mean distance is not
+a radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +90,15 @@ class LocateSettings:
 class Locator:
     """Receives the same frames as the pilot, after the pilot, and does not change the pilot."""
 
-    def __init__(self, settings: LocateSettings, pilot: Pilot, signing: Signing | None = None) -> None:
-        self._settings, self._pilot = settings, pilot
+    def __init__(
+        self, settings: LocateSettings, pilot: Pilot, signing: Signing | None = None
+    ) -> None:
+        self._settings = settings
+        self._pilot = pilot
         self._decoder = Decoder(wanted=WANTED)
         self._encoder = Encoder(1, settings.component, signing)
-        self._announcer, self._commands = Announcer(), CommandSender()
+        self._announcer = Announcer()
+        self._commands = CommandSender()
         self._streams: StreamRequests | None = None
         self.plane: Plane | None = None
         self.place: Place | None = None
@@ -98,9 +117,11 @@ class Locator:
         self._announced: Place | None = None
         self._ended = False
         self.radius_alarm = ""
-        """Human-readable error of the ranges on the circle, and the true radius. Empty if no error was found."""
+        """Human-readable error of the ranges on the circle, and the true radius. Empty if no error
+        was found."""
 
-    # --- in ---------------------------------------------------------------------------------------------------------
+    # --- in
+    # ------------------------------------------------------------
 
     def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
         """Handle complete, trusted frames once the pilot has handled them. now: s."""
@@ -110,7 +131,8 @@ class Locator:
             for message in self._decoder.decode(frame) if ident in WANTED else ():
                 self._take(message, now)
         tracker = self._pilot.tracker
-        fresh, self._accepted = tracker.accepted - self._accepted, tracker.accepted
+        fresh = tracker.accepted - self._accepted
+        self._accepted = tracker.accepted
         for sample in list(tracker.recent)[-fresh:] if fresh > 0 else ():
             self._range(sample, now)
 
@@ -119,12 +141,17 @@ class Locator:
         if kind in RECEIVERS:
             self._gps.on_message(message, now)
         if kind == "GPS_RAW_INT":
-            reported = message.h_acc / 1000 / 1.414 if message.h_acc else 0.0  # per axis, m; 0 if not reported
+            reported = (
+                message.h_acc / 1000 / 1.414 if message.h_acc else 0.0
+            )  # per axis, m; 0 if not reported
             self._gps_sigma = max(self._settings.gps_sigma, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
             us = self._encoder.system, self._settings.component
             self._commands.acknowledge(message, us, now)
-        elif kind == "GLOBAL_POSITION_INT" and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7:
+        elif (
+            kind == "GLOBAL_POSITION_INT"
+            and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7
+        ):
             self._position(message, now)
 
     @property
@@ -136,11 +163,14 @@ class Locator:
 
     @property
     def newest_position(self) -> tuple[float, float, float, float] | None:
-        """Newest position used for the estimate: time, s; east, north and altitude, m. None before the first one."""
+        """Newest position used for the estimate: time, s; east, north and altitude, m. None before
+        the first one."""
         return self._track[-1] if self._track else None
 
     def _position(self, message: Message, now: float) -> None:
-        latitude, longitude, up = message.lat / 1e7, message.lon / 1e7, message.alt / 1000
+        latitude = message.lat / 1e7
+        longitude = message.lon / 1e7
+        up = message.alt / 1000
         fix = self._gps.has_fix(now)
         if self.plane is None and fix:
             self.plane = Plane(latitude, longitude)
@@ -150,7 +180,8 @@ class Locator:
         self._home = up - message.relative_alt / 1000
         if not fix:
             return  # without a GPS fix the position is the autopilot's own dead reckoning
-        # Use the vehicle's timestamp: with the arrival time, a delay of the link is a position error of meters.
+        # Use the vehicle's timestamp: with the arrival time, a delay of the link is a position
+        # error of meters.
         stamp = self._clock.unwrapped(message.time_boot_ms / 1000)
         order = self._clock.order(stamp, now, most_ahead=MOST_AHEAD)
         if order in (Order.OLDER, Order.JUMPED):
@@ -166,18 +197,22 @@ class Locator:
         if self._ranges and sample.time <= self._ranges[-1][0]:
             return
         slant = hypot(sample.r, self._pilot.tracker.height.at(now) or 0.0)
-        self._ranges.append((sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02)))
+        self._ranges.append(
+            (sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02))
+        )
         while self._ranges and now - self._ranges[0][0] > WINDOW:
             self._ranges.popleft()
         if len(self._ranges) > MOST_KEPT:  # keep every second range
             self._ranges = deque(islice(self._ranges, 0, None, 2))
 
-    # --- the estimate -----------------------------------------------------------------------------------------------
+    # --- the estimate
+    # ------------------------------------------------------------
 
     def job(self, now: float) -> tuple[Plane, Track, Ranges, Knowledge, Place | None] | None:
         """Return the arguments of the next `locate` call, or None if none is due.
 
-        The caller runs `locate` in another process, because a call takes several hundredths of a second.
+        The caller runs `locate` in another process, because a call takes several hundredths of a
+        second.
         """
         if now < self._solve_at or self.plane is None or len(self._track) < 2 or not self._ranges:
             return None
@@ -189,8 +224,18 @@ class Locator:
         track = Track(*np.array(self._track).T)
         ranges = Ranges(*np.array(self._ranges).T)
         height = self._pilot.tracker.height.at(now)
-        up, sigma = (self._home, HOME_SIGMA) if height is None else (self._track[-1][3] - height, HEIGHT_SIGMA)
-        return self.plane, track, ranges, Knowledge(up=up, up_sigma=sigma, gps_sigma=self._gps_sigma), self.place
+        up, sigma = (
+            (self._home, HOME_SIGMA)
+            if height is None
+            else (self._track[-1][3] - height, HEIGHT_SIGMA)
+        )
+        return (
+            self.plane,
+            track,
+            ranges,
+            Knowledge(up=up, up_sigma=sigma, gps_sigma=self._gps_sigma),
+            self.place,
+        )
 
     def found(self, place: Place | NotLocated) -> None:
         """Process the result of a job. Keep the previous place if none was found."""
@@ -201,36 +246,54 @@ class Locator:
             self.why = place.why
 
     def _compare_radius(self, place: Place) -> None:
-        """Compare the radius by ranges with the radius by positions. The vehicle keeps flying the radius by ranges."""
-        before, self.radius_alarm = self.radius_alarm, ""
+        """Compare the radius by ranges with the radius by positions. The vehicle keeps flying the
+        radius by ranges."""
+        before = self.radius_alarm
+        self.radius_alarm = ""
         if not self._track:
             return
-        orbit, height = self._pilot.controller.orbit, self._pilot.tracker.height.at(place.time) or 0.0
+        orbit = self._pilot.controller.orbit
+        height = self._pilot.tracker.height.at(place.time) or 0.0
         begin = self._track[-1][0] - COMPARED_LAPS * 2 * pi * orbit.radius / orbit.speed
-        newest = [(place.at(time), east, north) for time, east, north, _ in self._track if time >= begin]
+        newest = [
+            (place.at(time), east, north) for time, east, north, _ in self._track if time >= begin
+        ]
         ranges = np.array([slant for time, slant, _ in self._ranges if time >= begin])
         ways = np.array([(east - there.east, north - there.north) for there, east, north in newest])
         if len(ranges) < MIN_COMPARED or len(ways) < MIN_COMPARED:
             return
-        # A whole lap around the place gives the radius from positions alone, without the height or the radio's scale
-        # and bias. An error of the place or of the GPS shifts the circle but does not change its radius.
-        settled = np.percentile(np.abs(ranges - hypot(orbit.radius, height)), 90) < SETTLED * orbit.radius
+        # A whole lap around the place gives the radius from positions alone, without the height or
+        # the radio's scale and bias. An error of the place or of the GPS shifts the circle but does
+        # not change its radius.
+        settled = (
+            np.percentile(np.abs(ranges - hypot(orbit.radius, height)), 90) < SETTLED * orbit.radius
+        )
         if not settled or abs(np.ptp(np.unwrap(np.arctan2(*ways.T)))) < 2 * pi:
             return
         true = float(np.mean(np.hypot(*ways.T)))
-        measured, length = float(np.mean(ranges)), hypot(true, height)
+        measured = float(np.mean(ranges))
+        length = hypot(true, height)
         off = max(measured**2 - height**2, 0.0) ** 0.5 - true
         if abs(off) > max(RADIUS_OFF * orbit.radius, self._gps_sigma):
             which = "long" if measured > length else "short"
-            self.radius_alarm = f"ranges {100 * abs(measured / length - 1):.0f} % too {which}, true radius {true:.1f} m"
+            self.radius_alarm = (
+                f"ranges {100 * abs(measured / length - 1):.0f} % too {which}, true radius"
+                f" {true:.1f} m"
+            )
             if not before:
-                self._announcer.say(RADIUS.name, RADIUS.short.format(found=self.radius_alarm), severity=RADIUS.severity)
+                self._announcer.say(
+                    RADIUS.name,
+                    RADIUS.short.format(found=self.radius_alarm),
+                    severity=RADIUS.severity,
+                )
 
-    # --- out --------------------------------------------------------------------------------------------------------
+    # --- out
+    # ------------------------------------------------------------
 
     def step(self, now: float) -> list[bytes]:
         """Return the frames to send now."""
-        session, mode = self._pilot.session, self._pilot.settings.output_mode
+        session = self._pilot.session
+        mode = self._pilot.settings.output_mode
         if session.peer is None:
             return []
         self._encoder.system = session.encoder.system
@@ -252,7 +315,8 @@ class Locator:
         return messages
 
     def _requests(self, target: tuple[int, int], now: float) -> list[Message]:
-        """Return the stream requests that are due, at the end those that restore the vehicle's own rates."""
+        """Return the stream requests that are due, at the end those that restore the vehicle's own
+        rates."""
         if self._streams is None:
             self._streams = StreamRequests(STREAMS)
         farewell: list[Message] = []
@@ -272,17 +336,24 @@ class Locator:
         if place is None or now - self._announced_at < TEXT_EVERY:
             return
         if self._announced is None or place.distance(self._announced) > max(place.sigma, 1.0) / 2:
-            self._announced_at, self._announced = now, place
+            self._announced_at = now
+            self._announced = place
             sigma = f"{place.sigma:.1f}" if isfinite(place.sigma) else "?"
-            self._announcer.say("place", f"target {place.latitude:.6f} {place.longitude:.6f} {sigma} m")
+            self._announcer.say(
+                "place", f"target {place.latitude:.6f} {place.longitude:.6f} {sigma} m"
+            )
             if place.up_known:  # a second message: the first one has the maximum length
-                self._announcer.say("altitude", f"target at {place.up:.1f} m AMSL, sigma {place.up_sigma:.1f} m")
+                self._announcer.say(
+                    "altitude", f"target at {place.up:.1f} m AMSL, sigma {place.up_sigma:.1f} m"
+                )
 
     def _encode(self, message: Message) -> bytes:
         """Return one frame. Raises ValueError if the survey must not send this message."""
         kind = message.get_type()
         is_command = kind == "COMMAND_LONG"
-        if kind not in SENT_TYPES or (is_command and message.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL):
+        if kind not in SENT_TYPES or (
+            is_command and message.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+        ):
             raise ValueError(f"the survey must not send {kind}")
         return self._encoder.encode(message)
 
@@ -290,10 +361,13 @@ class Locator:
 def vehicle_frames(
     session: Session, link: str, source: Hashable, frames: Iterable[bytes]
 ) -> Iterator[tuple[int, bytes]]:
-    """Yield message id and bytes of the frames that the vehicle sent. The other frames of a link are left out."""
+    """Yield message id and bytes of the frames that the vehicle sent. The other frames of a link
+    are left out."""
     if link != VEHICLE or session.peer is None or source != session.peer.source:
         return
     for frame in frames:
-        header = frame_at(frame, 0)  # most frames are not needed: checking the header is cheaper than decoding
+        header = frame_at(
+            frame, 0
+        )  # most frames are not needed: checking the header is cheaper than decoding
         if header is not None and (header.system, header.component) == session.vehicle_ids:
             yield header.ident, frame

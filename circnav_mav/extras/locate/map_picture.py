@@ -11,16 +11,20 @@ from matplotlib.figure import Figure
 from circnav_mav.extras.locate.place import Plane
 from circnav_mav.report.plots import STYLE, literal, save
 
-TRACK, TARGET = "#0063a6", "#d55e00"
+TRACK = "#0063a6"
+TARGET = "#d55e00"
 
 
 def plot_map(path: Path, table: str, title: str) -> None:
-    """Draw the features of `export.geojson`: once with the track, once zoomed to the ellipses. Raises OSError."""
+    """Draw the features of `export.geojson`: once with the track, once zoomed to the ellipses.
+    Raises OSError."""
     features = json.loads(table)["features"]
     points = [feature for feature in features if feature["geometry"]["type"] == "Point"]
     longitude, latitude = points[0]["geometry"]["coordinates"]
     plane = Plane(latitude, longitude)
-    places = np.array([plane.to_metres(*point["geometry"]["coordinates"][::-1]) for point in points])
+    places = np.array(
+        [plane.to_metres(*point["geometry"]["coordinates"][::-1]) for point in points]
+    )
     reaches = np.array([[point["properties"]["ellipse_95"]["semi_major_m"]] for point in points])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 5.5), layout="constrained")
@@ -32,9 +36,12 @@ def plot_map(path: Path, table: str, title: str) -> None:
             axis.set_aspect("equal", adjustable="datalim")
             axis.set(xlabel=f"east of {latitude:.6f} {longitude:.6f}, m", ylabel="north, m")
         low, high = (places - reaches).min(axis=0), (places + reaches).max(axis=0)
-        middle, half = (low + high) / 2, max(2.0, 0.75 * float((high - low).max()))
+        middle = (low + high) / 2
+        half = max(2.0, 0.75 * float((high - low).max()))
         near.set_aspect("equal", adjustable="box")
-        near.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
+        near.set(
+            xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half)
+        )
         wide.legend(loc="upper right", fontsize=8)
         save(figure, path)
 

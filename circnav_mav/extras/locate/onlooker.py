@@ -18,8 +18,8 @@ from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings
 
 
 class LocateOnlooker(Onlooker):
-    """Runs a `Locator`. The estimator has its own process, because an estimate takes longer than a tick. A thread would
-    hold the interpreter lock and delay setpoints."""
+    """Runs a `Locator`. The estimator has its own process, because an estimate takes longer than a
+    tick. A thread would hold the interpreter lock and delay setpoints."""
 
     name = "survey"
 
@@ -30,8 +30,11 @@ class LocateOnlooker(Onlooker):
         self._pool = start_solver()  # start it before the flight
         self._under_way: Future[Place | NotLocated] | None = None
 
-    def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
-        """Process the frames of a step. Return the frames to send now; none if the pilot's frames were held back."""
+    def on_step(
+        self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
+    ) -> Sequence[bytes]:
+        """Process the frames of a step. Return the frames to send now; none if the pilot's frames
+        were held back."""
         for link, source, received in step.received:
             self.locator.on_frames(link, source, received, step.time)
         if step.held_back:
@@ -49,8 +52,10 @@ class LocateOnlooker(Onlooker):
         return RADIUS.alarm(alarm) if alarm else {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
-        """Add the place to the summary. Return target.geojson and target.kml if there is a place."""
-        locator, files = self.locator, dict[str, str]()
+        """Add the place to the summary. Return target.geojson and target.kml if there is a
+        place."""
+        locator = self.locator
+        files = dict[str, str]()
         place = locator.place
         if place is not None:
             files["target.geojson"] = geojson({"target": place}, locator.track)
@@ -80,4 +85,6 @@ def open_onlooker(given: OnlookerSettings) -> LocateOnlooker | None:
     settings = locate_settings(given.mission)
     if settings is None:
         return None
-    return LocateOnlooker(Locator(settings, given.pilot, given.signing), waits=given.mission.flies_sim)
+    return LocateOnlooker(
+        Locator(settings, given.pilot, given.signing), waits=given.mission.flies_sim
+    )

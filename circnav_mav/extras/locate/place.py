@@ -7,19 +7,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SEMI_MAJOR, ECCENTRICITY_SQUARED = 6378137.0, 6.69437999014e-3
+SEMI_MAJOR = 6378137.0
+ECCENTRICITY_SQUARED = 6.69437999014e-3
 """WGS 84 ellipsoid: semi-major axis, m, and first eccentricity squared."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """Plane tangent to the ellipsoid at latitude, longitude (degrees). Coordinates: m east, m north."""
+    """Plane tangent to the ellipsoid at latitude, longitude (degrees). Coordinates: m east, m
+    north."""
 
     latitude: float
     longitude: float
 
     def _metres_per_radian(self) -> tuple[float, float]:
-        """Return meters per radian of longitude (radius of the parallel) and of latitude (radius of curvature)."""
+        """Return meters per radian of longitude (radius of the parallel) and of latitude (radius of
+        curvature)."""
         phi = radians(self.latitude)
         w = 1 - ECCENTRICITY_SQUARED * sin(phi) ** 2
         return SEMI_MAJOR / w**0.5 * cos(phi), SEMI_MAJOR * (1 - ECCENTRICITY_SQUARED) / w**1.5
@@ -39,14 +42,16 @@ class Plane:
 
 Array = NDArray[np.float64]
 CHI95 = 2.4477
-"""Semi-axes of the 95 % ellipse, in standard deviations: square root of chi-squared, two degrees of freedom."""
+"""Semi-axes of the 95 % ellipse, in standard deviations: square root of chi-squared, two degrees of
+freedom."""
 SIGNIFICANT = 3.0
 """Standard deviations from zero at which the bias or scale of a radio counts as found."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ellipse:
-    """95 % ellipse. major, minor: semi-axes, m. azimuth: of the major axis, degrees clockwise from north."""
+    """95 % ellipse. major, minor: semi-axes, m. azimuth: of the major axis, degrees clockwise from
+    north."""
 
     major: float
     minor: float
@@ -55,14 +60,17 @@ class Ellipse:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Place of the target at a time (s). east, north: m on the plane. up: m above sea level, as vehicle altitudes.
+    """Place of the target at a time (s). east, north: m on the plane. up: m above sea level, as
+    vehicle altitudes.
 
-    covariance: (2, 2) of east and north, m^2, including the vehicle's position error. up_sigma: m. up_known: True if
-    the height is observed or given, False if `up` is only the prior. velocity: m/s east and north, zero for a target
-    that appears stationary; velocity_sigma is None then. bias, scale: a range is measured too long by bias (m) + scale
-    times its length. radio_covariance: (2, 2) of bias and scale. bias_prior: prior standard deviation of the bias, m.
-    delay: time, s, by which positions are older than ranges with the same timestamp. noise: standard deviation of the
-    range residuals, m. used, outliers: numbers of ranges. range_scale: median range, m.
+    covariance: (2, 2) of east and north, m^2, including the vehicle's position error. up_sigma: m.
+    up_known: True if the height is observed or given, False if `up` is only the prior. velocity:
+    m/s east and north, zero for a target that appears stationary; velocity_sigma is None then.
+    bias, scale: a range is measured too long by bias (m) + scale times its length.
+    radio_covariance: (2, 2) of bias and scale. bias_prior: prior standard deviation of the bias, m.
+    delay: time, s, by which positions are older than ranges with the same timestamp. noise:
+    standard deviation of the range residuals, m. used, outliers: numbers of ranges. range_scale:
+    median range, m.
     """
 
     time: float
@@ -101,7 +109,9 @@ class Place:
         """95 % ellipse of the place."""
         values, vectors = np.linalg.eigh(self.covariance)
         minor, major = np.sqrt(np.maximum(values, 0.0)) * CHI95
-        return Ellipse(float(major), float(minor), degrees(atan2(vectors[0, 1], vectors[1, 1])) % 180)
+        return Ellipse(
+            float(major), float(minor), degrees(atan2(vectors[0, 1], vectors[1, 1])) % 180
+        )
 
     @property
     def sigma(self) -> float:
@@ -124,14 +134,20 @@ class Place:
         return abs(self.scale) > SIGNIFICANT * self.scale_sigma
 
     def range_error(self, length: float) -> tuple[float, float]:
-        """Return the error (measured minus true) of a range of this length (m) and its standard deviation, m."""
+        """Return the error (measured minus true) of a range of this length (m) and its standard
+        deviation, m."""
         slope = np.array([1.0, length])
-        return self.bias + self.scale * length, float(np.sqrt(slope @ self.radio_covariance @ slope))
+        return self.bias + self.scale * length, float(
+            np.sqrt(slope @ self.radio_covariance @ slope)
+        )
 
     def range_error_words(self) -> str:
         """Return the range error at the median range, as text."""
         error, sigma = self.range_error(self.range_scale)
-        return f"{abs(error):.2f} ±{sigma:.2f} m too {'long' if error > 0 else 'short'} at {self.range_scale:.0f} m"
+        return (
+            f"{abs(error):.2f} ±{sigma:.2f} m too {'long' if error > 0 else 'short'} at"
+            f" {self.range_scale:.0f} m"
+        )
 
     @property
     def moves(self) -> bool:
@@ -179,7 +195,9 @@ class Place:
             "moves": self.moves,
             "speed_mps": round(self.speed, 2),
             "course_deg": round(self.course, 1) if self.moves else None,
-            "speed_sigma_mps": None if self.velocity_sigma is None else round(self.velocity_sigma, 2),
+            "speed_sigma_mps": None
+            if self.velocity_sigma is None
+            else round(self.velocity_sigma, 2),
             "range_bias_m": round(self.bias, 2),
             "range_bias_sigma_m": round(self.bias_sigma, 2),
             "range_scale": round(1 + self.scale, 5) if self.scale_found else None,
@@ -190,16 +208,25 @@ class Place:
             "ranges": self.used,
             "outliers": self.outliers,
             "time_s": round(self.time, 2),
-        }  # fmt: skip
+        }
 
     def words(self) -> str:
         """Return a human-readable line."""
-        height = f"altitude {self.up:.1f} ±{self.up_sigma:.1f} m" if self.up_known else "height not observable"
+        height = (
+            f"altitude {self.up:.1f} ±{self.up_sigma:.1f} m"
+            if self.up_known
+            else "height not observable"
+        )
         moves = ""
         if self.velocity_sigma is not None:
-            moves = f", moves {self.speed:.1f} ±{self.velocity_sigma:.1f} m/s towards {self.course:03.0f} deg"
+            moves = (
+                f", moves {self.speed:.1f} ±{self.velocity_sigma:.1f} m/s towards"
+                f" {self.course:03.0f} deg"
+            )
         return f"{self.latitude:.7f} {self.longitude:.7f} ±{self.sigma:.1f} m{moves}, {height}"
 
 
-NOT_OBSERVABLE = "not observable: one circle cannot separate it from a range bias; fly a second radius or height"
+NOT_OBSERVABLE = (
+    "not observable: one circle cannot separate it from a range bias; fly a second radius or height"
+)
 NO_SCALE = "scale 1 assumed: the ranges do not contradict it"

@@ -1,4 +1,5 @@
-"""Input of the estimator from a log: one vehicle, its positions and the ranges measured on board."""
+"""Input of the estimator from a log: one vehicle, its positions and the ranges measured on
+board."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -25,8 +26,9 @@ class EmptyLogError(RunError):
 class RangeLog:
     """One vehicle of a log.
 
-    ranges: by tag. vehicle: its name in the log, empty if the log has only one. notes: assumptions and removed values,
-    one line each. names: other values in the log that may be ranges, by the name that --range-name takes.
+    ranges: by tag. vehicle: its name in the log, empty if the log has only one. notes: assumptions
+    and removed values, one line each. names: other values in the log that may be ranges, by the
+    name that --range-name takes.
     """
 
     positions: list[Position] = field(default_factory=list)
@@ -49,15 +51,16 @@ class RangeLog:
         return Plane(*self.positions[0][1:3])
 
     def track(self, plane: Plane) -> Track:
-        """Return the positions in order of time. Missing altitudes are interpolated, or 0 if all are missing."""
+        """Return the positions in order of time. Missing altitudes are interpolated, or 0 if all
+        are missing."""
         time, latitude, longitude, up = np.array(sorted(self.positions)).T
         known = np.isfinite(up)
         up = np.interp(time, time[known], up[known]) if known.any() else np.zeros_like(up)
         return Track(time, *plane.to_metres(latitude, longitude), up)
 
     def of(self, tag: str, sigma: float | None) -> tuple[Ranges, bool]:
-        """Return the ranges of a tag, and True if their sigmas are known. sigma: m, for ranges without one in the log,
-        or None if unknown."""
+        """Return the ranges of a tag, and True if their sigmas are known. sigma: m, for ranges
+        without one in the log, or None if unknown."""
         table = np.array(sorted(self.ranges[tag]))
         known = np.isfinite(table[:, 2])
         filled = np.where(known, table[:, 2], 1.0 if sigma is None else sigma)
@@ -75,5 +78,8 @@ def corrected(ranges: Ranges, calibration: Calibration) -> Ranges:
 
 def tracks(logs: Sequence[RangeLog], most: int = 5000) -> list[list[tuple[float, float]]]:
     """Return the track (latitude, longitude) of each vehicle, thinned to about `most` points."""
-    lines = ([(latitude, longitude) for _, latitude, longitude, _ in sorted(log.positions)] for log in logs)
+    lines = (
+        [(latitude, longitude) for _, latitude, longitude, _ in sorted(log.positions)]
+        for log in logs
+    )
     return [line[:: max(1, len(line) // most)] for line in lines]

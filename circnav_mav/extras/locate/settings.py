@@ -10,8 +10,8 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import Table
 
 COMPANIONS = (194, 193, 191)
-"""Component ids of onboard computers (MAV_COMP_ID_ONBOARD_COMPUTER4, 3 and 1), preferred ones first. 192 is left to a
-ranging radio."""
+"""Component ids of onboard computers (MAV_COMP_ID_ONBOARD_COMPUTER4, 3 and 1), preferred ones
+first. 192 is left to a ranging radio."""
 
 
 class LocateTable(Table):

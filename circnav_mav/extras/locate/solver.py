@@ -1,4 +1,5 @@
-"""Process of the survey's estimator. This module imports little, so that the process starts quickly."""
+"""Process of the survey's estimator. This module imports little, so that the process starts
+quickly."""
 
 import multiprocessing
 import os

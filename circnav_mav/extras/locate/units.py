@@ -1,4 +1,5 @@
-"""Finds the likely unit of ranges whose scale is far from 1: ranges in feet are 3.28 times too long for the track."""
+"""Finds the likely unit of ranges whose scale is far from 1: ranges in feet are 3.28 times too long
+for the track."""
 
 from dataclasses import replace
 
@@ -9,12 +10,14 @@ from circnav_mav.extras.locate.logs.interface import METERS
 from circnav_mav.extras.locate.place import Place, Plane
 
 FITS = 0.005
-"""Largest noise, as a share of the range, with which meters are accepted. A wrong unit leaves more noise, except on a
-perfect circle."""
+"""Largest noise, as a share of the range, with which meters are accepted. A wrong unit leaves more
+noise, except on a perfect circle."""
 BETTER = 2.0
-"""Smallest ratio of the noise in meters to the noise in another unit with which the other unit is reported."""
+"""Smallest ratio of the noise in meters to the noise in another unit with which the other unit is
+reported."""
 ALIKE = 1.25
-"""Largest ratio of a unit's noise to the smallest noise of all units, for units that fit equally well."""
+"""Largest ratio of a unit's noise to the smallest noise of all units, for units that fit equally
+well."""
 
 
 def is_plausible(place: Place, known: Knowledge) -> bool:
@@ -22,26 +25,36 @@ def is_plausible(place: Place, known: Knowledge) -> bool:
     return abs(place.up - known.up) <= 3 * known.up_sigma
 
 
-def likely_unit(plane: Plane, track: Track, ranges: Ranges, known: Knowledge, place: Place | None) -> str | None:
+def likely_unit(
+    plane: Plane, track: Track, ranges: Ranges, known: Knowledge, place: Place | None
+) -> str | None:
     """Return the unit in which the ranges fit the track much better than in meters, or None.
 
     place: by ranges in meters, None if they fit no place.
     """
-    if place is not None and is_plausible(place, known) and _noise(place) <= FITS and place.outliers < place.used / 4:
+    if (
+        place is not None
+        and is_plausible(place, known)
+        and _noise(place) <= FITS
+        and place.outliers < place.used / 4
+    ):
         return None
     thin = ranges.take(np.arange(0, len(ranges.r), max(1, len(ranges.r) // 120)))
     found: dict[str, Place] = {}
     for unit, meters in METERS.items():
         r = thin.r * meters
         sigma = np.full(len(r), max(0.01 * float(np.median(r)), 0.01)) if len(r) else r
-        # `locate` may also estimate the scale of the radio. The ranges would then fit in every unit.
-        fit = _locate(plane, track, Ranges(thin.time, r, sigma), replace(known, sigma_known=False), None)
+        # `locate` may also estimate the scale of the radio. The ranges would then fit in every
+        # unit.
+        fit = _locate(
+            plane, track, Ranges(thin.time, r, sigma), replace(known, sigma_known=False), None
+        )
         if isinstance(fit, Place) and not fit.moves and is_plausible(fit, known):
             found[unit] = fit
     if not found:
         return None
-    # On a circle around the target the range is constant. Several units then fit, each with a different target height.
-    # Report the unit with the most likely height.
+    # On a circle around the target the range is constant. Several units then fit, each with a
+    # different target height. Report the unit with the most likely height.
     least = min(map(_noise, found.values()))
     alike = [unit for unit, fit in found.items() if _noise(fit) <= ALIKE * least]
     unit = min(alike, key=lambda one: abs(found[one].up - known.up))

@@ -26,7 +26,9 @@ def export_run(folder: str, mcap: str | None) -> int:
 
             counts = export_mcap(runs, path)
         except ImportError:
-            raise Refused("export --mcap needs the extra [mcap]: pip install 'circnav-mav[mcap]'") from None
+            raise Refused(
+                "export --mcap needs the extra [mcap]: pip install 'circnav-mav[mcap]'"
+            ) from None
     for run in runs.values():
         if run.damage_text is not None:
             say(f"  WARNING    {run.damage_text}")
@@ -35,11 +37,14 @@ def export_run(folder: str, mcap: str | None) -> int:
 
 
 def _runs(folder: Path) -> dict[str, Run]:
-    """Return the run in a folder, or those in its subfolders, by the prefix of their topics. Raises RunError, OSError.
+    """Return the run in a folder, or those in its subfolders, by the prefix of their topics. Raises
+    RunError, OSError.
 
     A fleet folder holds one run folder for each vehicle.
     """
-    parts = [] if is_run(folder) or not folder.is_dir() else sorted(filter(is_run, folder.iterdir()))
+    parts = (
+        [] if is_run(folder) or not folder.is_dir() else sorted(filter(is_run, folder.iterdir()))
+    )
     return {f"/{part.name}": open_run(part) for part in parts} or {"": open_run(folder)}
 
 

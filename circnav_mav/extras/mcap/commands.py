@@ -5,14 +5,22 @@ import click
 from circnav_mav.cli.describe import command
 
 
-@command("circnav_mav.extras.mcap.command:export_run", short_help="Convert a run for Foxglove or PlotJuggler.")
+@command(
+    "circnav_mav.extras.mcap.command:export_run",
+    short_help="Convert a run for Foxglove or PlotJuggler.",
+)
 @click.argument("folder", type=click.Path(), metavar="RUN")
 @click.option(
-    "--mcap", "mcap", is_flag=False, flag_value="", metavar="[FILE]", help="Write MCAP. [default: RUN/flight.mcap]"
+    "--mcap",
+    "mcap",
+    is_flag=False,
+    flag_value="",
+    metavar="[FILE]",
+    help="Write MCAP. [default: RUN/flight.mcap]",
 )
 def export() -> None:
-    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and events. Of a fleet
-    folder, it holds all vehicles, with topics such as /01/ticks.
+    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and
+    events. Of a fleet folder, it holds all vehicles, with topics such as /01/ticks.
 
     \b
     Example:

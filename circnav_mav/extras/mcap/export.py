@@ -1,8 +1,9 @@
 """Export of a run as one MCAP file for Foxglove and PlotJuggler.
 
-The file contains ticks and truth as JSON, and Foxglove's own messages (poses, scene, log and fixes for the 3D, log and
-map panels). The export needs the extra [mcap]. Times are wall-clock times of the flight. Unknown values are left out of
-messages. Frame "beacon": x east, y north, z up, m; its origin is the beacon and moves with it.
+The file contains ticks and truth as JSON, and Foxglove's own messages (poses, scene, log and fixes
+for the 3D, log and map panels). The export needs the extra [mcap]. Times are wall-clock times of
+the flight. Unknown values are left out of messages. Frame "beacon": x east, y north, z up, m; its
+origin is the beacon and moves with it.
 """
 
 import json
@@ -42,7 +43,8 @@ TRUTH_COLUMNS = ("time", "north", "east", "target_north", "target_east", "radius
 
 
 def export_mcap(runs: Mapping[str, Run], path: Path) -> dict[str, int]:
-    """Write the complete file or none. Return the number of messages per topic. Raises RunError, OSError.
+    """Write the complete file or none. Return the number of messages per topic. Raises RunError,
+    OSError.
 
     runs: by the prefix of their topics, which is empty for a single vehicle.
     """
@@ -50,7 +52,10 @@ def export_mcap(runs: Mapping[str, Run], path: Path) -> dict[str, int]:
     with atomic_write(path.resolve()) as fresh, fresh.open("wb") as file:
         writer = Writer(file)
         first = next(iter(runs.values()))
-        writer.start(profile="", library=f"circnav {first.manifest.get('versions', {}).get('circnav', '')}".strip())
+        writer.start(
+            profile="",
+            library=f"circnav {first.manifest.get('versions', {}).get('circnav', '')}".strip(),
+        )
         for prefix, run in runs.items():
             counts += _add_run(writer, prefix, run)
         writer.finish()  # type: ignore[no-untyped-call]
@@ -70,8 +75,11 @@ def _add_run(writer: Writer, prefix: str, run: Run) -> Counter[str]:
         counts[topic] += 1
 
     for (name, schema_name), table in tables.items():
-        topic, kinds = f"{prefix}{name}", dict.fromkeys(table.numbers, "number") | dict.fromkeys(table.words, "string")
-        schema = json.dumps({"type": "object", "properties": {key: {"type": kinds[key]} for key in kinds}})
+        topic = f"{prefix}{name}"
+        kinds = dict.fromkeys(table.numbers, "number") | dict.fromkeys(table.words, "string")
+        schema = json.dumps(
+            {"type": "object", "properties": {key: {"type": kinds[key]} for key in kinds}}
+        )
         schema_id = writer.register_schema(schema_name, "jsonschema", schema.encode())
         channel = writer.register_channel(topic, "json", schema_id)
         for row in _tick_rows(table):
@@ -80,15 +88,23 @@ def _add_run(writer: Writer, prefix: str, run: Run) -> Counter[str]:
     for name, time, message in foxglove_messages(run):
         topic = f"{prefix}{name}"
         if topic not in channels:
-            channels[topic] = writer.register_channel(topic, "protobuf", register_schema(writer, type(message)))
+            channels[topic] = writer.register_channel(
+                topic, "protobuf", register_schema(writer, type(message))
+            )
         for stamped in getattr(message, "entities", [message]):
             stamped.timestamp.FromNanoseconds(_ns(run, time))
         add(channels[topic], topic, _ns(run, time), message.SerializeToString())
-    writer.add_metadata(f"{prefix.lstrip('/')} manifest".strip(), {k: json.dumps(v) for k, v in run.manifest.items()})
+    writer.add_metadata(
+        f"{prefix.lstrip('/')} manifest".strip(),
+        {k: json.dumps(v) for k, v in run.manifest.items()},
+    )
     writer.add_attachment(
-        create_time=run.epoch_us * 1000, log_time=run.epoch_us * 1000, name=f"{prefix}/mission.toml".lstrip("/"),
-        media_type="text/plain", data=run.mission_text.encode(),
-    )  # fmt: skip
+        create_time=run.epoch_us * 1000,
+        log_time=run.epoch_us * 1000,
+        name=f"{prefix}/mission.toml".lstrip("/"),
+        media_type="text/plain",
+        data=run.mission_text.encode(),
+    )
     return counts
 
 
@@ -97,16 +113,22 @@ def _tick_rows(table: Ticks) -> Iterator[dict[str, Any]]:
     names = [*table.numbers, *table.words]
     columns = [*(column.tolist() for column in table.numbers.values()), *table.words.values()]
     for values in zip(*columns, strict=True):
-        yield {name: value for name, value in zip(names, values, strict=True) if value == value}  # not NaN
+        yield {
+            name: value for name, value in zip(names, values, strict=True) if value == value
+        }  # not NaN
 
 
-MAP, BEACON = "map", "beacon"
+MAP = "map"
+BEACON = "beacon"
 POSITION = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 PIECE = 1.0
 """Length of a piece of the drawn track, and interval of the range rings, s."""
 CORNERS = 90
 """Corners of a drawn circle, every 4 deg: a chord is within 0.1 % of the radius."""
-BLUE, GREEN, GRAY, ORANGE = (0.0, 0.45, 0.7, 1.0), (0.0, 0.62, 0.45, 1.0), (0.6, 0.6, 0.6, 0.6), (0.84, 0.37, 0.0, 1.0)
+BLUE = (0.0, 0.45, 0.7, 1.0)
+GREEN = (0.0, 0.62, 0.45, 1.0)
+GRAY = (0.6, 0.6, 0.6, 0.6)
+ORANGE = (0.84, 0.37, 0.0, 1.0)
 """From Okabe and Ito's palette for color-blind readers."""
 Entry = tuple[str, float, Any]
 """Topic, run time (s), message."""
@@ -119,14 +141,20 @@ def _ns(run: Run, time: float) -> int:
 
 def foxglove_messages(run: Run) -> Iterator[Entry]:
     """Yield all messages, topic by topic, without timestamps. Raises RunError, OSError."""
-    ticks, truth, numbers = run.ticks, run.truth, run.ticks.numbers
+    ticks = run.ticks
+    truth = run.truth
+    numbers = run.ticks.numbers
     height = np.nan_to_num(numbers["height"])
-    times, places = ticks.time, np.column_stack([numbers["x"], numbers["y"], height])
+    times = ticks.time
+    places = np.column_stack([numbers["x"], numbers["y"], height])
     yield from _poses("/estimate/pose", times, places, numbers["heading"])
     if truth is not None:
         height = np.interp(truth.time, ticks.time, height)
-        places = np.column_stack([truth.east - truth.target_east, truth.north - truth.target_north, height])
-        times, newest = truth.time, np.maximum(np.searchsorted(ticks.time, truth.time, side="right") - 1, 0)
+        places = np.column_stack(
+            [truth.east - truth.target_east, truth.north - truth.target_north, height]
+        )
+        times = truth.time
+        newest = np.maximum(np.searchsorted(ticks.time, truth.time, side="right") - 1, 0)
         yield from _poses("/truth/pose", times, places, numbers["heading"][newest])
     yield from _transforms(run)
     yield from _scene(run, times, places)
@@ -138,21 +166,30 @@ def foxglove_messages(run: Run) -> Iterator[Entry]:
 
 
 def _poses(topic: str, times: Column, places: Column, headings: Column) -> Iterator[Entry]:
-    for time, place, heading in zip(times.tolist(), places.tolist(), headings.tolist(), strict=True):
+    for time, place, heading in zip(
+        times.tolist(), places.tolist(), headings.tolist(), strict=True
+    ):
         if isfinite(sum(place)) and isfinite(heading):
             turn = heading_enu_from_yaw_ned(heading)
-            pose = Pose(position=Vector3(**_xyz(place)), orientation=Quaternion(z=sin(turn / 2), w=cos(turn / 2)))
+            pose = Pose(
+                position=Vector3(**_xyz(place)),
+                orientation=Quaternion(z=sin(turn / 2), w=cos(turn / 2)),
+            )
             yield topic, time, PoseInFrame(frame_id=BEACON, pose=pose)
 
 
 def _transforms(run: Run) -> Iterator[Entry]:
-    """Yield the beacon's place on the map: its true place once per piece, or the origin if no truth is recorded."""
+    """Yield the beacon's place on the map: its true place once per piece, or the origin if no truth
+    is recorded."""
     truth = run.truth
     rows = [(float(run.ticks.time[0]), [0.0, 0.0, 0.0])]
     if truth is not None:
         at = _every_piece(truth.time)
         places = zip(truth.target_east[at].tolist(), truth.target_north[at].tolist(), strict=True)
-        rows = [(time, [*place, 0.0]) for time, place in zip(truth.time[at].tolist(), places, strict=True)]
+        rows = [
+            (time, [*place, 0.0])
+            for time, place in zip(truth.time[at].tolist(), places, strict=True)
+        ]
     for time, place in rows:
         yield "/tf", time, FrameTransform(
             parent_frame_id=MAP, child_frame_id=BEACON,
@@ -161,13 +198,19 @@ def _transforms(run: Run) -> Iterator[Entry]:
 
 
 def _scene(run: Run, times: Column, places: Column) -> Iterator[Entry]:
-    """Yield beacon and desired circle once, then piece by piece the track and the range as a ring."""
-    ticks, begins = run.ticks, float(run.ticks.time[0])
+    """Yield beacon and desired circle once, then piece by piece the track and the range as a
+    ring."""
+    ticks = run.ticks
+    begins = float(run.ticks.time[0])
     height = np.nan_to_num(ticks.numbers["height"])
     entities = [
         SceneEntity(
             id="beacon",
-            spheres=[SpherePrimitive(pose=_here(), size=Vector3(x=5.0, y=5.0, z=5.0), color=_color(ORANGE))],
+            spheres=[
+                SpherePrimitive(
+                    pose=_here(), size=Vector3(x=5.0, y=5.0, z=5.0), color=_color(ORANGE)
+                )
+            ],
         )
     ]
     if rings := [_ring(radius, float(np.median(height)), GREEN) for radius in _desired_radii(run)]:
@@ -177,7 +220,9 @@ def _scene(run: Run, times: Column, places: Column) -> Iterator[Entry]:
     for number, (first, last) in enumerate(zip(at, [*at[1:], len(times) - 1], strict=True)):
         piece = [place for place in places[first : last + 1].tolist() if isfinite(sum(place))]
         if len(piece) > 1:
-            yield _update(float(times[last]), [SceneEntity(id=f"track {number}", lines=[_line(piece, BLUE)])])
+            yield _update(
+                float(times[last]), [SceneEntity(id=f"track {number}", lines=[_line(piece, BLUE)])]
+            )
     for tick in _every_piece(ticks.time):
         if isfinite(r := float(ticks.numbers["r"][tick])):
             ring = SceneEntity(id="estimated range", lines=[_ring(r, float(height[tick]), GRAY)])
@@ -194,7 +239,8 @@ def _desired_radii(run: Run) -> list[float]:
 
 
 def _fixes(run: Run) -> Iterator[Entry]:
-    """Yield the positions that the vehicle reports (GLOBAL_POSITION_INT), for the map. They never steer."""
+    """Yield the positions that the vehicle reports (GLOBAL_POSITION_INT), for the map. They never
+    steer."""
     system = (run.manifest.get("autopilot") or {}).get("system") or None
     for stamp, message in read_messages(run.folder / "flight.tlog", {POSITION}):
         if system in (None, message.get_srcSystem()) and (message.lat or message.lon):
@@ -210,11 +256,18 @@ def _target(run: Run) -> Iterator[Entry]:
     if not (place := run.summary.get("place")):
         return
     variance = place["sigma_m"] ** 2
-    yield "/target", place["time_s"], LocationFix(
-        frame_id=BEACON, latitude=place["latitude_deg"], longitude=place["longitude_deg"],
-        altitude=place["altitude_m"] or 0.0, position_covariance=[variance, 0, 0, 0, variance, 0, 0, 0, 0],
-        position_covariance_type=LocationFix.APPROXIMATED,
-    )  # fmt: skip
+    yield (
+        "/target",
+        place["time_s"],
+        LocationFix(
+            frame_id=BEACON,
+            latitude=place["latitude_deg"],
+            longitude=place["longitude_deg"],
+            altitude=place["altitude_m"] or 0.0,
+            position_covariance=[variance, 0, 0, 0, variance, 0, 0, 0, 0],
+            position_covariance_type=LocationFix.APPROXIMATED,
+        ),
+    )
 
 
 def _every_piece(times: Column) -> list[int]:

@@ -13,7 +13,8 @@ SHOWN = 2
 
 def reproduce_paper(out: str, starts: int, seed: int) -> int:
     """Fly the examples, draw the figures and print the table. Raises Refused."""
-    folder, found = Path(out), []
+    folder = Path(out)
+    found = []
     with refusing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for example in paper.EXAMPLES:

@@ -5,12 +5,20 @@ import click
 from circnav_mav.cli.describe import Folder, command
 
 
-@command("circnav_mav.extras.paper.command:reproduce_paper", short_help="Reproduce the paper's three examples.")
+@command(
+    "circnav_mav.extras.paper.command:reproduce_paper",
+    short_help="Reproduce the paper's three examples.",
+)
 @click.option("--out", type=Folder(), default="paper", metavar="DIR", help="Output folder.")
-@click.option("--starts", type=click.IntRange(1), default=200, metavar="N", help="Random starts per example.")
-@click.option("--seed", type=click.IntRange(0), default=1, metavar="N", help="Seed of the random starts.")
+@click.option(
+    "--starts", type=click.IntRange(1), default=200, metavar="N", help="Random starts per example."
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=1, metavar="N", help="Seed of the random starts."
+)
 def paper() -> None:
-    """Reproduce the three examples of the paper, as six figures and a table of predicted and reached radius.
+    """Reproduce the three examples of the paper, as six figures and a table of predicted and
+    reached radius.
 
     \b
     Example:

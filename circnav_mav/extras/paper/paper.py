@@ -1,8 +1,10 @@
-"""The paper's three examples, flown from many starts in its ideal world, with its proven properties checked.
+"""The paper's three examples, flown from many starts in its ideal world, with its proven properties
+checked.
 
 In this world the vehicle turns exactly as the law commands, without noise, lag or MAVLink.
 
-Arrays over steps and starts; SI, radians, the paper's frame (x right, y up, angles counter-clockwise).
+Arrays over steps and starts; SI, radians, the paper's frame (x right, y up, angles
+counter-clockwise).
 """
 
 from collections.abc import Callable
@@ -21,16 +23,20 @@ from circnav_mav.guidance.maths import Batch, chord
 from circnav_mav.report.plots import STYLE, save
 from circnav_mav.runlog import many_flights
 
-V, TARGET, R_D = 1.0, (0.0, -10.0), 10.0
+V = 1.0
+TARGET = (0.0, -10.0)
+R_D = 10.0
 """Speed, place of the target and radius of the paper's examples (its units)."""
 TOLERANCE = 0.05
 """Largest distance of a settled flight from the predicted radius, as a fraction of r_d."""
 SECONDS = 200.0
 """Duration of a flight, s: longer than any flight in the paper needs to settle."""
 MIRRORED = 40
-"""Number of starts that are also flown mirrored, to show that one law flies both senses of rotation."""
+"""Number of starts that are also flown mirrored, to show that one law flies both senses of
+rotation."""
 SLACK = 1e-3
-"""Depth inside the circle, as a fraction of r_d, that is not counted as entry. The switching law chatters by V STEP."""
+"""Depth inside the circle, as a fraction of r_d, that is not counted as entry. The switching law
+chatters by V STEP."""
 STEP = 0.02
 """Step of the simulation, s, in which the turn rate is held: a 500th of r_d/V."""
 
@@ -50,7 +56,8 @@ class Starts:
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """Recorded flights. time (steps,); x, y, r, theta_b (steps, starts); theta_b (see `polar`) in [0, 2 pi)."""
+    """Recorded flights. time (steps,); x, y, r, theta_b (steps, starts); theta_b (see `polar`) in
+    [0, 2 pi)."""
 
     time: Batch
     x: Batch
@@ -71,8 +78,13 @@ def fly(starts: Starts, law: Callable[[Batch, Batch], Any], seconds: float) -> T
     Each step is an exact arc with the law's turn rate at its midpoint (second order).
     """
     steps = round(seconds / STEP)
-    tracks = Tracks(np.linspace(0, steps * STEP, steps + 1), *(np.empty((steps + 1, len(starts.x))) for _ in range(4)))
-    x, y, heading = starts.x, starts.y, starts.heading
+    tracks = Tracks(
+        np.linspace(0, steps * STEP, steps + 1),
+        *(np.empty((steps + 1, len(starts.x))) for _ in range(4)),
+    )
+    x = starts.x
+    y = starts.y
+    heading = starts.heading
     for step in range(steps + 1):
         r, theta_b = polar(x, y, heading)
         tracks.x[step], tracks.y[step], tracks.r[step], tracks.theta_b[step] = x, y, r, theta_b
@@ -83,21 +95,27 @@ def fly(starts: Starts, law: Callable[[Batch, Batch], Any], seconds: float) -> T
 
 
 def polar(x: Batch, y: Batch, heading: Batch) -> tuple[Batch, Batch]:
-    """Return range and theta_b, the angle from the line of sight to the heading, counter-clockwise."""
-    to_x, to_y = TARGET[0] - x, TARGET[1] - y
+    """Return range and theta_b, the angle from the line of sight to the heading,
+    counter-clockwise."""
+    to_x = TARGET[0] - x
+    to_y = TARGET[1] - y
     return np.hypot(to_x, to_y), np.mod(heading - np.arctan2(to_y, to_x), 2 * np.pi)
 
 
-def arc(x: Batch, y: Batch, heading: Batch, V: float, omega: Batch, step: float) -> tuple[Batch, Batch, Batch]:
+def arc(
+    x: Batch, y: Batch, heading: Batch, V: float, omega: Batch, step: float
+) -> tuple[Batch, Batch, Batch]:
     """Return position and heading after a turn at constant rate."""
     east, north = chord(V, heading, omega * step, step)
     return x + east, y + north, heading + omega * step
 
 
 def lyapunov(r: Batch, theta_b: Batch, *, r_d: float, r_a: float, k: float) -> Batch:
-    """Return the paper's Lyapunov function of its law 1 (`smooth`), for r >= r_d, with the integral in closed form.
+    """Return the paper's Lyapunov function of its law 1 (`smooth`), for r >= r_d, with the integral
+    in closed form.
 
-    It is 1 - sin(theta_b) + integral from r_a to r of (-1/z + 2 k z cos asin(r_d/z)) dz. r_a: radius that is reached.
+    It is 1 - sin(theta_b) + integral from r_a to r of (-1/z + 2 k z cos asin(r_d/z)) dz. r_a:
+    radius that is reached.
     """
 
     def integral(z: Batch) -> Batch:
@@ -109,7 +127,8 @@ def lyapunov(r: Batch, theta_b: Batch, *, r_d: float, r_a: float, k: float) -> B
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """One example of the paper. law: name in mission files. k: gain. fed: radius given to the law."""
+    """One example of the paper. law: name in mission files. k: gain. fed: radius given to the
+    law."""
 
     number: int
     law: str
@@ -123,7 +142,9 @@ class Example:
 
     def fly(self, starts: Starts, seconds: float, sign: int = 1) -> Tracks:
         """Fly all starts with this law, or with its mirror image (sign -1)."""
-        return fly(starts, partial(LAWS[self.law].function, V=V, r_d=self.fed, k=sign * self.k), seconds)
+        return fly(
+            starts, partial(LAWS[self.law].function, V=V, r_d=self.fed, k=sign * self.k), seconds
+        )
 
 
 EXAMPLES = (
@@ -137,9 +158,10 @@ EXAMPLES = (
 class Findings:
     """Results of an example.
 
-    settling: time to the band round the predicted radius for each start, s (inf: never). rise: largest rise of the
-    Lyapunov function in a step; None if the paper gives no function. mirror: largest distance between
-    the track of a mirrored start and the mirror image of the original track, m.
+    settling: time to the band round the predicted radius for each start, s (inf: never). rise:
+    largest rise of the Lyapunov function in a step; None if the paper gives no function. mirror:
+    largest distance between the track of a mirrored start and the mirror image of the original
+    track, m.
     """
 
     example: Example
@@ -159,7 +181,9 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
     tracks = example.fly(starts, seconds)
     last = tracks.r[-len(tracks.time) // 5 :].mean(axis=0)
     mirror = example.fly(starts.mirrored(MIRRORED), seconds, sign=-1)
-    apart = np.hypot(mirror.x + tracks.x[:, :MIRRORED] - 2 * TARGET[0], mirror.y - tracks.y[:, :MIRRORED])
+    apart = np.hypot(
+        mirror.x + tracks.x[:, :MIRRORED] - 2 * TARGET[0], mirror.y - tracks.y[:, :MIRRORED]
+    )
     findings = Findings(
         example,
         len(starts.x),
@@ -176,19 +200,24 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
 
 
 def turning(tracks: Tracks) -> Batch:
-    """Return the angle swept round the target over the last tenth of the flight, rad, counter-clockwise positive."""
+    """Return the angle swept round the target over the last tenth of the flight, rad,
+    counter-clockwise positive."""
     tail = slice(-len(tracks.time) // 10, None)
-    return np.asarray(many_flights.swept(np.arctan2(tracks.y[tail] - TARGET[1], tracks.x[tail] - TARGET[0])))
+    return np.asarray(
+        many_flights.swept(np.arctan2(tracks.y[tail] - TARGET[1], tracks.x[tail] - TARGET[0]))
+    )
 
 
 def entries(r: Batch, r_d: float) -> Batch:
-    """Return how often each track enters the circle (lemma: at most once). A start inside counts as one."""
+    """Return how often each track enters the circle (lemma: at most once). A start inside counts as
+    one."""
     inside = r < r_d * (1 - SLACK)
     return np.asarray(inside[0] + (inside[1:] & ~inside[:-1]).sum(axis=0))
 
 
 def lyapunov_rise(example: Example, tracks: Tracks) -> float | None:
-    """Return the largest rise of the Lyapunov function between two steps with r >= r_d and theta_b in [0, pi].
+    """Return the largest rise of the Lyapunov function between two steps with r >= r_d and theta_b
+    in [0, pi].
 
     None if the paper gives no function.
     """
@@ -196,7 +225,11 @@ def lyapunov_rise(example: Example, tracks: Tracks) -> float | None:
         return None
     holds = (tracks.r >= example.fed) & (tracks.theta_b <= np.pi)
     values = lyapunov(
-        np.maximum(tracks.r, example.fed), tracks.theta_b, r_d=example.fed, r_a=example.predicted, k=example.k
+        np.maximum(tracks.r, example.fed),
+        tracks.theta_b,
+        r_d=example.fed,
+        r_a=example.predicted,
+        k=example.k,
     )
     return float(np.diff(values, axis=0)[holds[1:] & holds[:-1]].max())
 
@@ -230,22 +263,50 @@ def table(found: list[Findings]) -> str:
     """Return predictions and results as a Markdown table."""
     columns = [f"example {one.example.number}" for one in found]
     rows = [
-        ("law, k, law radius", [f"{f.example.law}, {f.example.k:g}, {f.example.fed:.5f} m" for f in found]),
+        (
+            "law, k, law radius",
+            [f"{f.example.law}, {f.example.k:g}, {f.example.fed:.5f} m" for f in found],
+        ),
         ("starts", [str(f.starts) for f in found]),
         ("predicted radius", [f"{f.example.predicted:.5f} m" for f in found]),
-        ("reached radius, least to most", [f"{f.reached[0]:.5f} to {f.reached[1]:.5f} m" for f in found]),
-        ("settled: predicted radius ±5 % of r_d", [f"{np.isfinite(f.settling).sum()} of {f.starts}" for f in found]),
+        (
+            "reached radius, least to most",
+            [f"{f.reached[0]:.5f} to {f.reached[1]:.5f} m" for f in found],
+        ),
+        (
+            "settled: predicted radius ±5 % of r_d",
+            [f"{np.isfinite(f.settling).sum()} of {f.starts}" for f in found],
+        ),
         ("settling, median / 95 % / worst", [_settling(f.settling) for f in found]),
         ("clockwise", [f"{f.clockwise} of {f.starts}" for f in found]),
-        ("enters the circle at most", [f"{f.most_entries} time{'' if f.most_entries == 1 else 's'}" for f in found]),
-        ("theta_b at the end (theory: pi/2)", [f"{f.bearings[0]:.4f} to {f.bearings[1]:.4f} rad" for f in found]),
-        ("largest rise of the Lyapunov function", ["-" if f.rise is None else f"{f.rise:.1e}" for f in found]),
+        (
+            "enters the circle at most",
+            [f"{f.most_entries} time{'' if f.most_entries == 1 else 's'}" for f in found],
+        ),
+        (
+            "theta_b at the end (theory: pi/2)",
+            [f"{f.bearings[0]:.4f} to {f.bearings[1]:.4f} rad" for f in found],
+        ),
+        (
+            "largest rise of the Lyapunov function",
+            ["-" if f.rise is None else f"{f.rise:.1e}" for f in found],
+        ),
         ("k < 0: mirrored track differs by", [f"{f.mirror:.1e} m" for f in found]),
-        ("k < 0: counter-clockwise", [f"{f.mirrored_counterclockwise} of {min(MIRRORED, f.starts)}" for f in found]),
+        (
+            "k < 0: counter-clockwise",
+            [f"{f.mirrored_counterclockwise} of {min(MIRRORED, f.starts)}" for f in found],
+        ),
     ]
-    lines = [["", *columns], ["---"] * (len(columns) + 1), *([name, *cells] for name, cells in rows)]
+    lines = [
+        ["", *columns],
+        ["---"] * (len(columns) + 1),
+        *([name, *cells] for name, cells in rows),
+    ]
     widths = [max(len(line[i]) for line in lines) for i in range(len(columns) + 1)]
-    return "\n".join("| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |" for line in lines)
+    return "\n".join(
+        "| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |"
+        for line in lines
+    )
 
 
 def _settling(times: Batch) -> str:
@@ -256,4 +317,7 @@ def _settling(times: Batch) -> str:
 
 
 def _title(example: Example) -> str:
-    return f"Example {example.number}: {example.law} law, k = {example.k:g}, law radius {example.fed:.3f} m"
+    return (
+        f"Example {example.number}: {example.law} law, k = {example.k:g}, law radius"
+        f" {example.fed:.3f} m"
+    )

@@ -22,19 +22,23 @@ from circnav_mav.mission.mission import Mission
 CIRCLES = 7
 """Number of candidates; chosen."""
 WIDEST = 6.0
-"""Largest radius of the candidates, as a multiple of the smallest one, if the site does not limit the radius."""
+"""Largest radius of the candidates, as a multiple of the smallest one, if the site does not limit
+the radius."""
 GUSTS = 2.0
 """Gusts, in standard deviations, that are added to the wind."""
 MOST_USED = 0.9
-"""Share of the turn rate that the smallest circle uses in wind and gusts. The rest corrects errors; chosen."""
-JUDGED = frozenset({"gain", "turn rate", "drift", "margin", "reach", "height", "rate error", "sampling", "damping"})
+"""Share of the turn rate that the smallest circle uses in wind and gusts. The rest corrects errors;
+chosen."""
+JUDGED = frozenset(
+    {"gain", "turn rate", "drift", "margin", "reach", "height", "rate error", "sampling", "damping"}
+)
 """Check lines that depend on the circle or the radio."""
 
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """Conditions of a plan. smallest, largest: bounds of the radius, m. wind: m/s. gusts: RMS per axis, m/s. laps:
-    number of laps of the survey."""
+    """Conditions of a plan. smallest, largest: bounds of the radius, m. wind: m/s. gusts: RMS per
+    axis, m/s. laps: number of laps of the survey."""
 
     smallest: float
     largest: float
@@ -52,11 +56,12 @@ class Site:
 class Candidate:
     """A circle and its expected figures.
 
-    radius: m. speed: m/s. bank: mean bank of a plane or lean of a copter, deg, None for a rover. turn: turn rate in
-    still air, deg/s. used: turn rate needed at the most downwind point, as a share of the vehicle's turn rate.
-    most_wind: largest wind for this circle, m/s, None if the autopilot compensates the wind. lap: duration of a lap, s.
-    flight: duration of approach and survey, s. rms: RMS of the radius error, m. place: standard deviation of the
-    beacon's place, m, None without a survey. problems: subjects of the check lines that do not pass.
+    radius: m. speed: m/s. bank: mean bank of a plane or lean of a copter, deg, None for a rover.
+    turn: turn rate in still air, deg/s. used: turn rate needed at the most downwind point, as a
+    share of the vehicle's turn rate. most_wind: largest wind for this circle, m/s, None if the
+    autopilot compensates the wind. lap: duration of a lap, s. flight: duration of approach and
+    survey, s. rms: RMS of the radius error, m. place: standard deviation of the beacon's place, m,
+    None without a survey. problems: subjects of the check lines that do not pass.
     """
 
     radius: float
@@ -79,26 +84,35 @@ class Candidate:
 def smallest_radius(mission: Mission, wind: float) -> float:
     """Return the smallest radius, m, that the vehicle's turn rate permits.
 
-    In still air the circle needs at most the share TURN_USED of the turn rate, in this wind at most MOST_USED.
+    In still air the circle needs at most the share TURN_USED of the turn rate, in this wind at most
+    MOST_USED.
     """
     orbit = mission.orbit
     able = orbit.max_turn_rate * mission.least_turn_gain
-    return max(orbit.speed / (TURN_USED * able), (orbit.speed + wind) ** 2 / (MOST_USED * orbit.speed * able))
+    return max(
+        orbit.speed / (TURN_USED * able),
+        (orbit.speed + wind) ** 2 / (MOST_USED * orbit.speed * able),
+    )
 
 
 def radii(least: float, site: Site) -> Sequence[float]:
     """Return the radii of the candidates, m, rounded up to whole meters."""
     low = max(least, site.smallest)
     high = min(site.largest, ceil(WIDEST * low))
-    # A radius that would be rounded up above the largest radius becomes the largest radius. So at least one candidate
-    # remains if the smallest and the largest radius are less than a meter apart.
-    return sorted({min(float(ceil(one)), high) for one in np.geomspace(low, max(high, low), CIRCLES)})
+    # A radius that would be rounded up above the largest radius becomes the largest radius. So at
+    # least one candidate remains if the smallest and the largest radius are less than a meter
+    # apart.
+    return sorted(
+        {min(float(ceil(one)), high) for one in np.geomspace(low, max(high, low), CIRCLES)}
+    )
 
 
 def candidate(mission: Mission, site: Site) -> Candidate:
     """Return the figures of the mission's first circle."""
-    orbit, gain = mission.orbit, mission.least_turn_gain
-    able, lap = orbit.max_turn_rate * gain, 2 * pi * orbit.radius / orbit.speed
+    orbit = mission.orbit
+    gain = mission.least_turn_gain
+    able = orbit.max_turn_rate * gain
+    lap = 2 * pi * orbit.radius / orbit.speed
     allowed = drift_allowed(mission)
     kept = drift_with_loop_margin(mission, allowed)
     still = holds_ground_speed(mission)
@@ -107,7 +121,11 @@ def candidate(mission: Mission, site: Site) -> Candidate:
     banked = mission.file.vehicle.kind != "rover"
     # A vehicle that slips in turns needs more bank than in a coordinated turn.
     bank = degrees(atan(orbit.speed**2 / (orbit.radius * GRAVITY * gain))) if banked else None
-    failing = [line.subject for line in check_mission(mission) if line.grade is not PASS and line.subject in JUDGED]
+    failing = [
+        line.subject
+        for line in check_mission(mission)
+        if line.grade is not PASS and line.subject in JUDGED
+    ]
     if most is not None and most < wind:
         failing.append("wind")
     survey = site.laps * lap
@@ -140,13 +158,20 @@ def survey_sigma(mission: Mission, seconds: float) -> float | None:
 
 
 def recommended(found: Sequence[Candidate]) -> tuple[Candidate, str]:
-    """Return the recommended circle and the reason: the shortest lap that passes all checks, else fewest problems."""
+    """Return the recommended circle and the reason: the shortest lap that passes all checks, else
+    fewest problems."""
     sound = [one for one in found if one.sound]
     if sound:
         best = min(sound, key=lambda one: one.lap)
         return best, "the shortest lap that passes every check in this wind and its gusts"
     best = min(found, key=lambda one: (len(one.problems), one.lap))
-    return best, f"no circle passes every check; this one has the fewest warnings ({', '.join(best.problems)})"
+    return (
+        best,
+        (
+            "no circle passes every check; this one has the fewest warnings"
+            f" ({', '.join(best.problems)})"
+        ),
+    )
 
 
 def fails(mission: Mission) -> Iterator[str]:

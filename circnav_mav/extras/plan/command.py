@@ -29,20 +29,33 @@ GUST_SHARE = 0.15
 
 
 def print_plan(
-    path: str, speeds: tuple[float, ...], largest: float | None, smallest: float | None, height: float | None,
-    wind: float, gusts: float | None, sigma: float | None, rate: float | None, laps: float, picture: str | None,
+    path: str,
+    speeds: tuple[float, ...],
+    largest: float | None,
+    smallest: float | None,
+    height: float | None,
+    wind: float,
+    gusts: float | None,
+    sigma: float | None,
+    rate: float | None,
+    laps: float,
+    picture: str | None,
     mission: str | None,
-) -> int:  # fmt: skip
+) -> int:
     """Print a table for each speed and write the files. Raises Refused."""
     if mission is not None and os.path.lexists(mission):
         raise Refused(f"--write {mission}: is there already, name another file")
     changes = list(_changes(height, sigma, rate))
-    site = Site(smallest or 1.0, largest or inf, wind, GUST_SHARE * wind if gusts is None else gusts, laps)
+    site = Site(
+        smallest or 1.0, largest or inf, wind, GUST_SHARE * wind if gusts is None else gusts, laps
+    )
     found: list[Candidate] = []
     for speed in speeds or (read_mission(path, tuple(changes)).orbit.speed,):
         changed = [*changes, *at_speed(path, speed)]
         start = read_mission(path, tuple(changed))
-        found += [candidate(_with_radius(path, changed, radius), site) for radius in _radii(start, site)]
+        found += [
+            candidate(_with_radius(path, changed, radius), site) for radius in _radii(start, site)
+        ]
     best, reason = recommended(found)
     changes += at_speed(path, best.speed)
     start = _with_radius(path, changes, best.radius)
@@ -55,7 +68,9 @@ def print_plan(
         lowered = f"vehicle.max_turn_rate_deg_s = {start.file.vehicle.max_turn_rate_deg_s:g}"
         say(f"{lowered}: at this speed the autopilot's default acceleration limit allows no more.")
     if holds_ground_speed(start):
-        say("The autopilot holds the speed over the ground: only its lean or drive limits the wind.")
+        say(
+            "The autopilot holds the speed over the ground: only its lean or drive limits the wind."
+        )
     if picture is not None:
         from circnav_mav.extras.plan.picture import plot_plan
 
@@ -69,12 +84,17 @@ def print_plan(
 
 def _changes(height: float | None, sigma: float | None, rate: float | None) -> Iterator[str]:
     """Yield the options as overrides of the mission."""
-    keys = {"orbit.height_above_target_m": height, "ranging.sigma_m": sigma, "ranging.rate_hz": rate}
+    keys = {
+        "orbit.height_above_target_m": height,
+        "ranging.sigma_m": sigma,
+        "ranging.rate_hz": rate,
+    }
     yield from (f"{key}={float(value)!r}" for key, value in keys.items() if value is not None)
 
 
 def at_speed(path: str, speed: float) -> Iterator[str]:
-    """Yield overrides of the mission: the speed, and a lower turn rate if the acceleration limit requires it."""
+    """Yield overrides of the mission: the speed, and a lower turn rate if the acceleration limit
+    requires it."""
     flown = f"vehicle.speed_mps={speed!r}"
     yield flown
     mission = read_mission(path, (flown,))
@@ -95,31 +115,36 @@ def _with_radius(path: str, changes: list[str], radius: float) -> Mission:
 def _radii(start: Mission, site: Site) -> list[float]:
     """Return the radii to try. Raises Refused if none fits the site."""
     wind = 0.0 if holds_ground_speed(start) else site.strongest
-    V, least = start.orbit.speed, smallest_radius(start, wind)
+    V = start.orbit.speed
+    least = smallest_radius(start, wind)
     if site.smallest > site.largest:
-        raise Refused(f"plan: --smallest {site.smallest:g} m is larger than --largest {site.largest:g} m")
+        raise Refused(
+            f"plan: --smallest {site.smallest:g} m is larger than --largest {site.largest:g} m"
+        )
     if wind >= V:
         raise Refused(
-            f"plan: the wind with gusts, {wind:.1f} m/s, is not below the vehicle's speed of {V:g} m/s: raise --speed"
+            f"plan: the wind with gusts, {wind:.1f} m/s, is not below the vehicle's speed of {V:g}"
+            " m/s: raise --speed"
         )
     if least > site.largest:
         faster = "" if _limited(start) else ", or raise vehicle.max_bank_deg or max_turn_rate_deg_s"
         raise Refused(
-            f"plan: --largest {site.largest:g} m is too small: at {V:g} m/s in {wind:.1f} m/s of wind with gusts the "
-            f"smallest radius is {least:.0f} m: lower --speed{faster}"
+            f"plan: --largest {site.largest:g} m is too small: at {V:g} m/s in {wind:.1f} m/s of"
+            f" wind with gusts the smallest radius is {least:.0f} m: lower --speed{faster}"
         )
     return list(radii(least, site))
 
 
 def table(start: Mission, site: Site, found: list[Candidate], best: Candidate) -> Iterator[str]:
     """Yield the lines of the table, at most 80 columns wide."""
-    ranging, speed = start.file.ranging, 0.0
+    ranging = start.file.ranging
+    speed = 0.0
     for one in found:
         if one.speed != speed:
             speed = one.speed
             yield (
-                f"{start.file.vehicle.kind} at {speed:g} m/s, wind {site.wind:g} m/s, gusts {site.gusts:.2g} m/s, "
-                f"range noise {ranging.sigma_m:g} m, {ranging.rate_hz:g} Hz"
+                f"{start.file.vehicle.kind} at {speed:g} m/s, wind {site.wind:g} m/s, gusts"
+                f" {site.gusts:.2g} m/s, range noise {ranging.sigma_m:g} m, {ranging.rate_hz:g} Hz"
             )
             laps = f"{site.laps:g} laps"
             yield f"used: of turn rate; place: error after {laps}; flight: approach and {laps}"
@@ -135,13 +160,15 @@ def _row(one: Candidate, best: Candidate) -> str:
     more = f" +{len(one.problems) - 1}" if len(one.problems) > 1 else ""
     checks = f"{one.problems[0]}{more}" if one.problems else "pass"
     return (
-        f"{'>' if one is best else ' '} {one.radius:6g} {one.lap:5.0f} {bank:>5} {one.turn:6.1f} "
-        f"{100 * one.used:5.0f} {most:>8} {one.rms:5.2f} {place:>6} {one.flight / 60:7.1f}  {checks}"
+        f"{'>' if one is best else ' '} {one.radius:6g} {one.lap:5.0f} {bank:>5} {one.turn:6.1f}"
+        f" {100 * one.used:5.0f} {most:>8} {one.rms:5.2f} {place:>6} {one.flight / 60:7.1f} "
+        f" {checks}"
     )
 
 
 def _write(path: str, changes: list[str], start: Mission, site: Site, target: str) -> None:
-    """Write a mission with the recommended circle, based on the file of `circnav init` or on the given file."""
+    """Write a mission with the recommended circle, based on the file of `circnav init` or on the
+    given file."""
     if start.flies_sim and start.file.sim is not None:
         ranging = start.file.ranging
         changes += [
@@ -150,7 +177,8 @@ def _write(path: str, changes: list[str], start: Mission, site: Site, target: st
         ]  # fmt: skip
         if any(one.cruises for one in start.vehicles):
             changes.append(f"sim.vehicle.cruise_speed_mps={start.orbit.speed!r}")
-    source, name = Path(path), Path(path).stem
+    source = Path(path)
+    name = Path(path).stem
     with refusing(target):
         if bundled("mission", name) == source:
             write_mission(name, target)

@@ -11,7 +11,9 @@ from circnav_mav.extras.plan.candidates import Candidate, Site
 from circnav_mav.report.plots import DESIRED, ESTIMATE, LIMIT, MEASURED, STYLE, TRUE, literal, save
 
 
-def plot_plan(path: Path, found: Sequence[Candidate], best: Candidate, site: Site, title: str) -> None:
+def plot_plan(
+    path: Path, found: Sequence[Candidate], best: Candidate, site: Site, title: str
+) -> None:
     """Draw the circles of the recommended speed and write a PNG. Raises OSError."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 5.5), layout="constrained")
@@ -22,10 +24,23 @@ def plot_plan(path: Path, found: Sequence[Candidate], best: Candidate, site: Sit
         found = [one for one in found if one.speed == best.speed]
         for one in sorted(found, key=lambda one: one is best):
             color, width = (DESIRED, 2.5) if one is best else (MEASURED if one.sound else TRUE, 1.0)
-            circles.plot(one.radius * np.cos(angle), one.radius * np.sin(angle), color=color, lw=width)
-            circles.annotate(f"{one.radius:g} m", (0.0, one.radius), ha="center", va="bottom", fontsize=8, color=color)
+            circles.plot(
+                one.radius * np.cos(angle), one.radius * np.sin(angle), color=color, lw=width
+            )
+            circles.annotate(
+                f"{one.radius:g} m",
+                (0.0, one.radius),
+                ha="center",
+                va="bottom",
+                fontsize=8,
+                color=color,
+            )
         circles.plot(0, 0, "k+", ms=12, mew=2)
-        for color, words in ((DESIRED, "recommended"), (MEASURED, "passes"), (TRUE, "with warnings")):
+        for color, words in (
+            (DESIRED, "recommended"),
+            (MEASURED, "passes"),
+            (TRUE, "with warnings"),
+        ):
             circles.plot([], [], color=color, label=words)
         circles.set_aspect("equal", adjustable="datalim")
         circles.set(xlabel="east of the beacon, m", ylabel="north, m")
@@ -40,12 +55,22 @@ def plot_plan(path: Path, found: Sequence[Candidate], best: Candidate, site: Sit
         error.plot(radius, [one.rms for one in found], "o-", color=ESTIMATE, label="radius RMS, m")
         places = [np.nan if one.place is None else one.place for one in found]
         error.plot(radius, places, "s-", color=TRUE, label="beacon's place, m")
-        bank.plot(radius, [100 * one.used for one in found], "o-", color=ESTIMATE, label="turn rate used, %")
+        bank.plot(
+            radius,
+            [100 * one.used for one in found],
+            "o-",
+            color=ESTIMATE,
+            label="turn rate used, %",
+        )
         if best.bank is not None:
-            bank.plot(radius, [one.bank or 0.0 for one in found], "s-", color=TRUE, label="bank, deg")
+            bank.plot(
+                radius, [one.bank or 0.0 for one in found], "s-", color=TRUE, label="bank, deg"
+            )
         for axis in (wind, error, bank):
             axis.axvline(best.radius, color=DESIRED, lw=1.5, alpha=0.6)
-            axis.set_ylim(0.0, 1.08 * axis.get_ylim()[1])  # room for the marker of the largest value
+            axis.set_ylim(
+                0.0, 1.08 * axis.get_ylim()[1]
+            )  # room for the marker of the largest value
             axis.legend(loc="best", fontsize=8)
         bank.set_xlabel("radius, m")
         save(figure, path)

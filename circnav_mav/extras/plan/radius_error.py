@@ -1,15 +1,18 @@
-"""Expected RMS error of the radius: range noise and steady errors, and gusts by a linear model near the circle.
+"""Expected RMS error of the radius: range noise and steady errors, and gusts by a linear model near
+the circle.
 
     e' = u + g,   u' = h (c - u),   c = -(b e_hat + g_hat),   z = e + white noise
 
-e: radius error, m. z: measurement of e. u: radial speed caused by the heading, m/s. c: commanded u. g: radial gust,
-m/s, first order with the emulator's correlation time (the first-order form of the Dryden model). b: gain
-`radial` of the drift law (`vector_field.drift_gains`) times the speed, 1/s. h: its gain `heading`, 1/s.
-e_hat, g_hat: steady-state Kalman filter of (e, g) with the range noise. The RMS follows from the Lyapunov equation of
-the closed loop (linear-quadratic-Gaussian control; Anderson and Moore, "Optimal Control", 1990).
+e: radius error, m. z: measurement of e. u: radial speed caused by the heading, m/s. c: commanded u.
+g: radial gust, m/s, first order with the emulator's correlation time (the first-order form of the
+Dryden model). b: gain `radial` of the drift law (`vector_field.drift_gains`) times the speed, 1/s.
+h: its gain `heading`, 1/s. e_hat, g_hat: steady-state Kalman filter of (e, g) with the range noise.
+The RMS follows from the Lyapunov equation of the closed loop (linear-quadratic-Gaussian control;
+Anderson and Moore, "Optimal Control", 1990).
 
-The five coefficients are fitted to 110 random missions of `tests.tools.bench.bench_plan`, law `auto`: planes 15 to
-27 m/s, copters 3 to 8 m/s and rovers 1.5 to 5 m/s, ranges of 0.1 to 2 m at 4 to 20 Hz, gusts up to 2 m/s.
+The five coefficients are fitted to 110 random missions of `tests.tools.bench.bench_plan`, law
+`auto`: planes 15 to 27 m/s, copters 3 to 8 m/s and rovers 1.5 to 5 m/s, ranges of 0.1 to 2 m at 4
+to 20 Hz, gusts up to 2 m/s.
 """
 
 from math import hypot, sqrt
@@ -25,38 +28,56 @@ from circnav_mav.mission.mission import Mission
 GUST_TIME = 3.0
 """Correlation time of gusts, s: default of the emulator."""
 NOISE = 0.147
-"""Bandwidth of the radius error in calm air, 1/s: variance of this error over power density of the range noise."""
-STEADY, STEADY_BANKED = 0.0055, 0.0091
-"""Steady radius error divided by the speed, s, due to errors of heading and airspeed. BANKED: for planes, which also
-side-slip."""
+"""Bandwidth of the radius error in calm air, 1/s: variance of this error over power density of the
+range noise."""
+STEADY = 0.0055
+STEADY_BANKED = 0.0091
+"""Steady radius error divided by the speed, s, due to errors of heading and airspeed. BANKED: for
+planes, which also side-slip."""
 LEAST_GUST = 1e-4
-"""Gust, m/s, below which the gust is ignored, because the linear model is singular without gusts."""
-ACTS, ACTS_ON_HELD = 0.46, 0.049
-"""Share of a gust that acts on the radius: below 1, because accelerometers measure the onset of a gust. ON_HELD: for
-vehicles whose autopilot holds the speed over the ground."""
+"""Gust, m/s, below which the gust is ignored, because the linear model is singular without
+gusts."""
+ACTS = 0.46
+ACTS_ON_HELD = 0.049
+"""Share of a gust that acts on the radius: below 1, because accelerometers measure the onset of a
+gust. ON_HELD: for vehicles whose autopilot holds the speed over the ground."""
 
 
 def radius_rms(mission: Mission, gust: float) -> float:
-    """Return the expected RMS of the radius error on the mission's first circle, m. gust: RMS per axis, m/s."""
-    orbit, ranging, delay = mission.orbit, mission.file.ranging, mission.file.vehicle.turn_lag_s
+    """Return the expected RMS of the radius error on the mission's first circle, m. gust: RMS per
+    axis, m/s."""
+    orbit = mission.orbit
+    ranging = mission.file.ranging
+    delay = mission.file.vehicle.turn_lag_s
     banks = any(one.banks for one in mission.vehicles)
     holds_ground_speed = any(one.ground_speed_sigma is not None for one in mission.vehicles)
     noise = ranging.sigma_m**2 / ranging.rate_hz
     calm = NOISE * noise + ((STEADY_BANKED if banks else STEADY) * orbit.speed) ** 2
-    felt = 0.0 if mission.file.vehicle.kind == "rover" else gust * (ACTS_ON_HELD if holds_ground_speed else ACTS)
+    felt = (
+        0.0
+        if mission.file.vehicle.kind == "rover"
+        else gust * (ACTS_ON_HELD if holds_ground_speed else ACTS)
+    )
     if felt <= LEAST_GUST:
         return sqrt(calm)
-    gains = drift_gains(orbit.speed, delay + LINK + (MEASUREMENT_DELAY if banks else 0.0), 1 / max(delay, 1e-3))
-    return hypot(sqrt(calm), linear_rms(noise, felt, float(gains.radial) * orbit.speed, float(gains.heading)))
+    gains = drift_gains(
+        orbit.speed, delay + LINK + (MEASUREMENT_DELAY if banks else 0.0), 1 / max(delay, 1e-3)
+    )
+    return hypot(
+        sqrt(calm), linear_rms(noise, felt, float(gains.radial) * orbit.speed, float(gains.heading))
+    )
 
 
 def linear_rms(noise: float, gust: float, radial: float, heading: float) -> float:
-    """Return the RMS of e in the linear model, m. noise: power density of range noise, m^2 s. gust: m/s. radial,
-    heading: loop gains b and h, 1/s."""
+    """Return the RMS of e in the linear model, m. noise: power density of range noise, m^2 s. gust:
+    m/s. radial, heading: loop gains b and h, 1/s."""
     drift_psd = 2 * gust**2 / GUST_TIME
     model = np.array([[0.0, 1.0], [0.0, -1 / GUST_TIME]])
-    P = solve_continuous_are(model.T, np.array([[1.0], [0.0]]), np.diag([0.0, drift_psd]), np.array([[noise]]))
-    gain_e, gain_g = P[0, 0] / noise, P[1, 0] / noise
+    P = solve_continuous_are(
+        model.T, np.array([[1.0], [0.0]]), np.diag([0.0, drift_psd]), np.array([[noise]])
+    )
+    gain_e = P[0, 0] / noise
+    gain_g = P[1, 0] / noise
     # states: e, g, u, e_hat, g_hat
     loop = np.array([
         [0.0, 1.0, 1.0, 0.0, 0.0],

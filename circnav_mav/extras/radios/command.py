@@ -15,18 +15,24 @@ from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.radio_link import RadioLink, open_radio
 from circnav_mav.runtime.runner import StopRequest, wait
 
-PERIOD, SPAN = 1.0, 10.0
+PERIOD = 1.0
+SPAN = 10.0
 """Time between two lines, s, and time span that each line summarizes, s."""
-MOST_KEPT, MOST_BEACONS = 20_000, 32
-"""Largest numbers of ranges per beacon and of beacons. They bound the memory: the link is not authenticated."""
+MOST_KEPT = 20_000
+MOST_BEACONS = 32
+"""Largest numbers of ranges per beacon and of beacons. They bound the memory: the link is not
+authenticated."""
 FEW = 5
-"""Smallest number of ranges for which scatter, outliers, and speed and jitter of the radio's clock are computed."""
+"""Smallest number of ranges for which scatter, outliers, and speed and jitter of the radio's clock
+are computed."""
 OUTLIER = 5.0
-"""Residual, in standard deviations, from which a range is an outlier: the default of the mission's gate."""
+"""Residual, in standard deviations, from which a range is an outlier: the default of the mission's
+gate."""
 
 
 def watch_radio(endpoint: str, seconds: float | None) -> int:
-    """Print a line per second for each beacon until the time is over or a Unix signal arrives. Raises Refused."""
+    """Print a line per second for each beacon until the time is over or a Unix signal arrives.
+    Raises Refused."""
     with refusing(endpoint, LinkError):
         link = open_radio(endpoint)
     with closing(link):
@@ -41,8 +47,10 @@ def _listen(link: RadioLink, seconds: float) -> bool:
     """Print the lines, and each new trouble once. Return True if any range was received."""
     beacons: dict[int, deque[ReceivedRange]] = {}
     shown: set[str] = set()
-    clock, stop = Clock(), StopRequest()
-    due, now = PERIOD, 0.0
+    clock = Clock()
+    stop = StopRequest()
+    due = PERIOD
+    now = 0.0
     while now < seconds and stop.signal_name is None:
         wait({"radio": link}, stop, min(clock.until(due), clock.longest_wait))
         readings = link.read(now)
@@ -76,13 +84,22 @@ def _describe(beacon: int, ranges: list[ReceivedRange], now: float) -> str:
     """Return a line: rate, newest range, scatter, outliers, longest gap and clock."""
     silent = now - ranges[-1].arrival
     gap = max([silent, *(after.arrival - before.arrival for before, after in pairwise(ranges))])
-    words = [f"beacon {beacon:<5}", f"{len(ranges) / min(now, SPAN):5.1f} Hz", f"{ranges[-1].r:8.2f} m"]
+    words = [
+        f"beacon {beacon:<5}",
+        f"{len(ranges) / min(now, SPAN):5.1f} Hz",
+        f"{ranges[-1].r:8.2f} m",
+    ]
     if len(ranges) < FEW:
         return "  ".join([*words, f"longest gap {gap:.2f} s"])
     residuals = residuals_of(ranges)
     scatter = bulk_sigma(residuals)
     share = outliers_among(residuals, OUTLIER * scatter)
-    words += [f"scatter {scatter:.3f} m", f"outliers {100 * share:.0f} %", f"longest gap {gap:.2f} s", _clock(ranges)]
+    words += [
+        f"scatter {scatter:.3f} m",
+        f"outliers {100 * share:.0f} %",
+        f"longest gap {gap:.2f} s",
+        _clock(ranges),
+    ]
     return "  ".join(words)
 
 

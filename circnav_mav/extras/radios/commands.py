@@ -25,9 +25,10 @@ def ranging() -> None:
 def watch() -> None:
     """Show what a radio measures: a line a second for each beacon, over the last ten seconds.
 
-    DRIVER is dwm1001, lines, linktrack or one of an installed package; PORT a device (/dev/ttyUSB0, or with its baud
-    rate /dev/ttyUSB0:115200) or an endpoint (udpin:0.0.0.0:5005, tcp:HOST:PORT). A mission takes the same as its
-    ranging.endpoint. Exit codes: 0 ranges received, 2 no such driver or port, 3 none received.
+    DRIVER is dwm1001, lines, linktrack or one of an installed package; PORT a device (/dev/ttyUSB0,
+    or with its baud rate /dev/ttyUSB0:115200) or an endpoint (udpin:0.0.0.0:5005, tcp:HOST:PORT). A
+    mission takes the same as its ranging.endpoint. Exit codes: 0 ranges received, 2 no such driver
+    or port, 3 none received.
 
     \b
     Examples:

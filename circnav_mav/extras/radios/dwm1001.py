@@ -1,7 +1,8 @@
-"""Qorvo (Decawave) DWM1001 with its factory firmware: the lines of its shell commands `lec` and `les`.
+"""Qorvo (Decawave) DWM1001 with its factory firmware: the lines of its shell commands `lec` and
+`les`.
 
-Source: DWM1001 Firmware API Guide, sections on shell mode. The shell has no checksum and no time. At high rates
-parts of a line may be missing, so each anchor is parsed separately.
+Source: DWM1001 Firmware API Guide, sections on shell mode. The shell has no checksum and no time.
+At high rates parts of a line may be missing, so each anchor is parsed separately.
 """
 
 import re
@@ -18,11 +19,13 @@ SHELL = re.compile(r"^(dwm>.*|POS,.*|le[cs]|DWM1001.*|Copyright.*|License.*|Comp
 """Lines of the shell without ranges."""
 PATIENCE = 2.0
 """Time, s, to wait for data from the radio, and between two commands to it."""
-WAKE, LIST = b"\r\r", b"lec\r"
+WAKE = b"\r\r"
+LIST = b"lec\r"
 
 
 class Dwm1001(LineDriver):
-    """Ranges to all anchors in sight, by 16-bit id. `lec` is sent to a radio that is silent at the start."""
+    """Ranges to all anchors in sight, by 16-bit id. `lec` is sent to a radio that is silent at the
+    start."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -40,10 +43,12 @@ class Dwm1001(LineDriver):
         return [RadioReading(float(metres), beacon=int(ident, 16)) for ident, metres in found]
 
     def ask(self, now: float) -> bytes:
-        """Return the bytes that start a silent radio: first two Enter characters, which open the shell, later `lec`."""
+        """Return the bytes that start a silent radio: first two Enter characters, which open the
+        shell, later `lec`."""
         if self._started or now < self._next:
             return b""
-        first, self._next = self._next == float("-inf"), now + PATIENCE
+        first = self._next == float("-inf")
+        self._next = now + PATIENCE
         if first:
             return b""
         self._woken = not self._woken

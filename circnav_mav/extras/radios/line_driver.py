@@ -30,17 +30,24 @@ class LineDriver(Driver):
         """Return the readings in a line, None if the line is not valid."""
 
     def receive(self, data: bytes, now: float) -> list[RadioReading]:
-        # "3.4" may be the end of "123.4". Discard input before the first line end and after a pause within a line.
+        # "3.4" may be the end of "123.4". Discard input before the first line end and after a pause
+        # within a line.
         if self._rest and now - self._received_at > PAUSE:
-            self._rest, self._whole = b"", False
+            self._rest = b""
+            self._whole = False
         self._received_at = now
         *lines, self._rest = _LINE_END.split(self._rest + data)
         if len(self._rest) > LONGEST_LINE:
             self.unread += len(self._rest)
-            self._rest, self._whole = b"", False
+            self._rest = b""
+            self._whole = False
         readings: list[RadioReading] = []
         for line in lines:
-            found = self.read_line(line.decode("ascii", "replace").strip()) if self._whole and line else ()
+            found = (
+                self.read_line(line.decode("ascii", "replace").strip())
+                if self._whole and line
+                else ()
+            )
             self._whole = True
             self.unread += len(line) if found is None else 0
             readings += found or ()

@@ -28,7 +28,9 @@ class Lines(LineDriver):
         """Return the reading of a line, None for a header or other text."""
         try:
             values = json.loads(line) if line.startswith("{") else _columns(line)
-            beacon, sigma, time = int(str(values.get("id", 0)), 0), values.get("sigma"), values.get("time")
+            beacon = int(str(values.get("id", 0)), 0)
+            sigma = values.get("sigma")
+            time = values.get("time")
             return [RadioReading(float(values["range"]), beacon, _number(sigma), _number(time))]
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             return None

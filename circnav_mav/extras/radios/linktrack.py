@@ -1,6 +1,8 @@
-"""Nooploop LinkTrack: node frames 2 and 3 and the AoA node frame 0 of its NLink protocol, little-endian.
+"""Nooploop LinkTrack: node frames 2 and 3 and the AoA node frame 0 of its NLink protocol,
+little-endian.
 
-Source: the manufacturer's github.com/nooploop-dev/nlink_unpack. Choose one of these frames in NAssistant.
+Source: the manufacturer's github.com/nooploop-dev/nlink_unpack. Choose one of these frames in
+NAssistant.
 """
 
 import struct
@@ -15,9 +17,9 @@ SHORTEST = 4
 
 
 class _Layout(NamedTuple):
-    """fixed: bytes before the nodes; the last one is the number of nodes. node: bytes per node. stamped: True if each
-    node has the network time of its measurement, ms, at byte 7. Otherwise the frame has the radio's time, ms, at
-    byte 6."""
+    """fixed: bytes before the nodes; the last one is the number of nodes. node: bytes per node.
+    stamped: True if each node has the network time of its measurement, ms, at byte 7. Otherwise the
+    frame has the radio's time, ms, at byte 6."""
 
     fixed: int
     node: int
@@ -39,7 +41,9 @@ class LinkTrack(Driver):
         self._rest = b""
 
     def receive(self, data: bytes, now: float) -> list[RadioReading]:
-        buffer, at, readings = self._rest + data, 0, []
+        buffer = self._rest + data
+        at = 0
+        readings = []
         while at < len(buffer) and (size := _frame_size(buffer, at)) is not None:
             frame = buffer[at : at + size]
             if size and sum(frame[:-1]) % 256 == frame[-1]:
@@ -53,7 +57,8 @@ class LinkTrack(Driver):
 
 
 def _frame_size(buffer: bytes, at: int) -> int | None:
-    """Return the size of the frame at an offset, bytes. 0: no frame begins there. None: more bytes are needed."""
+    """Return the size of the frame at an offset, bytes. 0: no frame begins there. None: more bytes
+    are needed."""
     left = len(buffer) - at
     if buffer[at] != HEADER or (left > 1 and buffer[at + 1] not in LAYOUTS):
         return 0
@@ -66,8 +71,10 @@ def _frame_size(buffer: bytes, at: int) -> int | None:
 
 
 def _read(frame: bytes) -> list[RadioReading]:
-    """Return the readings of a frame. Node: role, id, range in mm (24 bits, signed), two signal strengths, more."""
-    layout, readings = LAYOUTS[frame[1]], []
+    """Return the readings of a frame. Node: role, id, range in mm (24 bits, signed), two signal
+    strengths, more."""
+    layout = LAYOUTS[frame[1]]
+    readings = []
     for at in range(layout.fixed, len(frame) - 1, layout.node):
         (stamp,) = struct.unpack_from("<I", frame, at + 7 if layout.stamped else 6)
         millimetres = int.from_bytes(frame[at + 2 : at + 5], "little", signed=True)

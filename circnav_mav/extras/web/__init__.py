@@ -1,4 +1,5 @@
-"""Live page of a flight: a server in a separate process, with a pipe that never blocks the flight."""
+"""Live page of a flight: a server in a separate process, with a pipe that never blocks the
+flight."""
 
 from circnav_mav.extension import Extension
 

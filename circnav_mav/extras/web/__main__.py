@@ -1,6 +1,7 @@
-"""Server of the live page, started by the flight: `python -m circnav_mav.extras.web FD AWAY`. FD is a listening socket,
-and stdin carries the feed. The server prints "ready". After the flight it closes stdout. It then serves the page and
-the report until no browser has shown them for AWAY seconds, or LONGEST_STAY is over."""
+"""Server of the live page, started by the flight: `python -m circnav_mav.extras.web FD AWAY`. FD is
+a listening socket, and stdin carries the feed. The server prints "ready". After the flight it
+closes stdout. It then serves the page and the report until no browser has shown them for AWAY
+seconds, or LONGEST_STAY is over."""
 
 import asyncio
 import json
@@ -30,30 +31,51 @@ POLL = 0.1
 GRACE = 0.5
 """Time for the last event to reach the browsers, s."""
 LONGEST_STAY = 3600.0
-"""Longest time for which the page is served after the flight, s. Chosen: a forgotten tab must not keep a process."""
+"""Longest time for which the page is served after the flight, s. Chosen: a forgotten tab must not
+keep a process."""
 NICENESS = 10
 """Niceness of the server process, so that the flight has priority on a busy processor."""
 LONGEST_LINE = 1 << 16
 MOST_POINTS = 3000
-"""Maximum number of points of a chart. Beyond it, every second point is dropped, and new points are kept half as
-often."""
+"""Maximum number of points of a chart. Beyond it, every second point is dropped, and new points are
+kept half as often."""
 NEWEST = 100
-"""Newest ticks that are kept completely. A browser that is further behind gets the whole history again."""
-COLUMNS = ("time", "measured", "r", "r_dot", "turn_rate", "x", "y", "drift_x", "drift_y", "east", "north", "heading",
-           "state", "mode", "law", "desired", "turn_gain")  # fmt: skip
+"""Newest ticks that are kept completely. A browser that is further behind gets the whole history
+again."""
+COLUMNS = (
+    "time",
+    "measured",
+    "r",
+    "r_dot",
+    "turn_rate",
+    "x",
+    "y",
+    "drift_x",
+    "drift_y",
+    "east",
+    "north",
+    "heading",
+    "state",
+    "mode",
+    "law",
+    "desired",
+    "turn_gain",
+)
 """Values of a tick that a point holds."""
 PAGE = with_charts(Path(__file__).with_name("page.html"))
 HEADERS = {
     "Cache-Control": "no-store",
-    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "img-src data:; connect-src 'self'",
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+        "img-src data:; connect-src 'self'"
+    ),
     "X-Content-Type-Options": "nosniff",
 }
 
 
 class History:
-    """History of the flight for browsers that connect late, of bounded size. Converts lines of the feed to server-sent
-    events."""
+    """History of the flight for browsers that connect late, of bounded size. Converts lines of the
+    feed to server-sent events."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -91,7 +113,8 @@ class History:
             self._every *= 2
 
     def since(self, seen: int | None) -> list[str]:
-        """Return the events for a browser that has received `seen` ticks, None for a new browser."""
+        """Return the events for a browser that has received `seen` ticks, None for a new
+        browser."""
         if seen is None or self.count - seen > len(self._newest):
             return [_event("history", self._all())]
         behind = self.count - seen
@@ -99,7 +122,8 @@ class History:
 
     @property
     def end(self) -> str:
-        """Event at the end of the flight, with the verdict, or null if the flight's process was killed."""
+        """Event at the end of the flight, with the verdict, or null if the flight's process was
+        killed."""
         return _event("end", json.dumps(self._end))
 
     @property
@@ -111,7 +135,12 @@ class History:
     def _all(self) -> str:
         """Return the whole history as JSON, for a new browser."""
         newest = json.loads(self._newest[-1]) if self._newest else None
-        whole = {"flight": self._flight, "columns": COLUMNS, "points": self._points, "every": self._every}
+        whole = {
+            "flight": self._flight,
+            "columns": COLUMNS,
+            "points": self._points,
+            "every": self._every,
+        }
         return json.dumps({**whole, "most": MOST_POINTS, "count": self.count, "newest": newest})
 
 
@@ -120,8 +149,9 @@ def _event(kind: str, data: str) -> str:
 
 
 def application(history: History) -> Starlette:
-    """Return the web application: the page, its event stream and the report, all read-only. Requests for a
-    host name other than 127.0.0.1 or localhost are rejected, so that no other page in the browser can read it."""
+    """Return the web application: the page, its event stream and the report, all read-only.
+    Requests for a host name other than 127.0.0.1 or localhost are rejected, so that no other page
+    in the browser can read it."""
 
     async def page(request: Request) -> Response:
         return HTMLResponse(PAGE, headers=HEADERS)
@@ -143,7 +173,9 @@ def application(history: History) -> Starlette:
         history.seen = inf
         try:
             while not history.closed:
-                over, news, seen = history.over, history.since(seen), history.count
+                over = history.over
+                news = history.since(seen)
+                seen = history.count
                 for event in news:
                     yield event
                 if over and not ended:
@@ -169,11 +201,19 @@ async def serve(listener: socket.socket, away: float) -> None:
     """Serve until stdin ends, and then as long as a browser shows the page. away: see `stay`."""
     history = History()
     reader = asyncio.StreamReader(limit=LONGEST_LINE)
-    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin
+    )
     config = uvicorn.Config(
-        application(history), http="h11", log_config=None, access_log=False, lifespan="off", ws="none",
-        limit_concurrency=100, timeout_graceful_shutdown=1,
-    )  # fmt: skip
+        application(history),
+        http="h11",
+        log_config=None,
+        access_log=False,
+        lifespan="off",
+        ws="none",
+        limit_concurrency=100,
+        timeout_graceful_shutdown=1,
+    )
     server = uvicorn.Server(config)
     serving = asyncio.create_task(server.serve(sockets=[listener]))
     os.write(1, b"ready\n")

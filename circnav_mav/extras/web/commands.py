@@ -7,5 +7,8 @@ WEB = click.option(
     is_flag=False,
     flag_value="8080",
     metavar="[PORT]",
-    help="Also show the flight in a browser on this computer, at http://127.0.0.1:PORT. [default port: 8080]",
+    help=(
+        "Also show the flight in a browser on this computer, at http://127.0.0.1:PORT. [default"
+        " port: 8080]"
+    ),
 )

@@ -1,6 +1,6 @@
-"""Feed of the live page: its contents, and the pipe to the server's process. The pipe is the only queue. A line that
-does not fit is dropped, so that a slow, stopped or dead server never delays a tick. The page cannot influence the
-flight."""
+"""Feed of the live page: its contents, and the pipe to the server's process. The pipe is the only
+queue. A line that does not fit is dropped, so that a slow, stopped or dead server never delays a
+tick. The page cannot influence the flight."""
 
 import getpass
 import importlib.util
@@ -32,11 +32,12 @@ from circnav_mav.runtime.status import SILENCED, Status, StatusSource, status_fa
 HOST = "127.0.0.1"
 LINES_A_SECOND = 10
 """Updates of the page per real second. Chosen."""
-START_PATIENCE, STOP_PATIENCE = 10.0, 3.0
+START_PATIENCE = 10.0
+STOP_PATIENCE = 3.0
 """Timeouts for starting and ending the server's process, s. Chosen."""
 AWAY = 30.0
-"""Time without a browser, s, after which the page of a finished flight is no longer served. Chosen: enough to reload it
-or to reconnect a tunnel."""
+"""Time without a browser, s, after which the page of a finished flight is no longer served. Chosen:
+enough to reload it or to reconnect a tunnel."""
 LONGEST_TEXT = 300
 """Maximum length of a text on the page, characters. Chosen: only external names are longer."""
 MOST_VEHICLES = 20
@@ -51,7 +52,8 @@ class WebError(Exception):
 
 
 class LivePage(Onlooker):
-    """Onlooker that runs the server's process and feeds it through a pipe. `on_step` never blocks."""
+    """Onlooker that runs the server's process and feeds it through a pipe. `on_step` never
+    blocks."""
 
     name = "live page"
 
@@ -66,14 +68,21 @@ class LivePage(Onlooker):
         speed: float,
         truth: bool = False,
     ) -> None:
-        """port: 0 for any free one. tolerance: half width of the band around the radius, m. speed: run seconds per real
-        second. truth: True to show truth frames. Only the bundled vehicle sends genuine ones. Raises WebError."""
+        """port: 0 for any free one. tolerance: half width of the band around the radius, m. speed:
+        run seconds per real second. truth: True to show truth frames. Only the bundled vehicle
+        sends genuine ones. Raises WebError."""
         missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
         if missing:
-            raise WebError(f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}")
-        self._watch, self._settings, self._onlookers = StatusSource(pilot, onlookers), pilot.settings, onlookers
-        self._period, self._due = speed / LINES_A_SECOND, 0.0
-        self._receives_truth, self._truth = truth, b""
+            raise WebError(
+                f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}"
+            )
+        self._watch = StatusSource(pilot, onlookers)
+        self._settings = pilot.settings
+        self._onlookers = onlookers
+        self._period = speed / LINES_A_SECOND
+        self._due = 0.0
+        self._receives_truth = truth
+        self._truth = b""
         self._place: tuple[float | None, float | None] = (None, None)
         with _listener(port) as listener:
             self.url = f"http://{HOST}:{listener.getsockname()[1]}/"
@@ -83,7 +92,9 @@ class LivePage(Onlooker):
         os.set_blocking(self._pipe, False)
         self._queue_event({"kind": "flight", **_facts(pilot, name, tolerance)})
 
-    def on_step(self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None) -> Sequence[bytes]:
+    def on_step(
+        self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
+    ) -> Sequence[bytes]:
         """Send the newest tick if an update is due."""
         if self._receives_truth:
             for _, _, frames in step.received:
@@ -92,22 +103,37 @@ class LivePage(Onlooker):
             return ()
         self._due = step.time + self._period
         place = relative_truth(self._truth) if self._truth else None
-        if place is not None and all(map(isfinite, place)):  # any sender may have made a frame with NaN
+        if place is not None and all(
+            map(isfinite, place)
+        ):  # any sender may have made a frame with NaN
             self._place = place
-        status, (east, north) = self._watch.status(newest, step.time, recording_problem), map(_plain, self._place)
+        status = self._watch.status(newest, step.time, recording_problem)
+        (east, north) = map(_plain, self._place)
         others = self._onlookers.vehicles(step.time)[:MOST_VEHICLES]
-        tick = _tick(status, self._settings) | {"east": east, "north": north, "vehicles": _plain(others)}
+        tick = _tick(status, self._settings) | {
+            "east": east,
+            "north": north,
+            "vehicles": _plain(others),
+        }
         self._queue_event({"kind": "tick", **tick})
         return ()
 
     def show_verdict(self, verdict: str, folder: Path) -> None:
-        """Send the verdict and the path of the report. Wait up to STOP_PATIENCE for room in the pipe."""
+        """Send the verdict and the path of the report. Wait up to STOP_PATIENCE for room in the
+        pipe."""
         if self._pipe is not None:
             select.select([], [self._pipe], [], STOP_PATIENCE)
-            self._queue_event({"kind": "end", "verdict": verdict, "report": str(folder.absolute() / "report.html")})
+            self._queue_event(
+                {
+                    "kind": "end",
+                    "verdict": verdict,
+                    "report": str(folder.absolute() / "report.html"),
+                }
+            )
 
     def close(self) -> None:
-        """End the feed. A server that closes its stdout may keep running for a browser; one that does not is killed."""
+        """End the feed. A server that closes its stdout may keep running for a browser; one that
+        does not is killed."""
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
@@ -123,7 +149,8 @@ class LivePage(Onlooker):
         process.poll()
 
     def _queue_event(self, what: dict[str, Any]) -> None:
-        """Write a line to the pipe, or drop it. Up to PIPE_BUF bytes are written atomically, so no line is partial."""
+        """Write a line to the pipe, or drop it. Up to PIPE_BUF bytes are written atomically, so no
+        line is partial."""
         line = json.dumps(what, allow_nan=False).encode() + b"\n"
         if self._pipe is None or len(line) > select.PIPE_BUF:
             return
@@ -137,33 +164,46 @@ class LivePage(Onlooker):
 
 def open_onlooker(given: OnlookerSettings) -> LivePage | None:
     """Return the live page if `--web` is given, else None. Raises Refused."""
-    port, mission = given.options.get("web"), given.mission
+    port = given.options.get("web")
+    mission = given.mission
     if port is None:
         return None
     if not port.isdecimal() or int(port) > MOST_PORT:
         raise Refused(f"--web {port}: is not a port; write: circnav fly MISSION --web [PORT]")
-    tolerance, speed = TOLERANCE * mission.orbit.radius, mission.run_speed(given.options.get("speed"), PAGE_SPEED)
+    tolerance = TOLERANCE * mission.orbit.radius
+    speed = mission.run_speed(given.options.get("speed"), PAGE_SPEED)
     with refusing("--web", WebError):
         page = LivePage(
-            given.pilot, given.others, int(port), name=mission.file.name, tolerance=tolerance, speed=speed,
+            given.pilot,
+            given.others,
+            int(port),
+            name=mission.file.name,
+            tolerance=tolerance,
+            speed=speed,
             truth=mission.flies_sim,
-        )  # fmt: skip
+        )
     page.pace = PAGE_SPEED
     say(f"live page at {page.url}")
     # In a session over SSH, the page is on the remote computer, and the operator's browser is not.
     if len(connection := os.environ.get("SSH_CONNECTION", "").split()) == 4:
         tunnel = page.url.removeprefix("http://").rstrip("/")
-        say(f"from your own computer: ssh -L {tunnel.rpartition(':')[2]}:{tunnel} {getpass.getuser()}@{connection[2]}")
+        say(
+            f"from your own computer: ssh -L {tunnel.rpartition(':')[2]}:{tunnel}"
+            f" {getpass.getuser()}@{connection[2]}"
+        )
     return page
 
 
 def _listener(port: int) -> socket.socket:
-    """Return a socket that listens on the loopback interface. Opened before the flight. Raises WebError."""
+    """Return a socket that listens on the loopback interface. Opened before the flight. Raises
+    WebError."""
     try:
         return socket.create_server((HOST, port))
     except OSError as error:
         why = os.strerror(error.errno or 0)
-        raise WebError(f"--web {port}: {HOST}:{port} cannot be used: {why}; choose another port") from None
+        raise WebError(
+            f"--web {port}: {HOST}:{port} cannot be used: {why}; choose another port"
+        ) from None
 
 
 def _serve(listener: socket.socket) -> "subprocess.Popen[bytes]":
@@ -208,7 +248,9 @@ def _tick(status: Status, settings: PilotSettings) -> dict[str, Any]:
         "now": status.time,
         "state": status.phase,
         "alarms": [alarm[:LONGEST_TEXT] for alarm in status.alarms],
-        "facts": {name: fact[:LONGEST_TEXT] for name, fact in status_facts(status, settings).items()},
+        "facts": {
+            name: fact[:LONGEST_TEXT] for name, fact in status_facts(status, settings).items()
+        },
     }
     return {name: _plain(value) for name, value in (status.tick._asdict() | about).items()}
 

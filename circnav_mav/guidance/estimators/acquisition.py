@@ -1,9 +1,10 @@
 """Acquisition of the target: hypotheses in all directions, until a single one fits the ranges.
 
-Kalman filters started on a ring of bearings are overconfident: each linearizes along its own tangent although the
-target may be in any direction. The search instead keeps a window of ranges and the air path flown. It improves M
-hypotheses of (p, d, kappa) by Levenberg-Marquardt on all bins. Hypotheses that fit the data equally well remain
-separate. Source: multi-start nonlinear least squares, Nocedal and Wright (2006), ch. 10.
+Kalman filters started on a ring of bearings are overconfident: each linearizes along its own
+tangent although the target may be in any direction. The search instead keeps a window of ranges and
+the air path flown. It improves M hypotheses of (p, d, kappa) by Levenberg-Marquardt on all bins.
+Hypotheses that fit the data equally well remain separate. Source: multi-start nonlinear least
+squares, Nocedal and Wright (2006), ch. 10.
 
 Arrays have the axes B flights, M hypotheses, N bins. Frame and symbols as in `relative_ekf`.
 """
@@ -20,11 +21,14 @@ from circnav_mav.guidance.maths import Batch
 UNKNOWNS = 5
 """Position (2), drift (2) and airspeed scale."""
 CANDIDATES = 32
-"""Initial hypotheses of a search, equally spaced in bearing on a circle with the radius of the first range."""
-MOST_DAMPING, LEAST_DAMPING = 1e6, 1e-4
+"""Initial hypotheses of a search, equally spaced in bearing on a circle with the radius of the
+first range."""
+MOST_DAMPING = 1e6
+LEAST_DAMPING = 1e-4
 """Bounds of the Levenberg-Marquardt damping: almost no step, and almost Gauss-Newton; chosen."""
 ROBUST = 4.0
-"""Scale of the robust (Cauchy) weight, in standard deviations: the weight of larger residuals decreases."""
+"""Scale of the robust (Cauchy) weight, in standard deviations: the weight of larger residuals
+decreases."""
 SWITCH = 0.5
 """Advantage in log likelihood that another hypothesis needs to replace the most likely one."""
 ITERATIONS = 2
@@ -43,10 +47,12 @@ DRIFT_MOST = 0.85
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Values before the first range: drift (dx, dy) +- drift, m/s, and airspeed scale `scale` +- kappa.
+    """Values before the first range: drift (dx, dy) +- drift, m/s, and airspeed scale `scale` +-
+    kappa.
 
-    The drift has a heavy-tailed (Cauchy) distribution: most targets are stationary, and moving ones may be fast. With a
-    normal distribution, the hypotheses for a stationary target had several m/s of drift.
+    The drift has a heavy-tailed (Cauchy) distribution: most targets are stationary, and moving ones
+    may be fast. With a normal distribution, the hypotheses for a stationary target had several m/s
+    of drift.
     """
 
     drift: float
@@ -60,10 +66,12 @@ class Prior:
         return np.array([0.0, 0.0, self.dx, self.dy, self.scale])
 
     def information(self, x: Batch) -> Batch:
-        """Return the inverse variances of the prior for hypotheses x (..., 5), as an array with the shape of x.
+        """Return the inverse variances of the prior for hypotheses x (..., 5), as an array with the
+        shape of x.
 
-        Position: 0, because the prior has no position. Drift: the inverse variance of the normal distribution whose
-        log density has the same slope at x as that of the Cauchy distribution. Airspeed scale: kappa^-2.
+        Position: 0, because the prior has no position. Drift: the inverse variance of the normal
+        distribution whose log density has the same slope at x as that of the Cauchy distribution.
+        Airspeed scale: kappa^-2.
         """
         of_drift = 2 / (self.drift**2 + self._apart(x))
         none = np.zeros_like(of_drift)
@@ -71,14 +79,18 @@ class Prior:
 
     def cost(self, x: Batch) -> Batch:
         """Return the negative log prior of hypotheses x (..., 5)."""
-        return np.asarray(np.log1p(self._apart(x) / self.drift**2) + 0.5 * ((x[..., 4] - self.scale) / self.kappa) ** 2)
+        return np.asarray(
+            np.log1p(self._apart(x) / self.drift**2)
+            + 0.5 * ((x[..., 4] - self.scale) / self.kappa) ** 2
+        )
 
     def _apart(self, x: Batch) -> Batch:
         return (x[..., 2] - self.dx) ** 2 + (x[..., 3] - self.dy) ** 2
 
 
 class Candidates(NamedTuple):
-    """M hypotheses for each of B flights: current p, d, kappa in x (B, M, 5), their cost (B, M) and damping (B, M)."""
+    """M hypotheses for each of B flights: current p, d, kappa in x (B, M, 5), their cost (B, M) and
+    damping (B, M)."""
 
     x: Batch
     cost: Batch
@@ -90,27 +102,31 @@ class Candidates(NamedTuple):
 
 
 class Acquisition:
-    """Searches for the targets of B flights. The search of a flight runs until it has a solution. The window stores the
-    ranges of all flights."""
+    """Searches for the targets of B flights. The search of a flight runs until it has a solution.
+    The window stores the ranges of all flights."""
 
-    def __init__(self, settings: EstimatorSettings, flights: int, known: Prior | None = None) -> None:
+    def __init__(
+        self, settings: EstimatorSettings, flights: int, known: Prior | None = None
+    ) -> None:
         """known: prior of drift and airspeed scale, common to all flights."""
         self._settings = settings
         self._window = RangeWindow(flights, settings.speed)
-        self._prior, self.remembers = known or self._nothing_known(), known is not None
+        self._prior = known or self._nothing_known()
+        self.remembers = known is not None
         self.at = np.zeros(0, int)
         self.most_likely = np.zeros(0, int)
         self._candidates = all_round(np.zeros(0), self._prior)
         self._advanced = np.zeros(flights), np.zeros((2, flights))
 
     def observe(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
-        """Advance time and path, and add the valid ranges. Return True, (B,), for flights with a newly closed bin:
-        their search is due."""
+        """Advance time and path, and add the valid ranges. Return True, (B,), for flights with a
+        newly closed bin: their search is due."""
         return self._window.add(dt, chord, z, sigma, valid)
 
     def forget(self) -> None:
         """Discard the prior of drift and airspeed scale."""
-        self._prior, self.remembers = self._nothing_known(), False
+        self._prior = self._nothing_known()
+        self.remembers = False
 
     def begin(self, at: Batch, r: Batch) -> None:
         """Start searches of the flights `at`, on circles with the radii r (n,), m."""
@@ -121,17 +137,21 @@ class Acquisition:
         self._candidates = Candidates(*(np.concatenate(parts) for parts in both))
 
     def go_on(self, due: Batch, sigma: Batch) -> tuple[Batch, Batch, Batch] | None:
-        """Improve the hypotheses of the flights that are due, and end the searches that have a unique solution.
+        """Improve the hypotheses of the flights that are due, and end the searches that have a
+        unique solution.
 
-        Return the numbers (n,) of the flights whose search ended, their solutions x (5, n) of p, d, kappa, and the
-        covariances (5, 5, n); None if no search ended.
+        Return the numbers (n,) of the flights whose search ended, their solutions x (5, n) of p, d,
+        kappa, and the covariances (5, 5, n); None if no search ended.
         """
         self._carry()
         of = np.flatnonzero(due[self.at])
         if not of.size:
             return None
-        at, flights = self.at[of], np.arange(of.size)
-        bins, filled, g = self._window.bins(at, sigma), self._window.filled(at), self._candidates.some(of)
+        at = self.at[of]
+        flights = np.arange(of.size)
+        bins = self._window.bins(at, sigma)
+        filled = self._window.filled(at)
+        g = self._candidates.some(of)
         for _ in range(ITERATIONS):
             g = improve(g, bins, self._prior)
         all_ = self._candidates
@@ -139,15 +159,19 @@ class Acquisition:
         best = g.cost.argmin(axis=1)
         better = g.cost[flights, best] < g.cost[flights, self.most_likely[of]] - SWITCH
         self.most_likely[of] = np.where(better, best, self.most_likely[of])
-        x, cost = g.x[flights, best], g.cost[flights, best]
-        # Accept a solution if it is precise, its drift is plausible and no hypothesis at another position fits nearly
-        # as well. `scale` (the reduced chi-square) raises covariance and margin if the ranges are noisier than assumed.
+        x = g.x[flights, best]
+        cost = g.cost[flights, best]
+        # Accept a solution if it is precise, its drift is plausible and no hypothesis at another
+        # position fits nearly as well. `scale` (the reduced chi-square) raises covariance and
+        # margin if the ranges are noisier than assumed.
         scale = np.maximum(1.0, 2 * cost / np.maximum(filled - UNKNOWNS + 1, 1))
         P = covariance(x[:, None], bins, self._prior)[:, 0] * scale[:, None, None]
         known = np.sqrt(P[:, 0, 0] + P[:, 1, 1]) < CONVERGED * np.hypot(x[:, 0], x[:, 1])
         flyable = np.hypot(x[:, 2], x[:, 3]) < DRIFT_MOST * self._settings.speed
         away = np.hypot(g.x[..., 0] - x[:, None, 0], g.x[..., 1] - x[:, None, 1])
-        elsewhere = np.where(away > APART * np.hypot(x[:, 0], x[:, 1])[:, None], g.cost, np.inf).min(axis=1)
+        elsewhere = np.where(
+            away > APART * np.hypot(x[:, 0], x[:, 1])[:, None], g.cost, np.inf
+        ).min(axis=1)
         alone = elsewhere - cost > MARGIN * scale
         found = known & flyable & alone & (filled >= MIN_BINS)
         if not found.any():
@@ -175,7 +199,8 @@ class Acquisition:
         """Predict the hypotheses to now, along the path flown since."""
         (then, before), g = self._advanced, self._candidates
         self._advanced = self._window.now, self._window.path
-        dt, path = (self._window.now - then)[self.at], (self._window.path - before)[:, self.at]
+        dt = (self._window.now - then)[self.at]
+        path = (self._window.path - before)[:, self.at]
         x = g.x.copy()
         x[..., 0] += x[..., 4] * path[0][:, None] + x[..., 2] * dt[:, None]
         x[..., 1] += x[..., 4] * path[1][:, None] + x[..., 3] * dt[:, None]
@@ -183,7 +208,8 @@ class Acquisition:
 
 
 def all_round(r: Batch, prior: Prior) -> Candidates:
-    """Return hypotheses in all directions at ranges r (B,), with the prior's drift and airspeed scale."""
+    """Return hypotheses in all directions at ranges r (B,), with the prior's drift and airspeed
+    scale."""
     angle = 2 * np.pi * (np.arange(CANDIDATES) + 0.5) / CANDIDATES
     x = np.zeros((r.size, CANDIDATES, UNKNOWNS)) + prior.mean
     x[..., 0], x[..., 1] = r[:, None] * np.cos(angle), r[:, None] * np.sin(angle)
@@ -191,10 +217,12 @@ def all_round(r: Batch, prior: Prior) -> Candidates:
 
 
 def improve(g: Candidates, bins: Bins, prior: Prior) -> Candidates:
-    """Return the hypotheses after one Levenberg-Marquardt iteration. A step that does not lower the cost is undone, and
-    its damping raised."""
+    """Return the hypotheses after one Levenberg-Marquardt iteration. A step that does not lower the
+    cost is undone, and its damping raised."""
     cost, A, b = _normal_equations(g.x, bins, prior)
-    damped = A + (g.damping[..., None, None] * np.einsum("...ii->...i", A)[..., None]) * np.eye(UNKNOWNS)
+    damped = A + (g.damping[..., None, None] * np.einsum("...ii->...i", A)[..., None]) * np.eye(
+        UNKNOWNS
+    )
     x = g.x + np.linalg.solve(damped + 1e-9 * np.eye(UNKNOWNS), b[..., None])[..., 0]
     better = _penalty(_residual(x, bins)[0]) + prior.cost(x)
     pays = better < cost
@@ -203,15 +231,25 @@ def improve(g: Candidates, bins: Bins, prior: Prior) -> Candidates:
 
 
 def covariance(x: Batch, bins: Bins, prior: Prior) -> Batch:
-    """Return the covariance of hypotheses x (B, M, 5) from the curvature of the cost, (B, M, 5, 5)."""
+    """Return the covariance of hypotheses x (B, M, 5) from the curvature of the cost, (B, M, 5,
+    5)."""
     A = _normal_equations(x, bins, prior)[1]
     return np.linalg.inv(A + 1e-9 * np.eye(UNKNOWNS))
 
 
 def _residual(x: Batch, bins: Bins) -> tuple[Batch, Batch, Batch]:
-    """Return the normalized residuals (B, M, N) and the two components of the unit vector of p at each bin."""
-    px = x[..., 0, None] - x[..., 4, None] * bins.path[0][:, None] - x[..., 2, None] * bins.age[:, None]
-    py = x[..., 1, None] - x[..., 4, None] * bins.path[1][:, None] - x[..., 3, None] * bins.age[:, None]
+    """Return the normalized residuals (B, M, N) and the two components of the unit vector of p at
+    each bin."""
+    px = (
+        x[..., 0, None]
+        - x[..., 4, None] * bins.path[0][:, None]
+        - x[..., 2, None] * bins.age[:, None]
+    )
+    py = (
+        x[..., 1, None]
+        - x[..., 4, None] * bins.path[1][:, None]
+        - x[..., 3, None] * bins.age[:, None]
+    )
     r = np.sqrt(px * px + py * py) + 1e-6
     return (bins.z[:, None] - r) / np.sqrt(bins.variance)[:, None], px / r, py / r
 

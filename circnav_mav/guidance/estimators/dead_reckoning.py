@@ -1,7 +1,8 @@
-"""Dead reckoning: the path through the air from asynchronous reports of heading, turn rate and airspeed.
+"""Dead reckoning: the path through the air from asynchronous reports of heading, turn rate and
+airspeed.
 
-`predict_one` predicts a single flight's estimate along this path beyond the newest range. It is `relative_ekf.predict`
-of the mixture in plain floats.
+`predict_one` predicts a single flight's estimate along this path beyond the newest range. It is
+`relative_ekf.predict` of the mixture in plain floats.
 """
 
 from collections import deque
@@ -20,14 +21,17 @@ KEPT = 64
 EXTRAPOLATED = 0.5
 """Longest time, s, over which the newest report is extrapolated by its turn rate."""
 HOLE = 3.0
-"""Longest gap between reports, s, in a continuous path. After a longer one the displacement is unknown."""
+"""Longest gap between reports, s, in a continuous path. After a longer one the displacement is
+unknown."""
 
 
 class PathPoint(NamedTuple):
-    """A point of the path: own motion there, and the path (x, y) integrated so far, m, at the measured airspeed.
+    """A point of the path: own motion there, and the path (x, y) integrated so far, m, at the
+    measured airspeed.
 
-    piece: number of gaps before this point. nose_x, nose_y: integral of the unit vector of the heading, s. report: the
-    newest report that an extrapolated point is based on. It supplies the accelerations, which are not extrapolated.
+    piece: number of gaps before this point. nose_x, nose_y: integral of the unit vector of the
+    heading, s. report: the newest report that an extrapolated point is based on. It supplies the
+    accelerations, which are not extrapolated.
     """
 
     motion: OwnMotion
@@ -38,16 +42,23 @@ class PathPoint(NamedTuple):
     nose_y: float = 0.0
     report: OwnMotion | None = None
 
-    def carried(self, motion: OwnMotion, airspeed: float, turned: float, step: float) -> "PathPoint":
-        """Return the point with this motion, `step` seconds later, after an arc that turns by `turned` (rad)."""
+    def carried(
+        self, motion: OwnMotion, airspeed: float, turned: float, step: float
+    ) -> "PathPoint":
+        """Return the point with this motion, `step` seconds later, after an arc that turns by
+        `turned` (rad)."""
         heading = self.motion.heading
         x, y = chord_parts(airspeed, heading, turned, step)
         nose_x, nose_y = _along(heading + turned / 2, step)  # midpoint rule
-        return PathPoint(motion, self.x + x, self.y + y, self.piece, self.nose_x + nose_x, self.nose_y + nose_y)
+        return PathPoint(
+            motion, self.x + x, self.y + y, self.piece, self.nose_x + nose_x, self.nose_y + nose_y
+        )
 
     def velocity_change_since(self, before: "PathPoint") -> ekf.VelocityChange | None:
-        """Return the accelerations measured since an earlier point, or None if they do not cover this interval."""
-        new, old = self.report or self.motion, before.report or before.motion
+        """Return the accelerations measured since an earlier point, or None if they do not cover
+        this interval."""
+        new = self.report or self.motion
+        old = before.report or before.motion
         if new.felt is None or old.felt is None or new.felt.since != old.felt.since:
             return None
         (x, y), (old_x, old_y) = (_along(m.heading, m.airspeed) for m in (new, old))
@@ -60,7 +71,8 @@ class PathPoint(NamedTuple):
 
 
 class FlownPath:
-    """Integrates arcs between reports. Drops late and repeated reports. A gap starts a new piece of path."""
+    """Integrates arcs between reports. Drops late and repeated reports. A gap starts a new piece of
+    path."""
 
     def __init__(self) -> None:
         self._points: deque[PathPoint] = deque(maxlen=KEPT)
@@ -76,19 +88,25 @@ class FlownPath:
             self._points.append(PathPoint(motion, last.x, last.y, last.piece + 1))
         elif step > 0:
             turned = float(wrap(motion.heading - last.motion.heading))
-            self._points.append(last.carried(motion, (last.motion.airspeed + motion.airspeed) / 2, turned, step))
+            self._points.append(
+                last.carried(motion, (last.motion.airspeed + motion.airspeed) / 2, turned, step)
+            )
 
     def at(self, time: float) -> PathPoint | None:
-        """Return the point of the path at a time (s), interpolated or extrapolated, or None outside of the path."""
+        """Return the point of the path at a time (s), interpolated or extrapolated, or None outside
+        of the path."""
         if not self._points:
             return None
         newest = self._points[-1]
-        last, ahead = newest.motion, time - newest.motion.time
+        last = newest.motion
+        ahead = time - newest.motion.time
         if ahead > EXTRAPOLATED:
             return None
         if ahead >= 0:
             turned = last.turn_rate * ahead
-            motion = OwnMotion(last.time + ahead, last.heading + turned, last.turn_rate, last.airspeed)
+            motion = OwnMotion(
+                last.time + ahead, last.heading + turned, last.turn_rate, last.airspeed
+            )
             carried = newest.carried(motion, last.airspeed, turned, ahead)
             return carried._replace(nose_x=newest.nose_x, nose_y=newest.nose_y, report=last)
         for after, before in zip(reversed(self._points), list(self._points)[-2::-1], strict=False):
@@ -98,14 +116,19 @@ class FlownPath:
 
 
 def _between(before: PathPoint, after: PathPoint, time: float) -> PathPoint:
-    old, new = before.motion, after.motion
+    old = before.motion
+    new = after.motion
     step = time - old.time
     share = step / (new.time - old.time)
     turned = float(wrap(new.heading - old.heading)) * share
-    airspeed, turn_rate = (old.airspeed + new.airspeed) / 2, new.turn_rate * share + old.turn_rate * (1 - share)
+    airspeed = (old.airspeed + new.airspeed) / 2
+    turn_rate = new.turn_rate * share + old.turn_rate * (1 - share)
     felt = None
     if new.felt is not None and old.felt is not None and new.felt.since == old.felt.since:
-        x, y = old.felt.x + share * (new.felt.x - old.felt.x), old.felt.y + share * (new.felt.y - old.felt.y)
+        x, y = (
+            old.felt.x + share * (new.felt.x - old.felt.x),
+            old.felt.y + share * (new.felt.y - old.felt.y),
+        )
         felt = IntegratedAcceleration(x, y, new.felt.since)
     motion = OwnMotion(old.time + step, old.heading + turned, turn_rate, airspeed, felt=felt)
     return before.carried(motion, airspeed, turned, step)
@@ -116,8 +139,8 @@ def _along(angle: float, length: float) -> tuple[float, float]:
 
 
 class Prediction(NamedTuple):
-    """Predicted p = vehicle - target = (x, y), m, at range r (m). drift: m/s. airspeed: true, m/s. r_dot: m/s.
-    Variances of r (m^2), of the direction (rad^2) and of r_dot (m^2/s^2)."""
+    """Predicted p = vehicle - target = (x, y), m, at range r (m). drift: m/s. airspeed: true, m/s.
+    r_dot: m/s. Variances of r (m^2), of the direction (rad^2) and of r_dot (m^2/s^2)."""
 
     r: float
     x: float
@@ -131,28 +154,37 @@ class Prediction(NamedTuple):
 
 
 def predict_one(
-    mean: Sequence[float], covariance: Array, assumed: Sequence[float], dt: float, chord: tuple[float, float],
-    heading: float, airspeed: float, felt: ekf.VelocityChange | None,
-) -> Prediction:  # fmt: skip
-    """Return the estimate predicted by dt (s) along an air path `chord` (m, at the measured airspeed).
+    mean: Sequence[float],
+    covariance: Array,
+    assumed: Sequence[float],
+    dt: float,
+    chord: tuple[float, float],
+    heading: float,
+    airspeed: float,
+    felt: ekf.VelocityChange | None,
+) -> Prediction:
+    """Return the estimate predicted by dt (s) along an air path `chord` (m, at the measured
+    airspeed).
 
-    mean (12 values), covariance (12, 12): of the state of `relative_ekf`. assumed: drift_psd (m^2/s^3), gust (m/s) and
-    acceleration_weight (0 to 1), averages of the noise models. heading (rad) and measured airspeed (m/s): at the end of
-    the path. felt: measured accelerations, from `PathPoint.velocity_change_since`.
+    mean (12 values), covariance (12, 12): of the state of `relative_ekf`. assumed: drift_psd
+    (m^2/s^3), gust (m/s) and acceleration_weight (0 to 1), averages of the noise models. heading
+    (rad) and measured airspeed (m/s): at the end of the path. felt: measured accelerations, from
+    `PathPoint.velocity_change_since`.
     """
     _, _, *steady_d, kappa, _, gx, gy, forward, sideways, ex, ey = mean
     drift_psd, gust, weight = assumed
     calm = exp(-dt / ekf.GUST_TIME)
     r, theta, row = ekf.motion(mean, dt, chord)
-    out, left = [0.0] * ekf.STATES, [0.0] * ekf.STATES
+    out = [0.0] * ekf.STATES
+    left = [0.0] * ekf.STATES
     for state, entry in row:
         out[state], left[state] = entry.real, entry.imag / r
     n, t = ekf.axes(theta)
     air = airspeed * cos(heading), airspeed * sin(heading)
     d = steady_d[0] + calm * gx, steady_d[1] + calm * gy
     if felt is not None:
-        # Use the measured change of velocity instead of the assumed decay, weighted by the probability of the noise
-        # models that use accelerations.
+        # Use the measured change of velocity instead of the assumed decay, weighted by the
+        # probability of the noise models that use accelerations.
         (c, s), stays = felt.nose, calm + weight * (1 - calm)
         errors = c * forward - s * sideways, s * forward + c * sideways
         dx, dy = (
@@ -163,7 +195,8 @@ def predict_one(
         )
         d = dx, dy
     v = kappa * air[0] + d[0], kappa * air[1] + d[1]
-    across, ahead = t[0] * v[0] + t[1] * v[1], n[0] * air[0] + n[1] * air[1]
+    across = t[0] * v[0] + t[1] * v[1]
+    ahead = n[0] * air[0] + n[1] * air[1]
     rate = [across * entry for entry in left]  # r' = n.v, and a direction error rotates n
     rate[ekf.KAPPA] += ahead
     for i, along in enumerate(n):
@@ -185,5 +218,9 @@ def predict_one(
         r_dot=n[0] * v[0] + n[1] * v[1],
         r_variance=of_r + wander,
         direction_variance=of_direction + turned,
-        r_dot_variance=of_rate + across**2 * turned + steady + gusty + ekf.KAPPA_PSD * dt * ahead**2,
+        r_dot_variance=of_rate
+        + across**2 * turned
+        + steady
+        + gusty
+        + ekf.KAPPA_PSD * dt * ahead**2,
     )

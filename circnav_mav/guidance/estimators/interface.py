@@ -18,10 +18,11 @@ class Fused(Enum):
 class EstimatorSettings:
     """Properties of the vehicle and the sensor.
 
-    speed: V, m/s. max_turn_rate: rad/s. gate: innovation gate in standard deviations. restart_after: consecutive
-    samples outside the gate, consistent with each other, that restart the filter. min_samples: fewest samples before
-    the estimate may steer. drift_sigma: typical drift, as a share of V. The drift of a vehicle that holds its ground
-    speed is the target's motion alone.
+    speed: V, m/s. max_turn_rate: rad/s. gate: innovation gate in standard deviations.
+    restart_after: consecutive samples outside the gate, consistent with each other, that restart
+    the filter. min_samples: fewest samples before the estimate may steer. drift_sigma: typical
+    drift, as a share of V. The drift of a vehicle that holds its ground speed is the target's
+    motion alone.
 
     scale_sigma: standard deviation of true over measured airspeed.
     scale_bounds: its bounds.
@@ -41,7 +42,8 @@ class EstimatorSettings:
 
 @dataclass(frozen=True, slots=True)
 class MethodChange:
-    """Change of the reported motion of a copter from motion over the ground to motion through the air.
+    """Change of the reported motion of a copter from motion over the ground to motion through the
+    air.
 
     wind: of the air over the ground, m/s, x and y.
     wind_sigma: its standard deviation, m/s.
@@ -72,18 +74,20 @@ class Estimator(Protocol):
         """Add a sample, with its range rate if it has one, or reject it."""
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Add a measured range rate, which may arrive between ranges. It is used only in addition to ranges."""
+        """Add a measured range rate, which may arrive between ranges. It is used only in addition
+        to ranges."""
 
     def move(self, motion: OwnMotion) -> None:
         """Add own motion, which may arrive between ranges. Some estimators ignore it."""
         return
 
     def at(self, time: float) -> RangeEstimate | None:
-        """Return the estimate predicted to a time of the local clock (s), or None before the first sample."""
+        """Return the estimate predicted to a time of the local clock (s), or None before the first
+        sample."""
 
     def fly_through_air(self, change: "MethodChange") -> None:
-        """Continue with own motion through the air, where it was over the ground before. Estimators without own motion
-        ignore it."""
+        """Continue with own motion through the air, where it was over the ground before. Estimators
+        without own motion ignore it."""
         return
 
     def restamp(self) -> None:

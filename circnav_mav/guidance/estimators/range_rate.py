@@ -1,8 +1,9 @@
 """`kalman`: constant-velocity Kalman filter on (r, r'), by filterpy.
 
-State (r, r') in m and m/s, driven by an unknown acceleration that is constant over a sample interval. Its standard
-deviation is a third of the physical bound |r''| <= V^2/r + V omega_max. The first sample starts the filter with r' = 0
-and variance V^2/2: that of -V cos(theta_b) for an unknown bearing theta_b.
+State (r, r') in m and m/s, driven by an unknown acceleration that is constant over a sample
+interval. Its standard deviation is a third of the physical bound |r''| <= V^2/r + V omega_max. The
+first sample starts the filter with r' = 0 and variance V^2/2: that of -V cos(theta_b) for an
+unknown bearing theta_b.
 """
 
 from dataclasses import dataclass
@@ -20,24 +21,28 @@ from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 ACCELERATION_SIGMAS = 3.0
 """Physical bound on |r''|, in standard deviations of the process noise."""
-RANGE, RATE = 0, 1
+RANGE = 0
+RATE = 1
 """Measured component of the state."""
 
 
 def acceleration_variance(settings: EstimatorSettings, r: Number) -> Number:
     """Return the variance of the unknown acceleration at range r (m), m^2/s^4."""
-    return (max_range_acceleration(settings.speed, settings.max_turn_rate, r) / ACCELERATION_SIGMAS) ** 2
+    return (
+        max_range_acceleration(settings.speed, settings.max_turn_rate, r) / ACCELERATION_SIGMAS
+    ) ** 2
 
 
 def motion_model(h: float, q: float) -> tuple[Array, Array]:
-    """Return the transition matrix F and the process noise Q over h seconds of an acceleration with variance q."""
+    """Return the transition matrix F and the process noise Q over h seconds of an acceleration with
+    variance q."""
     G = np.array([[h * h / 2], [h]])
     return np.array([[1.0, h], [0.0, 1.0]]), q * G @ G.T
 
 
 class KalmanRangeRate(Estimator):
-    """The filter in flight. The time step is the difference of two sensor timestamps, so transport jitter has no
-    effect."""
+    """The filter in flight. The time step is the difference of two sensor timestamps, so transport
+    jitter has no effect."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
         self._settings = settings
@@ -52,25 +57,33 @@ class KalmanRangeRate(Estimator):
 
     @property
     def ready(self) -> bool:
-        """True if the estimate may steer: enough samples, and the standard deviation of r' below V/2."""
+        """True if the estimate may steer: enough samples, and the standard deviation of r' below
+        V/2."""
         settings = self._settings
-        return self._samples >= settings.min_samples and bool(self._filter.P[1, 1] < settings.speed**2 / 4)
+        return self._samples >= settings.min_samples and bool(
+            self._filter.P[1, 1] < settings.speed**2 / 4
+        )
 
     @property
     def nis(self) -> float | None:
-        """Normalized innovation squared of the newest sample, accepted or not; chi-square with 1 degree of freedom."""
+        """Normalized innovation squared of the newest sample, accepted or not; chi-square with 1
+        degree of freedom."""
         begun = self._samples == 0 or (self._samples == 1 and self._refused == 0)
         return None if begun else self._nis
 
     def observe(self, sample: RangeSample) -> Fused:
         """Add a sample, or reject it at the gate. Timestamps must increase from call to call.
 
-        Consecutive samples outside the gate that agree with each other show that the filter is wrong. It restarts.
+        Consecutive samples outside the gate that agree with each other show that the filter is
+        wrong. It restarts.
         """
-        h = 0.0 if self._newest is None else max(sample.stamp - self._newest.stamp, 0.0)  # 0 if a later rate came first
+        h = (
+            0.0 if self._newest is None else max(sample.stamp - self._newest.stamp, 0.0)
+        )  # 0 if a later rate came first
         accepted = self._samples > 0 and self._measure(RANGE, h, sample.r, sample.sigma)
         if accepted:
-            self._samples, self._refused = self._samples + 1, 0
+            self._samples = self._samples + 1
+            self._refused = 0
         else:
             self._refused = self._refused + 1 if self._agrees(sample, h) else 1
             if self._samples == 0 or self._refused >= self._settings.restart_after:
@@ -81,8 +94,8 @@ class KalmanRangeRate(Estimator):
         return Fused.GATED if self._refused else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Add a range rate, unless it is older than the newest sample. Outside the gate it is ignored: the ranges
-        decide whether the filter or the rate is wrong."""
+        """Add a range rate, unless it is older than the newest sample. Outside the gate it is
+        ignored: the ranges decide whether the filter or the rate is wrong."""
         if self._newest is None or sample.stamp < self._newest.stamp:
             return
         self._measure(RATE, sample.stamp - self._newest.stamp, sample.r_dot, sample.sigma)
@@ -93,23 +106,28 @@ class KalmanRangeRate(Estimator):
         self.reset()
 
     def at(self, time: float) -> RangeEstimate | None:
-        """Return the estimate predicted to a time of the local clock (s), or None before the first sample."""
+        """Return the estimate predicted to a time of the local clock (s), or None before the first
+        sample."""
         if self._newest is None:
             return None
-        x, P = self._filter.x, self._filter.P
+        x = self._filter.x
+        P = self._filter.P
         F, Q = self._model(max(time - self._newest.time, 0.0))
         x, P = predict(x, P, F=F, Q=Q)
-        r, r_dot = float(x[0, 0]), float(x[1, 0])
+        r = float(x[0, 0])
+        r_dot = float(x[1, 0])
         if r < 0:  # a vehicle that flies straight over the target flies away from it afterwards
-            r, r_dot = -r, -r_dot
+            r = -r
+            r_dot = -r_dot
         return RangeEstimate(time, r, r_dot, sqrt(P[0, 0]), sqrt(P[1, 1]))
 
     def _measure(self, component: int, h: float, z: float, sigma: float) -> bool:
-        """Predict by h (s) and add a measurement of a component of the state. Return False if it is outside the gate
-        and was ignored."""
+        """Predict by h (s) and add a measurement of a component of the state. Return False if it is
+        outside the gate and was ignored."""
         F, Q = self._model(h)
         self._filter.predict(F=F, Q=Q)
-        x, P = self._filter.x, self._filter.P
+        x = self._filter.x
+        P = self._filter.P
         nis = float((z - x[component, 0]) ** 2 / (P[component, component] + sigma**2))
         if component == RANGE:
             self._nis = nis
@@ -119,37 +137,50 @@ class KalmanRangeRate(Estimator):
         return True
 
     def _model(self, h: float) -> tuple[Array, Array]:
-        return motion_model(h, float(acceleration_variance(self._settings, float(self._filter.x[0, 0]))))
+        return motion_model(
+            h, float(acceleration_variance(self._settings, float(self._filter.x[0, 0])))
+        )
 
     def _agrees(self, sample: RangeSample, h: float) -> bool:
-        """True if a rejected sample and the one before it fit a single motion: the ranges differ by no more than twice
-        the speed times the interval, plus noise."""
-        before, settings = self._refused_range, self._settings
+        """True if a rejected sample and the one before it fit a single motion: the ranges differ by
+        no more than twice the speed times the interval, plus noise."""
+        before = self._refused_range
+        settings = self._settings
         if before is None or self._refused == 0:
             return True
-        return abs(sample.r - before.r) <= 2 * settings.speed * h + settings.gate * hypot(before.sigma, sample.sigma)
+        return abs(sample.r - before.r) <= 2 * settings.speed * h + settings.gate * hypot(
+            before.sigma, sample.sigma
+        )
 
     def _start(self, sample: RangeSample) -> None:
         self._filter.x = np.array([[sample.r], [0.0]])
         self._filter.P = np.diag([sample.sigma**2, self._settings.speed**2 / 2])
-        self._samples, self._refused = 1, 0
+        self._samples = 1
+        self._refused = 0
 
 
 @dataclass(frozen=True, slots=True)
 class SteadyState:
-    """r_dot_sigma: standard deviation of the estimated range rate, m/s. lag: its delay under acceleration, s."""
+    """r_dot_sigma: standard deviation of the estimated range rate, m/s. lag: its delay under
+    acceleration, s."""
 
     r_dot_sigma: float
     lag: float
 
 
 @lru_cache(maxsize=1024)
-def steady_state(settings: EstimatorSettings, *, r: float, sigma: float, period: float) -> SteadyState:
-    """Return the filter's steady state for samples of noise sigma (m) every `period` (s) at range r (m).
+def steady_state(
+    settings: EstimatorSettings, *, r: float, sigma: float, period: float
+) -> SteadyState:
+    """Return the filter's steady state for samples of noise sigma (m) every `period` (s) at range r
+    (m).
 
-    The lag is that of an alpha-beta filter under constant acceleration, T (2 alpha - beta)/(2 beta).
+    The lag is that of an alpha-beta filter under constant acceleration, T (2 alpha - beta)/(2
+    beta).
     """
     F, Q = motion_model(period, float(acceleration_variance(settings, r)))
     P = solve_discrete_are(F.T, np.array([[1.0], [0.0]]), Q, np.array([[sigma**2]]))
     alpha, beta = (float(P[row, 0] / (P[0, 0] + sigma**2)) for row in (0, 1))
-    return SteadyState(sqrt(P[1, 1] - beta * P[0, 1]), period * (2 * alpha - beta * period) / (2 * beta * period))
+    return SteadyState(
+        sqrt(P[1, 1] - beta * P[0, 1]), period * (2 * alpha - beta * period) / (2 * beta * period)
+    )

@@ -1,4 +1,5 @@
-"""`drift` and `auto`: the relative-motion filters in flight, updated by ranges and own motion in order of arrival."""
+"""`drift` and `auto`: the relative-motion filters in flight, updated by ranges and own motion in
+order of arrival."""
 
 from dataclasses import replace
 from math import hypot, sqrt
@@ -17,25 +18,34 @@ from circnav_mav.guidance.estimators.multiple_model import TRUSTED, MultipleMode
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
 from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, Rates, VelocityChange, drift
 from circnav_mav.guidance.maths import Array
-from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample, RelativeMotion
+from circnav_mav.guidance.types import (
+    OwnMotion,
+    RangeEstimate,
+    RangeSample,
+    RateSample,
+    RelativeMotion,
+)
 
 GAP = 20.0
 """Longest time without ranges, s. After a longer one the filters restart."""
 MEMORY = 10.0
-"""Least age, s, of the drift estimate that is kept for a restart after a gap without ranges. A newer estimate may
-already be affected by the cause of the gap."""
+"""Least age, s, of the drift estimate that is kept for a restart after a gap without ranges. A
+newer estimate may already be affected by the cause of the gap."""
 GROWN = 1.1
-"""Largest uncertainty of a prediction that may steer, relative to the estimate's uncertainty at the newest range."""
-REMEMBERED, FORGOTTEN = 0.03, 1e-3
-"""Standard deviation of the kept drift, as a share of V, and growth of its variance, m^2/s^3: the search assumes that
-wind and target velocity change by about 0.8 m/s in a minute."""
+"""Largest uncertainty of a prediction that may steer, relative to the estimate's uncertainty at the
+newest range."""
+REMEMBERED = 0.03
+FORGOTTEN = 1e-3
+"""Standard deviation of the kept drift, as a share of V, and growth of its variance, m^2/s^3: the
+search assumes that wind and target velocity change by about 0.8 m/s in a minute."""
 
 
 class DriftEstimator(Estimator):
-    """Estimates position relative to the target and drift from range, heading, turn rate and airspeed.
+    """Estimates position relative to the target and drift from range, heading, turn rate and
+    airspeed.
 
-    The estimator is ready only if own motion covers the times of the ranges and the estimate is trusted. Late, repeated
-    and reordered samples are rejected.
+    The estimator is ready only if own motion covers the times of the ranges and the estimate is
+    trusted. Late, repeated and reordered samples are rejected.
     """
 
     def __init__(self, settings: EstimatorSettings) -> None:
@@ -68,7 +78,8 @@ class DriftEstimator(Estimator):
         self._path.move(motion)
 
     def fly_through_air(self, change: MethodChange) -> None:
-        """Continue a trusted track with the wind in its drift. A search starts again with the wind as its prior."""
+        """Continue a trusted track with the wind in its drift. A search starts again with the wind
+        as its prior."""
         self._settings = change.settings
         before = self.bank
         x, y = change.wind
@@ -82,31 +93,49 @@ class DriftEstimator(Estimator):
             self._used = None
 
     def observe(self, sample: RangeSample) -> Fused:
-        point, before = self._path.at(sample.time), self._used
+        point = self._path.at(sample.time)
+        before = self._used
         if point is None:
-            self._astray = True  # a range without own motion: the vehicle may not follow its commands
+            self._astray = (
+                True  # a range without own motion: the vehicle may not follow its commands
+            )
             return Fused.ACCEPTED
-        if before is not None and (point.piece != before.piece or sample.time - before.motion.time > GAP):
+        if before is not None and (
+            point.piece != before.piece or sample.time - before.motion.time > GAP
+        ):
             self._restart(sample.time)
             before = None
-        if before is not None and (sample.time <= self._range_at or sample.time < before.motion.time):
+        if before is not None and (
+            sample.time <= self._range_at or sample.time < before.motion.time
+        ):
             return Fused.GATED
         self._range_at = sample.time
         ranges = np.array([sample.r]), np.array([sample.sigma]), np.array([True])
         self.bank.observe(*_step(before or point, point), *ranges, _velocity_change(before, point))
         self._asked = None
-        self._used, self._sigma, self._astray = point, sample.sigma, False
+        self._used = point
+        self._sigma = sample.sigma
+        self._astray = False
         self._remember(sample.time)
         if sample.rate is not None:
             self.observe_rate(sample.rate)
         return Fused.GATED if self.bank.refused[0] else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Add a range rate, unless it is older than the newest sample. The search uses ranges only."""
-        point, before = self._path.at(sample.time), self._used
-        if point is None or before is None or point.piece != before.piece or sample.time < before.motion.time:
+        """Add a range rate, unless it is older than the newest sample. The search uses ranges
+        only."""
+        point = self._path.at(sample.time)
+        before = self._used
+        if (
+            point is None
+            or before is None
+            or point.piece != before.piece
+            or sample.time < before.motion.time
+        ):
             return
-        nothing, V, psi = np.zeros(1), point.motion.airspeed, point.motion.heading
+        nothing = np.zeros(1)
+        V = point.motion.airspeed
+        psi = point.motion.heading
         air = V * np.array([[np.cos(psi)], [np.sin(psi)]])
         rates = Rates(np.array([sample.r_dot]), np.array([sample.sigma]), np.array([True]), air)
         ranges = nothing, nothing + self._sigma, nothing > 0
@@ -114,19 +143,27 @@ class DriftEstimator(Estimator):
         self._used = point
 
     def at(self, time: float) -> RangeEstimate | None:
-        # Each step requests the estimate before it sends its setpoint. A search iteration takes some milliseconds and
-        # would delay the setpoint. So the search continues at the next range, or when an estimate of a later time is
-        # requested.
+        # Each step requests the estimate before it sends its setpoint. A search iteration takes
+        # some milliseconds and would delay the setpoint. So the search continues at the next range,
+        # or when an estimate of a later time is requested.
         if self._asked is not None and time > self._asked:
             self.bank.search()
         self._asked = time if self._asked is None else self._asked
         point = self._path.at(time)
-        if point is None or self._used is None or point.piece != self._used.piece or self.bank.stage[0] == Stage.EMPTY:
+        if (
+            point is None
+            or self._used is None
+            or point.piece != self._used.piece
+            or self.bank.stage[0] == Stage.EMPTY
+        ):
             return None
-        then, own, tracks = self._used, point.motion, self.bank.stage[0] == Stage.TRACKING
+        then = self._used
+        own = point.motion
+        tracks = self.bank.stage[0] == Stage.TRACKING
         mean, covariance = self.bank.mean[:, 0].tolist(), self.bank.covariance[:, :, 0]
         assumed = self.bank.assumed[:, 0].tolist()
-        dt, chord = max(own.time - then.motion.time, 0.0), (point.x - then.x, point.y - then.y)
+        dt = max(own.time - then.motion.time, 0.0)
+        chord = (point.x - then.x, point.y - then.y)
         felt = point.velocity_change_since(then)
         at = predict_one(mean, covariance, assumed, dt, chord, own.heading, own.airspeed, felt)
         # without ranges, the uncertainty of the prediction grows
@@ -135,7 +172,9 @@ class DriftEstimator(Estimator):
         relative = RelativeMotion(
             x=at.x,
             y=at.y,
-            sigma=sqrt(max(at.r_variance + at.r**2 * at.direction_variance, 0.0)) if tracks else at.r,
+            sigma=sqrt(max(at.r_variance + at.r**2 * at.direction_variance, 0.0))
+            if tracks
+            else at.r,
             drift_x=at.drift[0],
             drift_y=at.drift[1],
             heading=own.heading,
@@ -146,7 +185,11 @@ class DriftEstimator(Estimator):
             trial=None if tracks else int(self.bank.most_likely[0]),
             drift_remembered=self.bank.remembers,
             acceleration_weight=assumed[2] if tracks and felt is not None else 0.0,
-            drift_covariance=(covariance.item(DX, DX), covariance.item(DX, DY), covariance.item(DY, DY)),
+            drift_covariance=(
+                covariance.item(DX, DX),
+                covariance.item(DX, DY),
+                covariance.item(DY, DY),
+            ),
         )
         return RangeEstimate(
             time, at.r, at.r_dot,
@@ -156,10 +199,11 @@ class DriftEstimator(Estimator):
         )  # fmt: skip
 
     def _restart(self, now: float) -> None:
-        """Restart the search. The kept drift is its prior: wind and target velocity have probably changed little."""
+        """Restart the search. The kept drift is its prior: wind and target velocity have probably
+        changed little."""
         known = None
-        # Widen the prior to the change of drift estimated since it was stored. If the vehicle turned out not to follow
-        # its commands, its own motion was wrong: ignore that change.
+        # Widen the prior to the change of drift estimated since it was stored. If the vehicle
+        # turned out not to follow its commands, its own motion was wrong: ignore that change.
         if self._before is not None:
             time, known = self._before
             sigma = sqrt(known.drift**2 + FORGOTTEN * (now - time))
@@ -171,18 +215,24 @@ class DriftEstimator(Estimator):
         self.bank = MultipleModelFilter(self._settings, known=known)
 
     def _remember(self, now: float) -> None:
-        """Store drift and airspeed scale every MEMORY seconds, and keep the previously stored values."""
+        """Store drift and airspeed scale every MEMORY seconds, and keep the previously stored
+        values."""
         if self.ready and (self._lately is None or now - self._lately[0] > MEMORY):
             (dx, dy), scale = drift(self.bank.mean[:, 0]), float(self.bank.mean[KAPPA, 0])
-            known = Prior(REMEMBERED * self._settings.speed, dx=float(dx), dy=float(dy), scale=scale)
-            self._before, self._lately = self._lately, (now, known)
+            known = Prior(
+                REMEMBERED * self._settings.speed, dx=float(dx), dy=float(dy), scale=scale
+            )
+            self._before = self._lately
+            self._lately = (now, known)
 
 
 class AutoEstimator(Estimator):
-    """`auto`: range and range rate by `kalman` from the first samples on, everything by `drift` once it is trusted."""
+    """`auto`: range and range rate by `kalman` from the first samples on, everything by `drift`
+    once it is trusted."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
-        self.kalman, self.drift = KalmanRangeRate(settings), DriftEstimator(settings)
+        self.kalman = KalmanRangeRate(settings)
+        self.drift = DriftEstimator(settings)
 
     def reset(self) -> None:
         self.kalman.reset()
@@ -208,9 +258,10 @@ class AutoEstimator(Estimator):
         self.drift.fly_through_air(change)
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Add a sample. Reject the sample only if it fits neither estimator: while the position of `drift` is wrong,
-        `drift` rejects correct ranges."""
-        by_drift, by_range = self.drift.observe(sample), self.kalman.observe(sample)
+        """Add a sample. Reject the sample only if it fits neither estimator: while the position of
+        `drift` is wrong, `drift` rejects correct ranges."""
+        by_drift = self.drift.observe(sample)
+        by_range = self.kalman.observe(sample)
         return by_range if by_drift is Fused.GATED or not self.drift.ready else by_drift
 
     def observe_rate(self, sample: RateSample) -> None:
@@ -218,7 +269,8 @@ class AutoEstimator(Estimator):
         self.kalman.observe_rate(sample)
 
     def at(self, time: float) -> RangeEstimate | None:
-        """Return the estimate predicted to a time (s), with the relative motion if available, trusted or not."""
+        """Return the estimate predicted to a time (s), with the relative motion if available,
+        trusted or not."""
         by_drift = self.drift.at(time)
         if by_drift is not None and by_drift.relative is not None and by_drift.relative.trusted:
             return by_drift
@@ -235,6 +287,7 @@ def _step(before: PathPoint, after: PathPoint) -> tuple[Array, Array]:
 
 
 def _velocity_change(before: PathPoint | None, after: PathPoint) -> VelocityChange | None:
-    """Return the acceleration measured between two points of the path, as arrays of one flight. None: not measured."""
+    """Return the acceleration measured between two points of the path, as arrays of one flight.
+    None: not measured."""
     felt = None if before is None else after.velocity_change_since(before)
     return None if felt is None else VelocityChange(*(np.array(part)[..., None] for part in felt))

@@ -13,8 +13,8 @@ APART = 0.25
 
 
 class MeasuredRate(Estimator):
-    """`measured`: range and range rate as measured by the radio, unfiltered, as in the paper. An outlier affects the
-    command until the next sample."""
+    """`measured`: range and range rate as measured by the radio, unfiltered, as in the paper. An
+    outlier affects the command until the next sample."""
 
     nis: float | None = None
 
@@ -28,7 +28,11 @@ class MeasuredRate(Estimator):
     @property
     def ready(self) -> bool:
         """True if range and range rate were measured at nearly the same time."""
-        return self._range is not None and self._rate is not None and abs(self._range.time - self._rate.time) <= APART
+        return (
+            self._range is not None
+            and self._rate is not None
+            and abs(self._range.time - self._rate.time) <= APART
+        )
 
     def observe(self, sample: RangeSample) -> Fused:
         self._range = sample
@@ -42,7 +46,9 @@ class MeasuredRate(Estimator):
         """Return the newest measurements, or None before both were received."""
         if self._range is None or self._rate is None:
             return None
-        return RangeEstimate(time, self._range.r, self._rate.r_dot, self._range.sigma, self._rate.sigma)
+        return RangeEstimate(
+            time, self._range.r, self._rate.r_dot, self._range.sigma, self._rate.sigma
+        )
 
 
 ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator]] = {

@@ -1,11 +1,13 @@
-"""`unicycle`: extended Kalman filter on range and the angle to the line of sight, with the turn rate as input.
+"""`unicycle`: extended Kalman filter on range and the angle to the line of sight, with the turn
+rate as input.
 
-    r' = -V cos eta,   eta' = (V/r) sin eta - omega,   z = r + noise,   Doppler: z' = -V cos eta + noise
+    r' = -V cos eta,   eta' = (V/r) sin eta - omega
+    z = r + noise,   Doppler: z' = -V cos eta + noise
 
-eta = angle from the velocity to the line of sight, positive if the target is on the left. The model includes V and
-omega but no wind: in drift W the error of r' is up to W. Two filters start at eta = +90 and -90 deg because range alone
-does not distinguish left from right. The more likely one is used. Arrays: x (2, 2, B), P (2, 2, 2, B) for state,
-hypothesis, flight.
+eta = angle from the velocity to the line of sight, positive if the target is on the left. The model
+includes V and omega but no wind: in drift W the error of r' is up to W. Two filters start at eta =
++90 and -90 deg because range alone does not distinguish left from right. The more likely one is
+used. Arrays: x (2, 2, B), P (2, 2, 2, B) for state, hypothesis, flight.
 """
 
 from copy import copy
@@ -18,7 +20,8 @@ from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettin
 from circnav_mav.guidance.maths import Batch, wrap
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
 
-POSITION_PSD, ANGLE_PSD = 0.05**2, 0.03**2
+POSITION_PSD = 0.05**2
+ANGLE_PSD = 0.03**2
 """Process noise of r (m^2/s) and eta (rad^2/s), for wind and side-slip."""
 CLOSEST = 5.0
 """Smallest range of the state, m: the angle is singular at the target."""
@@ -28,9 +31,10 @@ LOST_AFTER = 10
 """Consecutive rejected samples after which both filters restart."""
 SURE = 0.5
 """Standard deviation of eta, rad, above which the range rate may not steer."""
-MOST_TURNED, LEAST_CHORD = pi / 2, 0.9
-"""Largest turn in one prediction, rad, and the ratio of chord to path length of such an arc (pi/2: 0.9). The chord of a
-longer arc determines neither path length nor turn."""
+MOST_TURNED = pi / 2
+LEAST_CHORD = 0.9
+"""Largest turn in one prediction, rad, and the ratio of chord to path length of such an arc (pi/2:
+0.9). The chord of a longer arc determines neither path length nor turn."""
 
 
 class UnicycleFilter:
@@ -38,7 +42,8 @@ class UnicycleFilter:
 
     def __init__(self, gate: float, flights: int = 1) -> None:
         self._gate = gate
-        self.x, self.P = np.zeros((2, 2, flights)), np.zeros((2, 2, 2, flights))
+        self.x = np.zeros((2, 2, flights))
+        self.P = np.zeros((2, 2, 2, flights))
         self.log_weight = np.zeros((2, flights))
         self.nis = np.full(flights, np.nan)
         self.refused = np.full(flights, LOST_AFTER)
@@ -47,17 +52,21 @@ class UnicycleFilter:
     @property
     def likelier(self) -> tuple[Batch, Batch]:
         """State (2, B) and covariance (2, 2, B) of the more likely hypothesis."""
-        best, at = self.log_weight.argmax(axis=0), np.arange(self.nis.size)
+        best = self.log_weight.argmax(axis=0)
+        at = np.arange(self.nis.size)
         return self.x[:, best, at], self.P[:, :, best, at]
 
     def predict(self, V: Batch, turned: Batch, dt: float) -> None:
-        """Predict by dt (s) at airspeed V (B,), m/s, while the heading turns by `turned` (B,), rad: midpoint rule."""
+        """Predict by dt (s) at airspeed V (B,), m/s, while the heading turns by `turned` (B,), rad:
+        midpoint rule."""
         if dt <= 0:
             return
         r, eta = self.x
         half = eta + (V / np.maximum(r, CLOSEST) * np.sin(eta) * dt - turned) / 2
         middle = np.maximum(r - V * np.cos(eta) * dt / 2, CLOSEST)
-        self.x = np.stack([r - V * np.cos(half) * dt, eta + V / middle * np.sin(half) * dt - turned])
+        self.x = np.stack(
+            [r - V * np.cos(half) * dt, eta + V / middle * np.sin(half) * dt - turned]
+        )
         F = np.zeros_like(self.P)
         F[0, 0], F[0, 1] = 1.0, V * np.sin(half) * dt
         F[1, 0], F[1, 1] = -V * np.sin(half) / middle**2 * dt, 1 + V / middle * np.cos(half) * dt
@@ -67,7 +76,8 @@ class UnicycleFilter:
         self.log_weight = self.log_weight * np.exp(-dt / WEIGHT_MEMORY)
 
     def update(self, z: Batch, sigma: Batch, arrived: Batch) -> None:
-        """Add ranges z (B,), m, where they arrived. Restart flights that rejected too many consecutive samples."""
+        """Add ranges z (B,), m, where they arrived. Restart flights that rejected too many
+        consecutive samples."""
         fits = self._fuse(z - self.x[0], np.array([1.0, 0.0])[:, None, None], sigma, arrived)
         refused = arrived & ~fits.any(axis=0)
         self.refused = np.where(arrived, np.where(refused, self.refused + 1, 0), self.refused)
@@ -77,7 +87,9 @@ class UnicycleFilter:
     def update_rate(self, z: Batch, sigma: Batch | float, V: Batch, arrived: Batch) -> None:
         """Add range rates measured by Doppler, z (B,), m/s."""
         eta = self.x[1]
-        self._fuse(z + V * np.cos(eta), np.stack([np.zeros_like(eta), V * np.sin(eta)]), sigma, arrived)
+        self._fuse(
+            z + V * np.cos(eta), np.stack([np.zeros_like(eta), V * np.sin(eta)]), sigma, arrived
+        )
 
     def _fuse(self, nu: Batch, H: Batch, sigma: Batch | float, arrived: Batch) -> Batch:
         PH = (self.P * H[None]).sum(axis=1)
@@ -89,7 +101,9 @@ class UnicycleFilter:
         self.x[0] = np.maximum(self.x[0], CLOSEST)
         self.x[1] = wrap(self.x[1])
         self.P = self.P - K[:, None] * PH[None]
-        likelihood = np.maximum(-0.5 * nis, -0.5 * self._gate**2) - 0.5 * np.log(np.maximum(S, 1e-9))
+        likelihood = np.maximum(-0.5 * nis, -0.5 * self._gate**2) - 0.5 * np.log(
+            np.maximum(S, 1e-9)
+        )
         self.log_weight = self.log_weight + np.where(arrived, likelihood, 0.0)
         best = self.log_weight.argmax(axis=0)
         self.nis = np.where(arrived, nis[best, np.arange(best.size)], self.nis)
@@ -101,9 +115,11 @@ class UnicycleFilter:
         self.x[0][:, of] = np.maximum(z[of], CLOSEST)
         self.x[1][:, of] = np.array([[np.pi / 2], [-np.pi / 2]])
         self.P[..., of] = 0.0
-        self.P[0, 0][:, of], self.P[1, 1][:, of] = sigma[of] ** 2, 1.0
+        self.P[0, 0][:, of] = sigma[of] ** 2
+        self.P[1, 1][:, of] = 1.0
         self.log_weight[:, of] = 0.0
-        self.refused[of], self.samples[of] = 0, 1
+        self.refused[of] = 0
+        self.samples[of] = 1
 
 
 class UnicycleEstimator(Estimator):
@@ -122,7 +138,8 @@ class UnicycleEstimator(Estimator):
 
     @property
     def ready(self) -> bool:
-        """True if the filter has enough samples and the standard deviation of the angle is below SURE."""
+        """True if the filter has enough samples and the standard deviation of the angle is below
+        SURE."""
         _, P = self.filter.likelier
         return bool(self.filter.samples[0] >= self._settings.min_samples and P[1, 1, 0] < SURE**2)
 
@@ -134,19 +151,22 @@ class UnicycleEstimator(Estimator):
         self._path.move(motion)
 
     def observe(self, sample: RangeSample) -> Fused:
-        point, before = self._path.at(sample.time), self._used
+        point = self._path.at(sample.time)
+        before = self._used
         if point is None:
             return Fused.ACCEPTED
-        # After a gap in own motion, or a turn of more than a quarter circle since the last range, the chord of the path
-        # does not determine the motion: restart.
+        # After a gap in own motion, or a turn of more than a quarter circle since the last range,
+        # the chord of the path does not determine the motion: restart.
         if before is not None and (point.piece != before.piece or self._bent(before, point)):
-            self.filter, before = UnicycleFilter(self._settings.gate), None
+            self.filter = UnicycleFilter(self._settings.gate)
+            before = None
         if before is not None:
             if sample.time <= self._range_at:
                 return Fused.GATED
             self._carry(self.filter, before, point)
         self._range_at = sample.time
-        one, sigma = np.array([True]), np.array([sample.sigma])
+        one = np.array([True])
+        sigma = np.array([sample.sigma])
         self.filter.update(np.array([sample.r]), sigma, one)
         self._used = point
         if sample.rate is not None:
@@ -154,11 +174,18 @@ class UnicycleEstimator(Estimator):
         return Fused.GATED if self.filter.refused[0] else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
-        point, before = self._path.at(sample.time), self._used
-        if point is None or before is None or point.piece != before.piece or sample.time < before.motion.time:
+        point = self._path.at(sample.time)
+        before = self._used
+        if (
+            point is None
+            or before is None
+            or point.piece != before.piece
+            or sample.time < before.motion.time
+        ):
             return
         self._carry(self.filter, before, point)
-        V, one = np.array([point.motion.airspeed]), np.array([True])
+        V = np.array([point.motion.airspeed])
+        one = np.array([True])
         self.filter.update_rate(np.array([sample.r_dot]), np.array([sample.sigma]), V, one)
         self._used = point
 
@@ -173,19 +200,29 @@ class UnicycleEstimator(Estimator):
         V = point.motion.airspeed
         rate_sigma = V * abs(np.sin(eta[0])) * sqrt(max(P[1, 1, 0], 0.0))
         return RangeEstimate(
-            time, float(r[0]), float(-V * np.cos(eta[0])), sqrt(max(P[0, 0, 0], 0.0)), float(rate_sigma),
+            time,
+            float(r[0]),
+            float(-V * np.cos(eta[0])),
+            sqrt(max(P[0, 0, 0], 0.0)),
+            float(rate_sigma),
             eta=float(eta[0]),
-        )  # fmt: skip
+        )
 
     def _bent(self, before: PathPoint, after: PathPoint) -> bool:
-        """True if the vehicle may have turned by more than a quarter circle: enough time has passed, and the chord is
-        short."""
+        """True if the vehicle may have turned by more than a quarter circle: enough time has
+        passed, and the chord is short."""
         dt = after.motion.time - before.motion.time
         way = after.motion.airspeed * dt
-        return dt > self._longest and bool(np.hypot(after.x - before.x, after.y - before.y) < LEAST_CHORD * way)
+        return dt > self._longest and bool(
+            np.hypot(after.x - before.x, after.y - before.y) < LEAST_CHORD * way
+        )
 
     def _carry(self, unicycle: UnicycleFilter, before: PathPoint, after: PathPoint) -> None:
         turned = wrap(np.array([after.motion.heading - before.motion.heading]))
         dt = after.motion.time - before.motion.time
-        V = np.hypot(after.x - before.x, after.y - before.y) / dt if dt > 0 else after.motion.airspeed
+        V = (
+            np.hypot(after.x - before.x, after.y - before.y) / dt
+            if dt > 0
+            else after.motion.airspeed
+        )
         unicycle.predict(np.array([V]), turned, dt)

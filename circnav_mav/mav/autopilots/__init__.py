@@ -1,1 +1,2 @@
-"""Vehicle adapters: one file per vehicle, a common interface (`interface`), and a row in `table`."""
+"""Vehicle adapters: one file per vehicle, a common interface (`interface`), and a row in
+`table`."""

@@ -1,16 +1,28 @@
-"""Common parts of ArduPilot's vehicles. Signs, masks and timeouts were tested on ArduPilot 4.6.3 in its simulator."""
+"""Common parts of ArduPilot's vehicles. Signs, masks and timeouts were tested on ArduPilot 4.6.3 in
+its simulator."""
 
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Firmware
-from circnav_mav.mav.autopilots.parameters import PASS, WARN, Context, Judge, Rule, Verdict, one_of, rule
+from circnav_mav.mav.autopilots.parameters import (
+    PASS,
+    WARN,
+    Context,
+    Judge,
+    Rule,
+    Verdict,
+    one_of,
+    rule,
+)
 
 ARDUPILOT = Firmware(
     key="ardupilot",
     autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
     flown="ArduPilot 4.6.3",
     streams={
-        dialect.MAVLINK_MSG_ID_HEARTBEAT: 4.0,  # for early detection of a takeover; ArduPilot permits this rate
+        dialect.MAVLINK_MSG_ID_HEARTBEAT: (
+            4.0
+        ),  # for early detection of a takeover; ArduPilot permits this rate
         dialect.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
         dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
         dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
@@ -24,15 +36,22 @@ ARDUPILOT = Firmware(
 
 def gcs_failsafe(what_follows: str) -> Judge:
     """Return a judge of FS_GCS_ENABLE."""
-    lost = f"without a ground station's heartbeat {what_follows}; ours does not count, so keep the station connected"
+    lost = (
+        f"without a ground station's heartbeat {what_follows}; ours does not count, so keep the"
+        " station connected"
+    )
     return one_of({0: (PASS, "no ground-station failsafe")}, (WARN, lost))
 
 
 def ekf_action(what_follows: str) -> Judge:
     """Return a judge of FS_EKF_ACTION."""
-    none = "no action when the position estimate fails: the flight may continue without a speed estimate"
+    none = (
+        "no action when the position estimate fails: the flight may continue without a speed"
+        " estimate"
+    )
     leaves = (
-        f"when the position estimate fails, the vehicle leaves GUIDED and {what_follows}: the flight ends as a takeover"
+        f"when the position estimate fails, the vehicle leaves GUIDED and {what_follows}: the"
+        " flight ends as a takeover"
     )
     return one_of({0: (WARN, none)}, (PASS, leaves))
 
@@ -43,7 +62,10 @@ def _gcs_system(value: float, context: Context) -> Verdict:
         return WARN, f"the vehicle's system id, which circnav uses, too: {hides}"
     return (
         PASS,
-        "the system id of the ground station; circnav uses that of the vehicle, so the failsafe ignores our heartbeat",
+        (
+            "the system id of the ground station; circnav uses that of the vehicle, so the failsafe"
+            " ignores our heartbeat"
+        ),
     )
 
 

@@ -5,7 +5,13 @@ from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
+from circnav_mav.mav.autopilots.ardupilot import (
+    ARDUPILOT,
+    FENCE,
+    GCS_SYSTEM,
+    ekf_action,
+    gcs_failsafe,
+)
 from circnav_mav.mav.autopilots.interface import (
     COPTER_TYPES,
     FOLLOWED,
@@ -38,7 +44,16 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
 MODE_NAMES = MappingProxyType(
-    {0: "STABILIZE", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 9: "LAND", 16: "POSHOLD"}
+    {
+        0: "STABILIZE",
+        2: "ALT_HOLD",
+        3: "AUTO",
+        4: "GUIDED",
+        5: "LOITER",
+        6: "RTL",
+        9: "LAND",
+        16: "POSHOLD",
+    }
     | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
 )
 THRUST_AS_THRUST = 1 << 3
@@ -48,27 +63,44 @@ THRUST_AS_THRUST = 1 << 3
 def _guided_options(value: float, context: Context) -> Verdict:
     bits = int(value)
     if bits & (1 << 4 | 1 << 5):
-        return WARN, "bits 4 and 5 disable the position and velocity controllers: the copter may not hold the speed"
-    yaw = "ignores the pilot's yaw stick" if bits & 1 << 2 else "follows the pilot's yaw stick: do not move it"
+        return (
+            WARN,
+            (
+                "bits 4 and 5 disable the position and velocity controllers: the copter may not"
+                " hold the speed"
+            ),
+        )
+    yaw = (
+        "ignores the pilot's yaw stick"
+        if bits & 1 << 2
+        else "follows the pilot's yaw stick: do not move it"
+    )
     return PASS, f"the copter holds the commanded velocity, and {yaw}"
 
 
 def _acceleration(value: float, context: Context) -> Verdict:
     """Judge WPNAV_ACCEL, here in m/s^2: it must suffice for turns at the mission's turn-rate limit.
 
-    At 5 m/s with 2.5 m/s^2, flights with a limit of 45 deg/s settled on the circle after 16 to 68 s, flights with a
-    limit of 30 deg/s after 14 to 31 s.
+    At 5 m/s with 2.5 m/s^2, flights with a limit of 45 deg/s settled on the circle after 16 to 68
+    s, flights with a limit of 30 deg/s after 14 to 31 s.
     """
     asked = radians(context.max_turn_rate_deg) * context.speed
     words = f"turns at the mission's turn-rate limit need {asked:.1f} m/s^2"
     if asked <= FOLLOWED * value:
         return PASS, f"{words}: the copter reaches this"
     enough = floor(degrees(FOLLOWED * value / context.speed))
-    return WARN, f"{words}, the copter reaches less: lower vehicle.max_turn_rate_deg_s to {enough} to settle sooner"
+    return (
+        WARN,
+        (
+            f"{words}, the copter reaches less: lower vehicle.max_turn_rate_deg_s to {enough} to"
+            " settle sooner"
+        ),
+    )
 
 
 def _enough_acceleration(context: Context) -> float:
-    """Return the larger of the firmware's default of 2.5 m/s^2 and the acceleration of turns at the turn-rate limit."""
+    """Return the larger of the firmware's default of 2.5 m/s^2 and the acceleration of turns at the
+    turn-rate limit."""
     asked = radians(context.max_turn_rate_deg) * context.speed
     return float(max(ArduCopter.acceleration_limit[1], ceil(10 * asked / FOLLOWED) / 10))
 
@@ -76,8 +108,8 @@ def _enough_acceleration(context: Context) -> float:
 NEW_STREAM = 0.5
 """Gap between two setpoints, s, after which the yaw target restarts at the present yaw."""
 YAW_LEAD = radians(20)
-"""Largest lead of the yaw target over the reported yaw, rad. A copter whose target is farther ahead turns faster than
-commanded until it has caught up."""
+"""Largest lead of the yaw target over the reported yaw, rad. A copter whose target is farther ahead
+turns faster than commanded until it has caught up."""
 
 
 _LANDS_ALWAYS = (FAIL, "lands even in modes that need no position: set 1 or 2")
@@ -85,27 +117,35 @@ _LANDS_ALWAYS = (FAIL, "lands even in modes that need no position: set 1 or 2")
 
 def _options_without_gps(value: float, context: Context) -> Verdict:
     if int(value) & THRUST_AS_THRUST:
-        return FAIL, "bit 3: thrust 0.5 would be half of the full thrust, not a held height: clear it"
+        return (
+            FAIL,
+            "bit 3: thrust 0.5 would be half of the full thrust, not a held height: clear it",
+        )
     return PASS, "the copter holds its height at thrust 0.5"
 
 
 def _tilt_limit(degrees_: float, context: Context) -> Verdict:
     """Judge ANGLE_MAX, deg, which limits the tilt of attitude setpoints, too."""
     if below(degrees_, context.max_bank_deg):
-        words = f"the copter tilts {degrees_:g} deg at most, vehicle.max_bank_deg = {context.max_bank_deg:g}"
+        words = (
+            f"the copter tilts {degrees_:g} deg at most, vehicle.max_bank_deg ="
+            f" {context.max_bank_deg:g}"
+        )
         return FAIL, f"{words}: lower vehicle.max_bank_deg, or raise the parameter"
     return PASS, f"the copter may tilt {degrees_:g} deg, the mission needs {context.max_bank_deg:g}"
 
 
 class ArduCopterAttitude(Autopilot):
-    """GUIDED_NOGPS (20): attitude, for flights without any position. The autopilot holds the height.
+    """GUIDED_NOGPS (20): attitude, for flights without any position. The autopilot holds the
+    height.
 
-    SET_ATTITUDE_TARGET mask 7: bits 0 to 2 ignore the body rates (some but not all ignored: the message is rejected
-    and the copter levels). Bits 6 and 7 are clear, so that thrust and attitude are used. Thrust 0.5 holds the height,
-    more or less is a climb rate, unless GUID_OPTIONS has bit 3. The yaw of the quaternion is followed 0.25 s late. At
-    a constant forward tilt the copter has a constant airspeed, and the wind carries it. Without setpoints for
-    GUID_TIMEOUT (3 s) it levels, holds yaw and height, and drifts with the wind. LOITER, BRAKE and RTL require a
-    position and are refused. GUIDED follows the same messages.
+    SET_ATTITUDE_TARGET mask 7: bits 0 to 2 ignore the body rates (some but not all ignored: the
+    message is rejected and the copter levels). Bits 6 and 7 are clear, so that thrust and attitude
+    are used. Thrust 0.5 holds the height, more or less is a climb rate, unless GUID_OPTIONS has bit
+    3. The yaw of the quaternion is followed 0.25 s late. At a constant forward tilt the copter has
+    a constant airspeed, and the wind carries it. Without setpoints for GUID_TIMEOUT (3 s) it
+    levels, holds yaw and height, and drifts with the wind. LOITER, BRAKE and RTL require a position
+    and are refused. GUIDED follows the same messages.
     """
 
     MASK = 0x07
@@ -123,7 +163,10 @@ class ArduCopterAttitude(Autopilot):
     parameters = (
         rule("GUID_TIMEOUT", timeout("levels and drifts with the wind"), advised=always(3.0)),
         rule("GUID_OPTIONS", _options_without_gps),
-        rule("FS_GCS_ENABLE", gcs_failsafe("the copter leaves GUIDED_NOGPS after 5 s (without a position it lands)")),
+        rule(
+            "FS_GCS_ENABLE",
+            gcs_failsafe("the copter leaves GUIDED_NOGPS after 5 s (without a position it lands)"),
+        ),
         GCS_SYSTEM,
         rule("FS_EKF_ACTION", one_of({3: _LANDS_ALWAYS}, (PASS, "no action in GUIDED_NOGPS"))),
         Rule((("ANGLE_MAX", 0.01),), _tilt_limit, optional=True, unit="deg", advised=mission_bank),
@@ -137,9 +180,12 @@ class ArduCopterAttitude(Autopilot):
         self._sent_at = float("-inf")
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
-        """Return the attitude of the coordinated turn at the held airspeed. The yaw target moves at the yaw rate."""
+        """Return the attitude of the coordinated turn at the held airspeed. The yaw target moves at
+        the yaw rate."""
         roll, pitch = tilt(steer, to.push, self._facts.max_bank)
-        return attitude(self.MASK, to, now, roll=roll, pitch=pitch, yaw=self._turned(steer, to, now), thrust=0.5)
+        return attitude(
+            self.MASK, to, now, roll=roll, pitch=pitch, yaw=self._turned(steer, to, now), thrust=0.5
+        )
 
     def _turned(self, steer: Steer, to: SetpointContext, now: float) -> float:
         """Advance the yaw target to now, and return it, rad."""
@@ -158,14 +204,17 @@ class ArduCopterAttitude(Autopilot):
 
 
 class ArduCopter(Autopilot):
-    """GUIDED (4): body velocity, lateral acceleration feed-forward and yaw rate. Needs a velocity estimate (GPS, flow).
+    """GUIDED (4): body velocity, lateral acceleration feed-forward and yaw rate. Needs a velocity
+    estimate (GPS, flow).
 
-    SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8): the velocity is rotated by the heading once, at receipt, so the
-    message must be repeated. Mask 0x407: bits 0 to 2 ignore position (1). Bits 3 to 5 use velocity (0): masking any one
-    masks all three, so vz is sent as 0, which holds height. Bits 6 to 8 use acceleration (0): speed times yaw rate, to
-    the right. Without it the course is 10 degrees behind the nose, and the copter turns 1 to 6 % too fast. Bit 9: not
-    a force (0). Bit 10 ignores yaw (1). Bit 11 uses yaw rate (0). A mask that ArduCopter does not list stops the
-    vehicle (`mode_guided.init(true)`). Without setpoints for GUID_TIMEOUT (3 s) it brakes and hovers in GUIDED.
+    SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8): the velocity is rotated by the heading once,
+    at receipt, so the message must be repeated. Mask 0x407: bits 0 to 2 ignore position (1). Bits 3
+    to 5 use velocity (0): masking any one masks all three, so vz is sent as 0, which holds height.
+    Bits 6 to 8 use acceleration (0): speed times yaw rate, to the right. Without it the course is
+    10 degrees behind the nose, and the copter turns 1 to 6 % too fast. Bit 9: not a force (0). Bit
+    10 ignores yaw (1). Bit 11 uses yaw rate (0). A mask that ArduCopter does not list stops the
+    vehicle (`mode_guided.init(true)`). Without setpoints for GUID_TIMEOUT (3 s) it brakes and
+    hovers in GUIDED.
     """
 
     MASK = 0x407
@@ -187,13 +236,31 @@ class ArduCopter(Autopilot):
         rule("GUID_OPTIONS", _guided_options),
         rule("FS_GCS_ENABLE", gcs_failsafe("the copter leaves GUIDED after 5 s (1: RTL)")),
         GCS_SYSTEM,
-        rule("FS_EKF_ACTION", ekf_action("lands (1) or holds height (2), some 8 s after GPS is gone")),
-        Rule((("WP_SPD", 1.0), ("WPNAV_SPEED", 0.01)), velocity_limit, unit="m/s", advised=enough_speed(10.0)),
-        Rule((("ANGLE_MAX", 0.01),), lean_limit, optional=True, unit="deg", advised=enough_lean(30.0)),
-        Rule((("WPNAV_ACCEL", 0.01),), _acceleration, optional=True, unit="m/s^2", advised=_enough_acceleration),
+        rule(
+            "FS_EKF_ACTION", ekf_action("lands (1) or holds height (2), some 8 s after GPS is gone")
+        ),
+        Rule(
+            (("WP_SPD", 1.0), ("WPNAV_SPEED", 0.01)),
+            velocity_limit,
+            unit="m/s",
+            advised=enough_speed(10.0),
+        ),
+        Rule(
+            (("ANGLE_MAX", 0.01),), lean_limit, optional=True, unit="deg", advised=enough_lean(30.0)
+        ),
+        Rule(
+            (("WPNAV_ACCEL", 0.01),),
+            _acceleration,
+            optional=True,
+            unit="m/s^2",
+            advised=_enough_acceleration,
+        ),
         FENCE,
     )
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
-        """Return the setpoint of forward speed, yaw rate and the resulting acceleration to the right."""
-        return body_velocity(self.MASK, to, now, steer, fed=(0.0, steer.speed * steer.yaw_rate, 0.0))
+        """Return the setpoint of forward speed, yaw rate and the resulting acceleration to the
+        right."""
+        return body_velocity(
+            self.MASK, to, now, steer, fed=(0.0, steer.speed * steer.yaw_rate, 0.0)
+        )

@@ -24,12 +24,13 @@ from circnav_mav.mav.setpoint_guard import Steer
 class ArduPlane(Autopilot):
     """GUIDED (15): roll only. The autopilot holds height and airspeed. Works without GPS.
 
-    SET_ATTITUDE_TARGET mask 0xC6: bit 0 (roll rate ignore) CLEAR selects "roll" on Plane. Bits 1 and 2 ignore pitch
-    and yaw. Bit 6 ignores throttle (TECS controls it). Bit 7 (attitude ignore) is SET: cleared, it would command pitch
-    and rudder as well. Body rates are never used. The roll of a coordinated turn is atan(w V/g). The airframe achieves
-    0.70 to 1.0 of that turn rate w, which the turn-rate gain compensates. After 3 s without setpoints (a constant in
-    4.6, GUID_TIMEOUT in later versions) the plane banks hard at once and loiters around the point where GUIDED was
-    entered.
+    SET_ATTITUDE_TARGET mask 0xC6: bit 0 (roll rate ignore) CLEAR selects "roll" on Plane. Bits 1
+    and 2 ignore pitch and yaw. Bit 6 ignores throttle (TECS controls it). Bit 7 (attitude ignore)
+    is SET: cleared, it would command pitch and rudder as well. Body rates are never used. The roll
+    of a coordinated turn is atan(w V/g). The airframe achieves 0.70 to 1.0 of that turn rate w,
+    which the turn-rate gain compensates. After 3 s without setpoints (a constant in 4.6,
+    GUID_TIMEOUT in later versions) the plane banks hard at once and loiters around the point where
+    GUIDED was entered.
     """
 
     MASK = 0xC6
@@ -39,7 +40,16 @@ class ArduPlane(Autopilot):
     vehicle_types = PLANE_TYPES
     guided_mode = 15
     mode_names = MappingProxyType(
-        {0: "MANUAL", 1: "CIRCLE", 2: "STABILIZE", 5: "FBWA", 6: "FBWB", 7: "CRUISE", 10: "AUTO", 11: "RTL"}
+        {
+            0: "MANUAL",
+            1: "CIRCLE",
+            2: "STABILIZE",
+            5: "FBWA",
+            6: "FBWB",
+            7: "CRUISE",
+            10: "AUTO",
+            11: "RTL",
+        }
         | {12: "LOITER", 13: "TAKEOFF", 15: "GUIDED", 16: "INITIALISING"}
     )
     exits = MappingProxyType({"loiter": 12, "rtl": 11, "hold": 7})
@@ -50,11 +60,25 @@ class ArduPlane(Autopilot):
     banks = measures_airspeed = cruises = True
     least_turn_gain = 0.72  # the plane slips in turns (measured in flight: 0.70 to 0.75)
     parameters = (
-        Rule((("ROLL_LIMIT_DEG", 1.0), ("LIM_ROLL_CD", 0.01)), bank_limit, unit="deg", advised=mission_bank),
-        Rule((("AIRSPEED_CRUISE", 1.0), ("TRIM_ARSPD_CM", 0.01)), held_airspeed, unit="m/s", advised=mission_speed),
+        Rule(
+            (("ROLL_LIMIT_DEG", 1.0), ("LIM_ROLL_CD", 0.01)),
+            bank_limit,
+            unit="deg",
+            advised=mission_bank,
+        ),
+        Rule(
+            (("AIRSPEED_CRUISE", 1.0), ("TRIM_ARSPD_CM", 0.01)),
+            held_airspeed,
+            unit="m/s",
+            advised=mission_speed,
+        ),
         Rule((("AIRSPEED_MIN", 1.0), ("ARSPD_FBW_MIN", 1.0)), least_airspeed),
         Rule((("AIRSPEED_MAX", 1.0), ("ARSPD_FBW_MAX", 1.0)), most_airspeed),
-        rule("GUID_TIMEOUT", timeout("loiters round the point where GUIDED was entered"), optional=True),
+        rule(
+            "GUID_TIMEOUT",
+            timeout("loiters round the point where GUIDED was entered"),
+            optional=True,
+        ),
         rule("FS_GCS_ENABL", gcs_failsafe("FS_LONG_ACTN applies (0: the plane stays in GUIDED)")),
         GCS_SYSTEM,
         FENCE,

@@ -4,16 +4,30 @@ from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, ekf_action, gcs_failsafe
+from circnav_mav.mav.autopilots.ardupilot import (
+    ARDUPILOT,
+    FENCE,
+    GCS_SYSTEM,
+    ekf_action,
+    gcs_failsafe,
+)
 from circnav_mav.mav.autopilots.interface import Autopilot, SetpointContext, body_velocity
-from circnav_mav.mav.autopilots.parameters import PASS, Context, Verdict, at_least, mission_speed, rule
+from circnav_mav.mav.autopilots.parameters import (
+    PASS,
+    Context,
+    Verdict,
+    at_least,
+    mission_speed,
+    rule,
+)
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
 _clips = at_least(
     lambda mission: mission.speed,
     "enough for the mission's {:g} m/s",
-    "below the mission's {:g} m/s, and the rover drives no faster: raise it, or lower vehicle.speed_mps",
+    "below the mission's {:g} m/s, and the rover drives no faster: raise it, or lower"
+    " vehicle.speed_mps",
 )
 
 
@@ -23,15 +37,17 @@ def _wp_speed(value: float, context: Context) -> Verdict:
 
 def _cruise_speed(value: float, context: Context) -> Verdict:
     limit = context.values.get("WP_SPEED", 0.0)
-    return (PASS, f"WP_SPEED = {limit:g} m/s is the limit") if limit > 0 else _wp_speed(value, context)
+    return (
+        (PASS, f"WP_SPEED = {limit:g} m/s is the limit") if limit > 0 else _wp_speed(value, context)
+    )
 
 
 class ArduRover(Autopilot):
     """GUIDED (15): speed and yaw rate. Needs an EKF origin and a speed (GPS or wheel encoders).
 
-    SET_POSITION_TARGET_LOCAL_NED mask 0x5C7: the copter's mask, but bits 6 to 8 (ignore acceleration) must be set.
-    Rover ignores the frame. After 3 s without setpoints (a constant, not a parameter) the rover stops, sends a
-    STATUSTEXT and stays in GUIDED.
+    SET_POSITION_TARGET_LOCAL_NED mask 0x5C7: the copter's mask, but bits 6 to 8 (ignore
+    acceleration) must be set. Rover ignores the frame. After 3 s without setpoints (a constant, not
+    a parameter) the rover stops, sends a STATUSTEXT and stays in GUIDED.
     """
 
     MASK = 0x5C7
@@ -41,7 +57,16 @@ class ArduRover(Autopilot):
     vehicle_types = frozenset((dialect.MAV_TYPE_GROUND_ROVER, dialect.MAV_TYPE_SURFACE_BOAT))
     guided_mode = 15
     mode_names = MappingProxyType(
-        {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}
+        {
+            0: "MANUAL",
+            1: "ACRO",
+            3: "STEERING",
+            4: "HOLD",
+            5: "LOITER",
+            10: "AUTO",
+            11: "RTL",
+            15: "GUIDED",
+        }
         | {16: "INITIALISING"}
     )
     exits = MappingProxyType({"hold": 4, "loiter": 5, "rtl": 11})

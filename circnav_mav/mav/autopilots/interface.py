@@ -1,4 +1,5 @@
-"""Interface of the vehicle adapters: their properties, the inputs of a setpoint, and the setpoint messages."""
+"""Interface of the vehicle adapters: their properties, the inputs of a setpoint, and the setpoint
+messages."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -25,22 +26,27 @@ from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
 
 PLAUSIBLE_AIRSPEED = (0.5, 1.6)
-"""Plausible measured airspeed, as shares of the commanded one. Outside of them the sensor is faulty (a blocked pitot
-tube), and bank and thrust computed from it would be wrong for the whole flight."""
+"""Plausible measured airspeed, as shares of the commanded one. Outside of them the sensor is faulty
+(a blocked pitot tube), and bank and thrust computed from it would be wrong for the whole flight."""
 TRUSTED_AGAIN = (0.6, 1.5)
-"""Measured airspeed, as shares of the commanded one, with which a rejected sensor is used again. The hysteresis
-prevents steps of thrust and bank when noise crosses the bound."""
+"""Measured airspeed, as shares of the commanded one, with which a rejected sensor is used again.
+The hysteresis prevents steps of thrust and bank when noise crosses the bound."""
 FULL_STICK = 50.0
 """Bank at full stick, deg: the default of PX4's FW_R_LIM."""
 FULL_TILT = 35.0
 """Tilt of a copter at full stick, deg: the default of PX4's MPC_MAN_TILT_MAX."""
 FOLLOWED = 1.1
-"""Largest ratio of the requested acceleration to the acceleration limit that the vehicle still follows. In flight,
-ArduCopter followed 1.05."""
+"""Largest ratio of the requested acceleration to the acceleration limit that the vehicle still
+follows. In flight, ArduCopter followed 1.05."""
 STANDING = 0.3
 """Speed, m/s, below which a reported velocity has no direction."""
-VELOCITY_IGNORED = dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
-COPTER_KINDS = "QUADROTOR COAXIAL HELICOPTER HEXAROTOR OCTOROTOR TRICOPTER DECAROTOR DODECAROTOR GENERIC_MULTIROTOR"
+VELOCITY_IGNORED = (
+    dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
+)
+COPTER_KINDS = (
+    "QUADROTOR COAXIAL HELICOPTER HEXAROTOR OCTOROTOR TRICOPTER DECAROTOR DODECAROTOR"
+    " GENERIC_MULTIROTOR"
+)
 COPTER_TYPES = frozenset(getattr(dialect, f"MAV_TYPE_{kind}") for kind in COPTER_KINDS.split())
 PLANE_TYPES = frozenset((dialect.MAV_TYPE_FIXED_WING,))
 
@@ -61,20 +67,23 @@ class VehicleFacts:
     tilts_by_stick: bool = False
 
     def stick(self, bank: float) -> float:
-        """Return the roll stick of MANUAL_CONTROL, thousandths to the right, for a bank (rad, right positive)."""
+        """Return the roll stick of MANUAL_CONTROL, thousandths to the right, for a bank (rad, right
+        positive)."""
         return 1000 * min(max(bank / radians(FULL_STICK), -1.0), 1.0)
 
     def tilt_stick(self, push: float) -> float:
-        """Return the pitch or roll stick of a copter, thousandths, for a push, m/s^2. Both have the same sign."""
+        """Return the pitch or roll stick of a copter, thousandths, for a push, m/s^2. Both have the
+        same sign."""
         return 1000 * min(max(push / (GRAVITY * tan(radians(FULL_TILT))), -1.0), 1.0)
 
 
 class SetpointContext(NamedTuple):
     """Target ids and vehicle state that a setpoint may use.
 
-    target_system, target_component: ids of the vehicle. motion: its own motion. height: altitude to hold, m above sea
-    level, None if the vehicle holds it or it is unknown. drag: learned drag coefficient of a copter, 1/s. push:
-    acceleration by the thrust, forward and to the left, that holds the airspeed of a copter flown by attitude, m/s^2.
+    target_system, target_component: ids of the vehicle. motion: its own motion. height: altitude to
+    hold, m above sea level, None if the vehicle holds it or it is unknown. drag: learned drag
+    coefficient of a copter, 1/s. push: acceleration by the thrust, forward and to the left, that
+    holds the airspeed of a copter flown by attitude, m/s^2.
     """
 
     target_system: int
@@ -89,10 +98,11 @@ class SetpointContext(NamedTuple):
 class Firmware:
     """Common properties of the vehicles of one autopilot.
 
-    key: its name in mission files. autopilot: MAV_AUTOPILOT of its HEARTBEAT. flown: version with which our messages
-    were tested in flight. streams: message id -> Hz to request. mode_numbers: custom_mode -> parameters 2 and 3 of
-    MAV_CMD_DO_SET_MODE. bytewise: True if PARAM_VALUE carries the bytes of an integer. why_must_leave: human-readable
-    reason why a flight must end with a mode change and is not resumed after a takeover, or empty.
+    key: its name in mission files. autopilot: MAV_AUTOPILOT of its HEARTBEAT. flown: version with
+    which our messages were tested in flight. streams: message id -> Hz to request. mode_numbers:
+    custom_mode -> parameters 2 and 3 of MAV_CMD_DO_SET_MODE. bytewise: True if PARAM_VALUE carries
+    the bytes of an integer. why_must_leave: human-readable reason why a flight must end with a mode
+    change and is not resumed after a takeover, or empty.
     """
 
     key: str
@@ -105,7 +115,8 @@ class Firmware:
 
 
 class Autopilot(ABC):
-    """Adapter of one vehicle kind: its guided mode, its setpoint message and its special properties."""
+    """Adapter of one vehicle kind: its guided mode, its setpoint message and its special
+    properties."""
 
     firmware: ClassVar[Firmware]
     name: ClassVar[str]
@@ -121,7 +132,8 @@ class Autopilot(ABC):
     exits: ClassVar[Mapping[str, int]]
     """Exit action -> commanded custom_mode."""
     default_exit: ClassVar[str] = "loiter"
-    """Exit action if the mission specifies none. "stop" keeps the mode and only ends the setpoints."""
+    """Exit action if the mission specifies none. "stop" keeps the mode and only ends the
+    setpoints."""
     why_no_stop: ClassVar[str] = ""
     """Human-readable reason why the exit action "stop" is not permitted, or empty."""
     shapes: ClassVar[frozenset[tuple[str, int | None]]]
@@ -137,22 +149,24 @@ class Autopilot(ABC):
     tilts_by_stick: ClassVar[bool] = False
     """True for a copter flown by the sticks."""
     airspeed_from_drag: ClassVar[bool] = False
-    """True for a copter flown by attitude: circnav holds its airspeed, which the accelerometer measures. The mission
-    must limit the tilt (vehicle.max_bank_deg)."""
+    """True for a copter flown by attitude: circnav holds its airspeed, which the accelerometer
+    measures. The mission must limit the tilt (vehicle.max_bank_deg)."""
     measures_airspeed: ClassVar[bool] = False
-    """True if VFR_HUD.airspeed is measured. A copter without a sensor sends its ground speed there."""
+    """True if VFR_HUD.airspeed is measured. A copter without a sensor sends its ground speed
+    there."""
     cruises: ClassVar[bool] = False
     """True if the autopilot holds the airspeed of its own parameter and ignores the mission's."""
     ground_speed_sigma: ClassVar[float | None] = None
-    """Standard deviation of the ground speed, as a share of the commanded speed. None if the vehicle drifts
-    with the wind."""
+    """Standard deviation of the ground speed, as a share of the commanded speed. None if the
+    vehicle drifts with the wind."""
     velocity_loop: ClassVar[VelocityLoop | None] = None
-    """Gains of the autopilot's velocity loop, from which the lag of the velocity is computed; None if the vehicle flies
-    along its nose."""
+    """Gains of the autopilot's velocity loop, from which the lag of the velocity is computed; None
+    if the vehicle flies along its nose."""
     least_turn_gain: ClassVar[float] = 1.0
     """Smallest expected ratio of realized to commanded turn rate."""
     acceleration_limit: ClassVar[tuple[str, float] | None] = None
-    """Parameter that limits the acceleration across the path, and its default, m/s^2; None without such a limit."""
+    """Parameter that limits the acceleration across the path, and its default, m/s^2; None without
+    such a limit."""
     without_gps: ClassVar["type[Autopilot] | None"] = None
     """Adapter of the same vehicle that steers it after a loss of GPS, or None."""
     echo: ClassVar[int | None] = None
@@ -162,8 +176,8 @@ class Autopilot(ABC):
         self._facts = facts
         self._doubts_airspeed = False
         self.our_modes: frozenset[int] = frozenset((self.guided_mode,))
-        """Modes in which the vehicle is under our control: the guided mode. While the vehicle changes to it from
-        another one at our request, both."""
+        """Modes in which the vehicle is under our control: the guided mode. While the vehicle
+        changes to it from another one at our request, both."""
 
     @property
     def guided_name(self) -> str:
@@ -180,41 +194,51 @@ class Autopilot(ABC):
     def request_mode(self, mode: int) -> Command:
         """Return the command that requests a mode, with the autopilot's own numbers."""
         numbers = self.firmware.mode_numbers(mode)
-        return Command(dialect.MAV_CMD_DO_SET_MODE, (dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *numbers))
+        return Command(
+            dialect.MAV_CMD_DO_SET_MODE, (dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *numbers)
+        )
 
     @abstractmethod
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the setpoint message for a command."""
 
     def safe_setpoint(self, to: SetpointContext, now: float) -> Message:
-        """Return the final setpoint before the stream ends: stop, or fly straight with level wings."""
+        """Return the final setpoint before the stream ends: stop, or fly straight with level
+        wings."""
         return self.setpoint(Steer(YawRate(0.0), 0.0), to, now)
 
     def airspeed(self, measured: float | None) -> float:
-        """Return the indicated airspeed to use, m/s: the measured one, or the commanded one if the measured
-        one is implausible.
+        """Return the indicated airspeed to use, m/s: the measured one, or the commanded one if the
+        measured one is implausible.
 
         Repeated calls with the same measurement give the same result.
         """
         commanded = self._facts.speed
         if measured is None:
             return commanded
-        least, most = (share * commanded for share in (TRUSTED_AGAIN if self._doubts_airspeed else PLAUSIBLE_AIRSPEED))
+        least, most = (
+            share * commanded
+            for share in (TRUSTED_AGAIN if self._doubts_airspeed else PLAUSIBLE_AIRSPEED)
+        )
         self._doubts_airspeed = not least <= measured <= most
         return commanded if self._doubts_airspeed else measured
 
     def bank(self, steer: Steer, to: SetpointContext) -> float:
-        """Return the bank of the coordinated turn, atan(w V/g) with w clockwise, limited: rad, right positive."""
-        airspeed, most = to.motion.true_airspeed(self.airspeed(to.motion.airspeed)), self._facts.max_bank
+        """Return the bank of the coordinated turn, atan(w V/g) with w clockwise, limited: rad,
+        right positive."""
+        airspeed = to.motion.true_airspeed(self.airspeed(to.motion.airspeed))
+        most = self._facts.max_bank
         return min(max(atan(steer.yaw_rate * airspeed / GRAVITY), -most), most)
 
 
 def turn_in(message: Message) -> float | None:
-    """Return the turn command in a setpoint or in the vehicle's report of its setpoint; None for other messages.
+    """Return the turn command in a setpoint or in the vehicle's report of its setpoint; None for
+    other messages.
 
     Right positive: yaw rate (rad/s), or bank (rad) for attitude setpoints.
     """
-    kind, mask = message.get_type(), getattr(message, "type_mask", 0)
+    kind = message.get_type()
+    mask = getattr(message, "type_mask", 0)
     if kind in ("SET_ATTITUDE_TARGET", "ATTITUDE_TARGET"):
         return euler_from_quaternion(message.q)[0]
     if kind == "NAV_CONTROLLER_OUTPUT":
@@ -223,10 +247,15 @@ def turn_in(message: Message) -> float | None:
         return float(message.yaw_rate)
     if kind != "POSITION_TARGET_LOCAL_NED" or mask & VELOCITY_IGNORED:
         return None
-    # ArduCopter reports no yaw rate, but the velocity and our feed-forward acceleration: a = V w to the right of the
-    # velocity. After a timeout of our setpoints both are 0, which means straight flight.
+    # ArduCopter reports no yaw rate, but the velocity and our feed-forward acceleration: a = V w to
+    # the right of the velocity. After a timeout of our setpoints both are 0, which means straight
+    # flight.
     speed2 = message.vx**2 + message.vy**2
-    return float((message.vx * message.afy - message.vy * message.afx) / speed2) if speed2 > STANDING**2 else 0.0
+    return (
+        float((message.vx * message.afy - message.vy * message.afx) / speed2)
+        if speed2 > STANDING**2
+        else 0.0
+    )
 
 
 def body_velocity(
@@ -240,11 +269,12 @@ def body_velocity(
 ) -> Message:
     """Return a SET_POSITION_TARGET_LOCAL_NED in BODY_NED.
 
-    down: descent rate, m/s. fed: feed-forward acceleration in the body frame (forward, right, down), m/s^2. Ignored
-    fields are 0.
+    down: descent rate, m/s. fed: feed-forward acceleration in the body frame (forward, right,
+    down), m/s^2. Ignored fields are 0.
     """
     where = our_boot_ms(now), to.target_system, to.target_component, dialect.MAV_FRAME_BODY_NED
-    position, velocity = (0.0, 0.0, 0.0), (steer.speed, 0.0, down)
+    position = (0.0, 0.0, 0.0)
+    velocity = (steer.speed, 0.0, down)
     return dialect.MAVLink_set_position_target_local_ned_message(
         *where, mask, *position, *velocity, *fed, 0.0, steer.yaw_rate
     )
@@ -260,18 +290,21 @@ def attitude(
     yaw: float = 0.0,
     thrust: float = 0.0,
 ) -> Message:
-    """Return a SET_ATTITUDE_TARGET. roll, pitch, yaw: rad, NED (right, nose up, clockwise from north). thrust: 0 to 1.
-    Body rates are 0."""
-    q, rates = quaternion_from_euler(roll, pitch, yaw), (0.0, 0.0, 0.0)
+    """Return a SET_ATTITUDE_TARGET. roll, pitch, yaw: rad, NED (right, nose up, clockwise from
+    north). thrust: 0 to 1. Body rates are 0."""
+    q = quaternion_from_euler(roll, pitch, yaw)
+    rates = (0.0, 0.0, 0.0)
     return dialect.MAVLink_set_attitude_target_message(
         our_boot_ms(now), to.target_system, to.target_component, mask, q, *rates, thrust
     )
 
 
 def tilt(steer: Steer, push: tuple[float, float], most: float) -> tuple[float, float]:
-    """Return roll and pitch, rad, of a copter that is pushed and turns in coordination. Both are 0 at speed 0.
+    """Return roll and pitch, rad, of a copter that is pushed and turns in coordination. Both are 0
+    at speed 0.
 
-    push: acceleration by the thrust, forward and to the left, m/s^2. most: limit of both angles, rad.
+    push: acceleration by the thrust, forward and to the left, m/s^2. most: limit of both angles,
+    rad.
     """
     if steer.speed == 0:
         return 0.0, 0.0

@@ -1,4 +1,5 @@
-"""Rules that judge autopilot parameters for a flight. The rules of each vehicle are in its own file."""
+"""Rules that judge autopilot parameters for a flight. The rules of each vehicle are in its own
+file."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -7,23 +8,30 @@ from math import atan, ceil, degrees, hypot, isfinite, radians, sqrt, tan
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mav.frames import GRAVITY
 
-PASS, WARN, FAIL = Grade.PASS, Grade.WARN, Grade.FAIL
-SHORT_TIMEOUT, LONG_TIMEOUT = 0.5, 5.0
-"""Bounds of a good setpoint timeout, s. A shorter one reacts to a link hiccup, a longer one flies blind for long."""
-SPEED_NEAR, SPEED_FAR = 0.05, 0.2
-"""Largest fraction by which the autopilot's speed may differ from the mission's for PASS, and for WARN."""
+PASS = Grade.PASS
+WARN = Grade.WARN
+FAIL = Grade.FAIL
+SHORT_TIMEOUT = 0.5
+LONG_TIMEOUT = 5.0
+"""Bounds of a good setpoint timeout, s. A shorter one reacts to a link hiccup, a longer one flies
+blind for long."""
+SPEED_NEAR = 0.05
+SPEED_FAR = 0.2
+"""Largest fraction by which the autopilot's speed may differ from the mission's for PASS, and for
+WARN."""
 COMMON_WIND = 8.0
 """Common wind for copter flights, m/s. A lean limit too small for this wind gives a warning."""
 ROUNDING = 1e-6
-"""Largest difference between a vehicle's value in 32 bits and the same mission value, as a fraction."""
+"""Largest difference between a vehicle's value in 32 bits and the same mission value, as a
+fraction."""
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
     """Inputs of a rule besides its value.
 
-    speed: m/s, max_turn_rate_deg: deg/s, max_bank_deg: deg, tick: s, all from the mission. system: id of
-    the vehicle. values: all parameters read. circle_turn_rate: on the smallest circle, rad/s.
+    speed: m/s, max_turn_rate_deg: deg/s, max_bank_deg: deg, tick: s, all from the mission. system:
+    id of the vehicle. values: all parameters read. circle_turn_rate: on the smallest circle, rad/s.
     """
 
     speed: float
@@ -43,10 +51,10 @@ Judge = Callable[[float, Context], Verdict]
 class Rule:
     """Rule for one parameter.
 
-    names: parameter names of different versions, newest first, each with its factor to `unit`. optional: True if some
-    vehicles lack it; a missing one gives no line. unit: unit of the value for `judge`. advised: function from the
-    context to the recommended value in that unit, an int if the parameter is one; None if it depends on airframe or
-    operator.
+    names: parameter names of different versions, newest first, each with its factor to `unit`.
+    optional: True if some vehicles lack it; a missing one gives no line. unit: unit of the value
+    for `judge`. advised: function from the context to the recommended value in that unit, an int if
+    the parameter is one; None if it depends on airframe or operator.
     """
 
     names: tuple[tuple[str, float], ...]
@@ -56,12 +64,15 @@ class Rule:
     advised: Callable[[Context], float] | None = None
 
     def check(self, context: Context) -> Check | None:
-        """Return the result for the parameter: a warning if it is missing, or None if it is also optional."""
+        """Return the result for the parameter: a warning if it is missing, or None if it is also
+        optional."""
         for name, factor in self.names:
             if name in context.values:
                 value = context.values[name]
                 if not isfinite(value):
-                    return Check(FAIL, "parameter", f"{name} = {value:g}: is not a number: set it again")
+                    return Check(
+                        FAIL, "parameter", f"{name} = {value:g}: is not a number: set it again"
+                    )
                 grade, words = self.judge(value * factor, context)
                 meant = "" if factor == 1 else f" ({value * factor:g} {self.unit})"
                 return Check(grade, "parameter", f"{name} = {value:g}{meant}: {words}")
@@ -70,7 +81,13 @@ class Rule:
         return None if self.optional else Check(WARN, "parameter", words)
 
 
-def rule(name: str, judge: Judge, *, optional: bool = False, advised: Callable[[Context], float] | None = None) -> Rule:
+def rule(
+    name: str,
+    judge: Judge,
+    *,
+    optional: bool = False,
+    advised: Callable[[Context], float] | None = None,
+) -> Rule:
     """Return the rule for a parameter that has one name and one unit in all versions."""
     return Rule(((name, 1.0),), judge, optional, advised=advised)
 
@@ -91,16 +108,18 @@ def mission_bank(context: Context) -> float:
 
 
 def enough_speed(usual: float) -> Callable[[Context], float]:
-    """Return the advice for a speed limit, m/s: the larger of the firmware's default and 1.2 times the mission's
-    speed."""
+    """Return the advice for a speed limit, m/s: the larger of the firmware's default and 1.2 times
+    the mission's speed."""
     return lambda context: max(usual, 1.2 * context.speed)
 
 
-# --- judges that several vehicles share -------------------------------------------------------------------------------
+# --- judges that several vehicles share
+# ------------------------------------------------------------
 
 
 def below(value: float, other: float) -> bool:
-    """True if a value is below another by more than the rounding of 32 bits and of unit conversion."""
+    """True if a value is below another by more than the rounding of 32 bits and of unit
+    conversion."""
     return value < other - ROUNDING * abs(other)
 
 
@@ -109,12 +128,17 @@ def one_of(special: Mapping[int, Verdict], otherwise: Verdict) -> Judge:
     return lambda value, context: special.get(int(value), otherwise)
 
 
-def at_least(wanted: Callable[[Context], float], fits: str, lacks: str, grade: Grade = FAIL) -> Judge:
-    """Return a judge of a value that must reach the mission's. {:g} in the texts is the mission's value."""
+def at_least(
+    wanted: Callable[[Context], float], fits: str, lacks: str, grade: Grade = FAIL
+) -> Judge:
+    """Return a judge of a value that must reach the mission's. {:g} in the texts is the mission's
+    value."""
 
     def judge(value: float, context: Context) -> Verdict:
         number = wanted(context)
-        return (grade, lacks.format(number)) if below(value, number) else (PASS, fits.format(number))
+        return (
+            (grade, lacks.format(number)) if below(value, number) else (PASS, fits.format(number))
+        )
 
     return judge
 
@@ -149,7 +173,9 @@ def least_airspeed(value: float, context: Context) -> Verdict:
     return (FAIL, f"above {bound}") if below(context.speed, value) else (PASS, f"below {bound}")
 
 
-most_airspeed = at_least(lambda mission: mission.speed, "above the mission's {:g} m/s", "below the mission's {:g} m/s")
+most_airspeed = at_least(
+    lambda mission: mission.speed, "above the mission's {:g} m/s", "below the mission's {:g} m/s"
+)
 bank_limit = at_least(
     lambda mission: mission.max_bank_deg,
     "enough for the mission's {:g} deg",
@@ -160,24 +186,35 @@ COPTER_DRAG = 0.3
 
 
 def lean_limit(degrees_: float, context: Context) -> Verdict:
-    """Judge the lean limit of a copter, deg. A copter leans against the airflow at V plus wind, and into its circle."""
-    push, inward = GRAVITY * tan(radians(min(max(degrees_, 0.0), 80.0))), context.speed * context.circle_turn_rate
+    """Judge the lean limit of a copter, deg. A copter leans against the airflow at V plus wind, and
+    into its circle."""
+    push = GRAVITY * tan(radians(min(max(degrees_, 0.0), 80.0)))
+    inward = context.speed * context.circle_turn_rate
     wind = sqrt(max(push**2 - inward**2, 0.0)) / COPTER_DRAG - context.speed
     leans = f"the copter leans {degrees_:g} deg at most"
     if wind <= 0:
-        words = f"too little lean for {context.speed:g} m/s even in still air (assumed drag {COPTER_DRAG:g}/s)"
+        words = (
+            f"too little lean for {context.speed:g} m/s even in still air (assumed drag"
+            f" {COPTER_DRAG:g}/s)"
+        )
         return WARN, f"{leans}: {words}"
-    words = f"{leans}: at a drag of {COPTER_DRAG:g}/s it holds {context.speed:g} m/s in wind up to {wind:.0f} m/s"
+    words = (
+        f"{leans}: at a drag of {COPTER_DRAG:g}/s it holds {context.speed:g} m/s in wind up to"
+        f" {wind:.0f} m/s"
+    )
     return (PASS if wind >= COMMON_WIND else WARN), words
 
 
 def enough_lean(usual: float) -> Callable[[Context], float]:
-    """Return the advice for a lean limit, deg: the larger of the firmware's default and the lean for COMMON_WIND on the
-    circle."""
+    """Return the advice for a lean limit, deg: the larger of the firmware's default and the lean
+    for COMMON_WIND on the circle."""
 
     def advised(context: Context) -> float:
         push = COPTER_DRAG * (context.speed + COMMON_WIND)
-        return max(usual, ceil(degrees(atan(hypot(push, context.speed * context.circle_turn_rate) / GRAVITY))))
+        return max(
+            usual,
+            ceil(degrees(atan(hypot(push, context.speed * context.circle_turn_rate) / GRAVITY))),
+        )
 
     return advised
 

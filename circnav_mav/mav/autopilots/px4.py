@@ -1,8 +1,9 @@
 """Common parts of PX4's vehicles, and of those flown in OFFBOARD.
 
-Signs, masks and timeouts were tested on PX4 main (2026-03) in its simulator. PX4 acknowledges a mode change before it
-decides, so the mode is read from HEARTBEAT and CURRENT_MODE only. It returns to OFFBOARD by itself when setpoints
-resume, so circnav always commands another mode to return control.
+Signs, masks and timeouts were tested on PX4 main (2026-03) in its simulator. PX4 acknowledges a
+mode change before it decides, so the mode is read from HEARTBEAT and CURRENT_MODE only. It returns
+to OFFBOARD by itself when setpoints resume, so circnav always commands another mode to return
+control.
 """
 
 from types import MappingProxyType
@@ -10,9 +11,23 @@ from types import MappingProxyType
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot, Firmware
-from circnav_mav.mav.autopilots.parameters import FAIL, PASS, WARN, Context, Verdict, always, one_of, rule, timeout
+from circnav_mav.mav.autopilots.parameters import (
+    FAIL,
+    PASS,
+    WARN,
+    Context,
+    Verdict,
+    always,
+    one_of,
+    rule,
+    timeout,
+)
 
-ALTCTL, POSCTL, AUTO, OFFBOARD, ALT_CRUISE = 2, 3, 4, 6, 11
+ALTCTL = 2
+POSCTL = 3
+AUTO = 4
+OFFBOARD = 6
+ALT_CRUISE = 11
 """Main modes (PX4's px4_custom_mode.h)."""
 
 
@@ -71,7 +86,8 @@ class PX4Vehicle(Autopilot):
     guided_mode = custom_mode(OFFBOARD)
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
-        """True: PX4 rejects OFFBOARD without a setpoint stream, and ignores setpoints in every other mode."""
+        """True: PX4 rejects OFFBOARD without a setpoint stream, and ignores setpoints in every
+        other mode."""
         return True
 
 
@@ -86,7 +102,10 @@ def _offboard_loss(value: float, context: Context) -> Verdict:
 def _sticks_override(value: float, context: Context) -> Verdict:
     if int(value) & 1 << 1:
         return PASS, "in OFFBOARD the pilot takes over by moving the sticks, or by a mode"
-    return PASS, "in OFFBOARD the pilot's sticks do nothing; the pilot takes over by changing the mode"
+    return (
+        PASS,
+        "in OFFBOARD the pilot's sticks do nothing; the pilot takes over by changing the mode",
+    )
 
 
 _NOT_PASSED = (FAIL, "setpoints from MAVLink are not passed to the controllers: set it to 1")
@@ -106,6 +125,9 @@ OFFBOARD_RULES = (
     rule("COM_OBL_RC_ACT", _offboard_loss),
     rule("COM_RC_IN_MODE", one_of({1: _MAVLINK_ONLY}, _TRANSMITTER)),
     rule("COM_RC_OVERRIDE", _sticks_override),
-    rule("COM_RC_LOSS_T", lambda value, context: (PASS, f"a transmitter silent for {value:g} s counts as lost")),
+    rule(
+        "COM_RC_LOSS_T",
+        lambda value, context: (PASS, f"a transmitter silent for {value:g} s counts as lost"),
+    ),
 )
 """Parameter rules for all vehicles flown in OFFBOARD."""

@@ -6,7 +6,12 @@ from types import MappingProxyType
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.velocity_loop import VelocityLoop
-from circnav_mav.mav.autopilots.interface import COPTER_TYPES, FULL_TILT, SetpointContext, body_velocity
+from circnav_mav.mav.autopilots.interface import (
+    COPTER_TYPES,
+    FULL_TILT,
+    SetpointContext,
+    body_velocity,
+)
 from circnav_mav.mav.autopilots.parameters import (
     FAIL,
     PASS,
@@ -24,7 +29,14 @@ from circnav_mav.mav.autopilots.parameters import (
     timeout,
     velocity_limit,
 )
-from circnav_mav.mav.autopilots.px4 import ALTCTL, AUTO, OFFBOARD_RULES, PX4Vehicle, custom_mode, main_and_sub
+from circnav_mav.mav.autopilots.px4 import (
+    ALTCTL,
+    AUTO,
+    OFFBOARD_RULES,
+    PX4Vehicle,
+    custom_mode,
+    main_and_sub,
+)
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, body_from_level
 from circnav_mav.mav.setpoint_guard import MAX_CLIMB, Steer
@@ -32,12 +44,14 @@ from circnav_mav.mav.setpoint_guard import MAX_CLIMB, Steer
 _yaw_rate_limit = at_least(
     lambda mission: mission.max_turn_rate_deg,
     "at least the mission's turn-rate limit of {:g} deg/s",
-    "below the mission's turn-rate limit of {:g} deg/s, so the vehicle turns slower: lower vehicle.max_turn_rate_deg_s",
+    "below the mission's turn-rate limit of {:g} deg/s, so the vehicle turns slower: lower"
+    " vehicle.max_turn_rate_deg_s",
 )
 
 
 def _enough_yaw_rate(context: Context) -> float:
-    """Return the larger of the firmware's default of 200 deg/s and the mission's turn-rate limit."""
+    """Return the larger of the firmware's default of 200 deg/s and the mission's turn-rate
+    limit."""
     return max(200.0, context.max_turn_rate_deg)
 
 
@@ -48,11 +62,12 @@ CLIMB_GAIN = 0.5
 class PX4Copter(PX4Vehicle):
     """OFFBOARD (6): body velocity and yaw rate. circnav holds the height by the climb rate.
 
-    SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8; PX4 drops 7, 9, 12 and 20), mask 0x407: all three velocities and
-    accelerations must be used, because one mask bit masks all three of its kind. Without feed-forward acceleration the
-    ground speed drops and the course lags the nose by 10 to 40 degrees (guidance.velocity_loop). vz = 0 does not hold
-    height (drift of 15 m), so vz = gain (altitude - height), down positive. The turn rate is accurate to 1 %. Without
-    setpoints for COM_OF_LOSS_T (1 s): failsafe, RTL without RC.
+    SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8; PX4 drops 7, 9, 12 and 20), mask 0x407: all
+    three velocities and accelerations must be used, because one mask bit masks all three of its
+    kind. Without feed-forward acceleration the ground speed drops and the course lags the nose by
+    10 to 40 degrees (guidance.velocity_loop). vz = 0 does not hold height (drift of 15 m), so vz =
+    gain (altitude - height), down positive. The turn rate is accurate to 1 %. Without setpoints for
+    COM_OF_LOSS_T (1 s): failsafe, RTL without RC.
     """
 
     MASK = 0x407
@@ -63,7 +78,9 @@ class PX4Copter(PX4Vehicle):
     needs = frozenset({"altitude"})
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
     ground_speed_sigma = 0.05  # the drag, unknown before a flight, reduces the speed
-    velocity_loop = VelocityLoop(proportional=1.8, integral=0.4, derivative=0.2)  # MPC_XY_VEL_P_ACC, _I_, _D_
+    velocity_loop = VelocityLoop(
+        proportional=1.8, integral=0.4, derivative=0.2
+    )  # MPC_XY_VEL_P_ACC, _I_, _D_
     parameters = (
         *OFFBOARD_RULES,
         rule("MC_YAWRATE_MAX", _yaw_rate_limit, advised=_enough_yaw_rate),
@@ -72,14 +89,17 @@ class PX4Copter(PX4Vehicle):
     )
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
-        """Return the setpoint of forward speed, yaw rate and climb rate, with the feed-forward acceleration."""
+        """Return the setpoint of forward speed, yaw rate and climb rate, with the feed-forward
+        acceleration."""
         push, right = self.velocity_loop.fed(steer.speed, steer.yaw_rate, to.drag)
-        # PX4 rotates velocities by the yaw alone, accelerations by the whole attitude: 10 % error at 26 deg of tilt
+        # PX4 rotates velocities by the yaw alone, accelerations by the whole attitude: 10 % error
+        # at 26 deg of tilt
         fed = body_from_level(push, right, to.motion.roll or 0.0, to.motion.pitch or 0.0)
         return body_velocity(self.MASK, to, now, steer, down=self._down(to), fed=fed)
 
     def _down(self, to: SetpointContext) -> float:
-        """Return the descent rate that corrects the height, m/s; 0 if one of the two heights is unknown."""
+        """Return the descent rate that corrects the height, m/s; 0 if one of the two heights is
+        unknown."""
         altitude = to.motion.altitude
         if altitude is None or to.height is None:
             return 0.0
@@ -94,14 +114,22 @@ CUBIC = 0.6
 """Cubic share of the yaw stick's curve (PX4, Sticks::getYawExpo)."""
 _BY_STICK = "the setpoint assumes {:g}: set it"
 _NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
-_OUR_STICKS = (PASS, "only sticks from MAVLink are used: the pilot takes over by changing the mode, not by the sticks")
+_OUR_STICKS = (
+    PASS,
+    (
+        "only sticks from MAVLink are used: the pilot takes over by changing the mode, not by the"
+        " sticks"
+    ),
+)
 _OTHER_STICKS = (WARN, "the pilot's transmitter may replace our sticks: set it to 1 (MAVLink only)")
 
 
 def yaw_stick(yaw_rate: float) -> float:
-    """Return the yaw stick of MANUAL_CONTROL, thousandths to the right, for a yaw rate, rad/s clockwise.
+    """Return the yaw stick of MANUAL_CONTROL, thousandths to the right, for a yaw rate, rad/s
+    clockwise.
 
-    PX4 removes a dead zone, then bends the deflection x to (1 - CUBIC) x + CUBIC x^3. This is the inverse.
+    PX4 removes a dead zone, then bends the deflection x to (1 - CUBIC) x + CUBIC x^3. This is the
+    inverse.
     """
     share = min(abs(yaw_rate) / radians(FULL_YAW), 1.0)
     x = share
@@ -123,12 +151,13 @@ def _equals(wanted: float) -> Judge:
 
 
 class PX4CopterStick(PX4Vehicle):
-    """ALTCTL (2): all sticks by MANUAL_CONTROL, for flights without any position. PX4 holds the height.
+    """ALTCTL (2): all sticks by MANUAL_CONTROL, for flights without any position. PX4 holds the
+    height.
 
-    MANUAL_CONTROL: x (forward) and y (right) command a horizontal push of the thrust, full stick is that of
-    MPC_MAN_TILT_MAX. z = 500 holds the height, r commands a yaw rate. The wind carries the copter. After a silence of
-    COM_RC_LOSS_T PX4 counts the sticks as lost: without a position it descends where it is. LOITER and RTL require a
-    position.
+    MANUAL_CONTROL: x (forward) and y (right) command a horizontal push of the thrust, full stick is
+    that of MPC_MAN_TILT_MAX. z = 500 holds the height, r commands a yaw rate. The wind carries the
+    copter. After a silence of COM_RC_LOSS_T PX4 counts the sticks as lost: without a position it
+    descends where it is. LOITER and RTL require a position.
     """
 
     name = "px4 copter by stick"
@@ -142,16 +171,21 @@ class PX4CopterStick(PX4Vehicle):
     tilts_by_stick = True
     parameters = (
         rule(
-            "COM_RC_IN_MODE", one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS), advised=always(1)
+            "COM_RC_IN_MODE",
+            one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS),
+            advised=always(1),
         ),
-        rule("COM_RC_LOSS_T", timeout("counts the sticks as lost, and descends without a position")),
+        rule(
+            "COM_RC_LOSS_T", timeout("counts the sticks as lost, and descends without a position")
+        ),
         rule("MPC_MAN_TILT_MAX", _equals(FULL_TILT), advised=always(FULL_TILT)),
         rule("MPC_MAN_Y_MAX", _equals(FULL_YAW), advised=always(FULL_YAW)),
         rule("MAN_DEADZONE", _equals(DEADZONE), optional=True, advised=always(DEADZONE)),
     )
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
-        """True in AUTO modes, which ignore the sticks; manual modes follow them. PX4 rejects ALTCTL without sticks."""
+        """True in AUTO modes, which ignore the sticks; manual modes follow them. PX4 rejects ALTCTL
+        without sticks."""
         return mode is not None and main_and_sub(mode)[0] == AUTO
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
@@ -161,4 +195,6 @@ class PX4CopterStick(PX4Vehicle):
         right = min(max(steer.yaw_rate * steer.speed - left, -most), most)
         x = round(self._facts.tilt_stick(min(max(forward, -most), most)))
         y = round(self._facts.tilt_stick(right))
-        return dialect.MAVLink_manual_control_message(to.target_system, x, y, 500, round(yaw_stick(steer.yaw_rate)), 0)
+        return dialect.MAVLink_manual_control_message(
+            to.target_system, x, y, 500, round(yaw_stick(steer.yaw_rate)), 0
+        )

@@ -34,7 +34,13 @@ _STOCK_STICK_LOSS = 2.0
 _HOLD_EXCEPTED = 2
 """Bit 1 of COM_RCL_EXCEPT: Hold."""
 _NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
-_OUR_STICKS = (PASS, "only sticks from MAVLink are used: the pilot takes over by changing the mode, not by the sticks")
+_OUR_STICKS = (
+    PASS,
+    (
+        "only sticks from MAVLink are used: the pilot takes over by changing the mode, not by the"
+        " sticks"
+    ),
+)
 _OTHER_STICKS = (WARN, "the pilot's transmitter may replace our sticks: set it to 1 (MAVLink only)")
 
 
@@ -50,7 +56,10 @@ def _stick_loss_action(value: float, context: Context) -> Verdict:
 
     PX4 then reports lost manual control in any mode, because it has received stick messages before.
     """
-    when = "when our stick messages end (takeover, exit action), in any mode but those of COM_RCL_EXCEPT"
+    when = (
+        "when our stick messages end (takeover, exit action), in any mode but those of"
+        " COM_RCL_EXCEPT"
+    )
     if stops := _STOPS_MOTORS.get(int(value)):
         return FAIL, f"{when}, PX4 {stops} in the air: set 2 (RTL) or 1 (Hold)"
     if follows := _STICK_LOSS.get(int(value)):
@@ -60,42 +69,65 @@ def _stick_loss_action(value: float, context: Context) -> Verdict:
 
 def _stick_loss_exceptions(value: float, context: Context) -> Verdict:
     if int(value) & _HOLD_EXCEPTED:
-        return PASS, "a plane given back or taken over in Hold (LOITER) stays there without our stick messages"
-    follows = _STICK_LOSS.get(context.values.get("NAV_RCL_ACT", _STOCK_STICK_LOSS), "follows NAV_RCL_ACT")
+        return (
+            PASS,
+            (
+                "a plane given back or taken over in Hold (LOITER) stays there without our stick"
+                " messages"
+            ),
+        )
+    follows = _STICK_LOSS.get(
+        context.values.get("NAV_RCL_ACT", _STOCK_STICK_LOSS), "follows NAV_RCL_ACT"
+    )
     if follows == _STICK_LOSS[1]:
         return PASS, "Hold is not excepted, but NAV_RCL_ACT commands Hold, too"
-    return WARN, (
-        f"a plane given back or taken over in Hold (LOITER) does not stay there, but {follows}: add 2 (bit 1, Hold)"
+    return (
+        WARN,
+        (
+            f"a plane given back or taken over in Hold (LOITER) does not stay there, but {follows}:"
+            " add 2 (bit 1, Hold)"
+        ),
     )
 
 
 def _stick_bank(value: float, context: Context) -> Verdict:
     if abs(value - FULL_STICK) > STICK_SCALE:
-        return FAIL, f"full stick is {value:g} deg of bank, circnav assumes {FULL_STICK:g}: set it to {FULL_STICK:g}"
+        return (
+            FAIL,
+            (
+                f"full stick is {value:g} deg of bank, circnav assumes {FULL_STICK:g}: set it to"
+                f" {FULL_STICK:g}"
+            ),
+        )
     return bank_limit(value, context)
 
 
 class PX4PlaneStick(PX4Vehicle):
     """ALTCTL (2): roll stick by MANUAL_CONTROL. PX4 holds height and speed. Needs no position.
 
-    MANUAL_CONTROL: y = 1000 roll/FW_R_LIM (right positive), x = 0 holds height, z = 500 is trim speed, r = 0 (PX4
-    coordinates turns). Set COM_RC_IN_MODE so that PX4 accepts it. The pilot's own sticks then have no effect until the
-    pilot takes over by changing the mode. After a silence of COM_RC_LOSS_T, in any mode not listed in COM_RCL_EXCEPT:
-    Hold, then NAV_RCL_ACT (RTL). PX4 does not go back to ALTCTL by itself.
+    MANUAL_CONTROL: y = 1000 roll/FW_R_LIM (right positive), x = 0 holds height, z = 500 is trim
+    speed, r = 0 (PX4 coordinates turns). Set COM_RC_IN_MODE so that PX4 accepts it. The pilot's own
+    sticks then have no effect until the pilot takes over by changing the mode. After a silence of
+    COM_RC_LOSS_T, in any mode not listed in COM_RCL_EXCEPT: Hold, then NAV_RCL_ACT (RTL). PX4 does
+    not go back to ALTCTL by itself.
     """
 
     name = "px4 plane"
     bundled = ("px4_plane",)
     vehicle_types = PLANE_TYPES
     guided_mode = custom_mode(ALTCTL)
-    exits = MappingProxyType({name: mode for name, mode in PX4Vehicle.exits.items() if name != "hold"})
+    exits = MappingProxyType(
+        {name: mode for name, mode in PX4Vehicle.exits.items() if name != "hold"}
+    )
     shapes = frozenset({("MANUAL_CONTROL", None)})
     needs = frozenset({"airspeed"})
     banks = measures_airspeed = cruises = True
     least_turn_gain = 0.72  # value of ArduPlane, not flown long enough for a better one
     parameters = (
         rule(
-            "COM_RC_IN_MODE", one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS), advised=always(1)
+            "COM_RC_IN_MODE",
+            one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS),
+            advised=always(1),
         ),
         rule("COM_RC_LOSS_T", _stick_loss, advised=always(0.5)),
         rule("NAV_RCL_ACT", _stick_loss_action, advised=always(2)),
@@ -107,7 +139,8 @@ class PX4PlaneStick(PX4Vehicle):
     )
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
-        """True in AUTO modes, which ignore the stick; manual modes follow it. PX4 rejects ALTCTL without a stick."""
+        """True in AUTO modes, which ignore the stick; manual modes follow it. PX4 rejects ALTCTL
+        without a stick."""
         return mode is not None and main_and_sub(mode)[0] == AUTO
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:

@@ -1,4 +1,5 @@
-"""Adapters by (autopilot, kind) of the mission file, and the reasons why other vehicles are not supported."""
+"""Adapters by (autopilot, kind) of the mission file, and the reasons why other vehicles are not
+supported."""
 
 from circnav_mav.mav.autopilots.ardupilot_copter import ArduCopter, ArduCopterAttitude
 from circnav_mav.mav.autopilots.ardupilot_plane import ArduPlane
@@ -20,8 +21,9 @@ AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {
 
 REFUSED: dict[tuple[str, str], str] = {
     ("px4", "rover"): (
-        "PX4 rovers ignore yaw rate and attitude setpoints in OFFBOARD; only a turning velocity vector (the rover "
-        "drives on after the stream stops) or a moving position target steers them"
+        "PX4 rovers ignore yaw rate and attitude setpoints in OFFBOARD; only a turning velocity"
+        " vector (the rover drives on after the stream stops) or a moving position target steers"
+        " them"
     ),
 }
 """Vehicles that cannot be flown, with a human-readable reason."""
@@ -33,9 +35,14 @@ _KEYS = (*AUTOPILOTS, *REFUSED)
 MISSION_AUTOPILOTS = (*dict.fromkeys(autopilot for autopilot, _ in _KEYS), "auto")
 MISSION_KINDS = tuple(dict.fromkeys(kind.split()[0] for _, kind in _KEYS))
 MISSION_METHODS = tuple(
-    dict.fromkeys((*DEFAULT_METHODS.values(), *(method for _, kind in _KEYS for method in kind.split()[1:])))
+    dict.fromkeys(
+        (*DEFAULT_METHODS.values(), *(method for _, kind in _KEYS for method in kind.split()[1:]))
+    )
 )
-MISSION_EXITS = ("stop", *dict.fromkeys(name for vehicle in AUTOPILOTS.values() for name in vehicle.exits))
+MISSION_EXITS = (
+    "stop",
+    *dict.fromkeys(name for vehicle in AUTOPILOTS.values() for name in vehicle.exits),
+)
 """Permitted values in a mission file."""
 
 
@@ -44,7 +51,8 @@ def table_key(autopilot: str, kind: str, method: str | None) -> tuple[str, str]:
 
 
 def allowed(autopilot: str, kind: str | None) -> dict[tuple[str, str], type[Autopilot]]:
-    """Return the rows that a mission allows. `auto` allows all autopilots. Without a kind, all default methods."""
+    """Return the rows that a mission allows. `auto` allows all autopilots. Without a kind, all
+    default methods."""
     return {
         (whose, what): vehicle
         for (whose, what), vehicle in AUTOPILOTS.items()

@@ -1,7 +1,8 @@
 """Calibration of a ranging radio: conversion of the reported range to the true one.
 
-`circnav ranging calibrate` measures the error of a radio, and the mission file contains it. This module removes the
-error once from each reading, before any other use. The calibration never changes in flight.
+`circnav ranging calibrate` measures the error of a radio, and the mission file contains it. This
+module removes the error once from each reading, before any other use. The calibration never changes
+in flight.
 """
 
 from bisect import bisect_right
@@ -17,8 +18,8 @@ Point = tuple[float, float]
 class Calibration:
     """Measured error of a radio.
 
-    reported = `scale` * true + `bias` (m). If `points` are given, straight lines through them replace this.
-    delay: age of a range at the time of its stamp, s.
+    reported = `scale` * true + `bias` (m). If `points` are given, straight lines through them
+    replace this. delay: age of a range at the time of its stamp, s.
     """
 
     scale: float = 1.0
@@ -37,12 +38,14 @@ class Calibration:
         return y0 + slope * (true - x0)
 
     def true(self, reported: float) -> tuple[float, float]:
-        """Return the true range of a reported one, m, and the slope true/reported, which scales the noise."""
+        """Return the true range of a reported one, m, and the slope true/reported, which scales the
+        noise."""
         (x0, y0), slope = self._segment([y for _, y in self.points], reported)
         return x0 + (reported - y0) / slope, 1 / slope
 
     def _segment(self, ends: Sequence[float], value: float) -> tuple[Point, float]:
-        """Return the start and the slope of the line for a value. The outer lines extend beyond the ends."""
+        """Return the start and the slope of the line for a value. The outer lines extend beyond the
+        ends."""
         if not self.points:
             return (0.0, self.bias), self.scale
         at = min(max(bisect_right(ends, value) - 1, 0), len(self.points) - 2)
@@ -51,13 +54,18 @@ class Calibration:
 
     def describe(self) -> str:
         """Return the calibration, human-readable."""
-        parts = [f"{len(self.points)} points" if self.points else f"scale {self.scale:.4f}, bias {self.bias:+.2f} m"]
+        parts = [
+            f"{len(self.points)} points"
+            if self.points
+            else f"scale {self.scale:.4f}, bias {self.bias:+.2f} m"
+        ]
         parts += [f"delay {self.delay:.3f} s"] if self.delay else []
         return ", ".join(parts)
 
 
 def rising(points: Sequence[Sequence[float]]) -> bool:
-    """True if there are at least two points, and true and reported range increase from each point to the next.
+    """True if there are at least two points, and true and reported range increase from each point
+    to the next.
 
     Then each reported range has one true range.
     """

@@ -2,7 +2,13 @@
 
 from circnav_mav.mav.clocks import BOOT_WRAP
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.ranging.interface import RangingMessage, RangingSettings, Reading, Reject, boot_stamp
+from circnav_mav.mav.ranging.interface import (
+    RangingMessage,
+    RangingSettings,
+    Reading,
+    Reject,
+    boot_stamp,
+)
 
 DOWNWARD = 25
 """MAV_SENSOR_ROTATION_PITCH_270: a height sensor, never a ranging radio."""
@@ -11,7 +17,8 @@ UNKNOWN_VARIANCE = (0, 255)
 
 
 def _read(message: Message) -> Reading | Reject | None:
-    """Return the reading of a message, which has cm, a covariance in cm^2, and quality 1 for invalid.
+    """Return the reading of a message, which has cm, a covariance in cm^2, and quality 1 for
+    invalid.
 
     At or beyond max_distance autopilots send a placeholder, not a range.
     """
@@ -32,7 +39,9 @@ def _read(message: Message) -> Reading | Reject | None:
 def _why_never(settings: RangingSettings) -> str:
     if settings.orientation != DOWNWARD:
         return ""
-    return f"orientation {DOWNWARD} is downward, a height sensor, which is never used: choose 24 (up)"
+    return (
+        f"orientation {DOWNWARD} is downward, a height sensor, which is never used: choose 24 (up)"
+    )
 
 
 DISTANCE_SENSOR = RangingMessage(

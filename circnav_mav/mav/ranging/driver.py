@@ -1,4 +1,5 @@
-"""Drivers of ranging radios: interface, and installed drivers by name (entry points `circnav.ranging`)."""
+"""Drivers of ranging radios: interface, and installed drivers by name (entry points
+`circnav.ranging`)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,9 +13,16 @@ GROUP = "circnav.ranging"
 TRANSPORTS = ("udp", "udpin", "udpout", "tcp", "tcpout", "serial", "sim")
 """Prefixes of endpoints without a driver name."""
 FAILURES = (Exception, SystemExit)
-"""Exceptions that a driver may raise. A driver that calls sys.exit() must not end the flight without a safe setpoint.
+"""Exceptions that a driver may raise. A driver that calls sys.exit() must not end the flight
+without a safe setpoint.
 """
-ATTRIBUTES: dict[str, Any] = {"baud": int, "line_end": bytes, "unread": int, "receive": Callable, "ask": Callable}
+ATTRIBUTES: dict[str, Any] = {
+    "baud": int,
+    "line_end": bytes,
+    "unread": int,
+    "receive": Callable,
+    "ask": Callable,
+}
 """Attributes that a driver must have, with their types."""
 
 
@@ -22,9 +30,9 @@ ATTRIBUTES: dict[str, Any] = {"baud": int, "line_end": bytes, "unread": int, "re
 class RadioReading:
     """One measured range.
 
-    range: slant range, m; a value that is not finite or not above 0 means no measurement. beacon: id of the other
-    radio. sigma: standard deviation, m, None if the radio reports none. stamp: measurement time, s of the radio's own
-    clock, None for the arrival time.
+    range: slant range, m; a value that is not finite or not above 0 means no measurement. beacon:
+    id of the other radio. sigma: standard deviation, m, None if the radio reports none. stamp:
+    measurement time, s of the radio's own clock, None for the arrival time.
     """
 
     range: float
@@ -43,11 +51,12 @@ class RadioReading:
 
 
 class Driver(Protocol):
-    """Driver of one radio on one port. Times are seconds of circnav's clock. A driver must not read any other clock.
+    """Driver of one radio on one port. Times are seconds of circnav's clock. A driver must not read
+    any other clock.
 
-    baud: baud rate of the serial port if the endpoint specifies none. line_end: end of a text line, empty for a binary
-    protocol. circnav appends it to each received datagram that does not end with it, and then calls `receive`. unread:
-    number of bytes so far that could not be decoded.
+    baud: baud rate of the serial port if the endpoint specifies none. line_end: end of a text line,
+    empty for a binary protocol. circnav appends it to each received datagram that does not end with
+    it, and then calls `receive`. unread: number of bytes so far that could not be decoded.
     """
 
     baud: int
@@ -55,11 +64,13 @@ class Driver(Protocol):
     unread: int
 
     def receive(self, data: bytes, now: float) -> Sequence[RadioReading]:
-        """Return the readings that these bytes complete. A message may arrive in any number of pieces."""
+        """Return the readings that these bytes complete. A message may arrive in any number of
+        pieces."""
         ...
 
     def ask(self, now: float) -> bytes:
-        """Return the bytes to send to the radio now, possibly none. Called at least 20 times a second."""
+        """Return the bytes to send to the radio now, possibly none. Called at least 20 times a
+        second."""
         return b""
 
 
@@ -68,7 +79,8 @@ class DriverError(Exception):
 
 
 def split_driver(endpoint: str) -> tuple[str | None, str]:
-    """Return driver name and port of an endpoint (`linktrack:/dev/ttyUSB0`). A MAVLink endpoint has no driver: None."""
+    """Return driver name and port of an endpoint (`linktrack:/dev/ttyUSB0`). A MAVLink endpoint has
+    no driver: None."""
     name, sign, port = endpoint.partition(":")
     return (None, endpoint) if name in TRANSPORTS or not sign else (name, port)
 
@@ -78,12 +90,16 @@ def make_driver(name: str) -> Driver:
     others = {point.name: point for point in entry_points(group=GROUP)}
     if name not in others:
         known = ", ".join(sorted(others))
-        raise DriverError(f"no driver {name!r}; there are {known} (docs/radios.md describes how to add one)")
+        raise DriverError(
+            f"no driver {name!r}; there are {known} (docs/radios.md describes how to add one)"
+        )
     try:
         made: Driver = others[name].load()()
         for attribute, kind in ATTRIBUTES.items():
             if not isinstance(getattr(made, attribute, None), kind):
                 raise TypeError(f"its {attribute} is missing or not {kind.__name__}")
     except FAILURES as error:  # raised by another package
-        raise DriverError(f"driver {name!r} of {others[name].value} does not load: {error!r}") from None
+        raise DriverError(
+            f"driver {name!r} of {others[name].value} does not load: {error!r}"
+        ) from None
     return made

@@ -49,22 +49,25 @@ _CLOCK = frozenset({Reject.STAMP_JUMP.value, Reject.CLOCK.value})
 def describe_rejected(rejected: Mapping[str, int]) -> str:
     """Return the number of rejected ranges by reason, human-readable."""
     counts = (
-        f"{count} {reason}{' (sensor clock stepped)' if reason in _CLOCK else ''}" for reason, count in rejected.items()
+        f"{count} {reason}{' (sensor clock stepped)' if reason in _CLOCK else ''}"
+        for reason, count in rejected.items()
     )
     return ", ".join(counts) or "none"
 
 
 @dataclass(frozen=True, slots=True)
 class RangingSettings:
-    """Selection of the ranging telemetry: keys of [ranging] in the mission, and values derived from other sections.
+    """Selection of the ranging telemetry: keys of [ranging] in the mission, and values derived from
+    other sections.
 
-    message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters. system_id, component_id:
-    the sender, None for the first that fits. sigma_m: standard deviation if the message carries none. max_age: oldest
-    accepted sample, s. stamp: time to use, the message's own ("sensor") or that of its arrival ("arrival"). rate_hz:
-    measurement rate of the sensor. max_sigma: largest usable standard deviation, reported or measured, m. rate_name:
-    name of the NAMED_VALUE_FLOAT with the range rate, or None. rate_sign: "opening" if it is positive away from the
-    target, "closing" if positive towards it. listens: False to steer without first waiting for a second source.
-    calibration: error of the radio, removed from each reading.
+    message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters.
+    system_id, component_id: the sender, None for the first that fits. sigma_m: standard deviation
+    if the message carries none. max_age: oldest accepted sample, s. stamp: time to use, the
+    message's own ("sensor") or that of its arrival ("arrival"). rate_hz: measurement rate of the
+    sensor. max_sigma: largest usable standard deviation, reported or measured, m. rate_name: name
+    of the NAMED_VALUE_FLOAT with the range rate, or None. rate_sign: "opening" if it is positive
+    away from the target, "closing" if positive towards it. listens: False to steer without first
+    waiting for a second source. calibration: error of the radio, removed from each reading.
     """
 
     message: str = "distance_sensor"
@@ -86,7 +89,8 @@ class RangingSettings:
 
 
 class Reading(NamedTuple):
-    """Content of one message in SI units. stamp: None without a usable time. sequence: None if not carried."""
+    """Content of one message in SI units. stamp: None without a usable time. sequence: None if not
+    carried."""
 
     slant: float
     sigma: float | None
@@ -94,7 +98,8 @@ class Reading(NamedTuple):
     sequence: int | None = None
 
     def calibrated(self, calibration: Calibration) -> "Reading":
-        """Return the reading with the true range instead of the reported one, m. The range may be negative."""
+        """Return the reading with the true range instead of the reported one, m. The range may be
+        negative."""
         slant, slope = calibration.true(self.slant)
         return self._replace(slant=slant, sigma=None if self.sigma is None else self.sigma * slope)
 
@@ -103,10 +108,11 @@ class Reading(NamedTuple):
 class RangingMessage:
     """A message type that can carry the range.
 
-    type, id: in MAVLink. read: returns the reading, or None if the message is not from a ranging radio. farthest:
-    longest range, m. stamp_wrap: period of its time stamps, s, None if they do not wrap. marks: fields that select the
-    sensor, with their mission keys. forwarded: True if autopilots forward it. for_anything: True if it carries values
-    of any kind, so that only a selected one is a range. why_never: human-readable reason why settings select nothing.
+    type, id: in MAVLink. read: returns the reading, or None if the message is not from a ranging
+    radio. farthest: longest range, m. stamp_wrap: period of its time stamps, s, None if they do not
+    wrap. marks: fields that select the sensor, with their mission keys. forwarded: True if
+    autopilots forward it. for_anything: True if it carries values of any kind, so that only a
+    selected one is a range. why_never: human-readable reason why settings select nothing.
     """
 
     type: str
@@ -124,7 +130,10 @@ class RangingMessage:
 
     def picked(self, message: Message, settings: RangingSettings) -> bool:
         """True if a message is from the sensor that the mission selects."""
-        return all(getattr(settings, key) in (None, getattr(message, mark)) for mark, key in self.marks.items())
+        return all(
+            getattr(settings, key) in (None, getattr(message, mark))
+            for mark, key in self.marks.items()
+        )
 
 
 def boot_stamp(message: Message) -> float | None:

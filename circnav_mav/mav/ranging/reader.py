@@ -1,7 +1,9 @@
-"""Conversion of ranging telemetry to samples of range and range rate, with the reasons for rejected messages.
+"""Conversion of ranging telemetry to samples of range and range rate, with the reasons for rejected
+messages.
 
-Order of the checks: source, id, finite, "no range" codes, limits, quality, single source, stamp, age, noise, height.
-The innovation gate follows later, in the estimator. `table` lists the messages, and `sources` defines a source.
+Order of the checks: source, id, finite, "no range" codes, limits, quality, single source, stamp,
+age, noise, height. The innovation gate follows later, in the estimator. `table` lists the messages,
+and `sources` defines a source.
 """
 
 from collections import Counter
@@ -29,28 +31,37 @@ from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 MISSED = 2.5
 """Range periods without a stamp of the old clock, after which a new clock is followed."""
-FUTURE, KNOWN_AFTER = 0.15, 100
-"""Largest lead of a stamp over the sensor's clock, s, after this number of ranges has shown the shortest delay. Before,
-the limit is JUMP. A smaller lead is link jitter. A larger one is another clock or a shorter delay: such a stamp is
-accepted only when ranges of the old clock have stopped."""
+FUTURE = 0.15
+KNOWN_AFTER = 100
+"""Largest lead of a stamp over the sensor's clock, s, after this number of ranges has shown the
+shortest delay. Before, the limit is JUMP. A smaller lead is link jitter. A larger one is another
+clock or a shorter delay: such a stamp is accepted only when ranges of the old clock have
+stopped."""
 DOUBT = 0.5
-"""Time, s, after a stamp with a lead above FUTURE, in which stamps of the old clock are rejected too. If the link has
-become faster, they are older than they seem."""
+"""Time, s, after a stamp with a lead above FUTURE, in which stamps of the old clock are rejected
+too. If the link has become faster, they are older than they seem."""
 MOST_RATE = 3.0
 """Largest plausible range rate in units of V."""
 
 
 class RangeReader:
-    """Converter of messages to samples, each measurement at most once and in the order of the sensor's clock."""
+    """Converter of messages to samples, each measurement at most once and in the order of the
+    sensor's clock."""
 
     def __init__(
-        self, settings: RangingSettings, noise: NoiseCheck | None = None, slower: Slower = no_link_delay
+        self,
+        settings: RangingSettings,
+        noise: NoiseCheck | None = None,
+        slower: Slower = no_link_delay,
     ) -> None:
-        """noise: check of the reported sigma, None for no check. slower: delay increase of the ranges' link."""
+        """noise: check of the reported sigma, None for no check. slower: delay increase of the
+        ranges' link."""
         self._settings = settings
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
-        self.clock = StampFilter(slower, wrap=self._kind.stamp_wrap if settings.stamp == "sensor" else None)
+        self.clock = StampFilter(
+            slower, wrap=self._kind.stamp_wrap if settings.stamp == "sensor" else None
+        )
         """The sensor's clock, also used by its range rates."""
         self.sources = RangeSources(self._kind, settings)
         self.trusted: Sender | None = None
@@ -58,7 +69,8 @@ class RangeReader:
         self._source: RangeSource | None = None
         """Sensor of the trusted sender that is in use."""
         self.rival: Sender | None = None
-        """Sender of the newest message if it is a second sender: a selected range from another address."""
+        """Sender of the newest message if it is a second sender: a selected range from another
+        address."""
         self._with_vehicle = False
         self._taken = 0
         self._ahead_at = float("-inf")
@@ -72,7 +84,8 @@ class RangeReader:
         self.moving = False
         """True if the vehicle certainly moves, so that its range cannot stay constant."""
         self.sender_stays = False
-        """True if no other sender may replace a silent one, because the vehicle is steered by its ranges."""
+        """True if no other sender may replace a silent one, because the vehicle is steered by its
+        ranges."""
         self.rejected: Counter[str] = Counter()
 
     @property
@@ -93,13 +106,16 @@ class RangeReader:
     ) -> RangeSample | None:
         """Return the sample that a message carries, or None. A rejection is counted in `rejected`.
 
-        height: vehicle above the target, m, None to take ranges as horizontal. other_vehicles: system ids of other
-        vehicles, with the addresses of their autopilots. Their ranges are rejected unless the mission specifies that
-        system id.
-        one_way: least delay of this link, s, which stamps alone do not show. source: address of the sender. vehicle:
-        address of the vehicle, or None. Ranges that the autopilot forwards come from this address even if it changes.
+        height: vehicle above the target, m, None to take ranges as horizontal. other_vehicles:
+        system ids of other vehicles, with the addresses of their autopilots. Their ranges are
+        rejected unless the mission specifies that system id.
+        one_way: least delay of this link, s, which stamps alone do not show. source: address of the
+        sender. vehicle: address of the vehicle, or None. Ranges that the autopilot forwards come
+        from this address even if it changes.
         """
-        self.restarted, self.stepped, self.rival = False, 0.0, None
+        self.restarted = False
+        self.stepped = 0.0
+        self.rival = None
         if message.get_type() != self._kind.type:
             return None
         if self._with_vehicle and self.trusted is not None and vehicle is not None:
@@ -136,7 +152,8 @@ class RangeReader:
         source: Hashable,
     ) -> RangeSample | Reject | None:
         settings = self._settings
-        reading, picked = self._kind.read(message), self._kind.picked(message, settings)
+        reading = self._kind.read(message)
+        picked = self._kind.picked(message, settings)
         if reading is None:
             return None
         sender = Sender(*ids(message), source)
@@ -167,15 +184,20 @@ class RangeReader:
         rejection = self._order(reading, stamp, now)
         if rejection is not None:
             return rejection
-        self.trusted, self._source = sender, sensor
-        self._sequence, self.slant = reading.sequence, reading.slant
+        self.trusted = sender
+        self._source = sensor
+        self._sequence = reading.sequence
+        self.slant = reading.slant
         self._taken += 1
         self.clock.take(stamp, now)
         return self._sample(reading, stamp, now, height)
 
-    def _sample(self, reading: Reading, stamp: float, now: float, height: float | None) -> RangeSample | Reject:
+    def _sample(
+        self, reading: Reading, stamp: float, now: float, height: float | None
+    ) -> RangeSample | Reject:
         """Return the sample of a new reading, or the reason for its rejection."""
-        settings, noise = self._settings, self._noise
+        settings = self._settings
+        noise = self._noise
         time = self.clock.local(stamp, now) - settings.calibration.delay
         self.stepped = self.clock.followed
         if now - time > settings.max_age:
@@ -188,7 +210,11 @@ class RangeReader:
         if sigma > settings.max_sigma:
             return Reject.TOO_NOISY
         flat = horizontal(reading.slant, sigma, height) if height else (reading.slant, sigma)
-        return Reject.OVERHEAD if flat is None else RangeSample(stamp, time, *flat, source=self._kind.type)
+        return (
+            Reject.OVERHEAD
+            if flat is None
+            else RangeSample(stamp, time, *flat, source=self._kind.type)
+        )
 
     def _ambiguous(self, now: float) -> bool:
         return not self.sender_stays and self.sources.several(now)
@@ -196,37 +222,50 @@ class RangeReader:
     def _fits(self, sender: Sender, other_vehicles: Mapping[int, Hashable]) -> bool:
         """True if a sender has the configured ids and does not belong to another vehicle."""
         settings = self._settings
-        if settings.system_id not in (None, sender.system) or settings.component_id not in (None, sender.component):
+        if settings.system_id not in (None, sender.system) or settings.component_id not in (
+            None,
+            sender.component,
+        ):
             return False
-        # Ranges of another vehicle's autopilot may have been accepted before its first heartbeat, which comes from the
-        # same address. A heartbeat from another address only imitates the radio's system: rejecting the radio because
-        # of it would end the flight.
-        its_own = sender.component == AUTOPILOT_COMPONENT and other_vehicles.get(sender.system) == sender.source
+        # Ranges of another vehicle's autopilot may have been accepted before its first heartbeat,
+        # which comes from the same address. A heartbeat from another address only imitates the
+        # radio's system: rejecting the radio because of it would end the flight.
+        its_own = (
+            sender.component == AUTOPILOT_COMPONENT
+            and other_vehicles.get(sender.system) == sender.source
+        )
         stays = self.sender_stays and sender == self.trusted and not its_own
         return settings.system_id is not None or sender.system not in other_vehicles or stays
 
     def _counts(self, sender: Sender, sensor: RangeSource, now: float, *, picked: bool) -> bool:
-        """True if ranges of this sensor are used: it is the trusted one, or the trusted one is silent.
+        """True if ranges of this sensor are used: it is the trusted one, or the trusted one is
+        silent.
 
-        picked: True for a range that the mission selects. From another address it indicates a second sender.
+        picked: True for a range that the mission selects. From another address it indicates a
+        second sender.
         """
         if self.trusted is None or (sender, sensor) == (self.trusted, self._source):
             return True
         silent = now - self.clock.newest_at > SOURCE_SILENT
-        self.rival = sender if picked and not silent and sender.source != self.trusted.source else None
+        self.rival = (
+            sender if picked and not silent and sender.source != self.trusted.source else None
+        )
         return silent and not self.sender_stays
 
     def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
         """Return the reason why a reading is not newer than the last one, or None."""
-        clock, settings = self.clock, self._settings
+        clock = self.clock
+        settings = self._settings
         if clock.newest is None:
             return None
         most_ahead = FUTURE if self._taken > KNOWN_AFTER else JUMP
         if most_ahead < clock.ahead(stamp, now) <= JUMP:
             self._ahead_at = now
-        # A looped route repeats old frames while the sensor still sends. A new clock is followed only after the old one
-        # has stopped.
-        order = clock.order(stamp, now, most_ahead=most_ahead, steady=JUMP, patience=MISSED / settings.rate_hz)
+        # A looped route repeats old frames while the sensor still sends. A new clock is followed
+        # only after the old one has stopped.
+        order = clock.order(
+            stamp, now, most_ahead=most_ahead, steady=JUMP, patience=MISSED / settings.rate_hz
+        )
         if order is Order.RESTARTED:
             self._restart()
             return None
@@ -237,15 +276,22 @@ class RangeReader:
             return Reject.CLOCK
         if order is Order.OLDER:
             return Reject.OLDER
-        again = reading.sequence is not None and reading.sequence == self._sequence and now - clock.newest_at < 10
-        # ArduPilot sends its own rangefinder's last value under new stamps until the next measurement.
+        again = (
+            reading.sequence is not None
+            and reading.sequence == self._sequence
+            and now - clock.newest_at < 10
+        )
+        # ArduPilot sends its own rangefinder's last value under new stamps until the next
+        # measurement.
         resent = reading.slant == self.slant and stamp - clock.newest < 0.9 / settings.rate_hz
         return Reject.REPEAT if order is Order.REPEATED or again or resent else None
 
     def _restart(self) -> None:
         """Reset the clock state for another clock or another sensor."""
         self.clock.reset()
-        self._sequence, self._taken, self._ahead_at = None, 0, float("-inf")
+        self._sequence = None
+        self._taken = 0
+        self._ahead_at = float("-inf")
         self.restarted = True
 
 
@@ -255,9 +301,14 @@ class RangeRateReader:
     Rates that are not consistent with the ranges are not used.
     """
 
-    def __init__(self, settings: RangingSettings, ranging: RangeReader, noise: NoiseCheck, speed: float) -> None:
+    def __init__(
+        self, settings: RangingSettings, ranging: RangeReader, noise: NoiseCheck, speed: float
+    ) -> None:
         """ranging: reader of the ranges. noise: noise check of the rates. speed: V, m/s."""
-        self._settings, self._ranging, self._noise, self._most = settings, ranging, noise, MOST_RATE * speed
+        self._settings = settings
+        self._ranging = ranging
+        self._noise = noise
+        self._most = MOST_RATE * speed
         self._check = RateCheck()
         self._stamp: float | None = None
         self._sigma = RATE_SIGMA
@@ -271,7 +322,9 @@ class RangeRateReader:
 
     def carries(self, message: Message) -> bool:
         name = self._settings.rate_name
-        return name is not None and message.get_type() == "NAMED_VALUE_FLOAT" and message.name == name
+        return (
+            name is not None and message.get_type() == "NAMED_VALUE_FLOAT" and message.name == name
+        )
 
     def range_taken(self, sample: RangeSample) -> None:
         """Process an accepted range, for the comparison of rates with ranges."""
@@ -284,14 +337,22 @@ class RangeRateReader:
     def read(
         self, message: Message, now: float, *, height: float | None = None, source: Hashable = None
     ) -> RateSample | None:
-        """Return the sample of a rate message, or None if it is rejected. height: above the target, m."""
-        settings, ranging = self._settings, self._ranging
-        if (*ids(message), source) != ranging.trusted or not isfinite(message.value) or abs(message.value) > self._most:
+        """Return the sample of a rate message, or None if it is rejected. height: above the target,
+        m."""
+        settings = self._settings
+        ranging = self._ranging
+        if (
+            (*ids(message), source) != ranging.trusted
+            or not isfinite(message.value)
+            or abs(message.value) > self._most
+        ):
             return None
         carried = boot_stamp(message) if settings.stamp == "sensor" else None
         stamp = now if carried is None else ranging.clock.unwrapped(carried)
         time = now + min(ranging.clock.ahead(stamp, now), 0.0) - settings.calibration.delay
-        if now - time > settings.max_age - SAME_TIME or (self._stamp is not None and stamp <= self._stamp):
+        if now - time > settings.max_age - SAME_TIME or (
+            self._stamp is not None and stamp <= self._stamp
+        ):
             return None
         self._stamp = stamp
         rate = message.value if settings.rate_sign == "opening" else -message.value

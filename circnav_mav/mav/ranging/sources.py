@@ -1,8 +1,9 @@
 """Range sensors that are received, and detection of several that fit the mission.
 
-A source is a component together with the fields that distinguish sensors in a message (`RangingMessage.marks`). Two
-sensors may range to two targets, and a mixture of their ranges fits neither. So only one source is used, and none while
-several fit the mission, because the order in which they are received is chance.
+A source is a component together with the fields that distinguish sensors in a message
+(`RangingMessage.marks`). Two sensors may range to two targets, and a mixture of their ranges fits
+neither. So only one source is used, and none while several fit the mission, because the order in
+which they are received is chance.
 """
 
 from collections import deque
@@ -15,17 +16,22 @@ from circnav_mav.mav.statustext import plain_text
 
 SOURCE_SILENT = 5.0
 """Silence of a source, s, after which another one may replace it."""
-LISTEN, LISTEN_PERIODS = 1.0, 2.5
-"""Time after the first range, s, or in periods of the radio if longer, within which a second source may appear."""
-MOST_SOURCES, MOST_NAMED = 16, 4
+LISTEN = 1.0
+LISTEN_PERIODS = 2.5
+"""Time after the first range, s, or in periods of the radio if longer, within which a second source
+may appear."""
+MOST_SOURCES = 16
+MOST_NAMED = 4
 """Limits of the sources that are kept, and of those listed in one message."""
 KEPT = 256
 """Newest ranges of a source that are kept to recognize its echo: a quarter of a second at 1 kHz."""
 ECHO_ERROR = 0.015
-"""Largest difference between a range and its echo, m. PX4 truncates the conversion to centimeters."""
-JUDGED, JUDGED_LEAST = 8, 3
-"""Largest and smallest number of newest ranges of a suspected echo that are compared. Half of them must be repetitions,
-because some originals may be lost on the link."""
+"""Largest difference between a range and its echo, m. PX4 truncates the conversion to
+centimeters."""
+JUDGED = 8
+JUDGED_LEAST = 3
+"""Largest and smallest number of newest ranges of a suspected echo that are compared. Half of them
+must be repetitions, because some originals may be lost on the link."""
 
 
 class RangeSource(NamedTuple):
@@ -73,16 +79,19 @@ class RangeSources:
         self._since: float | None = None
         """Time of the first message of a selected source, s."""
 
-    def receive(self, message: Message, slant: float | None, now: float, *, picked: bool) -> RangeSource:
-        """Process one message and return its source. slant: m, None if it carries no range. picked: True if the mission
-        selects the source."""
+    def receive(
+        self, message: Message, slant: float | None, now: float, *, picked: bool
+    ) -> RangeSource:
+        """Process one message and return its source. slant: m, None if it carries no range. picked:
+        True if the mission selects the source."""
         source = RangeSource.of(message, self._kind)
         received = self._received.get(source)
         if received is None:
             if len(self._received) >= MOST_SOURCES:
                 del self._received[min(self._received, key=lambda one: self._received[one].at)]
             received = self._received[source] = _Received()
-        received.at, received.picked = now, picked
+        received.at = now
+        received.picked = picked
         if picked and self._since is None:
             self._since = now
         if slant is not None:
@@ -93,7 +102,8 @@ class RangeSources:
         return source
 
     def listened(self, now: float) -> bool:
-        """True if ranges have arrived for long enough that a second source would have been received."""
+        """True if ranges have arrived for long enough that a second source would have been
+        received."""
         return self._since is not None and now - self._since >= self._listen
 
     def several(self, now: float) -> bool:
@@ -108,12 +118,17 @@ class RangeSources:
         rivals = self._fitting(now)
         if len(rivals) < 2:
             return ""
-        return f"{len(rivals)} range sources: {self._words(rivals)}: select yours by {' or '.join(differences(rivals))}"
+        return (
+            f"{len(rivals)} range sources: {self._words(rivals)}: select yours by"
+            f" {' or '.join(differences(rivals))}"
+        )
 
     def short_choice(self, now: float) -> str:
         """Return the same as `choice`, short enough for a STATUSTEXT."""
         rivals = self._fitting(now)
-        return f"{len(rivals)} range sources: set {differences(rivals)[0]}" if len(rivals) > 1 else ""
+        return (
+            f"{len(rivals)} range sources: set {differences(rivals)[0]}" if len(rivals) > 1 else ""
+        )
 
     def others(self, now: float) -> str:
         """Return the received sources if the mission selects none of them, otherwise empty."""
@@ -124,15 +139,23 @@ class RangeSources:
         return f"received: {self._words(alive)}, which the mission does not select: compare {keys}"
 
     def _alive(self, now: float) -> list[RangeSource]:
-        return [source for source, received in self._received.items() if now - received.at <= SOURCE_SILENT]
+        return [
+            source
+            for source, received in self._received.items()
+            if now - received.at <= SOURCE_SILENT
+        ]
 
     def _fitting(self, now: float) -> list[RangeSource]:
         picked = [source for source in self._alive(now) if self._received[source].picked]
-        return picked if len(picked) < 2 else [source for source in picked if not self._is_echo(source)]
+        return (
+            picked
+            if len(picked) < 2
+            else [source for source in picked if not self._is_echo(source)]
+        )
 
     def _is_echo(self, source: RangeSource) -> bool:
-        """True if an autopilot repeats the ranges of a radio. ArduPilot and PX4 forward ranges with other ids and at a
-        lower rate."""
+        """True if an autopilot repeats the ranges of a radio. ArduPilot and PX4 forward ranges with
+        other ids and at a lower rate."""
         repeats = self._received[source].repeats
         return len(repeats) >= JUDGED_LEAST and sum(repeats) >= len(repeats) / 2
 
@@ -140,9 +163,15 @@ class RangeSources:
         radios = (
             received
             for other, received in self._received.items()
-            if other.system == source.system and other.component != AUTOPILOT_COMPONENT and received.picked
+            if other.system == source.system
+            and other.component != AUTOPILOT_COMPONENT
+            and received.picked
         )
-        return any(abs(slant - one) <= ECHO_ERROR for received in radios for one in reversed(received.slants))
+        return any(
+            abs(slant - one) <= ECHO_ERROR
+            for received in radios
+            for one in reversed(received.slants)
+        )
 
     def _words(self, sources: list[RangeSource]) -> str:
         def one(source: RangeSource) -> str:
@@ -155,4 +184,8 @@ class RangeSources:
 
 def differences(sources: list[RangeSource]) -> list[str]:
     """Return the mission keys that distinguish these sources."""
-    return [f"ranging.{key}" for key in sources[0].keys if len({source.keys[key] for source in sources}) > 1]
+    return [
+        f"ranging.{key}"
+        for key in sources[0].keys
+        if len({source.keys[key] for source in sources}) > 1
+    ]

@@ -4,9 +4,10 @@ The radial channel is a linear-quadratic-Gaussian problem:
 
     e' = v + w,   w' = -w/T + white noise,   v'' = (u - v')/tau,   z = e + white noise
 
-e = r - r_d (m), w is the radial gust (m/s), v the radial speed from the heading (m/s), and u/V the commanded turn rate
-beyond the circle's own (rad/s). Bearing and model are exact, so the result is a bound for range-only flight, not a
-prediction. Source: separation theorem, Anderson and Moore, "Optimal Control" (1990).
+e = r - r_d (m), w is the radial gust (m/s), v the radial speed from the heading (m/s), and u/V the
+commanded turn rate beyond the circle's own (rad/s). Bearing and model are exact, so the result is a
+bound for range-only flight, not a prediction. Source: separation theorem, Anderson and Moore,
+"Optimal Control" (1990).
 
     python -m tests.extras.bench.gust_limit
 """
@@ -17,15 +18,21 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 
 Array = Any
-GUST, GUST_TIME, LAG, DT, V = 1.5, 10.0, 0.4, 0.05, 15.0
+GUST = 1.5
+GUST_TIME = 10.0
+LAG = 0.4
+DT = 0.05
+V = 15.0
 """m/s, s, s, s, m/s."""
 
 
 def limit(effort: float, sigma: float = 0.5) -> tuple[float, float, float]:
-    """Return the RMS of e (m) with ranges only and with full information, and the RMS turn rate (rad/s) with ranges
-    only. Uses the best linear guidance for the cost e^2 + effort (u m/s^2)^2 and ranges of noise sigma (m)."""
+    """Return the RMS of e (m) with ranges only and with full information, and the RMS turn rate
+    (rad/s) with ranges only. Uses the best linear guidance for the cost e^2 + effort (u m/s^2)^2
+    and ranges of noise sigma (m)."""
     F, G, W = _discrete()
-    H, R = np.array([[1.0, 0, 0, 0]]), sigma**2
+    H = np.array([[1.0, 0, 0, 0]])
+    R = sigma**2
     P = solve_discrete_are(F.T, H.T, W + 1e-12 * np.eye(4), [[R]])
     K = P @ H.T / (P[0, 0] + R)
     X = solve_discrete_are(F, G, H.T @ H + 1e-10 * np.eye(4), [[effort]])
@@ -57,4 +64,7 @@ if __name__ == "__main__":
     for effort in (0.5, 0.1, 1e-2, 1e-3, 1e-4):
         by_range, informed, turn = limit(effort)
         ratio = f"{by_range / informed:.1f} times"
-        print(f"RMS turn {turn:.2f} rad/s: by range {by_range:.2f} m, informed {informed:.2f} m, {ratio}")
+        print(
+            f"RMS turn {turn:.2f} rad/s: by range {by_range:.2f} m, informed {informed:.2f} m,"
+            f" {ratio}"
+        )

@@ -24,14 +24,18 @@ QUICKSTART = Path(__file__).parents[3] / "config" / "quickstart.toml"
 @pytest.mark.parametrize("law", sorted({law for law, _ in POLICIES.values()}))
 def test_the_benchmark_flies_the_gain_that_the_check_of_the_quickstart_prints(law):
     (said,) = (
-        line.text for line in check_mission(load_mission(QUICKSTART, [f"guidance.law={law}"])) if line.subject == "gain"
+        line.text
+        for line in check_mission(load_mission(QUICKSTART, [f"guidance.law={law}"]))
+        if line.subject == "gain"
     )
     assert f"k = {tune(ORBIT, law, turn_lag=TURN_LAG).gain:.4g} " in said
 
 
 def test_the_benchmark_shows_a_law_that_holds_from_one_that_does_not(tmp_path, monkeypatch):
     name = "wind 0.20 V"
-    monkeypatch.setitem(SITUATIONS, name, replace(SITUATIONS[name], start=(80.0, 160.0), duration=125.0))
+    monkeypatch.setitem(
+        SITUATIONS, name, replace(SITUATIONS[name], start=(80.0, 160.0), duration=125.0)
+    )
     full, feedforward = run([(name, "full information"), (name, "feedforward")], 2, 1, tmp_path)
     assert full.kept == feedforward.kept == 2
     assert full.rms_median < 0.05 < 1.0 < feedforward.rms_median
@@ -39,15 +43,17 @@ def test_the_benchmark_shows_a_law_that_holds_from_one_that_does_not(tmp_path, m
     assert (tmp_path / "table.csv").read_text().count("\n") == 3
     table = (tmp_path / "table.md").read_text().splitlines()
     assert table[0] == "| situation | full information | feedforward |"
-    assert table[2].startswith(f"| wind 0.20 V | {full.rms_median:.2f}, sd {full.turn_std_deg_s:.1f} | ")
+    assert table[2].startswith(
+        f"| wind 0.20 V | {full.rms_median:.2f}, sd {full.turn_std_deg_s:.1f} | "
+    )
     assert "at the limit 0 %" in line(full) and "limit cycles" not in line(full)
     assert "kept    2 of 2" in line(full)
 
 
 @pytest.fixture(scope="module")
 def cell():
-    """Results of five synthetic flights from 200 m to their circle in 40 s, counter-clockwise. Three have 0, 1 and
-    20 m of error, one flies in the wrong direction, and one is blown away."""
+    """Results of five synthetic flights from 200 m to their circle in 40 s, counter-clockwise.
+    Three have 0, 1 and 20 m of error, one flies in the wrong direction, and one is blown away."""
     time = np.arange(0.0, 400.0, 0.5)
     e = np.broadcast_to([0.0, 1.0, 20.0, 0.0, 300.0], (800, 5))
     r = np.where(time[:, None] < 40.0, 200.0, 100.0 + e)
@@ -57,26 +63,39 @@ def cell():
     nees = np.broadcast_to([0.01, 1.0, 1.0, 1.0, np.nan], (800, 5))
     columns = (r, still, angle, command, r + 0.1, still + 0.2, nees)
     tracks = [
-        Track({name: column[:, i] for name, column in zip(ROWS, columns, strict=True)}, time, 1.0, (200.0, 0.0), np.pi)
+        Track(
+            {name: column[:, i] for name, column in zip(ROWS, columns, strict=True)},
+            time,
+            1.0,
+            (200.0, 0.0),
+            np.pi,
+        )
         for i in range(5)
     ]
     return evaluate(SITUATIONS["calm"], "auto", tracks, 0.0)
 
 
 def test_what_a_cell_says_is_what_can_be_counted_by_hand(cell):
-    """Kept: below 10 m and in the right direction. Straight on from 200 m, the tangent point is about 12 s away."""
+    """Kept: below 10 m and in the right direction. Straight on from 200 m, the tangent point is
+    about 12 s away."""
     assert (cell.flights, cell.kept, cell.wrong_way, cell.limit_cycles) == (5, 2, 1, 0)
-    assert (cell.rms_median, cell.rms_p95, cell.rms_max, cell.mean_error) == pytest.approx((1.0, 300.0, 300.0, 64.2))
+    assert (cell.rms_median, cell.rms_p95, cell.rms_max, cell.mean_error) == pytest.approx(
+        (1.0, 300.0, 300.0, 64.2)
+    )
     assert 40.0 / 15 < cell.settled10_median < 40.0 / 11 and cell.settled10_p95 == inf
     assert cell.settled2_median == cell.settled10_median
-    assert (cell.closest_outside, cell.turn_std_deg_s, cell.turn_at_limit) == pytest.approx((100.0, 0.0, 0.0))
+    assert (cell.closest_outside, cell.turn_std_deg_s, cell.turn_at_limit) == pytest.approx(
+        (100.0, 0.0, 0.0)
+    )
     assert (cell.range_rmse, cell.rate_rmse) == pytest.approx((0.1, 0.2))
     assert (cell.nees_mean, cell.nees_in_band) == pytest.approx((3.01 / 4, 0.75))
     assert "kept    2 of 5  wrong way 1  RMS   1.000 p95  300.000 (<= 0.12)" in line(cell)
     assert "| calm | 2 of 5 | **1.000** / 300.000 / 300.00;" in markdown([cell])
 
 
-def test_the_picture_of_a_single_law_has_its_whole_title_and_says_lost_where_the_document_does(cell, monkeypatch):
+def test_the_picture_of_a_single_law_has_its_whole_title_and_says_lost_where_the_document_does(
+    cell, monkeypatch
+):
     figures = []
     monkeypatch.setattr(plots, "save", lambda figure, path, dpi: figures.append(figure))
     kept = [replace(cell, situation=str(rms), rms_median=rms, kept=5) for rms in (299.0, 301.0)]

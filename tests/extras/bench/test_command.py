@@ -13,7 +13,9 @@ def test_a_cell_is_flown_and_written(circnav, tmp_path):
     assert (tmp_path / "table.png").exists()
 
 
-def test_a_place_that_cannot_be_written_is_found_out_before_anything_flies(circnav, tmp_path, monkeypatch):
+def test_a_place_that_cannot_be_written_is_found_out_before_anything_flies(
+    circnav, tmp_path, monkeypatch
+):
     monkeypatch.setattr("circnav_mav.extras.bench.bench.run", None)
     (tmp_path / "out" / "table.csv").mkdir(parents=True)
     assert "Is a directory" in circnav(*CELL, "--out", tmp_path / "out").refused

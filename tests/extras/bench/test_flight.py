@@ -24,7 +24,9 @@ def test_motion_is_exact_for_any_step():
     for _ in range(50):
         pieces.step(0.001, -0.3)
     assert (whole.x, whole.y) == pytest.approx((pieces.x, pieces.y), abs=1e-9)
-    assert (whole.heading, whole.turn_rate) == pytest.approx((pieces.heading, pieces.turn_rate), abs=1e-12)
+    assert (whole.heading, whole.turn_rate) == pytest.approx(
+        (pieces.heading, pieces.turn_rate), abs=1e-12
+    )
 
 
 def test_turn_reaches_command_with_first_order_lag():
@@ -66,17 +68,23 @@ def test_radio_errors_have_the_reported_sigma(ranging, sigma):
 
 def test_losses_outliers_and_outages_have_the_given_shares():
     far = world(replace(STILL, start=(300.0, 300.0)))
-    radio = Radio(Ranging(every=4, loss=0.5, outlier_share=0.1, outage=10.0), None, np.random.default_rng(1))
+    radio = Radio(
+        Ranging(every=4, loss=0.5, outlier_share=0.1, outage=10.0), None, np.random.default_rng(1)
+    )
     samples = [radio.measure(far, step, 0.05) for step in range(48_000)]
     arrived = [sample.r for sample in samples if sample]
     assert len(arrived) / 48_000 == pytest.approx(0.25 * 0.5 * 50 / 60, rel=0.1)
     wild = np.abs(np.array(arrived) - 300.0) > 10.0
-    assert wild.mean() == pytest.approx(0.1 / 2, rel=0.15), "up to 20 m, either way: half of them beyond 10"
+    assert wild.mean() == pytest.approx(0.1 / 2, rel=0.15), (
+        "up to 20 m, either way: half of them beyond 10"
+    )
 
 
 def test_sensors_report_noise_and_measured_velocity_change():
     air = world()
-    sensors = MotionSensors(replace(STILL, imu=ImuNoise(0.0, 0.0)), np.zeros(10), np.random.default_rng(2))
+    sensors = MotionSensors(
+        replace(STILL, imu=ImuNoise(0.0, 0.0)), np.zeros(10), np.random.default_rng(2)
+    )
     reports = []
     velocities = []
     for step in range(2000):
@@ -126,6 +134,8 @@ def test_accelerations_reduce_the_error_in_gusts():
 
     def error(situation):
         tracks = [fly(situation, "auto", 5, flight) for flight in range(3)]
-        return np.median([np.sqrt(((track.rows["r"][track.time > 60] - 100.0) ** 2).mean()) for track in tracks])
+        return np.median(
+            [np.sqrt(((track.rows["r"][track.time > 60] - 100.0) ** 2).mean()) for track in tracks]
+        )
 
     assert error(replace(gusts, imu=ImuNoise())) < 0.7 * error(gusts)

@@ -4,7 +4,8 @@ from tests.extras.bench.gust_limit import limit
 
 
 def test_nobody_holds_the_circle_better_than_the_noise_lets_him_see_it():
-    """Steady error of a Kalman filter that has the exact state except the gust, by an independent Riccati solution."""
+    """Steady error of a Kalman filter that has the exact state except the gust, by an independent
+    Riccati solution."""
     assert limit(1e-3)[0] > 0.197
 
 

@@ -14,11 +14,14 @@ START = """
 
 @pytest.fixture
 def write(tmp_path):
-    """Return a function that writes a campaign file on the bundled mission and returns its path: write(vary, head)."""
+    """Return a function that writes a campaign file on the bundled mission and returns its path:
+    write(vary, head)."""
 
     def write(vary, head="runs = 8\nseed = 3", starts=START):
         path = tmp_path / "campaign.toml"
-        path.write_text(f'mission = "{CONFIG / "campaign_mission.toml"}"\n{head}\n[vary]\n{starts}{vary}\n')
+        path.write_text(
+            f'mission = "{CONFIG / "campaign_mission.toml"}"\n{head}\n[vary]\n{starts}{vary}\n'
+        )
         return path
 
     return write

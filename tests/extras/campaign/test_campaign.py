@@ -39,7 +39,9 @@ def table(write, tmp_path):
 def test_the_table_is_the_same_on_one_process_two_and_when_resumed(write, tmp_path, table):
     campaign = load_campaign(write(SHORT))
     assert table.count(b"\n") == 9
-    assert flown(Store(tmp_path / "two", campaign), on_cores(campaign, range(7, -1, -1), 2)) == table
+    assert (
+        flown(Store(tmp_path / "two", campaign), on_cores(campaign, range(7, -1, -1), 2)) == table
+    )
     store = Store(tmp_path / "torn", campaign)
     store.add([fly_run(campaign, 1)])
     store.close()
@@ -52,8 +54,11 @@ def test_the_table_is_the_same_on_one_process_two_and_when_resumed(write, tmp_pa
 
 def test_the_table_is_the_same_on_two_workers_of_a_dask_scheduler(circnav, write, tmp_path, table):
     distributed = pytest.importorskip("distributed", reason="needs the extra [cluster]")
-    path, there = write(SHORT), tmp_path / "there"
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+    path = write(SHORT)
+    there = tmp_path / "there"
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
         done = circnav("campaign", path, "--out", there, "--scheduler", cluster.scheduler_address)
     assert done.code == 0, done.err
     assert (there / "runs.csv").read_bytes() == table
@@ -77,7 +82,8 @@ def test_a_flight_that_breaks_the_program_is_a_row_too(write, monkeypatch):
 
 def test_values_and_seeds_follow_from_the_campaigns_seed_and_the_number_alone(write):
     vary = '"guidance.law" = ["smooth", "pd"]\n"sim.ranging.noise_m" = {log_uniform = [0.1, 10]}'
-    campaign, more = load_campaign(write(vary)), load_campaign(write(vary), runs=5000)
+    campaign = load_campaign(write(vary))
+    more = load_campaign(write(vary), runs=5000)
     assert [campaign.values(n) for n in range(8)] == [more.values(n) for n in range(8)]
     first, second, third = (campaign.values(n) for n in range(3))
     assert first | {"guidance.law": "pd"} == second
@@ -91,14 +97,17 @@ def test_values_and_seeds_follow_from_the_campaigns_seed_and_the_number_alone(wr
 
 def test_start_in_range_and_bearing_is_where_the_vehicle_begins(write):
     vary = '"start.range_m" = [200.0]\n"start.bearing_deg" = [90.0]\n"start.heading_deg" = [30.0]'
-    campaign = load_campaign(write(vary + '\n"sim.target.north_m" = [50.0]\n"limits.duration_s" = [2.0]', starts=""))
+    campaign = load_campaign(
+        write(vary + '\n"sim.target.north_m" = [50.0]\n"limits.duration_s" = [2.0]', starts="")
+    )
     row = fly_run(campaign, 0)
     shown = [row[name] for name in ("start_range_m", "start_bearing_deg", "start_heading_deg")]
     assert shown == pytest.approx([200.0, 90.0, 30.0], abs=1e-3)
 
 
 def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch):
-    """Mirrored track of the same flight: the circle is as good, because ranges do not show the direction."""
+    """Mirrored track of the same flight: the circle is as good, because ranges do not show the
+    direction."""
     campaign = load_campaign(write('"limits.duration_s" = [90.0]\n"sim.wind.speed_mps" = [0.0]'))
     right = fly_run(campaign, 0)
     flown = Vehicle.truth.fget
@@ -115,13 +124,23 @@ def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch)
 
 
 def test_the_command_flies_sums_up_and_draws_and_goes_on_where_it_stopped(circnav, write, tmp_path):
-    """A picture that cannot be drawn gives a warning. For a complete table, the scheduler is not contacted."""
-    path, out = write(SHORT + '"sim.wind.speed_mps" = {uniform = [0, 2]}'), tmp_path / "out"
+    """A picture that cannot be drawn gives a warning. For a complete table, the scheduler is not
+    contacted."""
+    path = write(SHORT + '"sim.wind.speed_mps" = {uniform = [0, 2]}')
+    out = tmp_path / "out"
     ran = circnav("campaign", path, "--out", out, "--processes", "1")
     assert ran.code == 0, ran.err
     assert "guidance.law = smooth" in ran.out
-    names = {"runs.csv", "summary.json", "campaign.toml", "mission.toml", "starts.png", "distributions.png",
-             "error-guidance-law.png", "error-sim-wind-speed-mps.png"}  # fmt: skip
+    names = {
+        "runs.csv",
+        "summary.json",
+        "campaign.toml",
+        "mission.toml",
+        "starts.png",
+        "distributions.png",
+        "error-guidance-law.png",
+        "error-sim-wind-speed-mps.png",
+    }
     assert {file.name for file in out.iterdir()} == names
     table = (out / "runs.csv").read_bytes()
     again = circnav("campaign", path, "--out", out)
@@ -131,20 +150,26 @@ def test_the_command_flies_sums_up_and_draws_and_goes_on_where_it_stopped(circna
     (out / "distributions.png").mkdir()
     again = circnav("campaign", path, "--out", out, "--resume", "--scheduler", "tcp://127.0.0.1:9")
     assert (again.code, again.err) == (0, "")
-    assert f"WARNING    {out / 'distributions.png'}: could not be drawn: Is a directory" in again.out
+    assert (
+        f"WARNING    {out / 'distributions.png'}: could not be drawn: Is a directory" in again.out
+    )
     assert json.loads((out / "summary.json").read_text())["all"]["flights"] == 8
     assert (out / "error-guidance-law.png").exists()
     assert (out / "runs.csv").read_bytes() == table
     (out / "distributions.png").rmdir()
     more = circnav("campaign", path, "--out", out, "--resume", "--runs", "10", "--processes", "1")
     assert more.code == 0 and "WARNING" not in more.out
-    assert (out / "runs.csv").read_bytes().startswith(table) and (out / "runs.csv").read_text().count("\n") == 11
+    assert (out / "runs.csv").read_bytes().startswith(table) and (
+        out / "runs.csv"
+    ).read_text().count("\n") == 11
 
 
 def test_the_documented_way_to_fly_a_row_alone_gives_the_rows_mission():
     """The test uses the example's values, keys and command from the page."""
     page = (CONFIG.parent / "docs" / "campaigns.md").read_text()
-    command = shlex.split(re.search(r"circnav fly .*?\n\n", page, re.DOTALL)[0].replace("\\\n", " "))
+    command = shlex.split(
+        re.search(r"circnav fly .*?\n\n", page, re.DOTALL)[0].replace("\\\n", " ")
+    )
     overrides = [word for before, word in pairwise(command) if before == "--set"]
     values = dict(override.split("=") for override in overrides)
     assert set(values) == {"sim.seed", "guidance.law", "sim.wind.speed_mps", "orbit.radius_m",
@@ -156,10 +181,13 @@ def test_the_documented_way_to_fly_a_row_alone_gives_the_rows_mission():
 
 
 def test_a_row_flown_alone_as_documented_is_the_run_of_the_campaign(write):
-    campaign = load_campaign(write('"guidance.law" = ["relay"]\n"orbit.radius_m" = {uniform = [80, 120]}'))
+    campaign = load_campaign(
+        write('"guidance.law" = ["relay"]\n"orbit.radius_m" = {uniform = [80, 120]}')
+    )
     run = prepare(campaign, 3)
     overrides = [
-        f"{START[key]}=[{value}, {value}]" if key in START else f"{key}={value}" for key, value in run.values.items()
+        f"{START[key]}=[{value}, {value}]" if key in START else f"{key}={value}"
+        for key, value in run.values.items()
     ]
     alone = load_mission(CONFIG / "campaign_mission.toml", overrides)
     assert alone.file == run.mission.file

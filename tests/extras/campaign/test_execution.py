@@ -25,12 +25,19 @@ SHORT = '"limits.duration_s" = [5.0]\n'
 @pytest.fixture
 def begun(write, tmp_path):
     """A long campaign on two processes, after its first rows."""
-    path, out = write(SHORT, "runs = 20000"), tmp_path / "out"
+    path = write(SHORT, "runs = 20000")
+    out = tmp_path / "out"
     process = subprocess.Popen(
-        [sys.executable, "-m", "circnav_mav", "campaign", path, "--out", out, "--processes", "2"], cwd=ROOT,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # the shell may have set SIGINT to be ignored
-    )  # fmt: skip
+        [sys.executable, "-m", "circnav_mav", "campaign", path, "--out", out, "--processes", "2"],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT, signal.SIG_DFL
+        ),  # the shell may have set SIGINT to be ignored
+    )
     table = out / "runs.csv"
     while process.poll() is None and not (table.exists() and table.read_bytes().count(b"\n") > 1):
         select.select([], [], [], 0.05)
@@ -39,7 +46,9 @@ def begun(write, tmp_path):
     process.communicate()
 
 
-@pytest.mark.parametrize(("send", "number"), [(os.kill, signal.SIGTERM), (os.killpg, signal.SIGINT)])
+@pytest.mark.parametrize(
+    ("send", "number"), [(os.kill, signal.SIGTERM), (os.killpg, signal.SIGINT)]
+)
 def test_a_signal_keeps_what_was_flown_and_says_how_to_go_on(begun, tmp_path, send, number):
     """A Ctrl-C on a terminal reaches all processes."""
     send(begun.pid, number)
@@ -47,7 +56,9 @@ def test_a_signal_keeps_what_was_flown_and_says_how_to_go_on(begun, tmp_path, se
     assert begun.returncode == 130, complaint
     assert f"continue with --out {tmp_path / 'out'} --resume" in said
     assert "Traceback" not in complaint
-    Store(tmp_path / "out", load_campaign(tmp_path / "campaign.toml"), resume=True).close()  # whole lines only
+    Store(
+        tmp_path / "out", load_campaign(tmp_path / "campaign.toml"), resume=True
+    ).close()  # whole lines only
 
 
 @pytest.mark.parametrize("processes", [1, 2])
@@ -62,7 +73,8 @@ def test_every_run_has_the_row_of_the_run_alone(write, processes):
 
 @pytest.fixture
 def refusal(write):
-    """Return a function that gives the reason why an address is no usable scheduler: refusal(address)."""
+    """Return a function that gives the reason why an address is no usable scheduler:
+    refusal(address)."""
 
     def refusal(address):
         with pytest.raises(CampaignError) as told:
@@ -81,15 +93,29 @@ def distributed():
 @pytest.mark.parametrize(
     ("address", "listens", "says"),
     [
-        *((address, False, "write it as tcp://HOST:PORT")
-          for address in ("foo", "", "tcp://127.0.0.1:notaport", "/tmp/file", "tcp://127.0.0.1:99999", "tcp://:1",
-                          "ucx://127.0.0.1:8786")),
-        *((scheme + "://127.0.0.1:{}", True, f"{scheme} needs the certificates") for scheme in ("tls", "wss")),
-        *((scheme + "://127.0.0.1:{}", False, "no answer: Connection refused")
-          for scheme in ("tcp", "tls", "ws", "wss")),
+        *(
+            (address, False, "write it as tcp://HOST:PORT")
+            for address in (
+                "foo",
+                "",
+                "tcp://127.0.0.1:notaport",
+                "/tmp/file",
+                "tcp://127.0.0.1:99999",
+                "tcp://:1",
+                "ucx://127.0.0.1:8786",
+            )
+        ),
+        *(
+            (scheme + "://127.0.0.1:{}", True, f"{scheme} needs the certificates")
+            for scheme in ("tls", "wss")
+        ),
+        *(
+            (scheme + "://127.0.0.1:{}", False, "no answer: Connection refused")
+            for scheme in ("tcp", "tls", "ws", "wss")
+        ),
         ("tcp://127.0.0.1:{}", True, "no answer: timed out"),
     ],
-)  # fmt: skip
+)
 def test_an_address_where_no_scheduler_can_be_is_refused_before_dask_is_asked(
     refusal, distributed, monkeypatch, address, listens, says
 ):
@@ -102,7 +128,9 @@ def test_an_address_where_no_scheduler_can_be_is_refused_before_dask_is_asked(
         assert says in refusal(address.format(other.getsockname()[1]))
 
 
-def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(refusal, distributed, monkeypatch):
+def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(
+    refusal, distributed, monkeypatch
+):
     died = concurrent.futures.Future()
     died.set_exception(distributed.client.FutureCancelledError("fly", "scheduler-connection-lost"))
     client = MagicMock()
@@ -111,7 +139,9 @@ def test_a_scheduler_that_dies_in_between_is_one_line_that_says_how_to_go_on(ref
     client.return_value.__exit__.return_value = False
     monkeypatch.setattr(distributed, "Client", client)
     monkeypatch.setattr(execute, "_check_scheduler", lambda address: None)
-    assert re.search("scheduler-connection-lost.*--resume flies the missing runs", refusal("tcp://there:1"))
+    assert re.search(
+        "scheduler-connection-lost.*--resume flies the missing runs", refusal("tcp://there:1")
+    )
 
 
 def test_dask_that_is_not_installed_is_told_with_the_remedy(refusal, monkeypatch):

@@ -41,11 +41,27 @@ def test_a_campaign_file_that_is_wrong_is_one_line_with_the_remedy(tmp_path, tex
 @pytest.mark.parametrize(
     ("first", "second", "says"),
     [
-        ('"sim.wind.speed_mps" = [1.0]', '"sim.wind" = [{from_deg = 5.0}]', "{} and {} set the same key: keep one"),
-        ('"sim.wind" = [{from_deg = 5.0}]', '"sim.wind.speed_mps" = [1.0]', "{} and {} set the same key: keep one"),
-        ('"start.range_m" = [80]', '"sim.start.random.range_m" = [[1, 2]]', "{} and {} set the same key: keep one"),
+        (
+            '"sim.wind.speed_mps" = [1.0]',
+            '"sim.wind" = [{from_deg = 5.0}]',
+            "{} and {} set the same key: keep one",
+        ),
+        (
+            '"sim.wind" = [{from_deg = 5.0}]',
+            '"sim.wind.speed_mps" = [1.0]',
+            "{} and {} set the same key: keep one",
+        ),
+        (
+            '"start.range_m" = [80]',
+            '"sim.start.random.range_m" = [[1, 2]]',
+            "{} and {} set the same key: keep one",
+        ),
         ('"sim.start" = [{}]', '"start.range_m" = [80]', "{} and {} set the same key: keep one"),
-        ('"guidance.law" = ["smooth"]', 'guidance.law = ["pi"]', "{} is given twice, in two spellings: keep one"),
+        (
+            '"guidance.law" = ["smooth"]',
+            'guidance.law = ["pi"]',
+            "{} is given twice, in two spellings: keep one",
+        ),
     ],
 )
 def test_two_keys_that_set_the_same_are_refused(write, first, second, says):
@@ -54,10 +70,19 @@ def test_two_keys_that_set_the_same_are_refused(write, first, second, says):
 
 
 def test_keys_that_only_begin_alike_are_not_the_same(write):
-    assert len(load_campaign(write('"sim.ranging.noise_m" = [1.0]\n"sim.ranging.noise" = [1.0]', starts="")).specs) == 2
+    assert (
+        len(
+            load_campaign(
+                write('"sim.ranging.noise_m" = [1.0]\n"sim.ranging.noise" = [1.0]', starts="")
+            ).specs
+        )
+        == 2
+    )
 
 
-@pytest.mark.parametrize("numbers", ["[-1.7e308, 1.7e308]", "[0, inf]", "[nan, 1]", "[true, 1]", "[1, 2, 3]"])
+@pytest.mark.parametrize(
+    "numbers", ["[-1.7e308, 1.7e308]", "[0, inf]", "[nan, 1]", "[true, 1]", "[1, 2, 3]"]
+)
 @pytest.mark.parametrize("kind", ["uniform", "log_uniform", "normal"])
 def test_bounds_that_leave_no_number_to_draw_are_refused(write, kind, numbers):
     path = write(f'"orbit.radius_m" = {{{kind} = {numbers}}}', starts="")
@@ -76,7 +101,9 @@ def test_bounds_that_leave_no_number_to_draw_are_refused(write, kind, numbers):
         ('"orbit.radius_m.x" = [80]', "vary: orbit.radius_m.x: radius_m is a value, not a table"),
     ],
 )
-def test_a_listed_value_that_can_never_be_flown_is_refused_before_the_first_flight(write, vary, says):
+def test_a_listed_value_that_can_never_be_flown_is_refused_before_the_first_flight(
+    write, vary, says
+):
     path = write(vary)
     reason = unflyable_value(load_campaign(path))
     assert reason.startswith(f"{path}: ")
@@ -87,12 +114,17 @@ def test_a_listed_value_that_can_never_be_flown_is_refused_before_the_first_flig
     "vary",
     [
         '"sim.wind.speed_mps" = [0.0, 1.0]\n"orbit.radius_m" = {uniform = [-50, 200]}',
-        '"guidance.law" = ["smooth", "pi", "pd", "relay", "bounded", "feedforward", "auto", "switching"]\n'
-        '"sim.wind.speed_mps" = [0.0, 1.0, 2.0, 3.0, 4.0]\n'
-        '"sim.ranging.message" = ["named_value_float", "distance_sensor", "ranging_beacon"]\n'
-        '"sim.ranging.via" = ["direct", "autopilot"]',
+        (
+            '"guidance.law" = ["smooth", "pi", "pd", "relay", "bounded", "feedforward", "auto",'
+            ' "switching"]\n"sim.wind.speed_mps" = [0.0, 1.0, 2.0, 3.0, 4.0]\n"sim.ranging.message"'
+            ' = ["named_value_float", "distance_sensor", "ranging_beacon"]\n"sim.ranging.via" ='
+            ' ["direct", "autopilot"]'
+        ),
     ],
-    ids=["drawn radii below 0 are not the wind's fault", "one of the messages can be sent again, of 240 points"],
+    ids=[
+        "drawn radii below 0 are not the wind's fault",
+        "one of the messages can be sent again, of 240 points",
+    ],
 )
 def test_a_listed_value_that_can_be_flown_with_some_of_the_others_is_no_mistake(write, vary):
     assert unflyable_value(load_campaign(write(vary))) is None
@@ -106,7 +138,10 @@ def test_a_mission_file_is_known_as_one():
 @pytest.mark.parametrize(
     ("command", "says"),
     [
-        ("campaigns/wind.toml", "campaigns/wind.toml: no such file; give the bundled one by its name: wind"),
+        (
+            "campaigns/wind.toml",
+            "campaigns/wind.toml: no such file; give the bundled one by its name: wind",
+        ),
         ("LONG", "LONG: File name too long"),
         ("wind --resume", "--resume: name the folder of the campaign to continue: --out DIR"),
         ("wind --out=", "--out: is empty, give it a name"),

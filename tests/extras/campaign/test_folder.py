@@ -47,7 +47,8 @@ def test_a_file_that_no_campaign_writes_is_in_nobodys_way(campaign, tmp_path, na
 
 
 def test_what_a_full_disk_left_of_our_own_files_is_begun_anew(campaign, tmp_path):
-    whole, torn = tmp_path / "whole", tmp_path / "torn"
+    whole = tmp_path / "whole"
+    torn = tmp_path / "torn"
     Store(whole, campaign).close()
     torn.mkdir()
     (torn / "mission.toml").write_bytes((whole / "mission.toml").read_bytes()[:100])
@@ -58,14 +59,33 @@ def test_what_a_full_disk_left_of_our_own_files_is_begun_anew(campaign, tmp_path
 @pytest.mark.parametrize(
     ("name", "text", "resume", "says"),
     [
-        *((name, "mine\n", resume, f"holds {name}, which is not a file of this campaign: name another --out")
-          for name in ("mission.toml", "campaign.toml", "summary.json", "runs.csv", "flight.png")
-          for resume in (False, True)),
-        ("runs.csv", "a,b\n1,2\n3,4\n", False, "holds runs.csv, which is not a file of this campaign"),
-        ("runs.csv", "a,b\n1,2\n3,4\n", True, "cannot resume: campaign.toml is missing; name another --out"),
+        *(
+            (
+                name,
+                "mine\n",
+                resume,
+                f"holds {name}, which is not a file of this campaign: name another --out",
+            )
+            for name in ("mission.toml", "campaign.toml", "summary.json", "runs.csv", "flight.png")
+            for resume in (False, True)
+        ),
+        (
+            "runs.csv",
+            "a,b\n1,2\n3,4\n",
+            False,
+            "holds runs.csv, which is not a file of this campaign",
+        ),
+        (
+            "runs.csv",
+            "a,b\n1,2\n3,4\n",
+            True,
+            "cannot resume: campaign.toml is missing; name another --out",
+        ),
     ],
-)  # fmt: skip
-def test_a_folder_with_a_file_of_somebody_elses_is_refused_untouched(campaign, tmp_path, name, text, resume, says):
+)
+def test_a_folder_with_a_file_of_somebody_elses_is_refused_untouched(
+    campaign, tmp_path, name, text, resume, says
+):
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / name).write_text(text)
@@ -78,25 +98,41 @@ def test_a_folder_with_a_file_of_somebody_elses_is_refused_untouched(campaign, t
 def test_a_campaign_that_lost_its_files_is_not_resumed_and_says_which(campaign, tmp_path, name):
     begin(tmp_path / "out", campaign, 0)
     (tmp_path / "out" / name).unlink()
-    with pytest.raises(CampaignError, match=f"cannot resume: {name} is missing; name another --out"):
+    with pytest.raises(
+        CampaignError, match=f"cannot resume: {name} is missing; name another --out"
+    ):
         Store(tmp_path / "out", campaign, resume=True)
 
 
 def test_lengths_are_written_with_five_decimals(campaign, tmp_path):
-    errors = {-0.00968086: "-0.00968", -0.00968063: "-0.00968", -0.000001: "0", 123.456789: "123.457"}
+    errors = {
+        -0.00968086: "-0.00968",
+        -0.00968063: "-0.00968",
+        -0.000001: "0",
+        123.456789: "123.457",
+    }
     store = Store(tmp_path / "out", campaign)
-    store.add([{"run": run, "mean_error_m": error, "settled_s": 12.3456789} for run, error in enumerate(errors)])
+    store.add(
+        [
+            {"run": run, "mean_error_m": error, "settled_s": 12.3456789}
+            for run, error in enumerate(errors)
+        ]
+    )
     store.close()
     assert [(row["mean_error_m"], row["settled_s"]) for row in store.read()] == [
         (told, "12.3457") for told in errors.values()
     ]
 
 
-def test_an_empty_folder_and_one_of_the_same_campaign_before_its_first_row_are_taken(campaign, tmp_path):
+def test_an_empty_folder_and_one_of_the_same_campaign_before_its_first_row_are_taken(
+    campaign, tmp_path
+):
     (tmp_path / "out").mkdir()
     for _ in range(2):
         Store(tmp_path / "out", campaign).close()
-    (tmp_path / "out" / "summary.json").write_text("of no flights: it was interrupted before the first row")
+    (tmp_path / "out" / "summary.json").write_text(
+        "of no flights: it was interrupted before the first row"
+    )
     for resume in (True, False):
         Store(tmp_path / "out", campaign, resume=resume).close()
 
@@ -121,7 +157,10 @@ def other(write, tmp_path):
 
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_second_process_in_one_folder_is_refused(campaign, other, tmp_path, resume):
-    with pytest.raises(CampaignError, match="another process is flying a campaign there: wait, or name another --out"):
+    with pytest.raises(
+        CampaignError,
+        match="another process is flying a campaign there: wait, or name another --out",
+    ):
         Store(tmp_path / "out", campaign, resume=resume)
 
 
@@ -138,14 +177,20 @@ def test_a_machine_without_locks_is_taken_as_it_is(campaign, tmp_path, monkeypat
 
 def test_fewer_runs_than_were_flown_are_refused_with_how_many_there_are(write, tmp_path):
     begin(tmp_path / "out", load_campaign(write(VARY, "runs = 24")), 3, 12, 23)
-    with pytest.raises(CampaignError, match=r"runs\.csv: already holds run 12: give --runs of at least 24"):
+    with pytest.raises(
+        CampaignError, match=r"runs\.csv: already holds run 12: give --runs of at least 24"
+    ):
         Store(tmp_path / "out", load_campaign(write(VARY, "runs = 24"), runs=12), resume=True)
 
 
-def test_a_folder_is_neither_overwritten_nor_resumed_with_another_campaign_and_free_again_when_refused(write, tmp_path):
+def test_a_folder_is_neither_overwritten_nor_resumed_with_another_campaign_and_free_again_when_refused(
+    write, tmp_path
+):
     campaign = load_campaign(write(VARY))
     begin(tmp_path / "out", campaign, 0)
-    with pytest.raises(CampaignError, match="holds a campaign already: --resume it, or name another --out") as kept:
+    with pytest.raises(
+        CampaignError, match="holds a campaign already: --resume it, or name another --out"
+    ) as kept:
         Store(tmp_path / "out", campaign)
     with pytest.raises(CampaignError, match=r"cannot resume: campaign\.toml has changed"):
         Store(tmp_path / "out", load_campaign(write(VARY, "runs = 8\nseed = 4")), resume=True)
@@ -160,7 +205,9 @@ def test_a_full_disk_is_one_line_and_what_is_there_can_be_resumed(campaign, tmp_
     store.add(rows[:3])
     real = store._file
     store._file = SimpleNamespace(write=lambda data: real.write(data[:10]))
-    with pytest.raises(CampaignError, match="No space left on device; the rows written so far can be resumed"):
+    with pytest.raises(
+        CampaignError, match="No space left on device; the rows written so far can be resumed"
+    ):
         store.add(rows[3:])
     store.close()
     again = Store(tmp_path / "out", campaign, resume=True)

@@ -11,18 +11,30 @@ from circnav_mav.extras.campaign.figures import figures, median_interval, summar
 from circnav_mav.extras.campaign.plots import _against, _distributions, _starts, plot_campaign
 
 TURN = {
-    "turn_std_deg_s": "1", "turn_at_limit": "0.25", "turn_variation_rad_s2": "0.2", "turn_limit_cycle": "false"
-}  # fmt: skip
+    "turn_std_deg_s": "1",
+    "turn_at_limit": "0.25",
+    "turn_variation_rad_s2": "0.2",
+    "turn_limit_cycle": "false",
+}
 
 
 def rows_of(kept, rms, points=1):
     """Return rows in the order of their runs, at some points of a grid with the key k."""
     return [
-        {"run": str(run), "k": str(run % points), "outcome": "completed", "kept": "true" if good else "false",
-         "rms_m": f"{error:.6g}", "settled_s": "5", "closest_m": "3", "right_way": "true", "wind": f"{error:.4g}",
-         **TURN}
+        {
+            "run": str(run),
+            "k": str(run % points),
+            "outcome": "completed",
+            "kept": "true" if good else "false",
+            "rms_m": f"{error:.6g}",
+            "settled_s": "5",
+            "closest_m": "3",
+            "right_way": "true",
+            "wind": f"{error:.4g}",
+            **TURN,
+        }
         for run, (good, error) in enumerate(zip(kept, rms, strict=True))
-    ]  # fmt: skip
+    ]
 
 
 def test_intervals_are_those_of_the_textbook():
@@ -37,15 +49,18 @@ def test_all_and_none_kept_reach_the_ends_exactly():
 
 
 def test_five_flights_and_fewer_hold_no_median_with_95_percent():
-    """The least and the largest of n contain it in 1 - 2 (1/2)^n of all cases: 93.75 % for 5, 96.9 % for 6."""
+    """The least and the largest of n contain it in 1 - 2 (1/2)^n of all cases: 93.75 % for 5, 96.9
+    % for 6."""
     assert {median_interval(list(range(n)), n) for n in range(6)} == {(None, None)}
     assert median_interval(list(range(6)), 6) == (0.0, 5.0)
 
 
 def test_intervals_of_flights_that_share_their_worlds_hold_the_truth_in_95_percent():
-    """Four points of a grid are alike in each of 25 worlds, so the worlds count, not the hundred rows. The true
-    share kept is 0.7, and the true median 0."""
-    chance, shares, medians = np.random.default_rng(5), 0, 0
+    """Four points of a grid are alike in each of 25 worlds, so the worlds count, not the hundred
+    rows. The true share kept is 0.7, and the true median 0."""
+    chance = np.random.default_rng(5)
+    shares = 0
+    medians = 0
     for _ in range(400):
         world = chance.normal(size=25)
         rms = np.repeat(world, 4) + 1e-6 * chance.normal(size=100)
@@ -62,10 +77,24 @@ def test_one_value_of_the_only_swept_key_has_a_world_to_each_flight():
     rows[0] |= {"right_way": "false", "kept": "false", "settled_s": "", "turn_limit_cycle": "true"}
     summary = summarize([*rows, never_engaged(40, "0") | {"outcome": "error"}], {"k": (0, 1, 2, 3)})
     told = [summary["all"], *summary["by"]["k"].values()]
-    assert [(one["flights"], one["worlds"]) for one in told] == [(41, 11), (11, 11), (10, 10), (10, 10), (10, 10)]
-    assert [(one["kept"], one["wrong_way"], one["failed"]) for one in told[:3]] == [(39, 1, 1), (9, 1, 1), (10, 0, 0)]
+    assert [(one["flights"], one["worlds"]) for one in told] == [
+        (41, 11),
+        (11, 11),
+        (10, 10),
+        (10, 10),
+        (10, 10),
+    ]
+    assert [(one["kept"], one["wrong_way"], one["failed"]) for one in told[:3]] == [
+        (39, 1, 1),
+        (9, 1, 1),
+        (10, 0, 0),
+    ]
     assert (told[0]["closest"], told[0]["limit_cycles"]) == (3.0, 1)
-    assert (told[0]["turn_std_deg_s"], told[0]["turn_at_limit"], told[0]["turn_variation_rad_s2"]) == (1.0, 0.25, 0.2)
+    assert (
+        told[0]["turn_std_deg_s"],
+        told[0]["turn_at_limit"],
+        told[0]["turn_variation_rad_s2"],
+    ) == (1.0, 0.25, 0.2)
     assert told[0]["settled_p95"] == 5.0 and figures(rows[:1])["settled_median"] is None
     json.dumps(summary, allow_nan=False)
 
@@ -80,14 +109,21 @@ def test_the_median_on_the_picture_is_that_of_the_summary():
     assert figures(rows)["rms_median"] == 4.0
 
 
-@pytest.mark.parametrize(("errors", "least"), [(np.geomspace(0.12, 0.95, 30), 3), (np.linspace(0.11, 0.19, 30), 2)])
+@pytest.mark.parametrize(
+    ("errors", "least"), [(np.geomspace(0.12, 0.95, 30), 3), (np.linspace(0.11, 0.19, 30), 2)]
+)
 def test_errors_within_a_decade_have_labels_that_do_not_overlap_and_counts_are_whole(errors, least):
     rows = rows_of([True] * 30, errors)
-    figure, against = _distributions(rows, "x"), _against(rows, "wind", [], "x").axes[0]
+    figure = _distributions(rows, "x")
+    against = _against(rows, "wind", [], "x").axes[0]
     for one in (figure, against.figure):
         one.canvas.draw()
     error = figure.axes[0]
-    boxes = [label.get_window_extent() for label in error.get_xticklabels(which="both") if label.get_text()]
+    boxes = [
+        label.get_window_extent()
+        for label in error.get_xticklabels(which="both")
+        if label.get_text()
+    ]
     low, high = error.get_window_extent().x0, error.get_window_extent().x1
     shown = sorted((box.x0, box.x1) for box in boxes if low <= (box.x0 + box.x1) / 2 <= high)
     assert len(shown) >= least
@@ -106,37 +142,70 @@ def test_drawn_values_that_are_binned_are_called_so():
 
 def never_engaged(run, k):
     """Row of a flight that ended before it was engaged."""
-    return {"run": str(run), "k": k, "outcome": "no range", "kept": "false", "rms_m": "", "settled_s": "",
-            "closest_m": "", "right_way": "", **dict.fromkeys(TURN, "")}  # fmt: skip
+    return {
+        "run": str(run),
+        "k": k,
+        "outcome": "no range",
+        "kept": "false",
+        "rms_m": "",
+        "settled_s": "",
+        "closest_m": "",
+        "right_way": "",
+        **dict.fromkeys(TURN, ""),
+    }
 
 
 def test_a_percentile_of_the_flights_is_not_printed_as_if_it_were_the_confidence_interval(capsys):
     _print_figures("all flights", figures(rows_of([True] * 20, np.arange(1.0, 21.0))))
     printed = capsys.readouterr().out
-    assert "kept 20 of 20 (100.0 %, 83.9 to 100.0)  RMS 11 m (5 to 16), p95 20 m  settled 5 s, p95 5 s" in printed
+    assert (
+        "kept 20 of 20 (100.0 %, 83.9 to 100.0)  RMS 11 m (5 to 16), p95 20 m  settled 5 s, p95 5 s"
+        in printed
+    )
     assert "  turn sd 1.0 deg/s, at the limit 25 %\n" in printed
 
 
 def test_the_share_kept_on_the_picture_is_that_of_the_summary():
     """Half of the flights at one value never engaged, and all flights at another."""
     rows = rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0])
-    rows += [never_engaged(run, "0") for run in range(4, 8)] + [never_engaged(run, "7") for run in range(8, 12)]
+    rows += [never_engaged(run, "0") for run in range(4, 8)] + [
+        never_engaged(run, "7") for run in range(8, 12)
+    ]
     error, share = _against(rows, "k", ["k"], "x").axes
-    shares = {value["kept_share"] for value in summarize(rows, {"k": ("0", "7")})["by"]["k"].values()}
-    assert [100 * one for one in sorted(shares, reverse=True)] == list(share.lines[0].get_ydata()) == [50.0, 0.0]
+    shares = {
+        value["kept_share"] for value in summarize(rows, {"k": ("0", "7")})["by"]["k"].values()
+    }
+    assert (
+        [100 * one for one in sorted(shares, reverse=True)]
+        == list(share.lines[0].get_ydata())
+        == [50.0, 0.0]
+    )
     assert np.isnan(error.lines[0].get_ydata()[1])
 
 
 def test_flights_that_never_engaged_or_could_not_be_flown_are_told_apart():
-    rows = [*rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0]), never_engaged(4, "0"), never_engaged(5, "0")]
-    found, title = figures(rows), _distributions([*rows, rows[-1] | {"outcome": "error"}], "x").get_suptitle()
-    assert (found["flights"], round(found["kept_share"], 2), found["not_engaged"], found["failed"]) == (6, 0.67, 2, 0)
+    rows = [
+        *rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0]),
+        never_engaged(4, "0"),
+        never_engaged(5, "0"),
+    ]
+    found = figures(rows)
+    title = _distributions([*rows, rows[-1] | {"outcome": "error"}], "x").get_suptitle()
+    assert (
+        found["flights"],
+        round(found["kept_share"], 2),
+        found["not_engaged"],
+        found["failed"],
+    ) == (6, 0.67, 2, 0)
     assert title == "x: 4 flights, 2 more never engaged, 1 more could not be flown"
 
 
 def test_a_place_shows_the_share_kept_of_all_flights_from_there_however_they_were_turned():
     starts = {"start_range_m": "50", "start_bearing_deg": "90"}
-    rows = [row | starts | {"start_heading_deg": f"{30 * at}"} for at, row in enumerate(rows_of([True] * 4, [1.0] * 4))]
+    rows = [
+        row | starts | {"start_heading_deg": f"{30 * at}"}
+        for at, row in enumerate(rows_of([True] * 4, [1.0] * 4))
+    ]
     rows[3]["kept"] = "false"
     place, turned, _ = _starts(rows, "x").axes
     assert list(place.collections[0].get_array()) == [75.0]
@@ -144,8 +213,13 @@ def test_a_place_shows_the_share_kept_of_all_flights_from_there_however_they_wer
 
 
 def test_dollars_in_names_and_values_enclose_no_formula(tmp_path):
-    rows = [row | dict.fromkeys(("start_range_m", "start_bearing_deg", "start_heading_deg"), row["run"])
-            for row in rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0], 2)]  # fmt: skip
+    rows = [
+        row | dict.fromkeys(("start_range_m", "start_bearing_deg", "start_heading_deg"), row["run"])
+        for row in rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0], 2)
+    ]
     rows = [row | {"k": f"$_{{{row['k']}$"} for row in rows]
     drawn, problems = plot_campaign(tmp_path, rows, ["k"], ["k"], "cost $_{\\x $")
-    assert ([path.name for path in drawn], problems) == (["starts.png", "distributions.png", "error-k.png"], [])
+    assert ([path.name for path in drawn], problems) == (
+        ["starts.png", "distributions.png", "error-k.png"],
+        [],
+    )

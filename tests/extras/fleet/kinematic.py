@@ -1,5 +1,6 @@
-"""Kinematic fleet: turn-rate limit and lag of the vehicles, the product's drift law, and own positions with 1 m of
-error. It has no MAVLink and no estimator: an upper bound for the quality of the fleet law."""
+"""Kinematic fleet: turn-rate limit and lag of the vehicles, the product's drift law, and own
+positions with 1 m of error. It has no MAVLink and no estimator: an upper bound for the quality of
+the fleet law."""
 
 from dataclasses import dataclass, field
 from math import atan2, cos, exp, hypot, inf, pi, sin, sqrt
@@ -13,14 +14,17 @@ from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.guidance.step import LawChoice, Steering
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, RelativeMotion
 
-STEP, LAG, MAX_TURN = 0.1, 0.4, 0.35
-PLACE_SIGMA, PLACE_TIME = 1.0, 2.0
+STEP = 0.1
+LAG = 0.4
+MAX_TURN = 0.35
+PLACE_SIGMA = 1.0
+PLACE_TIME = 2.0
 
 
 @dataclass
 class World:
-    """Conditions of a fleet flight. drift: east, north, m/s. loss: share of reports. delay: s. report_every: s.
-    compass: bias of each member, rad. speeds: airspeed factor of each."""
+    """Conditions of a fleet flight. drift: east, north, m/s. loss: share of reports. delay: s.
+    report_every: s. compass: bias of each member, rad. speeds: airspeed factor of each."""
 
     n: int = 6
     speed: float = 15.0
@@ -39,23 +43,33 @@ class World:
 
 
 class Fleet:
-    """The fleet under way. phases, radii: true temporal phase (rad) and range (m) of each member by time step."""
+    """The fleet under way. phases, radii: true temporal phase (rad) and range (m) of each member by
+    time step."""
 
     def __init__(self, world: World) -> None:
-        self.world, self.rng = world, np.random.default_rng(world.seed)
-        n, R = world.n, world.radius
+        self.world = world
+        self.rng = np.random.default_rng(world.seed)
+        n = world.n
+        R = world.radius
         self.orbit = Orbit(R, Direction.COUNTERCLOCKWISE, world.speed, MAX_TURN)
         angle = np.radians(12.0) * np.arange(n)
         self.x, self.y = R * np.cos(angle), R * np.sin(angle)
-        self.psi, self.turn = angle + pi / 2, np.zeros(n)
+        self.psi = angle + pi / 2
+        self.turn = np.zeros(n)
         self.wrong = PLACE_SIGMA * self.rng.normal(size=(2, n))
-        settings = [SpacingSettings(i + 1, R, world.speed, 1, world.by_speed, world.trims_speed) for i in range(n)]
+        settings = [
+            SpacingSettings(i + 1, R, world.speed, 1, world.by_speed, world.trims_speed)
+            for i in range(n)
+        ]
         self.spacings = [Spacing(one) for one in settings]
-        self.steerings = [Steering(self.orbit, LawChoice("drift", 0.0, True, LAG)) for _ in range(n)]
+        self.steerings = [
+            Steering(self.orbit, LawChoice("drift", 0.0, True, LAG)) for _ in range(n)
+        ]
         self.adjusted: list[Adjustment | None] = [None] * n
         self.map = PhaseMap.of(world.speed, world.drift, 1)
         self.mail: list[tuple[float, int, MemberReport]] = []
-        self.time, self.reported = 0.0, -1.0
+        self.time = 0.0
+        self.reported = -1.0
         self.speeds = np.array(world.speeds or [1.0] * n) * world.speed
         self.compass = world.compass or [0.0] * n
         self.phases: list[list[float]] = []
@@ -73,9 +87,12 @@ class Fleet:
         return world.joins.get(i, 0.0) <= self.time < world.leaves.get(i, 1e9)
 
     def _step(self) -> None:
-        world, n = self.world, self.world.n
+        world = self.world
+        n = self.world.n
         keep = exp(-STEP / PLACE_TIME)
-        self.wrong = keep * self.wrong + PLACE_SIGMA * sqrt(1 - keep**2) * self.rng.normal(size=(2, n))
+        self.wrong = keep * self.wrong + PLACE_SIGMA * sqrt(1 - keep**2) * self.rng.normal(
+            size=(2, n)
+        )
         reports = self.time - self.reported >= world.report_every - 1e-9
         if reports:
             self.reported = self.time
@@ -91,12 +108,14 @@ class Fleet:
 
     def _member(self, i: int, reports: bool) -> None:
         world = self.world
-        c, s = cos(self.compass[i]), sin(self.compass[i])
+        c = cos(self.compass[i])
+        s = sin(self.compass[i])
         x, y = self.x[i] + self.wrong[0, i], self.y[i] + self.wrong[1, i]
         x, y = c * x - s * y, s * x + c * y  # all its estimates are rotated by the compass bias
         drift = c * world.drift[0] - s * world.drift[1], s * world.drift[0] + c * world.drift[1]
         phase, rate = PhaseMap.of(world.speed, drift, 1).at(circle_angle(x, y, 1))
-        sigma, r = PLACE_SIGMA / world.radius * rate, hypot(x, y)
+        sigma = PLACE_SIGMA / world.radius * rate
+        r = hypot(x, y)
         adjusted = None
         if self.active(i):
             leaving = world.leaves.get(i, 1e9) - self.time < 20.0
@@ -105,10 +124,13 @@ class Fleet:
         radius = world.radius + (adjusted.offset if adjusted else 5 * world.radius)
         speed = self.speeds[i] * (adjusted.speed if adjusted else 1.0)
         self.steerings[i].change(
-            Orbit(radius, Direction.COUNTERCLOCKWISE, world.speed, MAX_TURN), LawChoice("drift", 0.0, True, LAG)
+            Orbit(radius, Direction.COUNTERCLOCKWISE, world.speed, MAX_TURN),
+            LawChoice("drift", 0.0, True, LAG),
         )
         psi = self.psi[i] + self.compass[i]
-        relative = RelativeMotion(x, y, PLACE_SIGMA, *drift, psi, self.turn[i], world.speed, 1.0, True)
+        relative = RelativeMotion(
+            x, y, PLACE_SIGMA, *drift, psi, self.turn[i], world.speed, 1.0, True
+        )
         r_dot = ((speed * cos(psi) + drift[0]) * x + (speed * sin(psi) + drift[1]) * y) / r
         command = self.steerings[i](RangeEstimate(self.time, r, r_dot, 0.5, 0.3, relative=relative))
         self.turn[i] += (command.turn_rate - self.turn[i]) * STEP / (LAG + STEP)
@@ -118,19 +140,32 @@ class Fleet:
         if reports and adjusted is not None:
             period = self.map.lap_time * radius
             report = MemberReport(
-                1, i + 1, adjusted.state, self.time, phase, sigma, period, radius, 15.0 * i, 1, drift, (1.0, 0.0, 1.0)
+                1,
+                i + 1,
+                adjusted.state,
+                self.time,
+                phase,
+                sigma,
+                period,
+                radius,
+                15.0 * i,
+                1,
+                drift,
+                (1.0, 0.0, 1.0),
             )
             for other in range(world.n):
                 if other != i and self.rng.random() >= world.loss:
                     self.mail.append((self.time + world.delay, other, report))
 
     def gap_errors(self) -> np.ndarray:
-        """Largest gap error of the members on the circle at every step, deg; nan for fewer than two."""
+        """Largest gap error of the members on the circle at every step, deg; nan for fewer than
+        two."""
         pairs = zip(np.array(self.phases), np.array(self.ring), strict=True)
         return np.degrees([gap_error(phases[ring].tolist()) for phases, ring in pairs])
 
 
 def time_to_even(errors: np.ndarray, since: float = 0.0) -> float:
-    """Time since `since`, s, until all gaps are within 5 deg for 20 s; infinite if they never are."""
+    """Time since `since`, s, until all gaps are within 5 deg for 20 s; infinite if they never
+    are."""
     found = even_from(STEP * np.arange(len(errors)), np.radians(errors), since)
     return inf if found is None else found - since

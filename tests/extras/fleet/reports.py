@@ -10,8 +10,10 @@ from circnav_mav.mav.signing import Signing
 
 NOON = 1_790_000_000.0
 """Unix time at which tests begin, s."""
-GROUP, LAP = 3, 41.9
-KEY, OTHER_KEY = bytes(range(32)), bytes(range(1, 33))
+GROUP = 3
+LAP = 41.9
+KEY = bytes(range(32))
+OTHER_KEY = bytes(range(1, 33))
 
 
 def report(member: int, stamp: float, **changes) -> MemberReport:

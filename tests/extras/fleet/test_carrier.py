@@ -1,4 +1,5 @@
-"""The carrier over real sockets on the loopback interface, the format of its frames, and their place in a recording."""
+"""The carrier over real sockets on the loopback interface, the format of its frames, and their
+place in a recording."""
 
 import socket
 import struct
@@ -12,7 +13,13 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.extras.fleet.acceptance import BOUNDS, Rejection, check_numbers
-from circnav_mav.extras.fleet.carrier import MOST_DATAGRAMS, MULTICAST, FrameCarrier, LocalNetwork, UdpPort
+from circnav_mav.extras.fleet.carrier import (
+    MOST_DATAGRAMS,
+    MULTICAST,
+    FrameCarrier,
+    LocalNetwork,
+    UdpPort,
+)
 from circnav_mav.extras.fleet.frames import MESSAGE, from_message, to_message
 from circnav_mav.extras.fleet.report import State
 from circnav_mav.mav.codec import Encoder
@@ -48,9 +55,17 @@ def test_a_report_is_one_named_array_of_80_bytes_and_93_with_its_signature(key, 
     sent = frame(report(2, NOON), key)
     message = decoded(sent)
     assert len(sent) == size and message.get_type() == "DEBUG_FLOAT_ARRAY"
-    assert (message.name, message.array_id, message.get_srcSystem(), message.get_srcComponent()) == (
-        "circfleet1", GROUP, 2, 191,
-    )  # fmt: skip
+    assert (
+        message.name,
+        message.array_id,
+        message.get_srcSystem(),
+        message.get_srcComponent(),
+    ) == (
+        "circfleet1",
+        GROUP,
+        2,
+        191,
+    )
     assert 5 * (size + IP_AND_UDP) * 10 < 6100, "ten members at 5 Hz: 6 kB/s"
 
 
@@ -63,27 +78,42 @@ def _between(name: str) -> st.SearchStrategy:
     state=st.sampled_from(State),
     sense=st.sampled_from([1, -1]),
     phase=st.floats(0.0, nextafter(tau, 0.0)),
-    numbers=st.tuples(*map(_between, ("phase_sigma", "lap_period", "radius", "height", "drift east", "drift north"))),
+    numbers=st.tuples(
+        *map(
+            _between, ("phase_sigma", "lap_period", "radius", "height", "drift east", "drift north")
+        )
+    ),
     variances=st.tuples(_between("drift variance east"), _between("drift variance north")),
     correlation=st.floats(-1.0, 1.0),
 )
 def test_every_field_survives_the_frame_with_the_precision_that_the_law_needs(
     stamp, state, sense, phase, numbers, variances, correlation
 ):
-    """Stamps to 1 us, phases to 1 urad and below a full circle, the rest to 7 digits. Values within bounds stay
-    within bounds."""
+    """Stamps to 1 us, phases to 1 urad and below a full circle, the rest to 7 digits. Values within
+    bounds stay within bounds."""
     sigma, lap, radius, height, east, north = numbers
     ee, nn = variances
     one = report(
-        7, stamp, state=state, sense=sense, phase=phase, phase_sigma=sigma, lap_period=lap, radius=radius,
-        height=height, drift=(east, north), drift_covariance=(ee, correlation * (ee * nn) ** 0.5, nn),
-    )  # fmt: skip
+        7,
+        stamp,
+        state=state,
+        sense=sense,
+        phase=phase,
+        phase_sigma=sigma,
+        lap_period=lap,
+        radius=radius,
+        height=height,
+        drift=(east, north),
+        drift_covariance=(ee, correlation * (ee * nn) ** 0.5, nn),
+    )
     back = from_message(decoded(Encoder(7, 191).encode(to_message(one))))
     assert (back.group, back.member, back.state, back.sense) == (GROUP, 7, state, sense)
     assert back.stamp == pytest.approx(stamp, abs=1e-6)
     assert 0 <= back.phase < tau and abs((back.phase - phase + pi) % tau - pi) < 1e-6
     for was, now in zip(
-        numbers, (back.phase_sigma, back.lap_period, back.radius, back.height, *back.drift), strict=True
+        numbers,
+        (back.phase_sigma, back.lap_period, back.radius, back.height, *back.drift),
+        strict=True,
     ):
         assert now == pytest.approx(was, rel=1e-7, abs=1e-30)
     assert back.drift_covariance == pytest.approx(one.drift_covariance, rel=1e-7, abs=1e-30)
@@ -114,7 +144,11 @@ def test_three_members_receive_each_other_and_not_themselves(way, key):
         received.append([one.member for one in member.received(NOON)])
     assert received == [[2, 3], [1, 3], [1, 2]]
     for member in members:
-        assert not member.alarms(NOON) and not member.summary()["rejected"] and len(member.take_frames()) == 3
+        assert (
+            not member.alarms(NOON)
+            and not member.summary()["rejected"]
+            and len(member.take_frames()) == 3
+        )
         member.close()
         member.send(report(1, NOON + 1))
         assert member.received(NOON + 1) == [], "a closed carrier does nothing"
@@ -135,15 +169,27 @@ def test_reports_leave_at_5_hz_at_most_and_signed_ones_are_accepted_in_simulated
     for step in range(200):  # a loop at 20 Hz, 10 s
         sender.send(report(1, start + 0.05 * step))
         stamps += [one.stamp for one in receiver.received(start + 0.05 * step)]
-    assert stamps == pytest.approx([start + 0.2 * n for n in range(50)]) and not receiver.acceptance.rejected
+    assert (
+        stamps == pytest.approx([start + 0.2 * n for n in range(50)])
+        and not receiver.acceptance.rejected
+    )
 
 
 def test_only_finite_reports_of_the_member_itself_within_bounds_leave():
     network = LocalNetwork()
     sender, receiver = (FrameCarrier(network.port(one), GROUP, one) for one in (1, 2))
-    for wrong in ({"phase": nan}, {"radius": 1e9}, {"drift": (nan, 0.0)}, {"group": 9}, {"member": 4}):
+    for wrong in (
+        {"phase": nan},
+        {"radius": 1e9},
+        {"drift": (nan, 0.0)},
+        {"group": 9},
+        {"member": 4},
+    ):
         sender.send(replace(report(1, NOON + 20), **wrong))
-        assert receiver.received(NOON + 20) == [] and "report is not sent" in sender.alarms(NOON + 20)[0]
+        assert (
+            receiver.received(NOON + 20) == []
+            and "report is not sent" in sender.alarms(NOON + 20)[0]
+        )
     sender.send(report(1, NOON - 3600))
     sender.send(report(1, NOON - 7200))
     assert sender.sent == 2, "a clock that was set back does not stop the reports"
@@ -174,11 +220,15 @@ def members():
     """Two members on one multicast port."""
     port = free_port()
     with ExitStack() as opened:
-        yield [opened.enter_context(closing(FrameCarrier(UdpPort(port, LOOPBACK), GROUP, one))) for one in (1, 2)]
+        yield [
+            opened.enter_context(closing(FrameCarrier(UdpPort(port, LOOPBACK), GROUP, one)))
+            for one in (1, 2)
+        ]
 
 
 def accepted_steps(members):
-    """Let the members exchange reports for 10 s. Return the steps in which the first one received a report."""
+    """Let the members exchange reports for 10 s. Return the steps in which the first one received a
+    report."""
     accepted = []
     for step in range(50):
         now = NOON + 0.2 * step
@@ -196,7 +246,8 @@ def test_a_socket_that_fails_in_flight_is_opened_again_and_never_raises(members)
 
 
 def test_a_membership_that_was_lost_without_an_error_is_found_by_silence(members):
-    """Example: a radio was unplugged and came back. The socket still sends, and receives nothing."""
+    """Example: a radio was unplugged and came back. The socket still sends, and receives
+    nothing."""
     membership = socket.inet_aton(MULTICAST) + socket.inet_aton(LOOPBACK)
     members[0]._port._socket.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, membership)
     accepted = accepted_steps(members)
@@ -204,8 +255,8 @@ def test_a_membership_that_was_lost_without_an_error_is_found_by_silence(members
 
 
 def test_a_flood_costs_a_bounded_step_and_the_next_report_is_received(members):
-    """The loopback interface sends 1000 datagrams of noise to every member, and the socket buffer keeps a part of
-    them."""
+    """The loopback interface sends 1000 datagrams of noise to every member, and the socket buffer
+    keeps a part of them."""
     port = members[0]._port._port
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
         attacker.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(LOOPBACK))
@@ -252,30 +303,41 @@ def test_reports_are_in_the_tlog_without_signatures_and_are_read_back(tmp_path):
         for ident, member in enumerate(members, 1):
             member.send(report(ident, NOON + n))
         assert members[0].received(NOON + n)
-        steps.append(LoopStep(float(n), [("vehicle", "v0", [heard])], exchanged=members[0].take_frames()))
+        steps.append(
+            LoopStep(float(n), [("vehicle", "v0", [heard])], exchanged=members[0].take_frames())
+        )
         recorder.step(steps[-1])
     recorder.close()
     assert recorder.problem is None
     back = list(recorded_steps(recorder.folder))
     assert [one.received_frames for one in back] == [one.received_frames for one in steps]
     assert [one.exchanged for one in back] == [one.exchanged for one in steps] and len(back) == 9
-    read = [(at, from_message(one)) for at, one in read_messages(recorder.folder / "flight.tlog", {MESSAGE})]
+    read = [
+        (at, from_message(one))
+        for at, one in read_messages(recorder.folder / "flight.tlog", {MESSAGE})
+    ]
     assert [(at / 1e6, one.member, one.stamp) for at, one in read] == [
         (NOON + n, m, NOON + n) for n in range(9) for m in (1, 2)
     ]
 
 
 def test_a_replay_of_a_plain_tlog_is_the_same_with_and_without_the_reports_in_it(flown, tmp_path):
-    """Even under the ids of the vehicle and of its radio: no report steers, identifies a vehicle or counts as a sign
-    of life."""
-    plain, mixed = flown / "flight.tlog", tmp_path / "mixed.tlog"
+    """Even under the ids of the vehicle and of its radio: no report steers, identifies a vehicle or
+    counts as a sign of life."""
+    plain = flown / "flight.tlog"
+    mixed = tmp_path / "mixed.tlog"
     with mixed.open("wb") as out:
         for n, (stamp, one) in enumerate(read_tlog(plain)):
             out.write(struct.pack(">Q", stamp) + one)
-            if one[6] == 191 or n % 10:  # without received frames, a stamp is no step of a plain tlog
+            if (
+                one[6] == 191 or n % 10
+            ):  # without received frames, a stamp is no step of a plain tlog
                 continue
             for ids in ((1, 1), (1, 192), (1, 191), (7, 191), (255, 190)):
-                out.write(struct.pack(">Q", stamp) + Encoder(*ids).encode(to_message(report(ids[0], stamp / 1e6))))
+                out.write(
+                    struct.pack(">Q", stamp)
+                    + Encoder(*ids).encode(to_message(report(ids[0], stamp / 1e6)))
+                )
     settings = without_timeouts(load_mission(flown / "mission.toml").pilot_settings())
     done = [replay(Pilot(settings), tlog_steps(log, 191), ticking=True) for log in (plain, mixed)]
     assert done[1].frames > done[0].frames and done[0].setpoints

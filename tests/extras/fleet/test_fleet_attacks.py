@@ -1,8 +1,9 @@
 """Attacks on the fleet link, one row each: the attacker's frames, and the victim's reaction.
 
-Member 1 is the victim. Member 2 is honest and sends at 5 Hz for 10 s. The attacker reads everything on the link and
-sends from another address, or from the address of member 2. In every row the honest member is still received, and no
-false report under its id is accepted. The work and memory of the victim are bounded.
+Member 1 is the victim. Member 2 is honest and sends at 5 Hz for 10 s. The attacker reads everything
+on the link and sends from another address, or from the address of member 2. In every row the honest
+member is still received, and no false report under its id is accepted. The work and memory of the
+victim are bounded.
 """
 
 from collections.abc import Callable
@@ -21,14 +22,18 @@ from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.mav.codec import Encoder
 from tests.extras.fleet.reports import GROUP, KEY, NOON, OTHER_KEY, frame, report
 
-STEP, LASTS = 0.05, 10.0
-STRANGER, HONEST = ("10.0.0.66", 14560), ("10.0.0.2", 14560)
-WITH_KEY, WITHOUT = KEY, None
+STEP = 0.05
+LASTS = 10.0
+STRANGER = ("10.0.0.66", 14560)
+HONEST = ("10.0.0.2", 14560)
+WITH_KEY = KEY
+WITHOUT = None
 
 
 @dataclass
 class Air:
-    """Data available to the attacker. captured: datagrams of member 2. key: of the fleet, None without one."""
+    """Data available to the attacker. captured: datagrams of member 2. key: of the fleet, None
+    without one."""
 
     now: float = NOON
     key: bytes | None = None
@@ -50,14 +55,17 @@ def says(member: int, *, key: bytes | None = None, ahead: float = 0.0, **changes
         if round(air.since() / STEP) % 4 != 1:
             return []
         stamp = air.now + changes.get("late", 0.0)
-        one = report(member, stamp, **{name: value for name, value in changes.items() if name != "late"})
+        one = report(
+            member, stamp, **{name: value for name, value in changes.items() if name != "late"}
+        )
         return [frame(one, key or air.key, ahead)]
 
     return attack
 
 
 def patched(index: int, value: float) -> Attack:
-    """A report of a new id in which one of the 32-bit numbers was replaced, unlike any honest encoder."""
+    """A report of a new id in which one of the 32-bit numbers was replaced, unlike any honest
+    encoder."""
 
     def attack(air: Air) -> list[bytes]:
         message = to_message(report(9, air.now))
@@ -73,12 +81,17 @@ def half(air: Air) -> list[bytes]:
 
 def changed(air: Air) -> list[bytes]:
     """The newest frame with another phase, a right CRC, and its old signature."""
-    return [frame(report(2, air.now, phase=0.1), OTHER_KEY)[:-13] + one[-13:] for one in air.captured[-1:]]
+    return [
+        frame(report(2, air.now, phase=0.1), OTHER_KEY)[:-13] + one[-13:]
+        for one in air.captured[-1:]
+    ]
 
 
 def replayed(delay: float) -> Attack:
     """Frames of member 2 that were captured some time ago."""
-    return lambda air: air.captured[-1 - round(delay * 5) :][:1] if len(air.captured) > delay * 5 else []
+    return lambda air: (
+        air.captured[-1 - round(delay * 5) :][:1] if len(air.captured) > delay * 5 else []
+    )
 
 
 def two_in_one(air: Air) -> list[bytes]:
@@ -100,12 +113,18 @@ def heartbeat(air: Air) -> list[bytes]:
 
 def takeover(air: Air) -> list[bytes]:
     """A command to the autopilot: the fleet link passes on none."""
-    return [Encoder(255, 190).encode(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0))]
+    return [
+        Encoder(255, 190).encode(
+            mavlink.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0)
+        )
+    ]
 
 
 def other_version(air: Air) -> list[bytes]:
     message = to_message(report(9, air.now))
-    newer = mavlink.MAVLink_debug_float_array_message(message.time_usec, b"circfleet2", GROUP, message.data)
+    newer = mavlink.MAVLink_debug_float_array_message(
+        message.time_usec, b"circfleet2", GROUP, message.data
+    )
     return [Encoder(9, COMPONENT).encode(newer)]
 
 
@@ -124,9 +143,9 @@ R = Rejection
 
 @dataclass(frozen=True)
 class Row:
-    """An attack, with the expected reason and alarm. key: the fleet's. address: the attacker's. ghosts: accepted
-    members of the attacker, because only a key could stop them. hosts: peers of the victim. share: received part of
-    the honest reports. beside: other expected reasons."""
+    """An attack, with the expected reason and alarm. key: the fleet's. address: the attacker's.
+    ghosts: accepted members of the attacker, because only a key could stop them. hosts: peers of
+    the victim. share: received part of the honest reports. beside: other expected reasons."""
 
     name: str
     attack: Attack
@@ -141,24 +160,56 @@ class Row:
 
 
 ROWS = [
-    Row("noise", lambda air: [b"\xfd" * 90, b"", b"GET / HTTP/1.1\r\n\r\n"], R.MALFORMED, "not complete"),
+    Row(
+        "noise",
+        lambda air: [b"\xfd" * 90, b"", b"GET / HTTP/1.1\r\n\r\n"],
+        R.MALFORMED,
+        "not complete",
+    ),
     Row("half a frame", half, R.MALFORMED, "not complete"),
     Row("two frames in one datagram", two_in_one, R.MALFORMED, "not complete"),
     Row("a datagram of 60 kB", lambda air: [bytes(60_000)], R.MALFORMED, "not complete"),
     Row("heartbeat of an autopilot", heartbeat, R.OTHER_MESSAGE, ""),
     Row("command to an autopilot", takeover, R.OTHER_MESSAGE, ""),
     Row("another version of the format", other_version, R.OTHER_MESSAGE, ""),
-    Row("unsigned where a key is", lambda air: [frame(report(9, air.now))], R.UNSIGNED, "not signed", WITH_KEY),
-    Row("signed with another key", says(2, key=OTHER_KEY), R.WRONG_KEY, "another key", WITH_KEY, HONEST),
+    Row(
+        "unsigned where a key is",
+        lambda air: [frame(report(9, air.now))],
+        R.UNSIGNED,
+        "not signed",
+        WITH_KEY,
+    ),
+    Row(
+        "signed with another key",
+        says(2, key=OTHER_KEY),
+        R.WRONG_KEY,
+        "another key",
+        WITH_KEY,
+        HONEST,
+    ),
     Row("changed on the way", changed, R.WRONG_KEY, "another key", WITH_KEY, HONEST),
     Row("replayed after 1 s", replayed(1.0), R.REPLAYED, "repeated or late"),
     Row("replayed after 1 s, with a key", replayed(1.0), R.REPLAYED, "repeated or late", WITH_KEY),
     Row("replayed at once from another address", replayed(0.0), None, "", WITH_KEY),
-    Row("own frames replayed after 1 s", lambda air: air.victim[-6:-5], R.REPLAYED, "repeated or late", WITH_KEY),
+    Row(
+        "own frames replayed after 1 s",
+        lambda air: air.victim[-6:-5],
+        R.REPLAYED,
+        "repeated or late",
+        WITH_KEY,
+    ),
     Row("another group", says(9, group=4), R.OTHER_GROUP, "group 4, not 3"),
     Row("this member's id", says(1), R.SAME_ID, "another sender has this member's id 1"),
-    Row("this member's id by a member with the key", says(1), R.SAME_ID, "has this member's id 1", WITH_KEY),
-    Row("the id of another, from a second address", says(2, phase=0.1), R.SAME_ID, "10.0.0.66:14560"),
+    Row(
+        "this member's id by a member with the key",
+        says(1),
+        R.SAME_ID,
+        "has this member's id 1",
+        WITH_KEY,
+    ),
+    Row(
+        "the id of another, from a second address", says(2, phase=0.1), R.SAME_ID, "10.0.0.66:14560"
+    ),
     Row("a phase that is not a number", patched(2, nan), R.NOT_FINITE, "phase nan"),
     Row("an infinite drift", patched(6, inf), R.NOT_FINITE, "drift east inf"),
     Row("a radius of 1e30 m", patched(5, 1e30), R.OUT_OF_BOUNDS, "radius 1e+30"),
@@ -170,7 +221,13 @@ ROWS = [
     Row("id 0", says(0), R.OUT_OF_BOUNDS, "id 0"),
     Row("a stamp ahead", says(9, late=1.2), R.CLOCKS_DISAGREE, "id 9 is 1.2 s ahead"),
     Row("a stamp behind", says(9, late=-30.0), R.CLOCKS_DISAGREE, "id 9 is 30.0 s behind"),
-    Row("a signature of next year", says(9, ahead=3e7), R.CLOCKS_DISAGREE, "id 9 is 30000000 s ahead", WITH_KEY),
+    Row(
+        "a signature of next year",
+        says(9, ahead=3e7),
+        R.CLOCKS_DISAGREE,
+        "id 9 is 30000000 s ahead",
+        WITH_KEY,
+    ),
     Row(
         "a jump of another's phase, its address forged",
         says(2, phase=0.1, late=0.07),
@@ -183,7 +240,13 @@ ROWS = [
     Row("20 reports a second", hasty, R.TOO_OFTEN, "id 9", WITH_KEY, ghosts=1),
     Row("a new member at every step", ghosts, R.TABLE_FULL, "32 members", ghosts=MOST_MEMBERS - 1),
     Row("a flood of noise", flood, R.FLOOD, "flood", share=0.4, beside=frozenset({R.MALFORMED})),
-    Row("a sender that is not a peer", says(9), R.OTHER_ADDRESS, "list of peers", hosts=frozenset({"10.0.0.2"})),
+    Row(
+        "a sender that is not a peer",
+        says(9),
+        R.OTHER_ADDRESS,
+        "list of peers",
+        hosts=frozenset({"10.0.0.2"}),
+    ),
 ]
 
 
@@ -191,13 +254,16 @@ class _Port:
     """The victim's socket: returns the datagrams of the test."""
 
     def __init__(self, hosts) -> None:
-        self.hosts, self.queue, self.sent = hosts, [], []
+        self.hosts = hosts
+        self.queue = []
+        self.sent = []
 
     def send(self, data: bytes, now: float) -> None:
         self.sent.append(data)
 
     def receive(self, most: int, now: float) -> list:
-        taken, self.queue = self.queue[:most], []
+        taken = self.queue[:most]
+        self.queue = []
         return taken
 
     def close(self) -> None: ...
@@ -232,7 +298,10 @@ def test_the_honest_member_is_received_no_false_report_is_and_the_operator_is_al
     assert row.reason is None or counts[row.reason] >= 3
     assert any(row.alarm in one for one in alarms) if row.alarm else not alarms
     assert victim.alarms(now + 10) == [], "alarms end with the attack"
-    assert len(victim.acceptance.members) <= MOST_MEMBERS and len(victim.take_frames()) == len(received) + 50
+    assert (
+        len(victim.acceptance.members) <= MOST_MEMBERS
+        and len(victim.take_frames()) == len(received) + 50
+    )
 
 
 @given(
@@ -248,20 +317,26 @@ def test_no_content_of_a_whole_or_cut_frame_raises_and_only_bounded_numbers_are_
 ):
     victim = FrameCarrier(port := _Port(None), GROUP, 1)
     message = mavlink.MAVLink_debug_float_array_message(stamp, name, group, [*numbers, *[0.0] * 46])
-    port.queue = [(Encoder(system, COMPONENT).encode(message)[: cut if cut < 80 else None], STRANGER)]
+    port.queue = [
+        (Encoder(system, COMPONENT).encode(message)[: cut if cut < 80 else None], STRANGER)
+    ]
     for one in victim.received(NOON):
         check_numbers(one)
     assert victim.acceptance.accepted + sum(victim.acceptance.rejected.values()) == 1
 
 
 def test_an_estimate_that_has_found_the_other_side_is_accepted_again_after_two_seconds():
-    """An honest jump: the reports continue from the new phase. Meanwhile the member is extrapolated from its last
-    report."""
+    """An honest jump: the reports continue from the new phase. Meanwhile the member is extrapolated
+    from its last report."""
     victim = FrameCarrier(port := _Port(None), GROUP, 1)
     accepted = []
     for step in range(60):
         now = NOON + 0.2 * step
-        one = report(2, now) if step < 20 else replace(report(2, now), phase=(report(2, now).phase + pi) % (2 * pi))
+        one = (
+            report(2, now)
+            if step < 20
+            else replace(report(2, now), phase=(report(2, now).phase + pi) % (2 * pi))
+        )
         port.queue = [(frame(one), HONEST)]
         accepted += [step for _ in victim.received(now)]
     assert accepted == [*range(20), *range(30, 60)]

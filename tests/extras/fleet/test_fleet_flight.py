@@ -1,4 +1,5 @@
-"""Whole fleets on the emulator, in lockstep: spacing with estimated drift, takeovers, silence, layers, run folders."""
+"""Whole fleets on the emulator, in lockstep: spacing with estimated drift, takeovers, silence,
+layers, run folders."""
 
 import json
 import re
@@ -18,17 +19,20 @@ from tests.browser import CHROMIUM
 from tests.process import PATIENCE, ROOT, UNDRAWN, python, read_until, running
 from tests.process import circnav as process_of
 
-COPTER, PLANE = ROOT / "config" / "arducopter.toml", ROOT / "config" / "arduplane.toml"
+COPTER = ROOT / "config" / "arducopter.toml"
+PLANE = ROOT / "config" / "arduplane.toml"
 NEAR = ("sim.truth.rate_hz=0", "sim.start.north_m=45", "sim.start.east_m=-20")
-TAKEN, SILENT = 130.0, 165.0
-BEFORE, AFTER = TAKEN - 2.0, TAKEN + 4.0
+TAKEN = 130.0
+SILENT = 165.0
+BEFORE = TAKEN - 2.0
+AFTER = TAKEN + 4.0
 """Times, s."""
 
 
 @pytest.fixture(scope="module")
 def three():
-    """Three copters. Member 3 arrives late. The operator takes member 2 over at TAKEN. From SILENT on no member
-    receives a report."""
+    """Three copters. Member 3 arrives late. The operator takes member 2 over at TAKEN. From SILENT
+    on no member receives a report."""
     takeover = (f'sim.events=[{{at_s={TAKEN}, action="mode", mode="LOITER"}}]',)
     far = ("sim.start.north_m=200", "sim.start.east_m=-20")
     flight = bare_fleet(
@@ -46,7 +50,12 @@ def three():
         for at in (BEFORE, AFTER):
             if at not in seen and now >= at:
                 seen[at] = [
-                    (m.fleet.state, m.fleet.adjusted, m.fleet.facts(now)["fleet"], m.fleet.vehicles(now))
+                    (
+                        m.fleet.state,
+                        m.fleet.adjusted,
+                        m.fleet.facts(now)["fleet"],
+                        m.fleet.vehicles(now),
+                    )
                     for m in flight.members
                 ]
 
@@ -55,8 +64,11 @@ def three():
 
 def test_a_copter_that_joins_waits_outside_and_then_all_are_even_with_estimated_drift(three):
     flight, seen = three
-    found, times = figures(flight.tracks), flight.tracks.time
-    lane = np.hypot(flight.tracks.east, flight.tracks.north)[np.array(times) < found.all_on_circle_s, 2]
+    found = figures(flight.tracks)
+    times = flight.tracks.time
+    lane = np.hypot(flight.tracks.east, flight.tracks.north)[
+        np.array(times) < found.all_on_circle_s, 2
+    ]
     assert lane.min() > 30.0 + 4.0
     assert found.even_after_s < 60.0
     assert all(state is State.ON_CIRCLE for state, *_ in seen[BEFORE])
@@ -68,7 +80,9 @@ def test_a_copter_that_joins_waits_outside_and_then_all_are_even_with_estimated_
 def test_each_member_shows_its_gaps_and_the_places_of_the_others(three):
     flight, seen = three
     for *_, words, others in seen[BEFORE]:
-        shown = re.search(r"3 of 3 members on the circle, gap (\d+) deg ahead, (\d+) deg behind", words)
+        shown = re.search(
+            r"3 of 3 members on the circle, gap (\d+) deg ahead, (\d+) deg behind", words
+        )
         assert [int(gap) for gap in shown.groups()] == pytest.approx([120, 120], abs=8)
         assert len(others) == 2
     k = round(BEFORE / SAMPLE_EVERY)
@@ -85,7 +99,8 @@ def test_the_takeover_of_one_moves_no_other_and_the_two_that_stay_are_even_again
     for other in (one, three_):
         assert other[0] is State.ON_CIRCLE
         assert len(other[1].counted) == 2
-    errors, times = gap_errors(flight.tracks), np.array(flight.tracks.time)
+    errors = gap_errors(flight.tracks)
+    times = np.array(flight.tracks.time)
     assert np.degrees(errors[(times > SILENT - 5.0) & (times < SILENT)].max()) < 10.0
     assert [m.pilot.mission.outcome is None for m in flight.members] == [True, False, True]
 
@@ -104,11 +119,16 @@ def test_two_in_one_layer_are_an_alarm_for_all():
         COPTER,
         3,
         NEAR,
-        lambda member: ("sim.start.altitude_m=16", "orbit.height_above_target_m=16") if member == 2 else (),
+        lambda member: (
+            ("sim.start.altitude_m=16", "orbit.height_above_target_m=16") if member == 2 else ()
+        ),
     )
     flight.fly(25.0)
     for member in flight.members:
-        assert "members 1 and 2 are 1 m apart in height" in member.onlookers.alarms(25.0)["fleet_layer"]
+        assert (
+            "members 1 and 2 are 1 m apart in height"
+            in member.onlookers.alarms(25.0)["fleet_layer"]
+        )
 
 
 def test_three_planes_from_one_place_are_even_in_time():
@@ -120,7 +140,12 @@ def test_three_planes_from_one_place_are_even_in_time():
             "sim.vehicle.cruise_speed_mps=15.0",
             "sim.start.speed_mps=15.0",
         ),
-        *("orbit.radius_m=100", "limits.duration_s=135", "sim.start.north_m=150", "sim.start.east_m=-80"),
+        *(
+            "orbit.radius_m=100",
+            "limits.duration_s=135",
+            "sim.start.north_m=150",
+            "sim.start.east_m=-80",
+        ),
     )
     found = figures(bare_fleet(PLANE, 3, overrides, loss=0.3).fly().tracks)
     assert found.even_after_s < 110.0
@@ -129,16 +154,34 @@ def test_three_planes_from_one_place_are_even_in_time():
     assert found.radius_rms_m < 2.0
 
 
-def test_one_command_flies_a_fleet_its_page_shows_all_members_and_each_replays_byte_for_byte(request, tmp_path):
+def test_one_command_flies_a_fleet_its_page_shows_all_members_and_each_replays_byte_for_byte(
+    request, tmp_path
+):
     """The page is examined if there is a browser."""
     folder = tmp_path / "fleet"
-    options = ("--fleet", "2", "--fleet-loss", "0.2", "--web", "0", "--duration", "45", "--out", str(folder))
+    options = (
+        "--fleet",
+        "2",
+        "--fleet-loss",
+        "0.2",
+        "--web",
+        "0",
+        "--duration",
+        "45",
+        "--out",
+        str(folder),
+    )
     with running(process_of("fly", "copter", *options)) as flown:
         if CHROMIUM is not None:
             browser = request.getfixturevalue("browser")
             browser.open(read_until(flown, "live page at ").split()[-1])
-            browser.until("/vehicle 2.*on circle, [23]\\d m high, \\d+ deg ahead/.test(document.body.innerText)")
-            browser.until("[...document.querySelectorAll('#track circle.now.desired')].length === 1")
+            browser.until(
+                "/vehicle 2.*on circle, [23]\\d m high, \\d+ deg"
+                " ahead/.test(document.body.innerText)"
+            )
+            browser.until(
+                "[...document.querySelectorAll('#track circle.now.desired')].length === 1"
+            )
             browser.until("/1 of 2|2 of 2 members on the circle/.test(document.body.innerText)")
             browser.until("!document.getElementById('outcome').hidden")
             assert not browser.complaints
@@ -151,14 +194,21 @@ def test_one_command_flies_a_fleet_its_page_shows_all_members_and_each_replays_b
     for member in (folder / "01", folder / "02"):
         steps = list(recorded_steps(member))
         assert any(request.offset is not None for step in steps for request in step.requests)
-        assert replay(Pilot(load_mission(member / "mission.toml").pilot_settings()), steps).identical
+        assert replay(
+            Pilot(load_mission(member / "mission.toml").pilot_settings()), steps
+        ).identical
         assert json.loads((member / "summary.json").read_text())["desired_radius_m"] == 30.0
 
 
 def test_a_flight_of_one_vehicle_imports_nothing_of_the_fleet_but_its_keys(tmp_path):
     modules = "[name for name in sys.modules if name.startswith('circnav_mav.extras.fleet.')]"
     script = f"import atexit, sys\natexit.register(lambda: print(sorted({modules})))\n{UNDRAWN}"
-    flown = python("-c", script, "fly", str(COPTER), "--duration", "1", "--out", str(tmp_path / "run"))
+    flown = python(
+        "-c", script, "fly", str(COPTER), "--duration", "1", "--out", str(tmp_path / "run")
+    )
     printed, problem = flown.communicate(timeout=PATIENCE)
     assert (flown.returncode, problem) == (0, "")
-    assert printed.splitlines()[-1] == "['circnav_mav.extras.fleet.commands', 'circnav_mav.extras.fleet.settings']"
+    assert (
+        printed.splitlines()[-1]
+        == "['circnav_mav.extras.fleet.commands', 'circnav_mav.extras.fleet.settings']"
+    )

@@ -1,4 +1,5 @@
-"""The fleet law on kinematic vehicles: performance figures of the design, and the members that each member counts."""
+"""The fleet law on kinematic vehicles: performance figures of the design, and the members that each
+member counts."""
 
 from math import nan, pi, radians
 
@@ -6,14 +7,23 @@ import numpy as np
 import pytest
 
 from circnav_mav.extras.fleet.evenness import rms
-from circnav_mav.extras.fleet.law import SILENT, OwnState, Spacing, SpacingSettings, gaps, slot_errors
+from circnav_mav.extras.fleet.law import (
+    SILENT,
+    OwnState,
+    Spacing,
+    SpacingSettings,
+    gaps,
+    slot_errors,
+)
 from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, intersected
 from circnav_mav.extras.fleet.report import MemberReport, State
 from tests.extras.fleet.kinematic import STEP, Fleet, World, time_to_even
 
 
 def report(member, phase, stamp=0.0, state=State.ON_CIRCLE, sigma=0.01, sense=1):
-    return MemberReport(1, member, state, stamp, phase, sigma, 40.0, 100.0, 0.0, sense, (0.0, 0.0), (1.0, 0.0, 1.0))
+    return MemberReport(
+        1, member, state, stamp, phase, sigma, 40.0, 100.0, 0.0, sense, (0.0, 0.0), (1.0, 0.0, 1.0)
+    )
 
 
 def spacing(member=1):
@@ -26,12 +36,17 @@ def spacing(member=1):
 @pytest.mark.parametrize("drift", [(0.0, 0.0), (5.0, 0.0), (-4.0, 7.0)])
 @pytest.mark.parametrize("sense", [1, -1])
 def test_the_temporal_phase_of_a_constant_airspeed_grows_steadily_in_any_wind(drift, sense):
-    speed, radius, dt, angle, found = 15.0, 100.0, 0.01, 0.3, []
+    speed = 15.0
+    radius = 100.0
+    dt = 0.01
+    angle = 0.3
+    found = []
     phases = PhaseMap.of(speed, drift, sense)
     east, north = drift[0], sense * drift[1]
 
     def rate(angle):
-        along, across = -east * np.sin(angle) + north * np.cos(angle), east * np.cos(angle) + north * np.sin(angle)
+        along = -east * np.sin(angle) + north * np.cos(angle)
+        across = east * np.cos(angle) + north * np.sin(angle)
         return (along + np.sqrt(speed**2 - across**2)) / radius
 
     for _ in range(8000):
@@ -42,7 +57,8 @@ def test_the_temporal_phase_of_a_constant_airspeed_grows_steadily_in_any_wind(dr
 
 
 def test_the_drifts_of_two_members_are_fused_without_counting_what_they_share_twice():
-    good_east, good_north = Drift((5.0, 0.0), (0.01, 0.0, 4.0)), Drift((9.0, 2.0), (4.0, 0.0, 0.01))
+    good_east = Drift((5.0, 0.0), (0.01, 0.0, 4.0))
+    good_north = Drift((9.0, 2.0), (4.0, 0.0, 0.01))
     fused = intersected(good_east, good_north)
     assert fused.mean == pytest.approx((5.0, 2.0), abs=0.1)
     again = intersected(fused, fused)

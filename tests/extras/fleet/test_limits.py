@@ -27,7 +27,10 @@ def lines(*overrides, name="arduplane"):
 
 def test_check_names_size_evenness_and_ranging_rate():
     found = lines("vehicle.speed_mps=15", "orbit.radius_m=100")
-    assert "6 members; a radius of 100 m takes at most 13, because of compass errors" in found["fleet size"].text
+    assert (
+        "6 members; a radius of 100 m takes at most 13, because of compass errors"
+        in found["fleet size"].text
+    )
     assert "worst gap 5.4 deg rms" in found["fleet evenness"].text
     assert "10 Hz in all, each of 6 members gets 1.7 Hz" in found["fleet ranging"].text
     assert all(line.grade is Grade.PASS for line in found.values())
@@ -41,14 +44,19 @@ def test_too_many_members_another_law_and_no_room_beside_the_circle_are_refused(
 
 
 def test_a_vehicle_of_constant_airspeed_is_spaced_by_radius_and_a_copter_by_speed():
-    plane, copter = spacing_settings(mission(), 1), spacing_settings(mission(name="arducopter"), 1)
+    plane = spacing_settings(mission(), 1)
+    copter = spacing_settings(mission(name="arducopter"), 1)
     assert (plane.by_speed, plane.trims_speed, copter.by_speed) == (False, False, True)
     assert spacing_settings(mission("bounds.min_range_m=140"), 1).most == pytest.approx(9 / 150)
 
 
-def test_a_flight_does_not_start_with_a_taken_id_or_layer_but_with_a_wrong_clock_elsewhere(monkeypatch):
+def test_a_flight_does_not_start_with_a_taken_id_or_layer_but_with_a_wrong_clock_elsewhere(
+    monkeypatch,
+):
     own = mission("orbit.height_above_target_m=60")
-    other = MemberReport(0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.01, 40.0, 100.0, 75.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0))
+    other = MemberReport(
+        0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.01, 40.0, 100.0, 75.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0)
+    )
 
     def listen(height, rejected):
         found = {2: replace(other, height=height)}, rejected, ["fleet link: clocks disagree"]
@@ -78,15 +86,24 @@ def test_layers_below_15_m_are_refused_with_the_key():
         (75.0, {}, [], []),
         (nan, {}, [], []),
         (64.0, {}, [], ["fleet layer"]),
-        (75.0, {Rejection.SAME_ID: 3}, ["fleet link: two members have the same id"], ["fleet link"]),
+        (
+            75.0,
+            {Rejection.SAME_ID: 3},
+            ["fleet link: two members have the same id"],
+            ["fleet link"],
+        ),
         (75.0, {Rejection.SAME_ID: 1}, [], ["fleet link"]),
         (75.0, {Rejection.CLOCKS_DISAGREE: 9}, ["fleet link: clocks disagree"], ["fleet link"]),
         (75.0, {Rejection.MALFORMED: 9}, ["fleet link: frames are not complete"], []),
     ],
 )
-def test_preflight_refuses_a_taken_id_or_layer_and_clocks_that_disagree(height, rejected, problems, failed):
+def test_preflight_refuses_a_taken_id_or_layer_and_clocks_that_disagree(
+    height, rejected, problems, failed
+):
     given = mission()
-    other = MemberReport(0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.1, 40.0, 150.0, height, -1, (0.0, 0.0), (1.0, 0.0, 1.0))
+    other = MemberReport(
+        0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.1, 40.0, 150.0, height, -1, (0.0, 0.0), (1.0, 0.0, 1.0)
+    )
     found = list(judge_fleet(given, table_of(given), {2: other}, rejected, problems))
     assert "members received: 2" in found[0].text
     assert [line.subject for line in found if line.grade is Grade.FAIL] == failed

@@ -11,10 +11,15 @@ from tests.extras.locate.flown import Surveyed, surveyed
 
 COMPONENT = 193
 GPS_LOST = (
-    'sim.events=[{at_s=50.0, action="gps_off"}]', "sim.sensors.dead_reckoning_mps=1", "sim.sensors.gps_error_m=1",
-    "sim.sensors.gps_error_time_s=600", "sim.wind.speed_mps=5", "sim.start.north_m=150", "sim.start.east_m=-100",
+    'sim.events=[{at_s=50.0, action="gps_off"}]',
+    "sim.sensors.dead_reckoning_mps=1",
+    "sim.sensors.gps_error_m=1",
+    "sim.sensors.gps_error_time_s=600",
+    "sim.wind.speed_mps=5",
+    "sim.start.north_m=150",
+    "sim.start.east_m=-100",
     "limits.duration_s=75",
-)  # fmt: skip
+)
 """A plane that circles and loses its GPS after 50 s. Guidance ends 25 s later."""
 
 
@@ -47,13 +52,18 @@ class HandedBack(Surveyed):
     def given_messages(self) -> list[tuple[float, mavlink.MAVLink_message]]:
         """Messages of the hand-back with their times, decoded by pymavlink."""
         parser = mavlink.MAVLink(None)
-        return [(time, message) for time, frame in self.given for message in parser.parse_buffer(frame) or ()]
+        return [
+            (time, message)
+            for time, frame in self.given
+            for message in parser.parse_buffer(frame) or ()
+        ]
 
 
 def handed_back(
     mission: str, *overrides: str, law: str | None = None, place: tuple[float, float] | None = None
 ) -> HandedBack:
-    """A flight of a file in config/ with survey and hand-back. place: of the target, given by the mission."""
+    """A flight of a file in config/ with survey and hand-back. place: of the target, given by the
+    mission."""
     flown = surveyed(mission, *overrides, law=law)
     assert flown.locator is not None
     companion = Companion(HandBackSettings(COMPONENT, place), flown.pilot, flown.locator)

@@ -33,14 +33,16 @@ class Beside:
         self.locator = Locator(LocateSettings(194), self.rig.pilot)
         monkeypatch.setattr(self.locator, "job", lambda now: None)
         monkeypatch.setattr("circnav_mav.extras.locate.onlooker.start_solver", lambda: None)
-        self.companion = Companion(HandBackSettings(COMPONENT, (47.3, 8.5)), self.rig.pilot, self.locator)
+        self.companion = Companion(
+            HandBackSettings(COMPONENT, (47.3, 8.5)), self.rig.pilot, self.locator
+        )
         self.onlooker = HandBackOnlooker(self.companion)
         self.onlookers = Onlookers([LocateOnlooker(self.locator, waits=True), self.onlooker])
         self.rig.run(3.0)
 
     def steps(self, seconds, *others, called_off=False):
-        """Return the messages of the hand-back while GPS and estimator report a lost position. others: further
-        messages of the vehicle."""
+        """Return the messages of the hand-back while GPS and estimator report a lost position.
+        others: further messages of the vehicle."""
         said = []
         for _ in range(round(seconds / 0.05)):
             self.rig.run(0.05)
@@ -49,7 +51,12 @@ class Beside:
             frames = [self.rig.vehicle.say(message) for message in (*lost, *others)]
             step = LoopStep(self.rig.now, received=[(VEHICLE, "vehicle", frames)])
             said += self.onlookers.on_step(None, step, None, called_off=called_off)
-        return [message for frame in said for message in decode(frame) if message.get_srcComponent() == COMPONENT]
+        return [
+            message
+            for frame in said
+            for message in decode(frame)
+            if message.get_srcComponent() == COMPONENT
+        ]
 
 
 @pytest.fixture
@@ -57,20 +64,29 @@ def lost(monkeypatch):
     """A hand-back in progress."""
     beside = Beside(monkeypatch)
     monkeypatch.setattr(beside.companion, "_own", lambda now: OwnMotion(now, 0.0, 0.0, 15.0))
-    beside.companion.reckoning.where = PositionEstimate(beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False)
+    beside.companion.reckoning.where = PositionEstimate(
+        beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False
+    )
     return beside
 
 
 def test_compass_bias_is_learnt_once_a_position_while_a_range_is_fresh(monkeypatch):
     beside = Beside(monkeypatch)
-    now, learnt = beside.rig.now, []
-    monkeypatch.setattr(beside.companion.reckoning.compass, "learn", lambda off, now: learnt.append(phase(off)))
+    now = beside.rig.now
+    learnt = []
+    monkeypatch.setattr(
+        beside.companion.reckoning.compass, "learn", lambda off, now: learnt.append(phase(off))
+    )
     relative = SimpleNamespace(x=0.0, y=150.0, sigma=1.0, trusted=True)
     estimator = SimpleNamespace(at=lambda time: SimpleNamespace(relative=relative))
     monkeypatch.setattr(beside.rig.pilot.tracker, "estimator", estimator)
     beside.locator.found(PLACE)
-    for time, east, north, later in ((1.0, 30.0, 190.0, 0.0), (1.0, 9.0, 9.0, 0.0), (2.0, 180.0, 40.0, 0.0),
-                                     (3.0, 30.0, 190.0, 2.0)):  # fmt: skip
+    for time, east, north, later in (
+        (1.0, 30.0, 190.0, 0.0),
+        (1.0, 9.0, 9.0, 0.0),
+        (2.0, 180.0, 40.0, 0.0),
+        (3.0, 30.0, 190.0, 2.0),
+    ):
         beside.locator._track.append((time, east, north, 600.0))
         beside.companion.on_frames(VEHICLE, "vehicle", [], now + later)
     assert learnt == pytest.approx([0.0, pi / 2])
@@ -84,9 +100,15 @@ def test_a_survey_that_fails_leaves_the_hand_back_alone(lost, monkeypatch, broke
     assert [one.partition(" at ")[0] for one in lost.onlookers.problems] == ["survey: stopped"]
 
 
-@pytest.mark.parametrize(("fix", "is_given"), [(3, False), (1, True)], ids=["has a fix", "has none"])
-def test_a_vehicle_with_two_receivers_is_given_nothing_while_the_second_has_a_fix(lost, fix, is_given):
-    second = mavlink.MAVLink_gps2_raw_message(0, fix, 473_000_000, 85_000_000, 0, 1, 1, 0, 0, 9, 0, 0)
+@pytest.mark.parametrize(
+    ("fix", "is_given"), [(3, False), (1, True)], ids=["has a fix", "has none"]
+)
+def test_a_vehicle_with_two_receivers_is_given_nothing_while_the_second_has_a_fix(
+    lost, fix, is_given
+):
+    second = mavlink.MAVLink_gps2_raw_message(
+        0, fix, 473_000_000, 85_000_000, 0, 1, 1, 0, 0, 9, 0, 0
+    )
     given = {one.get_type() for one in lost.steps(8.0, second)} & {"COMMAND_INT"}
     assert bool(given) is is_given
 
@@ -117,7 +139,9 @@ def test_a_hand_back_that_fails_ends(lost, monkeypatch):
 def test_what_moves_a_vehicle_cannot_leave_the_hand_back(lost):
     for message in (
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
-        mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_command_long_message(
+            1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0
+        ),
     ):
         with pytest.raises(ValueError, match="must not send"):
             lost.companion._encode(message)

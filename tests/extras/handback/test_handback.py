@@ -1,4 +1,5 @@
-"""Positions sent back to an autopilot that has lost its own: whole flights of the emulated plane."""
+"""Positions sent back to an autopilot that has lost its own: whole flights of the emulated
+plane."""
 
 from math import hypot, pi
 
@@ -16,13 +17,19 @@ from tests.extras.locate.flown import surveyed
 from tests.flight.lockstep import flight
 
 POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
-LOST_AT, END = 50.0, 95.5  # not a whole second: each position is answered
+# not a whole second: each position is answered
+LOST_AT = 50.0
+END = 95.5
 HERE = PositionEstimate(0.0, 15.0, 0.0, 3.0, 0j, 1.0, True)
 ON_PLANE = Plane(-35.0, 149.0)
 
 
 def commands(flown):
-    return [(time, one) for time, one in flown.given_messages if getattr(one, "command", None) == POSITION]
+    return [
+        (time, one)
+        for time, one in flown.given_messages
+        if getattr(one, "command", None) == POSITION
+    ]
 
 
 def own_error(flown):
@@ -31,11 +38,12 @@ def own_error(flown):
 
 
 def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_ended_and_no_byte_of_ours_changes():
-    """The autopilot drifts at 1 m/s in each axis. Without help it would be off by about 45 m after 45 s. The
-    positions leave beside the output of pilot and survey."""
+    """The autopilot drifts at 1 m/s in each axis. Without help it would be off by about 45 m after
+    45 s. The positions leave beside the output of pilot and survey."""
     errors: list[tuple[float, float]] = []
     flown = handed_back("arduplane", *GPS_LOST, law="auto")
-    flown.solve_from, flown.solve_every = 40.0, 10.0
+    flown.solve_from = 40.0
+    flown.solve_every = 10.0
     flown.fly(END, lambda one: errors.append((one.now, own_error(one))))
     given = commands(flown)
     assert given[0][0] == pytest.approx(LOST_AT + 12.0, abs=1.0), "not when the estimator says so"
@@ -44,19 +52,33 @@ def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_en
     assert late[len(late) // 2] < 10.0 and late[-1] < 25.0
     (_, first), back = given[0], flown.companion.handback
     assert first.frame == mavlink.MAV_FRAME_GLOBAL and first.z != first.z and first.param3 >= 1.0
-    assert all(0 <= one.param2 < 0.15 for _, one in given), "the estimate is not as old as it is told"
-    assert flown.locator.job(END + 100.0) is None, "the place is estimated again without a new position"
+    assert all(0 <= one.param2 < 0.15 for _, one in given), (
+        "the estimate is not as old as it is told"
+    )
+    assert flown.locator.job(END + 100.0) is None, (
+        "the place is estimated again without a new position"
+    )
     assert back.plain() == {"sent": len(given), "accepted": len(given), "ended": "going on"}
     assert given[-1][0] > flown.sent[-1][0] + 5.0, "it ended with guidance"
     said = [message for _, message in flown.given_messages]
-    assert {one.get_type() for one in said} == SENT_TYPES and {one.command for one in said} == COMMANDS
+    assert {one.get_type() for one in said} == SENT_TYPES and {
+        one.command for one in said
+    } == COMMANDS
     assert flown.sent == flight("arduplane", *GPS_LOST, law="auto").fly(END).sent
 
 
 def lost_early(kind, law, until, **settings):
     """Return a flight whose GPS is lost before the target could be located."""
     lost = 'sim.events=[{at_s=10.0, action="gps_off"}]'
-    flown = kind("arduplane", lost, *GPS_LOST[1:], "sim.target.north_m=0", "sim.target.east_m=0", law=law, **settings)
+    flown = kind(
+        "arduplane",
+        lost,
+        *GPS_LOST[1:],
+        "sim.target.north_m=0",
+        "sim.target.east_m=0",
+        law=law,
+        **settings,
+    )
     flown.solve_from = 1e9
     return flown.fly(until)
 
@@ -74,36 +96,53 @@ def test_a_place_that_the_mission_gives_needs_no_surveyed_one():
 
 
 def give(goods, result, off=0.0, until=1e9):
-    """Return the hand-back and the times (s) of its positions. goods: autopilot's position valid, every 0.1 s.
-    result: answer to each position. off: reported error, m. until: loss of our position, s."""
-    back, times = HandBack(), []
+    """Return the hand-back and the times (s) of its positions. goods: autopilot's position valid,
+    every 0.1 s. result: answer to each position. off: reported error, m. until: loss of our
+    position, s."""
+    back = HandBack()
+    times = []
     for tick, good in enumerate(goods):
         where = HERE if tick / 10 < until else None
         if back.step(tick / 10, good=good, where=where, plane=ON_PLANE, target=(1, 1)) is not None:
             times.append(tick / 10)
-            back.answered(mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194), (1, 194), tick / 10)
+            back.answered(
+                mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194),
+                (1, 194),
+                tick / 10,
+            )
         back.reported(HERE.east + off, HERE.north, HERE, tick / 10)
     return back, times
 
 
 def test_nothing_is_given_while_there_is_a_position_or_nobody_says_so_and_no_more_once_it_is_back():
-    back, times = give([True] * 50 + [False] * 40 + [None] * 100 + [True] * 100, mavlink.MAV_RESULT_ACCEPTED)
+    back, times = give(
+        [True] * 50 + [False] * 40 + [None] * 100 + [True] * 100, mavlink.MAV_RESULT_ACCEPTED
+    )
     assert times == [7.0, 8.0]  # lost at 5 s, sent from 7 s on
     assert back.ended == "the autopilot has a position again"
 
 
 def test_the_alarm_does_not_say_that_a_position_is_given_when_none_is():
-    assert give([False] * 100, mavlink.MAV_RESULT_ACCEPTED)[0].words.startswith("autopilot lost its position, sent")
+    assert give([False] * 100, mavlink.MAV_RESULT_ACCEPTED)[0].words.startswith(
+        "autopilot lost its position, sent"
+    )
     assert "no replacement" in give([False] * 100, mavlink.MAV_RESULT_ACCEPTED, until=5.0)[0].words
-    assert give([False] * 50 + [True] * 20 + [False] * 10, mavlink.MAV_RESULT_ACCEPTED)[0].words == ""
+    assert (
+        give([False] * 50 + [True] * 20 + [False] * 10, mavlink.MAV_RESULT_ACCEPTED)[0].words == ""
+    )
 
 
-GPS, GPS2 = mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, mavlink.MAVLINK_MSG_ID_GPS2_RAW
-EKF, ESTIMATOR = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
-RECKONS, CONSTANT = 0x12F, 0xA7
+GPS = mavlink.MAVLINK_MSG_ID_GPS_RAW_INT
+GPS2 = mavlink.MAVLINK_MSG_ID_GPS2_RAW
+EKF = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT
+ESTIMATOR = mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
+RECKONS = 0x12F
+CONSTANT = 0xA7
 """ArduPilot's flags as set by NavEKF3_core::updateFilterStatus: by airspeed alone; at rest."""
-PX4_RECKONS, PX4_FUSES = 0x13F, 0x33F
-"""PX4's flags as set by Ekf::get_ekf_soln_status: by airspeed and no slip, its absolute position counts as valid."""
+PX4_RECKONS = 0x13F
+PX4_FUSES = 0x33F
+"""PX4's flags as set by Ekf::get_ekf_soln_status: by airspeed and no slip, its absolute position
+counts as valid."""
 
 
 @pytest.mark.parametrize(
@@ -119,26 +158,39 @@ PX4_RECKONS, PX4_FUSES = 0x13F, 0x33F
         ({GPS: 1}, None),
         ({EKF: RECKONS}, None),
     ],
-    ids=["dead reckoning", "at rest", "vision or beacons", "a second GPS", "a fix", "PX4, dead reckoning",
-         "PX4, auxiliary position", "estimator not heard", "GPS not heard"],
-)  # fmt: skip
+    ids=[
+        "dead reckoning",
+        "at rest",
+        "vision or beacons",
+        "a second GPS",
+        "a fix",
+        "PX4, dead reckoning",
+        "PX4, auxiliary position",
+        "estimator not heard",
+        "GPS not heard",
+    ],
+)
 def test_a_position_is_lost_only_where_receivers_and_estimator_both_say_so(said, good):
     health = Health()
     for ident, value in said.items():
         message = mavlink.mavlink_map[ident]
-        fields = {name: value if name in ("fix_type", "flags") else 0 for name in message.fieldnames}
+        fields = {
+            name: value if name in ("fix_type", "flags") else 0 for name in message.fieldnames
+        }
         health.on_message(message(**fields), 10.0)
     assert health.good(12.0) is good
     assert health.good(13.1) is None, "an old word counts"
 
 
 def reckoned(received):
-    """Dead reckoning for 60 s from 100 m east of the target. Due north at 20 m/s through the air, wind of 5 m/s to
-    the east. received: True at times (s) with own motion."""
+    """Dead reckoning for 60 s from 100 m east of the target. Due north at 20 m/s through the air,
+    wind of 5 m/s to the east. received: True at times (s) with own motion."""
     reckoning = DeadReckoning()
     reckoning.where = PositionEstimate(0.0, 100.0, 0.0, 3.0, 5 + 0j, 1.0, True)
     for now in np.arange(1, 601) / 10:
-        reckoning.step(now, OwnMotion(now, pi / 2, 0.0, 20.0) if received(now) else None, None, None)
+        reckoning.step(
+            now, OwnMotion(now, pi / 2, 0.0, 20.0) if received(now) else None, None, None
+        )
     return reckoning.where
 
 
@@ -146,14 +198,19 @@ def test_dead_reckoning_goes_on_through_the_air_with_the_wind_learnt_before():
     """The compass bias was not estimated: 0.09 rad of 20 m/s, and 0.3 m/s of wind."""
     here = reckoned(lambda now: True)
     assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
-    assert here.sigma == pytest.approx(3.0 + hypot(0.3, 0.09 * 20) * 60, rel=1e-3) and not here.by_ranges
+    assert (
+        here.sigma == pytest.approx(3.0 + hypot(0.3, 0.09 * 20) * 60, rel=1e-3)
+        and not here.by_ranges
+    )
 
 
 def test_a_gap_in_attitude_or_airspeed_costs_certainty_and_not_the_place():
     """Without reports for 3 s, it may have turned anywhere."""
     here = reckoned(lambda now: not 20 < now < 23)
     assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
-    assert here.sigma - reckoned(lambda now: True).sigma == pytest.approx(2.9 * (20 - 1.8), rel=0.05)
+    assert here.sigma - reckoned(lambda now: True).sigma == pytest.approx(
+        2.9 * (20 - 1.8), rel=0.05
+    )
 
 
 def test_a_slow_tick_costs_certainty_and_not_the_place():
@@ -164,20 +221,28 @@ def test_a_slow_tick_costs_certainty_and_not_the_place():
 
 
 def late(*results, delay):
-    """Positions sent to an autopilot that gives some results for each, one after the other, at intervals of `delay`
-    s."""
-    back, answers, times = HandBack(), [], []
+    """Positions sent to an autopilot that gives some results for each, one after the other, at
+    intervals of `delay` s."""
+    back = HandBack()
+    answers = []
+    times = []
     for now in (round(0.05 * tick, 6) for tick in range(600)):
         for result in [result for at, result in answers if at == now]:
-            back.answered(mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194), (1, 194), now)
+            back.answered(
+                mavlink.MAVLink_command_ack_message(POSITION, result, 0, 0, 1, 194), (1, 194), now
+            )
         if back.step(now, good=False, where=HERE, plane=ON_PLANE, target=(1, 1)) is not None:
             times.append(now)
-            answers += [(round(now + delay * (which + 1), 6), result) for which, result in enumerate(results)]
+            answers += [
+                (round(now + delay * (which + 1), 6), result)
+                for which, result in enumerate(results)
+            ]
     return back, times
 
 
 def test_an_autopilot_that_answers_in_progress_is_waited_for_and_one_that_stays_so_is_left_alone():
-    progress, accepted = mavlink.MAV_RESULT_IN_PROGRESS, mavlink.MAV_RESULT_ACCEPTED
+    progress = mavlink.MAV_RESULT_IN_PROGRESS
+    accepted = mavlink.MAV_RESULT_ACCEPTED
     back, times = late(progress, accepted, delay=0.2)
     assert len(times) > 20 and {one.answer for one in back.given[:-1]} == {"accepted"}
     assert len(late(progress, delay=0.2)[1]) == 3
@@ -202,13 +267,19 @@ TARGET = Place(0.0, ON_PLANE, 0.0, 0.0, 0.0, np.eye(2), up_sigma=1.0, up_known=T
 
 
 def by_ranges(time, east, north, drift=5 + 0j, sigma=2.0, r=None):
-    """Estimate of the filter at a position, heading north at 20 m/s through the air, with a drift."""
-    motion = RelativeMotion(east, north, sigma, drift.real, drift.imag, pi / 2, 0.0, 20.0, 1.0, True)
-    return RangeEstimate(time, hypot(east, north) if r is None else r, 0.0, 0.5, 0.5, relative=motion)
+    """Estimate of the filter at a position, heading north at 20 m/s through the air, with a
+    drift."""
+    motion = RelativeMotion(
+        east, north, sigma, drift.real, drift.imag, pi / 2, 0.0, 20.0, 1.0, True
+    )
+    return RangeEstimate(
+        time, hypot(east, north) if r is None else r, 0.0, 0.5, 0.5, relative=motion
+    )
 
 
 def told(estimates, reckoning=None):
-    """Dead reckoning of a vehicle that flies north at 20 m/s through the air, with ten estimates a second."""
+    """Dead reckoning of a vehicle that flies north at 20 m/s through the air, with ten estimates a
+    second."""
     reckoning = reckoning or DeadReckoning()
     for estimate in estimates:
         own = OwnMotion(estimate.time, pi / 2, 0.0, 20.0)
@@ -217,25 +288,39 @@ def told(estimates, reckoning=None):
 
 
 def test_straight_away_from_the_target_the_bearing_is_that_by_the_wind_of_the_circle_at_the_distance_measured():
-    """Away from the circle the filter assumes the gust of the last moment, 2 m/s to the east, with a large sigma.
-    The vehicle moves at 21 m/s over ground, which only ranges show."""
+    """Away from the circle the filter assumes the gust of the last moment, 2 m/s to the east, with
+    a large sigma. The vehicle moves at 21 m/s over ground, which only ranges show."""
     reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
     away = [(30 + t, 5 * t, 150 + 21 * t) for t in np.arange(1, 601) / 10]
-    told((by_ranges(t, e + 2 * (t - 30), n, 7 + 0j, 2 + 1.5 * (t - 30), hypot(e, n)) for t, e, n in away), reckoning)
+    told(
+        (
+            by_ranges(t, e + 2 * (t - 30), n, 7 + 0j, 2 + 1.5 * (t - 30), hypot(e, n))
+            for t, e, n in away
+        ),
+        reckoning,
+    )
     here = reckoning.where
     t = here.time - 30
-    assert here.by_ranges and hypot(here.east, here.north) == pytest.approx(hypot(5 * t, 150 + 21 * t), abs=0.1)
+    assert here.by_ranges and hypot(here.east, here.north) == pytest.approx(
+        hypot(5 * t, 150 + 21 * t), abs=0.1
+    )
     assert (here.east, here.north) == pytest.approx((5 * t, 150 + 21 * t), abs=15.0)
     assert here.wind == pytest.approx(5 + 0j, abs=0.1), "it has learnt from what nobody measured"
     told([by_ranges(90.0 + t, 0.0, 0.0, r=0.0) for t in np.arange(1, 601) / 10], reckoning)
-    assert (reckoning.where.east - here.east, reckoning.where.north - here.north) == pytest.approx((300, 1200), abs=10)
+    assert (reckoning.where.east - here.east, reckoning.where.north - here.north) == pytest.approx(
+        (300, 1200), abs=10
+    )
 
 
 def test_another_wind_counts_within_a_quarter_of_a_minute_and_a_gust_does_not():
     def circled(*drifts):
-        return told(by_ranges(t, 0.0, 150.0, drift) for t, drift in zip(np.arange(1, 2000) / 10, drifts, strict=False))
+        return told(
+            by_ranges(t, 0.0, 150.0, drift)
+            for t, drift in zip(np.arange(1, 2000) / 10, drifts, strict=False)
+        )
 
-    old, new = [5 + 0j] * 900, [-3 + 4j] * 150
+    old = [5 + 0j] * 900
+    new = [-3 + 4j] * 150
     assert abs(circled(*old, *new).where.wind - (-3 + 4j)) < 0.5
     assert abs(circled(*old, *new[:60]).where.wind - 5) < 1.5
 
@@ -250,7 +335,10 @@ def test_while_the_filter_and_the_way_flown_tell_two_places_the_filter_is_believ
 
 def test_a_distance_that_cannot_be_moves_nothing():
     reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
-    told((by_ranges(t, 0.0, 150.0, sigma=900.0, r=2000.0) for t in np.arange(301, 311) / 10), reckoning)
+    told(
+        (by_ranges(t, 0.0, 150.0, sigma=900.0, r=2000.0) for t in np.arange(301, 311) / 10),
+        reckoning,
+    )
     assert (reckoning.where.east, reckoning.where.north) == pytest.approx((5.0, 170.0), abs=1.0)
 
 

@@ -18,7 +18,12 @@ from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.mission_state import Phase
 from tests.rig import Rig, decode
 
-SETPOINTS = {"SET_POSITION_TARGET_LOCAL_NED", "SET_ATTITUDE_TARGET", "MANUAL_CONTROL", "SET_POSITION_TARGET_GLOBAL_INT"}
+SETPOINTS = {
+    "SET_POSITION_TARGET_LOCAL_NED",
+    "SET_ATTITUDE_TARGET",
+    "MANUAL_CONTROL",
+    "SET_POSITION_TARGET_GLOBAL_INT",
+}
 ALLOWED = SENT_TYPES | companion.SENT_TYPES
 
 
@@ -61,13 +66,17 @@ LIES: dict[str, Callable[[int], list[Any]]] = {
         circling(473_000_000, 85_000_000, tick),
     ],
     "a fix that comes and goes, and jumps by kilometres": lambda tick: [
-        mavlink.MAVLink_gps_raw_int_message(50_000 * tick, 3 * (tick // 30 % 2), 0, 0, 0, 1, 1, 0, 0, 9),
+        mavlink.MAVLink_gps_raw_int_message(
+            50_000 * tick, 3 * (tick // 30 % 2), 0, 0, 0, 1, 1, 0, 0, 9
+        ),
         circling(473_000_000 + 1_000_000 * (tick // 45 % 2), 85_000_000, tick),
     ],
     "no fix, and every answer a yes": lambda tick: [
         mavlink.MAVLink_gps_raw_int_message(50_000 * tick, 1, 0, 0, 0, 1, 1, 0, 0, 9),
         circling(473_000_000, 85_000_000, tick),
-        mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0, 0, 1, 193),
+        mavlink.MAVLink_command_ack_message(
+            mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0, 0, 1, 193
+        ),
     ],
 }
 
@@ -76,7 +85,8 @@ LIES: dict[str, Callable[[int], list[Any]]] = {
 def test_false_positions_change_no_byte_of_the_output_with_survey_and_hand_back_on(
     lie,
 ):
-    honest, lied_to = Rig(), SurveyedRig()
+    honest = Rig()
+    lied_to = SurveyedRig()
     for tick in range(160):
         honest.run(0.05)
         lied_to.run(0.05)
@@ -102,7 +112,9 @@ def test_positions_that_are_stamped_late_ask_for_no_answer_to_timesync():
 
         def positions():
             lag = late if rig.tick >= 215 else 0
-            rig.hear(mavlink.MAVLink_gps_raw_int_message(50_000 * rig.tick, 3, 0, 0, 0, 1, 1, 0, 0, 9))
+            rig.hear(
+                mavlink.MAVLink_gps_raw_int_message(50_000 * rig.tick, 3, 0, 0, 0, 1, 1, 0, 0, 9)
+            )
             rig.hear(circling(473_000_000, 85_000_000, rig.tick - lag))
 
         rig.run(8.0, positions)
@@ -115,7 +127,9 @@ def test_what_moves_a_vehicle_cannot_leave_the_survey():
     rig = SurveyedRig()
     for message in (
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
-        mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_command_long_message(
+            1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0
+        ),
     ):
         with pytest.raises(ValueError, match="must not send"):
             rig.locator._encode(message)

@@ -27,7 +27,10 @@ def test_a_place_of_the_target_is_given_whole():
 
 
 def test_the_hand_back_needs_the_survey():
-    for keys, said in ((ON[:1], ["handback.enabled = true needs the survey, set locate.enabled = true"]), (ON, [])):
+    for keys, said in (
+        (ON[:1], ["handback.enabled = true needs the survey, set locate.enabled = true"]),
+        (ON, []),
+    ):
         lines = [line for line in check_mission(mission(*keys)) if line.subject == "handback"]
         assert [line.text for line in lines] == said and all(line.grade is FAIL for line in lines)
 
@@ -41,6 +44,8 @@ def test_the_hand_back_sends_as_a_companion_of_its_own(ours, component):
 def test_the_hand_back_is_opened_after_the_survey():
     flown = mission(*ON)
     with ExitStack() as open_things:
-        opened = open_onlookers(flown, Pilot(flown.pilot_settings()), None, {"web": None}, open_things)
+        opened = open_onlookers(
+            flown, Pilot(flown.pilot_settings()), None, {"web": None}, open_things
+        )
         names = [one.name for one in opened.attached if one.name in ("survey", "hand-back")]
         assert names == ["survey", "hand-back"]

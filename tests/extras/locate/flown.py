@@ -1,4 +1,5 @@
-"""Flights of the bundled vehicle in lockstep, with the survey beside the pilot, as in the loop of a flight."""
+"""Flights of the bundled vehicle in lockstep, with the survey beside the pilot, as in the loop of a
+flight."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -21,7 +22,8 @@ COMPONENT = 194
 
 @dataclass
 class Surveyed(Flight):
-    """A flight with its survey. said: (time, frame) sent by the survey. solve_from: time of the first solution, s."""
+    """A flight with its survey. said: (time, frame) sent by the survey. solve_from: time of the
+    first solution, s."""
 
     locator: Locator | None = None
     said: list[tuple[float, bytes]] = field(default_factory=list)
@@ -35,7 +37,10 @@ class Surveyed(Flight):
         assert locator is not None
         for link, source, frames in step.received:
             locator.on_frames(link, source, frames, self.now)
-        if self.now >= max(self.solve_from, self._solve_at) and (job := locator.job(self.now)) is not None:
+        if (
+            self.now >= max(self.solve_from, self._solve_at)
+            and (job := locator.job(self.now)) is not None
+        ):
             self._solve_at = self.now + self.solve_every
             locator.found(locate(*job))
         for frame in locator.step(self.now):
@@ -54,7 +59,11 @@ class Surveyed(Flight):
     def messages(self) -> list[tuple[float, mavlink.MAVLink_message]]:
         """Messages of the survey with their times, decoded by pymavlink."""
         parser = mavlink.MAVLink(None)
-        return [(time, message) for time, frame in self.said for message in parser.parse_buffer(frame) or ()]
+        return [
+            (time, message)
+            for time, frame in self.said
+            for message in parser.parse_buffer(frame) or ()
+        ]
 
     def error(self, place: Place) -> np.ndarray:
         """Error of a place, east and north, m."""

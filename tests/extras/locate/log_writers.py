@@ -19,17 +19,32 @@ LOGGED = {
     "NVF": ("QNf", "TimeUS,Name,Value"),
 }
 TOPICS = {
-    "vehicle_global_position": ("QQddff??2x", "uint64_t timestamp;uint64_t timestamp_sample;double lat;double lon;"
-        "float alt;float eph;bool lat_lon_valid;bool alt_valid;uint8_t[2] _padding0;"),
-    "vehicle_gps_position": ("QQdddB7x", "uint64_t timestamp;uint64_t time_utc_usec;double latitude_deg;"
-        "double longitude_deg;double altitude_msl_m;uint8_t fix_type;uint8_t[7] _padding0;"),
-    "distance_sensor": ("QfffffbB2x", "uint64_t timestamp;float min_distance;float max_distance;"
+    "vehicle_global_position": (
+        "QQddff??2x",
+        "uint64_t timestamp;uint64_t timestamp_sample;double lat;double lon;"
+        "float alt;float eph;bool lat_lon_valid;bool alt_valid;uint8_t[2] _padding0;",
+    ),
+    "vehicle_gps_position": (
+        "QQdddB7x",
+        "uint64_t timestamp;uint64_t time_utc_usec;double latitude_deg;"
+        "double longitude_deg;double altitude_msl_m;uint8_t fix_type;uint8_t[7] _padding0;",
+    ),
+    "distance_sensor": (
+        "QfffffbB2x",
+        "uint64_t timestamp;float min_distance;float max_distance;"
         "float current_distance;float variance;float h_fov;int8_t signal_quality;uint8_t orientation;"
-        "uint8_t[2] _padding0;"),
-    "ranging_beacon": ("QfffB3x", "uint64_t timestamp;float range;float range_accuracy;float alt;uint8_t beacon_id;"
-        "uint8_t[3] _padding0;"),
-    "debug_key_value": ("Qf10s2x", "uint64_t timestamp;float value;char[10] key;uint8_t[2] _padding0;"),
-}  # fmt: skip
+        "uint8_t[2] _padding0;",
+    ),
+    "ranging_beacon": (
+        "QfffB3x",
+        "uint64_t timestamp;float range;float range_accuracy;float alt;uint8_t beacon_id;"
+        "uint8_t[3] _padding0;",
+    ),
+    "debug_key_value": (
+        "Qf10s2x",
+        "uint64_t timestamp;float value;char[10] key;uint8_t[2] _padding0;",
+    ),
+}
 
 
 def write_dataflash(file: Path, rows: list[tuple[str, tuple]]) -> Path:
@@ -37,12 +52,23 @@ def write_dataflash(file: Path, rows: list[tuple[str, tuple]]) -> Path:
     kinds = list(dict.fromkeys(name for name, _ in rows))
     table = [("FMT", 128, "BBnNZ", "Type,Length,Name,Format,Columns")]
     table += [(name, 129 + number, *LOGGED[name]) for number, name in enumerate(kinds)]
-    packers = {name: (number, struct.Struct("<" + "".join(map(STRUCTS.get, kind)))) for name, number, kind, _ in table}
+    packers = {
+        name: (number, struct.Struct("<" + "".join(map(STRUCTS.get, kind))))
+        for name, number, kind, _ in table
+    }
     with file.open("wb") as log:
         for name, number, kind, columns in table:
             size = 3 + packers[name][1].size
-            log.write(b"\xa3\x95\x80" + packers["FMT"][1].pack(128 if name == "FMT" else number, size, name.encode(),
-                                                               kind.encode(), columns.encode()))  # fmt: skip
+            log.write(
+                b"\xa3\x95\x80"
+                + packers["FMT"][1].pack(
+                    128 if name == "FMT" else number,
+                    size,
+                    name.encode(),
+                    kind.encode(),
+                    columns.encode(),
+                )
+            )
         for name, values in rows:
             number, packer = packers[name]
             log.write(b"\xa3\x95" + bytes([number]) + packer.pack(*values))
@@ -50,7 +76,8 @@ def write_dataflash(file: Path, rows: list[tuple[str, tuple]]) -> Path:
 
 
 def write_ulog(file: Path, rows: list[tuple[str, int, tuple]]) -> Path:
-    """Write a ULog file of (topic, instance, values): magic, flag bits, formats, subscriptions, data."""
+    """Write a ULog file of (topic, instance, values): magic, flag bits, formats, subscriptions,
+    data."""
     series = list(dict.fromkeys((name, instance) for name, instance, _ in rows))
     with file.open("wb") as log:
 
@@ -65,11 +92,17 @@ def write_ulog(file: Path, rows: list[tuple[str, int, tuple]]) -> Path:
             put(b"A", struct.pack("<BH", instance, number) + name.encode())
         for name, instance, values in rows:
             layout = TOPICS[name][0][:-2]  # padding at the end is not logged
-            put(b"D", struct.pack("<H", series.index((name, instance))) + struct.pack("<" + layout, *values))
+            put(
+                b"D",
+                struct.pack("<H", series.index((name, instance)))
+                + struct.pack("<" + layout, *values),
+            )
     return file
 
 
-def write_tlog(file: Path, records: list[tuple[float, int, int, object]], zero: float = 1.75e9) -> Path:
+def write_tlog(
+    file: Path, records: list[tuple[float, int, int, object]], zero: float = 1.75e9
+) -> Path:
     """Write a tlog of (time, system, component, message)."""
     with file.open("wb") as log:
         for time, system, component, message in sorted(records, key=lambda record: record[0]):

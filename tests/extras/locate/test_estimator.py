@@ -18,7 +18,8 @@ def found(track, ranges, known=KNOWN):
 
 
 def test_with_perfect_positions_one_lap_tells_the_place_as_well_as_its_geometry_allows():
-    """The bound with all ranges is 0.053 m (1 sigma per axis). The estimator takes half of them here: 0.075 m."""
+    """The bound with all ranges is 0.053 m (1 sigma per axis). The estimator takes half of them
+    here: 0.075 m."""
     errors = []
     for seed in range(6):
         track, ranges, target = circles(seed=seed, gps=0.0)
@@ -28,7 +29,8 @@ def test_with_perfect_positions_one_lap_tells_the_place_as_well_as_its_geometry_
 
 
 def test_the_covariance_is_honest_where_the_gps_wanders():
-    """For chi-squared with two degrees of freedom, 95 % of the values are below 5.99 and half are above 1.39."""
+    """For chi-squared with two degrees of freedom, 95 % of the values are below 5.99 and half are
+    above 1.39."""
     squares = []
     for seed in range(24):
         track, ranges, target = circles(seed=seed)
@@ -40,7 +42,8 @@ def test_the_covariance_is_honest_where_the_gps_wanders():
 
 
 def test_height_is_not_claimed_on_one_circle_and_known_after_two():
-    one, two = circles((100.0,), bias=1.5, gps=0.0, laps=2), circles((100.0, 60.0), bias=1.5, gps=0.0, laps=2)
+    one = circles((100.0,), bias=1.5, gps=0.0, laps=2)
+    two = circles((100.0, 60.0), bias=1.5, gps=0.0, laps=2)
     known = replace(KNOWN, gps_sigma=0.01)
     assert not found(*one[:2], known).up_known
     place = found(*two[:2], known)
@@ -69,13 +72,16 @@ def test_a_straight_track_fits_two_places_and_so_tells_none():
     t = np.arange(0, 40, 0.1)
     east = 15.0 * t
     ranges = Ranges(t, np.hypot(east - 300, 120.0), np.full(len(t), 0.5))
-    answer = locate(PLANE, Track(t, east, 0 * t, 0 * t), ranges, replace(KNOWN, up=0.0, up_sigma=5.0))
+    answer = locate(
+        PLANE, Track(t, east, 0 * t, 0 * t), ranges, replace(KNOWN, up=0.0, up_sigma=5.0)
+    )
     assert isinstance(answer, NotLocated) and "turn" in answer.why
 
 
 def test_a_radio_whose_error_wanders_makes_the_place_less_certain_than_a_white_one():
     track, ranges, _ = circles(gps=0.0, laps=3)
-    rng, drift = np.random.default_rng(3), [0.0]
+    rng = np.random.default_rng(3)
+    drift = [0.0]
     for _ in ranges.r[1:]:
         drift.append(0.98 * drift[-1] + rng.normal(0, 0.1))
     known = replace(KNOWN, gps_sigma=0.01)

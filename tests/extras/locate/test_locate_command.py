@@ -32,7 +32,11 @@ def run(*arguments):
 
 def places(path):
     features = json.loads(path.read_text())["features"]
-    return {one["properties"]["name"]: one["properties"] for one in features if one["geometry"]["type"] == "Point"}
+    return {
+        one["properties"]["name"]: one["properties"]
+        for one in features
+        if one["geometry"]["type"] == "Point"
+    }
 
 
 def located(folder, track, *tags, names=("",), options=()):
@@ -54,13 +58,19 @@ def as_csv(folder, track, *tags, names=("",), header=HEADER):
 
 
 def as_tlog(file, track, ranges, say=lambda ms, r: distances(ms, r)):
-    """Write a tlog of system 3. say: (component, message) pairs for a range, from its radio or others."""
+    """Write a tlog of system 3. say: (component, message) pairs for a range, from its radio or
+    others."""
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
     records = []
     for time, lat, lon, up in zip(track.time, latitude, longitude, track.up, strict=True):
-        ms, place = round(time * 1000), (round(lat * 1e7), round(lon * 1e7))
-        records.append((time, 1, mavlink.MAVLink_gps_raw_int_message(ms * 1000, 3, *place, 0, 1, 1, 0, 0, 9)))
-        here = mavlink.MAVLink_global_position_int_message(ms, *place, round(up * 1000), 40_000, 0, 0, 0, 0)
+        ms = round(time * 1000)
+        place = (round(lat * 1e7), round(lon * 1e7))
+        records.append(
+            (time, 1, mavlink.MAVLink_gps_raw_int_message(ms * 1000, 3, *place, 0, 1, 1, 0, 0, 9))
+        )
+        here = mavlink.MAVLink_global_position_int_message(
+            ms, *place, round(up * 1000), 40_000, 0, 0, 0, 0
+        )
         records.append((time, 1, here))
     for time, r in zip(ranges.time, ranges.r, strict=True):
         records += [(time, component, message) for component, message in say(round(time * 1000), r)]
@@ -74,7 +84,10 @@ def as_tlog(file, track, ranges, say=lambda ms, r: distances(ms, r)):
 def distances(ms, r):
     """DISTANCE_SENSOR of a radio and of a height sensor."""
     for cm, sensor, orientation in ((round(r * 100), 5, 24), (4000, 6, 25)):
-        yield 1, mavlink.MAVLink_distance_sensor_message(ms, 20, 60000, cm, 4, sensor, orientation, 0)
+        yield (
+            1,
+            mavlink.MAVLink_distance_sensor_message(ms, 20, 60000, cm, 4, sensor, orientation, 0),
+        )
 
 
 def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
@@ -84,43 +97,61 @@ def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
         yield 1, mavlink.MAVLink_named_value_float_message(ms, b"UWB", r)
         yield 194, mavlink.MAVLink_named_value_float_message(ms, b"CN_TEAST", 30.0)
 
-    text = TEXT.replace("[orbit]", f"[orbit]\ntarget_altitude_m = {altitude}").replace("_m = 0.5", f"_m = {sigma}")
-    (folder / "mission.toml").write_text(text.replace('"distance_sensor"', '"named_value_float"\nname = "UWB"'))
+    text = TEXT.replace("[orbit]", f"[orbit]\ntarget_altitude_m = {altitude}").replace(
+        "_m = 0.5", f"_m = {sigma}"
+    )
+    (folder / "mission.toml").write_text(
+        text.replace('"distance_sensor"', '"named_value_float"\nname = "UWB"')
+    )
     as_tlog(folder / "flight.tlog", track, ranges, say)
     return folder
 
 
 def drawn(folder, monkeypatch):
-    """Yield limits of the detail of a log's map, each with an east or north that they must contain, m from the first
-    place."""
+    """Yield limits of the detail of a log's map, each with an east or north that they must contain,
+    m from the first place."""
     figures = []
     monkeypatch.setattr(map_picture, "save", lambda figure, path: figures.append(figure))
     table = (folder / "log.locate.geojson").read_text()
     map_picture.plot_map(folder / "map.png", table, "map")
     near = figures[0].axes[1]
-    points = [(one["latitude_deg"], one["longitude_deg"]) for one in places(folder / "log.locate.geojson").values()]
+    points = [
+        (one["latitude_deg"], one["longitude_deg"])
+        for one in places(folder / "log.locate.geojson").values()
+    ]
     for east, north in (Plane(*points[0]).to_metres(*point) for point in points):
         yield from ((near.get_xlim(), east), (near.get_ylim(), north))
 
 
 def off(found, target):
-    return float(np.hypot(*(PLANE.to_metres(found["latitude_deg"], found["longitude_deg"]) - target)))
+    return float(
+        np.hypot(*(PLANE.to_metres(found["latitude_deg"], found["longitude_deg"]) - target))
+    )
 
 
 def smoothed(track, ranges, target):
-    """filterpy's unscented filter and smoother: return target position and range bias for exact positions."""
+    """filterpy's unscented filter and smoother: return target position and range bias for exact
+    positions."""
     here = {}
 
     def measured(x):
-        return np.array([np.sqrt((x[0] - here["e"]) ** 2 + (x[1] - here["n"]) ** 2 + 40.0**2) + x[2]])
+        return np.array(
+            [np.sqrt((x[0] - here["e"]) ** 2 + (x[1] - here["n"]) ** 2 + 40.0**2) + x[2]]
+        )
 
     points = MerweScaledSigmaPoints(3, 0.1, 2.0, 0.0)
     ukf = UnscentedKalmanFilter(3, 1, 0.1, measured, lambda x, dt: x, points)
-    ukf.x, ukf.P = np.array([target[0] + 20.0, target[1] - 15.0, 0.0]), np.diag([900.0, 900.0, 4.0])
-    ukf.Q, ukf.R = np.eye(3) * 1e-9, np.array([[0.25]])
-    means, covariances = [], []
+    ukf.x = np.array([target[0] + 20.0, target[1] - 15.0, 0.0])
+    ukf.P = np.diag([900.0, 900.0, 4.0])
+    ukf.Q = np.eye(3) * 1e-9
+    ukf.R = np.array([[0.25]])
+    means = []
+    covariances = []
     for time, r in zip(ranges.time[::4], ranges.r[::4], strict=True):
-        here["e"], here["n"] = np.interp(time, track.time, track.east), np.interp(time, track.time, track.north)
+        here["e"], here["n"] = (
+            np.interp(time, track.time, track.east),
+            np.interp(time, track.time, track.north),
+        )
         ukf.predict()
         ukf.update(np.array([r]))
         means.append(ukf.x.copy())
@@ -136,16 +167,25 @@ AS_TOLD = ("--altitude", "400")
     ("write", "named", "tag", "options"),
     [
         (as_csv, "log.locate", "target", AS_TOLD),
-        (lambda folder, *world: as_tlog(folder / "log.tlog", *world), "log.locate", "sensor 5 of 3/1", AS_TOLD),
+        (
+            lambda folder, *world: as_tlog(folder / "log.tlog", *world),
+            "log.locate",
+            "sensor 5 of 3/1",
+            AS_TOLD,
+        ),
         (as_run, "locate", "UWB of 3/1", ()),
     ],
     ids=["CSV", "tlog", "run folder"],
 )
-def test_it_agrees_with_an_independent_smoother_whatever_the_log(tmp_path, write, named, tag, options, capsys):
+def test_it_agrees_with_an_independent_smoother_whatever_the_log(
+    tmp_path, write, named, tag, options, capsys
+):
     track, ranges, target = circles(gps=0.0, laps=2)
     assert run(write(tmp_path, track, ranges), "--gps-sigma", 0.05, *options) == Exit.DONE
     found = places(tmp_path / f"{named}.geojson")
-    assert list(found) == [tag] and "sensor 6" not in capsys.readouterr().out, "a height sensor or our survey is a tag"
+    assert list(found) == [tag] and "sensor 6" not in capsys.readouterr().out, (
+        "a height sensor or our survey is a tag"
+    )
     x, P = smoothed(track, ranges, target)
     one = found[tag]
     assert off(one, x[:2]) < 3 * np.sqrt(P[0, 0] + P[1, 1] + 2 * one["sigma_m"] ** 2)
@@ -153,19 +193,28 @@ def test_it_agrees_with_an_independent_smoother_whatever_the_log(tmp_path, write
     assert one["sigma_m"] < 0.2 and abs(one["range_bias_m"]) < 1.0
 
 
-def test_a_run_is_located_with_the_noise_and_the_altitude_of_its_own_mission_unless_told_otherwise(tmp_path):
+def test_a_run_is_located_with_the_noise_and_the_altitude_of_its_own_mission_unless_told_otherwise(
+    tmp_path,
+):
     """The ranges of the log have no sigma, and the target is far below the vehicle."""
     track, ranges, _ = circles(gps=0.0, laps=2)
 
     def found(*options, **mission):
-        assert run(as_run(tmp_path, track, ranges, **mission), "--gps-sigma", 0.05, *options) == Exit.DONE
+        assert (
+            run(as_run(tmp_path, track, ranges, **mission), "--gps-sigma", 0.05, *options)
+            == Exit.DONE
+        )
         return places(tmp_path / "locate.geojson")["UWB of 3/1"]
 
-    right, noisy, high = found(), found(sigma=5.0), found(altitude=420.0)
+    right = found()
+    noisy = found(sigma=5.0)
+    high = found(altitude=420.0)
     assert (right["altitude_m"], right["altitude_sigma_m"]) == pytest.approx((400.0, 1.0), abs=0.5)
     assert noisy["sigma_m"] > 4 * right["sigma_m"]
     assert high["altitude_m"] == pytest.approx(420.0, abs=1.5)
-    assert high["range_bias_m"] - right["range_bias_m"] == pytest.approx(hypot(100, 40) - hypot(100, 20), rel=0.3)
+    assert high["range_bias_m"] - right["range_bias_m"] == pytest.approx(
+        hypot(100, 40) - hypot(100, 20), rel=0.3
+    )
     assert found("--altitude", 400, altitude=420.0) == right
     assert found("--sigma", 0.5, sigma=5.0) == right
 
@@ -181,21 +230,35 @@ def test_a_terminal_shows_what_takes_long_while_it_does(monkeypatch, capsys):
 
 
 def test_an_altitude_that_is_missing_is_that_between_its_neighbours():
-    log = RangeLog([(0.0, 47.3, 8.5, 400.0), (1.0, 47.3, 8.5, nan), (2.0, 47.3, 8.5, 410.0), (3.0, 47.3, 8.5, nan)])
+    log = RangeLog(
+        [
+            (0.0, 47.3, 8.5, 400.0),
+            (1.0, 47.3, 8.5, nan),
+            (2.0, 47.3, 8.5, 410.0),
+            (3.0, 47.3, 8.5, nan),
+        ]
+    )
     assert list(log.track(PLANE).up) == [400.0, 405.0, 410.0, 410.0]
     assert list(RangeLog([(0.0, 47.3, 8.5, nan)]).track(PLANE).up) == [0.0]
 
 
-def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(tmp_path, capsys, monkeypatch):
+def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(
+    tmp_path, capsys, monkeypatch
+):
     track, one, first = circles()
-    rng, second = np.random.default_rng(5), np.array([20.0, -140.0])
+    rng = np.random.default_rng(5)
+    second = np.array([20.0, -140.0])
     east, north = (np.interp(one.time, track.time, way) for way in (track.east, track.north))
-    far = np.sqrt((east - second[0]) ** 2 + (north - second[1]) ** 2 + 40.0**2) + rng.normal(0, 0.5, len(east))
+    far = np.sqrt((east - second[0]) ** 2 + (north - second[1]) ** 2 + 40.0**2) + rng.normal(
+        0, 0.5, len(east)
+    )
     other = Ranges(one.time, far, one.sigma)
     found = located(tmp_path, track, one, other, names=("7", "tag 9"))
     assert off(found["7"], first) < 6 and off(found["tag 9"], second) < 6
     edges = drawn(tmp_path, monkeypatch)
-    assert all(near[0] < at < near[1] for near, at in edges), "the near picture shows but the first tag"
+    assert all(near[0] < at < near[1] for near, at in edges), (
+        "the near picture shows but the first tag"
+    )
     capsys.readouterr()
     located(tmp_path, track, one, other, names=("", ""))
     assert "two tags mixed" in capsys.readouterr().out
@@ -205,9 +268,11 @@ def test_a_clock_offset_between_positions_and_ranges_is_found(tmp_path):
     """On the way to the circle and off its center: 15 m/s and 16 s are 240 m."""
     t = np.arange(0, 80, 0.1)
     east, north = 15.0 * np.minimum(t, 40) - 300, np.where(t > 40, 15.0 * (t - 40), 0.0)
-    rng, target = np.random.default_rng(2), np.array([100.0, 150.0])
+    rng = np.random.default_rng(2)
+    target = np.array([100.0, 150.0])
     r = np.sqrt((east - 100.0) ** 2 + (north - 150.0) ** 2 + 30.0**2) + rng.normal(0, 0.5, len(t))
-    late, ranges = Track(t + 16.0, east, north, 0 * t + 30.0), Ranges(t, r, 0 * t + 0.5)
+    late = Track(t + 16.0, east, north, 0 * t + 30.0)
+    ranges = Ranges(t, r, 0 * t + 0.5)
     found = located(tmp_path, late, ranges, options=("--gps-sigma", "0.5"))["target"]
     assert found["position_delay_s"] == pytest.approx(16.0, abs=0.2)
     assert off(found, target) < 3.0
@@ -232,7 +297,10 @@ def test_ranges_that_fit_an_impossible_height_only_get_a_warning(tmp_path, capsy
 def test_a_standard_deviation_that_is_none_counts_as_not_said(tmp_path, said):
     track, ranges, target = circles()
     file = as_csv(tmp_path, track, ranges, header=(*HEADER, "sigma"))
-    file.write_text(file.read_text().replace("\n", f",{said}\n").replace(f"sigma,{said}", "sigma") + "40,,,,inf,,\n")
+    file.write_text(
+        file.read_text().replace("\n", f",{said}\n").replace(f"sigma,{said}", "sigma")
+        + "40,,,,inf,,\n"
+    )
     assert run(file) == Exit.DONE
     assert off(places(tmp_path / "log.locate.geojson")["target"], target) < 6
 
@@ -243,8 +311,11 @@ def test_an_option_that_is_no_number_is_bad_usage(tmp_path, option):
         run(as_csv(tmp_path, *circles()[:2]), option, "nan")
 
 
-def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leaves_the_place(tmp_path):
-    """3 m ahead, and 1.5 m to the outside of the circle. A slant range of 108 m shows 100/108 of that."""
+def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leaves_the_place(
+    tmp_path,
+):
+    """3 m ahead, and 1.5 m to the outside of the circle. A slant range of 108 m shows 100/108 of
+    that."""
     track, _, target = circles(gps=0.0, laps=2)
     here = np.column_stack([track.east, track.north])
     ahead = np.gradient(here, axis=0)
@@ -262,11 +333,20 @@ def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leave
     [
         ("time,lat,lon\n1,2,3\n", "no column latitude, longitude, range: the first line must name"),
         ("time;latitude;longitude;range\n1;2;3;4\n", "no column time, latitude, longitude, range"),
-        ("time,latitude,longitude,range_furlong\n", "no column range: .* a unit is a suffix: range_ft, time_ms"),
+        (
+            "time,latitude,longitude,range_furlong\n",
+            "no column range: .* a unit is a suffix: range_ft, time_ms",
+        ),
         ("time,latitude,longitude,range_m,range_ft\n", "two columns range: keep one"),
         ("time,latitude,longitude,range\n,2,3,5\n", "line 2: time: is missing"),
-        ("time,latitude,longitude,range\n01/07/2026 12:00,2,3,5\n", "line 2: time: '01/07/2026 12:00' is not a time"),
-        ("time,latitude,longitude,range\n1782907200000,2,3,5\n", "line 2: time: 1.78291e.12 is not a time in s"),
+        (
+            "time,latitude,longitude,range\n01/07/2026 12:00,2,3,5\n",
+            "line 2: time: '01/07/2026 12:00' is not a time",
+        ),
+        (
+            "time,latitude,longitude,range\n1782907200000,2,3,5\n",
+            "line 2: time: 1.78291e.12 is not a time in s",
+        ),
         ("time,latitude,longitude,range\n1,2,3,\n2,2,3,\n", "no ranges in it"),
         ("time,latitude,longitude,range\n1,,,5\n2,,,6\n", "no positions in it"),
         ("time,latitude,longitude,range\n1,95,3,5\n", "line 2: 95 3 is not a position"),
@@ -275,7 +355,10 @@ def test_a_ranging_antenna_off_the_gps_antenna_reads_as_delay_and_bias_and_leave
             "line 2: time: 'noon' is not a time: write seconds, or a time such as 2026",
         ),
         ("time,latitude,longitude,range\n1,2,3,far\n", "line 2: range: 'far' is not a number"),
-        ("time,latitude,longitude,range\n1,2,3,1e160\n", "line 2: range: 1e.160 is too large: degrees or m expected"),
+        (
+            "time,latitude,longitude,range\n1,2,3,1e160\n",
+            "line 2: range: 1e.160 is too large: degrees or m expected",
+        ),
         (
             "time,latitude,longitude,range\n1e300,2,3,5\n",
             "line 2: time: 1e.300 is not a time in s: name its unit, time_ms or time_us",
@@ -304,7 +387,11 @@ def test_the_calibration_of_a_runs_mission_is_applied_once(tmp_path):
     reported = Ranges(ranges.time + 0.2, ranges.r * 1.07 + 1.5, ranges.sigma)
     run_folder = as_run(tmp_path, track, reported, sigma=0.05)
     mission = run_folder / "mission.toml"
-    mission.write_text(mission.read_text().replace("[ranging]", "[ranging]\nscale = 1.07\nbias_m = 1.5\ndelay_s = 0.2"))
+    mission.write_text(
+        mission.read_text().replace(
+            "[ranging]", "[ranging]\nscale = 1.07\nbias_m = 1.5\ndelay_s = 0.2"
+        )
+    )
     assert run(run_folder, "--gps-sigma", 0.05) == Exit.DONE
     found = places(run_folder / "locate.geojson")["UWB of 3/1"]
     assert off(found, target) < 0.1

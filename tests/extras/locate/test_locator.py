@@ -28,7 +28,8 @@ def test_every_range_of_a_datagram_counts():
 
     rig.run(3.0)
     hear()
-    before, stamp = len(locator._ranges), 1_000_000 + round(rig.now * 1000)
+    before = len(locator._ranges)
+    stamp = 1_000_000 + round(rig.now * 1000)
     rig.pass_time(0.3)
     hear(*(scattering(15_000, stamp + 100 * number) for number in range(1, 4)))
     assert len(locator._ranges) == before + 3

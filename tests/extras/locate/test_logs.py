@@ -35,8 +35,14 @@ NOON = datetime(2026, 7, 1, 12, tzinfo=UTC)
 
 def placed(log: RangeLog, tag: str, gps_sigma: float = 1.5) -> Place:
     """The place of a tag."""
-    track, (ranges, known) = log.track(log.plane()), log.of(tag, None)
-    found = locate(log.plane(), track, ranges, Knowledge(float(track.up.min()), gps_sigma=gps_sigma, sigma_known=known))
+    track = log.track(log.plane())
+    (ranges, known) = log.of(tag, None)
+    found = locate(
+        log.plane(),
+        track,
+        ranges,
+        Knowledge(float(track.up.min()), gps_sigma=gps_sigma, sigma_known=known),
+    )
     assert isinstance(found, Place), found
     return found
 
@@ -51,7 +57,9 @@ def rows(track: Track) -> list[tuple[float, float, float, float]]:
 
 
 def a_log(track: Track, ranges: Ranges) -> RangeLog:
-    return RangeLog(rows(track), {"t": [(time, r, nan) for time, r in zip(ranges.time, ranges.r, strict=True)]})
+    return RangeLog(
+        rows(track), {"t": [(time, r, nan) for time, r in zip(ranges.time, ranges.r, strict=True)]}
+    )
 
 
 @pytest.mark.parametrize(
@@ -73,15 +81,34 @@ def test_each_radio_is_paired_with_the_fixed_positions_of_its_own_vehicle(case, 
 def test_a_vehicle_is_picked_and_the_radio_of_none_is_left_out_until_one_is_picked(tmp_path):
     (log,) = read_logs(CASES / "01-two-vehicles.tlog", ReadOptions(vehicle=2))
     assert list(log.ranges) == ["sensor 0 of 2/192"]
-    records = [(t, s, 1, mavlink.MAVLink_global_position_int_message(0, -353630000, 10 * s, 0, 0, 0, 0, 0, 0))
-               for t in range(3) for s in (1, 2)]  # fmt: skip
-    records += [(t, 7, 1, mavlink.MAVLink_named_value_int_message(t + 1, b"RANGE", 90 + t)) for t in range(3)]
+    records = [
+        (
+            t,
+            s,
+            1,
+            mavlink.MAVLink_global_position_int_message(0, -353630000, 10 * s, 0, 0, 0, 0, 0, 0),
+        )
+        for t in range(3)
+        for s in (1, 2)
+    ]
+    records += [
+        (t, 7, 1, mavlink.MAVLink_named_value_int_message(t + 1, b"RANGE", 90 + t))
+        for t in range(3)
+    ]
     file = write.write_tlog(tmp_path / "log.tlog", records)
-    with pytest.raises(EmptyLogError, match=r"ranges of 7/1 are left out: none of the vehicles 1, 2 .* --vehicle"):
+    with pytest.raises(
+        EmptyLogError, match=r"ranges of 7/1 are left out: none of the vehicles 1, 2 .* --vehicle"
+    ):
         read_logs(file)
     (log,) = read_logs(file, ReadOptions(vehicle=2))
-    assert [row[:2] for row in log.ranges["RANGE of 7/1"]] == [(0.0, 90.0), (1.0, 91.0), (2.0, 92.0)]
-    with pytest.raises(RunError, match=r"--vehicle 9: it has no positions; vehicles with positions: 1, 2"):
+    assert [row[:2] for row in log.ranges["RANGE of 7/1"]] == [
+        (0.0, 90.0),
+        (1.0, 91.0),
+        (2.0, 92.0),
+    ]
+    with pytest.raises(
+        RunError, match=r"--vehicle 9: it has no positions; vehicles with positions: 1, 2"
+    ):
         read_logs(file, ReadOptions(vehicle=9))
 
 
@@ -99,7 +126,11 @@ def test_names_that_may_be_the_range_are_listed_where_none_fits(tmp_path):
         (log,) = read_logs(file, ReadOptions(range_name=name))
         assert [r for _, r, _ in log.ranges[name]] == list(np.arange(first, first + 9))
     px4 = [
-        ("vehicle_global_position", 0, (t * 1_000_000, 0, 47.3, 8.5 + t / 1e6, 400.0, 1.0, True, True))
+        (
+            "vehicle_global_position",
+            0,
+            (t * 1_000_000, 0, 47.3, 8.5 + t / 1e6, 400.0, 1.0, True, True),
+        )
         for t in range(9)
     ]
     px4 += [("debug_key_value", 0, (t * 1_000_000, 70.0 + t, b"uwb")) for t in range(9)]
@@ -115,7 +146,9 @@ def test_a_dataflash_log_is_read_though_its_gps_message_has_no_week():
     assert [row[1] for row in log.ranges["rangefinder 0"][:2]] == pytest.approx([50.0, 50.01])
 
 
-def test_dataflash_beacons_and_the_filters_position_count_and_what_looks_down_or_has_no_target_does_not(tmp_path):
+def test_dataflash_beacons_and_the_filters_position_count_and_what_looks_down_or_has_no_target_does_not(
+    tmp_path,
+):
     messages: list[tuple[str, tuple]] = [("ORGN", (0, 0, 473000000, 85000000, 40000))]
     for t in range(1, 9):
         us = t * 1_000_000
@@ -128,31 +161,56 @@ def test_dataflash_beacons_and_the_filters_position_count_and_what_looks_down_or
             ("BCN", (us, 1, 2, 30.0 + t, 40.0 + t, 0.0, 0.0, 0.0, 0.0, 0.0)),
         ]
     (log,) = read_logs(write.write_dataflash(tmp_path / "log.bin", messages))
-    assert {tag: len(ranges) for tag, ranges in log.ranges.items()} == {"beacon 0": 8, "beacon 1": 8}
+    assert {tag: len(ranges) for tag, ranges in log.ranges.items()} == {
+        "beacon 0": 8,
+        "beacon 1": 8,
+    }
     assert [row[0] for row in log.positions] == [3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
-    assert Plane(47.3, 8.5).to_metres(*log.positions[0][1:3]) == pytest.approx((50.0, 103.0), abs=1e-3)
+    assert Plane(47.3, 8.5).to_metres(*log.positions[0][1:3]) == pytest.approx(
+        (50.0, 103.0), abs=1e-3
+    )
     assert log.positions[0][3] == pytest.approx(430.0)
 
 
 def test_one_flight_as_tlog_bin_and_ulg_is_located_within_a_centimeter(tmp_path):
     flown = taped("quickstart", "sim.sensors.gps_error_m=0.5").fly(75.0)
     flown.write(tmp_path / "log.tlog")
-    parser, ardupilot, px4 = mavlink.MAVLink(None), [], []
-    for time, message in ((time, one) for time, frame in flown.tape for one in parser.parse_buffer(frame) or ()):
+    parser = mavlink.MAVLink(None)
+    ardupilot = []
+    px4 = []
+    for time, message in (
+        (time, one) for time, frame in flown.tape for one in parser.parse_buffer(frame) or ()
+    ):
         us = round(time * 1e6)
         match message.get_type():
             case "GLOBAL_POSITION_INT":
                 height = message.alt / 1000
                 ardupilot.append(("POS", (us, message.lat, message.lon, height, 0.0, 0.0)))
                 px4.append(
-                    ("vehicle_global_position", 0, (us, 0, message.lat / 1e7, message.lon / 1e7, height, 1.0, 1, 1))
+                    (
+                        "vehicle_global_position",
+                        0,
+                        (us, 0, message.lat / 1e7, message.lon / 1e7, height, 1.0, 1, 1),
+                    )
                 )
             case "GPS_RAW_INT":
                 fix = message.fix_type
-                ardupilot.append(("GPS", (us, 0, fix, 0, 2400, 9, 100, message.lat, message.lon, 0, 0, 0, 0, 0, 1)))
-                px4.append(("vehicle_gps_position", 0, (us, us, message.lat / 1e7, message.lon / 1e7, 0.0, fix)))
+                ardupilot.append(
+                    (
+                        "GPS",
+                        (us, 0, fix, 0, 2400, 9, 100, message.lat, message.lon, 0, 0, 0, 0, 0, 1),
+                    )
+                )
+                px4.append(
+                    (
+                        "vehicle_gps_position",
+                        0,
+                        (us, us, message.lat / 1e7, message.lon / 1e7, 0.0, fix),
+                    )
+                )
             case "DISTANCE_SENSOR":
-                cm, up = message.current_distance, message.orientation
+                cm = message.current_distance
+                up = message.orientation
                 ardupilot.append(("RFND", (us, message.id, cm, 4, up, -1)))
                 values = (us, 0.0, 655.0, cm / 100, message.covariance % 255 / 1e4, 0.0, -1, up)
                 px4.append(("distance_sensor", 0, values))
@@ -204,11 +262,16 @@ def test_csv_columns_have_their_units_as_suffixes(tmp_path, text):
     want = [(0.0, 47.3, 8.5, 400.0), (0.5, 47.3001, 8.5001, 401.5)]
     assert [pytest.approx(row, abs=1e-9) for row in want] == log.positions
     assert list(log.ranges) == ["007"] and not log.notes
-    assert [row[:2] for row in log.ranges["007"]] == [pytest.approx((0.0, 100.25)), pytest.approx((1.0, 98.5))]
+    assert [row[:2] for row in log.ranges["007"]] == [
+        pytest.approx((0.0, 100.25)),
+        pytest.approx((1.0, 98.5)),
+    ]
 
 
 def test_a_given_unit_outweighs_the_suffix_of_the_range(tmp_path):
-    (tmp_path / "log.csv").write_text("time,latitude,longitude,range_m\n0,47.3,8.5,10\n1,47.31,8.5,11\n")
+    (tmp_path / "log.csv").write_text(
+        "time,latitude,longitude,range_m\n0,47.3,8.5,10\n1,47.31,8.5,11\n"
+    )
     (log,) = read_logs(tmp_path / "log.csv", ReadOptions(unit=0.3048))
     assert [row[1] for row in log.ranges["target"]] == pytest.approx([3.048, 3.3528])
 
@@ -216,11 +279,16 @@ def test_a_given_unit_outweighs_the_suffix_of_the_range(tmp_path):
 @pytest.mark.parametrize(
     "given",
     [
-        "2026-07-01T12:00:00Z", "2026-07-01T14:00:00+02:00", "2026-07-01 12:00:00", str(NOON.timestamp()),
+        "2026-07-01T12:00:00Z",
+        "2026-07-01T14:00:00+02:00",
+        "2026-07-01 12:00:00",
+        str(NOON.timestamp()),
     ],
-)  # fmt: skip
+)
 def test_csv_times_are_seconds_or_iso_8601_in_utc_without_a_zone(tmp_path, given):
-    (tmp_path / "log.csv").write_text(f"time,latitude,longitude,range\n{given},47.3,8.5,10\n{given},47.4,8.5,10\n")
+    (tmp_path / "log.csv").write_text(
+        f"time,latitude,longitude,range\n{given},47.3,8.5,10\n{given},47.4,8.5,10\n"
+    )
     (log,) = read_logs(tmp_path / "log.csv")
     assert (log.positions[0][0], log.notes) == (NOON.timestamp(), [])
 
@@ -232,7 +300,11 @@ def test_csv_times_are_seconds_or_iso_8601_in_utc_without_a_zone(tmp_path, given
         ("a.ulg", b"ULog\x01\x12\x35", "ULog file"),
         ("empty.csv", b"", "no column"),
         ("a.kml", b"<?xml version='1.0'?><kml xmlns='x'>", "no column"),
-        ("a.zip", b"PK\x03\x04\0\0\0", "is none of a PX4 log .*, a MAVLink telemetry log .*; convert it to a CSV"),
+        (
+            "a.zip",
+            b"PK\x03\x04\0\0\0",
+            "is none of a PX4 log .*, a MAVLink telemetry log .*; convert it to a CSV",
+        ),
     ],
 )
 def test_a_file_that_cannot_be_read_is_refused_in_one_line(tmp_path, name, head, says):
@@ -253,7 +325,9 @@ def test_a_ulg_without_pyulog_names_the_package(tmp_path, monkeypatch):
 def test_ranges_in_another_unit_are_reported_with_it(unit):
     track, ranges, target = circles(noise=0.3, target=(30.0, -20.0))
     shifted = replace(track, east=track.east + 15.0)  # not around the target: its distance changes
-    east, north = (np.interp(ranges.time, shifted.time, way) for way in (shifted.east, shifted.north))
+    east, north = (
+        np.interp(ranges.time, shifted.time, way) for way in (shifted.east, shifted.north)
+    )
     r = np.sqrt((east - target[0]) ** 2 + (north - target[1]) ** 2 + 40.0**2)
     wrong = Ranges(ranges.time, r / METERS[unit], ranges.sigma)
     assert likely_unit(PLANE, shifted, wrong, Knowledge(up=400.0, sigma_known=False), None) == unit
@@ -262,7 +336,8 @@ def test_ranges_in_another_unit_are_reported_with_it(unit):
 def test_on_a_circle_round_the_target_the_likeliest_height_gives_the_unit():
     """A constant range fits any unit, at another height."""
     track, ranges, _ = circles(laps=2)
-    feet, known = replace(ranges, r=ranges.r / 0.3048), Knowledge(up=440.0, sigma_known=False)
+    feet = replace(ranges, r=ranges.r / 0.3048)
+    known = Knowledge(up=440.0, sigma_known=False)
     place = locate(PLANE, track, feet, known)
     assert likely_unit(PLANE, track, feet, known, place) == "ft"
 
@@ -270,7 +345,9 @@ def test_on_a_circle_round_the_target_the_likeliest_height_gives_the_unit():
 def test_ranges_in_feet_are_reported_with_the_option_that_reads_them(tmp_path, capsys):
     command = ["locate", str(CASES / "02-feet.csv"), "--out", str(tmp_path)]
     assert not cli.circnav.main(command, standalone_mode=False)
-    warning = "WARNING    the ranges are 3.28 times as long as in m: probably in ft, give --units ft"
+    warning = (
+        "WARNING    the ranges are 3.28 times as long as in m: probably in ft, give --units ft"
+    )
     assert warning in capsys.readouterr().out
     cli.circnav.main([*command, "--units", "ft"], standalone_mode=False)
     text = capsys.readouterr().out
@@ -291,7 +368,9 @@ def test_repeated_and_frozen_values_are_left_out_and_coarse_ones_are_kept(tmp_pa
     def read(track: Track, ranges: Ranges) -> RangeLog:
         lines = [f"{t:.2f},{lat:.8f},{lon:.8f},{up},," for t, lat, lon, up in rows(track)]
         lines += [f"{t:.2f},,,,{r:.3f}," for t, r in zip(ranges.time, ranges.r, strict=True)]
-        (tmp_path / "log.csv").write_text("\n".join(["time,latitude,longitude,altitude,range,tag", *lines]))
+        (tmp_path / "log.csv").write_text(
+            "\n".join(["time,latitude,longitude,altitude,range,tag", *lines])
+        )
         return read_logs(tmp_path / "log.csv")[0]
 
     resent = read(track, replace(ranges, r=ranges.r[np.arange(len(ranges.r)) // 5 * 5]))
@@ -301,7 +380,10 @@ def test_repeated_and_frozen_values_are_left_out_and_coarse_ones_are_kept(tmp_pa
     stuck = ranges.r.copy()
     stuck[200:400] = stuck[200]
     frozen = read(track, replace(ranges, r=stuck))
-    assert "200 ranges in 1 stretches of equal values" in frozen.notes[0] and "20.0 to 39.9 s" in frozen.notes[0]
+    assert (
+        "200 ranges in 1 stretches of equal values" in frozen.notes[0]
+        and "20.0 to 39.9 s" in frozen.notes[0]
+    )
     assert len(frozen.ranges["target"]) == len(ranges.r) - 199
 
     coarse = read(track, replace(ranges, r=ranges.r.round()))
@@ -318,8 +400,12 @@ def test_repeated_and_frozen_values_are_left_out_and_coarse_ones_are_kept(tmp_pa
 def test_a_track_across_the_antimeridian_is_located(tmp_path):
     track, ranges, target = circles(gps=0.0)
     fiji = Plane(-16.8, 180.0)
-    lines = [f"{t:.2f},{lat:.8f},{lon:.8f},{up}," for t, lat, lon, up in
-             zip(track.time, *fiji.to_degrees(track.east, track.north), track.up, strict=True)]  # fmt: skip
+    lines = [
+        f"{t:.2f},{lat:.8f},{lon:.8f},{up},"
+        for t, lat, lon, up in zip(
+            track.time, *fiji.to_degrees(track.east, track.north), track.up, strict=True
+        )
+    ]
     lines += [f"{t:.2f},,,,{r:.3f}" for t, r in zip(ranges.time, ranges.r, strict=True)]
     (tmp_path / "log.csv").write_text("\n".join(["time,latitude,longitude,altitude,range", *lines]))
     (log,) = read_logs(tmp_path / "log.csv")
@@ -330,21 +416,34 @@ def test_parameters_give_the_place_the_known_height_and_what_32_bits_lose():
     known = Place(0.0, Plane(*BEACON), 0.0, 0.0, 584.2, np.eye(2), 0.5, True)
     other = replace(known, east=30.0, north=-40.0, up_known=False)
     ardupilot = list(PARAMETERS["ardupilot"]({"beacon 3 of 1/1": known, "b": other}))
-    assert ardupilot[1:] == ["BCN_LATITUDE,-35.36300000", "BCN_LONGITUDE,149.16500000", "BCN_ALT,584.20",
-                             "BCN_ORIENT_YAW,0",
-                             "# b: -40.00 m north, 30.00 m east of the first beacon: set this in your beacon system",
-                            ]  # fmt: skip
-    lost = np.hypot(*Plane(*BEACON).to_metres(float(np.float32(BEACON[0])), float(np.float32(BEACON[1]))))
+    assert ardupilot[1:] == [
+        "BCN_LATITUDE,-35.36300000",
+        "BCN_LONGITUDE,149.16500000",
+        "BCN_ALT,584.20",
+        "BCN_ORIENT_YAW,0",
+        "# b: -40.00 m north, 30.00 m east of the first beacon: set this in your beacon system",
+    ]
+    lost = np.hypot(
+        *Plane(*BEACON).to_metres(float(np.float32(BEACON[0])), float(np.float32(BEACON[1])))
+    )
     assert f"32-bit numbers change the coordinates by {lost:.1f} m" in ardupilot[0]
     px4 = "\n".join(PARAMETERS["px4"]({"beacon 3 of 1/1": known, "b": other}))
-    assert "param set RNGBC1_ID 3\nparam set RNGBC1_LAT -35.36300000\nparam set RNGBC1_LON 149.16500000" in px4
-    assert "param set RNGBC1_ALT 584.20" in px4 and "# RNGBC2_ALT: the height is not observable" in px4
+    assert (
+        "param set RNGBC1_ID 3\nparam set RNGBC1_LAT -35.36300000\nparam set RNGBC1_LON"
+        " 149.16500000" in px4
+    )
+    assert (
+        "param set RNGBC1_ALT 584.20" in px4 and "# RNGBC2_ALT: the height is not observable" in px4
+    )
 
 
 @pytest.mark.parametrize(
     ("option", "says"),
     [
-        (("--units", "furlong"), "--units furlong: is not a unit: m, cm, .* or the length of the unit in meters"),
+        (
+            ("--units", "furlong"),
+            "--units furlong: is not a unit: m, cm, .* or the length of the unit in meters",
+        ),
         (("--units", "-1"), "--units -1: is not a unit"),
         (("--vehicle", "2"), r"--vehicle selects one of the vehicles of a tlog; this is a CSV"),
     ],
@@ -357,11 +456,21 @@ def test_an_option_that_means_nothing_is_bad_usage(option, says):
 
 def test_a_terminal_shows_what_is_being_done_and_the_output_stays_clean(tmp_path):
     terminal, other_end = pty.openpty()
-    command = [sys.executable, "-m", "circnav_mav", "locate", str(CASES / "02-feet.csv"), "--out", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-m",
+        "circnav_mav",
+        "locate",
+        str(CASES / "02-feet.csv"),
+        "--out",
+        str(tmp_path),
+    ]
     run = subprocess.run(command, stdout=subprocess.PIPE, stderr=other_end, timeout=300, check=True)
     os.close(other_end)
     shown = os.read(terminal, 1 << 16)
     os.close(terminal)
     assert (
-        b"locating target" in shown and b"locating" not in run.stdout and run.stdout.startswith(b"target: 120 ranges")
+        b"locating target" in shown
+        and b"locating" not in run.stdout
+        and run.stdout.startswith(b"target: 120 ranges")
     )

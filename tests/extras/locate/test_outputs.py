@@ -1,5 +1,5 @@
-"""Output of the survey, read by independent readers: the wire layout of MAVLink by hand, pymavlink, the package
-`geojson`, an XML parser."""
+"""Output of the survey, read by independent readers: the wire layout of MAVLink by hand, pymavlink,
+the package `geojson`, an XML parser."""
 
 import struct
 from xml.etree import ElementTree as Xml
@@ -17,20 +17,34 @@ from circnav_mav.guidance.types import Direction, Orbit
 from tests.rig import x25
 
 PLACE = Place(
-    time=12.0, plane=Plane(-35.0, 149.0), east=30.0, north=40.0, up=584.0, covariance=np.diag([9.0, 1.0]),
-    up_sigma=0.5, up_known=True, velocity=(1.0, -1.0), velocity_sigma=0.2,
-)  # fmt: skip
+    time=12.0,
+    plane=Plane(-35.0, 149.0),
+    east=30.0,
+    north=40.0,
+    up=584.0,
+    covariance=np.diag([9.0, 1.0]),
+    up_sigma=0.5,
+    up_known=True,
+    velocity=(1.0, -1.0),
+    velocity_sigma=0.2,
+)
 HERE = pytest.approx((-35 + 40 / 110_941, 149 + 30 / 91_288), abs=5e-7)
-"""Its latitude and longitude. One degree is 110 941 m of the meridian and 91 288 m of the parallel there."""
-ORBIT_STATUS, CRC_EXTRA, LAYOUT = 360, 11, "<QfiifB"
-"""Its id, the byte that seeds its checksum, and its fields by size: time_usec, radius, x, y, z, frame."""
+"""Its latitude and longitude. One degree is 110 941 m of the meridian and 91 288 m of the parallel
+there."""
+ORBIT_STATUS = 360
+CRC_EXTRA = 11
+LAYOUT = "<QfiifB"
+"""Its id, the byte that seeds its checksum, and its fields by size: time_usec, radius, x, y, z,
+frame."""
 
 
 def test_the_plane_agrees_with_the_emulators_own_geodesy_within_centimetres():
     plane = Plane(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
     for north, east in ((0.0, 3000.0), (-3000.0, 0.0), (2000.0, -2000.0)):
         assert plane.to_metres(*to_degrees(north, east)) == pytest.approx((east, north), abs=0.05)
-        assert plane.to_metres(*plane.to_degrees(east, north)) == pytest.approx((east, north), abs=1e-6)
+        assert plane.to_metres(*plane.to_degrees(east, north)) == pytest.approx(
+            (east, north), abs=1e-6
+        )
 
 
 def test_a_plane_beside_the_date_line_goes_on_across_it():
@@ -40,16 +54,25 @@ def test_a_plane_beside_the_date_line_goes_on_across_it():
     assert plane.to_metres(0.0, longitude)[0] == pytest.approx(100.0)
 
 
-@pytest.mark.parametrize(("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)])
+@pytest.mark.parametrize(
+    ("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)]
+)
 def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction, sign):
-    """Layout of QGroundControl's Vehicle.cc: radius positive clockwise, x, y degrees * 1e7 as int32, z meters, frame
-    MAV_FRAME_GLOBAL (0). MAVLink 2 omits this zero byte at the end of a payload."""
+    """Layout of QGroundControl's Vehicle.cc: radius positive clockwise, x, y degrees * 1e7 as
+    int32, z meters, frame MAV_FRAME_GLOBAL (0). MAVLink 2 omits this zero byte at the end of a
+    payload."""
     orbit = Orbit(60.0, direction, 15.0, 0.35)
-    frame = orbit_status(PLACE, orbit, 12.0).pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=194))
+    frame = orbit_status(PLACE, orbit, 12.0).pack(
+        mavlink.MAVLink(None, srcSystem=1, srcComponent=194)
+    )
     end = 10 + frame[1]
-    assert (frame[0], *frame[5:7]) == (0xFD, 1, 194) and int.from_bytes(frame[7:10], "little") == ORBIT_STATUS
+    assert (frame[0], *frame[5:7]) == (0xFD, 1, 194) and int.from_bytes(
+        frame[7:10], "little"
+    ) == ORBIT_STATUS
     assert x25(frame[1:end] + bytes([CRC_EXTRA])) == int.from_bytes(frame[end : end + 2], "little")
-    time, radius, x, y, z, what = struct.unpack(LAYOUT, frame[10:end].ljust(struct.calcsize(LAYOUT), b"\0"))
+    time, radius, x, y, z, what = struct.unpack(
+        LAYOUT, frame[10:end].ljust(struct.calcsize(LAYOUT), b"\0")
+    )
     assert (time, radius, z, what) == (12_000_000, sign * 60.0, 584.0, 0)
     assert (x / 1e7, y / 1e7) == HERE
 
@@ -57,8 +80,13 @@ def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction, sig
 def test_the_ellipse_has_its_long_axis_along_the_larger_error():
     """Covariance diag(9, 1) of east and north: 2.4477 times 3 and 1 m, the long axis due east."""
     ellipse = PLACE.ellipse
-    assert (ellipse.major, ellipse.minor, ellipse.azimuth) == pytest.approx((7.343, 2.448, 90.0), abs=1e-3)
-    corners = np.array([PLACE.plane.to_metres(lat, lon) for lon, lat in export.ring(PLACE)]) - [30.0, 40.0]
+    assert (ellipse.major, ellipse.minor, ellipse.azimuth) == pytest.approx(
+        (7.343, 2.448, 90.0), abs=1e-3
+    )
+    corners = np.array([PLACE.plane.to_metres(lat, lon) for lon, lat in export.ring(PLACE)]) - [
+        30.0,
+        40.0,
+    ]
     assert np.abs(corners).max(axis=0) == pytest.approx([7.343, 2.448], abs=0.01)
 
 
@@ -75,5 +103,7 @@ def test_geojson_is_valid_with_longitude_first_and_a_closed_ring_that_runs_left_
 
 def test_kml_is_xml_with_longitude_first():
     names = {"k": "http://www.opengis.net/kml/2.2"}
-    text = Xml.fromstring(export.kml({"a <b> \x1b\x00": PLACE})).findtext(".//k:Point/k:coordinates", "", names)
+    text = Xml.fromstring(export.kml({"a <b> \x1b\x00": PLACE})).findtext(
+        ".//k:Point/k:coordinates", "", names
+    )
     assert tuple(float(part) for part in text.split(","))[::-1] == HERE

@@ -20,9 +20,9 @@ def test_the_target_was_surveyed_beside_the_flight(tmp_path: Path) -> None:
     """The emulator's target is at its home by default."""
     run = tmp_path / "run"
     survey = ("--set", "locate.enabled=true")
-    printed, errors = circnav("fly", QUICKSTART, "--duration", "72", "--out", run, *survey).communicate(
-        timeout=PATIENCE
-    )
+    printed, errors = circnav(
+        "fly", QUICKSTART, "--duration", "72", "--out", run, *survey
+    ).communicate(timeout=PATIENCE)
     assert errors == ""
     summary = json.loads((run / "summary.json").read_text())
     place = Plane(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG).to_metres(
@@ -37,6 +37,7 @@ def test_the_target_was_surveyed_beside_the_flight(tmp_path: Path) -> None:
     circle = log.recv_match(type="ORBIT_EXECUTION_STATUS")
     assert circle.get_srcComponent() == 194 and circle.radius == 100.0
     again = replay(
-        Pilot(parse_mission(open_run(run).mission_text, "mission.toml").pilot_settings()), recorded_steps(run)
+        Pilot(parse_mission(open_run(run).mission_text, "mission.toml").pilot_settings()),
+        recorded_steps(run),
     )
     assert again.identical, "what it sent is not taken for the pilot's"

@@ -1,4 +1,5 @@
-"""A radio with errors: estimated errors, undetermined ones, and the output of `ranging calibrate`."""
+"""A radio with errors: estimated errors, undetermined ones, and the output of `ranging
+calibrate`."""
 
 import re
 from dataclasses import replace
@@ -18,11 +19,14 @@ from tests.flight.lockstep import CONFIG, true_radius
 
 HEIGHT = 40.0
 ABOVE = replace(KNOWN, up_sigma=0.5)
-SX1280 = Calibration(points=((0, 4.4), (50, 57.6), (100, 103), (150, 148), (200, 201), (250, 253), (600, 603)))
+SX1280 = Calibration(
+    points=((0, 4.4), (50, 57.6), (100, 103), (150, 148), (200, 201), (250, 253), (600, 603))
+)
 
 
 def approach_and_laps(radio, *, seed=1, gps=1.5, laps=4.0, far=500.0):
-    """Return an approach from `far` onto a circle of 100 m around the origin at 15 m/s, and laps there."""
+    """Return an approach from `far` onto a circle of 100 m around the origin at 15 m/s, and laps
+    there."""
     rng = np.random.default_rng(seed)
     straight = np.arange(-far, 0.0, V * 0.1)
     angle = np.arange(0, laps * 2 * np.pi, V * 0.1 / 100)
@@ -57,13 +61,15 @@ def test_on_one_circle_only_the_sum_of_bias_and_scale_is_claimed():
 
 
 def test_a_scale_that_a_height_level_with_the_vehicle_explains_is_not_found():
-    """A good radio and a target 40 m below a level circle that is not around it, with unknown height."""
+    """A good radio and a target 40 m below a level circle that is not around it, with unknown
+    height."""
     t = 0.5 * np.arange(240)
     angle = t * V / 80
     east, north = 80 * np.sin(angle), 80 * np.cos(angle) + 160.0
     rng = np.random.default_rng(3)
     r = np.sqrt(east**2 + north**2 + HEIGHT**2) + rng.normal(0, 0.3, len(t))
-    track, ranges = Track(t, east, north, np.full(len(t), 440.0)), Ranges(t, r, np.full(len(t), 0.3))
+    track = Track(t, east, north, np.full(len(t), 440.0))
+    ranges = Ranges(t, r, np.full(len(t), 0.3))
     known = replace(KNOWN, up_sigma=50.0, scale_sigma=UNCALIBRATED)
     free = locate(PLANE, track, ranges, known)
     assert abs(free.scale) < 3 * free.scale_sigma and free.scale_sigma > 0.01
@@ -72,23 +78,41 @@ def test_a_scale_that_a_height_level_with_the_vehicle_explains_is_not_found():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_level_track_claims_no_height_as_its_mirror_image_fits_as_well(seed):
-    """A cart with RTK passes a UWB anchor that is 1 m above it at 4 to 50 m, on ground that is level within 0.1 m."""
+    """A cart with RTK passes a UWB anchor that is 1 m above it at 4 to 50 m, on ground that is
+    level within 0.1 m."""
     rng = np.random.default_rng(seed)
     t = np.arange(0, 190.0, 1.0)
     east, north = 22 * np.cos(t / 30) + 26, 5 * np.sin(t / 15) + 1
     up = 0.08 * np.sin(t / 40) + rng.normal(0, 0.02, len(t))
-    ranges = Ranges(t, np.sqrt(east**2 + north**2 + (up - 0.93) ** 2) + rng.normal(0, 0.05, len(t)), 0 * t + 0.05)
+    ranges = Ranges(
+        t,
+        np.sqrt(east**2 + north**2 + (up - 0.93) ** 2) + rng.normal(0, 0.05, len(t)),
+        0 * t + 0.05,
+    )
     for gps in (0.05, 1.5):
-        place = locate(PLANE, Track(t, east, north, up), ranges, replace(KNOWN, up=0.0, up_sigma=50.0, gps_sigma=gps))
+        place = locate(
+            PLANE,
+            Track(t, east, north, up),
+            ranges,
+            replace(KNOWN, up=0.0, up_sigma=50.0, gps_sigma=gps),
+        )
         assert not place.up_known or abs(place.up - 0.93) < 3 * place.up_sigma
         assert hypot(place.east, place.north) < 3 * place.sigma + 0.1
 
 
 @pytest.mark.parametrize(
-    ("radio", "gps"), [(Calibration(1.07), 1.5), (Calibration(0.95, 2.0), 1.5), (SX1280, 1.5), (SX1280, 0.05)]
+    ("radio", "gps"),
+    [(Calibration(1.07), 1.5), (Calibration(0.95, 2.0), 1.5), (SX1280, 1.5), (SX1280, 0.05)],
 )
 def test_the_calibration_gives_the_true_radius_within_half_a_meter(radio, gps):
-    known = replace(ABOVE, up_sigma=0.1, gps_sigma=gps, bias_sigma=10.0, scale_sigma=UNCALIBRATED, delay_sigma=0.1)
+    known = replace(
+        ABOVE,
+        up_sigma=0.1,
+        gps_sigma=gps,
+        bias_sigma=10.0,
+        scale_sigma=UNCALIBRATED,
+        delay_sigma=0.1,
+    )
     found = measure(PLANE, *approach_and_laps(radio, gps=gps), known).calibration
     assert bool(found.points) == (radio is SX1280 and gps < 1)
     # flown at a calibrated range of 100 m on the map
@@ -101,23 +125,41 @@ def test_the_command_prints_plots_and_writes_the_keys_into_a_mission(tmp_path, c
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
     rows = zip(track.time, latitude, longitude, track.up, ranges.r, strict=True)
     lines = [f"{t:.1f},{a:.9f},{b:.9f},{up:.1f},{r:.2f}" for t, a, b, up, r in rows]
-    log, mission = tmp_path / "flight.csv", tmp_path / "mine.toml"
+    log = tmp_path / "flight.csv"
+    mission = tmp_path / "mine.toml"
     log.write_text("time,latitude,longitude,altitude,range\n" + "\n".join(lines) + "\n")
     mission.write_text((CONFIG / "quickstart.toml").read_text())
-    given = ["ranging", "calibrate", str(log), "--altitude", "400", "--gps-sigma", "0.05", "--mission", str(mission)]
+    given = [
+        "ranging",
+        "calibrate",
+        str(log),
+        "--altitude",
+        "400",
+        "--gps-sigma",
+        "0.05",
+        "--mission",
+        str(mission),
+    ]
     assert not cli.circnav.main(given, standalone_mode=False)
     printed = capsys.readouterr().out
     ranging = load_mission(mission).file.ranging
-    assert ranging.scale == pytest.approx(1.07, abs=0.005) and ranging.bias_m == pytest.approx(1.5, abs=0.7)
+    assert ranging.scale == pytest.approx(1.07, abs=0.005) and ranging.bias_m == pytest.approx(
+        1.5, abs=0.7
+    )
     assert f"scale = {ranging.scale}" in printed and "reported minus true" in printed
-    assert (tmp_path / "flight.calibration.png").exists() and (tmp_path / "flight.calibration.toml").exists()
+    assert (tmp_path / "flight.calibration.png").exists() and (
+        tmp_path / "flight.calibration.toml"
+    ).exists()
     assert "# MAVLink message that carries the range" in mission.read_text()
 
 
 def test_a_plane_flies_the_true_circle_after_a_calibration_by_one_flight(tmp_path):
-    table = "sim.ranging.table_m=[[0, 4.4], [50, 57.6], [100, 103], [150, 148], [200, 201], [250, 253]]"
+    table = (
+        "sim.ranging.table_m=[[0, 4.4], [50, 57.6], [100, 103], [150, 148], [200, 201], [250, 253]]"
+    )
     keys = "orbit.radius_m=100", "sim.sensors.gps_error_m=1.5", table
-    calibration, radii = [], []
+    calibration = []
+    radii = []
     for number in range(2):
         flown = taped("arduplane", *keys, *calibration).fly(150.0)
         radii.append(np.mean([true_radius(one) for one in flown.truths if one.time > 90.0]))
@@ -141,7 +183,11 @@ def test_a_flight_with_a_long_radio_gets_an_alarm_with_its_true_radius_and_one_w
         flown.locator.found(flown.solve())
         assert bool(flown.locator.radius_alarm) == alarm
         flown.fly(82.0)
-        texts = [one.text for _, one in flown.messages if one.get_type() == "STATUSTEXT" and "true radius" in one.text]
+        texts = [
+            one.text
+            for _, one in flown.messages
+            if one.get_type() == "STATUSTEXT" and "true radius" in one.text
+        ]
         assert len(texts) == alarm
         if alarm:
             number = re.fullmatch(r"circnav: ranges 7 % too long, true radius ([\d.]+) m", texts[0])

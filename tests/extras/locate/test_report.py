@@ -6,8 +6,16 @@ import pytest
 
 from circnav_mav.extras.locate.report import verdict_lines
 
-PLACE = {"latitude_deg": 47.5, "longitude_deg": 8.25, "sigma_m": 1.44, "altitude_m": None, "moves": False,
-         "speed_mps": 2.0, "course_deg": 45.0, "time_s": 60.0}  # fmt: skip
+PLACE = {
+    "latitude_deg": 47.5,
+    "longitude_deg": 8.25,
+    "sigma_m": 1.44,
+    "altitude_m": None,
+    "moves": False,
+    "speed_mps": 2.0,
+    "course_deg": 45.0,
+    "time_s": 60.0,
+}
 NOTHING = {"place": None}
 
 
@@ -15,8 +23,14 @@ NOTHING = {"place": None}
     ("found", "words"),
     [
         ({"place": PLACE}, "  target     47.5000000 8.2500000 ±1.4 m, height not observable"),
-        ({"place": PLACE | {"moves": True, "altitude_m": 7.0}}, ", moves 2.0 m/s towards 045 deg, altitude 7.0 m"),
-        ({"radius_alarm": "ranges 7 % too long"}, "  WARNING    ranges 7 % too long: calibrate the radio"),
+        (
+            {"place": PLACE | {"moves": True, "altitude_m": 7.0}},
+            ", moves 2.0 m/s towards 045 deg, altitude 7.0 m",
+        ),
+        (
+            {"radius_alarm": "ranges 7 % too long"},
+            "  WARNING    ranges 7 % too long: calibrate the radio",
+        ),
     ],
 )
 def test_the_verdict_tells(found, words):
@@ -30,10 +44,16 @@ def test_the_verdict_keeps_silent_of_what_was_not():
 
 @pytest.mark.usefixtures("no_pictures")
 def test_a_surveyed_place_is_a_map_in_the_page(circnav, run):
-    place = PLACE | {"latitude_deg": -35.36, "longitude_deg": 149.16, "ellipse_95": {"semi_major_m": 3.7}}
+    place = PLACE | {
+        "latitude_deg": -35.36,
+        "longitude_deg": 149.16,
+        "ellipse_95": {"semi_major_m": 3.7},
+    }
     (run / "summary.json").write_text(json.dumps({"place": place}))
     point = {"type": "Point", "coordinates": [149.16, -35.36]}
-    features = [{"geometry": point, "properties": {"name": "target", "ellipse_95": place["ellipse_95"]}}]
+    features = [
+        {"geometry": point, "properties": {"name": "target", "ellipse_95": place["ellipse_95"]}}
+    ]
     (run / "target.geojson").write_text(json.dumps({"features": features}))
     assert circnav("report", run).done
     page = (run / "report.html").read_text()
@@ -58,7 +78,9 @@ def test_a_summary_with_a_value_of_another_kind_is_told_without_a_map(circnav, r
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_map_of_the_target_that_cannot_be_written_is_told_and_counts_as_not_recorded(circnav, tmp_path):
+def test_a_map_of_the_target_that_cannot_be_written_is_told_and_counts_as_not_recorded(
+    circnav, tmp_path
+):
     (tmp_path / "run" / "target.geojson").mkdir(parents=True)
     surveyed = ("--set", "locate.enabled=true", "--set", 'guidance.law="smooth"', "--duration", 45)
     ran = circnav("fly", "quickstart", *surveyed, "--out", tmp_path / "run")

@@ -10,7 +10,8 @@ SURVEYED = (*ON_CIRCLE, "sim.sensors.gps_error_m=0.02", "sim.ranging.bias_m=1.5"
 
 
 def test_height_and_bias_are_known_after_the_second_circle_and_not_after_the_first():
-    """The target is at 584 m above the sea, 30 m below the vehicle. All ranges are 1.5 m too long."""
+    """The target is at 584 m above the sea, 30 m below the vehicle. All ranges are 1.5 m too
+    long."""
     flown = surveyed(*("quickstart", *SURVEYED), law="feedforward", gps_sigma=0.02)
     flown.solve_from = 1e9
     flown.fly(56.0)
@@ -24,5 +25,7 @@ def test_height_and_bias_are_known_after_the_second_circle_and_not_after_the_fir
     flown.locator.found(known)
     flown.fly(125.0)
     texts = [message.text for _, message in flown.messages if message.get_type() == "STATUSTEXT"]
-    assert texts == [f"circnav: target {known.latitude:.6f} {known.longitude:.6f} {known.sigma:.1f} m",
-                         f"circnav: target at {known.up:.1f} m AMSL, sigma {known.up_sigma:.1f} m"]  # fmt: skip
+    assert texts == [
+        f"circnav: target {known.latitude:.6f} {known.longitude:.6f} {known.sigma:.1f} m",
+        f"circnav: target at {known.up:.1f} m AMSL, sigma {known.up_sigma:.1f} m",
+    ]

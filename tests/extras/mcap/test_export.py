@@ -18,9 +18,13 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet  # noqa: E402
 
 OURS = {"/ticks", "/truth"}
 FOXGLOVE = {
-    "/estimate/pose": "PoseInFrame", "/truth/pose": "PoseInFrame", "/scene": "SceneUpdate", "/events": "Log",
-    "/tf": "FrameTransform", "/fix": "LocationFix",
-}  # fmt: skip
+    "/estimate/pose": "PoseInFrame",
+    "/truth/pose": "PoseInFrame",
+    "/scene": "SceneUpdate",
+    "/events": "Log",
+    "/tf": "FrameTransform",
+    "/fix": "LocationFix",
+}
 
 
 @pytest.fixture
@@ -29,11 +33,14 @@ def exported(circnav, run):
 
     def exported():
         assert circnav("export", run, "--mcap").done
-        found, proto = {}, protobuf.DecoderFactory()
+        found = {}
+        proto = protobuf.DecoderFactory()
         with (run / "flight.mcap").open("rb") as file:
             for schema, channel, message in reader.make_reader(file).iter_messages():
                 decode = proto.decoder_for(channel.message_encoding, schema) or json.loads
-                found.setdefault(channel.topic, []).append((message.log_time, decode(message.data), schema))
+                found.setdefault(channel.topic, []).append(
+                    (message.log_time, decode(message.data), schema)
+                )
         return found
 
     return exported
@@ -58,7 +65,11 @@ def test_ticks_truth_and_events_come_back_at_the_times_of_the_flight(exported, r
     assert set(tick) <= set(json.loads(schema.data)["properties"])
     assert found["/truth"][0][1]["radius"] == pytest.approx(316, abs=2)
     log = [(row.name, row.message) for _, row, _ in found["/events"]]
-    assert {("phase", "engaged"), ("mode", "GUIDED"), ("circnav message", "engaged, 100 m clockwise")} <= set(log)
+    assert {
+        ("phase", "engaged"),
+        ("mode", "GUIDED"),
+        ("circnav message", "engaged, 100 m clockwise"),
+    } <= set(log)
 
 
 def test_a_fleet_folder_becomes_one_file_with_all_vehicles(circnav, flown, tmp_path):
@@ -68,14 +79,18 @@ def test_a_fleet_folder_becomes_one_file_with_all_vehicles(circnav, flown, tmp_p
     with (tmp_path / "fleet" / "flight.mcap").open("rb") as file:
         summary = reader.make_reader(file).get_summary()
     topics = {channel.topic for channel in summary.channels.values()}
-    assert topics == {f"/{member}{topic}" for member in ("01", "02") for topic in OURS | set(FOXGLOVE) - {"/fix"}}
+    assert topics == {
+        f"/{member}{topic}" for member in ("01", "02") for topic in OURS | set(FOXGLOVE) - {"/fix"}
+    }
 
 
 def test_the_mission_and_the_manifest_travel_along_and_a_place_that_cannot_be_written_is_named(
     circnav, flown, tmp_path
 ):
     place = tmp_path / "no" / "x.mcap"
-    assert circnav("export", flown, "--mcap", place).refused == f"{place}: No such file or directory"
+    assert (
+        circnav("export", flown, "--mcap", place).refused == f"{place}: No such file or directory"
+    )
     assert circnav("export", flown, "--mcap", tmp_path / "x.mcap").done
     with (tmp_path / "x.mcap").open("rb") as file:
         read = reader.make_reader(file)
@@ -85,22 +100,29 @@ def test_the_mission_and_the_manifest_travel_along_and_a_place_that_cannot_be_wr
 
 def test_a_run_without_truth_is_exported_without_it(exported, run):
     shutil.rmtree(run)
-    recorded_flight(run, "quickstart", "limits.duration_s=3", "sim.truth.rate_hz=0").fly(8).recorder.close()
+    recorded_flight(run, "quickstart", "limits.duration_s=3", "sim.truth.rate_hz=0").fly(
+        8
+    ).recorder.close()
     found = exported()
     assert not {"/truth", "/truth/pose"} & set(found)
     assert len(found["/tf"]) == 1
 
 
 def test_what_foxglove_shows_is_in_its_own_schemas_as_its_package_has_them(exported):
-    """Messages were decoded by the schema in the file; that schema is the package's, byte for byte."""
+    """Messages were decoded by the schema in the file; that schema is the package's, byte for
+    byte."""
     found = exported()
     for topic in set(found) - OURS:
         schema = found[topic][0][2]
         assert (schema.name, schema.encoding) == (f"foxglove.{FOXGLOVE[topic]}", "protobuf")
-        theirs = importlib.import_module(f"foxglove_schemas_protobuf.{FOXGLOVE[topic]}_pb2").DESCRIPTOR
+        theirs = importlib.import_module(
+            f"foxglove_schemas_protobuf.{FOXGLOVE[topic]}_pb2"
+        ).DESCRIPTOR
         files = {file.name: file for file in FileDescriptorSet.FromString(schema.data).file}
         assert files[theirs.name].SerializeToString() == theirs.serialized_pb
-        stamped = [(at, message) for at, message, _ in found[topic] if hasattr(message, "timestamp")]
+        stamped = [
+            (at, message) for at, message, _ in found[topic] if hasattr(message, "timestamp")
+        ]
         assert all(message.timestamp.ToNanoseconds() == at for at, message in stamped)
 
 
@@ -108,9 +130,14 @@ def test_the_scene_is_the_flight_seen_from_the_beacon_east_north_up(exported):
     found = exported()
     truth = [row for _, row, _ in found["/truth"]]
     poses = [pose.pose for _, pose, _ in found["/truth/pose"]]
-    first, row = poses[0].position, truth[len(truth) - len(poses)]
-    assert (first.x, first.y) == pytest.approx((row["east"] - row["target_east"], row["north"] - row["target_north"]))
-    before, after = poses[-40], poses[-20]  # a copter's nose points along its motion, except for some degrees of lag
+    first = poses[0].position
+    row = truth[len(truth) - len(poses)]
+    assert (first.x, first.y) == pytest.approx(
+        (row["east"] - row["target_east"], row["north"] - row["target_north"])
+    )
+    # a copter's nose points along its motion, except for some degrees of lag
+    before = poses[-40]
+    after = poses[-20]
     flies = math.atan2(after.position.y - before.position.y, after.position.x - before.position.x)
     points = 2 * math.atan2(after.orientation.z, after.orientation.w)
     assert abs(math.remainder(flies - points, math.tau)) < 0.5
@@ -126,18 +153,38 @@ def test_a_position_that_the_vehicle_reports_is_a_fix_on_the_map_and_a_text_in_c
 ):
     whole = "EKF3 lane switch 1, " * 6
     parts = [whole[50 * chunk : 50 * chunk + 50].encode() for chunk in range(3)]
-    here = mavlink.MAVLink_global_position_int_message(1000, 473977420, 85455940, 488000, 0, 0, 0, 0, 0)
-    heard_late(run, here, *(mavlink.MAVLink_statustext_message(3, text, 7, at) for at, text in enumerate(parts)))
+    here = mavlink.MAVLink_global_position_int_message(
+        1000, 473977420, 85455940, 488000, 0, 0, 0, 0, 0
+    )
+    heard_late(
+        run,
+        here,
+        *(mavlink.MAVLink_statustext_message(3, text, 7, at) for at, text in enumerate(parts)),
+    )
     found = exported()
-    said = [row for _, row, _ in found["/events"] if row.name == "vehicle message" and "EKF3" in row.message]
+    said = [
+        row
+        for _, row, _ in found["/events"]
+        if row.name == "vehicle message" and "EKF3" in row.message
+    ]
     assert [(row.message, row.level) for row in said] == [(whole, 4)]  # ERROR
     ((at, fix, _),) = found["/fix"]
-    assert (fix.latitude, fix.longitude, fix.altitude) == pytest.approx((47.3977420, 8.5455940, 488.0))
+    assert (fix.latitude, fix.longitude, fix.altitude) == pytest.approx(
+        (47.3977420, 8.5455940, 488.0)
+    )
     assert at == (EPOCH_US + 19_000_000) * 1000
 
 
-PLACE = {"latitude_deg": -35.3632621, "longitude_deg": 149.1652374, "altitude_m": None, "sigma_m": 1.5, "time_s": 18,
-         "moves": False, "speed_mps": 0.0, "course_deg": None}  # fmt: skip
+PLACE = {
+    "latitude_deg": -35.3632621,
+    "longitude_deg": 149.1652374,
+    "altitude_m": None,
+    "sigma_m": 1.5,
+    "time_s": 18,
+    "moves": False,
+    "speed_mps": 0.0,
+    "course_deg": None,
+}
 
 
 def test_the_surveyed_place_of_the_target_is_a_fix_on_the_map(exported, run):

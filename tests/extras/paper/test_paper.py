@@ -1,4 +1,5 @@
-"""The paper reproduced: numbers of an independent simulation (2000 starts), lemmas, the mirror image, six figures."""
+"""The paper reproduced: numbers of an independent simulation (2000 starts), lemmas, the mirror
+image, six figures."""
 
 import numpy as np
 import pytest
@@ -25,7 +26,8 @@ def studied():
 
 
 @pytest.mark.parametrize(
-    ("number", "radius", "within", "median"), [(1, 10.98684113, 1e-4, 28), (2, 10.0, 1e-4, 30), (3, 10.0, 1e-3, 42)]
+    ("number", "radius", "within", "median"),
+    [(1, 10.98684113, 1e-4, 28), (2, 10.0, 1e-4, 30), (3, 10.0, 1e-3, 42)],
 )
 def test_every_start_reaches_the_papers_radius_clockwise(studied, number, radius, within, median):
     found, _ = studied[number]
@@ -37,7 +39,9 @@ def test_every_start_reaches_the_papers_radius_clockwise(studied, number, radius
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
-def test_the_lemmas_hold_along_every_track_and_a_negative_gain_flies_the_mirror_image(studied, number):
+def test_the_lemmas_hold_along_every_track_and_a_negative_gain_flies_the_mirror_image(
+    studied, number
+):
     found, _ = studied[number]
     assert found.most_entries <= 1
     assert 0 <= found.bearings[0] <= found.bearings[1] <= np.pi
@@ -47,7 +51,8 @@ def test_the_lemmas_hold_along_every_track_and_a_negative_gain_flies_the_mirror_
 
 
 def test_an_arc_is_exact():
-    """A quarter of a circle of radius 2, to the left: from the origin heading right to (2, 2) heading up."""
+    """A quarter of a circle of radius 2, to the left: from the origin heading right to (2, 2)
+    heading up."""
     x, y, heading = arc(np.zeros(1), np.zeros(1), np.zeros(1), 1.0, np.array([0.5]), np.pi)
     assert (x[0], y[0], heading[0]) == pytest.approx((2.0, 2.0, np.pi / 2))
     x, y, heading = arc(np.zeros(1), np.zeros(1), np.zeros(1), 3.0, np.zeros(1), 2.0)
@@ -56,7 +61,9 @@ def test_an_arc_is_exact():
 
 def test_the_lyapunov_functions_integral_is_that_of_the_paper():
     """Closed form against the trapezoidal rule; zero at r_a with theta_b = pi/2."""
-    r_d, r_a, k = 10.0, 10.98684113, 0.01
+    r_d = 10.0
+    r_a = 10.98684113
+    k = 0.01
     z = np.linspace(r_a, 25.0, 200_001)
     values = -1 / z + 2 * k * z * np.cos(np.arcsin(r_d / z))
     by_hand = np.sum((values[1:] + values[:-1]) / 2) * (z[1] - z[0])
@@ -65,7 +72,9 @@ def test_the_lyapunov_functions_integral_is_that_of_the_paper():
 
 
 def test_entries_are_counted_by_hand():
-    assert list(entries(np.array([[12.0, 9.0], [9.0, 9.0], [12.0, 12.0], [9.0, 12.0], [10.2, 12.0]]), R_D)) == [2, 1]
+    assert list(
+        entries(np.array([[12.0, 9.0], [9.0, 9.0], [12.0, 12.0], [9.0, 12.0], [10.2, 12.0]]), R_D)
+    ) == [2, 1]
 
 
 def test_the_table_shows_another_gain_with_its_own_radius():
@@ -77,8 +86,12 @@ def test_the_table_shows_another_gain_with_its_own_radius():
 def test_the_paper_is_six_figures_and_a_table(circnav, tmp_path):
     assert "10.98684 m" in circnav("paper", "--out", tmp_path / "paper", "--starts", "1").done
     names = {path.name for path in (tmp_path / "paper").iterdir()}
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in (tmp_path / "paper").glob("*.png"))
-    assert names == {f"example_{n}_{kind}.png" for n in (1, 2, 3) for kind in ("track", "error")} | {"table.md"}
+    assert all(
+        path.read_bytes().startswith(b"\x89PNG") for path in (tmp_path / "paper").glob("*.png")
+    )
+    assert names == {
+        f"example_{n}_{kind}.png" for n in (1, 2, 3) for kind in ("track", "error")
+    } | {"table.md"}
 
 
 def test_wrong_usage_is_refused_and_nothing_is_written(circnav, mission):
@@ -94,4 +107,6 @@ def test_a_picture_that_finds_no_room_leaves_the_older_one_as_it_is(tmp_path):
     (tmp_path / "p" / "example_1_track.png").write_text("older")
     ran = ended(tmp_path, "paper --starts 1 --out p", limit="-f 10")
     assert (ran.returncode, ran.stderr) == (2, "circnav: p/example_1_track.png: File too large\n")
-    assert [(path.name, path.read_text()) for path in (tmp_path / "p").iterdir()] == [("example_1_track.png", "older")]
+    assert [(path.name, path.read_text()) for path in (tmp_path / "p").iterdir()] == [
+        ("example_1_track.png", "older")
+    ]

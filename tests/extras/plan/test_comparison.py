@@ -1,5 +1,5 @@
-"""The program that compares the plan with random flights: its missions pass their checks, and a number gives the same
-mission."""
+"""The program that compares the plan with random flights: its missions pass their checks, and a
+number gives the same mission."""
 
 import pytest
 

@@ -1,4 +1,5 @@
-"""`circnav plan`: its recommended mission passes `circnav check`, and an impossible site is refused."""
+"""`circnav plan`: its recommended mission passes `circnav check`, and an impossible site is
+refused."""
 
 import re
 
@@ -17,8 +18,11 @@ SITES = {
 
 
 @pytest.mark.parametrize("vehicle", SITES)
-def test_the_recommended_mission_passes_check_and_the_table_fits_a_terminal(vehicle, circnav, tmp_path):
-    mission, picture = tmp_path / "my.toml", tmp_path / "plan.png"
+def test_the_recommended_mission_passes_check_and_the_table_fits_a_terminal(
+    vehicle, circnav, tmp_path
+):
+    mission = tmp_path / "my.toml"
+    picture = tmp_path / "plan.png"
     ran = circnav("plan", vehicle, *SITES[vehicle], "--out", str(picture), "--write", str(mission))
     assert ran.code == 0, ran.err
     rows = [line for line in ran.out.splitlines() if re.match(r"[> ] +[\d.]+ +\d", line)]
@@ -28,7 +32,9 @@ def test_the_recommended_mission_passes_check_and_the_table_fits_a_terminal(vehi
     assert written.orbit.radius == float(best.split()[1]) and best.endswith("pass")
     checked = circnav("check", str(mission))
     assert checked.code == 0 and "turn rate" in checked.out
-    assert not re.search(r"^WARN +(turn rate|margin|reach|height  |rate error|sim)", checked.out, re.M), checked.out
+    assert not re.search(
+        r"^WARN +(turn rate|margin|reach|height  |rate error|sim)", checked.out, re.M
+    ), checked.out
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
@@ -52,14 +58,17 @@ def test_a_mission_that_exists_is_never_overwritten(circnav, tmp_path):
     assert file.read_text() == "mine"
 
 
-@pytest.mark.parametrize("name, flown", [("arduplane", 0.162), ("arducopter", 0.064), ("ardurover", 0.049)])
+@pytest.mark.parametrize(
+    "name, flown", [("arduplane", 0.162), ("arducopter", 0.064), ("ardurover", 0.049)]
+)
 def test_the_expected_radius_error_in_calm_air_is_that_of_the_emulator(name, flown):
     assert radius_rms(load_mission(bundled("mission", name)), 0.0) == pytest.approx(flown, rel=0.3)
 
 
 def test_noise_and_gusts_increase_the_expected_radius_error():
     path = bundled("mission", "arduplane")
-    calm, noisy = load_mission(path), load_mission(path, ["ranging.sigma_m=2.0"])
+    calm = load_mission(path)
+    noisy = load_mission(path, ["ranging.sigma_m=2.0"])
     assert radius_rms(calm, 0.0) < radius_rms(noisy, 0.0) < radius_rms(noisy, 1.0)
     assert radius_rms(calm, 0.0) < radius_rms(calm, 0.5) < radius_rms(calm, 1.0)
 

@@ -17,12 +17,13 @@ LINKTRACK = {
     NODE_FRAME_3: ({0: 2.850, 1: 6.051, 2: 7.304, 3: 5.350}, 463.352),
     AOA_NODE_FRAME_0: ({0: 0.767, 1: 0.770, 2: 1.004, 3: 1.416}, 160.702),
 }
-"""Frames of nooploop-dev/nlink_parser, test/test_nlink_parser.cpp, with the ranges by node and the time, s.
-The time of a node of frame 2 is 20 ms before the frame's system_time, which is 1926842 there."""
+"""Frames of nooploop-dev/nlink_parser, test/test_nlink_parser.cpp, with the ranges by node and the
+time, s. The time of a node of frame 2 is 20 ms before the frame's system_time, which is 1926842
+there."""
 
 LES = (
-    b"1151[5.00,8.00,2.25]=6.48 0CA8[0.00,8.00,2.25]=6.51 111C[5.00,0.00,2.25]=3.18 1150[0.00,0.00,2.25]=3.16 "
-    b"le_us=2576 est[2.57,1.98,1.68,100]\r\n"
+    b"1151[5.00,8.00,2.25]=6.48 0CA8[0.00,8.00,2.25]=6.51 111C[5.00,0.00,2.25]=3.18"
+    b" 1150[0.00,0.00,2.25]=3.16 le_us=2576 est[2.57,1.98,1.68,100]\r\n"
 )
 LEC = (
     b"DIST,4,AN0,1151,5.00,8.00,2.25,6.44,AN1,0CA8,0.00,8.00,2.25,6.50,AN2,111C,5.00,0.00,2.25,3.24,"
@@ -37,4 +38,5 @@ LEC_OVERRUN = (
     b"DIST,4,AN0,0090,0.00,0.00,0.00,3.25,AN1,D91E,0.00,0.00,0.00,3.33,AN2,0487,0.00,0.00,0.00,0.18,"
     b"AN3,15BA,0.00,0,AN3,15BA,0.00,0.00,0.00,0.00\r\n"
 )
-"""A line at a high update rate, as in Rutgers' DWM1001 localization scripts: a piece of AN3 is missing."""
+"""A line at a high update rate, as in Rutgers' DWM1001 localization scripts: a piece of AN3 is
+missing."""

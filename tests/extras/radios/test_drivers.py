@@ -41,19 +41,30 @@ def test_dwm1001_reads_the_lines_of_the_manual_and_guesses_no_anchor_whose_piece
     for line, expected in DWM1001.items():
         assert ranges(driver.receive(line, 0.1)) == expected
     assert driver.unread == 0
-    assert ranges(driver.receive(LEC_OVERRUN, 0.1)) == {0x0090: 3.25, 0xD91E: 3.33, 0x0487: 0.18, 0x15BA: 0.0}
+    assert ranges(driver.receive(LEC_OVERRUN, 0.1)) == {
+        0x0090: 3.25,
+        0xD91E: 3.33,
+        0x0487: 0.18,
+        0x15BA: 0.0,
+    }
     cut = LEC[: LEC.index(b"AN2,111C,5.00")] + b"AN2,111C,5.\r\n"
     assert ranges(driver.receive(cut, 0.2)) == {0x1151: 6.44, 0x0CA8: 6.5}
-    for run_together in (b"DIST,1,AN0,1151,5.00,8.00,2.25,6.446.50\r\n", b"1151[5.00,8.00,2.25]=6.486.51\r\n"):
+    for run_together in (
+        b"DIST,1,AN0,1151,5.00,8.00,2.25,6.446.50\r\n",
+        b"1151[5.00,8.00,2.25]=6.486.51\r\n",
+    ):
         assert driver.receive(run_together, 0.3) == []
 
 
 def test_dwm1001_is_started_once_and_never_stopped_by_the_same_command():
-    asked, driver = [], Dwm1001()
+    asked = []
+    driver = Dwm1001()
     for step in range(200):
         words = driver.ask(0.05 * step)
         asked += [words] if words else []
-        driver.receive({b"\r\r": b"\r\n\r\ndwm> ", b"lec\r": b"lec\r\n"}.get(words, b""), 0.05 * step)
+        driver.receive(
+            {b"\r\r": b"\r\n\r\ndwm> ", b"lec\r": b"lec\r\n"}.get(words, b""), 0.05 * step
+        )
     assert asked == [b"\r\r", b"lec\r"]
     speaks = Dwm1001()  # the first line is complete: the radio was started before us
     speaks.receive(b"\n" + LES, 0.5)
@@ -66,7 +77,12 @@ LINES = {
     b"17.25, 3, 123.4\r\n": (123.4, 3, None, 17.25),
     b"17.25 0x1A2B 123.4 0.1\n": (123.4, 0x1A2B, 0.1, 17.25),
     b'{"range": 123.4}\n': (123.4, 0, None, None),
-    b'{"time": 17.25, "id": 3, "sigma": 0.1, "range": 123.4, "rssi": -80}\n': (123.4, 3, 0.1, 17.25),
+    b'{"time": 17.25, "id": 3, "sigma": 0.1, "range": 123.4, "rssi": -80}\n': (
+        123.4,
+        3,
+        0.1,
+        17.25,
+    ),
 }
 
 
@@ -79,9 +95,22 @@ def test_a_printed_range_is_read(line):
 
 
 @pytest.mark.parametrize(
-    "line", [b"time,id,range", b"range: 12", b"1,2,3,4,5", b'{"distance": 3}', b'{"range": null}', b'{"range": 3',
-             b"70000,12.3", b"-1,12.3", b'{"range": 1e999999999999}', b"[" * 900, b'{"a":' * 6000, b"\xff\xfe\x00"]
-)  # fmt: skip
+    "line",
+    [
+        b"time,id,range",
+        b"range: 12",
+        b"1,2,3,4,5",
+        b'{"distance": 3}',
+        b'{"range": null}',
+        b'{"range": 3',
+        b"70000,12.3",
+        b"-1,12.3",
+        b'{"range": 1e999999999999}',
+        b"[" * 900,
+        b'{"a":' * 6000,
+        b"\xff\xfe\x00",
+    ],
+)
 def test_any_other_line_is_counted_and_nothing_else(line):
     driver = Lines()
     driver.receive(b"\n", 0.0)
@@ -93,7 +122,9 @@ def test_any_other_line_is_counted_and_nothing_else(line):
 def test_the_end_of_a_line_whose_beginning_was_lost_is_no_range():
     driver = Lines()
     assert driver.receive(b"3.4\n123.5\n12", 0.0) == Lines().receive(b"\n123.5\n", 0.0)
-    assert driver.receive(b"3.4\n123.6\n", 5.0) == Lines().receive(b"\n123.6\n", 0.0)  # the cable was out
+    assert driver.receive(b"3.4\n123.6\n", 5.0) == Lines().receive(
+        b"\n123.6\n", 0.0
+    )  # the cable was out
 
 
 STREAMS = {
@@ -109,7 +140,8 @@ STREAMS = {
 def test_every_way_to_cut_the_stream_gives_the_same_readings(make, cuts):
     stream = STREAMS[make]
     places = [0, *sorted(cuts), len(stream)]
-    whole, pieces = make(), make()
+    whole = make()
+    pieces = make()
     expected = whole.receive(stream, 0.0)
     found = [one for a, b in pairwise(places) for one in pieces.receive(stream[a:b], 0.0)]
     assert found == expected
@@ -139,7 +171,9 @@ def test_a_driver_is_named_before_its_port():
     assert split_driver("linktrack:/dev/ttyUSB0") == ("linktrack", "/dev/ttyUSB0")
     assert split_driver("lines:udpin:0.0.0.0:5005") == ("lines", "udpin:0.0.0.0:5005")
     assert split_driver("udpin:0.0.0.0:5005") == (None, "udpin:0.0.0.0:5005")
-    with pytest.raises(DriverError, match="no driver 'linktrak'; there are dwm1001, lines, linktrack"):
+    with pytest.raises(
+        DriverError, match="no driver 'linktrak'; there are dwm1001, lines, linktrack"
+    ):
         make_driver("linktrak")
 
 

@@ -1,4 +1,5 @@
-"""The circle flown with a radio behind a driver: the emulator's ranges as lines of text, beside another beacon's."""
+"""The circle flown with a radio behind a driver: the emulator's ranges as lines of text, beside
+another beacon's."""
 
 from collections import Counter
 
@@ -14,21 +15,28 @@ from circnav_mav.runtime.radio_link import RadioLink
 from tests.flight.recorded import RecordedFlight, recorded_flight
 
 OVERRIDES = (
-    'ranging.message="ranging_beacon"', 'ranging.endpoint="lines:udpin:127.0.0.1:5005"', 'guidance.law="smooth"',
-    'sim.ranging.message="ranging_beacon"', 'sim.ranging.via="direct"', "limits.duration_s=45",
-)  # fmt: skip
+    'ranging.message="ranging_beacon"',
+    'ranging.endpoint="lines:udpin:127.0.0.1:5005"',
+    'guidance.law="smooth"',
+    'sim.ranging.message="ranging_beacon"',
+    'sim.ranging.via="direct"',
+    "limits.duration_s=45",
+)
 SILENT = (15.0, 17.0)
 
 
 class TextPort:
-    """The emulator's radio as lines of text: each range follows one of a nearer beacon and some chatter."""
+    """The emulator's radio as lines of text: each range follows one of a nearer beacon and some
+    chatter."""
 
     def __init__(self, link):
         self._link = link
         self.troubles = Counter()
 
     def receive(self, now):
-        received = [mavlink.MAVLink(None).decode(bytearray(frame)) for frame, _ in self._link.receive(now)]
+        received = [
+            mavlink.MAVLink(None).decode(bytearray(frame)) for frame, _ in self._link.receive(now)
+        ]
         if SILENT[0] < now < SILENT[1]:
             return []
         stamped = [(one.time_usec / 1e6, one.range / 1000) for one in received]
@@ -38,7 +46,9 @@ class TextPort:
 
 def radio_flight(folder, *overrides) -> RecordedFlight:
     flight = recorded_flight(folder, "quickstart", *OVERRIDES, *overrides)
-    flight.links[RANGING] = RadioLink("lines", Lines(), TextPort(flight.links[RANGING]), datagrams=True)
+    flight.links[RANGING] = RadioLink(
+        "lines", Lines(), TextPort(flight.links[RANGING]), datagrams=True
+    )
     flight.fly(100).recorder.close()
     return flight
 
@@ -49,7 +59,11 @@ def test_the_named_beacon_is_circled_through_an_outage_and_replayed_exactly(tmp_
     run = open_run(tmp_path)
     flown = run.truth.time > 40
     assert abs(run.truth.radius[flown] - 100).max() < 5
-    held = [time for time, phase in zip(run.ticks.time, run.ticks.words["phase"], strict=True) if phase == "holding"]
+    held = [
+        time
+        for time, phase in zip(run.ticks.time, run.ticks.words["phase"], strict=True)
+        if phase == "holding"
+    ]
     assert SILENT[0] < min(held) < max(held) < SILENT[1] + 1
     settings = parse_mission(run.mission_text, "mission.toml").pilot_settings()
     done = replay(Pilot(settings), recorded_steps(tmp_path))

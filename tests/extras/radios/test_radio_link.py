@@ -22,10 +22,12 @@ class Wire:
     """A port that receives the data put into it."""
 
     def __init__(self):
-        self.troubles, self.waiting = Counter(), []
+        self.troubles = Counter()
+        self.waiting = []
 
     def receive(self, now):
-        received, self.waiting = self.waiting, []
+        received = self.waiting
+        self.waiting = []
         return received
 
 
@@ -40,21 +42,42 @@ class Radio:
         """Receive bytes; return a message and its source for each reading."""
         self.wire.waiting = [(one, "/dev/ttyUSB0") for one in data]
         reader = mavlink.MAVLink(None)
-        return [(reader.decode(bytearray(frame)), source) for frame, source in self.link.receive(now)]
+        return [
+            (reader.decode(bytearray(frame)), source) for frame, source in self.link.receive(now)
+        ]
 
 
 def test_a_reading_is_a_ranging_beacon_of_its_own_source():
     radio = Radio("linktrack", LinkTrack(), datagrams=False)
     (first, source), *others = radio.hears(NODE_FRAME_2)
     assert first.to_dict() | {"lat": 0, "lon": 0, "alt": 0} == {
-        "mavpackettype": "RANGING_BEACON", "time_usec": 1926822000, "target_system": 0, "target_component": 0,
-        "beacon_id": 0, "range": 3179, "lat": 0, "lon": 0, "alt": 0, "alt_type": 0, "hacc_est": NONE,
-        "vacc_est": NONE, "carrier_freq": 0, "range_accuracy": NONE, "sequence": 1, "status": 0,
-    }  # fmt: skip
-    assert (first.get_srcSystem(), first.get_srcComponent(), source) == (1, 192, "/dev/ttyUSB0 beacon 0")
+        "mavpackettype": "RANGING_BEACON",
+        "time_usec": 1926822000,
+        "target_system": 0,
+        "target_component": 0,
+        "beacon_id": 0,
+        "range": 3179,
+        "lat": 0,
+        "lon": 0,
+        "alt": 0,
+        "alt_type": 0,
+        "hacc_est": NONE,
+        "vacc_est": NONE,
+        "carrier_freq": 0,
+        "range_accuracy": NONE,
+        "sequence": 1,
+        "status": 0,
+    }
+    assert (first.get_srcSystem(), first.get_srcComponent(), source) == (
+        1,
+        192,
+        "/dev/ttyUSB0 beacon 0",
+    )
     assert [(message.beacon_id, message.range, at) for message, at in others] == [
-        (1, 5548, "/dev/ttyUSB0 beacon 1"), (2, 6728, "/dev/ttyUSB0 beacon 2"), (3, 4651, "/dev/ttyUSB0 beacon 3")
-    ]  # fmt: skip
+        (1, 5548, "/dev/ttyUSB0 beacon 1"),
+        (2, 6728, "/dev/ttyUSB0 beacon 2"),
+        (3, 4651, "/dev/ttyUSB0 beacon 3"),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -70,7 +93,9 @@ def test_a_reading_is_a_ranging_beacon_of_its_own_source():
     ],
 )
 def test_only_numbers_that_are_ranges_pass_as_such(line, millimetres, sigma, stamp):
-    ((message, _),) = Radio("lines", Lines(), datagrams=True).hears(line.encode())  # over UDP a line need not end
+    ((message, _),) = Radio("lines", Lines(), datagrams=True).hears(
+        line.encode()
+    )  # over UDP a line need not end
     assert (message.range, message.range_accuracy, message.time_usec) == (millimetres, sigma, stamp)
     assert math.isnan(message.alt)
 
@@ -127,7 +152,10 @@ def test_a_driver_that_fails_at_every_call_is_called_once_a_second_and_recovers(
         assert radio.hears(b"5.0", now=0.1 * step) == []
     failed = "driver unfinished failed: AttributeError(\"'Unfinished' object has no attribute "
     counts = {words.removeprefix(failed): count for words, count in radio.link.troubles.items()}
-    assert counts == {"'asked_at'\")": pytest.approx(109, abs=2), "'not_written_yet'\")": pytest.approx(109, abs=2)}
+    assert counts == {
+        "'asked_at'\")": pytest.approx(109, abs=2),
+        "'not_written_yet'\")": pytest.approx(109, abs=2),
+    }
     driver.finished = True
     assert [len(radio.hears(b"5.0", now=102.0 + 0.1 * step)) for step in range(5)] == 5 * [1]
 
@@ -146,8 +174,9 @@ def test_a_question_that_fails_leaves_no_byte_unread_and_a_driver_that_exits_end
     assert len(radio.hears(b"5.0")) == 1
     assert len(radio.hears(b"gone", b"6.0")) == 1
     assert dict(radio.link.troubles) == {
-        "driver exiting failed: OSError('no port')": 2, "driver exiting failed: SystemExit('no radio')": 1
-    }  # fmt: skip
+        "driver exiting failed: OSError('no port')": 2,
+        "driver exiting failed: SystemExit('no radio')": 1,
+    }
 
 
 class Bare:
@@ -192,13 +221,19 @@ def test_a_device_is_a_serial_line_at_the_speed_of_its_radio_and_one_that_cannot
         ("linktrack:/dev/ttyUSB0:460800", "serial:/dev/ttyUSB0:460800"),
         ("linktrack:serial:/dev/ttyUSB0:460800", "serial:/dev/ttyUSB0:460800"),
         ("lines:udpin:0.0.0.0:5005", "udpin:0.0.0.0:5005"),
-        ("dwm1001:/dev/serial/by-id/usb-SEGGER:1-port0", "serial:/dev/serial/by-id/usb-SEGGER:1-port0:115200"),
+        (
+            "dwm1001:/dev/serial/by-id/usb-SEGGER:1-port0",
+            "serial:/dev/serial/by-id/usb-SEGGER:1-port0:115200",
+        ),
     ):
         assert radio_port(endpoint)[2] == port
     for endpoint, said in (
         ("linktrak:/dev/ttyUSB0", "no driver 'linktrak'; there are dwm1001, lines, linktrack"),
         ("linktrack:/dev/ttyUSB77", "no such device"),
-        ("linktrack:ttyUSB0", "write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:PATH:BAUD"),
+        (
+            "linktrack:ttyUSB0",
+            "write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:PATH:BAUD",
+        ),
         ("lines:udpin:0.0.0.0", "port is missing"),
     ):
         with pytest.raises(LinkError) as refused:

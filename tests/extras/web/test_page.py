@@ -34,14 +34,18 @@ def test_over_ssh_the_command_for_a_tunnel_is_printed(circnav, mission, monkeypa
     monkeypatch.setenv("SSH_CONNECTION", "10.0.0.2 50000 192.168.2.2 22")
     monkeypatch.setenv("LOGNAME", "pi")
     ran = circnav("fly", mission, "--web", 0)
-    assert re.search(r"from your own computer: ssh -L (\d+):127\.0\.0\.1:\1 pi@192\.168\.2\.2\n", ran.out)
+    assert re.search(
+        r"from your own computer: ssh -L (\d+):127\.0\.0\.1:\1 pi@192\.168\.2\.2\n", ran.out
+    )
 
 
 def test_a_port_in_use_is_refused_before_anything_flies(circnav, mission, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         line = circnav("fly", mission, "--web", port, "--out", tmp_path / "out").refused
-    assert line.startswith(f"--web {port}: 127.0.0.1:{port} cannot be used: Address already in use; choose")
+    assert line.startswith(
+        f"--web {port}: 127.0.0.1:{port} cannot be used: Address already in use; choose"
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -52,28 +56,55 @@ DESIRED_ON_TOP = """
 def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tmp_path):
     """A radio that is silent for 2 s gives one alarm, even if the number in its text changes."""
     silent = 'sim.events=[{at_s=7.0, action="mute_ranging"}, {at_s=9.0, action="unmute_ranging"}]'
-    options = ("--web", "0", "--speed", "2", "--duration", "12", "--out", str(tmp_path / "run"), "--set", silent)
+    options = (
+        "--web",
+        "0",
+        "--speed",
+        "2",
+        "--duration",
+        "12",
+        "--out",
+        str(tmp_path / "run"),
+        "--set",
+        silent,
+    )
     with process_of("fly", "quickstart", *options) as flown:
         said = next(line for line in flown.stdout if line.startswith("live page at "))
         browser.open(said.split()[-1])
         browser.until("document.getElementById('phase').innerText.toLowerCase() === 'engaged'")
         browser.until("document.querySelectorAll('#charts svg.strip').length === 7")
         browser.until("points.length > 20 && document.querySelector('#track path.line.true')")
-        longest = "svg => Math.max(...[...svg.querySelectorAll('path.line')].map(path => path.getTotalLength()))"
-        lines = "[...document.querySelectorAll('#charts svg.strip')].filter(svg => svg.querySelector('.line'))"
+        longest = (
+            "svg => Math.max(...[...svg.querySelectorAll('path.line')].map(path =>"
+            " path.getTotalLength()))"
+        )
+        lines = (
+            "[...document.querySelectorAll('#charts svg.strip')].filter(svg =>"
+            " svg.querySelector('.line'))"
+        )
         drawn = browser.value(f"{lines}.map({longest})")
         assert len(drawn) == 4
         assert min(drawn) > 300  # px of line in every chart
         assert browser.value("document.getElementById('link').innerText") == "live"
         assert browser.value(DESIRED_ON_TOP)
-        assert re.fullmatch(r"\d{3} deg", browser.value("document.querySelector('[data-fact=heading]').innerText"))
+        assert re.fullmatch(
+            r"\d{3} deg", browser.value("document.querySelector('[data-fact=heading]').innerText")
+        )
         browser.until("!document.getElementById('outcome').hidden")
-        assert "COMPLETED: flown to its end" in browser.value("document.getElementById('outcome').innerText")
+        assert "COMPLETED: flown to its end" in browser.value(
+            "document.getElementById('outcome').innerText"
+        )
         assert browser.value("document.getElementById('link').innerText") == "stream ended"
-        assert browser.value("alarms.map(([, words]) => words.split(' ').slice(0, 2).join(' '))") == ["RANGE STALE"]
+        assert browser.value(
+            "alarms.map(([, words]) => words.split(' ').slice(0, 2).join(' '))"
+        ) == ["RANGE STALE"]
         told = browser.value("document.getElementById('circle').innerText")
-        assert re.fullmatch(r"100 m .*\. 2\d+-\d\d-\d\d \d\d:\d\d UTC\. ardupilot copter, firmware 4.6.3", told)
-        assert "waiting" not in browser.value("document.getElementById('figures').innerText"), "nothing is waited for"
+        assert re.fullmatch(
+            r"100 m .*\. 2\d+-\d\d-\d\d \d\d:\d\d UTC\. ardupilot copter, firmware 4.6.3", told
+        )
+        assert "waiting" not in browser.value("document.getElementById('figures').innerText"), (
+            "nothing is waited for"
+        )
         assert browser.value("document.querySelector('[data-fact=range]').innerText").endswith(
             "m horizontal, desired 100.0 m"
         )
@@ -82,7 +113,9 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tm
         browser.open(said.split()[-1])
         browser.until("document.querySelector('#report a')")
         assert browser.value("document.getElementById('outcome').innerText").startswith("COMPLETED")
-        assert str(tmp_path / "run" / "report.html") in browser.value("document.getElementById('report').innerText")
+        assert str(tmp_path / "run" / "report.html") in browser.value(
+            "document.getElementById('report').innerText"
+        )
         browser.open(browser.value("document.querySelector('#report a').href"))
         assert browser.value("document.querySelectorAll('svg.strip').length") > 5
         assert browser.complaints == []
@@ -90,8 +123,12 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tm
 
 
 def test_the_page_says_when_the_connection_is_lost(browser):
-    with closing(LivePage(flight("quickstart").pilot, Onlookers(), 0, name="small", tolerance=5.0, speed=1.0)) as page:
+    with closing(
+        LivePage(flight("quickstart").pilot, Onlookers(), 0, name="small", tolerance=5.0, speed=1.0)
+    ) as page:
         browser.open(page.url)
         browser.until("document.getElementById('name').innerText === 'small'")
         page._process.kill()
-        browser.until("document.getElementById('link').innerText === 'connection lost, trying again'")
+        browser.until(
+            "document.getElementById('link').innerText === 'connection lost, trying again'"
+        )

@@ -37,7 +37,9 @@ def patient():
 
 
 def open_page(pilot, port=0, *, truth=False):
-    return LivePage(pilot, Onlookers(), port, name="small", tolerance=5.0, speed=0.0, truth=truth)  # every tick is sent
+    return LivePage(
+        pilot, Onlookers(), port, name="small", tolerance=5.0, speed=0.0, truth=truth
+    )  # every tick is sent
 
 
 @pytest.fixture
@@ -59,7 +61,8 @@ def idle():
 
 
 def fly(flown, seconds, page):
-    """Show each tick after its step, like the runner, and at the server's pace, so that no line is dropped."""
+    """Show each tick after its step, like the runner, and at the server's pace, so that no line is
+    dropped."""
 
     def show(flown):
         select.select([], [page._pipe], [])
@@ -117,18 +120,24 @@ def test_the_page_is_served_whole_and_needs_no_other_host(idle):
     assert answer.status == 200
     assert answer.headers["Content-Type"].startswith("text/html")
     assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
-    assert not any(word in body for word in ("http://", "https://", "@import", "url(", '<link rel="stylesheet'))
+    assert not any(
+        word in body for word in ("http://", "https://", "@import", "url(", '<link rel="stylesheet')
+    )
 
 
 def test_there_is_nothing_else_and_nothing_that_changes_anything_nor_under_another_name(idle):
-    for method, path in product(("POST", "PUT", "DELETE", "PATCH", "OPTIONS"), ("/", "/events", "/report")):
+    for method, path in product(
+        ("POST", "PUT", "DELETE", "PATCH", "OPTIONS"), ("/", "/events", "/report")
+    ):
         assert ask(idle, method, path).status == 405, (method, path)
     for method, path in product(("GET", "POST"), ("/nothing", "/../history.py", "/stop")):
         assert ask(idle, method, path).status == 404, (method, path)
     assert ask(idle, "GET", "/events", Host="elsewhere.example").status == 400
 
 
-def test_connections_that_ask_for_nothing_keep_nobody_from_the_page_and_no_other_interface_is_bound(idle):
+def test_connections_that_ask_for_nothing_keep_nobody_from_the_page_and_no_other_interface_is_bound(
+    idle,
+):
     with socket.socket() as other, pytest.raises(ConnectionRefusedError):
         other.connect(("127.0.0.2", address(idle)[1]))
     with ExitStack() as held:
@@ -178,9 +187,12 @@ def test_after_the_flight_the_page_can_be_reloaded_and_has_the_report(flown, pag
     assert ask(page, "GET", "/report").read() == b"<p>flown</p>"
 
 
-def test_the_page_of_a_flight_that_is_over_ends_when_no_browser_shows_it(flown, monkeypatch, tmp_path):
+def test_the_page_of_a_flight_that_is_over_ends_when_no_browser_shows_it(
+    flown, monkeypatch, tmp_path
+):
     monkeypatch.setattr(feed, "AWAY", 0.2)
-    seen, unseen = open_page(flown.pilot), open_page(flown.pilot)
+    seen = open_page(flown.pilot)
+    unseen = open_page(flown.pilot)
     stream = Stream(seen)
     stream.until("history")
     for page in (unseen, seen):
@@ -202,7 +214,9 @@ def ticks_alone():
     return flight("quickstart").fly(20.0).ticks
 
 
-def test_a_server_that_hangs_and_one_that_was_killed_cost_no_tick(flown, page, ticks_alone, tmp_path):
+def test_a_server_that_hangs_and_one_that_was_killed_cost_no_tick(
+    flown, page, ticks_alone, tmp_path
+):
     def show(flown):
         page.on_step(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now), None)
 
@@ -234,7 +248,9 @@ def test_a_browser_that_never_reads_holds_up_nobody(flown, page, ticks_alone, tm
 
 def truth_frame(north, east):
     """Truth message of the bundled vehicle at a position relative to the target."""
-    message = mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, [north, east] + [0.0] * 56)
+    message = mavlink.MAVLink_debug_float_array_message(
+        0, b"SIM_TRUTH", 0, [north, east] + [0.0] * 56
+    )
     return bytes(message.pack(mavlink.MAVLink(None, srcSystem=7)))
 
 
@@ -243,13 +259,16 @@ def test_the_truth_of_the_bundled_vehicle_alone_is_told_and_what_is_no_number_is
     flown, monkeypatch, bundled
 ):
     assert [feed._plain(value) for value in (nan, inf, 1.000001)] == [None, None, 1.0]
-    told, good = [], truth_frame(30.0, 4.0)
+    told = []
+    good = truth_frame(30.0, 4.0)
     frames = [truth_frame(nan, 2.0), good, truth_frame(1.0, inf), truth_frame(-inf, 1.0)]
     flown.fly(8.0)
     with closing(open_page(flown.pilot, truth=bundled)) as page:
         monkeypatch.setattr(page, "_queue_event", told.append)
         for frame in frames:
-            page.on_step(flown.ticks[-1], LoopStep(flown.now, received=[("main", "anybody", [frame])]), None)
+            page.on_step(
+                flown.ticks[-1], LoopStep(flown.now, received=[("main", "anybody", [frame])]), None
+            )
     known = [(None, None), *[(4.0, 30.0)] * 3] if bundled else [(None, None)] * 4
     assert [(what["east"], what["north"]) for what in told] == known
 
@@ -260,7 +279,9 @@ def test_the_truth_of_the_bundled_vehicle_alone_is_told_and_what_is_no_number_is
 def history_of(many):
     history = History()
     for number in range(many):
-        history.take(json.dumps({"kind": "tick", **dict.fromkeys(COLUMNS), "time": number}).encode())
+        history.take(
+            json.dumps({"kind": "tick", **dict.fromkeys(COLUMNS), "time": number}).encode()
+        )
     return history
 
 
@@ -274,10 +295,16 @@ def test_the_history_of_a_long_flight_is_bounded_and_spans_it_evenly_and_who_is_
     assert times[-1] > many - begun["every"] - 1
     assert begun["newest"]["time"] == many - 1
     history = history_of(500)
-    assert [json.loads(event.partition("data: ")[2])["time"] for event in history.since(497)] == [497, 498, 499]
+    assert [json.loads(event.partition("data: ")[2])["time"] for event in history.since(497)] == [
+        497,
+        498,
+        499,
+    ]
     assert history.since(500) == []
     assert len(history.since(500 - NEWEST)) == NEWEST
-    assert [event.partition("\n")[0] for event in history.since(500 - NEWEST - 1)] == ["event: history"]
+    assert [event.partition("\n")[0] for event in history.since(500 - NEWEST - 1)] == [
+        "event: history"
+    ]
 
 
 # --- refusals ---
@@ -285,6 +312,8 @@ def test_the_history_of_a_long_flight_is_bounded_and_spans_it_evenly_and_who_is_
 
 def test_without_the_packages_the_command_that_brings_them_is_named(flown, monkeypatch):
     find = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "uvicorn" else find(name))
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "uvicorn" else find(name)
+    )
     with pytest.raises(WebError, match=r"--web needs the package uvicorn: pip install uvicorn"):
         open_page(flown.pilot)

@@ -9,7 +9,9 @@ DISTANCE = RangingSettings(message="distance_sensor", sigma_m=0.5)
 
 class Ear:
     def __init__(self, settings=DISTANCE, height=None):
-        self.reader, self.speaker, self.height = RangeReader(settings), Voice(1, 1), height
+        self.reader = RangeReader(settings)
+        self.speaker = Voice(1, 1)
+        self.height = height
 
     def hear(self, message, now=1.0, speaker=None):
         return self.reader.read((speaker or self.speaker).message(message), now, height=self.height)

@@ -1,4 +1,5 @@
-"""A radio with errors: the calibration in the mission gives true ranges in flight, applied once, before the height."""
+"""A radio with errors: the calibration in the mission gives true ranges in flight, applied once,
+before the height."""
 
 from math import sqrt
 
@@ -17,13 +18,18 @@ SX1280 = ((0.0, 4.4), (50.0, 57.6), (100.0, 103.0), (150.0, 148.0), (200.0, 201.
 LISTED = "[[0, 4.4], [50, 57.6], [100, 103], [150, 148], [200, 201], [250, 253]]"
 
 
-@pytest.mark.parametrize("radio", [Calibration(1.07, 1.5), Calibration(0.93, -2.0), Calibration(points=SX1280)])
+@pytest.mark.parametrize(
+    "radio", [Calibration(1.07, 1.5), Calibration(0.93, -2.0), Calibration(points=SX1280)]
+)
 @given(length=st.floats(0, 1000))
 def test_the_range_of_a_reading_is_the_length_that_the_radio_reported_so(radio, length):
     true, slope = radio.true(radio.reported(length))
     assert true == pytest.approx(length, abs=1e-6)
     there = radio.true(radio.reported(length) + 1e-6)[0]
-    assert slope == pytest.approx((there - true) / 1e-6, rel=1e-3) or abs(length / 50 - round(length / 50)) < 1e-6
+    assert (
+        slope == pytest.approx((there - true) / 1e-6, rel=1e-3)
+        or abs(length / 50 - round(length / 50)) < 1e-6
+    )
 
 
 def test_the_slant_range_is_corrected_before_the_height_is_taken_off():
@@ -61,7 +67,9 @@ def test_a_calibration_that_no_radio_has_is_refused(given, words):
 
 
 def test_check_says_what_the_radio_reports_on_the_circle():
-    mission = load_mission(CONFIG / "quickstart.toml", [f"ranging.points_m={LISTED}", "orbit.radius_m=300"])
+    mission = load_mission(
+        CONFIG / "quickstart.toml", [f"ranging.points_m={LISTED}", "orbit.radius_m=300"]
+    )
     lines = [line.text for line in check_mission(mission) if line.subject == "calibration"]
     assert lines[0] == "6 points: 301.5 m on the circle are reported as 306.6 m"
     assert "covers 0 to 250 m" in lines[1]

@@ -1,4 +1,5 @@
-"""Contents of each range message by its definition (mavlink.md 1.1 to 1.3), including the codes for "no range"."""
+"""Contents of each range message by its definition (mavlink.md 1.1 to 1.3), including the codes for
+"no range"."""
 
 import math
 
@@ -34,8 +35,12 @@ def test_the_messages_are_those_of_mavlink_and_their_longest_range_is_that_of_th
     for kind in RANGING_MESSAGES.values():
         assert mavlink.mavlink_map[kind.id].msgname == kind.type
         assert set(kind.marks) <= set(mavlink.mavlink_map[kind.id].fieldnames)
-    assert RANGING_MESSAGES["distance_sensor"].farthest == 655.34  # u16 centimeters; 65535 means none
-    assert RANGING_MESSAGES["ranging_beacon"].farthest == 4_294_967.0  # u32 millimeters; the largest value means none
+    assert (
+        RANGING_MESSAGES["distance_sensor"].farthest == 655.34
+    )  # u16 centimeters; 65535 means none
+    assert (
+        RANGING_MESSAGES["ranging_beacon"].farthest == 4_294_967.0
+    )  # u32 millimeters; the largest value means none
     other = Ear(BEACON)
     assert other.distance() is None
     assert other.rejected == {}
@@ -45,8 +50,16 @@ def test_the_messages_are_those_of_mavlink_and_their_longest_range_is_that_of_th
     ("settings", "message", "expected"),
     [
         (DISTANCE, sensor(12345, covariance=100), (123.45, 0.10, 501.0)),  # cm, cm^2, ms
-        (DISTANCE, sensor(12345, covariance=0), (123.45, 0.5, 501.0)),  # ArduPilot always fills in 0: use the mission's
-        (DISTANCE, sensor(12345, covariance=255), (123.45, 0.5, 501.0)),  # unknown, by the definition
+        (
+            DISTANCE,
+            sensor(12345, covariance=0),
+            (123.45, 0.5, 501.0),
+        ),  # ArduPilot always fills in 0: use the mission's
+        (
+            DISTANCE,
+            sensor(12345, covariance=255),
+            (123.45, 0.5, 501.0),
+        ),  # unknown, by the definition
         (BEACON, radio(1_234_567, range_accuracy=120), (1234.567, 0.120, 501.0)),  # mm, us
         (BEACON, radio(1_234_567, range_accuracy=0), (1234.567, 0.5, 501.0)),
         (BEACON, radio(1_234_567, range_accuracy=NONE), (1234.567, 0.5, 501.0)),
@@ -89,7 +102,9 @@ def test_it_counts_in_the_units_of_its_definition(settings, message, expected):
         (NAMED, named(1.001e6), "above_max"),
     ],
 )
-def test_a_range_within_its_limits_is_taken_and_another_rejected_by_its_reason(settings, message, reason):
+def test_a_range_within_its_limits_is_taken_and_another_rejected_by_its_reason(
+    settings, message, reason
+):
     ear = Ear(settings)
     assert (ear.hear(message) is None) == (reason is not None)
     assert ear.rejected == ({reason: 1} if reason else {})
@@ -106,7 +121,11 @@ def test_a_range_within_its_limits_is_taken_and_another_rejected_by_its_reason(s
         ({"sensor_id": 0, "orientation": 0}, sensor(10000, id=0, orientation=24), False),
         ({}, sensor(10000, orientation=25), None),  # downward: it measures height
         ({"orientation": 25}, sensor(10000, orientation=25), None),
-        ({"name": "RADIO"}, named(100.0, "RADIO2"), None),  # the name distinguishes values of any kind
+        (
+            {"name": "RADIO"},
+            named(100.0, "RADIO2"),
+            None,
+        ),  # the name distinguishes values of any kind
         ({"name": "R" * 10}, named(100.0, "R" * 10), True),
     ],
 )
@@ -121,18 +140,39 @@ def test_it_is_picked_by_the_missions_marks_and_what_is_no_ranging_radio_at_all_
 
 def test_a_repeated_sequence_is_a_repeated_measurement_whatever_its_stamp():
     ear = Ear(BEACON)
-    messages = [radio(100_000, 501_000_000 + 100_000 * i, number) for i, number in enumerate((255, 255, 0, 1))]
-    assert [ear.hear(one, 1 + 0.1 * i) is not None for i, one in enumerate(messages)] == [True, False, True, True]
+    messages = [
+        radio(100_000, 501_000_000 + 100_000 * i, number)
+        for i, number in enumerate((255, 255, 0, 1))
+    ]
+    assert [ear.hear(one, 1 + 0.1 * i) is not None for i, one in enumerate(messages)] == [
+        True,
+        False,
+        True,
+        True,
+    ]
     assert ear.rejected == {"repeat": 1}
 
 
 @given(
-    cm=st.integers(0, 65535), low=st.integers(0, 65535), high=st.integers(0, 65535), stamp=st.integers(0, 2**32 - 1),
-    quality=st.integers(0, 255), covariance=st.integers(0, 255), way=st.integers(0, 255), height=st.floats(0, 700),
-)  # fmt: skip
-def test_whatever_a_sensor_says_a_sample_is_finite_and_positive(cm, low, high, stamp, quality, covariance, way, height):
+    cm=st.integers(0, 65535),
+    low=st.integers(0, 65535),
+    high=st.integers(0, 65535),
+    stamp=st.integers(0, 2**32 - 1),
+    quality=st.integers(0, 255),
+    covariance=st.integers(0, 255),
+    way=st.integers(0, 255),
+    height=st.floats(0, 700),
+)
+def test_whatever_a_sensor_says_a_sample_is_finite_and_positive(
+    cm, low, high, stamp, quality, covariance, way, height
+):
     ear = Ear(height=height)
-    fields = {"min_distance": low, "max_distance": high, "signal_quality": quality, "covariance": covariance}
+    fields = {
+        "min_distance": low,
+        "max_distance": high,
+        "signal_quality": quality,
+        "covariance": covariance,
+    }
     sample = ear.distance(cm, stamp=stamp, orientation=way, **fields)
     if sample is None:
         assert sum(ear.rejected.values()) == (way != 25)
@@ -141,7 +181,11 @@ def test_whatever_a_sensor_says_a_sample_is_finite_and_positive(cm, low, high, s
         assert 0 < sample.sigma < math.inf
 
 
-@given(readings=st.lists(st.tuples(st.integers(0, NONE), st.integers(0, 2**64 - 1), st.integers(0, 255)), max_size=20))
+@given(
+    readings=st.lists(
+        st.tuples(st.integers(0, NONE), st.integers(0, 2**64 - 1), st.integers(0, 255)), max_size=20
+    )
+)
 def test_whatever_a_beacon_says_is_taken_or_counted_once(readings):
     ear = Ear(BEACON)
     samples = [ear.hear(radio(*reading), 1 + 0.1 * i) for i, reading in enumerate(readings)]

@@ -1,4 +1,5 @@
-"""NAMED_VALUE_FLOAT: meters per second under an agreed name, beside the range of the same sender and clock."""
+"""NAMED_VALUE_FLOAT: meters per second under an agreed name, beside the range of the same sender
+and clock."""
 
 import math
 
@@ -18,7 +19,8 @@ class Pair:
 
     def __init__(self, height=None, **settings):
         settings = RangingSettings("named_value_float", name="R", rate_name="RR", **settings)
-        self.ranging, self.height = RangeReader(settings), height
+        self.ranging = RangeReader(settings)
+        self.height = height
         self.rates = RangeRateReader(settings, self.ranging, NoiseCheck.of_rates(15.0, 0.35), 15.0)
 
     def range(self, metres, now, stamp=None):
@@ -45,7 +47,9 @@ def test_it_is_positive_away_from_the_target_whichever_way_the_radio_counts(sign
     pair = Pair(rate_sign=sign)
     pair.range(100.0, 1.0)
     sample = pair.rate(-4.5, 1.01, stamp=501_000)
-    assert (sample.r_dot, sample.sigma, sample.stamp, sample.time) == pytest.approx((rate, 0.3, 501.0, 1.0))
+    assert (sample.r_dot, sample.sigma, sample.stamp, sample.time) == pytest.approx(
+        (rate, 0.3, 501.0, 1.0)
+    )
 
 
 def test_it_counts_only_from_the_sender_of_the_ranges_and_after_the_first_of_them():

@@ -1,5 +1,5 @@
-"""Accepted ranges: only from the right sender, each measurement once, in the order of the sensor's clock, and
-recent."""
+"""Accepted ranges: only from the right sender, each measurement once, in the order of the sensor's
+clock, and recent."""
 
 from dataclasses import replace
 
@@ -14,8 +14,11 @@ from tests.rig import Voice
 
 
 def test_a_sensor_that_steers_is_the_only_one_taken_and_another_one_after_five_seconds_of_its_silence():
-    ear, other = Ear(), Voice(2, 1)
-    assert ear.distance(0, now=0.9, speaker=Voice(9, 9)) is None, "a rejected message makes nobody our sensor"
+    ear = Ear()
+    other = Voice(2, 1)
+    assert ear.distance(0, now=0.9, speaker=Voice(9, 9)) is None, (
+        "a rejected message makes nobody our sensor"
+    )
     assert ear.distance(now=6.0) is not None
     ear.reader.sender_stays = True
     for speaker, now in ((other, 6.1), (Voice(1, 158), 6.2), (other, 20.0)):
@@ -29,7 +32,8 @@ def test_a_sensor_that_steers_is_the_only_one_taken_and_another_one_after_five_s
 
 
 @pytest.mark.parametrize(
-    ("system", "component", "taken"), [(5, None, True), (5, 7, True), (5, 8, False), (6, None, False), (None, 7, True)]
+    ("system", "component", "taken"),
+    [(5, None, True), (5, 7, True), (5, 8, False), (6, None, False), (None, 7, True)],
 )
 def test_the_missions_sender_is_the_only_one_taken(system, component, taken):
     ear = Ear(replace(DISTANCE, system_id=system, component_id=component))
@@ -41,8 +45,11 @@ def test_the_missions_sender_is_the_only_one_taken(system, component, taken):
 
 
 @given(order=st.permutations([*range(12), 0, 5]))
-def test_whatever_the_order_of_arrival_stamps_only_rise_and_a_repeated_one_never_counts_again(order):
-    ear, stamps = Ear(), []
+def test_whatever_the_order_of_arrival_stamps_only_rise_and_a_repeated_one_never_counts_again(
+    order,
+):
+    ear = Ear()
+    stamps = []
     for at, i in enumerate(order):
         sample = ear.distance(10000 + at, stamp=700_000 + 50 * i, now=1.0 + 0.05 * at)
         stamps += [] if sample is None else [sample.stamp]
@@ -52,21 +59,28 @@ def test_whatever_the_order_of_arrival_stamps_only_rise_and_a_repeated_one_never
 
 
 def test_the_wrap_of_the_boot_time_after_49_days_is_no_jump():
-    ear, wrap, last = Ear(), 2**32, None
+    ear = Ear()
+    wrap = 2**32
+    last = None
     for i in range(-10, 10):
         if i == 0:
             continue  # 0 means "no stamp"
         sample = ear.distance(stamp=(wrap + 100 * i) % wrap, now=5 + 0.1 * i)
-        assert last is None or sample.stamp - last == pytest.approx(0.1 if i != 1 else 0.2, abs=1e-6)
+        assert last is None or sample.stamp - last == pytest.approx(
+            0.1 if i != 1 else 0.2, abs=1e-6
+        )
         last = sample.stamp
     assert ear.rejected == {}
     assert not ear.reader.restarted
 
 
 @pytest.mark.parametrize("jump_ms", [-600_000, 3_600_000, -1_500])
-def test_a_jump_of_the_sensors_clock_counts_when_stamps_confirm_it_and_the_old_clock_is_silent(jump_ms):
+def test_a_jump_of_the_sensors_clock_counts_when_stamps_confirm_it_and_the_old_clock_is_silent(
+    jump_ms,
+):
     """A rebooted sensor: exactly two samples are lost, and the estimator is restarted."""
-    ear, seen = Ear(), []
+    ear = Ear()
+    seen = []
     for i in range(9):
         sample = ear.distance(stamp=700_000 + 100 * i + (jump_ms if i >= 5 else 0), now=1 + 0.1 * i)
         seen.append((sample is not None, ear.reader.restarted))
@@ -98,7 +112,10 @@ def test_ranges_that_are_heard_again_are_rejected_though_two_come_in_a_row():
 )
 def test_stamps_that_jump_about_or_once_only_reset_nothing(stamps):
     ear = Ear()
-    taken = [ear.distance(stamp=stamp % 2**32, now=1 + 0.1 * i) is not None for i, stamp in enumerate(stamps[:-1])]
+    taken = [
+        ear.distance(stamp=stamp % 2**32, now=1 + 0.1 * i) is not None
+        for i, stamp in enumerate(stamps[:-1])
+    ]
     assert taken == [700_000 <= stamp <= 700_400 for stamp in stamps[:-1]]
     ear.distance(stamp=stamps[-1], now=1 + 0.1 * len(taken))
     assert ear.reader.restarted == (stamps[-1] == 100_200)
@@ -119,7 +136,9 @@ def test_a_slow_radio_whose_clock_jumps_is_taken_again_and_a_pause_is_no_jump():
 def test_a_message_without_a_stamp_to_use_is_dated_by_its_arrival(whose, stamp):
     ear = Ear(replace(DISTANCE, stamp=whose))
     samples = [ear.distance(stamp=stamp, now=1 + 0.1 * i) for i in range(3)]
-    assert [(sample.stamp, sample.time) for sample in samples] == [(1 + 0.1 * i, 1 + 0.1 * i) for i in range(3)]
+    assert [(sample.stamp, sample.time) for sample in samples] == [
+        (1 + 0.1 * i, 1 + 0.1 * i) for i in range(3)
+    ]
     assert ear.distance(stamp=stamp, now=1.2) is None
 
 
@@ -128,7 +147,9 @@ def test_values_sent_again_faster_than_the_sensor_measures_count_once(constant):
     """ArduPilot stamps at sending and repeats: a 5 Hz sensor is sent at 20 Hz."""
     ear = Ear(replace(DISTANCE, rate_hz=5.0))
     cm = [10000 if constant else 10000 + 300 * (i // 4) for i in range(40)]
-    assert [ear.distance(cm[i], now=1 + 0.05 * i) is not None for i in range(40)] == [i % 4 == 0 for i in range(40)]
+    assert [ear.distance(cm[i], now=1 + 0.05 * i) is not None for i in range(40)] == [
+        i % 4 == 0 for i in range(40)
+    ]
     assert ear.rejected == {"repeat": 30}
 
 

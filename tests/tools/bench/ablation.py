@@ -1,11 +1,13 @@
-"""python -m tests.tools.bench.ablation --results FILE [--seconds T] [--table]: the benefit of each layer on the turn.
+"""python -m tests.tools.bench.ablation --results FILE [--seconds T] [--table]: the benefit of each
+layer on the turn.
 
-One layer at a time is switched off from outside, in flights of the emulated vehicles (rows of docs/firmware.md) and in
-rows of the benchmark, with the same seeds. FILE keeps a line for each flight or row, which is not flown again. A run
-ends after T seconds. `--table` prints the table from FILE.
+One layer at a time is switched off from outside, in flights of the emulated vehicles (rows of
+docs/firmware.md) and in rows of the benchmark, with the same seeds. FILE keeps a line for each
+flight or row, which is not flown again. A run ends after T seconds. `--table` prints the table from
+FILE.
 
-With all layers on, each answer of a layer is compared with its answer when switched off. A layer whose answers never
-differ does not change that flight, so the flight is not flown again.
+With all layers on, each answer of a layer is compared with its answer when switched off. A layer
+whose answers never differ does not change that flight, so the flight is not flown again.
 """
 
 import argparse
@@ -54,23 +56,28 @@ BENCHED = (
     "the same with accelerations",
     "target stops and goes",
 )
-BATCH, BATCH_SEED, LASTS = 20, 2027, 170.0
-"""Flights per row of the benchmark, seed of its published table, and duration of a flight, s (400 s in that table)."""
+BATCH = 20
+BATCH_SEED = 2027
+LASTS = 170.0
+"""Flights per row of the benchmark, seed of its published table, and duration of a flight, s (400 s
+in that table)."""
 LAPS = 1
 """Laps of an emulated flight that are evaluated."""
 AHEAD = 8
 """The next job is drawn from this many, so that two parallel runs seldom fly the same job."""
-KEPT, NEVER = 0.1, 0.2
-"""A circle is kept by an RMS error below the first and no error above the second, in units of the radius."""
+KEPT = 0.1
+NEVER = 0.2
+"""A circle is kept by an RMS error below the first and no error above the second, in units of the
+radius."""
 
 Function = Callable[..., Any]
 
 
 @dataclass(frozen=True)
 class Layer:
-    """owner: class of the function; empty for a module's function. takes: an argument that distinguishes the function
-    from others of the same name. off: the result without the layer, from the function and its arguments. batch: True if
-    the array engine has the layer."""
+    """owner: class of the function; empty for a module's function. takes: an argument that
+    distinguishes the function from others of the same name. off: the result without the layer, from
+    the function and its arguments. batch: True if the array engine has the layer."""
 
     name: str
     owner: str
@@ -84,10 +91,16 @@ class Layer:
         """Modules or classes that hold the function, with the function. Raises LookupError."""
         modules = [one for name, one in sys.modules.items() if name.startswith("circnav_mav")]
         holders = [getattr(one, self.owner, None) for one in modules] if self.owner else modules
-        held = [(one, vars(one)[self.function]) for one in holders if self.function in getattr(one, "__dict__", ())]
+        held = [
+            (one, vars(one)[self.function])
+            for one in holders
+            if self.function in getattr(one, "__dict__", ())
+        ]
         fit = {id(holder): (holder, held) for holder, held in held if self._fits(held)}
         if not fit:
-            raise LookupError(f"layer {self.name}: no function {self.owner or 'module'}.{self.function}")
+            raise LookupError(
+                f"layer {self.name}: no function {self.owner or 'module'}.{self.function}"
+            )
         return list(fit.values())
 
     def _fits(self, function: object) -> bool:
@@ -98,21 +111,48 @@ def _response_of_the_mission(response: Function, self: Any, link: float) -> Any:
     return vars(self).setdefault("of_the_mission", response(self, link))._replace(link=link)
 
 
-def _present_turn_goes_on(at: Function, self: Any, now: float, response: Any, turn_rate: Any) -> Any:
+def _present_turn_goes_on(
+    at: Function, self: Any, now: float, response: Any, turn_rate: Any
+) -> Any:
     return at(self, now, response, turn_rate)._replace(turn=turn_rate * response.delay)
 
 
 LAYERS = (
-    Layer("gain learner", "", "learn", "lag", lambda of, state, **seen: of(state, **seen)._replace(gain=state.gain)),
+    Layer(
+        "gain learner",
+        "",
+        "learn",
+        "lag",
+        lambda of, state, **seen: of(state, **seen)._replace(gain=state.gain),
+    ),
     Layer("delay learner", "ResponseLearner", "response", "link", _response_of_the_mission),
     Layer("Smith prediction", "PendingTurn", "at", "response", _present_turn_goes_on, batch=True),
     Layer("bank limit", "BankLimit", "follow", "banked", lambda of, self, *seen: self),
-    Layer("limit-cycle watch", "", "drift_gains", "share", lambda of, V, delay, settles, *_: of(V, delay, settles)),
+    Layer(
+        "limit-cycle watch",
+        "",
+        "drift_gains",
+        "share",
+        lambda of, V, delay, settles, *_: of(V, delay, settles),
+    ),
     Layer("radius trim", "", "next_trim", "saturated", lambda of, *before, **seen: 0.0),
     Layer("side-slip", "SideSlip", "follow", "own", lambda of, self, own: (self, own)),
     Layer("lap plan", "", "plan", "limit", lambda of, *circle, **how: None, batch=True),
-    Layer("accelerations", "PathPoint", "velocity_change_since", "before", lambda of, self, before: None),
-    Layer("change of drift", "", "drift", "change", lambda of, *at, **how: of(*at, **how | {"change": (0, 0)}), True),
+    Layer(
+        "accelerations",
+        "PathPoint",
+        "velocity_change_since",
+        "before",
+        lambda of, self, before: None,
+    ),
+    Layer(
+        "change of drift",
+        "",
+        "drift",
+        "change",
+        lambda of, *at, **how: of(*at, **how | {"change": (0, 0)}),
+        True,
+    ),
 )
 NAMES = tuple(layer.name for layer in LAYERS)
 ACCELERATIONS = "accelerations"
@@ -167,8 +207,8 @@ def _differ(one: object, other: object) -> bool:
 
 @dataclass(frozen=True)
 class Result:
-    """kept, of: numbers of flights. acted: layers that changed a result, in a flight with all layers. Lengths in m,
-    turn_sd in deg/s."""
+    """kept, of: numbers of flights. acted: layers that changed a result, in a flight with all
+    layers. Lengths in m, turn_sd in deg/s."""
 
     row: str
     seed: int
@@ -188,13 +228,18 @@ def fly_row(row: str, seed: int, layer: str) -> Result:
         one = fly(row, seed, count=LAPS, rows=FLIGHTS)
     radius = CIRCLES[FLIGHTS[row][0]][0]
     kept = one.right and one.rms < KEPT * radius and one.worst < NEVER * radius
-    return Result(row, seed, layer, one.rms, one.turn_sd, one.at_limit, int(kept), 1, tuple(sorted(acted)))
+    return Result(
+        row, seed, layer, one.rms, one.turn_sd, one.at_limit, int(kept), 1, tuple(sorted(acted))
+    )
 
 
 def fly_bench(row: str, layer: str) -> Result:
     """Fly one row of the benchmark."""
-    situation, world = SITUATIONS[row], BATCH_SEED + zlib.crc32(row.encode()) % 1_000_000
-    flown = replace(situation, duration=LASTS, imu=None if layer == ACCELERATIONS else situation.imu)
+    situation = SITUATIONS[row]
+    world = BATCH_SEED + zlib.crc32(row.encode()) % 1_000_000
+    flown = replace(
+        situation, duration=LASTS, imu=None if layer == ACCELERATIONS else situation.imu
+    )
     with ExitStack() as off:
         if layer not in (FULL, ACCELERATIONS):
             off.enter_context(without(_layer(layer)))
@@ -233,8 +278,9 @@ def _in_batch(layer: str, row: str) -> bool:
 
 
 def table(results: dict[tuple[str, int, str], Result]) -> str:
-    """The table in Markdown. A cell is the median radius RMS, m, the standard deviation of the turn command, deg/s, and
-    its share at the limit where it is 1 % or more. A dash: the layer changed no answer. Empty: not flown yet."""
+    """The table in Markdown. A cell is the median radius RMS, m, the standard deviation of the turn
+    command, deg/s, and its share at the limit where it is 1 % or more. A dash: the layer changed no
+    answer. Empty: not flown yet."""
     ratios: dict[str, list[float]] = {name: [] for name in NAMES}
     lines = [["row", FULL, *NAMES], ["---"] * (2 + len(NAMES))]
     for row in (*FLOWN, *BENCHED):
@@ -242,30 +288,53 @@ def table(results: dict[tuple[str, int, str], Result]) -> str:
         full = [results[row, seed, FULL] for seed in seeds if (row, seed, FULL) in results]
         cells = [row if row in FLOWN else f"benchmark: {row}", _cell(full)]
         for name in NAMES:
-            applies = {one.seed for one in full if (_in_batch(name, row) if row in BENCHED else name in one.acted)}
-            off = {seed: results[row, seed, name] for seed in applies if (row, seed, name) in results}
-            pairs = [(one, off.get(one.seed, one)) for one in full if one.seed not in applies or one.seed in off]
+            applies = {
+                one.seed
+                for one in full
+                if (_in_batch(name, row) if row in BENCHED else name in one.acted)
+            }
+            off = {
+                seed: results[row, seed, name] for seed in applies if (row, seed, name) in results
+            }
+            pairs = [
+                (one, off.get(one.seed, one))
+                for one in full
+                if one.seed not in applies or one.seed in off
+            ]
             cells.append(_cell([other for _, other in pairs]) if off else "" if applies else "-")
             if off:
-                ratios[name].append(median(other.rms for _, other in pairs) / median(one.rms for one, _ in pairs))
+                ratios[name].append(
+                    median(other.rms for _, other in pairs) / median(one.rms for one, _ in pairs)
+                )
         lines.append(cells)
     told = {name: sorted(ratio) or [1.0] for name, ratio in ratios.items()}
     lines.append(["median ratio of RMS", "1", *(f"{median(told[name]):.2f}" for name in NAMES)])
-    lines.append(["least and largest", "1", *(f"{told[name][0]:.2f}, {told[name][-1]:.2f}" for name in NAMES)])
+    lines.append(
+        [
+            "least and largest",
+            "1",
+            *(f"{told[name][0]:.2f}, {told[name][-1]:.2f}" for name in NAMES),
+        ]
+    )
     return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
 
 
 def _cell(results: list[Result]) -> str:
     if not results:
         return ""
-    rms, turn_sd, cut = (median(getattr(one, name) for one in results) for name in ("rms", "turn_sd", "at_limit"))
-    kept, of = sum(one.kept for one in results), sum(one.of for one in results)
+    rms, turn_sd, cut = (
+        median(getattr(one, name) for one in results) for name in ("rms", "turn_sd", "at_limit")
+    )
+    kept = sum(one.kept for one in results)
+    of = sum(one.of for one in results)
     limit = f", {100 * cut:.0f} %" if cut >= 0.005 else ""
     return f"{rms:.2f}, {turn_sd:.1f}{limit}{'' if kept == of else f' (kept {kept} of {of})'}"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--seconds", type=float, default=240.0)
     parser.add_argument("--table", action="store_true")

@@ -1,12 +1,13 @@
-"""Table of the fleet: evenness, separation and radius of whole fleets on the emulated plane and copter.
+"""Table of the fleet: evenness, separation and radius of whole fleets on the emulated plane and
+copter.
 
     python -m tests.tools.bench.bench_fleet --flights 3 --rows plane-6 plane-6-wind
     python -m tests.tools.bench.bench_fleet --flights 5 --study --keep study.jsonl --minutes 5
 
-The members have the product's noisy sensors and estimate the drift. Compass biases have 2 deg standard deviation, the
-planes' airspeeds 2 %. The study changes one condition of six planes at a time. A flight takes about 9 s of processor
-time for each member and 200 s. `--keep FILE` adds every flight to a file of JSON lines and skips the flights already in
-it.
+The members have the product's noisy sensors and estimate the drift. Compass biases have 2 deg
+standard deviation, the planes' airspeeds 2 %. The study changes one condition of six planes at a
+time. A flight takes about 9 s of processor time for each member and 200 s. `--keep FILE` adds every
+flight to a file of JSON lines and skips the flights already in it.
 """
 
 import argparse
@@ -29,21 +30,27 @@ from circnav_mav.extras.fleet.report import State
 
 CONFIG = Path(__file__).parents[3] / "config"
 PLANE = (
-    *("vehicle.speed_mps=15", "sim.vehicle.cruise_speed_mps=15.0", "sim.start.speed_mps=15.0", "orbit.radius_m=100"),
+    *(
+        "vehicle.speed_mps=15",
+        "sim.vehicle.cruise_speed_mps=15.0",
+        "sim.start.speed_mps=15.0",
+        "orbit.radius_m=100",
+    ),
     *("sim.start.north_m=160", "sim.start.east_m=-80"),
 )
 COPTER = ("sim.start.north_m=50", "sim.start.east_m=-20")
 WIND = ("sim.wind.speed_mps=5",)
-LEAVER, JOINER = 3, 6
+LEAVER = 3
+JOINER = 6
 JOINS_AT = 110.0
 """Time at which the joiner receives its first range, s."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """Conditions of one row. loss: share of lost reports. delay: of reports, s. compass: standard deviation of the
-    compass biases, deg. airspeed: standard deviation as a share. event: "leave" or "join" of one member. duration:
-    s."""
+    """Conditions of one row. loss: share of lost reports. delay: of reports, s. compass: standard
+    deviation of the compass biases, deg. airspeed: standard deviation as a share. event: "leave" or
+    "join" of one member. duration: s."""
 
     mission: str
     size: int
@@ -71,20 +78,25 @@ ROWS = {
 }
 SIX = Row("arduplane", 6, PLANE)
 STUDY = {
-    **{f"wind-{wind}": replace(SIX, overrides=(*PLANE, f"sim.wind.speed_mps={wind}")) for wind in (0, 2.5, 5, 7.5)},
+    **{
+        f"wind-{wind}": replace(SIX, overrides=(*PLANE, f"sim.wind.speed_mps={wind}"))
+        for wind in (0, 2.5, 5, 7.5)
+    },
     **{f"loss-{loss}": replace(SIX, loss=loss) for loss in (0.3, 0.6, 0.9)},
     **{f"delay-{delay}": replace(SIX, delay=delay) for delay in (0.1, 0.2, 0.4)},
     **{f"compass-{compass}": replace(SIX, compass=compass) for compass in (0, 1, 4)},
     **{f"airspeed-{airspeed}": replace(SIX, airspeed=airspeed) for airspeed in (0, 0.01, 0.04)},
     **{f"size-{size}": replace(SIX, size=size) for size in (2, 3, 10)},
 }
-"""Rows that change one condition of six planes in calm air. Reports that are more than 0.5 s late are rejected."""
+"""Rows that change one condition of six planes in calm air. Reports that are more than 0.5 s late
+are rejected."""
 
 
 def fly(row: Row, seed: int) -> dict[str, Any]:
     """Fly one fleet and return its figures."""
     rng = np.random.default_rng(seed)
-    compass, speeds = row.compass * rng.normal(size=row.size), 1 + row.airspeed * rng.normal(size=row.size)
+    compass = row.compass * rng.normal(size=row.size)
+    speeds = 1 + row.airspeed * rng.normal(size=row.size)
 
     def each(member: int) -> list[str]:
         found = [f"sim.sensors.heading_bias_deg={compass[member - 1]:.3f}"]
@@ -93,26 +105,44 @@ def fly(row: Row, seed: int) -> dict[str, Any]:
         if row.event == "leave" and member == LEAVER:
             found.append("limits.duration_s=150")
         if row.event == "join" and member == JOINER:  # it waits for its first range
-            muted = f'{{at_s=0.0, action="mute_ranging"}}, {{at_s={JOINS_AT}, action="unmute_ranging"}}'
-            found += [f"sim.events=[{muted}]", "link.wait_s=200", f"limits.duration_s={row.duration - 100}"]
+            muted = (
+                f'{{at_s=0.0, action="mute_ranging"}}, {{at_s={JOINS_AT}, action="unmute_ranging"}}'
+            )
+            found += [
+                f"sim.events=[{muted}]",
+                "link.wait_s=200",
+                f"limits.duration_s={row.duration - 100}",
+            ]
         return found
 
     overrides = (*row.overrides, f"limits.duration_s={row.duration}", f"sim.seed={seed}")
     path = CONFIG / f"{row.mission}.toml"
-    flight = bare_fleet(path, row.size, overrides, each, loss=row.loss, delay=row.delay, seed=seed).fly()
+    flight = bare_fleet(
+        path, row.size, overrides, each, loss=row.loss, delay=row.delay, seed=seed
+    ).fly()
     found = figures(flight.tracks).plain()
-    found["completed"] = sum(m.pilot.mission.outcome is not None and "end" in m.pilot.mission.outcome.reason
-                             for m in flight.members)  # fmt: skip
-    found["compass_floor_deg"] = round(float(np.max(np.abs(np.diff(np.append(compass, compass[:1]))))), 2)
+    found["completed"] = sum(
+        m.pilot.mission.outcome is not None and "end" in m.pilot.mission.outcome.reason
+        for m in flight.members
+    )
+    found["compass_floor_deg"] = round(
+        float(np.max(np.abs(np.diff(np.append(compass, compass[:1]))))), 2
+    )
     found["trims"] = [round(member.fleet.spacing.trim, 4) for member in flight.members]
     if row.event == "join" and found["even_after_s"] is not None:
-        found["even_again_s"] = round(found["all_on_circle_s"] + found["even_after_s"] - JOINS_AT, 1)
+        found["even_again_s"] = round(
+            found["all_on_circle_s"] + found["even_after_s"] - JOINS_AT, 1
+        )
     if row.event == "leave":
         states = [row_[LEAVER - 1] for row_ in flight.tracks.state]
         first = next((k for k, s in enumerate(states) if s is State.LEAVING), None)
         times = flight.tracks.time
-        even = None if first is None else even_from(times, gap_errors(flight.tracks), times[first + 1])
-        found["even_again_s"] = None if even is None or first is None else round(even - times[first], 1)
+        even = (
+            None if first is None else even_from(times, gap_errors(flight.tracks), times[first + 1])
+        )
+        found["even_again_s"] = (
+            None if even is None or first is None else round(even - times[first], 1)
+        )
     return found
 
 
@@ -127,9 +157,17 @@ def table(flights: Sequence[dict[str, Any]]) -> str:
             "" if len(known) == len(rows) else f" {len(known)}/{len(rows)}"
         )
 
-    keys = ("even_after_s", "even_again_s", "worst_gap_deg", "radius_rms_m", "radius_spread_m", "smallest_horizontal_m")
+    keys = (
+        "even_after_s",
+        "even_again_s",
+        "worst_gap_deg",
+        "radius_rms_m",
+        "radius_spread_m",
+        "smallest_horizontal_m",
+    )
     lines = [
-        "| row | flights | even, s | again, s | worst gap, deg | radius rms, m | spread, m | beside, m | too near |"
+        "| row | flights | even, s | again, s | worst gap, deg | radius rms, m | spread, m |"
+        " beside, m | too near |"
     ]
     lines.append("|---|---|---|---|---|---|---|---|---|")
     for name in (*ROWS, *STUDY):
@@ -148,7 +186,9 @@ def main() -> None:
     parser.add_argument("--rows", nargs="*", choices=[*ROWS, *STUDY], help="[all of the table]")
     parser.add_argument("--study", action="store_true", help="fly the rows of the study instead")
     parser.add_argument("--keep", type=Path, help="file of JSON lines")
-    parser.add_argument("--minutes", type=float, default=inf, help="start no flight after this time")
+    parser.add_argument(
+        "--minutes", type=float, default=inf, help="start no flight after this time"
+    )
     given = parser.parse_args()
     until = time.monotonic() + 60 * given.minutes
     kept = given.keep.read_text().splitlines() if given.keep and given.keep.exists() else []
@@ -156,7 +196,10 @@ def main() -> None:
     # Seed by seed: a table that is interrupted has all rows.
     for seed in range(given.first, given.first + given.flights):
         for name in given.rows or (STUDY if given.study else ROWS):
-            if any((one["row"], one["seed"]) == (name, seed) for one in flights) or time.monotonic() > until:
+            if (
+                any((one["row"], one["seed"]) == (name, seed) for one in flights)
+                or time.monotonic() > until
+            ):
                 continue
             flights.append({"row": name, "seed": seed, **fly((ROWS | STUDY)[name], seed)})
             print(json.dumps(flights[-1]), file=sys.stderr, flush=True)

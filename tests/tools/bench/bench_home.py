@@ -2,9 +2,9 @@
 
     python -m tests.tools.bench.bench_home --seeds 1 100 [--out FILE] [--wind 0.33] [--set KEY=VALUE]
 
-`config/home.toml` in lockstep. The seed draws the wind's direction, the bearing of the start, the heading and the sense
-of the circle. One line per flight, judged by the true track. Seeds that FILE already has are not flown again. At the
-end it prints the share that came home, and quantiles.
+`config/home.toml` in lockstep. The seed draws the wind's direction, the bearing of the start, the
+heading and the sense of the circle. One line per flight, judged by the true track. Seeds that FILE
+already has are not flown again. At the end it prints the share that came home, and quantiles.
 
     straight   the straight way from the engagement to within 150 m in this wind, nose held into it, s
     home       time from the engagement to within 150 m, s
@@ -35,8 +35,8 @@ SPEED = 15.0
 
 @dataclass(frozen=True)
 class Homing:
-    """One line of the output. Angles in degrees from north: the direction that the wind comes from, the bearing of the
-    start from the beacon, and the plane's heading."""
+    """One line of the output. Angles in degrees from north: the direction that the wind comes from,
+    the bearing of the start from the beacon, and the plane's heading."""
 
     seed: int
     wind_from: float
@@ -57,25 +57,36 @@ class Homing:
 
     @property
     def row(self) -> str:
-        return " ".join(f"{value:g}" if isinstance(value, int) else f"{value:.2f}" for value in astuple(self))
+        return " ".join(
+            f"{value:g}" if isinstance(value, int) else f"{value:.2f}" for value in astuple(self)
+        )
 
 
 NAMES = [one.name for one in fields(Homing)]
 
 
-def prepared(seed: int, *overrides: str, wind: float = 0.33, away: float = 2000.0) -> tuple[Flight, list[float]]:
-    """Return a flight that has not started, and the angles of its line. wind: in units of V. away: distance of the
-    start, m."""
+def prepared(
+    seed: int, *overrides: str, wind: float = 0.33, away: float = 2000.0
+) -> tuple[Flight, list[float]]:
+    """Return a flight that has not started, and the angles of its line. wind: in units of V. away:
+    distance of the start, m."""
     chance = Random(seed)
     wind_from, bearing, heading = (chance.uniform(0.0, 360.0) for _ in range(3))
     direction = chance.choice(("clockwise", "counterclockwise"))
     north, east = away * cos(radians(bearing)), away * sin(radians(bearing))
     flown = flight(
-        "home", f"sim.seed={seed}", f"sim.wind.speed_mps={wind * SPEED}", f"sim.wind.from_deg={wind_from}",
+        "home",
+        f"sim.seed={seed}",
+        f"sim.wind.speed_mps={wind * SPEED}",
+        f"sim.wind.from_deg={wind_from}",
         "sim.truth.rate_hz=0",
-        f"sim.start.north_m={north}", f"sim.start.east_m={east}", f"sim.start.heading_deg={heading}",
-        f'orbit.direction="{direction}"', *overrides, law="auto",
-    )  # fmt: skip
+        f"sim.start.north_m={north}",
+        f"sim.start.east_m={east}",
+        f"sim.start.heading_deg={heading}",
+        f'orbit.direction="{direction}"',
+        *overrides,
+        law="auto",
+    )
     return flown, [wind_from, bearing, heading]
 
 
@@ -96,7 +107,8 @@ def fly(seed: int, *overrides: str, **changes: float) -> Homing:
     engaged = flown.pilot.mission.engaged_at
     assert engaged is not None
     under_way = [truth for truth in flown.truths if truth.time >= engaged]
-    start, radii = under_way[0], np.array([true_radius(truth) for truth in under_way])
+    start = under_way[0]
+    radii = np.array([true_radius(truth) for truth in under_way])
     wind = start.wind_north, start.wind_east
     straight = straight_way((-start.north, -start.east), wind, start.airspeed, HOME)
     home = arrived[0] - engaged if arrived else inf
@@ -107,16 +119,25 @@ def fly(seed: int, *overrides: str, **changes: float) -> Homing:
         home = inf  # not on the circle, or in the wrong sense
     ranges = [true_radius(truth) for truth in late] or [inf]
     rms = float(np.sqrt(np.mean(last**2))) if len(last) else inf
-    return Homing(seed, *angles, straight, home, home / straight, max(ranges), min(ranges), rms, float(away))
+    return Homing(
+        seed, *angles, straight, home, home / straight, max(ranges), min(ranges), rms, float(away)
+    )
 
 
 def summary(lines: list[Homing]) -> str:
     """Return the share that came home, and quantiles over all flights."""
-    text = [f"{sum(one.came for one in lines)} of {len(lines)} home: on the circle, and within {HOME:g} m from then on"]
+    text = [
+        f"{sum(one.came for one in lines)} of {len(lines)} home: on the circle, and within {HOME:g}"
+        " m from then on"
+    ]
     for name in ("ratio", "farthest", "nearest", "rms", "away"):
         values = np.array([getattr(one, name) for one in lines])
         share = np.quantile(values, [0.0, 0.5, 0.95, 0.99, 1.0], method="nearest")
-        text.append(f"{name:<9}" + " ".join(f"{value:9.2f}" for value in share) + "   least, median, 95 %, 99 %, most")
+        text.append(
+            f"{name:<9}"
+            + " ".join(f"{value:9.2f}" for value in share)
+            + "   least, median, 95 %, 99 %, most"
+        )
     return "\n".join(text)
 
 
@@ -129,12 +150,16 @@ def read(path: Path | None) -> dict[int, Homing]:
 
 def main() -> None:
     """Print a line per flight, then the summary."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, nargs=2, default=(1, 20), metavar=("FIRST", "LAST"))
     parser.add_argument("--out", type=Path, help="file of the lines, to be continued")
     parser.add_argument("--wind", type=float, default=0.33, help="in units of V")
     parser.add_argument("--away", type=float, default=2000.0, help="m")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the mission")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="of the mission"
+    )
     options = parser.parse_args()
     lines = read(options.out)
     print(" ".join(NAMES))

@@ -2,8 +2,8 @@
 
 a real-time flight on a busy machine.
 
-`circnav fly` in a separate process, over UDP, against a vehicle in this process that sends 200 messages per second,
-with one busy process per core. Prints figures without asserting.
+`circnav fly` in a separate process, over UDP, against a vehicle in this process that sends 200
+messages per second, with one busy process per core. Prints figures without asserting.
 """
 
 import argparse
@@ -24,10 +24,13 @@ from tests.tools.bench.on_port import ROOT, SETPOINT, VehicleOnPort, flown, resi
 from tests.tools.fault_link.frames import frames, message_id, write
 
 MISSION = ROOT / "config" / "arducopter.toml"
-RADIUS, TICK = 30.0, 0.05
-GCS, RANGE = (255, 190), 132
+RADIUS = 30.0
+TICK = 0.05
+GCS = (255, 190)
+RANGE = 132
 EXTRA = {31: 50, 32: 50, 33: 50, 24: 10, 85: 10}
-"""Message id -> rate in Hz, for messages sent besides the streams that the application requests (31 per second)."""
+"""Message id -> rate in Hz, for messages sent besides the streams that the application requests (31
+per second)."""
 SETTLING = 90.0
 
 
@@ -42,7 +45,9 @@ class Bench:
         self.memory: list[tuple[float, float]] = []
         """Once a second: time, s, and memory of the application, MB."""
 
-    def fly(self, vehicle: VehicleOnPort, process: "subprocess.Popen[bytes]", seconds: float) -> None:
+    def fly(
+        self, vehicle: VehicleOnPort, process: "subprocess.Popen[bytes]", seconds: float
+    ) -> None:
         range_at: float | None = None
         while (now := vehicle.now) < seconds and process.poll() is None:
             for frame in vehicle.speak():
@@ -57,7 +62,9 @@ class Bench:
                     range_at = None
             if first and vehicle.received:
                 for number, rate in EXTRA.items():
-                    ask = mavlink.MAVLink_command_long_message(1, 1, 511, 0, number, 1e6 / rate, 0, 0, 0, 0, 0)
+                    ask = mavlink.MAVLink_command_long_message(
+                        1, 1, 511, 0, number, 1e6 / rate, 0, 0, 0, 0, 0
+                    )
                     vehicle.vehicle.receive(write(ask, *GCS))
             if now >= len(self.memory):
                 self.memory.append((now, resident_mb(process)))
@@ -66,7 +73,9 @@ class Bench:
 
 def lateness(ticks: Path) -> list[float]:
     """Return the delay of each tick of a run that was not triggered by a range, s."""
-    beat, accepted, late = TickScheduler(TICK), 0, []
+    beat = TickScheduler(TICK)
+    accepted = 0
+    late = []
     with ticks.open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             at = float(row["time"])
@@ -88,10 +97,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="bench_load", description="A flight on a busy machine.")
     parser.add_argument("--seconds", type=float, default=180.0)
     parser.add_argument("--law", default="smooth")
-    parser.add_argument("--hogs", type=int, default=os.cpu_count() or 1, help="processes that only compute")
+    parser.add_argument(
+        "--hogs", type=int, default=os.cpu_count() or 1, help="processes that only compute"
+    )
     options = parser.parse_args(arguments)
     bench = Bench()
-    hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(options.hogs)]
+    hogs = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(options.hogs)
+    ]
     law = f'guidance.law="{options.law}"'
     try:
         with flown(MISSION, "--set", law, "--duration", "1e6") as (vehicle, process, run):
@@ -110,19 +123,32 @@ def main(arguments: list[str] | None = None) -> int:
 def report(options: argparse.Namespace, bench: Bench, run: Path) -> None:
     memory = bench.memory
     print(
-        f"{memory[-1][0]:.0f} s of arducopter, law {options.law}, {options.hogs} hogs on {os.cpu_count()} cores (load "
-        f"{os.getloadavg()[0]:.1f}), {bench.sent / memory[-1][0]:.0f} messages a second to the application"
+        f"{memory[-1][0]:.0f} s of arducopter, law {options.law}, {options.hogs} hogs on"
+        f" {os.cpu_count()} cores (load {os.getloadavg()[0]:.1f}), {bench.sent / memory[-1][0]:.0f}"
+        " messages a second to the application"
     )
     print(f"tick lateness: {milliseconds(lateness(run / 'ticks.csv'))}")
     print(f"range sent to setpoint heard, by the vehicle's clock: {milliseconds(bench.latencies)}")
     print(f"setpoint gaps: {milliseconds(list(np.diff(bench.setpoints)))}")
     late = [(at, mb) for at, mb in memory if at > options.seconds / 4]
     slope = np.polyfit(*zip(*late, strict=True), 1)[0] * 3600
-    print(f"memory: {late[-1][1]:.1f} MB, {late[-1][1] - late[0][1]:+.2f} MB since a quarter, slope {slope:+.1f} MB/h")
+    print(
+        f"memory: {late[-1][1]:.1f} MB, {late[-1][1] - late[0][1]:+.2f} MB since a quarter, slope"
+        f" {slope:+.1f} MB/h"
+    )
     errors = bench.errors[int(SETTLING) :] or bench.errors[-1:]
-    rms, worst = sqrt(sum(error**2 for error in errors) / len(errors)), max(map(abs, errors))
-    print(f"radius error after {SETTLING:.0f} s: RMS {rms:.2f} m ({100 * rms / RADIUS:.1f} %), worst {worst:.2f} m")
-    print("files: " + ", ".join(f"{path.name} {path.stat().st_size / 1e6:.2f} MB" for path in sorted(run.iterdir())))
+    rms = sqrt(sum(error**2 for error in errors) / len(errors))
+    worst = max(map(abs, errors))
+    print(
+        f"radius error after {SETTLING:.0f} s: RMS {rms:.2f} m ({100 * rms / RADIUS:.1f} %), worst"
+        f" {worst:.2f} m"
+    )
+    print(
+        "files: "
+        + ", ".join(
+            f"{path.name} {path.stat().st_size / 1e6:.2f} MB" for path in sorted(run.iterdir())
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -2,11 +2,12 @@
 
     python -m tests.tools.bench.bench_locate --flights 200
 
-One row per situation. Beyond GPS: error less the mean error of the reported positions over the same time, 95th
-percentile. Band: share of flights with a squared error in units of the stated covariance (NEES) within its 95 % band.
-Bound: the Cramer-Rao bound of ranges alone, the positions taken as true, over the tracks as flown: 95th percentiles of
-horizontal error and height error. The GPS error wanders by 1.5 m with 60 s, while the localization assumes 1.5 m and
-100 s; wind 5 m/s with gusts of 1 m/s.
+One row per situation. Beyond GPS: error less the mean error of the reported positions over the same
+time, 95th percentile. Band: share of flights with a squared error in units of the stated covariance
+(NEES) within its 95 % band. Bound: the Cramer-Rao bound of ranges alone, the positions taken as
+true, over the tracks as flown: 95th percentiles of horizontal error and height error. The GPS error
+wanders by 1.5 m with 60 s, while the localization assumes 1.5 m and 100 s; wind 5 m/s with gusts of
+1 m/s.
 """
 
 import argparse
@@ -27,12 +28,18 @@ from tests.extras.locate.flown import Surveyed, laps, nees, surveyed
 
 BAND = (0.0506, 7.378)
 """95 % of chi-squared with two degrees of freedom."""
-SETTLED, LONGEST = 40.0, 400.0
+SETTLED = 40.0
+LONGEST = 400.0
 """Time after which the vehicle is on its circle, and longest duration of a flight, s."""
 WORLD = (
-    'sim.vehicle.dynamics="airborne"', "sim.wind.speed_mps=5", "sim.wind.gust_rms_mps=1", "sim.sensors.gps_error_m=1.5",
-    "sim.start.random.range_m=[120, 200]", "sim.start.random.bearing_deg=[0, 360]", "limits.duration_s=1000",
-)  # fmt: skip
+    'sim.vehicle.dynamics="airborne"',
+    "sim.wind.speed_mps=5",
+    "sim.wind.gust_rms_mps=1",
+    "sim.sensors.gps_error_m=1.5",
+    "sim.start.random.range_m=[120, 200]",
+    "sim.start.random.bearing_deg=[0, 360]",
+    "limits.duration_s=1000",
+)
 
 
 @dataclass(frozen=True)
@@ -54,15 +61,23 @@ SITUATIONS = (
     Situation("one lap, LoRa", ('sim.ranging.preset="lora"', "ranging.sigma_m=3")),
     Situation("one lap, 10 % outliers", ("sim.ranging.outlier_fraction=0.1",)),
     Situation("two circles, 0.5 m", TWO_CIRCLES, second=60.0),
-    Situation("two circles, RTK (0.02 m)", (*TWO_CIRCLES, "sim.sensors.gps_error_m=0.02"), gps=0.02, second=60.0),
-    Situation("target at 3 m/s, two laps", ("sim.target.velocity_east_mps=3",), laps=2.0, speed=3.0),
+    Situation(
+        "two circles, RTK (0.02 m)",
+        (*TWO_CIRCLES, "sim.sensors.gps_error_m=0.02"),
+        gps=0.02,
+        second=60.0,
+    ),
+    Situation(
+        "target at 3 m/s, two laps", ("sim.target.velocity_east_mps=3",), laps=2.0, speed=3.0
+    ),
 )
 
 
 @dataclass(frozen=True)
 class Result:
-    """error, gps: m. nees: of the position. bound: of the position and of its height, m. up: error of the height, m;
-    None: no height is stated. speed: error, m/s; None: a target at rest is stated."""
+    """error, gps: m. nees: of the position. bound: of the position and of its height, m. up: error
+    of the height, m; None: no height is stated. speed: error, m/s; None: a target at rest is
+    stated."""
 
     error: float
     gps: float
@@ -74,19 +89,32 @@ class Result:
 
 
 def fly(situation: Situation, seed: int) -> Result | None:
-    """Fly once. Return None if no position was found. Only ranges from the first circle on count."""
-    flown = surveyed("quickstart", *WORLD, *situation.changes, f"sim.seed={seed}", law="auto", gps_sigma=situation.gps)
+    """Fly once. Return None if no position was found. Only ranges from the first circle on
+    count."""
+    flown = surveyed(
+        "quickstart",
+        *WORLD,
+        *situation.changes,
+        f"sim.seed={seed}",
+        law="auto",
+        gps_sigma=situation.gps,
+    )
     locator = flown.locator
     assert locator is not None
     flown.solve_from = 1e9
     flown.fly(SETTLED)
     begun = flown.now
     if situation.second is not None:
-        while flown.now < LONGEST and laps([one for one in flown.truths if one.time >= begun]) < 1.25:
+        while (
+            flown.now < LONGEST and laps([one for one in flown.truths if one.time >= begun]) < 1.25
+        ):
             flown.fly(flown.now + 1.0)
         flown.pilot.request_circle(CircleRequest(radius=situation.second, by="operator"), flown.now)
     counted = flown.now
-    while flown.now < LONGEST and laps([one for one in flown.truths if one.time >= counted]) < situation.laps:
+    while (
+        flown.now < LONGEST
+        and laps([one for one in flown.truths if one.time >= counted]) < situation.laps
+    ):
         flown.fly(flown.now + 0.5)
     for received in (locator._track, locator._ranges):
         while received[0][0] < begun:
@@ -108,17 +136,27 @@ def fly(situation: Situation, seed: int) -> Result | None:
 
 
 def bound(flown: Surveyed, locator: Locator) -> tuple[float, float]:
-    """Return the Cramer-Rao bound of the counted ranges, m: 95 % radius of the position, and of the height. The states
-    are east, north, up, bias and, for a moving target, its velocity, with the localization's priors of height and bias.
-    A radio's drift is an AR(1) process."""
-    radio, times = flown.vehicle._flight.config.ranging, np.array(locator._ranges)[:, 0]
-    kind, moves = CHARACTERS[radio.preset], flown.truths[0].target_east != flown.truths[-1].target_east
-    true = np.array([
-        (one.time, one.target_east - one.east, one.target_north - one.north, one.down - one.target_down)
-        for one in flown.truths
-    ])  # fmt: skip
+    """Return the Cramer-Rao bound of the counted ranges, m: 95 % radius of the position, and of the
+    height. The states are east, north, up, bias and, for a moving target, its velocity, with the
+    localization's priors of height and bias. A radio's drift is an AR(1) process."""
+    radio = flown.vehicle._flight.config.ranging
+    times = np.array(locator._ranges)[:, 0]
+    kind = CHARACTERS[radio.preset]
+    moves = flown.truths[0].target_east != flown.truths[-1].target_east
+    true = np.array(
+        [
+            (
+                one.time,
+                one.target_east - one.east,
+                one.target_north - one.north,
+                one.down - one.target_down,
+            )
+            for one in flown.truths
+        ]
+    )
     way = np.column_stack([np.interp(times, true[:, 0], part) for part in true[:, 1:].T])
-    sight, ahead = way / np.linalg.norm(way, axis=1)[:, None], times - times[-1]
+    sight = way / np.linalg.norm(way, axis=1)[:, None]
+    ahead = times - times[-1]
     slopes = np.column_stack(
         [sight, np.ones(len(times)), *([sight[:, 0] * ahead, sight[:, 1] * ahead] if moves else ())]
     )
@@ -133,9 +171,13 @@ def bound(flown: Surveyed, locator: Locator) -> tuple[float, float]:
 def _gps_error(flown: Surveyed, locator: Locator) -> np.ndarray:
     """Return the mean error of the counted reported positions, east and north, m."""
     assert locator.plane is not None
-    track, times = np.array(locator._track), [one.time for one in flown.truths]
+    track = np.array(locator._track)
+    times = [one.time for one in flown.truths]
     home = locator.plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
-    true = [np.interp(track[:, 0], times, [getattr(one, way) for one in flown.truths]) for way in ("east", "north")]
+    true = [
+        np.interp(track[:, 0], times, [getattr(one, way) for one in flown.truths])
+        for way in ("east", "north")
+    ]
     return np.array([np.mean(track[:, 1 + at] - home[at] - true[at]) for at in (0, 1)])
 
 
@@ -149,27 +191,35 @@ def row(situation: Situation, results: list[Result | None]) -> str:
     speeds = [one.speed for one in found if one.speed is not None]
     tall = f"{len(heights)}, {np.percentile(heights, 95):.2f} m" if heights else "0"
     fast = f"{len(speeds)}, {np.percentile(speeds, 95):.2f} m/s" if speeds else "0"
-    sigma, least = np.median([one.sigma for one in found]), np.median([one.bound for one in found], axis=0)
+    sigma = np.median([one.sigma for one in found])
+    least = np.median([one.bound for one in found], axis=0)
     return (
-        f"| {situation.name} | {len(found)} of {len(results)} | {np.median([o.error for o in found]):.2f} | "
-        f"{np.percentile([o.error for o in found], 95):.2f} | {beyond:.2f} | "
-        f"{least[0]:.2f}, up {least[1]:.2f} | {sigma:.2f} | "
-        f"{100 * inside:.0f} % ({100 * below:.0f} % below its top) | {tall} | {fast} |"
+        f"| {situation.name} | {len(found)} of {len(results)} |"
+        f" {np.median([o.error for o in found]):.2f} |"
+        f" {np.percentile([o.error for o in found], 95):.2f} | {beyond:.2f} | {least[0]:.2f}, up"
+        f" {least[1]:.2f} | {sigma:.2f} | {100 * inside:.0f} % ({100 * below:.0f} % below its top)"
+        f" | {tall} | {fast} |"
     )
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--flights", type=int, default=200)
     parser.add_argument("--situation", action="append", metavar="NAME", help="only these")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
-    print("| situation | places | error, m | 95 % | beyond GPS, 95 % | bound, 95 % | stated sigma | NEES in band | "
-          "heights claimed, 95 % | velocities, 95 % |")  # fmt: skip
+    print(
+        "| situation | places | error, m | 95 % | beyond GPS, 95 % | bound, 95 % | stated sigma | NEES in band | "
+        "heights claimed, 95 % | velocities, 95 % |"
+    )
     print("|---|---|---|---|---|---|---|---|---|---|")
     with ProcessPoolExecutor(options.processes) as pool:
-        for situation in (one for one in SITUATIONS if not options.situation or one.name in options.situation):
+        for situation in (
+            one for one in SITUATIONS if not options.situation or one.name in options.situation
+        ):
             results = list(pool.map(partial(fly, situation), range(1, 1 + options.flights)))
             print(row(situation, results), flush=True)
 

@@ -1,15 +1,19 @@
-"""Processor cost of the loop, beside a bare pymavlink loop in the same run. Prints figures without asserting.
+"""Processor cost of the loop, beside a bare pymavlink loop in the same run. Prints figures without
+asserting.
 
     python -m tests.tools.bench.bench_loop [--seconds 120]
 
-1. Range datagram in to setpoint datagram out over UDP. `circnav fly` under `auto` and `smooth`, each in a separate
-   process, and a minimal pymavlink loop receive the recorded quickstart flight in real time, in turn: attitudes,
-   accelerations, airspeed, heartbeats and ranges at the rates that circnav requests. TIMESYNC requests are answered.
-   Aim: at most 12 (`auto`) and 6 (`smooth`) times the median of the bare loop.
-2. The same with ranges at 20 Hz and ATTITUDE at 25 Hz, each law alone on a quarter of one core: a control group grants
-   2.5 ms in 10 ms. Aim: 99 % within half a tick, 25 ms. Requires the right to make a control group (root).
-3. Cost of a range and of a tick between the bytes and the setpoint, without sockets, and the processor time of 600 s of
-   flight, in lockstep with the vehicle (whose time is included) and without it.
+1. Range datagram in to setpoint datagram out over UDP. `circnav fly` under `auto` and `smooth`,
+   each in a separate process, and a minimal pymavlink loop receive the recorded quickstart flight
+   in real time, in turn: attitudes, accelerations, airspeed, heartbeats and ranges at the rates
+   that circnav requests. TIMESYNC requests are answered. Aim: at most 12 (`auto`) and 6 (`smooth`)
+   times the median of the bare loop.
+2. The same with ranges at 20 Hz and ATTITUDE at 25 Hz, each law alone on a quarter of one core: a
+   control group grants 2.5 ms in 10 ms. Aim: 99 % within half a tick, 25 ms. Requires the right to
+   make a control group (root).
+3. Cost of a range and of a tick between the bytes and the setpoint, without sockets, and the
+   processor time of 600 s of flight, in lockstep with the vehicle (whose time is included) and
+   without it.
 """
 
 import argparse
@@ -38,18 +42,22 @@ from tests.tools.bench.on_port import ROOT
 from tests.tools.fault_link.frames import frames, message_id
 
 MISSION = ROOT / "config" / "quickstart.toml"
-BARE, LAWS = "bare pymavlink", ("smooth", "auto")
+BARE = "bare pymavlink"
+LAWS = ("smooth", "auto")
 RANGE = dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR
 ANSWERED = {dialect.MAVLINK_MSG_ID_TIMESYNC, dialect.MAVLINK_MSG_ID_COMMAND_ACK}
-"""Messages with answers of the recorded vehicle, which are not replayed: requests get a new answer."""
+"""Messages with answers of the recorded vehicle, which are not replayed: requests get a new
+answer."""
 SETTLING = 40.0
 """Time after which every law has settled, s."""
 PATIENCE = 0.03
 """Longest wait for an answer, s: then the next listener is due."""
 STARTING = 30.0
 GOES_ON = ("limits.duration_s=1e6", "sim.truth.rate_hz=0")
-QUARTER, PERIOD_US = 0.25, 10_000
-"""Share of one core, and period in which it is granted, us. Nearly equal to a whole core of a quarter of the speed."""
+QUARTER = 0.25
+PERIOD_US = 10_000
+"""Share of one core, and period in which it is granted, us. Nearly equal to a whole core of a
+quarter of the speed."""
 HALF_TICK = 0.025
 FAST = ("ranging.rate_hz=20.0", "sim.ranging.rate_hz=20.0")
 FAST_ATTITUDE = {dialect.MAVLINK_MSG_ID_ATTITUDE: 25.0}
@@ -115,11 +123,12 @@ class Listener:
         self.link.sendto(answer.pack(self.writer), self.address)
 
     def range_to_setpoint(self, frame: bytes) -> float | None:
-        """Send a range and return the time until its setpoint arrives, s, or None. A listener that does not steer is
-        not waited for."""
+        """Send a range and return the time until its setpoint arrives, s, or None. A listener that
+        does not steer is not waited for."""
         began = time.perf_counter()
         self.link.sendto(frame, self.address)
-        steers, self.steers = self.steers, False
+        steers = self.steers
+        self.steers = False
         while steers and select.select([self.link], [], [], self.patience)[0]:
             if self.take():
                 return time.perf_counter() - began
@@ -134,7 +143,8 @@ class Listener:
 def bare_loop(port: int) -> None:
     """Minimal loop: parse with pymavlink, pack a setpoint, send."""
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    reader, writer = dialect.MAVLink(None), dialect.MAVLink(None, 1, 191)
+    reader = dialect.MAVLink(None)
+    writer = dialect.MAVLink(None, 1, 191)
     reader.robust_parsing = True
     setpoint = dialect.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, 8, 0x407, 0, 0, 0, 5.0, 0, 0, 0, 0.5, 0, 0, 0.1
@@ -150,13 +160,30 @@ def bare_loop(port: int) -> None:
 def start(name: str, seconds: float, folder: Path, *overrides: str) -> Listener:
     """Start a listener in a separate process."""
     law = "smooth" if name == BARE else name
-    here = Listener(name, recorded(law, seconds, *overrides), socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    here = Listener(
+        name, recorded(law, seconds, *overrides), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    )
     if name == BARE:
         here.process = mp.Process(target=bare_loop, args=(here.port,), daemon=True)
         here.process.start()
         return here
-    command = [sys.executable, "-m", "circnav_mav", "fly", str(MISSION), "--out", str(folder / name)]
-    command += ["--endpoint", f"udpout:127.0.0.1:{here.port}", "--duration", "1e6", "--set", f'guidance.law="{law}"']
+    command = [
+        sys.executable,
+        "-m",
+        "circnav_mav",
+        "fly",
+        str(MISSION),
+        "--out",
+        str(folder / name),
+    ]
+    command += [
+        "--endpoint",
+        f"udpout:127.0.0.1:{here.port}",
+        "--duration",
+        "1e6",
+        "--set",
+        f'guidance.law="{law}"',
+    ]
     command += [part for override in overrides for part in ("--set", override)]
     here.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
     return here
@@ -223,14 +250,24 @@ def latency_table(seconds: float) -> None:
             for one in listeners:
                 one.close()
             time.sleep(0.2)
-    print(f"range in -> setpoint out over UDP, {seconds:.0f} s of the quickstart's messages, microseconds")
-    print(f"{'':<16}{'median':>8}{'90 %':>8}{'99 %':>8}{'worst':>8}   ratio of medians   of 99 %   ranges (no answer)")
+    print(
+        f"range in -> setpoint out over UDP, {seconds:.0f} s of the quickstart's messages,"
+        " microseconds"
+    )
+    print(
+        f"{'':<16}{'median':>8}{'90 %':>8}{'99 %':>8}{'worst':>8}   ratio of medians   of 99 %  "
+        " ranges (no answer)"
+    )
     bare = np.percentile(listeners[0].latencies or [np.nan], [50, 99])
     for one in listeners:
         if not one.latencies:
-            print(f"{one.name:<16}does not steer: the computer is too busy for a flight in real time")
+            print(
+                f"{one.name:<16}does not steer: the computer is too busy for a flight in real time"
+            )
             continue
-        p50, p90, p99, worst = (1e6 * value for value in np.percentile(one.latencies, [50, 90, 99, 100]))
+        p50, p90, p99, worst = (
+            1e6 * value for value in np.percentile(one.latencies, [50, 90, 99, 100])
+        )
         print(
             f"{one.name:<16}{p50:8.0f}{p90:8.0f}{p99:8.0f}{worst:8.0f}{p50 / bare[0] / 1e6:19.2f}"
             f"{p99 / bare[1] / 1e6:10.2f}{len(one.latencies):9} ({one.missed})"
@@ -257,11 +294,13 @@ def quarter_table(seconds: float) -> None:
             print(f"{law:<16}not measured: no control group ({error})")
             continue
         times = one.latencies + one.missed * [np.inf]
-        p50, p99, worst = (1e3 * value for value in np.percentile(times or [np.nan], [50, 99, 100], method="lower"))
+        p50, p99, worst = (
+            1e3 * value for value in np.percentile(times or [np.nan], [50, 99, 100], method="lower")
+        )
         grade = "within" if p99 < 1e3 * HALF_TICK else "NOT WITHIN"
         print(
-            f"{law:<16}median {p50:.1f}, 99 % {p99:.1f} ({grade} {1e3 * HALF_TICK:.0f}), worst {worst:.1f}; "
-            f"{len(one.latencies)} ranges ({one.missed} without answer)"
+            f"{law:<16}median {p50:.1f}, 99 % {p99:.1f} ({grade} {1e3 * HALF_TICK:.0f}), worst"
+            f" {worst:.1f}; {len(one.latencies)} ranges ({one.missed} without answer)"
         )
 
 
@@ -270,20 +309,25 @@ class Stopwatch:
 
     def __init__(self, flown: Flight) -> None:
         self._pilot = pilot = flown.pilot
-        self._receive, self._step = pilot.receive, pilot.step
-        pilot.receive, pilot.step = self.receive, self.step  # type: ignore[method-assign]
+        self._receive = pilot.receive
+        self._step = pilot.step
+        pilot.receive = self.receive  # type: ignore[method-assign]
+        pilot.step = self.step
         self.ranges: list[float] = []
         self.ticks: list[float] = []
         self.all = self._received = 0.0
 
-    def receive(self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE) -> None:
+    def receive(
+        self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE
+    ) -> None:
         began = time.perf_counter()
         self._receive(data, now, source, link)
         self._received = time.perf_counter() - began
         self.all += self._received
 
     def step(self, now: float, send: Callable[[bytes], bool]) -> None:
-        fresh, began = self._pilot.tracker.fresh, time.perf_counter()
+        fresh = self._pilot.tracker.fresh
+        began = time.perf_counter()
 
         def sends(data: bytes) -> bool:
             if message_id(data) in SETPOINT_IDS:
@@ -303,17 +347,24 @@ def mission_cpu(law: str) -> None:
     began = time.process_time()
     flown.fly(610)
     took = time.process_time() - began
-    of_range, of_tick = (1e6 * np.percentile(times, [50, 99]) for times in (watch.ranges, watch.ticks))
+    of_range, of_tick = (
+        1e6 * np.percentile(times, [50, 99]) for times in (watch.ranges, watch.ticks)
+    )
     print(
-        f"{law:<8} bytes to setpoint: range {of_range[0]:.0f} us, 99 % {of_range[1]:.0f} us; tick {of_tick[0]:.0f} us, "
-        f"99 % {of_tick[1]:.0f} us; 600 s: {took:.2f} s of CPU, of it the pilot up to its setpoints {watch.all:.2f} s"
+        f"{law:<8} bytes to setpoint: range {of_range[0]:.0f} us, 99 % {of_range[1]:.0f} us; tick"
+        f" {of_tick[0]:.0f} us, 99 % {of_tick[1]:.0f} us; 600 s: {took:.2f} s of CPU, of it the"
+        f" pilot up to its setpoints {watch.all:.2f} s"
     )
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure and print."""
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.bench.bench_loop", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=120.0, help="of real time for the latencies; 0: without")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.tools.bench.bench_loop", description=__doc__
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=120.0, help="of real time for the latencies; 0: without"
+    )
     options = parser.parse_args(arguments)
     if options.seconds:
         latency_table(options.seconds)

@@ -1,13 +1,15 @@
-"""Figures of `circnav plan` beside those of random missions, flown in lockstep on the bundled vehicles.
+"""Figures of `circnav plan` beside those of random missions, flown in lockstep on the bundled
+vehicles.
 
     python -m tests.tools.bench.bench_plan --fly flown.jsonl --seconds 240      flies missions until the time is over
     python -m tests.tools.bench.bench_plan --compare flown.jsonl                compares the plan with all of them
 
-A mission is drawn from its number: vehicle, speed, radius, wind, gusts, and noise and rate of the radio. A draw that
-`circnav check` does not pass is drawn again. A flight appends one line to the file, so that an interrupted run resumes.
+A mission is drawn from its number: vehicle, speed, radius, wind, gusts, and noise and rate of the
+radio. A draw that `circnav check` does not pass is drawn again. A flight appends one line to the
+file, so that an interrupted run resumes.
 
-Radius RMS: true radius over the last WINDOW seconds. Survey: standard deviation stated by `circnav locate` for these
-seconds, and its error.
+Radius RMS: true radius over the last WINDOW seconds. Survey: standard deviation stated by `circnav
+locate` for these seconds, and its error.
 """
 
 import argparse
@@ -33,7 +35,8 @@ from circnav_mav.mission.mission import Mission
 from tests.extras.locate.flown import Surveyed, surveyed
 from tests.flight.lockstep import CONFIG
 
-WINDOW, SETTLING = 240.0, 60.0
+WINDOW = 240.0
+SETTLING = 60.0
 """Judged time, and time before it to reach the circle, s."""
 STRICT = ("turn rate", "drift", "margin", "rate error", "sampling", "gain")
 """Check lines that must pass."""
@@ -61,15 +64,25 @@ class Drawn:
     @property
     def overrides(self) -> tuple[str, ...]:
         """Return the mission as changes of the bundled one."""
-        cruise = (f"sim.vehicle.cruise_speed_mps={self.speed}",) if self.vehicle == "arduplane" else ()
+        cruise = (
+            (f"sim.vehicle.cruise_speed_mps={self.speed}",) if self.vehicle == "arduplane" else ()
+        )
         return (
-            *cruise, *at_speed(str(CONFIG / f"{self.vehicle}.toml"), self.speed),
-            f"orbit.radius_m={self.radius}", f"ranging.sigma_m={self.sigma}",
-            f"ranging.rate_hz={self.rate}", f"sim.ranging.rate_hz={self.rate}", f"sim.ranging.noise_m={self.sigma}",
-            f"sim.wind.speed_mps={self.wind}", f"sim.wind.gust_rms_mps={self.gust}", f"sim.seed={self.number + 1}",
-            f"sim.start.random.range_m=[{1.1 * self.radius}, {1.6 * self.radius}]", "sim.sensors.gps_error_m=1.5",
-            "sim.start.random.bearing_deg=[0, 360]", "limits.duration_s=2000",
-        )  # fmt: skip
+            *cruise,
+            *at_speed(str(CONFIG / f"{self.vehicle}.toml"), self.speed),
+            f"orbit.radius_m={self.radius}",
+            f"ranging.sigma_m={self.sigma}",
+            f"ranging.rate_hz={self.rate}",
+            f"sim.ranging.rate_hz={self.rate}",
+            f"sim.ranging.noise_m={self.sigma}",
+            f"sim.wind.speed_mps={self.wind}",
+            f"sim.wind.gust_rms_mps={self.gust}",
+            f"sim.seed={self.number + 1}",
+            f"sim.start.random.range_m=[{1.1 * self.radius}, {1.6 * self.radius}]",
+            "sim.sensors.gps_error_m=1.5",
+            "sim.start.random.bearing_deg=[0, 360]",
+            "limits.duration_s=2000",
+        )
 
     def mission(self) -> Mission:
         """Return the mission. Raises MissionError."""
@@ -85,7 +98,8 @@ def draw(number: int) -> Drawn:
         seconds = rng.uniform(2.0, 12.0)  # of flight for one radian of the circle
         wind = 0.0 if vehicle == "ardurover" else rng.uniform(0.0, 0.35) * speed
         gust = 0.0 if vehicle == "ardurover" else rng.uniform(0.0, 0.3) * wind
-        sigma, rate = float(np.exp(rng.uniform(np.log(0.1), np.log(2.0)))), float(rng.choice([4.0, 5.0, 10.0, 20.0]))
+        sigma = float(np.exp(rng.uniform(np.log(0.1), np.log(2.0))))
+        rate = float(rng.choice([4.0, 5.0, 10.0, 20.0]))
         values = (round(float(one), 2) for one in (speed, speed * seconds, wind, gust, sigma))
         drawn = Drawn(number, vehicle, *values, rate)
         try:
@@ -110,13 +124,20 @@ def fly(drawn: Drawn) -> dict[str, object]:
     begun = flown.now
     flown.fly(begun + WINDOW)
     late = [one for one in flown.truths if one.time >= begun]
-    off = np.array([hypot(one.north - one.target_north, one.east - one.target_east) for one in late]) - drawn.radius
+    off = (
+        np.array([hypot(one.north - one.target_north, one.east - one.target_east) for one in late])
+        - drawn.radius
+    )
     assert flown.locator is not None
     for heard in (flown.locator._track, flown.locator._ranges):
         while heard and heard[0][0] < begun:
             heard.popleft()
     place = flown.solve()
-    found = {"sigma": place.sigma, "error": hypot(*flown.error(place))} if isinstance(place, Place) else {}
+    found = (
+        {"sigma": place.sigma, "error": hypot(*flown.error(place))}
+        if isinstance(place, Place)
+        else {}
+    )
     return {
         "drawn": asdict(drawn),
         "ended": str(flown.pilot.mission.outcome) if flown.pilot.done else "",
@@ -131,7 +152,10 @@ def fly(drawn: Drawn) -> dict[str, object]:
 def _on_circle(flown: Surveyed, radius: float) -> bool:
     """True if the vehicle was within a tenth of the radius for the last 20 s."""
     late = [one for one in flown.truths if one.time >= flown.now - 20.0]
-    return all(abs(hypot(t.north - t.target_north, t.east - t.target_east) / radius - 1) < 0.1 for t in late)
+    return all(
+        abs(hypot(t.north - t.target_north, t.east - t.target_east) / radius - 1) < 0.1
+        for t in late
+    )
 
 
 def lines_of(path: Path) -> list[dict[str, Any]]:
@@ -164,9 +188,12 @@ def planned(drawn: Drawn) -> tuple[float, float | None]:
 
 def compare(path: Path) -> None:
     """Print a line per flight, and the shares within WITHIN of the plan."""
-    rms, survey, errors = [], [], []
+    rms = []
+    survey = []
+    errors = []
     print(
-        "number vehicle    V m/s  radius  wind  gust sigma  rate | RMS planned flown ratio | place planned stated error"
+        "number vehicle    V m/s  radius  wind  gust sigma  rate | RMS planned flown ratio | place"
+        " planned stated error"
     )
     for line in lines_of(path):
         drawn = Drawn(**line["drawn"])
@@ -179,21 +206,33 @@ def compare(path: Path) -> None:
         rms.append(float(line["rms"]) / expected)
         survey.append(found["sigma"] / sigma if sigma and found else float("inf"))
         errors.append(found["error"] / sigma if sigma and found else float("inf"))
-        conditions = f"{drawn.speed:5.1f} {drawn.radius:7.1f} {drawn.wind:5.1f} {drawn.gust:5.2f} {drawn.sigma:5.2f}"
+        conditions = (
+            f"{drawn.speed:5.1f} {drawn.radius:7.1f} {drawn.wind:5.1f} {drawn.gust:5.2f}"
+            f" {drawn.sigma:5.2f}"
+        )
         radius = f"{expected:11.3f} {line['rms']:5.3f} {rms[-1]:5.2f}"
         place = f"{sigma or 0:13.2f} {found.get('sigma', 0):6.2f} {found.get('error', 0):5.2f}"
-        print(f"{drawn.number:6} {drawn.vehicle:10} {conditions} {drawn.rate:5.0f} | {radius} | {place}")
+        print(
+            f"{drawn.number:6} {drawn.vehicle:10} {conditions} {drawn.rate:5.0f} | {radius} |"
+            f" {place}"
+        )
     for name, ratios in (("radius RMS", rms), ("stated sigma of the place", survey)):
         inside = sum(1 - WITHIN <= one <= 1 + WITHIN for one in ratios)
         print(
-            f"{name}: {inside} of {len(ratios)} within {100 * WITHIN:.0f} % of the plan, median {np.median(ratios):.2f}"
+            f"{name}: {inside} of {len(ratios)} within {100 * WITHIN:.0f} % of the plan, median"
+            f" {np.median(ratios):.2f}"
         )
-    print(f"error of the place over the planned sigma: RMS {np.sqrt(np.mean(np.square(errors))):.2f} (1.41 expected)")
+    print(
+        f"error of the place over the planned sigma: RMS {np.sqrt(np.mean(np.square(errors))):.2f}"
+        " (1.41 expected)"
+    )
 
 
 def main() -> None:
     """Fly or compare."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--fly", type=Path, metavar="FILE")
     parser.add_argument("--compare", type=Path, metavar="FILE")
     parser.add_argument("--first", type=int, default=0)
@@ -201,7 +240,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=inf)
     options = parser.parse_args()
     if options.fly:
-        fly_all(options.fly, iter(range(options.first, options.first + options.missions)), options.seconds)
+        fly_all(
+            options.fly,
+            iter(range(options.first, options.first + options.missions)),
+            options.seconds,
+        )
     if options.compare:
         compare(options.compare)
 

@@ -1,13 +1,15 @@
-"""Localization of a beacon by one vehicle, on real ranges: circnav beside GTSAM, a particle filter and least squares.
+"""Localization of a beacon by one vehicle, on real ranges: circnav beside GTSAM, a particle filter
+and least squares.
 
     pip install -e '.[survey-bench]'
     python -m tests.tools.bench.bench_plaza
 
-Plaza 1 and 2 (Djugash and Singh, Carnegie Mellon University): a robot mower with an RTK receiver and a radio that
-measures 7 % too far, with four surveyed beacons each. The data come in the `gtsam` wheel. Each method gets the measured
-ranges of one beacon and the true path of the mower. The beacon is at the height of the path. All but the first row,
-GTSAM's own range factor, have a bias and a scale of the radio as states. All start without a prior of the place. Sigma:
-along the long axis of the stated covariance. Inside: beacons in the 95 % ellipse.
+Plaza 1 and 2 (Djugash and Singh, Carnegie Mellon University): a robot mower with an RTK receiver
+and a radio that measures 7 % too far, with four surveyed beacons each. The data come in the `gtsam`
+wheel. Each method gets the measured ranges of one beacon and the true path of the mower. The beacon
+is at the height of the path. All but the first row, GTSAM's own range factor, have a bias and a
+scale of the radio as states. All start without a prior of the place. Sigma: along the long axis of
+the stated covariance. Inside: beacons in the 95 % ellipse.
 """
 
 import argparse
@@ -28,15 +30,18 @@ from scipy.optimize import least_squares
 from circnav_mav.extras.locate.estimator import Knowledge, Place, Ranges, Track, locate_as_it_shows
 from circnav_mav.extras.locate.place import Array, Plane
 
-NOISE, HUBER = 0.5, 1.345
+NOISE = 0.5
+HUBER = 1.345
 """Range noise for the methods that require it, m; Huber threshold, in standard deviations."""
-BIAS, SCALE = 2.0, 0.1
+BIAS = 2.0
+SCALE = 0.1
 """Standard deviations of the radio's bias, m, and scale."""
 INSIDE = 5.991
 """95 % of chi-squared with two degrees of freedom."""
-PARTICLES, ROUGHENING = 3000, (0.02, 0.02, 0.01, 0.0005)
-"""Number of particles; random walk of the constant states between two ranges (m, m, m, 1), without which resampling
-keeps only one particle."""
+PARTICLES = 3000
+ROUGHENING = (0.02, 0.02, 0.01, 0.0005)
+"""Number of particles; random walk of the constant states between two ranges (m, m, m, 1), without
+which resampling keeps only one particle."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,9 @@ def beacons(folder: Path) -> Iterator[Beacon]:
 
 def ours(beacon: Beacon) -> Estimate:
     """Run `circnav locate --altitude 0 --gps-sigma 0.05`."""
-    known = Knowledge(up=0.0, up_sigma=0.05, gps_sigma=0.05, bias_sigma=BIAS, delay_sigma=0.5, sigma_known=False)
+    known = Knowledge(
+        up=0.0, up_sigma=0.05, gps_sigma=0.05, bias_sigma=BIAS, delay_sigma=0.5, sigma_known=False
+    )
     place = locate_as_it_shows(Plane(40.4, -79.9), beacon.track, beacon.ranges, known)
     assert isinstance(place, Place), place
     return np.array([place.east, place.north]), place.covariance
@@ -77,36 +84,44 @@ def ours(beacon: Beacon) -> Estimate:
 
 def _starts(beacon: Beacon) -> Iterator[Array]:
     """Yield points round the middle of the path, as starting points of a method."""
-    middle, reach = beacon.places.mean(axis=0), float(np.median(beacon.ranges.r))
+    middle = beacon.places.mean(axis=0)
+    reach = float(np.median(beacon.ranges.r))
     for angle in np.arange(8) * np.pi / 4:
         yield middle + reach * np.array([np.cos(angle), np.sin(angle)])
 
 
 def plain(beacon: Beacon) -> Estimate:
-    """Non-robust least squares with bias and scale. The covariance is computed from the residuals."""
+    """Non-robust least squares with bias and scale. The covariance is computed from the
+    residuals."""
 
     def residuals(x: Array) -> Array:
         far = np.hypot(*(x[:2] - beacon.places).T)
         return np.asarray((1 + x[3]) * far + x[2] - beacon.ranges.r)
 
-    fits = [least_squares(residuals, [*start, 0.0, 0.0], x_scale=[10, 10, 1, 0.01]) for start in _starts(beacon)]
+    fits = [
+        least_squares(residuals, [*start, 0.0, 0.0], x_scale=[10, 10, 1, 0.01])
+        for start in _starts(beacon)
+    ]
     fit = min(fits, key=lambda one: float(one.cost))
     variance = 2 * fit.cost / (len(beacon.ranges.r) - 4)
     return fit.x[:2], (variance * np.linalg.inv(fit.jac.T @ fit.jac))[:2, :2]
 
 
 def gtsam_batch(beacon: Beacon, *, scale: bool) -> Estimate:
-    """Levenberg-Marquardt over one factor per range, with a Huber loss. scale: True for bias and scale as a second
-    variable in a custom factor, because GTSAM's own range factor has neither."""
+    """Levenberg-Marquardt over one factor per range, with a Huber loss. scale: True for bias and
+    scale as a second variable in a custom factor, because GTSAM's own range factor has neither."""
     import gtsam
 
-    point, radio = gtsam.symbol("l", 0), gtsam.symbol("b", 0)
+    point = gtsam.symbol("l", 0)
+    radio = gtsam.symbol("b", 0)
     noise = gtsam.noiseModel.Robust.Create(
         gtsam.noiseModel.mEstimator.Huber.Create(HUBER), gtsam.noiseModel.Isotropic.Sigma(1, NOISE)
     )
     graph = gtsam.NonlinearFactorGraph()
 
-    def error(place: Array, reading: float, _: Any, values: Any, jacobians: list[Array] | None) -> Array:
+    def error(
+        place: Array, reading: float, _: Any, values: Any, jacobians: list[Array] | None
+    ) -> Array:
         way = values.atPoint2(point) - place
         far = max(hypot(*way), 1e-6)
         bias, stretch = values.atVector(radio) if scale else (0.0, 0.0)
@@ -135,7 +150,8 @@ def gtsam_batch(beacon: Beacon, *, scale: bool) -> Estimate:
 
 
 def particles(beacon: Beacon) -> Estimate:
-    """Stone Soup's particle filter over place, bias and scale, from a ring about the first range."""
+    """Stone Soup's particle filter over place, bias and scale, from a ring about the first
+    range."""
     from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
     from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, RandomWalk
     from stonesoup.predictor.particle import ParticlePredictor
@@ -164,23 +180,33 @@ def particles(beacon: Beacon) -> Estimate:
                 noise = self.rvs(num_samples=reading.shape[1]) if noise else 0
             return (StateVectors if reading.shape[1] > 1 else StateVector)(reading + noise)
 
-    rng, began = np.random.default_rng(1), datetime(2026, 1, 1)
+    rng = np.random.default_rng(1)
+    began = datetime(2026, 1, 1)
     np.random.seed(1)  # Stone Soup draws from it
-    around, far = rng.uniform(0, 2 * np.pi, PARTICLES), beacon.ranges.r[0] + rng.normal(0, 5.0, PARTICLES)
+    around = rng.uniform(0, 2 * np.pi, PARTICLES)
+    far = beacon.ranges.r[0] + rng.normal(0, 5.0, PARTICLES)
     first = np.array([
         beacon.places[0, 0] + far * np.cos(around), beacon.places[0, 1] + far * np.sin(around),
         rng.normal(0, BIAS, PARTICLES), rng.normal(0, SCALE, PARTICLES),
     ])  # fmt: skip
-    state = ParticleState(StateVectors(first), weight=np.full(PARTICLES, 1 / PARTICLES), timestamp=began)
+    state = ParticleState(
+        StateVectors(first), weight=np.full(PARTICLES, 1 / PARTICLES), timestamp=began
+    )
     walk = CombinedLinearGaussianTransitionModel([RandomWalk(size**2) for size in ROUGHENING])
-    predictor, updater = ParticlePredictor(walk), ParticleUpdater(None, SystematicResampler())
+    predictor = ParticlePredictor(walk)
+    updater = ParticleUpdater(None, SystematicResampler())
     for at, (place, reading) in enumerate(zip(beacon.places, beacon.ranges.r, strict=True)):
         model = Reported(ndim_state=4, mapping=(0, 1), noise_covar=np.array([[(2 * NOISE) ** 2]]))
         model.place = place
-        when = began + timedelta(seconds=at + 1)  # equal steps: the random walk is per range, not per second
+        when = began + timedelta(
+            seconds=at + 1
+        )  # equal steps: the random walk is per range, not per second
         detection = Detection(StateVector([reading]), timestamp=when, measurement_model=model)
-        state = updater.update(SingleHypothesis(predictor.predict(state, timestamp=when), detection))
-    cloud, weight = np.asarray(state.state_vector, float)[:2], np.asarray(state.weight, float)
+        state = updater.update(
+            SingleHypothesis(predictor.predict(state, timestamp=when), detection)
+        )
+    cloud = np.asarray(state.state_vector, float)[:2]
+    weight = np.asarray(state.weight, float)
     mean = np.average(cloud, axis=1, weights=weight)
     return mean, np.cov(cloud, aweights=weight)
 
@@ -196,7 +222,10 @@ METHODS: dict[str, Callable[[Beacon], Estimate]] = {
 
 def row(name: str, method: Callable[[Beacon], Estimate], given: list[Beacon], *, each: bool) -> str:
     """Return the line of the table for a method. each: True to add the error at each beacon."""
-    began, errors, sigmas, inside = time.process_time(), list[float](), list[float](), 0
+    began = time.process_time()
+    errors = list[float]()
+    sigmas = list[float]()
+    inside = 0
     for beacon in given:
         found, covariance = method(beacon)
         off = np.asarray(found, float) - beacon.true
@@ -204,22 +233,36 @@ def row(name: str, method: Callable[[Beacon], Estimate], given: list[Beacon], *,
         sigmas.append(float(np.linalg.eigvalsh(covariance)[-1]) ** 0.5)
         inside += float(off @ np.linalg.solve(covariance, off)) <= INSIDE
     seconds = (time.process_time() - began) / len(given)
-    line = f"| {name} | {np.median(errors):.2f} / {max(errors):.2f} | {np.median(sigmas):.2f} / {max(sigmas):.2f} | "
+    line = (
+        f"| {name} | {np.median(errors):.2f} / {max(errors):.2f} | {np.median(sigmas):.2f} /"
+        f" {max(sigmas):.2f} | "
+    )
     line += f"{inside} of {len(given)} | {seconds:.1f} |"
     return line + (" " + ", ".join(f"{error:.2f}" for error in errors) + " |" if each else "")
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, metavar="DIR", help="Plaza1_.mat, Plaza2_.mat. [default: of gtsam]")
-    parser.add_argument("--method", action="append", metavar="NAME", choices=METHODS, help="only these")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--data", type=Path, metavar="DIR", help="Plaza1_.mat, Plaza2_.mat. [default: of gtsam]"
+    )
+    parser.add_argument(
+        "--method", action="append", metavar="NAME", choices=METHODS, help="only these"
+    )
     options = parser.parse_args()
     spec = find_spec("gtsam")
     if options.data is None and (spec is None or spec.origin is None):
-        parser.error("the data are in the wheel of gtsam: pip install -e '.[survey-bench]', or give --data")
+        parser.error(
+            "the data are in the wheel of gtsam: pip install -e '.[survey-bench]', or give --data"
+        )
     given = list(beacons(options.data or Path(str(spec and spec.origin)).parent / "Data"))
-    print("| method | error, median / worst, m | sigma, median / worst, m | inside | CPU s a beacon | each beacon, m |")
+    print(
+        "| method | error, median / worst, m | sigma, median / worst, m | inside | CPU s a beacon |"
+        " each beacon, m |"
+    )
     print("|---|---|---|---|---|---|")
     for name in options.method or METHODS:
         print(row(name, METHODS[name], given, each=True), flush=True)

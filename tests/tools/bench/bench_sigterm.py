@@ -2,8 +2,8 @@
 
 from the signal to the safe setpoint, over UDP.
 
-The application flies the quickstart in a separate process. The vehicle runs in this process and records the arrival of
-the first safe setpoint (no speed, no turn) after the signal.
+The application flies the quickstart in a separate process. The vehicle runs in this process and
+records the arrival of the first safe setpoint (no speed, no turn) after the signal.
 """
 
 import argparse
@@ -17,7 +17,8 @@ from tests.frames import read
 from tests.tools.bench.on_port import ROOT, SETPOINT, VehicleOnPort, flown
 from tests.tools.fault_link.frames import frames, message_id
 
-PATIENCE, FLY_FOR = 60.0, 1.0
+PATIENCE = 60.0
+FLY_FOR = 1.0
 
 
 def wait_for(vehicle: VehicleOnPort, found: Callable[[Any], bool], until: float) -> float:
@@ -36,19 +37,27 @@ def once(number: int) -> float:
         wait_for(vehicle, lambda setpoint: False, vehicle.now + FLY_FOR)
         sent = vehicle.now
         process.send_signal(number)
-        safe_at = wait_for(vehicle, lambda setpoint: setpoint.vx == 0 and setpoint.yaw_rate == 0, sent + 5.0)
+        safe_at = wait_for(
+            vehicle, lambda setpoint: setpoint.vx == 0 and setpoint.yaw_rate == 0, sent + 5.0
+        )
         process.wait(timeout=30)
         return safe_at - sent
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.bench.bench_sigterm", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.tools.bench.bench_sigterm", description=__doc__
+    )
     parser.add_argument("--times", type=int, default=30)
     parser.add_argument("--signal", default="TERM", choices=("TERM", "INT"))
     options = parser.parse_args(arguments)
     number = signal.Signals[f"SIG{options.signal}"]
     took = sorted(1000 * once(number) for _ in range(options.times))
-    print(f"SIG{options.signal} to safe setpoint, {len(took)} times: median {statistics.median(took):.1f} ms, ", end="")
+    print(
+        f"SIG{options.signal} to safe setpoint, {len(took)} times: median"
+        f" {statistics.median(took):.1f} ms, ",
+        end="",
+    )
     print(f"worst {took[-1]:.1f} ms")
     return 0 if took[-1] < 100 else 1
 

@@ -2,9 +2,9 @@
 
 time to the first heartbeat of `circnav fly`, cost of `check`, memory in flight.
 
-Processor times beside the time to import numpy and pymavlink's dialect, in the same run, in turn. The flight is the
-quickstart's in real time. Its memory is the resident memory while it steers, with all threads. Prints figures without
-asserting.
+Processor times beside the time to import numpy and pymavlink's dialect, in the same run, in turn.
+The flight is the quickstart's in real time. Its memory is the resident memory while it steers, with
+all threads. Prints figures without asserting.
 """
 
 import argparse
@@ -33,30 +33,41 @@ def processor_time(arguments: list[str]) -> float:
 
 
 def fly(law: str, steered: float) -> tuple[float, float]:
-    """Start `circnav fly`. Return the time to its first heartbeat, s, and its memory after it has steered for a time,
-    MB. steered: s; 0: memory at the first heartbeat."""
+    """Start `circnav fly`. Return the time to its first heartbeat, s, and its memory after it has
+    steered for a time, MB. steered: s; 0: memory at the first heartbeat."""
     with flown(MISSION, "--set", f'guidance.law="{law}"') as (vehicle, process, _):
         while not vehicle.received and vehicle.now < PATIENCE:
             vehicle.turn()
-        spoke, until, steering = vehicle.now, PATIENCE if steered else 0.0, False
+        spoke = vehicle.now
+        until = PATIENCE if steered else 0.0
+        steering = False
         while vehicle.now < until:
             data = vehicle.turn()
             if not steering and any(message_id(frame) == SETPOINT for frame in frames(data)):
-                steering, until = True, vehicle.now + steered
+                steering = True
+                until = vehicle.now + steered
         return spoke, resident_mb(process)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Print the measured times and memory."""
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.bench.bench_start", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.tools.bench.bench_start", description=__doc__
+    )
     parser.add_argument("--times", type=int, default=5)
     times = parser.parse_args(arguments).times
-    measured = [(processor_time(IMPORTS), processor_time(CHECK), fly("auto", 0.0)[0]) for _ in range(times)]
+    measured = [
+        (processor_time(IMPORTS), processor_time(CHECK), fly("auto", 0.0)[0]) for _ in range(times)
+    ]
     bare, check, spoke = zip(*measured, strict=True)
-    imports, checks = statistics.median(bare), statistics.median(check)
+    imports = statistics.median(bare)
+    checks = statistics.median(check)
     print(f"numpy and pymavlink imported: {imports:.2f} s of CPU")
     print(f"circnav check: {checks:.2f} s of CPU, {checks / imports:.1f} times as much")
-    print(f"circnav fly, first heartbeat after: median {statistics.median(spoke):.2f} s, worst {max(spoke):.2f} s")
+    print(
+        f"circnav fly, first heartbeat after: median {statistics.median(spoke):.2f} s, worst"
+        f" {max(spoke):.2f} s"
+    )
     for law in ("smooth", "auto"):
         print(f"memory in flight, {law}: {fly(law, STEERED)[1]:.0f} MB")
     return 0

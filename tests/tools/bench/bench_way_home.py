@@ -2,10 +2,10 @@
 
     python -m tests.tools.bench.bench_way_home --reach 500 --flights 4 [--change] [--heading 3] [--gusts 1 3]
 
-The bundled ArduPlane in lockstep: wind 5 m/s from the west, GPS lost after 100 s, with --change 8 m/s from the north
-after 130 s, RTL after 260 s. One line per flight: error of the reported position, m, at the end of the circle, at 150 m
-from home, and 60 s later. heading: compass error that begins with the way home, degrees. The emulated autopilot flies
-home by the truth.
+The bundled ArduPlane in lockstep: wind 5 m/s from the west, GPS lost after 100 s, with --change 8
+m/s from the north after 130 s, RTL after 260 s. One line per flight: error of the reported
+position, m, at the end of the circle, at 150 m from home, and 60 s later. heading: compass error
+that begins with the way home, degrees. The emulated autopilot flies home by the truth.
 """
 
 import argparse
@@ -17,14 +17,28 @@ from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 
 from tests.extras.handback.handed_back import HandedBack, handed_back
 
-AWAY, OFF, CHANGED, LEAVES, LONGEST = 2000.0, 100.0, 130.0, 260.0, 480.0
-THERE, LATER = 150.0, 60.0
+AWAY = 2000.0
+OFF = 100.0
+CHANGED = 130.0
+LEAVES = 260.0
+LONGEST = 480.0
+THERE = 150.0
+LATER = 60.0
 WORLD = (
-    f'sim.events=[{{at_s={OFF}, action="gps_off"}}]', "sim.sensors.gps_error_m=1", "sim.sensors.dead_reckoning_mps=1",
-    "sim.wind.speed_mps=5", "sim.wind.from_deg=270", f"sim.target.north_m={-AWAY}", f"sim.start.north_m={150 - AWAY}",
-    "sim.start.east_m=-100", 'sim.ranging.message="named_value_float"', 'ranging.message="named_value_float"',
-    'ranging.name="RANGE"', 'exit.action="rtl"', f"limits.duration_s={LEAVES}",
-)  # fmt: skip
+    f'sim.events=[{{at_s={OFF}, action="gps_off"}}]',
+    "sim.sensors.gps_error_m=1",
+    "sim.sensors.dead_reckoning_mps=1",
+    "sim.wind.speed_mps=5",
+    "sim.wind.from_deg=270",
+    f"sim.target.north_m={-AWAY}",
+    f"sim.start.north_m={150 - AWAY}",
+    "sim.start.east_m=-100",
+    'sim.ranging.message="named_value_float"',
+    'ranging.message="named_value_float"',
+    'ranging.name="RANGE"',
+    'exit.action="rtl"',
+    f"limits.duration_s={LEAVES}",
+)
 
 
 @dataclass
@@ -40,16 +54,19 @@ class WayHome:
 
     def watch(self, flown: HandedBack) -> None:
         """Apply the events that are due and record the error."""
-        flight, companion = flown.vehicle._flight, flown.companion
+        flight = flown.vehicle._flight
+        companion = flown.companion
         if self.options.change and not self.changed and flown.now > CHANGED:
             self.changed = True
             flight.air._config = flight.air._config.changed(from_deg=0.0)
             flight.air.blow(8.0)
         if flown.pilot.done and self.left is None:
-            self.left, instruments = flown.now, flight.instruments
+            self.left = flown.now
+            instruments = flight.instruments
             instruments._config = instruments._config.changed(heading_bias_deg=self.options.heading)
         assert companion is not None
-        here, truth = companion.reckoning.where, flown.vehicle.truth
+        here = companion.reckoning.where
+        truth = flown.vehicle.truth
         if here is not None and companion.plane is not None and flown.now > OFF:
             east, north = companion.plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
             error = hypot(here.east - east - truth.east, here.north - north - truth.north)
@@ -61,22 +78,29 @@ class WayHome:
         changes = (f"sim.ranging.max_range_m={self.options.reach}", f"sim.wind.gust_rms_mps={rms}",
                    f"sim.wind.gust_time_s={time}", f"sim.seed={seed}")  # fmt: skip
         flown = handed_back("arduplane", *WORLD, *changes, law="auto")
-        flown.solve_from, flown.solve_every = 60.0, 30.0
+        flown.solve_from = 60.0
+        flown.solve_every = 30.0
         flown.fly(LONGEST, self.watch)
         times, errors, away = np.array(self.errors).T
         there = float(times[away < THERE][0])
         assert self.left is not None
-        return tuple(float(np.interp(at, times, errors)) for at in (self.left, there, there + LATER))  # type: ignore[return-value]
+        return tuple(
+            float(np.interp(at, times, errors)) for at in (self.left, there, there + LATER)
+        )  # type: ignore[return-value]
 
 
 def main() -> None:
     """Print a line per flight, and their root mean squares."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--reach", type=float, default=500.0, help="of the radio, m")
     parser.add_argument("--flights", type=int, default=4)
     parser.add_argument("--change", action="store_true", help="another wind")
     parser.add_argument("--heading", type=float, default=0.0, help="degrees")
-    parser.add_argument("--gusts", type=float, nargs=2, default=(0.5, 1.0), metavar=("RMS", "TIME"), help="m/s, s")
+    parser.add_argument(
+        "--gusts", type=float, nargs=2, default=(0.5, 1.0), metavar=("RMS", "TIME"), help="m/s, s"
+    )
     options = parser.parse_args()
     found = []
     for seed in range(1, 1 + options.flights):

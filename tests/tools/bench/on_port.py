@@ -1,4 +1,5 @@
-"""`circnav fly` in a separate process, in real time, and its vehicle on a UDP port of this process."""
+"""`circnav fly` in a separate process, in real time, and its vehicle on a UDP port of this
+process."""
 
 import os
 import select
@@ -20,7 +21,8 @@ LONGEST_WAIT = 0.05
 
 
 class VehicleOnPort:
-    """A mission's vehicle and the application that last sent to it. Times are in s since the start."""
+    """A mission's vehicle and the application that last sent to it. Times are in s since the
+    start."""
 
     def __init__(self, mission: Path) -> None:
         self.vehicle = Vehicle(load_vehicle(mission))
@@ -49,8 +51,8 @@ class VehicleOnPort:
                 yield frame
 
     def hear(self) -> bytes:
-        """Wait for a datagram of the application until the vehicle's next event. Pass it to the vehicle and return
-        it."""
+        """Wait for a datagram of the application until the vehicle's next event. Pass it to the
+        vehicle and return it."""
         wait = min(self.vehicle.next_event - self.now, LONGEST_WAIT)
         if not select.select([self._socket], [], [], max(wait, 0.0))[0]:
             return b""
@@ -66,13 +68,26 @@ class VehicleOnPort:
 
 
 @contextmanager
-def flown(mission: Path, *arguments: str) -> Iterator[tuple[VehicleOnPort, "subprocess.Popen[bytes]", Path]]:
+def flown(
+    mission: Path, *arguments: str
+) -> Iterator[tuple[VehicleOnPort, "subprocess.Popen[bytes]", Path]]:
     """Start `circnav fly` on a vehicle. Yield the vehicle, the process, and the run folder."""
     vehicle = VehicleOnPort(mission)
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
-        command = [sys.executable, "-m", "circnav_mav", "fly", str(mission), "--out", str(run), "--endpoint"]
-        process = subprocess.Popen([*command, vehicle.endpoint, *arguments], cwd=ROOT, stdout=subprocess.DEVNULL)
+        command = [
+            sys.executable,
+            "-m",
+            "circnav_mav",
+            "fly",
+            str(mission),
+            "--out",
+            str(run),
+            "--endpoint",
+        ]
+        process = subprocess.Popen(
+            [*command, vehicle.endpoint, *arguments], cwd=ROOT, stdout=subprocess.DEVNULL
+        )
         try:
             yield vehicle, process, run
         finally:

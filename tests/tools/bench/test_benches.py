@@ -1,4 +1,5 @@
-"""Short runs of each bench's parts, because the benches themselves are not run with every change."""
+"""Short runs of each bench's parts, because the benches themselves are not run with every
+change."""
 
 import socket
 import threading
@@ -6,7 +7,14 @@ import threading
 import pytest
 
 from tests.rig import Voice, heartbeat
-from tests.tools.bench import bench_estimators, bench_load, bench_locate, bench_loop, bench_sigterm, bench_start
+from tests.tools.bench import (
+    bench_estimators,
+    bench_load,
+    bench_locate,
+    bench_loop,
+    bench_sigterm,
+    bench_start,
+)
 from tests.tools.bench.on_port import VehicleOnPort
 from tests.tools.fault_link.frames import message_id
 
@@ -37,9 +45,14 @@ def test_a_setpoint_is_waited_for_until_it_comes(vehicle, application):
     steers = bench_loop.dialect.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, 8, 0x407, 0, 0, 0, 5.0, 0, 0, 0, 0, 0, 0, 0
     )
-    assert bench_sigterm.wait_for(vehicle, lambda setpoint: True, vehicle.now + 0.05) == float("inf")
+    assert bench_sigterm.wait_for(vehicle, lambda setpoint: True, vehicle.now + 0.05) == float(
+        "inf"
+    )
     application.send(Voice(1, 191).say(steers))
-    assert bench_sigterm.wait_for(vehicle, lambda setpoint: setpoint.vx == 5.0, vehicle.now + 5.0) <= vehicle.now
+    assert (
+        bench_sigterm.wait_for(vehicle, lambda setpoint: setpoint.vx == 5.0, vehicle.now + 5.0)
+        <= vehicle.now
+    )
 
 
 def test_the_loops_latencies_are_those_of_a_listener_that_answers_each_range(monkeypatch):
@@ -59,7 +72,9 @@ def test_the_loops_latencies_are_those_of_a_listener_that_answers_each_range(mon
 
 def test_the_loops_processor_times_are_printed(monkeypatch, capsys):
     monkeypatch.setattr(bench_loop, "SETTLING", 3.0)
-    monkeypatch.setattr(bench_loop.Flight, "fly", lambda self, until, fly=bench_loop.Flight.fly: fly(self, 5.0))
+    monkeypatch.setattr(
+        bench_loop.Flight, "fly", lambda self, until, fly=bench_loop.Flight.fly: fly(self, 5.0)
+    )
     bench_loop.mission_cpu("smooth")
     assert "bytes to setpoint: range " in capsys.readouterr().out
 
@@ -71,7 +86,9 @@ def test_what_a_flight_on_a_busy_machine_leaves_is_told(tmp_path, capsys):
     late = bench_load.lateness(tmp_path / "ticks.csv")
     assert len(late) == 10 and max(map(abs, late)) < 0.051
     bench = bench_load.Bench()
-    bench.setpoints, bench.latencies, bench.errors = [0.0, 0.1, 0.2], [0.001], [1.0, 2.0]
+    bench.setpoints = [0.0, 0.1, 0.2]
+    bench.latencies = [0.001]
+    bench.errors = [1.0, 2.0]
     bench.memory = [(1.0, 80.0), (2.0, 81.0), (3.0, 82.0)]
     options = bench_load.argparse.Namespace(seconds=3.0, law="smooth", hogs=1)
     bench_load.report(options, bench, tmp_path)
@@ -84,10 +101,12 @@ def test_the_estimators_steps_take_time():
 
 
 def test_the_surveys_results_are_a_row_and_a_process_has_its_time():
-    place = bench_locate.Result(error=2.0, gps=1.5, sigma=1.0, nees=1.0, bound=(0.1, 5.0), up=None, speed=0.2)
+    place = bench_locate.Result(
+        error=2.0, gps=1.5, sigma=1.0, nees=1.0, bound=(0.1, 5.0), up=None, speed=0.2
+    )
     said = bench_locate.row(bench_locate.SITUATIONS[0], [place, None])
     assert said.startswith(
-        "| one lap, 0.5 m | 1 of 2 | 2.00 | 2.00 | 0.50 | 0.10, up 5.00 | 1.00 | 100 % (100 % below its top) | 0 | "
-        "1, 0.20"
+        "| one lap, 0.5 m | 1 of 2 | 2.00 | 2.00 | 0.50 | 0.10, up 5.00 | 1.00 | 100 % (100 % below"
+        " its top) | 0 | 1, 0.20"
     )
     assert bench_start.processor_time(["-c", "pass"]) > 0

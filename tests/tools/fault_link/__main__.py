@@ -30,33 +30,64 @@ RATE = click.FloatRange(0, 100_000, min_open=True)
 def line_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the fractions and times of an impairment as options."""
     for field in reversed(fields(Impairment)):
-        flag, meaning = f"--{field.name.replace('_', '-')}", field.metadata
+        flag = f"--{field.name.replace('_', '-')}"
+        meaning = field.metadata
         if "fraction" in meaning:
             text = f"Fraction {meaning['fraction']}."
-            command = click.option(flag, type=float, default=0.0, metavar="FRACTION", help=text)(command)
+            command = click.option(flag, type=float, default=0.0, metavar="FRACTION", help=text)(
+                command
+            )
         elif "time" in meaning:
-            command = click.option(flag, type=float, default=0.0, metavar="S", help=f"s, {meaning['time']}.")(command)
+            command = click.option(
+                flag, type=float, default=0.0, metavar="S", help=f"s, {meaning['time']}."
+            )(command)
     return command
 
 
 @click.command(epilog=EXAMPLE)
-@click.option("--listen", required=True, metavar="URL", help="The application's side: udpin or udpout.")
-@click.option("--forward", required=True, metavar="URL", help="The vehicle's side: udpin or udpout.")
+@click.option(
+    "--listen", required=True, metavar="URL", help="The application's side: udpin or udpout."
+)
+@click.option(
+    "--forward", required=True, metavar="URL", help="The vehicle's side: udpin or udpout."
+)
 @click.option("--seed", default=0, help="Seed: equal seeds impair the same datagrams.")
-@click.option("--only", type=click.Choice(["up", "down"]), help="Impair this direction only (up: to the vehicle).")
+@click.option(
+    "--only",
+    type=click.Choice(["up", "down"]),
+    help="Impair this direction only (up: to the vehicle).",
+)
 @line_options
 @click.option("--depth", default=5, help="Maximum number of datagrams that overtake a delayed one.")
 @click.option("--in-order", is_flag=True, help="Jitter keeps the order, as in a stream.")
 @click.option("--outage", multiple=True, metavar="AT+LENGTH", help="Outage: start and length, s.")
-@click.option("--second-vehicle", type=click.IntRange(1, 255), metavar="SYSID", help="Add a second vehicle.")
-@click.option("--twin", "twin_ids", metavar="SYS/COMP", help="Add a second companion under these ids.")
-@click.option("--flood", type=RATE, metavar="HZ", help="Flood of unknown ids, names, systems, and a ground station.")
+@click.option(
+    "--second-vehicle", type=click.IntRange(1, 255), metavar="SYSID", help="Add a second vehicle."
+)
+@click.option(
+    "--twin", "twin_ids", metavar="SYS/COMP", help="Add a second companion under these ids."
+)
+@click.option(
+    "--flood",
+    type=RATE,
+    metavar="HZ",
+    help="Flood of unknown ids, names, systems, and a ground station.",
+)
 @click.option("--inject", type=Path, metavar="FILE.tlog", help="Add the frames of this log.")
 @click.option("--inject-rate", type=RATE, default=10.0, metavar="HZ", help="Rate of these frames.")
 def main(
-    listen: str, forward: str, seed: int, only: str | None, outage: tuple[str, ...], second_vehicle: int | None,
-    twin_ids: str | None, flood: float | None, inject: Path | None, inject_rate: float, **line: Any,
-) -> None:  # fmt: skip
+    listen: str,
+    forward: str,
+    seed: int,
+    only: str | None,
+    outage: tuple[str, ...],
+    second_vehicle: int | None,
+    twin_ids: str | None,
+    flood: float | None,
+    inject: Path | None,
+    inject_rate: float,
+    **line: Any,
+) -> None:
     """Run an impaired UDP link between your application and your vehicle, in both directions."""
     stopped = stop_signals()
     try:
@@ -73,7 +104,11 @@ def main(
             link.intruders.append(recorded(inject, inject_rate))
         proxy = Proxy(listen, forward, link)
     except (EndpointError, ValueError, OSError) as error:
-        reason = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
+        reason = (
+            f"{error.filename}: {error.strerror}"
+            if isinstance(error, OSError) and error.filename
+            else error
+        )
         click.echo(f"fault_link: {reason}", err=True)
         sys.exit(BAD_USAGE)
     click.echo(f"faults: {listen} <-> {forward}, seed {seed}: {broken}")

@@ -1,15 +1,22 @@
-"""MAVLink frames for the faults: split from passing data, or packed for any sender with a valid CRC."""
+"""MAVLink frames for the faults: split from passing data, or packed for any sender with a valid
+CRC."""
 
 from collections.abc import Iterator
 
 from pymavlink.dialects.v20 import all as mavlink
 
-V2, V2_HEADER, CRC = 0xFD, 10, 2
+V2 = 0xFD
+V2_HEADER = 10
+CRC = 2
 
 
 def message_id(frame: bytes) -> int:
     """Return the id of a MAVLink 2 frame, or -1 for other data."""
-    return int.from_bytes(frame[7:10], "little") if len(frame) >= V2_HEADER + CRC and frame[0] == V2 else -1
+    return (
+        int.from_bytes(frame[7:10], "little")
+        if len(frame) >= V2_HEADER + CRC and frame[0] == V2
+        else -1
+    )
 
 
 def frames(data: bytes, at: int = 0, apart: int = 0) -> Iterator[bytes]:
@@ -20,7 +27,9 @@ def frames(data: bytes, at: int = 0, apart: int = 0) -> Iterator[bytes]:
         at = end + apart
 
 
-def write(message: mavlink.MAVLink_message, system: int, component: int, sequence: int = 0) -> bytes:
+def write(
+    message: mavlink.MAVLink_message, system: int, component: int, sequence: int = 0
+) -> bytes:
     """Pack a frame of any sender. Floats may have any value; integers must fit their fields."""
     engine = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
     engine.seq = sequence
@@ -30,6 +39,8 @@ def write(message: mavlink.MAVLink_message, system: int, component: int, sequenc
 def raw_frame(number: int, payload: bytes, system: int, component: int, sequence: int = 0) -> bytes:
     """Pack a frame of any id with any payload. The CRC is valid if the id is in the dialect."""
     kind = mavlink.mavlink_map.get(number)
-    head = bytes((len(payload), 0, 0, sequence & 255, system, component)) + number.to_bytes(3, "little")
+    head = bytes((len(payload), 0, 0, sequence & 255, system, component)) + number.to_bytes(
+        3, "little"
+    )
     crc: int = mavlink.x25crc(head + payload + bytes((kind.crc_extra if kind else 0,))).crc
     return bytes((V2,)) + head + payload + crc.to_bytes(2, "little")

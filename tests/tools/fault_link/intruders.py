@@ -12,7 +12,9 @@ from .link import DOWN, Intruder, Passage
 GCS = (255, 190)
 
 
-def periodic(rate: float, make: Callable[[int], Iterable[bytes]], *, direction: str = DOWN) -> Intruder:
+def periodic(
+    rate: float, make: Callable[[int], Iterable[bytes]], *, direction: str = DOWN
+) -> Intruder:
     """Return an intruder that sends the frames `make(n)` at a rate in Hz, n = 0, 1, ..."""
     progress: list[float] = []  # time of the first call, number of calls of make
 
@@ -45,7 +47,8 @@ def vehicle(system: int, *, mode: int = 5) -> Intruder:
 
 
 def ground_station(rate: float = 100.0) -> Intruder:
-    """Return a ground station that floods the link with heartbeats, requests and commands to other components."""
+    """Return a ground station that floods the link with heartbeats, requests and commands to other
+    components."""
 
     def make(n: int) -> list[bytes]:
         messages = (
@@ -66,14 +69,22 @@ def twin(system: int, component: int, rate: float = 1.0) -> Intruder:
 
 
 def unknown_senders(rate: float, seed: int) -> Intruder:
-    """Return an intruder that sends unknown message ids, and new names and system ids all the time."""
+    """Return an intruder that sends unknown message ids, and new names and system ids all the
+    time."""
     chance = Random(seed)
 
     def make(n: int) -> list[bytes]:
         name = f"N{n}"[:10].encode()
         return [
-            raw_frame(40_000 + n % 100_000, chance.randbytes(n % 30), n % 250 + 1, n // 250 % 255 + 1, n),
-            write(mavlink.MAVLink_named_value_float_message(n, name, float(n)), n % 250 + 1, 77, n & 255),
+            raw_frame(
+                40_000 + n % 100_000, chance.randbytes(n % 30), n % 250 + 1, n // 250 % 255 + 1, n
+            ),
+            write(
+                mavlink.MAVLink_named_value_float_message(n, name, float(n)),
+                n % 250 + 1,
+                77,
+                n & 255,
+            ),
         ]
 
     return periodic(rate, make)
@@ -88,5 +99,6 @@ def recorded(path: Path, rate: float) -> Intruder:
 
 
 def tlog_frames(data: bytes) -> list[bytes]:
-    """Return the MAVLink 2 frames of a tlog. Each has a timestamp of eight bytes (big-endian, us) before it."""
+    """Return the MAVLink 2 frames of a tlog. Each has a timestamp of eight bytes (big-endian, us)
+    before it."""
     return list(frames(data, at=8, apart=8))

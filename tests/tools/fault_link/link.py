@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterable
 
 from .pipe import CLEAN, Impairment, Pipe
 
-UP, DOWN = "up", "down"
+UP = "up"
+DOWN = "down"
 """Directions: application to vehicle, and vehicle to application."""
 
 Passage = tuple[str, bytes]
@@ -18,8 +19,8 @@ Intruder = Callable[[float], Iterable[Passage]]
 class FaultLink:
     """Datagrams in with a time, datagrams out when they are due, in both directions.
 
-    Tampering comes first (it represents a peer that misbehaves), then the impairment. Datagrams of intruders are added
-    after the impairment, so they arrive complete.
+    Tampering comes first (it represents a peer that misbehaves), then the impairment. Datagrams of
+    intruders are added after the impairment, so they arrive complete.
     """
 
     def __init__(self, *, up: Impairment = CLEAN, down: Impairment = CLEAN, seed: int = 0) -> None:

@@ -1,4 +1,5 @@
-"""One direction of a link: its impairments as numbers, and the queue that applies them to datagrams."""
+"""One direction of a link: its impairments as numbers, and the queue that applies them to
+datagrams."""
 
 import heapq
 from dataclasses import dataclass, field, fields
@@ -25,9 +26,9 @@ def duration(meaning: str) -> Any:
 class Impairment:
     """Impairments of one direction of a link.
 
-    outages: (from, to) without any datagram, s. Random outages and the times between them have exponentially
-    distributed lengths. Jitter is uniformly distributed. in_order: True if jitter keeps the order, as in a stream.
-    depth: largest number of datagrams that overtake a delayed one.
+    outages: (from, to) without any datagram, s. Random outages and the times between them have
+    exponentially distributed lengths. Jitter is uniformly distributed. in_order: True if jitter
+    keeps the order, as in a stream. depth: largest number of datagrams that overtake a delayed one.
     """
 
     loss: float = fraction("of datagrams that never arrive")
@@ -58,7 +59,11 @@ class Impairment:
             raise ValueError(f"depth: must be at least 1, not {self.depth}")
 
     def __str__(self) -> str:
-        set_values = [(f.name, getattr(self, f.name)) for f in fields(self) if getattr(self, f.name) != f.default]
+        set_values = [
+            (f.name, getattr(self, f.name))
+            for f in fields(self)
+            if getattr(self, f.name) != f.default
+        ]
         return ", ".join(f"{name}={value}" for name, value in set_values) or "clean"
 
 
@@ -66,7 +71,8 @@ CLEAN = Impairment()
 
 
 def damaged(data: bytes, impairment: Impairment, chance: Random) -> list[bytes]:
-    """Return the pieces of a datagram that arrive: cut, with changed bytes and stray bytes in front, or split."""
+    """Return the pieces of a datagram that arrive: cut, with changed bytes and stray bytes in
+    front, or split."""
     if impairment.truncate and chance.random() < impairment.truncate:
         data = data[: chance.randrange(len(data) + 1)]
     if impairment.corrupt:
@@ -80,7 +86,8 @@ def damaged(data: bytes, impairment: Impairment, chance: Random) -> list[bytes]:
 
 
 def corrupted(data: bytes, fraction: float, chance: Random) -> bytes:
-    """Change each byte with probability `fraction`. For speed, draw the gaps between changed bytes, not each byte."""
+    """Change each byte with probability `fraction`. For speed, draw the gaps between changed bytes,
+    not each byte."""
     changed = bytearray(data)
     at = -1
     while True:
@@ -106,7 +113,8 @@ class Pipe:
 
     def impair(self, impairment: Impairment) -> None:
         """Set another impairment from now on. Datagrams in the queue stay as they are."""
-        self.impairment, self._burst = impairment, None
+        self.impairment = impairment
+        self._burst = None
 
     @property
     def next_due(self) -> float:
@@ -153,10 +161,13 @@ class Pipe:
         return now >= self._burst[0]
 
     def _order(self, data: bytes, now: float) -> None:
-        """Join, hold back or send a datagram. Then send those that have been overtaken often enough."""
-        impairment, chance = self.impairment, self._chance
+        """Join, hold back or send a datagram. Then send those that have been overtaken often
+        enough."""
+        impairment = self.impairment
+        chance = self._chance
         if self._joining is not None:
-            data, self._joining = self._joining[1] + data, None
+            data = self._joining[1] + data
+            self._joining = None
         elif impairment.join and chance.random() < impairment.join:
             self._joining = now, data
             return
@@ -164,7 +175,8 @@ class Pipe:
             self._held.append((chance.randint(1, impairment.depth), now, data))
             return
         self._send(data, now)
-        held, self._held = self._held, []
+        held = self._held
+        self._held = []
         for left, since, late in held:
             if left <= 1:
                 self._send(late, now)
@@ -179,7 +191,11 @@ class Pipe:
 
     def _schedule(self, data: bytes, now: float) -> None:
         impairment = self.impairment
-        due = now + impairment.delay + (self._chance.uniform(0, impairment.jitter) if impairment.jitter else 0.0)
+        due = (
+            now
+            + impairment.delay
+            + (self._chance.uniform(0, impairment.jitter) if impairment.jitter else 0.0)
+        )
         if impairment.in_order:
             self._last = due = max(due, self._last)
         self._count += 1

@@ -13,10 +13,12 @@ LONGEST_SLEEP = 0.05
 
 
 class Proxy:
-    """Two UDP ports with a fault link between them. Each port sends to its newest sender, or to its configured peer."""
+    """Two UDP ports with a fault link between them. Each port sends to its newest sender, or to its
+    configured peer."""
 
     def __init__(self, listen: str, forward: str, link: FaultLink) -> None:
-        """listen: endpoint on the application's side, udpin or udpout; forward: endpoint on the vehicle's side."""
+        """listen: endpoint on the application's side, udpin or udpout; forward: endpoint on the
+        vehicle's side."""
         self._link = link
         self._wires: dict[str, Wire] = {}
         self._peers: dict[str, str] = {}
@@ -24,7 +26,8 @@ class Proxy:
             try:
                 if endpoint.kind == "tcpin":
                     raise EndpointError(
-                        f"{endpoint}: the fault link supports UDP only: udpin:HOST:PORT or udpout:HOST:PORT"
+                        f"{endpoint}: the fault link supports UDP only: udpin:HOST:PORT or"
+                        " udpout:HOST:PORT"
                     )
                 self._wires[direction] = open_wire(endpoint, direction, sys.maxsize)
             except EndpointError:
@@ -37,7 +40,10 @@ class Proxy:
         started = time.monotonic()
         while not stopped():
             now = time.monotonic() - started
-            for direction, wire in self._wires.items():  # datagrams from the application's port go up
+            for (
+                direction,
+                wire,
+            ) in self._wires.items():  # datagrams from the application's port go up
                 for self._peers[direction], data in wire.receive():
                     self._link.push(direction, data, now)
             for way, data in self._link.intrusions(now):
@@ -54,6 +60,7 @@ class Proxy:
             wire.close()
 
     def _send(self, way: str, data: bytes) -> None:
-        """Send a datagram: up from the vehicle's port, down from the application's. It is lost if there is no peer."""
+        """Send a datagram: up from the vehicle's port, down from the application's. It is lost if
+        there is no peer."""
         by = DOWN if way == UP else UP
         self._wires[by].send(self._peers[by], [data])

@@ -1,8 +1,10 @@
-"""python -m tests.tools.faults.attacks [--profile P] [--seed N]: attacks over the link, one row each.
+"""python -m tests.tools.faults.attacks [--profile P] [--seed N]: attacks over the link, one row
+each.
 
-F23: unknown senders that receive all traffic of the link and send from their own address. A row says `address forged`
-if the attacker also forges the trusted address, which only signing stops. Each row checks the setpoints and the alarms
-shown to the operator. docs/safety.md has the trust model.
+F23: unknown senders that receive all traffic of the link and send from their own address. A row
+says `address forged` if the attacker also forges the trusted address, which only signing stops.
+Each row checks the setpoints and the alarms shown to the operator. docs/safety.md has the trust
+model.
 """
 
 import argparse
@@ -27,15 +29,19 @@ from tests.tools.faults.course import PATIENT, SOURCE, Course
 from tests.tools.faults.scenarios.signing import BOTH
 from tests.tools.faults.tampering import acknowledgement, on
 
-VEHICLE, RADIO, OURS = (1, 1), (1, 192), (1, 191)
+VEHICLE = (1, 1)
+RADIO = (1, 192)
+OURS = (1, 191)
 OTHER_MODE = {"arducopter": 5, "arduplane": 12}
 KIND = {"arducopter": 2, "arduplane": 1}
 ESCAPE = b"\x1b]0;PreArm: \x1b[2J\x07\x9b31m"
 """Escape sequences that would set a terminal's title and clear its screen."""
 LONG = 65_000
 PATIENCE = 45.0
-"""Duration of an attack from the start, s: without the attack the flight would have begun much earlier."""
-DRAWN, MOST_DRAWN = 0.03, 0.6
+"""Duration of an attack from the start, s: without the attack the flight would have begun much
+earlier."""
+DRAWN = 0.03
+MOST_DRAWN = 0.6
 """Drift of forged ranges away from the truth, in radii per second, and its limit, in radii."""
 
 Say = Callable[[Course, float, int], list[bytes]]
@@ -43,36 +49,49 @@ Say = Callable[[Course, float, int], list[bytes]]
 
 
 def ranges(share: float, ahead: float, ids: tuple[int, int] = RADIO) -> Say:
-    """Return a sender of radio ranges for a constant share of the radius, stamped `ahead` s in the future."""
+    """Return a sender of radio ranges for a constant share of the radius, stamped `ahead` s in the
+    future."""
 
     def say(course: Course, now: float, n: int) -> list[bytes]:
-        stamp, height = round(1000 * (now + ahead)), course.pilot.settings.height.above_target or 0.0
+        stamp = round(1000 * (now + ahead))
+        height = course.pilot.settings.height.above_target or 0.0
         cm = round(100 * hypot(share * course.radius, height))
-        return [write(mavlink.MAVLink_distance_sensor_message(stamp, 1, 65000, cm, 3, 0, 24, 0), *ids, n & 255)]
+        return [
+            write(
+                mavlink.MAVLink_distance_sensor_message(stamp, 1, 65000, cm, 3, 0, 24, 0),
+                *ids,
+                n & 255,
+            )
+        ]
 
     return say
 
 
 def drawing(ahead: float, ids: tuple[int, int] = RADIO) -> Say:
-    """Return a sender of radio ranges that start at the true range, so that no gate rejects them, and drift away."""
+    """Return a sender of radio ranges that start at the true range, so that no gate rejects them,
+    and drift away."""
     began: list[float] = []
 
     def say(course: Course, now: float, n: int) -> list[bytes]:
         began[:] = began if n else [now]
         off = min(DRAWN * (now - began[0]), MOST_DRAWN)
-        return ranges(true_radius(course.vehicle.truth) / course.radius + off, ahead, ids)(course, now, n)
+        return ranges(true_radius(course.vehicle.truth) / course.radius + off, ahead, ids)(
+            course, now, n
+        )
 
     return say
 
 
 def heartbeat(course: Course, now: float, n: int) -> list[bytes]:
     """Return the vehicle's heartbeat in a mode that looks like a takeover by the operator."""
-    kind, mode = KIND[course.profile], OTHER_MODE[course.profile]
+    kind = KIND[course.profile]
+    mode = OTHER_MODE[course.profile]
     return [write(mavlink.MAVLink_heartbeat_message(kind, 3, 0x81, mode, 4, 3), *VEHICLE, n & 255)]
 
 
 def state(course: Course, now: float, n: int) -> list[bytes]:
-    """Return reports of a reboot, a landing, an empty battery and sideways flight in the vehicle's name."""
+    """Return reports of a reboot, a landing, an empty battery and sideways flight in the vehicle's
+    name."""
     said = (
         mavlink.MAVLink_system_time_message(0, 5),
         mavlink.MAVLink_attitude_message(n, 1.0, 1.0, n % 3, 0, 0, 3.0),
@@ -85,9 +104,12 @@ def state(course: Course, now: float, n: int) -> list[bytes]:
 
 
 def answers(course: Course, now: float, n: int) -> list[bytes]:
-    """Return forged answers to our requests: commands denied, and TIMESYNC answered impossibly early or hours late."""
+    """Return forged answers to our requests: commands denied, and TIMESYNC answered impossibly
+    early or hours late."""
     asked = [*course.pilot.session.timesync._asked]
-    said = [write(mavlink.MAVLink_timesync_message(1 + n, stamp), *VEHICLE, n & 255) for stamp in asked]
+    said = [
+        write(mavlink.MAVLink_timesync_message(1 + n, stamp), *VEHICLE, n & 255) for stamp in asked
+    ]
     return said + [acknowledgement(number, 2, OURS) for number in (176, 511, 512)]
 
 
@@ -104,7 +126,10 @@ def whole_vehicle(course: Course, now: float, n: int) -> list[bytes]:
         mavlink.MAVLink_vfr_hud_message(15.0, 5.0, 0, 50, 15.0, 0.0),
         mavlink.MAVLink_attitude_message(round(1000 * now) + 900_000, 0, 0, 1.0, 0, 0, 0),
     )
-    return [*(write(message, *VEHICLE, n & 255) for message in said), *ranges(1.3, 0.0)(course, now, n)]
+    return [
+        *(write(message, *VEHICLE, n & 255) for message in said),
+        *ranges(1.3, 0.0)(course, now, n),
+    ]
 
 
 def twin_of_another_time(course: Course, now: float, n: int) -> list[bytes]:
@@ -135,7 +160,8 @@ def flood(datagram: bytes) -> Say:
 
 
 def by(say: Say, rate: float, *, until: float | None = None) -> Callable[[Course, int], None]:
-    """Return an arrangement that adds an attacker with its own address. until: s after which it is silent."""
+    """Return an arrangement that adds an attacker with its own address. until: s after which it is
+    silent."""
 
     def arrange(course: Course, seed: int) -> None:
         began = course.now
@@ -151,15 +177,22 @@ def by(say: Say, rate: float, *, until: float | None = None) -> Callable[[Course
 
 
 def while_mode_is_unknown(say: Say) -> Callable[[Course, int], None]:
-    """An attacker sends while the vehicle's heartbeats are lost for 2.3 s; its other messages arrive. CURRENT_MODE is
-    the first report of the vehicle's mode after that."""
+    """An attacker sends while the vehicle's heartbeats are lost for 2.3 s; its other messages
+    arrive. CURRENT_MODE is the first report of the vehicle's mode after that."""
 
     def arrange(course: Course, seed: int) -> None:
         since = course.now + 2.0
         course.link.tampers.append(
-            on(0, lambda frame, now: [] if since <= now < since + 2.3 and sender(frame) == VEHICLE else [frame])
+            on(
+                0,
+                lambda frame, now: (
+                    [] if since <= now < since + 2.3 and sender(frame) == VEHICLE else [frame]
+                ),
+            )
         )
-        report = mavlink.MAVLink_current_mode_message(0, *[course.pilot.session.adapter.guided_mode] * 2)
+        report = mavlink.MAVLink_current_mode_message(
+            0, *[course.pilot.session.adapter.guided_mode] * 2
+        )
         frame = bytes(report.pack(mavlink.MAVLink(None, *VEHICLE)))
         course.link.intruders.append(
             periodic(20.0, lambda n: [frame] if since + 2.2 <= course.now < since + 2.25 else [])
@@ -178,14 +211,18 @@ def forged_address(say: Say, rate: float) -> Callable[[Course, int], None]:
     return arrange
 
 
-def attack(name: str, arrange: Callable[[Course, int], None], reported: str, **more: Any) -> Scenario:
+def attack(
+    name: str, arrange: Callable[[Course, int], None], reported: str, **more: Any
+) -> Scenario:
     options = {"lasts": 25.0, "after": 5.0, "profiles": ("arducopter", "arduplane"), **more}
     return Scenario("F23", name, arrange=arrange, reported=reported, **options)
 
 
 def first(name: str, say: Say, reported: str) -> Scenario:
     """Return an attack that begins 6 s before the vehicle is received and lasts for PATIENCE."""
-    return attack(name, by(say, 10.0), reported, down=Impairment(outages=((0.0, 6.0),)), **HELD_BACK)
+    return attack(
+        name, by(say, 10.0), reported, down=Impairment(outages=((0.0, 6.0),)), **HELD_BACK
+    )
 
 
 def waits(course: Course, until: float = PATIENCE) -> str | None:
@@ -195,7 +232,8 @@ def waits(course: Course, until: float = PATIENCE) -> str | None:
 
 
 HELD_BACK: dict[str, Any] = {**FRESH, "lasts": PATIENCE, "want": Want.SAFE, "check": waits}
-"""Options of an attack that begins before the flight: the vehicle must not be engaged during the attack."""
+"""Options of an attack that begins before the flight: the vehicle must not be engaged during the
+attack."""
 
 
 AFTER_SILENCE: dict[str, Any] = {
@@ -208,41 +246,54 @@ AFTER_SILENCE: dict[str, Any] = {
 
 
 def taken_for_it(course: Course, seed: int) -> None:
-    """A limit documented in docs/safety.md: without a key the attacker is accepted as the vehicle. The display shows
-    both."""
+    """A limit documented in docs/safety.md: without a key the attacker is accepted as the vehicle.
+    The display shows both."""
     course.forgeable = True
-    by(lambda course, now, n: listening_twin(course, now, n) + ranges(1.3, 0.1)(course, now, n), 10.0)(course, seed)
+    by(
+        lambda course, now, n: listening_twin(course, now, n) + ranges(1.3, 0.1)(course, now, n),
+        10.0,
+    )(course, seed)
 
 
-IS_REJECTED = "the vehicle has a second sender: 1/1 at sim is rejected, 1/1 at 10.9.9.9:6666 is used"
+IS_REJECTED = (
+    "the vehicle has a second sender: 1/1 at sim is rejected, 1/1 at 10.9.9.9:6666 is used"
+)
 
 
 def said_again_after_a_restart(course: Course, seed: int) -> None:
-    """Vehicle and radio are recorded for 20 s. Then circnav restarts, both are silent, and an attacker replays the
-    record."""
+    """Vehicle and radio are recorded for 20 s. Then circnav restarts, both are silent, and an
+    attacker replays the record."""
     record: list[bytes] = []
-    course.link.tampers.append(lambda way, data, now: (record.append(data) if way == DOWN else None, [(way, data)])[1])
+    course.link.tampers.append(
+        lambda way, data, now: (record.append(data) if way == DOWN else None, [(way, data)])[1]
+    )
     course.fly(course.now + 20.0)
     course.link.tampers[:] = [lambda way, data, now: [(way, data)] if way == UP else []]
     course.restart()
     since = course.now
 
     def say(course: Course, now: float, n: int) -> list[bytes]:
-        taken, vehicle = course.pilot.tracker.accepted, course.pilot.session.identity.home
+        taken = course.pilot.tracker.accepted
+        vehicle = course.pilot.session.identity.home
         if (taken or vehicle) and not course.broken:
-            course.broken.append(f"{now - since:.1f} s after the restart: {taken} ranges taken, vehicle {vehicle}")
+            course.broken.append(
+                f"{now - since:.1f} s after the restart: {taken} ranges taken, vehicle {vehicle}"
+            )
         return record[20 * n : 20 * n + 20]
 
     by(say, 20.0)(course, seed)
 
 
 def second_circnav(*overrides: str) -> Callable[[Course, int], None]:
-    """Return an arrangement with another circnav on the same vehicle. A hub forwards the vehicle's frames to both. The
-    two do not receive each other."""
+    """Return an arrangement with another circnav on the same vehicle. A hub forwards the vehicle's
+    frames to both. The two do not receive each other."""
 
     def arrange(course: Course, seed: int) -> None:
-        mission = load_mission(CONFIG / f"{course.profile}.toml", (*PATIENT, f'guidance.law="{LAW}"', *overrides))
-        second, start = Pilot(mission.pilot_settings()), course.now
+        mission = load_mission(
+            CONFIG / f"{course.profile}.toml", (*PATIENT, f'guidance.law="{LAW}"', *overrides)
+        )
+        second = Pilot(mission.pilot_settings())
+        start = course.now
 
         def overhear(way: str, data: bytes, now: float) -> list[Passage]:
             if way == DOWN:
@@ -262,8 +313,12 @@ def second_circnav(*overrides: str) -> Callable[[Course, int], None]:
 
 def to_loiter(course: Course, seed: int) -> None:
     """Any sender may change the mode of a vehicle without a key, exactly as an operator does."""
-    mode = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, OTHER_MODE[course.profile], 0, 0, 0, 0, 0)
-    course.link.intruders.append(periodic(1.0, lambda n: [write(mode, 255, 190, n & 255)], direction=UP))
+    mode = mavlink.MAVLink_command_long_message(
+        1, 1, 176, 0, 1, OTHER_MODE[course.profile], 0, 0, 0, 0, 0
+    )
+    course.link.intruders.append(
+        periodic(1.0, lambda n: [write(mode, 255, 190, n & 255)], direction=UP)
+    )
 
 
 def no_raw_text(course: Course) -> str | None:
@@ -276,12 +331,16 @@ def escapes(course: Course, now: float, n: int) -> list[bytes]:
     return [write(mavlink.MAVLink_statustext_message(2, ESCAPE), *VEHICLE, n & 255)]
 
 
-VEHICLES, RADIOS, OUR = "the vehicle has a second", "the ranging radio has a second", "circnav has a second"
+VEHICLES = "the vehicle has a second"
+RADIOS = "the ranging radio has a second"
+OUR = "circnav has a second"
 BEAT = write(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3), 9, 1)
 STRANGE = bytes((0xFD, 255, 0, 0, 1, 9, 9, 0x31, 0xD4, 0)) + b"\xfd\x20\x00" * 85 + b"\x12\x34"
 ATTACKS = [
     *(
-        attack(f"ranges of the radio, {1000 * ahead:.0f} ms ahead", by(drawing(ahead), 20.0), RADIOS)
+        attack(
+            f"ranges of the radio, {1000 * ahead:.0f} ms ahead", by(drawing(ahead), 20.0), RADIOS
+        )
         for ahead in (0.04, 0.4)
     ),
     attack("ranges of another radio", by(drawing(0.1, (1, 193)), 20.0), RADIOS),
@@ -290,7 +349,9 @@ ATTACKS = [
     attack("answers of the vehicle", by(answers, 20.0), VEHICLES),
     attack("frames in our name", by(in_our_name, 10.0), OUR),
     *(
-        attack(f"{name} while its mode is not reported for 2.3 s", while_mode_is_unknown(say), VEHICLES)
+        attack(
+            f"{name} while its mode is not reported for 2.3 s", while_mode_is_unknown(say), VEHICLES
+        )
         for name, say in (
             ("MAVLink 1 in the vehicle's name", partial(guided, version_1=True)),
             ("the vehicle's name and its time since boot", listening_twin),
@@ -303,7 +364,10 @@ ATTACKS = [
         **{**AFTER_SILENCE, "want": Want.REGAIN},
     ),
     attack(
-        "name, time since boot and ranges of the vehicle after a silence", taken_for_it, IS_REJECTED, **AFTER_SILENCE
+        "name, time since boot and ranges of the vehicle after a silence",
+        taken_for_it,
+        IS_REJECTED,
+        **AFTER_SILENCE,
     ),
     first("the vehicle and its radio, six seconds early", whole_vehicle, VEHICLES),
     attack(
@@ -322,17 +386,34 @@ ATTACKS = [
             ("unknown ids", STRANGE * 30),
         )
     ),
-    attack("a second circnav with our ids", second_circnav(), "SECOND CONTROLLER: the vehicle answers", want=Want.SAFE),
+    attack(
+        "a second circnav with our ids",
+        second_circnav(),
+        "SECOND CONTROLLER: the vehicle answers",
+        want=Want.SAFE,
+    ),
     attack(
         "a second circnav with another id on another circle",
         second_circnav("link.component_id=193", "orbit.radius_m=90.0"),
         "SECOND CONTROLLER: the vehicle flies",
         want=Want.SAFE,
     ),
-    attack("ESC in the vehicle's own texts", forged_address(escapes, 5.0), "PreArm", check=no_raw_text),
-    attack("ranges 400 ms ahead, address forged", forged_address(drawing(0.4), 20.0), "SENSOR CLOCK", want=Want.SAFE),
+    attack(
+        "ESC in the vehicle's own texts", forged_address(escapes, 5.0), "PreArm", check=no_raw_text
+    ),
+    attack(
+        "ranges 400 ms ahead, address forged",
+        forged_address(drawing(0.4), 20.0),
+        "SENSOR CLOCK",
+        want=Want.SAFE,
+    ),
     *(
-        attack(f"{name}, address forged, link signed", forged_address(say, 10.0), "unsigned frames", keys=BOTH)
+        attack(
+            f"{name}, address forged, link signed",
+            forged_address(say, 10.0),
+            "unsigned frames",
+            keys=BOTH,
+        )
         for name, say in (
             ("ranges of the radio", drawing(0.1)),
             ("mode of the vehicle", heartbeat),
@@ -358,12 +439,22 @@ ATTACKS = [
     ),
     attack(
         "name, time since boot and ranges of the vehicle after a silence, link signed",
-        by(lambda course, now, n: listening_twin(course, now, n) + ranges(1.3, 0.1)(course, now, n), 10.0),
+        by(
+            lambda course, now, n: (
+                listening_twin(course, now, n) + ranges(1.3, 0.1)(course, now, n)
+            ),
+            10.0,
+        ),
         "unsigned frames",
         **{**AFTER_SILENCE, "want": Want.REGAIN},
         keys=BOTH,
     ),
-    attack("flood of heartbeats of a stranger, link signed", by(flood(BEAT * 300), 50.0), "FLOOD", keys=BOTH),
+    attack(
+        "flood of heartbeats of a stranger, link signed",
+        by(flood(BEAT * 300), 50.0),
+        "FLOOD",
+        keys=BOTH,
+    ),
     attack(
         "a command to the autopilot",
         to_loiter,
@@ -393,13 +484,19 @@ def row(verdict: Verdict) -> str:
         did = "none before it was over, then engaged"
     else:
         did = f"hold the circle, RMS {100 * verdict.rms:.1f} %"
-    shown = next((line for line in verdict.reported if scenario.reported in line), "-") if scenario.reported else "-"
+    shown = (
+        next((line for line in verdict.reported if scenario.reported in line), "-")
+        if scenario.reported
+        else "-"
+    )
     result = "safe, reported" if verdict.passed else f"**FAIL** {'; '.join(verdict.faults)}"
     return f"| {scenario.level} | {did} | {shown} | {result} |"
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.attacks", description="Flies the attack table.")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.tools.faults.attacks", description="Flies the attack table."
+    )
     parser.add_argument("--profile", choices=("arducopter", "arduplane"), default="arducopter")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args(arguments)

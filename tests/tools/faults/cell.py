@@ -15,12 +15,13 @@ from tests.tools.faults.course import BAND, Course, Keys, on_the_circle
 LAW = "smooth"
 """Law of the quick set, because it is the cheapest to compute."""
 REGAIN_WITHIN = {"px4_copter": 60.0}
-"""Time to regain the circle, s, by profile; 30 s for the others. The straight way back to the circle is added, because
-the autopilot's own timeout may have moved the vehicle: a plane loiters round the point where it entered GUIDED. One lap
-of the PX4 copter takes 63 s."""
+"""Time to regain the circle, s, by profile; 30 s for the others. The straight way back to the
+circle is added, because the autopilot's own timeout may have moved the vehicle: a plane loiters
+round the point where it entered GUIDED. One lap of the PX4 copter takes 63 s."""
 FRESH_PATIENCE = 150.0
 LAST = 10.0
-"""Time at the end in which the sense of rotation is checked, s: a mirrored circle has the correct radius."""
+"""Time at the end in which the sense of rotation is checked, s: a mirrored circle has the correct
+radius."""
 LEAVE_WITHIN = 13.0
 """Time limit for the exit action to take effect, or for the setpoints to end without it, s."""
 
@@ -40,12 +41,13 @@ class Want(Enum):
 class Scenario:
     """One fault at one level.
 
-    up, down: impairments of the link. arrange: other faults, applied at the start; receives the seed. lasts, after:
-    time with the fault and time after it, s. reason: required text of the outcome. rejects: rejection reasons
-    that must be counted. blind: part of the range age that cannot be measured, s. clocks: True if timestamps are
-    changed, so that they give no age. fresh: True if the fault begins with the mission, not on the circle. on:
-    exceptions from `want`, by profile. keys: signing keys, ours and the vehicle's. reported: text that the operator
-    must be shown during the fault.
+    up, down: impairments of the link. arrange: other faults, applied at the start; receives the
+    seed. lasts, after: time with the fault and time after it, s. reason: required text of the
+    outcome. rejects: rejection reasons that must be counted. blind: part of the range age that
+    cannot be measured, s. clocks: True if timestamps are changed, so that they give no age. fresh:
+    True if the fault begins with the mission, not on the circle. on: exceptions from `want`, by
+    profile. keys: signing keys, ours and the vehicle's. reported: text that the operator must be
+    shown during the fault.
     """
 
     fault: str
@@ -113,20 +115,25 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     last = course.errors(start, end)[-1:]
     course.way_home = abs(last[0][1]) * course.radius / course.allowed.speed if last else 0.0
     course.fly(end + max(scenario.after, REGAIN_WITHIN.get(profile, 0.0) + 10))
-    rejected = {name: n - before.get(name, 0) for name, n in course.pilot.tracker.ranging.rejected.items()}
+    rejected = {
+        name: n - before.get(name, 0) for name, n in course.pilot.tracker.ranging.rejected.items()
+    }
     rejected = {name: n for name, n in rejected.items() if n}
     errors = course.errors(start, end)
     rms = sqrt(sum(e * e for _, e in errors) / len(errors)) if errors else inf
     recovery = _recovery(course, end)
     found_wanting = _want_faults(course, scenario, rms, recovery)
-    outcome, to_safe = course.pilot.mission.outcome, _to_safe(course, start)
+    outcome = course.pilot.mission.outcome
+    to_safe = _to_safe(course, start)
     _part(course)
     faults = [*course.broken[:3], *_age_faults(course, scenario), *found_wanting]
     if course.spy.backward > backward and not scenario.clocks:
         faults.append(f"{course.spy.backward - backward} samples fused twice or backwards")
     if scenario.reported not in (shown := "\n".join(told.lines)):
         faults.append(f"the operator was not told of {scenario.reported!r} but of {shown!r}")
-    faults += [f"no reject counted as {name}" for name in scenario.rejects if not rejected.get(name)]
+    faults += [
+        f"no reject counted as {name}" for name in scenario.rejects if not rejected.get(name)
+    ]
     if scenario.check is not None and (found := scenario.check(course)) is not None:
         faults.append(found)
     return Verdict(
@@ -149,7 +156,8 @@ class Told:
     """Texts shown to the operator: alarms, waiting conditions and texts of the vehicle."""
 
     def __init__(self, course: Course) -> None:
-        self._watch, self._next = StatusSource(course.pilot, Onlookers()), course.now
+        self._watch = StatusSource(course.pilot, Onlookers())
+        self._next = course.now
         self.lines: dict[str, None] = {}
 
     def look(self, course: Course) -> None:
@@ -159,7 +167,9 @@ class Told:
             status = self._watch.status(course.ticks[-1], course.now)
             refused = (f"{why} frames refused" for why in course.pilot.frames_refused())
             says = (f'the vehicle reports "{text}"' for text in course.pilot.session.texts)
-            self.lines |= dict.fromkeys(line for line in (*status.alarms, status.waits, *refused, *says) if line)
+            self.lines |= dict.fromkeys(
+                line for line in (*status.alarms, status.waits, *refused, *says) if line
+            )
 
 
 def _begin(course: Course, scenario: Scenario, seed: int) -> None:
@@ -180,7 +190,8 @@ def _finish(course: Course) -> None:
 
 
 def _part(course: Course) -> None:
-    """End the flight of a cell that is still flying: a stall of 1 s, then a signal. The rules apply to both."""
+    """End the flight of a cell that is still flying: a stall of 1 s, then a signal. The rules apply
+    to both."""
     if course.pilot.done:
         return
     course.stall(1.0)
@@ -188,16 +199,21 @@ def _part(course: Course) -> None:
     course.interrupt()
     course.fly(course.now + LEAVE_WITHIN)
     if not course.pilot.done:
-        course.broken.append(f"still {course.pilot.mission.phase.value} {LEAVE_WITHIN:g} s after the signal")
+        course.broken.append(
+            f"still {course.pilot.mission.phase.value} {LEAVE_WITHIN:g} s after the signal"
+        )
 
 
 def _shifted(impairment: Impairment, by: float) -> Impairment:
     """Return the impairment with its outages relative to the start of the fault."""
-    return replace(impairment, outages=tuple((since + by, until + by) for since, until in impairment.outages))
+    return replace(
+        impairment, outages=tuple((since + by, until + by) for since, until in impairment.outages)
+    )
 
 
 def _recovery(course: Course, end: float) -> float | None:
-    """Time from the end of the fault until the radius error stays within the band, s; None if it does not."""
+    """Time from the end of the fault until the radius error stays within the band, s; None if it
+    does not."""
     late = course.errors(end, inf)
     outside = [time for time, error in late if abs(error) > BAND]
     if not late or (outside and outside[-1] >= late[-1][0] - 1.0):
@@ -206,7 +222,8 @@ def _recovery(course: Course, end: float) -> float | None:
 
 
 def _to_safe(course: Course, start: float) -> float | None:
-    """Time from the start of the fault to the safe setpoint, or to the last steering one when none was allowed."""
+    """Time from the start of the fault to the safe setpoint, or to the last steering one when none
+    was allowed."""
     outcome = course.pilot.mission.outcome
     if outcome is None or outcome.ending not in (Ending.ABORTED, Ending.TAKEN_OVER):
         return None
@@ -227,26 +244,41 @@ def _age_faults(course: Course, scenario: Scenario) -> list[str]:
     return faults
 
 
-def _want_faults(course: Course, scenario: Scenario, rms: float, recovery: float | None) -> list[str]:
+def _want_faults(
+    course: Course, scenario: Scenario, rms: float, recovery: float | None
+) -> list[str]:
     want = scenario.on.get(course.profile, scenario.want)
     outcome = course.pilot.mission.outcome
     if outcome is not None and want in (Want.HOLD, Want.REGAIN, Want.END) and course.timed_out:
         return []
     if want is Want.HOLD and not (outcome is None and rms < BAND):
-        return [f"circle not held: RMS {100 * rms:.1f} %, {outcome.reason if outcome else 'flying'}"]
+        return [
+            f"circle not held: RMS {100 * rms:.1f} %, {outcome.reason if outcome else 'flying'}"
+        ]
     allowed = REGAIN_WITHIN.get(course.profile, 30.0) + course.way_home
-    if want in (Want.HOLD, Want.REGAIN) and (outcome is not None or recovery is None or recovery > allowed):
+    if want in (Want.HOLD, Want.REGAIN) and (
+        outcome is not None or recovery is None or recovery > allowed
+    ):
         took = "not" if recovery is None else f"in {recovery:.0f} s"
         return [f"circle regained {took}, {outcome.reason if outcome else 'flying'}"]
     if want in (Want.HOLD, Want.REGAIN) and not course.goes_round_as_wanted(LAST):
         return ["the circle is flown the wrong way round"]
     if want is Want.END and (outcome is None or scenario.reason not in outcome.reason):
-        return [f"should have ended with {scenario.reason!r}: {outcome.reason if outcome else 'still flying'}"]
+        return [
+            f"should have ended with {scenario.reason!r}:"
+            f" {outcome.reason if outcome else 'still flying'}"
+        ]
     if want is Want.ENGAGE and course.pilot.mission.engaged_at is None:
-        return [f"did not engage: {outcome.reason if outcome else course.pilot.mission.phase.value}"]
+        return [
+            f"did not engage: {outcome.reason if outcome else course.pilot.mission.phase.value}"
+        ]
     if want is Want.REFUSE and course.pilot.mission.engaged_at is not None:
         return ["engaged all the same"]
-    if want is Want.REFUSE and scenario.reason and (outcome is None or scenario.reason not in outcome.reason):
+    if (
+        want is Want.REFUSE
+        and scenario.reason
+        and (outcome is None or scenario.reason not in outcome.reason)
+    ):
         said = outcome.reason if outcome else course.pilot.mission.phase.value
         return [f"should have said {scenario.reason!r}: {said}"]
     return []

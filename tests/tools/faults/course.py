@@ -24,13 +24,24 @@ from tests.frames import output
 from tests.tools.fault_link import DOWN, UP, FaultLink
 from tests.tools.fault_link.frames import frames
 from tests.tools.fault_link.link import Intruder
-from tests.tools.faults.judge import GUIDED, Allowed, Witness, broken_rule, is_heartbeat, is_safe, is_setpoint
+from tests.tools.faults.judge import (
+    GUIDED,
+    Allowed,
+    Witness,
+    broken_rule,
+    is_heartbeat,
+    is_safe,
+    is_setpoint,
+)
 
 PATIENT = ("limits.hold_s=70.0", "limits.duration_s=100000.0")
 BAND = 0.05
 """Largest radius error on a held circle, as a share of the radius."""
-SETTLED, STEADY, LATEST = 110.0, 30.0, 400.0
-SOURCE, STRANGER = "sim", ("10.9.9.9", 6666)
+SETTLED = 110.0
+STEADY = 30.0
+LATEST = 400.0
+SOURCE = "sim"
+STRANGER = ("10.9.9.9", 6666)
 TRUTH_EVERY = 0.1
 PX4_PATIENCE = {"px4_copter": 1.0, "px4_plane": 0.5}
 """Setpoint timeouts of PX4, s: COM_OF_LOSS_T in OFFBOARD, COM_RC_LOSS_T for sticks."""
@@ -42,7 +53,8 @@ Keys = tuple[bytes | None, bytes | None]
 
 
 class SampleRecorder:
-    """Wraps the estimator and records the accepted samples: each one once, none older than the last."""
+    """Wraps the estimator and records the accepted samples: each one once, none older than the
+    last."""
 
     def __init__(self, estimator: Any) -> None:
         self._estimator = estimator
@@ -73,7 +85,12 @@ class Course:
     """A pilot and a vehicle with a fault link between them, and the record of the flight."""
 
     def __init__(
-        self, profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+        self,
+        profile: str,
+        overrides: tuple[str, ...] = (),
+        *,
+        stream: bool = False,
+        keys: Keys = (None, None),
     ) -> None:
         mission = load_mission(CONFIG / f"{profile}.toml", (*PATIENT, *overrides))
         assert mission.file.sim is not None
@@ -82,7 +99,8 @@ class Course:
             settings = replace(settings, stream_links=frozenset({VEHICLE}))
         self.stream = stream
         self.profile = profile
-        self._settings, self._key = settings, keys[0]
+        self._settings = settings
+        self._key = keys[0]
         self.signing: Signing | None = None
         self._start_pilot()
         self.vehicle = _vehicle(mission.file.sim, profile, keys[1])
@@ -93,9 +111,11 @@ class Course:
         self.witness = Witness(profile, keys[0])
         self.source = SOURCE
         self.strangers: list[Intruder] = []
-        """Attackers that send to the application from another address, before the vehicle's frames in each step."""
+        """Attackers that send to the application from another address, before the vehicle's frames
+        in each step."""
         self.forgeable = False
-        """True if the attacker may be accepted as the vehicle, a limit documented in docs/safety.md."""
+        """True if the attacker may be accepted as the vehicle, a limit documented in
+        docs/safety.md."""
         self.way_home = 0.0
         self._drift: float | None = None
         self.clock: Callable[[float], float] = float
@@ -104,7 +124,8 @@ class Course:
 
     def _start_pilot(self) -> None:
         """Start or restart the application. The timestamp of its key is kept."""
-        before, self.signing = self.signing, None if self._key is None else Signing(self._key)
+        before = self.signing
+        self.signing = None if self._key is None else Signing(self._key)
         if before is not None and self.signing is not None:
             self.signing.resume(before.timestamp)
         self.pilot = Pilot(self._settings, self.signing)
@@ -141,8 +162,8 @@ class Course:
         return self
 
     def stall(self, seconds: float, *, lost: bool = False) -> None:
-        """Stop the application for a time, then let it continue. Frames that arrive meanwhile wait in its socket, or
-        are lost."""
+        """Stop the application for a time, then let it continue. Frames that arrive meanwhile wait
+        in its socket, or are lost."""
         until = self.now + seconds
         waiting: list[Arrival] = []
         while self.now < until:
@@ -162,9 +183,14 @@ class Course:
             self.witness.stood_still()
 
     def interrupt(self) -> None:
-        """End the flight by a signal. If the vehicle is ours to steer, the next setpoint must be the safe one."""
+        """End the flight by a signal. If the vehicle is ours to steer, the next setpoint must be
+        the safe one."""
         pilot = self.pilot
-        steering = pilot.mission.phase in STEERING and pilot.session.vehicle.in_our_mode and not self.witness.unproved
+        steering = (
+            pilot.mission.phase in STEERING
+            and pilot.session.vehicle.in_our_mode
+            and not self.witness.unproved
+        )
         pilot.interrupt(self.clock(self.now), "SIGTERM")
         out = self._answer()
         if steering and not any(is_safe(frame) for frame in frames(out) if is_setpoint(frame)):
@@ -184,13 +210,19 @@ class Course:
     def _give(self, arrived: list[Arrival], *, waited: bool = False) -> None:
         for data, link, source in arrived:
             self.pilot.receive(data, self.clock(self.now), source, link)
-            if source == self.source and self.pilot.session.reply_to in (None, source):  # else setpoints go elsewhere
+            if source == self.source and self.pilot.session.reply_to in (
+                None,
+                source,
+            ):  # else setpoints go elsewhere
                 self.witness.hear(data, waited=waited)
 
     def _arrivals(self) -> list[Arrival]:
-        """Return the datagrams that reach the application now, and deliver the intruders' frames to the vehicle."""
+        """Return the datagrams that reach the application now, and deliver the intruders' frames to
+        the vehicle."""
         arrived: list[Arrival] = [
-            (data, VEHICLE, STRANGER) for stranger in self.strangers for _, data in stranger(self.now)
+            (data, VEHICLE, STRANGER)
+            for stranger in self.strangers
+            for _, data in stranger(self.now)
         ]
         for frame in self.vehicle.outgoing(MAIN):
             self.link.push(DOWN, frame, self.now)
@@ -224,7 +256,9 @@ class Course:
             if rule is not None:
                 self.broken.append(f"{self.now:.2f} s: {rule}")
             if self.pilot.mission.outcome is not None and not is_safe(frame):
-                self.broken.append(f"{self.now:.2f} s: steered after the end: {self.pilot.mission.outcome.reason}")
+                self.broken.append(
+                    f"{self.now:.2f} s: steered after the end: {self.pilot.mission.outcome.reason}"
+                )
             if self.pilot.session.reply_to == STRANGER and not self.forgeable:
                 self.broken.append(f"{self.now:.2f} s: setpoint sent to the stranger's address")
             self._judge_time()
@@ -237,13 +271,22 @@ class Course:
                 self._judge_holding(record)
 
     def _judge_time(self) -> None:
-        pilot, session = self.pilot, self.pilot.session
-        before = pilot.mission.phase is Phase.READY and session.adapter.wants_setpoints_in(session.vehicle.mode)
+        pilot = self.pilot
+        session = self.pilot.session
+        before = pilot.mission.phase is Phase.READY and session.adapter.wants_setpoints_in(
+            session.vehicle.mode
+        )
         if not session.vehicle.in_our_mode and not before:
             mode = session.vehicle.mode_name
-            self.broken.append(f"{self.now:.2f} s: setpoint while {mode}, {pilot.mission.phase.value}")
+            self.broken.append(
+                f"{self.now:.2f} s: setpoint while {mode}, {pilot.mission.phase.value}"
+            )
         if self.witness.taken or self.witness.unproved:
-            seen = "the operator's mode was seen" if self.witness.taken else "standing still, no heartbeat since"
+            seen = (
+                "the operator's mode was seen"
+                if self.witness.taken
+                else "standing still, no heartbeat since"
+            )
             self.broken.append(f"{self.now:.2f} s: setpoint after {seen}")
         if pilot.mission.phase in STEERING:
             self.steered_at.append(self.now)
@@ -259,19 +302,33 @@ class Course:
         self.worst_age = max(self.worst_age, self.now - self.spy.newest.stamp)
 
     def _judge_holding(self, record: TickRecord) -> None:
-        """Check the turn rate without ranges: V/r_d, or, if the drift is estimated, a turn rate that occurs on the
-        circle in this drift. The tolerance of 0.1 V/r_d covers the airspeed error. V: the configured speed, and with an
-        estimated drift also the actual one (PX4's copter loses 8 % of its speed in the turn)."""
-        V, drift, slack = self.allowed.speed, 0.0, 1e-6
+        """Check the turn rate without ranges: V/r_d, or, if the drift is estimated, a turn rate
+        that occurs on the circle in this drift. The tolerance of 0.1 V/r_d covers the airspeed
+        error. V: the configured speed, and with an estimated drift also the actual one (PX4's
+        copter loses 8 % of its speed in the turn)."""
+        V = self.allowed.speed
+        drift = 0.0
+        slack = 1e-6
         slow = fast = V
         if self._drift is not None:
-            drift, slack = self._drift, 0.1 * V / self.radius
+            drift = self._drift
+            slack = 0.1 * V / self.radius
             slow, fast = sorted((V, max(self.vehicle.truth.ground_speed, 0.5 * V)))
-        least, most = (slow - drift) ** 2 / (slow * self.radius), (fast + drift) ** 2 / (fast * self.radius)
-        asked = self.pilot.settings.orbit.direction.turn_sign * (nan if record.demanded is None else record.demanded)
-        if not min(least, self.allowed.yaw_rate) - slack <= asked <= min(most, self.allowed.yaw_rate) + slack:
+        least, most = (
+            (slow - drift) ** 2 / (slow * self.radius),
+            (fast + drift) ** 2 / (fast * self.radius),
+        )
+        asked = self.pilot.settings.orbit.direction.turn_sign * (
+            nan if record.demanded is None else record.demanded
+        )
+        if (
+            not min(least, self.allowed.yaw_rate) - slack
+            <= asked
+            <= min(most, self.allowed.yaw_rate) + slack
+        ):
             self.broken.append(
-                f"{self.now:.2f} s: {record.phase.value} steers {asked}, not {least:.6f} .. {most:.6f} rad/s"
+                f"{self.now:.2f} s: {record.phase.value} steers {asked}, not {least:.6f} .."
+                f" {most:.6f} rad/s"
             )
 
     def _look(self) -> None:
@@ -281,10 +338,12 @@ class Course:
 
     @property
     def timed_out(self) -> bool:
-        """True if PX4 left our mode because it received no setpoint for its timeout. This ends the mission like a
-        takeover."""
+        """True if PX4 left our mode because it received no setpoint for its timeout. This ends the
+        mission like a takeover."""
         patience = PX4_PATIENCE.get(self.profile)
-        left = next((truth.time for truth in self.truths if truth.mode != GUIDED[self.profile]), None)
+        left = next(
+            (truth.time for truth in self.truths if truth.mode != GUIDED[self.profile]), None
+        )
         if patience is None or left is None:
             return False
         received = [time for time, _ in self.vehicle.setpoint_log if left - 5 < time < left]
@@ -293,18 +352,28 @@ class Course:
     def errors(self, since: float, until: float) -> list[tuple[float, float]]:
         """Return (time, radius error as a share of the radius) between two times."""
         return [
-            (truth.time, true_radius(truth) / self.radius - 1) for truth in self.truths if since <= truth.time <= until
+            (truth.time, true_radius(truth) / self.radius - 1)
+            for truth in self.truths
+            if since <= truth.time <= until
         ]
 
     def goes_round_as_wanted(self, seconds: float) -> bool:
         """True if the track of the last seconds goes round the target in the mission's sense."""
-        turns = clockwise_turns([truth for truth in self.truths if truth.time >= self.now - seconds])
-        return turns > 0 if self.pilot.settings.orbit.direction is Direction.CLOCKWISE else turns < 0
+        turns = clockwise_turns(
+            [truth for truth in self.truths if truth.time >= self.now - seconds]
+        )
+        return (
+            turns > 0 if self.pilot.settings.orbit.direction is Direction.CLOCKWISE else turns < 0
+        )
 
 
 @cache
 def settled(
-    profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+    profile: str,
+    overrides: tuple[str, ...] = (),
+    *,
+    stream: bool = False,
+    keys: Keys = (None, None),
 ) -> Course:
     """Return a flight that has held its circle over a good link for a while. Copy it before use."""
     course = Course(profile, overrides, stream=stream, keys=keys).fly(SETTLED)
@@ -317,7 +386,11 @@ def settled(
 
 
 def on_the_circle(
-    profile: str, overrides: tuple[str, ...] = (), *, stream: bool = False, keys: Keys = (None, None)
+    profile: str,
+    overrides: tuple[str, ...] = (),
+    *,
+    stream: bool = False,
+    keys: Keys = (None, None),
 ) -> Course:
     """Return a copy of the flight that has settled on its circle."""
     return copy.deepcopy(settled(profile, overrides, stream=stream, keys=keys))

@@ -1,4 +1,5 @@
-"""python -m tests.tools.faults.files [--files N] [--seed S]: damaged campaign tables and run folders.
+"""python -m tests.tools.faults.files [--files N] [--seed S]: damaged campaign tables and run
+folders.
 
 Damaged mission files: tests/mission/test_load.py.
 """
@@ -42,7 +43,8 @@ def spoilt_bytes(data: bytes, chance: Random) -> bytes:
 
 
 def read_run(folder: Path, files: dict[str, bytes]) -> None:
-    """Read everything of a run folder, and its tlog separately. Raises RunError and Refused only."""
+    """Read everything of a run folder, and its tlog separately. Raises RunError and Refused
+    only."""
     for name, data in files.items():
         (folder / name).write_bytes(data)
     tlog_frames(files["flight.tlog"])
@@ -55,7 +57,8 @@ def read_run(folder: Path, files: dict[str, bytes]) -> None:
 
 def read_campaign(folder: Path, table: bytes) -> None:
     """Read a campaign table as a resumed campaign does. Raises CampaignError only."""
-    campaign, out = load_campaign(folder / "good.toml"), folder / "out"
+    campaign = load_campaign(folder / "good.toml")
+    out = folder / "out"
     (out / TABLE).write_bytes(table)
     store = Store(out, campaign, resume=True)
     store.sort()
@@ -66,7 +69,9 @@ def read_campaign(folder: Path, table: bytes) -> None:
 def good_campaign(folder: Path) -> bytes:
     """Return the table of a short campaign, to damage. The folder gets its files."""
     mission = CONFIG / "campaign_mission.toml"
-    text = CAMPAIGN.read_text(encoding="utf-8").replace('"../campaign_mission.toml"', f'"{mission}"')
+    text = CAMPAIGN.read_text(encoding="utf-8").replace(
+        '"../campaign_mission.toml"', f'"{mission}"'
+    )
     (folder / "good.toml").write_text(text.replace("runs = 750", "runs = 2"), encoding="utf-8")
     campaign = load_campaign(folder / "good.toml")
     store = Store(folder / "out", campaign)
@@ -85,7 +90,8 @@ def good_run(folder: Path) -> dict[str, bytes]:
 
 def assault_files(count: int, seed: int) -> list[str]:
     """Return the unexpected exceptions of the readers."""
-    chance, escaped = Random(seed), list[str]()
+    chance = Random(seed)
+    escaped = list[str]()
     with tempfile.TemporaryDirectory() as folder:
         good = good_run(Path(folder))
         table = good_campaign(Path(folder))
@@ -100,7 +106,11 @@ def assault_files(count: int, seed: int) -> list[str]:
 
 
 def _escapes(
-    into: list[str], n: int, known: tuple[type[Exception], ...], reader: Callable[..., None], *given: Any
+    into: list[str],
+    n: int,
+    known: tuple[type[Exception], ...],
+    reader: Callable[..., None],
+    *given: Any,
 ) -> None:
     try:
         reader(*given)

@@ -2,8 +2,9 @@
 
 hostile bytes for an engaged pilot.
 
-Between the hostile frames a good vehicle keeps sending, so that the pilot flies. `receive` and `step` must not raise,
-every setpoint must be finite and within the limits, and memory must not grow.
+Between the hostile frames a good vehicle keeps sending, so that the pilot flies. `receive` and
+`step` must not raise, every setpoint must be finite and within the limits, and memory must not
+grow.
 """
 
 import argparse
@@ -28,16 +29,25 @@ from tests.tools.faults.judge import Allowed, broken_rule, is_setpoint
 
 RANGING_IDS = {"distance_sensor": 132, "named_value_float": 251, "ranging_beacon": 513}
 IDS = sorted(HANDLED | set(RANGING_IDS.values()) | {22})
-PROFILES = {"arducopter": (3, 2, 4), "arduplane": (3, 1, 15), "px4_copter": (12, 2, 6 << 16), "px4_plane": (12, 1, 0)}
+PROFILES = {
+    "arducopter": (3, 2, 4),
+    "arduplane": (3, 1, 15),
+    "px4_copter": (12, 2, 6 << 16),
+    "px4_plane": (12, 1, 0),
+}
 """Autopilot, vehicle type and guided mode of each vehicle's heartbeat; 0: the adapter's mode."""
 STATE = (0, 2, 30)
-"""Messages without an all-zero frame in the corpus: it would repeatedly signal a takeover or a reboot. `valid` sends
-these messages."""
+"""Messages without an all-zero frame in the corpus: it would repeatedly signal a takeover or a
+reboot. `valid` sends these messages."""
 FRAME_TIME = 0.002
 GOOD_EVERY = 25
-ODD = tuple(map(bytes.fromhex, ["00", "ff", "7f800000", "0000c07f", "0000807f", "000080ff", "ffff"]))
+ODD = tuple(
+    map(bytes.fromhex, ["00", "ff", "7f800000", "0000c07f", "0000807f", "000080ff", "ffff"])
+)
 """Bytes 0 and 255, and the infinities and NaN of a float in both byte orders."""
-VEHICLE_IDS, RADIO_IDS, OUR_IDS = (1, 1), (1, 192), (1, 191)
+VEHICLE_IDS = (1, 1)
+RADIO_IDS = (1, 192)
+OUR_IDS = (1, 191)
 WARM_UP = 20_000
 PATIENCE = 20
 FRESH = 500
@@ -50,8 +60,13 @@ class Target:
     """A pilot that a good vehicle of a few frames keeps flying."""
 
     def __init__(self, profile: str, ranging: str) -> None:
-        self.profile, self.ranging = profile, ranging
-        overrides = [f'ranging.message="{ranging}"', 'engage.on_takeover="wait"', "limits.duration_s=1e9"]
+        self.profile = profile
+        self.ranging = ranging
+        overrides = [
+            f'ranging.message="{ranging}"',
+            'engage.on_takeover="wait"',
+            "limits.duration_s=1e9",
+        ]
         overrides += ["limits.hold_s=3600", "link.wait_s=1e6"]
         if ranging == "ranging_beacon":
             overrides += ['ranging.endpoint="udpin:127.0.0.1:14560"']
@@ -80,11 +95,19 @@ class Target:
         adapter = self.pilot.session.adapter
         mode = adapter.guided_mode or mode
         self._idle = 0 if self.pilot.mission.phase is Phase.ENGAGED else self._idle + 1
-        if self._idle % PATIENCE in (PATIENCE - 2, PATIENCE - 1):  # the operator takes over and hands back
+        if self._idle % PATIENCE in (
+            PATIENCE - 2,
+            PATIENCE - 1,
+        ):  # the operator takes over and hands back
             mode = adapter.exits["loiter"]
         said = [
-            write(mavlink.MAVLink_heartbeat_message(kind, autopilot, 129, mode, 4, 3), *VEHICLE_IDS),
-            write(mavlink.MAVLink_attitude_message(ms, 0.1, 0.0, self.now % 3.0, 0, 0, 0.2), *VEHICLE_IDS),
+            write(
+                mavlink.MAVLink_heartbeat_message(kind, autopilot, 129, mode, 4, 3), *VEHICLE_IDS
+            ),
+            write(
+                mavlink.MAVLink_attitude_message(ms, 0.1, 0.0, self.now % 3.0, 0, 0, 0.2),
+                *VEHICLE_IDS,
+            ),
             write(mavlink.MAVLink_vfr_hud_message(20.0, 20.0, 90, 50, 60.0, 0.0), *VEHICLE_IDS),
         ]
         for frame in said:
@@ -126,11 +149,18 @@ class Target:
         if height := self.settings.height.above_target:
             r = (r * r + height**2) ** 0.5
         if self.ranging == "distance_sensor":
-            message = distance(int(r * 100), ms, orientation=self.settings.ranging.orientation or 24)
+            message = distance(
+                int(r * 100), ms, orientation=self.settings.ranging.orientation or 24
+            )
         elif self.ranging == "named_value_float":
             message = mavlink.MAVLink_named_value_float_message(ms, b"RANGE", r)
         else:
-            message = beacon(int(r * 1000), ms * 1000, ms // 50 & 255, beacon_id=self.settings.ranging.beacon_id or 0)
+            message = beacon(
+                int(r * 1000),
+                ms * 1000,
+                ms // 50 & 255,
+                beacon_id=self.settings.ranging.beacon_id or 0,
+            )
         return write(message, *RADIO_IDS)
 
 
@@ -138,7 +168,8 @@ def mutated(chance: Random, corpus: list[bytes]) -> bytes:
     """Return a good frame with flipped, lost, doubled or foreign bytes, or two frames spliced."""
     data = bytearray(chance.choice(corpus))
     for _ in range(chance.randint(1, 4)):
-        kind, at = chance.randrange(6), chance.randrange(len(data) or 1)
+        kind = chance.randrange(6)
+        at = chance.randrange(len(data) or 1)
         if not data:
             break
         if kind == 0:
@@ -157,25 +188,35 @@ def mutated(chance: Random, corpus: list[bytes]) -> bytes:
 
 
 def valid(chance: Random, corpus: list[bytes]) -> bytes:
-    """Return a frame with correct CRC and random payload, of a handled message, in the vehicle's or another sender's
-    name."""
+    """Return a frame with correct CRC and random payload, of a handled message, in the vehicle's or
+    another sender's name."""
     number = chance.choice(IDS)
     size = mavlink.mavlink_map[number].unpacker.size
     length = size if chance.random() < 0.7 else chance.randrange(256)
     payload = bytearray(chance.randbytes(length))
     for _ in range(chance.randrange(4)):
-        at, odd = chance.randrange(length + 1) & ~3, chance.choice(ODD)
+        at = chance.randrange(length + 1) & ~3
+        odd = chance.choice(ODD)
         payload[at : at + len(odd)] = odd
     if number in (132, 251, 513) and chance.random() < 0.5 and length == size:
         _plausible(number, payload, chance)
-    ids = chance.choice((VEHICLE_IDS, VEHICLE_IDS, RADIO_IDS, OUR_IDS, (chance.randrange(256), chance.randrange(256))))
+    ids = chance.choice(
+        (
+            VEHICLE_IDS,
+            VEHICLE_IDS,
+            RADIO_IDS,
+            OUR_IDS,
+            (chance.randrange(256), chance.randrange(256)),
+        )
+    )
     if ids == OUR_IDS and chance.random() < 0.98:
         ids = VEHICLE_IDS  # a second pilot with our ids ends the flight at once
     return raw_frame(number, bytes(payload[:255]), *ids, chance.randrange(256))
 
 
 def _plausible(number: int, payload: bytearray, chance: Random) -> None:
-    """Set the fields that the mission filters, which a random payload would never match: name, beacon, orientation."""
+    """Set the fields that the mission filters, which a random payload would never match: name,
+    beacon, orientation."""
     if number == 251:
         payload[8:18] = b"RANGE".ljust(10, b"\0")
     elif number == 132:
@@ -190,9 +231,19 @@ def flood(frames_wanted: int) -> Iterator[bytes]:
         if kind == 0:
             yield raw_frame(50_000 + n, bytes(n % 40), n % 250 + 1, n % 255 + 1, n)
         elif kind == 1:
-            yield write(mavlink.MAVLink_named_value_float_message(n, f"N{n}"[:10].encode(), 1.0), 1, 1, n & 255)
+            yield write(
+                mavlink.MAVLink_named_value_float_message(n, f"N{n}"[:10].encode(), 1.0),
+                1,
+                1,
+                n & 255,
+            )
         else:
-            yield write(mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3), n % 250 + 1, n // 250 % 250 + 1, n & 255)
+            yield write(
+                mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3),
+                n % 250 + 1,
+                n // 250 % 250 + 1,
+                n & 255,
+            )
 
 
 def targets() -> list[Target]:
@@ -217,8 +268,13 @@ def assault(target: Target, source: Iterator[bytes]) -> None:
 
 
 def corpus_of(target: Target) -> list[bytes]:
-    """Return good frames to mutate: the vehicle's, and an all-zero frame of each handled message."""
-    empty = [raw_frame(n, bytes(mavlink.mavlink_map[n].unpacker.size), *VEHICLE_IDS) for n in IDS if n not in STATE]
+    """Return good frames to mutate: the vehicle's, and an all-zero frame of each handled
+    message."""
+    empty = [
+        raw_frame(n, bytes(mavlink.mavlink_map[n].unpacker.size), *VEHICLE_IDS)
+        for n in IDS
+        if n not in STATE
+    ]
     return [*target.good(), *empty]
 
 
@@ -238,7 +294,8 @@ def resident_mb() -> float:
 
 def run(what: str, count: int, seed: int) -> tuple[list[str], str]:
     """Run one kind of attack on every target. Return the broken rules and a line to print."""
-    chance, hunted = Random(seed), targets()
+    chance = Random(seed)
+    hunted = targets()
     makers: dict[str, Hostile] = {"mutated": mutated, "valid": valid}
     share = count // len(hunted)
 
@@ -249,7 +306,8 @@ def run(what: str, count: int, seed: int) -> tuple[list[str], str]:
 
     for target in hunted:
         assault(target, source(target, min(WARM_UP, share // 4)))
-    before, began = resident_mb(), time.monotonic()
+    before = resident_mb()
+    began = time.monotonic()
     for target in hunted:
         target.slowest = 0.0
         assault(target, source(target, share))
@@ -257,15 +315,18 @@ def run(what: str, count: int, seed: int) -> tuple[list[str], str]:
     counts: Counter[str] = sum((target.counts for target in hunted), Counter())
     facts = ", ".join(f"{name} {number}" for name, number in counts.most_common(9))
     line = (
-        f"{what}: {share * len(hunted)} frames, seed {seed}: 0 exceptions, {len(broken)} bad setpoints, "
-        f"RSS {resident_mb() - before:+.1f} MB, slowest step {1000 * max(t.slowest for t in hunted):.1f} ms, "
-        f"{time.monotonic() - began:.0f} s ({facts})"
+        f"{what}: {share * len(hunted)} frames, seed {seed}: 0 exceptions, {len(broken)} bad"
+        f" setpoints, RSS {resident_mb() - before:+.1f} MB, slowest step"
+        f" {1000 * max(t.slowest for t in hunted):.1f} ms, {time.monotonic() - began:.0f} s"
+        f" ({facts})"
     )
     return broken, line
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.fuzz", description="Hostile bytes for a pilot.")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.tools.faults.fuzz", description="Hostile bytes for a pilot."
+    )
     parser.add_argument("--frames", type=int, default=1_000_000, help="of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--what", choices=("mutated", "valid", "flood", "all"), default="all")

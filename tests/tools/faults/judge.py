@@ -1,5 +1,6 @@
-"""Independent judge. It parses sent setpoints from their bytes and names the limit that one exceeds. From the received
-frames, with pymavlink alone, it determines when the vehicle is not ours to steer."""
+"""Independent judge. It parses sent setpoints from their bytes and names the limit that one
+exceeds. From the received frames, with pymavlink alone, it determines when the vehicle is not ours
+to steer."""
 
 from dataclasses import dataclass
 from hashlib import sha256
@@ -55,10 +56,16 @@ def broken_rule(frame: bytes, allowed: Allowed) -> str | None:
     """Return the rule that a setpoint breaks, or None."""
     message = read(frame)
     numbers = [getattr(message, name) for name in message.get_fieldnames()]
-    flat = [one for value in numbers for one in (value if isinstance(value, list | tuple) else [value])]
+    flat = [
+        one for value in numbers for one in (value if isinstance(value, list | tuple) else [value])
+    ]
     if not all(isfinite(value) for value in flat):
         return f"not finite: {message}"
-    excess = {name: value for name, (value, most) in _demands(message, allowed).items() if abs(value) > most + SLACK}
+    excess = {
+        name: value
+        for name, (value, most) in _demands(message, allowed).items()
+        if abs(value) > most + SLACK
+    }
     return f"beyond the limits: {excess}" if excess else None
 
 
@@ -71,7 +78,10 @@ def _demands(message: Any, allowed: Allowed) -> dict[str, tuple[float, float]]:
             "sideways": (message.vy, 0.0),
             "climb": (message.vz, allowed.climb),
             # half of g against drag, and a turn of which PX4 damps a fifth
-            "fed": (hypot(message.afx, message.afy, message.afz), hypot(5.0, 1.25 * allowed.speed * allowed.yaw_rate)),
+            "fed": (
+                hypot(message.afx, message.afy, message.afz),
+                hypot(5.0, 1.25 * allowed.speed * allowed.yaw_rate),
+            ),
         }
     if message.get_msgId() == 82:
         w, x, y, z = message.q
@@ -81,7 +91,12 @@ def _demands(message: Any, allowed: Allowed) -> dict[str, tuple[float, float]]:
             "pitch": (asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))), allowed.pitch),
             "thrust": (message.thrust - 0.5, 0.5),
         }
-    return {"x": (message.x, 0.0), "y": (message.y, 1000.0), "r": (message.r, 0.0), "z": (message.z - 500, 500.0)}
+    return {
+        "x": (message.x, 0.0),
+        "y": (message.y, 1000.0),
+        "r": (message.r, 0.0),
+        "z": (message.z - 500, 500.0),
+    }
 
 
 def _roll(q: list[float]) -> float:
@@ -96,18 +111,20 @@ GUIDED = {
     "px4_copter": 6 << 16,
     "px4_plane": 2 << 16,
 }
-"""HEARTBEAT.custom_mode in which setpoints are obeyed (autopilots.md), with PX4's main mode in the third byte."""
+"""HEARTBEAT.custom_mode in which setpoints are obeyed (autopilots.md), with PX4's main mode in the
+third byte."""
 VEHICLE = (1, 1)
 ARMED = 128
 
 
 class Witness:
-    """Independent record of who controls the vehicle. taken: it left the guided mode. unproved: no heartbeat was
-    received since the application stood still."""
+    """Independent record of who controls the vehicle. taken: it left the guided mode. unproved: no
+    heartbeat was received since the application stood still."""
 
     def __init__(self, profile: str, key: bytes | None = None) -> None:
         """key: of a signing vehicle; frames not signed with it are ignored."""
-        self._key, self._newest = key, 0
+        self._key = key
+        self._newest = 0
         self._guided = GUIDED[profile]
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
@@ -115,7 +132,8 @@ class Witness:
         self.taken = self.unproved = False
 
     def stood_still(self) -> None:
-        """The application did not run for a while. Frames that waited in its socket do not prove the present mode."""
+        """The application did not run for a while. Frames that waited in its socket do not prove
+        the present mode."""
         self.unproved = True
 
     def hear(self, data: bytes, *, waited: bool = False) -> None:
@@ -125,7 +143,10 @@ class Witness:
         for message in self._parser.parse_buffer(data) or ():
             if (message.get_srcSystem(), message.get_srcComponent()) != VEHICLE:
                 continue
-            if message.get_type() == "HEARTBEAT" and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
+            if (
+                message.get_type() == "HEARTBEAT"
+                and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
+            ):
                 self._armed = bool(message.base_mode & ARMED)
                 self.unproved = self.unproved and waited
                 self._note(message.custom_mode)
@@ -135,7 +156,10 @@ class Witness:
     def _signed_now(self, data: bytes) -> bool:
         """True if a frame has a valid signature and a newer timestamp than all before."""
         stamp = int.from_bytes(data[-12:-6], "little")
-        if sha256((self._key or b"") + data[:-6]).digest()[:6] != data[-6:] or stamp <= self._newest:
+        if (
+            sha256((self._key or b"") + data[:-6]).digest()[:6] != data[-6:]
+            or stamp <= self._newest
+        ):
             return False
         self._newest = stamp
         return True

@@ -1,7 +1,9 @@
-"""python -m tests.tools.faults.matrix [--quick] [--profile P] [--fault F] [--level TEXT] [--seed N]: the fault matrix.
+"""python -m tests.tools.faults.matrix [--quick] [--profile P] [--fault F] [--level TEXT] [--seed
+N]: the fault matrix.
 
-Flies every fault at every level on the emulated vehicles, in lockstep. Prints a line for each cell and then the table
-of docs/faults.md, a line for each fault (--out: into a file). A cell flown alone with its seed repeats the same flight.
+Flies every fault at every level on the emulated vehicles, in lockstep. Prints a line for each cell
+and then the table of docs/faults.md, a line for each fault (--out: into a file). A cell flown alone
+with its seed repeats the same flight.
 """
 
 import argparse
@@ -25,8 +27,8 @@ SCENARIOS = tuple(sorted(EVERY, key=lambda one: int(one.fault[1:])))
 PROFILES = ("arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane")
 FIRST = PROFILES[:2]
 HEAD = (
-    "| fault | level | vehicle | seed | result | RMS % | worst age s | to safe s | recovery s | rejects |\n"
-    "|---|---|---|---|---|---|---|---|---|---|"
+    "| fault | level | vehicle | seed | result | RMS % | worst age s | to safe s | recovery s |"
+    " rejects |\n|---|---|---|---|---|---|---|---|---|---|"
 )
 FAULTS = {
     "F1": "frames are lost",
@@ -55,15 +57,21 @@ FAULTS = {
     "F29": "attitude and airspeed are missing, no numbers, or jump",
 }
 BY_FAULT = (
-    "| | fault | levels | circnav | held to, RMS % of the radius | back within, s | silent or safe within, s "
-    "| passed on |\n|---|---|---|---|---|---|---|---|"
+    "| | fault | levels | circnav | held to, RMS % of the radius | back within, s | silent or safe"
+    " within, s | passed on |\n|---|---|---|---|---|---|---|---|"
 )
 
 
-def cells(*, quick: bool, profile: str | None, fault: str | None, level: str | None) -> Iterator[tuple[Scenario, str]]:
+def cells(
+    *, quick: bool, profile: str | None, fault: str | None, level: str | None
+) -> Iterator[tuple[Scenario, str]]:
     """Return the cells to fly."""
     for scenario in SCENARIOS:
-        if (quick and not scenario.quick) or fault not in (None, scenario.fault) or (level or "") not in scenario.level:
+        if (
+            (quick and not scenario.quick)
+            or fault not in (None, scenario.fault)
+            or (level or "") not in scenario.level
+        ):
             continue
         for name in (profile,) if profile else FIRST if quick else PROFILES:
             if not scenario.profiles or name in scenario.profiles:
@@ -72,18 +80,20 @@ def cells(*, quick: bool, profile: str | None, fault: str | None, level: str | N
 
 def row(verdict: Verdict) -> str:
     """Return the line of the table for a cell."""
-    rejects = ", ".join(f"{count} {name}" for name, count in sorted(verdict.rejects.items())) or "none"
+    rejects = (
+        ", ".join(f"{count} {name}" for name, count in sorted(verdict.rejects.items())) or "none"
+    )
     result = "pass" if verdict.passed else f"**FAIL** {'; '.join(verdict.faults)}"
     return (
-        f"| {verdict.scenario.fault} | {verdict.scenario.level} | {verdict.profile} | {verdict.seed} | {result} "
-        f"| {100 * verdict.rms:.1f} | {verdict.worst_age:.2f} | {_number(verdict.to_safe)} "
-        f"| {_number(verdict.recovery)} | {rejects} |"
+        f"| {verdict.scenario.fault} | {verdict.scenario.level} | {verdict.profile} |"
+        f" {verdict.seed} | {result} | {100 * verdict.rms:.1f} | {verdict.worst_age:.2f} |"
+        f" {_number(verdict.to_safe)} | {_number(verdict.recovery)} | {rejects} |"
     )
 
 
 def by_fault(verdicts: Iterable[Verdict]) -> str:
-    """Return a line for each fault: the vehicles' reactions, the worst figures of all its cells, and the vehicles that
-    passed."""
+    """Return a line for each fault: the vehicles' reactions, the worst figures of all its cells,
+    and the vehicles that passed."""
     flown: dict[str, list[Verdict]] = {}
     for verdict in verdicts:
         flown.setdefault(verdict.scenario.fault, []).append(verdict)
@@ -97,9 +107,13 @@ def _fault_row(fault: str, found: list[Verdict]) -> str:
     def worst(values: Iterable[float | None]) -> str:
         return _number(max((value for value in values if value is not None), default=None))
 
-    answers = Counter(wanted(verdict).value for verdict in found if wanted(verdict) is not Want.SAFE)
+    answers = Counter(
+        wanted(verdict).value for verdict in found if wanted(verdict) is not Want.SAFE
+    )
     held = worst(100 * one.rms for one in found if wanted(one) is Want.HOLD and not one.outcome)
-    back = worst(one.recovery for one in found if wanted(one) in (Want.HOLD, Want.REGAIN) and not one.outcome)
+    back = worst(
+        one.recovery for one in found if wanted(one) in (Want.HOLD, Want.REGAIN) and not one.outcome
+    )
     safe = worst(one.to_safe for one in found if one.outcome)
     flew = dict.fromkeys(one.profile for one in found)
     failing = {one.profile for one in found if not one.passed}
@@ -107,7 +121,10 @@ def _fault_row(fault: str, found: list[Verdict]) -> str:
     levels = len({one.scenario.level for one in found})
     answer = "; ".join(answers) or "breaks no rule"
     everyone = f"all {len(flew)}" if not failing and len(flew) == len(PROFILES) else passed
-    return f"| {fault} | {FAULTS[fault]} | {levels} | {answer} | {held} | {back} | {safe} | {everyone} |"
+    return (
+        f"| {fault} | {FAULTS[fault]} | {levels} | {answer} | {held} | {back} | {safe} |"
+        f" {everyone} |"
+    )
 
 
 def _number(value: float | None) -> str:
@@ -117,7 +134,11 @@ def _number(value: float | None) -> str:
 def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     started = time.monotonic()
-    chosen = list(cells(quick=options.quick, profile=options.profile, fault=options.fault, level=options.level))
+    chosen = list(
+        cells(
+            quick=options.quick, profile=options.profile, fault=options.fault, level=options.level
+        )
+    )
     flown: list[Verdict] = []
     print(HEAD)
     for scenario, profile in chosen:
@@ -125,8 +146,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(row(flown[-1]), flush=True)
     failed = sum(not verdict.passed for verdict in flown)
     summary = (
-        f"{len(chosen)} cells, {len(chosen) - failed} passed, {failed} failed, law {options.law}, seed {options.seed}, "
-        f"{time.monotonic() - started:.0f} s"
+        f"{len(chosen)} cells, {len(chosen) - failed} passed, {failed} failed, law {options.law},"
+        f" seed {options.seed}, {time.monotonic() - started:.0f} s"
     )
     table = by_fault(flown)
     print(f"{summary}\n\n{table}")
@@ -136,14 +157,20 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.matrix", description="Flies the fault matrix.")
-    parser.add_argument("--quick", action="store_true", help="one or two levels of each fault, two vehicles")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.tools.faults.matrix", description="Flies the fault matrix."
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="one or two levels of each fault, two vehicles"
+    )
     parser.add_argument("--profile", choices=PROFILES)
     parser.add_argument("--fault", help="F1 to F25, F29")
     parser.add_argument("--level", help="part of the level's name")
     parser.add_argument("--law", default=LAW, help="guidance.law of the missions")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=Path, metavar="TABLE.md", help="write the table by fault there")
+    parser.add_argument(
+        "--out", type=Path, metavar="TABLE.md", help="write the table by fault there"
+    )
     return parser
 
 

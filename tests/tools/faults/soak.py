@@ -1,8 +1,10 @@
-"""python -m tests.tools.faults.soak [--hours 10] [--law smooth] [--profile arducopter]: a long flight of `circnav fly`.
+"""python -m tests.tools.faults.soak [--hours 10] [--law smooth] [--profile arducopter]: a long
+flight of `circnav fly`.
 
-The installed command in a separate process, with the bundled vehicle in lockstep. The 32-bit milliseconds since boot of
-the autopilot and of the ranging radio wrap during the flight. Prints one line for each hour: the circle by the
-simulator's truth, the gaps between setpoints, and the memory of the process.
+The installed command in a separate process, with the bundled vehicle in lockstep. The 32-bit
+milliseconds since boot of the autopilot and of the ranging radio wrap during the flight. Prints one
+line for each hour: the circle by the simulator's truth, the gaps between setpoints, and the memory
+of the process.
 """
 
 import argparse
@@ -26,7 +28,8 @@ from tests.process import ROOT, UNDRAWN
 
 WRAP = 2**32 / 1000
 """Time after which a 32-bit millisecond counter wraps, s: 49.7 days."""
-HOUR, SETTLING = 3600.0, 150.0
+HOUR = 3600.0
+SETTLING = 150.0
 LOOK_EVERY = 0.2
 """Wall time between two readings of the process memory, s."""
 Memory = list[tuple[float, float]]
@@ -34,8 +37,8 @@ Memory = list[tuple[float, float]]
 
 
 def command(folder: Path, profile: str, law: str, seconds: float) -> tuple[str, ...]:
-    """Return the command of the flight. The autopilot's clock wraps at a third of the flight, the radio's at two
-    thirds."""
+    """Return the command of the flight. The autopilot's clock wraps at a third of the flight, the
+    radio's at two thirds."""
     changes = (
         f'guidance.law="{law}"',
         "sim.truth.rate_hz=1",
@@ -47,7 +50,8 @@ def command(folder: Path, profile: str, law: str, seconds: float) -> tuple[str, 
 
 
 def flown(folder: Path, profile: str, law: str, seconds: float) -> Iterator[tuple[float, float]]:
-    """Yield flight time, s, and resident memory, MB, at intervals while a flight is flown into a folder."""
+    """Yield flight time, s, and resident memory, MB, at intervals while a flight is flown into a
+    folder."""
     arguments = [sys.executable, "-c", UNDRAWN, *command(folder, profile, law, seconds)]
     ticks = folder / "ticks.csv"
     with (folder.parent / "screen").open("w") as screen:
@@ -80,7 +84,8 @@ def memory_slope(memory: Memory) -> float:
 def account(truth: Truth, setpoints: np.ndarray, since: float, until: float, desired: float) -> str:
     """Report the circle and the gaps between setpoints of a part of the flight."""
     seen = (truth.time >= since) & (truth.time < until)
-    error, gaps = truth.radius[seen] - desired, 1000 * np.diff(setpoints[(setpoints >= since) & (setpoints < until)])
+    error = truth.radius[seen] - desired
+    gaps = 1000 * np.diff(setpoints[(setpoints >= since) & (setpoints < until)])
     if not len(error) or not len(gaps):
         return "too short to be judged"
     rms = float(np.sqrt(np.mean(error**2)))
@@ -91,29 +96,47 @@ def account(truth: Truth, setpoints: np.ndarray, since: float, until: float, des
 
 
 def soak(folder: Path, profile: str, law: str, seconds: float) -> Iterator[str]:
-    """Fly and report each hour. At the end report the circle, the recording and the end of the flight."""
+    """Fly and report each hour. At the end report the circle, the recording and the end of the
+    flight."""
     memory: Memory = []
     for at, mb in flown(folder, profile, law, seconds):
         if memory and at // HOUR > memory[-1][0] // HOUR:
             yield f"{at / HOUR:6.2f} h: memory {mb:.1f} MB"
         memory.append((at, mb))
     yield (folder.parent / "screen").read_text()[-1000:].rpartition("mode ")[2]
-    end, ended = memory[-1][0], max(mb for at, mb in memory if at == memory[-1][0])
+    end = memory[-1][0]
+    ended = max(mb for at, mb in memory if at == memory[-1][0])
     yield f"memory slope {memory_slope(memory):+.3f} MB/h, at the end {ended:.1f} MB ({end:.0f} s)"
     run = open_run(folder)
-    truth, epoch, radius = run.truth, run.epoch_us, float(run.ticks.numbers["desired"][-1])
+    truth = run.truth
+    epoch = run.epoch_us
+    radius = float(run.ticks.numbers["desired"][-1])
     assert truth is not None
-    sent = [stamp for stamp, frame in read_tlog(folder / "flight.tlog") if message_id(frame) in SETPOINT_IDS]
+    sent = [
+        stamp
+        for stamp, frame in read_tlog(folder / "flight.tlog")
+        if message_id(frame) in SETPOINT_IDS
+    ]
     setpoints = (np.array(sent) - epoch) / 1e6
     edges = [SETTLING, *np.arange(HOUR, truth.time[-1], HOUR), truth.time[-1]]
     for since, until in pairwise(edges):
-        yield f"{since / HOUR:6.2f} to {until / HOUR:.2f} h: {account(truth, setpoints, since, until, radius)}"
-    yield f"ranges rejected {run.summary['samples_rejected']}, recording: {run.summary['recording_problem'] or 'whole'}"
-    yield "files: " + ", ".join(f"{path.name} {path.stat().st_size / 1e6:.1f} MB" for path in sorted(folder.iterdir()))
+        yield (
+            f"{since / HOUR:6.2f} to {until / HOUR:.2f} h:"
+            f" {account(truth, setpoints, since, until, radius)}"
+        )
+    yield (
+        f"ranges rejected {run.summary['samples_rejected']}, recording:"
+        f" {run.summary['recording_problem'] or 'whole'}"
+    )
+    yield "files: " + ", ".join(
+        f"{path.name} {path.stat().st_size / 1e6:.1f} MB" for path in sorted(folder.iterdir())
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.soak", description="A long flight in lockstep.")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.tools.faults.soak", description="A long flight in lockstep."
+    )
     parser.add_argument("--hours", type=float, default=10.0)
     parser.add_argument("--law", default="smooth")
     parser.add_argument("--profile", default="copter")

@@ -1,4 +1,5 @@
-"""Misbehaving peers: each function returns a tamper for a `FaultLink`, limited to certain frames."""
+"""Misbehaving peers: each function returns a tamper for a `FaultLink`, limited to certain
+frames."""
 
 from collections.abc import Callable, Iterable
 from itertools import count
@@ -11,8 +12,16 @@ from tests.frames import read, rewritten, sender
 from tests.tools.fault_link.frames import message_id, write
 from tests.tools.fault_link.link import DOWN, UP, Passage, Tamper
 
-DISTANCE_SENSOR, COMMAND_LONG, COMMAND_ACK = 132, 76, 77
-STAMPED = {132: "time_boot_ms", 30: "time_boot_ms", 2: "time_boot_ms", 251: "time_boot_ms", 513: "time_usec"}
+DISTANCE_SENSOR = 132
+COMMAND_LONG = 76
+COMMAND_ACK = 77
+STAMPED = {
+    132: "time_boot_ms",
+    30: "time_boot_ms",
+    2: "time_boot_ms",
+    251: "time_boot_ms",
+    513: "time_usec",
+}
 WRAP = 2**32
 
 Change = Callable[[bytes, float], Iterable[bytes]]
@@ -72,7 +81,9 @@ def scaled(share: float, seed: int) -> Change:
 def quantised(metres: float) -> Change:
     """Round ranges to steps, m."""
     step = round(metres * 100)
-    return lambda frame, now: [_set_cm(frame, step * floor(read(frame).current_distance / step + 0.5))]
+    return lambda frame, now: [
+        _set_cm(frame, step * floor(read(frame).current_distance / step + 0.5))
+    ]
 
 
 def stuck(*, new_stamps: bool) -> Change:
@@ -99,7 +110,8 @@ def every(count: int) -> Change:
 
 
 def stamps(shift: Callable[[float, float], float]) -> Change:
-    """Change timestamps: `shift` maps the timestamp and the link's time, both s, to the new timestamp, s."""
+    """Change timestamps: `shift` maps the timestamp and the link's time, both s, to the new
+    timestamp, s."""
 
     def change(frame: bytes, now: float) -> list[bytes]:
         name = STAMPED[message_id(frame)]
@@ -121,7 +133,9 @@ def answered(number: int, result: int) -> Tamper:
     return tamper
 
 
-def acknowledgement(number: int, result: int, to: tuple[int, int], by: tuple[int, int] = (1, 1)) -> bytes:
+def acknowledgement(
+    number: int, result: int, to: tuple[int, int], by: tuple[int, int] = (1, 1)
+) -> bytes:
     """Return a COMMAND_ACK frame."""
     return write(mavlink.MAVLink_command_ack_message(number, result, 0, 0, *to), *by)
 
@@ -141,8 +155,11 @@ def late(number: int, seconds: float) -> Tamper:
     return tamper
 
 
-def said_again(seconds: float, chosen: Callable[[str, bytes], bool] = lambda way, data: True) -> Tamper:
-    """Repeat a fifth of the chosen frames after a delay, s, as a replay attack or a looped route does."""
+def said_again(
+    seconds: float, chosen: Callable[[str, bytes], bool] = lambda way, data: True
+) -> Tamper:
+    """Repeat a fifth of the chosen frames after a delay, s, as a replay attack or a looped route
+    does."""
     received: list[tuple[float, Passage]] = []
     numbers = count()
 

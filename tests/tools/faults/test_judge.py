@@ -20,7 +20,9 @@ def velocity(forward: float = 10.0, yaw_rate: float = 0.5, climb: float = 0.0) -
 
 
 def attitude(q: tuple[float, ...]) -> bytes:
-    return write(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0xC6, q, 0.0, 0.0, 0.0, 0.0), 1, 191)
+    return write(
+        mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0xC6, q, 0.0, 0.0, 0.0, 0.0), 1, 191
+    )
 
 
 def test_setpoints_within_the_limits_break_no_rule_and_one_beyond_a_limit_is_named() -> None:

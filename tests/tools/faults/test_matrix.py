@@ -16,14 +16,17 @@ from tests.tools.faults.matrix import FAULTS, FIRST, SCENARIOS
 QUICK = [
     (
         scenario,
-        [name for name in FIRST if name in (scenario.profiles or FIRST)][n % 2 if scenario.keys == (None, None) else 0],
+        [name for name in FIRST if name in (scenario.profiles or FIRST)][
+            n % 2 if scenario.keys == (None, None) else 0
+        ],
     )
     for n, scenario in enumerate(one for one in SCENARIOS if one.quick)
 ]
 
 
 def shortened(scenario: Scenario) -> Scenario:
-    """Return the scenario with a shorter fault and a shorter time after it, if its criterion allows this."""
+    """Return the scenario with a shorter fault and a shorter time after it, if its criterion allows
+    this."""
     if scenario.want is Want.HOLD:
         return replace(scenario, lasts=min(scenario.lasts, 15.0), after=5.0)
     if scenario.want is Want.ENGAGE and scenario.check is None:
@@ -31,7 +34,9 @@ def shortened(scenario: Scenario) -> Scenario:
     return replace(scenario, after=min(scenario.after, 20.0))
 
 
-@pytest.mark.parametrize(("scenario", "profile"), QUICK, ids=[f"{s.fault}-{s.level}-{p}" for s, p in QUICK])
+@pytest.mark.parametrize(
+    ("scenario", "profile"), QUICK, ids=[f"{s.fault}-{s.level}-{p}" for s, p in QUICK]
+)
 def test_vehicle_survives(scenario: Scenario, profile: str) -> None:
     verdict = fly(shortened(scenario), profile, seed=1)
     assert verdict.passed, f"{'; '.join(verdict.faults)} (seed {verdict.seed})"
@@ -42,8 +47,8 @@ def test_vehicle_survives(scenario: Scenario, profile: str) -> None:
     [
         # without the extra time that a law on range alone has for the way back
         ("F2", "60 s both", "arduplane", 60.0, 35.0, "recovery", 30.0),
-        # with its high gains, a design for the vehicle's lag alone swung by 14 % of the radius at 500 ms;
-        # with the known delay, only the onset of the fault remains
+        # with its high gains, a design for the vehicle's lag alone swung by 14 % of the radius at
+        # 500 ms; with the known delay, only the onset of the fault remains
         ("F3", "500 ms, stale_s 1.5", "arducopter", 40.0, 10.0, "rms", 0.06),
     ],
 )
@@ -56,17 +61,19 @@ def test_auto_stays_within_its_bounds(fault, level, profile, lasts, after, figur
 
 
 def test_after_a_minute_without_uplink_the_circle_is_regained_without_a_swing():
-    """It once took 46 s, and another seed swung by 15 % about the circle: during the outage a wrong turn response was
-    learned. More seeds: tests.tools.faults.uplink."""
+    """It once took 46 s, and another seed swung by 15 % about the circle: during the outage a wrong
+    turn response was learned. More seeds: tests.tools.faults.uplink."""
     one = uplink.fly("arducopter", 6)
     assert one.passed, one
 
 
 def test_every_fault_class_that_lockstep_can_show_has_levels_with_names_of_their_own() -> None:
-    """F8 is tests.tools.faults.fuzz. F21, signals and the process, is tests/flight/test_process.py. F26 to F28 have
-    separate tests, see docs/faults.md."""
+    """F8 is tests.tools.faults.fuzz. F21, signals and the process, is tests/flight/test_process.py.
+    F26 to F28 have separate tests, see docs/faults.md."""
     apart = {"F8", "F21", "F26", "F27", "F28"}
-    assert {one.fault for one in SCENARIOS} == set(FAULTS) == {f"F{n}" for n in range(1, 30)} - apart
+    assert (
+        {one.fault for one in SCENARIOS} == set(FAULTS) == {f"F{n}" for n in range(1, 30)} - apart
+    )
     names = [(one.fault, one.level) for one in SCENARIOS]
     assert len(names) == len(set(names))
 
@@ -83,7 +90,9 @@ def test_a_mirror_circle_is_told_from_the_true_one_by_the_track() -> None:
     course = on_the_circle("arducopter", ('guidance.law="smooth"',))
     course.fly(course.now + 12.0)
     assert course.goes_round_as_wanted(10.0)
-    course.truths = [one._replace(east=-one.east, target_east=-one.target_east) for one in course.truths]
+    course.truths = [
+        one._replace(east=-one.east, target_east=-one.target_east) for one in course.truths
+    ]
     assert abs(course.errors(course.now - 1.0, course.now)[0][1]) < 0.05
     assert not course.goes_round_as_wanted(10.0)
 
@@ -96,7 +105,9 @@ def test_an_attack_moves_nothing_and_the_operator_is_told(scenario: Scenario) ->
 
 def test_each_line_of_the_trust_model_names_an_attack_or_a_test_that_there_is() -> None:
     page = (ROOT / "docs" / "safety.md").read_text().splitlines()
-    named = re.findall("`([^`]+)`", "".join(line.split(" | ")[-1] for line in page if line.count("|") == 5))
+    named = re.findall(
+        "`([^`]+)`", "".join(line.split(" | ")[-1] for line in page if line.count("|") == 5)
+    )
     tests = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     there = *(scenario.level for scenario in ATTACKS), *re.findall(r"def (test_\w+)", tests)
     assert len(named) >= 10

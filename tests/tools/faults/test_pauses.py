@@ -1,4 +1,5 @@
-"""The vehicle, its radio or circnav pauses: ranges are used within 1 s after they are fresh again."""
+"""The vehicle, its radio or circnav pauses: ranges are used within 1 s after they are fresh
+again."""
 
 from itertools import pairwise
 
@@ -23,7 +24,9 @@ def test_ranges_are_used_within_a_second_of_coming_fresh(who: str, seconds: floa
     course = on_the_circle("arducopter", SMOOTH)
     PAUSES[who](course, seconds)
     course.fly(course.now + 1.0)
-    taken, refused, before = course.pilot.tracker.accepted, course.pilot.tracker.ranging.refused, len(course.ticks)
+    taken = course.pilot.tracker.accepted
+    refused = course.pilot.tracker.ranging.refused
+    before = len(course.ticks)
     course.fly(course.now + 5.0)
     assert course.pilot.tracker.accepted - taken >= 49
     assert course.pilot.tracker.ranging.refused == refused
@@ -33,17 +36,24 @@ def test_ranges_are_used_within_a_second_of_coming_fresh(who: str, seconds: floa
 
 
 def test_a_sensor_clock_that_stood_still_is_named() -> None:
-    course, texts = on_the_circle("arducopter", SMOOTH), list[bytes]()
+    course = on_the_circle("arducopter", SMOOTH)
+    texts = list[bytes]()
     radio_pauses(course, 2.0)
     course.fly(course.now + 0.4)
     assert any(
         "SENSOR CLOCK" in alarm
-        for alarm in StatusSource(course.pilot, Onlookers()).status(course.ticks[-1], course.now).alarms
+        for alarm in StatusSource(course.pilot, Onlookers())
+        .status(course.ticks[-1], course.now)
+        .alarms
     )
-    course.link.tampers.append(on(253, lambda frame, now: texts.append(frame) or [frame], direction=UP))
+    course.link.tampers.append(
+        on(253, lambda frame, now: texts.append(frame) or [frame], direction=UP)
+    )
     course.fly(course.now + 6.0)
     assert StatusSource(course.pilot, Onlookers()).status(course.ticks[-1], course.now).alarms == ()
-    told = [read(text).text.removeprefix("circnav: sensor clock ") for text in texts if b"clock" in text]
+    told = [
+        read(text).text.removeprefix("circnav: sensor clock ") for text in texts if b"clock" in text
+    ]
     assert told == ["stalled 2.0 s", "steady again"]
 
 
@@ -58,12 +68,16 @@ def test_a_link_that_turns_slow_while_it_is_silent_is_no_clock_that_stood_still(
 
 
 @pytest.mark.parametrize(("lag", "most"), [(0.35, 1), (0.45, 2), (0.48, 2)])
-def test_ranges_that_come_at_an_age_near_stale_do_not_start_and_stop_the_steering(lag: float, most: int) -> None:
-    """The vehicle's link has become slow: the newest range is just fresh when it arrives, and just stale before the
-    next one."""
-    rig, phases = Rig().run(15.0), list[Phase]()
+def test_ranges_that_come_at_an_age_near_stale_do_not_start_and_stop_the_steering(
+    lag: float, most: int
+) -> None:
+    """The vehicle's link has become slow: the newest range is just fresh when it arrives, and just
+    stale before the next one."""
+    rig = Rig().run(15.0)
+    phases = list[Phase]()
     assert rig.pilot.mission.phase is Phase.ENGAGED
-    rig.ranges, rig.round_trip = False, 2 * lag
+    rig.ranges = False
+    rig.round_trip = 2 * lag
     for _ in range(180):
         rig.run(0.05)
         if rig.tick % 2 == 0:

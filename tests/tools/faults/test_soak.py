@@ -1,5 +1,5 @@
-"""Some minutes of the soak, with the wraps, and a small seeded share of the fuzzing. The full 10 hours and 1,000,000
-frames: python -m tests.tools.faults.soak, tests.tools.faults.fuzz."""
+"""Some minutes of the soak, with the wraps, and a small seeded share of the fuzzing. The full 10
+hours and 1,000,000 frames: python -m tests.tools.faults.soak, tests.tools.faults.fuzz."""
 
 from pathlib import Path
 
@@ -15,15 +15,17 @@ from tests.tools.faults.files import assault_files
 from tests.tools.faults.fuzz import run
 from tests.tools.faults.soak import WRAP, flown
 
-ATTITUDE, RANGE = 30, 132
+ATTITUDE = 30
+RANGE = 132
 
 
 def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path) -> None:
-    """The autopilot's counter wraps at 45 s, the radio's at 50 s. Neither may count as a reboot, a jump or an
-    outage."""
+    """The autopilot's counter wraps at 45 s, the radio's at 50 s. Neither may count as a reboot, a
+    jump or an outage."""
     clocks = (f"sim.vehicle.boot_age_s={WRAP - 45}", f"sim.ranging.clock_offset_s={WRAP - 50}")
     flight = recorded_flight(tmp_path, "arducopter", 'guidance.law="auto"', *clocks)
-    truths, phases = [], set()
+    truths = []
+    phases = set()
 
     def watch(_: object) -> None:
         if flight.now > 40:
@@ -47,8 +49,11 @@ def test_circle_is_held_through_the_wrap_of_the_49_days_counters(tmp_path: Path)
 
 
 def test_memory_of_the_installed_command_does_not_grow_with_the_flight(tmp_path: Path) -> None:
-    """In the last 150 s. A growth of 3 kB/s, once seen in two queues of the bundled vehicle, would be 0.45 MB."""
-    memory = [mb for at, mb in flown(tmp_path / "run", "quickstart", "auto", 300.0) if 150 < at < 300]
+    """In the last 150 s. A growth of 3 kB/s, once seen in two queues of the bundled vehicle, would
+    be 0.45 MB."""
+    memory = [
+        mb for at, mb in flown(tmp_path / "run", "quickstart", "auto", 300.0) if 150 < at < 300
+    ]
     assert len(memory) > 3
     assert max(memory) - memory[0] < 0.3
 

@@ -1,7 +1,9 @@
-"""python -m tests.tools.faults.uplink [--seeds N] [--first N] [--profile P]: a minute without uplink, over seeds.
+"""python -m tests.tools.faults.uplink [--seeds N] [--first N] [--profile P]: a minute without
+uplink, over seeds.
 
-The vehicle's telemetry and ranges still arrive, our commands do not. Prints for each seed the time to regain the circle
-after the outage, and the largest radius error after that. The fault matrix flies one seed.
+The vehicle's telemetry and ranges still arrive, our commands do not. Prints for each seed the time
+to regain the circle after the outage, and the largest radius error after that. The fault matrix
+flies one seed.
 """
 
 import argparse
@@ -12,15 +14,17 @@ from typing import NamedTuple
 from tests.tools.fault_link import Impairment
 from tests.tools.faults.course import BAND, Course
 
-OUTAGE, AFTER = 60.0, 50.0
-WITHIN, MOST_SWING = 25.0, 0.1
-"""Largest time to regain the circle, s, and largest radius error after it was first reached, as a share of the
-radius."""
+OUTAGE = 60.0
+AFTER = 50.0
+WITHIN = 25.0
+MOST_SWING = 0.1
+"""Largest time to regain the circle, s, and largest radius error after it was first reached, as a
+share of the radius."""
 
 
 class Regained(NamedTuple):
-    """within: time to regain the circle, s; None: never. swing: share of the radius. broken: broken rules for
-    setpoints."""
+    """within: time to regain the circle, s; None: never. swing: share of the radius. broken: broken
+    rules for setpoints."""
 
     within: float | None
     swing: float
@@ -28,7 +32,12 @@ class Regained(NamedTuple):
 
     @property
     def passed(self) -> bool:
-        return self.within is not None and self.within <= WITHIN and self.swing < MOST_SWING and not self.broken
+        return (
+            self.within is not None
+            and self.within <= WITHIN
+            and self.swing < MOST_SWING
+            and not self.broken
+        )
 
 
 def fly(profile: str, seed: int) -> Regained:
@@ -49,7 +58,9 @@ def fly(profile: str, seed: int) -> Regained:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.uplink", description="Flies uplink outages.")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.tools.faults.uplink", description="Flies uplink outages."
+    )
     parser.add_argument("--profile", default="arducopter")
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--seeds", type=int, default=100)
@@ -59,7 +70,10 @@ def main(arguments: list[str] | None = None) -> int:
         one = fly(options.profile, seed)
         failed += not one.passed
         took = "not regained" if one.within is None else f"{one.within:.1f} s"
-        print(f"seed {seed}: {took}, swing {100 * one.swing:.1f} %{'' if one.passed else ', FAIL'}", flush=True)
+        print(
+            f"seed {seed}: {took}, swing {100 * one.swing:.1f} %{'' if one.passed else ', FAIL'}",
+            flush=True,
+        )
     print(f"{options.seeds} seeds, {failed} failed, {options.profile}")
     return 1 if failed else 0
 

@@ -1,9 +1,9 @@
-"""Test bench for one simulated vehicle: it relays between autopilot and circnav, records the truth, and acts as the
-operator.
+"""Test bench for one simulated vehicle: it relays between autopilot and circnav, records the truth,
+and acts as the operator.
 
-Two links to the firmware: one for circnav through the relay, which records every setpoint and hides positions; one for
-the truth, the operator and the ranging radio. Truth is NED and clockwise from north. Time is the autopilot's own clock,
-in simulated seconds.
+Two links to the firmware: one for circnav through the relay, which records every setpoint and hides
+positions; one for the truth, the operator and the ranging radio. Truth is NED and clockwise from
+north. Time is the autopilot's own clock, in simulated seconds.
 """
 
 import select
@@ -36,7 +36,8 @@ from tests.tools.firmware.wire import (
 )
 
 BRING_UP_PATIENCE = 300.0
-ACCEPTED, IN_PROGRESS = 0, 5
+ACCEPTED = 0
+IN_PROGRESS = 5
 
 
 def _unix_time() -> float:
@@ -49,8 +50,8 @@ class NoFlightError(Exception):
 
 @dataclass(frozen=True)
 class Truth:
-    """State of the simulator: m from its first position, altitude above the sea, angles in rad. wall: Unix time of its
-    receipt, s, common to several vehicles."""
+    """State of the simulator: m from its first position, altitude above the sea, angles in rad.
+    wall: Unix time of its receipt, s, common to several vehicles."""
 
     time: float
     north: float
@@ -67,7 +68,8 @@ class Truth:
 
 @dataclass(frozen=True)
 class Reported:
-    """Position reported by the autopilot, with its own timestamp: m north and east in the truth's frame, m/s, rad."""
+    """Position reported by the autopilot, with its own timestamp: m north and east in the truth's
+    frame, m/s, rad."""
 
     time: float
     north: float
@@ -78,8 +80,8 @@ class Reported:
 
 
 class Firmware(Protocol):
-    """Differences between ArduPilot and PX4, and the conversion of positions that both use. earth: radius of the
-    sphere, m."""
+    """Differences between ArduPilot and PX4, and the conversion of positions that both use. earth:
+    radius of the sphere, m."""
 
     earth: float
     guided: int
@@ -113,13 +115,18 @@ class Firmware(Protocol):
         """Return north and east of the first position, m, from degrees times 1e7."""
         self._origin = self._origin or (latitude, longitude)
         north = radians((latitude - self._origin[0]) * 1e-7) * self.earth
-        return north, radians((longitude - self._origin[1]) * 1e-7) * self.earth * cos(radians(self._origin[0] * 1e-7))
+        return north, radians((longitude - self._origin[1]) * 1e-7) * self.earth * cos(
+            radians(self._origin[0] * 1e-7)
+        )
 
     def degrees_e7(self, north: float, east: float) -> tuple[int, int]:
         """Return the inverse of `metres`."""
         assert self._origin is not None
         latitude, longitude = self._origin[0] * 1e-7, self._origin[1] * 1e-7
-        at = latitude + degrees(north / self.earth), longitude + degrees(east / (self.earth * cos(radians(latitude))))
+        at = (
+            latitude + degrees(north / self.earth),
+            longitude + degrees(east / (self.earth * cos(radians(latitude)))),
+        )
         return round(at[0] * 1e7), round(at[1] * 1e7)
 
 
@@ -132,14 +139,22 @@ class Bench:
     """One vehicle, from power-up to the end of its process."""
 
     def __init__(self, flight: Flight, firmware: Firmware, folder: Path, app_port: int) -> None:
-        self.flight, self.firmware, self.app_port, self.folder = flight, firmware, app_port, folder
-        self._shared, self._own, self._relay = firmware.shared, firmware.own, bound()
+        self.flight = flight
+        self.firmware = firmware
+        self.app_port = app_port
+        self.folder = folder
+        self._shared = firmware.shared
+        self._own = firmware.own
+        self._relay = bound()
         self._shared_peer: tuple[str, int] | None = None
         self._own_peer = firmware.own_peer
-        self._from_vehicle, self._from_app = parser(), parser()
+        self._from_vehicle = parser()
+        self._from_app = parser()
         self._operator = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.radio = mavlink.MAVLink(None, srcSystem=firmware.system, srcComponent=192)
-        self._boot, self._boot_at, self._beat_at = 0.0, 0.0, 0.0
+        self._boot = 0.0
+        self._boot_at = 0.0
+        self._beat_at = 0.0
         self.speedup = flight.speedup
         self.latest: dict[str, Any] = {}
         self.counts: Counter[str] = Counter()
@@ -156,7 +171,8 @@ class Bench:
         self.app: subprocess.Popen[bytes] | None = None
         self.relaying = False
         self.shown_modes: list[tuple[float, int]] = []
-        self.longest_pause, self._truth_at = 0.0, time.monotonic()
+        self.longest_pause = 0.0
+        self._truth_at = time.monotonic()
         self._process = firmware.start(folder)
 
     @property
@@ -184,7 +200,9 @@ class Bench:
         if time.monotonic() - self._beat_at > 1.0 / max(1.0, self.speedup):
             self._beat_at = time.monotonic()
             self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
-            radio = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_ONBOARD_CONTROLLER, 8, 0, 0, 4, 3)
+            radio = mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_ONBOARD_CONTROLLER, 8, 0, 0, 4, 3
+            )
             self.send(radio, self.radio)
             self.firmware.beat(self)
         for ready in select.select([self._shared, self._own, self._relay], [], [], wait)[0]:
@@ -242,7 +260,8 @@ class Bench:
         self.latest[kind] = message
         self.counts[kind] += 1
         if kind == "ATTITUDE":
-            self._boot, self._boot_at = message.time_boot_ms / 1000, time.monotonic()
+            self._boot = message.time_boot_ms / 1000
+            self._boot_at = time.monotonic()
         elif kind == "GLOBAL_POSITION_INT" and self.track:
             place = self.firmware.metres(message.lat, message.lon)
             told = (message.vx / 100, message.vy / 100, radians(message.hdg / 100))
@@ -268,7 +287,8 @@ class Bench:
     # ---- the operator
     def until(self, condition: Callable[[], object], seconds: float, what: str) -> None:
         """Wait for a condition, up to a simulated time, s."""
-        began, wall = self.now, time.monotonic()
+        began = self.now
+        wall = time.monotonic()
         while self.now - began < seconds and time.monotonic() - wall < BRING_UP_PATIENCE:
             self.pump()
             if condition():
@@ -284,16 +304,21 @@ class Bench:
         values = (*values, *[0.0] * (7 - len(values)))
         system = self.firmware.system
         for attempt in range(tries):
-            result = self._answer(number, mavlink.MAVLink_command_long_message(system, 1, number, attempt, *values))
+            result = self._answer(
+                number, mavlink.MAVLink_command_long_message(system, 1, number, attempt, *values)
+            )
             if result is not None:
                 return result
         return None
 
-    def command_at(self, number: int, frame: int, values: tuple[float, ...], x: int, y: int, z: float) -> int | None:
+    def command_at(
+        self, number: int, frame: int, values: tuple[float, ...], x: int, y: int, z: float
+    ) -> int | None:
         """Send a command with a position and return its result, or None."""
         system = self.firmware.system
         return self._answer(
-            number, mavlink.MAVLink_command_int_message(system, 1, frame, number, 0, 0, *values, x, y, z)
+            number,
+            mavlink.MAVLink_command_int_message(system, 1, frame, number, 0, 0, *values, x, y, z),
         )
 
     def _answer(self, number: int, message: Any) -> int | None:
@@ -307,7 +332,9 @@ class Bench:
                     return result
         return None
 
-    def set_parameter(self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32) -> None:
+    def set_parameter(
+        self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32
+    ) -> None:
         """Set a parameter and wait for the confirmation."""
         for _ in range(8):
             self._params.pop(name, None)
@@ -319,13 +346,19 @@ class Bench:
                     return
         raise NoFlightError(f"parameter {name} was not confirmed")
 
-    def send_parameter(self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32) -> None:
+    def send_parameter(
+        self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32
+    ) -> None:
         """Send a parameter without waiting, because in flight the radio must continue."""
-        self.send(mavlink.MAVLink_param_set_message(self.firmware.system, 1, name.encode(), float(value), kind))
+        self.send(
+            mavlink.MAVLink_param_set_message(
+                self.firmware.system, 1, name.encode(), float(value), kind
+            )
+        )
 
     def ask_streams(self, wanted: Mapping[int, float], truth: str, least: float) -> None:
-        """Request messages at these rates, Hz, until attitude and truth arrive often enough within 2 s. An autopilot
-        that is still booting refuses without an answer."""
+        """Request messages at these rates, Hz, until attitude and truth arrive often enough within
+        2 s. An autopilot that is still booting refuses without an answer."""
         for _ in range(20):
             for number, hertz in wanted.items():
                 self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hertz, tries=1)

@@ -1,19 +1,21 @@
-"""python -m tests.tools.firmware.bound: lower bounds of the radius error for the flights of docs/firmware.md.
+"""python -m tests.tools.firmware.bound: lower bounds of the radius error for the flights of
+docs/firmware.md.
 
-**Linear guidance** (`best`). The velocity error of PX4's estimate is an oscillator of 0.32 rad/s, and the vehicle
-follows the estimate. Across the circle it is 0.38 m/s for the emulator's copter, fitted to firmware, and 0.16 m/s for
-its plane. Turbulence of 3 moves ArduPilot's plane as gusts of 2.4 m/s that last 3 s. Only the range measures either:
-0.5 m of noise (0.15 m: UWB), at 10 Hz. The best linear answer (a Kalman filter and the gains of a quadratic cost, LQG)
-uses the true plant, delay and disturbance, which no guidance has. Printed for several costs of turning: RMS of the
-radius, and standard deviation of the turn command. Last in each line the same filter with circnav's gains for that
-delay, which keep 6 dB and 45 deg of margin (tests/guidance/test_margins.py).
+**Linear guidance** (`best`). The velocity error of PX4's estimate is an oscillator of 0.32 rad/s,
+and the vehicle follows the estimate. Across the circle it is 0.38 m/s for the emulator's copter,
+fitted to firmware, and 0.16 m/s for its plane. Turbulence of 3 moves ArduPilot's plane as gusts of
+2.4 m/s that last 3 s. Only the range measures either: 0.5 m of noise (0.15 m: UWB), at 10 Hz. The
+best linear answer (a Kalman filter and the gains of a quadratic cost, LQG) uses the true plant,
+delay and disturbance, which no guidance has. Printed for several costs of turning: RMS of the
+radius, and standard deviation of the turn command. Last in each line the same filter with circnav's
+gains for that delay, which keep 6 dB and 45 deg of margin (tests/guidance/test_margins.py).
 
-**LoRa-like ranges** (`told`): radius error of ArduPilot's plane over the last two laps of 150 s on the circle. It is
-the Cramer-Rao bound with unknown place, steady wind and airspeed scale. Errors of the vehicle's own motion make the
-drift wander.
+**LoRa-like ranges** (`told`): radius error of ArduPilot's plane over the last two laps of 150 s on
+the circle. It is the Cramer-Rao bound with unknown place, steady wind and airspeed scale. Errors of
+the vehicle's own motion make the drift wander.
 
-**A bank limit** (`squeezed`): the lap with the least radius error, for a plane in wind that turns no faster than its
-limit.
+**A bank limit** (`squeezed`): the lap with the least radius error, for a plane in wind that turns
+no faster than its limit.
 """
 
 from itertools import product
@@ -27,21 +29,30 @@ from circnav_mav.guidance.vector_field import drift_gains
 from tests.tools.firmware.flight import PRESETS, VEHICLES
 
 STEP = 0.1
-FREQUENCY, DAMPING = 0.32, 0.45
+FREQUENCY = 0.32
+DAMPING = 0.45
 """Oscillator: frequency, rad/s, and damping ratio."""
 LASTS = 3.0
 """Duration of a gust, s."""
-CASES = {"PX4 copter": (5.0, 0.38, False), "PX4 plane": (10.0, 0.16, False), "Plane, turbulence 3": (22.0, 2.4, True)}
+CASES = {
+    "PX4 copter": (5.0, 0.38, False),
+    "PX4 plane": (10.0, 0.16, False),
+    "Plane, turbulence 3": (22.0, 2.4, True),
+}
 """Speed, m/s; RMS of the disturbance across the circle, m/s; True for a gust."""
 COSTS = 1000.0, 300.0, 100.0, 30.0, 10.0, 3.0
 """Cost of the squared turn command, m^2 per (rad/s)^2."""
 
 
-def best(cost: float | None, *, noise: float, delay: float, case: str = "PX4 copter") -> tuple[float, float]:
-    """Return RMS of the radius, m, and standard deviation of the turn command, deg/s. noise: of the ranges, m. delay:
-    of the vehicle's turn behind the command, s. case: one of CASES. cost: of turning; None: with circnav's gains."""
+def best(
+    cost: float | None, *, noise: float, delay: float, case: str = "PX4 copter"
+) -> tuple[float, float]:
+    """Return RMS of the radius, m, and standard deviation of the turn command, deg/s. noise: of the
+    ranges, m. delay: of the vehicle's turn behind the command, s. case: one of CASES. cost: of
+    turning; None: with circnav's gains."""
     speed, across, gust = CASES[case]
-    # radius error, course off the tangent, disturbance (m/s) and its rate; then the pending commands
+    # radius error, course off the tangent, disturbance (m/s) and its rate; then the pending
+    # commands
     motion = np.zeros((5, 5))
     motion[0, 1:3] = speed, 1.0
     motion[1, 4] = 1.0
@@ -52,18 +63,25 @@ def best(cost: float | None, *, noise: float, delay: float, case: str = "PX4 cop
         motion[3, 2:4] = -(FREQUENCY**2), -2 * DAMPING * FREQUENCY
     steps = round(delay / STEP)
     n = 4 + steps
-    F, G, H = np.zeros((n, n)), np.zeros((n, 1)), np.eye(1, n)
+    F = np.zeros((n, n))
+    G = np.zeros((n, 1))
+    H = np.eye(1, n)
     F[:4, :5] = expm(motion * STEP)[:4]
     F[range(4, n - 1), range(5, n)] = G[-1] = 1.0
-    Q, S, C = 1e-12 * np.eye(n), np.eye(1) * noise**2, 1e-9 * np.eye(n)
+    Q = 1e-12 * np.eye(n)
+    S = np.eye(1) * noise**2
+    C = 1e-9 * np.eye(n)
     driven_at, power = (2, 2 / LASTS) if gust else (3, 4 * DAMPING * FREQUENCY**3)
-    Q[driven_at, driven_at], C[0, 0] = power * across**2 * STEP, 1.0
+    Q[driven_at, driven_at] = power * across**2 * STEP
+    C[0, 0] = 1.0
     P: NDArray[np.float64] = solve_discrete_are(F.T, H.T, Q, S)
     K = P @ H.T / (H @ P @ H.T + S)
     if cost is None:
         gains = drift_gains(speed, delay, 1 / delay)
-        heading, radial = float(gains.heading), float(gains.radial)
-        # commanded course: -radial e - disturbance/speed, with its rate fed forward; pending commands count as flown
+        heading = float(gains.heading)
+        radial = float(gains.radial)
+        # commanded course: -radial e - disturbance/speed, with its rate fed forward; pending
+        # commands count as flown
         L = np.zeros((1, n))
         L[0, :3] = heading * radial, heading + radial * speed, heading / speed + radial
         L[0, 4:] = (heading + radial * speed) * STEP
@@ -82,14 +100,19 @@ def best(cost: float | None, *, noise: float, delay: float, case: str = "PX4 cop
 
 
 def told(wander: float) -> float:
-    """Return the RMS error of the radius estimated from LoRa-like ranges on the plane's circle, m. wander: power
-    density of the drift's random walk, m^2/s^3."""
-    V, r_d, radio = VEHICLES["plane"].speed, VEHICLES["plane"].radius, PRESETS["lora"]
-    drifting, variance = radio["drift"], radio["noise"] ** 2 / (1 - radio["loss"])
-    keep, lap = np.exp(-STEP / radio["drift_s"]), 2 * np.pi * r_d / V
+    """Return the RMS error of the radius estimated from LoRa-like ranges on the plane's circle, m.
+    wander: power density of the drift's random walk, m^2/s^3."""
+    V = VEHICLES["plane"].speed
+    r_d = VEHICLES["plane"].radius
+    radio = PRESETS["lora"]
+    drifting = radio["drift"]
+    variance = radio["noise"] ** 2 / (1 - radio["loss"])
+    keep = np.exp(-STEP / radio["drift_s"])
+    lap = 2 * np.pi * r_d / V
     # position, drift, airspeed scale, drifting range error
     P = np.diag([r_d, r_d, 5.0, 5.0, 0.05, drifting]) ** 2
-    F, Q = np.eye(6), np.diag([0, 0, wander * STEP, wander * STEP, 0, drifting**2 * (1 - keep**2)])
+    F = np.eye(6)
+    Q = np.diag([0, 0, wander * STEP, wander * STEP, 0, drifting**2 * (1 - keep**2)])
     F[0, 2] = F[1, 3] = STEP
     F[5, 5] = keep
     late = []
@@ -104,10 +127,13 @@ def told(wander: float) -> float:
     return float(np.sqrt(np.mean(late)))
 
 
-def squeezed(limit: float, *, speed: float = 23.4, wind: float = 5.0, radius: float = 150.0) -> float:
-    """Return the least RMS of the radius, m, on a lap at a true airspeed in a wind, m/s, with turn rates up to a limit,
-    rad/s. It is linear in the radius error: a least-distance problem (Lawson and Hanson, ch. 23). The defaults are
-    ArduPlane's, as flown: 22 m/s indicated are 23.4 m/s true."""
+def squeezed(
+    limit: float, *, speed: float = 23.4, wind: float = 5.0, radius: float = 150.0
+) -> float:
+    """Return the least RMS of the radius, m, on a lap at a true airspeed in a wind, m/s, with turn
+    rates up to a limit, rad/s. It is linear in the radius error: a least-distance problem (Lawson
+    and Hanson, ch. 23). The defaults are ArduPlane's, as flown: 22 m/s indicated are 23.4 m/s
+    true."""
     n = 180
     angle = 2 * np.pi * np.arange(n) / n
     nose = np.sqrt(speed**2 - (wind * np.sin(angle)) ** 2)
@@ -118,8 +144,11 @@ def squeezed(limit: float, *, speed: float = 23.4, wind: float = 5.0, radius: fl
     bend = one + (np.roll(one, 1, 1) - 2 * one + np.roll(one, -1, 1)) / step**2
     slope = (np.roll(one, 1, 1) - np.roll(one, -1, 1)) / (2 * step)
     # a course off the tangent meets the wind at another angle
-    G, h = (turn[:, None] * bend + np.gradient(turn, step)[:, None] * slope) / radius, turn - limit  # G e >= h
-    E, f = np.vstack([G.T, h]), np.eye(n + 1)[-1]
+    # G e >= h
+    G = (turn[:, None] * bend + np.gradient(turn, step)[:, None] * slope) / radius
+    h = turn - limit
+    E = np.vstack([G.T, h])
+    f = np.eye(n + 1)[-1]
     rest = E @ nnls(E, f, maxiter=20000)[0] - f
     error = -rest[:-1] / rest[-1]
     return float(np.sqrt(np.average(error**2, weights=1 / ground)))
@@ -129,7 +158,10 @@ def main() -> None:
     print("noise m, delay s: RMS m at a turn command of deg/s")
     for case, noise, delay in product(CASES, (0.5, 0.15), (0.4, 0.7, 1.0)):
         figures = (best(cost, noise=noise, delay=delay, case=case) for cost in (*COSTS, None))
-        print(f"{case}, {noise:4.2f}, {delay:.1f}:", ", ".join(f"{rms:.2f} at {turn:.1f}" for rms, turn in figures))
+        print(
+            f"{case}, {noise:4.2f}, {delay:.1f}:",
+            ", ".join(f"{rms:.2f} at {turn:.1f}" for rms, turn in figures),
+        )
     for wander in (0.0, 1e-4, 3e-4, 1e-3):
         print(f"LoRa-like ranges, drift wanders {wander:g} m^2/s^3: {told(wander):.2f} m")
     for limit in (0.215, 0.213, 0.21):

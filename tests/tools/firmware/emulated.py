@@ -1,8 +1,9 @@
-"""python -m tests.tools.firmware.emulated --results DIR/results.jsonl [--seeds N]: the emulator beside the firmware.
+"""python -m tests.tools.firmware.emulated --results DIR/results.jsonl [--seeds N]: the emulator
+beside the firmware.
 
-Flies the rows of docs/firmware.md on the bundled vehicle in lockstep. Prints median RMS radius error and standard
-deviation of the turn command over the last two laps, and their ratio to the flights stored by
-tests.tools.firmware.table.
+Flies the rows of docs/firmware.md on the bundled vehicle in lockstep. Prints median RMS radius
+error and standard deviation of the turn command over the last two laps, and their ratio to the
+flights stored by tests.tools.firmware.table.
 """
 
 import argparse
@@ -23,11 +24,17 @@ APPROACH = 90.0
 """Time before the judged laps, s."""
 WIND = "sim.wind.speed_mps={}".format
 GUST = "sim.wind.gust_rms_mps={}".format
-"""ArduPilot's turbulence is nearly white. It moves a plane like gusts of 3 s and 0.7 of its strength (by radius and
-command). It moves a copter, which holds against it, like gusts of 0.4 of it (by the spread of the ground speed)."""
+"""ArduPilot's turbulence is nearly white. It moves a plane like gusts of 3 s and 0.7 of its
+strength (by radius and command). It moves a copter, which holds against it, like gusts of 0.4 of it
+(by the spread of the ground speed)."""
 TARGET = "sim.target.velocity_north_mps={}".format
 GPS_OFF = 'sim.events=[{at_s=60.0, action="gps_off"}]'
-UWB = 'sim.ranging.preset="uwb"', "sim.ranging.rate_hz=20", "ranging.rate_hz=20", "ranging.sigma_m=0.15"
+UWB = (
+    'sim.ranging.preset="uwb"',
+    "sim.ranging.rate_hz=20",
+    "ranging.rate_hz=20",
+    "ranging.sigma_m=0.15",
+)
 LORA = 'sim.ranging.preset="lora"', "ranging.sigma_m=2.24"
 ROWS: dict[str, tuple[str, ...]] = {
     "Plane R 150 V 22, calm": ("arduplane",),
@@ -37,7 +44,11 @@ ROWS: dict[str, tuple[str, ...]] = {
     "Plane, target at 4 m/s": ("arduplane", TARGET(4)),
     "Plane, GPS off after 60 s, wind 5 + turbulence 1": ("arduplane", WIND(5), GUST(0.7), GPS_OFF),
     "Plane, 10 % outliers of 30 m + 30 % loss, wind 5": (
-        "arduplane", WIND(5), "sim.ranging.outlier_fraction=0.1", "sim.ranging.dropout_fraction=0.3"),
+        "arduplane",
+        WIND(5),
+        "sim.ranging.outlier_fraction=0.1",
+        "sim.ranging.dropout_fraction=0.3",
+    ),
     "Plane, ranges 0.3 s late, wind 5": ("arduplane", WIND(5), "sim.ranging.latency_s=0.3"),
     "Plane, LoRa-like ranges, wind 5": ("arduplane", WIND(5), *LORA),
     "Plane, airspeed 15 % above the mission's": ("arduplane", "sim.vehicle.cruise_speed_mps=25.3"),
@@ -52,14 +63,14 @@ ROWS: dict[str, tuple[str, ...]] = {
     "PX4 copter, target at 1.1 m/s": ("px4_copter", TARGET(1.1)),
     "PX4 plane R 60 V 10 by stick, calm": ("px4_plane",),
     "PX4 plane by stick, wind 2": ("px4_plane", WIND(2)),
-}  # fmt: skip
+}
 CIRCLES = {one.mission: (one.radius, one.speed) for one in VEHICLES.values()}
 
 
 @dataclass(frozen=True)
 class Flown:
-    """rms, worst: of the radius error, m. turn_sd: deg/s. at_limit: share of saturated commands. right: True if the
-    vehicle flew in the desired sense of rotation."""
+    """rms, worst: of the radius error, m. turn_sd: deg/s. at_limit: share of saturated commands.
+    right: True if the vehicle flew in the desired sense of rotation."""
 
     rms: float
     worst: float
@@ -69,17 +80,29 @@ class Flown:
 
 
 def fly(
-    row: str, seed: int, direction: str = "clockwise", count: int = 2, rows: Mapping[str, tuple[str, ...]] = ROWS
+    row: str,
+    seed: int,
+    direction: str = "clockwise",
+    count: int = 2,
+    rows: Mapping[str, tuple[str, ...]] = ROWS,
 ) -> Flown:
     """Fly the emulator once and judge the last `count` laps."""
     mission, *changes = rows[row]
     radius, speed = CIRCLES[mission]
     laps = count * 2 * pi * radius / speed
     changes.append(f'orbit.direction="{direction}"')
-    circle = f"orbit.radius_m={radius}", f"vehicle.speed_mps={speed}", f"limits.duration_s={APPROACH + laps + 5}"
+    circle = (
+        f"orbit.radius_m={radius}",
+        f"vehicle.speed_mps={speed}",
+        f"limits.duration_s={APPROACH + laps + 5}",
+    )
     flown = flight(mission, *circle, *changes, f"sim.seed={seed}", law="auto").fly(APPROACH + laps)
     truths = [truth for truth in flown.truths if truth.time > flown.now - laps]
-    turns = [tick.turn_rate for tick in flown.ticks if tick.time > flown.now - laps and tick.turn_rate is not None]
+    turns = [
+        tick.turn_rate
+        for tick in flown.ticks
+        if tick.time > flown.now - laps and tick.turn_rate is not None
+    ]
     turned = clockwise_turns(truths) if direction == "clockwise" else -clockwise_turns(truths)
     limit = flown.pilot.settings.orbit.max_turn_rate
     return Flown(
@@ -92,12 +115,17 @@ def fly(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--seeds", type=int, default=3)
     options = parser.parse_args()
     kept = told(options.results)
-    print("| flight | RMS m: firmware, emulator | turn sd deg/s: firmware, emulator | emulator over firmware |")
+    print(
+        "| flight | RMS m: firmware, emulator | turn sd deg/s: firmware, emulator | emulator over"
+        " firmware |"
+    )
     print("|---|---|---|---|")
     jobs = [(row, seed) for row in ROWS for seed in range(1, options.seeds + 1)]
     with ProcessPoolExecutor() as pool:
@@ -107,11 +135,16 @@ def main() -> None:
         if not real:
             continue
         ours = [emulated[row, seed] for seed in range(1, options.seeds + 1)]
-        rms, sd = median(one["rms"] for one in real), median(one["turn_sd"] for one in real)
-        here, here_sd = median(one.rms for one in ours), median(one.turn_sd for one in ours)
+        rms = median(one["rms"] for one in real)
+        sd = median(one["turn_sd"] for one in real)
+        here = median(one.rms for one in ours)
+        here_sd = median(one.turn_sd for one in ours)
         wrong = "" if all(one.right for one in ours) else ", wrong way round"
         ratios = f"{here / rms:.1f}, {here_sd / sd:.1f}"
-        print(f"| {row} | {rms:.2f}, {here:.2f} | {sd:.1f}, {here_sd:.1f} | {ratios}{wrong} |", flush=True)
+        print(
+            f"| {row} | {rms:.2f}, {here:.2f} | {sd:.1f}, {here_sd:.1f} | {ratios}{wrong} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -1,14 +1,16 @@
 """python -m tests.tools.firmware.fleet VEHICLE [options]:
 
-one fleet of the installed circnav on real firmware in simulation: one simulator, radio and `circnav fly` per vehicle.
+one fleet of the installed circnav on real firmware in simulation: one simulator, radio and `circnav
+fly` per vehicle.
 
     python -m tests.tools.firmware.fleet plane --size 3 --start 0 60 120 --leave 1 --out runs/fleet-planes
 
-Each vehicle is one `tests.tools.firmware.fly` process with its own ports and folder. All take off at one home, circle
-one beacon in layers of height, and exchange signed reports on the loopback interface. The judge uses the simulators'
-true tracks and times of receipt. Evenness is measured without a model of the wind: a gap is the time that a vehicle
-needs to the present bearing of the vehicle ahead, as a share of the sum of all gaps. Only the state "on the circle" is
-read from circnav's record. Prints one table and leaves fleet.json.
+Each vehicle is one `tests.tools.firmware.fly` process with its own ports and folder. All take off
+at one home, circle one beacon in layers of height, and exchange signed reports on the loopback
+interface. The judge uses the simulators' true tracks and times of receipt. Evenness is measured
+without a model of the wind: a gap is the time that a vehicle needs to the present bearing of the
+vehicle ahead, as a share of the sum of all gaps. Only the state "on the circle" is read from
+circnav's record. Prints one table and leaves fleet.json.
 """
 
 import argparse
@@ -33,11 +35,14 @@ from tests.tools.firmware.flight import ROOT, VEHICLES
 
 FIRST_PORT = 14600
 """UDP port of the first vehicle's fleet link."""
-EVEN_DEG, LASTS = 5.0, 20.0
-"""An even fleet: largest gap error, deg of a lap in time, and the time for which it must hold, s."""
+EVEN_DEG = 5.0
+LASTS = 20.0
+"""An even fleet: largest gap error, deg of a lap in time, and the time for which it must hold,
+s."""
 STEP = 0.2
 """Interval at which the tracks are compared, s."""
-NEAR_ABOVE, NEAR_BESIDE = 10.0, 25.0
+NEAR_ABOVE = 10.0
+NEAR_BESIDE = 25.0
 """Two vehicles are too close if both distances, vertical and horizontal, are smaller, m."""
 BRING_UP = 120.0
 """Longest expected time from the start of a simulator to engaging, s."""
@@ -47,8 +52,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Member:
-    """True track of one vehicle on the common time grid: nan where it was not steered. angle: unwrapped, in the sense
-    of rotation, rad. ring: True while circnav reports that it is on the circle."""
+    """True track of one vehicle on the common time grid: nan where it was not steered. angle:
+    unwrapped, in the sense of rotation, rad. ring: True while circnav reports that it is on the
+    circle."""
 
     number: int
     north: Array
@@ -67,29 +73,51 @@ def commands(given: argparse.Namespace, out: Path) -> list[list[str]]:
     key = out / "fleet.key"
     key.write_text(secrets.token_hex(32))
     key.chmod(0o600)
-    what, ports = VEHICLES[given.vehicle], [FIRST_PORT + i for i in range(given.size)]
+    what = VEHICLES[given.vehicle]
+    ports = [FIRST_PORT + i for i in range(given.size)]
     away = 2.5 * what.radius if given.away is None else given.away
     found = []
     for i, start in enumerate(given.start):
         peers = [f"127.0.0.1:{port}" for port in ports if port != ports[i]]
         lasts = given.duration - start - (given.leave_early if i + 1 == given.leave else 0.0)
         keys = [f"fleet.id={i + 1}", f"fleet.size={given.size}", f"fleet.layer_m={given.layer}"]
-        keys += [f"fleet.port={ports[i]}", f"fleet.peers={json.dumps(peers)}", f'fleet.key_file="{key}"']
-        words = [sys.executable, "-m", "tests.tools.firmware.fly", given.vehicle, "--out", str(out / f"{i + 1:02d}")]
+        keys += [
+            f"fleet.port={ports[i]}",
+            f"fleet.peers={json.dumps(peers)}",
+            f'fleet.key_file="{key}"',
+        ]
+        words = [
+            sys.executable,
+            "-m",
+            "tests.tools.firmware.fly",
+            given.vehicle,
+            "--out",
+            str(out / f"{i + 1:02d}"),
+        ]
         words += ["--target-at", str(away), "0", "--altitude", str(what.altitude + given.layer * i)]
-        words += ["--duration", str(lasts), "--seed", str(given.seed * 100 + i), "--wind", str(given.wind)]
+        words += [
+            "--duration",
+            str(lasts),
+            "--seed",
+            str(given.seed * 100 + i),
+            "--wind",
+            str(given.wind),
+        ]
         found.append([*words, *[word for one in keys for word in ("--set", one)], *given.rest])
     return found
 
 
 def fly(given: argparse.Namespace, out: Path) -> None:
     """Start the vehicles at their times and wait for the end of all."""
-    began, running = time.monotonic(), []
+    began = time.monotonic()
+    running = []
     try:
         for i, (words, start) in enumerate(zip(commands(given, out), given.start, strict=True)):
             time.sleep(max(began + start - time.monotonic(), 0.0))
             with (out / f"{i + 1:02d}.log").open("w") as log:
-                running.append(subprocess.Popen(words, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT))
+                running.append(
+                    subprocess.Popen(words, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT)
+                )
         for one in running:
             one.wait(max(began + given.duration + 2 * BRING_UP - time.monotonic(), 1.0))
     finally:
@@ -106,20 +134,30 @@ def read_members(out: Path, clockwise: bool) -> tuple[Array, list[Member]]:
         if not (folder / "truth.csv").is_file() or not (folder / "circnav" / "fleet.csv").is_file():
             continue
         track = _columns(
-            folder / "truth.csv", ("time", "wall", "north", "east", "altitude", "target_north", "target_east")
+            folder / "truth.csv",
+            ("time", "wall", "north", "east", "altitude", "target_north", "target_east"),
         )
         result = json.loads((folder / "result.json").read_text())
         flown = (track["time"] >= 0.0) & (track["time"] <= result["flown"])
-        raw[int(folder.name)] = {name: column[flown] for name, column in track.items()}, _states(folder / "circnav")
+        raw[int(folder.name)] = (
+            {name: column[flown] for name, column in track.items()},
+            _states(folder / "circnav"),
+        )
     if not raw:
         return np.array([]), []
-    grid = np.arange(min(t["wall"][0] for t, _ in raw.values()), max(t["wall"][-1] for t, _ in raw.values()), STEP)
+    grid = np.arange(
+        min(t["wall"][0] for t, _ in raw.values()),
+        max(t["wall"][-1] for t, _ in raw.values()),
+        STEP,
+    )
     members = []
     for number, (track, (wall, on)) in raw.items():
         north, east = track["north"] - track["target_north"], track["east"] - track["target_east"]
         bearing = np.unwrap(np.arctan2(east, north))  # clockwise
-        columns = [np.interp(grid, track["wall"], one, left=np.nan, right=np.nan)
-                   for one in (north, east, track["altitude"], bearing if clockwise else -bearing)]  # fmt: skip
+        columns = [
+            np.interp(grid, track["wall"], one, left=np.nan, right=np.nan)
+            for one in (north, east, track["altitude"], bearing if clockwise else -bearing)
+        ]
         place = np.searchsorted(wall, grid, side="right") - 1
         ring = (place >= 0) & on[np.maximum(place, 0)] & np.isfinite(columns[0])
         members.append(Member(number, *columns, ring))
@@ -142,8 +180,8 @@ def _states(run: Path) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def gap_errors(grid: Array, members: list[Member]) -> Array:
-    """Return the largest gap error at each time, deg of a lap in time; nan with fewer than two vehicles on the circle,
-    and at the end of a track."""
+    """Return the largest gap error at each time, deg of a lap in time; nan with fewer than two
+    vehicles on the circle, and at the end of a track."""
     found = np.full(len(grid), np.nan)
     for k in range(len(grid)):
         ring = [one for one in members if one.ring[k]]
@@ -151,7 +189,10 @@ def gap_errors(grid: Array, members: list[Member]) -> Array:
             continue
         ring.sort(key=lambda one: one.angle[k] % (2 * pi))
         gaps = np.array(
-            [_time_to(grid, here, ahead, k) for here, ahead in zip(ring, [*ring[1:], ring[0]], strict=True)]
+            [
+                _time_to(grid, here, ahead, k)
+                for here, ahead in zip(ring, [*ring[1:], ring[0]], strict=True)
+            ]
         )
         if np.isfinite(gaps).all():
             found[k] = 360.0 * np.abs(gaps / gaps.sum() - 1 / len(ring)).max()
@@ -170,14 +211,16 @@ def _time_to(grid: Array, here: Member, ahead: Member, k: int) -> float:
 
 def even_from(grid: Array, errors: Array, since: float) -> float | None:
     """Return the first time since `since` from which the fleet was even for LASTS, or None."""
-    hold, good = round(LASTS / STEP), errors <= EVEN_DEG
+    hold = round(LASTS / STEP)
+    good = errors <= EVEN_DEG
     starts = (k for k in range(len(grid) - hold) if grid[k] >= since and good[k : k + hold].all())
     return next((float(grid[k]) for k in starts), None)
 
 
 def judge(grid: Array, members: list[Member], radius: float) -> dict[str, Any]:
     """Return the figures of the fleet. Times: s since the first vehicle engaged."""
-    errors, count = gap_errors(grid, members), np.sum([one.ring for one in members], axis=0)
+    errors = gap_errors(grid, members)
+    count = np.sum([one.ring for one in members], axis=0)
     changes = [0, *(np.flatnonzero(np.diff(count)) + 1)]
     rings = []
     for k, end in zip(changes, [*changes[1:], len(grid) - 1], strict=True):
@@ -192,7 +235,9 @@ def judge(grid: Array, members: list[Member], radius: float) -> dict[str, Any]:
             "even_after_s": None if even is None else round(even - float(grid[k]), 1),
             "worst_gap_deg": round(float(np.sqrt(np.mean(late**2))), 2) if len(late) else None,
         })  # fmt: skip
-    near, beside, above = 0, [], []
+    near = 0
+    beside = []
+    above = []
     for one, other in combinations(members, 2):
         flat = np.hypot(one.north - other.north, one.east - other.east)
         up = np.abs(one.height - other.height)
@@ -209,14 +254,22 @@ def judge(grid: Array, members: list[Member], radius: float) -> dict[str, Any]:
         spread = float(half.std()) if len(half) else None
         begin = np.flatnonzero(np.isfinite(one.north))
         entered = np.flatnonzero(one.ring)
-        each.append({
-            "id": one.number, "engaged_s": round(float(grid[begin[0]] - grid[0]), 1),
-            "on_circle_s": round(float(grid[entered[0]] - grid[0]), 1) if len(entered) else None,
-            "ended_s": round(float(grid[begin[-1]] - grid[0]), 1),
-            "radius_rms_m": None if rms is None else round(rms, 2),
-            "radius_sd_m": None if spread is None else round(spread, 2),
-            "height_m": [round(float(np.nanmin(one.height)), 1), round(float(np.nanmax(one.height)), 1)],
-        })  # fmt: skip
+        each.append(
+            {
+                "id": one.number,
+                "engaged_s": round(float(grid[begin[0]] - grid[0]), 1),
+                "on_circle_s": round(float(grid[entered[0]] - grid[0]), 1)
+                if len(entered)
+                else None,
+                "ended_s": round(float(grid[begin[-1]] - grid[0]), 1),
+                "radius_rms_m": None if rms is None else round(rms, 2),
+                "radius_sd_m": None if spread is None else round(spread, 2),
+                "height_m": [
+                    round(float(np.nanmin(one.height)), 1),
+                    round(float(np.nanmax(one.height)), 1),
+                ],
+            }
+        )
     return {
         "rings": rings, "smallest_beside_m": round(min(beside), 1) if beside else None,
         "smallest_above_m": round(min(above), 1) if above else None, "too_near": near, "each": each,
@@ -240,28 +293,45 @@ def table(found: dict[str, Any]) -> str:
         "|---" * 7 + "|",
     ]
     lines += [f"| {' | '.join(shown(one[key]) for key in one)} |" for one in found["each"]]
-    apart = f"{shown(found['smallest_beside_m'])} m beside, {shown(found['smallest_above_m'])} m above"
+    apart = (
+        f"{shown(found['smallest_beside_m'])} m beside, {shown(found['smallest_above_m'])} m above"
+    )
     limits = f"{NEAR_ABOVE:g} m above and {NEAR_BESIDE:g} m beside"
     lines += ["", f"smallest distance {apart}; pairs within {limits}: {found['too_near']}"]
     return "\n".join(lines)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.firmware.fleet", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.tools.firmware.fleet",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("vehicle", choices=KINDS)
     parser.add_argument("--size", type=int, default=3)
-    parser.add_argument("--start", type=float, nargs="*", help="start of each simulator, s [0 60 120 ...]")
-    parser.add_argument("--duration", type=float, default=420.0, help="of the first vehicle, s after engaging")
+    parser.add_argument(
+        "--start", type=float, nargs="*", help="start of each simulator, s [0 60 120 ...]"
+    )
+    parser.add_argument(
+        "--duration", type=float, default=420.0, help="of the first vehicle, s after engaging"
+    )
     parser.add_argument("--leave", type=int, default=0, help="id of the vehicle that leaves early")
     parser.add_argument("--leave-early", type=float, default=120.0, help="s before the others")
-    parser.add_argument("--layer", type=float, default=20.0, help="distance of the height layers, m")
-    parser.add_argument("--away", type=float, help="distance of the beacon north of the home, m [2.5 radii]")
+    parser.add_argument(
+        "--layer", type=float, default=20.0, help="distance of the height layers, m"
+    )
+    parser.add_argument(
+        "--away", type=float, help="distance of the beacon north of the home, m [2.5 radii]"
+    )
     parser.add_argument("--wind", type=float, default=0.0)
-    parser.add_argument("--direction", choices=("clockwise", "counterclockwise"), default="clockwise")
+    parser.add_argument(
+        "--direction", choices=("clockwise", "counterclockwise"), default="clockwise"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, help="folder [runs/firmware/TIME-VEHICLE-fleet]")
-    parser.add_argument("--judge", action="store_true", help="judge the folder --out again, without a flight")
+    parser.add_argument(
+        "--judge", action="store_true", help="judge the folder --out again, without a flight"
+    )
     given, given.rest = parser.parse_known_args(arguments)
     given.start = given.start or [60.0 * i for i in range(given.size)]
     if len(given.start) != given.size:

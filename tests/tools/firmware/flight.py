@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[3]
-BEHIND_ARDUPILOT, BEHIND_PX4 = "ardupilot", "px4"
+BEHIND_ARDUPILOT = "ardupilot"
+BEHIND_PX4 = "px4"
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,14 @@ VEHICLES = {
 PRESETS = {
     "uwb": {"noise": 0.02, "drift": 0.15, "drift_s": 3.0, "rate": 20.0},
     "lora": {"noise": 1.0, "drift": 2.0, "drift_s": 5.0, "rate": 10.0, "loss": 0.1},
-    "sx1280": {"noise": 1.0, "drift": 2.0, "drift_s": 5.0, "rate": 2.0, "loss": 0.1, "sx1280": True},
+    "sx1280": {
+        "noise": 1.0,
+        "drift": 2.0,
+        "drift_s": 5.0,
+        "rate": 2.0,
+        "loss": 0.1,
+        "sx1280": True,
+    },
 }
 
 
@@ -49,7 +57,8 @@ def _option(default: object, told: str = "", **how: object) -> Any:
 
 @dataclass(frozen=True)
 class Flight:
-    """Conditions of one flight, each an option on the command line: m, s, m/s; angles in degrees."""
+    """Conditions of one flight, each an option on the command line: m, s, m/s; angles in
+    degrees."""
 
     vehicle: str
     radius: float
@@ -74,7 +83,9 @@ class Flight:
     gps_off: float | None = _option(None, "s after the start of circnav", metavar="T")
     airspeed_off: float = _option(1.0, "airspeed flown over the mission's")
     roll_limit: float | None = _option(None, "of the autopilot, degrees; the mission keeps its own")
-    takeover: float | None = _option(None, "the operator takes the vehicle T s after the start of circnav", metavar="T")
+    takeover: float | None = _option(
+        None, "the operator takes the vehicle T s after the start of circnav", metavar="T"
+    )
     # the target
     start_range: float | None = _option(None, "of the target, m [2.5 radii]")
     start_bearing: float = _option(70.0, "degrees right of the nose")
@@ -93,16 +104,26 @@ class Flight:
     outliers: float = _option(0.0, "share of ranges that are off")
     outlier_size: float = _option(30.0, "by up to, m")
     loss: float = _option(0.0, "share of ranges that are lost")
-    second_anchor: float = _option(0.0, "m east of the target: a second DISTANCE_SENSOR id of the same radio")
-    sx1280: bool = _option(False, "its error over the range, and NAMED_VALUE_FLOAT, which carries any range")
-    silent_after: float | None = _option(None, "the beacon stops T s after the start of circnav", metavar="T")
+    second_anchor: float = _option(
+        0.0, "m east of the target: a second DISTANCE_SENSOR id of the same radio"
+    )
+    sx1280: bool = _option(
+        False, "its error over the range, and NAMED_VALUE_FLOAT, which carries any range"
+    )
+    silent_after: float | None = _option(
+        None, "the beacon stops T s after the start of circnav", metavar="T"
+    )
     delay: float = _option(0.0, "s from measuring to sending; the stamp is that of sending")
     # conditions of the run
-    station: int = _option(0, "UDP port here of a ground station that gets a link of its own (ArduPilot)")
+    station: int = _option(
+        0, "UDP port here of a ground station that gets a link of its own (ArduPilot)"
+    )
     speedup: float = _option(1.0, "simulated over real time; only 1 gives figures that count")
     param: tuple[str, ...] = _option((), "of the autopilot, before take-off", metavar="NAME=VALUE")
     set: tuple[str, ...] = _option((), "of the mission", metavar="KEY=VALUE")
-    circnav: str = _option(str(Path(sys.executable).with_name("circnav")), "the installed command [beside this Python]")
+    circnav: str = _option(
+        str(Path(sys.executable).with_name("circnav")), "the installed command [beside this Python]"
+    )
     config: str = _option(str(ROOT / "config"), "folder of its mission files [config]")
 
     @property
@@ -124,9 +145,14 @@ class Flight:
         usual = {f.name: f.default for f in fields(self)}
         usual |= {name: getattr(self.what, name) for name in OF_THE_VEHICLE}
         hidden = {"vehicle", "circnav", "config"}
-        unusual = [(name, getattr(self, name)) for name, usually in usual.items() if name not in hidden
-                   and getattr(self, name) != usually]  # fmt: skip
-        return " ".join([self.vehicle, *(_told(name.replace("_", "-"), value) for name, value in unusual)])
+        unusual = [
+            (name, getattr(self, name))
+            for name, usually in usual.items()
+            if name not in hidden and getattr(self, name) != usually
+        ]
+        return " ".join(
+            [self.vehicle, *(_told(name.replace("_", "-"), value) for name, value in unusual)]
+        )
 
 
 def _told(name: str, value: object) -> str:
@@ -136,7 +162,12 @@ def _told(name: str, value: object) -> str:
     return " ".join([name, *(one if isinstance(one, str) else f"{one:g}" for one in values)])
 
 
-OF_THE_VEHICLE = {"radius": "m", "speed": "m/s", "altitude": "m above home", "duration": "s after engaging"}
+OF_THE_VEHICLE = {
+    "radius": "m",
+    "speed": "m/s",
+    "altitude": "m above home",
+    "duration": "s after engaging",
+}
 """Fields with a default of each vehicle."""
 
 
@@ -148,7 +179,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     for one in fields(Flight):
         if one.default is MISSING:
             continue
-        how: dict[str, Any] = {"default": one.default, "type": float if one.default is None else type(one.default)}
+        how: dict[str, Any] = {
+            "default": one.default,
+            "type": float if one.default is None else type(one.default),
+        }
         if one.default is False:
             how = {"action": "store_true"}
         elif one.default == ():
@@ -161,7 +195,9 @@ def flight(options: argparse.Namespace) -> Flight:
     """Return the flight of the options. A preset overrides single options of the radio."""
     given = {f.name: getattr(options, f.name) for f in fields(Flight)}
     for name in OF_THE_VEHICLE:
-        given[name] = getattr(VEHICLES[options.vehicle], name) if given[name] is None else given[name]
+        given[name] = (
+            getattr(VEHICLES[options.vehicle], name) if given[name] is None else given[name]
+        )
     given["param"], given["set"] = tuple(given["param"]), tuple(given["set"])
     return Flight(**given | PRESETS.get(options.preset, {}))
 

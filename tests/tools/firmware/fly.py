@@ -2,9 +2,10 @@
 
 one flight of the installed circnav on real firmware in simulation.
 
-Prints one line, judged by the simulator's true track, and leaves a run folder: result.json, truth.csv, setpoints.csv,
-mission.toml, circnav/ (its own run folder), circnav.log, firmware.log. This tool shares no code and no sign convention
-with circnav. Exit code 0: flown and judged, kept or not; 3: the vehicle never came up, or circnav never engaged.
+Prints one line, judged by the simulator's true track, and leaves a run folder: result.json,
+truth.csv, setpoints.csv, mission.toml, circnav/ (its own run folder), circnav.log, firmware.log.
+This tool shares no code and no sign convention with circnav. Exit code 0: flown and judged, kept or
+not; 3: the vehicle never came up, or circnav never engaged.
 """
 
 import argparse
@@ -86,13 +87,22 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
     else:
         bench.on_truth = radio.tick
         limit = _start_circnav(flown, bench, folder, home)
-    began, wall = bench.now, time.monotonic()
+    began = bench.now
+    wall = time.monotonic()
     _loop(flown, bench, began)
     spent = time.monotonic() - wall
     engaged, ended = _circled(flown, bench, began)
     cpu = _cpu(bench)
-    figures = score(flown, bench.track, bench.setpoints, radio.target, engaged=engaged, ended=ended, turn_limit=limit,
-                    home=home)  # fmt: skip
+    figures = score(
+        flown,
+        bench.track,
+        bench.setpoints,
+        radio.target,
+        engaged=engaged,
+        ended=ended,
+        turn_limit=limit,
+        home=home,
+    )
     _write(folder, bench, radio, engaged)
     bench.close()
     return {
@@ -102,7 +112,9 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
         "homing": homing(flown, bench.track, radio.target, engaged, ended),
         "takeover": _after_takeover(flown, bench, began),
         "modes": [(round(at - engaged, 1), mode) for at, mode in bench.modes if at > began - 5],
-        "texts": [(round(at - engaged, 1), text) for at, text in bench.texts if at > began - 5][:30],
+        "texts": [(round(at - engaged, 1), text) for at, text in bench.texts if at > began - 5][
+            :30
+        ],
         "ranges": {"sent": radio.sent, "lost": radio.lost},
         "from_app": dict(bench.from_app),
         "hidden": bench.hidden,
@@ -115,14 +127,21 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
 
 def _start_circnav(flown: Flight, bench: Bench, folder: Path, home: float) -> float:
     """Start circnav on a mission for this flight. Return the mission's turn limit, rad/s."""
-    mission = write_mission(flown, folder / "mission.toml", bench.app_port, home + flown.target_height)
+    mission = write_mission(
+        flown, folder / "mission.toml", bench.app_port, home + flown.target_height
+    )
     command = [flown.circnav, "fly", str(folder / "mission.toml"), "--out", str(folder / "circnav"),
                *[word for one in flown.set for word in ("--set", one)]]  # fmt: skip
     log = (folder / "circnav.log").open("wb")
     bench.relaying = True
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     bench.app = subprocess.Popen(
-        command, stdout=log, stderr=subprocess.STDOUT, cwd=folder, env=environment, start_new_session=True
+        command,
+        stdout=log,
+        stderr=subprocess.STDOUT,
+        cwd=folder,
+        env=environment,
+        start_new_session=True,
     )
     if "max_turn_rate_deg_s" in mission["vehicle"]:
         return radians(mission["vehicle"]["max_turn_rate_deg_s"])
@@ -130,8 +149,8 @@ def _start_circnav(flown: Flight, bench: Bench, folder: Path, home: float) -> fl
 
 
 def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) -> dict[str, Any]:
-    """Write the vehicle's mission file as an operator would fill it in. The operator has the height of the beacon, m
-    above sea level, to 0.1 m."""
+    """Write the vehicle's mission file as an operator would fill it in. The operator has the height
+    of the beacon, m above sea level, to 0.1 m."""
     mission = tomlkit.parse((Path(flown.config) / f"{flown.what.mission}.toml").read_text())
     mission.pop("sim", None)
     mission["link"]["endpoint"] = f"udpin:{LOOPBACK}:{port}"
@@ -144,7 +163,12 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
         mission["orbit"].pop(key, None)
     mission["orbit"]["target_altitude_m"] = round(target_altitude, 1)
     sigma = hypot(flown.noise, flown.drift)
-    mission["ranging"] |= {"rate_hz": flown.rate, "sigma_m": sigma, "orientation": UP, "component_id": 192}
+    mission["ranging"] |= {
+        "rate_hz": flown.rate,
+        "sigma_m": sigma,
+        "orientation": UP,
+        "component_id": 192,
+    }
     mission["limits"]["duration_s"] = flown.duration
     if flown.handback:
         mission["locate"] = {"enabled": True}
@@ -159,7 +183,11 @@ def _loop(flown: Flight, bench: Bench, began: float) -> None:
     """Run until circnav has ended or the time is over."""
     taken = gps_gone = changed = False
     sticks = 0.0
-    longest = flown.duration + flown.home_s + (0.0 if flown.baseline else ENGAGE_PATIENCE + LEAVE_PATIENCE)
+    longest = (
+        flown.duration
+        + flown.home_s
+        + (0.0 if flown.baseline else ENGAGE_PATIENCE + LEAVE_PATIENCE)
+    )
     hopeless = time.monotonic() + SLOWEST * longest / flown.speedup
     while bench.now - began < longest:
         bench.pump(0.002)
@@ -190,13 +218,16 @@ def _in_guided(bench: Bench, began: float) -> list[float]:
 
 
 def _circled(flown: Flight, bench: Bench, began: float) -> tuple[float, float]:
-    """Return the times of the first report of the guided mode, and of the last setpoint in it or the takeover."""
+    """Return the times of the first report of the guided mode, and of the last setpoint in it or
+    the takeover."""
     if flown.baseline:
         return began, bench.now
     entered = _in_guided(bench, began)
     if not entered or not bench.setpoints:
         raise NoFlightError("circnav never steered, see circnav.log")
-    left = [at for at, mode in bench.modes if mode not in bench.firmware.steered and at > entered[0]]
+    left = [
+        at for at, mode in bench.modes if mode not in bench.firmware.steered and at > entered[0]
+    ]
     ends = [bench.setpoints[-1].time, *left[-1:]]
     if flown.takeover is not None:
         ends.append(began + flown.takeover)
@@ -204,13 +235,23 @@ def _circled(flown: Flight, bench: Bench, began: float) -> tuple[float, float]:
 
 
 def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any] | None:
-    """Count the setpoints after the operator's command, and after the heartbeat that reported the new mode, until the
-    guided mode returned."""
+    """Count the setpoints after the operator's command, and after the heartbeat that reported the
+    new mode, until the guided mode returned."""
     if flown.takeover is None:
         return None
     asked = began + flown.takeover
-    shown = next((at for at, mode in bench.shown_modes if at > asked and mode not in bench.firmware.steered), None)
-    again = next((at for at, mode in bench.shown_modes if shown and at > shown and mode in bench.firmware.steered), 1e9)
+    shown = next(
+        (at for at, mode in bench.shown_modes if at > asked and mode not in bench.firmware.steered),
+        None,
+    )
+    again = next(
+        (
+            at
+            for at, mode in bench.shown_modes
+            if shown and at > shown and mode in bench.firmware.steered
+        ),
+        1e9,
+    )
     late = [one.time for one in bench.setpoints if asked < one.time < again]
     return {
         "after_command": len(late),
@@ -221,17 +262,25 @@ def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any]
 
 
 def homing(
-    flown: Flight, track: list[Truth], target: Callable[[float], tuple[float, float]], engaged: float, ended: float
+    flown: Flight,
+    track: list[Truth],
+    target: Callable[[float], tuple[float, float]],
+    engaged: float,
+    ended: float,
 ) -> dict[str, float] | None:
-    """Return figures of the mission `home`: flown time from the engagement to within HOME of the beacon, s; the same
-    for the straight way in this wind; and the largest distance after that, m."""
+    """Return figures of the mission `home`: flown time from the engagement to within HOME of the
+    beacon, s; the same for the straight way in this wind; and the largest distance after that,
+    m."""
     if not flown.what.mission.startswith("home"):
         return None
     way = [one for one in track if engaged <= one.time <= ended]
-    away = np.array([hypot(one.north - target(one.time)[0], one.east - target(one.time)[1]) for one in way])
+    away = np.array(
+        [hypot(one.north - target(one.time)[0], one.east - target(one.time)[1]) for one in way]
+    )
     if not (near := np.flatnonzero(away <= HOME)).size:
         return {"nearest": round(float(away.min()), 1)}
-    start, towards = way[0], radians(flown.wind_from + 180.0)
+    start = way[0]
+    towards = radians(flown.wind_from + 180.0)
     wind = flown.wind * cos(towards), flown.wind * sin(towards)
     airspeed = hypot(start.v_north - wind[0], start.v_east - wind[1])
     if flown.what.kind == "copter":  # it starts from hovering
@@ -239,13 +288,19 @@ def homing(
     north, east = target(engaged)
     straight = straight_way((north - start.north, east - start.east), wind, airspeed, HOME)
     took = way[near[0]].time - engaged
-    figures = {"home": took, "straight": straight, "ratio": took / straight, "farthest": float(away[near[0] :].max())}
+    figures = {
+        "home": took,
+        "straight": straight,
+        "ratio": took / straight,
+        "farthest": float(away[near[0] :].max()),
+    }
     return {name: round(value, 2) for name, value in figures.items()}
 
 
 def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dict[str, Any] | None:
-    """Return the error of the autopilot's own position from 10 s after the loss of its GPS, on the circle and on the
-    way home; its smallest distance from home, m; and the distance from home of the center of its last circle, m."""
+    """Return the error of the autopilot's own position from 10 s after the loss of its GPS, on the
+    circle and on the way home; its smallest distance from home, m; and the distance from home of
+    the center of its last circle, m."""
     if flown.gps_off is None:
         return None
     lost = began + flown.gps_off + 10.0
@@ -260,24 +315,36 @@ def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dic
     return {
         "circle": own_error(bench, lost, max(lost, ended)),
         "way_home": own_error(bench, max(lost, ended), bench.now) if flown.home_s else None,
-        "nearest_home": round(min(hypot(true.north - flown.home_away, true.east) for true in late), 1),
+        "nearest_home": round(
+            min(hypot(true.north - flown.home_away, true.east) for true in late), 1
+        ),
         "circles_off_home": round(_off_home(bench.track, flown.home_away), 1),
         "given": dict(given),
     }
 
 
 def own_error(bench: Bench, since: float, until: float) -> dict[str, float] | None:
-    """Return the errors of the autopilot's reports against the truth at their timestamps: position, m; largest step of
-    the velocity error between two reports, m/s (with arrival times, a turn of 3 m/s^2 would look like a step of 1 m/s);
-    heading error, mean and standard deviation, degrees clockwise."""
-    reported = [one for one in bench.reported if since < one.time < min(until, bench.track[-1].time)]
+    """Return the errors of the autopilot's reports against the truth at their timestamps: position,
+    m; largest step of the velocity error between two reports, m/s (with arrival times, a turn of 3
+    m/s^2 would look like a step of 1 m/s); heading error, mean and standard deviation, degrees
+    clockwise."""
+    reported = [
+        one for one in bench.reported if since < one.time < min(until, bench.track[-1].time)
+    ]
     if len(reported) < 2:
         return None
-    told = np.array([(one.north, one.east, one.v_north, one.v_east, one.heading) for one in reported])
-    true = np.array([(one.time, one.north, one.east, one.v_north, one.v_east, one.yaw) for one in bench.track])
+    told = np.array(
+        [(one.north, one.east, one.v_north, one.v_east, one.heading) for one in reported]
+    )
+    true = np.array(
+        [(one.time, one.north, one.east, one.v_north, one.v_east, one.yaw) for one in bench.track]
+    )
     true[:, 5] = np.unwrap(true[:, 5])
-    error = told - np.column_stack([np.interp([one.time for one in reported], true[:, 0], way) for way in true.T[1:]])
-    off, step = np.hypot(*error[:, :2].T), np.hypot(*np.diff(error[:, 2:4], axis=0).T)
+    error = told - np.column_stack(
+        [np.interp([one.time for one in reported], true[:, 0], way) for way in true.T[1:]]
+    )
+    off = np.hypot(*error[:, :2].T)
+    step = np.hypot(*np.diff(error[:, 2:4], axis=0).T)
     turned = np.degrees(np.remainder(error[:, 4] + np.pi, 2 * np.pi) - np.pi)
     figures = {
         "median": np.median(off),
@@ -291,36 +358,57 @@ def own_error(bench: Bench, since: float, until: float) -> dict[str, float] | No
 
 
 def _off_home(track: list[Truth], away: float) -> float:
-    """Return the distance from home, `away` north, of the center of a circle fitted to the true track of the last 40 s,
-    m."""
-    last = np.array([(true.north, true.east) for true in track if true.time > track[-1].time - 40.0])
+    """Return the distance from home, `away` north, of the center of a circle fitted to the true
+    track of the last 40 s, m."""
+    last = np.array(
+        [(true.north, true.east) for true in track if true.time > track[-1].time - 40.0]
+    )
     middle = last.mean(axis=0)
     at = last - middle
-    north, east, _ = np.linalg.lstsq(np.c_[2 * at, np.ones(len(at))], (at**2).sum(axis=1), rcond=None)[0]
+    north, east, _ = np.linalg.lstsq(
+        np.c_[2 * at, np.ones(len(at))], (at**2).sum(axis=1), rcond=None
+    )[0]
     return float(hypot(middle[0] + north - away, middle[1] + east))
 
 
 def own_verdict(run: Path, window: float) -> dict[str, Any]:
-    """Return circnav's own figures: its summary, and from its ticks the laws, the estimated drift and the turn
-    command."""
+    """Return circnav's own figures: its summary, and from its ticks the laws, the estimated drift
+    and the turn command."""
     if not (run / "summary.json").is_file():
         return {"outcome": "no summary"}
     summary = json.loads((run / "summary.json").read_text())
     with (run / "ticks.csv").open() as file:
         ticks = [row for row in csv.DictReader(file) if row["phase"] in ("engaged", "holding")]
     laws = [row["law"] for row in ticks if row["law"]]
-    late = [row for row in ticks if float(row["time"]) > float(ticks[-1]["time"]) - window] if ticks else []
+    late = (
+        [row for row in ticks if float(row["time"]) > float(ticks[-1]["time"]) - window]
+        if ticks
+        else []
+    )
     drift = [(float(row["drift_x"]), float(row["drift_y"])) for row in late if row["drift_x"]]
-    x, y = (sum(values) / len(drift) for values in zip(*drift, strict=True)) if drift else (0.0, 0.0)
-    keys = ("outcome", "reason", "settled_s", "radius_mean_m", "radius_rms_error_m", "turn_std_deg_s", "turn_at_limit",
-            "samples_accepted", "samples_rejected")  # fmt: skip
+    x, y = (
+        (sum(values) / len(drift) for values in zip(*drift, strict=True)) if drift else (0.0, 0.0)
+    )
+    keys = (
+        "outcome",
+        "reason",
+        "settled_s",
+        "radius_mean_m",
+        "radius_rms_error_m",
+        "turn_std_deg_s",
+        "turn_at_limit",
+        "samples_accepted",
+        "samples_rejected",
+    )
     return {
         **{key: summary.get(key) for key in keys},
         "law_changes": sum(one != other for one, other in pairwise(laws)),
         "last_law": laws[-1] if laws else "",
         "drift": [round(x, 2), round(y, 2)] if drift else None,
         "drift_largest": round(max(hypot(*one) for one in drift), 2) if drift else None,
-        "saturated": round(sum(row["saturated"] == "1" for row in late) / len(late), 3) if late else None,
+        "saturated": (
+            round(sum(row["saturated"] == "1" for row in late) / len(late), 3) if late else None
+        ),
     }
 
 
@@ -353,23 +441,29 @@ def line(result: dict[str, Any]) -> str:
     """Return a result as one line."""
     if "failed" in result:
         return f"{result['title']}: NOT FLOWN: {result['failed']}"
-    own, settled = result["own"], result["settled"]
+    own = result["own"]
+    settled = result["settled"]
     words = [
         f"{'kept' if result['kept'] else 'NOT KEPT'} {result['direction']}",
         f"RMS {result['rms']:.2f} m (mean {result['mean']:+.2f}, sd {result['sd']:.2f})",
         f"settled {settled:.0f} s" if settled is not None else "never settled",
-        f"closest {result['closest']:.1f} m ({result['closest'] / result['flight']['radius']:.2f} R)",
+        (
+            f"closest {result['closest']:.1f} m"
+            f" ({result['closest'] / result['flight']['radius']:.2f} R)"
+        ),
     ]
     if result["turn_sd"] is not None:
         words.append(
-            f"turn sd {result['turn_sd']:.1f} deg/s, {100 * result['turn_at_limit']:.0f} % at limit, "
-            f"varies {result['total_variation']:.0f} deg/s per s"
+            f"turn sd {result['turn_sd']:.1f} deg/s, {100 * result['turn_at_limit']:.0f} % at"
+            f" limit, varies {result['total_variation']:.0f} deg/s per s"
         )
     words.append(f"roll {result['roll'][0]:.0f} .. {result['roll'][1]:.0f}")
     if own:
-        rms, told = own.get("radius_rms_error_m"), own.get("settled_s")
+        rms = own.get("radius_rms_error_m")
+        told = own.get("settled_s")
         words.append(
-            f"own verdict {own['outcome']}, {'never settled' if told is None else f'settled {told:.0f} s'}"
+            f"own verdict {own['outcome']},"
+            f" {'never settled' if told is None else f'settled {told:.0f} s'}"
             + ("" if rms is None else f", RMS {rms:.2f} m")
         )
         words.append(f"{own.get('law_changes', 0)} law changes")
@@ -380,14 +474,18 @@ def line(result: dict[str, Any]) -> str:
         for where, one in (("circle", position["circle"]), ("way home", position["way_home"])):
             if one:
                 words.append(
-                    f"own position on the {where} off by {one['median']} / {one['p95']} / {one['largest']} m (median, "
-                    f"95 %, most), velocity step {one['velocity_step']} m/s, heading {one['heading']:+} deg"
+                    f"own position on the {where} off by {one['median']} / {one['p95']} /"
+                    f" {one['largest']} m (median, 95 %, most), velocity step"
+                    f" {one['velocity_step']} m/s, heading {one['heading']:+} deg"
                 )
         words.append(
-            f"given {position['given'] or 'nothing'}, in the end it circles {position['circles_off_home']} m off home"
+            f"given {position['given'] or 'nothing'}, in the end it circles"
+            f" {position['circles_off_home']} m off home"
         )
     if homing := result.get("homing"):
-        words.append("way home: " + ", ".join(f"{name} {value:g}" for name, value in homing.items()))
+        words.append(
+            "way home: " + ", ".join(f"{name} {value:g}" for name, value in homing.items())
+        )
     if result["takeover"]:
         words.append(f"{result['takeover']['after_shown']} setpoints after the takeover was shown")
     words.append(f"x{result['real_speedup']:.2f}")
@@ -395,8 +493,11 @@ def line(result: dict[str, Any]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.firmware.fly", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.tools.firmware.fly",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     add_options(parser)
     parser.add_argument("--out", type=Path, help="run folder [runs/firmware/TIME-VEHICLE-SEED]")
     options = parser.parse_args(arguments)

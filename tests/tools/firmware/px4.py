@@ -1,6 +1,6 @@
-"""PX4 with its built-in simulator SIH (simulation in hardware): quadrotor and airplane, from the checkout or the folder
-of its SITL build in CIRCNAV_PX4. Each vehicle is a separate instance, with the ports that PX4's start-up script
-assigns."""
+"""PX4 with its built-in simulator SIH (simulation in hardware): quadrotor and airplane, from the
+checkout or the folder of its SITL build in CIRCNAV_PX4. Each vehicle is a separate instance, with
+the ports that PX4's start-up script assigns."""
 
 import os
 import socket
@@ -19,11 +19,15 @@ from tests.tools.firmware.wire import LOOPBACK, bound
 
 INSTANCES = range(10)
 """Instances with separate ports; more instances would share a port."""
-TO_APP, GROUND_STATION = 14540, 18570
-"""UDP ports of the first instance: the port that it sends companion messages to, and the port on which it receives a
-ground station."""
-ALTCTL, OFFBOARD = 2 << 16, 6 << 16
-TAKEOFF, LOITER, LAND = 4 << 16 | 2 << 24, 4 << 16 | 3 << 24, 4 << 16 | 6 << 24
+TO_APP = 14540
+GROUND_STATION = 18570
+"""UDP ports of the first instance: the port that it sends companion messages to, and the port on
+which it receives a ground station."""
+ALTCTL = 2 << 16
+OFFBOARD = 6 << 16
+TAKEOFF = 4 << 16 | 2 << 24
+LOITER = 4 << 16 | 3 << 24
+LAND = 4 << 16 | 6 << 24
 MODEL = {"copter": "sihsim_quadx", "plane": "sihsim_airplane"}
 STREAMS = {
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 50,
@@ -42,7 +46,14 @@ def missing() -> str:
 
 def _build() -> Path | None:
     given = Path(os.environ["CIRCNAV_PX4"]).resolve()
-    return next((one for one in (given, given / "build" / "px4_sitl_default") if (one / "bin" / "px4").is_file()), None)
+    return next(
+        (
+            one
+            for one in (given, given / "build" / "px4_sitl_default")
+            if (one / "bin" / "px4").is_file()
+        ),
+        None,
+    )
 
 
 class Px4(Firmware):
@@ -51,7 +62,8 @@ class Px4(Firmware):
     earth = 6371000.0
 
     def __init__(self, flight: Flight) -> None:
-        self._flight, self._kind = flight, flight.what.kind
+        self._flight = flight
+        self._kind = flight.what.kind
         self.guided = ALTCTL if flight.vehicle in ("px4_plane", "px4_copter_nogps") else OFFBOARD
         self.steered = frozenset((self.guided,))
         self.holding = LOITER
@@ -69,8 +81,9 @@ class Px4(Firmware):
         raise NoFlightError("no instance of PX4 is free")
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]:
-        """Start in a separate folder, where PX4 keeps its parameters. Of the stock parameters, only those are changed
-        that the airplane requires: at the default 489 m above the sea and trimmed for 15 m/s, it stalls."""
+        """Start in a separate folder, where PX4 keeps its parameters. Of the stock parameters, only
+        those are changed that the airplane requires: at the default 489 m above the sea and trimmed
+        for 15 m/s, it stalls."""
         build = _build()
         assert build is not None
         told = {"MIS_TAKEOFF_ALT": self._flight.altitude, "SDLOG_BACKEND": 0}
@@ -80,16 +93,23 @@ class Px4(Firmware):
             told["FW_R_LIM"] = self._flight.roll_limit
         environment = {**os.environ, "PX4_SIM_MODEL": MODEL[self._kind], "PX4_HOME_ALT": "0"}
         environment |= {f"PX4_PARAM_{name}": f"{value:g}" for name, value in told.items()}
-        environment |= {f"PX4_PARAM_{name}": value for name, value in (one.split("=") for one in self._flight.param)}
+        environment |= {
+            f"PX4_PARAM_{name}": value
+            for name, value in (one.split("=") for one in self._flight.param)
+        }
         if self._flight.speedup != 1:
             environment["PX4_SIM_SPEED_FACTOR"] = f"{self._flight.speedup:g}"
         scratch = folder / "firmware"
         scratch.mkdir()
         return subprocess.Popen(
             [str(build / "bin" / "px4"), "-i", str(self._instance), "-d", str(build / "etc")],
-            cwd=scratch, env=environment, stdin=subprocess.DEVNULL, stdout=(folder / "firmware.log").open("wb"),
-            stderr=subprocess.STDOUT, start_new_session=True,
-        )  # fmt: skip
+            cwd=scratch,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=(folder / "firmware.log").open("wb"),
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
 
     def truth(self, bench: Bench, message: Any) -> Truth | None:
         """Return the truth from HIL_STATE_QUATERNION, which has SIH's own state."""
@@ -98,8 +118,18 @@ class Px4(Firmware):
         north, east = self.metres(message.lat, message.lon)
         roll, _, yaw = euler(message.attitude_quaternion)
         air = bench.latest.get("VFR_HUD")
-        return Truth(bench.now, north, east, message.alt / 1000, message.vx / 100, message.vy / 100, message.vz / 100,
-                     roll, yaw, air.airspeed if air else nan)  # fmt: skip
+        return Truth(
+            bench.now,
+            north,
+            east,
+            message.alt / 1000,
+            message.vx / 100,
+            message.vy / 100,
+            message.vz / 100,
+            roll,
+            yaw,
+            air.airspeed if air else nan,
+        )
 
     def bring_up(self, bench: Bench) -> None:
         """Take off and hold in LOITER."""
@@ -107,7 +137,8 @@ class Px4(Firmware):
         bench.ask_streams(STREAMS, "HIL_STATE_QUATERNION", 50)
         bench.until(lambda: "GLOBAL_POSITION_INT" in bench.latest, 60, "no position")
         bench.rest(5)
-        home, began = bench.truth.altitude, bench.now
+        home = bench.truth.altitude
+        began = bench.now
         while bench.truth.altitude < home + 1.0:
             if bench.now - began > 120:
                 raise NoFlightError("it did not take off")
@@ -121,8 +152,8 @@ class Px4(Firmware):
         bench.rest(15)
 
     def weather(self, bench: Bench) -> None:
-        """Start the weather. SIH adds its wind to the velocity over ground, so its vector points to where the wind
-        comes from."""
+        """Start the weather. SIH adds its wind to the velocity over ground, so its vector points to
+        where the wind comes from."""
         if self._flight.turbulence:
             note("  SIH has no turbulence")
         if self._flight.wind:
@@ -142,7 +173,8 @@ class Px4(Firmware):
 
     def ask_mode(self, bench: Bench, mode: int) -> None:
         """Request a mode once, without waiting."""
-        main, sub = mode >> 16 & 0xFF, mode >> 24
+        main = mode >> 16 & 0xFF
+        sub = mode >> 24
         bench.send(
             mavlink.MAVLink_command_long_message(
                 self.system, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, main, sub, 0, 0, 0, 0
@@ -151,7 +183,8 @@ class Px4(Firmware):
 
     def circle(self, bench: Bench, north: float, east: float) -> tuple[float, float]:
         """Start PX4's own GPS circle round a place, m. Return its center."""
-        flight, (x, y) = self._flight, self.degrees_e7(north, east)
+        flight = self._flight
+        (x, y) = self.degrees_e7(north, east)
         values = (flight.radius if flight.clockwise else -flight.radius, flight.speed, 0.0, nan)
         result = bench.command_at(
             mavlink.MAV_CMD_DO_ORBIT, mavlink.MAV_FRAME_GLOBAL, values, x, y, bench.truth.altitude

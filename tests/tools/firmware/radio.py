@@ -1,4 +1,5 @@
-"""The ranging radio: slant ranges to the hidden target with a seeded error model, sent as DISTANCE_SENSOR."""
+"""The ranging radio: slant ranges to the hidden target with a seeded error model, sent as
+DISTANCE_SENSOR."""
 
 from collections import deque
 from math import cos, exp, hypot, radians, sin, sqrt
@@ -12,26 +13,37 @@ UP = 24
 """Orientation of the sensor. No other sensor of the vehicle has it."""
 FROM_OUTSIDE = 2.5
 """Default distance of the start from the target, radii."""
-LONGEST_CM, UNKNOWN_COVARIANCE, SENSOR_ID = 65000, 255, 7
-SX1280 = np.array([(0.0, 4.4), (50.0, 57.6), (100.0, 103.0), (150.0, 148.0), (200.0, 201.0), (250.0, 253.0)])
+LONGEST_CM = 65000
+UNKNOWN_COVARIANCE = 255
+SENSOR_ID = 7
+SX1280 = np.array(
+    [(0.0, 4.4), (50.0, 57.6), (100.0, 103.0), (150.0, 148.0), (200.0, 201.0), (250.0, 253.0)]
+)
 """True and reported range, m, as measured. The last segment is extrapolated."""
 NAME = b"RANGE"
 
 
 class Radio:
-    """A radio on the vehicle. The target starts at the flight's bearing from the vehicle's nose, and moves."""
+    """A radio on the vehicle. The target starts at the flight's bearing from the vehicle's nose,
+    and moves."""
 
     def __init__(self, bench: Bench, home_altitude: float) -> None:
-        self._bench, self._flight = bench, bench.flight
+        self._bench = bench
+        self._flight = bench.flight
         self._random = np.random.default_rng(self._flight.seed)
-        self._next, self._waiting = 0.0, deque[tuple[float, float, float]]()
+        self._next = 0.0
+        self._waiting = deque[tuple[float, float, float]]()
         self._wander = self._flight.drift * self._random.standard_normal()
         self.sent = self.lost = 0
         self.altitude = home_altitude + self._flight.target_height
-        here, bearing = bench.truth, bench.truth.yaw + radians(self._flight.start_bearing)
+        here = bench.truth
+        bearing = bench.truth.yaw + radians(self._flight.start_bearing)
         self._began = here.time
         away = self._flight.start_range or FROM_OUTSIDE * self._flight.radius
-        self.stand(*self._flight.target_at or (here.north + away * cos(bearing), here.east + away * sin(bearing)))
+        self.stand(
+            *self._flight.target_at
+            or (here.north + away * cos(bearing), here.east + away * sin(bearing))
+        )
 
     def stand(self, north: float, east: float) -> None:
         """Set the initial position of the target, m."""
@@ -39,16 +51,20 @@ class Radio:
 
     def target(self, time: float) -> tuple[float, float]:
         """Return the position of the target, north and east, m."""
-        way, course = self._flight.target_speed * (time - self._began), radians(self._flight.target_course)
+        way = self._flight.target_speed * (time - self._began)
+        course = radians(self._flight.target_course)
         return self._north + way * cos(course), self._east + way * sin(course)
 
     def tick(self, truth: Truth) -> None:
         """Measure and send the ranges that are due."""
-        flight, period = self._flight, 1.0 / self._flight.rate
+        flight = self._flight
+        period = 1.0 / self._flight.rate
         if truth.time >= self._next:
             self._next = max(self._next + period, truth.time - period)
             measured = self._measured(truth, period)
-            silent = flight.silent_after is not None and truth.time - self._began > flight.silent_after
+            silent = (
+                flight.silent_after is not None and truth.time - self._began > flight.silent_after
+            )
             if self._random.random() < flight.loss or silent:
                 self.lost += 1
             else:
@@ -56,14 +72,17 @@ class Radio:
             if flight.second_anchor:
                 north, east = self.target(truth.time)
                 east += flight.second_anchor
-                slant = hypot(truth.north - north, truth.east - east, truth.altitude - self.altitude)
+                slant = hypot(
+                    truth.north - north, truth.east - east, truth.altitude - self.altitude
+                )
                 self._send(truth.time, slant, sensor=SENSOR_ID + 1)
         while self._waiting and self._waiting[0][0] <= truth.time:
             _, stamp, measured = self._waiting.popleft()
             self._send(truth.time if flight.delay else stamp, measured)
 
     def _measured(self, truth: Truth, period: float) -> float:
-        flight, draw = self._flight, self._random.standard_normal
+        flight = self._flight
+        draw = self._random.standard_normal
         if flight.drift:
             keep = exp(-period / flight.drift_s)
             self._wander = keep * self._wander + flight.drift * sqrt(1 - keep * keep) * draw()
@@ -72,7 +91,11 @@ class Radio:
         slant = reported(slant) if flight.sx1280 else slant
         slant += self._wander + flight.noise * draw()
         if self._random.random() < flight.outliers:
-            slant += flight.outlier_size * self._random.random() * (1 if self._random.random() < 0.8 else -1)
+            slant += (
+                flight.outlier_size
+                * self._random.random()
+                * (1 if self._random.random() < 0.8 else -1)
+            )
         return max(slant, 0.0)
 
     def _send(self, stamp: float, measured: float, sensor: int = SENSOR_ID) -> None:
@@ -84,9 +107,19 @@ class Radio:
         centimetres = round(measured * 100)
         quality = 100 if centimetres <= LONGEST_CM else 1
         message = mavlink.MAVLink_distance_sensor_message(
-            round(stamp * 1000), 20, LONGEST_CM, min(centimetres, 65535), mavlink.MAV_DISTANCE_SENSOR_RADAR, sensor,
-            UP, UNKNOWN_COVARIANCE, 0.0, 0.0, (0.0,) * 4, quality,
-        )  # fmt: skip
+            round(stamp * 1000),
+            20,
+            LONGEST_CM,
+            min(centimetres, 65535),
+            mavlink.MAV_DISTANCE_SENSOR_RADAR,
+            sensor,
+            UP,
+            UNKNOWN_COVARIANCE,
+            0.0,
+            0.0,
+            (0.0,) * 4,
+            quality,
+        )
         self._bench.send(message, self._bench.radio)
 
 

@@ -11,19 +11,22 @@ from tests.tools.firmware.bench import Truth
 from tests.tools.firmware.flight import Flight
 from tests.tools.firmware.wire import Setpoint
 
-KEPT, SETTLED = 0.10, 0.05
-"""Radius error as a share of the radius. A circle is kept if the RMS is below the first. It has settled if the error
-stays below the second."""
+KEPT = 0.10
+SETTLED = 0.05
+"""Radius error as a share of the radius. A circle is kept if the RMS is below the first. It has
+settled if the error stays below the second."""
 AT_LIMIT = 0.99
 GOING_ROUND = 0.3
 
 
 @dataclass(frozen=True)
 class Score:
-    """Figures of the last two laps unless stated otherwise: m, s; turn rates in deg/s, shares from 0 to 1.
+    """Figures of the last two laps unless stated otherwise: m, s; turn rates in deg/s, shares from
+    0 to 1.
 
-    rms, mean, sd: of the radius error. settled: since engaging; None if never. closest: smallest range of the flight.
-    led_away: largest range less the range at the start. total_variation: of the command, deg/s per second.
+    rms, mean, sd: of the radius error. settled: since engaging; None if never. closest: smallest
+    range of the flight. led_away: largest range less the range at the start. total_variation: of
+    the command, deg/s per second.
     """
 
     flown: float
@@ -66,8 +69,8 @@ def score(
     turn_limit: float,
     home: float,
 ) -> Score:
-    """Return the figures of a flight. engaged, ended: simulated times between which the circle was flown. turn_limit:
-    rad/s."""
+    """Return the figures of a flight. engaged, ended: simulated times between which the circle was
+    flown. turn_limit: rad/s."""
     flown = [one for one in track if engaged <= one.time <= ended]
     time = np.array([one.time for one in flown]) - engaged
     places = np.array([target(one.time) for one in flown])
@@ -92,9 +95,15 @@ def score(
     commanded = len(late) > 2
     return Score(
         flown=float(time[-1]),
-        kept=bool(rms < KEPT * flight.radius and laps > GOING_ROUND and time[-1] > flight.window
-                  and np.abs(error[window]).max() < 2 * KEPT * flight.radius),
-        direction=("clockwise" if clockwise else "counterclockwise") if laps > GOING_ROUND else "none",
+        kept=bool(
+            rms < KEPT * flight.radius
+            and laps > GOING_ROUND
+            and time[-1] > flight.window
+            and np.abs(error[window]).max() < 2 * KEPT * flight.radius
+        ),
+        direction=("clockwise" if clockwise else "counterclockwise")
+        if laps > GOING_ROUND
+        else "none",
         laps=laps,
         rms=rms,
         mean=float(error[window].mean()),
@@ -109,17 +118,22 @@ def score(
         airspeed=_spread(air),
         height=(float(altitude.min()), float(altitude.max())),
         turn_sd=float(turns.std()) if commanded else None,
-        turn_at_limit=float(np.mean(np.abs(turns) > AT_LIMIT * degrees(turn_limit))) if commanded else None,
-        total_variation=float(np.abs(np.diff(turns)).sum() / (late[-1].time - late[0].time)) if commanded else None,
+        turn_at_limit=float(np.mean(np.abs(turns) > AT_LIMIT * degrees(turn_limit)))
+        if commanded
+        else None,
+        total_variation=float(np.abs(np.diff(turns)).sum() / (late[-1].time - late[0].time))
+        if commanded
+        else None,
         course_rate_sd=float(course_rate.std()),
         setpoints=len(sent),
         setpoint_gap=float(gaps.max()) if len(gaps) else None,
         not_finite=sum(not one.finite for one in sent),
-    )  # fmt: skip
+    )
 
 
 def _settled(time: np.ndarray, outside: np.ndarray) -> float | None:
-    """Return the time of the last error outside the band, s, or None if it is in the last third of the flight."""
+    """Return the time of the last error outside the band, s, or None if it is in the last third of
+    the flight."""
     last = float(time[outside][-1]) if outside.any() else 0.0
     return last if last < time[-1] * 2 / 3 else None
 

@@ -1,7 +1,8 @@
-"""ArduPilot SITL: `arduplane`, `arducopter`, `ardurover` from the folder in CIRCNAV_ARDUPILOT, on loopback links.
+"""ArduPilot SITL: `arduplane`, `arducopter`, `ardurover` from the folder in CIRCNAV_ARDUPILOT, on
+loopback links.
 
-The stock parameters are part of the sources: in the checkout that contains the binaries, or in the folder
-CIRCNAV_ARDUPILOT_PARAMS (plane.parm, copter.parm, rover.parm).
+The stock parameters are part of the sources: in the checkout that contains the binaries, or in the
+folder CIRCNAV_ARDUPILOT_PARAMS (plane.parm, copter.parm, rover.parm).
 """
 
 import os
@@ -24,7 +25,8 @@ STOCK_CRUISE = 22.0
 GUIDED = {"plane": 15, "copter": 4, "rover": 15}
 HOLDING = {"plane": 12, "copter": 17, "rover": 4}
 CIRCLE = {"copter": 7, "rover": 9}
-ALT_HOLD, GUIDED_NOGPS = 2, 20
+ALT_HOLD = 2
+GUIDED_NOGPS = 20
 WITHOUT_GPS = ("copter_nogps", "home_copter")
 """Vehicles that lose their GPS before circnav starts."""
 
@@ -40,25 +42,41 @@ def missing(kind: str) -> str:
 
 
 def _parameters(kind: str) -> Path | None:
-    folders = [Path(os.environ["CIRCNAV_ARDUPILOT_PARAMS"])] if "CIRCNAV_ARDUPILOT_PARAMS" in os.environ else []
+    folders = (
+        [Path(os.environ["CIRCNAV_ARDUPILOT_PARAMS"])]
+        if "CIRCNAV_ARDUPILOT_PARAMS" in os.environ
+        else []
+    )
     for parent in Path(os.environ["CIRCNAV_ARDUPILOT"]).resolve().parents:
-        folders += [parent / "Tools" / "autotest" / "default_params", parent / "Tools" / "autotest" / "models"]
-    return next((folder / f"{kind}.parm" for folder in folders if (folder / f"{kind}.parm").is_file()), None)
+        folders += [
+            parent / "Tools" / "autotest" / "default_params",
+            parent / "Tools" / "autotest" / "models",
+        ]
+    return next(
+        (folder / f"{kind}.parm" for folder in folders if (folder / f"{kind}.parm").is_file()), None
+    )
 
 
 class ArduPilot(Firmware):
     """An ArduPilot plane, copter or rover."""
 
-    earth, system = 6378100.0, 1
+    earth = 6378100.0
+    system = 1
 
     def __init__(self, flight: Flight, rc_port: int) -> None:
-        self._flight, self._kind, self._rc_port = flight, flight.what.kind, rc_port
-        self.guided, self.holding = GUIDED[self._kind], HOLDING[self._kind]
+        self._flight = flight
+        self._kind = flight.what.kind
+        self._rc_port = rc_port
+        self.guided = GUIDED[self._kind]
+        self.holding = HOLDING[self._kind]
         self._starts_without_gps = flight.vehicle in WITHOUT_GPS
         if self._starts_without_gps:
             self.holding = ALT_HOLD
-        self.steered = frozenset((self.guided, GUIDED_NOGPS) if self._kind == "copter" else (self.guided,))
-        self.shared, self.own = bound(), bound()
+        self.steered = frozenset(
+            (self.guided, GUIDED_NOGPS) if self._kind == "copter" else (self.guided,)
+        )
+        self.shared = bound()
+        self.own = bound()
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]:
         """Start in a separate folder, where ArduPilot keeps its parameters and logs."""
@@ -66,17 +84,34 @@ class ArduPilot(Firmware):
         model = {"plane": "plane", "copter": "+", "rover": "rover"}[self._kind]
         shared, own = (one.getsockname()[1] for one in (self.shared, self.own))
         command = [
-            str(binary), "--model", model, "--speedup", f"{self._flight.speedup:g}", "--home", HOME,
-            "--defaults", str(_parameters(self._kind)), "-I0", "--sim-address", LOOPBACK,
-            "--rc-in-port", str(self._rc_port),
-            "--serial0", f"udpclient:{LOOPBACK}:{shared}", "--serial1", f"udpclient:{LOOPBACK}:{own}",
-            "--serial2", f"udpclient:{LOOPBACK}:{self._flight.station}" if self._flight.station else "none:",
+            str(binary),
+            "--model",
+            model,
+            "--speedup",
+            f"{self._flight.speedup:g}",
+            "--home",
+            HOME,
+            "--defaults",
+            str(_parameters(self._kind)),
+            "-I0",
+            "--sim-address",
+            LOOPBACK,
+            "--rc-in-port",
+            str(self._rc_port),
+            "--serial0",
+            f"udpclient:{LOOPBACK}:{shared}",
+            "--serial1",
+            f"udpclient:{LOOPBACK}:{own}",
+            "--serial2",
+            f"udpclient:{LOOPBACK}:{self._flight.station}" if self._flight.station else "none:",
             *[word for number in (5, 6, 7, 8) for word in (f"--serial{number}", "none:")],
-        ]  # fmt: skip
+        ]
         log = (folder / "firmware.log").open("wb")
         scratch = folder / "firmware"
         scratch.mkdir()
-        return subprocess.Popen(command, cwd=scratch, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
+        return subprocess.Popen(
+            command, cwd=scratch, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+        )
 
     def truth(self, bench: Bench, message: Any) -> Truth | None:
         """Return the truth from SIM_STATE."""
@@ -84,8 +119,18 @@ class ArduPilot(Firmware):
             return None
         north, east = self.metres(message.lat_int, message.lon_int)
         air = bench.latest.get("VFR_HUD")
-        return Truth(bench.now, north, east, message.alt, message.vn, message.ve, message.vd, message.roll, message.yaw,
-                     air.airspeed if air else float("nan"))  # fmt: skip
+        return Truth(
+            bench.now,
+            north,
+            east,
+            message.alt,
+            message.vn,
+            message.ve,
+            message.vd,
+            message.roll,
+            message.yaw,
+            air.airspeed if air else float("nan"),
+        )
 
     def bring_up(self, bench: Bench) -> None:
         """Take off and hold."""
@@ -103,9 +148,13 @@ class ArduPilot(Firmware):
         self._arm(bench)
         if self._kind == "copter":
             bench.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, flight.altitude)
-            bench.until(lambda: self._height(bench) > flight.altitude - 0.5, 60, "it did not take off")
+            bench.until(
+                lambda: self._height(bench) > flight.altitude - 0.5, 60, "it did not take off"
+            )
         elif self._kind == "plane":
-            bench.until(lambda: self._height(bench) > flight.altitude - 5, 90, "it did not take off")
+            bench.until(
+                lambda: self._height(bench) > flight.altitude - 5, 90, "it did not take off"
+            )
             bench.set_mode(self.holding)
         if flight.home_away:
             self._move_home(bench)
@@ -114,16 +163,27 @@ class ArduPilot(Firmware):
         bench.set_mode(self.holding)
         if self._starts_without_gps:
             self.without_gps(bench)
-            bench.until(lambda: any("EKF variance" in text for _, text in bench.texts), 20, "the GPS is not lost")
+            bench.until(
+                lambda: any("EKF variance" in text for _, text in bench.texts),
+                20,
+                "the GPS is not lost",
+            )
 
     def _move_home(self, bench: Bench) -> None:
         x, y = self.degrees_e7(self._flight.home_away, 0.0)
-        frame, values = mavlink.MAV_FRAME_GLOBAL, (0.0, 0.0, 0.0, 0.0)
-        if bench.command_at(mavlink.MAV_CMD_DO_SET_HOME, frame, values, x, y, bench.track[0].altitude) != ACCEPTED:
+        frame = mavlink.MAV_FRAME_GLOBAL
+        values = (0.0, 0.0, 0.0, 0.0)
+        if (
+            bench.command_at(
+                mavlink.MAV_CMD_DO_SET_HOME, frame, values, x, y, bench.track[0].altitude
+            )
+            != ACCEPTED
+        ):
             raise NoFlightError("home was not moved")
 
     def _chosen(self) -> list[str]:
-        flight, chosen = self._flight, []
+        flight = self._flight
+        chosen = []
         if self._kind == "plane" and (flight.speed, flight.airspeed_off) != (STOCK_CRUISE, 1.0):
             chosen.append(f"AIRSPEED_CRUISE={flight.speed * flight.airspeed_off}")
         if flight.roll_limit is not None:
@@ -146,7 +206,8 @@ class ArduPilot(Firmware):
         return here.relative_alt / 1000 if here else -1e9
 
     def _streams(self, bench: Bench) -> None:
-        """Request the truth at 50 Hz; for plane and rover at 25 Hz, because their main loop runs at 50 Hz."""
+        """Request the truth at 50 Hz; for plane and rover at 25 Hz, because their main loop runs at
+        50 Hz."""
         often = 50 if self._kind == "copter" else 25
         wanted = {mavlink.MAVLINK_MSG_ID_ATTITUDE: often, mavlink.MAVLINK_MSG_ID_SIM_STATE: often,
                   mavlink.MAVLINK_MSG_ID_VFR_HUD: 10, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 5,
@@ -173,23 +234,38 @@ class ArduPilot(Firmware):
 
     def ask_mode(self, bench: Bench, mode: int) -> None:
         """Request a mode once, without waiting."""
-        bench.send(mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0))
+        bench.send(
+            mavlink.MAVLink_command_long_message(
+                1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0
+            )
+        )
 
     def circle(self, bench: Bench, north: float, east: float) -> tuple[float, float]:
-        """Start ArduPilot's own GPS circle: a plane's round a place, the others' at their present position. Return its
-        center."""
-        flight, sign = self._flight, 1 if self._flight.clockwise else -1
+        """Start ArduPilot's own GPS circle: a plane's round a place, the others' at their present
+        position. Return its center."""
+        flight = self._flight
+        sign = 1 if self._flight.clockwise else -1
         if self._kind == "plane":
             x, y = self.degrees_e7(north, east)
             bench.set_parameter("WP_LOITER_RAD", sign * flight.radius)
             values = (-1.0, 1.0, flight.radius, 0.0 if flight.clockwise else 1.0)
             frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
-            result = bench.command_at(mavlink.MAV_CMD_DO_REPOSITION, frame, values, x, y, flight.altitude)
+            result = bench.command_at(
+                mavlink.MAV_CMD_DO_REPOSITION, frame, values, x, y, flight.altitude
+            )
             note(f"  DO_REPOSITION: result {result}")
             return north, east
-        told = {"CIRCLE_RADIUS": flight.radius * 100, "CIRCLE_RATE": circle_rate(flight), "CIRCLE_OPTIONS": 6}
+        told = {
+            "CIRCLE_RADIUS": flight.radius * 100,
+            "CIRCLE_RATE": circle_rate(flight),
+            "CIRCLE_OPTIONS": 6,
+        }
         if self._kind == "rover":
-            told = {"CIRC_RADIUS": flight.radius, "CIRC_SPEED": flight.speed, "CIRC_DIR": 0 if flight.clockwise else 1}
+            told = {
+                "CIRC_RADIUS": flight.radius,
+                "CIRC_SPEED": flight.speed,
+                "CIRC_DIR": 0 if flight.clockwise else 1,
+            }
         for name, value in told.items():
             bench.set_parameter(name, value)
         bench.set_mode(self.guided)
@@ -201,9 +277,17 @@ class ArduPilot(Firmware):
         heartbeat = bench.latest.get("HEARTBEAT")
         armed = heartbeat is not None and heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         if self._starts_without_gps and armed:  # with the throttle up, arming is refused
-            bench.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, 1500, 1500, 1500, *[65535] * 4))
+            bench.send(
+                mavlink.MAVLink_rc_channels_override_message(
+                    1, 1, 1500, 1500, 1500, 1500, *[65535] * 4
+                )
+            )
 
     def circling(self, bench: Bench) -> None:
         """A copter's CIRCLE reads the throttle stick: keep it centered."""
         if self._kind == "copter":
-            bench.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, 1500, 1500, 1500, *[65535] * 4))
+            bench.send(
+                mavlink.MAVLink_rc_channels_override_message(
+                    1, 1, 1500, 1500, 1500, 1500, *[65535] * 4
+                )
+            )

@@ -1,9 +1,11 @@
-"""python -m tests.tools.firmware.table --out DIR [--seeds N] [--jobs J] [--only TEXT]: the table of docs/firmware.md.
+"""python -m tests.tools.firmware.table --out DIR [--seeds N] [--jobs J] [--only TEXT]: the table of
+docs/firmware.md.
 
-Flies every row with every seed, J at once, and writes the table between the marks in docs/firmware.md and its flights
-into flights.jsonl beside this file. DIR keeps a line for each flight in results.jsonl, and the run folders. A flight in
-it is not flown again. Seeds differ in noise, start and direction of rotation. A vehicle without a binary is left out
-with the reason. Other options go to every flight (`tests.tools.firmware.fly`).
+Flies every row with every seed, J at once, and writes the table between the marks in
+docs/firmware.md and its flights into flights.jsonl beside this file. DIR keeps a line for each
+flight in results.jsonl, and the run folders. A flight in it is not flown again. Seeds differ in
+noise, start and direction of rotation. A vehicle without a binary is left out with the reason.
+Other options go to every flight (`tests.tools.firmware.fly`).
 """
 
 import argparse
@@ -30,21 +32,43 @@ FLIGHTS = Path(__file__).with_name("flights.jsonl")
 MARKS = "<!-- flights -->\n", "<!-- end of flights -->\n"
 STARTS = ((70, True), (-70, False), (140, True), (-10, False), (-110, True))
 """Bearing of the target from the nose, deg, and True for clockwise; by seed."""
-OF_FLIGHT = ("vehicle", "radius", "speed", "direction", "seed", "wind", "turbulence", "start_bearing")
-LEFT_OUT = {"title", "texts", "modes", "from_app", "ranges", "hidden", "exit_code", "cpu", "own_position"}
+OF_FLIGHT = (
+    "vehicle",
+    "radius",
+    "speed",
+    "direction",
+    "seed",
+    "wind",
+    "turbulence",
+    "start_bearing",
+)
+LEFT_OUT = {
+    "title",
+    "texts",
+    "modes",
+    "from_app",
+    "ranges",
+    "hidden",
+    "exit_code",
+    "cpu",
+    "own_position",
+}
 """Options stored with the page's flights, and result keys that are not stored."""
-LASTS, LASTS_PX4_COPTER = 170, 270
+LASTS = 170
+LASTS_PX4_COPTER = 270
 """Duration of a flight before the operator's takeover, s."""
 APART = 7.0
 """Shortest time between two starts, s."""
-LONGEST_PAUSE, SLOWEST = 0.5, 0.98
-"""Longest pause, s, and smallest ratio to real time, of a valid flight. Beyond them the figures show the computer's
-load."""
+LONGEST_PAUSE = 0.5
+SLOWEST = 0.98
+"""Longest pause, s, and smallest ratio to real time, of a valid flight. Beyond them the figures
+show the computer's load."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table. aim: RMS radius error, m. aim_turn: standard deviation of the turn command, deg/s."""
+    """A row of the table. aim: RMS radius error, m. aim_turn: standard deviation of the turn
+    command, deg/s."""
 
     name: str
     options: str
@@ -64,8 +88,18 @@ ROWS = (
     Row("Plane, wind 8", "plane --wind 8", 0.45, 6.0),
     Row("Plane, wind 6 + turbulence 3", "plane --wind 6 --turbulence 3", 1.30, 8.0),
     Row("Plane, target at 4 m/s", "plane --target-speed 4", 0.35, None),
-    Row("Plane, GPS off after 60 s, wind 5 + turbulence 1", "plane --gps-off 60 --wind 5 --turbulence 1", 0.55, None),
-    Row("Plane, 10 % outliers of 30 m + 30 % loss, wind 5", "plane --outliers 0.1 --loss 0.3 --wind 5", 0.30, None),
+    Row(
+        "Plane, GPS off after 60 s, wind 5 + turbulence 1",
+        "plane --gps-off 60 --wind 5 --turbulence 1",
+        0.55,
+        None,
+    ),
+    Row(
+        "Plane, 10 % outliers of 30 m + 30 % loss, wind 5",
+        "plane --outliers 0.1 --loss 0.3 --wind 5",
+        0.30,
+        None,
+    ),
     Row("Plane, ranges 0.3 s late, wind 5", "plane --delay 0.3 --wind 5", 0.35, None),
     Row("Plane, LoRa-like ranges, wind 5", "plane --preset lora --wind 5", 1.60, None),
     Row("Plane, airspeed 15 % above the mission's", "plane --airspeed-off 1.15", 0.30, None),
@@ -74,13 +108,28 @@ ROWS = (
     Row("Copter, wind 5 + turbulence 1", "copter --wind 5 --turbulence 1", 0.15, 1.0),
     Row("Copter, target at 1 m/s", "copter --target-speed 1", 0.17, 3.0),
     Row("Copter, UWB ranges, wind 5", "copter --preset uwb --wind 5", 0.18, 3.0),
-    Row("Copter, GPS lost after 60 s, wind 3 + turbulence 0.5", f"copter --gps-off 60 {BREEZE}", 0.50, None),
+    Row(
+        "Copter, GPS lost after 60 s, wind 3 + turbulence 0.5",
+        f"copter --gps-off 60 {BREEZE}",
+        0.50,
+        None,
+    ),
     Row("Copter without GPS R 30 V 5, calm", "copter_nogps", 0.20, 1.0),
-    Row("Copter without GPS R 40 V 6.4, wind 4.5 + turbulence 1", f"copter_nogps {WINDY}", 0.60, None),
+    Row(
+        "Copter without GPS R 40 V 6.4, wind 4.5 + turbulence 1",
+        f"copter_nogps {WINDY}",
+        0.60,
+        None,
+    ),
     Row("Copter without GPS, target at 1 m/s", "copter_nogps --target-speed 1", 0.40, None),
     Row("Copter without GPS, UWB ranges", "copter_nogps --preset uwb", 0.30, None),
     Row("Copter without GPS, SX1280", f"copter_nogps --preset sx1280 {SX1280}", 2.00, None),
-    Row("Copter without GPS, drag 25 % too low", "copter_nogps --set vehicle.drag_per_s=0.29", 0.30, None),
+    Row(
+        "Copter without GPS, drag 25 % too low",
+        "copter_nogps --set vehicle.drag_per_s=0.29",
+        0.30,
+        None,
+    ),
     Row("Rover R 20 V 3", "rover", 0.08, 2.0),
     Row("PX4 copter R 50 V 5, calm", "px4_copter", 0.40, 2.0),
     Row("PX4 copter, wind 3", "px4_copter --wind 3", 0.45, 2.0),
@@ -88,10 +137,10 @@ ROWS = (
     Row("PX4 copter without GPS R 50 V 5, calm", "px4_copter_nogps --gps-off 8", 0.80, None),
     Row("PX4 plane R 60 V 10 by stick, calm", "px4_plane", 0.30, 2.0),
     Row("PX4 plane by stick, wind 2", "px4_plane --wind 2", 0.30, 2.0),
-)  # fmt: skip
+)
 HEAD = (
-    "| flight (wind, V: m/s; R: m) | RMS, m (aim) | RMS of the seeds, m | turn sd, deg/s (aim) | settled, s |\n"
-    "|---|---|---|---|---|"
+    "| flight (wind, V: m/s; R: m) | RMS, m (aim) | RMS of the seeds, m | turn sd, deg/s (aim) |"
+    " settled, s |\n|---|---|---|---|---|"
 )
 
 
@@ -111,17 +160,33 @@ def told(path: Path) -> dict[tuple[str, int], dict[str, Any]]:
     return {(one["row"], one["flight"]["seed"]): one for one in map(json.loads, lines)}
 
 
-def fly_all(rows: list[Row], seeds: int, jobs: int, out: Path, extra: list[str], say: Callable[[str], None]) -> None:
-    """Fly all flights that are not stored, seed by seed, so that an interrupted table has every row."""
+def fly_all(
+    rows: list[Row], seeds: int, jobs: int, out: Path, extra: list[str], say: Callable[[str], None]
+) -> None:
+    """Fly all flights that are not stored, seed by seed, so that an interrupted table has every
+    row."""
     out.mkdir(parents=True, exist_ok=True)
-    kept, lock, starting = told(out / "results.jsonl"), threading.Lock(), threading.Lock()
+    kept = told(out / "results.jsonl")
+    lock = threading.Lock()
+    starting = threading.Lock()
     wanted = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
-    todo = [(row, seed) for row, seed in wanted if "failed" in kept.get((row.name, seed), {"failed": ""})]
+    todo = [
+        (row, seed)
+        for row, seed in wanted
+        if "failed" in kept.get((row.name, seed), {"failed": ""})
+    ]
 
     def one(job: tuple[Row, int]) -> None:
         row, seed = job
         folder = out / f"{re.sub('[^a-z0-9]+', '-', row.options.replace('.', 'p'))}-{seed}"
-        command = [sys.executable, "-m", "tests.tools.firmware.fly", *words(row, seed, extra), "--out", str(folder)]
+        command = [
+            sys.executable,
+            "-m",
+            "tests.tools.firmware.fly",
+            *words(row, seed, extra),
+            "--out",
+            str(folder),
+        ]
         shutil.rmtree(folder, ignore_errors=True)
         with starting:  # simulators that start together compete for the processor, and their vehicles engage late
             time.sleep(APART)
@@ -144,7 +209,9 @@ def table(rows: list[Row], flights: dict[tuple[str, int], dict[str, Any]]) -> It
     """Yield the lines of the table in Markdown, then one line about all flights."""
     yield HEAD
     for row in rows:
-        flown = [one for (name, _), one in flights.items() if name == row.name and "failed" not in one]
+        flown = [
+            one for (name, _), one in flights.items() if name == row.name and "failed" not in one
+        ]
         cells = _cells(row, flown) if flown else ["not flown", *["-"] * 3]
         yield f"| {' | '.join([row.name, *cells])} |"
     yield f"\n{_all(list(flights.values()))}"
@@ -161,17 +228,20 @@ def _all(flights: list[dict[str, Any]]) -> str:
     late = [one["takeover"]["after_shown"] for one in flown if one.get("takeover")]
     late = [count for count in late if count is not None]
     return (
-        f"{len(flights)} flights. {good} kept the circle in the direction of the mission; circnav's verdict agreed "
-        f"with the true track in {agree}. Closest approach: {closest:.2f} R. Flown away from the target: at most "
-        f"{led_away:.0f} m. Turn command at its limit: at most {100 * at_limit:.0f} % of the last two laps. Setpoints "
-        f"after the operator's mode was shown: at most {max(late, default=0)}, in {sum(map(bool, late))} of "
-        f"{len(late)} takeovers. The computer paused for more than {LONGEST_PAUSE} s, or was slow: in "
-        f"{sum(map(_disturbed, flights))} flights."
+        f"{len(flights)} flights. {good} kept the circle in the direction of the mission; circnav's"
+        f" verdict agreed with the true track in {agree}. Closest approach: {closest:.2f} R. Flown"
+        f" away from the target: at most {led_away:.0f} m. Turn command at its limit: at most"
+        f" {100 * at_limit:.0f} % of the last two laps. Setpoints after the operator's mode was"
+        f" shown: at most {max(late, default=0)}, in {sum(map(bool, late))} of {len(late)}"
+        f" takeovers. The computer paused for more than {LONGEST_PAUSE} s, or was slow: in"
+        f" {sum(map(_disturbed, flights))} flights."
     )
 
 
 def _disturbed(one: dict[str, Any]) -> bool:
-    return bool(one.get("longest_pause", 0.0) > LONGEST_PAUSE or one.get("real_speedup", 1.0) < SLOWEST)
+    return bool(
+        one.get("longest_pause", 0.0) > LONGEST_PAUSE or one.get("real_speedup", 1.0) < SLOWEST
+    )
 
 
 def _cells(row: Row, flown: list[dict[str, Any]]) -> list[str]:
@@ -198,18 +268,25 @@ def keep(flights: dict[tuple[str, int], dict[str, Any]], path: Path = FLIGHTS) -
     lines = []
     for name, seed in [of for row in ROWS for of in sorted(flights) if of[0] == row.name]:
         one = {key: value for key, value in flights[name, seed].items() if key not in LEFT_OUT}
-        lines.append(json.dumps({**one, "flight": {key: one["flight"][key] for key in OF_FLIGHT}}) + "\n")
+        lines.append(
+            json.dumps({**one, "flight": {key: one["flight"][key] for key in OF_FLIGHT}}) + "\n"
+        )
     path.write_text("".join(lines))
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.firmware.table", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.tools.firmware.table",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--only", default="", help="rows whose name or options hold this")
-    parser.add_argument("--dry", action="store_true", help="fly nothing, print the table of what is kept")
+    parser.add_argument(
+        "--dry", action="store_true", help="fly nothing, print the table of what is kept"
+    )
     parser.add_argument("--page", type=Path, default=PAGE)
     parser.add_argument("--flights", type=Path, default=FLIGHTS)
     options, extra = parser.parse_known_args(arguments)
@@ -221,7 +298,14 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"{row.name}: left out: {reason}", file=sys.stderr)
         else:
             able.append(row)
-    fly_all(able, options.seeds, options.jobs, options.out.resolve(), extra, lambda text: print(text, flush=True))
+    fly_all(
+        able,
+        options.seeds,
+        options.jobs,
+        options.out.resolve(),
+        extra,
+        lambda text: print(text, flush=True),
+    )
     flown = told(options.out / "results.jsonl")
     lines = table(list(ROWS), flown)
     if options.dry:

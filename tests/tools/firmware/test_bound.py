@@ -9,7 +9,9 @@ def test_to_turn_less_or_later_or_by_worse_ranges_holds_the_circle_worse() -> No
     assert best(30.0, noise=0.5, delay=0.4, case="Plane, turbulence 3")[0] > rms
     ours, our_turn = best(None, noise=0.5, delay=0.4)
     assert ours > min(
-        best(cost, noise=0.5, delay=0.4)[0] for cost in COSTS if best(cost, noise=0.5, delay=0.4)[1] > our_turn
+        best(cost, noise=0.5, delay=0.4)[0]
+        for cost in COSTS
+        if best(cost, noise=0.5, delay=0.4)[1] > our_turn
     )
 
 

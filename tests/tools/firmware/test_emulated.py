@@ -10,7 +10,9 @@ from tests.tools.firmware.table import FLIGHTS, told
 KEPT = told(FLIGHTS)
 
 
-@pytest.mark.parametrize("row", ["Plane, wind 8", "PX4 copter, wind 3", "PX4 plane by stick, wind 2"])
+@pytest.mark.parametrize(
+    "row", ["Plane, wind 8", "PX4 copter, wind 3", "PX4 plane by stick, wind 2"]
+)
 def test_a_flight_of_the_emulator_is_as_true_as_the_firmwares(row: str) -> None:
     """Within a factor of two, because it is only one lap."""
     real = [one for (name, _), one in KEPT.items() if name == row]

@@ -1,4 +1,5 @@
-"""The judge on tracks and frames made by hand and, if a binary is available, a flight on real firmware."""
+"""The judge on tracks and frames made by hand and, if a binary is available, a flight on real
+firmware."""
 
 import json
 import subprocess
@@ -26,9 +27,12 @@ SITTING = (1000.0, -500.0)
 PLANE = Flight("plane", 150.0, 22.0, 80.0, 240.0)
 
 
-def straight_in_and_round(flight: Flight, radius: float, *, clockwise: bool, seconds: float) -> list[Truth]:
+def straight_in_and_round(
+    flight: Flight, radius: float, *, clockwise: bool, seconds: float
+) -> list[Truth]:
     """Return a track from 375 m north of the target straight to the circle, then round it."""
-    track, sense = [], 1 if clockwise else -1
+    track = []
+    sense = 1 if clockwise else -1
     for tick in range(round(seconds * 25)):
         time = tick / 25
         away = max(radius, 375.0 - flight.speed * time)
@@ -36,16 +40,29 @@ def straight_in_and_round(flight: Flight, radius: float, *, clockwise: bool, sec
         north, east = SITTING[0] + away * cos(angle), SITTING[1] + away * sin(angle)
         course = angle + sense * pi / 2
         speeds = flight.speed * cos(course), flight.speed * sin(course)
-        track.append(Truth(time, north, east, 660.0, *speeds, 0.0, sense * radians(20), course, 22.0))
+        track.append(
+            Truth(time, north, east, 660.0, *speeds, 0.0, sense * radians(20), course, 22.0)
+        )
     return track
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
-def test_a_circle_two_metres_wide_is_kept_and_settled_when_it_reaches_the_band(clockwise: bool) -> None:
+def test_a_circle_two_metres_wide_is_kept_and_settled_when_it_reaches_the_band(
+    clockwise: bool,
+) -> None:
     track = straight_in_and_round(PLANE, 152.0, clockwise=clockwise, seconds=200.0)
     turns = [Setpoint(tick / 20, "SET_ATTITUDE_TARGET", radians(6.0 + 2 * (-1) ** tick), None, True)
              for tick in range(4000)]  # fmt: skip
-    told = score(PLANE, track, turns, lambda _: SITTING, engaged=0.0, ended=200.0, turn_limit=radians(8.0), home=584.0)
+    told = score(
+        PLANE,
+        track,
+        turns,
+        lambda _: SITTING,
+        engaged=0.0,
+        ended=200.0,
+        turn_limit=radians(8.0),
+        home=584.0,
+    )
     assert (told.kept, told.direction) == (True, "clockwise" if clockwise else "counterclockwise")
     assert (told.rms, told.mean, told.sd) == pytest.approx((2.0, 2.0, 0.0), abs=0.01)
     assert told.settled == pytest.approx((375.0 - 157.5) / 22.0, abs=0.1)
@@ -53,7 +70,9 @@ def test_a_circle_two_metres_wide_is_kept_and_settled_when_it_reaches_the_band(c
     assert (told.turn_sd, told.turn_at_limit) == pytest.approx((2.0, 0.5), abs=0.01)
     assert told.total_variation == pytest.approx(4.0 * 20, rel=0.01)
     there = (SITTING[0] + 40.0, SITTING[1])
-    told = score(PLANE, track, [], lambda _: there, engaged=0.0, ended=200.0, turn_limit=1.0, home=584.0)
+    told = score(
+        PLANE, track, [], lambda _: there, engaged=0.0, ended=200.0, turn_limit=1.0, home=584.0
+    )
     assert (told.kept, told.settled, told.turn_sd) == (False, None, None), "round another place"
 
 
@@ -66,13 +85,19 @@ def test_a_fleet_is_even_if_its_vehicles_pass_each_bearing_at_equal_intervals(wi
         phase = rate * (grid - lag)
         angle = phase + wind / 22.0 * np.sin(phase)  # slower on one side
         ring = np.ones(len(grid), bool)
-        return fleet.Member(number, 150 * np.cos(angle), 150 * np.sin(angle), grid * 0 + height, angle, ring)
+        return fleet.Member(
+            number, 150 * np.cos(angle), 150 * np.sin(angle), grid * 0 + height, angle, ring
+        )
 
     lap = 2 * pi / rate
     members = [member(i, i * lap / 3, 100.0 + 20 * i) for i in range(3)]
     found = fleet.judge(grid, members, 150.0)
     assert found["rings"][0]["worst_gap_deg"] < 0.2
-    assert (found["rings"][0]["even_after_s"], found["too_near"], found["smallest_above_m"]) == (0.0, 0, 20.0)
+    assert (found["rings"][0]["even_after_s"], found["too_near"], found["smallest_above_m"]) == (
+        0.0,
+        0,
+        20.0,
+    )
     late = [*members[:2], member(2, 2 * lap / 3 + lap / 36, 140.0)]
     assert np.nanmedian(fleet.gap_errors(grid, late)) == pytest.approx(10.0, abs=0.2)
 
@@ -80,31 +105,38 @@ def test_a_fleet_is_even_if_its_vehicles_pass_each_bearing_at_equal_intervals(wi
 def test_the_autopilots_own_position_is_judged_on_the_circle_and_on_the_way_home_by_its_own_stamps(
     tmp_path: Path,
 ) -> None:
-    """5 m off on the circle; on the way home 50 m off, with a heading error of 3 deg; one velocity step of 0.4 m/s. The
-    reports fall between two truth samples: with the nearest sample, a turn of 3.2 m/s^2 would look like a velocity
-    step."""
+    """5 m off on the circle; on the way home 50 m off, with a heading error of 3 deg; one velocity
+    step of 0.4 m/s. The reports fall between two truth samples: with the nearest sample, a turn of
+    3.2 m/s^2 would look like a velocity step."""
     flight = replace(PLANE, gps_off=20.0, home_s=60.0)
     track = straight_in_and_round(PLANE, 150.0, clockwise=True, seconds=130.0)
-    times, true = np.arange(20.0, 129.0, 0.21), np.array([astuple(one) for one in track])
+    times = np.arange(20.0, 129.0, 0.21)
+    true = np.array([astuple(one) for one in track])
     ways = (true[:, 1], true[:, 2], true[:, 4], true[:, 5], np.unwrap(true[:, 8]))
     north, east, v_north, v_east, yaw = (np.interp(times, true[:, 0], way) for way in ways)
     home = times >= 80.0
     north, east = north + np.where(home, 30.0, 3.0), east + np.where(home, 40.0, 4.0)
-    v_east, yaw = v_east + np.where(times > 50, 0.4, 0.0), yaw + np.where(home, radians(3.0), 0.0)
+    v_east = v_east + np.where(times > 50, 0.4, 0.0)
+    yaw = yaw + np.where(home, radians(3.0), 0.0)
     told = zip(times, north, east, v_north, v_east, yaw % (2 * pi), strict=True)
     reported = [Reported(*map(float, one)) for one in told]
     bench = SimpleNamespace(track=track, reported=reported, folder=tmp_path, now=130.0)
     found = own_position(flight, bench, 0.0, 80.0)
     assert found is not None
-    circle, way = found["circle"], found["way_home"]
-    assert (circle["median"], circle["largest"], circle["heading"]) == pytest.approx((5.0, 5.0, 0.0), abs=0.05)
+    circle = found["circle"]
+    way = found["way_home"]
+    assert (circle["median"], circle["largest"], circle["heading"]) == pytest.approx(
+        (5.0, 5.0, 0.0), abs=0.05
+    )
     assert circle["velocity_step"] == pytest.approx(0.4, abs=0.05) and way["velocity_step"] < 0.05
     assert (way["median"], way["p95"], way["heading"]) == pytest.approx((50.0, 50.0, 3.0), abs=0.05)
     assert found["circles_off_home"] == pytest.approx(hypot(*SITTING), abs=0.5)
 
 
 def test_an_sx1280_reports_its_measured_error_and_the_last_line_goes_on() -> None:
-    assert [reported(true) for true in (0.0, 50.0, 75.0, 250.0)] == pytest.approx([4.4, 57.6, 80.3, 253.0])
+    assert [reported(true) for true in (0.0, 50.0, 75.0, 250.0)] == pytest.approx(
+        [4.4, 57.6, 80.3, 253.0]
+    )
     assert reported(2000.0) == pytest.approx(253.0 + 1750.0 * 52.0 / 50.0)
 
 
@@ -113,18 +145,26 @@ def test_the_way_home_of_a_flight_is_compared_with_the_straight_way() -> None:
     track = straight_in_and_round(flight, 140.0, clockwise=True, seconds=60.0)
     found = homing(flight, track, lambda _: SITTING, 0.0, 60.0)
     assert found is not None
-    assert (found["home"], found["straight"]) == pytest.approx((225.0 / 22.0, 225.0 / 22.0), abs=0.1)
+    assert (found["home"], found["straight"]) == pytest.approx(
+        (225.0 / 22.0, 225.0 / 22.0), abs=0.1
+    )
     assert found["farthest"] <= 150.0
 
 
 def test_what_a_setpoint_commands_is_clockwise_positive() -> None:
     half = radians(30.0) / 2
-    roll = mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0xC6, [cos(half), sin(half), 0, 0], 0, 0, nan, 0)
-    yaw = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 8, 0x5C7, *[0.0] * 9, 0.0, -0.2)
+    roll = mavlink.MAVLink_set_attitude_target_message(
+        0, 1, 1, 0xC6, [cos(half), sin(half), 0, 0], 0, 0, nan, 0
+    )
+    yaw = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 8, 0x5C7, *[0.0] * 9, 0.0, -0.2
+    )
     stick = mavlink.MAVLink_manual_control_message(1, 0, 500, 500, 0, 0)
     told = [setpoint(one, 3.0, 20.0) for one in (roll, yaw, stick)]
     turns = [one.turn for one in told if one is not None]
-    assert turns == pytest.approx([9.80665 * tan(radians(30)) / 20, -0.2, 9.80665 * tan(radians(25)) / 20])
+    assert turns == pytest.approx(
+        [9.80665 * tan(radians(30)) / 20, -0.2, 9.80665 * tan(radians(25)) / 20]
+    )
     assert [one.finite for one in told if one is not None] == [False, True, True]
     assert setpoint(mavlink.MAVLink_heartbeat_message(0, 0, 0, 0, 0, 3), 3.0, 20.0) is None
 
@@ -151,11 +191,25 @@ def test_the_table_flies_only_what_is_missing_and_tells_the_median(
         seed = int(command[command.index("--seed") + 1])
         settled = {"settled_s": None} if seed == 3 else {"settled_s": 10.0}
         result = {
-            "title": "plane", "flight": {"seed": seed, "radius": 150.0, "direction": "clockwise"}, "rms": seed / 10,
-            "mean": 0.0, "sd": 0.0, "kept": seed != 2, "direction": "clockwise", "turn_sd": 3.0, "settled": 9.0,
-            "turn_at_limit": 0.01, "total_variation": 1.0, "roll": [0, 1], "closest": 120.0 + seed, "led_away": 0.0,
-            "own": {"outcome": "completed", **settled}, "takeover": None, "real_speedup": 1.0, "longest_pause": 0.1,
-        }  # fmt: skip
+            "title": "plane",
+            "flight": {"seed": seed, "radius": 150.0, "direction": "clockwise"},
+            "rms": seed / 10,
+            "mean": 0.0,
+            "sd": 0.0,
+            "kept": seed != 2,
+            "direction": "clockwise",
+            "turn_sd": 3.0,
+            "settled": 9.0,
+            "turn_at_limit": 0.01,
+            "total_variation": 1.0,
+            "roll": [0, 1],
+            "closest": 120.0 + seed,
+            "led_away": 0.0,
+            "own": {"outcome": "completed", **settled},
+            "takeover": None,
+            "real_speedup": 1.0,
+            "longest_pause": 0.1,
+        }
         folder = tmp_path / command[-1]
         folder.mkdir()
         (folder / "result.json").write_text(json.dumps(result))
@@ -169,22 +223,37 @@ def test_the_table_flies_only_what_is_missing_and_tells_the_median(
     assert all(command[3:8] == ["plane", "--wind", "5", "--turbulence", "1"] for command in flown)
     lines = list(table.table([row], table.told(tmp_path / "results.jsonl")))
     assert "| 0.20 (0.5) | 0.10 to 0.30 | 3.0 (4) | 10 |" in lines[1]
-    assert "3 flights. 2 kept the circle" in lines[2] and "agreed with the true track in 2. Closest" in lines[2]
+    assert (
+        "3 flights. 2 kept the circle" in lines[2]
+        and "agreed with the true track in 2. Closest" in lines[2]
+    )
     assert "Closest approach: 0.81 R." in lines[2]
 
 
 def test_the_table_of_the_page_is_that_of_the_flights_that_are_kept(tmp_path: Path) -> None:
     flown = table.told(table.FLIGHTS)
-    assert " ".join("\n".join(table.table(list(table.ROWS), flown)).split()) in " ".join(table.PAGE.read_text().split())
+    assert " ".join("\n".join(table.table(list(table.ROWS), flown)).split()) in " ".join(
+        table.PAGE.read_text().split()
+    )
     table.keep(flown, tmp_path / "flights.jsonl")
     assert (tmp_path / "flights.jsonl").read_text() == table.FLIGHTS.read_text()
 
 
 @pytest.mark.parametrize("vehicle", ["rover", "px4_copter"])
-def test_installed_circnav_circles_on_real_firmware_until_the_operator_takes_it(tmp_path: Path, vehicle: str) -> None:
+def test_installed_circnav_circles_on_real_firmware_until_the_operator_takes_it(
+    tmp_path: Path, vehicle: str
+) -> None:
     what = VEHICLES[vehicle]
     lap = 2 * pi * what.radius / what.speed
-    flight = Flight(vehicle, what.radius, what.speed, what.altitude, 3.3 * lap, "counterclockwise", takeover=3 * lap)
+    flight = Flight(
+        vehicle,
+        what.radius,
+        what.speed,
+        what.altitude,
+        3.3 * lap,
+        "counterclockwise",
+        takeover=3 * lap,
+    )
     if reason := missing(flight):
         pytest.skip(reason)
     result = fly(flight, tmp_path)

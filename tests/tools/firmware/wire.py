@@ -1,4 +1,5 @@
-"""MAVLink frames on loopback sockets: split datagrams into frames, and read the command in a setpoint."""
+"""MAVLink frames on loopback sockets: split datagrams into frames, and read the command in a
+setpoint."""
 
 import socket
 from collections.abc import Iterator
@@ -13,11 +14,17 @@ G = 9.80665
 FULL_STICK_BANK = radians(50.0)
 LOOPBACK = "127.0.0.1"
 POSITIONS = frozenset({24, 32, 33, 49, 63, 104, 108, 113, 114, 115, 124, 164, 178, 182, 230, 242})
-"""Messages with the vehicle's position, raw or estimated, or its ground velocity. They are hidden from circnav."""
+"""Messages with the vehicle's position, raw or estimated, or its ground velocity. They are hidden
+from circnav."""
 GPS_HEALTH = frozenset({24, 124})
 """GPS_RAW_INT and GPS2_RAW, whose fix type shows a loss of GPS."""
-SETPOINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT",
-             "MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE")  # fmt: skip
+SETPOINTS = (
+    "SET_ATTITUDE_TARGET",
+    "SET_POSITION_TARGET_LOCAL_NED",
+    "SET_POSITION_TARGET_GLOBAL_INT",
+    "MANUAL_CONTROL",
+    "RC_CHANNELS_OVERRIDE",
+)
 YAW_RATE_IGNORED = {"SET_ATTITUDE_TARGET": 4, "SET_POSITION_TARGET_LOCAL_NED": 2048}
 
 
@@ -64,7 +71,8 @@ def mode_shown(number: int, frame: bytes) -> int | None:
 
 
 def setpoint(message: Any, time: float, speed: float) -> Setpoint | None:
-    """Return the setpoint in a message of circnav, or None. A bank is converted to its coordinated turn rate."""
+    """Return the setpoint in a message of circnav, or None. A bank is converted to its coordinated
+    turn rate."""
     kind = message.get_type()
     if kind not in SETPOINTS:
         return None

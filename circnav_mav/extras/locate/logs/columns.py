@@ -1,4 +1,5 @@
-"""CSV with a fixed header, separated by commas: time, latitude, longitude, range, and optionally altitude, sigma, tag.
+"""CSV with a fixed header, separated by commas: time, latitude, longitude, range, and optionally
+altitude, sigma, tag.
 
 A name may end in the unit of its column: time_ms, range_ft. Other columns are ignored.
 """
@@ -28,14 +29,16 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 """Factors from the units of a column to s, degrees or m, by the name of the column."""
 REQUIRED = ("time", "latitude", "longitude", "range")
 HEADER = (
-    "the first line must name, separated by commas, time (s or ISO 8601), latitude, longitude (degrees) and range (m), "
-    "and may name altitude, sigma, tag; a unit is a suffix: range_ft, time_ms"
+    "the first line must name, separated by commas, time (s or ISO 8601), latitude, longitude"
+    " (degrees) and range (m), and may name altitude, sigma, tag; a unit is a suffix: range_ft,"
+    " time_ms"
 )
 ONE_TAG = "target"
 LEAST_SIGMA = 1e-3
 """Smallest standard deviation accepted, m: tables contain zero for an unknown one."""
 LATEST = 1e11
-"""Latest time accepted, s. It is past the year 5000: a larger number is in milliseconds or microseconds."""
+"""Latest time accepted, s. It is past the year 5000: a larger number is in milliseconds or
+microseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +68,8 @@ class _Row:
         return self.cells[column.index].strip()
 
     def number(self, name: str) -> float:
-        """Return the number in a cell in s, degrees or m, NaN if the cell is empty. Raises RunError."""
+        """Return the number in a cell in s, degrees or m, NaN if the cell is empty. Raises
+        RunError."""
         cell = self.text(name)
         if not cell:
             return nan
@@ -87,7 +91,9 @@ class _Row:
         except ValueError:
             return self._moment(cell)
         if not abs(value) <= LATEST:
-            raise self.error("time", f"{value:g} is not a time in s: name its unit, time_ms or time_us")
+            raise self.error(
+                "time", f"{value:g} is not a time in s: name its unit, time_ms or time_us"
+            )
         return value
 
     def _moment(self, cell: str) -> float:
@@ -95,7 +101,10 @@ class _Row:
             moment = datetime.fromisoformat(cell)
             return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
         except (ValueError, OverflowError):
-            what = f"{printable(cell)[:40]!r} is not a time: write seconds, or a time such as 2026-07-01T12:00:00Z"
+            what = (
+                f"{printable(cell)[:40]!r} is not a time: write seconds, or a time such as"
+                " 2026-07-01T12:00:00Z"
+            )
             raise self.error("time", what) from None
 
     def error(self, name: str, what: str) -> RunError:
@@ -104,7 +113,8 @@ class _Row:
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
-    log, dropped = RangeLog(), 0
+    log = RangeLog()
+    dropped = 0
     try:
         rows = csv.reader(read_lines(path), skipinitialspace=True)
         columns = _columns(next(rows, []), options)
@@ -138,13 +148,16 @@ def _columns(header: Sequence[str], options: ReadOptions) -> dict[str, Column]:
 
 
 def _add(log: RangeLog, row: _Row) -> bool:
-    """Add the position and the range of a row. Return True if the range is no distance. Raises RunError."""
+    """Add the position and the range of a row. Return True if the range is no distance. Raises
+    RunError."""
     time = row.time()
     latitude = row.number("latitude")
     longitude = row.number("longitude")
     if isfinite(latitude) and isfinite(longitude):
         if abs(latitude) > 90 or abs(longitude) > 360:
-            raise RunError(f"line {row.line}: {latitude:g} {longitude:g} is not a position: in degrees?")
+            raise RunError(
+                f"line {row.line}: {latitude:g} {longitude:g} is not a position: in degrees?"
+            )
         altitude = row.number("altitude")
         log.positions.append((time, latitude, (longitude + 180) % 360 - 180, altitude))
     slant = row.number("range")
@@ -153,7 +166,12 @@ def _add(log: RangeLog, row: _Row) -> bool:
     if slant <= 0:
         return True
     sigma = row.number("sigma")
-    log.add(printable(row.text("tag")) or ONE_TAG, time, slant, sigma if LEAST_SIGMA <= sigma < inf else nan)
+    log.add(
+        printable(row.text("tag")) or ONE_TAG,
+        time,
+        slant,
+        sigma if LEAST_SIGMA <= sigma < inf else nan,
+    )
     return False
 
 

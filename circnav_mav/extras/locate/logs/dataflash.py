@@ -15,21 +15,25 @@ from circnav_mav.extras.locate.range_log import Position, RangeLog
 from circnav_mav.mav.ranging.distance_sensor import DOWNWARD
 from circnav_mav.runlog.run_folder import RunError
 
-BINARY, TEXT = b"\xa3\x95\x80", b"FMT, 128, "
+BINARY = b"\xa3\x95\x80"
+TEXT = b"FMT, 128, "
 GOOD = 4
 """Value of RangeFinder::Status with a valid distance."""
 EKF_ORIGIN = 0
 """ORGN.Type of the estimator's origin (ArduPilot's LogOriginType)."""
 BEACONS = ("D0", "D1", "D2", "D3")
 NO_READINGS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")
-"""Messages that describe the log or the autopilot. PARM has names and values that are not measured."""
+"""Messages that describe the log or the autopilot. PARM has names and values that are not
+measured."""
 LIKE_RANGES = ("dist", "range", "rng", "slant")
-"""Prefixes of field names that may hold a range. They are suggested if no known message has a range."""
+"""Prefixes of field names that may hold a range. They are suggested if no known message has a
+range."""
 Message = Any
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
-    # DFReader prints warnings to stdout and stderr, and raises exceptions of any kind on damaged files.
+    # DFReader prints warnings to stdout and stderr, and raises exceptions of any kind on damaged
+    # files.
     try:
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
             with path.open("rb") as file:
@@ -47,13 +51,24 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
 
 
 def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
-    log, fixed = RangeLog(), None
+    log = RangeLog()
+    fixed = None
     tracks: dict[str, list[tuple[Position, bool | None]]] = {"POS": [], "XKF1": [], "GPS": []}
     origin: tuple[Plane, float] | None = None
     named, _, field = options.range_name.partition(".")
-    fields = {format.name: format.columns for format in reader.formats.values() if format.name not in NO_READINGS}
-    with_names = {name for name, columns in fields.items() if "Name" in columns and {"Val", "Value"} & set(columns)}
-    for time, message in _messages(reader, {"POS", "ORGN", "XKF1", "GPS", "RFND", "BCN", *with_names, named}):
+    fields = {
+        format.name: format.columns
+        for format in reader.formats.values()
+        if format.name not in NO_READINGS
+    }
+    with_names = {
+        name
+        for name, columns in fields.items()
+        if "Name" in columns and {"Val", "Value"} & set(columns)
+    }
+    for time, message in _messages(
+        reader, {"POS", "ORGN", "XKF1", "GPS", "RFND", "BCN", *with_names, named}
+    ):
         kind = message.get_type()
         match kind:
             case "GPS" if getattr(message, "U", 1) and not getattr(message, "I", 0):
@@ -80,15 +95,25 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
         if kind == named and field in fields[kind]:
             _add(log, options.range_name, time, getattr(message, field), options)
     # Prefer the filter's position, as telemetry does. The GPS receiver's position comes last.
-    log.positions = next((track for rows in tracks.values() if len(track := with_fix(rows)) > 1), [])
-    log.names |= {f"{name}.{one}" for name, columns in fields.items() for one in columns
-                  if one.lower().startswith(LIKE_RANGES) and not name.startswith(("RFND", "NKF", "XKF"))}  # fmt: skip
+    log.positions = next(
+        (track for rows in tracks.values() if len(track := with_fix(rows)) > 1), []
+    )
+    log.names |= {
+        f"{name}.{one}"
+        for name, columns in fields.items()
+        for one in columns
+        if one.lower().startswith(LIKE_RANGES) and not name.startswith(("RFND", "NKF", "XKF"))
+    }
     return log
 
 
 def _messages(reader: DFReader, wanted: set[str]) -> Iterator[tuple[float, Message]]:
     """Yield (time since boot in s, message) pairs."""
-    while (message := reader.recv_match(type=wanted & {format.name for format in reader.formats.values()})) is not None:
+    while (
+        message := reader.recv_match(
+            type=wanted & {format.name for format in reader.formats.values()}
+        )
+    ) is not None:
         if hasattr(message, "TimeUS"):
             yield message.TimeUS / 1e6, message
         elif hasattr(message, "TimeMS"):
@@ -96,7 +121,8 @@ def _messages(reader: DFReader, wanted: set[str]) -> Iterator[tuple[float, Messa
 
 
 def _rangefinders(message: Message) -> Iterator[tuple[str, float]]:
-    """Yield names and distances of a RFND message. Downward rangefinders are skipped: they measure the height."""
+    """Yield names and distances of a RFND message. Downward rangefinders are skipped: they measure
+    the height."""
     if hasattr(message, "Dist"):
         if message.Orient != DOWNWARD and getattr(message, "Stat", GOOD) == GOOD:
             yield f"rangefinder {message.Instance}", message.Dist

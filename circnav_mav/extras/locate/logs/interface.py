@@ -44,14 +44,16 @@ class ReadOptions:
 
     @property
     def meters(self) -> float:
-        """Length of the ranges' unit, m. It is 1 if no unit is given: for log formats that define meters."""
+        """Length of the ranges' unit, m. It is 1 if no unit is given: for log formats that define
+        meters."""
         return 1.0 if self.unit is None else self.unit
 
 
 class Format(NamedTuple):
     """Readable log format.
 
-    matches: True if the first bytes of a file are of this format. ranges, positions: messages or fields with them.
+    matches: True if the first bytes of a file are of this format. ranges, positions: messages or
+    fields with them.
     """
 
     name: str
@@ -69,7 +71,8 @@ def listed(names: Iterable[str]) -> str:
 
 
 def meters_in(unit: str) -> float | None:
-    """Return the length of a unit, m. unit: its name, or its length in m as text. None if it is neither."""
+    """Return the length of a unit, m. unit: its name, or its length in m as text. None if it is
+    neither."""
     if unit in METERS:
         return METERS[unit]
     try:
@@ -80,9 +83,11 @@ def meters_in(unit: str) -> float | None:
 
 
 def with_fix(rows: Sequence[tuple[Position, bool | None]]) -> list[Position]:
-    """Return the positions with a fix. rows: position; True if the receiver has a fix, None before its first report."""
-    # Autopilots send positions before the GPS has a fix: near 0,0, or the place where they were switched off. If the
-    # log has the receiver's state, keep only positions with a fix. Otherwise keep all.
+    """Return the positions with a fix. rows: position; True if the receiver has a fix, None before
+    its first report."""
+    # Autopilots send positions before the GPS has a fix: near 0,0, or the place where they were
+    # switched off. If the log has the receiver's state, keep only positions with a fix. Otherwise
+    # keep all.
     if all(fixed is None for _, fixed in rows):
         return [position for position, _ in rows]
     return [position for position, fixed in rows if fixed]

@@ -1,4 +1,5 @@
-"""Removes values that are not measurements: positions before the fix, and repeated values of a receiver or radio."""
+"""Removes values that are not measurements: positions before the fix, and repeated values of a
+receiver or radio."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -9,24 +10,31 @@ from circnav_mav.extras.locate.place import Plane
 from circnav_mav.extras.locate.range_log import Position, Range, RangeLog
 
 NEAR_ZERO = 0.01
-"""Largest latitude and longitude, degrees, of a receiver without a fix: 1.1 km around 0 N 0 E, in the sea."""
-FROZEN_FOR, FROZEN_COUNT = 3.0, 6
-"""Smallest duration, s, and smallest number of equal values, of a frozen stretch: values repeated without measuring."""
+"""Largest latitude and longitude, degrees, of a receiver without a fix: 1.1 km around 0 N 0 E, in
+the sea."""
+FROZEN_FOR = 3.0
+FROZEN_COUNT = 6
+"""Smallest duration, s, and smallest number of equal values, of a frozen stretch: values repeated
+without measuring."""
 FROZEN_OVER = 4.0
 """Smallest length of a frozen stretch, relative to the usual run of equal values."""
 COARSE = 3.0
-"""Largest median step between different ranges, in units of the smallest step, of a radio with coarse resolution."""
+"""Largest median step between different ranges, in units of the smallest step, of a radio with
+coarse resolution."""
 RESENT = 0.5
 """Share of repeated values from which ranges are sent more often than measured."""
 JUMP = 5.0
-"""Jump of the position, m, after a frozen stretch, above which the vehicle has moved during the stretch."""
+"""Jump of the position, m, after a frozen stretch, above which the vehicle has moved during the
+stretch."""
 
 
 def screen(log: RangeLog) -> None:
     """Remove values that are not measurements, and add notes."""
     kept = [row for row in log.positions if max(abs(row[1]), abs(row[2])) > NEAR_ZERO]
     if len(kept) < len(log.positions):
-        log.note(f"{len(log.positions) - len(kept)} positions near 0 N 0 E, before a fix, are left out")
+        log.note(
+            f"{len(log.positions) - len(kept)} positions near 0 N 0 E, before a fix, are left out"
+        )
     log.positions = _moving(log, kept)
     log.ranges = {tag: _measured(log, tag, rows) for tag, rows in log.ranges.items()}
 
@@ -35,7 +43,8 @@ def _moving(log: RangeLog, positions: Sequence[Position]) -> list[Position]:
     """Remove positions that a receiver repeated while the vehicle moved."""
     if len(positions) < 2:
         return list(positions)
-    plane, kept = Plane(*positions[0][1:3]), list[Position]()
+    plane = Plane(*positions[0][1:3])
+    kept = list[Position]()
     rows = sorted(positions)
     runs = [list(run) for _, run in groupby(rows, key=lambda row: row[1:3])]
     for run, after in zip(runs, [*runs[1:], None], strict=True):
@@ -46,8 +55,9 @@ def _moving(log: RangeLog, positions: Sequence[Position]) -> list[Position]:
             jump = float(np.hypot(*(there - here)))
         if jump > JUMP:
             log.note(
-                f"positions do not change from {first[0] - rows[0][0]:.1f} to {last[0] - rows[0][0]:.1f} s after the "
-                f"first and then jump {jump:.0f} m: left out, the receiver repeated its last one"
+                f"positions do not change from {first[0] - rows[0][0]:.1f} to"
+                f" {last[0] - rows[0][0]:.1f} s after the first and then jump {jump:.0f} m: left"
+                " out, the receiver repeated its last one"
             )
             kept.append(first)
         else:
@@ -60,23 +70,29 @@ def _measured(log: RangeLog, tag: str, rows: Sequence[Range]) -> list[Range]:
     rows = sorted(rows)
     runs = [list(run) for _, run in groupby(rows, key=lambda row: row[1])]
     steps = np.abs(np.diff([run[0][1] for run in runs]))
-    # Coarse ranges, such as whole meters, stay equal for a while and then change by one unit of resolution: they are
-    # measurements. After a repeated range, the next one differs by many units.
+    # Coarse ranges, such as whole meters, stay equal for a while and then change by one unit of
+    # resolution: they are measurements. After a repeated range, the next one differs by many units.
     if len(steps) < 3 or np.median(steps) <= COARSE * steps.min():
         return rows
     usual = float(np.median([len(run) for run in runs]))
-    kept, frozen = list[list[Range]](), list[list[Range]]()
+    kept = list[list[Range]]()
+    frozen = list[list[Range]]()
     for run in runs:
-        long = run[-1][0] - run[0][0] > FROZEN_FOR and len(run) >= max(FROZEN_COUNT, FROZEN_OVER * usual)
+        long = run[-1][0] - run[0][0] > FROZEN_FOR and len(run) >= max(
+            FROZEN_COUNT, FROZEN_OVER * usual
+        )
         frozen += [run] if long else []
         kept.append(run[:1] if long else run)
     if frozen:
         longest = max(frozen, key=lambda run: run[-1][0] - run[0][0])
-        zero, begin, end = rows[0][0], longest[0][0], longest[-1][0]
+        zero = rows[0][0]
+        begin = longest[0][0]
+        end = longest[-1][0]
         log.note(
-            f"{tag}: {sum(map(len, frozen))} ranges in {len(frozen)} stretches of equal values, the longest of "
-            f"{longest[0][1]:.2f} m from {begin - zero:.1f} to {end - zero:.1f} s after the first range. They are left "
-            "out: the radio was silent, or its driver repeated the last value"
+            f"{tag}: {sum(map(len, frozen))} ranges in {len(frozen)} stretches of equal values, the"
+            f" longest of {longest[0][1]:.2f} m from {begin - zero:.1f} to {end - zero:.1f} s after"
+            " the first range. They are left out: the radio was silent, or its driver repeated the"
+            " last value"
         )
     equal = sum(len(run) - 1 for run in kept)
     if equal > RESENT * sum(map(len, kept)):

@@ -20,7 +20,8 @@ HEAD = 4096
 
 
 def read_logs(path: Path, options: ReadOptions | None = None) -> list[RangeLog]:
-    """Return the vehicles of a run folder or of a log, each with its positions and ranges. Raises RunError, OSError."""
+    """Return the vehicles of a run folder or of a log, each with its positions and ranges. Raises
+    RunError, OSError."""
     options = options or ReadOptions()
     file = path / "flight.tlog" if path.is_dir() else path
     if not file.exists():
@@ -48,7 +49,9 @@ def recognize(head: bytes) -> Format:
         if known.matches(head):
             return known
     if b"\0" in head:
-        raise RunError(f"is none of {', '.join(known.name for known in FORMATS)}; convert it to a CSV")
+        raise RunError(
+            f"is none of {', '.join(known.name for known in FORMATS)}; convert it to a CSV"
+        )
     return TABLE
 
 
@@ -57,9 +60,14 @@ def _demand(logs: Sequence[RangeLog], known: Format, range_name: str) -> None:
     if not any(log.ranges for log in logs):
         missing = f"no ranges in it; in {known.name} they are {known.ranges}"
         if names := sorted({name for log in logs for name in log.names} - {range_name}):
-            missing += f", and none has the name {range_name!r}. Names that may be ranges: {listed(names)}. "
+            missing += (
+                f", and none has the name {range_name!r}. Names that may be ranges:"
+                f" {listed(names)}. "
+            )
             missing += f"Give one: --range-name {printable(names[0])}"
         raise EmptyLogError(missing)
     if not any(len(log.positions) > 1 for log in logs):
         notes = "".join(f"; {note}" for log in logs for note in log.notes)
-        raise EmptyLogError(f"no positions in it; in {known.name} they are {known.positions}{notes}")
+        raise EmptyLogError(
+            f"no positions in it; in {known.name} they are {known.positions}{notes}"
+        )

@@ -17,12 +17,24 @@ from circnav_mav.runlog.tlog import read_messages
 OURS = "CN_TEAST"
 """NAMED_VALUE_FLOAT that identifies the survey of circnav. Its values are not ranges."""
 NOT_VEHICLES = {
-    dialect.MAV_TYPE_ANTENNA_TRACKER, dialect.MAV_TYPE_GCS, dialect.MAV_TYPE_ONBOARD_CONTROLLER,
-    dialect.MAV_TYPE_GIMBAL, dialect.MAV_TYPE_ADSB, dialect.MAV_TYPE_CAMERA, dialect.MAV_TYPE_CHARGING_STATION,
-    dialect.MAV_TYPE_FLARM, dialect.MAV_TYPE_SERVO, dialect.MAV_TYPE_ODID, dialect.MAV_TYPE_BATTERY,
-    dialect.MAV_TYPE_PARACHUTE, dialect.MAV_TYPE_LOG, dialect.MAV_TYPE_OSD, dialect.MAV_TYPE_IMU,
-    dialect.MAV_TYPE_GPS, dialect.MAV_TYPE_WINCH,
-}  # fmt: skip
+    dialect.MAV_TYPE_ANTENNA_TRACKER,
+    dialect.MAV_TYPE_GCS,
+    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+    dialect.MAV_TYPE_GIMBAL,
+    dialect.MAV_TYPE_ADSB,
+    dialect.MAV_TYPE_CAMERA,
+    dialect.MAV_TYPE_CHARGING_STATION,
+    dialect.MAV_TYPE_FLARM,
+    dialect.MAV_TYPE_SERVO,
+    dialect.MAV_TYPE_ODID,
+    dialect.MAV_TYPE_BATTERY,
+    dialect.MAV_TYPE_PARACHUTE,
+    dialect.MAV_TYPE_LOG,
+    dialect.MAV_TYPE_OSD,
+    dialect.MAV_TYPE_IMU,
+    dialect.MAV_TYPE_GPS,
+    dialect.MAV_TYPE_WINCH,
+}
 """Sender types that may report a position but do not carry the ranging radio."""
 NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT")
 KINDS = {kind.id: kind for kind in RANGING_MESSAGES.values()}
@@ -34,7 +46,8 @@ WANTED = {
 
 @dataclass(slots=True)
 class _Sender:
-    """One MAVLink sender. vehicle: None before its first HEARTBEAT. fixed: None before its first GPS_RAW_INT."""
+    """One MAVLink sender. vehicle: None before its first HEARTBEAT. fixed: None before its first
+    GPS_RAW_INT."""
 
     vehicle: bool | None = None
     fixed: bool | None = None
@@ -62,13 +75,15 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
             case kind:
                 if kind in NAMED:
                     sender.names.add(message.name)
-                tag, reading = _tag(message, options.range_name), _reading(message)
+                tag = _tag(message, options.range_name)
+                reading = _reading(message)
                 if tag is None or reading is None or not 0 < reading.slant <= FAR:
                     continue
                 one = reading.stamp, reading.slant
                 if newest.get(tag) != one:  # autopilots repeat the newest range
                     newest[tag] = one
-                    slant, sigma = reading.slant * options.meters, (reading.sigma or nan) * options.meters
+                    slant = reading.slant * options.meters
+                    sigma = (reading.sigma or nan) * options.meters
                     sender.ranges.setdefault(tag, []).append((time, slant, sigma))
     return _by_vehicle(senders, options)
 
@@ -81,15 +96,21 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
     if options.vehicle is not None:
         if options.vehicle not in tracks:
             found = ", ".join(map(str, tracks)) or "none"
-            raise RunError(f"--vehicle {options.vehicle}: it has no positions; vehicles with positions: {found}")
+            raise RunError(
+                f"--vehicle {options.vehicle}: it has no positions; vehicles with positions:"
+                f" {found}"
+            )
         chosen = {options.vehicle: tracks[options.vehicle]}
-    logs = {system: RangeLog(track, vehicle=f"vehicle {system}") for system, track in chosen.items()}
+    logs = {
+        system: RangeLog(track, vehicle=f"vehicle {system}") for system, track in chosen.items()
+    }
     only = next(iter(logs.values()), RangeLog()) if len(logs) <= 1 else None
     unmatched = []
     for (system, component), sender in senders.items():
         if not sender.ranges or (system in tracks and system not in logs):
             continue
-        # A radio with its own system id belongs to the only vehicle. With several vehicles, the carrier is unknown.
+        # A radio with its own system id belongs to the only vehicle. With several vehicles, the
+        # carrier is unknown.
         carrier = logs.get(system, only)
         if carrier is None:
             unmatched.append(f"{system}/{component}")
@@ -101,13 +122,16 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
         used[0].vehicle = ""
     if unmatched:
         line = (
-            f"ranges of {', '.join(unmatched)} are left out: none of the vehicles {', '.join(map(str, tracks))} has "
-            "this system id; give --vehicle for the one with the radio"
+            f"ranges of {', '.join(unmatched)} are left out: none of the vehicles"
+            f" {', '.join(map(str, tracks))} has this system id; give --vehicle for the one with"
+            " the radio"
         )
         if not any(log.ranges for log in used):
             raise EmptyLogError(line)
         used[0].note(line)
-    used[0].names = set[str]().union(*(sender.names for sender in senders.values() if OURS not in sender.names))
+    used[0].names = set[str]().union(
+        *(sender.names for sender in senders.values() if OURS not in sender.names)
+    )
     return used
 
 
@@ -117,9 +141,14 @@ def _track(senders: dict[Ids, _Sender], system: int) -> list[Position]:
     reported = [sender.vehicle for sender in parts.values() if sender.vehicle is not None]
     if reported and not any(reported):
         return []  # an antenna tracker, a ground station
-    # Companions repeat the autopilot's position. Prefer component 1 (the autopilot), then the lowest id.
-    ordered = sorted(parts, key=lambda component: (component != dialect.MAV_COMP_ID_AUTOPILOT1, component))
-    return next((track for component in ordered if (track := with_fix(parts[component].positions))), [])
+    # Companions repeat the autopilot's position. Prefer component 1 (the autopilot), then the
+    # lowest id.
+    ordered = sorted(
+        parts, key=lambda component: (component != dialect.MAV_COMP_ID_AUTOPILOT1, component)
+    )
+    return next(
+        (track for component in ordered if (track := with_fix(parts[component].positions))), []
+    )
 
 
 def _reading(message: Message) -> Reading | None:

@@ -15,8 +15,14 @@ from circnav_mav.runlog.run_folder import RunError
 
 MAGIC = b"ULog\x01\x12\x35"
 INSTALL = "pyulog is not installed: pip install 'circnav-mav[ulog]', or convert it with ulog2csv"
-TOPICS = ["vehicle_global_position", "vehicle_gps_position", "sensor_gps", "distance_sensor", "ranging_beacon",
-          "debug_key_value"]  # fmt: skip
+TOPICS = [
+    "vehicle_global_position",
+    "vehicle_gps_position",
+    "sensor_gps",
+    "distance_sensor",
+    "ranging_beacon",
+    "debug_key_value",
+]
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
@@ -35,12 +41,15 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
                 if topic.name == name and topic.multi_id == 0), None)  # fmt: skip
     fused = next((topic.data for topic in data if topic.name == "vehicle_global_position"), None)
     log.positions = _positions(fused, gps)
-    log.names = {name for topic in data if topic.name == "debug_key_value" for name in _keys(topic.data)}
+    log.names = {
+        name for topic in data if topic.name == "debug_key_value" for name in _keys(topic.data)
+    }
     return [log]
 
 
 def _time(data: dict[str, Array]) -> Array:
-    """Return the seconds since boot: the sensor's timestamp if set, else the time of publication."""
+    """Return the seconds since boot: the sensor's timestamp if set, else the time of
+    publication."""
     stamp = data["timestamp"]
     sample = data.get("timestamp_sample", stamp)
     return np.asarray(np.where(sample > 0, sample, stamp) / 1e6, float)
@@ -49,7 +58,8 @@ def _time(data: dict[str, Array]) -> Array:
 def _positions(fused: dict[str, Array] | None, gps: dict[str, Array] | None) -> list[Position]:
     """Return the positions of the filter, or of the GPS receiver if the filter has none."""
     if gps is not None:
-        time, fix = _time(gps), gps["fix_type"] >= FIX_3D
+        time = _time(gps)
+        fix = gps["fix_type"] >= FIX_3D
     if fused is not None and len(fused["timestamp"]) > 1:
         valid = fused.get("lat_lon_valid", np.ones(len(fused["lat"]))).astype(bool)
         rows = list(zip(_time(fused), fused["lat"], fused["lon"], fused["alt"], strict=True))
@@ -57,13 +67,19 @@ def _positions(fused: dict[str, Array] | None, gps: dict[str, Array] | None) -> 
         if gps is not None:
             at = np.searchsorted(time, [row[0] for row in rows], side="right") - 1
             state = [bool(fix[index]) if index >= 0 else None for index in at]
-        return with_fix([(_floats(row), one) for row, one, good in zip(rows, state, valid, strict=True) if good])
+        return with_fix(
+            [(_floats(row), one) for row, one, good in zip(rows, state, valid, strict=True) if good]
+        )
     if gps is None:
         return []
     if "latitude_deg" in gps:
-        latitude, longitude, altitude = gps["latitude_deg"], gps["longitude_deg"], gps["altitude_msl_m"]
+        latitude = gps["latitude_deg"]
+        longitude = gps["longitude_deg"]
+        altitude = gps["altitude_msl_m"]
     else:  # PX4 before 1.14: degrees times ten million, mm
-        latitude, longitude, altitude = gps["lat"] / 1e7, gps["lon"] / 1e7, gps["alt"] / 1e3
+        latitude = gps["lat"] / 1e7
+        longitude = gps["lon"] / 1e7
+        altitude = gps["alt"] / 1e3
     rows = list(zip(time, latitude, longitude, altitude, strict=True))
     return with_fix([(_floats(row), bool(one)) for row, one in zip(rows, fix, strict=True)])
 
@@ -77,18 +93,23 @@ def _ranges(log: RangeLog, topic: Any, options: ReadOptions) -> None:
     data = topic.data
     match topic.name:
         case "distance_sensor":
-            good = (data["orientation"] != DOWNWARD) & (data.get("signal_quality", np.array(-1)) != 0)
-            slant, variance = data["current_distance"], data["variance"]
+            good = (data["orientation"] != DOWNWARD) & (
+                data.get("signal_quality", np.array(-1)) != 0
+            )
+            slant = data["current_distance"]
+            variance = data["variance"]
             far = data["max_distance"]
             good &= (far <= 0) | (slant < far)
             tags = [f"distance sensor {topic.multi_id}"] * len(slant)
             sigma = np.where(variance > 0, np.sqrt(np.maximum(variance, 0)), nan)
         case "ranging_beacon":
-            slant, good = data["range"], np.ones(len(data["range"]), bool)
+            slant = data["range"]
+            good = np.ones(len(data["range"]), bool)
             tags = [f"beacon {number}" for number in data["beacon_id"]]
             sigma = np.where(data["range_accuracy"] > 0, data["range_accuracy"], nan)
         case "debug_key_value":
-            slant, sigma = data["value"], np.full(len(data["value"]), nan)
+            slant = data["value"]
+            sigma = np.full(len(data["value"]), nan)
             tags = _keys(data)
             good = np.array([name == options.range_name for name in tags])
         case _:

@@ -1,4 +1,5 @@
-"""F24: the vehicle, its radio, circnav, or the computer that runs all three pauses and continues."""
+"""F24: the vehicle, its radio, circnav, or the computer that runs all three pauses and
+continues."""
 
 from collections.abc import Callable
 
@@ -14,8 +15,10 @@ Pause = Callable[[Course, float], None]
 
 
 def vehicle_pauses(course: Course, seconds: float) -> None:
-    """The vehicle's clock stops and it sends nothing. Frames to it wait. circnav's time continues."""
-    before, since = course.clock, course.clock(course.now)
+    """The vehicle's clock stops and it sends nothing. Frames to it wait. circnav's time
+    continues."""
+    before = course.clock
+    since = course.clock(course.now)
     for n in range(1, round(seconds / STEP)):
         course.vehicle.receive(output(course.pilot, since + n * STEP))
     course.clock = lambda now: before(now) + seconds
@@ -26,7 +29,11 @@ def radio_pauses(course: Course, seconds: float) -> None:
     until = course.now + seconds
 
     def change(frame: bytes, now: float) -> list[bytes]:
-        return [] if now < until else [rewritten(frame, time_boot_ms=read(frame).time_boot_ms - round(1000 * seconds))]
+        return (
+            []
+            if now < until
+            else [rewritten(frame, time_boot_ms=read(frame).time_boot_ms - round(1000 * seconds))]
+        )
 
     course.link.tampers.append(on(RANGE, change))
     course.fly(until)
@@ -36,7 +43,8 @@ def radio_buffers(at_once: int) -> Pause:
     """The radio's buffer fills, then sends up to `at_once` ranges with each new one."""
 
     def pauses(course: Course, seconds: float) -> None:
-        until, waiting = course.now + seconds, list[bytes]()
+        until = course.now + seconds
+        waiting = list[bytes]()
 
         def change(frame: bytes, now: float) -> list[bytes]:
             waiting.append(frame)
@@ -58,7 +66,8 @@ def we_pause(course: Course, seconds: float) -> None:
 
 
 def companion_sleeps(course: Course, seconds: float) -> None:
-    """The vehicle flies on, and its frames are lost. circnav's clock includes the time asleep, as on Linux."""
+    """The vehicle flies on, and its frames are lost. circnav's clock includes the time asleep, as
+    on Linux."""
     course.stall(seconds, lost=True)
 
 
@@ -97,7 +106,9 @@ def paused(who: str, seconds: float) -> Scenario:
 
 
 STANDSTILLS = [
-    *(paused(who, seconds) for who in PAUSES if who != "we" for seconds in (0.5, 3.0)),  # circnav: F20
+    *(
+        paused(who, seconds) for who in PAUSES if who != "we" for seconds in (0.5, 3.0)
+    ),  # circnav: F20
     paused("companion computer sleeps", 30.0),
     paused("whole computer", 30.0),
 ]

@@ -1,4 +1,5 @@
-"""F9, F14 to F20, F22: floods, errors of our clock, stalls, reboots, takeovers, other senders on the link, commands."""
+"""F9, F14 to F20, F22: floods, errors of our clock, stalls, reboots, takeovers, other senders on
+the link, commands."""
 
 import struct
 from collections.abc import Callable, Iterable
@@ -14,7 +15,14 @@ from tests.flight.ground_station import Operator
 from tests.frames import sender
 from tests.tools.fault_link import DOWN, UP, Impairment
 from tests.tools.fault_link.frames import message_id, raw_frame, write
-from tests.tools.fault_link.intruders import GCS, ground_station, periodic, twin, unknown_senders, vehicle
+from tests.tools.fault_link.intruders import (
+    GCS,
+    ground_station,
+    periodic,
+    twin,
+    unknown_senders,
+    vehicle,
+)
 from tests.tools.fault_link.link import Intruder, Passage, Tamper
 from tests.tools.faults.cell import FRESH, Scenario, Want
 from tests.tools.faults.course import Course
@@ -22,7 +30,8 @@ from tests.tools.faults.scenarios.line import PX4
 from tests.tools.faults.scenarios.ranging import SLOW
 from tests.tools.faults.tampering import acknowledgement, answered, dropping, late, said_again
 
-SET_MODE, ACK = 176, 77
+SET_MODE = 176
+ACK = 77
 ARDUPILOT = ("arducopter", "arduplane", "ardurover")
 THEIR_MODE = {"arducopter": (5,), "arduplane": (7,), "ardurover": (4,)}
 OURS = (1, 191)
@@ -57,15 +66,38 @@ def stalled(seconds: float) -> Arrange:
 
 HOST = [
     Scenario(
-        "F9", "400 strange frames/s", arrange=intrude(lambda seed: unknown_senders(200.0, seed)), quick=True, lasts=40
+        "F9",
+        "400 strange frames/s",
+        arrange=intrude(lambda seed: unknown_senders(200.0, seed)),
+        quick=True,
+        lasts=40,
     ),
-    Scenario("F14", "our clock +1 s", arrange=our_clock(lambda now, since: now + 1.0), clocks=True, on=SLOW),
-    Scenario("F14", "our clock +10 s", arrange=our_clock(lambda now, since: now + 10.0), clocks=True),
     Scenario(
-        "F14", "our clock 500 ppm fast", arrange=our_clock(lambda now, since: now + 5e-4 * (now - since)), clocks=True
+        "F14",
+        "our clock +1 s",
+        arrange=our_clock(lambda now, since: now + 1.0),
+        clocks=True,
+        on=SLOW,
+    ),
+    Scenario(
+        "F14", "our clock +10 s", arrange=our_clock(lambda now, since: now + 10.0), clocks=True
+    ),
+    Scenario(
+        "F14",
+        "our clock 500 ppm fast",
+        arrange=our_clock(lambda now, since: now + 5e-4 * (now - since)),
+        clocks=True,
     ),
     *(
-        Scenario("F20", f"stopped {s} s", arrange=stalled(s), lasts=s + 1, after=50, want=Want.REGAIN, quick=s == 5)
+        Scenario(
+            "F20",
+            f"stopped {s} s",
+            arrange=stalled(s),
+            lasts=s + 1,
+            after=50,
+            want=Want.REGAIN,
+            quick=s == 5,
+        )
         for s in (1, 3, 5)
     ),
 ]
@@ -80,7 +112,15 @@ def reboot(gap: float) -> Scenario:
         last = course.steered_at[-1] - start if course.steered_at else 0.0
         return f"still steering {last:.1f} s after the reboot" if last > gap + 4.0 else None
 
-    return Scenario("F15", f"gap {gap:g} s", arrange=arrange, want=Want.END, check=check, lasts=30, quick=gap == 2)
+    return Scenario(
+        "F15",
+        f"gap {gap:g} s",
+        arrange=arrange,
+        want=Want.END,
+        check=check,
+        lasts=30,
+        quick=gap == 2,
+    )
 
 
 def takeovers(times: int, quick: bool = False) -> Scenario:
@@ -143,7 +183,13 @@ OPERATOR = [
         overrides=('engage.on_takeover="wait"',),
     ),
     Scenario(
-        "F16", "disarmed", arrange=disarm, want=Want.END, reason="disarmed", lasts=5, on=dict.fromkeys(PX4, Want.SAFE)
+        "F16",
+        "disarmed",
+        arrange=disarm,
+        want=Want.END,
+        reason="disarmed",
+        lasts=5,
+        on=dict.fromkeys(PX4, Want.SAFE),
     ),
 ]
 
@@ -163,7 +209,9 @@ def flaps(course: Course, seed: int) -> None:
 
 
 LINKS = [
-    Scenario("F17", "new source port after 2 s", arrange=new_port, want=Want.REGAIN, lasts=10, quick=True),
+    Scenario(
+        "F17", "new source port after 2 s", arrange=new_port, want=Want.REGAIN, lasts=10, quick=True
+    ),
     Scenario("F17", "100 flaps of 0.5 s", arrange=flaps, want=Want.REGAIN, lasts=100),
 ]
 
@@ -174,7 +222,8 @@ def echoing(way: str, data: bytes, now: float) -> Iterable[Passage]:
 
 
 def forged_acks(seed: int) -> Intruder:
-    """Acknowledgements of our commands: one in a ground station's name, one addressed to another component."""
+    """Acknowledgements of our commands: one in a ground station's name, one addressed to another
+    component."""
 
     def words(n: int) -> list[bytes]:
         return [acknowledgement(SET_MODE, 2, OURS, by=GCS), acknowledgement(511, 2, (1, 77))]
@@ -182,7 +231,9 @@ def forged_acks(seed: int) -> Intruder:
     return periodic(20.0, words)
 
 
-def joined(level: str, make: Callable[[int], Intruder], want: Want = Want.HOLD, **more: Any) -> Scenario:
+def joined(
+    level: str, make: Callable[[int], Intruder], want: Want = Want.HOLD, **more: Any
+) -> Scenario:
     """Return a scenario with another sender on the link."""
     return Scenario("F18", level, arrange=intrude(make), want=want, **more)
 
@@ -198,7 +249,12 @@ IDENTITY = [
     joined("GCS flood 200/s", lambda seed: ground_station(200.0), lasts=40),
     joined("second vehicle, system 2", lambda seed: vehicle(2), quick=True),
     joined("component with the vehicle's ids", left_at_the_vehicles_ids, quick=True),
-    joined("second vehicle, our system", lambda seed: vehicle(1, mode=5), Want.END, profiles=ARDUPILOT[:2]),
+    joined(
+        "second vehicle, our system",
+        lambda seed: vehicle(1, mode=5),
+        Want.END,
+        profiles=ARDUPILOT[:2],
+    ),
     joined("twin of ours", lambda seed: twin(*OURS, rate=10.0), **TWIN, quick=True),
     joined("twin of ours, heartbeats only", lambda seed: twin(*OURS), **TWIN),
     Scenario("F18", "own echo", arrange=tamper(echoing)),
@@ -211,7 +267,9 @@ def no_answer_no_obedience(way: str, data: bytes, now: float) -> Iterable[Passag
     return () if way == UP and message_id(data) == 76 else [(way, data)]
 
 
-def commands(level: str, arrange: Arrange, want: Want, reason: str = "", quick: bool = False) -> Scenario:
+def commands(
+    level: str, arrange: Arrange, want: Want, reason: str = "", quick: bool = False
+) -> Scenario:
     return Scenario("F19", level, arrange=arrange, want=want, reason=reason, quick=quick, **FRESH)
 
 
@@ -226,7 +284,9 @@ COMMANDS = [
     commands("in progress for ever", tamper(answered(SET_MODE, 5)), Want.REFUSE, "mode"),
     commands("denied", tamper(answered(SET_MODE, 2)), Want.REFUSE, "denied", quick=True),
     commands("unsupported", tamper(answered(SET_MODE, 3)), Want.REFUSE, "unsupported"),
-    commands("temporarily rejected", tamper(answered(SET_MODE, 1)), Want.REFUSE, "temporarily rejected"),
+    commands(
+        "temporarily rejected", tamper(answered(SET_MODE, 1)), Want.REFUSE, "temporarily rejected"
+    ),
     commands("accepted, not obeyed", tamper(answered(SET_MODE, 0)), Want.REFUSE, "stays in"),
     commands("deaf to commands", tamper(no_answer_no_obedience), Want.REFUSE, "no answer"),
 ]
@@ -253,8 +313,20 @@ def is_range_for_us(way: str, data: bytes) -> bool:
 
 VERSION_1 = ("sim.vehicle.mavlink_version=1",)
 OTHERS = [
-    Scenario("F22", "MAVLink 1 only", want=Want.REFUSE, reason="MAVLink 1 only", overrides=VERSION_1, **FRESH),
+    Scenario(
+        "F22",
+        "MAVLink 1 only",
+        want=Want.REFUSE,
+        reason="MAVLink 1 only",
+        overrides=VERSION_1,
+        **FRESH,
+    ),
     Scenario("F22", "extension fields of the future", arrange=tamper(longer)),
-    Scenario("F22", "ranges replayed after 5 s", arrange=tamper(said_again(5.0, is_range_for_us)), quick=True),
+    Scenario(
+        "F22",
+        "ranges replayed after 5 s",
+        arrange=tamper(said_again(5.0, is_range_for_us)),
+        quick=True,
+    ),
 ]
 PEERS = [*HOST, *OPERATOR, *LINKS, *IDENTITY, *COMMANDS, *OTHERS]

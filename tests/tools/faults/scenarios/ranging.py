@@ -1,4 +1,5 @@
-"""F10 to F13: values, noise, repetition and timestamps of the ranges, changed on the way from the vehicle."""
+"""F10 to F13: values, noise, repetition and timestamps of the ranges, changed on the way from the
+vehicle."""
 
 from collections.abc import Callable
 from functools import partial
@@ -22,7 +23,8 @@ from tests.tools.faults.tampering import (
     stuck,
 )
 
-HOLD, REGAIN = Want.HOLD, Want.REGAIN
+HOLD = Want.HOLD
+REGAIN = Want.REGAIN
 SLOW = {"px4_copter": REGAIN}
 """10 s without ranges take the PX4 copter farther off its circle than the other vehicles."""
 RANGE = 132
@@ -32,7 +34,9 @@ FLYING = ("arducopter", "arduplane", *PX4)
 NAMED_RANGING = ('ranging.message="named_value_float"', 'sim.ranging.message="named_value_float"')
 
 
-def tampered(fault: str, level: str, change: Callable[[int], Change], number: int = RANGE, **more: Any) -> Scenario:
+def tampered(
+    fault: str, level: str, change: Callable[[int], Change], number: int = RANGE, **more: Any
+) -> Scenario:
     """Return a scenario that changes the ranging radio's frames. change: called with the seed."""
 
     def arrange(course: Course, seed: int) -> None:
@@ -41,7 +45,9 @@ def tampered(fault: str, level: str, change: Callable[[int], Change], number: in
     return Scenario(fault, level, arrange=arrange, **more)
 
 
-def value(level: str, *rejects: str, quick: bool = False, profiles: tuple[str, ...] = (), **fields: float) -> Scenario:
+def value(
+    level: str, *rejects: str, quick: bool = False, profiles: tuple[str, ...] = (), **fields: float
+) -> Scenario:
     """A fifth of the ranges has an invalid value."""
     change = partial(sometimes, 0.2, **fields)
     return tampered("F10", level, change, rejects=rejects, quick=quick, profiles=profiles)
@@ -49,7 +55,9 @@ def value(level: str, *rejects: str, quick: bool = False, profiles: tuple[str, .
 
 def named(level: str, reject: str, number: float) -> Scenario:
     change = partial(sometimes, 0.2, value=number)
-    return tampered("F10", f"named value {level}", change, NAMED, rejects=(reject,), overrides=NAMED_RANGING)
+    return tampered(
+        "F10", f"named value {level}", change, NAMED, rejects=(reject,), overrides=NAMED_RANGING
+    )
 
 
 VALUES = [
@@ -79,23 +87,40 @@ NOISE = [
         for sigma, want in ((0.05, HOLD), (0.5, HOLD), (1.0, HOLD), (2.0, REGAIN))
     ),
     *(
-        tampered("F11", f"outliers {p} %, 2..50 m", partial(outliers, p / 100, (2.0, 50.0)), want=want, quick=p == 10)
+        tampered(
+            "F11",
+            f"outliers {p} %, 2..50 m",
+            partial(outliers, p / 100, (2.0, 50.0)),
+            want=want,
+            quick=p == 10,
+        )
         for p, want in ((1, HOLD), (5, HOLD), (10, HOLD), (20, REGAIN), (30, REGAIN))
     ),
     tampered("F11", "+5 m for 5 s", lambda seed: offset(5.0), lasts=5.0, want=REGAIN),
     *(
-        tampered("F11", f"{level} for 20 s", partial(scaled, share), lasts=20.0, reported="RANGE JUMPED", **more)
+        tampered(
+            "F11",
+            f"{level} for 20 s",
+            partial(scaled, share),
+            lasts=20.0,
+            reported="RANGE JUMPED",
+            **more,
+        )
         for level, share, more in (
             ("twice the range", 2.0, {"want": REGAIN, "quick": True}),
             ("feet for meters", 3.28, {"want": REGAIN}),
         )
     ),
-    *(tampered("F11", f"steps of {step:g} m", lambda seed, s=step: quantised(s)) for step in (0.01, 0.1, 1.0)),
+    *(
+        tampered("F11", f"steps of {step:g} m", lambda seed, s=step: quantised(s))
+        for step in (0.01, 0.1, 1.0)
+    ),
 ]
 
 
 def repeating(seconds: float, *, new_stamps: bool, quick: bool = False) -> Scenario:
-    """The range is stuck on one value. The setpoint rules also apply while this cannot be detected."""
+    """The range is stuck on one value. The setpoint rules also apply while this cannot be
+    detected."""
     level = f"stuck {seconds:g} s, {'new stamps' if new_stamps else 'same stamp'}"
     more = {"lasts": seconds, "after": 50.0, "want": REGAIN, "quick": quick}
     return tampered("F12", level, lambda seed: stuck(new_stamps=new_stamps), **more)
@@ -121,13 +146,17 @@ def beside(**fields: int) -> Callable[[int], Change]:
     """Another sensor of the same radio measures another target at the same times."""
 
     def change(seed: int) -> Change:
-        return lambda frame, now: [frame, rewritten(frame, current_distance=4000 + round(10 * now) % 50, **fields)]
+        return lambda frame, now: [
+            frame,
+            rewritten(frame, current_distance=4000 + round(10 * now) % 50, **fields),
+        ]
 
     return change
 
 
 def few_setpoints(course: Course) -> str | None:
-    """Return a fault if setpoints are sent for each range, which would be 100 or 1,000 per second."""
+    """Return a fault if setpoints are sent for each range, which would be 100 or 1,000 per
+    second."""
     sent = [time for time, _ in course.vehicle.setpoint_log if time > course.now - 10.0]
     most = 10.0 / (0.75 * course.pilot.settings.timing.tick) + 1
     return f"{len(sent)} setpoints in 10 s, at most {most:.0f}" if len(sent) > most else None
@@ -135,7 +164,12 @@ def few_setpoints(course: Course) -> str | None:
 
 def refused(level: str, key: str, **fields: int) -> Scenario:
     """Two range sources from the start: not engaged, and the key that selects one is reported."""
-    more = {"want": Want.REFUSE, "reason": f"select yours by ranging.{key}", "quick": key == "sensor_id", **FRESH}
+    more = {
+        "want": Want.REFUSE,
+        "reason": f"select yours by ranging.{key}",
+        "quick": key == "sensor_id",
+        **FRESH,
+    }
     return tampered("F25", level, beside(**fields), profiles=("arducopter", "arduplane"), **more)
 
 

@@ -9,13 +9,19 @@ from tests.tools.faults.cell import Scenario, Want
 from tests.tools.faults.course import Course
 from tests.tools.faults.tampering import Change, on
 
-ATTITUDE, VFR_HUD = 30, 74
+ATTITUDE = 30
+VFR_HUD = 74
 AUTO = ('guidance.law="auto"',)
 """The default law. It uses the heading, unlike the law of the matrix."""
 ARDUPILOT = ("arducopter", "arduplane", "ardurover")
 """PX4 sends ATTITUDE_QUATERNION beside ATTITUDE, and one of them is sufficient."""
 YAW: dict[str, Any] = {"overrides": AUTO, "reported": "HEADING JUMPED", "profiles": ARDUPILOT}
-BLIND: dict[str, Any] = {"overrides": AUTO, "reported": "NO ATTITUDE", "profiles": ARDUPILOT, "want": Want.REGAIN}
+BLIND: dict[str, Any] = {
+    "overrides": AUTO,
+    "reported": "NO ATTITUDE",
+    "profiles": ARDUPILOT,
+    "want": Want.REGAIN,
+}
 BANKED = ("arduplane", "px4_plane")
 
 
@@ -63,8 +69,21 @@ REPORTS = [
     reports("yaw set anew by 180 deg", ATTITUDE, turned(pi), quick=True, **YAW),
     reports("yaw set anew by 90 deg", ATTITUDE, turned(pi / 2), **YAW),
     reports("no ATTITUDE", ATTITUDE, missing, quick=True, **BLIND),
-    reports("ATTITUDE without numbers", ATTITUDE, fixed(yaw=nan, rollspeed=nan, pitchspeed=nan, yawspeed=nan), **BLIND),
+    reports(
+        "ATTITUDE without numbers",
+        ATTITUDE,
+        fixed(yaw=nan, rollspeed=nan, pitchspeed=nan, yawspeed=nan),
+        **BLIND,
+    ),
     reports("ATTITUDE at 1 Hz", ATTITUDE, every_second, **BLIND),
-    reports("airspeed without a number", VFR_HUD, fixed(airspeed=nan), profiles=BANKED, reported="NO AIRSPEED"),
-    reports("airspeed 0", VFR_HUD, fixed(airspeed=0.0), profiles=("arduplane",), reported="NO AIRSPEED"),
+    reports(
+        "airspeed without a number",
+        VFR_HUD,
+        fixed(airspeed=nan),
+        profiles=BANKED,
+        reported="NO AIRSPEED",
+    ),
+    reports(
+        "airspeed 0", VFR_HUD, fixed(airspeed=0.0), profiles=("arduplane",), reported="NO AIRSPEED"
+    ),
 ]

@@ -30,12 +30,15 @@ def stamp(unix: float) -> int:
     return round((unix - EPOCH) * SECOND)
 
 
-def saying(engine: mavlink.MAVLink, message: mavlink.MAVLink_message, way: str, rate: float = 20.0) -> Intruder:
+def saying(
+    engine: mavlink.MAVLink, message: mavlink.MAVLink_message, way: str, rate: float = 20.0
+) -> Intruder:
     return periodic(rate, lambda n: [bytes(message.pack(engine))], direction=way)
 
 
 def both_ways(key: bytes | None, timestamp: int = 0, **link: int) -> Arrange:
-    """Return an arrangement: one sender imitates the vehicle to us, and a ground station to the vehicle."""
+    """Return an arrangement: one sender imitates the vehicle to us, and a ground station to the
+    vehicle."""
 
     def arrange(course: Course, seed: int) -> None:
         course.link.intruders += [
@@ -65,7 +68,8 @@ def clock(*, ours: float = 0.0, theirs: float | None = 0.0) -> Arrange:
 
 
 def refused(*reasons: Refusal, by_vehicle: bool = True) -> Check:
-    """Return a check of the rejection reasons, which must be exactly these, and of rejections by the vehicle."""
+    """Return a check of the rejection reasons, which must be exactly these, and of rejections by
+    the vehicle."""
 
     def check(course: Course) -> str | None:
         found = course.pilot.frames_refused()
@@ -77,8 +81,16 @@ def refused(*reasons: Refusal, by_vehicle: bool = True) -> Check:
     return check
 
 
-def signed(level: str, arrange: Arrange | None = None, check: Check | None = None, **more: Any) -> Scenario:
-    return Scenario("F22", level, arrange=arrange, check=check, **{"keys": BOTH, "lasts": 30.0, "after": 20.0, **more})
+def signed(
+    level: str, arrange: Arrange | None = None, check: Check | None = None, **more: Any
+) -> Scenario:
+    return Scenario(
+        "F22",
+        level,
+        arrange=arrange,
+        check=check,
+        **{"keys": BOTH, "lasts": 30.0, "after": 20.0, **more},
+    )
 
 
 def fresh(level: str, want: Want, arrange: Arrange | None = None, **more: Any) -> Scenario:
@@ -87,20 +99,38 @@ def fresh(level: str, want: Want, arrange: Arrange | None = None, **more: Any) -
 
 def unsigned_flown(course: Course) -> str | None:
     """Return a fault if a vehicle with a key flew unsigned setpoints."""
-    return f"{len(course.vehicle.setpoint_log)} unsigned setpoints flown" if course.vehicle.setpoint_log else None
+    return (
+        f"{len(course.vehicle.setpoint_log)} unsigned setpoints flown"
+        if course.vehicle.setpoint_log
+        else None
+    )
 
 
-WRONG, UNSIGNED, REPEATED, BEHIND = Refusal.WRONG, Refusal.UNSIGNED, Refusal.REPEATED, Refusal.BEHIND
+WRONG = Refusal.WRONG
+UNSIGNED = Refusal.UNSIGNED
+REPEATED = Refusal.REPEATED
+BEHIND = Refusal.BEHIND
 SIGNING = [
     signed("signed, no fault", check=refused(by_vehicle=False)),
     fresh("vehicle without a key", Want.REFUSE, keys=(KEY, None), reason=NOT_BELIEVED),
-    fresh("vehicle with another key", Want.REFUSE, keys=(KEY, OTHER), reason=NOT_BELIEVED, quick=True),
+    fresh(
+        "vehicle with another key", Want.REFUSE, keys=(KEY, OTHER), reason=NOT_BELIEVED, quick=True
+    ),
     fresh("vehicle signs, we have no key", Want.SAFE, keys=(None, KEY), check=unsigned_flown),
     signed("unsigned frames in both names", both_ways(None), refused(UNSIGNED)),
     signed("forged frames, stamps of now", both_ways(OTHER, stamp(UNIX + 200)), refused(WRONG)),
-    signed("forged frames, stamps of the future", both_ways(OTHER, LATEST), refused(WRONG), quick=True),
-    fresh("forged frames of the future from the start", Want.ENGAGE, both_ways(OTHER, LATEST), check=refused(WRONG)),
-    signed("true frames of an hour ago", both_ways(KEY, stamp(UNIX - HOUR), link_id=7), refused(BEHIND)),
+    signed(
+        "forged frames, stamps of the future", both_ways(OTHER, LATEST), refused(WRONG), quick=True
+    ),
+    fresh(
+        "forged frames of the future from the start",
+        Want.ENGAGE,
+        both_ways(OTHER, LATEST),
+        check=refused(WRONG),
+    ),
+    signed(
+        "true frames of an hour ago", both_ways(KEY, stamp(UNIX - HOUR), link_id=7), refused(BEHIND)
+    ),
     signed("all said again after 5 s", replayed, refused(REPEATED), quick=True),
     signed("second vehicle, our system", second_vehicle, refused(UNSIGNED, by_vehicle=False)),
     fresh("vehicle without a clock", Want.ENGAGE, clock(theirs=None)),
@@ -114,7 +144,10 @@ SIGNING = [
             ("20 % lost", Impairment(loss=0.2)),
             ("50 % twice", Impairment(duplicate=0.5)),
             ("0.001 corrupt per byte", Impairment(corrupt=1e-3)),
-            ("200 ms jitter", Impairment(jitter=0.2)),  # an overtaken frame counts as repeated: many frames are lost
+            (
+                "200 ms jitter",
+                Impairment(jitter=0.2),
+            ),  # an overtaken frame counts as repeated: many frames are lost
         )
     ),
 ]
