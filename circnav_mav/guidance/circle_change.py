@@ -10,9 +10,6 @@ from typing import NamedTuple
 
 from circnav_mav.guidance.types import Direction, Orbit
 
-NEAR = 0.1
-"""Radius error, in units of the radius, within which a turn counts as flown on the circle."""
-
 MIN_INTERVAL = 0.1
 """Shortest time between two requests, s: a fleet adjusts its spacing at most half as often."""
 MAX_OFFSET_SHARE = 0.3

@@ -1,7 +1,5 @@
 """One guidance step: from an estimate through the law to a turn rate within the vehicle's limit.
 
-The same code serves one real flight (plain floats) and B flights of an experiment (arrays (B,)).
-
 `auto` starts with feedforward on range and range rate. It changes to the drift law once the
 relative motion is trusted. During acquisition it flies the most likely hypothesis of the target
 position: measurements contradict a wrong one within seconds, but the straight approach of a
@@ -12,27 +10,21 @@ change is bumpless: the step in the command decays to 0.
 
 from dataclasses import dataclass
 from enum import IntEnum
-from math import inf, isfinite, pi
-from typing import Any, NamedTuple
+from math import copysign, exp, inf, isfinite, pi, sin
+from typing import NamedTuple
 
-from circnav_mav.guidance import lap_plan, laws
+from circnav_mav.guidance import lap_plan
 from circnav_mav.guidance.laws import LAWS, Kind, Law
-from circnav_mav.guidance.maths import (
-    Array,
-    Flag,
-    Number,
-    Pair,
-    clip,
-    exp,
-    logical_not,
-    magnitude,
-    maximum,
-    minimum,
-    sin,
-    where,
-)
+from circnav_mav.guidance.maths import clip
 from circnav_mav.guidance.pending_turn import Pending
-from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, RelativeMotion, TurnCommand
+from circnav_mav.guidance.types import (
+    SAME_TIME,
+    Orbit,
+    RangeEstimate,
+    RelativeMotion,
+    TurnCommand,
+    TurnRate,
+)
 from circnav_mav.guidance.vector_field import (
     drift,
     drift_gains,
@@ -76,10 +68,12 @@ position is not trusted."""
 
 @dataclass(frozen=True, slots=True)
 class LawChoice:
-    """A law by name, with the magnitude of its gain.
+    """A law by name.
 
-    correct_radius: True if the law's radius bias is compensated. lag: of the vehicle's turn, s;
-    sets the gains of the drift law.
+    name: of the law in `LAWS`.
+    gain: magnitude of its gain.
+    correct_radius: True if the law's radius bias is compensated.
+    lag: of the vehicle's turn, s; sets the gains of the drift law.
     """
 
     name: str
@@ -90,17 +84,24 @@ class LawChoice:
 
 @dataclass(frozen=True, slots=True)
 class StepSettings:
-    """Constants of the steps on one circle. sense: +1 counter-clockwise, -1 clockwise. V: speed,
-    m/s. r_d: radius, m. fed: the radius that the law is fed, m. k: signed gain (as in the paper, k
-    > 0 flies clockwise). limit: of the turn rate, rad/s."""
+    """Constants of the steps on one circle.
+
+    law: law that steers.
+    sense: +1 counter-clockwise, -1 clockwise.
+    V: speed, m/s.
+    r_d: radius of the circle, m.
+    fed: radius that the law is fed, m.
+    k: signed gain. As in the paper, k > 0 flies clockwise.
+    limit: limit of the turn rate, rad/s.
+    """
 
     law: Law
-    sense: Number
-    V: Number
-    r_d: Number
-    fed: Number
-    k: Number
-    limit: Number
+    sense: int
+    V: float
+    r_d: float
+    fed: float
+    k: float
+    limit: float
 
     @classmethod
     def of(cls, orbit: Orbit, choice: LawChoice) -> "StepSettings":
@@ -108,28 +109,31 @@ class StepSettings:
         correction."""
         law = LAWS[choice.name]
         sense = orbit.direction.turn_sign
-        fed = (
-            law.fed_radius(orbit.speed, orbit.radius, choice.gain)
-            if choice.correct_radius
-            else orbit.radius
-        )
+        fed = orbit.radius
+        if choice.correct_radius:
+            fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain)
         return cls(
             law, sense, orbit.speed, orbit.radius, fed, -sense * choice.gain, orbit.max_turn_rate
         )
 
 
 class Inputs(NamedTuple):
-    """Inputs of one step. time: s. r, r_dot: m, m/s. pending: commanded turn not flown yet.
-    relative: relative motion, None if unknown. trim: m, added to the radius that the law is fed.
-    share: factor on the drift law's gains."""
+    """Inputs of one step.
+
+    time: time of the step, s.
+    r: range, m.
+    r_dot: range rate, m/s.
+    pending: commanded turn that is not flown yet.
+    relative: relative motion, None if unknown.
+    share: factor on the drift law's gains.
+    """
 
     time: float
-    r: Number
-    r_dot: Number
+    r: float
+    r_dot: float
     pending: Pending
     relative: RelativeMotion | None = None
-    trim: Number = 0.0
-    share: Number = 1.0
+    share: float = 1.0
 
 
 class ActiveLaw(IntEnum):
@@ -148,210 +152,238 @@ WHY = {
 
 
 class Handover(NamedTuple):
-    """State of the handover between laws. flies: the law that steered last; -1: none. most_likely:
-    number of the hypothesis flown last; -1: none. command: last command, rad/s. offset: decaying
-    rest of the command's step at the last change, rad/s. untrusted: time since the target position
-    was last trusted, s. about: side to which a vehicle that flies away from the target turns back,
-    +1 left, -1 right, 0 if it does not fly away. searched: duration of the present search, s."""
+    """State of the handover between laws.
 
-    flies: Array = -1
-    most_likely: Array = -1
-    command: Array = 0.0
-    offset: Array = 0.0
-    untrusted: Array = 0.0
-    about: Array = 0.0
-    searched: Array = 0.0
+    flies: law that steered last; None before the first step.
+    most_likely: number of the hypothesis flown last; None: none.
+    command: last command, rad/s.
+    offset: decaying rest of the command's step at the last change, rad/s.
+    untrusted: time since the target position was last trusted, s.
+    about: side to which a vehicle that flies away from the target turns back. +1: left, -1: right,
+        0: the vehicle does not fly away.
+    searched: duration of the present search, s.
+    """
 
-
-AT_START = Handover()
+    flies: ActiveLaw | None = None
+    most_likely: int | None = None
+    command: float = 0.0
+    offset: float = 0.0
+    untrusted: float = 0.0
+    about: float = 0.0
+    searched: float = 0.0
 
 
 def next_handover(
     before: Handover,
-    dt: Number,
+    dt: float,
     *,
-    trusted: Flag,
-    most_likely: Number,
-    by_range: Number,
-    drift_turn: Number,
-    limit: Number,
-    leaves: Number,
+    trusted: bool,
+    most_likely: int | None,
+    by_range: float,
+    drift_turn: float,
+    limit: float,
+    leaves: float,
 ) -> Handover:
     """Return the handover state with the command of this step, for the counter-clockwise orbit.
 
-    most_likely: number of the most likely hypothesis during acquisition, else -1. by_range,
-    drift_turn: turn rates of feedforward and of the drift law, rad/s; drift_turn is valid only
-    while the relative motion is available. leaves: degree of flying away from the target, 0 to 1
-    (`_leaves`).
+    dt: time since the last step, s.
+    trusted: True if the target position may steer.
+    most_likely: number of the most likely hypothesis during acquisition, else None.
+    by_range: turn rate of feedforward, rad/s.
+    drift_turn: turn rate of the drift law, rad/s; valid only while the relative motion is
+        available.
+    limit: limit of the turn rate, rad/s.
+    leaves: degree of flying away from the target, 0 to 1 (`_leaves`).
     """
-    untrusted = where(trusted, 0.0, before.untrusted + dt)
-    trial = logical_not(trusted) & (most_likely >= 0) & (untrusted >= FIRST_TRIAL - SAME_TIME)
-    flies = where(trusted, ActiveLaw.DRIFT, where(trial, ActiveLaw.TRIAL, ActiveLaw.FEEDFORWARD))
-    on_trial = where(trial, most_likely, -1)
-    excitation = EXCITATION_SHARE * limit * sin(2 * pi * untrusted / EXCITATION_PERIOD)
-    drift_turn = drift_turn + where(trial & (untrusted > PATIENCE + SAME_TIME), excitation, 0.0)
-    wanted = clip(where(flies == ActiveLaw.FEEDFORWARD, by_range, drift_turn), -limit, limit)
+    if trusted:
+        flies = ActiveLaw.DRIFT
+        untrusted = searched = leaves = 0.0
+        wanted = drift_turn
+    else:
+        untrusted = before.untrusted + dt
+        searched = before.searched + dt
+        if most_likely is not None and untrusted >= FIRST_TRIAL - SAME_TIME:
+            flies = ActiveLaw.TRIAL
+            wanted = drift_turn
+            if untrusted > PATIENCE + SAME_TIME:
+                wanted += EXCITATION_SHARE * limit * sin(2 * pi * untrusted / EXCITATION_PERIOD)
+        else:
+            flies = ActiveLaw.FEEDFORWARD
+            wanted = by_range
+    on_trial = most_likely if flies is ActiveLaw.TRIAL else None
+    wanted = clip(wanted, -limit, limit)
     # A vehicle that flies away from the target turns back by a half circle, to either side. The
     # tightest half circle costs the least distance. Keep the side: hypotheses and excitation change
     # the sign of the command, and alternating turns would lead straight away from the target.
-    leaves = where(trusted, 0.0, leaves)
-    keeps = (before.about != 0) & (untrusted > PATIENCE + SAME_TIME)
-    about = where(leaves == 0, 0.0, where(keeps, before.about, where(wanted < 0, -1.0, 1.0)))
-    wanted = wanted + leaves * (about * limit - wanted)
-    changed = (before.flies >= 0) & ((flies != before.flies) | (on_trial != before.most_likely))
-    offset = where(changed, before.command - wanted, before.offset * exp(-dt / FADE))
-    searched = where(trusted, 0.0, before.searched + dt)
-    return Handover(
-        flies, on_trial, clip(wanted + offset, -limit, limit), offset, untrusted, about, searched
-    )
+    about = 0.0
+    if leaves > 0:
+        keeps = before.about != 0 and untrusted > PATIENCE + SAME_TIME
+        about = before.about if keeps else copysign(1.0, wanted)
+        wanted += leaves * (about * limit - wanted)
+    changed = flies is not before.flies or on_trial != before.most_likely
+    if changed and before.flies is not None:
+        offset = before.command - wanted
+    else:
+        offset = before.offset * exp(-dt / FADE)
+    command = clip(wanted + offset, -limit, limit)
+    return Handover(flies, on_trial, command, offset, untrusted, about, searched)
 
 
 class StepState(NamedTuple):
-    """State between steps. time: of the last command, s. memory: the integral of the law `pi`, m.
-    drift_x, drift_y: the smoothed drift, m/s."""
+    """State between steps.
 
-    time: Number = -inf
-    memory: Number = 0.0
-    handover: Handover = AT_START
-    drift_x: Number = 0.0
-    drift_y: Number = 0.0
+    time: time of the last command, s.
+    handover: of the laws.
+    drift_x, drift_y: smoothed drift, m/s.
+    """
+
+    time: float = -inf
+    handover: Handover = Handover()
+    drift_x: float = 0.0
+    drift_y: float = 0.0
 
 
 def step(
     before: StepState, settings: StepSettings, inputs: Inputs
 ) -> tuple[StepState, TurnCommand]:
     """Run one guidance step. Return the new state and the turn within the limit."""
-    dt = where(before.time > -inf, clip(inputs.time - before.time, 0.0, LONGEST_STEP), 0.0)
+    by_range = settings.law.function(
+        inputs.r, inputs.r_dot, V=settings.V, r_d=settings.fed, k=settings.k
+    )
     if settings.law.flies_relative_motion:
-        return _with_relative_motion(before, settings, inputs, dt)
-    V = settings.V
-    k = settings.k
-    radius = settings.fed + inputs.trim
-    memory = before.memory
-    if settings.law.kind is Kind.MEMORY:
-        demanded, memory = laws.pi(inputs.r, inputs.r_dot, memory, dt, V=V, r_d=radius, k=k)
-    else:
-        demanded = settings.law.function(inputs.r, inputs.r_dot, V=V, r_d=radius, k=k)
-    return StepState(inputs.time, memory, before.handover), limited(demanded, settings.limit)
+        return _with_relative_motion(before, settings, inputs, by_range)
+    return before._replace(time=inputs.time), limited(by_range, settings.limit)
 
 
 def _with_relative_motion(
-    before: StepState, settings: StepSettings, inputs: Inputs, dt: Number
+    before: StepState, settings: StepSettings, inputs: Inputs, by_range: float
 ) -> tuple[StepState, TurnCommand]:
-    """Run a step of `auto` or `drift`, mirrored to a counter-clockwise orbit. The result has the
-    true sense."""
+    """Run a step of `auto` or `drift`. by_range: turn rate of feedforward, rad/s.
+
+    The laws are written for the counter-clockwise orbit: their inputs are mirrored to it, and the
+    result is mirrored back.
+    """
     s = settings.sense
+    by_range = s * by_range
     relative = inputs.relative
-    by_range = s * settings.law.function(
-        inputs.r, inputs.r_dot, V=settings.V, r_d=settings.fed, k=settings.k
-    )
-    by_drift = by_range
-    trusted = False
-    drift_x = before.drift_x
-    drift_y = before.drift_y
-    if relative is not None:
+    last = before.handover
+    dt = 0.0
+    if before.time > -inf:
+        dt = clip(inputs.time - before.time, 0.0, LONGEST_STEP)
+    if relative is None:
+        # Without relative motion there is no search. A vehicle without an airspeed sensor has none
+        # while it does not follow its commands: its path is unknown. The search begins when the
+        # vehicle follows again.
+        last = last._replace(searched=0.0)
+        drift_x = before.drift_x
+        drift_y = before.drift_y
+        drift_turn = by_range
+    else:
         # The difference between the drift and its low-pass gives its rate of change. The low-pass
         # starts when the drift law takes over.
-        follows = before.handover.flies == ActiveLaw.DRIFT
-        share = dt / (CHANGE_TIME + dt)
-        drift_x = where(follows, drift_x + share * (relative.drift_x - drift_x), relative.drift_x)
-        drift_y = where(follows, drift_y + share * (relative.drift_y - drift_y), relative.drift_y)
+        share = dt / (CHANGE_TIME + dt) if last.flies is ActiveLaw.DRIFT else 1.0
+        drift_x = before.drift_x + share * (relative.drift_x - before.drift_x)
+        drift_y = before.drift_y + share * (relative.drift_y - before.drift_y)
         change = (
             (relative.drift_x - drift_x) / CHANGE_TIME,
             (relative.drift_y - drift_y) / CHANGE_TIME,
         )
-        by_drift = _by_drift(settings, relative, change, inputs)
-        trusted = relative.trusted
-    # Without relative motion there is no search. A vehicle without an airspeed sensor has none
-    # while it does not follow its commands: its path is unknown. The search begins when the vehicle
-    # follows again.
-    last = before.handover if relative is not None else before.handover._replace(searched=0.0)
+        drift_turn = _by_drift(settings, relative, change, inputs)
     handover = next_handover(
         last,
         dt,
-        trusted=trusted,
+        trusted=relative is not None and relative.trusted,
         most_likely=_tried(last, settings, inputs),
         by_range=by_range,
-        drift_turn=by_drift,
+        drift_turn=drift_turn,
         limit=settings.limit,
         leaves=_leaves(settings, inputs),
     )
-    demanded = where(handover.flies == ActiveLaw.FEEDFORWARD, by_range, by_drift)
-    cut: Any = magnitude(handover.command) >= AT_LIMIT * settings.limit
-    after = StepState(inputs.time, before.memory, handover, drift_x, drift_y)
-    return after, TurnCommand(s * handover.command, s * demanded, cut)
+    demanded = by_range if handover.flies is ActiveLaw.FEEDFORWARD else drift_turn
+    cut = abs(handover.command) >= AT_LIMIT * settings.limit
+    after = StepState(inputs.time, handover, drift_x, drift_y)
+    return after, TurnCommand(TurnRate(s * handover.command), TurnRate(s * demanded), cut)
 
 
-def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> Array:
-    """Number of the hypothesis to fly; -1: none."""
+def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> int | None:
+    """Number of the hypothesis to fly, or None."""
     # On the circle with a remembered drift, wait. Circling alone soon separates the hypotheses, and
     # flying a wrong one would leave the circle.
     relative = inputs.relative
-    if relative is None or relative.trial is None or settings.law.kind is not Kind.AUTO:
-        return -1
-    near = magnitude(inputs.r - settings.r_d) < NEAR * settings.r_d
-    circling = near & (magnitude(inputs.r_dot) < ALONG * settings.V)
+    if relative is None or settings.law.kind is not Kind.AUTO:
+        return None
+    near = abs(inputs.r - settings.r_d) < NEAR * settings.r_d
+    circling = near and abs(inputs.r_dot) < ALONG * settings.V
     patient = before.searched < CIRCLING_PATIENCE - SAME_TIME
-    return where(relative.drift_remembered & circling & patient, -1, relative.trial)
+    if relative.drift_remembered and circling and patient:
+        return None
+    return relative.trial
 
 
-def _leaves(settings: StepSettings, inputs: Inputs) -> Array:
+def _leaves(settings: StepSettings, inputs: Inputs) -> float:
     """Degree of flying away from the target. 0: not at all, or the law is not `auto`. 1: at
     LEAVES_FAST or faster."""
-    outside = (inputs.r > settings.r_d) & (settings.law.kind is Kind.AUTO)
-    fast = clip((inputs.r_dot / settings.V - LEAVES) / (LEAVES_FAST - LEAVES), 0.0, 1.0)
-    return where(outside, fast, 0.0)
+    if settings.law.kind is not Kind.AUTO or inputs.r <= settings.r_d:
+        return 0.0
+    return clip((inputs.r_dot / settings.V - LEAVES) / (LEAVES_FAST - LEAVES), 0.0, 1.0)
 
 
 def _by_drift(
-    settings: StepSettings, relative: RelativeMotion, change: Pair, inputs: Inputs
-) -> Array:
+    settings: StepSettings, relative: RelativeMotion, change: tuple[float, float], inputs: Inputs
+) -> float:
     """Return the turn rate (rad/s) of the drift law, for the counter-clockwise orbit. change: of
     the drift, m/s^2."""
-    p = (relative.x, relative.y)
-    d = (relative.drift_x, relative.drift_y)
-    here = mirrored(p, d, relative.heading, inputs.pending, settings.sense)
-    V = maximum(relative.airspeed, 0.1 * settings.V)
-    r_d = settings.r_d
-    gains = drift_gains(
-        V,
-        inputs.pending.ahead + inputs.pending.measurement_delay,
-        inputs.pending.settles,
-        inputs.share,
+    pending = inputs.pending
+    p, d, psi, pending = mirrored(
+        (relative.x, relative.y),
+        (relative.drift_x, relative.drift_y),
+        relative.heading,
+        inputs.pending,
+        settings.sense,
     )
-    change = mirrored_pair(change, settings.sense)
-    lap = lap_plan.plan(here[1], V=V, r_d=r_d, limit=minimum(settings.limit, inputs.pending.most))
+    V = max(relative.airspeed, 0.1 * settings.V)
+    delay = pending.ahead + pending.measurement_delay
     return drift(
-        *here, V=V, r_d=r_d, max_turn_rate=settings.limit, gains=gains, change=change, lap=lap
+        p,
+        d,
+        psi,
+        pending,
+        V=V,
+        r_d=settings.r_d,
+        max_turn_rate=settings.limit,
+        gains=drift_gains(V, delay, pending.settles, inputs.share),
+        change=mirrored_pair(change, settings.sense),
+        lap=lap_plan.plan(d, V=V, r_d=settings.r_d, limit=min(settings.limit, pending.most)),
     )
 
 
-def hold(settings: StepSettings, relative: RelativeMotion | None, pending: Pending) -> TurnCommand:
+def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> TurnCommand:
     """Return the steady turn of the circle, without any range: V/r_d, or from drift and heading if
-    they are trusted.
+    they are trusted and finite.
 
     pending: commanded turn not flown yet; it predicts the heading.
     """
-    s = settings.sense
-    turn = settings.V / settings.r_d
-    if relative is not None:
-        d = mirrored_pair((relative.drift_x, relative.drift_y), s)
-        V = maximum(relative.airspeed, 0.1 * settings.V)
-        heading = s * (relative.heading + pending.turn)
-        turn = where(relative.trusted, orbit_turn_rate(d, heading, V=V, r_d=settings.r_d), turn)
-    return limited(s * turn, settings.limit)
+    s = orbit.direction.turn_sign
+    turn = orbit.speed / orbit.radius
+    if motion is not None and motion.trusted:
+        d = mirrored_pair((motion.drift_x, motion.drift_y), s)
+        V = max(motion.airspeed, 0.1 * orbit.speed)
+        heading = s * (motion.heading + pending.turn)
+        if all(map(isfinite, (*d, V, heading))):
+            turn = orbit_turn_rate(d, heading, V=V, r_d=orbit.radius)
+    return limited(s * turn, orbit.max_turn_rate)
 
 
-def limited(demanded: Array, limit: Number) -> TurnCommand:
+def limited(demanded: float, limit: float) -> TurnCommand:
     """Return the demand limited to +-limit, both in rad/s."""
     turn = clip(demanded, -limit, limit)
-    return TurnCommand(turn, demanded, turn != demanded)
+    return TurnCommand(TurnRate(turn), TurnRate(demanded), turn != demanded)
 
 
-def compensate_turn_gain(command: TurnCommand, limit: Number, gain: Number) -> TurnCommand:
+def compensate_turn_gain(command: TurnCommand, limit: float, gain: float) -> TurnCommand:
     """Return the command divided by the vehicle's turn-rate gain, within +-limit (rad/s)."""
     cut = limited(command.turn_rate / gain, limit)
-    return command._replace(turn_rate=cut.turn_rate, saturated=command.saturated | cut.saturated)
+    return command._replace(turn_rate=cut.turn_rate, saturated=command.saturated or cut.saturated)
 
 
 class Steering:
@@ -370,34 +402,20 @@ class Steering:
         self._at_rest = Pending(0.0, choice.lag)
 
     def __call__(
-        self,
-        estimate: RangeEstimate,
-        trim: float = 0.0,
-        pending: Pending | None = None,
-        share: float = 1.0,
+        self, estimate: RangeEstimate, pending: Pending | None = None, share: float = 1.0
     ) -> TurnCommand:
-        """Return the command. trim: m, added to the radius that a law on range alone is fed.
-        pending: commanded turn not flown yet; None: no such turn, and the lag of the law choice.
-        share: factor on the gains."""
+        """Return the command. pending: commanded turn not flown yet; None: no such turn, and the
+        lag of the law choice. share: factor on the gains."""
         inputs = Inputs(
             estimate.time,
             estimate.r,
             estimate.r_dot,
             pending or self._at_rest,
             estimate.relative,
-            trim,
             share,
         )
         self._state, command = step(self._state, self._settings, inputs)
-        if not self._settings.law.flies_relative_motion:
-            return command
         flies = self._state.handover.flies
+        if flies is None or not self._settings.law.flies_relative_motion:
+            return command
         return command._replace(flies=flies.name.lower(), why=WHY[flies])
-
-
-def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> TurnCommand:
-    """Return `hold` for one flight: V/r_d unless the relative motion is trusted and finite."""
-    if motion is not None:
-        carried = motion.drift_x, motion.drift_y, motion.heading, motion.turn_rate, motion.airspeed
-        motion = motion if motion.trusted and all(map(isfinite, carried)) else None
-    return hold(StepSettings.of(orbit, LawChoice("drift", 0.0)), motion, pending)

@@ -75,13 +75,17 @@ class IntegratedAcceleration(NamedTuple):
 class OwnMotion(NamedTuple):
     """Motion that the autopilot measures without GPS.
 
-    time: local clock, s. heading: direction of motion through the air, rad. It differs from the
-    nose by a plane's side-slip or a copter's crab angle. turn_rate: of the nose, rad/s (not the
-    body's z rate). airspeed: as measured, m/s. bank_turn: turn rate of the coordinated turn at this
-    bank, rad/s; None for vehicles that do not bank to turn. bank: to the left, rad. pitch: of the
-    nose above the path, rad. push: horizontal acceleration (x, y) by the tilt of the thrust, m/s^2,
-    or None. felt: integrated accelerometer measurement, or None. drag: specific force (forward,
-    left) along the horizontal axes of a copter without the part of its thrust, m/s^2, or None.
+    time: local clock, s.
+    heading: direction of motion through the air, rad. It differs from the nose by a copter's crab
+        angle.
+    turn_rate: of the nose, rad/s (not the body's z rate).
+    airspeed: as measured, m/s.
+    bank_turn: turn rate of the coordinated turn at this bank, rad/s; None for vehicles that do not
+        bank to turn.
+    push: horizontal acceleration (x, y) by the tilt of the thrust, m/s^2, or None.
+    felt: integrated accelerometer measurement, or None.
+    drag: specific force (forward, left) along the horizontal axes of a copter without the part of
+        its thrust, m/s^2, or None.
     """
 
     time: float
@@ -89,8 +93,6 @@ class OwnMotion(NamedTuple):
     turn_rate: float
     airspeed: float
     bank_turn: float | None = None
-    bank: float = 0.0
-    pitch: float = 0.0
     push: tuple[float, float] | None = None
     felt: IntegratedAcceleration | None = None
     drag: tuple[float, float] | None = None

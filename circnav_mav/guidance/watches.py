@@ -1,5 +1,4 @@
-"""Monitors beside the law: slow integral on the mean radius, mission bounds, and alarm for too
-strong a drift."""
+"""Monitors beside the law: mission bounds, and alarm for too strong a drift."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -7,51 +6,11 @@ from typing import NamedTuple
 from circnav_mav.guidance.laws import tolerated_drift
 from circnav_mav.guidance.types import Orbit, RangeEstimate
 
-TRIM_NEAR = 0.2
-"""Radius error, as a fraction of the radius, up to which the trim grows, because the law is linear
-there. Above it, the trim only shrinks, because the trim itself may be the cause of the error."""
-MOST_TRIM = 0.15
-"""Bound of the trim, as a fraction of the radius."""
-CLOSES = 0.4
-"""Closing time of an approach in units of r_d/V: an error that shrinks this fast is not integrated.
-With full integration, the approach left 3.6 m of trim, and 1 m of radius error for 30 s (150 m, 22
-m/s)."""
 PERSISTS = 3.0
 """Time, s, for which the drift must be too strong to raise the alarm: the estimate follows single
 gusts."""
 ALLOWED_AGAIN = 0.9
 """Share of the allowed drift below which the alarm ends."""
-
-
-def next_trim(
-    trim: float,
-    *,
-    rate: float,
-    r: float,
-    change: float,
-    r_d: float,
-    V: float,
-    step: float,
-    saturated: bool,
-) -> float:
-    """Return the radius trim (m), which is added to the radius that the law is fed.
-
-    trim: trim before this step, m. rate: of the integral, 1/s. r: range, m. change: of the range
-    during the step, m. step: s. The trim integrates against errors that do not close by themselves.
-    It uses the change of the range, because a lasting error of the estimated range rate would
-    become a radius error.
-
-    Laws assume that speed and turn rate are as commanded. A vehicle with a true airspeed 6 % above
-    the indicated one flies 2 m outside a circle of 150 m.
-    """
-    after = trim - rate * ((r - r_d) * step + CLOSES * r_d / V * change)
-    if saturated:
-        return trim
-    if abs(r - r_d) > TRIM_NEAR * r_d:
-        # Far from the circle the trim may only shrink, and not change its sign.
-        unwound = after if trim * after > 0 else 0.0
-        return unwound if abs(unwound) < abs(trim) else trim
-    return min(max(after, -MOST_TRIM * r_d), MOST_TRIM * r_d)
 
 
 @dataclass(frozen=True, slots=True)

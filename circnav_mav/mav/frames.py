@@ -26,12 +26,6 @@ def turn_rate_from_yaw_rate(yaw_rate: YawRate) -> TurnRate:
     return TurnRate(-yaw_rate)
 
 
-def left_bank_from_roll(roll: float) -> float:
-    """Convert a right positive roll to a bank that is positive to the left, as counter-clockwise
-    turns are, rad."""
-    return -roll
-
-
 def heading_enu_from_yaw_ned(yaw: float) -> float:
     """Convert a NED heading (clockwise from north) to the paper's psi (counter-clockwise from
     east), rad in (-pi, pi].

@@ -19,7 +19,6 @@ from circnav_mav.mav.frames import (
     drag_from_body,
     euler_from_quaternion,
     heading_enu_from_yaw_ned,
-    left_bank_from_roll,
     level_from_body,
     push_from_tilt,
     turn_rate_from_yaw_rate,
@@ -257,8 +256,7 @@ class OwnMotionSensor:
         roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (body.roll, body.pitch))
         if banks:
             turn = turn_rate_from_yaw_rate(YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0)))
-            above = pitch - (self.at(now).climb or 0.0) / max(airspeed, 1.0)
-            return own._replace(bank_turn=turn, bank=left_bank_from_roll(roll), pitch=above)
+            return own._replace(bank_turn=turn)
         force = self._accelerations.across_thrust(now)
         drag = None if force is None else drag_from_body(force, roll, pitch)
         return own._replace(push=push_from_tilt(roll, pitch, psi), drag=drag)

@@ -7,7 +7,6 @@ from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
 from circnav_mav.guidance.turn_answer import MEASUREMENT_DELAY
-from circnav_mav.guidance.watches import MOST_TRIM
 from circnav_mav.mav.autopilots.interface import FOLLOWED
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
@@ -27,7 +26,6 @@ flight."""
 TURN_USED = 0.7
 """Share of the vehicle's turn rate that the circle may need. The remaining share is for wind and
 the approach."""
-NEED_MOTION = frozenset({"drift", "unicycle"})
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 """Hosts of endpoints that only this computer can reach."""
 DRIFT_LAWS = frozenset({"auto", "drift"})
@@ -36,7 +34,7 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 def check_mission(mission: Mission) -> list[Check]:
     """Return all check lines of a mission."""
     parts = (
-        *(_keys, _vehicle, _tilt, _estimator, _gain, _trim, _radius, _turn_rate, _acceleration),
+        *(_keys, _vehicle, _tilt, _estimator, _gain, _radius, _turn_rate, _acceleration),
         *(check_ranging, _drift, _margin, _signing),
     )
     lines = [line for part in parts for line in part(mission)]
@@ -107,7 +105,7 @@ def _tilt(mission: Mission) -> Iterator[Check]:
 
 def _estimator(mission: Mission) -> Iterator[Check]:
     """Check that an estimator that needs own motion receives it before the engagement."""
-    if mission.estimator not in NEED_MOTION:
+    if mission.estimator != "drift":
         return
     if mission.vehicles and not any(one.measures_airspeed for one in mission.vehicles):
         needs = f"{mission.estimator} needs the airspeed before the vehicle can be engaged"
@@ -135,25 +133,6 @@ def _gain(mission: Mission) -> Iterator[Check]:
     yield Check(
         grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({origin}), needs {needs}{weak}"
     )
-
-
-def _trim(mission: Mission) -> Iterator[Check]:
-    """Check the gain at the smallest radius to which the radius trim may reduce the law's input."""
-    law = LAWS[mission.law.name]
-    gain = mission.law.gain
-    orbit = mission.orbit
-    least = (1 - MOST_TRIM) * orbit.radius
-    bound = law.gain_bound(orbit.speed, least)
-    if (
-        mission.file.guidance.radius_trim_per_s > 0
-        and law.gain_bound(orbit.speed, orbit.radius) < gain <= bound
-    ):
-        needs = (
-            f"may reduce the radius that the law uses to {least:g} m, which needs"
-            f" {law.gain_condition} = {bound:.4g}"
-        )
-        cannot = f"k = {gain:.4g} cannot fly this circle; raise guidance.gain"
-        yield Check(WARN, "trim", f"guidance.radius_trim_per_s {needs}: {cannot}")
 
 
 def _radius(mission: Mission) -> Iterator[Check]:

@@ -224,7 +224,6 @@ class Mission:
                 battery=file.bounds.min_battery_percent,
             ),
             turn_gain=None if file.vehicle.turn_gain == "learn" else file.vehicle.turn_gain,
-            radius_trim=file.guidance.radius_trim_per_s,
             timing=Timing(
                 duration=file.limits.duration_s,
                 wait_link=file.link.wait_s,

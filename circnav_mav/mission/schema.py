@@ -114,7 +114,6 @@ class GuidanceTable(Table):
     law: Literal[tuple(LAWS)] = "auto"  # type: ignore[valid-type]
     gain: Positive | None = None
     correct_radius: bool = True
-    radius_trim_per_s: Annotated[float, Field(ge=0, le=0.2)] = 0.0
     estimator: Literal[tuple(ESTIMATORS)] | None = None  # type: ignore[valid-type]
 
 

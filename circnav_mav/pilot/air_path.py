@@ -2,7 +2,6 @@
 turn response."""
 
 from circnav_mav.guidance.air_drag import AirVelocity, MeanWind, ScaleFit
-from circnav_mav.guidance.side_slip import SideSlip
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.codec import Message
@@ -26,7 +25,6 @@ class AirPath:
         self._tracker = tracker
         self._controller = controller
         self._copter_motion = CopterMotion()
-        self._side_slip = SideSlip()
         self.own: OwnMotion | None = None
         self.implausible_airspeed: float | None = None
         self.air = AirVelocity()
@@ -70,7 +68,6 @@ class AirPath:
             controller.drag = self._copter_motion.drag
         else:
             self._copter_motion = self._copter_motion.stand()
-            self._side_slip, own = self._side_slip.follow(own)
         self.own = own
         controller.on_motion(own, nose)
         # A vehicle without an airspeed sensor has the commanded airspeed while it follows its

@@ -7,7 +7,6 @@ from math import ceil, tan
 from circnav_mav.guidance.air_drag import AirspeedHold
 from circnav_mav.guidance.circle_change import (
     MIN_INTERVAL,
-    NEAR,
     SPEED_SHARE,
     CircleRequest,
     obstacle,
@@ -67,9 +66,7 @@ class Controller:
         link = settings.timing.tick
         self.answer = LearnedResponse(lag, orbit.max_turn_rate, gain=gain, link=link)
         """Response of the vehicle to turn commands, and its limits, as used now."""
-        self._loop = ClosedLoop(
-            orbit, settings.tuning.choice(orbit), self.answer, settings.radius_trim
-        )
+        self._loop = ClosedLoop(orbit, settings.tuning.choice(orbit), self.answer)
         self._changed_at = self._spaced_at = float("-inf")
         stick = ceil(facts.stick(facts.max_bank))
         if facts.tilts_by_stick:
@@ -175,12 +172,8 @@ class Controller:
         circle = request.circle(self.circle)
         if why := obstacle(request, self.circle, self._settings.circle_limits):
             return why
-        near = (
-            abs(circle.radius / self.circle.radius - 1) <= NEAR
-            and circle.direction is self.circle.direction
-        )
         try:
-            self._loop.change(wanted, self._tuning.choice(wanted), keeps_trim=near)
+            self._loop.change(wanted, self._tuning.choice(wanted))
         except ValueError as error:
             return str(error)
         self.circle = circle
@@ -198,7 +191,7 @@ class Controller:
             return f"law {name} needs estimator auto, the mission has {self._settings.estimator}"
         tuning = replace(self._settings.tuning, law=name, gain=None)
         try:
-            self._loop.change(self.orbit, tuning.choice(self.orbit), keeps_trim=True)
+            self._loop.change(self.orbit, tuning.choice(self.orbit))
         except ValueError as error:
             return str(error)
         self._tuning = tuning

@@ -50,7 +50,7 @@ class PilotSettings:
 
     tuning: law, with its gain for any circle. autopilot, kind: keys of the adapter table ("auto",
     None: as reported). turn_gain: ratio of realized to commanded turn rate, None to learn it in
-    flight. radius_trim: rate of the radius integral, 1/s. request_mode: request the guided mode
+    flight. request_mode: request the guided mode
     (else wait until the operator enters it). end_on_takeover: a takeover ends the mission (else it
     waits until the operator gives control back). exit: name of the exit action, None for the
     autopilot's default. ranging_apart: the radio has a separate link. stream_links: links that are
@@ -75,7 +75,6 @@ class PilotSettings:
     timing: Timing
     bounds: Bounds
     turn_gain: float | None = 1.0
-    radius_trim: float = 0.0
     request_mode: bool = False
     end_on_takeover: bool = True
     exit: str | None = None

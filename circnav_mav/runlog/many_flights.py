@@ -3,9 +3,13 @@
 See `circnav_mav.runlog.metrics` for a single recorded flight and for the commands.
 """
 
-import numpy as np
+from typing import Any
 
-from circnav_mav.guidance.maths import Batch
+import numpy as np
+from numpy.typing import NDArray
+
+Batch = NDArray[Any]
+"""Array with the flights as last axis."""
 
 
 def rms(values: Batch) -> Batch:

@@ -19,7 +19,7 @@ SETPOINT_IDS = frozenset({69, 82, 84})
 """Message ids of setpoints: MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
 LONGEST_GAP = 10.0
 """Longest time for which ticks continue in a gap of a plain tlog, s."""
-STEERING = ("orbit", "tuning", "estimator", "ranging", "height", "radius_trim", "turn_gain")
+STEERING = ("orbit", "tuning", "estimator", "ranging", "height", "turn_gain")
 """Settings that determine the turn commands of a pilot."""
 COMPARED = ("r", "r_dot", "demanded", "turn_rate")
 

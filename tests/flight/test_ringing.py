@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from circnav_sim.airframes import multicopter
 
-from circnav_mav.guidance import step, watches
-from circnav_mav.guidance.side_slip import SideSlip
+from circnav_mav.guidance import step
 from circnav_mav.guidance.step import Inputs, StepSettings
 from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.guidance.vector_field import field_heading
@@ -113,9 +112,6 @@ def last_laps(
 def test_it_swings_with_the_gains_that_swing_on_firmware(mission, least, most, monkeypatch):
     """least, most: limits of the standard deviation of the commanded turn rate, deg/s."""
     monkeypatch.setattr(step, "_by_drift", as_shipped(mission))
-    # the law of that time had neither of these
-    monkeypatch.setattr(SideSlip, "follow", lambda slip, own: (slip, own))
-    monkeypatch.setattr(watches, "CLOSES", 0.0)
     flown = laps(mission, 1)
     rms, sd, turns, rolls = last_laps(flown, mission, 1)
     assert least < sd < most

@@ -17,7 +17,7 @@ def go_on(
     seconds: float,
     *,
     trusted=False,
-    most_likely=-1,
+    most_likely=None,
     by_range=BY_RANGE,
     drift_turn=BY_BANK,
     leaves=0.0,
@@ -52,7 +52,7 @@ def test_a_guess_is_tried_once_the_search_has_had_its_second():
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-@pytest.mark.parametrize("most_likely", [-1, 3])
+@pytest.mark.parametrize("most_likely", [None, 3])
 def test_who_leaves_the_target_behind_turns_at_the_limit_the_way_that_is_asked_for(
     most_likely, way
 ):
@@ -95,7 +95,7 @@ def test_the_target_found_ends_the_weaving_and_the_next_search_has_its_time_agai
     assert go_on(found[-1], 0.5, most_likely=3)[-1].flies is ActiveLaw.FEEDFORWARD
 
 
-@pytest.mark.parametrize(("trusted", "most_likely"), [(True, -1), (False, 5)])
+@pytest.mark.parametrize(("trusted", "most_likely"), [(True, None), (False, 5)])
 def test_a_change_of_who_steers_or_of_the_guess_is_no_jump_and_fades_in_a_fifth_of_a_second(
     trusted, most_likely
 ):

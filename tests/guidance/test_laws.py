@@ -1,7 +1,7 @@
 """The laws on range and range rate: equations, steady states, bounds of their commands, and default
 gains."""
 
-from math import asin, cos, isfinite, pi, sin, sqrt
+from math import asin, cos, isfinite, pi, sin
 
 import numpy as np
 import pytest
@@ -12,14 +12,13 @@ from circnav_mav.guidance import laws
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.laws import LAWS, Kind, smooth, switching
 from circnav_mav.guidance.tuning import LawTuning
-from circnav_mav.guidance.watches import MOST_TRIM
 
 V = 15.0
 R_D = 100.0
 EXAMPLE = {"V": 1.0, "r_d": 10.0}
 """The paper's three examples share these."""
 STATELESS = [law for law in LAWS.values() if law.kind is Kind.RANGE]
-FEEDBACK = [law for law in STATELESS if law.name not in ("smooth", "switching", "bounded")]
+FEEDBACK = [law for law in STATELESS if law.name not in ("smooth", "switching")]
 
 ranges = st.floats(1, 2000)
 rates = st.floats(-15, 15)
@@ -44,26 +43,14 @@ def test_the_other_sense_is_the_exact_mirror_image(law, r, r_dot):
 
 
 @each(STATELESS)
-@given(points=st.lists(st.tuples(ranges, rates), min_size=1, max_size=8))
-def test_many_flights_fly_the_law_of_one(law, points):
-    r, r_dot = np.array(points).T
-    values = {"V": V, "r_d": R_D, "k": gain(law)}
-    one_by_one = [law.function(*point, **values) for point in points]
-    np.testing.assert_allclose(law.function(r, r_dot, **values), one_by_one, rtol=1e-12, atol=1e-12)
-
-
-@each(STATELESS)
 @given(
-    share=st.floats(1 - MOST_TRIM, 1 + MOST_TRIM),
     over=st.floats(1.001, 3),
     r=st.floats(0, 2000),
     r_dot=rates,
 )
-def test_every_law_stays_finite_for_every_trim_of_its_radius_and_gain_that_is_allowed(
-    law, share, over, r, r_dot
-):
+def test_laws_stay_finite_for_every_allowed_gain(law, over, r, r_dot):
     k = over * (law.gain_bound(V, R_D) or 0.5 * gain(law))
-    assert isfinite(law.function(r, r_dot, V=V, r_d=share * R_D, k=k))
+    assert isfinite(law.function(r, r_dot, V=V, r_d=R_D, k=k))
 
 
 @each(LAWS.values())
@@ -132,44 +119,12 @@ def test_on_the_circle_the_law_asks_for_the_circles_own_turn(law):
     assert law.function(R_D, 0.0, V=V, r_d=R_D, k=-gain(law)) == pytest.approx(V / R_D)
 
 
-@each([law for law in FEEDBACK if law.name != "relay"])
+@each(FEEDBACK)
 def test_far_out_an_approach_that_every_law_accepts_is_slower_than_the_vehicle(law):
     rates = np.linspace(-V, 0, 2001)
-    turns = law.function(np.full_like(rates, 1e5), rates, V=V, r_d=R_D, k=-gain(law))
+    turns = [law.function(1e5, float(rate), V=V, r_d=R_D, k=-gain(law)) for rate in rates]
     asked_for = rates[np.abs(turns).argmin()]
     assert -0.8 * V <= asked_for < -0.2 * V
-
-
-@pytest.mark.parametrize(
-    ("r", "asked"), [(120.0, sqrt(3) / 2), (100.0, 0.8), (60.0, 0.0), (30.0, -sqrt(3) / 2)]
-)
-def test_bounded_asks_for_an_approach_outside_and_for_as_quick_a_way_out_inside(r, asked):
-    """r_s = 60 at r_d = 100 and k = 1/80. By hand at twice r_s, on the circle, on r_s, and at half
-    of it."""
-    assert laws.bounded(r, 3.0, V=V, r_d=R_D, k=-1 / 80) == pytest.approx((3.0 + V * asked) / 80)
-
-
-@pytest.mark.parametrize("fed", [60.0, 72.0, 80.0])
-def test_bounded_fed_less_than_its_gain_can_fly_holds_the_smallest_circle_that_it_can(fed):
-    """At r' = 0 it turns at V k, on the circle of radius 1/k."""
-    assert laws.bounded(80.0, 0.0, V=V, r_d=fed, k=-1 / 80) == pytest.approx(V / 80)
-
-
-def test_relay_changes_over_within_its_boundary_layer_and_not_at_once():
-    """The loop allows 6/r_d = 0.06 rad/m, so the layer is 0.2/0.06 m/s to either side."""
-    turns = [
-        laws.relay(R_D, r_dot, V=V, r_d=R_D, k=-0.2) for r_dot in (-5.0, -5 / 3, 0.0, 5 / 3, 5.0)
-    ]
-    assert turns == pytest.approx([0.15 - 0.2, 0.15 - 0.1, 0.15, 0.15 + 0.1, 0.15 + 0.2])
-
-
-@pytest.mark.parametrize(
-    ("r", "turn"), [(102.0, 0.193), (250.0, 0.34), (98.0, 0.187), (1.0, 0.0415)]
-)
-def test_pd_is_its_equation_with_the_error_cut(r, turn):
-    """V/r_d = 0.15 and k r' = 0.04. The error counts with k^2 V/4 = 0.0015, up to 100 m, which
-    demand a radial speed of V/2."""
-    assert laws.pd(r, 2.0, V=V, r_d=R_D, k=-0.02) == pytest.approx(turn)
 
 
 @pytest.mark.parametrize(
@@ -186,17 +141,6 @@ def test_feedforward_is_the_turn_of_the_present_circle_and_the_closing_speed_mis
     """V, r' and the tangential speed are 15, 9 and 12 m/s. gamma = 0.02 * 15/6 = 0.05, v* = 8.25;
     tanh of 1, 50/165 and 90/165. Nearer than 43 m the circle gets no smaller."""
     assert laws.feedforward(r, r_dot, V=V, r_d=R_D, k=-0.02) == pytest.approx(turn, rel=1e-5)
-
-
-def test_pi_is_its_equation_and_its_integral_stays_within_its_bounds():
-    """c = 7.5, delta = 50, k_i = 0.02 * 0.15 = 0.003. The integral settles at 50 and is held below
-    100."""
-    values = {"V": V, "r_d": R_D, "k": -0.02}
-    s = -4.0 + 7.5 * 0.7615942
-    turn, memory = laws.pi(150.0, -4.0, 20.0, 0.1, **values)
-    assert (memory, turn) == pytest.approx((20 + 0.1 * s, 0.02 * s + 0.003 * memory), rel=1e-5)
-    assert laws.pi(150.0, -4.0, 99.9, 0.1, **values)[1] == 100.0
-    assert laws.pi(50.0, -4.0, 0.5, 0.1, **values)[1] == 0.0
 
 
 @each(LAWS.values())
@@ -220,10 +164,7 @@ def test_every_default_gain_meets_its_own_condition_and_is_none_higher_in_a_late
             0.01,
         ),  # examples 1 and 2 of the paper, where the loop has no lag
         ("switching", 1.0, 10.0, 0.1, 0.12),  # example 3
-        *(
-            (law, 15.0, 100.0, 1.0, 0.5 / 15)
-            for law in ("feedforward", "pd", "pi", "drift", "auto")
-        ),
+        *((law, 15.0, 100.0, 1.0, 0.5 / 15) for law in ("feedforward", "drift", "auto")),
     ],
 )
 def test_default_gains_are_the_papers_and_in_a_late_loop_those_at_which_vehicles_do_not_swing(

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.laws import pi as pi_law
 from circnav_mav.guidance.maths import chord
 from circnav_mav.guidance.pending_turn import Pending
 from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, holding, limited
@@ -96,28 +95,6 @@ def test_a_command_just_below_the_limit_counts_as_cut_by_it():
     assert last.saturated
 
 
-@pytest.mark.parametrize("direction", Direction)
-def test_the_law_with_a_memory_integrates_over_the_time_between_estimates_and_no_gap(direction):
-    """The first estimate has no interval before it, a gap counts 0.5 s, and an estimate out of
-    order counts 0. k < 0 flies counter-clockwise."""
-    gain = 0.06
-    memory = 0.0
-    steer = Steering(Orbit(R_D, direction, V, LIMIT), LawChoice("pi", gain))
-    for time, dt, r, trim in (
-        (5.0, 0.0, 140.0, 0.0),
-        (5.1, 0.1, 138.0, 0.0),
-        (65.0, 0.5, 120.0, 3.0),
-        (64.0, 0.0, 121.0, 0.0),
-    ):
-        turn, memory = pi_law(
-            r, -1.0, memory, dt, V=V, r_d=R_D + trim, k=-direction.turn_sign * gain
-        )
-        command = steer(estimate(r, -1.0, time), trim)
-        assert command.demanded == pytest.approx(float(turn))
-        assert abs(command.turn_rate) <= LIMIT
-    assert memory > 0
-
-
 def test_a_gap_between_estimates_is_no_patience_with_a_search():
     steer = Steering(ORBIT, LawChoice("auto", 0.02))
     flown = [
@@ -185,7 +162,7 @@ def test_the_law_flies_with_the_gains_for_the_answer_that_it_is_told():
             (130.0, 20.0), (1.0, -2.0), 1.2, pending, V=V, r_d=R_D, max_turn_rate=LIMIT, gains=gains
         )
         assert steer(
-            estimate(150.0, -3.0, float(time), at), 0.0, pending, 0.7
+            estimate(150.0, -3.0, float(time), at), pending, 0.7
         ).demanded == pytest.approx(float(wanted))
 
 
@@ -250,7 +227,7 @@ def test_holding_looks_ahead_by_the_turn_that_is_under_way():
         None,
         *(
             {one: number}
-            for one in ("drift_x", "drift_y", "heading", "turn_rate", "airspeed")
+            for one in ("drift_x", "drift_y", "heading", "airspeed")
             for number in (nan, inf)
         ),
     ],

@@ -276,7 +276,7 @@ def test_a_line_has_the_number_its_bound_and_the_remedy(mission, subject, overri
         ("exit", "vehicle.autopilot=auto"),
         ("exit", "vehicle.autopilot=px4"),
         ("estimator", " ".join([*PLANE, "guidance.estimator=drift"])),
-        ("estimator", " ".join([*PLANE, "guidance.estimator=unicycle"])),
+        ("estimator", " ".join([*PLANE, "guidance.estimator=drift"])),
         ("signing", "limits.stale_s=0.5"),
         ("peer", "link.endpoint=udpin:127.0.0.1:14550"),
         ("peer", "link.endpoint=serial:/dev/ttyS0:57600"),
@@ -284,23 +284,6 @@ def test_a_line_has_the_number_its_bound_and_the_remedy(mission, subject, overri
 )
 def test_nothing_is_said_where_there_is_nothing_to_say(mission, subject, overrides):
     assert lines(mission, subject, *overrides.split()) == []
-
-
-@pytest.mark.parametrize(
-    ("gain", "trim", "told"),
-    [(0.0117, 0.05, [WARN]), (0.0118, 0.05, []), (0.0117, 0.0, []), (0.0099, 0.05, [])],
-)
-def test_a_gain_that_does_not_do_for_the_whole_trim_of_the_radius_is_told(
-    mission, gain, trim, told
-):
-    """A trim of 15 % leaves 85 m: 1/r_d = 0.01176. A gain that is too low for 100 m is reported as
-    such."""
-    overrides = (
-        "guidance.law=bounded",
-        f"guidance.gain={gain}",
-        f"guidance.radius_trim_per_s={trim}",
-    )
-    assert [line.grade for line in lines(mission, "trim", *overrides)] == told
 
 
 def test_a_gain_far_below_the_default_hardly_turns(mission):
@@ -348,7 +331,7 @@ def test_a_px4_is_left_in_no_mode_to_which_it_would_return_by_itself(
     assert line.grade is FAIL and line.text.endswith(remedy)
 
 
-@pytest.mark.parametrize("estimator", ["drift", "unicycle"])
+@pytest.mark.parametrize("estimator", ["drift"])
 def test_a_copter_cannot_be_engaged_on_an_estimator_that_must_see_it_move_first(mission, estimator):
     line = only(mission, "estimator", f"guidance.estimator={estimator}")
     assert line.grade is FAIL and 'guidance.estimator = "auto"' in line.text

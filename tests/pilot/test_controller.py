@@ -105,19 +105,6 @@ def test_a_moment_of_not_following_costs_no_more_than_the_moment():
     assert seen[-1]
 
 
-@pytest.mark.parametrize(
-    ("rate", "pulls"), [(COMMANDED, True), (0.0, False)], ids=["following", "deaf"]
-)
-def test_the_radius_integral_pulls_towards_the_circle_while_the_vehicle_follows(rate, pulls):
-    vehicle = Vehicle("guidance.radius_trim_per_s=0.02")
-    vehicle.turns(5.0, rate)
-    assert vehicle.controller.followed is pulls
-    demanded = [vehicle.demanded(5.0 + n * STEP, 103.0) for n in range(200)]
-    tighter = demanded[0] - demanded[-1]  # clockwise is negative
-    assert (tighter > 0.001) is pulls
-    assert tighter >= 0
-
-
 def test_the_spacing_of_a_fleet_leaves_the_circle_and_its_changes_by_the_operator_as_they_are():
     controller = Vehicle().controller
     base = controller.circle

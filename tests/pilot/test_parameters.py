@@ -69,7 +69,7 @@ def test_direction_and_law_are_set_by_their_numbers(flying):
     after(flying, setting("CN_DIRECTION", -1.0))
     after(flying, setting("CN_LAW", 2.0))
     assert flying.pilot.controller.orbit.direction is Direction.COUNTERCLOCKWISE
-    assert flying.pilot.controller.law == flying.pilot.take_records()[-1].law == "bounded"
+    assert flying.pilot.controller.law == flying.pilot.take_records()[-1].law == "feedforward"
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_direction_and_law_are_set_by_their_numbers(flying):
             "CN_HEIGHT not set: -1 m is below 0: give the height above the target",
         ),
         (
-            setting("CN_LAW", 8.0),
+            setting("CN_LAW", 4.0),
             "CN_LAW not set: law auto needs estimator auto, the mission has kalman",
         ),
         (setting("CN_LAW", 0.5), "CN_LAW not set: 0.5 is not a law: 0 smooth, 1 switching"),

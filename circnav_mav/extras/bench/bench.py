@@ -13,13 +13,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from circnav_mav.extras.bench.flight import Track, fly
 from circnav_mav.extras.bench.situations import LAST, ORBIT, SITUATIONS, Situation
 from circnav_mav.extras.bench.table import Cell, draw, line, markdown, write_csv
-from circnav_mav.guidance.maths import Batch
 from circnav_mav.runlog import many_flights
 from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.metrics import turn_figures
@@ -88,7 +89,7 @@ def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds:
     start = np.array([track.start for track in flown]).T
     heading = np.array([track.heading for track in flown])
 
-    def end(name: str) -> Batch:
+    def end(name: str) -> NDArray[Any]:
         return np.asarray(rows[name][late])
 
     error = end("r") - r_d
@@ -143,7 +144,7 @@ def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds:
     )
 
 
-def _percentile(values: Batch, q: float) -> float:
+def _percentile(values: NDArray[Any], q: float) -> float:
     """Return a percentile. It is an element of the values, because a number and infinity have no
     mean."""
     return float(np.percentile(values, q, method="higher")) if len(values) else float("nan")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circnav_mav.api import Guidance, tune
+from circnav_mav.extras.bench.published_laws import PUBLISHED
 from circnav_mav.extras.bench.situations import LAST, ORBIT, TURN_LAG, Ranging, RateNoise, Situation
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
@@ -30,10 +31,8 @@ from circnav_mav.guidance.types import (
 TRUTH = "truth"
 """Name of the estimator `FullInformation`."""
 POLICIES: dict[str, tuple[str, str]] = {
-    law: (law, default_estimator(law)) for law in reversed(LAWS)
-} | {
-    "feedforward+unicycle": ("feedforward", "unicycle"),
-    "smooth+unicycle": ("smooth", "unicycle"),
+    **{law: (law, default_estimator(law)) for law in reversed(LAWS)},
+    **{law: (law, "kalman") for law in PUBLISHED},
     "full information": ("drift", TRUTH),
 }
 """Policies of the benchmark: law and estimator."""
@@ -321,7 +320,10 @@ def fly(situation: Situation, policy: str, seed: int, flight: int) -> Track:
     law, name = POLICIES[policy]
     settings = EstimatorSettings(orbit.speed, orbit.max_turn_rate)
     estimator = FullInformation(world) if name == TRUTH else ESTIMATORS[name](settings)
-    guidance = Guidance(orbit, tune(orbit, law, turn_lag=TURN_LAG), estimator)
+    if law in PUBLISHED:
+        guidance = Guidance(orbit, PUBLISHED[law](orbit), estimator, turn_lag=TURN_LAG)
+    else:
+        guidance = Guidance(orbit, tune(orbit, law, turn_lag=TURN_LAG), estimator)
     steps = round(situation.duration / situation.dt)
     rows = {name: np.full(steps, np.nan, np.float32) for name in ROWS}
     for step in range(steps):

@@ -16,13 +16,15 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from circnav_mav.guidance import laws
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.maths import Batch, chord
 from circnav_mav.report.plots import STYLE, save
 from circnav_mav.runlog import many_flights
 
+Batch = NDArray[Any]
+"""Array over starts, or over steps and starts."""
 V = 1.0
 TARGET = (0.0, -10.0)
 R_D = 10.0
@@ -106,8 +108,10 @@ def arc(
     x: Batch, y: Batch, heading: Batch, V: float, omega: Batch, step: float
 ) -> tuple[Batch, Batch, Batch]:
     """Return position and heading after a turn at constant rate."""
-    east, north = chord(V, heading, omega * step, step)
-    return x + east, y + north, heading + omega * step
+    turn = omega * step
+    length = V * step * np.sinc(turn / (2 * np.pi))
+    middle = heading + turn / 2
+    return x + length * np.cos(middle), y + length * np.sin(middle), heading + turn
 
 
 def lyapunov(r: Batch, theta_b: Batch, *, r_d: float, r_a: float, k: float) -> Batch:
@@ -142,9 +146,8 @@ class Example:
 
     def fly(self, starts: Starts, seconds: float, sign: int = 1) -> Tracks:
         """Fly all starts with this law, or with its mirror image (sign -1)."""
-        return fly(
-            starts, partial(LAWS[self.law].function, V=V, r_d=self.fed, k=sign * self.k), seconds
-        )
+        law = partial(LAWS[self.law].function, V=V, r_d=self.fed, k=sign * self.k)
+        return fly(starts, np.vectorize(law, otypes=[float]), seconds)
 
 
 EXAMPLES = (

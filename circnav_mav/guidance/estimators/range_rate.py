@@ -16,7 +16,7 @@ from scipy.linalg import solve_discrete_are
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.laws import max_range_acceleration
-from circnav_mav.guidance.maths import Array, Number
+from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 ACCELERATION_SIGMAS = 3.0
@@ -26,7 +26,7 @@ RATE = 1
 """Measured component of the state."""
 
 
-def acceleration_variance(settings: EstimatorSettings, r: Number) -> Number:
+def acceleration_variance(settings: EstimatorSettings, r: float) -> float:
     """Return the variance of the unknown acceleration at range r (m), m^2/s^4."""
     return (
         max_range_acceleration(settings.speed, settings.max_turn_rate, r) / ACCELERATION_SIGMAS
@@ -137,9 +137,7 @@ class KalmanRangeRate(Estimator):
         return True
 
     def _model(self, h: float) -> tuple[Array, Array]:
-        return motion_model(
-            h, float(acceleration_variance(self._settings, float(self._filter.x[0, 0])))
-        )
+        return motion_model(h, acceleration_variance(self._settings, float(self._filter.x[0, 0])))
 
     def _agrees(self, sample: RangeSample, h: float) -> bool:
         """True if a rejected sample and the one before it fit a single motion: the ranges differ by
@@ -178,7 +176,7 @@ def steady_state(
     The lag is that of an alpha-beta filter under constant acceleration, T (2 alpha - beta)/(2
     beta).
     """
-    F, Q = motion_model(period, float(acceleration_variance(settings, r)))
+    F, Q = motion_model(period, acceleration_variance(settings, r))
     P = solve_discrete_are(F.T, np.array([[1.0], [0.0]]), Q, np.array([[sigma**2]]))
     alpha, beta = (float(P[row, 0] / (P[0, 0] + sigma**2)) for row in (0, 1))
     return SteadyState(

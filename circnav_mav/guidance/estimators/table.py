@@ -5,7 +5,6 @@ from collections.abc import Callable
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
-from circnav_mav.guidance.estimators.unicycle import UnicycleEstimator
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 APART = 0.25
@@ -53,7 +52,6 @@ class MeasuredRate(Estimator):
 
 ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator]] = {
     "kalman": KalmanRangeRate,
-    "unicycle": UnicycleEstimator,
     "drift": DriftEstimator,
     "auto": AutoEstimator,
     "measured": MeasuredRate,

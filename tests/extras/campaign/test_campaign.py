@@ -17,7 +17,7 @@ from circnav_mav.extras.campaign.store import Store
 from circnav_mav.mission.load import load_mission
 from tests.extras.campaign.conftest import CONFIG
 
-SHORT = '"limits.duration_s" = [5.0]\n"guidance.law" = ["smooth", "pi"]\n'
+SHORT = '"limits.duration_s" = [5.0]\n"guidance.law" = ["smooth", "feedforward"]\n'
 
 
 def flown(store, results):
@@ -81,12 +81,12 @@ def test_a_flight_that_breaks_the_program_is_a_row_too(write, monkeypatch):
 
 
 def test_values_and_seeds_follow_from_the_campaigns_seed_and_the_number_alone(write):
-    vary = '"guidance.law" = ["smooth", "pd"]\n"sim.ranging.noise_m" = {log_uniform = [0.1, 10]}'
+    vary = '"guidance.law" = ["smooth", "feedforward"]\n"sim.ranging.noise_m" = {log_uniform = [0.1, 10]}'
     campaign = load_campaign(write(vary))
     more = load_campaign(write(vary), runs=5000)
     assert [campaign.values(n) for n in range(8)] == [more.values(n) for n in range(8)]
     first, second, third = (campaign.values(n) for n in range(3))
-    assert first | {"guidance.law": "pd"} == second
+    assert first | {"guidance.law": "feedforward"} == second
     assert third["sim.seed"] != first["sim.seed"]
     assert third["sim.ranging.noise_m"] != first["sim.ranging.noise_m"]
     other = load_campaign(write(vary, "runs = 8\nseed = 4"))
@@ -182,7 +182,7 @@ def test_the_documented_way_to_fly_a_row_alone_gives_the_rows_mission():
 
 def test_a_row_flown_alone_as_documented_is_the_run_of_the_campaign(write):
     campaign = load_campaign(
-        write('"guidance.law" = ["relay"]\n"orbit.radius_m" = {uniform = [80, 120]}')
+        write('"guidance.law" = ["switching"]\n"orbit.radius_m" = {uniform = [80, 120]}')
     )
     run = prepare(campaign, 3)
     overrides = [

@@ -59,7 +59,7 @@ def test_a_campaign_file_that_is_wrong_is_one_line_with_the_remedy(tmp_path, tex
         ('"sim.start" = [{}]', '"start.range_m" = [80]', "{} and {} set the same key: keep one"),
         (
             '"guidance.law" = ["smooth"]',
-            'guidance.law = ["pi"]',
+            'guidance.law = ["feedforward"]',
             "{} is given twice, in two spellings: keep one",
         ),
     ],
@@ -115,7 +115,7 @@ def test_a_listed_value_that_can_never_be_flown_is_refused_before_the_first_flig
     [
         '"sim.wind.speed_mps" = [0.0, 1.0]\n"orbit.radius_m" = {uniform = [-50, 200]}',
         (
-            '"guidance.law" = ["smooth", "pi", "pd", "relay", "bounded", "feedforward", "auto",'
+            '"guidance.law" = ["smooth", "switching", "feedforward", "auto",'
             ' "switching"]\n"sim.wind.speed_mps" = [0.0, 1.0, 2.0, 3.0, 4.0]\n"sim.ranging.message"'
             ' = ["named_value_float", "distance_sensor", "ranging_beacon"]\n"sim.ranging.via" ='
             ' ["direct", "autopilot"]'

@@ -12,7 +12,7 @@ from circnav_mav.extras.campaign.store import Store
 from tests.command_line import FULL, ended
 from tests.process import python
 
-VARY = '"guidance.law" = ["smooth", "pi"]\n'
+VARY = '"guidance.law" = ["smooth", "feedforward"]\n'
 HOLDS = """
 import sys, time
 from pathlib import Path

@@ -56,8 +56,8 @@ BENCHED = (
     "the same with accelerations",
     "target stops and goes",
 )
-BATCH = 20
-BATCH_SEED = 2027
+BENCH_FLIGHTS = 20
+BENCH_SEED = 2027
 LASTS = 170.0
 """Flights per row of the benchmark, seed of its published table, and duration of a flight, s (400 s
 in that table)."""
@@ -77,14 +77,14 @@ Function = Callable[..., Any]
 class Layer:
     """owner: class of the function; empty for a module's function. takes: an argument that
     distinguishes the function from others of the same name. off: the result without the layer, from
-    the function and its arguments. batch: True if the array engine has the layer."""
+    the function and its arguments. bench: True if the array engine has the layer."""
 
     name: str
     owner: str
     function: str
     takes: str
     off: Function
-    batch: bool = False
+    bench: bool = False
 
     @property
     def places(self) -> list[tuple[Any, Function]]:
@@ -126,7 +126,7 @@ LAYERS = (
         lambda of, state, **seen: of(state, **seen)._replace(gain=state.gain),
     ),
     Layer("delay learner", "ResponseLearner", "response", "link", _response_of_the_mission),
-    Layer("Smith prediction", "PendingTurn", "at", "response", _present_turn_goes_on, batch=True),
+    Layer("Smith prediction", "PendingTurn", "at", "response", _present_turn_goes_on, bench=True),
     Layer("bank limit", "BankLimit", "follow", "banked", lambda of, self, *seen: self),
     Layer(
         "limit-cycle watch",
@@ -135,9 +135,7 @@ LAYERS = (
         "share",
         lambda of, V, delay, settles, *_: of(V, delay, settles),
     ),
-    Layer("radius trim", "", "next_trim", "saturated", lambda of, *before, **seen: 0.0),
-    Layer("side-slip", "SideSlip", "follow", "own", lambda of, self, own: (self, own)),
-    Layer("lap plan", "", "plan", "limit", lambda of, *circle, **how: None, batch=True),
+    Layer("lap plan", "", "plan", "limit", lambda of, *circle, **how: None, bench=True),
     Layer(
         "accelerations",
         "PathPoint",
@@ -236,17 +234,17 @@ def fly_row(row: str, seed: int, layer: str) -> Result:
 def fly_bench(row: str, layer: str) -> Result:
     """Fly one row of the benchmark."""
     situation = SITUATIONS[row]
-    world = BATCH_SEED + zlib.crc32(row.encode()) % 1_000_000
+    world = BENCH_SEED + zlib.crc32(row.encode()) % 1_000_000
     flown = replace(
         situation, duration=LASTS, imu=None if layer == ACCELERATIONS else situation.imu
     )
     with ExitStack() as off:
         if layer not in (FULL, ACCELERATIONS):
             off.enter_context(without(_layer(layer)))
-        tracks = [flight.fly(flown, "auto", world, number) for number in range(BATCH)]
+        tracks = [flight.fly(flown, "auto", world, number) for number in range(BENCH_FLIGHTS)]
         cell = evaluate(situation, "auto", tracks, 0.0)
     figures = cell.rms_median, cell.turn_std_deg_s, cell.turn_at_limit
-    return Result(row, BATCH_SEED, layer, *figures, cell.kept, cell.flights)
+    return Result(row, BENCH_SEED, layer, *figures, cell.kept, cell.flights)
 
 
 def _layer(name: str) -> Layer:
@@ -262,19 +260,19 @@ def read(path: Path) -> dict[tuple[str, int, str], Result]:
 
 def due(done: dict[tuple[str, int, str], Result]) -> Iterator[Callable[[], Result]]:
     """Yield the jobs left to fly: seed by seed, each row with all layers first."""
-    for seed in (SEEDS[0], BATCH_SEED, *SEEDS[1:]):
+    for seed in (SEEDS[0], BENCH_SEED, *SEEDS[1:]):
         for layer in (FULL, *NAMES):
-            for row in BENCHED if seed == BATCH_SEED else FLOWN:
+            for row in BENCHED if seed == BENCH_SEED else FLOWN:
                 if (row, seed, layer) in done or (layer != FULL and (row, seed, FULL) not in done):
                     continue
-                if seed == BATCH_SEED and (layer == FULL or _in_batch(layer, row)):
+                if seed == BENCH_SEED and (layer == FULL or _in_bench(layer, row)):
                     yield partial(fly_bench, row, layer)
-                elif seed != BATCH_SEED and (layer == FULL or layer in done[row, seed, FULL].acted):
+                elif seed != BENCH_SEED and (layer == FULL or layer in done[row, seed, FULL].acted):
                     yield partial(fly_row, row, seed, layer)
 
 
-def _in_batch(layer: str, row: str) -> bool:
-    return _layer(layer).batch or (layer == ACCELERATIONS and SITUATIONS[row].imu is not None)
+def _in_bench(layer: str, row: str) -> bool:
+    return _layer(layer).bench or (layer == ACCELERATIONS and SITUATIONS[row].imu is not None)
 
 
 def table(results: dict[tuple[str, int, str], Result]) -> str:
@@ -284,14 +282,14 @@ def table(results: dict[tuple[str, int, str], Result]) -> str:
     ratios: dict[str, list[float]] = {name: [] for name in NAMES}
     lines = [["row", FULL, *NAMES], ["---"] * (2 + len(NAMES))]
     for row in (*FLOWN, *BENCHED):
-        seeds = SEEDS if row in FLOWN else (BATCH_SEED,)
+        seeds = SEEDS if row in FLOWN else (BENCH_SEED,)
         full = [results[row, seed, FULL] for seed in seeds if (row, seed, FULL) in results]
         cells = [row if row in FLOWN else f"benchmark: {row}", _cell(full)]
         for name in NAMES:
             applies = {
                 one.seed
                 for one in full
-                if (_in_batch(name, row) if row in BENCHED else name in one.acted)
+                if (_in_bench(name, row) if row in BENCHED else name in one.acted)
             }
             off = {
                 seed: results[row, seed, name] for seed in applies if (row, seed, name) in results

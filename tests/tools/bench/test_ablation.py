@@ -22,33 +22,26 @@ def test_a_layer_that_the_product_lacks_is_named() -> None:
 
 
 def test_only_layers_whose_answers_differ_have_acted() -> None:
-    from circnav_mav.guidance.lap_plan import plan
-    from circnav_mav.guidance.watches import next_trim
+    from circnav_mav.guidance import lap_plan
 
+    plan = lap_plan.plan
     acted: set[str] = set()
     with noted(acted):
-        from circnav_mav.guidance import lap_plan, watches
-
-        assert lap_plan.plan((1.0, 0.0), V=15.0, r_d=100.0, limit=0.35) is None, (
-            "the circle is within the limit"
-        )
-        assert (
-            watches.next_trim(
-                0.0, rate=0.1, r=101.0, change=0.0, r_d=100.0, V=15.0, step=0.1, saturated=False
-            )
-            < 0
-        )
-    assert acted == {"radius trim"}
-    assert (lap_plan.plan, watches.next_trim) == (plan, next_trim)
+        assert lap_plan.plan((1.0, 0.0), V=15.0, r_d=100.0, limit=0.35) is None
+    assert not acted, "the circle is within the limit"
+    with noted(acted):
+        assert lap_plan.plan((9.0, 0.0), V=15.0, r_d=100.0, limit=0.35) is not None
+    assert acted == {"lap plan"}
+    assert lap_plan.plan is plan
 
 
 def test_the_table_compares_medians_and_leaves_out_what_did_not_act() -> None:
     row = "Rover R 20 V 3"
     full = [
-        Result(row, seed, FULL, rms, 1.0, 0.0, 1, 1, ("side-slip",))
+        Result(row, seed, FULL, rms, 1.0, 0.0, 1, 1, ("lap plan",))
         for seed, rms in ((1, 1.0), (2, 3.0), (3, 2.0))
     ]
-    off = [Result(row, seed, "side-slip", 3.0, 2.0, 0.25, int(seed != 3), 1) for seed in (1, 2, 3)]
+    off = [Result(row, seed, "lap plan", 3.0, 2.0, 0.25, int(seed != 3), 1) for seed in (1, 2, 3)]
     lines = table({(one.row, one.seed, one.layer): one for one in full + off}).splitlines()
     assert next(line for line in lines if line.startswith(f"| {row} ")) == (
         f"| {row} | 2.00, 1.0 | - | - | - | - | - | - | 3.00, 2.0, 25 % (kept 2 of 3) | - | - | - |"
