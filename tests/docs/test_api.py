@@ -204,7 +204,7 @@ def test_only_a_finite_turn_rate_is_commanded():
         assert received(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0) is None
 
 
-@pytest.mark.parametrize("law", ["auto", "feedforward", "smooth", "switching", "pd"])
+@pytest.mark.parametrize("law", ["auto", "feedforward", "smooth", "switching"])
 def test_tune_gives_the_gain_of_a_mission(law):
     overrides = (
         f"guidance.law={law}",

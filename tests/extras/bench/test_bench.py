@@ -10,9 +10,10 @@ import pytest
 
 from circnav_mav.api import tune
 from circnav_mav.extras.bench.bench import evaluate, run
-from circnav_mav.extras.bench.flight import POLICIES, ROWS, Track
+from circnav_mav.extras.bench.flight import ROWS, Track
 from circnav_mav.extras.bench.situations import ORBIT, SITUATIONS, TURN_LAG
 from circnav_mav.extras.bench.table import draw, line, markdown
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import load_mission
 from circnav_mav.report import plots
@@ -21,7 +22,7 @@ from tests.process import PATIENCE
 QUICKSTART = Path(__file__).parents[3] / "config" / "quickstart.toml"
 
 
-@pytest.mark.parametrize("law", sorted({law for law, _ in POLICIES.values()}))
+@pytest.mark.parametrize("law", LAWS)
 def test_the_benchmark_flies_the_gain_that_the_check_of_the_quickstart_prints(law):
     (said,) = (
         line.text

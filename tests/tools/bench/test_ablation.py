@@ -44,6 +44,6 @@ def test_the_table_compares_medians_and_leaves_out_what_did_not_act() -> None:
     off = [Result(row, seed, "lap plan", 3.0, 2.0, 0.25, int(seed != 3), 1) for seed in (1, 2, 3)]
     lines = table({(one.row, one.seed, one.layer): one for one in full + off}).splitlines()
     assert next(line for line in lines if line.startswith(f"| {row} ")) == (
-        f"| {row} | 2.00, 1.0 | - | - | - | - | - | - | 3.00, 2.0, 25 % (kept 2 of 3) | - | - | - |"
+        f"| {row} | 2.00, 1.0 | - | - | - | - | - | 3.00, 2.0, 25 % (kept 2 of 3) | - | - |"
     )
     assert "| 1.50 |" in next(line for line in lines if line.startswith("| median ratio"))
