@@ -15,7 +15,6 @@ from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import LawChoice, limited
 from circnav_mav.guidance.tuning import LawTuning
-from circnav_mav.guidance.turn_answer import LearnedResponse
 from circnav_mav.guidance.types import (
     SAME_TIME,
     Direction,
@@ -25,6 +24,7 @@ from circnav_mav.guidance.types import (
     RangeSample,
     TurnCommand,
 )
+from circnav_mav.guidance.vehicle_model import VehicleModel
 
 OwnLaw = Callable[[RangeEstimate], float]
 """User-defined law: from the estimate to a turn rate, rad/s, counter-clockwise positive."""
@@ -77,7 +77,7 @@ class Guidance:
             name = law.name
             turn_lag = law.lag
         steer = law if isinstance(law, LawChoice) else _own(law, orbit)
-        self._loop = ClosedLoop(orbit, steer, LearnedResponse(turn_lag, orbit.max_turn_rate))
+        self._loop = ClosedLoop(orbit, steer, VehicleModel(turn_lag, orbit.max_turn_rate))
         self._stale = stale
         wanted = estimator or default_estimator(name)
         if isinstance(wanted, str):
@@ -110,7 +110,7 @@ class Guidance:
             return False
         self._estimator.move(own)
         nose = own._replace(bank_turn=None)
-        self._loop.answer.on_motion(nose, nose)
+        self._loop.vehicle.on_motion(nose, nose)
         return True
 
     def estimate(self, now: float) -> RangeEstimate | None:
@@ -133,7 +133,7 @@ class Guidance:
         if not isfinite(command.demanded):
             self._loop.reset()
             return None
-        self._loop.answer.command(now, command.turn_rate)
+        self._loop.vehicle.command(now, command.turn_rate)
         return command
 
 

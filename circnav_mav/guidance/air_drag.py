@@ -20,7 +20,7 @@ from cmath import rect
 from math import atan2, exp, hypot, sqrt
 from typing import NamedTuple
 
-from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 
 EQUAL_DRAG_SPEED = 8.0
 """v_2, m/s."""
@@ -30,8 +30,6 @@ dominate."""
 LEFT_TIME = 1.0
 """Time constant of the low-pass on the speed to the left, s. It is longer, because this speed
 changes the heading of the path, and so the turn command."""
-LONGEST_STEP = 0.5
-"""Gap between two reports, s, after which the filters restart."""
 MAX_SLIP = 0.6
 """Bound of the side-slip, rad. A larger one occurs only near standstill, where it has no
 meaning."""
@@ -78,7 +76,7 @@ class AirVelocity(NamedTuple):
         forward = speed_of_drag(-own.drag[0], coefficient)
         left = speed_of_drag(-own.drag[1], coefficient)
         step = own.time - self.time
-        if not 0 <= step <= LONGEST_STEP:
+        if not 0 <= step <= LONGEST_REPORT_GAP:
             return AirVelocity(own.time, forward, left)
         return AirVelocity(
             own.time,
@@ -154,7 +152,7 @@ class ScaleFit(NamedTuple):
             complex(air.forward, air.left) * rect(1.0, own.heading),
         )
         step = own.time - self.time
-        if not 0 < step <= LONGEST_STEP or own.felt.since != self.since:
+        if not 0 < step <= LONGEST_REPORT_GAP or own.felt.since != self.since:
             return self._replace(
                 time=own.time, since=own.felt.since, last=new, high_passed=(0j, 0j)
             )
@@ -199,7 +197,7 @@ class MeanWind(NamedTuple):
         scale.
         """
         step = own.time - self.time
-        if not 0 < step <= LONGEST_STEP:
+        if not 0 < step <= LONGEST_REPORT_GAP:
             return self._replace(time=own.time)
         ground = rect(own.airspeed, own.heading)
         wind = ground - scale * complex(air.forward, air.left) * rect(1.0, own.heading)
@@ -266,7 +264,7 @@ class AirspeedHold:
         """
         step = air.time - self._time
         self._time = air.time
-        if not 0 < step <= LONGEST_STEP:
+        if not 0 < step <= LONGEST_REPORT_GAP:
             return
         if scale is not None:
             self.scale += (scale - self.scale) * (1 - exp(-step / SCALE_TIME))

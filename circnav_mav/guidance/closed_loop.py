@@ -2,7 +2,7 @@
 `circnav_mav.Guidance`.
 
 The turn rate comes from the law, or is the steady turn of the circle while ranges are missing.
-Corrections: pending turn and turn gain. `LearnedResponse` learns the response of the
+Corrections: pending turn and turn gain. `VehicleModel` learns the response of the
 vehicle and monitors it.
 """
 
@@ -10,24 +10,23 @@ from collections.abc import Callable
 from math import pi
 
 from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, holding
-from circnav_mav.guidance.turn_answer import LearnedResponse
 from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
+from circnav_mav.guidance.vehicle_model import VehicleModel
 
 
 class ClosedLoop:
-    """Control loop. orbit: current circle. answer: response of the vehicle to turn commands,
-    learned in flight."""
+    """Control loop. orbit: current circle. vehicle: model of the vehicle, learned in flight."""
 
     def __init__(
         self,
         orbit: Orbit,
         law: LawChoice | Callable[..., TurnCommand],
-        answer: LearnedResponse,
+        vehicle: VehicleModel,
     ) -> None:
         """law: a choice from `LAWS`, or a function with the arguments of `Steering`. Raises
         ValueError if this gain has no radius correction."""
         self.orbit = orbit
-        self.answer = answer
+        self.vehicle = vehicle
         self._steer = Steering(orbit, law) if isinstance(law, LawChoice) else law
 
     def change(self, orbit: Orbit, law: LawChoice) -> None:
@@ -40,12 +39,12 @@ class ClosedLoop:
     def command(self, estimate: RangeEstimate, now: float) -> TurnCommand:
         """Return the turn that the law demands, with all corrections."""
         turning = estimate.relative.turn_rate if estimate.relative is not None else 0.0
-        pending = self.answer.pending(now, turning)
-        command = self._steer(estimate, pending, self.answer.monitor.share)
+        pending = self.vehicle.pending(now, turning)
+        command = self._steer(estimate, pending, self.vehicle.limit_cycle.share)
         # Without the target's position the law repeats slow turns on purpose (excitation,
         # successive hypotheses). So the monitor looks for slow limit cycles only while the law
         # flies on the estimated position.
-        self.answer.monitor.lap = (
+        self.vehicle.limit_cycle.lap = (
             2 * pi / abs(self.orbit.steady_turn_rate) if command.flies == "drift" else 0.0
         )
         return self._compensated(command)
@@ -53,13 +52,13 @@ class ClosedLoop:
     def hold(self, estimate: RangeEstimate | None, now: float) -> TurnCommand:
         """Return the steady turn of the circle, with all corrections."""
         motion = estimate.relative if estimate is not None else None
-        pending = self.answer.pending(now, 0.0 if motion is None else motion.turn_rate)
+        pending = self.vehicle.pending(now, 0.0 if motion is None else motion.turn_rate)
         return self._compensated(holding(self.orbit, motion, pending))
 
     def reset(self) -> None:
         """Forget the commands. Call when another controller, or no controller, steers the
         vehicle."""
-        self.answer.reset()
+        self.vehicle.reset()
 
     def _compensated(self, command: TurnCommand) -> TurnCommand:
-        return compensate_turn_gain(command, self.orbit.max_turn_rate, self.answer.gain)
+        return compensate_turn_gain(command, self.orbit.max_turn_rate, self.vehicle.gain)

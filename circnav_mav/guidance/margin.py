@@ -23,7 +23,7 @@ from math import pi
 import numpy as np
 
 from circnav_mav.guidance.maths import Batch
-from circnav_mav.guidance.pending_turn import Pending
+from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.vector_field import drift, drift_gains
 
 LINK = 0.05

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from circnav_mav.guidance import lap_plan
 from circnav_mav.guidance.laws import LAWS, Kind, Law
 from circnav_mav.guidance.maths import clip
-from circnav_mav.guidance.pending_turn import Pending
+from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import (
     SAME_TIME,
     Orbit,

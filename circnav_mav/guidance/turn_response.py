@@ -4,18 +4,23 @@ turns.
 Each candidate is a dead time and a response of first order (a lag) or of second order (a frequency
 and a damping). The candidates cover the measured range of real firmware (ArduPilot, PX4). They are
 weighted by least squares of the turned angle in short bins, with a prior centered on the mission's
-`turn_lag_s`. `turn_gain` learns the gain. `turn_answer` combines response and gain.
+`turn_lag_s`. `vehicle_model` combines the response with the gain.
 """
 
 from collections import deque
+from copy import copy
 from math import exp, inf, log, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from circnav_mav.guidance.maths import Array
-from circnav_mav.guidance.turn_monitor import BIN, TurnBin
+from circnav_mav.guidance.forgetting_fit import ForgettingFit
 
+Array = NDArray[Any]
+BIN = 0.2
+"""Width of a bin, s: shorter bins contain too much gyro noise, longer ones do not resolve the
+delay."""
 DEADS = np.arange(0.0, 1.01, 0.1)
 """Candidates of the dead time, s."""
 FIRST_ORDER = (0.1, 0.2, 0.35, 0.6, 0.9, 1.3)
@@ -46,9 +51,6 @@ RESIDUES = np.array(
 command."""
 STEADY = -RESIDUES / POLES
 """Steady state of each mode under a constant turn command of 1 rad/s."""
-MEMORY = 90.0
-"""Forgetting time of the least squares, s. Load and airspeed change slowly, and steady circling
-adds no information."""
 PRIOR_SIGMA = 0.6
 """Standard deviation of the logarithm of dead time plus lag about the mission's value."""
 SPLIT_SIGMA = 0.5
@@ -80,16 +82,6 @@ class Response(NamedTuple):
     def delay(self) -> float:
         """Total delay from a command to its turn, s."""
         return self.dead + self.lag + self.link
-
-
-class Knowledge(NamedTuple):
-    """Learned state. response: delays, as used now. sums: weighted sums of 1, x, y, x^2, x y and
-    y^2 over the bins. x: turn rates that the candidates predict, rad/s, an array. y: flown turn
-    rate, rad/s. fit: best candidate, its slope, offset (rad/s) and noise (rad/s), or None."""
-
-    response: Response
-    sums: tuple[Array, ...] = (0.0,) * 6
-    fit: tuple[Array, float, float, float] | None = None
 
 
 class CandidateTurns:
@@ -145,25 +137,39 @@ class CandidateTurns:
             self._turned.popleft()
 
 
+class TurnBin(NamedTuple):
+    """Mean turn rates of a short time.
+
+    time: end of the bin, s.
+    width: duration, s.
+    predicted: turn rate predicted by each candidate, rad/s, (deads, lags).
+    flown: measured turn rate, rad/s.
+    """
+
+    time: float
+    width: float
+    predicted: Array
+    flown: float
+
+
 class TurnBins:
     """Divides a flight into bins of flown and predicted turn rates."""
 
     def __init__(self, candidates: CandidateTurns) -> None:
         self._candidates = candidates
         self._begin: tuple[float, float, float, Array | None] | None = None
-        """Time (s), turned angle, link delay and the candidates' angles at the start of this
-        bin."""
+        """Time (s), turned angle, link delay and candidates' angles at the start of this bin."""
 
-    def take(self, time: float, turned: float, link: float) -> TurnBin | None:
+    def add(self, time: float, turned: float, link: float) -> TurnBin | None:
         """Add the turned angle (rad, unwrapped, any origin) at a time (s). Return the completed
         bin, or None. link: round trip, s."""
-        if self._candidates.commanded is None or (
-            self._begin is not None and time - self._begin[0] < BIN
-        ):
+        if self._candidates.commanded is None:
+            return None
+        if self._begin is not None and time - self._begin[0] < BIN:
             return None
         begin = self._begin
         angles = self._candidates.at(time - link)
-        self._begin = time, turned, link, angles
+        self._begin = (time, turned, link, angles)
         if begin is None or time - begin[0] > 2 * BIN:
             return None
         began, turned_before, link_before, angles_before = begin
@@ -187,78 +193,143 @@ class TurnBins:
 class ResponseLearner:
     """Learns the response of a vehicle in flight."""
 
+    MEMORY = 90.0
+    """Forgetting time of the least squares, s. Load and airspeed change slowly, and steady circling
+    adds no information."""
+
     def __init__(self, expected: float) -> None:
         """expected: initial dead time plus lag, s."""
         prior = (LOG_DELAYS - log(max(expected, 0.05))) / PRIOR_SIGMA
         self._prior = -0.5 * (prior**2 + ((LAGS / DELAYS - 0.5) / SPLIT_SIGMA) ** 2)
-        self.candidates = CandidateTurns()
-        self._bins = TurnBins(self.candidates)
-        self.knowledge = Knowledge(
-            Response(0.5 * expected, 0.5 * expected, 2 / max(expected, 0.05))
-        )
+        self._fit = ForgettingFit(self.MEMORY)
+        self._best: tuple[Any, float, float, float] | None = None
+        """Best candidate, its slope, offset (rad/s) and noise (rad/s)."""
+        self._response = Response(0.5 * expected, 0.5 * expected, 2 / max(expected, 0.05))
+
+    @property
+    def knowledge(self) -> tuple[Any, ...]:
+        """All that was learned, to be restored later."""
+        return copy(self._fit), self._best, self._response
+
+    def restore(self, knowledge: tuple[Any, ...]) -> None:
+        """Return to earlier knowledge."""
+        self._fit, self._best, self._response = knowledge
+        self._fit = copy(self._fit)
 
     def response(self, link: float) -> Response:
         """Return the response as learned so far. link: round trip, s."""
-        return self.knowledge.response._replace(link=link)
+        return self._response._replace(link=link)
 
-    def reset(self) -> None:
-        """Forget the commands. Call when the vehicle is no longer controlled from here."""
-        self.candidates.reset()
-        self._bins.reset()
-
-    def skip(self) -> None:
-        """Discard the current bin. Call while the vehicle does not follow: its turns are no
-        responses."""
-        self._bins.reset()
-
-    def on_motion(self, time: float, turned: float, link: float) -> None:
-        """Learn from the turned angle (rad, unwrapped, any origin) at a time (s). link: round trip,
-        s."""
-        if (new := self._bins.take(time, turned, link)) is not None:
-            self._learn(new.predicted, new.flown, new.width)
-
-    def _learn(self, model: Array, rate: float, width: float) -> None:
-        """Update the fit with the mean turn rate of a bin and its prediction by each candidate."""
-        keep = exp(-width / MEMORY)
+    def learn(self, new: TurnBin) -> None:
+        """Learn from a bin."""
+        predicted = new.predicted
         share = 1.0
-        (response, sums, fit) = self.knowledge
         # A step that saturates the roll rate has a longer delay than any other. With full weight,
         # one such step would affect the fit for more than a minute on the circle.
-        if fit is not None:
-            best, slope, offset, noise = fit
-            residual = float(abs(rate - slope * model[best] - offset))
+        if self._best is not None:
+            best, slope, offset, noise = self._best
+            residual = float(abs(new.flown - slope * predicted[best] - offset))
             share = min(1.0, (FAR_OFF * noise / max(residual, 1e-9)) ** 2)
-        now = 1.0, model, rate, model * model, model * rate, rate * rate
-        sums = tuple(old * keep + share * new for old, new in zip(sums, now, strict=True))
-        self.knowledge = Knowledge(response, sums, fit)
-        n, m, s, mm, my, yy = sums
-        if n < 10:
+        fit = self._fit
+        fit.add(predicted, new.flown, new.width, share)
+        if fit.n < 10:
             return
-        var = mm - m * m / n
-        cov = my - m * s / n
-        all_ = yy - s * s / n
-        left = np.maximum(all_ - np.maximum(cov, 0.0) ** 2 / np.maximum(var, 1e-9), 0.0)
-        noise = max(float(left.min() / n), LEAST_NOISE**2)
-        likely = self._prior - 0.5 * left / noise
+        spread = fit.spread()
+        product = fit.product()
+        variation = fit.variation()
+        unexplained = variation - np.maximum(product, 0.0) ** 2 / np.maximum(spread, 1e-9)
+        unexplained = np.maximum(unexplained, 0.0)
+        noise = max(float(unexplained.min() / fit.n), LEAST_NOISE**2)
+        likely = self._prior - 0.5 * unexplained / noise
         best = np.unravel_index(likely.argmax(), likely.shape)
-        slope = cov[best] / max(var[best], 1e-9)
-        fit = best, slope, (s - slope * m[best]) / n, sqrt(noise)
-        self.knowledge = Knowledge(response, sums, fit)
+        slope = float(product[best] / max(spread[best], 1e-9))
+        offset = float((fit.y - slope * fit.x[best]) / fit.n)
+        self._best = (best, slope, offset, sqrt(noise))
         # Reject turns that the commands do not explain: the vehicle may not receive commands, or
         # may only circle.
-        if cov[best] ** 2 <= EXPLAINED * var[best] * all_ or not LEAST_SLOPE < slope < MOST_SLOPE:
-            return
+        explained = product[best] ** 2 > EXPLAINED * spread[best] * variation
+        if explained and LEAST_SLOPE < slope < MOST_SLOPE:
+            self._accept(likely)
+
+    def _accept(self, likely: Array) -> None:
+        """Use the weighted mean of the candidates from now on, once it is precise enough."""
         weight = np.exp(likely - likely.max())
         weight /= weight.sum()
-        of_dead = weight.sum(axis=1)
-        of_answer = weight.sum(axis=0)
         # The sum of dead time and lag becomes observable first. Accept the response once the sum
         # has half of the prior's spread.
         middle = (weight * LOG_DELAYS).sum()
         if (weight * (LOG_DELAYS - middle) ** 2).sum() > (0.5 * PRIOR_SIGMA) ** 2:
             return
-        dead = float(of_dead @ DEADS)
-        lag = float(of_answer @ LAGS)
+        dead = float(weight.sum(axis=1) @ DEADS)
+        by_response = weight.sum(axis=0)
+        lag = float(by_response @ LAGS)
         scale = float(np.exp(middle)) / (dead + lag)
-        settles = float(1 / (of_answer @ (1 / RINGING)))
-        self.knowledge = Knowledge(Response(scale * dead, scale * lag, settles), sums, fit)
+        settles = float(1 / (by_response @ (1 / RINGING)))
+        self._response = Response(scale * dead, scale * lag, settles)
+
+
+class Pending(NamedTuple):
+    """Commanded turn that is not flown yet.
+
+    turn: rad.
+    ahead: delay of the response, s.
+    settles: settling rate of the response, 1/s.
+    measurement_delay: delay of the reported turn rate, s.
+    most: turn rate that the vehicle reaches, rad/s.
+    """
+
+    turn: float
+    ahead: float
+    settles: float = 10.0
+    measurement_delay: float = 0.0
+    most: float = inf
+
+
+class PendingTurn:
+    """Model of the commanded turn that is not flown yet: commands younger than the dead time, and
+    the turn that the lag still adds.
+
+    The loop is closed on the commanded heading, so that it does not contain the modeled delay.
+    Source: Smith, "Closer control of loops with dead time" (1957).
+    """
+
+    def __init__(self) -> None:
+        self._commands: deque[tuple[float, float]] = deque()
+        self._rate: float | None = None
+        """Turn rate of the model, rad/s, at the time `_at`, s."""
+        self._at = 0.0
+
+    def command(self, time: float, rate: float) -> None:
+        """Record an expected turn rate (rad/s) and the time (s) of its command."""
+        self._commands.append((time, rate))
+
+    def reset(self) -> None:
+        """Forget the commands."""
+        self._commands.clear()
+        self._rate = None
+
+    def at(self, now: float, response: Response, turn_rate: float) -> Pending:
+        """Return the pending turn. turn_rate: of the vehicle now, rad/s; the model starts from it
+        after a reset."""
+        dead = response.dead + response.link
+        if not self._commands:
+            return Pending(0.0, response.delay, response.settles)
+        if self._rate is None:
+            self._rate = turn_rate
+            self._at = self._commands[0][0] + dead
+        rate = self._rate
+        at = self._at
+        # Until the first command arrives, the vehicle keeps the turn of its previous controller.
+        turn = turn_rate * min(max(self._commands[0][0] - (now - dead), 0.0), dead)
+        ends = [*[time for time, _ in self._commands][1:], now]
+        for (begin, command), end in zip(self._commands, ends, strict=True):
+            arrived = min(end + dead, now)
+            if arrived > at:
+                rate = command + (rate - command) * exp(-(arrived - at) / max(response.lag, 1e-3))
+                at = arrived
+            turn += command * max(end - max(begin, now - dead), 0.0)
+        while len(self._commands) > 1 and self._commands[1][0] + dead <= at:
+            self._commands.popleft()
+        self._rate = rate
+        self._at = at
+        return Pending(turn + response.lag * rate, response.delay, response.settles)

@@ -32,7 +32,7 @@ from circnav_mav.guidance.maths import (
     where,
     wrap,
 )
-from circnav_mav.guidance.pending_turn import Pending
+from circnav_mav.guidance.turn_response import Pending
 
 STEP = 0.05
 """Half the interval of the central difference of the field along the path, s."""
@@ -200,5 +200,5 @@ def mirrored(
         mirrored_pair(p, sense),
         mirrored_pair(d, sense),
         psi * sense,
-        pending._replace(turn=pending.turn * sense),
+        pending._replace(turn=pending.turn * sense),  # type: ignore[arg-type]
     )

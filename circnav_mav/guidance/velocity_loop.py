@@ -19,10 +19,8 @@ from dataclasses import dataclass
 from math import exp, hypot, pi, remainder
 from typing import NamedTuple
 
-from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 
-LONGEST_STEP = 0.5
-"""Gap between two reports, s, after which the velocity restarts along the nose."""
 STEP = 0.02
 """Step of the integration, s: a tenth of the loop's quickest time constant."""
 MEMORY = 60.0
@@ -81,7 +79,7 @@ class CopterMotion(NamedTuple):
         if step <= 0:
             return self, self._as_motion(own, 0.0)
         u = rect(own.airspeed, own.heading)
-        if step > LONGEST_STEP:
+        if step > LONGEST_REPORT_GAP:
             fresh = self._replace(time=own.time, v=u, a=self.drag * u, q=0j)
             return fresh, fresh._as_motion(own, own.turn_rate)
         f = complex(*loop.fed(own.airspeed, own.turn_rate, self.drag)) * rect(1.0, own.heading)

@@ -6,7 +6,7 @@ from math import atan, ceil, degrees, floor, inf, isfinite
 from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
-from circnav_mav.guidance.turn_answer import MEASUREMENT_DELAY
+from circnav_mav.guidance.vehicle_model import MEASUREMENT_DELAY
 from circnav_mav.mav.autopilots.interface import FOLLOWED
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded

@@ -54,7 +54,7 @@ class AirPath:
             own = self._through_air(own, steering=steering)
         elif own.drag is not None:
             self.scale_fit = self.scale_fit.follow(own, self.air)
-            if steering and controller.at_speed:
+            if steering and controller.vehicle.at_speed:
                 self.wind = self.wind.follow(own, self.air, self.scale_fit.scale)
         # ArduPilot's copters and rovers hold the commanded speed over ground. Their accelerations
         # show how the velocity follows the nose. Guidance would compensate this as drift: the
@@ -69,11 +69,11 @@ class AirPath:
         else:
             self._copter_motion = self._copter_motion.stand()
         self.own = own
-        controller.on_motion(own, nose)
+        controller.vehicle.on_motion(own, nose)
         # A vehicle without an airspeed sensor has the commanded airspeed while it follows its
         # commands. In a dry run another program commands it: assume this speed while it turns as
         # our commands would turn it.
-        follows = controller.at_speed if flies else controller.followed
+        follows = controller.vehicle.at_speed if flies else controller.vehicle.followed
         if not holds_ground_speed or (steering and follows):
             self._tracker.estimator.move(own)
 

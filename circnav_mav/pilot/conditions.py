@@ -136,12 +136,12 @@ ENDED = Condition(
     long="{found[0]}: {found[1]}",
 )
 NOT_FOLLOWING = Condition(
-    "not_following", lambda p, now: not p.controller.turns.follows, steering=True,
+    "not_following", lambda p, now: not p.controller.vehicle.obedience.follows, steering=True,
     short="vehicle does not follow turn commands", over="vehicle follows turn commands again",
     long="VEHICLE DOES NOT FOLLOW turn commands: the flight ends after {p.settings.timing.unfollowed:g} s",
 )
 LIMIT_CYCLE = Condition(
-    "limit_cycle", lambda p, now: (share := p.controller.turns.share) < 1 and 100 * share,
+    "limit_cycle", lambda p, now: (share := p.controller.vehicle.limit_cycle.share) < 1 and 100 * share,
     short="limit cycle, gains reduced to {found:.0f} %", repeats=True,
     long="LIMIT CYCLE: the turn command oscillates, gains reduced to {found:.0f} %",
 )
@@ -231,7 +231,7 @@ TABLE = (
     LIMIT_CYCLE,
     Condition(
         "lean_limit",
-        lambda p, now: (lean := p.controller.lean).share < 1 and (lean.share, degrees(atan(lean.found / GRAVITY))),
+        lambda p, now: (lean := p.controller.vehicle.lean_limit).share < 1 and (lean.share, degrees(atan(lean.found / GRAVITY))),
         short="lean limit {found[1]:.0f} deg, speed cut to {p.controller.speed:.1f} m/s", repeats=True,
         long="LEAN LIMIT: the copter leans {found[1]:.0f} deg at most, too little for {p.settings.orbit.speed:g} m/s "
         "in this wind: speed reduced to {p.controller.speed:.1f} m/s",
@@ -309,7 +309,7 @@ TABLE = (
     Condition(
         "bank_limit",
         lambda p, now: (
-            (turn := p.controller.answer.bank_limit.bank) < inf and p.own
+            (turn := p.controller.vehicle.bank_limit.bank) < inf and p.own
             and degrees(atan(turn * p.own.airspeed / GRAVITY))
         ),
         short="vehicle banks {found:.0f} deg at most", once=True, severity=NOTICE,

@@ -13,9 +13,9 @@ from circnav_mav.guidance.circle_change import (
 )
 from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.lean_limit import LeanLimit
-from circnav_mav.guidance.turn_answer import LearnedResponse
-from circnav_mav.guidance.types import SAME_TIME, Orbit, OwnMotion, RangeEstimate, TurnCommand
+from circnav_mav.guidance.limits import LeanLimit
+from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, TurnCommand
+from circnav_mav.guidance.vehicle_model import VehicleModel
 from circnav_mav.mav.autopilots.interface import SetpointContext
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import (
@@ -29,19 +29,6 @@ from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.settings import PilotSettings
 
-SPEED_UP = 2.5
-"""Time, s, of turning as commanded after which the vehicle is assumed to have the commanded speed.
-A multicopter needs this time to accelerate from 0 to 5 m/s. The estimator would mistake the lower
-speed for a drift."""
-LONGEST_GAP = 1.0
-"""Gap between two reports of own motion, s, above which the vehicle may have stopped in between."""
-UNRESPONSIVE_AFTER = 1.0
-"""Time without turning as commanded, s, after which the vehicle counts as not following its
-commands. Reversing a turn takes less time."""
-DOUBTED_AFTER = 0.7
-"""Time without turning as commanded, s, after which the estimators do not receive the motion of a
-vehicle without airspeed sensor. When a turn is reversed, commanded and flown turn differ for this
-long."""
 RELATIVE = ("auto", "drift")
 """Estimators of the relative motion."""
 LONGEST_DELAY = 2.0
@@ -64,9 +51,9 @@ class Controller:
         lag = settings.tuning.turn_lag
         gain = settings.turn_gain
         link = settings.timing.tick
-        self.answer = LearnedResponse(lag, orbit.max_turn_rate, gain=gain, link=link)
-        """Response of the vehicle to turn commands, and its limits, as used now."""
-        self._loop = ClosedLoop(orbit, settings.tuning.choice(orbit), self.answer)
+        self.vehicle = VehicleModel(lag, orbit.max_turn_rate, gain=gain, link=link)
+        """Model of the vehicle, learned in flight."""
+        self._loop = ClosedLoop(orbit, settings.tuning.choice(orbit), self.vehicle)
         self._changed_at = self._spaced_at = float("-inf")
         stick = ceil(facts.stick(facts.max_bank))
         if facts.tilts_by_stick:
@@ -82,12 +69,7 @@ class Controller:
                 max_yaw_stick=1000 if facts.tilts_by_stick else 0,
             )
         )
-        self.turns = self.answer.monitor
-        """Compares commanded and flown turns, and detects that they differ or oscillate."""
-        self._followed_at = self._slow_at = float("-inf")
         self._height: float | None = None
-        self.lean = LeanLimit()
-        """Limit of a copter's lean, measured in flight, and the speed that it allows."""
         self.drag = 0.0
         """Drag coefficient of a copter, 1/s, measured in flight."""
         self.drag_coefficient = facts.drag
@@ -107,43 +89,14 @@ class Controller:
     @property
     def speed(self) -> float:
         """Speed to command, m/s: V, reduced by the lean limit of a copter."""
-        return self.orbit.speed * self.lean.share
-
-    @property
-    def followed(self) -> bool:
-        """True if the vehicle turns as commanded."""
-        return bool(self.answer.command_gain.followed)
-
-    @property
-    def at_speed(self) -> bool:
-        """True if the vehicle has followed its commands for long enough to have the commanded
-        speed."""
-        now = float(self.answer.command_gain.time)
-        return (
-            now - self._followed_at <= DOUBTED_AFTER and now - self._slow_at >= SPEED_UP - SAME_TIME
-        )
-
-    def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
-        """Update turn-rate gain, delay and `followed` from the vehicle's heading. own: motion along
-        the path through the air. nose: motion of the nose, as the autopilot reports it."""
-        before = self.answer.command_gain.time
-        if not self.answer.on_motion(own, nose):
-            return
-        if self.at_speed:
-            self.lean = self.lean.follow(own)
-        if own.time - before > LONGEST_GAP:
-            self._slow_at = self._followed_at = own.time
-        if self.followed:
-            self._followed_at = own.time
-        elif own.time - self._followed_at > UNRESPONSIVE_AFTER:
-            self._slow_at = own.time
+        return self.orbit.speed * self.vehicle.lean_limit.share
 
     def command(
         self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None, now: float
     ) -> TurnCommand | None:
         """Return the turn command: the law's while engaged, the circle's turn rate while holding,
         else None. round_trip: delay of the link in both directions, s."""
-        self.answer.link = min(
+        self.vehicle.link = min(
             self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY
         )
         if phase is Phase.HOLDING:
@@ -212,7 +165,7 @@ class Controller:
 
     def commanded(self, sent: YawRate, now: float) -> None:
         """Record a yaw rate that was sent, to compare the vehicle's turn with it."""
-        self.answer.command(now, turn_rate_from_yaw_rate(sent))
+        self.vehicle.command(now, turn_rate_from_yaw_rate(sent))
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
         """Return the vehicle's safe setpoint. engaged: True to hold the height of the engagement.
@@ -226,7 +179,7 @@ class Controller:
         """Hold the airspeed from now on, where the autopilot held the speed over the ground
         before."""
         self.airspeed_hold.reset(scale)
-        self.lean = LeanLimit()
+        self.vehicle.lean_limit = LeanLimit()
 
     def disengage(self) -> None:
         """End the stream of setpoints. The next setpoint starts a new stream, at a new height."""

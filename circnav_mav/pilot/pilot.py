@@ -309,7 +309,8 @@ class Pilot:
     def _watch_following(self, now: float) -> None:
         """End the flight if the vehicle does not follow turn commands for too long."""
         session = self.session
-        turns = self.controller.turns
+        vehicle = self.controller.vehicle
+        obedience = vehicle.obedience
         most = self.settings.timing.unfollowed
         # A vehicle that does not receive setpoints cannot follow them. This is an outage of the
         # link, which the flight survives: do not judge the turns without answers to TIMESYNC, and
@@ -318,9 +319,9 @@ class Pilot:
         if session.timesync.silent(now, UNANSWERED):
             self._unanswered_at = now
         if now - self._unanswered_at < RECEIVES_AFTER:
-            turns.reset()
+            vehicle.judge_again()
             self.conditions.forget(NOT_FOLLOWING)
-        if self.mission.steering and not turns.follows and now - turns.since > most:
+        if self.mission.steering and not obedience.follows and now - obedience.since > most:
             self._finish(
                 Outcome(Ending.ABORTED, f"vehicle did not follow turn commands for {most:g} s"), now
             )
@@ -442,7 +443,7 @@ class Pilot:
         tracker = self.tracker
         controller = self.controller
         self.drift_alarm = watch_drift(
-            self.drift_alarm, estimate, controller.orbit, controller.answer.most
+            self.drift_alarm, estimate, controller.orbit, controller.vehicle.most
         )
         if command is not None and (
             command.flies or not LAWS[controller.law].flies_relative_motion

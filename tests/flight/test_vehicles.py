@@ -64,7 +64,7 @@ def test_plane_flies_the_same_mission_although_it_turns_less_than_it_is_told() -
     assert rms_error(last_third(flown), 150.0) < 1.0
     assert clockwise_turns(last_third(flown)) < -0.8
     assert mean_radius(last_third(flown)) == pytest.approx(150.0, abs=0.2)
-    assert flown.pilot.controller.answer.gain == pytest.approx(0.73 * 22.0 / 23.4, abs=0.03)
+    assert flown.pilot.controller.vehicle.gain == pytest.approx(0.73 * 22.0 / 23.4, abs=0.03)
 
 
 @pytest.mark.parametrize("mission", VEHICLES)

@@ -1,6 +1,7 @@
 """The lap of a vehicle that cannot turn as fast as its circle demands, against the geometry of the
 planned curve."""
 
+from copy import deepcopy
 from itertools import pairwise, product
 from math import hypot, inf, pi
 
@@ -8,11 +9,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from circnav_mav.guidance.bank_limit import BankLimit
 from circnav_mav.guidance.lap_plan import ANGLES, plan
+from circnav_mav.guidance.limits import BankLimit
 from circnav_mav.guidance.maths import chord_parts, clip, wrap
-from circnav_mav.guidance.pending_turn import PendingTurn
-from circnav_mav.guidance.turn_response import Response
+from circnav_mav.guidance.turn_response import PendingTurn, Response
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored
 from tests.tools.firmware.bound import squeezed
@@ -22,7 +22,6 @@ R_D = 150.0
 WIND = 5.0
 """ArduPlane as flown. Its circle demands up to 0.230 rad/s."""
 LIMIT = 0.215
-UNKNOWN = BankLimit()
 
 
 def geometry(lap, wind):
@@ -128,15 +127,15 @@ def test_a_vehicle_at_its_limit_flies_the_planned_lap_truer_than_the_circle(sens
     assert momentum * sense > 0
 
 
-def after(*banks, commanded=0.4, step=0.05, limit=UNKNOWN):
+def after(*banks, commanded=0.4, step=0.05, limit=None):
     """Turn-rate limit learned from banks (as turn rates) of a vehicle whose nose turns at 0.7 of
     them."""
     heading = 3.0
+    limit = deepcopy(limit) if limit else BankLimit()
     for i, (before, now) in enumerate(pairwise(banks)):
         heading = wrap(heading + 0.7 * now * step)
-        limit = limit.follow(
-            OwnMotion(i * step, heading, 0.7 * now, V, bank_turn=now), commanded, before
-        )
+        own = OwnMotion(i * step, heading, 0.7 * now, V, bank_turn=now)
+        limit.follow(own, commanded, before)
     return limit
 
 

@@ -6,7 +6,7 @@ from math import atan, degrees, pi, radians, tan
 import numpy as np
 import pytest
 
-from circnav_mav.guidance.lean_limit import GRAVITY, LeanLimit
+from circnav_mav.guidance.limits import GRAVITY, LeanLimit
 from circnav_mav.guidance.types import OwnMotion
 
 V = 5.0
@@ -33,7 +33,7 @@ def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0):
         )
         push = rect(min(abs(push), limit), phase(push))
         own = OwnMotion(0.05 * i, heading, TURN, V * lean.share, push=(push.real, push.imag))
-        lean = lean.follow(own)
+        lean.follow(own)
     return lean
 
 

@@ -24,7 +24,7 @@ from circnav_mav.guidance.margin import (
     radius_with_margin,
     sensitivity,
 )
-from circnav_mav.guidance.turn_response import ResponseLearner
+from circnav_mav.guidance.turn_response import CandidateTurns, ResponseLearner, TurnBins
 from circnav_mav.guidance.vector_field import drift_gains
 
 W = np.logspace(-2, 1.8, 4000)
@@ -116,11 +116,19 @@ def learnt(plant, expected=0.5):
     s."""
     time, command, angles = flown(*plant)
     rng = np.random.default_rng(3)
+    angles = angles + 0.005 * rng.standard_normal(angles.size)
+    return learnt_from(time[::4], command[::4], angles[::4], expected).response(LINK)
+
+
+def learnt_from(times, commands, angles, expected=0.5):
+    candidates = CandidateTurns()
+    bins = TurnBins(candidates)
     learner = ResponseLearner(expected)
-    for i in range(0, time.size, 4):
-        learner.candidates.command(float(time[i]), float(command[i]))
-        learner.on_motion(float(time[i]), float(angles[i] + 0.005 * rng.standard_normal()), 0.0)
-    return learner.response(LINK)
+    for time, command, angle in zip(times, commands, angles, strict=True):
+        candidates.command(float(time), float(command))
+        if (new := bins.add(float(time), float(angle), 0.0)) is not None:
+            learner.learn(new)
+    return learner
 
 
 @pytest.mark.parametrize("plant", PLANTS[::2], ids=str)
@@ -139,10 +147,8 @@ def test_the_delay_is_learnt_from_the_turns_of_an_approach(plant):
 
 
 def test_a_vehicle_that_only_circles_teaches_nothing_of_its_delay():
-    learner = ResponseLearner(0.5)
-    for i in range(1000):
-        learner.candidates.command(0.04 * i, 0.15)
-        learner.on_motion(0.04 * i, 0.15 * 0.04 * i, 0.0)
+    time = 0.04 * np.arange(1000)
+    learner = learnt_from(time, np.full(1000, 0.15), 0.15 * time)
     assert learner.response(0.0) == ResponseLearner(0.5).response(0.0)
 
 

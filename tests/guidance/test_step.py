@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circnav_mav.guidance.maths import chord
-from circnav_mav.guidance.pending_turn import Pending
 from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, holding, limited
+from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
 from circnav_mav.guidance.vector_field import drift, drift_gains
 from tests.guidance.relative import guessed, known

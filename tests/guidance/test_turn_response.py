@@ -4,8 +4,8 @@ from math import sin
 
 import pytest
 
-from circnav_mav.guidance.turn_answer import LearnedResponse
 from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.guidance.vehicle_model import VehicleModel
 
 STEP = 0.05
 DEAD = 0.2
@@ -18,7 +18,7 @@ class Vehicle:
     its last turn for 3 s."""
 
     def __init__(self):
-        self.answer = LearnedResponse(0.4, 0.5)
+        self.model = VehicleModel(0.4, 0.5)
         self.now = 0.0
         self.heading = 0.0
         self.rate = 0.0
@@ -34,15 +34,15 @@ class Vehicle:
                 + 0.1 * sin(0.9 * self.now)
                 + (0.3 * min((self.now - since) / 3, 1.0) if deaf else 0.0)
             )
-            self.answer.command(self.now, command)
+            self.model.command(self.now, command)
             received = command if not deaf else last if self.now - since < 3.0 else 0.0
             self._on_the_way.append(received)
             self.rate += (GAIN * self._on_the_way.pop(0) - self.rate) * STEP / LAG
             self.heading += self.rate * STEP
             self.now = round(self.now + STEP, 6)
             own = OwnMotion(self.now, self.heading, self.rate, 5.0)
-            self.answer.on_motion(own, own)
-        return self.answer
+            self.model.on_motion(own, own)
+        return self.model
 
 
 def test_commands_that_a_dead_uplink_swallowed_teach_nothing():
@@ -50,11 +50,11 @@ def test_commands_that_a_dead_uplink_swallowed_teach_nothing():
     became so high that it oscillated for 45 s."""
     vehicle = Vehicle()
     before = vehicle.fly(90.0).response
-    gain = vehicle.answer.gain
+    gain = vehicle.model.gain
     assert before.delay == pytest.approx(DEAD + LAG, abs=0.05)
     vehicle.fly(60.0, deaf=True)
-    assert vehicle.answer.response.delay == pytest.approx(before.delay, abs=0.005)
-    assert vehicle.answer.gain == pytest.approx(gain, abs=0.005)
+    assert vehicle.model.response.delay == pytest.approx(before.delay, abs=0.005)
+    assert vehicle.model.gain == pytest.approx(gain, abs=0.005)
     vehicle.fly(20.0)
-    assert vehicle.answer.response.delay == pytest.approx(before.delay, abs=0.02)
-    assert vehicle.answer.gain == pytest.approx(gain, abs=0.02)
+    assert vehicle.model.response.delay == pytest.approx(before.delay, abs=0.02)
+    assert vehicle.model.gain == pytest.approx(gain, abs=0.02)

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circnav_mav.guidance.maths import chord, chord_parts, clip, wrap
-from circnav_mav.guidance.pending_turn import Pending, PendingTurn
-from circnav_mav.guidance.turn_response import Response
+from circnav_mav.guidance.turn_response import Pending, PendingTurn, Response
 from circnav_mav.guidance.vector_field import (
     DriftGains,
     drift,

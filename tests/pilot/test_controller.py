@@ -52,8 +52,8 @@ class Vehicle:
             self.now = self.now + STEP
             self.heading = self.heading + rate * STEP
             own = OwnMotion(self.now, self.heading, rate, 15.0)
-            self.controller.on_motion(own, own)
-            seen.append(self.controller.at_speed)
+            self.controller.vehicle.on_motion(own, own)
+            seen.append(self.controller.vehicle.at_speed)
         return seen
 
     def demanded(self, time, r):

@@ -21,8 +21,8 @@ import numpy as np
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
 from circnav_mav.guidance.margin import LINK
-from circnav_mav.guidance.turn_answer import MEASUREMENT_DELAY
 from circnav_mav.guidance.vector_field import drift_gains
+from circnav_mav.guidance.vehicle_model import MEASUREMENT_DELAY
 from circnav_mav.mission.mission import Mission
 
 GUST_TIME = 3.0

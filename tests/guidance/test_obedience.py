@@ -1,35 +1,49 @@
 """Commanded against flown turns: a vehicle that does not follow, a turn rate that oscillates, and
 harmless cases."""
 
-from math import inf, pi, sin
+from math import pi, sin
 
 import numpy as np
 import pytest
 
-from circnav_mav.guidance.turn_monitor import BIN, LEAST, TurnBin, TurnMonitor
-from circnav_mav.guidance.turn_response import CandidateTurns, TurnBins
+from circnav_mav.guidance.obedience import LEAST, LimitCycle, Obedience
+from circnav_mav.guidance.turn_response import BIN, CandidateTurns, TurnBin, TurnBins
 
 LIMIT = 0.5
 DELAYS = (0, 1, 2, 4)
 """Delay of the candidates in these tests, bins."""
 
 
+class Monitor:
+    """Obedience and limit cycle of one vehicle."""
+
+    def __init__(self):
+        self.obedience = Obedience()
+        self.limit_cycle = LimitCycle(LIMIT)
+
+    @property
+    def follows(self):
+        return self.obedience.follows
+
+    @property
+    def share(self):
+        return self.limit_cycle.share
+
+
 def monitored(command, flown, seconds=30.0, *, noise=0.0, monitor=None, start=0.0, lap=0.0):
     """Return the monitor after some time. command: turn rate by time. flown: turn rate by time and
     the commands so far, newest last. lap: duration of a lap round the located target, s."""
-    monitor = monitor or TurnMonitor(LIMIT)
+    monitor = monitor or Monitor()
     rng = np.random.default_rng(4)
     said = [0.0] * 20
-    monitor.lap = lap
+    monitor.limit_cycle.lap = lap
     for i in range(round(seconds / BIN)):
         time = start + i * BIN
         said.append(min(max(command(time), -LIMIT), LIMIT))
         predicted = np.array([said[-1 - late] for late in DELAYS])
-        monitor.take(
-            TurnBin(time, BIN, predicted, flown(time, said) + noise * rng.standard_normal()),
-            said[-1],
-            -inf,
-        )
+        turn = flown(time, said) + noise * rng.standard_normal()
+        monitor.obedience.judge(TurnBin(time, BIN, predicted, turn))
+        monitor.limit_cycle.judge(time, turn, said[-1])
     return monitor
 
 
@@ -66,7 +80,7 @@ def test_one_wrong_bin_is_no_disobedience():
 
 def test_what_is_followed_again_ends_it_and_a_turn_that_does_not_change_does_not():
     stopped = monitored(circle, lambda time, said: 0.0, 5.0)
-    assert stopped.since < 5.0
+    assert stopped.obedience.since < 5.0
     steady = monitored(lambda time: 0.3, lambda time, said: 0.3, 20.0, monitor=stopped, start=5.0)
     assert not steady.follows
     assert monitored(
@@ -159,7 +173,7 @@ def test_a_link_whose_delay_is_estimated_anew_changes_no_prediction():
     for i in range(400):
         time = 0.05 * i
         candidates.command(time, 0.2)
-        new = bins.take(time, 0.2 * time, 0.05 if i % 17 < 9 else 0.6)
+        new = bins.add(time, 0.2 * time, 0.05 if i % 17 < 9 else 0.6)
         if new is not None and time > 3.0:
             rates.append(new.predicted)
     assert len(rates) > 30

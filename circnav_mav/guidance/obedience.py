@@ -1,7 +1,6 @@
-"""Monitor of commanded and flown turns over a sliding window: detects a vehicle that does not
-follow, and limit cycles.
+"""Obedience of a vehicle: does it follow turn commands, and do the commands swing in a limit cycle?
 
-Both detectors use bins of 0.2 s: commanded turn rate, flown turn rate (of a plane: that of its
+Both are judged on bins of 0.2 s: commanded turn rate, flown turn rate (of a plane: that of its
 bank), and the prediction of each candidate of `turn_response`. Ranges are not used, so a wrong
 range raises no alarm.
 
@@ -16,15 +15,14 @@ period.
 
 from collections import deque
 from math import inf, sqrt
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from circnav_mav.guidance.maths import Batch
+from circnav_mav.guidance.turn_response import BIN, TurnBin
 
-BIN = 0.2
-"""Width of a bin, s: shorter bins contain too much gyro noise, longer ones do not resolve the
-delay."""
+Array = NDArray[Any]
 LONGEST_GAP = 1.0
 """Gap between two bins, s, after which the window restarts: the turns in between are unknown."""
 BEGINS = 1.6
@@ -88,88 +86,98 @@ turn loop has a damping of 0.06 stops oscillating at a third of the gains. With 
 was 71 m off."""
 
 
-class TurnBin(NamedTuple):
-    """Mean turn rates of a bin, rad/s. time: end of the bin, s. width: duration, s. predicted: turn
-    rate predicted by each candidate of the turn response. flown: measured turn rate."""
+class Obedience:
+    """Judges whether the vehicle follows turn commands.
 
-    time: float
-    width: float
-    predicted: Batch
-    flown: float
+    follows: False while the vehicle does not follow turn commands.
+    since: time of that verdict, s; inf if the vehicle follows.
+    """
+
+    def __init__(self) -> None:
+        self._bins: deque[TurnBin] = deque(maxlen=max(WINDOWS))
+        self._in_a_row = 0
+        self.follows = True
+        self.since = inf
+
+    def judge(self, new: TurnBin) -> None:
+        """Add a bin, and judge again."""
+        if self._bins and new.time - self._bins[-1].time > LONGEST_GAP:
+            self._restart()
+        self._bins.append(new)
+        windows = [width for width in WINDOWS if len(self._bins) >= width]
+        found = [_evidence(self._bins, width) for width in windows] or [0]
+        # One window that shows a vehicle not following outweighs all windows that show following.
+        verdict = min(found) if min(found) < 0 else max(found)
+        if verdict * self._in_a_row < 0:
+            self._in_a_row = 0
+        self._in_a_row += verdict
+        if self._in_a_row <= -IN_A_ROW and self.follows:
+            self.follows = False
+            self.since = new.time
+        elif self._in_a_row >= IN_A_ROW:
+            self.follows = True
+            self.since = inf
+
+    def reset(self) -> None:
+        """Restart. Call when another controller has the vehicle."""
+        self._restart()
+        self.follows = True
+        self.since = inf
+
+    def _restart(self) -> None:
+        self._bins.clear()
+        self._in_a_row = 0
 
 
-class TurnMonitor:
-    """Detects a vehicle that does not follow, and lowers the gains in a limit cycle.
+class LimitCycle:
+    """Detects limit cycles, and lowers the gains of the law in each.
 
-    follows: False while the vehicle does not follow turn commands. since: time of that verdict, s;
-    inf if the vehicle follows. share: factor on the gains. lap: duration of a lap while the law
-    flies on the estimated target position, s, else 0.
+    share: factor on the gains.
+    lap: duration of a lap while the law flies on the estimated target position, s, else 0.
     """
 
     def __init__(self, limit: float) -> None:
         """limit: limit of the commanded turn rate, rad/s."""
-        self._limit = limit
-        self._bins: deque[TurnBin] = deque(maxlen=max(WINDOWS))
+        self._least_rms = LEAST_SWING * limit
         self._turns: deque[tuple[float, float]] = deque(maxlen=SLOW_WINDOW)
-        self._in_a_row = self._regular = self._located = 0
-        self.follows = True
-        self.since = inf
+        self._newest = inf
+        self._regular = 0
+        self._located = 0
         self.share = 1.0
         self.lap = 0.0
 
-    def take(self, new: TurnBin, commanded: float, begun: float) -> None:
-        """Add a bin. commanded: turn rate, rad/s. begun: time of the first command to this vehicle,
-        s."""
-        if self._bins and new.time - self._bins[-1].time > LONGEST_GAP:
-            self._forget()
-        if new.time - begun < BEGINS:
-            return
-        self._bins.append(new)
-        self._turns.append((new.flown, commanded))
+    def judge(self, time: float, flown: float, commanded: float) -> None:
+        """Add the turn rates of a bin that ends at a time (s), rad/s, and judge again."""
+        if time - self._newest > LONGEST_GAP:
+            self.reset()
+        self._newest = time
+        self._turns.append((flown, commanded))
         self._located = self._located + 1 if self.lap else 0
-        self._judge_following(new.time)
-        self._judge_swing()
-
-    def reset(self) -> None:
-        """Restart. Call when another controller has the vehicle. The gains stay lowered."""
-        self._forget()
-        self.follows = True
-        self.since = inf
-
-    def _forget(self) -> None:
-        self._bins.clear()
-        self._turns.clear()
-        self._in_a_row = self._regular = self._located = 0
-
-    def _judge_following(self, now: float) -> None:
-        judged = [_evidence(self._bins, width) for width in WINDOWS if len(self._bins) >= width]
-        # One window that shows a vehicle not following outweighs all windows that show following.
-        verdict = min(judged, default=0) if min(judged, default=0) < 0 else max(judged, default=0)
-        self._in_a_row = self._in_a_row + verdict if verdict * self._in_a_row >= 0 else verdict
-        if self._in_a_row <= -IN_A_ROW and self.follows:
-            self.follows = False
-            self.since = now
-        elif self._in_a_row >= IN_A_ROW and not self.follows:
-            self.follows = True
-            self.since = inf
-
-    def _judge_swing(self) -> None:
         if len(self._turns) < LEAST_SWING_WINDOW:
             return
         turns = np.array(self._turns).T
-        least = LEAST_SWING * self._limit
-        swings = any(_swings(one[-SWING_WINDOW:], least, LONGEST_PERIOD) for one in turns)
+        swings = self._swings(turns[:, -SWING_WINDOW:], LONGEST_PERIOD)
         # All turns flown on the located target: the longer this stretch, the slower a cycle that it
         # can show.
-        if (size := min(len(self._turns), self._located)) > SWING_WINDOW:
+        size = min(len(self._turns), self._located)
+        if size > SWING_WINDOW and not swings:
             longest = min(SLOWEST_PERIOD, int(LAP_SHARE * self.lap / BIN))
-            swings = swings or any(_swings(one[-size:], least, longest) for one in turns)
+            swings = self._swings(turns[:, -size:], longest)
         self._regular = self._regular + 1 if swings else 0
         if self._regular >= LASTS:
             self.share = max(self.share * LOWERED, LEAST)
             # Turns flown with the previous gains do not show the effect of the new ones.
             self._turns.clear()
             self._regular = 0
+
+    def reset(self) -> None:
+        """Restart. Call when another controller has the vehicle. The gains stay lowered."""
+        self._turns.clear()
+        self._regular = 0
+        self._located = 0
+
+    def _swings(self, turns: Array, longest: int) -> bool:
+        return any(_swings(one, self._least_rms, longest) for one in turns)
 
 
 def _evidence(bins: deque[TurnBin], width: int) -> int:
@@ -181,7 +189,7 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     square = (predicted**2).sum(0)
     product = flown @ predicted
 
-    def errors(least: float, most: float) -> Batch:
+    def errors(least: float, most: float) -> Array:
         gain = np.clip(product / np.maximum(square, 1e-9), least, most)
         return np.asarray((flown[:, None] - gain * predicted) ** 2)
 
@@ -196,7 +204,7 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     return -1 if other < BETTER * following else int(following < BETTER * other)
 
 
-def _swings(turns: Batch, least: float, longest: int) -> bool:
+def _swings(turns: Array, least: float, longest: int) -> bool:
     """Return True if binned turn rates (rad/s) repeat as in a limit cycle with a period of at most
     `longest` bins, and the RMS of their fast part is at least `least`, rad/s. A parabola removes
     the slow part: wind and approach."""
@@ -215,5 +223,5 @@ def _swings(turns: Batch, least: float, longest: int) -> bool:
     return bool(correlation[peak] >= REPEATS and correlation[: peak + 1].min() <= REVERSES)
 
 
-def _correlation(a: Batch, b: Batch) -> float:
+def _correlation(a: Array, b: Array) -> float:
     return float(a @ b / max(sqrt(float(a @ a) * float(b @ b)), 1e-9))

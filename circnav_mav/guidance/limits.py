@@ -1,0 +1,187 @@
+"""Limits of an autopilot below those of the mission: the bank of a plane, the lean of a copter.
+
+Both are found from the flight alone. A vehicle at its limit banks or leans less than the command
+requires, and holds that angle.
+"""
+
+from cmath import rect
+from math import atan, exp, inf, pi, radians, remainder
+
+from circnav_mav.guidance.forgetting_fit import ForgettingFit
+from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
+
+SHORT = 0.95
+"""Share of the commanded turn or required push below which a vehicle counts as limited, smoothed
+over 1 s. A smaller reduction matters less than the lag, and the error of the fit in turns."""
+STEADY_FOR = 1.0
+"""Least duration of a steady bank or lean, s. A rolling vehicle has no steady bank."""
+GRAVITY = 9.80665
+"""Standard gravity, m/s^2."""
+
+
+class BankLimit:
+    """Bank limit of a plane's autopilot: the bank stays constant below the commanded one.
+
+    short: True if the plane banks less than commanded now.
+    bank: coordinated turn rate at the limit, rad/s; inf while unknown.
+    turn: turn rate of the nose at the limit, rad/s; inf while unknown.
+    """
+
+    STEADY = 0.03
+    """Largest difference of a steady bank from its mean over 1 s, as a share."""
+    AVERAGED = 20.0
+    """Time constant of the average at the limit, s: an error of 1 % costs 0.3 m of radius."""
+
+    def __init__(self) -> None:
+        self.short = False
+        self._time = inf
+        self._heading = 0.0
+        self._steady_since = inf
+        self._forget()
+
+    def _forget(self) -> None:
+        self._stood = 0.0
+        """Time at the limit, s."""
+        self._banked = 0.0
+        self._turned = 0.0
+        """Turn of bank and nose during that time, rad."""
+
+    @property
+    def bank(self) -> float:
+        return self._banked / self._stood if self._stood >= 0.5 else inf
+
+    @property
+    def turn(self) -> float:
+        return self._turned / self._stood if self._stood >= 0.5 else inf
+
+    def follow(self, own: OwnMotion, commanded: float, banked: float) -> None:
+        """Update with a report. commanded, banked: turn rates of the command and of the bank, both
+        smoothed over 1 s, rad/s."""
+        bank_turn = own.bank_turn or 0.0
+        step = own.time - self._time
+        turned = abs(remainder(own.heading - self._heading, 2 * pi))
+        self._time = own.time
+        self._heading = own.heading
+        self.short = abs(banked) < SHORT * abs(commanded)
+        is_steady = abs(bank_turn - banked) < self.STEADY * abs(banked)
+        if not (self.short and banked * commanded > 0 and is_steady):
+            self._steady_since = own.time
+        self._steady_since = min(self._steady_since, own.time)
+        # Commands may exceed the found limit. A bank above it shows that it was found too low.
+        if abs(banked) > (1 + self.STEADY) * self.bank:
+            self._forget()
+        elif own.time - self._steady_since >= STEADY_FOR and 0 < step <= 1.0:
+            keep = exp(-step / self.AVERAGED)
+            self._stood = keep * self._stood + step
+            self._banked = keep * self._banked + abs(bank_turn) * step
+            self._turned = keep * self._turned + turned
+
+
+class LeanLimit:
+    """Lean limit of a copter's autopilot, and the share of the speed that it allows.
+
+    A copter leans against the air that it flies through: at ground speed V against a wind W it
+    needs the lean for V + W. If its autopilot allows less, the ground speed drops there. The
+    heading does not show this.
+
+        push = kappa v + b + v',   least squares of kappa and b (complex; earth frame)
+
+    push: horizontal acceleration by the lean. v: velocity that the copter should have. kappa: drag
+    (1/s); its imaginary part is a push fixed to the nose (a trimmed attitude). b: push of the wind.
+    The lean is at its limit if the copter leans less than the fit requires, holds that lean, and
+    has never leaned more.
+
+    found: push at the limit, m/s^2; inf while unknown.
+    share: allowed share of the speed.
+    """
+
+    MEMORY = 60.0
+    """Time constant of the least squares, s: more than a lap, to separate wind from drag."""
+    SMOOTHING = 1.0
+    """Time constant of the low-pass on the lean, s. It suppresses single gusts."""
+    STEADY = radians(1.5)
+    """Largest difference of a steady lean from its mean over a second, rad. PX4's estimate of the
+    lean varies by 1 deg RMS within seconds."""
+    AGAIN = 3.0
+    """Time, s, from the first steady lean. After it, the lean must still, or again, be steady at
+    the same angle."""
+    NEAR_MOST = radians(2.5)
+    """Largest difference, rad, by which a lean at its limit may be below the largest lean so
+    far."""
+    LOWERED = 0.95
+    EVERY = 2.0
+    """Factor on the speed at the limit, and least time between two reductions, s. The velocity loop
+    needs 1 to 2 s to use the lean that a reduction makes available."""
+
+    def __init__(self) -> None:
+        self.found = inf
+        self.share = 1.0
+        self._fit = ForgettingFit(self.MEMORY)
+        self._time = inf
+        self._turned = 0.0
+        self._push = 0.0
+        self._required = 0.0
+        """Magnitudes of push and required push, smoothed, m/s^2."""
+        self._most = 0.0
+        """Largest lean, rad."""
+        self._steady_since = inf
+        self._lowered_at = -inf
+        self._stood: tuple[float, float] | None = None
+        """First steady lean, rad, and its time, s."""
+
+    def follow(self, own: OwnMotion) -> None:
+        """Update with a report, while the copter follows its commands.
+
+        own: motion with the velocity that the copter should have.
+        """
+        if own.push is None:
+            return
+        push = complex(*own.push)
+        step = own.time - self._time
+        self._time = own.time
+        if not 0 < step <= LONGEST_REPORT_GAP:
+            self._steady_since = inf
+            self._push = abs(push)
+            self._required = abs(push)
+            return
+        v = rect(own.airspeed, own.heading)
+        turn = 1j * own.turn_rate * v
+        keep = exp(-step / self.SMOOTHING)
+        self._push = abs(push) + keep * (self._push - abs(push))
+        required = abs(self._straight_push(v) + turn)
+        self._required = required + keep * (self._required - required)
+        # Half a lap cannot separate drag from wind.
+        short = self._turned >= 2 * pi and self._push < SHORT * self._required
+        lean = atan(self._push / GRAVITY)
+        is_steady = abs(atan(abs(push) / GRAVITY) - lean) < self.STEADY
+        if not (short and is_steady and lean > self._most - self.NEAR_MOST):
+            self._steady_since = inf
+        else:
+            self._steady_since = min(self._steady_since, own.time)
+        self._turned += abs(own.turn_rate) * step
+        self._most = max(self._most, lean)
+        if not short:  # a limited push does not show drag and wind
+            self._fit.add(v, push - turn, step, step)
+        self._judge(own.time, lean)
+
+    def _judge(self, now: float, lean: float) -> None:
+        """Lower the speed if the lean stays at its limit."""
+        if now - self._steady_since < STEADY_FOR or now - self._lowered_at < self.EVERY:
+            return
+        # In gusts a lean may be steady once by chance. At a limit it is steady again at the same
+        # angle, or stays steady.
+        if self._stood is None or abs(lean - self._stood[0]) > self.STEADY:
+            self._stood = (lean, now)
+        elif now - self._stood[1] >= self.AGAIN:
+            self.found = self._push
+            self.share = max(self.LOWERED * self.share, 0.5)
+            self._lowered_at = now
+
+    def _straight_push(self, v: complex) -> complex:
+        """Return the push that the fit requires at a velocity in straight flight, m/s^2."""
+        fit = self._fit
+        if fit.n == 0:
+            return 0j
+        # The prior, a drag of 0 with a weight of 1 m^2/s, keeps the fit defined on a straight path.
+        kappa = fit.product() / (fit.spread() + 1.0)
+        return complex(fit.y / fit.n + kappa * (v - fit.x / fit.n))

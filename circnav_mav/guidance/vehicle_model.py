@@ -1,0 +1,326 @@
+"""Model of one vehicle's response to turn commands, learned in flight.
+
+`VehicleModel` is the one place that knows how the vehicle turns: gain and delay from a command to
+its turn, the commanded turn that is still to come, limits of bank and lean, whether the vehicle
+follows its commands, and whether the commands swing in a limit cycle.
+"""
+
+from collections import deque
+from copy import copy
+from math import exp, inf, pi, remainder
+from typing import Any, NamedTuple
+
+from circnav_mav.guidance.forgetting_fit import ForgettingFit
+from circnav_mav.guidance.limits import BankLimit, LeanLimit
+from circnav_mav.guidance.obedience import BEGINS, LimitCycle, Obedience
+from circnav_mav.guidance.turn_response import (
+    CandidateTurns,
+    Pending,
+    PendingTurn,
+    Response,
+    ResponseLearner,
+    TurnBins,
+)
+from circnav_mav.guidance.types import LONGEST_REPORT_GAP, SAME_TIME, OwnMotion
+
+MEASUREMENT_DELAY = 0.2
+"""Delay of a plane's reported turn rate behind its bank, s, as seen on ArduPlane 4.6.3. With gains
+tuned for the delay of the bank alone, the radius error with LoRa-like ranges was 2.7 m instead of
+1.9 m there."""
+UNRESPONSIVE_AFTER = 1.0
+"""Time without turning as commanded, s, after which a vehicle counts as unresponsive. Reversing a
+turn takes less time."""
+DOUBTED_AFTER = 0.7
+"""Time without turning as commanded, s, after which the estimators do not receive the motion of a
+vehicle without airspeed sensor. When a turn is reversed, commanded and flown turn differ for this
+long."""
+OBEYS_AFTER = 2.0
+"""Time of turning as commanded, s, after which learning resumes. After this time the response model
+no longer contains commands that the vehicle did not receive."""
+SPEED_UP = 2.5
+"""Time, s, of turning as commanded after which the vehicle is assumed to have the commanded speed.
+A multicopter needs this time to accelerate from 0 to 5 m/s. The estimator would mistake the lower
+speed for a drift."""
+PAUSE = 1.0
+"""Pause of the commands, or gap between two reports of own motion, s, after which the vehicle may
+have stopped: autopilots then brake, hover or loiter."""
+TAKEN_BACK = 5.0
+"""Time span, s, that ends when a vehicle is found unresponsive. What was learned in it is
+discarded. After a loss of the uplink, ArduPilot keeps flying the last command for 3 s. While the
+commands do not change, this looks like following."""
+
+
+class TurnGain:
+    """Ratio of flown to commanded turn rate, learned in flight.
+
+    Real vehicles fly 0.70 to 1.05 of the commanded turn rate (a plane that banks for a coordinated
+    turn and slips: 0.73). A remaining error of 1 % is 0.2 to 0.3 m of radius. Method: least squares
+    of the heading's rate on the commanded rate. Both pass the same low-pass, so that the vehicle's
+    lag does not bias the ratio.
+
+    gain: flown over commanded turn rate.
+    time: time of the newest heading, s; -inf at the start.
+    heading: newest heading, rad.
+    rate: flown turn rate after the low-pass, rad/s.
+    command: commanded turn rate after the low-pass, rad/s.
+    """
+
+    SMOOTHING = 1.0
+    MEMORY = 15.0
+    """Time constants of the low-pass and of the least squares, s."""
+    PRIOR = 0.01
+    """Weight of the initial gain 1, (rad/s)^2 s."""
+    LOWEST = 0.6
+    HIGHEST = 1.25
+    """Bounds of the gain."""
+
+    def __init__(self, gain: float = 1.0) -> None:
+        self.gain = gain
+        self.time = -inf
+        self.rate = 0.0
+        self.command = 0.0
+        self.heading = 0.0
+        self._lagged = 0.0
+        self._follows_for = 0.0
+        self._fit = ForgettingFit(self.MEMORY)
+
+    @property
+    def followed(self) -> bool:
+        """True if the turn is at least a third of the command, or the command is too small to judge
+        in noise (0.02 rad/s)."""
+        return abs(self.command) < 0.02 or self.rate * self.command > self.command**2 / 3
+
+    @property
+    def knowledge(self) -> tuple[Any, ...]:
+        """All that was learned, to be restored later."""
+        return self.gain, copy(self._fit)
+
+    def restore(self, knowledge: tuple[Any, ...]) -> None:
+        """Return to earlier knowledge."""
+        self.gain, fit = knowledge
+        self._fit = copy(fit)
+
+    def learn(self, time: float, heading: float, command: float, lag: float = 0.0) -> None:
+        """Learn from a heading.
+
+        heading: measured, rad. command: commanded turn rate meanwhile, rad/s, same sense as the
+        heading. lag: delay from a command to its turn, s.
+        """
+        step = time - self.time
+        turned = remainder(heading - self.heading, 2 * pi)
+        if step == 0:
+            return
+        self.time = time
+        self.heading = heading
+        if not 0 < step <= LONGEST_REPORT_GAP:
+            self.rate = command
+            self._lagged = command
+            self.command = command
+            self._follows_for = 0.0
+            return
+        smooth = 1 - exp(-step / self.SMOOTHING)
+        follow = 1 - exp(-step / lag) if lag > 0 else 1.0
+        self._lagged += (command - self._lagged) * follow
+        self.command += (self._lagged - self.command) * smooth
+        self.rate += (turned / step - self.rate) * smooth
+        self._follows_for = self._follows_for + step if self.followed else 0.0
+        # Earlier, the low-pass still contains its initial value, or turns from before the vehicle
+        # followed.
+        if self._follows_for >= 4 * self.SMOOTHING - SAME_TIME:
+            fit = self._fit
+            fit.add(self.command, self.rate, step, step)
+            gain = (fit.xy + self.PRIOR) / (fit.xx + self.PRIOR)
+            self.gain = min(max(gain, self.LOWEST), self.HIGHEST)
+
+
+class Snapshot(NamedTuple):
+    """What was learned up to a time, s."""
+
+    time: float
+    gain: tuple[Any, ...]
+    response: tuple[Any, ...]
+
+
+class VehicleModel:
+    """Learned response of a vehicle, and the commanded turn that it has not flown yet.
+
+    link: round-trip delay of the link, s.
+    command_gain: flown over commanded turn rate.
+    bank_gain: flown turn rate over the coordinated turn rate of the bank; None until a commanded
+        vehicle has reported a bank.
+    bank_limit, lean_limit: limits of the autopilot, as found in flight.
+    obedience: whether the vehicle follows turn commands, the verdict that ends a flight.
+    limit_cycle: factor on the gains.
+    """
+
+    def __init__(
+        self, lag: float, limit: float, *, gain: float | None = None, link: float = 0.0
+    ) -> None:
+        """lag: initial delay from a command to its turn, s. limit: limit of the commanded turn
+        rate, rad/s. gain: flown over commanded turn rate; None if it is learned."""
+        self._given_gain = gain
+        self._limit = limit
+        self.link = link
+        self.command_gain = TurnGain(gain or 1.0)
+        self.bank_gain: TurnGain | None = None
+        self.bank_limit = BankLimit()
+        self.lean_limit = LeanLimit()
+        self.obedience = Obedience()
+        self.limit_cycle = LimitCycle(limit)
+        self._learner = ResponseLearner(lag)
+        self._pending = PendingTurn()
+        self._candidates = CandidateTurns()
+        self._path_bins = TurnBins(self._candidates)
+        self._nose_bins = TurnBins(self._candidates)
+        self._turned = 0.0
+        """Angle turned by the path, or by a plane's bank, unwrapped, rad."""
+        self._nose = 0.0
+        """Heading of the nose, unwrapped, rad."""
+        self._bank_at = inf
+        self._commanded: float | None = None
+        self._commanded_at = -inf
+        self._started_at = -inf
+        """Time of the first report, or of the first one after a gap, s."""
+        self._followed_at = -inf
+        self._unresponsive_at = -inf
+        self._snapshots: deque[Snapshot] = deque()
+        """What was learned up to each of the last seconds."""
+
+    @property
+    def gain(self) -> float:
+        """Flown over commanded turn rate, as used now."""
+        return self._given_gain or (self.bank_gain or self.command_gain).gain
+
+    @property
+    def most(self) -> float:
+        """Turn rate that the vehicle reaches, rad/s."""
+        return min(self._limit * self.gain, self.bank_limit.turn)
+
+    @property
+    def response(self) -> Response:
+        """Delay and lag, as used now."""
+        return self._learner.response(self.link)
+
+    @property
+    def followed(self) -> bool:
+        """True if the vehicle turns as commanded now."""
+        return self.command_gain.followed
+
+    @property
+    def at_speed(self) -> bool:
+        """True if the vehicle has followed its commands for long enough to have the commanded
+        speed."""
+        now = self.command_gain.time
+        slow_at = max(self._started_at, self._unresponsive_at)
+        return now - self._followed_at <= DOUBTED_AFTER and now - slow_at >= SPEED_UP - SAME_TIME
+
+    def pending(self, now: float, turn_rate: float) -> Pending:
+        """Return the commanded turn that is not flown yet. turn_rate: turn rate of the vehicle now,
+        rad/s."""
+        pending = self._pending.at(now, self.response, turn_rate)
+        late = 0.0 if self.bank_gain is None else MEASUREMENT_DELAY
+        return pending._replace(measurement_delay=late, most=self.most)
+
+    def command(self, now: float, rate: float) -> None:
+        """Record a commanded turn rate (rad/s) and the time (s) of its start."""
+        if self._commanded is not None and now - self._commanded_at > PAUSE:
+            self.judge_again()
+        self._commanded = rate
+        self._commanded_at = now
+        most = self.bank_limit.bank
+        reached = min(max(rate, -most), most)
+        self._candidates.command(now, reached)
+        self._pending.command(now, reached * self.gain)
+
+    def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
+        """Learn from a report of own motion, and judge the vehicle's turns.
+
+        own: motion along the path through the air, by the model of a copter's velocity. nose:
+        motion as the autopilot reports it. While circnav does not command the vehicle, only the
+        turn is summed up.
+        """
+        self._sum_up(own)
+        if self._commanded is None:
+            return
+        self._learn(own)
+        self._watch(own)
+        self._nose += remainder(nose.heading - self._nose, 2 * pi)
+        turned = self._nose if nose.bank_turn is None else self._turned
+        new = self._nose_bins.add(nose.time, turned, self.link)
+        # The vehicle first finishes its previous maneuver.
+        if new is not None and new.time - self._candidates.begun >= BEGINS:
+            self.limit_cycle.judge(new.time, new.flown, self._commanded)
+            self.obedience.judge(new)
+
+    def _sum_up(self, own: OwnMotion) -> None:
+        if own.bank_turn is None:
+            self._turned += remainder(own.heading - self._turned, 2 * pi)
+        else:
+            step = min(max(own.time - self._bank_at, 0.0), 1.0)
+            self._turned += own.bank_turn * step
+            self._bank_at = own.time
+
+    def _learn(self, own: OwnMotion) -> None:
+        """Update gains, delay and bank limit."""
+        assert self._commanded is not None
+        if own.time - self._unresponsive_at > OBEYS_AFTER:
+            new = self._path_bins.add(own.time, self._turned, self.link)
+            if new is not None:
+                self._learner.learn(new)
+        else:
+            self._path_bins.reset()
+        if own.time - self.command_gain.time > PAUSE:
+            self._started_at = own.time
+            self._followed_at = own.time
+        if own.bank_turn is not None:
+            # Use the reported bank, not the commanded one: a lower bank limit of the autopilot must
+            # not lower the gain.
+            self.bank_gain = self.bank_gain or TurnGain()
+            self.bank_gain.learn(own.time, own.heading, own.bank_turn)
+        # Use the learned delay. With the lag of the mission, a copter with a faster response looked
+        # unresponsive.
+        lag = self.response.delay
+        self.command_gain.learn(own.time, own.heading, self._commanded, lag)
+        if self.bank_gain is not None and own.bank_turn is not None:
+            self.bank_limit.follow(own, self.command_gain.command, self.bank_gain.command)
+        if self.at_speed:
+            self.lean_limit.follow(own)
+
+    def _watch(self, own: OwnMotion) -> None:
+        """Discard recent learning if the vehicle turned out unresponsive: over a dead uplink its
+        turns mean nothing."""
+        now = own.time
+        if self.followed or self._followed_at == -inf:
+            self._followed_at = now
+        if now - self._followed_at > UNRESPONSIVE_AFTER:
+            if self._snapshots:
+                # Restore the oldest snapshot, from before the vehicle stopped following.
+                before = self._snapshots[0]
+                self.command_gain.restore(before.gain)
+                self._learner.restore(before.response)
+                self._snapshots.clear()
+            self._unresponsive_at = now
+        elif self.followed and now - self._unresponsive_at > OBEYS_AFTER:
+            if not self._snapshots or now - self._snapshots[-1].time >= 1.0:
+                gain = self.command_gain.knowledge
+                self._snapshots.append(Snapshot(now, gain, self._learner.knowledge))
+            while now - self._snapshots[0].time > TAKEN_BACK:
+                self._snapshots.popleft()
+
+    def reset(self) -> None:
+        """Stop learning and forget the commands. Call when the vehicle is no longer controlled from
+        here."""
+        self._commanded = None
+        self._followed_at = -inf
+        self._unresponsive_at = -inf
+        self._snapshots.clear()
+        self._candidates.reset()
+        self._path_bins.reset()
+        self._nose_bins.reset()
+        self._pending.reset()
+        self.judge_again()
+
+    def judge_again(self) -> None:
+        """Restart the judgement of the turns, with the gains as they are."""
+        self.obedience.reset()
+        self.limit_cycle.reset()
