@@ -20,6 +20,7 @@ from cmath import rect
 from math import atan2, exp, hypot, sqrt
 from typing import NamedTuple
 
+from circnav_mav.guidance.forgetting_fit import ForgettingFit
 from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 
 EQUAL_DRAG_SPEED = 8.0
@@ -105,7 +106,7 @@ SCALE_SIGMA = 0.25
 """Standard deviation of the scale before it is learned."""
 
 
-class ScaleFit(NamedTuple):
+class ScaleFit:
     """Least squares of the airspeed scale from accelerations, while GPS keeps the attitude of the
     autopilot exact.
 
@@ -115,54 +116,54 @@ class ScaleFit(NamedTuple):
         change of measured air velocity = change of velocity / scale
 
     Velocities are complex: east + j north.
-
-    time: of the newest report, s.
-    since: beginning of the integral of the acceleration, s.
-    last: newest integrated acceleration, and newest measured air velocity at a scale of 1, m/s.
-    high_passed: the same two after the high-pass, m/s.
-    sums: of the squared change of velocity, and of its product with the measured one, with
-    exponential forgetting.
     """
 
-    time: float = float("-inf")
-    since: float = float("nan")
-    last: tuple[complex, complex] = (0j, 0j)
-    high_passed: tuple[complex, complex] = (0j, 0j)
-    sums: tuple[float, float] = (0.0, 0.0)
+    def __init__(self) -> None:
+        self._fit = ForgettingFit(FIT_MEMORY)
+        self._time = float("-inf")
+        self._since = float("nan")
+        """Beginning of the integral of the acceleration, s."""
+        self._last = (0j, 0j)
+        """Newest integrated acceleration, and newest measured air velocity at a scale of 1, m/s."""
+        self._velocity = 0j
+        self._measured = 0j
+        """The same two after the high-pass, m/s."""
 
     @property
     def scale(self) -> float:
         """True over measured airspeed."""
-        square, product = self.sums
-        scale = (square + PRIOR_WEIGHT) / max(product + PRIOR_WEIGHT, 1e-6)
-        return min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
+        square = self._fit.xx + PRIOR_WEIGHT
+        product = self._fit.xy.real + PRIOR_WEIGHT
+        scale = square / max(product, 1e-6)
+        return float(min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1]))
 
     @property
     def sigma(self) -> float:
         """Standard deviation of the scale."""
-        return max(SCALE_SIGMA * PRIOR_WEIGHT / (self.sums[0] + PRIOR_WEIGHT), 0.03)
+        return float(max(SCALE_SIGMA * PRIOR_WEIGHT / (self._fit.xx + PRIOR_WEIGHT), 0.03))
 
-    def follow(self, own: OwnMotion, air: AirVelocity) -> "ScaleFit":
-        """Return the state after a report. air: velocity through the air in body axes, measured at
-        this report."""
+    def follow(self, own: OwnMotion, air: AirVelocity) -> None:
+        """Update with a report. air: velocity through the air in body axes, measured at this
+        report."""
         if own.felt is None:
-            return self._replace(time=float("-inf"))
-        new = (
-            complex(own.felt.x, own.felt.y),
-            complex(air.forward, air.left) * rect(1.0, own.heading),
-        )
-        step = own.time - self.time
-        if not 0 < step <= LONGEST_REPORT_GAP or own.felt.since != self.since:
-            return self._replace(
-                time=own.time, since=own.felt.since, last=new, high_passed=(0j, 0j)
-            )
+            self._time = float("-inf")
+            return
+        step = own.time - self._time
+        goes_on = 0 < step <= LONGEST_REPORT_GAP and own.felt.since == self._since
+        integral = complex(own.felt.x, own.felt.y)
+        velocity = complex(air.forward, air.left) * rect(1.0, own.heading)
+        last = self._last
+        self._time = own.time
+        self._since = own.felt.since
+        self._last = (integral, velocity)
+        if not goes_on:
+            self._velocity = 0j
+            self._measured = 0j
+            return
         keep = exp(-step / HIGH_PASS)
-        velocity = keep * (self.high_passed[0] + new[0] - self.last[0])
-        measured = keep * (self.high_passed[1] + new[1] - self.last[1])
-        forget = exp(-step / FIT_MEMORY)
-        square = self.sums[0] * forget + abs(velocity) ** 2 * step
-        product = self.sums[1] * forget + (velocity.conjugate() * measured).real * step
-        return ScaleFit(own.time, own.felt.since, new, (velocity, measured), (square, product))
+        self._velocity = keep * (self._velocity + integral - last[0])
+        self._measured = keep * (self._measured + velocity - last[1])
+        self._fit.add(self._velocity, self._measured, step, step)
 
 
 WIND_TIME = 20.0

@@ -16,9 +16,9 @@ simulation.
 
 from cmath import phase, rect
 from dataclasses import dataclass
-from math import exp, hypot, pi, remainder
-from typing import NamedTuple
+from math import pi, remainder
 
+from circnav_mav.guidance.forgetting_fit import ForgettingFit
 from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 
 STEP = 0.02
@@ -56,74 +56,72 @@ class VelocityLoop:
         return min(drag * speed, MOST_FED), (1 + self.derivative) * speed * turn_rate
 
 
-class CopterMotion(NamedTuple):
-    """Estimated motion after a report, east and north as a complex number. v: velocity, m/s. a:
-    acceleration by the tilt, m/s^2. q: the loop's integrator, m/s^2. drag: 1/s. sums: of the drag's
-    least squares, of 1, v, p, v v and v p over time, p being push minus acceleration."""
+class CopterMotion:
+    """Estimated motion of a copter, east and north as a complex number.
 
-    time: float | None = None
-    v: complex = 0j
-    a: complex = 0j
-    q: complex = 0j
-    drag: float = FIRST_DRAG
-    sums: tuple[complex, ...] = (0.0,) * 5
+    drag: drag coefficient, learned from the tilt, 1/s.
+    """
 
-    def follow(self, own: OwnMotion, loop: VelocityLoop) -> tuple["CopterMotion", OwnMotion]:
-        """Return the state after a report, and the actual motion: course, course rate and speed
-        instead of heading, turn rate and commanded speed."""
-        if (
-            self.time is None
-        ):  # start at rest: a copter is handed over hovering, and how it accelerates shows the drag
-            return self._replace(time=own.time), self._as_motion(own, 0.0)
-        step = own.time - self.time
+    def __init__(self) -> None:
+        self.drag = FIRST_DRAG
+        self._fit = ForgettingFit(MEMORY)
+        self.stop()
+
+    def stop(self) -> None:
+        """Start again at rest with the learned drag. Call while the copter is not controlled from
+        here: it is handed over hovering, and how it accelerates shows the drag."""
+        self._time: float | None = None
+        self._v = 0j
+        """Velocity, m/s."""
+        self._a = 0j
+        """Acceleration by the tilt, m/s^2."""
+        self._q = 0j
+        """Integrator of the loop, m/s^2."""
+
+    def follow(self, own: OwnMotion, loop: VelocityLoop) -> OwnMotion:
+        """Update with a report. Return the actual motion: course, course rate and speed instead of
+        heading, turn rate and commanded speed."""
+        before = self._v
+        step = 0.0 if self._time is None else own.time - self._time
+        if self._time is None:
+            self._time = own.time
         if step <= 0:
-            return self, self._as_motion(own, 0.0)
-        u = rect(own.airspeed, own.heading)
+            return self._as_motion(own, 0.0)
+        self._time = own.time
+        wanted = rect(own.airspeed, own.heading)
         if step > LONGEST_REPORT_GAP:
-            fresh = self._replace(time=own.time, v=u, a=self.drag * u, q=0j)
-            return fresh, fresh._as_motion(own, own.turn_rate)
-        f = complex(*loop.fed(own.airspeed, own.turn_rate, self.drag)) * rect(1.0, own.heading)
-        v = self.v
-        a = self.a
-        q = self.q
+            self._v = wanted
+            self._a = self.drag * wanted
+            self._q = 0j
+            return self._as_motion(own, own.turn_rate)
+        fed = complex(*loop.fed(own.airspeed, own.turn_rate, self.drag)) * rect(1.0, own.heading)
         pieces = int(step / STEP) + 1
-        h = step / pieces
         for _ in range(pieces):
-            e = u - v
-            rate = a - self.drag * v
-            a += (loop.proportional * e + q + f - loop.derivative * rate - a) * h / TILT
-            v += rate * h
-            q += loop.integral * e * h
-        moved = self._replace(time=own.time, v=v, a=a, q=q)
-        learnt = moved._learn(own, (v - self.v) / step, step)
-        return learnt, learnt._as_motion(own, remainder(phase(v) - phase(self.v), 2 * pi) / step)
+            self._integrate(wanted, fed, loop, step / pieces)
+        self._learn(own, (self._v - before) / step, step)
+        turned = remainder(phase(self._v) - phase(before), 2 * pi)
+        return self._as_motion(own, turned / step)
 
-    def stand(self) -> "CopterMotion":
-        """Return the state at rest with the learned drag, for a copter that is not controlled from
-        here."""
-        return CopterMotion(drag=self.drag, sums=self.sums)
+    def _integrate(self, wanted: complex, fed: complex, loop: VelocityLoop, h: float) -> None:
+        """Advance the equations of the module by h (s)."""
+        error = wanted - self._v
+        rate = self._a - self.drag * self._v
+        push = loop.proportional * error + self._q + fed - loop.derivative * rate
+        self._a += (push - self._a) * h / TILT
+        self._v += rate * h
+        self._q += loop.integral * error * h
 
-    def _learn(self, own: OwnMotion, acceleration: complex, step: float) -> "CopterMotion":
-        """Fit push minus acceleration to the velocity by least squares. The intercept is the
-        wind."""
+    def _learn(self, own: OwnMotion, acceleration: complex, step: float) -> None:
+        """Fit push minus acceleration to the velocity. The intercept is the wind."""
         if own.push is None:
-            return self
-        push = complex(*own.push) - acceleration
-        keep = exp(-step / MEMORY)
-        now = (1.0, self.v, push, self.v.real**2 + self.v.imag**2, _dot(self.v, push))
-        n, v, a, vv, va = (old * keep + new * step for old, new in zip(self.sums, now, strict=True))
-        spread = (vv - _dot(v, v) / n).real
-        product = (va - _dot(v, a) / n).real
-        drag = (product + PRIOR * FIRST_DRAG) / (spread + PRIOR)
-        return self._replace(drag=min(max(drag, 0.0), MOST_DRAG), sums=(n, v, a, vv, va))
+            return
+        fit = self._fit
+        fit.add(self._v, complex(*own.push) - acceleration, step, step)
+        drag = (fit.product().real + PRIOR * FIRST_DRAG) / (fit.spread() + PRIOR)
+        self.drag = min(max(drag, 0.0), MOST_DRAG)
 
     def _as_motion(self, own: OwnMotion, course_rate: float) -> OwnMotion:
-        speed = hypot(self.v.real, self.v.imag)
+        speed = abs(self._v)
         if speed < SLOW * own.airspeed:
             return own
-        return own._replace(heading=phase(self.v), turn_rate=course_rate, airspeed=speed)
-
-
-def _dot(a: complex, b: complex) -> float:
-    """Return the scalar product of two vectors."""
-    return a.real * b.real + a.imag * b.imag
+        return own._replace(heading=phase(self._v), turn_rate=course_rate, airspeed=speed)

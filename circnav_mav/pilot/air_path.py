@@ -53,7 +53,7 @@ class AirPath:
         if adapter.airspeed_from_drag:
             own = self._through_air(own, steering=steering)
         elif own.drag is not None:
-            self.scale_fit = self.scale_fit.follow(own, self.air)
+            self.scale_fit.follow(own, self.air)
             if steering and controller.vehicle.at_speed:
                 self.wind = self.wind.follow(own, self.air, self.scale_fit.scale)
         # ArduPilot's copters and rovers hold the commanded speed over ground. Their accelerations
@@ -64,10 +64,10 @@ class AirPath:
         if holds_ground_speed and adapter.velocity_loop is None:
             own = own._replace(felt=None)
         if adapter.velocity_loop is not None and steering:
-            self._copter_motion, own = self._copter_motion.follow(own, adapter.velocity_loop)
+            own = self._copter_motion.follow(own, adapter.velocity_loop)
             controller.drag = self._copter_motion.drag
         else:
-            self._copter_motion = self._copter_motion.stand()
+            self._copter_motion.stop()
         self.own = own
         controller.vehicle.on_motion(own, nose)
         # A vehicle without an airspeed sensor has the commanded airspeed while it follows its

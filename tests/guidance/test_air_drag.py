@@ -69,7 +69,7 @@ def circle(seconds: float, true_scale: float, wind: complex) -> tuple[ScaleFit, 
         felt = IntegratedAcceleration(ground.real, ground.imag, 0.0)
         own = OwnMotion(time, heading, rate, speed, drag=drag, felt=felt)
         air = air.follow(own, 0.25)
-        fit = fit.follow(own, air)
+        fit.follow(own, air)
         mean = mean.follow(own, air, fit.scale)
     return fit, mean
 
@@ -89,7 +89,7 @@ def test_scale_fit_learns_nothing_from_a_steady_wind() -> None:
     fit = ScaleFit()
     for tick in range(1000):
         own = OwnMotion(tick * STEP, 0.0, 0.0, 0.0, felt=IntegratedAcceleration(0.0, 0.0, 0.0))
-        fit = fit.follow(own, AirVelocity(tick * STEP, 4.0, 1.0))
+        fit.follow(own, AirVelocity(tick * STEP, 4.0, 1.0))
     assert fit.scale == pytest.approx(1.0)
 
 

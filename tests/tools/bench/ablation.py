@@ -117,17 +117,17 @@ def _present_turn_goes_on(
     return at(self, now, response, turn_rate)._replace(turn=turn_rate * response.delay)
 
 
+def _keeps_its_gain(learn: Function, self: Any, *seen: Any) -> None:
+    gain = self.gain
+    learn(self, *seen)
+    self.gain = gain
+
+
 LAYERS = (
-    Layer(
-        "gain learner",
-        "",
-        "learn",
-        "lag",
-        lambda of, state, **seen: of(state, **seen)._replace(gain=state.gain),
-    ),
+    Layer("gain learner", "TurnGain", "learn", "lag", _keeps_its_gain),
     Layer("delay learner", "ResponseLearner", "response", "link", _response_of_the_mission),
     Layer("Smith prediction", "PendingTurn", "at", "response", _present_turn_goes_on, bench=True),
-    Layer("bank limit", "BankLimit", "follow", "banked", lambda of, self, *seen: self),
+    Layer("bank limit", "BankLimit", "follow", "banked", lambda of, self, *seen: None),
     Layer(
         "limit-cycle watch",
         "",
