@@ -22,6 +22,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial, wraps
 from itertools import islice
+from math import inf
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -117,17 +118,19 @@ def _present_turn_goes_on(
     return at(self, now, response, turn_rate)._replace(turn=turn_rate * response.delay)
 
 
-def _keeps_its_gain(learn: Function, self: Any, *seen: Any) -> None:
-    gain = self.gain
-    learn(self, *seen)
-    self.gain = gain
+def _not_compensated(compensate: Function, command: Any, limit: float, gain: float) -> Any:
+    return compensate(command, limit, 1.0)
+
+
+def _turns_at_the_missions_limit(pending: Function, self: Any, now: float, turn_rate: float) -> Any:
+    return pending(self, now, turn_rate)._replace(most=inf)
 
 
 LAYERS = (
-    Layer("gain learner", "TurnGain", "learn", "lag", _keeps_its_gain),
+    Layer("gain learner", "", "compensate_turn_gain", "gain", _not_compensated),
     Layer("delay learner", "ResponseLearner", "response", "link", _response_of_the_mission),
     Layer("Smith prediction", "PendingTurn", "at", "response", _present_turn_goes_on, bench=True),
-    Layer("bank limit", "BankLimit", "follow", "banked", lambda of, self, *seen: None),
+    Layer("bank limit", "VehicleModel", "pending", "turn_rate", _turns_at_the_missions_limit),
     Layer(
         "limit-cycle watch",
         "",
