@@ -8,7 +8,6 @@ from math import degrees, hypot, isfinite
 from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
 from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord, phase_name
-from circnav_mav.pilot.conditions import NOT_RECORDING
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.rates import Rates
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers
@@ -66,12 +65,13 @@ class StatusSource:
     def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
         """Return the status. tick: the newest. now: run time, s. problem: recording problem, or
         None."""
-        pilot = self._pilot
-        timing = self._pilot.settings.timing
-        conditions = pilot.conditions.alarms | self._onlookers.alarms(now)
+        view = self._pilot.view
+        assert view is not None, "no step yet, and so no tick"
+        conditions = self._pilot.conditions.alarms | self._onlookers.alarms(now)
         if problem is not None:
-            conditions |= NOT_RECORDING.alarm(problem)
-        lost = timing.stale if tick.x is None else timing.stale + pilot.mission.hold
+            conditions["not_recording"] = f"NOT RECORDING: {problem}"
+        stale = view.settings.timing.stale
+        lost = stale if tick.x is None else stale + view.hold
         if tick.range_age is not None and tick.range_age > lost:
             # Without relative motion, the prediction continues straight while the vehicle turns:
             # show no range. With it, the prediction follows the vehicle for as long as the turn is
@@ -80,23 +80,19 @@ class StatusSource:
         return Status(
             time=now,
             tick=tick,
-            flown=None if pilot.mission.engaged_at is None else now - pilot.mission.engaged_at,
-            phase=phase_name(tick.phase, pilot.settings.output_mode),
-            waits=pilot.status.waits_for(now),
-            why=pilot.why if tick.law else "",
+            flown=None if view.engaged_at is None else now - view.engaged_at,
+            phase=phase_name(tick.phase, view.settings.output_mode),
+            waits=view.waits,
+            why=view.why if tick.law else "",
             target=_target(tick),
-            trusted=pilot.trusted,
+            trusted=view.trusted,
             added=self._onlookers.facts(now),
             conditions=conditions,
-            rejected={
-                why: count
-                for why, count in pilot.tracker.ranging.rejected.most_common()
-                if why not in OTHERS
-            },
-            others=sum(pilot.tracker.ranging.rejected[why] for why in OTHERS),
-            rates=None if pilot.done else pilot.rates.newest,
-            setpoints=pilot.setpoints_sent,
-            vehicle=_vehicle(pilot),
+            rejected={why: count for why, count in view.rejected.items() if why not in OTHERS},
+            others=sum(count for why, count in view.rejected.items() if why in OTHERS),
+            rates=None if view.done else view.rates,
+            setpoints=view.setpoints,
+            vehicle=view.vehicle,
         )
 
 
@@ -221,13 +217,6 @@ def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str) 
     return (
         f"{value:{form}} {unit}" if sigma is None else f"{value:{form}} {unit} ± {sigma:.2f} {unit}"
     )
-
-
-def _vehicle(pilot: Pilot) -> str:
-    """Return autopilot and firmware, as far as received."""
-    session = pilot.session
-    name = session.adapter.name if session.up else "no vehicle yet"
-    return f"{name}, firmware {session.vehicle.firmware or 'unknown'}"
 
 
 def _target(tick: TickRecord) -> str:

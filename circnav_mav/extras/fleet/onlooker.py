@@ -26,7 +26,6 @@ from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, TickRecord
-from circnav_mav.pilot.conditions import Condition
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.endpoint import LinkError
@@ -84,10 +83,6 @@ def fleet_line(found: Mapping[str, Any]) -> str:
         else f", nearest in height {found['nearest_layer_m']:.0f} m"
     )
     return f"  fleet      id {found['id']}, {len(found['members'])} members, {even}{layer}"
-
-
-FLEET_LINK = Condition("fleet_link", long="{found}")
-FLEET_LAYER = Condition("fleet_layer", long="{found}")
 
 
 class FleetOnlooker(Onlooker):
@@ -226,9 +221,9 @@ class FleetOnlooker(Onlooker):
     def alarms(self, now: float) -> Mapping[str, str]:
         found: dict[str, str] = {}
         if self.carrier is not None and (problems := self.carrier.alarms(self._epoch + now)):
-            found |= FLEET_LINK.alarm("; ".join(problems))
+            found["fleet_link"] = "; ".join(problems)
         if lines := self.layer_alarms(now):
-            found |= FLEET_LAYER.alarm("; ".join(lines))
+            found["fleet_layer"] = "; ".join(lines)
         return found
 
     def layer_alarms(self, now: float) -> list[str]:

@@ -14,7 +14,6 @@ from math import hypot, isfinite, pi
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.conditions import RADIUS
 from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, Ranges, Track
 from circnav_mav.extras.locate.export import named_values, orbit_status
 from circnav_mav.extras.locate.gps_fix import RECEIVERS, GpsFix
@@ -282,9 +281,7 @@ class Locator:
             )
             if not before:
                 self._announcer.say(
-                    RADIUS.name,
-                    RADIUS.short.format(found=self.radius_alarm),
-                    severity=RADIUS.severity,
+                    "radius", self.radius_alarm, severity=dialect.MAV_SEVERITY_WARNING
                 )
 
     # --- out
