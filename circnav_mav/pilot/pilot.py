@@ -43,6 +43,7 @@ from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
 from circnav_mav.pilot.step_view import StepView
 from circnav_mav.pilot.tick_scheduler import TickScheduler
+from circnav_mav.timers import Since
 
 REPORTS_AFTER = 3.0
 """Time, s, after a silence until all telemetry streams are received again."""
@@ -91,10 +92,10 @@ class Pilot:
         self._rates = RateMeter()
         self.allowance = Allowance()
         self.second_controller = SecondController(session, self.mission)
-        self._unanswered_at = float("-inf")
-        """Last time at which TIMESYNC was not answered, s."""
-        self._silent_at = float("-inf")
-        """Last time at which the newest mode report was older than SILENT, s."""
+        self._since_unanswered = Since()
+        """Since TIMESYNC was last not answered."""
+        self._since_silent = Since()
+        """Since the newest mode report was last older than SILENT."""
         self._lost_reports: tuple[str, ...] = ()
         """Names of telemetry that is missing or too rare. Unchanged while the vehicle is completely
         silent."""
@@ -321,8 +322,8 @@ class Pilot:
         # start again after the outage. A plane that flies straight back to the circle then needs
         # time to show that it follows again.
         if session.timesync.silent(now, UNANSWERED):
-            self._unanswered_at = now
-        if now - self._unanswered_at < RECEIVES_AFTER:
+            self._since_unanswered.restart(now)
+        if self._since_unanswered.age(now) < RECEIVES_AFTER:
             turns.reset()
             self.conditions.forget(NOT_FOLLOWING)
         if self.mission.steering and not turns.follows and now - turns.since > most:
@@ -454,8 +455,9 @@ class Pilot:
         ):
             self._law = command.flies
             self._why = command.why
-        self._silent_at = now if self.session.heartbeat_age(now) > SILENT else self._silent_at
-        if now - self._silent_at > REPORTS_AFTER:
+        if self.session.heartbeat_age(now) > SILENT:
+            self._since_silent.restart(now)
+        if self._since_silent.age(now) > REPORTS_AFTER:
             seldom = ("attitude",) if self.session.motion.seldom(now) else ()
             self._lost_reports = (*seldom, *self.session.missing(now))
         frames = self.connection.counts[VEHICLE].frames

@@ -11,6 +11,7 @@ from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord, phas
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.rates import Rates
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers
+from circnav_mav.timers import Every
 
 LOOK = 1.0
 MOST_ALARMS = 1000
@@ -119,15 +120,14 @@ class AlarmLog(Onlooker):
         """Alarms as stored in summary.json."""
         self._watch = StatusSource(pilot, onlookers)
         self._news = NewAlarms()
-        self._due = 0.0
+        self._check_timer = Every(LOOK)
 
     def on_step(
         self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
     ) -> Sequence[bytes]:
         """Record new alarms if a check is due."""
         now = step.time
-        if newest is not None and now >= self._due:
-            self._due = now + LOOK
+        if newest is not None and self._check_timer.due(now):
             begun = self._news.of(self._watch.status(newest, now, recording_problem).conditions)
             for name, text in list(begun.items())[: MOST_ALARMS - len(self.begun)]:
                 self.begun.append({"time_s": round(now, 1), "name": name, "text": text})

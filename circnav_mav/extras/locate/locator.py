@@ -27,6 +27,7 @@ from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
+from circnav_mav.timers import Every, Since
 
 WANTED = frozenset(
     {
@@ -110,9 +111,10 @@ class Locator:
         self._gps_sigma = settings.gps_sigma
         self._home = 0.0
         self._clock = StampFilter(pilot.session.timesync.delay_increase, wrap=BOOT_WRAP)
-        self._solve_at = self._messages_at = 0.0
+        self._solve_at = 0.0
+        self._message_timer = Every(MESSAGES_EVERY)
         self._solved_to = float("-inf")
-        self._announced_at = float("-inf")
+        self._since_announced = Since()
         self._announced: Place | None = None
         self._ended = False
         self.radius_alarm = ""
@@ -296,8 +298,7 @@ class Locator:
         self._encoder.system = session.encoder.system
         messages: list[Message] = []
         place = None if self.place is None else self.place.at(now)
-        if place is not None and now >= self._messages_at:
-            self._messages_at = now + MESSAGES_EVERY
+        if place is not None and self._message_timer.due(now):
             messages += self._operator_messages(place, now, mode)
         if mode is not OutputMode.SHADOW:
             messages += self._requests(session.peer.ids, now)
@@ -330,10 +331,10 @@ class Locator:
 
     def _say(self, place: Place | None, now: float) -> None:
         """Queue STATUSTEXT messages: the place when found or moved."""
-        if place is None or now - self._announced_at < TEXT_EVERY:
+        if place is None or self._since_announced.age(now) < TEXT_EVERY:
             return
         if self._announced is None or place.distance(self._announced) > max(place.sigma, 1.0) / 2:
-            self._announced_at = now
+            self._since_announced.restart(now)
             self._announced = place
             sigma = f"{place.sigma:.1f}" if isfinite(place.sigma) else "?"
             self._announcer.say(
