@@ -491,7 +491,7 @@ class Pilot:
             clock_speed=session.clock_speed.found,
             setpoints=self.setpoints_sent,
             rejected=dict(ranging.rejected.most_common()),
-            rates=self._rates.newest,
+            rates=None if self.done else self._rates.newest,
             full_rates=self._rates.whole,
             steered_rates=self._rates.while_steering,
             one_way=tracker.one_way,

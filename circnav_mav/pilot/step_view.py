@@ -51,7 +51,7 @@ class StepView:
     rejected: Mapping[str, int]
     """Rejected ranges by reason, the most frequent reason first."""
     rates: Rates | None
-    """Newest rates."""
+    """Newest rates, None before and after the flight."""
     full_rates: Rates | None
     """Newest rates, None until they cover `RATE_SPAN`."""
     steered_rates: Rates | None
