@@ -16,7 +16,7 @@ from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.types import OwnMotion, RangeEstimate, TurnCommand
+from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
 from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.codec import Message
@@ -527,6 +527,15 @@ class Pilot:
     def done(self) -> bool:
         """True if the mission is over and nothing more will be sent."""
         return self.mission.phase is Phase.ENDED
+
+    @property
+    def orbit(self) -> Orbit:
+        """The circle flown now, including the spacing in a fleet."""
+        return self.controller.orbit
+
+    def height(self, now: float) -> float | None:
+        """Return the height above the target, m, or None if it is unknown."""
+        return self.tracker.height.at(now)
 
     @property
     def own(self) -> OwnMotion | None:

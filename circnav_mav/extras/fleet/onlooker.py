@@ -231,7 +231,7 @@ class FleetOnlooker(Onlooker):
         alarm."""
         present = self.spacing.present(self._epoch + now)
         heights = {member: report.height for member, report in present.items()}
-        height = self._pilot.tracker.height.at(now)
+        height = self._pilot.height(now)
         if height is not None:
             heights[self.spacing.settings.member] = height
         return (
@@ -242,7 +242,7 @@ class FleetOnlooker(Onlooker):
 
     def report(self, now: float) -> MemberReport:
         """Return this member's report."""
-        height = self._pilot.tracker.height.at(now)
+        height = self._pilot.height(now)
         drift = self._own_drift()
         return MemberReport(
             group=self._table.group,
@@ -252,7 +252,7 @@ class FleetOnlooker(Onlooker):
             phase=self._own.phase or 0.0,
             phase_sigma=min(max(self._own.phase_sigma, 1e-3), pi),
             lap_period=self._lap_period(),
-            radius=self._pilot.controller.orbit.radius,
+            radius=self._pilot.orbit.radius,
             height=nan if height is None else height,
             sense=self._sense,
             drift=drift.mean,
@@ -332,7 +332,7 @@ class FleetOnlooker(Onlooker):
     @property
     def _sense(self) -> int:
         """Sense of rotation of the current circle."""
-        return self._pilot.controller.circle.direction.turn_sign
+        return self._pilot.orbit.direction.turn_sign
 
     def _own_drift(self) -> Drift:
         if self._drift is None:
@@ -341,7 +341,7 @@ class FleetOnlooker(Onlooker):
         return Drift(self._drift, (max(ee, 1e-6), en, max(nn, 1e-6)))
 
     def _lap_period(self) -> float:
-        orbit = self._pilot.controller.orbit
+        orbit = self._pilot.orbit
         if self._map is None:
             return LAP * orbit.radius / orbit.speed
         return self._map.lap_time * orbit.radius
@@ -359,7 +359,7 @@ class FleetOnlooker(Onlooker):
     def _shares_layer(self, now: float) -> bool:
         """True if another member is in the same height layer and has priority: it is on the circle
         or has the lower id."""
-        height = self._pilot.tracker.height.at(now)
+        height = self._pilot.height(now)
         if height is None or not self._flies:
             return False
         return any(
@@ -373,7 +373,7 @@ class FleetOnlooker(Onlooker):
         assert self.adjusted is not None
         if self.state is State.ON_CIRCLE:
             self._gap_errors.append((now, gap_error(self.adjusted.counted.values())))
-        height = self._pilot.tracker.height.at(now)
+        height = self._pilot.height(now)
         if height is not None and self._pilot.mission.steering:
             heights = (report.height for report in self.spacing.present(self._epoch + now).values())
             self._nearest_layer = min(

@@ -197,7 +197,7 @@ class Locator:
     def _range(self, sample: RangeSample, now: float) -> None:
         if self._ranges and sample.time <= self._ranges[-1][0]:
             return
-        slant = hypot(sample.r, self._pilot.tracker.height.at(now) or 0.0)
+        slant = hypot(sample.r, self._pilot.height(now) or 0.0)
         self._ranges.append(
             (sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02))
         )
@@ -224,7 +224,7 @@ class Locator:
         self._solved_to = newest
         track = Track(*np.array(self._track).T)
         ranges = Ranges(*np.array(self._ranges).T)
-        height = self._pilot.tracker.height.at(now)
+        height = self._pilot.height(now)
         up, sigma = (
             (self._home, HOME_SIGMA)
             if height is None
@@ -253,8 +253,8 @@ class Locator:
         self.radius_alarm = ""
         if not self._track:
             return
-        orbit = self._pilot.controller.orbit
-        height = self._pilot.tracker.height.at(place.time) or 0.0
+        orbit = self._pilot.orbit
+        height = self._pilot.height(place.time) or 0.0
         begin = self._track[-1][0] - COMPARED_LAPS * 2 * pi * orbit.radius / orbit.speed
         newest = [
             (place.at(time), east, north) for time, east, north, _ in self._track if time >= begin
@@ -309,7 +309,7 @@ class Locator:
     def _operator_messages(self, place: Place, now: float, mode: OutputMode) -> list[Message]:
         messages = named_values(place, now)
         if mode is not OutputMode.SHADOW and not self._pilot.done:
-            messages.append(orbit_status(place, self._pilot.controller.orbit, now))
+            messages.append(orbit_status(place, self._pilot.orbit, now))
         return messages
 
     def _requests(self, target: tuple[int, int], now: float) -> list[Message]:
