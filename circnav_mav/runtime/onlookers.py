@@ -69,8 +69,7 @@ class Onlooker:
         return ()
 
     def alarms(self, now: float) -> Mapping[str, str]:
-        """Return the texts of active alarms by name. Names are those of the extra's own table of
-        conditions."""
+        """Return the texts of active alarms by name."""
         return {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
