@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
-from circnav_mav.pilot.conditions import CLOCK_SPEED, LIMIT_CYCLE
+from circnav_mav.pilot.conditions import clock_alarm, limit_cycle_alarm
 
 NOTABLE = 1.0
 """Time not steered by circnav, s, above which the steered time is reported."""
@@ -31,7 +31,7 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
     lines.append(f"  setpoints  {summary['setpoints_sent']} sent")
     lines += summary.get("notes", ())
     if summary["clock_speed"] is not None:
-        lines.append(f"  WARNING    {CLOCK_SPEED.long.format(found=summary['clock_speed'])}")
+        lines.append(f"  WARNING    {clock_alarm(summary['clock_speed'])}")
     if summary["recording_problem"]:
         lines.append(f"  WARNING    {summary['recording_problem']}")
     lines.append(f"  run folder {folder}")
@@ -99,8 +99,8 @@ def _turn(summary: dict[str, Any]) -> list[str]:
         )
     reduced = share is not None and share < 1
     if summary["turn_limit_cycle"] or reduced:
-        words = LIMIT_CYCLE.long if reduced else LIMIT_CYCLE.long.partition(",")[0]
-        lines.append(f"  WARNING    {words.format(found=100 * (share or 1))}")
+        alarm = limit_cycle_alarm(share or 1.0)
+        lines.append(f"  WARNING    {alarm if reduced else alarm.partition(',')[0]}")
     return lines
 
 

@@ -134,7 +134,7 @@ class TurnGain:
 
 
 class Snapshot(NamedTuple):
-    """What was learned up to a time, s."""
+    """Knowledge at a time, s."""
 
     time: float
     gain: tuple[Any, ...]
@@ -184,7 +184,7 @@ class VehicleModel:
         self._followed_at = -inf
         self._unresponsive_at = -inf
         self._snapshots: deque[Snapshot] = deque()
-        """What was learned up to each of the last seconds."""
+        """Knowledge at each of the last seconds."""
 
     @property
     def gain(self) -> float:

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.mav.framing import V2
+from circnav_mav.timers import Since
 
 MAVLINK_1_ONLY = "sends MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
 AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
@@ -100,11 +101,11 @@ class Allowance:
         self._at = 0.0
         self.dropped = 0
         """Bytes that were dropped."""
-        self.dropped_at = float("-inf")
+        self._since_dropped = Since()
 
     def flooded(self, now: float) -> bool:
         """True if bytes were dropped within the last FLOODED seconds."""
-        return now - self.dropped_at < FLOODED
+        return self._since_dropped.age(now) < FLOODED
 
     def take(self, size: int, now: float) -> bool:
         """Return True if this number of bytes may be read, and deduct it from the budget."""
@@ -112,7 +113,7 @@ class Allowance:
         self._at = now
         if size > self._left:
             self.dropped = self.dropped + size
-            self.dropped_at = now
+            self._since_dropped.restart(now)
             return False
         self._left -= size
         return True
@@ -143,8 +144,8 @@ class Identity:
         silence."""
         self.since = 0.0
         """Time at which the vehicle was found, or found again after a silence, s."""
-        self._received_at = float("-inf")
-        """Time of the newest message of the vehicle's system from its address, s."""
+        self._since_received = Since()
+        """Since the newest message of the vehicle's system from its address."""
         self._proven: tuple[Hashable, float] = (None, float("-inf"))
         """Newest other address that was proven to be the vehicle's, and the time of the proof,
         s."""
@@ -205,8 +206,8 @@ class Identity:
         ):
             self.vehicles[who.system] = source  # otherwise it is a radio with a heartbeat
         if home is not None and (who.system, source) == (home.system, home.source):
-            self._received_at = now
-        silent = now - self._received_at > MOVES_AFTER
+            self._since_received.restart(now)
+        silent = self._since_received.age(now) > MOVES_AFTER
         if home is not None and who.ids == home.ids and silent and continues(message, now):
             self._proven = (source, now)
         ours = self.peer is None or who.ids == self.peer.ids
@@ -235,7 +236,7 @@ class Identity:
         """True if the vehicle may send from this address."""
         if self.home is None or source == self.home.source:
             return True
-        if now - self._received_at <= MOVES_AFTER:
+        if self._since_received.age(now) <= MOVES_AFTER:
             return False
         address, at = self._proven
         found_again = self.peer is None and not self.stays
@@ -260,7 +261,7 @@ class Identity:
             self.since = now
         self.home = self.peer = who
         self.reply_to = who.source
-        self._received_at = now
+        self._since_received.restart(now)
 
     def _misfit(
         self, heartbeat: Message, who: Sender, adapter: Autopilot | None, now: float

@@ -24,6 +24,7 @@ from circnav_mav.mav.frames import (
     turn_rate_from_yaw_rate,
     vector_from_level,
 )
+from circnav_mav.timers import Since
 
 MOST_TILT = 1.2
 """Largest tilt, rad, used in calculations. Beyond it turns are not coordinated and thrust does not
@@ -167,7 +168,7 @@ class OwnMotionSensor:
         self.jumped = 0.0
         """Sum of the autopilot's yaw resets while steered, rad, clockwise positive."""
         self._air = Motion()
-        self._air_at = float("-inf")
+        self._since_air = Since()
         self._accelerations = Accelerations()
         self._clock = StampFilter(slower, wrap=BOOT_WRAP, jump=JUMP)
 
@@ -180,7 +181,7 @@ class OwnMotionSensor:
                 altitude=_real(message.alt, MOST_ALTITUDE),
                 climb=_real(message.climb, MOST_AIRSPEED),
             )
-            self._air_at = now
+            self._since_air.restart(now)
             return False
         angles = _angles(message)
         if angles is None:
@@ -263,7 +264,7 @@ class OwnMotionSensor:
 
     def at(self, now: float) -> Motion:
         """Return the motion at this time, stale values as None."""
-        air = self._air if now - self._air_at <= AIR_MAX_AGE else Motion()
+        air = self._air if self._since_air.age(now) <= AIR_MAX_AGE else Motion()
         if self._attitude(now) is None:
             return air
         return self._turned._replace(airspeed=air.airspeed, altitude=air.altitude, climb=air.climb)
@@ -303,7 +304,7 @@ class Accelerations:
 
     def __init__(self) -> None:
         self._type = ""
-        self._received_at = float("-inf")
+        self._since_received = Since()
         self._time = float("-inf")
         self.felt: IntegratedAcceleration | None = None
         self._across: tuple[float, float] | None = None
@@ -312,13 +313,13 @@ class Accelerations:
         """Process one message of the vehicle. Messages without accelerations are ignored."""
         kind = message.get_type()
         if kind not in ACCELERATIONS or (
-            kind != self._type and now - self._received_at < OTHER_SOURCE
+            kind != self._type and self._since_received.age(now) < OTHER_SOURCE
         ):
             return
         if kind != self._type:
             self._type = kind
             self.felt = None
-        self._received_at = now
+        self._since_received.restart(now)
         unit = ACCELERATIONS[kind]
         force = unit * message.xacc, unit * message.yacc, unit * message.zacc
         time = message.time_boot_ms / 1e3 if kind == "SCALED_IMU" else message.time_usec / 1e6
@@ -341,7 +342,7 @@ class Accelerations:
     def across_thrust(self, now: float) -> tuple[float, float] | None:
         """Return the low-passed specific force along the body's forward and right axes, m/s^2.
         Return None without a recent measurement."""
-        return self._across if now - self._received_at <= ATTITUDE_MAX_AGE else None
+        return self._across if self._since_received.age(now) <= ATTITUDE_MAX_AGE else None
 
     def _smooth(self, force: tuple[float, float, float], step: float, *, sound: bool) -> None:
         """Update `across_thrust` by a measurement `step` s after the one before."""

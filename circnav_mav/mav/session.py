@@ -17,6 +17,7 @@ from circnav_mav.mav.own_motion import ACCELERATIONS, OwnMotionSensor
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.mav.vehicle_state import READ, VehicleState
+from circnav_mav.timers import Every
 
 HEARTBEAT_PERIOD = 1.0
 """Time between two of our heartbeats, s (MAVLink: 1 Hz)."""
@@ -56,7 +57,7 @@ class Session:
         more_streams: id -> Hz."""
         self._component = settings.component_id
         self._more_streams = dict(more_streams or {})
-        self._next_heartbeat = float("-inf")
+        self._heartbeat_timer = Every(HEARTBEAT_PERIOD)
         self._replies: list[Message] = []
         self._mode_results: deque[CommandResult] = deque(maxlen=8)
         self._sent: deque[bytes] = deque(maxlen=SENT_KEPT)
@@ -257,10 +258,7 @@ class Session:
 
     def heartbeats_due(self, now: float) -> list[Message]:
         """Return our heartbeat when it is due."""
-        if now < self._next_heartbeat:
-            return []
-        self._next_heartbeat = now + HEARTBEAT_PERIOD
-        return [self.heartbeat()]
+        return [self.heartbeat()] if self._heartbeat_timer.due(now) else []
 
     def heartbeat(self) -> Message:
         """Return our heartbeat as an onboard controller of the vehicle's system.

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.foreign import printable
 from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Ids, Message, ids
+from circnav_mav.timers import Since
 
 TEXT_INTERVAL = 2.0
 """Least time, s, between two texts of the same kind; chosen for a ground station's message list."""
@@ -29,7 +30,7 @@ class Announcer:
     def __init__(self) -> None:
         self._waiting: dict[str, tuple[int, str]] = {}
         self._last_text: dict[str, float] = {}
-        self._last_plot = float("-inf")
+        self._since_plot = Since()
         self._text_ids = cycle(range(1, 65536))
 
     def say(self, kind: str, text: str, *, severity: int = dialect.MAV_SEVERITY_NOTICE) -> None:
@@ -63,9 +64,9 @@ class Announcer:
 
         Names have at most 9 characters: PX4 cuts the tenth.
         """
-        if now - self._last_plot < PLOT_INTERVAL or not values:
+        if self._since_plot.age(now) < PLOT_INTERVAL or not values:
             return []
-        self._last_plot = now
+        self._since_plot.restart(now)
         return [
             dialect.MAVLink_named_value_float_message(our_boot_ms(now), name.encode(), value)
             for name, value in values.items()

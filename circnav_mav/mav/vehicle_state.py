@@ -9,6 +9,7 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.statustext import TextReader
+from circnav_mav.timers import Since
 
 AHEAD = 5.0
 AHEAD_SHARE = 0.25
@@ -69,7 +70,7 @@ class VehicleState:
         """Mode entered at the newest departure, None if the vehicle was disarmed."""
         self.on_ground: bool | None = None
         self._battery: float | None = None
-        self._battery_at = float("-inf")
+        self._since_battery = Since()
         self.reboots = 0
         """Number of reboots, including takeovers of the vehicle's ids by another vehicle."""
         self.unproven = False
@@ -96,7 +97,7 @@ class VehicleState:
 
     def battery(self, now: float) -> float | None:
         """Return the remaining charge, percent, or None if it is not reported or stale."""
-        return self._battery if now - self._battery_at <= BATTERY_MAX_AGE else None
+        return self._battery if self._since_battery.age(now) <= BATTERY_MAX_AGE else None
 
     def found(self, adapter: Autopilot) -> None:
         """Prepare for a vehicle that was found, for the first time or again."""
@@ -150,7 +151,7 @@ class VehicleState:
             self._battery = (
                 float(message.battery_remaining) if message.battery_remaining >= 0 else None
             )
-            self._battery_at = now
+            self._since_battery.restart(now)
         elif kind == "EXTENDED_SYS_STATE":
             unknown = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
             self.on_ground = None if unknown else message.landed_state in NOT_FLYING

@@ -8,28 +8,22 @@ conditions by `Onlooker.alarms`.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import atan, degrees, inf
-from typing import TYPE_CHECKING
+from math import degrees
 
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE as NOTICE
 from pymavlink.dialects.v20.all import MAV_SEVERITY_WARNING as WARNING
 
-from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.identity import OUR_NAME, RADIO_NAME, VEHICLE_NAME
-from circnav_mav.pilot.authority import SILENT, unwatched
+from circnav_mav.mav.statustext import Announcer
+from circnav_mav.pilot.authority import SILENT
 from circnav_mav.pilot.mission_state import NO_FAILURE, Phase
-
-if TYPE_CHECKING:
-    from circnav_mav.pilot.pilot import Pilot
+from circnav_mav.pilot.step_view import StepView
 
 MOST_REJECTED = 0.5
 """Share of rejected ranges above which an alarm is raised."""
 FEW_SETPOINTS = 0.5
 """Share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too few
 setpoints."""
-UPLINK_SILENT = 2.0
-"""Time, s, without an answer of a steered vehicle to TIMESYNC, after which an alarm is raised.
-Requests are sent once a second and repeated if lost."""
 LOST = {
     "attitude": (
         "NO ATTITUDE from the vehicle: steered by ranges alone, no check that it follows turn"
@@ -40,71 +34,69 @@ LOST = {
     "climb": "NO CLIMB RATE from the vehicle: the commanded pitch is not corrected for it",
 }
 """Alarms for telemetry that a steered vehicle no longer sends."""
-NO_PLACE = "the autopilot holds no place now"
-NOISE = "range noise {found[1]:.2g} m, expected {found[0]:.2g} m"
+
+
+@dataclass(frozen=True, slots=True)
+class Active:
+    """An active condition.
+
+    short: STATUSTEXT at the beginning, at most 41 characters, empty for none.
+    long: text of the alarm on display, page and verdict, empty if the condition is no alarm.
+    key: `short` is sent again when this value changes.
+    """
+
+    short: str = ""
+    long: str = ""
+    key: object = True
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A row of the table. Texts are format strings of `found`, the evidence of the condition, and
-    `p`, the pilot.
+    """A row of the table.
 
-    name: stable key, also in summary.json. find: function from pilot and time to `found`, which is
-    falsy while the condition is not active. short: STATUSTEXT at the beginning, at most 41
-    characters, empty for none. long: text of the alarm on display, page and verdict, empty if the
-    condition is no alarm. over: STATUSTEXT at the end. repeats: True to send `short` at each change
-    of `found`. once: True to send `short` once per flight. steering: True if the condition exists
-    only while the vehicle is steered. The end of steering then ends the condition without a text.
+    name: stable key, also in summary.json.
+    find: returns the texts of the condition, or None while it is not active.
+    over: STATUSTEXT at the end.
+    severity: of the STATUSTEXT at the beginning.
+    once: True to send the texts once per flight.
+    steering: True if the condition exists only while the vehicle is steered. The end of steering
+        then ends the condition without a text.
     """
 
     name: str
-    find: Callable[["Pilot", float], object] = lambda p, now: None
-    short: str = ""
-    long: str = ""
+    find: Callable[[StepView], Active | None]
     over: str = ""
     severity: int = WARNING
-    repeats: bool = False
     once: bool = False
     steering: bool = False
-
-    def alarm(self, found: object) -> dict[str, str]:
-        """Return {name: text} of a condition that is detected outside of the pilot."""
-        return {self.name: self.long.format(found=found)}
 
 
 class Conditions:
     """The active conditions of one flight, and their texts for ground stations."""
 
-    def __init__(self, pilot: "Pilot") -> None:
-        self._pilot = pilot
-        self._say = pilot.session.announcer.say
-        self._active: dict[str, object] = {}
+    def __init__(self, announcer: Announcer) -> None:
+        self._say = announcer.say
+        self._active: dict[str, Active] = {}
         self._sent: dict[str, object] = {}
-        """Value of `found` when `short` was last sent, by name of the condition; True without
-        `repeats`."""
+        """Key of the condition when its text was last sent, by name."""
 
     @property
     def alarms(self) -> dict[str, str]:
         """Texts of the active alarms, by name, the worst first."""
-        rows = (row for row in TABLE if row.long and row.name in self._active)
-        return {
-            row.name: row.long.format(found=self._active[row.name], p=self._pilot) for row in rows
-        }
+        found = ((row.name, self._active.get(row.name)) for row in TABLE)
+        return {name: active.long for name, active in found if active is not None and active.long}
 
-    def update(self, now: float) -> None:
+    def update(self, view: StepView) -> None:
         """Evaluate the table, and send texts for the conditions that have begun or ended."""
-        pilot = self._pilot
         for row in TABLE:
-            hidden = (row.steering and not pilot.mission.steering) or (
-                pilot.done and row is not ENDED
-            )
-            if not hidden and (found := row.find(pilot, now)):
-                self._active[row.name], news = found, found if row.repeats else True
-                if row.short and self._sent.get(row.name) != news:
-                    self._sent[row.name] = news
-                    self._say(
-                        row.name, row.short.format(found=found, p=pilot), severity=row.severity
-                    )
+            hidden = row.steering and not view.steering
+            hidden |= view.done and row is not ENDED
+            active = None if hidden else row.find(view)
+            if active is not None:
+                self._active[row.name] = active
+                if active.short and self._sent.get(row.name) != active.key:
+                    self._sent[row.name] = active.key
+                    self._say(row.name, active.short, severity=row.severity)
             elif row.name in self._active:
                 self.forget(row)
                 if row.over and not hidden:
@@ -117,208 +109,365 @@ class Conditions:
             self._sent.pop(row.name, None)
 
 
-def _lost(name: str) -> Callable[["Pilot", float], object]:
-    return lambda p, now: name in p.lost_reports
+# --- sender and link
+# ------------------------------------------------------------
 
 
-def _second_sender(name: str) -> Callable[["Pilot", float], object]:
-    return lambda p, now: [
-        one for one in p.session.identity.second_senders.recent(now) if one.startswith(name)
-    ]
+def _second_sender(name: str) -> Callable[[StepView], Active | None]:
+    def find(view: StepView) -> Active | None:
+        lines = [line for line in view.second_senders if line.startswith(name)]
+        return Active(f"{name}: second sender rejected", lines[0]) if lines else None
+
+    return find
 
 
-# fmt: off
-ENDED = Condition(
-    "ended",
-    lambda p, now: (
-        (end := p.mission.outcome) and end.ending not in NO_FAILURE and (end.ending.value.upper(), end.reason)
-    ),
-    long="{found[0]}: {found[1]}",
-)
+def _flood(view: StepView) -> Active | None:
+    if not view.flood:
+        return None
+    return Active(
+        "network flood: unknown senders ignored",
+        f"FLOOD: unknown senders are ignored, {view.flood:.0f} kB so far",
+    )
+
+
+def _second_controller(view: StepView) -> Active | None:
+    if not view.second_controller:
+        return None
+    return Active(
+        "another program also steers",
+        f"SECOND CONTROLLER: {view.second_controller}: stop the other program",
+    )
+
+
+def _ended(view: StepView) -> Active | None:
+    outcome = view.outcome
+    if outcome is None or outcome.ending in NO_FAILURE:
+        return None
+    return Active(long=f"{outcome.ending.value.upper()}: {outcome.reason}")
+
+
+def _link_silent(view: StepView) -> Active | None:
+    age = view.tick.link_age
+    if age is None or age <= SILENT:
+        return None
+    return Active("link silent", f"LINK SILENT for {age:.1f} s")
+
+
+def _uplink_silent(view: StepView) -> Active | None:
+    age = view.tick.link_age
+    if not view.uplink_silent or age is None or age > SILENT:
+        return None
+    return Active(
+        long="UPLINK SILENT: the vehicle does not answer TIMESYNC, and may not receive setpoints"
+    )
+
+
+def _link_too_slow(view: StepView) -> Active | None:
+    age = view.one_way
+    if view.engaged_at is None or age <= view.settings.timing.stale:
+        return None
+    return Active(
+        long=f"LINK TOO SLOW: round trip {2 * age:.1f} s, ranges may be {age:.1f} s old and are"
+        " rejected"
+    )
+
+
+# --- ranges
+# ------------------------------------------------------------
+
+
+def _holding(view: StepView) -> Active | None:
+    if view.tick.phase is not Phase.HOLDING:
+        return None
+    rate = view.rates.setpoints if view.rates is not None else 0.0
+    return Active(
+        "range lost, holding",
+        f"RANGE STALE {view.tick.range_age or 0.0:.1f} s: holding the circle's turn rate with"
+        f" {rate:.0f} setpoints per second, the flight ends after"
+        f" {view.settings.timing.stale + view.hold:g} s without a range",
+    )
+
+
+def _range_stale(view: StepView) -> Active | None:
+    age = view.tick.range_age or 0.0
+    if view.tick.phase is Phase.HOLDING or age <= view.settings.timing.stale:
+        return None
+    return Active(long=f"RANGE STALE {age:.1f} s")
+
+
+def _range_frozen(view: StepView) -> Active | None:
+    if not view.frozen_for:
+        return None
+    return Active(
+        "range frozen, rejected",
+        f"RANGE FROZEN: the same value for {view.frozen_for:.0f} s, ranges are rejected until it"
+        " changes",
+    )
+
+
+def _range_jumped(view: StepView) -> Active | None:
+    if not view.jumped_by:
+        return None
+    return Active(
+        "range jumped, rejected",
+        f"RANGE JUMPED by {view.jumped_by:+.0f} m, farther than the vehicle can have flown: ranges"
+        " are rejected",
+    )
+
+
+def _range_rate_dropped(view: StepView) -> Active | None:
+    if not view.range_rate_trouble:
+        return None
+    return Active("range rate wrong, not used", f"RANGE RATE NOT USED: {view.range_rate_trouble}")
+
+
+def _most_ranges_rejected(view: StepView) -> Active | None:
+    rates = view.full_rates
+    # If a link delivers every range three times, two thirds are rejected as duplicates, but none
+    # is lost.
+    if (
+        rates is None
+        or rates.refused <= MOST_REJECTED * rates.ranges
+        or rates.taken >= MOST_REJECTED * view.settings.ranging.rate_hz
+    ):
+        return None
+    return Active(
+        long=f"MOST RANGES REJECTED: {rates.refused:.1f} of {rates.ranges:.1f} per second"
+    )
+
+
+def _sensor_clock_stepped(view: StepView) -> Active | None:
+    if not view.sensor_clock_doubted:
+        return None
+    return Active(
+        "sensor clock stepped",
+        "SENSOR CLOCK stepped: ranges are rejected until it is steady again",
+    )
+
+
+def _range_noise(view: StepView) -> Active | None:
+    return _noise(view.noise_found)
+
+
+def _low_range_noise(view: StepView) -> Active | None:
+    return _noise(view.noise_lowered)
+
+
+def _noise(found: tuple[float, float] | None) -> Active | None:
+    if found is None:
+        return None
+    reported, used = found
+    return Active(f"range noise {used:.2g} m, expected {reported:.2g} m")
+
+
+def _range_sources(view: StepView) -> Active | None:
+    choice = view.source_choice
+    return Active(choice, key=choice) if choice else None
+
+
+# --- vehicle
+# ------------------------------------------------------------
+
+
+def _gps_lost(view: StepView) -> Active | None:
+    if view.gps_lost is None:
+        return None
+    state = view.gps_lost or "the autopilot holds no place now"
+    return Active(
+        long=f"GPS LOST: flown by attitude, {state}. At the end the exit action is"
+        f" {view.exit_name}; without setpoints the copter levels and drifts with the wind"
+    )
+
+
+def _not_following(view: StepView) -> Active | None:
+    if view.follows:
+        return None
+    return Active(
+        "vehicle does not follow turn commands",
+        "VEHICLE DOES NOT FOLLOW turn commands: the flight ends after"
+        f" {view.settings.timing.unfollowed:g} s",
+    )
+
+
+def limit_cycle_alarm(share: float) -> str:
+    """Return the alarm for a limit cycle. share: share of the gains that is left."""
+    return f"LIMIT CYCLE: the turn command oscillates, gains reduced to {100 * share:.0f} %"
+
+
+def _limit_cycle(view: StepView) -> Active | None:
+    share = view.tick.gain_share
+    if share >= 1:
+        return None
+    return Active(
+        f"limit cycle, gains reduced to {100 * share:.0f} %", limit_cycle_alarm(share), key=share
+    )
+
+
+def _lean_limit(view: StepView) -> Active | None:
+    share = view.lean_share
+    if share >= 1:
+        return None
+    lean = degrees(view.lean_limit)
+    return Active(
+        f"lean limit {lean:.0f} deg, speed cut to {view.speed:.1f} m/s",
+        f"LEAN LIMIT: the copter leans {lean:.0f} deg at most, too little for"
+        f" {view.settings.orbit.speed:g} m/s in this wind: speed reduced to {view.speed:.1f} m/s",
+        key=(share, lean),
+    )
+
+
+def _drift_too_strong(view: StepView) -> Active | None:
+    alarm = view.drift_alarm
+    if not alarm.on:
+        return None
+    drift = f"{alarm.drift:.1f} m/s"
+    allowed = f"circle allows {alarm.allowed:.1f} m/s"
+    return Active(
+        f"drift {drift}, {allowed}", f"DRIFT TOO STRONG: {drift} by wind or target, {allowed}"
+    )
+
+
+def _bound_not_watched(view: StepView) -> Active | None:
+    why = view.unchecked_bound
+    if not why:
+        return None
+    return Active(why.partition(": ")[0], f"BOUND NOT CHECKED: {why}", key=why)
+
+
+def clock_alarm(speed: float) -> str:
+    """Return the alarm for an autopilot whose clock has another speed. speed: times ours."""
+    return (
+        f"CLOCK: autopilot time runs {speed:.2g} times as fast as ours: for a simulator set"
+        ' link.clock = "autopilot"'
+    )
+
+
+def _clock_speed(view: StepView) -> Active | None:
+    if view.clock_speed is None:
+        return None
+    speed = max(view.clock_speed, 1e-3)
+    return Active(f"autopilot clock at {speed:.2g} times our speed", clock_alarm(speed))
+
+
+def _lost(name: str) -> Callable[[StepView], Active | None]:
+    def find(view: StepView) -> Active | None:
+        return Active(f"no {name}", LOST[name]) if name in view.lost_reports else None
+
+    return find
+
+
+def _heading_jumped(view: StepView) -> Active | None:
+    jump = round(degrees(view.heading_jump))
+    if not jump:
+        return None
+    return Active(
+        f"heading jumped by {jump:+d} deg",
+        f"HEADING JUMPED by {jump:+d} deg: the jump does not count as a turn, check the compass",
+        key=jump,
+    )
+
+
+def _altitude_lost(view: StepView) -> Active | None:
+    height = view.tick.height
+    if not view.height_held or height is None:
+        return None
+    return Active(
+        "altitude not received",
+        f"ALTITUDE NOT RECEIVED: height above the target held at {height:.1f} m",
+    )
+
+
+def _altitude_jumped(view: StepView) -> Active | None:
+    jump = view.altitude_jump
+    if not jump:
+        return None
+    return Active(
+        f"altitude jumped by {jump:+.1f} m",
+        f"ALTITUDE JUMPED by {jump:+.1f} m: not applied to the height above the target, compare the"
+        " radius with the map",
+        key=jump,
+    )
+
+
+def _few_setpoints(view: StepView) -> Active | None:
+    rates = view.steered_rates
+    wanted = 1 / view.settings.timing.tick
+    if not view.flies or rates is None or rates.setpoints >= FEW_SETPOINTS * wanted:
+        return None
+    return Active(
+        long=f"FEW SETPOINTS: only {rates.setpoints:.1f} of {wanted:.0f} per second are sent: the"
+        " computer is overloaded, stop other programs or lower limits.tick_hz"
+    )
+
+
+def _airspeed_implausible(view: StepView) -> Active | None:
+    if view.implausible_airspeed is None:
+        return None
+    return Active(f"airspeed {view.implausible_airspeed:.1f} m/s implausible, ignored")
+
+
+def _bank_limit(view: StepView) -> Active | None:
+    if not view.bank_limit:
+        return None
+    return Active(f"vehicle banks {degrees(view.bank_limit):.0f} deg at most")
+
+
+def _next_circle(view: StepView) -> Active | None:
+    if view.circle is view.settings.orbit:
+        return None
+    return Active(f"next circle, {view.circle.label}", key=id(view.circle))
+
+
+def _law(view: StepView) -> Active | None:
+    return Active(view.why, key=view.law) if view.flies and view.law else None
+
+
+ENDED = Condition("ended", _ended)
 NOT_FOLLOWING = Condition(
-    "not_following", lambda p, now: not p.controller.vehicle.obedience.follows, steering=True,
-    short="vehicle does not follow turn commands", over="vehicle follows turn commands again",
-    long="VEHICLE DOES NOT FOLLOW turn commands: the flight ends after {p.settings.timing.unfollowed:g} s",
+    "not_following", _not_following, over="vehicle follows turn commands again", steering=True
 )
-LIMIT_CYCLE = Condition(
-    "limit_cycle", lambda p, now: (share := p.controller.vehicle.limit_cycle.share) < 1 and 100 * share,
-    short="limit cycle, gains reduced to {found:.0f} %", repeats=True,
-    long="LIMIT CYCLE: the turn command oscillates, gains reduced to {found:.0f} %",
-)
-CLOCK_SPEED = Condition(
-    "clock_speed", lambda p, now: (speed := p.session.clock_speed.found) is not None and max(speed, 1e-3),
-    short="autopilot clock at {found:.2g} times our speed", over="autopilot clock at our speed",
-    long='CLOCK: autopilot time runs {found:.2g} times as fast as ours: for a simulator set link.clock = "autopilot"',
-)
-NOT_RECORDING = Condition("not_recording", long="NOT RECORDING: {found}")
-"""Condition that the recorder detects, because it depends on the disk in flight, which a replay
-cannot reproduce."""
-EXTRA_STOPPED = Condition("extra_stopped", long="{found}")
-"""Condition that `Onlookers` detects."""
 
 TABLE = (
-    *(
-        Condition(
-            f"second_sender_{key}",
-            _second_sender(name),
-            short=f"{name}: second sender rejected", long="{found[0]}",
-        )
-        for key, name in (("vehicle", VEHICLE_NAME), ("companion", OUR_NAME), ("radio", RADIO_NAME))
-    ),
-    Condition(
-        "flood", lambda p, now: p.allowance.flooded(now) and p.allowance.dropped / 1000,
-        short="network flood: unknown senders ignored", over="network flood over",
-        long="FLOOD: unknown senders are ignored, {found:.0f} kB so far",
-    ),
-    Condition(
-        "second_controller", lambda p, now: p.second_controller.evidence(now),
-        short="another program also steers", over="another program no longer steers",
-        long="SECOND CONTROLLER: {found}: stop the other program",
-    ),
+    Condition("second_sender_vehicle", _second_sender(VEHICLE_NAME)),
+    Condition("second_sender_companion", _second_sender(OUR_NAME)),
+    Condition("second_sender_radio", _second_sender(RADIO_NAME)),
+    Condition("flood", _flood, over="network flood over"),
+    Condition("second_controller", _second_controller, over="another program no longer steers"),
     ENDED,
-    Condition(
-        "link_silent", lambda p, now: SILENT < (age := p.session.heartbeat_age(now)) < inf and age,
-        short="link silent", over="link restored", long="LINK SILENT for {found:.1f} s",
-    ),
-    Condition(
-        "uplink_silent",
-        lambda p, now: p.session.timesync.silent(now, UPLINK_SILENT) and p.session.heartbeat_age(now) <= SILENT,
-        long="UPLINK SILENT: the vehicle does not answer TIMESYNC, and may not receive setpoints", steering=True,
-    ),
-    Condition(
-        "link_too_slow",
-        lambda p, now: p.mission.begun and (age := p.tracker.one_way) > p.settings.timing.stale and (2 * age, age),
-        long="LINK TOO SLOW: round trip {found[0]:.1f} s, ranges may be {found[1]:.1f} s old and are rejected",
-    ),
-    Condition(
-        "holding",
-        lambda p, now: (
-            p.mission.phase is Phase.HOLDING and (p.tracker.age(now), p.settings.timing.stale + p.mission.hold)
-        ),
-        short="range lost, holding", over="range regained", steering=True,
-        long="RANGE STALE {found[0]:.1f} s: holding the circle's turn rate with {p.rates.newest.setpoints:.0f} "
-        "setpoints per second, the flight ends after {found[1]:g} s without a range",
-    ),
-    Condition(
-        "range_stale",
-        lambda p, now: (
-            p.mission.phase is not Phase.HOLDING
-            and (age := p.tracker.age(now) or 0.0) > p.settings.timing.stale and age
-        ),
-        long="RANGE STALE {found:.1f} s",
-    ),
-    Condition(
-        "range_frozen", lambda p, now: p.tracker.noise.repeated,
-        short="range frozen, rejected", over="range accepted again",
-        long="RANGE FROZEN: the same value for {found:.0f} s, ranges are rejected until it changes",
-    ),
-    Condition(
-        "range_jumped", lambda p, now: p.tracker.jumps.found,
-        short="range jumped, rejected", over="range jumped back", steering=True,
-        long="RANGE JUMPED by {found:+.0f} m, farther than the vehicle can have flown: ranges are rejected",
-    ),
-    Condition(
-        "range_rate_dropped", lambda p, now: p.tracker.rates.trouble,
-        short="range rate wrong, not used", over="range rate used again", long="RANGE RATE NOT USED: {found}",
-    ),
-    Condition(
-        "gps_lost",
-        lambda p, now: p.gps_loss.changed_at is not None and [p.gps_loss.failure or NO_PLACE],
-        long="GPS LOST: flown by attitude, {found[0]}. At the end the exit action is {p.exit_name}; "
-        "without setpoints the copter levels and drifts with the wind",
-    ),
+    Condition("link_silent", _link_silent, over="link restored"),
+    Condition("uplink_silent", _uplink_silent, steering=True),
+    Condition("link_too_slow", _link_too_slow),
+    Condition("holding", _holding, over="range regained", steering=True),
+    Condition("range_stale", _range_stale),
+    Condition("range_frozen", _range_frozen, over="range accepted again"),
+    Condition("range_jumped", _range_jumped, over="range jumped back", steering=True),
+    Condition("range_rate_dropped", _range_rate_dropped, over="range rate used again"),
+    Condition("gps_lost", _gps_lost),
     NOT_FOLLOWING,
-    LIMIT_CYCLE,
-    Condition(
-        "lean_limit",
-        lambda p, now: (lean := p.controller.vehicle.lean_limit).share < 1 and (lean.share, degrees(atan(lean.found / GRAVITY))),
-        short="lean limit {found[1]:.0f} deg, speed cut to {p.controller.speed:.1f} m/s", repeats=True,
-        long="LEAN LIMIT: the copter leans {found[1]:.0f} deg at most, too little for {p.settings.orbit.speed:g} m/s "
-        "in this wind: speed reduced to {p.controller.speed:.1f} m/s",
-    ),
-    Condition(
-        "drift_too_strong", lambda p, now: p.drift_alarm.on and p.drift_alarm,
-        short="drift {found.drift:.1f} m/s, circle allows {found.allowed:.1f} m/s", over="drift within limit again",
-        long="DRIFT TOO STRONG: {found.drift:.1f} m/s by wind or target, circle allows {found.allowed:.1f} m/s",
-    ),
-    Condition(
-        "bound_not_watched", lambda p, now: (why := unwatched(p.settings, p.session, now)) and why.split(": "),
-        short="{found[0]}", over="bounds checked again", steering=True, repeats=True,
-        long="BOUND NOT CHECKED: {found[0]}: {found[1]}",
-    ),
-    Condition(
-        "most_ranges_rejected",
-        # If a link delivers every range three times, two thirds are rejected as duplicates, but
-        # none is lost.
-        lambda p, now: (
-            (one := p.rates.whole) and one.refused > MOST_REJECTED * one.ranges
-            and one.taken < MOST_REJECTED * p.settings.ranging.rate_hz and one
-        ),
-        long="MOST RANGES REJECTED: {found.refused:.1f} of {found.ranges:.1f} per second",
-    ),
-    Condition(
-        "sensor_clock_stepped", lambda p, now: p.tracker.ranging.clock.doubted,
-        short="sensor clock stepped", over="sensor clock steady again",
-        long="SENSOR CLOCK stepped: ranges are rejected until it is steady again",
-    ),
-    CLOCK_SPEED,
+    Condition("limit_cycle", _limit_cycle),
+    Condition("lean_limit", _lean_limit),
+    Condition("drift_too_strong", _drift_too_strong, over="drift within limit again"),
+    Condition("bound_not_watched", _bound_not_watched, over="bounds checked again", steering=True),
+    Condition("most_ranges_rejected", _most_ranges_rejected),
+    Condition("sensor_clock_stepped", _sensor_clock_stepped, over="sensor clock steady again"),
+    Condition("clock_speed", _clock_speed, over="autopilot clock at our speed"),
     *(
-        Condition(
-            f"no_{name}", _lost(name), steering=True,
-            short=f"no {name}", over=f"{name} received again", long=long,
-        )
-        for name, long in LOST.items()
+        Condition(f"no_{name}", _lost(name), over=f"{name} received again", steering=True)
+        for name in LOST
     ),
-    Condition(
-        "heading_jumped", lambda p, now: round(degrees(p.session.motion.jumped)), repeats=True,
-        short="heading jumped by {found:+d} deg", over="heading jumped back",
-        long="HEADING JUMPED by {found:+d} deg: the jump does not count as a turn, check the compass",
-    ),
-    Condition(
-        "altitude_lost", lambda p, now: p.tracker.height.is_held(now) and [p.tracker.height.at(now)],
-        short="altitude not received", over="altitude received again",
-        long="ALTITUDE NOT RECEIVED: height above the target held at {found[0]:.1f} m",
-    ),
-    Condition(
-        "altitude_jumped", lambda p, now: p.tracker.height.jump, repeats=True,
-        short="altitude jumped by {found:+.1f} m", over="altitude jumped back",
-        long="ALTITUDE JUMPED by {found:+.1f} m: not applied to the height above the target, compare the radius with "
-        "the map",
-    ),
-    Condition(
-        "few_setpoints",
-        lambda p, now: (
-            p.flies and (rates := p.rates.while_steering)
-            and rates.setpoints < FEW_SETPOINTS * (wanted := 1 / p.settings.timing.tick) and (rates.setpoints, wanted)
-        ),
-        long="FEW SETPOINTS: only {found[0]:.1f} of {found[1]:.0f} per second are sent: the computer is overloaded, "
-        "stop other programs or lower limits.tick_hz",
-    ),
+    Condition("heading_jumped", _heading_jumped, over="heading jumped back"),
+    Condition("altitude_lost", _altitude_lost, over="altitude received again"),
+    Condition("altitude_jumped", _altitude_jumped, over="altitude jumped back"),
+    Condition("few_setpoints", _few_setpoints),
     # not alarms: only sent to ground stations
-    Condition("range_noise", lambda p, now: p.tracker.noise.found, NOISE, severity=NOTICE),
-    Condition("low_range_noise", lambda p, now: p.tracker.noise.lowered, NOISE, severity=NOTICE),
+    Condition("range_noise", _range_noise, severity=NOTICE),
+    Condition("low_range_noise", _low_range_noise, severity=NOTICE),
+    Condition("range_sources", _range_sources, over="one range source", severity=NOTICE),
     Condition(
-        "range_sources",
-        lambda p, now: not p.tracker.ranging.sender_stays and p.tracker.ranging.sources.short_choice(now),
-        short="{found}", over="one range source", repeats=True, severity=NOTICE,
+        "airspeed_implausible", _airspeed_implausible, once=True, steering=True, severity=NOTICE
     ),
-    Condition(
-        "airspeed_implausible", lambda p, now: (speed := p.path.implausible_airspeed) is not None and [speed],
-        short="airspeed {found[0]:.1f} m/s implausible, ignored", once=True, steering=True, severity=NOTICE,
-    ),
-    Condition(
-        "bank_limit",
-        lambda p, now: (
-            (turn := p.controller.vehicle.bank_limit.bank) < inf and p.own
-            and degrees(atan(turn * p.own.airspeed / GRAVITY))
-        ),
-        short="vehicle banks {found:.0f} deg at most", once=True, severity=NOTICE,
-    ),
-    Condition(
-        "next_circle", lambda p, now: p.controller.circle is not p.settings.orbit and id(p.controller.circle),
-        short="next circle, {p.controller.circle.label}", repeats=True, severity=NOTICE,
-    ),
-    Condition("law", lambda p, now: p.flies and p.law, "{p.why}", repeats=True, severity=NOTICE),
+    Condition("bank_limit", _bank_limit, once=True, severity=NOTICE),
+    Condition("next_circle", _next_circle, severity=NOTICE),
+    Condition("law", _law, severity=NOTICE),
 )
 """All conditions that the pilot itself detects, the worst first."""
-# fmt: on

@@ -12,6 +12,7 @@ from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
+from circnav_mav.timers import Every
 
 HOME_RATE = 1.0
 """Rate, Hz, of HOME_POSITION if the height is relative to home. Home may be changed until the
@@ -58,7 +59,7 @@ class Connection:
         }
         self.counts = {link: decoder.counts for link, decoder in self.decoders.items()}
         """Counts of received frames by link."""
-        self._next_hello = float("-inf")
+        self._hello_timer = Every(HEARTBEAT_PERIOD)
 
     def receive(
         self, data: bytes, now: float, source: Hashable, link: str
@@ -83,7 +84,4 @@ class Connection:
     def hello(self, now: float) -> bytes:
         """Return the frames for a separate ranging link: a heartbeat, because routers forward only
         to known senders."""
-        if now < self._next_hello:
-            return b""
-        self._next_hello = now + HEARTBEAT_PERIOD
-        return self.session.encode(self.session.heartbeat())
+        return self.session.encode(self.session.heartbeat()) if self._hello_timer.due(now) else b""

@@ -10,23 +10,24 @@ operator always has priority: see `authority`.
 from collections import Counter
 from collections.abc import Callable, Hashable
 from dataclasses import replace
+from math import atan, inf
 
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.types import OwnMotion, RangeEstimate, TurnCommand
+from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
 from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.frames import YawRate
+from circnav_mav.mav.frames import GRAVITY, YawRate
 from circnav_mav.mav.identity import Allowance
 from circnav_mav.mav.parameter_server import REQUESTS, ParameterServer
-from circnav_mav.mav.session import LOST_AFTER, Session
+from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.air_path import AirPath
-from circnav_mav.pilot.authority import SILENT, Allowed, Authority
+from circnav_mav.pilot.authority import SILENT, Allowed, Authority, unwatched
 from circnav_mav.pilot.conditions import NOT_FOLLOWING, Conditions
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
@@ -40,10 +41,15 @@ from circnav_mav.pilot.record import TickRecord, plot_values, tick_record
 from circnav_mav.pilot.second_controller import SecondController
 from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
+from circnav_mav.pilot.step_view import StepView
 from circnav_mav.pilot.tick_scheduler import TickScheduler
+from circnav_mav.timers import Since
 
 REPORTS_AFTER = 3.0
 """Time, s, after a silence until all telemetry streams are received again."""
+UPLINK_SILENT = 2.0
+"""Time, s, without an answer of a steered vehicle to TIMESYNC, after which an alarm is raised.
+Requests are sent once a second and repeated if lost."""
 RECEIVES_AFTER = 3.0
 """Time, s, from the first TIMESYNC answer after an outage of the uplink until the vehicle follows
 commands again."""
@@ -56,17 +62,15 @@ class Pilot:
 
     def __init__(self, settings: PilotSettings, signing: Signing | None = None) -> None:
         """signing: signs sent frames and authenticates received ones, or None."""
-        # `conditions` reads these attributes, and this module imports `conditions`: mypy needs the
-        # explicit types.
-        self.settings: PilotSettings = settings
-        self.flies: bool = settings.output_mode is OutputMode.FLY
+        self.settings = settings
+        self.flies = settings.output_mode is OutputMode.FLY
         self.connection = Connection(settings, signing)
-        self.session: Session = self.connection.session
+        self.session = self.connection.session
         session = self.session
         self._say = session.announcer.say
-        self.tracker: RangeTracker = RangeTracker(settings, session)
-        self.controller: Controller = Controller(settings)
-        self.mission: MissionState = MissionState(settings.timing.hold)
+        self.tracker = RangeTracker(settings, session)
+        self.controller = Controller(settings)
+        self.mission = MissionState(settings.timing.hold)
         self._authority = Authority(settings, session, self.mission)
         self._exit_action = ExitAction(settings.exit)
         self.parameters = ParameterServer(
@@ -80,29 +84,29 @@ class Pilot:
         self.status = StatusText(
             settings, self.connection, self.mission, self._authority, self.tracker
         )
-        self.law: str = ""
-        self.why: str = ""
+        self._law = ""
+        self._why = ""
         """Reason for the law that `auto` or `drift` flies now, human-readable. Empty for other
         laws."""
-        self.drift_alarm: DriftAlarm = DriftAlarm()
-        self.rates: RateMeter = RateMeter()
-        self.allowance: Allowance = Allowance()
-        self.second_controller: SecondController = SecondController(session, self.mission)
-        self._unanswered_at = float("-inf")
-        """Last time at which TIMESYNC was not answered, s."""
-        self._silent_at = float("-inf")
-        """Last time at which the newest mode report was older than SILENT, s."""
-        self.lost_reports: tuple[str, ...] = ()
+        self._drift_alarm = DriftAlarm()
+        self._rates = RateMeter()
+        self.allowance = Allowance()
+        self.second_controller = SecondController(session, self.mission)
+        self._since_unanswered = Since()
+        """Since TIMESYNC was last not answered."""
+        self._since_silent = Since()
+        """Since the newest mode report was last older than SILENT."""
+        self._lost_reports: tuple[str, ...] = ()
         """Names of telemetry that is missing or too rare. Unchanged while the vehicle is completely
         silent."""
         self.setpoints_sent = 0
         self._records: list[TickRecord] = []
         self._frames: list[bytes] = []
-        self.path: AirPath = AirPath(session, self.tracker, self.controller)
-        self.gps_loss: GpsLoss = GpsLoss(
-            settings, session, self.tracker, self.controller, self.path
-        )
-        self.conditions = Conditions(self)
+        self._path = AirPath(session, self.tracker, self.controller)
+        self.gps_loss = GpsLoss(settings, session, self.tracker, self.controller, self._path)
+        self.conditions = Conditions(session.announcer)
+        self.view: StepView | None = None
+        """Newest step, None before the first one."""
         self.estimate: RangeEstimate | None = None
         """Estimate used by the newest step."""
         self._spacing_refused = ""
@@ -119,7 +123,7 @@ class Pilot:
             return
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
-                self.path.receive(message, now, steering=self.mission.steering, flies=self.flies)
+                self._path.receive(message, now, steering=self.mission.steering, flies=self.flies)
                 self.gps_loss.receive(message, now)
                 self.second_controller.receive(message, now)
             elif link == VEHICLE and message.get_msgId() in REQUESTS:
@@ -220,9 +224,7 @@ class Pilot:
             if yaw_rate is not None:
                 self.controller.commanded(yaw_rate, now)
         self.scheduler.stepped(now)
-        self._watch_conditions(estimate, command, now)
-        if rest := b"".join(map(self.session.encode, self._housekeeping(estimate, command, now))):
-            send(rest)
+        self._take_counts(estimate, command, now)
         record = tick_record(
             now,
             phase,
@@ -235,6 +237,10 @@ class Pilot:
             controller=self.controller,
             law=self.controller.law,
         )
+        self.view = self._view(record, now)
+        self.conditions.update(self.view)
+        if rest := b"".join(map(self.session.encode, self._housekeeping(estimate, command, now))):
+            send(rest)
         self._records.append(record)
 
     # --- changes of phase
@@ -317,8 +323,8 @@ class Pilot:
         # start again after the outage. A plane that flies straight back to the circle then needs
         # time to show that it follows again.
         if session.timesync.silent(now, UNANSWERED):
-            self._unanswered_at = now
-        if now - self._unanswered_at < RECEIVES_AFTER:
+            self._since_unanswered.restart(now)
+        if self._since_unanswered.age(now) < RECEIVES_AFTER:
             vehicle.judge_again()
             self.conditions.forget(NOT_FOLLOWING)
         if self.mission.steering and not obedience.follows and now - obedience.since > most:
@@ -436,28 +442,84 @@ class Pilot:
         """Return the frames for a separate ranging link."""
         return b"" if self.done else self.connection.hello(now)
 
-    def _watch_conditions(
+    def _take_counts(
         self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float
     ) -> None:
-        """Update the table of conditions and its inputs."""
+        """Update the state that exists only for conditions and display."""
         tracker = self.tracker
         controller = self.controller
-        self.drift_alarm = watch_drift(
-            self.drift_alarm, estimate, controller.orbit, controller.vehicle.most
+        self._drift_alarm = watch_drift(
+            self._drift_alarm, estimate, controller.orbit, controller.vehicle.most
         )
         if command is not None and (
             command.flies or not LAWS[controller.law].flies_relative_motion
         ):
-            self.law = command.flies
-            self.why = command.why
-        self._silent_at = now if self.session.heartbeat_age(now) > SILENT else self._silent_at
-        if now - self._silent_at > REPORTS_AFTER:
+            self._law = command.flies
+            self._why = command.why
+        if self.session.heartbeat_age(now) > SILENT:
+            self._since_silent.restart(now)
+        if self._since_silent.age(now) > REPORTS_AFTER:
             seldom = ("attitude",) if self.session.motion.seldom(now) else ()
-            self.lost_reports = (*seldom, *self.session.missing(now))
+            self._lost_reports = (*seldom, *self.session.missing(now))
         frames = self.connection.counts[VEHICLE].frames
         counts = Rates(frames, tracker.accepted, tracker.ranging.unexplained, self.setpoints_sent)
-        self.rates.take(now, counts, steering=self.mission.steering)
-        self.conditions.update(now)
+        self._rates.take(now, counts, steering=self.mission.steering)
+
+    def _view(self, tick: TickRecord, now: float) -> StepView:
+        """Return the view of a step. tick: its record."""
+        session = self.session
+        tracker = self.tracker
+        ranging = tracker.ranging
+        height = tracker.height
+        mission = self.mission
+        controller = self.controller
+        vehicle = session.adapter.name if session.up else "no vehicle yet"
+        lateral = controller.vehicle.bank_limit.bank * (self.own.airspeed if self.own else inf)
+        return StepView(
+            tick=tick,
+            settings=self.settings,
+            engaged_at=mission.engaged_at,
+            outcome=mission.outcome,
+            hold=mission.hold,
+            waits=self.status.waits_for(now),
+            exit_name=self._exit_action.named(session),
+            vehicle=f"{vehicle}, firmware {session.vehicle.firmware or 'unknown'}",
+            trusted=self.trusted,
+            second_senders=tuple(session.identity.second_senders.recent(now)),
+            second_controller=self.second_controller.evidence(now),
+            flood=self.allowance.dropped / 1000 if self.allowance.flooded(now) else 0.0,
+            uplink_silent=session.timesync.silent(now, UPLINK_SILENT),
+            clock_speed=session.clock_speed.found,
+            setpoints=self.setpoints_sent,
+            rejected=dict(ranging.rejected.most_common()),
+            rates=None if self.done else self._rates.newest,
+            full_rates=self._rates.whole,
+            steered_rates=self._rates.while_steering,
+            one_way=tracker.one_way,
+            frozen_for=tracker.noise.repeated,
+            jumped_by=tracker.jumps.found,
+            noise_found=tracker.noise.found,
+            noise_lowered=tracker.noise.lowered,
+            range_rate_trouble=tracker.rates.trouble,
+            sensor_clock_doubted=ranging.clock.doubted,
+            source_choice="" if ranging.sender_stays else ranging.sources.short_choice(now),
+            lost_reports=self._lost_reports,
+            heading_jump=session.motion.jumped,
+            height_held=height.is_held(now),
+            altitude_jump=height.jump,
+            implausible_airspeed=self._path.implausible_airspeed,
+            unchecked_bound=unwatched(self.settings, session, now),
+            gps_lost=None if self.gps_loss.changed_at is None else self.gps_loss.failure,
+            drift_alarm=self._drift_alarm,
+            circle=controller.circle,
+            law=self._law,
+            why=self._why,
+            follows=controller.vehicle.obedience.follows,
+            speed=controller.speed,
+            lean_share=controller.vehicle.lean_limit.share,
+            lean_limit=atan(controller.vehicle.lean_limit.found / GRAVITY),
+            bank_limit=atan(lateral / GRAVITY) if lateral < inf else None,
+        )
 
     # --- state for display and recording
     # ------------------------------------------------------------
@@ -468,14 +530,18 @@ class Pilot:
         return self.mission.phase is Phase.ENDED
 
     @property
-    def exit_name(self) -> str:
-        """Exit action that the vehicle can perform now."""
-        return self._exit_action.named(self.session)
+    def orbit(self) -> Orbit:
+        """The circle flown now, including the spacing in a fleet."""
+        return self.controller.orbit
+
+    def height(self, now: float) -> float | None:
+        """Return the height above the target, m, or None if it is unknown."""
+        return self.tracker.height.at(now)
 
     @property
     def own(self) -> OwnMotion | None:
         """Newest motion through the air, or None before an attitude was received."""
-        return self.path.own
+        return self._path.own
 
     @property
     def trusted(self) -> str:

@@ -17,6 +17,7 @@ from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.settings import PilotSettings
+from circnav_mav.timers import Since
 
 FRESH = 0.6
 """Age of a range, as a share of `stale`, below which steering resumes at once after ranges were
@@ -70,7 +71,7 @@ class RangeTracker:
         self.estimate: RangeEstimate | None = None
         """Estimate of the newest step."""
         self.accepted = 0
-        self._stale_at = float("-inf")
+        self._since_stale = Since()
 
     def receive(
         self, message: Message, now: float, source: Hashable, *, stalled: bool, begun: bool
@@ -177,9 +178,9 @@ class RangeTracker:
         """
         age = self.age(now)
         if age is None or age > self._stale + SAME_TIME:
-            self._stale_at = now
+            self._since_stale.restart(now)
             return False
-        fresh = not holding or age <= FRESH * self._stale or now - self._stale_at > CALM
+        fresh = not holding or age <= FRESH * self._stale or self._since_stale.age(now) > CALM
         return (
             self.estimator.ready and estimate is not None and fresh and self.ranging.one_source(now)
         )

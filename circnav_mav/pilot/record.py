@@ -1,7 +1,7 @@
 """Record of a step, and the values that a ground station plots."""
 
 from math import isfinite
-from typing import NamedTuple
+from typing import Annotated, NamedTuple, get_type_hints
 
 from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
@@ -20,51 +20,78 @@ def phase_name(phase: Phase, output_mode: OutputMode) -> str:
     return phase.value if output_mode is OutputMode.FLY else _WOULD.get(phase, phase.value)
 
 
-class TickRecord(NamedTuple):
-    """One step, for the log and the display. None means "unknown" or "not sent".
+Number = float | None
+"""Number in a record, None if it is unknown or was not sent."""
 
-    Turn rates are the paper's (counterclockwise positive) except yaw_rate_sent, which is MAVLink's.
-    turn_gain, turn_delay (s): response of the vehicle to turn commands. gain_share: share of the
-    gains left after an oscillation. law: law in use. x to airspeed_scale: relative motion if
-    estimated (vehicle minus target, m; wind minus target velocity, m/s; paper's frame). felt:
-    weight of the measured accelerations in this estimate, 0 to 1. height: above the target, m, used
-    to convert slant ranges. measured_rate: newest accepted range rate of the radio, m/s. desired:
-    radius of the circle flown now, m.
+
+class Column(NamedTuple):
+    """Description of a column of ticks.csv.
+
+    meaning: text for docs/logs.md and the schema of exports. unit: empty for a number without unit.
     """
 
-    time: float
-    phase: Phase
-    measured: float | None
-    r: float | None
-    r_dot: float | None
-    r_sigma: float | None
-    r_dot_sigma: float | None
-    nis: float | None
-    demanded: float | None
-    turn_rate: float | None
-    saturated: bool
-    yaw_rate_sent: float | None
-    turn_gain: float
-    turn_delay: float
-    gain_share: float
-    law: str
-    x: float | None
-    y: float | None
-    drift_x: float | None
-    drift_y: float | None
-    airspeed_scale: float | None
-    felt: float | None
-    heading: float | None
-    airspeed: float | None
-    altitude: float | None
-    height: float | None
-    range_age: float | None
-    link_age: float | None
-    mode: str
-    accepted: int
-    rejected: int
-    measured_rate: float | None = None
-    desired: float | None = None
+    meaning: str
+    unit: str = ""
+
+    @property
+    def description(self) -> str:
+        """Meaning and unit."""
+        return f"{self.meaning} ({self.unit})" if self.unit else self.meaning
+
+
+class TickRecord(NamedTuple):
+    """One step: a row of ticks.csv. None means "unknown" or "not sent".
+
+    Turn rates are counterclockwise positive, except `yaw_rate_sent`, which is MAVLink's.
+    """
+
+    # Each column is declared here once. Header, schema and documentation are derived from it.
+    time: Annotated[float, Column("since the run began", "s")]
+    phase: Annotated[Phase, Column(", ".join(phase.value for phase in Phase))]
+    measured: Annotated[Number, Column("last accepted range", "m")]
+    r: Annotated[Number, Column("estimated range", "m")]
+    r_dot: Annotated[Number, Column("estimated range rate, positive away from the beacon", "m/s")]
+    r_sigma: Annotated[Number, Column("standard deviation of `r`", "m")]
+    r_dot_sigma: Annotated[Number, Column("standard deviation of `r_dot`", "m/s")]
+    nis: Annotated[Number, Column("squared innovation over its variance; rejected above 25")]
+    demanded: Annotated[Number, Column("turn rate demanded by the law", "rad/s")]
+    turn_rate: Annotated[
+        Number, Column("commanded turn rate: `demanded` over `turn_gain`", "rad/s")
+    ]
+    saturated: Annotated[bool, Column("1 if `turn_rate` was reduced by the limit")]
+    yaw_rate_sent: Annotated[
+        Number, Column("yaw rate in the setpoint, **right positive**", "rad/s")
+    ]
+    turn_gain: Annotated[float, Column("actual over commanded turn rate")]
+    turn_delay: Annotated[float, Column("from a command to the turn", "s")]
+    gain_share: Annotated[float, Column("factor on the law's gains; below 1 after a limit cycle")]
+    law: Annotated[str, Column("active law; `trial`: `auto` flies to the most likely place")]
+    x: Annotated[Number, Column("vehicle minus beacon, east, if certain", "m")]
+    y: Annotated[Number, Column("vehicle minus beacon, north, if certain", "m")]
+    drift_x: Annotated[Number, Column("wind minus beacon velocity, east, if certain", "m/s")]
+    drift_y: Annotated[Number, Column("wind minus beacon velocity, north, if certain", "m/s")]
+    airspeed_scale: Annotated[Number, Column("true over measured airspeed, if certain")]
+    felt: Annotated[Number, Column("weight of the measured accelerations, 0 to 1")]
+    heading: Annotated[Number, Column("clockwise from north", "rad")]
+    airspeed: Annotated[Number, Column("as in VFR_HUD", "m/s")]
+    altitude: Annotated[Number, Column("as in VFR_HUD", "m")]
+    height: Annotated[Number, Column("above the target, used to convert slant ranges", "m")]
+    range_age: Annotated[Number, Column("age of the last range", "s")]
+    link_age: Annotated[Number, Column("age of the vehicle's last mode report", "s")]
+    mode: Annotated[str, Column("mode of the vehicle")]
+    accepted: Annotated[int, Column("number of accepted ranges so far")]
+    rejected: Annotated[int, Column("number of rejected ranges so far")]
+    measured_rate: Annotated[
+        Number, Column("range rate of the radio, minus its estimated offset", "m/s")
+    ] = None
+    desired: Annotated[Number, Column("radius of the current circle", "m")] = None
+
+
+COLUMNS: dict[str, Column] = {
+    name: kind.__metadata__[0]
+    for name, kind in get_type_hints(TickRecord, include_extras=True).items()
+}
+"""Columns of ticks.csv, by name, in the order of the file."""
 
 
 def plot_values(

@@ -8,6 +8,7 @@ from circnav_mav.mav.autopilots.interface import turn_in
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.mission_state import MissionState
+from circnav_mav.timers import Since
 
 UPLINK_SILENT = 3.0
 """Time without an answer to TIMESYNC, s, after which the vehicle may lack our setpoints and fly its
@@ -37,14 +38,14 @@ class EchoWatch:
 
     def __init__(self) -> None:
         self._sent: deque[tuple[float, float]] = deque()
-        self._since = float("-inf")
+        self._since_start = Since()
         self._others: deque[tuple[float, float | None, float]] = deque(maxlen=MANY)
         """Newest differing reports: time, reported turn, nearest turn sent."""
 
     def sent(self, turn: float, now: float) -> None:
         """Record a setpoint that is sent now."""
         if not self._sent or now - self._sent[-1][0] > GAP:
-            self._since = now
+            self._since_start.restart(now)
             self._sent.clear()
         self._sent.append((now, turn))
 
@@ -58,7 +59,7 @@ class EchoWatch:
         if (
             not self._sent
             or now - self._sent[-1][0] > GAP
-            or now - self._since < SETTLED + round_trip
+            or self._since_start.age(now) < SETTLED + round_trip
         ):
             return
         turns = [one for _, one in self._sent] + [0.0] * limited

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from pathlib import Path
 from sys import intern
+from typing import get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from circnav_mav.runlog.tlog import read_tlog
 Column = NDArray[np.float64]
 
 NAMES = frozenset(TickRecord._fields)
-WORDS = frozenset(name for name, kind in TickRecord.__annotations__.items() if kind in (str, Phase))
+WORDS = frozenset(name for name, kind in get_type_hints(TickRecord).items() if kind in (str, Phase))
 """Columns of ticks.csv that hold text."""
 LONGEST = 1e9
 """Upper bound of a run time, s. A larger one means a damaged file."""

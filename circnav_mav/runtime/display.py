@@ -46,13 +46,13 @@ class PlainScreen:
         if not (ended and self._ended):
             self._print(one_line(status))
         if status.flown is not None:
-            self._print_new("TRUSTED", status.trusted, status.trusted)
+            self._print_new("TRUSTED", status.view.trusted, status.view.trusted)
         for label, words in status.added.items():
             self._print_new(label.upper(), words, kind(words))
         waits = self._waits
-        self._waits = kind(status.waits)
+        self._waits = kind(status.view.waits)
         if self._waits == waits:
-            self._print_new("WAITING", status.waits, waits)
+            self._print_new("WAITING", status.view.waits, waits)
         for alarm in self._alarms.of(status.conditions).values():
             self._print(f"  ALARM    {alarm}")
 

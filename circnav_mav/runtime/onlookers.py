@@ -14,7 +14,6 @@ from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, TickRecord
-from circnav_mav.pilot.conditions import EXTRA_STOPPED
 from circnav_mav.pilot.loop_step import LoopStep
 
 
@@ -70,8 +69,7 @@ class Onlooker:
         return ()
 
     def alarms(self, now: float) -> Mapping[str, str]:
-        """Return the texts of active alarms by name. Names are those of the extra's own table of
-        conditions."""
+        """Return the texts of active alarms by name."""
         return {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
@@ -163,7 +161,9 @@ class Onlookers:
         """Return the alarms of all onlookers by name, and one alarm that lists failed onlookers, if
         any."""
         alarms = dict(self._all(now, "alarms", now, by=Mapping.items))
-        return alarms | (EXTRA_STOPPED.alarm("; ".join(self.problems)) if self.problems else {})
+        if self.problems:
+            alarms["extra_stopped"] = "; ".join(self.problems)
+        return alarms
 
     def finish(self, summary: dict[str, Any]) -> dict[str, str]:
         """Let every onlooker add to the summary. Return the files for the run folder, by name."""

@@ -77,12 +77,12 @@ class Picture:
         self._width = min(max(columns, NARROWEST), WIDEST)
         folded = self._folded(status.alarms[:MOST_ALARMS])
         alarms: list[Row] = [(ALARM, Text(line, "bold reverse red")) for line in folded]
-        facts = status_facts(status, self._settings, MOST_REASONS)
+        facts = status_facts(status, MOST_REASONS)
         rows: list[Row] = [
             *self._phase(status, facts["flown"]),
             *(alarms or [("alarms", "none")]),
             ("law", facts["law"]),
-            *zip(("waiting", ""), self._folded([status.waits]), strict=False),
+            *zip(("waiting", ""), self._folded([facts["waiting"]]), strict=False),
             *self._circle(status.tick, facts),
             ("target", status.target),
             *(

@@ -7,11 +7,11 @@ from math import degrees, hypot, isfinite
 
 from circnav_mav.mav.frames import compass_from_vector
 from circnav_mav.mav.ranging.interface import OTHERS
-from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord, phase_name
-from circnav_mav.pilot.conditions import NOT_RECORDING
+from circnav_mav.pilot import OutputMode, Pilot, TickRecord, phase_name
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.pilot.rates import Rates
+from circnav_mav.pilot.step_view import StepView
 from circnav_mav.runtime.onlookers import Onlooker, Onlookers
+from circnav_mav.timers import Every
 
 LOOK = 1.0
 MOST_ALARMS = 1000
@@ -24,31 +24,32 @@ SILENCED = {
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Newest tick and the state around it. Texts are human-readable.
+    """Newest step and the state around it. Texts are human-readable.
 
-    time: run time, s. tick: newest tick, with None as range if the range is too old for holding.
-    flown: time since engaging, s, None before. phase: name of the phase. waits: condition that
-    steering waits for. why: reason for the active law. target: bearing and drift. trusted: trusted
-    vehicle and its source. conditions: alarms by name of condition. rejected: rejected ranges by
-    reason. others: ranges of other senders, ignored. setpoints: number sent. added: lines of
-    onlookers, by label. vehicle: autopilot and firmware.
+    time: run time, s.
+    view: newest step.
+    tick: its record, with None as range if the range is too old for holding.
+    flown: time since engaging, s, None before.
+    phase: name of the phase.
+    why: reason for the active law.
+    target: bearing and drift.
+    conditions: alarms by name of condition.
+    rejected: rejected ranges by reason.
+    others: ranges of other senders, ignored.
+    added: lines of onlookers, by label.
     """
 
     time: float
+    view: StepView
     tick: TickRecord
     flown: float | None
     phase: str
-    waits: str
     why: str
     target: str
-    trusted: str
     conditions: dict[str, str]
     rejected: dict[str, int]
     others: int
-    rates: Rates | None
-    setpoints: int
     added: dict[str, str]
-    vehicle: str
 
     @property
     def alarms(self) -> tuple[str, ...]:
@@ -66,12 +67,13 @@ class StatusSource:
     def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
         """Return the status. tick: the newest. now: run time, s. problem: recording problem, or
         None."""
-        pilot = self._pilot
-        timing = self._pilot.settings.timing
-        conditions = pilot.conditions.alarms | self._onlookers.alarms(now)
+        view = self._pilot.view
+        assert view is not None, "no step yet, and so no tick"
+        conditions = self._pilot.conditions.alarms | self._onlookers.alarms(now)
         if problem is not None:
-            conditions |= NOT_RECORDING.alarm(problem)
-        lost = timing.stale if tick.x is None else timing.stale + pilot.mission.hold
+            conditions["not_recording"] = f"NOT RECORDING: {problem}"
+        stale = view.settings.timing.stale
+        lost = stale if tick.x is None else stale + view.hold
         if tick.range_age is not None and tick.range_age > lost:
             # Without relative motion, the prediction continues straight while the vehicle turns:
             # show no range. With it, the prediction follows the vehicle for as long as the turn is
@@ -79,24 +81,16 @@ class StatusSource:
             tick = tick._replace(r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
         return Status(
             time=now,
+            view=view,
             tick=tick,
-            flown=None if pilot.mission.engaged_at is None else now - pilot.mission.engaged_at,
-            phase=phase_name(tick.phase, pilot.settings.output_mode),
-            waits=pilot.status.waits_for(now),
-            why=pilot.why if tick.law else "",
+            flown=None if view.engaged_at is None else now - view.engaged_at,
+            phase=phase_name(tick.phase, view.settings.output_mode),
+            why=view.why if tick.law else "",
             target=_target(tick),
-            trusted=pilot.trusted,
-            added=self._onlookers.facts(now),
             conditions=conditions,
-            rejected={
-                why: count
-                for why, count in pilot.tracker.ranging.rejected.most_common()
-                if why not in OTHERS
-            },
-            others=sum(pilot.tracker.ranging.rejected[why] for why in OTHERS),
-            rates=None if pilot.done else pilot.rates.newest,
-            setpoints=pilot.setpoints_sent,
-            vehicle=_vehicle(pilot),
+            rejected={why: count for why, count in view.rejected.items() if why not in OTHERS},
+            others=sum(count for why, count in view.rejected.items() if why in OTHERS),
+            added=self._onlookers.facts(now),
         )
 
 
@@ -123,15 +117,14 @@ class AlarmLog(Onlooker):
         """Alarms as stored in summary.json."""
         self._watch = StatusSource(pilot, onlookers)
         self._news = NewAlarms()
-        self._due = 0.0
+        self._check_timer = Every(LOOK)
 
     def on_step(
         self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
     ) -> Sequence[bytes]:
         """Record new alarms if a check is due."""
         now = step.time
-        if newest is not None and now >= self._due:
-            self._due = now + LOOK
+        if newest is not None and self._check_timer.due(now):
             begun = self._news.of(self._watch.status(newest, now, recording_problem).conditions)
             for name, text in list(begun.items())[: MOST_ALARMS - len(self.begun)]:
                 self.begun.append({"time_s": round(now, 1), "name": name, "text": text})
@@ -149,18 +142,17 @@ def shown(value: float | None, form: str) -> str:
     return "-" if value is None else form.format(value)
 
 
-def status_facts(
-    status: Status, settings: PilotSettings, most_reasons: int | None = None
-) -> dict[str, str]:
+def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, str]:
     """Return the facts of a status as texts, by label. Unknown values are "-". A text that does not
     apply is empty: `flown` before engaging, `waiting` while steering waits for nothing.
     most_reasons: maximum number of rejection reasons listed, None for all."""
     tick = status.tick
-    timing = settings.timing
-    orbit = settings.orbit
+    view = status.view
+    timing = view.settings.timing
+    orbit = view.settings.orbit
     # Rates end with the flight: their parts of the texts are left out then.
     frames, accepted, _, setpoints = (
-        "" if rate is None else f"{rate:.1f}/s" for rate in status.rates or (None,) * 4
+        "" if rate is None else f"{rate:.1f}/s" for rate in view.rates or (None,) * 4
     )
     newest = "no range yet" if tick.range_age is None else f"newest {tick.range_age:.2f} s old"
     heartbeat = (
@@ -183,7 +175,7 @@ def status_facts(
     why = f": {', '.join(reasons[:most_reasons])}{more}" if reasons else ""
     others = f"; {status.others} of other senders" if status.others else ""
     return {
-        "vehicle": status.vehicle,
+        "vehicle": view.vehicle,
         "flown": "" if status.flown is None else f"flown {status.flown:.0f} s{duration}",
         "range": (
             f"{_with_sigma(tick.r, tick.r_sigma, '.2f', 'm')} horizontal, desired {desired:.1f} m"
@@ -198,7 +190,7 @@ def status_facts(
             None if tick.heading is None else degrees(tick.heading) % 360, "{:03.0f} deg"
         ),
         "law": status.why or tick.law or "none",
-        "waiting": status.waits,
+        "waiting": view.waits,
         "target": status.target,
         **status.added,
         "ranging": _listed(
@@ -206,8 +198,8 @@ def status_facts(
         ),
         "rejected": f"{refused} of {refused + tick.accepted}{why}{others}",
         "link": _listed(frames and f"{frames} frames", heartbeat),
-        "senders": status.trusted,
-        "setpoints": _listed(setpoints, f"{status.setpoints} total"),
+        "senders": view.trusted,
+        "setpoints": _listed(setpoints, f"{view.setpoints} total"),
     }
 
 
@@ -221,13 +213,6 @@ def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str) 
     return (
         f"{value:{form}} {unit}" if sigma is None else f"{value:{form}} {unit} ± {sigma:.2f} {unit}"
     )
-
-
-def _vehicle(pilot: Pilot) -> str:
-    """Return autopilot and firmware, as far as received."""
-    session = pilot.session
-    name = session.adapter.name if session.up else "no vehicle yet"
-    return f"{name}, firmware {session.vehicle.firmware or 'unknown'}"
 
 
 def _target(tick: TickRecord) -> str:

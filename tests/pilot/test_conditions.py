@@ -1,30 +1,25 @@
 """The table of conditions, of which one row feeds display, STATUSTEXT and documentation, and stream
 requests."""
 
-from contextlib import suppress
 from dataclasses import replace
-from importlib import import_module
 from itertools import takewhile
 from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.guidance.watches import DriftAlarm
 from circnav_mav.mav.codec import Decoder
-from circnav_mav.pilot import conditions
-from circnav_mav.pilot.conditions import TABLE, Condition
-from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.mav.identity import OUR_NAME, RADIO_NAME, VEHICLE_NAME
+from circnav_mav.pilot.conditions import ENDED, LOST, TABLE
+from circnav_mav.pilot.mission_state import Ending, Outcome, Phase
+from circnav_mav.pilot.rates import Rates
+from circnav_mav.pilot.step_view import StepView
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import Flight, flight
 from tests.rig import LOITER, MISSION, Rig
 
-MODULES = [conditions]
-for extra in ("locate", "handback"):
-    with suppress(ModuleNotFoundError):  # the core flies without its extras
-        MODULES.append(import_module(f"circnav_mav.extras.{extra}.conditions"))
-RAISED = [row for module in MODULES for row in vars(module).values() if isinstance(row, Condition)]
-ROWS = list({row.name: row for row in (*TABLE, *RAISED)}.values())
 TROUBLESHOOTING = (Path(__file__).parents[2] / "docs" / "troubleshooting.md").read_text()
 
 
@@ -32,11 +27,69 @@ def texts(rig: Rig) -> list[str]:
     return [text.removeprefix("circnav: ") for text in rig.texts()]
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
-def test_each_condition_is_sent_or_shown_fits_one_statustext_and_is_documented(row):
-    title = " ".join(takewhile(str.isupper, row.long.partition(":")[0].split()))
-    assert row.short or row.long
-    assert len(row.over) <= 41 and len(row.short.partition("{")[0]) <= 41
+def views() -> list[StepView]:
+    """Return two views: each condition of the table is active in at least one."""
+    view = Rig().engage().pilot.view
+    assert view is not None
+    identities = (VEHICLE_NAME, OUR_NAME, RADIO_NAME)
+    holding = replace(
+        view,
+        tick=view.tick._replace(phase=Phase.HOLDING, range_age=5.0, link_age=1.0, gain_share=0.5),
+        outcome=Outcome(Ending.ABORTED, "battery at 5 %"),
+        second_senders=tuple(f"{name} has a second sender" for name in identities),
+        second_controller="the vehicle flies +20 deg/s, commanded -3 deg/s",
+        flood=468.0,
+        uplink_silent=True,
+        clock_speed=0.25,
+        full_rates=Rates(50.0, 0.0, 10.0, 20.0),
+        steered_rates=Rates(50.0, 0.0, 10.0, 2.0),
+        one_way=2.0,
+        frozen_for=12.0,
+        jumped_by=-120.0,
+        noise_found=(0.3, 2.5),
+        noise_lowered=(5.0, 0.2),
+        range_rate_trouble="it differs from the ranges",
+        sensor_clock_doubted=True,
+        source_choice="2 range sources: set component_id",
+        lost_reports=tuple(LOST),
+        heading_jump=1.0,
+        height_held=True,
+        altitude_jump=300.0,
+        implausible_airspeed=99.0,
+        unchecked_bound="no battery in SYS_STATUS: bounds.min_battery_percent needs it",
+        gps_lost="",
+        drift_alarm=DriftAlarm(on=True, drift=6.0, allowed=2.7),
+        circle=replace(view.circle, radius=120.0),
+        law="drift",
+        why="drift: wind 5 m/s",
+        follows=False,
+        lean_share=0.8,
+        lean_limit=0.4,
+        bank_limit=0.5,
+    )
+    stale = replace(
+        holding,
+        tick=holding.tick._replace(phase=Phase.ENGAGED, link_age=3.0, height=20.0),
+    )
+    return [holding, stale]
+
+
+VIEWS = views()
+
+
+@pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
+def test_texts_of_each_condition_fit_and_are_documented(row):
+    found = [active for view in VIEWS if (active := row.find(view)) is not None]
+    assert found and len(row.over) <= 41
+    for active in found:
+        title = " ".join(takewhile(str.isupper, active.long.partition(":")[0].split()))
+        assert active.short or active.long
+        assert len(active.short) <= 41
+        assert row is ENDED or title in TROUBLESHOOTING
+
+
+@pytest.mark.parametrize("title", ["NOT RECORDING", "HAND-BACK", "RANGING"])
+def test_alarms_outside_of_the_table_are_documented(title):
     assert title in TROUBLESHOOTING
 
 

@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.ranging.interface import Reject
-from circnav_mav.pilot import TickRecord
+from circnav_mav.pilot.record import COLUMNS
 from circnav_mav.runlog.ticks import read_ticks, read_truth
 from tests.runlog.conftest import EPOCH_US
 
@@ -71,17 +71,14 @@ def test_the_truth_is_that_of_one_vehicle_and_whole(tmp_path, said, system, nort
     assert (None if found is None else list(found.north)) == norths
 
 
-@pytest.mark.parametrize(
-    ("begins", "ends", "names"),
-    [
-        ("## ticks.csv", "## Foxglove", list(TickRecord._fields)),
-        ("## Why a range was rejected", "\n## ", [reason.value for reason in Reject]),
-    ],
-    ids=["columns of the ticks", "reasons to reject a range"],
-)
-def test_every_name_in_a_log_is_described(begins, ends, names):
-    table = LOGS.read_text(encoding="utf-8").split(begins)[1].split(ends)[0]
-    rows = [row for row in table.splitlines() if row.startswith("| `")]
-    assert sorted(
-        name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])
-    ) == sorted(names)
+def test_page_on_logs_has_the_declared_columns():
+    rows = [f"| `{name}` | {column.unit} | {column.meaning} |" for name, column in COLUMNS.items()]
+    section = LOGS.read_text(encoding="utf-8").split("## ticks.csv")[1].split("\n## ")[0]
+    assert [row for row in section.splitlines() if row.startswith("| `")] == rows
+
+
+def test_page_on_logs_describes_every_reason_to_reject():
+    section = LOGS.read_text(encoding="utf-8").split("## Why a range was rejected")[1]
+    rows = [row for row in section.split("\n## ")[0].splitlines() if row.startswith("| `")]
+    names = [name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])]
+    assert sorted(names) == sorted(reason.value for reason in Reject)

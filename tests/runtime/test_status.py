@@ -89,7 +89,7 @@ def test_what_it_waits_for_and_what_is_wrong_is_told_in_words_that_fit_a_small_t
 ):
     last = statuses(seconds, *overrides, event=event)[-1]
     assert last.phase == phase
-    assert last.waits.startswith(waits)
+    assert last.view.waits.startswith(waits)
     assert re.fullmatch(alarms, "; ".join(last.alarms))
     lines = drawn(last)
     assert len(lines) <= 24
@@ -118,9 +118,9 @@ def test_a_flight_that_goes_well_raises_no_alarm_tells_its_rates_and_counts_from
     told = statuses(12.0)
     assert [status.alarms for status in told if status.alarms] == []
     last = told[-1]
-    assert 9 < last.rates.taken <= 11  # 10 Hz
-    assert 40 < last.rates.frames < 100
-    assert last.rates.setpoints > 9
+    assert 9 < last.view.rates.taken <= 11  # 10 Hz
+    assert 40 < last.view.rates.frames < 100
+    assert last.view.rates.setpoints > 9
     assert "law         smooth" in "\n".join(drawn(last))
     flown = during(told, "engaged")
     assert [status.flown for status in told if status.time < flown[0].time] == [None] * told.index(
@@ -138,7 +138,7 @@ def test_ranges_that_are_refused_are_counted_by_reason_and_those_of_an_outage_or
     rejecting = statuses(8.0, "ranging.bias_m=900.0")[-1]
     assert list(rejecting.rejected) == ["no_range"]
     assert re.search(r"rejected +\d+ of \d+: \d+ no_range", "\n".join(drawn(rejecting)))
-    assert statuses(10.2, event="outage")[-1].rates.taken == 0
+    assert statuses(10.2, event="outage")[-1].view.rates.taken == 0
     flown = flight("px4_copter")
     assert flown.pilot.status.waits_for(0.0) == "no autopilot heartbeat, 0 bytes received"
     flown.fly(8.0)
@@ -156,7 +156,7 @@ def test_a_dry_run_would_steer_without_the_mode_and_why_a_law_flies_is_told_whil
     assert {status.why for status in told if status.tick.law == ""} == {""}
     assert told[-1].tick.law == ""
     dry = statuses(6.0, output=OutputMode.DRY_RUN)[-1]
-    assert (dry.phase, dry.setpoints) == ("would steer", 0)
+    assert (dry.phase, dry.view.setpoints) == ("would steer", 0)
     shown = "\n".join(drawn(dry, settings=replace(SETTINGS, output_mode=OutputMode.DRY_RUN)))
     assert "DRY RUN: no setpoint" in shown
 
@@ -244,7 +244,7 @@ def test_bars_lean_to_the_side_that_is_flown_and_the_sparkline_falls_with_the_er
     ("seconds", "event"), [(12.0, None), (9.0, "takeover")], ids=["engaged", "ended"]
 )
 def test_no_fact_has_a_dash_for_a_value_in_flight_and_after_its_end(statuses, seconds, event):
-    facts = status_facts(statuses(seconds, event=event)[-1], SETTINGS)
+    facts = status_facts(statuses(seconds, event=event)[-1])
     assert {name: text for name, text in facts.items() if re.search(r"(^| )-(,| |$)", text)} == {}
 
 
@@ -256,7 +256,7 @@ def test_no_word_is_cut_at_80_columns_by_long_addresses_nor_the_limit_that_is_re
         replace(
             flown,
             tick=tick,
-            trusted=senders,
+            view=replace(flown.view, trusted=senders),
             rejected={"a_reason_of_some_length": 1000000} | flown.rejected,
         )
     )
@@ -308,7 +308,7 @@ def test_a_height_that_is_not_known_yet_is_waited_for_and_no_alarm():
     for _ in range(10):
         status = watch.status(rig.run(0.5).pilot.take_records()[-1], rig.now)
     assert status.alarms == () and status.rejected["no_height"] > 90
-    assert status.waits.startswith("no altitude (VFR_HUD.alt)")
+    assert status.view.waits.startswith("no altitude (VFR_HUD.alt)")
 
 
 def test_a_computer_that_sends_a_tenth_of_the_setpoints_is_said_to():

@@ -26,7 +26,6 @@ from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, TickRecord
-from circnav_mav.pilot.conditions import Condition
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.endpoint import LinkError
@@ -84,10 +83,6 @@ def fleet_line(found: Mapping[str, Any]) -> str:
         else f", nearest in height {found['nearest_layer_m']:.0f} m"
     )
     return f"  fleet      id {found['id']}, {len(found['members'])} members, {even}{layer}"
-
-
-FLEET_LINK = Condition("fleet_link", long="{found}")
-FLEET_LAYER = Condition("fleet_layer", long="{found}")
 
 
 class FleetOnlooker(Onlooker):
@@ -226,9 +221,9 @@ class FleetOnlooker(Onlooker):
     def alarms(self, now: float) -> Mapping[str, str]:
         found: dict[str, str] = {}
         if self.carrier is not None and (problems := self.carrier.alarms(self._epoch + now)):
-            found |= FLEET_LINK.alarm("; ".join(problems))
+            found["fleet_link"] = "; ".join(problems)
         if lines := self.layer_alarms(now):
-            found |= FLEET_LAYER.alarm("; ".join(lines))
+            found["fleet_layer"] = "; ".join(lines)
         return found
 
     def layer_alarms(self, now: float) -> list[str]:
@@ -236,7 +231,7 @@ class FleetOnlooker(Onlooker):
         alarm."""
         present = self.spacing.present(self._epoch + now)
         heights = {member: report.height for member, report in present.items()}
-        height = self._pilot.tracker.height.at(now)
+        height = self._pilot.height(now)
         if height is not None:
             heights[self.spacing.settings.member] = height
         return (
@@ -247,7 +242,7 @@ class FleetOnlooker(Onlooker):
 
     def report(self, now: float) -> MemberReport:
         """Return this member's report."""
-        height = self._pilot.tracker.height.at(now)
+        height = self._pilot.height(now)
         drift = self._own_drift()
         return MemberReport(
             group=self._table.group,
@@ -257,7 +252,7 @@ class FleetOnlooker(Onlooker):
             phase=self._own.phase or 0.0,
             phase_sigma=min(max(self._own.phase_sigma, 1e-3), pi),
             lap_period=self._lap_period(),
-            radius=self._pilot.controller.orbit.radius,
+            radius=self._pilot.orbit.radius,
             height=nan if height is None else height,
             sense=self._sense,
             drift=drift.mean,
@@ -337,7 +332,7 @@ class FleetOnlooker(Onlooker):
     @property
     def _sense(self) -> int:
         """Sense of rotation of the current circle."""
-        return self._pilot.controller.circle.direction.turn_sign
+        return self._pilot.orbit.direction.turn_sign
 
     def _own_drift(self) -> Drift:
         if self._drift is None:
@@ -346,7 +341,7 @@ class FleetOnlooker(Onlooker):
         return Drift(self._drift, (max(ee, 1e-6), en, max(nn, 1e-6)))
 
     def _lap_period(self) -> float:
-        orbit = self._pilot.controller.orbit
+        orbit = self._pilot.orbit
         if self._map is None:
             return LAP * orbit.radius / orbit.speed
         return self._map.lap_time * orbit.radius
@@ -364,7 +359,7 @@ class FleetOnlooker(Onlooker):
     def _shares_layer(self, now: float) -> bool:
         """True if another member is in the same height layer and has priority: it is on the circle
         or has the lower id."""
-        height = self._pilot.tracker.height.at(now)
+        height = self._pilot.height(now)
         if height is None or not self._flies:
             return False
         return any(
@@ -378,7 +373,7 @@ class FleetOnlooker(Onlooker):
         assert self.adjusted is not None
         if self.state is State.ON_CIRCLE:
             self._gap_errors.append((now, gap_error(self.adjusted.counted.values())))
-        height = self._pilot.tracker.height.at(now)
+        height = self._pilot.height(now)
         if height is not None and self._pilot.mission.steering:
             heights = (report.height for report in self.spacing.present(self._epoch + now).values())
             self._nearest_layer = min(

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from circnav_mav.extras.handback.companion import Companion
-from circnav_mav.extras.handback.conditions import HAND_BACK
 from circnav_mav.extras.handback.settings import handback_settings
 from circnav_mav.extras.locate.onlooker import LocateOnlooker
 from circnav_mav.pilot import TickRecord
@@ -41,7 +40,7 @@ class HandBackOnlooker(Onlooker):
 
     def alarms(self, now: float) -> Mapping[str, str]:
         words = self.companion.handback.words
-        return HAND_BACK.alarm(words) if words else {}
+        return {"hand_back": f"HAND-BACK: {words}"} if words else {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
         """Add the hand-back to the summary. Return handback.csv if positions were sent."""

@@ -14,7 +14,6 @@ from math import hypot, isfinite, pi
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.conditions import RADIUS
 from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, Ranges, Track
 from circnav_mav.extras.locate.export import named_values, orbit_status
 from circnav_mav.extras.locate.gps_fix import RECEIVERS, GpsFix
@@ -28,6 +27,7 @@ from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
+from circnav_mav.timers import Every, Since
 
 WANTED = frozenset(
     {
@@ -111,9 +111,10 @@ class Locator:
         self._gps_sigma = settings.gps_sigma
         self._home = 0.0
         self._clock = StampFilter(pilot.session.timesync.delay_increase, wrap=BOOT_WRAP)
-        self._solve_at = self._messages_at = 0.0
+        self._solve_at = 0.0
+        self._message_timer = Every(MESSAGES_EVERY)
         self._solved_to = float("-inf")
-        self._announced_at = float("-inf")
+        self._since_announced = Since()
         self._announced: Place | None = None
         self._ended = False
         self.radius_alarm = ""
@@ -196,7 +197,7 @@ class Locator:
     def _range(self, sample: RangeSample, now: float) -> None:
         if self._ranges and sample.time <= self._ranges[-1][0]:
             return
-        slant = hypot(sample.r, self._pilot.tracker.height.at(now) or 0.0)
+        slant = hypot(sample.r, self._pilot.height(now) or 0.0)
         self._ranges.append(
             (sample.time, slant, max(sample.sigma * sample.r / max(slant, 1e-3), 0.02))
         )
@@ -223,7 +224,7 @@ class Locator:
         self._solved_to = newest
         track = Track(*np.array(self._track).T)
         ranges = Ranges(*np.array(self._ranges).T)
-        height = self._pilot.tracker.height.at(now)
+        height = self._pilot.height(now)
         up, sigma = (
             (self._home, HOME_SIGMA)
             if height is None
@@ -252,8 +253,8 @@ class Locator:
         self.radius_alarm = ""
         if not self._track:
             return
-        orbit = self._pilot.controller.orbit
-        height = self._pilot.tracker.height.at(place.time) or 0.0
+        orbit = self._pilot.orbit
+        height = self._pilot.height(place.time) or 0.0
         begin = self._track[-1][0] - COMPARED_LAPS * 2 * pi * orbit.radius / orbit.speed
         newest = [
             (place.at(time), east, north) for time, east, north, _ in self._track if time >= begin
@@ -282,9 +283,7 @@ class Locator:
             )
             if not before:
                 self._announcer.say(
-                    RADIUS.name,
-                    RADIUS.short.format(found=self.radius_alarm),
-                    severity=RADIUS.severity,
+                    "radius", self.radius_alarm, severity=dialect.MAV_SEVERITY_WARNING
                 )
 
     # --- out
@@ -299,8 +298,7 @@ class Locator:
         self._encoder.system = session.encoder.system
         messages: list[Message] = []
         place = None if self.place is None else self.place.at(now)
-        if place is not None and now >= self._messages_at:
-            self._messages_at = now + MESSAGES_EVERY
+        if place is not None and self._message_timer.due(now):
             messages += self._operator_messages(place, now, mode)
         if mode is not OutputMode.SHADOW:
             messages += self._requests(session.peer.ids, now)
@@ -311,7 +309,7 @@ class Locator:
     def _operator_messages(self, place: Place, now: float, mode: OutputMode) -> list[Message]:
         messages = named_values(place, now)
         if mode is not OutputMode.SHADOW and not self._pilot.done:
-            messages.append(orbit_status(place, self._pilot.controller.orbit, now))
+            messages.append(orbit_status(place, self._pilot.orbit, now))
         return messages
 
     def _requests(self, target: tuple[int, int], now: float) -> list[Message]:
@@ -333,10 +331,10 @@ class Locator:
 
     def _say(self, place: Place | None, now: float) -> None:
         """Queue STATUSTEXT messages: the place when found or moved."""
-        if place is None or now - self._announced_at < TEXT_EVERY:
+        if place is None or self._since_announced.age(now) < TEXT_EVERY:
             return
         if self._announced is None or place.distance(self._announced) > max(place.sigma, 1.0) / 2:
-            self._announced_at = now
+            self._since_announced.restart(now)
             self._announced = place
             sigma = f"{place.sigma:.1f}" if isfinite(place.sigma) else "?"
             self._announcer.say(

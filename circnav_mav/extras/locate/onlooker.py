@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from typing import Any
 
-from circnav_mav.extras.locate.conditions import RADIUS
 from circnav_mav.extras.locate.estimator import NotLocated, locate
 from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.locator import Locator
@@ -49,7 +48,8 @@ class LocateOnlooker(Onlooker):
 
     def alarms(self, now: float) -> Mapping[str, str]:
         alarm = self.locator.radius_alarm
-        return RADIUS.alarm(alarm) if alarm else {}
+        remedy = "Calibrate the radio: circnav ranging calibrate RUN"
+        return {"radius": f"RANGING: {alarm}. {remedy}"} if alarm else {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
         """Add the place to the summary. Return target.geojson and target.kml if there is a

@@ -33,6 +33,7 @@ from mcap_protobuf.schema import register_schema
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.frames import heading_enu_from_yaw_ned
+from circnav_mav.pilot.record import COLUMNS
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.events import events
 from circnav_mav.runlog.run_folder import Run
@@ -77,9 +78,11 @@ def _add_run(writer: Writer, prefix: str, run: Run) -> Counter[str]:
     for (name, schema_name), table in tables.items():
         topic = f"{prefix}{name}"
         kinds = dict.fromkeys(table.numbers, "number") | dict.fromkeys(table.words, "string")
-        schema = json.dumps(
-            {"type": "object", "properties": {key: {"type": kinds[key]} for key in kinds}}
-        )
+        properties = {key: {"type": kind} for key, kind in kinds.items()}
+        if table is run.ticks:
+            for key, column in COLUMNS.items():
+                properties[key]["description"] = column.description
+        schema = json.dumps({"type": "object", "properties": properties})
         schema_id = writer.register_schema(schema_name, "jsonschema", schema.encode())
         channel = writer.register_channel(topic, "json", schema_id)
         for row in _tick_rows(table):

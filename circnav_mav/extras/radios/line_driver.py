@@ -5,6 +5,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 
 from circnav_mav.mav.ranging.driver import Driver, RadioReading
+from circnav_mav.timers import Since
 
 LONGEST_LINE = 1024
 """Longest line, bytes. Longer input is not text of the radio."""
@@ -23,7 +24,7 @@ class LineDriver(Driver):
         self.unread = 0
         self._rest = b""
         self._whole = False
-        self._received_at = float("-inf")
+        self._since_received = Since()
 
     @abstractmethod
     def read_line(self, line: str) -> Sequence[RadioReading] | None:
@@ -32,10 +33,10 @@ class LineDriver(Driver):
     def receive(self, data: bytes, now: float) -> list[RadioReading]:
         # "3.4" may be the end of "123.4". Discard input before the first line end and after a pause
         # within a line.
-        if self._rest and now - self._received_at > PAUSE:
+        if self._rest and self._since_received.age(now) > PAUSE:
             self._rest = b""
             self._whole = False
-        self._received_at = now
+        self._since_received.restart(now)
         *lines, self._rest = _LINE_END.split(self._rest + data)
         if len(self._rest) > LONGEST_LINE:
             self.unread += len(self._rest)

@@ -21,7 +21,7 @@ import circnav_mav
 from circnav_mav.cli.exits import Refused, refusing, say
 from circnav_mav.mav.truth import is_truth_frame, relative_truth
 from circnav_mav.mission.schema import MOST_PORT
-from circnav_mav.pilot import Pilot, PilotSettings, TickRecord
+from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.metrics import TOLERANCE
@@ -77,7 +77,6 @@ class LivePage(Onlooker):
                 f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}"
             )
         self._watch = StatusSource(pilot, onlookers)
-        self._settings = pilot.settings
         self._onlookers = onlookers
         self._period = speed / LINES_A_SECOND
         self._due = 0.0
@@ -110,7 +109,7 @@ class LivePage(Onlooker):
         status = self._watch.status(newest, step.time, recording_problem)
         (east, north) = map(_plain, self._place)
         others = self._onlookers.vehicles(step.time)[:MOST_VEHICLES]
-        tick = _tick(status, self._settings) | {
+        tick = _tick(status) | {
             "east": east,
             "north": north,
             "vehicles": _plain(others),
@@ -242,15 +241,13 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
     }
 
 
-def _tick(status: Status, settings: PilotSettings) -> dict[str, Any]:
+def _tick(status: Status) -> dict[str, Any]:
     """Return a status as JSON values."""
     about = {
         "now": status.time,
         "state": status.phase,
         "alarms": [alarm[:LONGEST_TEXT] for alarm in status.alarms],
-        "facts": {
-            name: fact[:LONGEST_TEXT] for name, fact in status_facts(status, settings).items()
-        },
+        "facts": {name: fact[:LONGEST_TEXT] for name, fact in status_facts(status).items()},
     }
     return {name: _plain(value) for name, value in (status.tick._asdict() | about).items()}
 

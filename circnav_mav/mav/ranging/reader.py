@@ -28,6 +28,7 @@ from circnav_mav.mav.ranging.interface import (
 )
 from circnav_mav.mav.ranging.sources import SOURCE_SILENT, RangeSource, RangeSources
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
+from circnav_mav.timers import Since
 
 MISSED = 2.5
 """Range periods without a stamp of the old clock, after which a new clock is followed."""
@@ -73,7 +74,7 @@ class RangeReader:
         address."""
         self._with_vehicle = False
         self._taken = 0
-        self._ahead_at = float("-inf")
+        self._since_ahead = Since()
         self._sequence: int | None = None
         self.slant = 0.0
         """Newest slant range, m."""
@@ -260,7 +261,7 @@ class RangeReader:
             return None
         most_ahead = FUTURE if self._taken > KNOWN_AFTER else JUMP
         if most_ahead < clock.ahead(stamp, now) <= JUMP:
-            self._ahead_at = now
+            self._since_ahead.restart(now)
         # A looped route repeats old frames while the sensor still sends. A new clock is followed
         # only after the old one has stopped.
         order = clock.order(
@@ -271,7 +272,7 @@ class RangeReader:
             return None
         if order is Order.JUMPED:
             return Reject.STAMP_JUMP
-        if now - self._ahead_at < DOUBT:
+        if self._since_ahead.age(now) < DOUBT:
             clock.newest_at = now
             return Reject.CLOCK
         if order is Order.OLDER:
@@ -291,7 +292,7 @@ class RangeReader:
         self.clock.reset()
         self._sequence = None
         self._taken = 0
-        self._ahead_at = float("-inf")
+        self._since_ahead.clear()
         self.restarted = True
 
 

@@ -168,7 +168,7 @@ class Told:
             refused = (f"{why} frames refused" for why in course.pilot.frames_refused())
             says = (f'the vehicle reports "{text}"' for text in course.pilot.session.texts)
             self.lines |= dict.fromkeys(
-                line for line in (*status.alarms, status.waits, *refused, *says) if line
+                line for line in (*status.alarms, status.view.waits, *refused, *says) if line
             )
 
 

@@ -1,0 +1,125 @@
+"""State of the pilot after a step, as conditions, display and live page read it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from circnav_mav.guidance.types import Orbit
+from circnav_mav.guidance.watches import DriftAlarm
+from circnav_mav.pilot.mission_state import STEERING, Outcome, Phase
+from circnav_mav.pilot.rates import Rates
+from circnav_mav.pilot.record import TickRecord
+from circnav_mav.pilot.settings import OutputMode, PilotSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepView:
+    """One step: its record, and the state of the pilot that is not recorded. Texts are
+    human-readable, and empty if they do not apply."""
+
+    tick: TickRecord
+    settings: PilotSettings
+
+    # mission
+    engaged_at: float | None
+    """Time of the first engagement, s."""
+    outcome: Outcome | None
+    hold: float
+    """Longest time in the phase HOLDING, s."""
+    waits: str
+    """Reason why the vehicle is not steered."""
+    exit_name: str
+    """Exit action that the vehicle can perform now."""
+
+    # link
+    vehicle: str
+    """Autopilot and firmware."""
+    trusted: str
+    """Trusted vehicle and radio, with their addresses."""
+    second_senders: tuple[str, ...]
+    """One line per identity that a second sender uses."""
+    second_controller: str
+    """Evidence that another program steers the vehicle."""
+    flood: float
+    """Dropped data of unknown senders, kB, 0 while none is dropped."""
+    uplink_silent: bool
+    """True if the vehicle does not answer TIMESYNC."""
+    clock_speed: float | None
+    """Speed of the autopilot's clock over ours, None unless it differs."""
+
+    # counts
+    setpoints: int
+    rejected: Mapping[str, int]
+    """Rejected ranges by reason, the most frequent reason first."""
+    rates: Rates | None
+    """Newest rates, None before and after the flight."""
+    full_rates: Rates | None
+    """Newest rates, None until they cover `RATE_SPAN`."""
+    steered_rates: Rates | None
+    """Newest rates, None until the vehicle was steered for `RATE_SPAN`."""
+
+    # ranges
+    one_way: float
+    """Least delay of ranges on the vehicle's link, s."""
+    frozen_for: float
+    """Time for which the sensor has repeated its value, s, 0 if it is not frozen."""
+    jumped_by: float
+    """Jump of the rejected ranges, m, or 0."""
+    noise_found: tuple[float, float] | None
+    """Reported and measured sigma of a range whose reported sigma was too small, m."""
+    noise_lowered: tuple[float, float] | None
+    """Reported and used sigma of a range whose reported sigma was too large, m."""
+    range_rate_trouble: str
+    """Reason why range rates are not used."""
+    sensor_clock_doubted: bool
+    source_choice: str
+    """Mission key that selects one of several range sources."""
+
+    # motion
+    lost_reports: tuple[str, ...]
+    """Telemetry that is missing or too rare."""
+    heading_jump: float
+    """Jump of the heading that does not count as a turn, rad."""
+    height_held: bool
+    """True if the height is held because no altitude is received."""
+    altitude_jump: float
+    """Jump of the altitude that does not change the height, m, or 0."""
+    implausible_airspeed: float | None
+    """Measured airspeed that is ignored, m/s."""
+    unchecked_bound: str
+    """Bound of the mission that cannot be checked, and the missing telemetry."""
+    gps_lost: str | None
+    """State of the flight by attitude after the loss of the GPS, None before it."""
+    drift_alarm: DriftAlarm
+
+    # steering
+    circle: Orbit
+    """Circle of the mission, or of the newest accepted request."""
+    law: str
+    """Law that `auto` or `drift` flies now."""
+    why: str
+    """Reason for this law."""
+    follows: bool
+    """True if the vehicle follows turn commands."""
+    speed: float
+    """Commanded speed, m/s."""
+    lean_share: float
+    """Share of the mission's speed that the lean limit allows."""
+    lean_limit: float
+    """Lean limit, rad, as far as found."""
+    bank_limit: float | None
+    """Bank limit, rad, None while none is found."""
+
+    @property
+    def flies(self) -> bool:
+        """True if setpoints are sent."""
+        return self.settings.output_mode is OutputMode.FLY
+
+    @property
+    def steering(self) -> bool:
+        """True if the vehicle is steered."""
+        return self.tick.phase in STEERING
+
+    @property
+    def done(self) -> bool:
+        """True if the mission is over."""
+        return self.tick.phase is Phase.ENDED
