@@ -69,7 +69,7 @@ def test_after_a_minute_without_uplink_the_circle_is_regained_without_a_swing():
 
 def test_every_fault_class_that_lockstep_can_show_has_levels_with_names_of_their_own() -> None:
     """F8 is tests.tools.faults.fuzz. F21, signals and the process, is tests/flight/test_process.py.
-    F26 to F28 have separate tests, see docs/faults.md."""
+    F26 to F28 have separate tests, see docs/measured.md."""
     apart = {"F8", "F21", "F26", "F27", "F28"}
     assert (
         {one.fault for one in SCENARIOS} == set(FAULTS) == {f"F{n}" for n in range(1, 30)} - apart
