@@ -1,12 +1,10 @@
 """A part of the fault matrix: one or two levels of each fault, alternately on copter and plane.
 tests.tools.faults.matrix flies the rest, and with --quick these levels on both."""
 
-import re
 from dataclasses import replace
 
 import pytest
 
-from tests.process import ROOT
 from tests.tools.faults import uplink
 from tests.tools.faults.attacks import ATTACKS, row
 from tests.tools.faults.cell import Scenario, Want, fly
@@ -101,14 +99,3 @@ def test_a_mirror_circle_is_told_from_the_true_one_by_the_track() -> None:
 def test_an_attack_moves_nothing_and_the_operator_is_told(scenario: Scenario) -> None:
     verdict = fly(shortened(scenario), "arducopter", seed=1)
     assert verdict.passed, row(verdict)
-
-
-def test_each_line_of_the_trust_model_names_an_attack_or_a_test_that_there_is() -> None:
-    page = (ROOT / "docs" / "safety.md").read_text().splitlines()
-    named = re.findall(
-        "`([^`]+)`", "".join(line.split(" | ")[-1] for line in page if line.count("|") == 5)
-    )
-    tests = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
-    there = *(scenario.level for scenario in ATTACKS), *re.findall(r"def (test_\w+)", tests)
-    assert len(named) >= 10
-    assert [name for name in named if not any(one.startswith(name) for one in there)] == []
