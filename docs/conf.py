@@ -4,10 +4,7 @@ network."""
 project = "circnav"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 root_doc = "docs/index"
-include_patterns = [
-    "README.md", "CHANGELOG.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "docs/*.md", "sim/README.md",
-    "circnav_mav/extras/bench/BENCHMARK.md",
-]  # fmt: skip
+include_patterns = ["*.md", "docs/*.md", "sim/README.md"]
 myst_heading_anchors = 3
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"

@@ -43,8 +43,7 @@ ENDPOINT = click.option(
     ),
 )
 SPEED_HELP = (
-    "Bundled vehicle: N times real time, to watch it. [default: as fast as possible, or 6 with"
-    " --web]"
+    "Speed of the bundled vehicle, times real time. [default: as fast as possible, or 6 with --web]"
 )
 YEAR_2100 = 4_102_444_800
 """Upper bound of the computer's clock, s since 1970. Later timestamps in a tlog would be read as
@@ -129,19 +128,19 @@ def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callabl
 @ENDPOINT
 @SET
 @click.option("--speed", type=click.FloatRange(0.01, 100), metavar="N", help=SPEED_HELP)
-@click.option("--duration", type=float, metavar="S", help="Seconds to fly after engaging.")
+@click.option("--duration", type=float, metavar="S", help="Flight time after engaging, s.")
 @click.option(
     "--out", type=Folder(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]"
 )
 @click.option(
     "--dry-run",
     is_flag=True,
-    help="Compute and log everything, but send no setpoint and request no mode.",
+    help="Compute and record the flight, but send no setpoint and request no mode.",
 )
 @click.option(
     "--shadow",
     is_flag=True,
-    help="Like --dry-run, and send only our heartbeat and the plot values.",
+    help="As --dry-run, and send only circnav's heartbeat and the plot values.",
 )
 @_options_of_extensions("fly_options")
 def fly() -> None:
@@ -167,11 +166,11 @@ def fly() -> None:
 @click.argument("file", required=False, type=click.Path())
 def init() -> None:
     """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] It flies on the
-    bundled emulator at once; nothing is ever overwritten.
+    bundled emulator at once. An existing file is never overwritten.
 
     VEHICLE is copter, plane or rover (ArduPilot), px4-copter, px4-plane; without GPS copter-nogps,
     px4-copter-nogps, home (plane), home-copter; or any other bundled mission.
-    mission.schema.json beside it lets an editor complete and check the keys.
+    With mission.schema.json beside the file, an editor completes and checks the keys.
 
     \b
     Example:
@@ -194,17 +193,17 @@ def check() -> None:
 
 @command(
     "circnav_mav.cli.preflight:preflight_file",
-    short_help="Listen to vehicle and ranging; command nothing.",
+    short_help="Check vehicle and ranging; send no command.",
 )
 @MISSION
 @ENDPOINT
 @SET
-@click.option("--seconds", type=float, default=10.0, metavar="N", help="How long to listen.")
+@click.option("--seconds", type=float, default=10.0, metavar="N", help="Duration, s.")
 def preflight() -> None:
-    """Listen to vehicle and ranging of MISSION; command nothing. Prints PASS, WARN or FAIL for each
+    """Check vehicle and ranging of MISSION; send no command. Prints PASS, WARN or FAIL for each
     point.
 
-    Checks identity, mode, streams, range noise and age, clocks, and the parameters that matter.
+    Checks identity, mode, streams, range noise and age, clocks, and the autopilot's parameters.
     Exit codes: 0 no FAIL, 2 bad mission, 3 no vehicle received, 4 at least one FAIL.
 
     \b
@@ -223,7 +222,7 @@ def preflight() -> None:
 )
 def report() -> None:
     """Draw the report of RUN, a run folder, again: report.html (one page, opens offline, prints)
-    and flight.png. `fly` draws both by itself.
+    and flight.png. `fly` draws both after the flight.
 
     \b
     Example:
@@ -231,9 +230,7 @@ def report() -> None:
     """
 
 
-@command(
-    "circnav_mav.cli.replay:replay_log", short_help="Run a recorded flight through the pilot again."
-)
+@command("circnav_mav.cli.replay:replay_log", short_help="Replay a recorded flight.")
 @click.argument("log", type=click.Path(), metavar="RUN_OR_TLOG")
 @click.option(
     "--mission",
@@ -248,11 +245,10 @@ def report() -> None:
     "--out", type=Folder(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there."
 )
 def replay() -> None:
-    """Run a recorded flight through the pilot again, and compare estimates and commands with the
-    flight.
+    """Replay a recorded flight, and compare estimates and commands with the flight.
 
     RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in
-    it (which needs --mission, and is replayed as a dry run). The vehicle's path stays as flown.
+    it (which needs --mission, and is replayed as a dry run). The vehicle's path stays as recorded.
     Exit codes: 0 replayed, 2 bad usage, 3 the replay never steered.
 
     \b

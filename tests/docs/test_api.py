@@ -97,17 +97,6 @@ def test_the_loop_of_the_readme_circles_the_right_way_round(direction, capsys):
     assert "100 m" in capsys.readouterr().out
 
 
-def test_the_callbacks_of_the_page_fly_their_circle():
-    node = examples()["Node"]()
-    world = World(12.0)
-    while world.now < 120.0:
-        node.on_range(world.now, world.radius)
-        node.on_motion(world.now, world.heading, world.turn_rate, world.V)
-        world.step(node.on_timer(world.now) or 0.0)
-    assert world.radius == pytest.approx(80.0, rel=0.01)
-    assert world.sense is Direction.COUNTERCLOCKWISE
-
-
 def test_the_target_is_found_in_wind_and_a_vehicle_that_turns_less_than_it_is_told_is_told_more():
     locate = examples()["locate"]
     world = World(15.0, wind=4.0)

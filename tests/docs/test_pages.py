@@ -32,7 +32,6 @@ COMMANDS = {
     name: cli.get_command(click.Context(cli), name)
     for name in cli.list_commands(click.Context(cli))
 }
-PAGES += [ROOT / "circnav_mav" / "extras" / "bench" / "BENCHMARK.md"]
 
 
 def anchor(heading: str) -> str:

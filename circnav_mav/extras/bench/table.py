@@ -1,5 +1,5 @@
 """Results of the benchmark, as one cell per law and situation: printed line, tables of
-BENCHMARK.md, picture."""
+docs/measured.md, picture."""
 
 import csv
 from collections.abc import Callable, Sequence

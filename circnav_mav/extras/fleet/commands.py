@@ -6,7 +6,7 @@ FLEET = click.option(
     "--fleet",
     type=click.IntRange(2, 100),
     metavar="N",
-    help="N vehicles on one circle, on the bundled emulator.",
+    help="Fly N emulated vehicles on one circle.",
 )
 LOSS = click.option(
     "--fleet-loss",

@@ -87,7 +87,7 @@ def locate() -> None:
     short_help="Measure the error of a radio by a flight with GPS.",
 )
 @click.argument("path", type=click.Path(), metavar="RUN|LOG")
-@click.option("--tag", metavar="ID", help="The radio, if the log has several.")
+@click.option("--tag", metavar="ID", help="Id of the radio, if the log has several radios.")
 @VEHICLE
 @RANGE_NAME
 @SIGMA
@@ -106,9 +106,9 @@ def calibrate() -> None:
     """Measure the error of a radio over its range by a flight with GPS, and write it for the
     mission.
 
-    Prints and plots the error, and writes ranging.scale, ranging.bias_m and ranging.delay_s; of a
-    radio that is not linear ranging.points_m. The beacon need not be surveyed. Fly to the circle
-    from afar, or on two radii: on one, only the error of that radius is known. Exit codes: 0
+    Prints and plots the error, and writes ranging.scale, ranging.bias_m and ranging.delay_s, or
+    ranging.points_m for a radio that is not linear. The beacon need not be surveyed. Fly to the
+    circle from afar, or on two radii, because one radius gives only a bias. Exit codes: 0
     calibrated, 2 bad usage, 3 nothing to calibrate.
 
     \b

@@ -23,12 +23,12 @@ def ranging() -> None:
 @click.argument("endpoint", metavar="DRIVER:PORT")
 @click.option("--seconds", type=Finite(1), metavar="N", help="Duration. [default: until Ctrl-C]")
 def watch() -> None:
-    """Show what a radio measures: a line a second for each beacon, over the last ten seconds.
+    """Print the ranges of a radio: one line per second and beacon, over the last ten seconds.
 
-    DRIVER is dwm1001, lines, linktrack or one of an installed package; PORT a device (/dev/ttyUSB0,
-    or with its baud rate /dev/ttyUSB0:115200) or an endpoint (udpin:0.0.0.0:5005, tcp:HOST:PORT). A
-    mission takes the same as its ranging.endpoint. Exit codes: 0 ranges received, 2 no such driver
-    or port, 3 none received.
+    DRIVER is dwm1001, lines, linktrack or a driver of an installed package. PORT is a device
+    (/dev/ttyUSB0, with baud rate /dev/ttyUSB0:115200) or an endpoint (udpin:0.0.0.0:5005,
+    tcp:HOST:PORT). ranging.endpoint of a mission has the same form. Exit codes: 0 ranges received,
+    2 no such driver or port, 3 no range received.
 
     \b
     Examples:

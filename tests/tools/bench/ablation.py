@@ -2,7 +2,7 @@
 layer on the turn.
 
 One layer at a time is switched off from outside, in flights of the emulated vehicles (rows of
-docs/firmware.md) and in rows of the benchmark, with the same seeds. FILE keeps a line for each
+docs/measured.md) and in rows of the benchmark, with the same seeds. FILE keeps a line for each
 flight or row, which is not flown again. A run ends after T seconds. `--table` prints the table from
 FILE.
 

@@ -1,12 +1,10 @@
 """A part of the fault matrix: one or two levels of each fault, alternately on copter and plane.
 tests.tools.faults.matrix flies the rest, and with --quick these levels on both."""
 
-import re
 from dataclasses import replace
 
 import pytest
 
-from tests.process import ROOT
 from tests.tools.faults import uplink
 from tests.tools.faults.attacks import ATTACKS, row
 from tests.tools.faults.cell import Scenario, Want, fly
@@ -69,7 +67,7 @@ def test_after_a_minute_without_uplink_the_circle_is_regained_without_a_swing():
 
 def test_every_fault_class_that_lockstep_can_show_has_levels_with_names_of_their_own() -> None:
     """F8 is tests.tools.faults.fuzz. F21, signals and the process, is tests/flight/test_process.py.
-    F26 to F28 have separate tests, see docs/faults.md."""
+    F26 to F28 have separate tests, see docs/measured.md."""
     apart = {"F8", "F21", "F26", "F27", "F28"}
     assert (
         {one.fault for one in SCENARIOS} == set(FAULTS) == {f"F{n}" for n in range(1, 30)} - apart
@@ -101,14 +99,3 @@ def test_a_mirror_circle_is_told_from_the_true_one_by_the_track() -> None:
 def test_an_attack_moves_nothing_and_the_operator_is_told(scenario: Scenario) -> None:
     verdict = fly(shortened(scenario), "arducopter", seed=1)
     assert verdict.passed, row(verdict)
-
-
-def test_each_line_of_the_trust_model_names_an_attack_or_a_test_that_there_is() -> None:
-    page = (ROOT / "docs" / "safety.md").read_text().splitlines()
-    named = re.findall(
-        "`([^`]+)`", "".join(line.split(" | ")[-1] for line in page if line.count("|") == 5)
-    )
-    tests = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
-    there = *(scenario.level for scenario in ATTACKS), *re.findall(r"def (test_\w+)", tests)
-    assert len(named) >= 10
-    assert [name for name in named if not any(one.startswith(name) for one in there)] == []

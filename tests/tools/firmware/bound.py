@@ -1,5 +1,5 @@
 """python -m tests.tools.firmware.bound: lower bounds of the radius error for the flights of
-docs/firmware.md.
+docs/measured.md.
 
 **Linear guidance** (`best`). The velocity error of PX4's estimate is an oscillator of 0.32 rad/s,
 and the vehicle follows the estimate. Across the circle it is 0.38 m/s for the emulator's copter,

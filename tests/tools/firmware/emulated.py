@@ -1,7 +1,7 @@
 """python -m tests.tools.firmware.emulated --results DIR/results.jsonl [--seeds N]: the emulator
 beside the firmware.
 
-Flies the rows of docs/firmware.md on the bundled vehicle in lockstep. Prints median RMS radius
+Flies the rows of docs/measured.md on the bundled vehicle in lockstep. Prints median RMS radius
 error and standard deviation of the turn command over the last two laps, and their ratio to the
 flights stored by tests.tools.firmware.table.
 """

@@ -1,8 +1,8 @@
 """python -m tests.tools.firmware.table --out DIR [--seeds N] [--jobs J] [--only TEXT]: the table of
-docs/firmware.md.
+docs/measured.md.
 
 Flies every row with every seed, J at once, and writes the table between the marks in
-docs/firmware.md and its flights into flights.jsonl beside this file. DIR keeps a line for each
+docs/measured.md and its flights into flights.jsonl beside this file. DIR keeps a line for each
 flight in results.jsonl, and the run folders. A flight in it is not flown again. Seeds differ in
 noise, start and direction of rotation. A vehicle without a binary is left out with the reason.
 Other options go to every flight (`tests.tools.firmware.fly`).
@@ -27,7 +27,7 @@ from typing import Any
 from tests.tools.firmware.flight import ROOT, add_options, flight
 from tests.tools.firmware.fly import line, missing
 
-PAGE = ROOT / "docs" / "firmware.md"
+PAGE = ROOT / "docs" / "measured.md"
 FLIGHTS = Path(__file__).with_name("flights.jsonl")
 MARKS = "<!-- flights -->\n", "<!-- end of flights -->\n"
 STARTS = ((70, True), (-70, False), (140, True), (-10, False), (-110, True))
