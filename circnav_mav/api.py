@@ -40,9 +40,11 @@ def tune(
 ) -> LawChoice:
     """Return a law with the default gain of a mission.
 
-    turn_lag: delay from a command to its turn, s. sigma: standard deviation of a range, m. rate:
-    rate of the ranges, Hz. Raises ValueError for an unknown law, and for a value that is impossible
-    for a vehicle or radio.
+    turn_lag: delay from a command to its turn, s.
+    sigma: standard deviation of a range, m.
+    rate: rate of the ranges, Hz.
+
+    Raises ValueError for an unknown law, and for a value that is impossible for a vehicle or radio.
     """
     _known("law", law, LAWS)
     _check_values(orbit, turn_lag=turn_lag, sigma=sigma)
@@ -64,10 +66,13 @@ class Guidance:
         turn_lag: float = 0.4,
         stale: float = 0.5,
     ) -> None:
-        """law: name, result of `tune`, or your function. estimator: name, or your object; None:
-        default of the law. turn_lag: delay from a command to its turn, s. stale: age above which
-        the newest range no longer steers, s. Raises ValueError for an unknown name, and for a value
-        that is impossible for a vehicle."""
+        """law: name, result of `tune`, or your function.
+        estimator: name, or your object; None: default of the law.
+        turn_lag: delay from a command to its turn, s.
+        stale: age above which the newest range no longer steers, s.
+
+        Raises ValueError for an unknown name, and for a value that is impossible for a vehicle.
+        """
         _check_values(orbit, turn_lag=turn_lag, stale=stale)
         if isinstance(law, str):
             law = tune(orbit, law, turn_lag=turn_lag)

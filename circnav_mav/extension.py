@@ -20,22 +20,20 @@ class Extension:
     when used.
 
     commands: click commands, by the names that are typed. "group member" adds a command to a group
-    of another
-        extension, if that is installed.
+        of another extension, if that is installed.
     tables: pydantic models of mission tables, by the names of the tables.
     checks: functions from a mission to the check lines of the extra's tables.
     preflight: functions from a mission to the check lines of preflight. They may listen for some
-    seconds. fly_options, emulate_options: click options that `circnav fly` and `circnav emulate`
-    get. flies, emulates: functions that replace `circnav fly` and `circnav emulate` if an option is
-    given, by the name of
-        this option. They get all options and return the exit code.
+        seconds.
+    fly_options, emulate_options: click options that `circnav fly` and `circnav emulate` get.
+    flies, emulates: functions that replace `circnav fly` and `circnav emulate` if an option is
+        given, by the name of this option. They get all options and return the exit code.
     onlooker: function from an `OnlookerSettings` to an `Onlooker`, or to None if this flight does
-    not need one. report_section: function from a run folder to HTML for its report, empty for
-    nothing.
+        not need one.
+    report_section: function from a run folder to HTML for its report, empty for nothing.
     schemas: pydantic models of other files, by the names that `circnav schema` takes.
     survey_forecast: function from a mission and the time on its circle (s) to the expected standard
-    deviation of the
-        beacon's place, m, or None.
+        deviation of the beacon's place, m, or None.
     order: place among the commands that `circnav --help` lists.
     """
 

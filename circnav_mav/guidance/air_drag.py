@@ -178,7 +178,9 @@ class MeanWind(NamedTuple):
     """Mean of the wind, from a copter that holds its speed over the ground and measures its
     velocity through the air.
 
-    time: of the report, s. x, y: wind, m/s. share: 0 before the first report, 1 after many.
+    time: of the report, s.
+    x, y: wind, m/s.
+    share: 0 before the first report, 1 after many.
     """
 
     time: float = float("-inf")
@@ -194,8 +196,9 @@ class MeanWind(NamedTuple):
     def follow(self, own: OwnMotion, air: AirVelocity, scale: float) -> "MeanWind":
         """Return the state after a report.
 
-        own: heading and speed over the ground. air: velocity through the air. scale: airspeed
-        scale.
+        own: heading and speed over the ground.
+        air: velocity through the air.
+        scale: airspeed scale.
         """
         step = own.time - self.time
         if not 0 < step <= LONGEST_REPORT_GAP:
@@ -260,7 +263,8 @@ class AirspeedHold:
     def follow(self, air: AirVelocity, speed: float, scale: float | None) -> None:
         """Update after a report in which the copter was steered.
 
-        air: measured velocity through the air. speed: true airspeed to hold, m/s.
+        air: measured velocity through the air.
+        speed: true airspeed to hold, m/s.
         scale: estimated airspeed scale, or None while it is not trusted.
         """
         step = air.time - self._time

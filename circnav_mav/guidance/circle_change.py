@@ -23,9 +23,11 @@ about valid."""
 class CircleRequest(NamedTuple):
     """A request for another circle; None keeps a value.
 
-    radius: m. speed: m/s. by: requester, for messages and the log. offset (m, outward), pace
-    (factor on the speed): spacing of a fleet. These small and frequent corrections do not change
-    the circle of the mission.
+    radius: m.
+    speed: m/s.
+    by: requester, for messages and the log. offset (m, outward), pace (factor on the speed):
+        spacing of a fleet. These small and frequent corrections do not change the circle of the
+        mission.
     """
 
     radius: float | None = None
@@ -62,9 +64,13 @@ class CircleRequest(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CircleLimits:
-    """Limits of requested circles. nearest, farthest: bounds of the range, m. speed: of the
-    mission, m/s. keeps_speed: True if the autopilot uses its own airspeed setpoint. turn_gain:
-    least expected ratio of flown to commanded turn rate."""
+    """Limits of requested circles.
+
+    nearest, farthest: bounds of the range, m.
+    speed: of the mission, m/s.
+    keeps_speed: True if the autopilot uses its own airspeed setpoint.
+    turn_gain: least expected ratio of flown to commanded turn rate.
+    """
 
     speed: float
     nearest: float = 0.0

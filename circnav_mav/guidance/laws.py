@@ -122,8 +122,9 @@ def _tangent_rate(r: float, V: float, r_d: float) -> float:
 class Law:
     """A law and its properties for missions and their checks.
 
-    default_gain: (V, r_d, lag of the loop in s) -> magnitude of k. gain_bound: (V, r_d) -> bound
-    that the magnitude of k must exceed. reached_radius: (V, r_d, k) -> radius flown when fed r_d.
+    default_gain: (V, r_d, lag of the loop in s) -> magnitude of k.
+    gain_bound: (V, r_d) -> bound that the magnitude of k must exceed.
+    reached_radius: (V, r_d, k) -> radius flown when fed r_d.
     fed_radius: (V, r_d, k) -> radius to feed so that r_d is flown.
     """
 

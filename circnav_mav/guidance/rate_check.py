@@ -122,8 +122,12 @@ class RateCheck:
 
 
 class _Slope(NamedTuple):
-    """Slopes over a span, m/s. off: error of the rates. sigma: standard deviation of `off`. change:
-    slope of the ranges."""
+    """Slopes over a span, m/s.
+
+    off: error of the rates.
+    sigma: standard deviation of `off`.
+    change: slope of the ranges.
+    """
 
     off: float
     sigma: float

@@ -18,10 +18,13 @@ from circnav_mav.guidance.types import Orbit
 class LawTuning:
     """A law and the inputs of its gain rule, for any circle.
 
-    law: name of the law. estimation: settings of the range-rate filter. turn_lag: delay from a
-    command to its turn, s. sigma, period: noise (m) and period (s) of the ranges. gain: gain of the
-    mission; None if the law's rule computes it. rate_sigma: noise of a measured range rate that the
-    law uses directly, m/s; None if a filter estimates the rate.
+    law: name of the law.
+    estimation: settings of the range-rate filter.
+    turn_lag: delay from a command to its turn, s.
+    sigma, period: noise (m) and period (s) of the ranges.
+    gain: gain of the mission; None if the law's rule computes it.
+    rate_sigma: noise of a measured range rate that the law uses directly, m/s; None if a filter
+        estimates the rate.
     """
 
     law: str

@@ -70,8 +70,13 @@ KEPT = 4.0
 
 
 class Response(NamedTuple):
-    """Delays of the response. dead: dead time without the link, s. lag: mean delay of the response,
-    s. settles: settling rate, 1/s. link: round trip, s."""
+    """Delays of the response.
+
+    dead: dead time without the link, s.
+    lag: mean delay of the response, s.
+    settles: settling rate, 1/s.
+    link: round trip, s.
+    """
 
     dead: float
     lag: float

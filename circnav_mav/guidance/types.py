@@ -32,9 +32,12 @@ class RangeSample(NamedTuple):
     """One measured range.
 
     stamp: time of the measurement on the sensor's clock, s (any epoch; only differences matter).
-    time: the same moment on the local clock, s. r: horizontal distance to the target, m. sigma: its
-    standard deviation, m. source: name of the sensor, for the log. r_dot: Doppler range rate, m/s,
-    or None. r_dot_sigma: its standard deviation, m/s.
+    time: the same moment on the local clock, s.
+    r: horizontal distance to the target, m.
+    sigma: its standard deviation, m.
+    source: name of the sensor, for the log.
+    r_dot: Doppler range rate, m/s, or None.
+    r_dot_sigma: its standard deviation, m/s.
     """
 
     stamp: float
@@ -103,13 +106,17 @@ class OwnMotion(NamedTuple):
 class RelativeMotion(NamedTuple):
     """Position relative to the target, and drift, in compass axes. Arrays in batched experiments.
 
-    x, y: vehicle minus target, m. sigma: standard deviation of the position, m. drift_x, drift_y:
-    wind minus target velocity, m/s. heading (rad), turn_rate (rad/s): own motion at this moment.
-    airspeed: true, m/s. scale: true over measured airspeed. trusted: True if the estimate may
-    steer. trial: number of the hypothesis during acquisition, else None (in arrays -1).
+    x, y: vehicle minus target, m.
+    sigma: standard deviation of the position, m.
+    drift_x, drift_y: wind minus target velocity, m/s. heading (rad), turn_rate (rad/s): own motion
+        at this moment.
+    airspeed: true, m/s.
+    scale: true over measured airspeed.
+    trusted: True if the estimate may steer.
+    trial: number of the hypothesis during acquisition, else None (in arrays -1).
     drift_remembered: True if acquisition started with an earlier drift estimate.
-    acceleration_weight: weight of the measured accelerations, 0 to 1. drift_covariance: xx, xy, yy
-    of the steady part of the drift, (m/s)^2; None in experiments.
+    acceleration_weight: weight of the measured accelerations, 0 to 1.
+    drift_covariance: xx, xy, yy of the steady part of the drift, (m/s)^2; None in experiments.
     """
 
     x: float
@@ -147,10 +154,12 @@ class RelativeMotion(NamedTuple):
 class RangeEstimate(NamedTuple):
     """Output of an estimator at one moment of the local clock.
 
-    r, r_dot: range (m) and range rate (m/s); r_sigma, r_dot_sigma: their standard deviations. eta:
-    angle from the heading to the line of sight (target to the left positive), rad. relative: the
-    whole relative motion. missed: share of recent samples that were rejected as outliers. None: not
-    provided by the estimator.
+    r, r_dot: range (m) and range rate (m/s).
+    r_sigma, r_dot_sigma: their standard deviations.
+    eta: angle from the heading to the line of sight (target to the left positive), rad.
+    relative: the whole relative motion.
+    missed: share of recent samples that were rejected as outliers. None: not provided by the
+        estimator.
     """
 
     time: float
@@ -165,8 +174,13 @@ class RangeEstimate(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Orbit:
-    """The circle to fly and the vehicle that flies it. radius: r_d, m. direction: sense of
-    rotation. speed: V, m/s. max_turn_rate: limit of the vehicle, rad/s."""
+    """The circle to fly and the vehicle that flies it.
+
+    radius: r_d, m.
+    direction: sense of rotation.
+    speed: V, m/s.
+    max_turn_rate: limit of the vehicle, rad/s.
+    """
 
     radius: float
     direction: Direction
@@ -191,9 +205,11 @@ class Orbit:
 class TurnCommand(NamedTuple):
     """Output of a law, limited to the vehicle's turn rate.
 
-    turn_rate: to command, rad/s. demanded: turn rate that the law demands, rad/s, before handover,
-    limit and turn-gain correction. saturated: True if turn_rate was limited. flies, why: active law
-    and human-readable reason; empty if there is only one law.
+    turn_rate: to command, rad/s.
+    demanded: turn rate that the law demands, rad/s, before handover, limit and turn-gain
+        correction.
+    saturated: True if turn_rate was limited.
+    flies, why: active law and human-readable reason; empty if there is only one law.
     """
 
     turn_rate: TurnRate

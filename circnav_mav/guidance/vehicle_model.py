@@ -103,8 +103,9 @@ class TurnGain:
     def learn(self, time: float, heading: float, command: float, lag: float = 0.0) -> None:
         """Learn from a heading.
 
-        heading: measured, rad. command: commanded turn rate meanwhile, rad/s, same sense as the
-        heading. lag: delay from a command to its turn, s.
+        heading: measured, rad.
+        command: commanded turn rate meanwhile, rad/s, same sense as the heading.
+        lag: delay from a command to its turn, s.
         """
         step = time - self.time
         turned = remainder(heading - self.heading, 2 * pi)
@@ -156,8 +157,10 @@ class VehicleModel:
     def __init__(
         self, lag: float, limit: float, *, gain: float | None = None, link: float = 0.0
     ) -> None:
-        """lag: initial delay from a command to its turn, s. limit: limit of the commanded turn
-        rate, rad/s. gain: flown over commanded turn rate; None if it is learned."""
+        """lag: initial delay from a command to its turn, s.
+        limit: limit of the commanded turn rate, rad/s.
+        gain: flown over commanded turn rate; None if it is learned.
+        """
         self._given_gain = gain
         self._limit = limit
         self.link = link

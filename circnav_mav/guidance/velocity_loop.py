@@ -51,7 +51,9 @@ class VelocityLoop:
         """Return the acceleration feedforward (m/s^2), forward and to the left, that keeps the
         velocity along the nose.
 
-        speed: m/s. turn_rate: rad/s. drag: 1/s.
+        speed: m/s.
+        turn_rate: rad/s.
+        drag: 1/s.
         """
         return min(drag * speed, MOST_FED), (1 + self.derivative) * speed * turn_rate
 

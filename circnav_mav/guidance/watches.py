@@ -44,9 +44,13 @@ def breach(
 
 
 class DriftAlarm(NamedTuple):
-    """Alarm for a drift (wind minus target motion) in which the circle cannot be held. on: True
-    while raised. since: time when the drift became too strong, s, or None. drift: newest estimate,
-    m/s. allowed: largest drift in which the circle can be held, m/s."""
+    """Alarm for a drift (wind minus target motion) in which the circle cannot be held.
+
+    on: True while raised.
+    since: time when the drift became too strong, s, or None.
+    drift: newest estimate, m/s.
+    allowed: largest drift in which the circle can be held, m/s.
+    """
 
     on: bool = False
     since: float | None = None

@@ -86,8 +86,10 @@ class StampFilter:
     def __init__(
         self, slower: Slower = no_link_delay, *, wrap: float | None = None, jump: float = JUMP
     ) -> None:
-        """slower: delay increase of the link. wrap: period of the stamps, s, None if they do not
-        wrap. jump: backward step, s, that counts as a clock reset."""
+        """slower: delay increase of the link.
+        wrap: period of the stamps, s, None if they do not wrap.
+        jump: backward step, s, that counts as a clock reset.
+        """
         self._slower = slower
         self._wrap = wrap
         self._jump = jump
@@ -136,9 +138,10 @@ class StampFilter:
         """Compare an unwrapped stamp with the newest, and reset the filter if the result is
         RESTARTED.
 
-        most_ahead: largest lead over the clock, s. steady: largest difference, s, between the
-        interval of two stamps of a new clock and the interval of their arrivals. patience: silence
-        of the old clock, s, before a new clock is followed.
+        most_ahead: largest lead over the clock, s.
+        steady: largest difference, s, between the interval of two stamps of a new clock and the
+            interval of their arrivals.
+        patience: silence of the old clock, s, before a new clock is followed.
         """
         if self.newest is None:
             return Order.NEWER

@@ -99,8 +99,9 @@ class Decoder:
         accept_unsigned: bool = False,
     ) -> None:
         """wanted: message ids to decode, None for all. Others are only checked and counted.
-        signing: authentication of the frames, None accepts all. accept_unsigned: accept unsigned
-        frames beside the signed ones."""
+        signing: authentication of the frames, None accepts all.
+        accept_unsigned: accept unsigned frames beside the signed ones.
+        """
         if dialect.MAVLINK_IGNORE_CRC:
             raise ValueError(
                 "MAVLINK_IGNORE_CRC is set in the environment: unset it, frames must be checked"

@@ -39,8 +39,9 @@ def push_from_tilt(roll: float, pitch: float, psi: float) -> tuple[float, float]
     """Return the horizontal acceleration (m/s^2; x, y in the paper's frame) of a thrust that
     balances the weight.
 
-    roll: right positive, rad. pitch: nose up positive, rad. psi: direction of the nose in the
-    paper's frame, rad.
+    roll: right positive, rad.
+    pitch: nose up positive, rad.
+    psi: direction of the nose in the paper's frame, rad.
     """
     forward, right = -GRAVITY * tan(pitch), GRAVITY * tan(roll) / cos(pitch)
     return vector_from_level(forward, right, psi)

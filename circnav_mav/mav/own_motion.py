@@ -83,8 +83,11 @@ OTHER_SOURCE = 2.0
 class Motion(NamedTuple):
     """Newest attitude and air data. None: unknown now.
 
-    roll, pitch, yaw: rad, NED (yaw clockwise from north). yaw_rate: heading rate, rad/s, clockwise
-    positive. airspeed: indicated, m/s. altitude: m above sea level. climb: m/s, up positive.
+    roll, pitch, yaw: rad, NED (yaw clockwise from north).
+    yaw_rate: heading rate, rad/s, clockwise positive.
+    airspeed: indicated, m/s.
+    altitude: m above sea level.
+    climb: m/s, up positive.
     """
 
     roll: float | None = None

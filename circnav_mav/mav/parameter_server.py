@@ -28,9 +28,13 @@ link."""
 
 
 class Parameter(NamedTuple):
-    """One value. name: at most 16 characters. read: returns the value in the parameter's unit.
+    """One value.
+
+    name: at most 16 characters.
+    read: returns the value in the parameter's unit.
     write: takes the new value and the time (s), and returns the reason for a rejection, empty if it
-    was accepted."""
+        was accepted.
+    """
 
     name: str
     read: Callable[[], float]

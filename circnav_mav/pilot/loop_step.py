@@ -17,12 +17,15 @@ HELD_BACK = "held"
 class LoopStep:
     """One step of the loop.
 
-    received: (link, source, whole frames) of each datagram. sent: frames sent to the vehicle.
-    hello: frames sent to the ranging link. attached: frames that onlookers sent to the vehicle.
-    requests: requests from outside of the pilot for another circle. interrupt: reason why the
-    flight was ended from outside in this step. held_back: True if nothing was sent because the step
-    took too long. exchanged: frames between onlookers and systems other than the vehicle, such as
-    the members of a fleet.
+    received: (link, source, whole frames) of each datagram.
+    sent: frames sent to the vehicle.
+    hello: frames sent to the ranging link.
+    attached: frames that onlookers sent to the vehicle.
+    requests: requests from outside of the pilot for another circle.
+    interrupt: reason why the flight was ended from outside in this step.
+    held_back: True if nothing was sent because the step took too long.
+    exchanged: frames between onlookers and systems other than the vehicle, such as the members of a
+        fleet.
     """
 
     time: float

@@ -90,12 +90,14 @@ class Outcome:
 class Timing:
     """Time limits, all in s.
 
-    duration: time from the engagement to the end of the flight. wait_link, wait_ranging: longest
-    waits before the first engagement. stale: age of the newest range up to which the prediction
-    steers. hold: longest time after that for which the circle's turn rate is held. unfollowed:
-    longest time without following turn commands before the exit action. outage: longest time from
-    the loss of the link until the vehicle is steered again. round_trip: largest round trip with
-    which the vehicle is engaged. tick: period of the steps without fresh ranges.
+    duration: time from the engagement to the end of the flight.
+    wait_link, wait_ranging: longest waits before the first engagement.
+    stale: age of the newest range up to which the prediction steers.
+    hold: longest time after that for which the circle's turn rate is held.
+    unfollowed: longest time without following turn commands before the exit action.
+    outage: longest time from the loss of the link until the vehicle is steered again.
+    round_trip: largest round trip with which the vehicle is engaged.
+    tick: period of the steps without fresh ranges.
     """
 
     duration: float

@@ -36,8 +36,14 @@ PARAMETER_PATIENCE = 10.0
 
 @dataclass(frozen=True, slots=True)
 class ReceivedRange:
-    """One accepted range. stamp: time of measurement on the sensor's clock, s. time: the same on
-    our clock, s. arrival: on our clock, s. r: slant range, m. sigma: standard deviation of r, m."""
+    """One accepted range.
+
+    stamp: time of measurement on the sensor's clock, s.
+    time: the same on our clock, s.
+    arrival: on our clock, s.
+    r: slant range, m.
+    sigma: standard deviation of r, m.
+    """
 
     stamp: float
     time: float

@@ -78,10 +78,10 @@ class RangeTracker:
     ) -> bool:
         """Process a message that may be a range. Return True if the estimator accepted it.
 
-        source: address of the sender. stalled: True if the message may date from a gap between
-        steps, so that its age is unknown. begun: True after the first engagement. Before it, the
-        delay of a slow link does not reject ranges, because the engagement waits for a shorter
-        round trip.
+        source: address of the sender.
+        stalled: True if the message may date from a gap between steps, so that its age is unknown.
+        begun: True after the first engagement. Before it, the delay of a slow link does not reject
+            ranges, because the engagement waits for a shorter round trip.
         """
         height = self.height.at(now)
         identity = self._session.identity

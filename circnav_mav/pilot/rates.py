@@ -25,9 +25,9 @@ class Rates(NamedTuple):
 class RateMeter:
     """Converts counts to rates.
 
-    newest: rates since the oldest kept count, None before the second count. whole: these rates, but
-    None until they cover `RATE_SPAN`. while_steering: these rates, but None until the vehicle was
-    steered for `RATE_SPAN`.
+    newest: rates since the oldest kept count, None before the second count.
+    whole: these rates, but None until they cover `RATE_SPAN`.
+    while_steering: these rates, but None until the vehicle was steered for `RATE_SPAN`.
     """
 
     def __init__(self) -> None:

@@ -123,8 +123,12 @@ def tick_record(
     controller: Controller,
     law: str,
 ) -> TickRecord:
-    """Return the record of a step. sent: yaw rate in its setpoint, or None. desired: radius, m.
-    law: chosen law."""
+    """Return the record of a step.
+
+    sent: yaw rate in its setpoint, or None.
+    desired: radius, m.
+    law: chosen law.
+    """
     link_age = session.heartbeat_age(now)
     motion = session.motion.at(now)
     newest = tracker.newest

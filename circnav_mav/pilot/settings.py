@@ -18,8 +18,12 @@ VEHICLE, RANGING = LINKS = ("vehicle", "ranging")
 
 
 class OutputMode(Enum):
-    """Messages that a pilot may send. FLY: all. DRY_RUN: all but setpoints and mode requests.
-    SHADOW: heartbeats and plot values only."""
+    """Messages that a pilot may send.
+
+    FLY: all.
+    DRY_RUN: all but setpoints and mode requests.
+    SHADOW: heartbeats and plot values only.
+    """
 
     FLY = "fly"
     DRY_RUN = "dry run"
@@ -30,8 +34,9 @@ class OutputMode(Enum):
 class HeightSettings:
     """Height in the mission, m. At most one value is given.
 
-    above_target: height of the vehicle above the target at the engagement. target_altitude:
-    altitude of the target above sea level. target_above_home: height of the target above home.
+    above_target: height of the vehicle above the target at the engagement.
+    target_altitude: altitude of the target above sea level.
+    target_above_home: height of the target above home.
     """
 
     above_target: float | None = None
@@ -48,16 +53,19 @@ class HeightSettings:
 class PilotSettings:
     """Settings of a mission, in SI units and radians.
 
-    tuning: law, with its gain for any circle. autopilot, kind: keys of the adapter table ("auto",
-    None: as reported). turn_gain: ratio of realized to commanded turn rate, None to learn it in
-    flight. request_mode: request the guided mode
-    (else wait until the operator enters it). end_on_takeover: a takeover ends the mission (else it
-    waits until the operator gives control back). exit: name of the exit action, None for the
-    autopilot's default. ranging_apart: the radio has a separate link. stream_links: links that are
-    byte streams (TCP, serial), not datagrams. unsigned_links: links on which unsigned frames are
-    accepted despite a signing key. height: height above the target.
-    circle_limits: limits of a change of the circle. unsigned_parameters: accept PARAM_SET on a link
-    that is not signed.
+    tuning: law, with its gain for any circle.
+    autopilot, kind: keys of the adapter table ("auto", None: as reported).
+    turn_gain: ratio of realized to commanded turn rate, None to learn it in flight.
+    request_mode: request the guided mode (else wait until the operator enters it).
+    end_on_takeover: a takeover ends the mission (else it waits until the operator gives control
+        back).
+    exit: name of the exit action, None for the autopilot's default.
+    ranging_apart: the radio has a separate link.
+    stream_links: links that are byte streams (TCP, serial), not datagrams.
+    unsigned_links: links on which unsigned frames are accepted despite a signing key.
+    height: height above the target.
+    circle_limits: limits of a change of the circle.
+    unsigned_parameters: accept PARAM_SET on a link that is not signed.
 
     flies_without_gps: continue by attitude setpoints if the GPS is lost.
     estimation_without_gps: settings of the estimator from then on.

@@ -39,8 +39,11 @@ def write_report(
     """Write report.html of a run with at least two ticks into its folder, atomically. Raises
     RunError, OSError.
 
-    circles: description. gate: innovation gate, standard deviations. verdict: text with the outcome
-    in its first line. settings: values by key. added: HTML of extras.
+    circles: description.
+    gate: innovation gate, standard deviations.
+    verdict: text with the outcome in its first line.
+    settings: values by key.
+    added: HTML of extras.
     """
     mode = next((mode for mode in OutputMode if mode.value == run.output_mode), OutputMode.FLY)
     happened = events(run)

@@ -24,9 +24,13 @@ is more severe."""
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One event. time: run time, s. kind: phase, mode, law, rejected, alarm (when it began),
-    vehicle message, circnav message. severe: True for alarms, for vehicle messages of ERROR or
-    worse, and for circnav messages of WARNING or worse."""
+    """One event.
+
+    time: run time, s.
+    kind: phase, mode, law, rejected, alarm (when it began), vehicle message, circnav message.
+    severe: True for alarms, for vehicle messages of ERROR or worse, and for circnav messages of
+        WARNING or worse.
+    """
 
     time: float
     kind: str

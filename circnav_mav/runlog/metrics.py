@@ -89,9 +89,13 @@ limits reaches (sine 0.71, square wave 1). Gusts make such a loop irregular (aut
 
 @dataclass(frozen=True, slots=True)
 class TurnFigures:
-    """Figures of the turn command. turn_std_deg_s: standard deviation, deg/s. turn_at_limit:
-    fraction of samples at the vehicle's limit. turn_variation_rad_s2: total variation per second,
-    rad/s^2. turn_limit_cycle: see `cycles`."""
+    """Figures of the turn command.
+
+    turn_std_deg_s: standard deviation, deg/s.
+    turn_at_limit: fraction of samples at the vehicle's limit.
+    turn_variation_rad_s2: total variation per second, rad/s^2.
+    turn_limit_cycle: see `cycles`.
+    """
 
     turn_std_deg_s: float
     turn_at_limit: float

@@ -28,9 +28,12 @@ Sent = list[tuple[float, bytes]]
 
 @dataclass(slots=True)
 class ReplayResult:
-    """Result of a replay. sent, was_sent: (time, frame) sent in the replay and in the log, in
-    order. until: time of the last step, s. ended: time when the pilot was done, s, or None; later
-    steps are ignored."""
+    """Result of a replay.
+
+    sent, was_sent: (time, frame) sent in the replay and in the log, in order.
+    until: time of the last step, s.
+    ended: time when the pilot was done, s, or None; later steps are ignored.
+    """
 
     ticks: list[TickRecord] = field(default_factory=list)
     sent: Sent = field(default_factory=list)

@@ -22,8 +22,12 @@ class RunError(Exception):
 
 @dataclass(frozen=True)
 class Run:
-    """Run folder. summary: empty if damaged, or missing because the process was killed. manifest:
-    empty if missing. epoch_us: Unix time of run time zero, us."""
+    """Run folder.
+
+    summary: empty if damaged, or missing because the process was killed.
+    manifest: empty if missing.
+    epoch_us: Unix time of run time zero, us.
+    """
 
     folder: Path
     mission_text: str

@@ -29,8 +29,9 @@ class FlightFacts:
     and the last three.
 
     engaged_s, until_s: run time of engaging and of the last tick, s, recorded or not; None: take
-    them from the recorded ticks. clock_speed: speed of the autopilot's clock if it differed from
-    real time. orbit: first circle.
+        them from the recorded ticks.
+    clock_speed: speed of the autopilot's clock if it differed from real time.
+    orbit: first circle.
     """
 
     mission: str

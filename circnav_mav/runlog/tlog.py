@@ -27,10 +27,15 @@ RECORD = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """Damage of a tlog. byte: first unreadable byte. size: of the file, bytes. places, lost: number
-    of unreadable stretches, and bytes in them. until, newest: newest timestamp before the first
-    stretch, and in the whole file, microseconds since 1970, 0 if none. cut: True if nothing after
-    the first stretch is readable."""
+    """Damage of a tlog.
+
+    byte: first unreadable byte.
+    size: of the file, bytes.
+    places, lost: number of unreadable stretches, and bytes in them.
+    until, newest: newest timestamp before the first stretch, and in the whole file, microseconds
+        since 1970, 0 if none.
+    cut: True if nothing after the first stretch is readable.
+    """
 
     byte: int
     size: int

@@ -29,10 +29,12 @@ class OtherVehicle(NamedTuple):
 class Onlooker:
     """Base class of onlookers: every method does nothing.
 
-    name: for messages about the onlooker. pace: simulation speed that the onlooker needs with the
-    bundled vehicle, times real time, None for any. busy: True to keep the loop running after
-    guidance has ended. called_off: True after a signal to end the program. problem: failure, in one
-    line.
+    name: for messages about the onlooker.
+    pace: simulation speed that the onlooker needs with the bundled vehicle, times real time, None
+        for any.
+    busy: True to keep the loop running after guidance has ended.
+    called_off: True after a signal to end the program.
+    problem: failure, in one line.
     """
 
     name = "onlooker"

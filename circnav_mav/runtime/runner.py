@@ -141,9 +141,12 @@ def run_step(
     signal_name: str | None = None,
     requests: Sequence[CircleRequest] = (),
 ) -> LoopStep:
-    """Run one step of the loop: receive, decide, send. before: time of the previous step, s.
-    signal_name: received signal that ends the flight, or None. requests: requests of onlookers for
-    another circle."""
+    """Run one step of the loop: receive, decide, send.
+
+    before: time of the previous step, s.
+    signal_name: received signal that ends the flight, or None.
+    requests: requests of onlookers for another circle.
+    """
     began = clock.real()
     received = [(name, *one) for name, link in links.items() for one in link.receive(before)]
     # Read the clock after receiving. If the process was stopped, ranges that arrived meanwhile

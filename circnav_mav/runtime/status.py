@@ -65,8 +65,12 @@ class StatusSource:
         self._onlookers = onlookers
 
     def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
-        """Return the status. tick: the newest. now: run time, s. problem: recording problem, or
-        None."""
+        """Return the status.
+
+        tick: the newest.
+        now: run time, s.
+        problem: recording problem, or None.
+        """
         view = self._pilot.view
         assert view is not None, "no step yet, and so no tick"
         conditions = self._pilot.conditions.alarms | self._onlookers.alarms(now)

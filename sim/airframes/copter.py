@@ -27,8 +27,9 @@ class TiltingCopter:
     """A multicopter flown by attitude setpoints. Its tilt accelerates it until drag balances (10
     deg: 4.6 m/s).
 
-    max_turn_rate: rad/s. drag: linear part of the drag, 1/s. quadratic: True if the drag grows with
-    the speed.
+    max_turn_rate: rad/s.
+    drag: linear part of the drag, 1/s.
+    quadratic: True if the drag grows with the speed.
     """
 
     max_turn_rate: float

@@ -93,7 +93,8 @@ class Autopilot(ABC):
     """Computes the demands on the airframe. Times are simulated microseconds; acks are MAV_RESULT
     values.
 
-    body: the vehicle's state; the caller of `fly` stores it. gps: True if the receiver has a fix.
+    body: the vehicle's state; the caller of `fly` stores it.
+    gps: True if the receiver has a fix.
     position: True if the estimator has a position.
     """
 

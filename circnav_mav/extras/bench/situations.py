@@ -74,8 +74,9 @@ class MotionNoise:
     """Standard deviations of an autopilot's reports of its own motion, independent from step to
     step.
 
-    heading: rad. turn_rate: rad/s. airspeed: m/s. The defaults are those of real autopilots in calm
-    air.
+    heading: rad.
+    turn_rate: rad/s.
+    airspeed: m/s. The defaults are those of real autopilots in calm air.
     """
 
     heading: float = 0.02

@@ -22,15 +22,18 @@ LOST = 300.0
 class Cell:
     """One law in one situation. Lengths in m, times in s; p95: 95th percentile over the flights.
 
-    kept: flights that kept the circle. rms, peak: RMS and largest radius error over the last 100 s.
+    kept: flights that kept the circle.
+    rms, peak: RMS and largest radius error over the last 100 s.
     settled10, settled2: time of the last exit from ±10 % and ±2 % of the radius, divided by the
-    Dubins time to the tangent point, for starts outside 1.3 radii. closest_outside: 1st percentile
-    of the closest approach to the target, for starts outside. wrong_way: flights that swept at
-    least a quarter turn the wrong way. turn_*: medians of the figures of the turn command over the
-    last 100 s. limit_cycles: flights with a limit cycle (see `TurnFigures`). range_rmse, rate_rmse:
-    RMS error of the estimated range (m) and range rate (m/s) over the last 100 s. nees_mean: mean
-    normalized estimation error squared (NEES) of (r, theta). nees_in_band: fraction of steps with
-    this NEES in its 95 % band.
+        Dubins time to the tangent point, for starts outside 1.3 radii.
+    closest_outside: 1st percentile of the closest approach to the target, for starts outside.
+    wrong_way: flights that swept at least a quarter turn the wrong way.
+    turn_*: medians of the figures of the turn command over the last 100 s.
+    limit_cycles: flights with a limit cycle (see `TurnFigures`).
+    range_rmse, rate_rmse: RMS error of the estimated range (m) and range rate (m/s) over the last
+        100 s.
+    nees_mean: mean normalized estimation error squared (NEES) of (r, theta).
+    nees_in_band: fraction of steps with this NEES in its 95 % band.
     """
 
     situation: str

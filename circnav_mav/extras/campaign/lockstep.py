@@ -23,9 +23,11 @@ class FlightResult:
     """Result of a flight: the true path under control, relative to the target, and the outcome.
 
     start: east, north (m) of the target and heading (rad, clockwise from north) at time zero.
-    engaged: time of the engagement, s; None if it never engaged. time: time since the engagement,
-    s. outcome: "completed", or the reason of another end. turn_time, turn, turn_cut: of every
-    command the time since the engagement (s), the turn rate (rad/s), and True if the limit cut it.
+    engaged: time of the engagement, s; None if it never engaged.
+    time: time since the engagement, s.
+    outcome: "completed", or the reason of another end.
+    turn_time, turn, turn_cut: of every command the time since the engagement (s), the turn rate
+        (rad/s), and True if the limit cut it.
     """
 
     start: tuple[float, float, float]

@@ -201,8 +201,10 @@ class Acceptance:
         *,
         hosts: frozenset[str] | None = None,
     ) -> None:
-        """group, member: ids of this member. signing, key: of the fleet, both or neither. hosts:
-        accepted senders; None: all."""
+        """group, member: ids of this member.
+        signing, key: of the fleet, both or neither.
+        hosts: accepted senders; None: all.
+        """
         self.members: dict[int, Member] = {}
         self.rejected: Counter[Rejection] = Counter()
         self.accepted = self.copies = 0

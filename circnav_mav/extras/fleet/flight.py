@@ -83,9 +83,14 @@ class NoRecord:
 
 @dataclass
 class Tracks:
-    """True tracks. time: s. east, north, height: of every member relative to the target, m. state,
-    flying: of every member; flying is True if steered. drift: true, east and north, m/s. radius,
-    sense, speed: of the mission."""
+    """True tracks.
+
+    time: s.
+    east, north, height: of every member relative to the target, m.
+    state, flying: of every member; flying is True if steered.
+    drift: true, east and north, m/s.
+    radius, sense, speed: of the mission.
+    """
 
     radius: float
     speed: float

@@ -90,10 +90,14 @@ def gaps(phases: Iterable[float]) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class SpacingSettings:
-    """Settings of one member. radius, speed: of the circle, m, m/s. sense: +1 counter-clockwise, -1
-    clockwise. by_speed: True to space by the speed instead of the radius (copters). trims_speed:
-    True to apply the integral to the speed; the vehicle must follow speed commands. inward,
-    outward: room beside the circle allowed by the mission, m."""
+    """Settings of one member.
+
+    radius, speed: of the circle, m, m/s.
+    sense: +1 counter-clockwise, -1 clockwise.
+    by_speed: True to space by the speed instead of the radius (copters).
+    trims_speed: True to apply the integral to the speed; the vehicle must follow speed commands.
+    inward, outward: room beside the circle allowed by the mission, m.
+    """
 
     member: int
     radius: float
@@ -122,8 +126,12 @@ class SpacingSettings:
 
 @dataclass(frozen=True, slots=True)
 class OwnState:
-    """State of this member at one time. phase, phase_sigma: temporal phase, rad; None if unknown.
-    range: m. shares_layer: True if a member with priority is in the same height layer."""
+    """State of this member at one time.
+
+    phase, phase_sigma: temporal phase, rad; None if unknown.
+    range: m.
+    shares_layer: True if a member with priority is in the same height layer.
+    """
 
     phase: float | None
     phase_sigma: float
@@ -134,9 +142,13 @@ class OwnState:
 
 @dataclass(frozen=True, slots=True)
 class Adjustment:
-    """Result of a step. offset: m outward from the circle. speed: factor of the speed. error:
-    smoothed lag u, rad, None while not on the circle. counted: phases of the members on the circle
-    including this one, rad, by id."""
+    """Result of a step.
+
+    offset: m outward from the circle.
+    speed: factor of the speed.
+    error: smoothed lag u, rad, None while not on the circle.
+    counted: phases of the members on the circle including this one, rad, by id.
+    """
 
     state: State
     offset: float
@@ -292,8 +304,9 @@ def least_time_to_even(n: int, angular_rate: float, most: float, apart: float = 
     """Return the shortest time, s, to space n members evenly: the time that the outermost members
     need.
 
-    angular_rate: rad/s. most: largest relative change of this rate. apart: initial gap between
-    neighbors, rad.
+    angular_rate: rad/s.
+    most: largest relative change of this rate.
+    apart: initial gap between neighbors, rad.
     """
     outermost = (n - 1) / 2 * (LAP / n - apart)
     return outermost * (1 + most) / (angular_rate * most)

@@ -21,13 +21,16 @@ MAX_DRIFT_CHANGE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class FleetFigures:
-    """Figures of one fleet. all_on_circle_s: time from the start until every member flew on the
-    circle. even_after_s: from then to the start of the first 20 s with all gap errors within 5 deg.
+    """Figures of one fleet.
+
+    all_on_circle_s: time from the start until every member flew on the circle.
+    even_after_s: from then to the start of the first 20 s with all gap errors within 5 deg.
     worst_gap_deg: rms of the worst gap error from that start (never even: in the last third of the
-    time on the circle). radius_rms_m: rms radius error of all members in the same time.
-    radius_spread_m: the same about each member's mean radius. smallest_horizontal_m,
-    smallest_vertical_m, smallest_distance_m: between any two members. too_near: number of pairs
-    that were within 10 m vertically and 25 m horizontally.
+        time on the circle).
+    radius_rms_m: rms radius error of all members in the same time.
+    radius_spread_m: the same about each member's mean radius.
+    smallest_horizontal_m, smallest_vertical_m, smallest_distance_m: between any two members.
+    too_near: number of pairs that were within 10 m vertically and 25 m horizontally.
     """
 
     members: int

@@ -18,11 +18,17 @@ class State(IntEnum):
 class MemberReport:
     """State of one member at one time.
 
-    group: 0 to 255. member: id within the group, 1 to 255. stamp: Unix time of the sender's
-    companion computer, s; in lockstep the simulated time. phase: temporal phase in the sense of
-    rotation, rad, 0 to 2 pi. phase_sigma: its standard deviation, rad. lap_period: s. radius: as
-    commanded, m. height: above the target, m, nan if unknown. sense: +1 counter-clockwise, -1
-    clockwise. drift: east, north, m/s. drift_covariance: ee, en, nn, (m/s)^2.
+    group: 0 to 255.
+    member: id within the group, 1 to 255.
+    stamp: Unix time of the sender's companion computer, s; in lockstep the simulated time.
+    phase: temporal phase in the sense of rotation, rad, 0 to 2 pi.
+    phase_sigma: its standard deviation, rad.
+    lap_period: s.
+    radius: as commanded, m.
+    height: above the target, m, nan if unknown.
+    sense: +1 counter-clockwise, -1 clockwise.
+    drift: east, north, m/s.
+    drift_covariance: ee, en, nn, (m/s)^2.
     """
 
     group: int

@@ -88,9 +88,12 @@ INTERVAL = 1.0
 
 @dataclass(frozen=True, slots=True)
 class SentPosition:
-    """Position sent to the autopilot. by: "ranges" or "dead reckoning". answer: autopilot's answer.
-    off: distance, m, from our estimate to the position that the vehicle reported after
-    acceptance."""
+    """Position sent to the autopilot.
+
+    by: "ranges" or "dead reckoning".
+    answer: autopilot's answer.
+    off: distance, m, from our estimate to the position that the vehicle reported after acceptance.
+    """
 
     time: float
     latitude: float
@@ -217,7 +220,9 @@ class DeadReckoning:
     ) -> None:
         """Use the range filter's position if it is trusted, else dead reckoning.
 
-        now: s. own: None if stale. estimate: of the range filter, None without fresh ranges.
+        now: s.
+        own: None if stale.
+        estimate: of the range filter, None without fresh ranges.
         """
         if now - self._stepped_at < RECKON_EVERY:
             return

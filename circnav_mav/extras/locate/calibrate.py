@@ -54,9 +54,13 @@ GPS error."""
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """Ranges of similar length. true: median true length, m. error: median of reported minus true
-    length, m. spread: standard deviation of this error without outliers, m. count: number of
-    ranges."""
+    """Ranges of similar length.
+
+    true: median true length, m.
+    error: median of reported minus true length, m.
+    spread: standard deviation of this error without outliers, m.
+    count: number of ranges.
+    """
 
     true: float
     error: float
@@ -66,9 +70,13 @@ class Bin:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationFit:
-    """Error of a radio. place: of the beacon. true: length of each range, m. error: reported minus
-    true length, m. scale_sigma: standard deviation of the scale when estimated together with the
-    bias."""
+    """Error of a radio.
+
+    place: of the beacon.
+    true: length of each range, m.
+    error: reported minus true length, m.
+    scale_sigma: standard deviation of the scale when estimated together with the bias.
+    """
 
     place: Place
     calibration: Calibration

@@ -94,9 +94,13 @@ class Ranges:
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Prior knowledge; standard deviations in m and s. gps_sigma: of a position, per axis. up:
-    height of the target, m. scale_sigma: of the radio's scale error. sigma_known: True if the
-    sigmas of the ranges are measured or reported."""
+    """Prior knowledge; standard deviations in m and s.
+
+    gps_sigma: of a position, per axis.
+    up: height of the target, m.
+    scale_sigma: of the radio's scale error.
+    sigma_known: True if the sigmas of the ranges are measured or reported.
+    """
 
     up: float
     up_sigma: float = 50.0

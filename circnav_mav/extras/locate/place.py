@@ -63,14 +63,18 @@ class Place:
     """Place of the target at a time (s). east, north: m on the plane. up: m above sea level, as
     vehicle altitudes.
 
-    covariance: (2, 2) of east and north, m^2, including the vehicle's position error. up_sigma: m.
-    up_known: True if the height is observed or given, False if `up` is only the prior. velocity:
-    m/s east and north, zero for a target that appears stationary; velocity_sigma is None then.
+    covariance: (2, 2) of east and north, m^2, including the vehicle's position error.
+    up_sigma: m.
+    up_known: True if the height is observed or given, False if `up` is only the prior.
+    velocity: m/s east and north, zero for a target that appears stationary; velocity_sigma is None
+        then.
     bias, scale: a range is measured too long by bias (m) + scale times its length.
-    radio_covariance: (2, 2) of bias and scale. bias_prior: prior standard deviation of the bias, m.
-    delay: time, s, by which positions are older than ranges with the same timestamp. noise:
-    standard deviation of the range residuals, m. used, outliers: numbers of ranges. range_scale:
-    median range, m.
+    radio_covariance: (2, 2) of bias and scale.
+    bias_prior: prior standard deviation of the bias, m.
+    delay: time, s, by which positions are older than ranges with the same timestamp.
+    noise: standard deviation of the range residuals, m.
+    used, outliers: numbers of ranges.
+    range_scale: median range, m.
     """
 
     time: float

@@ -26,9 +26,10 @@ class EmptyLogError(RunError):
 class RangeLog:
     """One vehicle of a log.
 
-    ranges: by tag. vehicle: its name in the log, empty if the log has only one. notes: assumptions
-    and removed values, one line each. names: other values in the log that may be ranges, by the
-    name that --range-name takes.
+    ranges: by tag.
+    vehicle: its name in the log, empty if the log has only one.
+    notes: assumptions and removed values, one line each.
+    names: other values in the log that may be ranges, by the name that --range-name takes.
     """
 
     positions: list[Position] = field(default_factory=list)

@@ -131,8 +131,12 @@ def lyapunov(r: Batch, theta_b: Batch, *, r_d: float, r_a: float, k: float) -> B
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """One example of the paper. law: name in mission files. k: gain. fed: radius given to the
-    law."""
+    """One example of the paper.
+
+    law: name in mission files.
+    k: gain.
+    fed: radius given to the law.
+    """
 
     number: int
     law: str
@@ -161,10 +165,10 @@ EXAMPLES = (
 class Findings:
     """Results of an example.
 
-    settling: time to the band round the predicted radius for each start, s (inf: never). rise:
-    largest rise of the Lyapunov function in a step; None if the paper gives no function. mirror:
-    largest distance between the track of a mirrored start and the mirror image of the original
-    track, m.
+    settling: time to the band round the predicted radius for each start, s (inf: never).
+    rise: largest rise of the Lyapunov function in a step; None if the paper gives no function.
+    mirror: largest distance between the track of a mirrored start and the mirror image of the
+        original track, m.
     """
 
     example: Example

@@ -37,8 +37,13 @@ JUDGED = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """Conditions of a plan. smallest, largest: bounds of the radius, m. wind: m/s. gusts: RMS per
-    axis, m/s. laps: number of laps of the survey."""
+    """Conditions of a plan.
+
+    smallest, largest: bounds of the radius, m.
+    wind: m/s.
+    gusts: RMS per axis, m/s.
+    laps: number of laps of the survey.
+    """
 
     smallest: float
     largest: float
@@ -56,12 +61,17 @@ class Site:
 class Candidate:
     """A circle and its expected figures.
 
-    radius: m. speed: m/s. bank: mean bank of a plane or lean of a copter, deg, None for a rover.
-    turn: turn rate in still air, deg/s. used: turn rate needed at the most downwind point, as a
-    share of the vehicle's turn rate. most_wind: largest wind for this circle, m/s, None if the
-    autopilot compensates the wind. lap: duration of a lap, s. flight: duration of approach and
-    survey, s. rms: RMS of the radius error, m. place: standard deviation of the beacon's place, m,
-    None without a survey. problems: subjects of the check lines that do not pass.
+    radius: m.
+    speed: m/s.
+    bank: mean bank of a plane or lean of a copter, deg, None for a rover.
+    turn: turn rate in still air, deg/s.
+    used: turn rate needed at the most downwind point, as a share of the vehicle's turn rate.
+    most_wind: largest wind for this circle, m/s, None if the autopilot compensates the wind.
+    lap: duration of a lap, s.
+    flight: duration of approach and survey, s.
+    rms: RMS of the radius error, m.
+    place: standard deviation of the beacon's place, m, None without a survey.
+    problems: subjects of the check lines that do not pass.
     """
 
     radius: float

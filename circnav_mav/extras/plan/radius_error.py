@@ -69,8 +69,12 @@ def radius_rms(mission: Mission, gust: float) -> float:
 
 
 def linear_rms(noise: float, gust: float, radial: float, heading: float) -> float:
-    """Return the RMS of e in the linear model, m. noise: power density of range noise, m^2 s. gust:
-    m/s. radial, heading: loop gains b and h, 1/s."""
+    """Return the RMS of e in the linear model, m.
+
+    noise: power density of range noise, m^2 s.
+    gust: m/s.
+    radial, heading: loop gains b and h, 1/s.
+    """
     drift_psd = 2 * gust**2 / GUST_TIME
     model = np.array([[0.0, 1.0], [0.0, -1 / GUST_TIME]])
     P = solve_continuous_are(

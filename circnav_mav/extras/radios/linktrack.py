@@ -17,9 +17,11 @@ SHORTEST = 4
 
 
 class _Layout(NamedTuple):
-    """fixed: bytes before the nodes; the last one is the number of nodes. node: bytes per node.
+    """fixed: bytes before the nodes; the last one is the number of nodes.
+    node: bytes per node.
     stamped: True if each node has the network time of its measurement, ms, at byte 7. Otherwise the
-    frame has the radio's time, ms, at byte 6."""
+        frame has the radio's time, ms, at byte 6.
+    """
 
     fixed: int
     node: int

@@ -68,9 +68,13 @@ class LivePage(Onlooker):
         speed: float,
         truth: bool = False,
     ) -> None:
-        """port: 0 for any free one. tolerance: half width of the band around the radius, m. speed:
-        run seconds per real second. truth: True to show truth frames. Only the bundled vehicle
-        sends genuine ones. Raises WebError."""
+        """port: 0 for any free one.
+        tolerance: half width of the band around the radius, m.
+        speed: run seconds per real second.
+        truth: True to show truth frames. Only the bundled vehicle sends genuine ones.
+
+        Raises WebError.
+        """
         missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
         if missing:
             raise WebError(

@@ -80,10 +80,12 @@ class VehicleFacts:
 class SetpointContext(NamedTuple):
     """Target ids and vehicle state that a setpoint may use.
 
-    target_system, target_component: ids of the vehicle. motion: its own motion. height: altitude to
-    hold, m above sea level, None if the vehicle holds it or it is unknown. drag: learned drag
-    coefficient of a copter, 1/s. push: acceleration by the thrust, forward and to the left, that
-    holds the airspeed of a copter flown by attitude, m/s^2.
+    target_system, target_component: ids of the vehicle.
+    motion: its own motion.
+    height: altitude to hold, m above sea level, None if the vehicle holds it or it is unknown.
+    drag: learned drag coefficient of a copter, 1/s.
+    push: acceleration by the thrust, forward and to the left, that holds the airspeed of a copter
+        flown by attitude, m/s^2.
     """
 
     target_system: int
@@ -98,11 +100,14 @@ class SetpointContext(NamedTuple):
 class Firmware:
     """Common properties of the vehicles of one autopilot.
 
-    key: its name in mission files. autopilot: MAV_AUTOPILOT of its HEARTBEAT. flown: version with
-    which our messages were tested in flight. streams: message id -> Hz to request. mode_numbers:
-    custom_mode -> parameters 2 and 3 of MAV_CMD_DO_SET_MODE. bytewise: True if PARAM_VALUE carries
-    the bytes of an integer. why_must_leave: human-readable reason why a flight must end with a mode
-    change and is not resumed after a takeover, or empty.
+    key: its name in mission files.
+    autopilot: MAV_AUTOPILOT of its HEARTBEAT.
+    flown: version with which our messages were tested in flight.
+    streams: message id -> Hz to request.
+    mode_numbers: custom_mode -> parameters 2 and 3 of MAV_CMD_DO_SET_MODE.
+    bytewise: True if PARAM_VALUE carries the bytes of an integer.
+    why_must_leave: human-readable reason why a flight must end with a mode change and is not
+        resumed after a takeover, or empty.
     """
 
     key: str

@@ -30,8 +30,10 @@ fraction."""
 class Context:
     """Inputs of a rule besides its value.
 
-    speed: m/s, max_turn_rate_deg: deg/s, max_bank_deg: deg, tick: s, all from the mission. system:
-    id of the vehicle. values: all parameters read. circle_turn_rate: on the smallest circle, rad/s.
+    speed: m/s, max_turn_rate_deg: deg/s, max_bank_deg: deg, tick: s, all from the mission.
+    system: id of the vehicle.
+    values: all parameters read.
+    circle_turn_rate: on the smallest circle, rad/s.
     """
 
     speed: float
@@ -52,9 +54,10 @@ class Rule:
     """Rule for one parameter.
 
     names: parameter names of different versions, newest first, each with its factor to `unit`.
-    optional: True if some vehicles lack it; a missing one gives no line. unit: unit of the value
-    for `judge`. advised: function from the context to the recommended value in that unit, an int if
-    the parameter is one; None if it depends on airframe or operator.
+    optional: True if some vehicles lack it; a missing one gives no line.
+    unit: unit of the value for `judge`.
+    advised: function from the context to the recommended value in that unit, an int if the
+        parameter is one; None if it depends on airframe or operator.
     """
 
     names: tuple[tuple[str, float], ...]

@@ -30,9 +30,10 @@ ATTRIBUTES: dict[str, Any] = {
 class RadioReading:
     """One measured range.
 
-    range: slant range, m; a value that is not finite or not above 0 means no measurement. beacon:
-    id of the other radio. sigma: standard deviation, m, None if the radio reports none. stamp:
-    measurement time, s of the radio's own clock, None for the arrival time.
+    range: slant range, m; a value that is not finite or not above 0 means no measurement.
+    beacon: id of the other radio.
+    sigma: standard deviation, m, None if the radio reports none.
+    stamp: measurement time, s of the radio's own clock, None for the arrival time.
     """
 
     range: float
@@ -54,9 +55,10 @@ class Driver(Protocol):
     """Driver of one radio on one port. Times are seconds of circnav's clock. A driver must not read
     any other clock.
 
-    baud: baud rate of the serial port if the endpoint specifies none. line_end: end of a text line,
-    empty for a binary protocol. circnav appends it to each received datagram that does not end with
-    it, and then calls `receive`. unread: number of bytes so far that could not be decoded.
+    baud: baud rate of the serial port if the endpoint specifies none.
+    line_end: end of a text line, empty for a binary protocol. circnav appends it to each received
+        datagram that does not end with it, and then calls `receive`.
+    unread: number of bytes so far that could not be decoded.
     """
 
     baud: int

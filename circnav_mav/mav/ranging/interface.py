@@ -60,14 +60,18 @@ class RangingSettings:
     """Selection of the ranging telemetry: keys of [ranging] in the mission, and values derived from
     other sections.
 
-    message: mission name of the message. beacon_id, sensor_id, orientation, name: its filters.
-    system_id, component_id: the sender, None for the first that fits. sigma_m: standard deviation
-    if the message carries none. max_age: oldest accepted sample, s. stamp: time to use, the
-    message's own ("sensor") or that of its arrival ("arrival"). rate_hz: measurement rate of the
-    sensor. max_sigma: largest usable standard deviation, reported or measured, m. rate_name: name
-    of the NAMED_VALUE_FLOAT with the range rate, or None. rate_sign: "opening" if it is positive
-    away from the target, "closing" if positive towards it. listens: False to steer without first
-    waiting for a second source. calibration: error of the radio, removed from each reading.
+    message: mission name of the message.
+    beacon_id, sensor_id, orientation, name: its filters.
+    system_id, component_id: the sender, None for the first that fits.
+    sigma_m: standard deviation if the message carries none.
+    max_age: oldest accepted sample, s.
+    stamp: time to use, the message's own ("sensor") or that of its arrival ("arrival").
+    rate_hz: measurement rate of the sensor.
+    max_sigma: largest usable standard deviation, reported or measured, m.
+    rate_name: name of the NAMED_VALUE_FLOAT with the range rate, or None.
+    rate_sign: "opening" if it is positive away from the target, "closing" if positive towards it.
+    listens: False to steer without first waiting for a second source.
+    calibration: error of the radio, removed from each reading.
     """
 
     message: str = "distance_sensor"
@@ -108,11 +112,14 @@ class Reading(NamedTuple):
 class RangingMessage:
     """A message type that can carry the range.
 
-    type, id: in MAVLink. read: returns the reading, or None if the message is not from a ranging
-    radio. farthest: longest range, m. stamp_wrap: period of its time stamps, s, None if they do not
-    wrap. marks: fields that select the sensor, with their mission keys. forwarded: True if
-    autopilots forward it. for_anything: True if it carries values of any kind, so that only a
-    selected one is a range. why_never: human-readable reason why settings select nothing.
+    type, id: in MAVLink.
+    read: returns the reading, or None if the message is not from a ranging radio.
+    farthest: longest range, m.
+    stamp_wrap: period of its time stamps, s, None if they do not wrap.
+    marks: fields that select the sensor, with their mission keys.
+    forwarded: True if autopilots forward it.
+    for_anything: True if it carries values of any kind, so that only a selected one is a range.
+    why_never: human-readable reason why settings select nothing.
     """
 
     type: str

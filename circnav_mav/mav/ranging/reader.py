@@ -107,12 +107,13 @@ class RangeReader:
     ) -> RangeSample | None:
         """Return the sample that a message carries, or None. A rejection is counted in `rejected`.
 
-        height: vehicle above the target, m, None to take ranges as horizontal. other_vehicles:
-        system ids of other vehicles, with the addresses of their autopilots. Their ranges are
-        rejected unless the mission specifies that system id.
-        one_way: least delay of this link, s, which stamps alone do not show. source: address of the
-        sender. vehicle: address of the vehicle, or None. Ranges that the autopilot forwards come
-        from this address even if it changes.
+        height: vehicle above the target, m, None to take ranges as horizontal.
+        other_vehicles: system ids of other vehicles, with the addresses of their autopilots. Their
+            ranges are rejected unless the mission specifies that system id.
+        one_way: least delay of this link, s, which stamps alone do not show.
+        source: address of the sender.
+        vehicle: address of the vehicle, or None. Ranges that the autopilot forwards come from this
+            address even if it changes.
         """
         self.restarted = False
         self.stepped = 0.0
@@ -305,7 +306,10 @@ class RangeRateReader:
     def __init__(
         self, settings: RangingSettings, ranging: RangeReader, noise: NoiseCheck, speed: float
     ) -> None:
-        """ranging: reader of the ranges. noise: noise check of the rates. speed: V, m/s."""
+        """ranging: reader of the ranges.
+        noise: noise check of the rates.
+        speed: V, m/s.
+        """
         self._settings = settings
         self._ranging = ranging
         self._noise = noise
