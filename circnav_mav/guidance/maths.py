@@ -16,6 +16,8 @@ import numpy as np
 from numpy import ndarray
 from numpy.typing import NDArray
 
+Vector = tuple[float, float]
+"""Components x and y."""
 Array = Any
 """Result type: a number for one flight, or an array for many. `Any`, because the caller determines
 which."""
@@ -97,7 +99,7 @@ def wrap(angle: Number) -> Array:
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
-def chord_parts(V: Number, psi: Number, turn: Number, dt: Number) -> tuple[Array, Array]:
+def chord(V: float, psi: float, turn: float, dt: float) -> Vector:
     """Return the exact displacement (m) in dt (s) at V (m/s), turning steadily by `turn` (rad) from
     heading psi (rad).
 
@@ -107,11 +109,6 @@ def chord_parts(V: Number, psi: Number, turn: Number, dt: Number) -> tuple[Array
     length = V * dt * sinc(turn / (2 * math.pi))
     middle = psi + turn / 2
     return length * cos(middle), length * sin(middle)
-
-
-def chord(V: Number, psi: Number, turn: Number, dt: Number) -> Array:
-    """Return `chord_parts` as one array (2, ...)."""
-    return np.stack(chord_parts(V, psi, turn, dt))
 
 
 def horizontal(slant: float, sigma: float, height: float) -> tuple[float, float] | None:

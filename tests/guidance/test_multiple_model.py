@@ -36,7 +36,7 @@ class Flown:
     def hear(self, dt, sigma, r=None, error=0.0, valid=True):
         """Fly on for dt (s) and observe a range of standard deviation sigma (m): r, or the true
         range plus its error (m)."""
-        path = chord(V, TURN * self.t, TURN * dt, dt)
+        path = np.array(chord(V, TURN * self.t, TURN * dt, dt))
         self.t = self.t + dt
         self.p = self.p + path + dt * np.array(WIND)
         z = hypot(*self.p) + error if r is None else r

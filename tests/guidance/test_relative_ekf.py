@@ -109,7 +109,7 @@ def test_one_hypothesis_is_filterpys_extended_kalman_filter():
     ours = hypothesis(STATE, P)
     psi = 0.3
     for _ in range(150):
-        path = chord(15.0, psi, 0.03, DT)
+        path = np.array(chord(15.0, psi, 0.03, DT))
         psi += 0.03
         state = reference.x[:, 0]
         F = jacobian(state, path)

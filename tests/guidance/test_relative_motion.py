@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from circnav_mav.guidance.estimators.interface import Fused
-from circnav_mav.guidance.estimators.multiple_model import MultipleModelFilter, Stage
 from circnav_mav.guidance.estimators.relative_ekf import GX, GY, KAPPA
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
-from circnav_mav.guidance.maths import chord
 from circnav_mav.guidance.types import IntegratedAcceleration, RangeSample
 from tests.guidance.relative import (
     OMEGA,
@@ -206,35 +204,6 @@ def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
         assert estimator.drift.ready
         assert error(estimator, world, float(t)) < 5.0
     assert estimator.kalman.ready
-
-
-def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
-    """One flight starts late, one loses half of its ranges. A search has its own bins, and a track
-    its own filters."""
-    worlds = [Circling(rng=np.random.default_rng(n)) for n in range(3)]
-    rng = np.random.default_rng(1)
-    together = MultipleModelFilter(SETTINGS, 3)
-    alone = [MultipleModelFilter(SETTINGS) for _ in worlds]
-    received = np.full(3, np.nan)
-    stages = []
-    for t in np.arange(0.0, 30.0, 0.1):
-        valid = np.array([True, t > 3.33, rng.random() < 0.5])
-        before = np.where(np.isnan(received), t, received)
-        dt = np.where(valid, t - before, 0.0)
-        path = chord(V, OMEGA * before, OMEGA * dt, dt)
-        z = np.array([world.range(t).r for world in worlds])
-        sigma = np.full(3, 0.5)
-        together.step(dt, path, z, sigma, valid)
-        received = np.where(valid, t, received)
-        for n in np.flatnonzero(valid):
-            alone[n].step(dt[[n]], path[:, [n]], z[[n]], sigma[[n]], valid[[n]])
-        assert together.stage == pytest.approx([bank.stage[0] for bank in alone])
-        for n, bank in enumerate(alone):
-            assert together.mean[:, n] == pytest.approx(bank.mean[:, 0], rel=1e-4, abs=1e-4)
-            assert together.spread[n] == pytest.approx(bank.spread[0], rel=1e-3)
-        stages.append(tuple(together.stage))
-    assert stages[-1] == (Stage.TRACKING,) * 3
-    assert len(set(stages)) > 3  # each acquired its target at its own time
 
 
 def test_a_bank_without_own_motion_vouches_for_no_range_and_is_ready_again_with_it():

@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from circnav_mav.guidance import maths
 from circnav_mav.guidance.estimators import relative_ekf as ekf
-from circnav_mav.guidance.maths import Array, chord_parts, wrap
+from circnav_mav.guidance.maths import Array, wrap
 from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
 
 KEPT = 64
@@ -48,7 +49,7 @@ class PathPoint(NamedTuple):
         """Return the point with this motion, `step` seconds later, after an arc that turns by
         `turned` (rad)."""
         heading = self.motion.heading
-        x, y = chord_parts(airspeed, heading, turned, step)
+        x, y = maths.chord(airspeed, heading, turned, step)
         nose_x, nose_y = _along(heading + turned / 2, step)  # midpoint rule
         return PathPoint(
             motion, self.x + x, self.y + y, self.piece, self.nose_x + nose_x, self.nose_y + nose_y
