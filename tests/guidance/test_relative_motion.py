@@ -46,8 +46,9 @@ def test_a_search_goes_on_after_the_first_estimate_and_before_the_next_range():
     world = Circling()
     estimator = DriftEstimator(SETTINGS)
     listen(estimator, world, 0.0, 2.0)
+    estimator.filter._due = 0.5
     assert [
-        (estimator.at(t) is not None, estimator.bank._due is not None) for t in (1.95, 1.95, 2.0)
+        (estimator.at(t) is not None, estimator.filter._due is not None) for t in (1.95, 1.95, 2.0)
     ] == [(True, True), (True, True), (True, False)]
 
 
@@ -185,10 +186,10 @@ def test_a_wind_that_changed_in_a_gap_is_found_all_the_same():
 def test_a_lost_track_takes_the_remembered_drift_with_it():
     world, estimator = listened(seconds=45.0)
     listen(estimator, world, 80.0, 110.0)
-    assert estimator.ready and estimator.bank.remembers
+    assert estimator.ready and estimator.filter.remembers
     world.target = (-250.0, 300.0)
     listen(estimator, world, 110.0, 114.5)
-    assert not estimator.ready and not estimator.bank.remembers
+    assert not estimator.ready and not estimator.filter.remembers
 
 
 def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
@@ -239,19 +240,19 @@ def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
 
     listen_felt(0.0, 40.0)
     assert estimator.ready
-    tracks = estimator.bank._tracks
-    noise = estimator.bank.noise
+    tracks = estimator.filter._tracks
+    noise = estimator.filter.noise
     nose = OMEGA * 40.0
-    acceleration_weight = noise.acceleration_weight[:, 0] > 0
+    acceleration_weight = noise.acceleration_weight > 0
     wrong = acceleration_weight | (
-        noise.drift_psd[:, 0] < 1e-3
+        noise.drift_psd < 1e-3
     )  # and models that were initialized from them
     tracks.x[KAPPA, wrong] = scale - 0.025
     tracks.x[GX, wrong], tracks.x[GY, wrong] = 0.025 * told * cos(nose), 0.025 * told * sin(nose)
     tracks.P[KAPPA, :, wrong] = 0.0
     tracks.P[:, KAPPA, wrong] = 0.0
     tracks.P[KAPPA, KAPPA, wrong] = 1e-6
-    tracks.log_weight[:, 0] = np.where(acceleration_weight, 0.0, -11.0)
+    tracks.log_weight[:] = np.where(acceleration_weight, 0.0, -11.0)
     listen_felt(40.0, 120.0)
     relative = estimator.at(120.0).relative
     assert relative.scale == pytest.approx(scale, abs=0.01)
