@@ -71,7 +71,7 @@ def test_a_range_in_five_that_is_20_m_off_and_an_airspeed_sensor_10_percent_off_
 
 
 @pytest.mark.parametrize("make", [DriftEstimator, AutoEstimator])
-def test_ranges_are_not_rejected_any_more_once_the_bank_searches_anew(make):
+def test_filter_accepts_ranges_again_during_new_search(make):
     """`auto` continues with the range filter meanwhile, and after a reset nothing of that filter is
     left."""
     world, estimator = listened(make)
@@ -89,7 +89,7 @@ def test_ranges_are_not_rejected_any_more_once_the_bank_searches_anew(make):
     assert (estimator.ready, estimator.at(33.0), estimator.nis) == (False, None, None)
 
 
-def test_without_heading_the_bank_is_not_ready_but_auto_is():
+def test_without_heading_auto_is_ready_but_drift_is_not():
     world = Circling()
     drift = DriftEstimator(SETTINGS)
     auto = AutoEstimator(SETTINGS)
@@ -121,7 +121,7 @@ def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():
         assert relative.trusted == (relative.sigma < 0.25 * r) == trusted
 
 
-def test_a_lost_bank_recovers_by_itself():
+def test_lost_filter_finds_the_target_again():
     """Far off the circle the position is less certain. The median of several flights is tested, and
     each error against its sigma."""
     errors = []
@@ -207,7 +207,7 @@ def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
     assert estimator.kalman.ready
 
 
-def test_a_bank_without_own_motion_vouches_for_no_range_and_is_ready_again_with_it():
+def test_filter_without_own_motion_is_not_ready_until_motion_returns():
     """Without own motion it uses no ranges, and the range filter judges them."""
     world, estimator = listened(AutoEstimator)
     for t in np.arange(30.0, 31.0, 0.05):

@@ -1,5 +1,4 @@
-"""The turn-rate gain: learning from a vehicle that receives no commands, and in batches of
-flights."""
+"""The turn-rate gain: learning from a vehicle that receives no commands, and over gaps."""
 
 from math import exp, pi, remainder, sin
 
