@@ -14,22 +14,14 @@ Problems, ch. 23).
 """
 
 from functools import lru_cache
+from math import atan2, floor, hypot, pi
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from circnav_mav.guidance.maths import (
-    Array,
-    Batch,
-    Number,
-    Pair,
-    arctan2,
-    hypot,
-    minimum,
-    some,
-    wrap,
-)
+from circnav_mav.guidance.maths import Vector, wrap
 
 ANGLES = 72
 """Number of points of a lap: more points change the radius error by less than 2 %."""
@@ -48,61 +40,48 @@ MOST_DRIFT = 0.9
 """Largest drift for which a lap is planned, in units of V."""
 MOST_OFFSET = 0.2
 """Bound of e in units of the radius: beyond it the linear equation is invalid."""
-_SPACING = 2 * np.pi / ANGLES
+_SPACING = 2 * pi / ANGLES
 """Angle between two points of a lap, rad."""
-_CIRCLE = np.zeros((ANGLES + 1, 2))
-"""Table of the circle itself: no offset, no slope."""
 
 
 class Lap(NamedTuple):
-    """Planned lap on a counter-clockwise circle. downwind: angle about the target with the highest
-    ground speed, rad. table: e/r_d and its slope, starting half a lap before that angle, (ANGLES +
-    1, 2); of many flights (B, ANGLES + 1, 2). radius: r_d, m."""
+    """Planned lap on a counter-clockwise circle.
 
-    downwind: Array
-    table: Batch
-    radius: Array
+    downwind: angle about the target with the highest ground speed, rad.
+    table: e/r_d and its slope, starting half a lap before that angle, (ANGLES + 1, 2).
+    radius: r_d, m.
+    """
 
-    def at(self, angle: Number) -> tuple[Array, Array]:
+    downwind: float
+    table: NDArray[np.float64]
+    radius: float
+
+    def at(self, angle: float) -> tuple[float, float]:
         """Return the planned radius, m, and its slope de/d(angle), m/rad, at an angle (rad)."""
-        place = (wrap(angle - self.downwind) + np.pi) / _SPACING
-        if not isinstance(place, np.ndarray):
-            before = min(int(place), ANGLES - 1)
-            low, high = self.table[before : before + 2]
-            offset, slope = (low + (place - before) * (high - low)).tolist()
-        else:
-            number = np.minimum(place.astype(int), ANGLES - 1)
-            flight = np.arange(place.size)
-            low, high = self.table[flight, number], self.table[flight, number + 1]
-            offset, slope = (low + (place - number)[:, None] * (high - low)).T
+        place = (wrap(angle - self.downwind) + pi) / _SPACING
+        before = min(int(place), ANGLES - 1)
+        low, high = self.table[before : before + 2]
+        offset, slope = (low + (place - before) * (high - low)).tolist()
         return self.radius * (1 + offset), self.radius * slope
 
 
-def plan(d: Pair, *, V: Number, r_d: Number, limit: Number) -> Lap | None:
-    """Return the lap in drift d (2, ...), m/s, at true airspeed V, m/s. limit: of the turn rate,
-    rad/s. None if all flights can fly the circle within the limit."""
-    drift = minimum(hypot(d[0], d[1]) / V, MOST_DRIFT)
-    limits = SURE * limit * r_d / V
-    short = (1 + drift) ** 2 > limits
-    if not some(short):
+def plan(d: Vector, *, V: float, r_d: float, limit: float) -> Lap | None:
+    """Return the lap in drift d, m/s, at true airspeed V, m/s. limit: of the turn rate, rad/s. None
+    if the vehicle can fly the circle within the limit."""
+    drift = min(hypot(d[0], d[1]) / V, MOST_DRIFT)
+    share = SURE * limit * r_d / V
+    if (1 + drift) ** 2 <= share:
         return None
-    cells: tuple[Array, Array] = np.floor(drift / DRIFT_STEP), np.floor(limits / LIMIT_STEP)
-    if isinstance(short, np.ndarray):
-        table = np.stack(
-            [_table(*cell) if one else _CIRCLE for one, *cell in zip(short, *cells, strict=True)]
-        )
-    else:
-        table = _table(*cells)
-    return Lap(arctan2(d[1], d[0]) - np.pi / 2, table, r_d)
+    table = _table(floor(drift / DRIFT_STEP), floor(share / LIMIT_STEP))
+    return Lap(atan2(d[1], d[0]) - pi / 2, table, r_d)
 
 
 @lru_cache(maxsize=512)
-def _table(drift_cell: float, limit_cell: float) -> Batch:
+def _table(drift_cell: int, limit_cell: int) -> NDArray[np.float64]:
     """Return e/r_d and its slope over a lap, at the center of a grid cell."""
-
     drift = (drift_cell + 0.5) * DRIFT_STEP
     limit = (limit_cell + 0.5) * LIMIT_STEP
-    angle = _SPACING * np.arange(ANGLES) - np.pi
+    angle = _SPACING * np.arange(ANGLES) - pi
     nose = np.sqrt(1 - (drift * np.sin(angle)) ** 2)
     ground = nose + drift * np.cos(angle)
     turn = ground**2 / nose

@@ -19,10 +19,11 @@ from collections.abc import Callable
 from functools import lru_cache
 from itertools import product
 from math import pi
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from circnav_mav.guidance.maths import Batch
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.vector_field import drift, drift_gains
 
@@ -44,6 +45,8 @@ LARGEST = 20.0
 """Upper end of the search for a radius with margin, in units of the given radius."""
 _S = 1j * np.logspace(-1.3, 1.4, 300)
 """Frequencies, rad/s: from a slow lap to far beyond any crossover."""
+Complex = NDArray[Any]
+"""Frequency response at the frequencies `_S`."""
 
 
 @lru_cache(maxsize=1024)
@@ -56,7 +59,7 @@ def sensitivity(V: float, r_d: float, W: float, delay: float, late: float, limit
         dead = share * delay
         lag = (1 - share) * delay
         frequency = 2 * (damping or 0.0) / lag
-        answer: Batch = 1 / (lag * _S + 1)
+        answer: Complex = 1 / (lag * _S + 1)
         if damping is not None:
             answer = frequency**2 / (_S**2 + 2 * damping * frequency * _S + frequency**2)
         P = answer * np.exp(-_S * (dead + LINK))
@@ -68,8 +71,8 @@ def sensitivity(V: float, r_d: float, W: float, delay: float, late: float, limit
 
 
 def _loop(
-    P: Batch,
-    M: Batch,
+    P: Complex,
+    M: Complex,
     V: float,
     r_d: float,
     W: float,
@@ -77,7 +80,7 @@ def _loop(
     settles: float,
     late: float,
     limit: float,
-) -> Batch:
+) -> Complex:
     """Return the loop gain, opened at the vehicle."""
     v = V + W
     gains = drift_gains(V, ahead + late, settles)
@@ -86,17 +89,8 @@ def _loop(
     def law(e: float, psi: float, pending: float) -> float:
         what = Pending(under_way + pending, ahead, settles)
         heading = pi / 2 + psi
-        return float(
-            drift(
-                (r_d + e, 0.0),
-                (0.0, W),
-                heading,
-                what,
-                V=V,
-                r_d=r_d,
-                max_turn_rate=limit,
-                gains=gains,
-            )
+        return drift(
+            (r_d + e, 0.0), (0.0, W), heading, what, V=V, r_d=r_d, max_turn_rate=limit, gains=gains
         )
 
     # Use small steps: outside the circle the field is curved (square root of the error).

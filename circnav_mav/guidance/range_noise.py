@@ -50,11 +50,12 @@ class NoiseCheck:
         self._bend_of = bend
         self._patience = patience
         self._newest: deque[tuple[float, float]] = deque(maxlen=256)
-        self._still, self._raw, self._wide = (
-            WhiteNoise(kept, QUARTILE) for kept in (KEPT, KEPT, KEPT_WIDE)
-        )
-        """Residuals minus the largest effect of motion, unchanged residuals, and residuals of a
-        wider spacing."""
+        self._still = WhiteNoise(KEPT, QUARTILE)
+        """Residuals minus the largest effect of motion."""
+        self._raw = WhiteNoise(KEPT, QUARTILE)
+        """Unchanged residuals."""
+        self._wide = WhiteNoise(KEPT_WIDE, QUARTILE)
+        """Residuals of a wider spacing."""
         self._step = inf
         self._same_since = 0.0
         self._same = 0
@@ -70,12 +71,12 @@ class NoiseCheck:
     def of_ranges(cls, speed: float, max_turn_rate: float) -> "NoiseCheck":
         """Return the check for ranges (m) of a vehicle with this speed (m/s) and turn-rate limit
         (rad/s)."""
-        return cls(lambda r: float(max_range_acceleration(speed, max_turn_rate, r)), patience=10.0)
+        return cls(lambda r: max_range_acceleration(speed, max_turn_rate, r), patience=10.0)
 
     @classmethod
     def of_rates(cls, speed: float, max_turn_rate: float) -> "NoiseCheck":
         """Return the check for range rates (m/s)."""
-        most = float(max_range_acceleration(speed, max_turn_rate, 0.0)) / TURN_BUILDS
+        most = max_range_acceleration(speed, max_turn_rate, 0.0) / TURN_BUILDS
         return cls(lambda rate: most, patience=2.0)
 
     def corrected(self, stamp: float, value: float, sigma: float, *, moving: bool = False) -> float:
@@ -86,17 +87,15 @@ class NoiseCheck:
         """
         self._repeat(stamp, value, sigma, moving)
         self._bend(stamp, value)
-        if (
-            self._still.count[0] >= ENOUGH
-            and (measured := float(self._still.sigma[0])) > TOO_MUCH * sigma
-        ):
-            self.found = self.found or (sigma, measured)
-            return measured
-        if (
-            self._wide.count[0] < KEPT_WIDE or self._raw.count[0] < ENOUGH
-        ):  # no residuals at uneven intervals
+        if self._still.count >= ENOUGH:
+            measured = self._still.sigma
+            if measured > TOO_MUCH * sigma:
+                self.found = self.found or (sigma, measured)
+                return measured
+        # At uneven intervals there are no residuals.
+        if self._wide.count < KEPT_WIDE or self._raw.count < ENOUGH:
             return sigma
-        measured = max(float(self._raw.sigma[0]), float(self._wide.sigma[0]))
+        measured = max(self._raw.sigma, self._wide.sigma)
         if self.lowered is None and sigma <= TOO_LITTLE * measured:
             return sigma
         least = max(RESOLUTION, 0.0 if self._step == inf else UNIFORM * self._step)
@@ -109,7 +108,8 @@ class NoiseCheck:
         newest = self._newest
         now = (stamp, value)
         if len(newest) > 1 and is_even(newest[-2], newest[-1], now):
-            (oldest, before), (middle, between) = newest[-2], newest[-1]
+            oldest, before = newest[-2]
+            middle, between = newest[-1]
             self._resolve(abs(value - 2 * between + before))
             off = abs(residual(newest[-2], newest[-1], now))
             self._raw.add(off)
@@ -143,7 +143,7 @@ class NoiseCheck:
             if before is not None:
                 self._resolve(abs(value - before))
             self._same = 0
-            self._noise = float(self._raw.sigma[0]) if self._raw.count[0] >= ENOUGH else sigma
+            self._noise = self._raw.sigma if self._raw.count >= ENOUGH else sigma
         if value != before or not moving:
             self._same_since = stamp
         self._same += 1

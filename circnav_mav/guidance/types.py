@@ -104,19 +104,19 @@ class OwnMotion(NamedTuple):
 
 
 class RelativeMotion(NamedTuple):
-    """Position relative to the target, and drift, in compass axes. Arrays in batched experiments.
+    """Position relative to the target, and drift, in compass axes.
 
     x, y: vehicle minus target, m.
     sigma: standard deviation of the position, m.
-    drift_x, drift_y: wind minus target velocity, m/s. heading (rad), turn_rate (rad/s): own motion
-        at this moment.
+    drift_x, drift_y: wind minus target velocity, m/s.
+    heading, turn_rate: own motion at this moment, rad and rad/s.
     airspeed: true, m/s.
     scale: true over measured airspeed.
     trusted: True if the estimate may steer.
-    trial: number of the hypothesis during acquisition, else None (in arrays -1).
+    trial: number of the hypothesis during acquisition, else None.
     drift_remembered: True if acquisition started with an earlier drift estimate.
     acceleration_weight: weight of the measured accelerations, 0 to 1.
-    drift_covariance: xx, xy, yy of the steady part of the drift, (m/s)^2; None in experiments.
+    drift_covariance: xx, xy, yy of the steady part of the drift, (m/s)^2, or None.
     """
 
     x: float

@@ -10,28 +10,11 @@ All functions assume a counter-clockwise orbit, omega > 0 to the left. `mirrored
 clockwise one.
 """
 
-from math import pi
+from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 from typing import NamedTuple
 
 from circnav_mav.guidance.lap_plan import Lap
-from circnav_mav.guidance.maths import (
-    Array,
-    Number,
-    Pair,
-    arccos,
-    arcsin,
-    arctan2,
-    chord_parts,
-    clip,
-    cos,
-    hypot,
-    maximum,
-    minimum,
-    sin,
-    sqrt,
-    where,
-    wrap,
-)
+from circnav_mav.guidance.maths import Vector, chord, clip, wrap
 from circnav_mav.guidance.turn_response import Pending
 
 STEP = 0.05
@@ -57,97 +40,100 @@ past the target."""
 
 
 class DriftGains(NamedTuple):
-    """Gains of the drift law. heading: on the heading error, 1/s. radial: slope of the inward
-    course angle at the circle, rad/m."""
+    """Gains of the drift law.
 
-    heading: Array
-    radial: Array
+    heading: on the heading error, 1/s.
+    radial: slope of the inward course angle at the circle, rad/m.
+    """
+
+    heading: float
+    radial: float
 
 
-def drift_gains(V: Number, delay: Number, settles: Number, share: Number = 1.0) -> DriftGains:
+def drift_gains(V: float, delay: float, settles: float, share: float = 1.0) -> DriftGains:
     """Return the gains. V: speed, m/s. delay: total of link, autopilot and airframe, s. settles:
     settling rate of the response, 1/s. share: factor on the gains, below 1 after limit cycles."""
-    most = minimum(SETTLING_SHARE * settles, FASTEST)
-    crossover = share * minimum(CROSSOVER / maximum(delay, 1e-3), most)
+    most = min(SETTLING_SHARE * settles, FASTEST)
+    crossover = share * min(CROSSOVER / max(delay, 1e-3), most)
     # The feedforward (rotation of the field ahead) adds radial V (1 + heading delay) to the heading
     # loop.
     heading = crossover / (1 + 1.5 * RADIAL_SHARE)
     return DriftGains(heading, RADIAL_SHARE * heading / V)
 
 
-def inward_angle(r: Number, *, r_d: Number, k: Number, sharpest: Number) -> Array:
+def inward_angle(r: float, *, r_d: float, k: float, sharpest: float) -> float:
     """Return the angle of the ground course inward of the circle's tangent, rad.
 
     Near the circle: k (r - r_d). Far outside: the straight line tangent to the circle, acos(r_d/r).
     Far inside: the tightest turn tangent to it from within, with the curvature `sharpest`, 1/m.
     """
     e = r - r_d
-    line = arccos(minimum(r_d / maximum(r, 1e-6), 1.0))
-    turn = minimum(sqrt(2 * maximum(-e, 0.0) * maximum(sharpest - 1 / r_d, 0.1 / r_d)), 0.5 * pi)
-    most = where(e > 0, line, turn)
+    line = acos(min(r_d / max(r, 1e-6), 1.0))
+    turn = min(sqrt(2 * max(-e, 0.0) * max(sharpest - 1 / r_d, 0.1 / r_d)), 0.5 * pi)
+    most = line if e > 0 else turn
     return k * e * most / sqrt(most**2 + (k * e) ** 2 + 1e-12)
 
 
 def field_heading(
-    p: Pair,
-    d: Pair,
+    p: Vector,
+    d: Vector,
     *,
-    V: Number,
-    r_d: Number,
-    k: Number,
-    max_turn_rate: Number,
+    V: float,
+    r_d: float,
+    k: float,
+    max_turn_rate: float,
     lap: Lap | None = None,
-) -> Array:
-    """Return the heading (rad) with a ground course along the field at p (2, ...), m.
+) -> float:
+    """Return the heading (rad) with a ground course along the field at p, m.
 
-    d: drift (2, ...), m/s. V: true airspeed, m/s. k: as in `inward_angle`, rad/m. lap: replaces the
+    d: drift, m/s. V: true airspeed, m/s. k: as in `inward_angle`, rad/m. lap: replaces the
     circle.
     """
     r = hypot(p[0], p[1])
-    angle = arctan2(p[1], p[0])
+    angle = atan2(p[1], p[0])
     outward = 0.0
     if lap is not None:
         r_d, slope = lap.at(angle)
-        outward = arctan2(slope, r_d)
+        outward = atan2(slope, r_d)
     sharpest = max_turn_rate / (V + hypot(d[0], d[1]))
     course = angle + pi / 2 - outward + inward_angle(r, r_d=r_d, k=k, sharpest=0.7 * sharpest)
     across = cos(course) * d[1] - sin(course) * d[0]
-    return course - arcsin(clip(across / V, -REACHABLE, REACHABLE))
+    return course - asin(clip(across / V, -REACHABLE, REACHABLE))
 
 
 def drift(
-    p: Pair,
-    d: Pair,
-    psi: Number,
+    p: Vector,
+    d: Vector,
+    psi: float,
     pending: Pending,
     *,
-    V: Number,
-    r_d: Number,
-    max_turn_rate: Number,
+    V: float,
+    r_d: float,
+    max_turn_rate: float,
     gains: DriftGains,
-    change: Pair = (0.0, 0.0),
+    change: Vector = (0.0, 0.0),
     lap: Lap | None = None,
-) -> Array:
+) -> float:
     """Return the turn rate (rad/s): rotation of the field after the response delay, plus gain times
     heading error. The pending turn is subtracted from the error. Outside the circle the law prefers
     a turn away from the target.
 
-    p = vehicle - target (2, ...), m. d = wind - target velocity (2, ...), m/s. psi: heading, rad.
-    pending: commanded turn not flown yet. V: true airspeed, m/s. change: of d (2, ...), m/s^2.
+    p = vehicle - target, m. d = wind - target velocity, m/s. psi: heading, rad.
+    pending: commanded turn not flown yet. V: true airspeed, m/s. change: of d, m/s^2.
     Condition: W = |d| < V; and r_d >= (V + W)^2/(V max_turn_rate), or a lap instead of the circle.
     """
     ahead = pending.ahead
-    rate = pending.turn / maximum(pending.ahead, STEP)
+    rate = pending.turn / max(pending.ahead, STEP)
 
-    def wanted(time: Number) -> Array:
-        x, y = chord_parts(V, psi, rate * time, time)
-        there = p[0] + d[0] * time + x, p[1] + d[1] * time + y
-        then = d[0] + change[0] * time, d[1] + change[1] * time
+    def wanted(time: float) -> float:
+        x, y = chord(V, psi, rate * time, time)
+        there = (p[0] + d[0] * time + x, p[1] + d[1] * time + y)
+        then = (d[0] + change[0] * time, d[1] + change[1] * time)
         return field_heading(
             there, then, V=V, r_d=r_d, k=gains.radial, max_turn_rate=max_turn_rate, lap=lap
         )
 
-    now = wanted(0.0 * ahead)
+    now = wanted(0.0)
     late = wanted(ahead + STEP)
     turns = wrap(late - wanted(ahead - STEP))
     # Subtract the rotation of the field during the delay from the pending turn. Use the whole
@@ -159,7 +145,7 @@ def drift(
     return turns / (2 * STEP) + gains.heading * (error - under_way)
 
 
-def _outward(r: Number, turn_radius: Number, r_d: Number) -> Array:
+def _outward(r: float, turn_radius: float, r_d: float) -> float:
     """Return the preference for a left turn, away from the target, over a right turn, rad. It is
     full where half a turn to the right ends inside the circle, 0 from one turn radius farther out,
     and always 0 inside 0.9 r_d."""
@@ -168,29 +154,29 @@ def _outward(r: Number, turn_radius: Number, r_d: Number) -> Array:
     return OUTWARD * beyond * outside
 
 
-def orbit_turn_rate(d: Pair, psi: Number, *, V: Number, r_d: Number) -> Array:
-    """Return the turn rate (rad/s) that stays on the counter-clockwise circle in drift d (2, ...),
+def orbit_turn_rate(d: Vector, psi: float, *, V: float, r_d: float) -> float:
+    """Return the turn rate (rad/s) that stays on the counter-clockwise circle in drift d,
     m/s, at heading psi, rad.
 
     The heading determines the position on the circle: no range is used. chi' = v_g/r_d for the
     ground course, psi' = chi' v_g/(V cos(psi - chi)) by the wind triangle; V/r_d in still air.
     Condition: |d| < V.
     """
-    v = V * cos(psi) + d[0], V * sin(psi) + d[1]
-    ground = maximum(hypot(v[0], v[1]), 1e-9)
+    v = (V * cos(psi) + d[0], V * sin(psi) + d[1])
+    ground = max(hypot(v[0], v[1]), 1e-9)
     across = (v[0] * d[1] - v[1] * d[0]) / ground
     along_nose = V * sqrt(1 - clip(across / V, -REACHABLE, REACHABLE) ** 2)
     return ground**2 / (r_d * along_nose)
 
 
-def mirrored_pair(pair: Pair, sense: Number) -> tuple[Array, Array]:
-    """Return a vector (2, ...) mirrored to the counter-clockwise orbit. sense: as in `mirrored`."""
+def mirrored_pair(pair: Vector, sense: float) -> Vector:
+    """Return a vector mirrored to the counter-clockwise orbit. sense: as in `mirrored`."""
     return pair[0], pair[1] * sense
 
 
 def mirrored(
-    p: Pair, d: Pair, psi: Number, pending: Pending, sense: Number
-) -> tuple[Pair, Pair, Array, Pending]:
+    p: Vector, d: Vector, psi: float, pending: Pending, sense: float
+) -> tuple[Vector, Vector, float, Pending]:
     """Return the situation mirrored to a counter-clockwise orbit. sense: +1 counter-clockwise, -1
     clockwise.
 
@@ -200,5 +186,5 @@ def mirrored(
         mirrored_pair(p, sense),
         mirrored_pair(d, sense),
         psi * sense,
-        pending._replace(turn=pending.turn * sense),  # type: ignore[arg-type]
+        pending._replace(turn=pending.turn * sense),
     )

@@ -6,12 +6,10 @@ sigma. An outlier spoils three residuals. A quantile of many magnitudes tolerate
 residuals: the lower quartile tolerates more than the median, but the median scatters less.
 """
 
+from collections import deque
 from collections.abc import Sequence
+from math import ceil, nan, sqrt
 from statistics import NormalDist
-
-import numpy as np
-
-from circnav_mav.guidance.maths import Array, Batch, Flag, Pair, magnitude, sqrt
 
 EVEN = 0.19
 """Largest relative difference of two time steps that count as equal. A lost sample causes a much
@@ -23,20 +21,18 @@ the standard deviation by the median of all residuals, the second pass by the me
 residuals below the first bound."""
 MAD = 1.4826
 """Ratio of standard deviation to median magnitude of normal noise."""
-FIRST = np.zeros(1, int)
-"""Flight index for a `WhiteNoise` of a single flight, whose values are scalars: array with the
-number 0."""
-Moment = Pair
-"""(time, value) of one flight, or arrays (2, B) for many flights."""
+Moment = tuple[float, float]
+"""Time and value."""
 
 
-def is_even(before: Moment, middle: Moment, after: Moment) -> Flag:
+def is_even(before: Moment, middle: Moment, after: Moment) -> bool:
     """Return True if the steps between the times are equal."""
-    first, last = middle[0] - before[0], after[0] - middle[0]
-    return magnitude(last - first) < EVEN * first
+    first = middle[0] - before[0]
+    last = after[0] - middle[0]
+    return abs(last - first) < EVEN * first
 
 
-def residual(before: Moment, middle: Moment, after: Moment) -> Array:
+def residual(before: Moment, middle: Moment, after: Moment) -> float:
     """Return the scaled difference of the middle value from the line through its neighbors, in the
     unit of the values.
 
@@ -47,47 +43,44 @@ def residual(before: Moment, middle: Moment, after: Moment) -> Array:
     return (middle[1] - line) / sqrt(1 + share**2 + (1 - share) ** 2)
 
 
-def quantile(values: Batch, share: float) -> Batch:
-    """Return a quantile of each column of (n, B), without NaN values. A column without values gives
-    NaN.
-
-    A quantile between two values is their mean. `np.nanquantile` takes ten times as long for a few
-    values.
-    """
-    rank = share * np.isfinite(values).sum(axis=0)
-    ordered = np.sort(values, axis=0)
-    column = np.arange(values.shape[1])
-    return np.asarray(
-        (ordered[np.ceil(rank).astype(int) - 1, column] + ordered[rank.astype(int), column]) / 2
-    )
+def quantile(values: Sequence[float], share: float) -> float:
+    """Return a quantile of the values, or NaN without values. A quantile between two values is
+    their mean."""
+    if not values:
+        return nan
+    rank = share * len(values)
+    ordered = sorted(values)
+    return (ordered[ceil(rank) - 1] + ordered[int(rank)]) / 2
 
 
 def bulk_sigma(residuals: Sequence[float]) -> float:
     """Return the standard deviation of residuals without outliers. The root mean square of the bulk
     scatters less than its median: 14 instead of 20 % at fifty values."""
-    sizes = bulk = np.abs(residuals)
+    sizes = [abs(one) for one in residuals]
+    bulk = sizes
     for reach in (FAR, BULK):
-        bulk = sizes[sizes <= reach * MAD * quantile(bulk[:, None], 0.5)]
-    return float(np.sqrt(np.mean(bulk**2)))
+        most = reach * MAD * quantile(bulk, 0.5)
+        bulk = [size for size in sizes if size <= most]
+    return sqrt(sum(size**2 for size in bulk) / len(bulk))
 
 
 class WhiteNoise:
-    """Newest residuals of B flights. count (B,): number of residuals so far."""
+    """Newest residuals. count: number of residuals so far."""
 
-    def __init__(self, kept: int, share: float, flights: int = 1) -> None:
-        """kept: number of residuals kept for each flight. share: quantile of their magnitudes, 0 to
-        1, that gives sigma."""
-        self._sizes = np.full((kept, flights), np.nan)
+    def __init__(self, kept: int, share: float) -> None:
+        """kept: number of residuals kept. share: quantile of their magnitudes, 0 to 1, that gives
+        sigma."""
+        self._sizes: deque[float] = deque(maxlen=kept)
         self._share = share
         self._of_normal = NormalDist().inv_cdf((1 + share) / 2)
-        self.count = np.zeros(flights, int)
+        self.count = 0
 
-    def add(self, residuals: Array, at: Batch = FIRST) -> None:
-        """Add one residual for each of the flights `at` (n,)."""
-        self._sizes[self.count[at] % len(self._sizes), at] = abs(residuals)
-        self.count[at] += 1
+    def add(self, residual: float) -> None:
+        """Add one residual."""
+        self._sizes.append(abs(residual))
+        self.count += 1
 
     @property
-    def sigma(self) -> Batch:
-        """Standard deviation of the white noise (B,); NaN before the first residual."""
+    def sigma(self) -> float:
+        """Standard deviation of the white noise; NaN before the first residual."""
         return quantile(self._sizes, self._share) / self._of_normal

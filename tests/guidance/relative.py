@@ -1,8 +1,7 @@
 """Helpers of the guidance tests.
 
 Unless stated otherwise, a vehicle flies at 15 m/s, 100 m east of a target whose position is
-estimated and trusted. `hypothesis` builds one flight with one hypothesis for the multiple-model
-filters. `Circling` turns steadily in wind, and estimators observe its ranges and motion.
+estimated and trusted. `hypothesis` builds a single hypothesis for the multiple-model filter. `Circling` turns steadily in wind, and estimators observe its ranges and motion.
 """
 
 from copy import deepcopy
@@ -40,13 +39,14 @@ guessed = partial(known, trusted=False, trial=4)
 
 
 def hypothesis(x, P):
-    """One flight with one hypothesis: state (12,) and covariance (12, 12)."""
-    return Hypotheses(np.array(x)[:, None, None], P[:, :, None, None], np.zeros((1, 1)))
+    """One hypothesis: state (12,) and covariance (12, 12)."""
+    return Hypotheses(np.array(x)[:, None], P[:, :, None], np.zeros(1))
 
 
-def noise(*values):
+def noise(psd, gust, white, drifting, nose=0.0, acceleration_weight=0.0):
     """Noise assumed by one hypothesis."""
-    return Noise(*(np.array([[value]]) for value in values))
+    values = (psd, gust, white, drifting, nose, acceleration_weight)
+    return Noise(*(np.array([value]) for value in values))
 
 
 @dataclass

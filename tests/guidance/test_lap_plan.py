@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from circnav_mav.guidance.lap_plan import ANGLES, plan
 from circnav_mav.guidance.limits import BankLimit
-from circnav_mav.guidance.maths import chord_parts, clip, wrap
+from circnav_mav.guidance.maths import chord, clip, wrap
 from circnav_mav.guidance.turn_response import PendingTurn, Response
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.guidance.vector_field import drift, drift_gains, mirrored
@@ -74,20 +74,6 @@ def test_a_circle_within_the_limit_needs_no_plan():
     assert plan((0.0, 0.0), V=V, r_d=R_D, limit=V / R_D * 1.02) is None
 
 
-def test_many_flights_are_planned_as_one_and_those_within_the_limit_keep_their_circle():
-    d = np.array([[5.0, 5.0, -2.0], [0.0, 0.0, 4.0]])
-    limit = np.array([LIMIT, 0.4, LIMIT])
-    angle = np.array([0.3, 0.3, -2.0])
-    many = plan(d, V=np.full(3, V), r_d=R_D, limit=limit)
-    assert many is not None
-    radius, slope = many.at(angle)
-    assert (radius[1], slope[1]) == (R_D, 0.0)
-    for i in (0, 2):
-        one = plan((float(d[0, i]), float(d[1, i])), V=V, r_d=R_D, limit=LIMIT)
-        assert one is not None
-        assert one.at(float(angle[i])) == pytest.approx((radius[i], slope[i]))
-
-
 def flown(limit_known, sense=1.0, seconds=240.0, dt=0.05):
     """Return the RMS off the circle over the last two laps (m), and the final angular momentum. The
     vehicle turns no faster than LIMIT."""
@@ -110,7 +96,7 @@ def flown(limit_known, sense=1.0, seconds=240.0, dt=0.05):
         )
         under_way.command(i * dt, command)
         rate += (command - rate) * dt / lag
-        x, y = chord_parts(V, psi, rate * dt, dt)
+        x, y = chord(V, psi, rate * dt, dt)
         p = (p[0] + x + d[0] * dt, p[1] + y + d[1] * dt)
         psi = psi + rate * dt
         errors.append(hypot(*p) - R_D)

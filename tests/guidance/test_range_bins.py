@@ -10,79 +10,58 @@ V = 15.0
 SIGMA = 0.5
 
 
-def listened(steps, ranges, valid, path=(0.0, 0.0)):
-    """A window of two flights: steps (N,) in s, ranges (N, 2) in m, valid (N, 2); path: m in each
-    step."""
-    window = RangeWindow(2, V)
-    for dt, z, arrived in zip(steps, ranges, valid, strict=True):
-        window.add(
-            np.full(2, dt), np.array(path)[:, None] + np.zeros(2), z, np.full(2, SIGMA), arrived
-        )
+def listened(steps, ranges, path=(0.0, 0.0)):
+    """A window with steps in s, and a range in m, or None, after each; path: m in each step."""
+    window = RangeWindow(V)
+    for dt, z in zip(steps, ranges, strict=True):
+        window.add(dt, path, z, SIGMA)
     return window
 
 
-def test_the_white_part_of_the_noise_is_measured_of_each_flight_though_the_range_drifts_and_moves():
-    """White noise of 0.1 m beside an error with a time constant of seconds. The second flight
-    receives every other range."""
+@pytest.mark.parametrize(("sigma", "every"), [(0.1, 1), (0.2, 2)])
+def test_window_measures_white_noise_of_drifting_moving_range(sigma, every):
+    """White noise beside an error with a time constant of seconds; every range, or every other."""
     chance = np.random.default_rng(4)
     t = 0.05 * np.arange(400)
-    slow = 0.4 * np.sin(t)[:, None]
-    ranges = 100 + 10 * t[:, None] + slow + chance.normal(0, [0.1, 0.2], (400, 2))
-    valid = np.stack([np.ones(400, bool), np.arange(400) % 2 == 0], axis=1)
-    white = listened(np.full(400, 0.05), ranges, valid).white(np.full(2, SIGMA))
-    assert white == pytest.approx([0.1, 0.2], rel=0.35)
+    ranges = 100 + 10 * t + 0.4 * np.sin(t) + chance.normal(0, sigma, 400)
+    received = [z if i % every == 0 else None for i, z in enumerate(ranges.tolist())]
+    assert listened([0.05] * 400, received).white(SIGMA) == pytest.approx(sigma, rel=0.35)
 
 
-def test_a_window_keeps_the_newest_sixteen_seconds():
-    bins = listened(np.full(400, 0.05), np.full((400, 2), 100.0), np.ones((400, 2), bool)).bins(
-        np.arange(2), np.full(2, SIGMA)
-    )
-    assert bins.z.shape == (2, 64)
-    assert bins.age[0] == pytest.approx(0.25 * np.arange(63, -1, -1) + 0.15, abs=0.051)
+def test_window_keeps_the_newest_sixteen_seconds():
+    bins = listened([0.05] * 400, [100.0] * 400).bins(SIGMA)
+    assert bins.z.shape == (64,)
+    assert bins.age == pytest.approx(0.25 * np.arange(63, -1, -1) + 0.15, abs=0.051)
 
 
-def test_what_the_sensor_says_stands_for_the_white_part_until_it_is_measured_and_bounds_it():
-    chance = np.random.default_rng(4)
-    ranges = chance.normal(100, 5.0, (400, 2))
-    every = np.ones((400, 2), bool)
-    assert listened(np.full(10, 0.05), ranges[:10], every[:10]).white(
-        np.full(2, SIGMA)
-    ).tolist() == [SIGMA, SIGMA]
-    assert listened(np.full(400, 0.05), ranges, every).white(np.full(2, SIGMA)).tolist() == [
-        SIGMA,
-        SIGMA,
-    ]
-    uneven = np.where(np.arange(400) % 2, 0.04, 0.06)
-    still = np.full((400, 2), 100.0)
-    assert listened(uneven, still, every).white(np.full(2, SIGMA)).tolist() == [SIGMA, SIGMA]
-    assert listened(np.full(400, 0.05), still, every).white(np.full(2, SIGMA)).tolist() == [
-        0.0,
-        0.0,
-    ]
+def test_window_bounds_white_noise_by_reported_sigma():
+    ranges = np.random.default_rng(4).normal(100, 5.0, 400).tolist()
+    assert listened([0.05] * 10, ranges[:10]).white(SIGMA) == SIGMA
+    assert listened([0.05] * 400, ranges).white(SIGMA) == SIGMA
+    assert listened([0.04, 0.06] * 200, [100.0] * 400).white(SIGMA) == SIGMA
+    assert listened([0.05] * 400, [100.0] * 400).white(SIGMA) == 0.0
 
 
-def test_a_bin_is_the_mean_of_a_quarter_of_a_second_without_what_is_far_off_and_an_empty_one_says_nothing():
-    """Five ranges per bin. In the second flight one is 50 m off, the middle one is lost, and later
-    all are."""
-    ranges = np.array(
-        [[100.0, 200.0], [101.0, 250.0], [102.0, 202.0], [103.0, 203.0], [104.0, 204.0]] * 3
-    )
-    valid = np.ones((15, 2), bool)
-    valid[[2, 7, *range(9, 15)], 1] = False
-    window = listened(np.full(15, WIDTH / 5), ranges, valid, path=(0.5, -0.25))
-    bins = window.bins(np.arange(2), np.full(2, SIGMA))
+def test_bin_is_mean_of_a_quarter_second():
+    window = listened([WIDTH / 5] * 15, [100.0, 101.0, 102.0, 103.0, 104.0] * 3, path=(0.5, -0.25))
+    bins = window.bins(SIGMA)
     # a step closes the bin before it adds its own range: four of the first five, and all of the
     # next
-    assert bins.z[0] == pytest.approx([101.5, 102.0, 102.0])
-    assert bins.z[1, :2] == pytest.approx([(200 + 203) / 2, (204 + 200 + 203) / 3])
-    assert bins.age[0] == pytest.approx([12.5 * 0.05, 8 * 0.05, 3 * 0.05])
-    assert bins.path[0, 0] == pytest.approx([12.5 * 0.5, 8 * 0.5, 3 * 0.5])
-    assert bins.path[1, 0] == pytest.approx([12.5 * -0.25, 8 * -0.25, 3 * -0.25])
+    assert bins.z == pytest.approx([101.5, 102.0, 102.0])
+    assert bins.age == pytest.approx([12.5 * 0.05, 8 * 0.05, 3 * 0.05])
+    assert bins.path[0] == pytest.approx([12.5 * 0.5, 8 * 0.5, 3 * 0.5])
+    assert bins.path[1] == pytest.approx([12.5 * -0.25, 8 * -0.25, 3 * -0.25])
     # of the mean, and the drift meanwhile, 0.01 m^2/s^3: 0.01 age^3/3
     variance = [
         SIGMA**2 / 4 + 0.625**3 / 300,
         SIGMA**2 / 5 + 0.4**3 / 300,
         SIGMA**2 / 5 + 0.15**3 / 300,
     ]
-    assert bins.variance[0] == pytest.approx(variance)
-    assert np.isinf(bins.variance[1]).tolist() == [False, False, True]
+    assert bins.variance == pytest.approx(variance)
+
+
+def test_bin_leaves_out_outlier_and_window_empty_bin():
+    """The second range is 50 m off, the middle one of five is lost, and later all are."""
+    ranges = [200.0, 250.0, None, 203.0, 204.0, 200.0, 250.0, None, 203.0, *[None] * 6]
+    bins = listened([WIDTH / 5] * 15, ranges).bins(SIGMA)
+    assert bins.z == pytest.approx([(200 + 203) / 2, (204 + 200 + 203) / 3])

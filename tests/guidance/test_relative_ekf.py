@@ -9,7 +9,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.guidance.estimators.dead_reckoning import predict_one
+from circnav_mav.guidance.estimators.dead_reckoning import predict_mixture
 from circnav_mav.guidance.estimators.relative_ekf import (
     ACCELERATION_BIAS_TIME,
     ACCELERATION_PSD,
@@ -22,14 +22,14 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     THETA,
     Hypotheses,
     R,
-    Rates,
     VelocityChange,
     mixture,
     polar,
     position,
     predict,
+    range_measurement,
+    rate_measurement,
     update,
-    update_rate,
 )
 from circnav_mav.guidance.maths import chord
 from tests.guidance.relative import hypothesis, noise
@@ -109,7 +109,7 @@ def test_one_hypothesis_is_filterpys_extended_kalman_filter():
     ours = hypothesis(STATE, P)
     psi = 0.3
     for _ in range(150):
-        path = chord(15.0, psi, 0.03, DT)
+        path = np.array(chord(15.0, psi, 0.03, DT))
         psi += 0.03
         state = reference.x[:, 0]
         F = jacobian(state, path)
@@ -117,18 +117,16 @@ def test_one_hypothesis_is_filterpys_extended_kalman_filter():
         reference.P = F @ reference.P @ F.T + process_noise(reference.x[:, 0])
         z = float(reference.x[0, 0] + rng.normal(0, 1.0))
         reference.update(np.array([[z]]), lambda _: H, lambda s: H @ s, R=(WHITE * SIGMA) ** 2)
-        ours = predict(ours, NOISE, np.array([DT]), path[:, None], np.array([SIGMA]))
-        ours, *_ = update(ours, NOISE, np.array([z]), np.array([SIGMA]), np.array([True]), gate=1e3)
-    assert ours.x[:, 0, 0] == pytest.approx(reference.x[:, 0], rel=1e-6, abs=1e-6)
-    assert ours.P[:, :, 0, 0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
+        ours = predict(ours, NOISE, DT, path, SIGMA)
+        ours, *_ = update(ours, NOISE, range_measurement(ours, NOISE, z, SIGMA), gate=1e3)
+    assert ours.x[:, 0] == pytest.approx(reference.x[:, 0], rel=1e-6, abs=1e-6)
+    assert ours.P[:, :, 0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
 
 
 def test_an_outlier_is_refused_and_changes_nothing():
     before = hypothesis([100.0, 0, 0, 0, 1, *[0] * 7], 0.01 * np.eye(STATES))
-    after, _, taken = update(
-        before, NOISE, np.array([120.0]), np.array([SIGMA]), np.array([True]), 5.0
-    )
-    assert not taken[0, 0]
+    after, _, accepted = update(before, NOISE, range_measurement(before, NOISE, 120.0, SIGMA), 5.0)
+    assert not accepted[0]
     assert np.array_equal(after.x, before.x)
 
 
@@ -147,23 +145,24 @@ def test_a_range_rate_corrects_by_the_derivatives_of_its_equation():
     H = np.array([(h(x + 1e-6 * unit) - h(x - 1e-6 * unit)) / 2e-6 for unit in np.eye(STATES)])
     S = H @ P @ H + 0.3**2
     z = h(x) + 0.4
-    rates = Rates(np.array([z]), np.array([0.3]), np.array([True]), air[:, None])
-    after = update_rate(hypothesis(x, P), NOISE, rates, 5.0)
-    assert after.x[:, 0, 0] == pytest.approx(x + P @ H / S * 0.4, abs=1e-6)
-    assert after.P[:, :, 0, 0] == pytest.approx(P - np.outer(P @ H, H @ P) / S, abs=1e-7)
+    before = hypothesis(x, P)
+    after, *_ = update(before, NOISE, rate_measurement(before, z, 0.3, air), 5.0)
+    assert after.x[:, 0] == pytest.approx(x + P @ H / S * 0.4, abs=1e-6)
+    assert after.P[:, :, 0] == pytest.approx(P - np.outer(P @ H, H @ P) / S, abs=1e-7)
 
 
 def test_directions_are_averaged_across_the_cut_at_pi_and_a_place_is_the_same_in_polar_coordinates():
-    x = np.zeros((STATES, 2, 1))
-    x[0], x[1, 0], x[1, 1] = 100.0, np.pi - 0.01, -np.pi + 0.01
-    mean, P = mixture(Hypotheses(x, np.zeros((STATES, STATES, 2, 1)), np.zeros((2, 1))))
-    assert abs(np.cos(mean[1, 0]) + 1) < 1e-6
-    assert P[1, 1, 0] == pytest.approx(1e-4, rel=1e-6)
-    p = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])[:, None]
-    P = np.diag([4.0, 4.0, *[1] * 10])[..., None]
+    x = np.zeros((STATES, 2))
+    x[0] = 100.0
+    x[1] = np.pi - 0.01, -np.pi + 0.01
+    mean, P = mixture(Hypotheses(x, np.zeros((STATES, STATES, 2)), np.zeros(2)))
+    assert abs(np.cos(mean[1]) + 1) < 1e-6
+    assert P[1, 1] == pytest.approx(1e-4, rel=1e-6)
+    p = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])
+    P = np.diag([4.0, 4.0, *[1] * 10])
     x, polar_P = polar(p, P)
-    assert position(x)[:, 0] == pytest.approx([30.0, -40.0])
-    assert np.diag(polar_P[..., 0]) == pytest.approx([4.0, 4.0 / 50**2, *[1] * 10])
+    assert position(x) == pytest.approx([30.0, -40.0])
+    assert np.diag(polar_P) == pytest.approx([4.0, 4.0 / 50**2, *[1] * 10])
 
 
 @given(
@@ -172,7 +171,7 @@ def test_directions_are_averaged_across_the_cut_at_pi_and_a_place_is_the_same_in
     heading=st.floats(-pi, pi),
     airspeed=st.floats(0.5, 30),
 )
-def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airspeed):
+def test_mixture_prediction_equals_prediction_of_one_hypothesis(seed, dt, heading, airspeed):
     rng = np.random.default_rng(seed)
     mean = rng.normal(size=STATES) * [80, 2, 3, 3, 0.05, 0.3, 1, 1, 0.1, 0.1, 0, 0] + [
         150,
@@ -191,15 +190,15 @@ def test_one_flight_is_predicted_as_the_bank_predicts_it(seed, dt, heading, airs
     after = predict(
         hypothesis(mean, P),
         noise(psd, gust, 0.7, 0.5),
-        np.array([dt]),
-        chord[:, None],
-        np.array([0.5]),
+        dt,
+        chord,
+        0.5,
     )
-    x = after.x[:, 0, 0]
-    Q = after.P[:, :, 0, 0]
+    x = after.x[:, 0]
+    Q = after.P[:, :, 0]
 
-    ours = predict_one(
-        mean.tolist(), P, (psd, gust, 0.0), dt, (chord[0], chord[1]), heading, airspeed, None
+    ours = predict_mixture(
+        mean, P, np.array([psd, gust, 0.0]), dt, (chord[0], chord[1]), heading, airspeed, None
     )
 
     n = np.array([np.cos(x[THETA]), np.sin(x[THETA])])
@@ -223,8 +222,8 @@ def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_a
     change of V u(psi). Gusts are not assumed to follow the measured change. (f, l) = (0.1, -0.2) is
     the accelerometer's error, for 0.1 s due up."""
     felt = VelocityChange((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
-    assumed = (PSD, GUST, acceleration_weight)
-    ours = predict_one(STATE.tolist(), np.eye(STATES), assumed, DT, (0.5, 1.4), pi / 2, 15.0, felt)
+    assumed = np.array([PSD, GUST, acceleration_weight])
+    ours = predict_mixture(STATE, np.eye(STATES), assumed, DT, (0.5, 1.4), pi / 2, 15.0, felt)
     stays = 1.0 if acceleration_weight else np.exp(-DT / GUST_TIME)
     measured = acceleration_weight * np.array([0.35 + 1.02 * 0.1, 0.1 - 1.02 * 0.2])
     left = (
@@ -249,9 +248,9 @@ def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
     air = np.array([-0.1, 0.2])
     u = np.array([np.cos(psi), np.sin(psi)])
     left = np.array([-np.sin(psi), np.cos(psi)])
-    felt = VelocityChange(change[:, None], air[:, None], (u * DT)[:, None], np.array([turn]))
+    felt = VelocityChange(change, air, u * DT, turn)
     before = hypothesis(x, P)
-    step = np.array([DT]), path[:, None], np.array([SIGMA])
+    step = (DT, path, SIGMA)
     plain = predict(before, assumed, *step)
     ours = predict(before, assumed, *step, felt)
 
@@ -267,9 +266,9 @@ def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
         left * DT,
     )
     H[:, 10:] = -I2
-    c = np.cos(plain.x[1, 0, 0])
-    s = np.sin(plain.x[1, 0, 0])
-    polar = np.array([[c, s], [-s / plain.x[0, 0, 0], c / plain.x[0, 0, 0]]])
+    c = np.cos(plain.x[1, 0])
+    s = np.sin(plain.x[1, 0])
+    polar = np.array([[c, s], [-s / plain.x[0, 0], c / plain.x[0, 0]]])
     crossed = F @ P @ H.T
     crossed[:2] += polar * ((steady + gusty + nose**2) * DT / 2)
     crossed[2:4] += steady * I2
@@ -277,13 +276,13 @@ def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
     crossed[10:] += nose**2 * I2
     S = H @ P @ H.T + (steady + gusty + nose**2 + ACCELERATION_PSD * DT) * I2
     foreseen = x[4] * air + H[:, 6:] @ x[6:]
-    expected = plain.x[:, 0, 0] + crossed @ np.linalg.solve(S, change - foreseen)
-    assert ours.x[:, 0, 0] == pytest.approx(expected, abs=1e-6)
+    expected = plain.x[:, 0] + crossed @ np.linalg.solve(S, change - foreseen)
+    assert ours.x[:, 0] == pytest.approx(expected, abs=1e-6)
     moved_by_nose = np.zeros((STATES, 2))
     moved_by_nose[:2], moved_by_nose[10:] = polar * DT / 2, I2
     less = (
-        plain.P[..., 0, 0]
+        plain.P[..., 0]
         + nose**2 * moved_by_nose @ moved_by_nose.T
         - crossed @ np.linalg.solve(S, crossed.T)
     )
-    assert ours.P[..., 0, 0] == pytest.approx(less, abs=1e-6)
+    assert ours.P[..., 0] == pytest.approx(less, abs=1e-6)

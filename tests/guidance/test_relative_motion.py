@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from circnav_mav.guidance.estimators.interface import Fused
-from circnav_mav.guidance.estimators.multiple_model import MultipleModelFilter, Stage
 from circnav_mav.guidance.estimators.relative_ekf import GX, GY, KAPPA
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
-from circnav_mav.guidance.maths import chord
 from circnav_mav.guidance.types import IntegratedAcceleration, RangeSample
 from tests.guidance.relative import (
     OMEGA,
@@ -48,8 +46,9 @@ def test_a_search_goes_on_after_the_first_estimate_and_before_the_next_range():
     world = Circling()
     estimator = DriftEstimator(SETTINGS)
     listen(estimator, world, 0.0, 2.0)
+    estimator.filter._due = 0.5
     assert [
-        (estimator.at(t) is not None, estimator.bank._due is not None) for t in (1.95, 1.95, 2.0)
+        (estimator.at(t) is not None, estimator.filter._due is not None) for t in (1.95, 1.95, 2.0)
     ] == [(True, True), (True, True), (True, False)]
 
 
@@ -72,7 +71,7 @@ def test_a_range_in_five_that_is_20_m_off_and_an_airspeed_sensor_10_percent_off_
 
 
 @pytest.mark.parametrize("make", [DriftEstimator, AutoEstimator])
-def test_ranges_are_not_rejected_any_more_once_the_bank_searches_anew(make):
+def test_filter_accepts_ranges_again_during_new_search(make):
     """`auto` continues with the range filter meanwhile, and after a reset nothing of that filter is
     left."""
     world, estimator = listened(make)
@@ -90,7 +89,7 @@ def test_ranges_are_not_rejected_any_more_once_the_bank_searches_anew(make):
     assert (estimator.ready, estimator.at(33.0), estimator.nis) == (False, None, None)
 
 
-def test_without_heading_the_bank_is_not_ready_but_auto_is():
+def test_without_heading_auto_is_ready_but_drift_is_not():
     world = Circling()
     drift = DriftEstimator(SETTINGS)
     auto = AutoEstimator(SETTINGS)
@@ -122,7 +121,7 @@ def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():
         assert relative.trusted == (relative.sigma < 0.25 * r) == trusted
 
 
-def test_a_lost_bank_recovers_by_itself():
+def test_lost_filter_finds_the_target_again():
     """Far off the circle the position is less certain. The median of several flights is tested, and
     each error against its sigma."""
     errors = []
@@ -187,10 +186,10 @@ def test_a_wind_that_changed_in_a_gap_is_found_all_the_same():
 def test_a_lost_track_takes_the_remembered_drift_with_it():
     world, estimator = listened(seconds=45.0)
     listen(estimator, world, 80.0, 110.0)
-    assert estimator.ready and estimator.bank.remembers
+    assert estimator.ready and estimator.filter.remembers
     world.target = (-250.0, 300.0)
     listen(estimator, world, 110.0, 114.5)
-    assert not estimator.ready and not estimator.bank.remembers
+    assert not estimator.ready and not estimator.filter.remembers
 
 
 def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
@@ -208,36 +207,7 @@ def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
     assert estimator.kalman.ready
 
 
-def test_flights_that_hear_at_their_own_times_are_what_each_is_alone():
-    """One flight starts late, one loses half of its ranges. A search has its own bins, and a track
-    its own filters."""
-    worlds = [Circling(rng=np.random.default_rng(n)) for n in range(3)]
-    rng = np.random.default_rng(1)
-    together = MultipleModelFilter(SETTINGS, 3)
-    alone = [MultipleModelFilter(SETTINGS) for _ in worlds]
-    received = np.full(3, np.nan)
-    stages = []
-    for t in np.arange(0.0, 30.0, 0.1):
-        valid = np.array([True, t > 3.33, rng.random() < 0.5])
-        before = np.where(np.isnan(received), t, received)
-        dt = np.where(valid, t - before, 0.0)
-        path = chord(V, OMEGA * before, OMEGA * dt, dt)
-        z = np.array([world.range(t).r for world in worlds])
-        sigma = np.full(3, 0.5)
-        together.step(dt, path, z, sigma, valid)
-        received = np.where(valid, t, received)
-        for n in np.flatnonzero(valid):
-            alone[n].step(dt[[n]], path[:, [n]], z[[n]], sigma[[n]], valid[[n]])
-        assert together.stage == pytest.approx([bank.stage[0] for bank in alone])
-        for n, bank in enumerate(alone):
-            assert together.mean[:, n] == pytest.approx(bank.mean[:, 0], rel=1e-4, abs=1e-4)
-            assert together.spread[n] == pytest.approx(bank.spread[0], rel=1e-3)
-        stages.append(tuple(together.stage))
-    assert stages[-1] == (Stage.TRACKING,) * 3
-    assert len(set(stages)) > 3  # each acquired its target at its own time
-
-
-def test_a_bank_without_own_motion_vouches_for_no_range_and_is_ready_again_with_it():
+def test_filter_without_own_motion_is_not_ready_until_motion_returns():
     """Without own motion it uses no ranges, and the range filter judges them."""
     world, estimator = listened(AutoEstimator)
     for t in np.arange(30.0, 31.0, 0.05):
@@ -270,19 +240,19 @@ def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
 
     listen_felt(0.0, 40.0)
     assert estimator.ready
-    tracks = estimator.bank._tracks
-    noise = estimator.bank.noise
+    tracks = estimator.filter._tracks
+    noise = estimator.filter.noise
     nose = OMEGA * 40.0
-    acceleration_weight = noise.acceleration_weight[:, 0] > 0
+    acceleration_weight = noise.acceleration_weight > 0
     wrong = acceleration_weight | (
-        noise.drift_psd[:, 0] < 1e-3
+        noise.drift_psd < 1e-3
     )  # and models that were initialized from them
     tracks.x[KAPPA, wrong] = scale - 0.025
     tracks.x[GX, wrong], tracks.x[GY, wrong] = 0.025 * told * cos(nose), 0.025 * told * sin(nose)
     tracks.P[KAPPA, :, wrong] = 0.0
     tracks.P[:, KAPPA, wrong] = 0.0
     tracks.P[KAPPA, KAPPA, wrong] = 1e-6
-    tracks.log_weight[:, 0] = np.where(acceleration_weight, 0.0, -11.0)
+    tracks.log_weight[:] = np.where(acceleration_weight, 0.0, -11.0)
     listen_felt(40.0, 120.0)
     relative = estimator.at(120.0).relative
     assert relative.scale == pytest.approx(scale, abs=0.01)

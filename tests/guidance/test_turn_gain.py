@@ -1,8 +1,9 @@
-"""The turn-rate gain, also of a vehicle that receives no commands for a minute."""
+"""The turn-rate gain: gaps, compass wrap, and a minute without turning."""
 
 from copy import deepcopy
-from math import exp, sin
+from math import exp, pi, remainder, sin
 
+import numpy as np
 import pytest
 
 from circnav_mav.guidance.types import TurnRate
@@ -50,3 +51,17 @@ def test_turn_gain_is_exact_for_a_lagging_vehicle_when_commands_swing(swing: flo
         heading += rate * STEP
         state.learn(n * STEP, heading, command, lag)
     assert state.gain == pytest.approx(0.8, abs=0.03)
+
+
+def test_turn_gain_is_learned_over_gaps_and_compass_wrap() -> None:
+    rng = np.random.default_rng(0)
+    time = 0.0
+    heading = 3.0
+    state = TurnGain()
+    for step in range(900):
+        time += 1.0 if step == 300 else 0.0 if step % 50 == 9 else STEP
+        command = 0.2 * sin(step / 40) + 0.1
+        heading += 0.85 * command * STEP + rng.normal(0, 1e-3)
+        measured = remainder(heading, 2 * pi)
+        state.learn(time, measured, command, 0.3)
+        assert step < 300 or state.gain == pytest.approx(0.85, abs=0.05)

@@ -352,8 +352,8 @@ def fly(situation: Situation, policy: str, seed: int, flight: int) -> Track:
 
 def _nees(estimator: AutoEstimator, world: World) -> float:
     """Return the normalized estimation error squared of range and direction at the newest range."""
-    bank = estimator.drift.bank
-    covariance = bank.covariance[:2, :2, 0]
-    direction = float(bank.mean[1, 0]) - atan2(world.y, world.x)
-    error = np.array([bank.mean[0, 0] - world.r, (direction + pi) % (2 * pi) - pi])
+    tracking = estimator.drift.filter
+    covariance = tracking.covariance[:2, :2]
+    direction = float(tracking.mean[1]) - atan2(world.y, world.x)
+    error = np.array([tracking.mean[0] - world.r, (direction + pi) % (2 * pi) - pi])
     return float(error @ np.linalg.solve(covariance, error))

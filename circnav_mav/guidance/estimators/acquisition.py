@@ -6,18 +6,21 @@ the air path flown. It improves M hypotheses of (p, d, kappa) by Levenberg-Marqu
 Hypotheses that fit the data equally well remain separate. Source: multi-start nonlinear least
 squares, Nocedal and Wright (2006), ch. 10.
 
-Arrays have the axes B flights, M hypotheses, N bins. Frame and symbols as in `relative_ekf`.
+Arrays have the axes M hypotheses, N bins. Frame and symbols as in `relative_ekf`.
 """
 
 from dataclasses import dataclass
+from math import hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.range_bins import Bins, RangeWindow
-from circnav_mav.guidance.maths import Batch
+from circnav_mav.guidance.maths import Vector
 
+Array = NDArray[np.float64]
 UNKNOWNS = 5
 """Position (2), drift (2) and airspeed scale."""
 CANDIDATES = 32
@@ -62,12 +65,11 @@ class Prior:
     scale: float = 1.0
 
     @property
-    def mean(self) -> Batch:
+    def mean(self) -> Array:
         return np.array([0.0, 0.0, self.dx, self.dy, self.scale])
 
-    def information(self, x: Batch) -> Batch:
-        """Return the inverse variances of the prior for hypotheses x (..., 5), as an array with the
-        shape of x.
+    def information(self, x: Array) -> Array:
+        """Return the inverse variances of the prior for hypotheses x (M, 5), with the shape of x.
 
         Position: 0, because the prior has no position. Drift: the inverse variance of the normal
         distribution whose log density has the same slope at x as that of the Cauchy distribution.
@@ -77,195 +79,181 @@ class Prior:
         none = np.zeros_like(of_drift)
         return np.stack([none, none, of_drift, of_drift, none + self.kappa**-2], axis=-1)
 
-    def cost(self, x: Batch) -> Batch:
-        """Return the negative log prior of hypotheses x (..., 5)."""
+    def cost(self, x: Array) -> Array:
+        """Return the negative log prior of hypotheses x (M, 5)."""
         return np.asarray(
             np.log1p(self._apart(x) / self.drift**2)
             + 0.5 * ((x[..., 4] - self.scale) / self.kappa) ** 2
         )
 
-    def _apart(self, x: Batch) -> Batch:
+    def _apart(self, x: Array) -> Array:
         return (x[..., 2] - self.dx) ** 2 + (x[..., 3] - self.dy) ** 2
 
 
 class Candidates(NamedTuple):
-    """M hypotheses for each of B flights: current p, d, kappa in x (B, M, 5), their cost (B, M) and
-    damping (B, M)."""
+    """M hypotheses.
 
-    x: Batch
-    cost: Batch
-    damping: Batch
+    x: current p, d, kappa, (M, 5).
+    cost: negative log likelihood, (M,).
+    damping: of the next Levenberg-Marquardt iteration, (M,).
+    """
 
-    def some(self, of: Batch) -> "Candidates":
-        """Return the hypotheses of the selected flights."""
-        return Candidates(*(part[of] for part in self))
+    x: Array
+    cost: Array
+    damping: Array
+
+
+class Solution(NamedTuple):
+    """Result of a search: p, d, kappa in x (5,), and their covariance P (5, 5)."""
+
+    x: Array
+    P: Array
 
 
 class Acquisition:
-    """Searches for the targets of B flights. The search of a flight runs until it has a solution.
-    The window stores the ranges of all flights."""
+    """Search for the target. The window stores ranges before the search as well.
 
-    def __init__(
-        self, settings: EstimatorSettings, flights: int, known: Prior | None = None
-    ) -> None:
-        """known: prior of drift and airspeed scale, common to all flights."""
+    most_likely: number of the most likely hypothesis; None without a search.
+    remembers: True if the search has a prior of the drift.
+    """
+
+    def __init__(self, settings: EstimatorSettings, known: Prior | None = None) -> None:
+        """known: prior of drift and airspeed scale."""
         self._settings = settings
-        self._window = RangeWindow(flights, settings.speed)
-        self._prior = known or self._nothing_known()
+        self._window = RangeWindow(settings.speed)
+        self._prior = known or self._unknown()
         self.remembers = known is not None
-        self.at = np.zeros(0, int)
-        self.most_likely = np.zeros(0, int)
-        self._candidates = all_round(np.zeros(0), self._prior)
-        self._advanced = np.zeros(flights), np.zeros((2, flights))
+        self.most_likely: int | None = None
+        self._candidates: Candidates
+        """Hypotheses of the present search, at the time and path of `_carried`."""
+        self._carried: tuple[float, Vector] = (0.0, (0.0, 0.0))
 
-    def observe(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
-        """Advance time and path, and add the valid ranges. Return True, (B,), for flights with a
-        newly closed bin: their search is due."""
-        return self._window.add(dt, chord, z, sigma, valid)
+    def observe(self, dt: float, chord: Vector, z: float | None, sigma: float) -> bool:
+        """Advance time and path, and add a range unless it is None. Return True if a bin was
+        closed: an iteration of the search is due."""
+        return self._window.add(dt, chord, z, sigma)
 
     def forget(self) -> None:
         """Discard the prior of drift and airspeed scale."""
-        self._prior = self._nothing_known()
+        self._prior = self._unknown()
         self.remembers = False
 
-    def begin(self, at: Batch, r: Batch) -> None:
-        """Start searches of the flights `at`, on circles with the radii r (n,), m."""
-        self._carry()
-        self.at = np.concatenate([self.at, at])
-        self.most_likely = np.concatenate([self.most_likely, np.zeros(at.size, int)])
-        both = zip(self._candidates, all_round(r, self._prior), strict=True)
-        self._candidates = Candidates(*(np.concatenate(parts) for parts in both))
+    def begin(self, r: float) -> None:
+        """Start a search on the circle with the radius r, m."""
+        self._candidates = on_circle(r, self._prior)
+        self._carried = (self._window.now, self._window.path)
+        self.most_likely = 0
 
-    def go_on(self, due: Batch, sigma: Batch) -> tuple[Batch, Batch, Batch] | None:
-        """Improve the hypotheses of the flights that are due, and end the searches that have a
-        unique solution.
-
-        Return the numbers (n,) of the flights whose search ended, their solutions x (5, n) of p, d,
-        kappa, and the covariances (5, 5, n); None if no search ended.
-        """
+    def iterate(self, sigma: float) -> Solution | None:
+        """Improve the hypotheses. Return the solution if it is unique, and end the search."""
+        assert self.most_likely is not None
         self._carry()
-        of = np.flatnonzero(due[self.at])
-        if not of.size:
-            return None
-        at = self.at[of]
-        flights = np.arange(of.size)
-        bins = self._window.bins(at, sigma)
-        filled = self._window.filled(at)
-        g = self._candidates.some(of)
+        bins = self._window.bins(sigma)
+        g = self._candidates
         for _ in range(ITERATIONS):
             g = improve(g, bins, self._prior)
-        all_ = self._candidates
-        all_.x[of], all_.cost[of], all_.damping[of] = g.x, g.cost, g.damping
-        best = g.cost.argmin(axis=1)
-        better = g.cost[flights, best] < g.cost[flights, self.most_likely[of]] - SWITCH
-        self.most_likely[of] = np.where(better, best, self.most_likely[of])
-        x = g.x[flights, best]
-        cost = g.cost[flights, best]
+        self._candidates = g
+        best = int(g.cost.argmin())
+        cost = float(g.cost[best])
+        if cost < g.cost[self.most_likely] - SWITCH:
+            self.most_likely = best
+        filled = bins.z.size
+        if filled < MIN_BINS:
+            return None
         # Accept a solution if it is precise, its drift is plausible and no hypothesis at another
         # position fits nearly as well. `scale` (the reduced chi-square) raises covariance and
         # margin if the ranges are noisier than assumed.
-        scale = np.maximum(1.0, 2 * cost / np.maximum(filled - UNKNOWNS + 1, 1))
-        P = covariance(x[:, None], bins, self._prior)[:, 0] * scale[:, None, None]
-        known = np.sqrt(P[:, 0, 0] + P[:, 1, 1]) < CONVERGED * np.hypot(x[:, 0], x[:, 1])
-        flyable = np.hypot(x[:, 2], x[:, 3]) < DRIFT_MOST * self._settings.speed
-        away = np.hypot(g.x[..., 0] - x[:, None, 0], g.x[..., 1] - x[:, None, 1])
-        elsewhere = np.where(
-            away > APART * np.hypot(x[:, 0], x[:, 1])[:, None], g.cost, np.inf
-        ).min(axis=1)
-        alone = elsewhere - cost > MARGIN * scale
-        found = known & flyable & alone & (filled >= MIN_BINS)
-        if not found.any():
+        scale = max(1.0, 2 * cost / (filled - UNKNOWNS + 1))
+        x = g.x[best]
+        P = covariance(x, bins, self._prior) * scale
+        r = hypot(x[0], x[1])
+        precise = sqrt(P[0, 0] + P[1, 1]) < CONVERGED * r
+        plausible = hypot(x[2], x[3]) < DRIFT_MOST * self._settings.speed
+        elsewhere = np.hypot(g.x[:, 0] - x[0], g.x[:, 1] - x[1]) > APART * r
+        unique = g.cost[elsewhere].min(initial=np.inf) - cost > MARGIN * scale
+        if not (precise and plausible and unique):
             return None
-        stay = np.delete(np.arange(self.at.size), of[found])
-        self._candidates = self._candidates.some(stay)
-        self.at, self.most_likely = self.at[stay], self.most_likely[stay]
-        return at[found], x[found].T, np.moveaxis(P[found], 0, -1)
+        self.most_likely = None
+        return Solution(x, P)
 
-    def most_likely_states(self) -> Batch:
-        """Return the most likely hypothesis of each search, predicted to now, (5, n).
+    def most_likely_state(self) -> Array:
+        """Return the most likely hypothesis, predicted to now, (5,).
 
-        These hypotheses are unconfirmed: a law may fly them on trial, but must not trust them.
+        This hypothesis is unconfirmed: a law may fly it on trial, but must not trust it.
         """
-        then, path = self._advanced
-        x = self._candidates.x[np.arange(self.at.size), self.most_likely].T
-        step = (self._window.path - path)[:, self.at]
-        p = x[:2] + x[4] * step + x[2:4] * (self._window.now - then)[self.at]
-        return np.concatenate([p, x[2:]])
+        self._carry()
+        return np.array(self._candidates.x[self.most_likely])
 
-    def _nothing_known(self) -> Prior:
+    def _unknown(self) -> Prior:
         return Prior(self._settings.drift_sigma * self._settings.speed, self._settings.scale_sigma)
 
     def _carry(self) -> None:
         """Predict the hypotheses to now, along the path flown since."""
-        (then, before), g = self._advanced, self._candidates
-        self._advanced = self._window.now, self._window.path
-        dt = (self._window.now - then)[self.at]
-        path = (self._window.path - before)[:, self.at]
-        x = g.x.copy()
-        x[..., 0] += x[..., 4] * path[0][:, None] + x[..., 2] * dt[:, None]
-        x[..., 1] += x[..., 4] * path[1][:, None] + x[..., 3] * dt[:, None]
-        self._candidates = Candidates(x, g.cost, g.damping)
+        then, before = self._carried
+        now = self._window.now
+        path = self._window.path
+        self._carried = (now, path)
+        x = self._candidates.x.copy()
+        x[:, 0] += x[:, 4] * (path[0] - before[0]) + x[:, 2] * (now - then)
+        x[:, 1] += x[:, 4] * (path[1] - before[1]) + x[:, 3] * (now - then)
+        self._candidates = self._candidates._replace(x=x)
 
 
-def all_round(r: Batch, prior: Prior) -> Candidates:
-    """Return hypotheses in all directions at ranges r (B,), with the prior's drift and airspeed
-    scale."""
+def on_circle(r: float, prior: Prior) -> Candidates:
+    """Return hypotheses in all directions at range r, with the prior's drift and airspeed scale."""
     angle = 2 * np.pi * (np.arange(CANDIDATES) + 0.5) / CANDIDATES
-    x = np.zeros((r.size, CANDIDATES, UNKNOWNS)) + prior.mean
-    x[..., 0], x[..., 1] = r[:, None] * np.cos(angle), r[:, None] * np.sin(angle)
-    return Candidates(x, np.full((r.size, CANDIDATES), np.inf), np.ones((r.size, CANDIDATES)))
+    x = np.tile(prior.mean, (CANDIDATES, 1))
+    x[:, 0] = r * np.cos(angle)
+    x[:, 1] = r * np.sin(angle)
+    return Candidates(x, np.full(CANDIDATES, np.inf), np.ones(CANDIDATES))
 
 
 def improve(g: Candidates, bins: Bins, prior: Prior) -> Candidates:
     """Return the hypotheses after one Levenberg-Marquardt iteration. A step that does not lower the
     cost is undone, and its damping raised."""
     cost, A, b = _normal_equations(g.x, bins, prior)
-    damped = A + (g.damping[..., None, None] * np.einsum("...ii->...i", A)[..., None]) * np.eye(
-        UNKNOWNS
+    diagonal = np.einsum("mii->mi", A)
+    damped = A + (g.damping[:, None] * diagonal + 1e-9)[:, None] * np.eye(UNKNOWNS)
+    x = g.x + np.linalg.solve(damped, b[..., None])[..., 0]
+    improved_cost = _penalty(_residual(x, bins)[0]) + prior.cost(x)
+    improves = improved_cost < cost
+    damping = np.clip(g.damping * np.where(improves, 0.2, 5.0), LEAST_DAMPING, MOST_DAMPING)
+    return Candidates(
+        np.where(improves[:, None], x, g.x), np.where(improves, improved_cost, cost), damping
     )
-    x = g.x + np.linalg.solve(damped + 1e-9 * np.eye(UNKNOWNS), b[..., None])[..., 0]
-    better = _penalty(_residual(x, bins)[0]) + prior.cost(x)
-    pays = better < cost
-    damping = np.clip(np.where(pays, g.damping / 5, g.damping * 5), LEAST_DAMPING, MOST_DAMPING)
-    return Candidates(np.where(pays[..., None], x, g.x), np.where(pays, better, cost), damping)
 
 
-def covariance(x: Batch, bins: Bins, prior: Prior) -> Batch:
-    """Return the covariance of hypotheses x (B, M, 5) from the curvature of the cost, (B, M, 5,
-    5)."""
-    A = _normal_equations(x, bins, prior)[1]
-    return np.linalg.inv(A + 1e-9 * np.eye(UNKNOWNS))
+def covariance(x: Array, bins: Bins, prior: Prior) -> Array:
+    """Return the covariance of one hypothesis x (5,) from the curvature of the cost, (5, 5)."""
+    A = _normal_equations(x[None], bins, prior)[1][0]
+    return np.asarray(np.linalg.inv(A + 1e-9 * np.eye(UNKNOWNS)))
 
 
-def _residual(x: Batch, bins: Bins) -> tuple[Batch, Batch, Batch]:
-    """Return the normalized residuals (B, M, N) and the two components of the unit vector of p at
-    each bin."""
-    px = (
-        x[..., 0, None]
-        - x[..., 4, None] * bins.path[0][:, None]
-        - x[..., 2, None] * bins.age[:, None]
-    )
-    py = (
-        x[..., 1, None]
-        - x[..., 4, None] * bins.path[1][:, None]
-        - x[..., 3, None] * bins.age[:, None]
-    )
+def _residual(x: Array, bins: Bins) -> tuple[Array, Array, Array]:
+    """Return the normalized residuals (M, N) and the two components of the unit vector of p at each
+    bin."""
+    px = x[:, [0]] - x[:, [4]] * bins.path[0] - x[:, [2]] * bins.age
+    py = x[:, [1]] - x[:, [4]] * bins.path[1] - x[:, [3]] * bins.age
     r = np.sqrt(px * px + py * py) + 1e-6
-    return (bins.z[:, None] - r) / np.sqrt(bins.variance)[:, None], px / r, py / r
+    return (bins.z - r) / np.sqrt(bins.variance), px / r, py / r
 
 
-def _penalty(residual: Batch) -> Batch:
-    return (0.5 * ROBUST**2 * np.log1p((residual / ROBUST) ** 2)).sum(axis=-1)
+def _penalty(residual: Array) -> Array:
+    return np.asarray((0.5 * ROBUST**2 * np.log1p((residual / ROBUST) ** 2)).sum(axis=-1))
 
 
-def _normal_equations(x: Batch, bins: Bins, prior: Prior) -> tuple[Batch, Batch, Batch]:
+def _normal_equations(x: Array, bins: Bins, prior: Prior) -> tuple[Array, Array, Array]:
+    """Return the cost (M,) of hypotheses x (M, 5), and the matrix (M, 5, 5) and right side (M, 5)
+    of the normal equations of a Gauss-Newton step."""
     residual, nx, ny = _residual(x, bins)
     weight = 1 / (1 + (residual / ROBUST) ** 2)
     J = np.empty((*residual.shape, UNKNOWNS))
-    J[..., 0], J[..., 1] = nx, ny
-    J[..., 2], J[..., 3] = -nx * bins.age[:, None], -ny * bins.age[:, None]
-    J[..., 4] = -(nx * bins.path[0][:, None] + ny * bins.path[1][:, None])
-    J /= np.sqrt(bins.variance)[:, None, :, None]
+    J[..., 0] = nx
+    J[..., 1] = ny
+    J[..., 2] = -nx * bins.age
+    J[..., 3] = -ny * bins.age
+    J[..., 4] = -(nx * bins.path[0] + ny * bins.path[1])
+    J /= np.sqrt(bins.variance)[:, None]
     JT = np.swapaxes(J * weight[..., None], -1, -2)
     information = prior.information(x)
     A = JT @ J + information[..., None] * np.eye(UNKNOWNS)

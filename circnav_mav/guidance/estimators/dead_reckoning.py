@@ -1,8 +1,7 @@
 """Dead reckoning: the path through the air from asynchronous reports of heading, turn rate and
 airspeed.
 
-`predict_one` predicts a single flight's estimate along this path beyond the newest range. It is
-`relative_ekf.predict` of the mixture in plain floats.
+`predict_mixture` predicts the estimate along this path beyond the newest range.
 """
 
 from collections import deque
@@ -13,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from circnav_mav.guidance.estimators import relative_ekf as ekf
-from circnav_mav.guidance.maths import Array, chord_parts, wrap
+from circnav_mav.guidance.maths import Vector, chord, wrap
 from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
 
 KEPT = 64
@@ -48,7 +47,7 @@ class PathPoint(NamedTuple):
         """Return the point with this motion, `step` seconds later, after an arc that turns by
         `turned` (rad)."""
         heading = self.motion.heading
-        x, y = chord_parts(airspeed, heading, turned, step)
+        x, y = chord(airspeed, heading, turned, step)
         nose_x, nose_y = _along(heading + turned / 2, step)  # midpoint rule
         return PathPoint(
             motion, self.x + x, self.y + y, self.piece, self.nose_x + nose_x, self.nose_y + nose_y
@@ -153,62 +152,53 @@ class Prediction(NamedTuple):
     r_dot_variance: float
 
 
-def predict_one(
-    mean: Sequence[float],
-    covariance: Array,
-    assumed: Sequence[float],
+def predict_mixture(
+    mean: ekf.Array,
+    covariance: ekf.Array,
+    assumed: ekf.Array,
     dt: float,
-    chord: tuple[float, float],
+    path: Vector,
     heading: float,
     airspeed: float,
-    felt: ekf.VelocityChange | None,
+    change: ekf.VelocityChange | None,
 ) -> Prediction:
-    """Return the estimate predicted by dt (s) along an air path `chord` (m, at the measured
-    airspeed).
+    """Return the estimate predicted by dt (s) along an air path (m, at the measured airspeed).
 
-    mean (12 values), covariance (12, 12): of the state of `relative_ekf`. assumed: drift_psd
-    (m^2/s^3), gust (m/s) and acceleration_weight (0 to 1), averages of the noise models. heading
-    (rad) and measured airspeed (m/s): at the end of the path. felt: measured accelerations, from
-    `PathPoint.velocity_change_since`.
+    mean (12,), covariance (12, 12): of the state of `relative_ekf`.
+    assumed (3,): drift_psd (m^2/s^3), gust (m/s) and acceleration_weight (0 to 1), averages of the
+        noise models.
+    heading (rad) and measured airspeed (m/s): at the end of the path.
+    change: measured accelerations, from `PathPoint.velocity_change_since`.
     """
-    _, _, *steady_d, kappa, _, gx, gy, forward, sideways, ex, ey = mean
     drift_psd, gust, weight = assumed
-    calm = exp(-dt / ekf.GUST_TIME)
-    r, theta, row = ekf.motion(mean, dt, chord)
-    out = [0.0] * ekf.STATES
-    left = [0.0] * ekf.STATES
-    for state, entry in row:
-        out[state], left[state] = entry.real, entry.imag / r
-    n, t = ekf.axes(theta)
-    air = airspeed * cos(heading), airspeed * sin(heading)
-    d = steady_d[0] + calm * gx, steady_d[1] + calm * gy
-    if felt is not None:
-        # Use the measured change of velocity instead of the assumed decay, weighted by the
-        # probability of the noise models that use accelerations.
-        (c, s), stays = felt.nose, calm + weight * (1 - calm)
-        errors = c * forward - s * sideways, s * forward + c * sideways
-        dx, dy = (
-            steady + stays * g + e - error + weight * (change - kappa * nose)
-            for steady, g, e, error, change, nose in zip(
-                steady_d, (gx, gy), (ex, ey), errors, felt.change, felt.air, strict=True
-            )
-        )
-        d = dx, dy
-    v = kappa * air[0] + d[0], kappa * air[1] + d[1]
+    distance, theta, place = ekf.motion(mean, dt, path)
+    r = float(distance)
+    n = (cos(theta), sin(theta))
+    t = (-n[1], n[0])
+    d = _drift(mean.tolist(), dt, weight, change)
+    kappa = float(mean[ekf.KAPPA])
+    air = _along(heading, airspeed)
+    v = (kappa * air[0] + d[0], kappa * air[1] + d[1])
     across = t[0] * v[0] + t[1] * v[1]
     ahead = n[0] * air[0] + n[1] * air[1]
-    rate = [across * entry for entry in left]  # r' = n.v, and a direction error rotates n
-    rate[ekf.KAPPA] += ahead
-    for i, along in enumerate(n):
-        rate[ekf.DX + i] += along
-        rate[ekf.GX + i] += calm * along
-        if felt is not None:
-            rate[ekf.EX + i] += along
-    rows = np.array((out, left, rate)).T  # (12, 3)
-    of_r, of_direction, of_rate = (covariance @ rows * rows).sum(axis=0).tolist()
+    # Derivatives of range, direction and range rate by the state: r' = n.v, and a direction error
+    # rotates n.
+    rows = np.empty((3, ekf.STATES))
+    rows[0] = place.real
+    rows[1] = place.imag / r
+    rows[2] = across * rows[1]
+    rows[2, ekf.KAPPA] += ahead
+    calm = exp(-dt / ekf.GUST_TIME)
+    for axis, along in enumerate(n):
+        rows[2, ekf.DX + axis] += along
+        rows[2, ekf.GX + axis] += calm * along
+        if change is not None:
+            rows[2, ekf.EX + axis] += along
+    r_variance, direction_variance, rate_variance = (rows @ covariance * rows).sum(axis=1).tolist()
     steady, gusty = ekf.steps(drift_psd, gust, dt)
     wander = ekf.wandered(steady, gusty, dt)
     turned = wander / r**2
+    added = across**2 * turned + steady + gusty + ekf.KAPPA_PSD * dt * ahead**2
     return Prediction(
         r=r,
         x=r * n[0],
@@ -216,11 +206,25 @@ def predict_one(
         drift=d,
         airspeed=kappa * airspeed,
         r_dot=n[0] * v[0] + n[1] * v[1],
-        r_variance=of_r + wander,
-        direction_variance=of_direction + turned,
-        r_dot_variance=of_rate
-        + across**2 * turned
-        + steady
-        + gusty
-        + ekf.KAPPA_PSD * dt * ahead**2,
+        r_variance=r_variance + wander,
+        direction_variance=direction_variance + turned,
+        r_dot_variance=rate_variance + added,
+    )
+
+
+def _drift(
+    mean: Sequence[float], dt: float, weight: float, change: ekf.VelocityChange | None
+) -> Vector:
+    """Return the drift after dt, m/s. The measured change of velocity replaces the assumed decay of
+    gusts, weighted by the probability of the noise models that use accelerations (`weight`)."""
+    _, _, dx, dy, kappa, _, gx, gy, forward, left, ex, ey = mean
+    calm = exp(-dt / ekf.GUST_TIME)
+    if change is None:
+        return dx + calm * gx, dy + calm * gy
+    c, s = change.nose
+    keep = calm + weight * (1 - calm)
+    error = (c * forward - s * left, s * forward + c * left)
+    return (
+        dx + keep * gx + ex - error[0] + weight * (change.change[0] - kappa * change.air[0]),
+        dy + keep * gy + ey - error[1] + weight * (change.change[1] - kappa * change.air[1]),
     )

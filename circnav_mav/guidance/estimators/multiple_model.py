@@ -2,39 +2,39 @@
 models.
 
 SEARCH: hypotheses in all directions at the newest range, fitted to a window of the last seconds.
-When exactly one of them explains the ranges, the flight changes to TRACKING.
+When exactly one of them explains the ranges, the filter changes to TRACKING.
 
 TRACKING: one Kalman filter per noise model (drift from steady to gusty, range error from white to
 drifting), weighted by its likelihood. A model of negligible weight restarts from the mixture of its
 kind: the models that use accelerations, or those that do not. If the samples keep falling outside
-the gate, the flight searches again at once, with the existing window.
-
-Every array has a last axis B over flights. In a real flight B = 1.
+the gate, the filter searches again at once, with the existing window.
 """
 
 from enum import IntEnum
-from typing import Any
+from math import hypot, inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from circnav_mav.guidance.estimators import relative_ekf as ekf
-from circnav_mav.guidance.estimators.acquisition import DRIFT_MOST, Acquisition, Prior
+from circnav_mav.guidance.estimators.acquisition import DRIFT_MOST, Acquisition, Prior, Solution
 from circnav_mav.guidance.estimators.interface import EstimatorSettings, MethodChange
 from circnav_mav.guidance.estimators.relative_ekf import (
     KAPPA,
     STATES,
     THETA,
+    Array,
     Hypotheses,
     Noise,
     R,
-    Rates,
     VelocityChange,
 )
-from circnav_mav.guidance.maths import Batch
+from circnav_mav.guidance.maths import Vector
 
 
 class Stage(IntEnum):
-    """Stage of a flight's estimate."""
+    """Stage of the estimate."""
 
     EMPTY = 0
     SEARCH = 1
@@ -48,7 +48,7 @@ LOST = 0.6
 TRUSTED, and until it exceeds KEPT. Above LOST it is discarded."""
 MISSED = 0.6
 RECENT = 3.0
-"""Share of recent samples outside the gate above which the flight searches again, and time constant
+"""Share of recent samples outside the gate above which the filter searches again, and time constant
 of this share, s."""
 MODELS = (
     (1e-7, 0, 0, 0, 1, 0),  # steady drift
@@ -74,56 +74,65 @@ REVIVED = -6.0
 """Log weight below which a model restarts from the mixture, and its log weight afterwards."""
 
 
-class MultipleModelFilter:
-    """Multiple-model filters of B flights that are stepped together. Input: `step`, or `observe`
-    and `search`.
+class Rate(NamedTuple):
+    """Measured range rate.
 
-    mean (12, B), covariance (12, 12, B): the estimate. Arrays (B,): stage: of acquisition; nis:
-    normalized innovation squared of the most likely hypothesis; missed: share of recent samples
-    outside the gate; refused: True if the last sample was rejected; spread: standard deviation of
-    the position as a share of the range (infinite before the target is located); trusted: True if
-    the estimate may steer. assumed (3, B): weighted average of the models' drift_psd, gust and
-    acceleration_weight (unweighted during a search).
+    r_dot: m/s.
+    sigma: its standard deviation, m/s.
+    air: V u(psi) at the same time and the measured airspeed, m/s.
     """
 
-    def __init__(
-        self, settings: EstimatorSettings, flights: int = 1, known: Prior | None = None
-    ) -> None:
+    r_dot: float
+    sigma: float
+    air: Vector
+
+
+class MultipleModelFilter:
+    """Multiple-model filter. Input: `step`, or `observe` and `search`.
+
+    mean (12,), covariance (12, 12): the estimate.
+    stage: of acquisition.
+    nis: normalized innovation squared of the most likely hypothesis; None before the first.
+    missed: share of recent samples outside the gate.
+    refused: True if the last sample was rejected.
+    spread: standard deviation of the position as a share of the range; infinite before the target
+        is located.
+    trusted: True if the estimate may steer.
+    assumed: weighted average of the models' drift_psd, gust and acceleration_weight, (3,);
+        unweighted during a search.
+    """
+
+    def __init__(self, settings: EstimatorSettings, known: Prior | None = None) -> None:
         """known: prior of drift and airspeed scale. It is discarded when a track is lost."""
         self._settings = settings
         models = np.array(MODELS)
         models[:, 1:3] *= settings.speed
-        psd, gust, nose, acceleration_weight, white, drifting = models.T[..., None]
+        psd, gust, nose, acceleration_weight, white, drifting = models.T
         bounds = settings.scale_bounds
         bias = settings.acceleration_bias
         self.noise = Noise(psd, gust, white, drifting, nose, acceleration_weight, bounds, bias)
-        self._uses_accelerations = self.noise.acceleration_weight[:, 0] > 0
-        self._assumptions = np.hstack(
-            [self.noise.drift_psd, self.noise.gust, self.noise.acceleration_weight]
-        ).T
-        self.stage = np.full(flights, Stage.EMPTY)
-        self.mean = np.zeros((STATES, flights))
-        self.covariance = np.zeros((STATES, STATES, flights))
-        self.nis = np.full(flights, np.nan)
-        self.missed = np.zeros(flights)
-        self.refused = np.zeros(flights, bool)
-        self.spread = np.full(flights, np.inf)
-        self.trusted = np.zeros(flights, bool)
-        self._since = np.zeros(flights)
-        self._due: tuple[Batch, Batch] | None = None
-        """True for flights whose search is due, (B,), and standard deviations of their ranges (B,),
-        m."""
-        self._search = Acquisition(settings, flights, known)
-        self._tracking = np.zeros(0, int)
-        self._tracks = _copies(self.mean[:, :0], self.covariance[..., :0])
-        self._assume()
+        self._assumptions = np.array((psd, gust, acceleration_weight))
+        self.stage = Stage.EMPTY
+        self.mean = np.zeros(STATES)
+        self.covariance = np.zeros((STATES, STATES))
+        self.assumed = self._assumptions.mean(axis=1)
+        self.nis: float | None = None
+        self.missed = 0.0
+        self.refused = False
+        self.spread = inf
+        self.trusted = False
+        self._since = 0.0
+        """Time since the newest range, s."""
+        self._due: float | None = None
+        """Standard deviation of the ranges, m, if an iteration of the search is due."""
+        self._search = Acquisition(settings, known)
+        self._tracks = _copies(self.mean, self.covariance)
+        """Hypotheses of the models. Valid in TRACKING."""
 
     @property
-    def most_likely(self) -> Batch:
-        """Number of the most likely hypothesis of a search, (B,), or -1 without a search."""
-        number = np.full(self.stage.size, -1)
-        number[self._search.at] = self._search.most_likely
-        return number
+    def most_likely(self) -> int | None:
+        """Number of the most likely hypothesis of a search, or None without a search."""
+        return self._search.most_likely
 
     @property
     def remembers(self) -> bool:
@@ -131,217 +140,207 @@ class MultipleModelFilter:
         return self._search.remembers
 
     def tracked_from(self, before: "MultipleModelFilter", change: MethodChange) -> None:
-        """Continue the tracks of another filter, whose own motion was over the ground, with motion
+        """Continue the track of another filter, whose own motion was over the ground, with motion
         through the air."""
-        mean, covariance = before.mean.copy(), before.covariance.copy()
+        mean = before.mean.copy()
+        covariance = before.covariance.copy()
         mean[ekf.DX] += change.wind[0]
         mean[ekf.DY] += change.wind[1]
         mean[KAPPA] = change.scale
-        covariance[KAPPA] = covariance[:, KAPPA] = 0.0
-        covariance[KAPPA, KAPPA] = change.scale_sigma**2
         covariance[ekf.DX, ekf.DX] += change.wind_sigma**2
         covariance[ekf.DY, ekf.DY] += change.wind_sigma**2
-        for error in (ekf.FORWARD, ekf.LEFT):
-            covariance[error] = covariance[:, error] = 0.0
-            covariance[error, error] = change.settings.acceleration_bias**2
-        at = np.flatnonzero(before.stage == Stage.TRACKING)
-        self.trusted[at] = before.trusted[at]
-        self._tracks = _copies(mean[:, at], covariance[..., at])
-        self._tracking = at
-        self._store(at, mean[:, at], covariance[..., at])
-        self._assume()
-        self.stage[at] = Stage.TRACKING
+        bias = change.settings.acceleration_bias
+        for state, sigma in (
+            (KAPPA, change.scale_sigma),
+            (ekf.FORWARD, bias),
+            (ekf.LEFT, bias),
+        ):
+            covariance[state] = 0.0
+            covariance[:, state] = 0.0
+            covariance[state, state] = sigma**2
+        self.trusted = before.trusted
+        self._begin_track(mean, covariance)
 
-    def step(self, *received: Any) -> None:
+    def step(
+        self,
+        dt: float,
+        chord: Vector,
+        z: float | None,
+        sigma: float,
+        acceleration: VelocityChange | None = None,
+        rate: Rate | None = None,
+    ) -> None:
         """Run `observe`, then `search`."""
-        self.observe(*received)
+        self.observe(dt, chord, z, sigma, acceleration, rate)
         self.search()
 
     def observe(
         self,
-        dt: Batch,
-        chord: Batch,
-        z: Batch,
-        sigma: Batch,
-        valid: Batch,
-        felt: VelocityChange | None = None,
-        rates: Rates | None = None,
+        dt: float,
+        chord: Vector,
+        z: float | None,
+        sigma: float,
+        acceleration: VelocityChange | None = None,
+        rate: Rate | None = None,
     ) -> None:
-        """Predict by dt (B,), s, along chord (2, B), m, and add the ranges z, sigma (B,), m, where
-        valid (B,).
+        """Predict by dt (s) along a chord (m), and add the range z (m) unless it is None. sigma:
+        standard deviation of ranges, m.
 
-        Flights with dt and chord 0 and no valid range are unchanged. felt: accelerations measured
-        during dt. rates: range rates measured at its end.
+        acceleration: measured during dt. rate: range rate measured at its end.
         """
         self.search()
-        sigma = np.minimum(np.maximum(sigma, LEAST_SIGMA), MOST_SIGMA)
+        sigma = min(max(sigma, LEAST_SIGMA), MOST_SIGMA)
         self._since += dt
-        self._track(dt, chord, z, sigma, valid, felt, rates)
-        self._lose()
-        self._since[valid] = 0.0
-        due = self._search.observe(dt, chord, z, sigma, valid)
-        begin = np.flatnonzero(valid & (self.stage == Stage.EMPTY))
-        if begin.size:
-            self.stage[begin] = Stage.SEARCH
-            self._search.begin(begin, z[begin])
-        if self._search.at.size:
-            self._due = due, sigma
+        if self.stage == Stage.TRACKING:
+            self._track(dt, chord, z, sigma, acceleration, rate)
+            self._lose()
+        due = self._search.observe(dt, chord, z, sigma)
+        if z is not None:
+            self._since = 0.0
+            if self.stage == Stage.EMPTY:
+                self.stage = Stage.SEARCH
+                self._search.begin(z)
+        if self.stage == Stage.SEARCH:
+            self._due = sigma if due else None
             self._update_most_likely()  # during a search, the most likely hypothesis steers
 
     def search(self) -> None:
-        """Continue the searches. Results are used from the next estimate on."""
+        """Continue the search. The result is used from the next estimate on."""
         if self._due is None:
             return
-        (due, sigma), self._due = self._due, None
-        found = self._search.go_on(due, sigma) if due.any() else None
-        if found is not None:
-            self._start(*found, sigma)
-        self._update_most_likely()
+        sigma = self._due
+        self._due = None
+        solution = self._search.iterate(sigma)
+        if solution is None:
+            self._update_most_likely()
+        else:
+            self._start(solution, sigma)
 
     def _track(
         self,
-        dt: Batch,
-        chord: Batch,
-        z: Batch,
-        sigma: Batch,
-        valid: Batch,
-        felt: VelocityChange | None,
-        rates: Rates | None,
+        dt: float,
+        chord: Vector,
+        z: float | None,
+        sigma: float,
+        acceleration: VelocityChange | None,
+        rate: Rate | None,
     ) -> None:
-        at = self._tracking
-        if not at.size:
-            return
         h = self._tracks
-        of: Any = slice(None)
-        if self.stage.size > 1:
-            dt, chord, z, sigma, valid = (part[..., at] for part in (dt, chord, z, sigma, valid))
-            felt = felt and felt.of(at)
-            rates = rates and rates.of(at)
-            of = at
-        if dt.any():  # 0 for a rate measured at the same time as its range
-            h = ekf.predict(h, self.noise, dt, chord, sigma, felt)
-        if valid.any():
-            h, nis, taken = ekf.update(h, self.noise, z, sigma, valid, self._settings.gate)
-            heaviest = (h.log_weight.argmax(axis=0), np.arange(at.size))
-            self._count(of, nis[heaviest], taken[heaviest], valid)
-        if rates is not None and rates.valid.any():
-            h = ekf.update_rate(h, self.noise, rates, self._settings.gate)
+        gate = self._settings.gate
+        if dt > 0:  # 0 for a rate measured at the same time as its range
+            h = ekf.predict(h, self.noise, dt, chord, sigma, acceleration)
+        if z is not None:
+            measured = ekf.range_measurement(h, self.noise, z, sigma)
+            h, nis, accepted = ekf.update(h, self.noise, measured, gate)
+            heaviest = h.log_weight.argmax()
+            self._count(float(nis[heaviest]), bool(accepted[heaviest]))
+        if rate is not None:
+            h, _, _ = ekf.update(h, self.noise, ekf.rate_measurement(h, *rate), gate)
         mean, covariance = ekf.mixture(h)
-        self._store(of, mean, covariance)
-        self._tracks = _revive(h, self._uses_accelerations, mean, covariance)
-        self._assume()
+        self._tracks = _revive(h, self.noise.acceleration_weight > 0, mean, covariance)
+        self._store(mean, covariance)
 
-    def _store(self, at: Any, mean: Batch, covariance: Batch) -> None:
-        self.mean[:, at], self.covariance[:, :, at] = mean, covariance
-        variance = covariance[R, R] / np.maximum(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
-        self.spread[at] = np.sqrt(np.maximum(variance, 0.0))
+    def _store(self, mean: Array, covariance: Array) -> None:
+        """Store the mixture of the tracks."""
+        self.mean = mean
+        self.covariance = covariance
+        variance = covariance[R, R] / max(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
+        self.spread = sqrt(max(variance, 0.0))
         # Hysteresis: an estimate that steers is used until it is much worse. A law on range alone
         # holds the circle worse still, and a single bound would switch the law whenever the spread
         # fluctuates around it.
-        bound = np.where(self.trusted[at], KEPT, TRUSTED)
-        self.trusted[at] = self.spread[at] < bound
+        self.trusted = self.spread < (KEPT if self.trusted else TRUSTED)
+        self.assumed = self._assumptions @ self._tracks.weight
 
-    def _count(self, at: Any, nis: Batch, taken: Batch, valid: Batch) -> None:
+    def _count(self, nis: float, accepted: bool) -> None:
         """Update the share of recent samples that were rejected."""
-        missed = self.missed[at]
-        weight = valid * np.minimum(self._since[at] / RECENT, 0.2)
-        self.refused[at] = valid & ~taken
-        self.missed[at] = missed + (~taken - missed) * weight
-        self.nis[at] = np.where(valid, nis, self.nis[at])
-
-    def _assume(self) -> None:
-        weight = np.full(
-            (self._assumptions.shape[1], self.stage.size), 1 / self._assumptions.shape[1]
-        )
-        weight[:, self._tracking] = self._tracks.weight
-        self.assumed = self._assumptions @ weight
+        self.nis = nis
+        self.refused = not accepted
+        weight = min(self._since / RECENT, 0.2)
+        self.missed += (self.refused - self.missed) * weight
 
     def _lose(self) -> None:
-        """Move flights with an inconsistent track back to the search."""
-        if not self._tracking.size:
+        """Search again if the track is inconsistent."""
+        drift = hypot(*ekf.drift(self.mean))
+        sound = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
+        if (
+            sound
+            and self.missed <= MISSED
+            and self.spread <= LOST
+            and drift <= DRIFT_MOST * self._settings.speed
+        ):
             return
-        drift = np.hypot(*ekf.drift(self.mean))
-        astray = (
-            (self.missed > MISSED)
-            | (self.spread > LOST)
-            | (drift > DRIFT_MOST * self._settings.speed)
-        )
-        sound = np.isfinite(self.mean.sum(axis=0) + self.covariance.sum(axis=(0, 1)))
-        lost = (self.stage == Stage.TRACKING) & (astray | ~sound)
-        if not lost.any():
-            return
-        stay = ~lost[self._tracking]
-        self._tracks = Hypotheses(*(part[..., stay] for part in self._tracks))
-        self._tracking = self._tracking[stay]
-        self.stage[lost], self.spread[lost] = Stage.EMPTY, np.inf
-        self.trusted[lost] = self.refused[lost] = False
-        self.mean[:, ~sound] = 0.0
-        self.covariance[:, :, ~sound] = 0.0
-        self._assume()
+        self.stage = Stage.EMPTY
+        self.spread = inf
+        self.trusted = False
+        self.refused = False
+        self.assumed = self._assumptions.mean(axis=1)
+        if not sound:
+            self.mean = np.zeros(STATES)
+            self.covariance = np.zeros((STATES, STATES))
         self._search.forget()
 
     def _update_most_likely(self) -> None:
-        """Copy the most likely hypothesis of each search to the mean."""
-        at = self._search.at
-        if at.size:
-            x = self._search.most_likely_states()
-            self.mean[R, at], self.mean[THETA, at] = np.hypot(x[0], x[1]), np.arctan2(x[1], x[0])
-            self.mean[ekf.DX : ekf.B, at] = x[ekf.DX :]
-            self.mean[ekf.B :, at] = 0.0
+        """Copy the most likely hypothesis of the search to the mean."""
+        x = self._search.most_likely_state()
+        self.mean[R] = hypot(x[0], x[1])
+        self.mean[THETA] = np.arctan2(x[1], x[0])
+        self.mean[ekf.DX : ekf.B] = x[ekf.DX :]
+        self.mean[ekf.B :] = 0.0
 
-    def _start(self, at: Batch, x: Batch, P: Batch, sigma: Batch) -> None:
-        """Start tracking the flights `at` from their solutions x (5, n) with covariances P (5, 5,
-        n)."""
+    def _start(self, solution: Solution, sigma: float) -> None:
+        """Start tracking from the solution of a search."""
         known = slice(0, ekf.B)
-        mean, covariance = np.zeros((STATES, at.size)), np.zeros((STATES, STATES, at.size))
-        mean[known], covariance[known, known] = x, P
-        covariance[ekf.B, ekf.B] = (0.5 * sigma[at]) ** 2
-        covariance[ekf.GX, ekf.GX] = covariance[ekf.GY, ekf.GY] = (0.02 * self._settings.speed) ** 2
-        covariance[ekf.FORWARD, ekf.FORWARD] = covariance[ekf.LEFT, ekf.LEFT] = (
-            self._settings.acceleration_bias**2
-        )
-        mean, covariance = ekf.polar(mean, covariance)
-        both = zip(self._tracks, _copies(mean, covariance), strict=True)
-        self._tracks = Hypotheses(*(np.concatenate(parts, axis=-1) for parts in both))
-        self._tracking = np.concatenate([self._tracking, at])
-        self._store(at, mean, covariance)
-        self._assume()
-        self.stage[at] = Stage.TRACKING
-        self.missed[at] = 0.0
+        mean = np.zeros(STATES)
+        mean[known] = solution.x
+        sigmas = np.zeros(STATES)
+        sigmas[ekf.B] = 0.5 * sigma
+        sigmas[[ekf.GX, ekf.GY]] = 0.02 * self._settings.speed
+        sigmas[[ekf.FORWARD, ekf.LEFT]] = self._settings.acceleration_bias
+        covariance = np.diag(sigmas**2)
+        covariance[known, known] = solution.P
+        self._begin_track(*ekf.polar(mean, covariance))
+        self.missed = 0.0
+
+    def _begin_track(self, mean: Array, covariance: Array) -> None:
+        """Track with all models, starting from the same estimate."""
+        self.stage = Stage.TRACKING
+        self._tracks = _copies(mean, covariance)
+        self._store(mean, covariance)
 
 
-def _copies(mean: Batch, covariance: Batch) -> Hypotheses:
+def _copies(mean: Array, covariance: Array) -> Hypotheses:
     """Return hypotheses with the same estimate for every model, equally likely."""
     x = np.repeat(mean[:, None], len(MODELS), axis=1)
     P = np.repeat(covariance[:, :, None], len(MODELS), axis=2)
-    return Hypotheses(x, P, np.zeros((len(MODELS), mean.shape[-1])))
+    return Hypotheses(x, P, np.zeros(len(MODELS)))
 
 
-def _revive(h: Hypotheses, uses_accelerations: Batch, mean: Batch, covariance: Batch) -> Hypotheses:
+def _revive(
+    h: Hypotheses, uses_accelerations: NDArray[np.bool_], mean: Array, covariance: Array
+) -> Hypotheses:
     """Return the hypotheses with the models of negligible weight restarted.
 
     uses_accelerations (M,): by model. Each model restarts from the mixture of its own kind. If no
-    model of this kind is left, it restarts from the mixture of all, mean (12, B) and covariance
-    (12, 12, B).
+    model of this kind is left, it restarts from the mixture of all, mean (12,) and covariance (12,
+    12).
 
     Models that use accelerations can mistake a wrong airspeed for a gust that turns with the
     heading. The other models reveal this error only if they do not restart from it.
     """
-    dead: Batch = h.log_weight < FORGOTTEN
-    if not dead.any():
+    forgotten = h.log_weight < FORGOTTEN
+    if not forgotten.any():
         return h
-    x = h.x
-    P = h.P
+    x = h.x.copy()
+    P = h.P.copy()
     for kind in (uses_accelerations, ~uses_accelerations):
-        again = dead & kind[:, None]
-        if again.any():
-            best = h.log_weight[kind].max(axis=0)
-            theirs, spread = ekf.mixture(
-                Hypotheses(h.x[:, kind], h.P[:, :, kind], h.log_weight[kind] - best)
-            )
-            left: Batch = best >= FORGOTTEN
-            start: Batch = np.where(left, theirs, mean)
-            of_start: Batch = np.where(left, spread, covariance)
-            x = np.where(again, start[:, None], x)
-            P = np.where(again, of_start[:, :, None], P)
-    return Hypotheses(x, P, np.where(dead, REVIVED, h.log_weight))
+        restarts = forgotten & kind
+        if restarts.any():
+            start, spread = mean, covariance
+            if h.log_weight[kind].max() >= FORGOTTEN:
+                start, spread = ekf.mixture(
+                    Hypotheses(h.x[:, kind], h.P[:, :, kind], h.log_weight[kind])
+                )
+            x[:, restarts] = start[:, None]
+            P[:, :, restarts] = spread[:, :, None]
+    return Hypotheses(x, P, np.where(forgotten, REVIVED, h.log_weight))

@@ -1,12 +1,13 @@
-"""Window of the last seconds of ranges, averaged in short bins, and their white noise. The last
-axis B is over flights. Each flight has its own clock."""
+"""Window of the last seconds of ranges, averaged in short bins, and their white noise."""
 
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from circnav_mav.guidance.estimators.relative_ekf import BIAS_TIME
-from circnav_mav.guidance.maths import Batch
+from circnav_mav.guidance.maths import Vector
 from circnav_mav.guidance.white_noise import WhiteNoise, is_even, quantile, residual
 
 WIDTH = 0.25
@@ -22,99 +23,92 @@ DRIFT_PSD = 0.01
 """Process noise of the drift, m^2/s^3."""
 
 
-class Bins(NamedTuple):
-    """N averaged ranges of B flights, newest last, shape (B, N): age (s), path (2, B, N) flown
-    since (m), range z (m) and its variance (m^2, infinite for an empty bin)."""
+class Sample(NamedTuple):
+    """A range z (m), and the time (s) and the path flown (m) since the start of the window. In a
+    bin: means of the samples."""
 
-    age: Batch
-    path: Batch
-    z: Batch
-    variance: Batch
+    time: float
+    x: float
+    y: float
+    z: float
+
+
+class Bins(NamedTuple):
+    """N averaged ranges, newest last, without empty bins.
+
+    age: (N,), s.
+    path: flown since, (2, N), m.
+    z: range, (N,), m.
+    variance: of the range, (N,), m^2.
+    """
+
+    age: NDArray[np.float64]
+    path: NDArray[np.float64]
+    z: NDArray[np.float64]
+    variance: NDArray[np.float64]
 
 
 class RangeWindow:
-    """Bins of B flights that are stepped together."""
+    """Bins of ranges. now: time since the start, s. path: flown since the start, m."""
 
-    def __init__(self, flights: int, speed: float) -> None:
+    def __init__(self, speed: float) -> None:
         self._speed = speed
-        self._open = np.full((4, SLOTS, flights), np.nan)
-        self._filled = np.zeros(flights, int)
-        self._opened = np.zeros(flights)
-        self._bins = np.zeros((5, COUNT, flights))
-        self._bins[4] = np.inf
-        self._closed = np.zeros(flights, int)
-        self._noise = WhiteNoise(ROUGH, 0.5, flights)
-        self._newest = np.full((2, 2, flights), np.nan)
-        """Times and ranges of the newest two samples, oldest first."""
-        self.now = np.zeros(flights)
-        self.path = np.zeros((2, flights))
+        self._open: deque[Sample] = deque(maxlen=SLOTS)
+        self._opened = 0.0
+        self._bins: deque[tuple[Sample, int] | None] = deque(maxlen=COUNT)
+        """Mean and number of the samples of each bin. None: empty bin."""
+        self._noise = WhiteNoise(ROUGH, 0.5)
+        self._newest: deque[tuple[float, float]] = deque(maxlen=3)
+        """Times and ranges of the newest samples, oldest first."""
+        self.now = 0.0
+        self.path: Vector = (0.0, 0.0)
 
-    def add(self, dt: Batch, chord: Batch, z: Batch, sigma: Batch, valid: Batch) -> Batch:
-        """Advance time by dt (B,) and path by chord (2, B), and add the valid ranges. Return True,
-        (B,), for flights whose bin was closed."""
-        self.now = self.now + dt
-        self.path = self.path + chord
+    def add(self, dt: float, chord: Vector, z: float | None, sigma: float) -> bool:
+        """Advance time by dt and path by chord, and add a range unless it is None. Return True if a
+        bin was closed."""
+        self.now += dt
+        self.path = (self.path[0] + chord[0], self.path[1] + chord[1])
         due = self.now - self._opened >= WIDTH - 1e-9
-        if due.any():
-            self._close(np.flatnonzero(due), sigma)
-        if valid.any():
-            at = np.flatnonzero(valid)
-            self._open[:, self._filled[at] % SLOTS, at] = np.array([self.now, *self.path, z])[:, at]
-            self._filled[at] += 1
-            self._roughen(z, valid)
+        if due:
+            self._close(sigma)
+        if z is not None:
+            self._open.append(Sample(self.now, *self.path, z))
+            self._newest.append((self.now, z))
+            if len(self._newest) == 3 and is_even(*self._newest):
+                self._noise.add(residual(*self._newest))
         return due
 
-    def white(self, sigma: Batch) -> Batch:
-        """Return the standard deviation of the white part of the noise, m, (B,): sigma until enough
-        was measured."""
-        return np.where(
-            self._noise.count >= ROUGH_ENOUGH, np.minimum(self._noise.sigma, sigma), sigma
-        )
+    def white(self, sigma: float) -> float:
+        """Return the standard deviation of the white part of the noise, m: sigma until enough was
+        measured."""
+        if self._noise.count < ROUGH_ENOUGH:
+            return sigma
+        return min(self._noise.sigma, sigma)
 
-    def bins(self, at: Batch, sigma: Batch) -> Bins:
-        """Return the bins of the flights with the indices `at`, oldest first. sigma: range noise of
-        all flights, m."""
-        closed = self._closed[at]
-        used = min(closed.max(initial=0), COUNT)
-        order = (
-            closed - used + np.arange(used)[:, None]
-        ) % COUNT  # includes empty bins for flights with fewer bins
-        t, x, y, z, n = self._bins[:, order, at]
-        age = self.now[at] - t
-        white = self.white(sigma)[at]
-        drifting = np.maximum(sigma[at] ** 2 - 2 * white**2, 0.0)
+    def bins(self, sigma: float) -> Bins:
+        """Return the bins, oldest first. sigma: range noise, m."""
+        filled = [one for one in self._bins if one is not None]
+        t, x, y, z = np.array([mean for mean, _ in filled]).reshape(-1, 4).T
+        count = np.array([count for _, count in filled])
+        age = self.now - t
+        white = self.white(sigma)
+        drifting = max(sigma**2 - 2 * white**2, 0.0)
         # A drifting error is common to the bins of about 2 BIAS_TIME. A slow radio leaves some of
         # them empty.
-        share = np.isfinite(n).sum(axis=0) / np.clip(closed, 1, COUNT)
-        variance = white**2 * n + drifting * share * 2 * BIAS_TIME / WIDTH + DRIFT_PSD * age**3 / 3
-        path = self.path[:, None, at] - np.stack([x, y])
-        return Bins(age.T, np.swapaxes(path, 1, 2), z.T, np.maximum(variance, 1e-4).T)
+        common = len(filled) / max(len(self._bins), 1) * 2 * BIAS_TIME / WIDTH
+        variance = white**2 / count + drifting * common + DRIFT_PSD * age**3 / 3
+        path = np.array((self.path[0] - x, self.path[1] - y))
+        return Bins(age, path, z, np.maximum(variance, 1e-4))
 
-    def filled(self, at: Batch) -> Batch:
-        """Return the number of bins with at least one sample, for each of the flights with the
-        indices `at`."""
-        return np.isfinite(self._bins[4][:, at]).sum(axis=0)
-
-    def _roughen(self, z: Batch, valid: Batch) -> None:
-        """Record the residual of equally spaced samples."""
-        three = [*self._newest, np.array([self.now, z])]
-        at = np.flatnonzero(valid & is_even(*three))
-        self._noise.add(residual(*(moment[:, at] for moment in three)), at)
-        self._newest = np.where(valid, three[1:], self._newest)
-
-    def _close(self, at: Batch, sigma: Batch) -> None:
-        """Close the open bins of the flights with the indices `at`: average the samples that are
-        near their median."""
-        open_ = self._open[..., at]
-        z = open_[3]
-        good = np.abs(z - quantile(z, 0.5)) <= self._speed * WIDTH + 4 * sigma[at]
-        count = good.sum(axis=0)
-        slot = self._closed[at] % COUNT
-        with np.errstate(invalid="ignore", divide="ignore"):
-            self._bins[:4, slot, at] = np.where(
-                count > 0, np.where(good, open_, 0.0).sum(axis=1) / count, 0.0
-            )
-            self._bins[4, slot, at] = np.where(count > 0, 1.0 / count, np.inf)
-        self._closed[at] += 1
-        self._open[..., at] = np.nan
-        self._filled[at], self._opened[at] = 0, self.now[at]
+    def _close(self, sigma: float) -> None:
+        """Close the open bin: average the samples that are near their median."""
+        middle = quantile([sample.z for sample in self._open], 0.5)
+        near = self._speed * WIDTH + 4 * sigma
+        good = [sample for sample in self._open if abs(sample.z - middle) <= near]
+        if good:
+            mean = Sample(*(sum(values) / len(good) for values in zip(*good, strict=True)))
+            self._bins.append((mean, len(good)))
+        else:
+            self._bins.append(None)
+        self._open.clear()
+        self._opened = self.now

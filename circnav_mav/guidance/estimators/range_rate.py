@@ -12,13 +12,14 @@ from math import hypot, sqrt
 
 import numpy as np
 from filterpy.kalman import KalmanFilter, predict
+from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.laws import max_range_acceleration
-from circnav_mav.guidance.maths import Array
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
+Array = NDArray[np.float64]
 ACCELERATION_SIGMAS = 3.0
 """Physical bound on |r''|, in standard deviations of the process noise."""
 RANGE = 0

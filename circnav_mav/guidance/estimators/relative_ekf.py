@@ -1,7 +1,7 @@
-"""Extended Kalman filters of the relative motion, as arrays over hypotheses and flights.
+"""Extended Kalman filters of the relative motion, as arrays over hypotheses.
 
-State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y, f, l, e_x, e_y), shape (12, M, B) for M
-hypotheses of each of B flights:
+State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y, f, l, e_x, e_y), shape (12, M) for M
+hypotheses:
 
     r, theta    range (m) and direction (rad) of p = vehicle - target
     d + g + e   wind - target velocity (m/s): d steady, g varying with time constant tau_g (gusts,
@@ -29,30 +29,23 @@ coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates fo
 tracking" (1983).
 """
 
-from typing import Any, NamedTuple
+from math import exp
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from circnav_mav.guidance.maths import (
-    Array,
-    Batch,
-    Number,
-    arctan2,
-    cos,
-    exp,
-    maximum,
-    sin,
-    unit,
-    wrap,
-)
+from circnav_mav.guidance.maths import Vector
 
+Array = NDArray[np.float64]
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
 """Rows of the state: range, direction, drift, airspeed scale, range error, gust, acceleration
 error, heading noise."""
-AXES = np.zeros((2, STATES, 1, 1))
-AXES[0, [DX, GX, EX]] = AXES[1, [DY, GY, EY]] = 1.0
-"""Selection of the states that are a drift to the east and to the north."""
+DRIFT = np.zeros((2, STATES))
+DRIFT[0, [DX, GX, EX]] = 1.0
+DRIFT[1, [DY, GY, EY]] = 1.0
+"""Sum of the states that are a drift, along x and y: matrix of d + g + e."""
 BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s: UWB and LoRa radios show 1 to 3 s."""
 GUST_TIME = 10.0
@@ -84,59 +77,44 @@ WEIGHT_MEMORY = 20.0
 
 
 class Noise(NamedTuple):
-    """Noise model of each of M hypotheses, arrays of shape (M, 1).
+    """Noise model of each of M hypotheses, arrays (M,).
 
-    drift_psd: spectral density of d', m^2/s^3. gust: standard deviation of each component of g,
-    m/s. white, drifting: the two parts of the range error, in units of the sample's sigma. nose:
-    standard deviation of each component of e, m/s. acceleration_weight: 1 if the model uses the
-    measured acceleration, else 0. scale_bounds: bounds of kappa, an unbounded filter can lock on to
-    a wrong mode. acceleration_bias: standard deviation of f and l, m/s^2.
+    drift_psd: spectral density of d', m^2/s^3.
+    gust: standard deviation of each component of g, m/s.
+    white, drifting: the two parts of the range error, in units of the sample's sigma.
+    nose: standard deviation of each component of e, m/s.
+    acceleration_weight: 1 if the model uses the measured acceleration, else 0.
+    scale_bounds: bounds of kappa. An unbounded filter can lock on to a wrong mode.
+    acceleration_bias: standard deviation of f and l, m/s^2.
     """
 
     drift_psd: Array
     gust: Array
     white: Array
     drifting: Array
-    nose: Array = 0.0
-    acceleration_weight: Array = 0.0
+    nose: Array
+    acceleration_weight: Array
     scale_bounds: tuple[float, float] = (0.85, 1.15)
     acceleration_bias: float = 0.2
 
 
 class VelocityChange(NamedTuple):
-    """Measured acceleration over a step, arrays (2, B), or pairs for one flight.
+    """Measured acceleration over a step.
 
-    change: its integral, m/s. air: change of V u(psi) at the measured airspeed, m/s. nose: integral
-    of u(psi), s. across: airspeed times turn rate, m/s^2, shape (B,) or one number.
+    change: its integral, m/s.
+    air: change of V u(psi) at the measured airspeed, m/s.
+    nose: integral of u(psi), s.
+    across: airspeed times turn rate, m/s^2.
     """
 
-    change: Array
-    air: Array
-    nose: Array
-    across: Array
-
-    def of(self, flights: Any) -> "VelocityChange":
-        """Return the selected flights."""
-        return VelocityChange(*(part[..., flights] for part in self))
-
-
-class Rates(NamedTuple):
-    """Measured range rates of B flights, arrays (B,): r_dot and its sigma, m/s, where valid. air
-    (2, B): V u(psi) at the same time and the measured airspeed, m/s."""
-
-    r_dot: Array
-    sigma: Array
-    valid: Array
-    air: Array
-
-    def of(self, flights: Any) -> "Rates":
-        """Return the selected flights."""
-        return Rates(*(part[..., flights] for part in self))
+    change: Vector
+    air: Vector
+    nose: Vector
+    across: float
 
 
 class Hypotheses(NamedTuple):
-    """M filters for each of B flights: x (12, M, B), P (12, 12, M, B), log_weight (M, B) with
-    maximum 0 per flight."""
+    """M filters: x (12, M), P (12, 12, M), log_weight (M,) with maximum 0."""
 
     x: Array
     P: Array
@@ -144,274 +122,254 @@ class Hypotheses(NamedTuple):
 
     @property
     def weight(self) -> Array:
-        """Probabilities of the hypotheses, shape (M, B)."""
+        """Probabilities of the hypotheses, (M,)."""
         weight = np.exp(self.log_weight)
-        return weight / weight.sum(axis=0)
+        return np.asarray(weight / weight.sum())
+
+
+class Measurement(NamedTuple):
+    """A scalar measurement as seen by M hypotheses.
+
+    innovation: measured minus predicted value, (M,).
+    cross: covariance of the state and the predicted value, (12, M).
+    variance: of the innovation, (M,).
+    outlier_spread: width of the interval over which outliers are uniform, in the unit of the value.
+    """
+
+    innovation: Array
+    cross: Array
+    variance: Array
+    outlier_spread: float
 
 
 def predict(
     h: Hypotheses,
     noise: Noise,
-    dt: Batch,
-    chord: Batch,
-    sigma: Batch,
-    felt: VelocityChange | None = None,
+    dt: float,
+    chord: Vector,
+    sigma: float,
+    acceleration: VelocityChange | None = None,
 ) -> Hypotheses:
-    """Return the hypotheses predicted by dt (B,), s, along air paths with chords (2, B), m, at the
+    """Return the hypotheses predicted by dt (s) along an air path with this chord, m, at the
     measured airspeed.
 
-    sigma (B,): standard deviation of the ranges, m. felt: acceleration measured during dt, if any.
+    sigma: standard deviation of the ranges, m. acceleration: measured during dt, if any.
     """
-    # decay of each state other than range and direction
-    keep = np.ones((STATES, 1, dt.size))
-    x = h.x
-    P = h.P
-    keep[B], keep[GX:FORWARD], keep[EX:] = np.exp(-dt / BIAS_TIME), np.exp(-dt / GUST_TIME), dt <= 0
-    r, theta, row = motion(x, dt, chord)
-    place = np.zeros(x.shape, complex)
-    for state, entry in row:
-        place[state] = entry
-    # Jacobian rows of range and direction after the step, and of the measured acceleration, by the
-    # states before
-    rows = np.empty((2 if felt is None else 4, *x.shape))
-    rows[0], rows[1] = place.real, place.imag / r
-    # effect of the drift's process noise
-    half = rows[:2, DX:KAPPA] / 2
-    lever = np.zeros(rows.shape)
-    lever[:2, DX:KAPPA] = lever[:2, GX:FORWARD] = lever[:2, EX:] = half
-    if felt is not None:
-        rows[2:], lever[2:] = _acceleration_rows(felt, keep), AXES
-    moved = np.einsum("ik...,kj...->ij...", rows, P)
-    near = np.einsum("ik...,jk...->ij...", moved, rows)
-    moved *= keep
+    r, theta, place = motion(h.x, dt, chord)
+    keep = decay(dt)
+    x = h.x * keep[:, None]
+    x[R] = r
+    x[THETA] = theta
+    # F: Jacobian of the step. Its rows of range and direction are J. The other rows are diagonal.
+    J = np.array((place.real, place.imag / r))
+    FP = h.P * keep[:, None, None]
+    FP[:2] = np.einsum("akm,kjm->ajm", J, h.P)
+    FPF = FP * keep[:, None]
+    FPF[:, :2] = np.einsum("ikm,akm->iam", FP, J)
+    nose = noise.nose if acceleration is not None and dt > 0 else np.zeros_like(noise.nose)
+    Q = process_noise(noise._replace(nose=nose), J, r, dt, sigma)
+    P = (FPF + np.swapaxes(FPF, 0, 1)) / 2 + Q
+    if acceleration is not None:
+        H = _acceleration_matrix(acceleration, keep[GX])
+        expected = np.outer(acceleration.air, h.x[KAPPA]) + H[:, GX:] @ h.x[GX:]
+        innovation = np.array(acceleration.change)[:, None] - expected
+        added = np.einsum("ak,kjm->ajm", DRIFT, Q)
+        cross = np.einsum("ak,jkm->ajm", H, FP) + added
+        S = np.einsum("ak,kjm,bj->abm", H, h.P, H) + np.einsum("ajm,bj->abm", added, DRIFT)
+        S[[0, 1], [0, 1]] += ACCELERATION_PSD * dt
+        _correct(x, P, noise, cross, S, innovation)
+    return Hypotheses(x, P, h.log_weight * exp(-dt / WEIGHT_MEMORY))
+
+
+def decay(dt: float) -> Array:
+    """Return the factor of each state over dt (s), (12,). Range and direction change in `motion`
+    instead."""
+    keep = np.ones(STATES)
+    keep[B] = exp(-dt / BIAS_TIME)
+    keep[GX : GY + 1] = exp(-dt / GUST_TIME)
+    keep[EX:] = 1.0 if dt <= 0 else 0.0
+    return keep
+
+
+def process_noise(noise: Noise, J: Array, r: Array, dt: float, sigma: float) -> Array:
+    """Return the process noise of a step, (12, 12, M). J (2, 12, M): Jacobian of range and
+    direction. r (M,): range after the step."""
     steady, gusty = steps(noise.drift_psd, noise.gust, dt)
-    fresh = 0.0 if felt is None else (dt > 0) * noise.nose**2
-    q = np.zeros(x.shape)  # process noise of each state
-    q[DX:KAPPA], q[GX:FORWARD], q[EX:] = steady, gusty, fresh
-    moved += lever * q
-    q[KAPPA], q[B] = KAPPA_PSD * dt, (1 - keep[B] ** 2) * (noise.drifting * sigma) ** 2
-    q[FORWARD:EX] = noise.acceleration_bias**2 / ACCELERATION_BIAS_TIME * dt
+    fresh = noise.nose**2
+    Q = np.zeros((STATES, STATES, r.size))
+    for drift, variance in ((DX, steady), (GX, gusty), (EX, fresh)):
+        for axis in (0, 1):
+            # The drift grows linearly over the step, so half of its growth moves the position.
+            Q[drift + axis, drift + axis] = variance
+            Q[:2, drift + axis] = Q[drift + axis, :2] = J[:, DX + axis] / 2 * variance
     wander = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
-    near[0, 0] += wander
-    near[1, 1] += wander / r**2
-    near[1, 0] = near[0, 1]
-    x = x * keep
-    P = P * (keep[:, None] * keep)
-    x[R], x[THETA] = r, theta
-    P[:2], P[:, :2] = moved[:2], np.swapaxes(moved[:2], 0, 1)
-    P[:2, :2] = near[:2, :2]
-    variances = np.einsum("ii...->i...", P)
-    variances += q
-    if felt is not None:
-        all_ = steady + gusty + fresh
-        moved[2:, :2] = near[2:, :2] + np.swapaxes(half, 0, 1) * all_
-        acceleration_noise = all_ + ACCELERATION_PSD * dt
-        expected = felt.air[:, None] * h.x[KAPPA] + (rows[2:, GX:] * h.x[GX:]).sum(axis=1)
-        _correct(
-            x,
-            P,
-            noise.acceleration_weight,
-            moved[2:],
-            near[2:, 2:],
-            acceleration_noise,
-            felt.change[:, None] - expected,
-            noise.scale_bounds,
-        )
-    return Hypotheses(x, P, h.log_weight * np.exp(-dt / WEIGHT_MEMORY))
+    Q[R, R] = wander
+    Q[THETA, THETA] = wander / r**2
+    Q[KAPPA, KAPPA] = KAPPA_PSD * dt
+    Q[B, B] = (1 - exp(-2 * dt / BIAS_TIME)) * (noise.drifting * sigma) ** 2
+    Q[FORWARD, FORWARD] = noise.acceleration_bias**2 / ACCELERATION_BIAS_TIME * dt
+    Q[LEFT, LEFT] = Q[FORWARD, FORWARD]
+    return Q
 
 
-def _acceleration_rows(felt: VelocityChange, keep: Batch) -> Array:
-    """Return the Jacobian of the measured change of velocity by the states before the step, (2, 12,
-    1, B):
+def _acceleration_matrix(acceleration: VelocityChange, gust_keep: float) -> Array:
+    """Return the Jacobian of the measured change of velocity by the states before the step, (2,
+    12):
 
     change = kappa air + (d + g + e) after - (d + g + e) before + (f, l) turned by the nose + white
     noise
     """
-    c, s = felt.nose
-    rows = np.zeros((2, STATES, 1, c.size))
+    c, s = acceleration.nose
+    H = np.zeros((2, STATES))
     # kappa is estimated from the turn rate of the gyros: the heading noise in `air` would bias it
     # low
-    rows[0, KAPPA], rows[1, KAPPA] = -felt.across * s, felt.across * c
-    rows[0, GX] = rows[1, GY] = keep[GX] - 1
-    rows[0, FORWARD] = rows[1, LEFT] = c
-    rows[0, LEFT], rows[1, FORWARD] = -s, s
-    rows[0, EX] = rows[1, EY] = -1.0
-    return rows
+    H[:, KAPPA] = (-acceleration.across * s, acceleration.across * c)
+    H[0, GX] = H[1, GY] = gust_keep - 1
+    H[:, FORWARD] = (c, s)
+    H[:, LEFT] = (-s, c)
+    H[0, EX] = H[1, EY] = -1.0
+    return H
 
 
-def _correct(
-    x: Batch, P: Batch, acceleration_weight: Batch, C: Batch, S: Batch, noise: Batch, nu: Batch,
-    bounds: tuple[float, float],
-) -> None:  # fmt: skip
-    """Correct x and P in place by two measurements, for the models that use them
-    (`acceleration_weight`).
+def _correct(x: Array, P: Array, noise: Noise, cross: Array, S: Array, innovation: Array) -> None:
+    """Correct x and P in place by two measurements, for the models that use them.
 
-    C (2, 12, M, B): covariance of measurements and state. S (2, 2, M, B): covariance of the
-    predicted measurements. noise (M, B): variance of each measurement. nu (2, M, B): innovations.
-    bounds: of kappa.
+    cross (2, 12, M): covariance of measurements and state. S (2, 2, M): covariance of the
+    innovation (2, M).
     """
-    # Solving the 2 x 2 system by its Cholesky factor keeps P symmetric.
-    a = np.sqrt(S[0, 0] + noise)
+    # Solving the 2 x 2 system by its Cholesky factor (a, 0; b, e) keeps P symmetric.
+    a = np.sqrt(S[0, 0])
     b = S[0, 1] / a
-    e = np.sqrt(np.maximum(S[1, 1] + noise - b * b, 1e-12))
-    gain = C / a
-    gain[1] = (C[1] - b * gain[0]) / e
-    gain *= acceleration_weight
-    first = nu[0] / a
-    x += gain[0] * first + gain[1] * ((nu[1] - b * first) / e)
-    P -= np.einsum("ki...,kj...->ij...", gain, gain)
-    _within_bounds(x, bounds)
+    e = np.sqrt(np.maximum(S[1, 1] - b * b, 1e-12))
+    gain = cross / a
+    gain[1] = (cross[1] - b * gain[0]) / e
+    gain *= noise.acceleration_weight
+    first = innovation[0] / a
+    x += gain[0] * first + gain[1] * ((innovation[1] - b * first) / e)
+    P -= np.einsum("kim,kjm->ijm", gain, gain)
+    _within_bounds(x, noise)
 
 
-def _within_bounds(x: Batch, bounds: tuple[float, float]) -> None:
-    np.maximum(x[R], CLOSEST, out=x[R])
-    least, most = bounds
-    np.minimum(np.maximum(x[KAPPA], least), most, out=x[KAPPA])
+def _within_bounds(x: Array, noise: Noise) -> None:
+    least, most = noise.scale_bounds
+    x[R] = np.maximum(x[R], CLOSEST)
+    x[KAPPA] = np.minimum(np.maximum(x[KAPPA], least), most)
 
 
-def motion(x: Any, dt: Number, chord: Any) -> tuple[Array, Array, tuple[tuple[int, Array], ...]]:
-    """Return range (m) and direction (rad) after dt (s) along a chord (m), and their Jacobian as
-    (state, entry) pairs.
+def motion(x: Array, dt: float, chord: Vector) -> tuple[Array, Array, NDArray[np.complex128]]:
+    """Return range (m) and direction (rad) after dt (s) along a chord (m), and their Jacobian, with
+    the shape of x: one state (12,) or M states (12, M).
 
-    An entry's real part is the derivative of the range. Its imaginary part is the derivative of the
-    direction, times the range. States without effect are omitted. x: by state, arrays or floats.
-    Complex numbers hold east and north. Multiplying by conj(u) converts them to along and across
-    the line of sight u.
+    The Jacobian's real part is the derivative of the range. Its imaginary part is the derivative of
+    the direction, times the range. Complex numbers hold east and north. Multiplying by conj(u)
+    converts them to along and across the line of sight u.
     """
-    towards = unit(-x[THETA])
-    path = chord[0] + 1j * chord[1]
+    towards = np.exp(-1j * x[THETA])
+    path = complex(*chord)
     drifts = x[DX] + x[GX] + x[EX] / 2 + 1j * (x[DY] + x[GY] + x[EY] / 2)
     seen = x[R] + (x[KAPPA] * path + drifts * dt) * towards
-    turn = arctan2(seen.imag, seen.real)
-    turned = unit(-turn)
+    turn = np.arctan2(seen.imag, seen.real)
+    turned = np.exp(-1j * turn)
     after = towards * turned
-    east = after * dt
-    north = 1j * east
-    row = (
-        (R, turned),
-        (THETA, 1j * x[R] * turned),
-        (DX, east),
-        (DY, north),
-        (KAPPA, after * path),
-        (GX, east),
-        (GY, north),
-        (EX, east / 2),
-        (EY, north / 2),
-    )
-    return maximum(abs(seen), CLOSEST), x[THETA] + turn, row
+    place = np.zeros(x.shape, complex)
+    place[R] = turned
+    place[THETA] = 1j * x[R] * turned
+    place[KAPPA] = after * path
+    place[DX] = place[GX] = after * dt
+    place[DY] = place[GY] = 1j * place[DX]
+    place[EX] = place[DX] / 2
+    place[EY] = place[DY] / 2
+    return np.maximum(abs(seen), CLOSEST), x[THETA] + turn, place
 
 
-def steps(drift_psd: Number, gust: Number, dt: Number) -> tuple[Array, Array]:
+def steps(drift_psd: Array, gust: Array, dt: float) -> tuple[Array, Array]:
     """Return the growth of the variances of d and g in dt, m^2/s^2."""
     return drift_psd * dt, (1 - exp(-2 * dt / GUST_TIME)) * gust**2
 
 
-def wandered(steady: Number, gusty: Number, dt: Number) -> Array:
+def wandered(steady: Array, gusty: Array, dt: float) -> Array:
     """Return the process noise of the position in dt, m^2, from the growth `steady` and `gusty` of
     the drift."""
     return (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
 
 
-Updated = tuple[Hypotheses, Array, Array]
-"""Hypotheses after a measurement, their normalized innovation squared (M, B), and True (M, B) where
-it was accepted."""
+def range_measurement(h: Hypotheses, noise: Noise, z: float, sigma: float) -> Measurement:
+    """Return the measurement of a range z with its standard deviation, m."""
+    cross = h.P[:, R] + h.P[:, B]
+    variance = np.maximum(cross[R] + cross[B], 0.0) + (noise.white * sigma) ** 2
+    return Measurement(z - h.x[R] - h.x[B], cross, variance, OUTLIER_SPREAD)
 
 
-def update(
-    h: Hypotheses, noise: Noise, z: Batch, sigma: Batch, valid: Batch, gate: float
-) -> Updated:
-    """Add one range per flight, z and sigma (B,), m, where valid (B,). Each hypothesis has its own
-    gate."""
-    PH = h.P[:, R] + h.P[:, B]
-    S = np.maximum(PH[R] + PH[B], 0.0) + (noise.white * sigma) ** 2
-    return _fused(h, noise, PH, z - h.x[R] - h.x[B], S, valid, gate, OUTLIER_SPREAD)
+def rate_measurement(h: Hypotheses, r_dot: float, sigma: float, air: Vector) -> Measurement:
+    """Return the measurement of a range rate with its standard deviation, m/s: n.(kappa V u(psi) +
+    d + g + e) + white noise, n = unit vector of p.
 
-
-def update_rate(h: Hypotheses, noise: Noise, rates: Rates, gate: float) -> Hypotheses:
-    """Add a range rate per flight: z = n.(kappa V u(psi) + d + g + e) + white noise, n = unit
-    vector of p."""
-    n, t = axes(h.x[THETA])
-    vx, vy = (h.x[KAPPA] * air + d for air, d in zip(rates.air, drift(h.x), strict=True))
-    along = n[0] * vx + n[1] * vy
-    across = t[0] * vx + t[1] * vy
-    ahead = n[0] * rates.air[0] + n[1] * rates.air[1]
-    H = (
-        (THETA, across),
-        (KAPPA, ahead),
-        *((x, n[0]) for x in (DX, GX, EX)),
-        *((y, n[1]) for y in (DY, GY, EY)),
-    )
-    PH = sum(of * h.P[:, state] for state, of in H)
+    air: V u(psi) at the same time and the measured airspeed, m/s.
+    """
+    n = np.array((np.cos(h.x[THETA]), np.sin(h.x[THETA])))
+    v = np.outer(air, h.x[KAPPA]) + drift(h.x)
+    H = np.einsum("am,ak->km", n, DRIFT)
+    H[THETA] = n[0] * v[1] - n[1] * v[0]
+    H[KAPPA] = n[0] * air[0] + n[1] * air[1]
+    cross = np.einsum("jkm,km->jm", h.P, H)
     # with accelerations, the noise of the heading is a state: e
-    nose = np.where(h.P[EX, EX] > 0, 0.0, NOSE * np.hypot(*rates.air)) ** 2
-    S = np.maximum(sum(of * PH[state] for state, of in H), 0.0) + rates.sigma**2 + nose
-    return _fused(h, noise, PH, rates.r_dot - along, S, rates.valid, gate, RATE_SPREAD)[0]
+    nose = np.where(h.P[EX, EX] > 0, 0.0, NOSE * np.hypot(*air)) ** 2
+    variance = np.maximum((H * cross).sum(axis=0), 0.0) + sigma**2 + nose
+    return Measurement(r_dot - (n * v).sum(axis=0), cross, variance, RATE_SPREAD)
 
 
-def _fused(
-    h: Hypotheses,
-    noise: Noise,
-    PH: Batch,
-    nu: Batch,
-    S: Batch,
-    valid: Batch,
-    gate: float,
-    spread: float,
-) -> Updated:
-    """Return the hypotheses after a measurement with innovation nu of variance S. PH: covariance of
-    states and measurement. spread: width of the uniform distribution of outliers."""
-    nis = nu**2 / S
-    taken = valid & (nis < gate**2)
-    share = taken / S
-    x = h.x + PH * (share * nu)
-    _within_bounds(x, noise.scale_bounds)
-    learnt = PH * np.sqrt(share)  # K S K' as a product with itself stays exactly symmetric
-    P = h.P - learnt[:, None] * learnt[None, :]
-    fits = (1 - OUTLIER_SHARE) * np.exp(-0.5 * np.minimum(nis, 1e3)) / np.sqrt(2 * np.pi * S)
-    log_weight = h.log_weight + np.where(valid, np.log(fits + OUTLIER_SHARE / spread), 0.0)
-    return Hypotheses(x, P, log_weight - log_weight.max(axis=0)), nis, taken
+Updated = tuple[Hypotheses, Array, NDArray[np.bool_]]
+"""Hypotheses after a measurement, their normalized innovation squared (M,), and True (M,) where it
+was accepted."""
 
 
-def axes(theta: Number) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return the unit vectors along and across (left of) the line from the target."""
-    c = cos(theta)
-    s = sin(theta)
-    return (c, s), (-s, c)
+def update(h: Hypotheses, noise: Noise, measured: Measurement, gate: float) -> Updated:
+    """Add a measurement. Each hypothesis has its own gate."""
+    innovation, cross, variance, spread = measured
+    nis = innovation**2 / variance
+    accepted = nis < gate**2
+    share = accepted / variance
+    x = h.x + cross * (share * innovation)
+    _within_bounds(x, noise)
+    root = cross * np.sqrt(share)  # K S K' as a product with itself stays exactly symmetric
+    P = h.P - root[:, None] * root
+    fits = (1 - OUTLIER_SHARE) * np.exp(-0.5 * np.minimum(nis, 1e3)) / np.sqrt(2 * np.pi * variance)
+    log_weight = h.log_weight + np.log(fits + OUTLIER_SHARE / spread)
+    return Hypotheses(x, P, log_weight - log_weight.max()), nis, accepted
 
 
 def mixture(h: Hypotheses) -> tuple[Array, Array]:
-    """Return mean (12, B) and covariance (12, 12, B) of the weighted hypotheses.
+    """Return mean (12,) and covariance (12, 12) of the weighted hypotheses.
 
     Directions are averaged about the most likely hypothesis's direction."""
-    w = h.weight
-    heaviest = h.x[THETA, h.log_weight.argmax(axis=0), np.arange(w.shape[1])]
+    weight = h.weight
+    direction = h.x[THETA, h.log_weight.argmax()]
     x = h.x.copy()
-    x[THETA] = heaviest + wrap(x[THETA] - heaviest)
-    mean = np.einsum("mb,imb->ib", w, x)
-    apart = (x - mean[:, None]) * np.sqrt(w)
-    return mean, np.einsum("mb,ijmb->ijb", w, h.P) + np.einsum("imb,jmb->ijb", apart, apart)
+    x[THETA] = direction + (x[THETA] - direction + np.pi) % (2 * np.pi) - np.pi
+    mean = x @ weight
+    apart = (x - mean[:, None]) * np.sqrt(weight)
+    return mean, np.einsum("m,ijm->ij", weight, h.P) + apart @ apart.T
 
 
-def polar(p: Batch, P: Batch) -> tuple[Array, Array]:
-    """Return a Cartesian state (p_x, p_y, ...), (12, B), and its covariance (12, 12, B) as (r,
-    theta, ...)."""
-    r = np.maximum(np.hypot(p[0], p[1]), CLOSEST)
-    n = p[:2] / r
-    T = np.zeros_like(P)
-    for i in range(2, STATES):
-        T[i, i] = 1.0
-    T[0, 0], T[0, 1], T[1, 0], T[1, 1] = n[0], n[1], -n[1] / r, n[0] / r
+def polar(p: Array, P: Array) -> tuple[Array, Array]:
+    """Return a Cartesian state (p_x, p_y, ...), (12,), and its covariance (12, 12) as (r, theta,
+    ...)."""
+    r = max(float(np.hypot(p[0], p[1])), CLOSEST)
+    east, north = p[:2] / r
+    T = np.eye(STATES)
+    T[:2, :2] = ((east, north), (-north / r, east / r))
     x = p.copy()
-    x[R], x[THETA] = r, np.arctan2(p[1], p[0])
-    turned = np.einsum("ij...,jk...,lk...->il...", T, P, T)
-    return x, (turned + np.swapaxes(turned, 0, 1)) / 2
+    x[R] = r
+    x[THETA] = np.arctan2(p[1], p[0])
+    turned = T @ P @ T.T
+    return x, (turned + turned.T) / 2
 
 
-def position(x: Batch) -> Array:
+def position(x: Array) -> Array:
     """Return p = vehicle - target (2, ...), m."""
-    return x[R] * np.stack([np.cos(x[THETA]), np.sin(x[THETA])])
+    return x[R] * np.array((np.cos(x[THETA]), np.sin(x[THETA])))
 
 
-def drift(x: Batch) -> Array:
+def drift(x: Array) -> Array:
     """Return d + g + e (2, ...), m/s."""
     return x[DX : DY + 1] + x[GX : GY + 1] + x[EX : EY + 1]

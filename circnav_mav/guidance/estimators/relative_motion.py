@@ -2,22 +2,25 @@
 order of arrival."""
 
 from dataclasses import replace
-from math import hypot, sqrt
-
-import numpy as np
+from math import cos, hypot, sin, sqrt
 
 from circnav_mav.guidance.estimators.acquisition import Prior
-from circnav_mav.guidance.estimators.dead_reckoning import FlownPath, PathPoint, predict_one
+from circnav_mav.guidance.estimators.dead_reckoning import FlownPath, PathPoint, predict_mixture
 from circnav_mav.guidance.estimators.interface import (
     Estimator,
     EstimatorSettings,
     Fused,
     MethodChange,
 )
-from circnav_mav.guidance.estimators.multiple_model import TRUSTED, MultipleModelFilter, Stage
+from circnav_mav.guidance.estimators.multiple_model import (
+    TRUSTED,
+    MultipleModelFilter,
+    Rate,
+    Stage,
+)
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, Rates, VelocityChange, drift
-from circnav_mav.guidance.maths import Array
+from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, drift
+from circnav_mav.guidance.maths import Vector
 from circnav_mav.guidance.types import (
     OwnMotion,
     RangeEstimate,
@@ -53,7 +56,7 @@ class DriftEstimator(Estimator):
         self.reset()
 
     def reset(self) -> None:
-        self.bank = MultipleModelFilter(self._settings)
+        self.filter = MultipleModelFilter(self._settings)
         self._path = FlownPath()
         self._used: PathPoint | None = None
         self._range_at = float("-inf")
@@ -67,12 +70,12 @@ class DriftEstimator(Estimator):
     @property
     def ready(self) -> bool:
         """True if the estimate is trusted and includes the newest range."""
-        return bool(self.bank.trusted[0]) and not self._astray
+        return self.filter.trusted and not self._astray
 
     @property
     def nis(self) -> float | None:
         """Normalized innovation squared of the newest sample, or None while searching."""
-        return None if np.isnan(self.bank.nis[0]) else float(self.bank.nis[0])
+        return self.filter.nis
 
     def move(self, motion: OwnMotion) -> None:
         self._path.move(motion)
@@ -81,14 +84,14 @@ class DriftEstimator(Estimator):
         """Continue a trusted track with the wind in its drift. A search starts again with the wind
         as its prior."""
         self._settings = change.settings
-        before = self.bank
+        before = self.filter
         x, y = change.wind
         drift_sigma = hypot(change.wind_sigma, REMEMBERED * change.settings.speed)
         known = Prior(drift_sigma, change.scale_sigma, x, y, change.scale)
-        self.bank = MultipleModelFilter(change.settings, known=known)
+        self.filter = MultipleModelFilter(change.settings, known=known)
         self._lately = self._before = None
-        if before.stage[0] == Stage.TRACKING:
-            self.bank.tracked_from(before, change)
+        if before.stage == Stage.TRACKING:
+            self.filter.tracked_from(before, change)
         else:
             self._used = None
 
@@ -110,8 +113,9 @@ class DriftEstimator(Estimator):
         ):
             return Fused.GATED
         self._range_at = sample.time
-        ranges = np.array([sample.r]), np.array([sample.sigma]), np.array([True])
-        self.bank.observe(*_step(before or point, point), *ranges, _velocity_change(before, point))
+        start = before or point
+        change = None if before is None else point.velocity_change_since(before)
+        self.filter.observe(*_step(start, point), sample.r, sample.sigma, change)
         self._asked = None
         self._used = point
         self._sigma = sample.sigma
@@ -119,7 +123,7 @@ class DriftEstimator(Estimator):
         self._remember(sample.time)
         if sample.rate is not None:
             self.observe_rate(sample.rate)
-        return Fused.GATED if self.bank.refused[0] else Fused.ACCEPTED
+        return Fused.GATED if self.filter.refused else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
         """Add a range rate, unless it is older than the newest sample. The search uses ranges
@@ -133,13 +137,11 @@ class DriftEstimator(Estimator):
             or sample.time < before.motion.time
         ):
             return
-        nothing = np.zeros(1)
         V = point.motion.airspeed
         psi = point.motion.heading
-        air = V * np.array([[np.cos(psi)], [np.sin(psi)]])
-        rates = Rates(np.array([sample.r_dot]), np.array([sample.sigma]), np.array([True]), air)
-        ranges = nothing, nothing + self._sigma, nothing > 0
-        self.bank.step(*_step(before, point), *ranges, _velocity_change(before, point), rates)
+        rate = Rate(sample.r_dot, sample.sigma, (V * cos(psi), V * sin(psi)))
+        change = point.velocity_change_since(before)
+        self.filter.step(*_step(before, point), None, self._sigma, change, rate)
         self._used = point
 
     def at(self, time: float) -> RangeEstimate | None:
@@ -147,27 +149,29 @@ class DriftEstimator(Estimator):
         # some milliseconds and would delay the setpoint. So the search continues at the next range,
         # or when an estimate of a later time is requested.
         if self._asked is not None and time > self._asked:
-            self.bank.search()
+            self.filter.search()
         self._asked = time if self._asked is None else self._asked
         point = self._path.at(time)
         if (
             point is None
             or self._used is None
             or point.piece != self._used.piece
-            or self.bank.stage[0] == Stage.EMPTY
+            or self.filter.stage == Stage.EMPTY
         ):
             return None
         then = self._used
         own = point.motion
-        tracks = self.bank.stage[0] == Stage.TRACKING
-        mean, covariance = self.bank.mean[:, 0].tolist(), self.bank.covariance[:, :, 0]
-        assumed = self.bank.assumed[:, 0].tolist()
-        dt = max(own.time - then.motion.time, 0.0)
-        chord = (point.x - then.x, point.y - then.y)
-        felt = point.velocity_change_since(then)
-        at = predict_one(mean, covariance, assumed, dt, chord, own.heading, own.airspeed, felt)
+        tracks = self.filter.stage == Stage.TRACKING
+        mean = self.filter.mean
+        covariance = self.filter.covariance
+        assumed = self.filter.assumed
+        dt, chord = _step(then, point)
+        change = point.velocity_change_since(then)
+        at = predict_mixture(
+            mean, covariance, assumed, dt, chord, own.heading, own.airspeed, change
+        )
         # without ranges, the uncertainty of the prediction grows
-        bound = max(TRUSTED, GROWN * float(self.bank.spread[0]))
+        bound = max(TRUSTED, GROWN * self.filter.spread)
         steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
         relative = RelativeMotion(
             x=at.x,
@@ -180,11 +184,11 @@ class DriftEstimator(Estimator):
             heading=own.heading,
             turn_rate=own.turn_rate,
             airspeed=at.airspeed,
-            scale=mean[KAPPA],
+            scale=float(mean[KAPPA]),
             trusted=steers,
-            trial=None if tracks else int(self.bank.most_likely[0]),
-            drift_remembered=self.bank.remembers,
-            acceleration_weight=assumed[2] if tracks and felt is not None else 0.0,
+            trial=self.filter.most_likely,
+            drift_remembered=self.filter.remembers,
+            acceleration_weight=float(assumed[2]) if tracks and change is not None else 0.0,
             drift_covariance=(
                 covariance.item(DX, DX),
                 covariance.item(DX, DY),
@@ -195,7 +199,7 @@ class DriftEstimator(Estimator):
             time, at.r, at.r_dot,
             sqrt(max(at.r_variance, 0.0)) if tracks else self._sigma,
             sqrt(max(at.r_dot_variance, 0.0)) if tracks else self._settings.speed,
-            eta=relative.eta, relative=relative, missed=float(self.bank.missed[0]),
+            eta=relative.eta, relative=relative, missed=self.filter.missed,
         )  # fmt: skip
 
     def _restart(self, now: float) -> None:
@@ -207,21 +211,20 @@ class DriftEstimator(Estimator):
         if self._before is not None:
             time, known = self._before
             sigma = sqrt(known.drift**2 + FORGOTTEN * (now - time))
-            if self.bank.stage[0] == Stage.TRACKING and not self._astray:
-                dx, dy = drift(self.bank.mean[:, 0])
-                sigma = max(sigma, float(np.hypot(dx - known.dx, dy - known.dy)))
+            if self.filter.stage == Stage.TRACKING and not self._astray:
+                dx, dy = drift(self.filter.mean)
+                sigma = max(sigma, hypot(dx - known.dx, dy - known.dy))
             known = replace(known, drift=sigma)
         self._lately = self._before
-        self.bank = MultipleModelFilter(self._settings, known=known)
+        self.filter = MultipleModelFilter(self._settings, known=known)
 
     def _remember(self, now: float) -> None:
         """Store drift and airspeed scale every MEMORY seconds, and keep the previously stored
         values."""
         if self.ready and (self._lately is None or now - self._lately[0] > MEMORY):
-            (dx, dy), scale = drift(self.bank.mean[:, 0]), float(self.bank.mean[KAPPA, 0])
-            known = Prior(
-                REMEMBERED * self._settings.speed, dx=float(dx), dy=float(dy), scale=scale
-            )
+            dx, dy = drift(self.filter.mean).tolist()
+            scale = float(self.filter.mean[KAPPA])
+            known = Prior(REMEMBERED * self._settings.speed, dx=dx, dy=dy, scale=scale)
             self._before = self._lately
             self._lately = (now, known)
 
@@ -280,14 +283,7 @@ class AutoEstimator(Estimator):
         return by_range._replace(relative=by_drift.relative, missed=by_drift.missed)
 
 
-def _step(before: PathPoint, after: PathPoint) -> tuple[Array, Array]:
+def _step(before: PathPoint, after: PathPoint) -> tuple[float, Vector]:
     """Return time (s) and path (m) from one point to the next."""
     dt = max(after.motion.time - before.motion.time, 0.0)
-    return np.array([dt]), np.array([[after.x - before.x], [after.y - before.y]])
-
-
-def _velocity_change(before: PathPoint | None, after: PathPoint) -> VelocityChange | None:
-    """Return the acceleration measured between two points of the path, as arrays of one flight.
-    None: not measured."""
-    felt = None if before is None else after.velocity_change_since(before)
-    return None if felt is None else VelocityChange(*(np.array(part)[..., None] for part in felt))
+    return dt, (after.x - before.x, after.y - before.y)

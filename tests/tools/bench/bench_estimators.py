@@ -12,6 +12,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     Noise,
     mixture,
     predict,
+    range_measurement,
     update,
 )
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
@@ -28,22 +29,22 @@ def timed(step: Callable[[int], object], rounds: int) -> np.ndarray:
     return np.array(times)
 
 
-def bank_step(count: int) -> Callable[[int], object]:
+def filter_step(count: int) -> Callable[[int], object]:
     """Return a Kalman step of this many hypotheses."""
-    x = np.zeros((STATES, count, 1))
-    x[0], x[1, :, 0], x[4] = 100.0, np.arange(count), 1.0
-    h = Hypotheses(
-        x, np.repeat(np.eye(STATES)[..., None, None], count, axis=2), np.zeros((count, 1))
-    )
-    noise = Noise(*(np.full((count, 1), value) for value in (1e-2, 1.5, 0.7, 0.7)))
-    path = np.ones((2, 1))
-    z = np.array([100.0])
-    sigma = np.array([0.5])
-    valid = np.array([True])
-    dt = np.array([0.05])
-    return lambda number: mixture(
-        update(predict(h, noise, dt, path, sigma), noise, z, sigma, valid, 5.0)[0]
-    )
+    x = np.zeros((STATES, count))
+    x[0] = 100.0
+    x[1] = np.arange(count)
+    x[4] = 1.0
+    P = np.repeat(np.eye(STATES)[..., None], count, axis=2)
+    h = Hypotheses(x, P, np.zeros(count))
+    noise = Noise(*(np.full(count, value) for value in (1e-2, 1.5, 0.7, 0.7, 0.0, 0.0)))
+
+    def step(number: int) -> None:
+        predicted = predict(h, noise, 0.05, (1.0, 1.0), 0.5)
+        measured = range_measurement(predicted, noise, 100.0, 0.5)
+        mixture(update(predicted, noise, measured, 5.0)[0])
+
+    return step
 
 
 def in_flight() -> Callable[[int], object]:
@@ -65,7 +66,7 @@ def in_flight() -> Callable[[int], object]:
 
 
 if __name__ == "__main__":
-    print(f"one step of 32 hypotheses: {np.median(timed(bank_step(32), 400)):.0f} us")
+    print(f"one step of 32 hypotheses: {np.median(timed(filter_step(32), 400)):.0f} us")
     times = timed(in_flight(), 1200)
     print(
         "the auto estimator at 20 Hz, own motion, range and estimate: median"

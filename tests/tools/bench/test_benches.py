@@ -96,7 +96,7 @@ def test_what_a_flight_on_a_busy_machine_leaves_is_told(tmp_path, capsys):
 
 
 def test_the_estimators_steps_take_time():
-    assert (bench_estimators.timed(bench_estimators.bank_step(4), 3) > 0).all()
+    assert (bench_estimators.timed(bench_estimators.filter_step(4), 3) > 0).all()
     assert (bench_estimators.timed(bench_estimators.in_flight(), 30) > 0).all()
 
 
