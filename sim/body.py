@@ -9,10 +9,8 @@ GRAVITY = 9.80665  # m/s^2
 FREQUENCY = 0.32
 DAMPING = 0.45
 TILT_NOISE = 0.57  # gyro noise in roll per rad of rms roll error, 1/sqrt(s); half as much in pitch
-HEADING_TIME = 12.0  # correlation time of the heading error, s
 HARD_IRON = math.radians(0.2)  # amplitude of the heading error, one period per full turn
 UNAIDED = 0.12  # rad/s: bandwidth with which an estimator without GPS assumes a vehicle at rest
-DIP = 2.1  # tangent of the magnetic inclination: heading error per error of the tilt to the east
 QUADRATIC_DRAG = 0.125  # s/m: quadratic over linear drag of a multicopter
 
 Vector = tuple[float, float, float]
@@ -53,7 +51,8 @@ class EstimateError(NamedTuple):
         noise = roll * TILT_NOISE * math.sqrt(dt)
         right, forward = rng.gauss(0.0, noise), rng.gauss(0.0, noise / 2)
         fresh = to_earth(forward, right, heading)
-        kept = math.exp(-dt / HEADING_TIME)
+        # Correlation time of the heading error, s
+        kept = math.exp(-dt / 12.0)
         turned = kept * self.wander + rng.gauss(0.0, wander * math.sqrt(1 - kept * kept))
         moved = tuple(
             _corrected(*one, dt) for one in zip(self.velocity, self.lean, fresh, strict=True)
@@ -74,7 +73,8 @@ class EstimateError(NamedTuple):
             for one in zip(self.place, self.velocity, self.lean, acceleration, strict=True)
         )
         lean = north[2], east[2]
-        return EstimateError((north[1], east[1]), lean, DIP * lean[1], 0.0, (north[0], east[0]))
+        # Tangent of the magnetic inclination: heading error per error of the tilt to the east
+        return EstimateError((north[1], east[1]), lean, 2.1 * lean[1], 0.0, (north[0], east[0]))
 
 
 def _standing(

@@ -20,7 +20,6 @@ from .sensor import Sample
 from .starting import starting_body
 from .world import Air, target_at
 
-IMU_WINDOW_US = 20_000  # averaging time of the accelerometers: autopilots filter at 20 to 30 Hz
 DRIFT_STEP_US = 100_000
 RANGE_TOO_OLD_US = 450_000
 AUTOPILOTS: dict[str, Callable[[VehicleConfig, Say, Body], Autopilot]] = {
@@ -107,7 +106,8 @@ class Flight:
             self.now = to
             trail = self._velocities
             trail.append((to, self.body.velocity))
-            while trail[1][0] <= to - IMU_WINDOW_US:
+            # Averaging time of the accelerometers: autopilots filter at 20 to 30 Hz
+            while trail[1][0] <= to - 20_000:
                 trail.popleft()
 
     def specific_force(self) -> Vector:

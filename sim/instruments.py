@@ -6,8 +6,6 @@ from random import Random
 from .body import Body, Vector, within
 from .config import Sensors
 
-CLIP_MPS2 = 8.0  # below 1 g, so that the vertical axis clips in level flight
-VIBRATION_HZ = 73.0  # vibration of a motor; a stream of 50 Hz contains its alias
 # rms noise of sent values, m/s^2, rad/s
 ACCEL_OF_SIH = (0.36, 1.15, 0.99)
 GYRO_OF_SIH = (0.084, 0.042, 0.0185)
@@ -71,11 +69,12 @@ class Instruments:
         if self.imu_state == "frozen" and self._last_imu is not None:
             return self._last_imu
         (p, q, r), shaken = self.rates(true), self._config.accel_vibration_mps2
+        # Vibration of a motor; a stream of 50 Hz contains its alias
         x, y, z = (
             value
             + bias
             + self._imu_rng.gauss(0.0, noise)
-            + shaken * math.sin(math.tau * VIBRATION_HZ * time + phase)
+            + shaken * math.sin(math.tau * 73.0 * time + phase)
             for value, bias, noise, phase in zip(
                 specific_force, self._bias, self._accel_noise, PHASES, strict=True
             )
@@ -83,6 +82,7 @@ class Instruments:
         if self.imu_state == "rotated":
             x, y, p, q = y, -x, q, -p
         if self.imu_state == "clipped":
-            x, y, z = (within(value, CLIP_MPS2) for value in (x, y, z))
+            # Below 1 g, so that the vertical axis clips in level flight
+            x, y, z = (within(value, 8.0) for value in (x, y, z))
         self._last_imu = (x, y, z), (p, q, r)
         return self._last_imu

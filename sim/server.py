@@ -15,7 +15,6 @@ LONGEST_SLEEP = (
 )
 LATE = 0.2  # lag of the simulated time above which it is reported, s
 MAX_CATCH_UP = 0.5  # most simulated time that is made up in one step, s
-REPORT_EVERY = 10.0  # wall time between two reports of the lag, s
 
 
 def serve(
@@ -74,7 +73,8 @@ def _fly(
             return
         behind = simulated - vehicle.time
         if behind > LATE and wall >= quiet_until:
-            quiet_until = wall + REPORT_EVERY
+            # Wall time between two reports of the lag, s
+            quiet_until = wall + 10.0
             say(
                 f"sim: this computer cannot keep up: simulated time is {lost + behind:.1f} s behind"
             )

@@ -25,12 +25,6 @@ from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 
 EQUAL_DRAG_SPEED = 8.0
 """v_2, m/s."""
-FORWARD_TIME = 0.5
-"""Time constant of the low-pass on the speed along the nose, s. Below it, gusts and vibration
-dominate."""
-LEFT_TIME = 1.0
-"""Time constant of the low-pass on the speed to the left, s. It is longer, because this speed
-changes the heading of the path, and so the turn command."""
 MAX_SLIP = 0.6
 """Bound of the side-slip, rad. A larger one occurs only near standstill, where it has no
 meaning."""
@@ -79,10 +73,14 @@ class AirVelocity(NamedTuple):
         step = own.time - self.time
         if not 0 <= step <= LONGEST_REPORT_GAP:
             return AirVelocity(own.time, forward, left)
+        # Time constant of the low-pass on the speed along the nose, s. Below it, gusts and
+        # vibration dominate.
+        # 1.0: time constant of the low-pass on the speed to the left, s. It is longer, because this
+        # speed changes the heading of the path, and so the turn command.
         return AirVelocity(
             own.time,
-            forward + (self.forward - forward) * exp(-step / FORWARD_TIME),
-            left + (self.left - left) * exp(-step / LEFT_TIME),
+            forward + (self.forward - forward) * exp(-step / 0.5),
+            left + (self.left - left) * exp(-step / 1.0),
         )
 
     def motion(self, own: OwnMotion) -> OwnMotion:
@@ -93,11 +91,6 @@ class AirVelocity(NamedTuple):
         return own._replace(heading=own.heading + slip, airspeed=hypot(self.forward, self.left))
 
 
-HIGH_PASS = 5.0
-"""Time constant of the high-pass in `ScaleFit`, s. It removes a steady wind, and keeps turns and
-accelerations."""
-FIT_MEMORY = 120.0
-"""Time constant of the least squares, s."""
 PRIOR_WEIGHT = 20.0
 """Weight of the scale 1 in the least squares, m^2/s: as much as 10 s of a circle at 2 m/s."""
 SCALE_BOUNDS = (0.5, 2.0)
@@ -119,7 +112,8 @@ class ScaleFit:
     """
 
     def __init__(self) -> None:
-        self._fit = ForgettingFit(FIT_MEMORY)
+        # Time constant of the least squares, s.
+        self._fit = ForgettingFit(120.0)
         self._time = float("-inf")
         self._since = float("nan")
         """Beginning of the integral of the acceleration, s."""
@@ -160,18 +154,12 @@ class ScaleFit:
             self._velocity = 0j
             self._measured = 0j
             return
-        keep = exp(-step / HIGH_PASS)
+        # Time constant of the high-pass in `ScaleFit`, s. It removes a steady wind, and keeps turns
+        # and accelerations.
+        keep = exp(-step / 5.0)
         self._velocity = keep * (self._velocity + integral - last[0])
         self._measured = keep * (self._measured + velocity - last[1])
         self._fit.add(self._velocity, self._measured, step, step)
-
-
-WIND_TIME = 20.0
-"""Time constant of the mean of the wind, s: half a lap."""
-WIND_SIGMA = 0.4
-"""Standard deviation of each component of a learned wind, m/s."""
-UNKNOWN_WIND = 4.0
-"""Standard deviation of each component of the wind before it is learned, m/s."""
 
 
 class MeanWind(NamedTuple):
@@ -191,7 +179,9 @@ class MeanWind(NamedTuple):
     @property
     def sigma(self) -> float:
         """Standard deviation of each component, m/s."""
-        return hypot(WIND_SIGMA, UNKNOWN_WIND * (1 - self.share))
+        # Standard deviation of each component of a learned wind, m/s.
+        # 4.0: standard deviation of each component of the wind before it is learned, m/s.
+        return hypot(0.4, 4.0 * (1 - self.share))
 
     def follow(self, own: OwnMotion, air: AirVelocity, scale: float) -> "MeanWind":
         """Return the state after a report.
@@ -205,7 +195,8 @@ class MeanWind(NamedTuple):
             return self._replace(time=own.time)
         ground = rect(own.airspeed, own.heading)
         wind = ground - scale * complex(air.forward, air.left) * rect(1.0, own.heading)
-        kept = exp(-step / WIND_TIME)
+        # Time constant of the mean of the wind, s: half a lap.
+        kept = exp(-step / 20.0)
         share = 1 - (1 - self.share) * kept
         weight = (1 - kept) / share
         x = self.x + (wind.real - self.x) * weight
@@ -213,20 +204,8 @@ class MeanWind(NamedTuple):
         return MeanWind(own.time, x, y, share)
 
 
-TRIM_RATE = 0.15
-"""Rate of the forward integral of `AirspeedHold`, 1/s: slower than the drag (0.25 to 0.5/s), so
-that it does not swing."""
-SLIP_GAIN = 0.4
-"""Push against a side-slip per speed to the left, 1/s."""
-SLIP_RATE = 0.15
-"""Push against a side-slip per integral of the speed to the left, 1/s^2."""
 MAX_TRIM = 1.5
 """Bound of each integral, m/s^2: 9 degrees of error of the attitude estimate."""
-SCALE_TIME = 10.0
-"""Time constant with which the held airspeed follows the estimated scale, s."""
-ACCELERATING = 0.4
-"""Missing share of the drag above which the copter still accelerates: no sign of a wrong
-attitude."""
 
 
 class AirspeedHold:
@@ -258,7 +237,8 @@ class AirspeedHold:
         if speed <= 0:
             return 0.0, 0.0
         forward = drag_force(speed / self.scale, self._coefficient) + self._forward_trim
-        return forward, self._left_trim - SLIP_GAIN * self._slip_speed
+        # Push against a side-slip per speed to the left, 1/s.
+        return forward, self._left_trim - 0.4 * self._slip_speed
 
     def follow(self, air: AirVelocity, speed: float, scale: float | None) -> None:
         """Update after a report in which the copter was steered.
@@ -272,14 +252,20 @@ class AirspeedHold:
         if not 0 < step <= LONGEST_REPORT_GAP:
             return
         if scale is not None:
-            self.scale += (scale - self.scale) * (1 - exp(-step / SCALE_TIME))
+            # Time constant with which the held airspeed follows the estimated scale, s.
+            self.scale += (scale - self.scale) * (1 - exp(-step / 10.0))
         wanted = drag_force(speed / self.scale, self._coefficient)
         missing = wanted - drag_force(air.forward, self._coefficient)
         self._slip_speed = 0.0
-        if abs(missing) < ACCELERATING * wanted:
+        # Missing share of the drag above which the copter still accelerates: no sign of a wrong
+        # attitude.
+        if abs(missing) < 0.4 * wanted:
             self._slip_speed = min(max(air.left, -2.0), 2.0)
-            self._forward_trim = _bounded(self._forward_trim + TRIM_RATE * missing * step)
-            self._left_trim = _bounded(self._left_trim - SLIP_RATE * self._slip_speed * step)
+            # Rate of the forward integral of `AirspeedHold`, 1/s: slower than the drag (0.25 to
+            # 0.5/s), so that it does not swing.
+            self._forward_trim = _bounded(self._forward_trim + 0.15 * missing * step)
+            # Push against a side-slip per integral of the speed to the left, 1/s^2.
+            self._left_trim = _bounded(self._left_trim - 0.15 * self._slip_speed * step)
 
 
 def _bounded(trim: float) -> float:

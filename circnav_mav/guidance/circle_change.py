@@ -12,9 +12,6 @@ from circnav_mav.guidance.types import Direction, Orbit
 
 MIN_INTERVAL = 0.1
 """Shortest time between two requests, s: a fleet adjusts its spacing at most half as often."""
-MAX_OFFSET_SHARE = 0.3
-"""Largest offset from the circle, in units of its radius: the spacing of a fleet, not another
-circle."""
 SPEED_SHARE = 0.2
 """Largest change of the mission's speed, as a share of it. Within it, the mission's checks remain
 about valid."""
@@ -83,7 +80,9 @@ def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
     """Return why a requested circle cannot replace `orbit`: value and limit, short enough for a
     STATUSTEXT; empty if it can."""
     wanted = request.applied(orbit)
-    most = MAX_OFFSET_SHARE * request.circle(orbit).radius
+    # Largest offset from the circle, in units of its radius: the spacing of a fleet, not another
+    # circle.
+    most = 0.3 * request.circle(orbit).radius
     if request.offset is not None and not abs(request.offset) <= most:
         return f"spacing offset {request.offset:+.1f} m, limit {most:.1f} m"
     if not limits.nearest < wanted.radius < limits.farthest:  # also rejects NaN

@@ -25,19 +25,10 @@ from circnav_mav.guidance.maths import Vector, wrap
 
 ANGLES = 72
 """Number of points of a lap: more points change the radius error by less than 2 %."""
-BENDS = 1e-3
-"""Weight of the curvature e + e'' relative to e: without this weight the planned turn jumps. The
-weight costs 2 % of radius error."""
 DRIFT_STEP = 1 / 200
 LIMIT_STEP = 1 / 400
 """Grid of planned laps: drift in units of V, turn-rate limit in units of V/r_d. The estimates vary
 more than a cell."""
-SURE = 0.99
-"""Share of the turn-rate limit that a lap uses. The estimates of limit, drift and airspeed have a
-joint error of 1 %. A lap that demands too much ends farther outside: the worst of three ArduPlane
-flights was off by 1.50 m with 1, by 1.06 m with 0.99."""
-MOST_DRIFT = 0.9
-"""Largest drift for which a lap is planned, in units of V."""
 MOST_OFFSET = 0.2
 """Bound of e in units of the radius: beyond it the linear equation is invalid."""
 _SPACING = 2 * pi / ANGLES
@@ -68,8 +59,12 @@ class Lap(NamedTuple):
 def plan(d: Vector, *, V: float, r_d: float, limit: float) -> Lap | None:
     """Return the lap in drift d, m/s, at true airspeed V, m/s. limit: of the turn rate, rad/s. None
     if the vehicle can fly the circle within the limit."""
-    drift = min(hypot(d[0], d[1]) / V, MOST_DRIFT)
-    share = SURE * limit * r_d / V
+    # Largest drift for which a lap is planned, in units of V.
+    drift = min(hypot(d[0], d[1]) / V, 0.9)
+    # Share of the turn-rate limit that a lap uses. The estimates of limit, drift and airspeed have
+    # a joint error of 1 %. A lap that demands too much ends farther outside: the worst of three
+    # ArduPlane flights was off by 1.50 m with 1, by 1.06 m with 0.99.
+    share = 0.99 * limit * r_d / V
     if (1 + drift) ** 2 <= share:
         return None
     table = _table(floor(drift / DRIFT_STEP), floor(share / LIMIT_STEP))
@@ -93,8 +88,10 @@ def _table(drift_cell: int, limit_cell: int) -> NDArray[np.float64]:
     eased = turn[:, None] * bend + (slant @ turn)[:, None] * slant
     # Minimize |R e| with eased e >= turn - limit. The residual of this nonnegative problem gives
     # the solution.
+    # 1e-3: weight of the curvature e + e'' relative to e: without this weight the planned turn
+    # jumps. The weight costs 2 % of radius error.
     R = np.asarray(
-        np.linalg.qr(np.vstack([here / np.sqrt(ground)[:, None], np.sqrt(BENDS) * bend]), mode="r")
+        np.linalg.qr(np.vstack([here / np.sqrt(ground)[:, None], np.sqrt(1e-3) * bend]), mode="r")
     )
     G = np.linalg.solve(R.T, eased.T)
     E = np.vstack([G, turn - limit])

@@ -14,8 +14,6 @@ from math import asin, copysign, cos, pi, sqrt, tanh
 
 LEAST = 1.2
 """Least ratio of a default gain to the paper's bound."""
-SMOOTH_LOOP = 0.35
-"""Largest loop gain 2 k r_d V lag of law 1. From about 0.45 on, vehicles have limit cycles."""
 LawFunction = Callable[..., float]
 """The equation of a law: (r, r_dot, *, V, r_d, k) in the paper's symbols -> turn rate."""
 
@@ -165,7 +163,8 @@ def _smooth_gain(V: float, r_d: float, lag: float) -> float:
     """Return twice the bound, as in the paper's example, or less if the loop would oscillate with
     this lag (s)."""
     bound = smooth_gain_bound(r_d)
-    return max(LEAST * bound, min(2 * bound, SMOOTH_LOOP / (2 * r_d * V * lag)))
+    # Largest loop gain 2 k r_d V lag of law 1. From about 0.45 on, vehicles have limit cycles.
+    return max(LEAST * bound, min(2 * bound, 0.35 / (2 * r_d * V * lag)))
 
 
 LAWS: dict[str, Law] = {

@@ -51,9 +51,14 @@ Complex = NDArray[Any]
 
 @lru_cache(maxsize=1024)
 def sensitivity(V: float, r_d: float, W: float, delay: float, late: float, limit: float) -> float:
-    """Return the largest sensitivity over the family. V: speed, m/s. W: drift, m/s. delay: of the
-    vehicle's turn, s. late: delay of the reported turn, s; the gains use the sum. limit: of the
-    turn rate, rad/s."""
+    """Return the largest sensitivity over the family.
+
+    V: speed, m/s.
+    W: drift, m/s.
+    delay: of the vehicle's turn, s.
+    late: delay of the reported turn, s; the gains use the sum.
+    limit: of the turn rate, rad/s.
+    """
     worst = 0.0
     for known, share, damping in product(KNOWN, DEAD_SHARES, DAMPINGS):
         dead = share * delay

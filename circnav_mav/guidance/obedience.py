@@ -41,10 +41,6 @@ WINDOWS = 12, 20, 50
 BETTER = 0.3
 """Largest ratio of the better model's squared error to that of the other model. Gusts that turn the
 nose, 0.1 rad/s on the emulated vehicles, leave a ratio above 0.5."""
-EVIDENCE = 0.0007
-"""Least difference of both models' squared errors, integrated over time, rad^2/s: 0.05 rad/s (3
-deg/s) not flown for 2.4 s, or 0.025 rad/s for 10 s. A bank error of 3 deg is 0.023 rad/s at 22
-m/s."""
 IN_A_ROW = 2
 """Consecutive bins that must agree before the verdict changes."""
 
@@ -52,27 +48,11 @@ SWING_WINDOW = 72
 LEAST_SWING_WINDOW = 36
 """Longest and shortest window for a limit cycle, bins: 14.4 s contain four periods of the slowest
 cycle, 7.2 s four periods of 1.8 s."""
-LONGEST_PERIOD = 18
-"""Longest period of a limit cycle, bins, while the target is not located: 3.6 s. Limit cycles on
-firmware had periods of 1 to 4.6 s, most of them below 2.5 s. Longer periods also occur during the
-acquisition of the target: its excitation has a period of 6 s, and turns from one hypothesis to the
-next take 4.4 to 5 s."""
 SLOW_WINDOW = 160
 SLOWEST_PERIOD = 40
 """Window and longest period, bins, of a limit cycle while the law uses the estimated target
 position: 32 s contain four periods of 8 s. A copter at its acceleration limit swung with periods of
 5 to 6 s."""
-LAP_SHARE = 0.4
-"""Longest period of a limit cycle as a share of the lap. In wind, turns repeat with every lap, and
-twice in a lap."""
-PERIODS = 4.0
-"""Least number of periods in the window. The alternating turns of an approach, and gusts that
-repeat by chance, have fewer periods."""
-LASTS = 5
-"""Consecutive bins in which the oscillation must be regular."""
-LEAST_SWING = 0.25
-"""Least RMS of the fast part of an oscillation that counts as a limit cycle, in units of the
-turn-rate limit."""
 REPEATS = 0.8
 REVERSES = -0.75
 """Autocorrelation of a limit cycle: lower bound after one period, upper bound half a period before.
@@ -138,7 +118,9 @@ class LimitCycle:
 
     def __init__(self, limit: float) -> None:
         """limit: limit of the commanded turn rate, rad/s."""
-        self._least_rms = LEAST_SWING * limit
+        # Least RMS of the fast part of an oscillation that counts as a limit cycle, in units of the
+        # turn-rate limit.
+        self._least_rms = 0.25 * limit
         self._turns: deque[tuple[float, float]] = deque(maxlen=SLOW_WINDOW)
         self._newest = inf
         self._regular = 0
@@ -156,15 +138,22 @@ class LimitCycle:
         if len(self._turns) < LEAST_SWING_WINDOW:
             return
         turns = np.array(self._turns).T
-        swings = self._swings(turns[:, -SWING_WINDOW:], LONGEST_PERIOD)
+        # Longest period of a limit cycle, bins, while the target is not located: 3.6 s. Limit
+        # cycles on firmware had periods of 1 to 4.6 s, most of them below 2.5 s. Longer periods
+        # also occur during the acquisition of the target: its excitation has a period of 6 s, and
+        # turns from one hypothesis to the next take 4.4 to 5 s.
+        swings = self._swings(turns[:, -SWING_WINDOW:], 18)
         # All turns flown on the located target: the longer this stretch, the slower a cycle that it
         # can show.
         size = min(len(self._turns), self._located)
         if size > SWING_WINDOW and not swings:
-            longest = min(SLOWEST_PERIOD, int(LAP_SHARE * self.lap / BIN))
+            # Longest period of a limit cycle as a share of the lap. In wind, turns repeat with
+            # every lap, and twice in a lap.
+            longest = min(SLOWEST_PERIOD, int(0.4 * self.lap / BIN))
             swings = self._swings(turns[:, -size:], longest)
         self._regular = self._regular + 1 if swings else 0
-        if self._regular >= LASTS:
+        # Consecutive bins in which the oscillation must be regular.
+        if self._regular >= 5:
             self.share = max(self.share * LOWERED, LEAST)
             # Turns flown with the previous gains do not show the effect of the new ones.
             self._turns.clear()
@@ -199,7 +188,10 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     following = float((followed.sum(0) - followed.max(0)).min())
     weak = float(errors(REVERSED_GAIN, WEAK_GAIN).sum(0).min())
     other = min(weak, float(flown @ flown) - float(flown.sum()) ** 2 / width)
-    if abs(following - other) * BIN < EVIDENCE:
+    # Least difference of both models' squared errors, integrated over time, rad^2/s: 0.05 rad/s (3
+    # deg/s) not flown for 2.4 s, or 0.025 rad/s for 10 s. A bank error of 3 deg is 0.023 rad/s at
+    # 22 m/s.
+    if abs(following - other) * BIN < 0.0007:
         return 0
     return -1 if other < BETTER * following else int(following < BETTER * other)
 
@@ -212,7 +204,9 @@ def _swings(turns: Array, least: float, longest: int) -> bool:
     fast = turns - np.polyval(np.polyfit(place, turns, 2), place)
     if sqrt(float(np.mean(fast**2))) < least:
         return False
-    longest = min(longest + 1, int(turns.size / PERIODS))
+    # Least number of periods in the window. The alternating turns of an approach, and gusts that
+    # repeat by chance, have fewer periods.
+    longest = min(longest + 1, int(turns.size / 4.0))
     correlation = np.array([_correlation(fast[:-lag], fast[lag:]) for lag in range(1, longest + 1)])
     negative = np.flatnonzero(correlation < 0)
     if not negative.size:

@@ -14,9 +14,6 @@ KEPT = 60
 ENOUGH = 20
 QUARTILE = 0.25
 """Residuals from sample to sample: number kept, fewest for a result, and the quantile used."""
-TOO_MUCH = 3.0
-"""Use the measured sigma instead of the reported one if it is larger by this factor. The quartile
-of 60 residuals has an error of about 25 %, and 10 % outliers increase it by half."""
 WIDE = 0.4
 KEPT_WIDE = 200
 """Widely spaced residuals, which must be small before a sigma is lowered: spacing, s, and number
@@ -26,14 +23,6 @@ MARGIN = 2.0
 """A reported sigma above the first factor times the measured one is lowered to the second factor
 times the measured one. The margin covers the slow part of a radio's error (UWB: a third), which
 residuals hardly show."""
-RESOLUTION = 0.01
-"""Lower bound of a lowered sigma, m or m/s: DISTANCE_SENSOR has a resolution of 1 cm."""
-UNIFORM = 0.29
-"""Standard deviation of rounding, in steps of the resolution."""
-TURN_BUILDS = 0.4
-"""Time, s, in which a turn builds up. It bounds the change of the range acceleration."""
-ROUNDING = 1e-6
-"""Largest difference that is a rounding error."""
 FEW = 3
 REPEATS = 10
 """Numbers of equal values in a row. From FEW on, these values are not used for the noise. A frozen
@@ -76,7 +65,8 @@ class NoiseCheck:
     @classmethod
     def of_rates(cls, speed: float, max_turn_rate: float) -> "NoiseCheck":
         """Return the check for range rates (m/s)."""
-        most = max_range_acceleration(speed, max_turn_rate, 0.0) / TURN_BUILDS
+        # Time, s, in which a turn builds up. It bounds the change of the range acceleration.
+        most = max_range_acceleration(speed, max_turn_rate, 0.0) / 0.4
         return cls(lambda rate: most, patience=2.0)
 
     def corrected(self, stamp: float, value: float, sigma: float, *, moving: bool = False) -> float:
@@ -89,7 +79,10 @@ class NoiseCheck:
         self._bend(stamp, value)
         if self._still.count >= ENOUGH:
             measured = self._still.sigma
-            if measured > TOO_MUCH * sigma:
+            # Use the measured sigma instead of the reported one if it is larger by this factor. The
+            # quartile of 60 residuals has an error of about 25 %, and 10 % outliers increase it by
+            # half.
+            if measured > 3.0 * sigma:
                 self.found = self.found or (sigma, measured)
                 return measured
         # At uneven intervals there are no residuals.
@@ -98,7 +91,9 @@ class NoiseCheck:
         measured = max(self._raw.sigma, self._wide.sigma)
         if self.lowered is None and sigma <= TOO_LITTLE * measured:
             return sigma
-        least = max(RESOLUTION, 0.0 if self._step == inf else UNIFORM * self._step)
+        # Lower bound of a lowered sigma, m or m/s: DISTANCE_SENSOR has a resolution of 1 cm.
+        # 0.29: standard deviation of rounding, in steps of the resolution.
+        least = max(0.01, 0.0 if self._step == inf else 0.29 * self._step)
         lower = min(max(MARGIN * measured, least), sigma)
         self.lowered = self.lowered or (sigma, lower)
         return lower
@@ -127,7 +122,8 @@ class NoiseCheck:
     def _resolve(self, difference: float) -> None:
         """Update the sensor's resolution: differences and second differences are multiples of
         it."""
-        if difference > ROUNDING:
+        # Largest difference that is a rounding error.
+        if difference > 1e-6:
             self._step = min(self._step, difference)
 
     def _before(self, time: float) -> tuple[float, float]:

@@ -18,16 +18,9 @@ APART = 0.1
 """Shortest time between two stored ranges, s."""
 GAP = 1.0
 """Gap between rates, s, after which their integral restarts."""
-FEWEST = 4
-"""Least number of pairs for a slope."""
-DRIFTING = 0.1
-"""Share of a range's variance that does not average out over a span: radios also have slow
-errors."""
 SURE = 4.0
 """Smallest significant slope, in standard deviations. It is large because slopes are tested ten
 times a second, for hours."""
-TOLERATED = 2.0
-"""Additional tolerance, in standard deviations of the rate."""
 RETRY = 10.0
 LONGEST_RETRY = 160.0
 """Time, s, for which a rejected rate must agree with the ranges before it is trusted again, and its
@@ -83,9 +76,8 @@ class RateCheck:
         slopes = [
             slope for span in (QUICK, SLOW) if (slope := self._slope(now, span, sigma)) is not None
         ]
-        wrong = next(
-            (s for s in slopes if abs(s.off) > SURE * s.sigma + TOLERATED * rate_sigma), None
-        )
+        # Additional tolerance, in standard deviations of the rate.
+        wrong = next((s for s in slopes if abs(s.off) > SURE * s.sigma + 2.0 * rate_sigma), None)
         step = now - self._judged_at
         self._judged_at = now
         if wrong is not None:
@@ -108,7 +100,8 @@ class RateCheck:
         """Return the slope over a span (s), or None if the ranges do not cover it."""
         kept = [one for one in self._ranges if one[0] >= now - span - 1e-3]
         half = len(kept) // 2
-        if half < FEWEST or kept[0][0] > now - 0.8 * span:
+        # Least number of pairs for a slope.
+        if half < 4 or kept[0][0] > now - 0.8 * span:
             return None
         pairs = list(zip(kept, kept[-half:], strict=False))
         apart = median(after[0] - before[0] for before, after in pairs)
@@ -116,8 +109,10 @@ class RateCheck:
             median((after[i] - before[i]) / (after[0] - before[0]) for before, after in pairs)
             for i in (1, 2)
         )
+        # Share of a range's variance that does not average out over a span: radios also have slow
+        # errors.
         return _Slope(
-            -off, sigma * sqrt(2 * (1.57 / half + DRIFTING)) / apart, change
+            -off, sigma * sqrt(2 * (1.57 / half + 0.1)) / apart, change
         )  # 1.57: median over mean
 
 

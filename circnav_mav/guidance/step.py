@@ -47,10 +47,6 @@ CHANGE_TIME = 1.3
 """Time constant of the filter on the estimated drift, s. A few bad ranges in a row move the
 estimate by 1 m/s for a moment. With a shorter time constant this error would count as a change of
 the wind."""
-CIRCLING_PATIENCE = 10.0
-"""Time, s, for which acquisition on the circle flies no hypothesis."""
-FIRST_TRIAL = 1.0
-"""Time of acquisition, s, before its most likely hypothesis is flown."""
 PATIENCE = 6.0
 """Time, s, without a trusted target position after which the excitation starts."""
 EXCITATION_SHARE = 0.7
@@ -202,7 +198,8 @@ def next_handover(
     else:
         untrusted = before.untrusted + dt
         searched = before.searched + dt
-        if most_likely is not None and untrusted >= FIRST_TRIAL - SAME_TIME:
+        # Time of acquisition, s, before its most likely hypothesis is flown.
+        if most_likely is not None and untrusted >= 1.0 - SAME_TIME:
             flies = ActiveLaw.TRIAL
             wanted = drift_turn
             if untrusted > PATIENCE + SAME_TIME:
@@ -314,7 +311,8 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> int | No
         return None
     near = abs(inputs.r - settings.r_d) < NEAR * settings.r_d
     circling = near and abs(inputs.r_dot) < ALONG * settings.V
-    patient = before.searched < CIRCLING_PATIENCE - SAME_TIME
+    # Time, s, for which acquisition on the circle flies no hypothesis.
+    patient = before.searched < 10.0 - SAME_TIME
     if relative.drift_remembered and circling and patient:
         return None
     return relative.trial

@@ -53,20 +53,12 @@ STEADY = -RESIDUES / POLES
 """Steady state of each mode under a constant turn command of 1 rad/s."""
 PRIOR_SIGMA = 0.6
 """Standard deviation of the logarithm of dead time plus lag about the mission's value."""
-SPLIT_SIGMA = 0.5
-"""Standard deviation of lag/(dead time + lag) about its mean of 0.5."""
-LEAST_NOISE = 0.01
-"""Lower bound of the noise of a bin's mean turn rate, rad/s, from gusts and the gyro."""
 EXPLAINED = 0.6
 LEAST_SLOPE = 0.4
 MOST_SLOPE = 1.6
 """Conditions for turns to count as responses: least share of their variance explained by the
 commands, and bounds of their slope over the predicted turns. Vehicles that follow have a share of
 0.8 and more, and slopes of 0.65 to 1.2."""
-FAR_OFF = 2.0
-"""Residual of a bin, in standard deviations, above which the weight of the bin decreases."""
-KEPT = 4.0
-"""Time for which commands are kept, s: the longest dead time and link delay."""
 
 
 class Response(NamedTuple):
@@ -138,7 +130,8 @@ class CandidateTurns:
         mode = steady + (self._mode - steady) * np.exp(POLES * step)
         self._turned.append((time, angle + 2 * ((mode - self._mode) / POLES + steady * step).real))
         self._mode = mode
-        while len(self._turned) > 2 and self._turned[1][0] < time - KEPT:
+        # Time for which commands are kept, s: the longest dead time and link delay.
+        while len(self._turned) > 2 and self._turned[1][0] < time - 4.0:
             self._turned.popleft()
 
 
@@ -205,7 +198,8 @@ class ResponseLearner:
     def __init__(self, expected: float) -> None:
         """expected: initial dead time plus lag, s."""
         prior = (LOG_DELAYS - log(max(expected, 0.05))) / PRIOR_SIGMA
-        self._prior = -0.5 * (prior**2 + ((LAGS / DELAYS - 0.5) / SPLIT_SIGMA) ** 2)
+        # Standard deviation of lag/(dead time + lag) about its mean of 0.5.
+        self._prior = -0.5 * (prior**2 + ((LAGS / DELAYS - 0.5) / 0.5) ** 2)
         self._fit = ForgettingFit(self.MEMORY)
         self._best: tuple[Any, float, float, float] | None = None
         """Best candidate, its slope, offset (rad/s) and noise (rad/s)."""
@@ -234,7 +228,9 @@ class ResponseLearner:
         if self._best is not None:
             best, slope, offset, noise = self._best
             residual = float(abs(new.flown - slope * predicted[best] - offset))
-            share = min(1.0, (FAR_OFF * noise / max(residual, 1e-9)) ** 2)
+            # Residual of a bin, in standard deviations, above which the weight of the bin
+            # decreases.
+            share = min(1.0, (2.0 * noise / max(residual, 1e-9)) ** 2)
         fit = self._fit
         fit.add(predicted, new.flown, new.width, share)
         if fit.n < 10:
@@ -244,7 +240,8 @@ class ResponseLearner:
         variation = fit.variation()
         unexplained = variation - np.maximum(product, 0.0) ** 2 / np.maximum(spread, 1e-9)
         unexplained = np.maximum(unexplained, 0.0)
-        noise = max(float(unexplained.min() / fit.n), LEAST_NOISE**2)
+        # Lower bound of the noise of a bin's mean turn rate, rad/s, from gusts and the gyro.
+        noise = max(float(unexplained.min() / fit.n), 0.01**2)
         likely = self._prior - 0.5 * unexplained / noise
         best = np.unravel_index(likely.argmax(), likely.shape)
         slope = float(product[best] / max(spread[best], 1e-9))

@@ -22,15 +22,6 @@ STEP = 0.05
 REACHABLE = 0.98
 """Largest sine of the drift angle: above it the ground course cannot be held, and the nose points
 nearly across it."""
-CROSSOVER = 0.85
-"""Crossover of the heading loop times the whole delay. The pending turn is subtracted, so that only
-the error of the delay model remains in the loop. For models of real vehicles with 20 % delay error,
-the gain margin is above 6 dB and the phase margin above 45 deg (tests/guidance/test_margins.py)."""
-SETTLING_SHARE = 0.95
-"""Highest crossover in units of the settling rate of the vehicle's response: a poorly damped inner
-loop has a resonance that its delay does not show."""
-FASTEST = 1.8
-"""Highest crossover, rad/s: a faster radius loop follows the noise of ranges (0.5 m at 10 Hz)."""
 RADIAL_SHARE = 0.4
 """Radius loop over heading loop. At these margins, two fifths suppress slow errors best: wind and
 turbulence act on the radius below 0.4 rad/s, as flown on ArduPlane 4.6.3."""
@@ -51,10 +42,23 @@ class DriftGains(NamedTuple):
 
 
 def drift_gains(V: float, delay: float, settles: float, share: float = 1.0) -> DriftGains:
-    """Return the gains. V: speed, m/s. delay: total of link, autopilot and airframe, s. settles:
-    settling rate of the response, 1/s. share: factor on the gains, below 1 after limit cycles."""
-    most = min(SETTLING_SHARE * settles, FASTEST)
-    crossover = share * min(CROSSOVER / max(delay, 1e-3), most)
+    """Return the gains.
+
+    V: speed, m/s.
+    delay: total of link, autopilot and airframe, s.
+    settles: settling rate of the response, 1/s.
+    share: factor on the gains, below 1 after limit cycles.
+    """
+    # Highest crossover in units of the settling rate of the vehicle's response: a poorly damped
+    # inner loop has a resonance that its delay does not show.
+    # 1.8: highest crossover, rad/s: a faster radius loop follows the noise of ranges (0.5 m at 10
+    # Hz).
+    most = min(0.95 * settles, 1.8)
+    # Crossover of the heading loop times the whole delay. The pending turn is subtracted, so that
+    # only the error of the delay model remains in the loop. For models of real vehicles with 20 %
+    # delay error, the gain margin is above 6 dB and the phase margin above 45 deg
+    # (tests/guidance/test_margins.py).
+    crossover = share * min(0.85 / max(delay, 1e-3), most)
     # The feedforward (rotation of the field ahead) adds radial V (1 + heading delay) to the heading
     # loop.
     heading = crossover / (1 + 1.5 * RADIAL_SHARE)
@@ -86,8 +90,10 @@ def field_heading(
 ) -> float:
     """Return the heading (rad) with a ground course along the field at p, m.
 
-    d: drift, m/s. V: true airspeed, m/s. k: as in `inward_angle`, rad/m. lap: replaces the
-    circle.
+    d: drift, m/s.
+    V: true airspeed, m/s.
+    k: as in `inward_angle`, rad/m.
+    lap: replaces the circle.
     """
     r = hypot(p[0], p[1])
     angle = atan2(p[1], p[0])
@@ -118,8 +124,13 @@ def drift(
     heading error. The pending turn is subtracted from the error. Outside the circle the law prefers
     a turn away from the target.
 
-    p = vehicle - target, m. d = wind - target velocity, m/s. psi: heading, rad.
-    pending: commanded turn not flown yet. V: true airspeed, m/s. change: of d, m/s^2.
+    p = vehicle - target, m. d = wind - target velocity, m/s.
+
+    psi: heading, rad.
+    pending: commanded turn not flown yet.
+    V: true airspeed, m/s.
+    change: of d, m/s^2.
+
     Condition: W = |d| < V; and r_d >= (V + W)^2/(V max_turn_rate), or a lap instead of the circle.
     """
     ahead = pending.ahead

@@ -27,27 +27,12 @@ MEASUREMENT_DELAY = 0.2
 """Delay of a plane's reported turn rate behind its bank, s, as seen on ArduPlane 4.6.3. With gains
 tuned for the delay of the bank alone, the radius error with LoRa-like ranges was 2.7 m instead of
 1.9 m there."""
-UNRESPONSIVE_AFTER = 1.0
-"""Time without turning as commanded, s, after which a vehicle counts as unresponsive. Reversing a
-turn takes less time."""
-DOUBTED_AFTER = 0.7
-"""Time without turning as commanded, s, after which the estimators do not receive the motion of a
-vehicle without airspeed sensor. When a turn is reversed, commanded and flown turn differ for this
-long."""
 OBEYS_AFTER = 2.0
 """Time of turning as commanded, s, after which learning resumes. After this time the response model
 no longer contains commands that the vehicle did not receive."""
-SPEED_UP = 2.5
-"""Time, s, of turning as commanded after which the vehicle is assumed to have the commanded speed.
-A multicopter needs this time to accelerate from 0 to 5 m/s. The estimator would mistake the lower
-speed for a drift."""
 PAUSE = 1.0
 """Pause of the commands, or gap between two reports of own motion, s, after which the vehicle may
 have stopped: autopilots then brake, hover or loiter."""
-TAKEN_BACK = 5.0
-"""Time span, s, that ends when a vehicle is found unresponsive. What was learned in it is
-discarded. After a loss of the uplink, ArduPilot keeps flying the last command for 3 s. While the
-commands do not change, this looks like following."""
 
 
 class TurnGain:
@@ -215,7 +200,13 @@ class VehicleModel:
         speed."""
         now = self.command_gain.time
         slow_at = max(self._started_at, self._unresponsive_at)
-        return now - self._followed_at <= DOUBTED_AFTER and now - slow_at >= SPEED_UP - SAME_TIME
+        # Time without turning as commanded, s, after which the estimators do not receive the motion
+        # of a vehicle without airspeed sensor. When a turn is reversed, commanded and flown turn
+        # differ for this long.
+        # 2.5: time, s, of turning as commanded after which the vehicle is assumed to have the
+        # commanded speed. A multicopter needs this time to accelerate from 0 to 5 m/s. The
+        # estimator would mistake the lower speed for a drift.
+        return now - self._followed_at <= 0.7 and now - slow_at >= 2.5 - SAME_TIME
 
     def pending(self, now: float, turn_rate: float) -> Pending:
         """Return the commanded turn that is not flown yet. turn_rate: turn rate of the vehicle now,
@@ -295,7 +286,9 @@ class VehicleModel:
         now = own.time
         if self.followed or self._followed_at == -inf:
             self._followed_at = now
-        if now - self._followed_at > UNRESPONSIVE_AFTER:
+        # Time without turning as commanded, s, after which a vehicle counts as unresponsive.
+        # Reversing a turn takes less time.
+        if now - self._followed_at > 1.0:
             if self._snapshots:
                 # Restore the oldest snapshot, from before the vehicle stopped following.
                 before = self._snapshots[0]
@@ -307,7 +300,10 @@ class VehicleModel:
             if not self._snapshots or now - self._snapshots[-1].time >= 1.0:
                 gain = self.command_gain.knowledge
                 self._snapshots.append(Snapshot(now, gain, self._learner.knowledge))
-            while now - self._snapshots[0].time > TAKEN_BACK:
+            # Time span, s, that ends when a vehicle is found unresponsive. What was learned in it
+            # is discarded. After a loss of the uplink, ArduPilot keeps flying the last command for
+            # 3 s. While the commands do not change, this looks like following.
+            while now - self._snapshots[0].time > 5.0:
                 self._snapshots.popleft()
 
     def reset(self) -> None:

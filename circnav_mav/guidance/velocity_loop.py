@@ -21,15 +21,11 @@ from math import pi, remainder
 from circnav_mav.guidance.forgetting_fit import ForgettingFit
 from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 
-STEP = 0.02
-"""Step of the integration, s: a tenth of the loop's quickest time constant."""
 MEMORY = 60.0
 """Time constant of the drag's least squares, s: more than a lap, to separate wind from drag."""
 FIRST_DRAG = 0.3
 PRIOR = 10.0
 """Prior of the drag, 1/s (a bare quadrotor), and its weight, m^2/s."""
-MOST_DRAG = 2.0
-"""Bound of the learned drag, 1/s: seven times a bare quadrotor's; chosen."""
 MOST_FED = 5.0
 """Bound of the feedforward against drag, m/s^2: 27 deg of tilt."""
 TILT = 0.25
@@ -97,7 +93,8 @@ class CopterMotion:
             self._q = 0j
             return self._as_motion(own, own.turn_rate)
         fed = complex(*loop.fed(own.airspeed, own.turn_rate, self.drag)) * rect(1.0, own.heading)
-        pieces = int(step / STEP) + 1
+        # Step of the integration, s: a tenth of the loop's quickest time constant.
+        pieces = int(step / 0.02) + 1
         for _ in range(pieces):
             self._integrate(wanted, fed, loop, step / pieces)
         self._learn(own, (self._v - before) / step, step)
@@ -120,7 +117,8 @@ class CopterMotion:
         fit = self._fit
         fit.add(self._v, complex(*own.push) - acceleration, step, step)
         drag = (fit.product().real + PRIOR * FIRST_DRAG) / (fit.spread() + PRIOR)
-        self.drag = min(max(drag, 0.0), MOST_DRAG)
+        # Bound of the learned drag, 1/s: seven times a bare quadrotor's; chosen.
+        self.drag = min(max(drag, 0.0), 2.0)
 
     def _as_motion(self, own: OwnMotion, course_rate: float) -> OwnMotion:
         speed = abs(self._v)

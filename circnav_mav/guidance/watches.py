@@ -6,12 +6,6 @@ from typing import NamedTuple
 from circnav_mav.guidance.laws import tolerated_drift
 from circnav_mav.guidance.types import Orbit, RangeEstimate
 
-PERSISTS = 3.0
-"""Time, s, for which the drift must be too strong to raise the alarm: the estimate follows single
-gusts."""
-ALLOWED_AGAIN = 0.9
-"""Share of the allowed drift below which the alarm ends."""
-
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
@@ -69,7 +63,10 @@ def watch_drift(
     V = max(motion.airspeed, 0.1 * orbit.speed)
     allowed = max(tolerated_drift(V, orbit.radius, most_turn), 0.0)
     drift = motion.drift
-    if not drift > allowed * (ALLOWED_AGAIN if alarm.on else 1.0):
+    # Share of the allowed drift below which the alarm ends.
+    if not drift > allowed * (0.9 if alarm.on else 1.0):
         return DriftAlarm(False, None, drift, allowed)
     since = estimate.time if alarm.since is None else alarm.since
-    return DriftAlarm(alarm.on or estimate.time - since >= PERSISTS, since, drift, allowed)
+    # Time, s, for which the drift must be too strong to raise the alarm: the estimate follows
+    # single gusts.
+    return DriftAlarm(alarm.on or estimate.time - since >= 3.0, since, drift, allowed)

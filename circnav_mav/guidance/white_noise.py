@@ -11,16 +11,11 @@ from collections.abc import Sequence
 from math import ceil, nan, sqrt
 from statistics import NormalDist
 
-EVEN = 0.19
-"""Largest relative difference of two time steps that count as equal. A lost sample causes a much
-larger difference."""
 FAR = 5.0
 BULK = 3.5
 """Magnitudes above which a residual is an outlier, in standard deviations. The first pass estimates
 the standard deviation by the median of all residuals, the second pass by the median of the
 residuals below the first bound."""
-MAD = 1.4826
-"""Ratio of standard deviation to median magnitude of normal noise."""
 Moment = tuple[float, float]
 """Time and value."""
 
@@ -29,7 +24,9 @@ def is_even(before: Moment, middle: Moment, after: Moment) -> bool:
     """Return True if the steps between the times are equal."""
     first = middle[0] - before[0]
     last = after[0] - middle[0]
-    return abs(last - first) < EVEN * first
+    # Largest relative difference of two time steps that count as equal. A lost sample causes a much
+    # larger difference.
+    return abs(last - first) < 0.19 * first
 
 
 def residual(before: Moment, middle: Moment, after: Moment) -> float:
@@ -59,7 +56,8 @@ def bulk_sigma(residuals: Sequence[float]) -> float:
     sizes = [abs(one) for one in residuals]
     bulk = sizes
     for reach in (FAR, BULK):
-        most = reach * MAD * quantile(bulk, 0.5)
+        # Ratio of standard deviation to median magnitude of normal noise.
+        most = reach * 1.4826 * quantile(bulk, 0.5)
         bulk = [size for size in sizes if size <= most]
     return sqrt(sum(size**2 for size in bulk) / len(bulk))
 

@@ -15,11 +15,6 @@ from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
 
-WEAK = 0.1
-"""Share of the default gain below which a law hardly turns the vehicle."""
-RADIUS_OFF = 0.01
-"""Steady radius error of a law from which `check` warns, as a share of the radius: less than the
-ranges scatter."""
 TILT_USED = 0.8
 """Share of the tilt limit that the airspeed may need: the drag is known within a quarter before a
 flight."""
@@ -122,7 +117,8 @@ def _gain(mission: Mission) -> Iterator[Check]:
     orbit = mission.orbit
     bound = law.gain_bound(orbit.speed, orbit.radius)
     default = mission.tuning.default_gain(orbit)
-    grade = FAIL if gain <= bound else WARN if gain < WEAK * default else PASS
+    # Share of the default gain below which a law hardly turns the vehicle.
+    grade = FAIL if gain <= bound else WARN if gain < 0.1 * default else PASS
     weak = (
         f"; the default is {default:.4g}, with this gain the vehicle hardly turns"
         if grade is WARN
@@ -147,7 +143,9 @@ def _radius(mission: Mission) -> Iterator[Check]:
         else orbit.radius
     )
     reached = law.reached_radius(orbit.speed, fed, gain)
-    beside = abs(reached / orbit.radius - 1) >= RADIUS_OFF
+    # Steady radius error of a law from which `check` warns, as a share of the radius: less than the
+    # ranges scatter.
+    beside = abs(reached / orbit.radius - 1) >= 0.01
     advice = "; set guidance.correct_radius = true to correct it" if beside else ""
     words = f"steady radius {reached:.3f} m, desired {orbit.radius:g} m{advice}"
     yield Check(WARN if beside else PASS, "radius", words)

@@ -23,8 +23,6 @@ from circnav_mav.mission.schema import MOST_STALE, MissionFile
 from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
 from circnav_mav.pilot.settings import HeightSettings
 
-MOST_NOISE = 0.5
-"""Largest useful standard deviation of a range, as a share of the radius."""
 STALE_PERIODS = 2.5
 LEAST_STALE = 0.5
 """Default of `limits.stale_s`, in periods of the radio, and its minimum, s. A single lost range
@@ -33,15 +31,6 @@ END_SHARE = 0.975
 CARRIES_FAR = 1000.0
 """Default of `bounds.max_range_m`, as a share of the largest range that the message can carry. Only
 messages whose largest range is below the second value, m, have this default."""
-SLOWEST_ANSWER = 1.2
-"""Largest round trip of the link with which the vehicle is engaged, as a multiple of
-`limits.stale_s`."""
-LONGEST_OUTAGE = 60.0
-"""Time, s, after the loss of the link at which the mission ends unless the vehicle is steered
-again. A longer `limits.hold_s` is used instead."""
-UNAIDED_ACCELERATION_BIAS = 0.5
-"""Error of the accelerations of a copter without GPS, m/s^2: its attitude is wrong by 3 degrees in
-turns."""
 SIM = "sim"
 """Endpoint of the bundled vehicle."""
 
@@ -109,12 +98,14 @@ class Mission:
     @property
     def _estimation_by_drag(self) -> EstimatorSettings:
         """Settings of the estimator for a copter whose accelerometer measures its airspeed."""
+        # Error of the accelerations of a copter without GPS, m/s^2: its attitude is wrong by 3
+        # degrees in turns.
         return EstimatorSettings(
             self.orbit.speed,
             self.orbit.max_turn_rate,
             scale_sigma=SCALE_SIGMA,
             scale_bounds=SCALE_BOUNDS,
-            acceleration_bias=UNAIDED_ACCELERATION_BIAS,
+            acceleration_bias=0.5,
         )
 
     @property
@@ -153,7 +144,9 @@ class Mission:
     def slowest_answer(self) -> float:
         """Round trip of the link above which the vehicle is not engaged, s. Half of the round trip
         adds to the age of each range."""
-        return SLOWEST_ANSWER * self.stale
+        # Largest round trip of the link with which the vehicle is engaged, as a multiple of
+        # `limits.stale_s`.
+        return 1.2 * self.stale
 
     @property
     def ranging_driver(self) -> str | None:
@@ -203,6 +196,8 @@ class Mission:
         """Return the settings of the pilot. Raises ValueError if the gain has no radius
         correction."""
         file = self.file
+        # Time, s, after the loss of the link at which the mission ends unless the vehicle is
+        # steered again. A longer `limits.hold_s` is used instead.
         return PilotSettings(
             orbit=self.orbit,
             estimator=self.estimator,
@@ -231,7 +226,7 @@ class Mission:
                 stale=self.stale,
                 hold=file.limits.hold_s,
                 unfollowed=file.limits.unfollowed_s,
-                outage=max(LONGEST_OUTAGE, file.limits.hold_s),
+                outage=max(60.0, file.limits.hold_s),
                 round_trip=self.slowest_answer,
                 tick=1 / file.limits.tick_hz,
             ),
@@ -279,7 +274,8 @@ class Mission:
     def _ranging(self) -> RangingSettings:
         calibration = {"scale", "bias_m", "delay_s", "points_m"}
         given = self.file.ranging.model_dump(exclude={"endpoint", *calibration})
-        most = max(MOST_NOISE * self.orbit.radius, 3 * self.file.ranging.sigma_m)
+        # Largest useful standard deviation of a range, as a share of the radius.
+        most = max(0.5 * self.orbit.radius, 3 * self.file.ranging.sigma_m)
         return RangingSettings(
             **given, max_age=self.stale, max_sigma=most, calibration=self.file.ranging.calibration
         )

@@ -16,20 +16,9 @@ from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ra
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.preflight_listener import PreflightListener
 
-LOW_RATE = 0.5
-"""Share of the requested rate below which a stream counts as missing."""
 SILENT = 2.0
 """Age of the newest heartbeat, s, above which at least one heartbeat was lost: autopilots send one
 a second."""
-SLOW_ROUND_TRIP = 0.1
-"""Round trip to the autopilot, s, above which the delay is no longer small compared to a turn lag
-of 0.4 s."""
-LEAST_SPAN = 1.0
-"""Least time, s, in which the speed of a clock can be measured within a few percent."""
-LEAST_SLIP = 0.08
-"""Difference that arises between two clocks during the measurement, s, above which preflight warns.
-PX4's simulator ran at 0.985 of real time: ranges were rejected as too old, and one flight of five
-ended with RANGE STALE."""
 TROUBLE = ("prearm", "arm:", "failsafe", "failed", "error", "unhealthy", "denied", "variance")
 """Words by which preflight selects the STATUSTEXTs that it repeats."""
 
@@ -201,7 +190,8 @@ def _streams(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
         words = f"{name} {measured:.1f} Hz, requested {wanted:g} Hz"
         if measured >= FULL_RATE * wanted:
             yield Check(PASS, "stream", words)
-        elif measured >= LOW_RATE * wanted:
+        # Share of the requested rate below which a stream counts as missing.
+        elif measured >= 0.5 * wanted:
             yield Check(WARN, "stream", words)
         else:
             grade, without = _without(mission, listener, name)
@@ -290,7 +280,8 @@ def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) ->
     if reboots:
         yield Check(FAIL, "clock", f"the autopilot rebooted {reboots} times during preflight")
     follows = mission.file.link.clock == "autopilot"
-    if boot is None or boot[1][0] - boot[0][0] < LEAST_SPAN:
+    # Least time, s, in which the speed of a clock can be measured within a few percent.
+    if boot is None or boot[1][0] - boot[0][0] < 1.0:
         words = (
             "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): a reboot would not be detected"
         )
@@ -308,7 +299,10 @@ def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) ->
                 "clock",
                 f'{words}: set link.clock = "autopilot" to fly a simulator at this speed',
             )
-        elif abs(speed - 1) * (boot[1][0] - boot[0][0]) > LEAST_SLIP:
+        # Difference that arises between two clocks during the measurement, s, above which preflight
+        # warns. PX4's simulator ran at 0.985 of real time: ranges were rejected as too old, and one
+        # flight of five ended with RANGE STALE.
+        elif abs(speed - 1) * (boot[1][0] - boot[0][0]) > 0.08:
             yield Check(
                 WARN,
                 "clock",
@@ -318,7 +312,9 @@ def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) ->
             yield Check(PASS, "clock", words)
     if trip is not None:
         most = mission.slowest_answer
-        grade = PASS if trip < SLOW_ROUND_TRIP else WARN if trip <= most else FAIL
+        # Round trip to the autopilot, s, above which the delay is no longer small compared to a
+        # turn lag of 0.4 s.
+        grade = PASS if trip < 0.1 else WARN if trip <= most else FAIL
         words = f"{1000 * trip:.0f} ms (TIMESYNC), at most {1000 * most:.0f} ms"
         yield Check(grade, "round trip", words)
     else:

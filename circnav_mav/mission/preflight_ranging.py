@@ -24,12 +24,6 @@ NOISE_FAR = 4.0
 """Ratio of measured to assumed noise: PASS up to the first, FAIL above the second. For n residuals
 both bounds are multiplied by 1 + 1/sqrt(n). A correct assumption of 0.5 m then fails to pass in 3
 of 1000 preflights with 10 ranges, and in none of 20,000 with 50 ranges."""
-MOST_REJECTED = 0.1
-"""Share of rejected ranges above which preflight warns; chosen."""
-MOST_OUTLIERS = 0.05
-"""Share of outliers above which preflight warns; chosen, half of the share in the benchmark."""
-LATE = 0.1
-"""Delay of a range on the link, s, above which preflight warns; chosen, two ticks."""
 
 
 def judge_ranging(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
@@ -86,7 +80,8 @@ def _rejected(mission: Mission, listener: PreflightListener) -> Check:
     counts = {reason: count for reason, count in rejected.items() if reason not in OTHERS}
     words = describe_rejected(dict(sorted(rejected.items())))
     share = sum(counts.values()) / max(sum(counts.values()) + len(listener.ranges), 1)
-    return Check(WARN if share > MOST_REJECTED else PASS, "rejected", words)
+    # Share of rejected ranges above which preflight warns; chosen.
+    return Check(WARN if share > 0.1 else PASS, "rejected", words)
 
 
 def _rates(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
@@ -146,7 +141,8 @@ def _noise(mission: Mission, ranges: Sequence[ReceivedRange]) -> Iterator[Check]
     gate = mission.estimation.gate * assumed
     share = outliers_among(residuals, gate)
     words = f"about {100 * share:.0f} % of the ranges are outliers, wrong by more than {gate:.1f} m"
-    yield Check(PASS if share <= MOST_OUTLIERS else WARN, "outliers", words)
+    # Share of outliers above which preflight warns; chosen, half of the share in the benchmark.
+    yield Check(PASS if share <= 0.05 else WARN, "outliers", words)
 
 
 def outliers_among(residuals: Sequence[float], gate: float) -> float:
@@ -170,7 +166,8 @@ def _age(mission: Mission, listener: PreflightListener) -> Check:
     delays = sorted(one.arrival - one.time for one in listener.ranges)
     late = delays[int(0.95 * (len(delays) - 1))]
     stale = mission.stale
-    grade = FAIL if age > stale else WARN if late > LATE else PASS
+    # Delay of a range on the link, s, above which preflight warns; chosen, two ticks.
+    grade = FAIL if age > stale else WARN if late > 0.1 else PASS
     words = (
         f"95 % arrive within {1000 * late:.0f} ms of the fastest (a constant delay cannot be"
         " measured)"

@@ -27,8 +27,6 @@ MOST_PORT = 65535
 """Largest port (16 bits)."""
 MOST_STALE = 5.0
 """Largest age of a range, s, that may steer."""
-MAX_TURN_LAG = 10.0
-"""Longest delay of a vehicle's turn, s. Larger values were probably meant in ms."""
 MAX_PATIENCE = 3600.0
 """Longest time, s, that a flight continues without ranges, or while turn commands are not followed.
 Larger values were probably meant in ms, and would disable the exit action."""
@@ -92,7 +90,8 @@ class VehicleTable(Table):
     max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = (
         None  # at 75 a level turn pulls 3.9 g
     )
-    turn_lag_s: Annotated[float, Field(ge=0, le=MAX_TURN_LAG)] = 0.4
+    # Longest delay of a vehicle's turn, s. Larger values were probably meant in ms.
+    turn_lag_s: Annotated[float, Field(ge=0, le=10.0)] = 0.4
     drag_per_s: Annotated[float, Field(ge=0.05, le=2.0)] = 0.35
     turn_gain: Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)] = "learn"
     system_id: SystemId | None = None

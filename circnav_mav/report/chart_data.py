@@ -14,21 +14,15 @@ from circnav_mav.runlog.events import ALARM, OURS, Event
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runlog.ticks import Column, Ticks, Truth
 
-GAP = 5.0
-"""Gap between two samples at which a line is interrupted, as a multiple of the median step."""
-
-SAME_ALARM = 2.5
-"""Longest time between an alarm and its STATUSTEXT, s. At most one text of a kind is sent every 2
-s."""
-
 
 def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
     """Return time and columns with NaN inserted in gaps of the samples, so that lines are
     interrupted there."""
     steps = np.diff(time)
     rising = steps[steps > 0]
+    # Gap between two samples at which a line is interrupted, as a multiple of the median step.
     pauses = (
-        np.flatnonzero(steps > GAP * np.median(rising)) + 1 if len(rising) else np.array([], int)
+        np.flatnonzero(steps > 5.0 * np.median(rising)) + 1 if len(rising) else np.array([], int)
     )
     if not len(pauses):
         return time, *columns
@@ -76,16 +70,13 @@ def known_track(ticks: Ticks, truth: Truth | None) -> Track | None:
     return track if len(track.known) > 1 else None
 
 
-GAIN_OFF = 0.02
-"""Deviation of the turn gain from 1 above which the command of the steady circle is drawn beside
-its turn rate. Chosen: less is not visible."""
-
-
 def steady_command(ticks: Ticks, orbit: Orbit) -> Column | None:
     """Return the command that turns the vehicle at the rate of the desired circle, rad/s. None if
     the vehicle turns as commanded at the end of the flight, so that both are equal there."""
     gain = ticks.numbers["turn_gain"]
-    if not np.any(np.abs(gain[-1:] - 1) > GAIN_OFF):
+    # Deviation of the turn gain from 1 above which the command of the steady circle is drawn beside
+    # its turn rate. Chosen: less is not visible.
+    if not np.any(np.abs(gain[-1:] - 1) > 0.02):
         return None
     steady: Column = orbit.steady_turn_rate * orbit.radius / ticks.desired(orbit.radius) / gain
     return steady
@@ -94,11 +85,6 @@ def steady_command(ticks: Ticks, orbit: Orbit) -> Column | None:
 STRETCHES = 1500
 """Number of stretches into which a long line is divided. Each is drawn by its smallest and largest
 value."""
-MOST_DOTS = 4000
-"""Maximum number of evenly spaced dots that are drawn in addition to the smallest and largest of
-each stretch."""
-BINS = 240
-"""Maximum number of bars of a chart. Each covers at least 1 s."""
 
 
 def chart_data(
@@ -140,9 +126,10 @@ def alarms(happened: list[Event]) -> list[tuple[float, str]]:
     alarm."""
     severe = [event for event in happened if event.severe]
     begun = np.array([event.time for event in severe if event.kind == ALARM])
+    # Longest time between an alarm and its STATUSTEXT, s. At most one text of a kind is sent every
+    # 2 s.
     again = [
-        event.kind == OURS and bool(np.any(np.abs(begun - event.time) < SAME_ALARM))
-        for event in severe
+        event.kind == OURS and bool(np.any(np.abs(begun - event.time) < 2.5)) for event in severe
     ]
     return [
         (event.time, event.text)
@@ -199,7 +186,8 @@ def _columns(
 def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Column, Column]:
     """Return the growth of a count per second in equal bins, with a final NaN that ends the last
     bin."""
-    bins = int(min(BINS, max(1, span[1] - span[0])))
+    # Maximum number of bars of a chart. Each covers at least 1 s.
+    bins = int(min(240, max(1, span[1] - span[0])))
     grown = np.clip(np.nan_to_num(np.diff(counted, prepend=0.0)), 0, None)
     heights, edges = np.histogram(time, bins=bins, range=span, weights=grown)
     return edges, np.append(heights * bins / (span[1] - span[0]), np.nan)
@@ -233,9 +221,9 @@ def _line(time: Column, values: Column) -> tuple[Column, Column]:
 
 def _dots(time: Column, values: Column) -> tuple[Column, Column]:
     """Return the peaks and every n-th sample, so that the density of dots is preserved."""
-    keep = np.union1d(
-        peaks(values), np.arange(0, len(values), max(1, -(-len(values) // MOST_DOTS)))
-    )
+    # Maximum number of evenly spaced dots that are drawn in addition to the smallest and largest of
+    # each stretch.
+    keep = np.union1d(peaks(values), np.arange(0, len(values), max(1, -(-len(values) // 4000))))
     return time[keep], values[keep]
 
 

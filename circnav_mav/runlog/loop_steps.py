@@ -20,12 +20,6 @@ LINKS = {"v": "vehicle", "r": "ranging"}
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 SENDING_COMPONENT = 6
 """Position of the sender's component id in a MAVLink 2 frame."""
-DISORDER = 100_000
-"""Largest step back of a timestamp, us, that counts as disorder of a logger's two threads, not as
-another clock."""
-LONGEST_SILENCE = 3_600_000_000
-"""Longest gap in a log, us. A larger step forward means that the clock was set, such as from 1970
-to now."""
 
 
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
@@ -81,7 +75,11 @@ def check_tlog(path: Path) -> None:
             raise RunError(
                 f"{path}: has MAVLink 1 frames: only a tlog of MAVLink 2 can be replayed"
             )
-        if newest is not None and not -DISORDER <= stamp - newest <= LONGEST_SILENCE:
+        # Largest step back of a timestamp, us, that counts as disorder of a logger's two threads,
+        # not as another clock.
+        # 3_600_000_000: longest gap in a log, us. A larger step forward means that the clock was
+        # set, such as from 1970 to now.
+        if newest is not None and not -100_000 <= stamp - newest <= 3_600_000_000:
             jump = (stamp - newest) / 1e6
             raise RunError(
                 f"{path}: its clock jumps by {jump:+.1f} s: only a tlog of one clock can be"

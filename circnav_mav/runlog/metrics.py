@@ -74,17 +74,6 @@ SLOW = 0.25
 """Window of the moving mean, as a fraction of a lap. Wind and a moving target require turn rates
 that vary once or twice a lap. Subtracting the mean removes most of that, and leaves oscillations
 with periods up to about 10 s."""
-LEAST_SWING = 0.1
-"""RMS of the fast part (turn command minus its moving mean), as a fraction of the turn-rate limit,
-below which there is no limit cycle."""
-REPEATS = 0.35
-"""Autocorrelation of the fast part at one period, from which it counts as periodic. Benchmark
-plant: noise and gusts reach 0.2, a loop with 0.25 s dead time 0.7 to 0.9, one with 0.5 s in wind
-0.5."""
-BANGS = 0.6
-"""RMS of the fast part, as a fraction of the limit, that only a command alternating between both
-limits reaches (sine 0.71, square wave 1). Gusts make such a loop irregular (autocorrelation 0.1 to
-0.3), but it keeps 0.67. A stable loop in gusts has 0.44."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,8 +146,16 @@ def cycles(time: Column, command: Column, *, limit: float, lap: float) -> bool:
         return False
     fast = _without_mean(even, width)
     swing = float(np.sqrt(np.mean(fast**2)))
-    return swing >= BANGS * limit or (
-        swing >= LEAST_SWING * limit and _autocorrelation_peak(fast, width) >= REPEATS
+    # RMS of the fast part (turn command minus its moving mean), as a fraction of the turn-rate
+    # limit, below which there is no limit cycle.
+    # 0.35: autocorrelation of the fast part at one period, from which it counts as periodic.
+    # Benchmark plant: noise and gusts reach 0.2, a loop with 0.25 s dead time 0.7 to 0.9, one with
+    # 0.5 s in wind 0.5.
+    # 0.6: rMS of the fast part, as a fraction of the limit, that only a command alternating between
+    # both limits reaches (sine 0.71, square wave 1). Gusts make such a loop irregular
+    # (autocorrelation 0.1 to 0.3), but it keeps 0.67. A stable loop in gusts has 0.44.
+    return swing >= 0.6 * limit or (
+        swing >= 0.1 * limit and _autocorrelation_peak(fast, width) >= 0.35
     )
 
 

@@ -17,8 +17,6 @@ from circnav_mav.runlog.tlog import message_id
 
 SETPOINT_IDS = frozenset({69, 82, 84})
 """Message ids of setpoints: MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
-LONGEST_GAP = 10.0
-"""Longest time for which ticks continue in a gap of a plain tlog, s."""
 STEERING = ("orbit", "tuning", "estimator", "ranging", "height", "turn_gain")
 """Settings that determine the turn commands of a pilot."""
 COMPARED = ("r", "r_dot", "demanded", "turn_rate")
@@ -70,7 +68,8 @@ def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) ->
     steps."""
     done = ReplayResult()
     for step in steps:
-        received_until = min(step.time, done.until + LONGEST_GAP)
+        # Longest time for which ticks continue in a gap of a plain tlog, s.
+        received_until = min(step.time, done.until + 10.0)
         while ticking and done.steps and pilot.scheduler.due < received_until and not pilot.done:
             _step(pilot, pilot.scheduler.due, done)
         if not pilot.done:

@@ -12,9 +12,6 @@ from circnav_mav.foreign import printable, read_json, read_text
 from circnav_mav.runlog.ticks import Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runlog.tlog import Damage, find_damage
 
-YEAR_2100_US = 4_102_444_800_000_000
-"""Start of 2100, microseconds since 1970. A later start time means a damaged manifest."""
-
 
 class RunError(Exception):
     """A run that cannot be opened. The message is one line."""
@@ -98,7 +95,8 @@ def open_run(folder: Path) -> Run:
     with suppress(RunError):  # its figures can be computed again
         summary = _table(folder / "summary.json")
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
-    if type(epoch) is not int or not 0 < epoch < YEAR_2100_US:
+    # Start of 2100, microseconds since 1970. A later start time means a damaged manifest.
+    if type(epoch) is not int or not 0 < epoch < 4_102_444_800_000_000:
         raise RunError(
             f"{folder}: neither manifest.json nor summary.json has the start time of the run"
             " (epoch_us)"

@@ -23,8 +23,6 @@ Column = NDArray[np.float64]
 NAMES = frozenset(TickRecord._fields)
 WORDS = frozenset(name for name, kind in get_type_hints(TickRecord).items() if kind in (str, Phase))
 """Columns of ticks.csv that hold text."""
-LONGEST = 1e9
-"""Upper bound of a run time, s. A larger one means a damaged file."""
 MOST = 1e30
 """Upper bound of the size of a number. A larger one is read as NaN."""
 
@@ -120,7 +118,8 @@ def read_ticks(folder: Path) -> Ticks:
                         raise ValueError(
                             f"line {line}: {name}: {cell[:40]!r} is not a number"
                         ) from None
-                if not 0 <= times[-1] < LONGEST:
+                # Upper bound of a run time, s. A larger one means a damaged file.
+                if not 0 <= times[-1] < 1e9:
                     raise ValueError(
                         f"line {line}: time: must be seconds of the run, not {times[-1]:g}"
                     )

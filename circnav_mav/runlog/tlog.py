@@ -19,8 +19,6 @@ LONGEST = STAMP + 280
 """Length of the longest record, bytes: a timestamp and a signed frame."""
 CHUNK = 1 << 20
 """Bytes read at a time. Chosen."""
-LATEST = 14
-"""Largest second byte of a timestamp after a first byte of 0: a time before 2105."""
 RECORD = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 """Start of a record: a plausible timestamp and a magic byte."""
 
@@ -149,7 +147,8 @@ def _end(data: bytes, at: int) -> int | None:
     """Return the end of the record that may begin at `at`, or None if none begins there or it is
     incomplete."""
     start = at + STAMP
-    if len(data) < start + 3 or data[at] or data[at + 1] > LATEST:
+    # Largest second byte of a timestamp after a first byte of 0: a time before 2105.
+    if len(data) < start + 3 or data[at] or data[at + 1] > 14:
         return None
     magic = data[start]
     flags = data[start + 2]

@@ -16,15 +16,12 @@ CLIMB_LAG = 1.0
 MOST_CLIMB = 3.0  # m/s
 MOST_ROLL_RATE = math.radians(100)
 NOSE_DAMPING = 0.7  # damping ratio of the tail fin, which turns the nose into the airflow
-GUST_TURNS = 5.4  # 1/s: rate at which the tail fin removes the side-slip of a gust
 HELD_BY_RUDDER = (
     0.7  # share of a bank error that becomes side-slip instead of a turn; fitted to PX4's SIH
 )
 SIDE_FORCE = (
     3.0  # 1/s: path turn rate per side-slip (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
 )
-
-COURSE_GAIN = 1.0  # course loop in loiter, rad/s per rad
 
 
 @dataclass(frozen=True)
@@ -136,6 +133,7 @@ class FixedWing:
             rate = second_order(side, before.turn_rate, self.nose_frequency, NOSE_DAMPING, h)
         heading = before.heading + rate * h
         sink = -shaped.air_speed * math.sin(shaped.climb_angle)
+        # 1/s: rate at which the tail fin removes the side-slip of a gust
         return shaped._replace(
             north=before.north + (flat * math.cos(course + bend * h / 2) + wind[0]) * h,
             east=before.east + (flat * math.sin(course + bend * h / 2) + wind[1]) * h,
@@ -143,7 +141,7 @@ class FixedWing:
             heading=math.remainder(heading, math.tau),
             turn_rate=rate,
             slip=after - heading,
-            gust_slip=before.gust_slip * math.exp(-(SIDE_FORCE + GUST_TURNS) * h),
+            gust_slip=before.gust_slip * math.exp(-(SIDE_FORCE + 5.4) * h),
             velocity_north=flat * math.cos(after) + wind[0],
             velocity_east=flat * math.sin(after) + wind[1],
             velocity_down=sink,
@@ -187,5 +185,6 @@ def bank_on_loiter(body: Body, circle: Loiter, limit: float, effectiveness: floa
     error = math.remainder(wanted - body.course, math.tau)
     speed = max(3.0, body.ground_speed)
     along = speed / max(distance, radius) if abs(outside) < 0.5 else 0.0
-    rate = along + COURSE_GAIN * error
+    # Course loop in loiter, rad/s per rad
+    rate = along + 1.0 * error
     return within(math.atan(speed * rate / (GRAVITY * effectiveness)), limit)

@@ -26,7 +26,6 @@ COURSE_LAG = 0.3  # s, course rate behind its command: the time to bank
 SPEED_LAG = 0.5  # s
 MOST_ACCELERATION = 2.5  # m/s^2, WPNAV_ACCEL
 SLOW = 0.5  # m/s: below this speed the course is undefined
-STOPPED = 0.1  # m/s: below this speed the velocity loop takes over from braking
 DRAG = 0.24  # 1/s, linear part: 10 deg of pitch hold 4.6 m/s
 TRIM_TIME = 2.0  # time constant in which the integrator (PSC_VELXY_P / I) compensates a new wind, s
 
@@ -100,7 +99,8 @@ class Multicopter:
         command = within(wanted.yaw_rate, self.yaw_loop.limit)
         command *= 1 + YAW_EXCESS * abs(body.ground_speed * command) / GRAVITY
         turned = self.yaw_loop.turn(body, command, h)
-        if isinstance(demand, Brake) and turned.ground_speed > STOPPED:
+        # M/s: below this speed the velocity loop takes over from braking
+        if isinstance(demand, Brake) and turned.ground_speed > 0.1:
             moved = _brake(turned, demand.deceleration, h)
         elif min(math.hypot(wanted.north, wanted.east), body.ground_speed) < SLOW:
             moved = _towards(turned, wanted, h)

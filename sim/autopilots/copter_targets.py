@@ -28,8 +28,6 @@ THROTTLE = 0x40
 ATTITUDE = 0x80
 THRUST_AS_THRUST = 8  # GUID_OPTIONS bit 3
 NEARNESS = 0.5  # 1/s: speed per remaining distance
-AT_HOME = 2.0  # arrival radius, m
-MAX_SANE_SPEED = 1000.0  # m/s, as in ArduCopter's sane_vel_or_acc_vector
 
 
 class GoTo(NamedTuple):
@@ -70,7 +68,8 @@ def read_local_target(message: Message, body: Body, turns_with_nose: bool) -> Ta
 
 def _velocity(message: Message, body: Body, turns_with_nose: bool) -> Target:
     wanted = (message.vx, message.vy, message.vz)
-    if any(math.isnan(v) or abs(v) > MAX_SANE_SPEED for v in wanted):
+    # M/s, as in ArduCopter's sane_vel_or_acc_vector
+    if any(math.isnan(v) or abs(v) > 1000.0 for v in wanted):
         return Stop()
     yaw_rate = 0.0 if message.type_mask & YAW_RATE else message.yaw_rate
     fed: tuple[float, float] = (
@@ -165,7 +164,8 @@ def climb_out(body: Body, down: float, params: Speeds) -> Demand | None:
 
 def way_home(body: Body, params: Speeds) -> Demand | None:
     """Climb to RTL_ALT, fly home, descend. Return None after landing."""
-    if math.hypot(body.north, body.east) <= AT_HOME:
+    # Arrival radius, m
+    if math.hypot(body.north, body.east) <= 2.0:
         return descent(body, params)
     cruise = min(body.down, -params["RTL_ALT"] / 100)
     if body.down > cruise + 0.5:

@@ -13,9 +13,6 @@ from circnav_mav.extras.campaign.plan import Campaign, Run
 from circnav_mav.runlog import metrics
 from circnav_mav.runlog.metrics import NAMES, late_figures
 
-KEPT_WITHIN = 0.1
-"""A flight is kept if it was completed, went round in the required sense, and the RMS radius error
-of its last third is below this fraction of the radius."""
 FIGURES = (
     "outcome",
     "start_range_m",
@@ -73,11 +70,9 @@ def row(run: Run, result: FlightResult) -> dict[str, Any]:
     rms = metrics.rms_error(late, orbit.radius)
     assert rms is not None
     turn = late_figures(result.turn_time, result.turn, result.turn_cut, orbit)
-    kept = (
-        result.outcome == COMPLETED
-        and sense is orbit.direction
-        and rms < KEPT_WITHIN * orbit.radius
-    )
+    # A flight is kept if it was completed, went round in the required sense, and the RMS radius
+    # error of its last third is below this fraction of the radius.
+    kept = result.outcome == COMPLETED and sense is orbit.direction and rms < 0.1 * orbit.radius
     return known | {
         "flown_s": float(result.time[-1]),
         "kept": kept,
@@ -99,9 +94,6 @@ def failed_row(number: int, values: dict[str, Any], error: str) -> dict[str, Any
 SUMMARY = "summary.json"
 Z = 1.959964
 """Quantile of the normal distribution for intervals of 95 %."""
-LEAST_WORLDS = 6
-"""Smallest number of worlds (draws) whose values enclose the median with 95 %: 1 - 2/2^6 is 97 %, 1
-- 2/2^5 is 94 %."""
 Interval = tuple[float | None, float | None]
 Rows = Sequence[dict[str, str]]
 """Rows of the table, as text."""
@@ -187,7 +179,9 @@ def median_interval(ordered: Any, worlds: int) -> Interval:
     %: no interval.
     """
     n = len(ordered)
-    if worlds < LEAST_WORLDS:
+    # Smallest number of worlds (draws) whose values enclose the median with 95 %: 1 - 2/2^6 is 97
+    # %, 1 - 2/2^5 is 94 %.
+    if worlds < 6:
         return None, None
     half = Z * n / (2 * sqrt(worlds))
     low, high = floor(n / 2 - half), ceil(n / 2 + half)

@@ -20,8 +20,6 @@ from circnav_mav.report.plots import STYLE, literal, save
 Rows = Sequence[dict[str, str]]
 LOST = "#c8501e"
 LINE = "#1f5fa8"
-MOST_LINES = 8
-"""Largest number of values of a key for which a picture has a line for each value; chosen."""
 BINS = 12
 """Number of groups of flights along an axis; chosen, enough for a curve and few enough for
 medians."""
@@ -181,9 +179,8 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     figure = Figure(figsize=(8, 6.5), layout="constrained")
     figure.suptitle(f"{title}: error against {literal(key)}")
     error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    others = [
-        other for other in swept if other != key and len({row[other] for row in rows}) <= MOST_LINES
-    ]
+    # Largest number of values of a key for which a picture has a line for each value; chosen.
+    others = [other for other in swept if other != key and len({row[other] for row in rows}) <= 8]
     values = [_json_or_text(row[key]) for row in rows]
     numeric = all(
         isinstance(value, int | float) and not isinstance(value, bool) for value in values

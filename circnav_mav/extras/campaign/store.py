@@ -20,10 +20,6 @@ from circnav_mav.runtime.lock import lock
 TABLE = "runs.csv"
 MAX_TABLE = 10**10
 """Largest size of the table, bytes: ten million flights need less."""
-DECIMALS = 5
-"""Decimals of a length in m in the table."""
-TURN_DECIMALS = 4
-"""Decimals of the figures of the turn command, for the same reason."""
 SOURCE = "campaign.toml"
 """Copy of the campaign file. The process that flies the campaign holds a lock on it."""
 
@@ -209,8 +205,8 @@ def _cell(name: str, value: Any) -> str:
     if value is None or isinstance(value, str):
         return " ".join(value.splitlines()) if value else ""
     if isinstance(value, float) and name in FIGURES:
-        decimals = (
-            DECIMALS if name.endswith("_m") else TURN_DECIMALS if name.startswith("turn_") else None
-        )
+        # Decimals of a length in m in the table.
+        # 4: decimals of the figures of the turn command, for the same reason.
+        decimals = 5 if name.endswith("_m") else 4 if name.startswith("turn_") else None
         return f"{value if decimals is None else round(value, decimals) + 0.0:.6g}"
     return json.dumps(value)

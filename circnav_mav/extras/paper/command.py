@@ -7,9 +7,6 @@ from circnav_mav.extras.paper import paper
 from circnav_mav.extras.paper.paper import random_starts
 from circnav_mav.runlog.atomic_write import write_text
 
-SHOWN = 2
-"""Index of the start shown in the figures, at most the last one."""
-
 
 def reproduce_paper(out: str, starts: int, seed: int) -> int:
     """Fly the examples, draw the figures and print the table. Raises Refused."""
@@ -20,7 +17,8 @@ def reproduce_paper(out: str, starts: int, seed: int) -> int:
         for example in paper.EXAMPLES:
             findings, tracks = paper.study(example, random_starts(starts, seed))
             found.append(findings)
-            for path in paper.draw(folder, example, tracks, min(SHOWN, starts - 1)):
+            # Index of the start shown in the figures, at most the last one.
+            for path in paper.draw(folder, example, tracks, min(2, starts - 1)):
                 say(str(path))
         write_text(folder / "table.md", paper.table(found) + "\n")
     say(f"{folder / 'table.md'}\n\n{paper.table(found)}")

@@ -29,16 +29,11 @@ V = 1.0
 TARGET = (0.0, -10.0)
 R_D = 10.0
 """Speed, place of the target and radius of the paper's examples (its units)."""
-TOLERANCE = 0.05
-"""Largest distance of a settled flight from the predicted radius, as a fraction of r_d."""
 SECONDS = 200.0
 """Duration of a flight, s: longer than any flight in the paper needs to settle."""
 MIRRORED = 40
 """Number of starts that are also flown mirrored, to show that one law flies both senses of
 rotation."""
-SLACK = 1e-3
-"""Depth inside the circle, as a fraction of r_d, that is not counted as entry. The switching law
-chatters by V STEP."""
 STEP = 0.02
 """Step of the simulation, s, in which the turn rate is held: a 500th of r_d/V."""
 
@@ -191,11 +186,12 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
     apart = np.hypot(
         mirror.x + tracks.x[:, :MIRRORED] - 2 * TARGET[0], mirror.y - tracks.y[:, :MIRRORED]
     )
+    # Largest distance of a settled flight from the predicted radius, as a fraction of r_d.
     findings = Findings(
         example,
         len(starts.x),
         (float(last.min()), float(last.max())),
-        many_flights.last_exit(tracks.time, tracks.r, example.predicted, TOLERANCE * R_D),
+        many_flights.last_exit(tracks.time, tracks.r, example.predicted, 0.05 * R_D),
         clockwise=int((turning(tracks) < 0).sum()),
         most_entries=int(entries(tracks.r, example.fed).max()),
         bearings=(float(tracks.theta_b[-1].min()), float(tracks.theta_b[-1].max())),
@@ -218,7 +214,9 @@ def turning(tracks: Tracks) -> Batch:
 def entries(r: Batch, r_d: float) -> Batch:
     """Return how often each track enters the circle (lemma: at most once). A start inside counts as
     one."""
-    inside = r < r_d * (1 - SLACK)
+    # Depth inside the circle, as a fraction of r_d, that is not counted as entry. The switching law
+    # chatters by V STEP.
+    inside = r < r_d * (1 - 1e-3)
     return np.asarray(inside[0] + (inside[1:] & ~inside[:-1]).sum(axis=0))
 
 

@@ -25,9 +25,6 @@ authenticated."""
 FEW = 5
 """Smallest number of ranges for which scatter, outliers, and speed and jitter of the radio's clock
 are computed."""
-OUTLIER = 5.0
-"""Residual, in standard deviations, from which a range is an outlier: the default of the mission's
-gate."""
 
 
 def watch_radio(endpoint: str, seconds: float | None) -> int:
@@ -93,7 +90,9 @@ def _describe(beacon: int, ranges: list[ReceivedRange], now: float) -> str:
         return "  ".join([*words, f"longest gap {gap:.2f} s"])
     residuals = residuals_of(ranges)
     scatter = bulk_sigma(residuals)
-    share = outliers_among(residuals, OUTLIER * scatter)
+    # Residual, in standard deviations, from which a range is an outlier: the default of the
+    # mission's gate.
+    share = outliers_among(residuals, 5.0 * scatter)
     words += [
         f"scatter {scatter:.3f} m",
         f"outliers {100 * share:.0f} %",

@@ -7,10 +7,6 @@ from collections.abc import Sequence
 from circnav_mav.mav.ranging.driver import Driver, RadioReading
 from circnav_mav.timers import Since
 
-LONGEST_LINE = 1024
-"""Longest line, bytes. Longer input is not text of the radio."""
-PAUSE = 1.0
-"""Pause within a line, s, after which its end counts as lost, for example by an unplugged cable."""
 _LINE_END = re.compile(rb"[\r\n]+")
 
 
@@ -33,12 +29,15 @@ class LineDriver(Driver):
     def receive(self, data: bytes, now: float) -> list[RadioReading]:
         # "3.4" may be the end of "123.4". Discard input before the first line end and after a pause
         # within a line.
-        if self._rest and self._since_received.age(now) > PAUSE:
+        # 1.0: pause within a line, s, after which its end counts as lost, for example by an
+        # unplugged cable.
+        if self._rest and self._since_received.age(now) > 1.0:
             self._rest = b""
             self._whole = False
         self._since_received.restart(now)
         *lines, self._rest = _LINE_END.split(self._rest + data)
-        if len(self._rest) > LONGEST_LINE:
+        # Longest line, bytes. Longer input is not text of the radio.
+        if len(self._rest) > 1024:
             self.unread += len(self._rest)
             self._rest = b""
             self._whole = False

@@ -10,11 +10,6 @@ from typing import NamedTuple
 
 from circnav_mav.mav.ranging.driver import Driver, RadioReading
 
-HEADER = 0x55
-"""First byte of every frame (Nooploop's protocol)."""
-SHORTEST = 4
-"""Number of bytes with header, kind and length of a frame."""
-
 
 class _Layout(NamedTuple):
     """fixed: bytes before the nodes; the last one is the number of nodes.
@@ -62,9 +57,11 @@ def _frame_size(buffer: bytes, at: int) -> int | None:
     """Return the size of the frame at an offset, bytes. 0: no frame begins there. None: more bytes
     are needed."""
     left = len(buffer) - at
-    if buffer[at] != HEADER or (left > 1 and buffer[at + 1] not in LAYOUTS):
+    # First byte of every frame (Nooploop's protocol).
+    if buffer[at] != 0x55 or (left > 1 and buffer[at + 1] not in LAYOUTS):
         return 0
-    if left < SHORTEST or left < (layout := LAYOUTS[buffer[at + 1]]).fixed:
+    # Number of bytes with header, kind and length of a frame.
+    if left < 4 or left < (layout := LAYOUTS[buffer[at + 1]]).fixed:
         return None
     size = layout.fixed + layout.node * buffer[at + layout.fixed - 1] + 1
     if size != int.from_bytes(buffer[at + 2 : at + 4], "little"):

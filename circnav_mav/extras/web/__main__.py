@@ -28,13 +28,9 @@ from circnav_mav.report.charts import with_charts
 
 POLL = 0.1
 """Interval of updates to a browser, s. A slow browser gets fewer updates."""
-GRACE = 0.5
-"""Time for the last event to reach the browsers, s."""
 LONGEST_STAY = 3600.0
 """Longest time for which the page is served after the flight, s. Chosen: a forgotten tab must not
 keep a process."""
-NICENESS = 10
-"""Niceness of the server process, so that the flight has priority on a busy processor."""
 LONGEST_LINE = 1 << 16
 MOST_POINTS = 3000
 """Maximum number of points of a chart. Beyond it, every second point is dropped, and new points are
@@ -220,7 +216,8 @@ async def serve(listener: socket.socket, away: float) -> None:
     async for line in reader:
         history.take(line)
     history.over = True
-    await asyncio.sleep(GRACE)
+    # Time for the last event to reach the browsers, s.
+    await asyncio.sleep(0.5)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # closes stdout: the flight stops waiting
     await stay(history, away)
     history.closed = server.should_exit = True
@@ -235,5 +232,6 @@ async def stay(history: History, away: float) -> None:
 
 
 if __name__ == "__main__":
-    os.nice(NICENESS)
+    # Niceness of the server process, so that the flight has priority on a busy processor.
+    os.nice(10)
     asyncio.run(serve(socket.socket(fileno=int(sys.argv[1])), float(sys.argv[2])))

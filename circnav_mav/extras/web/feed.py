@@ -40,8 +40,6 @@ AWAY = 30.0
 enough to reload it or to reconnect a tunnel."""
 LONGEST_TEXT = 300
 """Maximum length of a text on the page, characters. Chosen: only external names are longer."""
-MOST_VEHICLES = 20
-"""Maximum number of other vehicles on the page: a line of the feed must fit into PIPE_BUF bytes."""
 NEEDED = ("starlette", "uvicorn")
 PAGE_SPEED = 6.0
 """Default simulation speed of the bundled vehicle with the live page, times real time."""
@@ -112,7 +110,9 @@ class LivePage(Onlooker):
             self._place = place
         status = self._watch.status(newest, step.time, recording_problem)
         (east, north) = map(_plain, self._place)
-        others = self._onlookers.vehicles(step.time)[:MOST_VEHICLES]
+        # Maximum number of other vehicles on the page: a line of the feed must fit into PIPE_BUF
+        # bytes.
+        others = self._onlookers.vehicles(step.time)[:20]
         tick = _tick(status) | {
             "east": east,
             "north": north,

@@ -32,18 +32,8 @@ LEAST_DAMPING = 1e-4
 ROBUST = 4.0
 """Scale of the robust (Cauchy) weight, in standard deviations: the weight of larger residuals
 decreases."""
-SWITCH = 0.5
-"""Advantage in log likelihood that another hypothesis needs to replace the most likely one."""
-ITERATIONS = 2
-"""Least-squares iterations per bin."""
 APART = 0.25
 """Distance, as a share of the range, above which two hypotheses are different solutions."""
-CONVERGED = 0.12
-"""Largest standard deviation of the position, as a share of the range, of an accepted solution."""
-MARGIN = 5.0
-"""Advantage in log likelihood over every other position that an accepted solution needs."""
-MIN_BINS = 8
-"""Fewest filled bins before a solution is accepted."""
 DRIFT_MOST = 0.85
 """Largest plausible drift, as a share of V."""
 
@@ -150,15 +140,18 @@ class Acquisition:
         self._carry()
         bins = self._window.bins(sigma)
         g = self._candidates
-        for _ in range(ITERATIONS):
+        # Least-squares iterations per bin.
+        for _ in range(2):
             g = improve(g, bins, self._prior)
         self._candidates = g
         best = int(g.cost.argmin())
         cost = float(g.cost[best])
-        if cost < g.cost[self.most_likely] - SWITCH:
+        # Advantage in log likelihood that another hypothesis needs to replace the most likely one.
+        if cost < g.cost[self.most_likely] - 0.5:
             self.most_likely = best
         filled = bins.z.size
-        if filled < MIN_BINS:
+        # Fewest filled bins before a solution is accepted.
+        if filled < 8:
             return None
         # Accept a solution if it is precise, its drift is plausible and no hypothesis at another
         # position fits nearly as well. `scale` (the reduced chi-square) raises covariance and
@@ -167,10 +160,13 @@ class Acquisition:
         x = g.x[best]
         P = covariance(x, bins, self._prior) * scale
         r = hypot(x[0], x[1])
-        precise = sqrt(P[0, 0] + P[1, 1]) < CONVERGED * r
+        # Largest standard deviation of the position, as a share of the range, of an accepted
+        # solution.
+        precise = sqrt(P[0, 0] + P[1, 1]) < 0.12 * r
         plausible = hypot(x[2], x[3]) < DRIFT_MOST * self._settings.speed
         elsewhere = np.hypot(g.x[:, 0] - x[0], g.x[:, 1] - x[1]) > APART * r
-        unique = g.cost[elsewhere].min(initial=np.inf) - cost > MARGIN * scale
+        # Advantage in log likelihood over every other position that an accepted solution needs.
+        unique = g.cost[elsewhere].min(initial=np.inf) - cost > 5.0 * scale
         if not (precise and plausible and unique):
             return None
         self.most_likely = None

@@ -15,8 +15,6 @@ from circnav_mav.guidance.estimators import relative_ekf as ekf
 from circnav_mav.guidance.maths import Vector, chord, wrap
 from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
 
-KEPT = 64
-"""Reports kept: more than 1 s at the highest rate. Ranges are newer than that."""
 EXTRAPOLATED = 0.5
 """Longest time, s, over which the newest report is extrapolated by its turn rate."""
 HOLE = 3.0
@@ -28,9 +26,10 @@ class PathPoint(NamedTuple):
     """A point of the path: own motion there, and the path (x, y) integrated so far, m, at the
     measured airspeed.
 
-    piece: number of gaps before this point. nose_x, nose_y: integral of the unit vector of the
-    heading, s. report: the newest report that an extrapolated point is based on. It supplies the
-    accelerations, which are not extrapolated.
+    piece: number of gaps before this point.
+    nose_x, nose_y: integral of the unit vector of the heading, s.
+    report: the newest report that an extrapolated point is based on. It supplies the accelerations,
+        which are not extrapolated.
     """
 
     motion: OwnMotion
@@ -74,7 +73,8 @@ class FlownPath:
     path."""
 
     def __init__(self) -> None:
-        self._points: deque[PathPoint] = deque(maxlen=KEPT)
+        # Reports kept: more than 1 s at the highest rate. Ranges are newer than that.
+        self._points: deque[PathPoint] = deque(maxlen=64)
 
     def move(self, motion: OwnMotion) -> None:
         """Add a report of own motion."""
@@ -138,8 +138,12 @@ def _along(angle: float, length: float) -> tuple[float, float]:
 
 
 class Prediction(NamedTuple):
-    """Predicted p = vehicle - target = (x, y), m, at range r (m). drift: m/s. airspeed: true, m/s.
-    r_dot: m/s. Variances of r (m^2), of the direction (rad^2) and of r_dot (m^2/s^2)."""
+    """Predicted p = vehicle - target = (x, y), m, at range r (m).
+
+    drift: m/s.
+    airspeed: true, m/s.
+    r_dot: m/s. Variances of r (m^2), of the direction (rad^2) and of r_dot (m^2/s^2).
+    """
 
     r: float
     x: float

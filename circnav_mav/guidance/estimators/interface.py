@@ -18,11 +18,14 @@ class Fused(Enum):
 class EstimatorSettings:
     """Properties of the vehicle and the sensor.
 
-    speed: V, m/s. max_turn_rate: rad/s. gate: innovation gate in standard deviations.
+    speed: V, m/s.
+    max_turn_rate: rad/s.
+    gate: innovation gate in standard deviations.
     restart_after: consecutive samples outside the gate, consistent with each other, that restart
-    the filter. min_samples: fewest samples before the estimate may steer. drift_sigma: typical
-    drift, as a share of V. The drift of a vehicle that holds its ground speed is the target's
-    motion alone.
+        the filter.
+    min_samples: fewest samples before the estimate may steer.
+    drift_sigma: typical drift, as a share of V. The drift of a vehicle that holds its ground speed
+        is the target's motion alone.
 
     scale_sigma: standard deviation of true over measured airspeed.
     scale_bounds: its bounds.

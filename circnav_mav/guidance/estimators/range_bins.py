@@ -12,15 +12,9 @@ from circnav_mav.guidance.white_noise import WhiteNoise, is_even, quantile, resi
 
 WIDTH = 0.25
 """Width of a bin, s: within it the range deviates from a straight line by centimeters only."""
-SLOTS = 8
-"""Samples kept per bin. More would hardly improve the average."""
-COUNT = 64
-"""Bins kept: 16 s, more than a turn needs to distinguish all directions."""
 ROUGH = 40
 ROUGH_ENOUGH = 16
 """Residuals kept to measure the white part of the noise, and fewest that are used."""
-DRIFT_PSD = 0.01
-"""Process noise of the drift, m^2/s^3."""
 
 
 class Sample(NamedTuple):
@@ -53,9 +47,11 @@ class RangeWindow:
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
-        self._open: deque[Sample] = deque(maxlen=SLOTS)
+        # Samples kept per bin. More would hardly improve the average.
+        self._open: deque[Sample] = deque(maxlen=8)
         self._opened = 0.0
-        self._bins: deque[tuple[Sample, int] | None] = deque(maxlen=COUNT)
+        # Bins kept: 16 s, more than a turn needs to distinguish all directions.
+        self._bins: deque[tuple[Sample, int] | None] = deque(maxlen=64)
         """Mean and number of the samples of each bin. None: empty bin."""
         self._noise = WhiteNoise(ROUGH, 0.5)
         self._newest: deque[tuple[float, float]] = deque(maxlen=3)
@@ -96,7 +92,8 @@ class RangeWindow:
         # A drifting error is common to the bins of about 2 BIAS_TIME. A slow radio leaves some of
         # them empty.
         common = len(filled) / max(len(self._bins), 1) * 2 * BIAS_TIME / WIDTH
-        variance = white**2 / count + drifting * common + DRIFT_PSD * age**3 / 3
+        # Process noise of the drift, m^2/s^3.
+        variance = white**2 / count + drifting * common + 0.01 * age**3 / 3
         path = np.array((self.path[0] - x, self.path[1] - y))
         return Bins(age, path, z, np.maximum(variance, 1e-4))
 

@@ -20,8 +20,6 @@ from circnav_mav.guidance.laws import max_range_acceleration
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 Array = NDArray[np.float64]
-ACCELERATION_SIGMAS = 3.0
-"""Physical bound on |r''|, in standard deviations of the process noise."""
 RANGE = 0
 RATE = 1
 """Measured component of the state."""
@@ -29,9 +27,8 @@ RATE = 1
 
 def acceleration_variance(settings: EstimatorSettings, r: float) -> float:
     """Return the variance of the unknown acceleration at range r (m), m^2/s^4."""
-    return (
-        max_range_acceleration(settings.speed, settings.max_turn_rate, r) / ACCELERATION_SIGMAS
-    ) ** 2
+    # Physical bound on |r''|, in standard deviations of the process noise.
+    return (max_range_acceleration(settings.speed, settings.max_turn_rate, r) / 3.0) ** 2
 
 
 def motion_model(h: float, q: float) -> tuple[Array, Array]:

@@ -66,14 +66,6 @@ OUTLIER_SHARE = 0.05
 OUTLIER_SPREAD = 100.0
 """Probability that a range is an outlier, and width of the interval over which outliers are
 uniform, m."""
-RATE_SPREAD = 10.0
-"""Width of the interval over which outliers of the range rate are uniform, m/s."""
-NOSE = 0.1
-"""Added uncertainty of a measured range rate, as a share of V, if no accelerations are used. A
-fifth is noise of heading and airspeed. The rest keeps the filter consistent in gusts (mean NEES
-2.4, without it 10)."""
-WEIGHT_MEMORY = 20.0
-"""Time, s, in which the evidence for a hypothesis decays to 1/e."""
 
 
 class Noise(NamedTuple):
@@ -178,7 +170,8 @@ def predict(
         S = np.einsum("ak,kjm,bj->abm", H, h.P, H) + np.einsum("ajm,bj->abm", added, DRIFT)
         S[[0, 1], [0, 1]] += ACCELERATION_PSD * dt
         _correct(x, P, noise, cross, S, innovation)
-    return Hypotheses(x, P, h.log_weight * exp(-dt / WEIGHT_MEMORY))
+    # Time, s, in which the evidence for a hypothesis decays to 1/e.
+    return Hypotheses(x, P, h.log_weight * exp(-dt / 20.0))
 
 
 def decay(dt: float) -> Array:
@@ -313,9 +306,13 @@ def rate_measurement(h: Hypotheses, r_dot: float, sigma: float, air: Vector) -> 
     H[KAPPA] = n[0] * air[0] + n[1] * air[1]
     cross = np.einsum("jkm,km->jm", h.P, H)
     # with accelerations, the noise of the heading is a state: e
-    nose = np.where(h.P[EX, EX] > 0, 0.0, NOSE * np.hypot(*air)) ** 2
+    # 0.1: added uncertainty of a measured range rate, as a share of V, if no accelerations are
+    # used. A fifth is noise of heading and airspeed. The rest keeps the filter consistent in gusts
+    # (mean NEES 2.4, without it 10).
+    nose = np.where(h.P[EX, EX] > 0, 0.0, 0.1 * np.hypot(*air)) ** 2
     variance = np.maximum((H * cross).sum(axis=0), 0.0) + sigma**2 + nose
-    return Measurement(r_dot - (n * v).sum(axis=0), cross, variance, RATE_SPREAD)
+    # Width of the interval over which outliers of the range rate are uniform, m/s.
+    return Measurement(r_dot - (n * v).sum(axis=0), cross, variance, 10.0)
 
 
 Updated = tuple[Hypotheses, Array, NDArray[np.bool_]]

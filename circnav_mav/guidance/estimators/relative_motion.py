@@ -29,14 +29,9 @@ from circnav_mav.guidance.types import (
     RelativeMotion,
 )
 
-GAP = 20.0
-"""Longest time without ranges, s. After a longer one the filters restart."""
 MEMORY = 10.0
 """Least age, s, of the drift estimate that is kept for a restart after a gap without ranges. A
 newer estimate may already be affected by the cause of the gap."""
-GROWN = 1.1
-"""Largest uncertainty of a prediction that may steer, relative to the estimate's uncertainty at the
-newest range."""
 REMEMBERED = 0.03
 FORGOTTEN = 1e-3
 """Standard deviation of the kept drift, as a share of V, and growth of its variance, m^2/s^3: the
@@ -103,8 +98,9 @@ class DriftEstimator(Estimator):
                 True  # a range without own motion: the vehicle may not follow its commands
             )
             return Fused.ACCEPTED
+        # Longest time without ranges, s. After a longer one the filters restart.
         if before is not None and (
-            point.piece != before.piece or sample.time - before.motion.time > GAP
+            point.piece != before.piece or sample.time - before.motion.time > 20.0
         ):
             self._restart(sample.time)
             before = None
@@ -171,7 +167,9 @@ class DriftEstimator(Estimator):
             mean, covariance, assumed, dt, chord, own.heading, own.airspeed, change
         )
         # without ranges, the uncertainty of the prediction grows
-        bound = max(TRUSTED, GROWN * self.filter.spread)
+        # 1.1: largest uncertainty of a prediction that may steer, relative to the estimate's
+        # uncertainty at the newest range.
+        bound = max(TRUSTED, 1.1 * self.filter.spread)
         steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
         relative = RelativeMotion(
             x=at.x,
