@@ -24,7 +24,7 @@ MISSIONS = sorted(path.stem for path in (ROOT / "config").glob("*.toml"))
 
 
 @pytest.mark.parametrize("flag", ["--help", "-h"])
-def test_the_help_names_the_commands_in_the_order_of_a_newcomer_and_the_exit_codes(circnav, flag):
+def test_help_lists_commands_and_exit_codes(circnav, flag):
     out = circnav(flag).done
     for word in ("Exit codes", "130", "circnav fly quickstart"):
         assert word in out
@@ -50,14 +50,12 @@ def test_the_help_names_the_commands_in_the_order_of_a_newcomer_and_the_exit_cod
 
 
 @pytest.mark.parametrize("name", MISSIONS)
-def test_every_mission_that_ships_can_be_flown(circnav, name):
+def test_bundled_missions_pass_their_checks(circnav, name):
     """The emulator must also support the vehicle of the [sim] table."""
     assert "0 FAIL" in circnav("check", name).done
 
 
-def test_every_line_has_its_grade_the_last_one_counts_and_an_impossible_gain_fails_with_its_bound(
-    circnav, mission
-):
+def test_check_grades_lines_and_fails_impossible_gain(circnav, mission):
     *lines, count = circnav("check", mission).done.splitlines()
     grades = [line.split()[0] for line in lines]
     assert set(grades) <= {"PASS", "WARN", "FAIL"}
@@ -68,10 +66,10 @@ def test_every_line_has_its_grade_the_last_one_counts_and_an_impossible_gain_fai
     (line,) = [line for line in ran.out.splitlines() if line.startswith("FAIL")]
     assert "k = 1e-05 1/m^2 (given), needs k > 1/(2 r_d^2) = 5e-05" in line
     assert "1 FAIL" in ran.out
-    assert "\x1b" not in ran.out, "colours stay out of a pipe"
+    assert "\x1b" not in ran.out
 
 
-def test_on_a_terminal_a_long_check_line_breaks_at_words_below_its_text(monkeypatch):
+def test_check_wraps_long_lines_at_words(monkeypatch):
     """Emulators of terminals break a line at any letter."""
     text = (
         "1 m of error in the height above the target (60.0 m) changes the radius by 0.40 m (WARN"
@@ -133,9 +131,7 @@ def test_on_a_terminal_a_long_check_line_breaks_at_words_below_its_text(monkeypa
         "a target that goes with the wind",
     ],
 )
-def test_a_bundled_vehicle_is_told_of_where_it_does_not_fit_the_mission(
-    circnav, name, overrides, says
-):
+def test_bundled_vehicle_must_match_the_mission(circnav, name, overrides, says):
     out = circnav("check", name, *(part for key in overrides for part in ("--set", key))).out
     told = [line[:5] + line[20:] for line in out.splitlines() if line[6:].startswith("sim ")]
     assert [line.startswith(says) for line in told] == ([True] if says else [])
@@ -144,7 +140,7 @@ def test_a_bundled_vehicle_is_told_of_where_it_does_not_fit_the_mission(
 # --- preflight ---
 
 
-def test_the_bundled_vehicle_passes_after_the_check_of_its_mission(circnav):
+def test_preflight_of_bundled_vehicle_passes(circnav):
     printed = circnav("preflight", "copter", "--seconds", "3").done
     assert (
         printed.index("turn rate") < printed.index("listening on sim") < printed.index("firmware")
@@ -159,12 +155,12 @@ def test_the_bundled_vehicle_passes_after_the_check_of_its_mission(circnav):
      ("--endpoint udpin:127.0.0.1:{port} --set link.wait_s=1", 3, "0 bytes received")],
     ids=["a failing line", "silence"],
 )  # fmt: skip
-def test_a_preflight_that_fails_says_why_in_its_exit_code_too(circnav, port, options, code, says):
+def test_failing_preflight_has_its_exit_code(circnav, port, options, code, says):
     ran = circnav("preflight", "copter", *options.format(port=port).split())
     assert (ran.code, says in ran.out) == (code, True)
 
 
-def test_a_fast_simulator_passes_by_its_own_clock(circnav, port):
+def test_preflight_follows_clock_of_fast_simulator(circnav, port):
     with process_of(
         "emulate", "copter", "--endpoint", f"udpin:127.0.0.1:{port}", "--speed", "2"
     ) as vehicle:
@@ -188,7 +184,7 @@ def test_a_fast_simulator_passes_by_its_own_clock(circnav, port):
         ("emulate --endpoint udpout:127.0.0.1:{port}", signal.SIGTERM, 0),
     ],
 )
-def test_a_signal_ends_a_command_that_listens(port, command, number, code):
+def test_signal_ends_listening_command(port, command, number, code):
     with process_of(*command.format(port=port).split()) as process:
         try:
             assert any("listening" in line or "udpout" in line for line in process.stdout)
@@ -200,7 +196,7 @@ def test_a_signal_ends_a_command_that_listens(port, command, number, code):
     assert (process.returncode, err) == (code, "circnav: stopped by SIGINT\n" if code else "")
 
 
-def test_an_emulator_at_another_speed_says_how_to_be_flown(circnav, busy_port, monkeypatch):
+def test_fast_emulator_prints_clock_setting(circnav, busy_port, monkeypatch):
     monkeypatch.setattr("circnav_sim.server._fly", lambda *_arguments: None)
     emulate = ("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}")
     _, how = circnav(*emulate, "--speed", "8").done.splitlines()

@@ -27,7 +27,7 @@ def told(arguments, after, before=""):
     return json.loads(ran.stdout)
 
 
-def test_a_command_that_computes_little_loads_nothing_that_is_slow_to_load():
+def test_quick_commands_load_no_slow_modules():
     more = {"numpy", "scipy", "filterpy", "pymavlink", "pydantic"}
     for arguments, slow in ((["--help"], SLOW | more), (["check", "quickstart"], SLOW)):
         code, loaded = told(arguments, "[code, sorted(sys.modules)]")
@@ -55,7 +55,7 @@ Pilot.receive, fly.Drawing = heard, Drawing
 """
 
 
-def test_a_flight_has_its_optimizer_before_it_hears_anything_and_pictures_neither_load_nor_end_with_it(
+def test_flight_loads_optimizer_first_and_pictures_last(
     tmp_path,
 ):
     """A signal during the drawing of pictures does not change the exit code of the flight.
@@ -85,5 +85,5 @@ assert parts and all(part.__spec__ is not None and part.__file__ for part in par
 """
 
 
-def test_a_program_that_uses_circnav_has_filterpy_whole():
+def test_filterpy_stays_complete():
     subprocess.run([sys.executable, "-c", FILTERPY], check=True)

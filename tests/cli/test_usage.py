@@ -113,7 +113,7 @@ PORT_IN_USE = (
         ),
     ],
 )
-def test_it_is_one_line_and_nothing_is_written(circnav, mission, busy_port, command, says):
+def test_wrong_usage_is_one_line_and_writes_nothing(circnav, mission, busy_port, command, says):
     command, says = (
         text.replace("BUSY", str(busy_port)).replace("LONG", 300 * "x") for text in (command, says)
     )
@@ -121,7 +121,7 @@ def test_it_is_one_line_and_nothing_is_written(circnav, mission, busy_port, comm
     assert list(mission.parent.iterdir()) == [mission]
 
 
-def test_usage_that_the_parser_refuses_is_exit_code_2_and_an_interrupt_130(circnav, monkeypatch):
+def test_parser_errors_exit_with_2_and_interrupts_130(circnav, monkeypatch):
     wrong = ("fligh", "fly", "check a.toml b.toml", "fly quickstart --speed fast")
     for arguments in wrong:
         ran = circnav(*arguments.split())

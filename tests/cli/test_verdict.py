@@ -91,7 +91,7 @@ def told(**changes: Any) -> str:
         ),
     ],
 )
-def test_it_tells(changes: dict[str, Any], words: str) -> None:
+def test_verdict_contains_figures(changes: dict[str, Any], words: str) -> None:
     assert words in told(**changes)
 
 
@@ -103,12 +103,12 @@ def test_it_tells(changes: dict[str, Any], words: str) -> None:
         ({"turn_std_deg_s": 5.0, "turn_at_limit": None}, "at the limit"),
     ],
 )
-def test_it_keeps_silent_of(changes: dict[str, Any], words: str) -> None:
+def test_verdict_omits_normal_values(changes: dict[str, Any], words: str) -> None:
     assert words not in told(**changes)
 
 
 @pytest.mark.parametrize("output_mode", ["dry run", "shadow"])
-def test_a_flight_that_sent_nothing_says_so_and_is_given_no_marks(output_mode: str) -> None:
+def test_verdict_of_dry_run_has_no_figures(output_mode: str) -> None:
     words = told(output_mode=output_mode, reason="dry run to its end", setpoints_sent=0)
     assert (
         f"  {output_mode.upper():<9}  no setpoint sent, would have steered for 60 s"

@@ -40,7 +40,7 @@ def summary(run_folder):
     return make
 
 
-def test_the_figures_are_those_of_the_flight_after_engaging(summary):
+def test_summary_contains_figures_after_engagement(summary):
     """Engaged at 10 s, at 101 m from 100 s on. The band of 5 % is entered then, 90 s after
     engaging. Users' scripts read these keys."""
     made = summary()
@@ -102,7 +102,7 @@ def test_the_figures_are_those_of_the_flight_after_engaging(summary):
         "the time that the operator flew is not steered",
     ],
 )
-def test_what_happened_shows_in_the_figures(summary, kind, change, told):
+def test_events_change_the_figures(summary, kind, change, told):
     def happened(time, row):
         row.update(*(cells for (begin, end), cells in change.items() if begin <= time < end))
 
@@ -114,7 +114,7 @@ def test_what_happened_shows_in_the_figures(summary, kind, change, told):
     assert made["truth"]["settled_s"] == 90.0
 
 
-def test_a_flight_that_never_engaged_has_no_figures(summary):
+def test_flight_without_engagement_has_no_figures(summary):
     made = summary(engaged=False)
     unknown = (
         "engaged_s",
@@ -129,7 +129,7 @@ def test_a_flight_that_never_engaged_has_no_figures(summary):
     assert made["flown_s"] == made["steered_s"] == 0.0
 
 
-def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(summary):
+def test_flight_time_continues_after_end_of_recording(summary):
     """300 s are recorded, or nothing, and the flight lasted until 500 s."""
     flown = replace(FACTS, engaged_s=10.0, until_s=500.0, recording_problem="full")
     made = summary(facts=flown)
@@ -143,7 +143,7 @@ def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(summary)
     assert made["recording_problem"] == "figures cover estimates up to 0 s of 500 s"
 
 
-def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(summary):
+def test_turn_figures_cover_last_third_of_steering(summary):
     """From 200 s on, the turn rate alternates by 0.1 rad/s, with one tick in four at the limit.
     Values before 200 s and in other phases do not count."""
 
@@ -166,9 +166,7 @@ def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(s
 # --- the file ---
 
 
-def test_the_file_is_json_that_comes_back_and_a_number_that_json_does_not_know_is_unknown(
-    summary, tmp_path
-):
+def test_summary_file_is_standard_json(summary, tmp_path):
     for made, told in (
         (summary(), None),
         ({"a": math.nan, "b": {"c": [math.inf, 1.5]}, "d": (-math.inf, True), "e": None},

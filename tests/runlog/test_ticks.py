@@ -18,7 +18,7 @@ from tests.runlog.conftest import EPOCH_US
 LOGS = Path(__file__).parents[2] / "docs" / "logs.md"
 
 
-def test_ticks_are_columns_an_empty_cell_is_no_number_and_a_last_line_that_was_cut_off_is_left_out(
+def test_ticks_are_read_back_without_incomplete_line(
     run_folder,
 ):
     ticks = read_ticks(run_folder())
@@ -35,7 +35,7 @@ def test_ticks_are_columns_an_empty_cell_is_no_number_and_a_last_line_that_was_c
     assert (len(read_ticks(folder).time), read_ticks(folder).engaged_at) == (0, None)
 
 
-def test_the_truth_is_found_in_the_log_at_the_runs_own_time(run_folder):
+def test_truth_is_read_in_run_time(run_folder):
     truth = read_truth(run_folder(), EPOCH_US)
     assert truth.time[[0, 1, -1]] == pytest.approx([0.0, 0.5, 300.0])
     assert truth.radius[[0, -1]] == pytest.approx([120.0, 101.0], abs=1e-3)
@@ -59,7 +59,7 @@ def truth(north, system=1, *, spoilt=None):
     ],
     ids=["a real vehicle", "no numbers", "the vehicle that was flown", "the first that tells"],
 )
-def test_the_truth_is_that_of_one_vehicle_and_whole(tmp_path, said, system, norths):
+def test_truth_comes_from_one_vehicle(tmp_path, said, system, norths):
     """Any sender that reaches our port can send such messages."""
     frames = [
         bytes(message.pack(mavlink.MAVLink(None, srcSystem=sender))) for sender, message in said
@@ -79,7 +79,7 @@ def test_the_truth_is_that_of_one_vehicle_and_whole(tmp_path, said, system, nort
     ],
     ids=["columns of the ticks", "reasons to reject a range"],
 )
-def test_every_name_in_a_log_is_described(begins, ends, names):
+def test_every_log_name_is_documented(begins, ends, names):
     table = LOGS.read_text(encoding="utf-8").split(begins)[1].split(ends)[0]
     rows = [row for row in table.splitlines() if row.startswith("| `")]
     assert sorted(

@@ -53,7 +53,7 @@ def connect(tmp_path):
         yield start
 
 
-def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], Any]):
+def test_mavsdk_flies_px4_in_offboard(connect: Callable[[str], Any]):
     system = connect("px4_copter")
     assert (system.get_system_id(), int(system.autopilot_type())) == (1, PX4)
     telemetry = Telemetry(system)
@@ -87,7 +87,7 @@ def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], A
     until(lambda: telemetry.flight_mode() == FlightMode.HOLD)
 
 
-def test_ardupilot_is_seen_and_its_streams_come_when_asked(connect: Callable[[str], Any]):
+def test_mavsdk_reads_and_moves_ardupilot(connect: Callable[[str], Any]):
     system = connect("arducopter")
     assert int(system.autopilot_type()) == ARDUPILOT
     telemetry = Telemetry(system)

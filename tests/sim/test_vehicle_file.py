@@ -68,13 +68,13 @@ from circnav_sim.vehicle import Vehicle
         ),
     ],
 )
-def test_a_mistake_is_named_in_one_line(table, complaint):
+def test_vehicle_file_mistake_is_one_line(table, complaint):
     with pytest.raises(ConfigError) as caught:
         parse_vehicle(table, "f.toml")
     assert str(caught.value).startswith(complaint) and "\n" not in str(caught.value)
 
 
-def test_a_mission_files_sim_table_is_used_and_the_rest_ignored(tmp_path):
+def test_sim_table_of_mission_is_used(tmp_path):
     mission = tmp_path / "mission.toml"
     mission.write_text("[orbit]\nradius_m = 80\n[sim]\nseed = 4\n[sim.start]\nnorth_m = 12\n")
     config = load_vehicle(mission)
@@ -94,7 +94,7 @@ def test_a_mission_files_sim_table_is_used_and_the_rest_ignored(tmp_path):
         ("\xff", "not a TOML file"),
     ],
 )
-def test_a_file_that_is_no_vehicle_or_cannot_be_read_is_one_line(tmp_path, text, complaint):
+def test_unreadable_vehicle_file_is_one_line(tmp_path, text, complaint):
     path = tmp_path / "vehicle.toml"
     if text is not None:
         path.write_bytes(text.encode("latin-1"))
@@ -103,7 +103,7 @@ def test_a_file_that_is_no_vehicle_or_cannot_be_read_is_one_line(tmp_path, text,
     assert str(caught.value).startswith(f"{path}: {complaint}") and "\n" not in str(caught.value)
 
 
-def test_random_starts_stay_in_bounds_and_repeat_with_the_seed():
+def test_random_starts_stay_in_bounds_and_repeat():
     table = {
         "target": {"north_m": 50.0, "east_m": -20.0},
         "start": {
@@ -116,7 +116,7 @@ def test_random_starts_stay_in_bounds_and_repeat_with_the_seed():
     assert truths[3] == Vehicle(parse_vehicle({"seed": 3, **table}, "x")).truth
 
 
-def test_the_documented_file_flies():
+def test_documented_vehicle_file_flies():
     """The README's example contains exactly the keys of the schema."""
     text = (Path(__file__).parents[2] / "sim" / "README.md").read_text()
     example = tomllib.loads(text.split("```toml")[1].split("```")[0])
