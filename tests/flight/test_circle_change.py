@@ -30,7 +30,7 @@ def moved(flown, after, speed):
     assert flown.pilot.controller.orbit.radius == after
 
 
-def test_a_larger_circle_is_reached_within_a_lap_and_not_overshot_by_5_m():
+def test_larger_circle_is_reached_without_overshoot():
     moved(
         flight("arduplane", "orbit.radius_m=110", "limits.duration_s=400", law="auto").fly(40.0),
         150.0,
@@ -38,7 +38,7 @@ def test_a_larger_circle_is_reached_within_a_lap_and_not_overshot_by_5_m():
     )
 
 
-def test_a_smaller_circle_is_reached_one_that_cannot_be_flown_is_refused_and_the_direction_is_reversed():
+def test_smaller_circle_and_reversed_direction_are_flown():
     flown = flight(
         "arducopter",
         "orbit.radius_m=60",

@@ -29,7 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder, printed
 
 
-def test_flight_of_the_command_settles_clockwise_and_says_so(run: tuple[Path, str]) -> None:
+def test_flight_settles_clockwise_with_a_verdict(run: tuple[Path, str]) -> None:
     folder, printed = run
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["outcome"] == "completed"
@@ -50,7 +50,7 @@ def again(folder: Path) -> ReplayResult:
     )
 
 
-def test_run_folder_holds_everything_and_is_replayed_byte_for_byte(run: tuple[Path, str]) -> None:
+def test_run_folder_is_complete_and_replays_identically(run: tuple[Path, str]) -> None:
     names = {path.name for path in run[0].iterdir()}
     assert names >= {"summary.json", "ticks.csv", "flight.tlog", "mission.toml", "flight.png"}
     assert "duration_s = 72" in (run[0] / "mission.toml").read_text()
@@ -71,9 +71,7 @@ def test_run_folder_holds_everything_and_is_replayed_byte_for_byte(run: tuple[Pa
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(
-    number: signal.Signals, tmp_path: Path
-) -> None:
+def test_signal_sends_safe_setpoint_and_exits_130(number: signal.Signals, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     process = circnav("fly", QUICKSTART, "--speed", "5", "--out", str(folder), drawn=False)
     read_until(process, "engaged")
@@ -93,7 +91,7 @@ def test_signal_leaves_a_safe_setpoint_closes_the_files_and_exits_130(
     assert setpoints[-4][0] == 15.0
 
 
-def test_a_killed_flight_loses_at_most_its_last_second_and_is_replayed(tmp_path: Path) -> None:
+def test_killed_flight_loses_at_most_one_second(tmp_path: Path) -> None:
     process = circnav("fly", QUICKSTART, "--speed", "2", "--out", str(tmp_path))
     assert process.stdout is not None
     times = (

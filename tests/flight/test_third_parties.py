@@ -94,9 +94,7 @@ def mavproxy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_mavproxy_sees_the_copter_changes_our_radius_and_its_mode_command_ends_our_flight(
-    stage, mavproxy, tmp_path
-):
+def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
     on = stage("arducopter")
     ours = on.fly()
     station = on.start(
@@ -130,7 +128,7 @@ def test_mavproxy_sees_the_copter_changes_our_radius_and_its_mode_command_ends_o
     assert code == 4 and reason.startswith("pilot or failsafe switched to BRAKE after ")
 
 
-def test_mavsdk_sees_the_px4_copter_sets_our_radius_and_its_hold_ends_our_flight(
+def test_mavsdk_changes_radius_and_takes_over(
     stage: Callable[[str], Stage],
 ) -> None:
     mavsdk = pytest.importorskip("mavsdk")

@@ -122,140 +122,59 @@ BOUNDS = [
 ]
 
 
-@pytest.mark.parametrize(("subject", "overrides", "grade"), BOUNDS)
-def test_grade_changes_at_its_bound(mission, subject, overrides, grade):
-    assert only(mission, subject, *overrides.split()).grade is grade
-
-
 SIGNED = "signing.key_file=k"
-SENT_TYPES = [
-    (
-        "gain",
-        "guidance.gain=2e-4",
-        PASS,
-        "smooth: k = 0.0002 1/m^2 (given), needs k > 1/(2 r_d^2) = 5e-05",
-    ),
-    (
-        "gain",
-        "orbit.radius_m=100",
-        PASS,
-        "smooth: k = 0.0001 1/m^2 (default), needs k > 1/(2 r_d^2) = 5e-05",
-    ),
-    # example 1 of the paper: r_a = 10.98684113 at r_d = 10, k = 0.01
-    (
-        "radius",
-        "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0 guidance.correct_radius=false",
-        WARN,
-        "steady radius 10.987 m, desired 10 m; set guidance.correct_radius = true to correct it",
-    ),
-    (
-        "radius",
-        "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0",
-        PASS,
-        "steady radius 10.000 m, desired 10 m",
-    ),
-    # 9.80665 tan(45 deg)/15 = 37.46 deg/s, of which a plane that slips reaches 0.72
-    (
-        "turn rate",
-        " ".join([*PLANE, "vehicle.max_turn_rate_deg_s=90"]),
-        PASS,
-        "the circle needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, must stay below 100 %); it turns 0.72 "
-        "times a commanded 37.46 deg/s",
-    ),
-    # 3, 4, 5: 300 m out and 400 m up are 500 m
-    (
-        "reach",
-        "orbit.radius_m=300 orbit.height_above_target_m=400",
-        WARN,
-        "range on the circle 500.0 m, distance_sensor reports up to 655.3 m (76 %, at most 80 %)",
-    ),
-    (
-        "reach",
-        BEACON,
-        PASS,
-        "range on the circle 100.0 m, ranging_beacon reports up to 4295 km (0 %, at most 80 %)",
-    ),
-    # d rho = h/rho dh
-    (
-        "height cost",
-        "orbit.height_above_target_m=29",
-        PASS,
-        "1 m of error in the height above the target (29.0 m) changes the radius by 0.29 m (WARN above 0.3)",
-    ),
-    (
-        "height cost",
-        "orbit.height_above_target_m=31",
-        WARN,
-        "1 m of error in the height above the target (31.0 m) changes the radius by 0.31 m (WARN above 0.3)",
-    ),
-    (
-        "bounds",
-        "bounds.max_range_m=640",
-        PASS,
-        "the circle of 100 m must be below bounds.max_range_m = 640 m (horizontal), with 10 % to spare",
-    ),
-    (
-        "ranging",
-        BEACON,
-        WARN,
-        "ArduPilot and PX4 do not forward RANGING_BEACON: set ranging.endpoint, unless the radio "
-        "itself sends to link.endpoint",
-    ),
-    (
-        "exit",
-        "vehicle.autopilot=auto exit.action=brake",
-        FAIL,  # of the two copters, only ArduPilot's has a brake mode
-        "px4 copter has no exit action brake: choose loiter, rtl, land, hold",
-    ),
-    ("signing", SIGNED, PASS, "frames are signed, and accepted only if signed with our key"),
-    (
-        "signing",
-        f"{SIGNED} signing.accept_unsigned=true",
-        WARN,
-        "frames are signed, but unsigned frames are accepted too: any program can pose as the vehicle "
-        "(signing.accept_unsigned)",
-    ),
+WITHOUT_PEER = "link.endpoint=udpin:0.0.0.0:14550"
+GRADES = [
+    ("ranging", BEACON, WARN),  # autopilots do not forward RANGING_BEACON
+    ("exit", "vehicle.autopilot=auto exit.action=brake", FAIL),  # a PX4 copter has no brake mode
+    ("exit", " ".join([*PLANE, "exit.action=stop"]), FAIL),  # it would loiter with a hard bank
+    ("signing", SIGNED, PASS),
+    ("signing", f"{SIGNED} signing.accept_unsigned=true", WARN),
     (
         "signing",
         f"{SIGNED} ranging.endpoint=udpin:0.0.0.0:14560 signing.accept_unsigned=ranging",
         PASS,
-        "frames are signed, and accepted only if signed with our key, on the ranging endpoint also unsigned",
     ),
-    # without a configured address, the first sender is accepted
-    (
-        "peer",
-        "link.endpoint=udpin:0.0.0.0:14550",
-        WARN,
-        "udpin:0.0.0.0:14550 trusts any program that is first to send as the vehicle: set the vehicle's "
-        "address (link.peer), or sign (docs/signing.md)",
-    ),
-    (
-        "peer",
-        "link.endpoint=udpin:0.0.0.0:14550 link.peer=10.0.0.5",
-        PASS,
-        "udpin:0.0.0.0:14550 accepts 10.0.0.5 only",
-    ),
-    (
-        "peer",
-        "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5",
-        WARN,
-        "link.peer has no effect: only udpin receives from more than one address",
-    ),
-    # a plane loiters after 3 s with a steep bank; a copter brakes
-    (
-        "exit",
-        " ".join([*PLANE, "exit.action=stop"]),
-        FAIL,
-        "a plane left in GUIDED loiters after 3 s, with a sudden hard bank: exit.action must command a mode, choose "
-        "loiter, rtl, hold",
-    ),
+    ("peer", WITHOUT_PEER, WARN),  # the first sender is accepted
+    ("peer", f"{WITHOUT_PEER} link.peer=10.0.0.5", PASS),
+    ("peer", "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5", WARN),  # no effect
+    # d rho = h/rho dh
+    ("height cost", "orbit.height_above_target_m=29", PASS),
+    ("height cost", "orbit.height_above_target_m=31", WARN),
+    ("bounds", "bounds.max_range_m=640", PASS),
 ]
 
 
-@pytest.mark.parametrize(("subject", "overrides", "grade", "says"), SENT_TYPES)
-def test_check_line_contains_value_bound_and_remedy(mission, subject, overrides, grade, says):
-    line = only(mission, subject, *overrides.split())
-    assert (line.grade, line.text) == (grade, says)
+@pytest.mark.parametrize(("subject", "overrides", "grade"), [*BOUNDS, *GRADES])
+def test_grade_changes_at_its_bound(mission, subject, overrides, grade):
+    assert only(mission, subject, *overrides.split()).grade is grade
+
+
+PAPER = "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0"
+
+
+@pytest.mark.parametrize(
+    ("subject", "overrides", "parts"),
+    [
+        ("gain", "guidance.gain=2e-4", "k = 0.0002 1/m^2 (given), needs k > .* = 5e-05"),
+        ("gain", "orbit.radius_m=100", "k = 0.0001 1/m^2 (default), needs k >"),
+        # example 1 of the paper: r_a = 10.98684113 at r_d = 10, k = 0.01
+        ("radius", f"{PAPER} guidance.correct_radius=false", "10.987 m, desired 10 m; set"),
+        ("radius", PAPER, "steady radius 10.000 m, desired 10 m"),
+        # 9.80665 tan(45 deg)/15 = 37.46 deg/s, of which a plane that slips reaches 0.72
+        (
+            "turn rate",
+            " ".join([*PLANE, "vehicle.max_turn_rate_deg_s=90"]),
+            "needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, .*; it turns 0.72 times",
+        ),
+        # 3, 4, 5: 300 m out and 400 m up are 500 m
+        ("reach", "orbit.radius_m=300 orbit.height_above_target_m=400", "500.0 m, .* (76 %, at"),
+        ("height cost", "orbit.height_above_target_m=31", "changes the radius by 0.31 m"),
+    ],
+)
+def test_check_line_contains_value_and_bound(mission, subject, overrides, parts):
+    text = only(mission, subject, *overrides.split()).text
+    assert re.search(re.escape(parts).replace(r"\.\*", ".*"), text)
 
 
 @pytest.mark.parametrize(
@@ -263,22 +182,17 @@ def test_check_line_contains_value_bound_and_remedy(mission, subject, overrides,
     [
         ("radius", "guidance.gain=4e-5"),  # an impossible gain gives no radius
         ("switching", "guidance.law=smooth"),
+        ("margin", "guidance.law=smooth"),  # only laws that are tuned by the delay have one
         ("height cost", "orbit.target_altitude_m=500"),
         ("height cost", "orbit.target_above_home_m=-3"),
         ("ranging", f"{BEACON} ranging.endpoint=udpin:0.0.0.0:14560"),
         ("exit", "exit.action=stop"),
         ("exit", "exit.action=brake"),
         ("exit", "engage.on_takeover=wait"),
-        (
-            "exit",
-            "vehicle.kind=rover vehicle.autopilot=auto exit.action=stop",
-        ),  # no PX4 rover is flown
-        ("exit", "vehicle.autopilot=auto"),
+        ("exit", "vehicle.kind=rover vehicle.autopilot=auto exit.action=stop"),  # no PX4 rover
         ("exit", "vehicle.autopilot=px4"),
         ("estimator", " ".join([*PLANE, "guidance.estimator=drift"])),
-        ("estimator", " ".join([*PLANE, "guidance.estimator=drift"])),
         ("signing", "limits.stale_s=0.5"),
-        ("peer", "link.endpoint=udpin:127.0.0.1:14550"),
         ("peer", "link.endpoint=serial:/dev/ttyS0:57600"),
     ],
 )

@@ -295,102 +295,45 @@ def test_invalid_toml_line_is_quoted():
     assert refusal("[orbit]\nradius_m 150\n").endswith("(at line 2, column 10): 'radius_m 150'")
 
 
-SPOILED = [
-    (
-        "radius_m = 100.0",
-        "raduis_m = 100.0",
-        "m.toml: orbit.raduis_m: unknown key, did you mean radius_m?",
-    ),
-    (
-        "[orbit]",
-        "[orbit]\nmax_range = 9",
-        "m.toml: orbit.max_range: unknown key, did you mean bounds.max_range_m?",
-    ),
-    (
-        "[orbit]",
-        "[orbits]",
-        "m.toml: orbits: unknown key, did you mean orbit?; orbit: missing, add it",
-    ),
-    (
-        "radius_m = 100.0",
-        "radius_m = 100.0\nzzz = 1",
-        "m.toml: orbit.zzz: unknown key, keys of this table: radius_m,",
-    ),
-    ("radius_m = 100.0\n", "", "m.toml: orbit.radius_m: missing, add it"),
-    ("radius_m = 100.0", "radius_m = 0.0", "m.toml: orbit.radius_m: must be above 0, not 0"),
-    (
-        "radius_m = 100.0",
-        'radius_m = "100"',
-        "m.toml: orbit.radius_m: should be a valid number, not '100'",
-    ),
-    (
-        "speed_mps = 15.0",
-        "speed_mps = -1.5",
-        "m.toml: vehicle.speed_mps: must be above 0, not -1.5",
-    ),
-    (
-        "duration_s = 60.0",
-        "duration_s = 60.0\ntick_hz = 4.0",
-        "m.toml: limits.tick_hz: must be at least 5, not 4",
-    ),
-    (
-        "duration_s = 60.0",
-        "duration_s = 60.0\nstale_s = 6.0",
-        "m.toml: limits.stale_s: must be at most 5, not 6",
-    ),
-    # milliseconds, and a fraction of a battery
-    *(
-        (
-            "duration_s = 60.0",
-            f"duration_s = 60.0\n{key} = 10000",
-            f"m.toml: limits.{key}: must be at most 3600, not",
-        )
-        for key in ("hold_s", "unfollowed_s")
-    ),
-    (
-        "[vehicle]",
-        "[vehicle]\nturn_lag_s = 400",
-        "m.toml: vehicle.turn_lag_s: must be at most 10, not 400",
-    ),
-    (
-        "[orbit]",
-        "[bounds]\nmin_battery_percent = 0.2\n[orbit]",
-        "m.toml: bounds.min_battery_percent: must be at least",
-    ),
-    (
-        "[orbit]",
-        "[engage]\nrequest_mode = 1\n[orbit]",
-        "m.toml: engage.request_mode: should be a valid boolean, not 1: write true or false",
-    ),
-    (
-        'direction = "clockwise"',
-        'direction = "left"',
-        "m.toml: orbit.direction: 'left' is not one of 'clockwise' or",
-    ),
-    ('law = "smooth"', 'law = "magic"', "m.toml: guidance.law: 'magic' is not one of 'smooth'"),
-    ("max_turn_rate_deg_s = 20.0\n", "", "m.toml: vehicle.max_turn_rate_deg_s: missing, add it"),
-    ('name = "small"', 'name = "../../etc"', "m.toml: name: "),
-    (
-        'name = "small"',
-        f'name = "{300 * "x"}"',
-        "m.toml: name: string should have at most 100 characters, not 'xxx",
-    ),
-    (
-        'endpoint = "udpin:127.0.0.1:14550"',
-        'endpoint = "udpin:127.0.0.1:14550"\ncomponent_id = 190',
-        "m.toml: link.component_id: must be at least 191, not 190",
-    ),
+MISTAKES = [
+    ("orbit.raduis_m=1", "orbit.raduis_m: unknown key, did you mean radius_m?"),
+    ("orbit.max_range=9", "orbit.max_range: unknown key, did you mean bounds.max_range_m?"),
+    ("orbits.radius_m=1", "orbits: unknown key, did you mean orbit?"),
+    ("orbit.zzz=1", "orbit.zzz: unknown key, keys of this table: radius_m,"),
+    ("orbit.radius_m=0.0", "orbit.radius_m: must be above 0, not 0"),
+    ('orbit.radius_m="100"', "orbit.radius_m: should be a valid number, not '100'"),
+    ("limits.tick_hz=4.0", "limits.tick_hz: must be at least 5, not 4"),
+    ("limits.stale_s=6.0", "limits.stale_s: must be at most 5, not 6"),
+    ("limits.hold_s=10000", "limits.hold_s: must be at most 3600, not"),  # milliseconds
+    ("limits.unfollowed_s=10000", "limits.unfollowed_s: must be at most 3600, not"),
+    ("vehicle.turn_lag_s=400", "vehicle.turn_lag_s: must be at most 10, not 400"),
+    ("bounds.min_battery_percent=0.2", "bounds.min_battery_percent: must be at least"),
+    ("bounds.min_altitude_m=nan", "bounds.min_altitude_m: must be a finite number, not nan: omit"),
+    ("engage.request_mode=1", "engage.request_mode: should be a valid boolean, not 1: write true"),
+    ("orbit.direction=left", "orbit.direction: 'left' is not one of 'clockwise' or"),
+    ("guidance.law=magic", "guidance.law: 'magic' is not one of 'smooth'"),
+    ("name=../../etc", "name: "),
+    (f"name={300 * 'x'}", "name: string should have at most 100 characters, not 'xxx"),
+    ("link.component_id=190", "link.component_id: must be at least 191, not 190"),
+    ("link.peer=drone.local", "link.peer: must be an address or network, such as"),
+    ("link.peer=10.0.0.256", "link.peer: must be an address or network, such as"),
+    ("link.peer=5", "link.peer: must be an address or network, such as"),
+    ('link.peer=["10.0.0.5", "x"]', "link.peer: must be an address or network, such as"),
+    ("signing.accept_unsigned=true", "signing.key_file: missing"),
+    ("signing.key_file=", "signing.key_file: "),  # not resolved to the folder of the mission
+    ("signing=drone.key", "signing: must be a table"),
 ]
 
 
-@pytest.mark.parametrize(
-    ("right", "wrong", "line"),
-    SPOILED,
-    ids=[wrong.strip() or f"no {right}" for right, wrong, _ in SPOILED],
-)
-def test_mistake_is_one_line_with_file_and_key(text, right, wrong, line):
-    assert text.count(right) == 1
-    assert refusal(text.replace(right, wrong)).startswith(line)
+@pytest.mark.parametrize(("override", "line"), MISTAKES, ids=[key for key, _ in MISTAKES])
+def test_mistake_is_one_line_with_file_and_key(text, override, line):
+    assert refusal(text, override).startswith(f"m.toml: {line}")
+
+
+@pytest.mark.parametrize("line", ["radius_m = 100.0", "max_turn_rate_deg_s = 20.0"])
+def test_missing_key_is_named(text, line):
+    assert text.count(line) == 1
+    assert f".{line.split()[0]}: missing, add it" in refusal(text.replace(line, ""))
 
 
 @pytest.mark.parametrize("value", ["nan", "inf"])
@@ -399,54 +342,35 @@ def test_mission_keys_refuse_nan_and_infinity(text, value):
         assert refusal(text, f"{key}={value}").startswith(f"m.toml: {key}")
 
 
-RATE = "ranging.rate_name=RR"
-CLASHES = [
-    (RATE, 'ranging.rate_name: needs message = "named_value_float", not "distance_sensor"'),
-    (
-        "ranging.message=named_value_float ranging.rate_name=RANGE",
-        'ranging.rate_name: is "RANGE" as ranging.name: give the rate another name',
-    ),
-    (
-        "guidance.estimator=measured",
-        'guidance.estimator: is "measured": set ranging.rate_name, the name of the measured range rate',
-    ),
-    (
-        "signing.key_file=k signing.accept_unsigned=ranging",
-        'signing.accept_unsigned: is "ranging": set ranging.endpoint, too',
-    ),
-    (
-        "vehicle.kind=plane",
-        "vehicle.max_bank_deg: missing, a plane turns by banking: add its limit",
-    ),
-    ("link.endpoint=sim", 'link.endpoint: is "sim": add a [sim] table that describes the vehicle'),
-    (
-        "ranging.endpoint=sim",
-        'ranging.endpoint: is "sim", but the vehicle is not the bundled one: --set ranging.endpoint=URL',
-    ),
-    (
-        "ranging.endpoint=udpin:127.0.0.1:14550",
-        'ranging.endpoint: is "udpin:127.0.0.1:14550" as link.endpoint: omit ranging.endpoint if ranges arrive on that '
-        "link",
-    ),
-    (
-        "bounds.min_range_m=300 bounds.max_range_m=200",
-        "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower the first, or raise the second",
-    ),
-    (
-        "bounds.min_altitude_m=50 bounds.max_altitude_m=50",
-        "bounds.min_altitude_m: 50 is not below bounds.max_altitude_m = 50: lower the first, or raise the second",
-    ),
-    (
-        "bounds.min_range_m=300 bounds.max_range_m=200 link.endpoint=sim",
-        'link.endpoint: is "sim": add a [sim] table that describes the vehicle; '
-        "bounds.min_range_m: 300 is not below bounds.max_range_m = 200: lower the first, or raise the second",
-    ),
-]
-
-
-@pytest.mark.parametrize(("overrides", "line"), CLASHES)
+@pytest.mark.parametrize(
+    ("overrides", "line"),
+    [
+        ("ranging.rate_name=RR", 'ranging.rate_name: needs message = "named_value_float"'),
+        (
+            "ranging.message=named_value_float ranging.rate_name=RANGE",
+            'ranging.rate_name: is "RANGE" as ranging.name',
+        ),
+        ("guidance.estimator=measured", 'guidance.estimator: is "measured": set ranging.rate_name'),
+        (
+            "signing.key_file=k signing.accept_unsigned=ranging",
+            'signing.accept_unsigned: is "ranging": set ranging.endpoint',
+        ),
+        ("vehicle.kind=plane", "vehicle.max_bank_deg: missing"),
+        ("ranging.endpoint=sim", 'ranging.endpoint: is "sim", but the vehicle is not'),
+        (
+            "ranging.endpoint=udpin:127.0.0.1:14550",
+            'ranging.endpoint: is "udpin:127.0.0.1:14550" as link.endpoint',
+        ),
+        ("bounds.min_altitude_m=50 bounds.max_altitude_m=50", "bounds.min_altitude_m: 50 is not"),
+        (
+            "bounds.min_range_m=300 bounds.max_range_m=200 link.endpoint=sim",
+            'link.endpoint: is "sim": add a [sim] table that describes the vehicle; '
+            "bounds.min_range_m: 300 is not below bounds.max_range_m = 200",
+        ),
+    ],
+)
 def test_contradicting_keys_are_refused(text, overrides, line):
-    assert refusal(text, *overrides.split()) == f"m.toml: {line}"
+    assert refusal(text, *overrides.split()).startswith(f"m.toml: {line}")
 
 
 def test_all_mistakes_are_in_one_line(text):
@@ -472,12 +396,6 @@ def test_many_mistakes_are_cut_off(text):
 def test_peers_are_addresses_or_networks(mission, peer):
     assert mission(f"link.peer={peer}").file.link.peer == [peer]
     assert mission(f'link.peer=["{peer}", "::1"]').file.link.peer == [peer, "::1"]
-
-
-@pytest.mark.parametrize("peer", ["drone.local", "10.0.0.256", "", 5, [5], ["10.0.0.5", "x"]])
-def test_invalid_peer_is_refused(text, peer):
-    example = 'm.toml: link.peer: must be an address or network, such as "10.0.0.5"'
-    assert refusal(text, f"link.peer={peer!r}").startswith(example)
 
 
 def test_campaign_file_is_named_as_such(config):
@@ -524,28 +442,6 @@ def test_key_path_is_relative_to_the_mission(text, tmp_path, given, meant):
     again = tomllib.loads(flown.text)
     assert flown.file.signing.key_file == again["signing"]["key_file"] == meant
     assert again["sim"]["signing"]["key_file"] == meant
-
-
-@pytest.mark.parametrize(
-    ("overrides", "told"),
-    [
-        ("signing.accept_unsigned=true", "signing.key_file: missing"),
-        (
-            "signing.key_file=k signing.accept_unsigned=maybe",
-            "signing.accept_unsigned: 'maybe' is not one of",
-        ),
-        (
-            "signing.key_file=k signing.key=00",
-            "signing.key: unknown key, keys of this table: key_file, accept_unsigned",
-        ),
-        ("signing.key_file=", "signing.key_file: "),  # not resolved to the folder of the mission
-        ("signing=drone.key", "signing: must be a table"),
-    ],
-)
-def test_signing_mistake_is_one_line(text, tmp_path, overrides, told):
-    with pytest.raises(MissionError, match=rf"^m\.toml: {told}") as caught:
-        parse_mission(text, "m.toml", overrides.split(), tmp_path)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

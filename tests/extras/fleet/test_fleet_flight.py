@@ -62,7 +62,7 @@ def three():
     return flight.fly(SILENT + 21.0, watch), seen
 
 
-def test_a_copter_that_joins_waits_outside_and_then_all_are_even_with_estimated_drift(three):
+def test_joining_copter_waits_outside_until_even(three):
     flight, seen = three
     found = figures(flight.tracks)
     times = flight.tracks.time
@@ -77,7 +77,7 @@ def test_a_copter_that_joins_waits_outside_and_then_all_are_even_with_estimated_
     assert found.too_near == 0
 
 
-def test_each_member_shows_its_gaps_and_the_places_of_the_others(three):
+def test_members_show_gaps_and_places(three):
     flight, seen = three
     for *_, words, others in seen[BEFORE]:
         shown = re.search(
@@ -91,7 +91,7 @@ def test_each_member_shows_its_gaps_and_the_places_of_the_others(three):
     assert np.hypot(place[0] - true[0], place[1] - true[1]) < 5.0
 
 
-def test_the_takeover_of_one_moves_no_other_and_the_two_that_stay_are_even_again(three):
+def test_takeover_of_one_member_moves_no_other(three):
     flight, seen = three
     one, two, three_ = seen[AFTER]
     assert two[0] is State.LEAVING
@@ -105,7 +105,7 @@ def test_the_takeover_of_one_moves_no_other_and_the_two_that_stay_are_even_again
     assert [m.pilot.mission.outcome is None for m in flight.members] == [True, False, True]
 
 
-def test_without_reports_everyone_keeps_the_circle_of_its_mission(three):
+def test_members_without_reports_keep_their_circle(three):
     flight, _ = three
     time = np.array(flight.tracks.time)
     radius = np.hypot(flight.tracks.east, flight.tracks.north)
@@ -114,7 +114,7 @@ def test_without_reports_everyone_keeps_the_circle_of_its_mission(three):
     assert not any(member.onlookers.problems for member in flight.members)
 
 
-def test_two_in_one_layer_are_an_alarm_for_all():
+def test_members_in_one_layer_raise_an_alarm():
     flight = bare_fleet(
         COPTER,
         3,
@@ -131,7 +131,7 @@ def test_two_in_one_layer_are_an_alarm_for_all():
         )
 
 
-def test_three_planes_from_one_place_are_even_in_time():
+def test_three_planes_become_even():
     """Six planes: tests/tools/bench/bench_fleet.py; the law with ten: test_law.py."""
     overrides = (
         *(
@@ -154,9 +154,7 @@ def test_three_planes_from_one_place_are_even_in_time():
     assert found.radius_rms_m < 2.0
 
 
-def test_one_command_flies_a_fleet_its_page_shows_all_members_and_each_replays_byte_for_byte(
-    request, tmp_path
-):
+def test_fleet_command_flies_shows_and_replays(request, tmp_path):
     """The page is examined if there is a browser."""
     folder = tmp_path / "fleet"
     options = (
@@ -200,7 +198,7 @@ def test_one_command_flies_a_fleet_its_page_shows_all_members_and_each_replays_b
         assert json.loads((member / "summary.json").read_text())["desired_radius_m"] == 30.0
 
 
-def test_a_flight_of_one_vehicle_imports_nothing_of_the_fleet_but_its_keys(tmp_path):
+def test_single_flight_imports_only_fleet_keys(tmp_path):
     modules = "[name for name in sys.modules if name.startswith('circnav_mav.extras.fleet.')]"
     script = f"import atexit, sys\natexit.register(lambda: print(sorted({modules})))\n{UNDRAWN}"
     flown = python(

@@ -36,7 +36,7 @@ def test_every_range_of_a_datagram_counts():
 
 
 @pytest.mark.parametrize("broken", ["job", "_say"])
-def test_a_survey_that_fails_is_an_alarm_in_flight(monkeypatch, broken):
+def test_failing_survey_raises_an_alarm(monkeypatch, broken):
     answer = Future()
     answer.set_exception(RuntimeError("the process is gone"))
     pool = SimpleNamespace(submit=lambda *job: answer, shutdown=lambda **how: None)
