@@ -89,52 +89,25 @@ def test_check_wraps_long_lines_at_words(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("name", "overrides", "says"),
+    ("name", "overrides", "grades"),
     [
+        ("plane", ["sim.vehicle.profile=arducopter"], ["FAIL"]),
+        ("px4-copter", ["sim.vehicle.profile=arducopter"], ["FAIL"]),
+        ("plane", ["sim.wind.speed_mps=30"], ["WARN"]),
+        ("copter", ["sim.target.velocity_east_mps=30"], ["WARN"]),
+        ("plane", ["vehicle.speed_mps=18"], ["WARN"]),
+        ("copter", ["sim.wind.speed_mps=30"], []),  # it holds its speed over ground
+        ("plane", ["sim.vehicle.profile=arducopter", "link.endpoint=udpin:0.0.0.0:14550"], []),
         (
-            "plane",
-            ["sim.vehicle.profile=arducopter"],
-            "FAIL sim.vehicle.profile arducopter is not the ardupilot plane",
-        ),
-        (
-            "px4-copter",
-            ["sim.vehicle.profile=arducopter"],
-            "FAIL sim.vehicle.profile arducopter is not the px4 copter",
-        ),
-        (
-            "plane",
-            ["sim.wind.speed_mps=30"],
-            "WARN sim.wind minus the target's motion is 30.0 m/s, more than the",
-        ),
-        (
-            "copter",
-            ["sim.target.velocity_east_mps=30"],
-            "WARN sim.wind minus the target's motion is 30.0 m/s",
-        ),
-        ("plane", ["vehicle.speed_mps=18"], "WARN the bundled plane cruises at 22 m/s"),
-        ("copter", ["sim.wind.speed_mps=30"], None),
-        ("plane", ["sim.vehicle.profile=arducopter", "link.endpoint=udpin:0.0.0.0:14550"], None),
-        (
-            "plane",
+            "plane",  # the target moves with the wind
             ["sim.wind.speed_mps=30", "sim.wind.from_deg=0", "sim.target.velocity_north_mps=-30"],
-            None,
+            [],
         ),
-    ],
-    ids=[
-        "autopilot",
-        "kind",
-        "wind",
-        "target",
-        "cruise speed",
-        "wind and a copter that holds its speed over the ground",
-        "one that is not flown",
-        "a target that goes with the wind",
     ],
 )
-def test_bundled_vehicle_must_match_the_mission(circnav, name, overrides, says):
+def test_bundled_vehicle_must_match_the_mission(circnav, name, overrides, grades):
     out = circnav("check", name, *(part for key in overrides for part in ("--set", key))).out
-    told = [line[:5] + line[20:] for line in out.splitlines() if line[6:].startswith("sim ")]
-    assert [line.startswith(says) for line in told] == ([True] if says else [])
+    assert [line[:4] for line in out.splitlines() if line[6:].startswith("sim ")] == grades
 
 
 # --- preflight ---
