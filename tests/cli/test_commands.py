@@ -59,8 +59,8 @@ def test_check_grades_lines_and_fails_impossible_gain(circnav, mission):
     *lines, count = circnav("check", mission).done.splitlines()
     grades = [line.split()[0] for line in lines]
     assert set(grades) <= {"PASS", "WARN", "FAIL"}
-    told = ", ".join(f"{grades.count(grade)} {grade}" for grade in ("PASS", "WARN", "FAIL"))
-    assert count == f"{mission}: {told}"
+    counts = ", ".join(f"{grades.count(grade)} {grade}" for grade in ("PASS", "WARN", "FAIL"))
+    assert count == f"{mission}: {counts}"
     ran = circnav("check", mission, "--set", "guidance.gain=1e-5")
     assert ran.code == 2
     (line,) = [line for line in ran.out.splitlines() if line.startswith("FAIL")]
@@ -123,14 +123,14 @@ def test_preflight_of_bundled_vehicle_passes(circnav):
 
 
 @pytest.mark.parametrize(
-    ("options", "code", "says"),
+    ("options", "code", "part"),
     [("--seconds 4 --set sim.ranging.rate_hz=0.0", 4, "FAIL  ranging"),
      ("--endpoint udpin:127.0.0.1:{port} --set link.wait_s=1", 3, "0 bytes received")],
     ids=["a failing line", "silence"],
 )  # fmt: skip
-def test_failing_preflight_has_its_exit_code(circnav, port, options, code, says):
+def test_failing_preflight_has_its_exit_code(circnav, port, options, code, part):
     ran = circnav("preflight", "copter", *options.format(port=port).split())
-    assert (ran.code, says in ran.out) == (code, True)
+    assert (ran.code, part in ran.out) == (code, True)
 
 
 def test_preflight_follows_clock_of_fast_simulator(circnav, port):

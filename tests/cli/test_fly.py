@@ -78,7 +78,7 @@ def heartbeat(system=1):
 
 
 @pytest.mark.parametrize(
-    ("datagram", "told"),
+    ("datagram", "reason"),
     [
         (b"GET / HTTP/1.1", "0 frames"),
         (heartbeat(system=9), "system 9 is not the mission's vehicle.system_id 1"),
@@ -86,25 +86,27 @@ def heartbeat(system=1):
     ],
     ids=["junk", "wrong system id", "no ranging"],
 )
-def test_missing_vehicle_reports_received_traffic(circnav, mission, port, datagram, told):
+def test_missing_vehicle_reports_received_traffic(circnav, mission, port, datagram, reason):
     endpoint = ("--endpoint", f"udpin:127.0.0.1:{port}", *PATIENTLY)
     with speaking(port, datagram):
         ran = circnav("fly", mission, *endpoint, "--set", "vehicle.system_id=1")
     assert (ran.code, ran.err) == (3, "")
-    assert told in ran.out
+    assert reason in ran.out
 
 
 @pytest.mark.parametrize(
-    ("command", "said"), [("fly", "WARNING    "), ("preflight", "WARN  endpoint      ")]
+    ("command", "prefix"), [("fly", "WARNING    "), ("preflight", "WARN  endpoint      ")]
 )
-def test_ignored_senders_are_reported(circnav, mission, port, command, said):
+def test_ignored_senders_are_reported(circnav, mission, port, command, prefix):
     endpoint = f"udpin:127.0.0.1:{port}"
     with speaking(port, heartbeat()):
         ran = circnav(
             command, mission, "--endpoint", endpoint, *PATIENTLY, "--set", "link.peer=192.0.2.7"
         )
     assert ran.code == 3
-    assert re.search(rf"{said}{endpoint}: ignored: from 127\.0\.0\.1:\d+ \(\d+ times\)\n", ran.out)
+    assert re.search(
+        rf"{prefix}{endpoint}: ignored: from 127\.0\.0\.1:\d+ \(\d+ times\)\n", ran.out
+    )
 
 
 def test_sigterm_ends_with_130_and_complete_files(mission, tmp_path):
@@ -154,8 +156,8 @@ def test_damaged_timestamp_and_readable_key_are_refused(circnav, mission, key):
     key.with_name("drone.key.timestamp").write_text("yesterday")
     assert "drone.key.timestamp: is not a timestamp" in circnav("fly", mission).refused
     key.chmod(0o644)
-    says = f"{key}: other users can read this key (mode 644): chmod 600 {key}"
-    assert circnav("fly", mission).refused == f"{mission}: signing.key_file: {says}"
+    error = f"{key}: other users can read this key (mode 644): chmod 600 {key}"
+    assert circnav("fly", mission).refused == f"{mission}: signing.key_file: {error}"
 
 
 def test_unsigned_vehicle_is_reported_without_the_key(unsigned, key, tmp_path):

@@ -12,34 +12,34 @@ COMMANDS = ["replay run", "preflight quickstart --seconds 1", "--help"]
 
 
 @pytest.fixture
-def told(run):
+def ran_with(run):
     """Return exit code and standard error of a command with a given standard output or error."""
 
-    def told(command, *streams, **environment):
+    def ran_with(command, *streams, **environment):
         ran = ended(run.parent, command, *streams, **environment)
         return ran.returncode, ran.stderr
 
-    return told
+    return ran_with
 
 
 @pytest.mark.parametrize("command", ["replay run", "--help", "emulate"])
-def test_full_output_is_reported_in_one_line(told, full, command):
-    assert told(command, full) == (2, FULL)
+def test_full_output_is_reported_in_one_line(ran_with, full, command):
+    assert ran_with(command, full) == (2, FULL)
 
 
-def test_full_output_is_reported_without_buffering(told, full):
-    assert told("check quickstart", full, PYTHONUNBUFFERED="1") == (2, FULL)
-    assert told("report nowhere", None, full) == (2, None)
+def test_full_output_is_reported_without_buffering(ran_with, full):
+    assert ran_with("check quickstart", full, PYTHONUNBUFFERED="1") == (2, FULL)
+    assert ran_with("report nowhere", None, full) == (2, None)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_closed_pipe_ends_the_command_silently(told, command):
+def test_closed_pipe_ends_the_command_silently(ran_with, command):
     """Example: `| head -1`. The other commands refuse in the same place as these."""
     ours, theirs = os.pipe()
     os.close(ours)
-    said = told(command, theirs)
+    result = ran_with(command, theirs)
     os.close(theirs)
-    assert said == (1, "")
+    assert result == (1, "")
 
 
 # --- disks ---

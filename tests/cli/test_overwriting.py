@@ -27,7 +27,7 @@ def test_replay_overwrites_only_replays(circnav, flown, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "obstacle"),
     [
         *(
             (name, f"{name} already")
@@ -37,13 +37,13 @@ def test_replay_overwrites_only_replays(circnav, flown, tmp_path):
         ("mission.toml", "another mission.toml"),
     ],
 )
-def test_existing_files_prevent_a_flight(circnav, mission, tmp_path, name, says):
+def test_existing_files_prevent_a_flight(circnav, mission, tmp_path, name, obstacle):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / name).write_text("{}")
     line = circnav(
         "fly", mission, "--set", "orbit.radius_m=80.0", "--out", tmp_path / "out"
     ).refused
-    assert line == f"--out {tmp_path / 'out'}: holds {says}, name another folder"
+    assert line == f"--out {tmp_path / 'out'}: holds {obstacle}, name another folder"
     assert contents(tmp_path / "out") == {name: b"{}"}
 
 

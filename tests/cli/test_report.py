@@ -120,18 +120,18 @@ def test_dry_run_is_labeled_and_names_are_escaped(page_of, with_manifest):
 def test_estimated_track_breaks_where_unknown(page_of, run):
     """The estimate is trusted from 10 s to 12 s, and from 14 s on. The log has no truth."""
     frames = list(read_tlog(run / "flight.tlog"))
-    told = [
+    kept = [
         (us, frame)
         for us, frame in frames
         if message_id(frame) != mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY
     ]
-    (run / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", us) + frame for us, frame in told))
+    (run / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", us) + frame for us, frame in kept))
 
-    def believed(time, row):
+    def track_from_10_s(time, row):
         known = 10 <= time < 12 or time >= 14
         row["x"], row["y"] = (f"{time:.2f}", "50.0") if known else ("", "")
 
-    rewrite_ticks(run, believed)
+    rewrite_ticks(run, track_from_10_s)
     page, data = page_of()
     assert "Estimated position relative to the target: first estimate at 10.0 s" in page
     (way,) = data["ways"]
@@ -231,13 +231,13 @@ def test_failed_picture_after_flight_costs_one_line(
     circnav, run, monkeypatch, maker, lost, left, size
 ):
     def broken(*arguments):
-        raise ZeroDivisionError("whatever")
+        raise ZeroDivisionError("failed")
 
     monkeypatch.setattr(cli_report, maker, broken)
     monkeypatch.setattr("sys.stdin", io.StringIO("over\n"))
     assert (
         circnav("report", run, "--after-flight").done
-        == f"{run / lost}: could not be made: whatever\n"
+        == f"{run / lost}: could not be made: failed\n"
     )
     assert (run / left).stat().st_size > size
 

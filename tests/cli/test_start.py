@@ -19,7 +19,7 @@ print(json.dumps({after}))
 SLOW = {"matplotlib", "rich", "tomlkit"}
 
 
-def told(arguments, after, before=""):
+def result_of(arguments, after, before=""):
     program = RUN.format(arguments=arguments, before=before, after=after)
     ran = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
@@ -30,7 +30,7 @@ def told(arguments, after, before=""):
 def test_quick_commands_load_no_slow_modules():
     more = {"numpy", "scipy", "filterpy", "pymavlink", "pydantic"}
     for arguments, slow in ((["--help"], SLOW | more), (["check", "quickstart"], SLOW)):
-        code, loaded = told(arguments, "[code, sorted(sys.modules)]")
+        code, loaded = result_of(arguments, "[code, sorted(sys.modules)]")
         assert code == 0
         assert not slow & set(loaded), arguments
 
@@ -41,7 +41,7 @@ from circnav_mav.pilot import Pilot
 fly = importlib.import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
 loaded, receive = [], Pilot.receive
 
-def heard(pilot, *arguments):
+def receive_watched(pilot, *arguments):
     loaded.append("scipy.optimize" in sys.modules)
     receive(pilot, *arguments)
 
@@ -51,7 +51,7 @@ class Drawing(fly.Drawing):
         signal.raise_signal(signal.SIGTERM)
         return super().draw()
 
-Pilot.receive, fly.Drawing = heard, Drawing
+Pilot.receive, fly.Drawing = receive_watched, Drawing
 """
 
 
@@ -61,7 +61,7 @@ def test_flight_loads_optimizer_first_and_pictures_last(
     """A signal during the drawing of pictures does not change the exit code of the flight.
     scipy.optimize plans laps."""
     arguments = ["fly", "quickstart", "--duration", "3", "--out", str(tmp_path / "run")]
-    code, loaded = told(arguments, "[code, loaded]", WATCHED)
+    code, loaded = result_of(arguments, "[code, loaded]", WATCHED)
     assert code == 0
     assert len(loaded) > 100
     assert all(loaded)

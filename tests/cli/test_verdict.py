@@ -35,7 +35,7 @@ TURN = {"turn_std_deg_s": 7.31, "turn_at_limit": 0.112}
 GAIN = {"turn_gain": 0.98, "turn_delay_s": 0.31, "law_changes": 2}
 
 
-def told(**changes: Any) -> str:
+def verdict_of(**changes: Any) -> str:
     return verdict({**SUMMARY, **changes}, Path("run"))
 
 
@@ -92,7 +92,7 @@ def told(**changes: Any) -> str:
     ],
 )
 def test_verdict_contains_figures(changes: dict[str, Any], words: str) -> None:
-    assert words in told(**changes)
+    assert words in verdict_of(**changes)
 
 
 @pytest.mark.parametrize(
@@ -104,12 +104,12 @@ def test_verdict_contains_figures(changes: dict[str, Any], words: str) -> None:
     ],
 )
 def test_verdict_omits_normal_values(changes: dict[str, Any], words: str) -> None:
-    assert words not in told(**changes)
+    assert words not in verdict_of(**changes)
 
 
 @pytest.mark.parametrize("output_mode", ["dry run", "shadow"])
 def test_verdict_of_dry_run_has_no_figures(output_mode: str) -> None:
-    words = told(output_mode=output_mode, reason="dry run to its end", setpoints_sent=0)
+    words = verdict_of(output_mode=output_mode, reason="dry run to its end", setpoints_sent=0)
     assert (
         f"  {output_mode.upper():<9}  no setpoint sent, would have steered for 60 s"
         == words.splitlines()[1]

@@ -48,17 +48,21 @@ def test_escape_codes_in_input_reach_no_terminal(circnav, tmp_path):
     ran = circnav("locate", "collar.csv")
     assert "200 ranges" in ran.done
     (tmp_path / "odd.toml").write_text('"\\u001b[31m" = 1\n["a\\nb\\u009b2J"]\n')
-    told = [ran.out, circnav("check", "odd.toml").refused, circnav("emulate", "odd.toml").refused]
+    outputs = [
+        ran.out,
+        circnav("check", "odd.toml").refused,
+        circnav("emulate", "odd.toml").refused,
+    ]
     for arguments in (
         ["replay", ESCAPE],
         ["check", ESCAPE],
         ["fly", "quickstart", ESCAPE],
         ["fly", f"--{ESCAPE}"],
     ):
-        told.append(circnav(*arguments).err)
-    told += [path.read_text() for path in tmp_path.glob("*.locate.*json")]
-    told += [path.read_text() for path in tmp_path.glob("*.kml")]
-    assert [text for text in told if OBEYED.search(text)] == []
+        outputs.append(circnav(*arguments).err)
+    outputs += [path.read_text() for path in tmp_path.glob("*.locate.*json")]
+    outputs += [path.read_text() for path in tmp_path.glob("*.kml")]
+    assert [text for text in outputs if OBEYED.search(text)] == []
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -74,13 +78,13 @@ def test_escape_codes_in_runs_reach_no_report(circnav, run, with_manifest):
     (run / "mission.toml").write_text(
         mission.replace("[ranging]", '[ranging]\nname = "\\u001b[31m"')
     )
-    said = [
+    outputs = [
         circnav("report", run).done,
         circnav("replay", run).out,
         (run / "report.html").read_text(),
     ]
-    assert r"\x1b[31m" in said[2]
-    assert [text[:99] for text in said if OBEYED.search(text)] == []
+    assert r"\x1b[31m" in outputs[2]
+    assert [text[:99] for text in outputs if OBEYED.search(text)] == []
 
 
 # --- files ---
@@ -124,7 +128,7 @@ READERS = {
 def test_endless_file_is_refused_in_one_line(circnav, run, command, name, make):
     """A pipe without a writer, a link to /dev/zero, and a line of a gigabyte."""
     if make is long_line and name.endswith("tlog"):
-        pytest.skip("a long log is read piece by piece, whatever is in it")
+        pytest.skip("a long log is read piece by piece")
     (run / "good.key").write_bytes(bytes(range(32)))
     (run / "good.key").chmod(0o600)
     path = run / name
@@ -204,7 +208,7 @@ def test_unset_clock_is_refused(circnav, monkeypatch, year):
 
 
 def test_unexpected_exception_is_one_line(circnav, monkeypatch):
-    for failure, code, says in (
+    for failure, code, error in (
         (MemoryError(), 1, "out of memory"),
         (RuntimeError("can't start new thread"), 1, "out of memory"),
         (ZeroDivisionError("a\nb"), 1, r"internal error: ZeroDivisionError: a\nb (mock.py:"),
@@ -212,7 +216,7 @@ def test_unexpected_exception_is_one_line(circnav, monkeypatch):
         monkeypatch.setattr("circnav_mav.mission.load.parse_mission", Mock(side_effect=failure))
         ran = circnav("check", "quickstart")
         assert ran.code == code
-        assert ran.line.startswith(f"circnav: {says}")
+        assert ran.line.startswith(f"circnav: {error}")
 
 
 def test_notebook_backend_does_not_affect_pictures(tmp_path):

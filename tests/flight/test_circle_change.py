@@ -41,16 +41,16 @@ def test_larger_circle_is_reached_without_overshoot():
 def test_smaller_circle_and_reversed_direction_are_flown():
     flown = flight(
         "arducopter",
-        "orbit.radius_m=60",
+        "orbit.radius_m=40",
         "limits.duration_s=400",
         "bounds.min_range_m=15",
         law="auto",
     )
-    moved(flown.fly(40.0), 30.0, 5.0)
+    moved(flown.fly(40.0), 25.0, 5.0)
     refused = flown.pilot.request_circle(CircleRequest(radius=10.0, by="test"), flown.now)
     assert refused.startswith("radius 10 m outside")
     flown.fly((begins := flown.now) + 10.0)
-    assert abs(true_radius(flown.truths[-1]) - 30.0) < 1.5
+    assert abs(true_radius(flown.truths[-1]) - 25.0) < 1.5
     assert flown.pilot.controller.orbit.direction is Direction.CLOCKWISE
     assert clockwise_turns([truth for truth in flown.truths if truth.time > begins]) > 0
     flown.pilot.request_circle(

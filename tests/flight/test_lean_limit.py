@@ -26,6 +26,7 @@ def test_speed_falls_to_the_lean_limit() -> None:
     assert unrest(flown) < 5.0
 
 
+@pytest.mark.nightly
 def test_px4_lean_limit_is_found() -> None:
     """A drag of 1/s and 45 deg of MPC_TILTMAX_AIR: 9.8 m/s of airspeed, in a wind of 6 m/s."""
     flown = flight("px4_copter", "sim.wind.speed_mps=6.0", law="auto").fly(110)

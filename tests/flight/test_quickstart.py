@@ -14,13 +14,6 @@ from tests.flight.lockstep import (
     true_radius,
 )
 
-
-def test_switching_law_flies_the_quickstart_circle() -> None:
-    flown = flight("quickstart", 'guidance.law="switching"', "limits.duration_s=110").fly(160)
-    assert rms_error(last_third(flown), 100.0) < 10.0
-    assert clockwise_turns(last_third(flown)) > 0.7
-
-
 BEACON = (
     'ranging.message="ranging_beacon"', 'ranging.endpoint="sim"', "ranging.beacon_id=9",
     'sim.ranging.message="ranging_beacon"', 'sim.ranging.via="direct"', "sim.ranging.beacon_id=9",

@@ -108,12 +108,12 @@ def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
         PYTHONPATH=str(mavproxy),
     )
     assert station.stdin is not None
-    said = read_until(
+    printed = read_until(
         station, "Received"
     )  # its parameters: it has read vehicle, mode and armed state
-    assert "Detected vehicle 1:1" in said
-    assert "ARMED" in said
-    assert "GUIDED> Mode GUIDED" in said
+    assert "Detected vehicle 1:1" in printed
+    assert "ARMED" in printed
+    assert "GUIDED> Mode GUIDED" in printed
     # its parameter editor lists our values, and another radius is flown
     station.stdin.write("vehicle 1:191\nparam fetch\n")
     station.stdin.flush()

@@ -228,9 +228,9 @@ def test_heartbeat_is_sent_every_second_without_vehicle(
     """System 255 or MAV_TYPE_GCS would feed the operator's GCS failsafe."""
     here = line()
     here.session.announcer.say("range", "range lost")
-    said = [(i / 20, message) for i in range(101) for message in here.poll(i / 20)]
-    assert [now for now, _ in said] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    assert {(beat.get_type(), beat.type, beat.autopilot, beat.base_mode) for _, beat in said} == {
+    sent = [(i / 20, message) for i in range(101) for message in here.poll(i / 20)]
+    assert [now for now, _ in sent] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert {(beat.get_type(), beat.type, beat.autopilot, beat.base_mode) for _, beat in sent} == {
         ("HEARTBEAT", COMPANION, INVALID, 0)
     }
 

@@ -222,15 +222,15 @@ def test_default_gain_falls_with_turn_lag(
 
 
 @pytest.mark.parametrize(
-    ("bound", "height", "told"), [(650, 0, False), (660, 0, True), (650, 100, True)]
+    ("bound", "height", "warns"), [(650, 0, False), (660, 0, True), (650, 100, True)]
 )
-def test_bound_beyond_sensor_range_warns(mission, bound, height, told):
+def test_bound_beyond_sensor_range_warns(mission, bound, height, warns):
     """DISTANCE_SENSOR ends at a slant range of 655.34 m. A horizontal range of 650 m and a height
     of 100 m give 657.6 m."""
     found = lines(
         mission, "bounds", f"bounds.max_range_m={bound}", f"orbit.height_above_target_m={height}"
     )
-    assert [line.grade for line in found] == [PASS, WARN][: 1 + told]
+    assert [line.grade for line in found] == [PASS, WARN][: 1 + warns]
 
 
 @pytest.mark.parametrize("leaves_it", ["exit.action=stop", "engage.on_takeover=wait"])

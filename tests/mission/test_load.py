@@ -216,15 +216,15 @@ def test_override_is_validated(text):
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("content", "error"),
     [(None, "cannot be read: No such file or directory"),
      (b"\xff\xfe\x00name", "is not a text file in UTF-8: save it as one"),
      (b'name = "M\xfcnchen"', "is not a text file in UTF-8: save it as one")],
 )  # fmt: skip
-def test_unreadable_mission_file_is_refused(tmp_path, content, says):
+def test_unreadable_mission_file_is_refused(tmp_path, content, error):
     if content is not None:
         (tmp_path / "m.toml").write_bytes(content)
-    with pytest.raises(MissionError, match=rf"m\.toml: {says}$"):
+    with pytest.raises(MissionError, match=rf"m\.toml: {error}$"):
         load_mission(tmp_path / "m.toml")
 
 

@@ -314,7 +314,7 @@ def test_alarms_and_warnings_are_marked_once():
         Event(8.0, "alarm", "LEAN LIMIT: 31 deg", True),
         Event(20.0, "alarm", "NOT RECORDING: full", True),
     ]
-    said = [
+    messages = [
         Event(9.5, "circnav message", "LEAN LIMIT: on", True),
         Event(40.0, "circnav message", "vehicle banks", True),
     ]
@@ -324,8 +324,8 @@ def test_alarms_and_warnings_are_marked_once():
         (20.0, seen[1].text),
         (40.0, "vehicle banks"),
     ]
-    assert alarms([failsafe, *seen, hello, *said]) == found
-    assert alarms([failsafe, hello, *said]) == [
+    assert alarms([failsafe, *seen, hello, *messages]) == found
+    assert alarms([failsafe, hello, *messages]) == [
         found[0],
         (9.5, "LEAN LIMIT: on"),
         found[3],

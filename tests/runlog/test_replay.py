@@ -107,7 +107,7 @@ def test_replay_distinguishes_senders_by_source(tmp_path):
         mavlink.MAVLink(None, 1, 1)
     )
     flight.fly(5)
-    flight.others = [(bytes(loiter), "somebody else")]
+    flight.others = [(bytes(loiter), "another address")]
     flight.fly(30).recorder.close()
     pilot, done = replayed(tmp_path)
     assert done.identical
@@ -200,7 +200,7 @@ def of_another_vehicle(stamp, frame):
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "error"),
     [
         (v1, "MAVLink 1"),
         (of_another_vehicle, "has the autopilots 1/1, 7/1"),
@@ -210,13 +210,13 @@ def of_another_vehicle(stamp, frame):
     ],
     ids=["MAVLink 1", "two vehicles", "clock set back", "clock set ahead", "damaged"],
 )
-def test_unsuitable_plain_tlog_is_refused(flown, tmp_path, change, says):
+def test_unsuitable_plain_tlog_is_refused(flown, tmp_path, change, error):
     records = list(read_tlog(flown / "flight.tlog"))
     records[1000] = change(*records[1000])
     (tmp_path / "x.tlog").write_bytes(
         b"".join(struct.pack(">Q", stamp) + bytes(frame) for stamp, frame in records)
     )
-    with pytest.raises(RunError, match=re.escape(says)):
+    with pytest.raises(RunError, match=re.escape(error)):
         check_tlog(tmp_path / "x.tlog")
 
 

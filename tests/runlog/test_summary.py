@@ -48,9 +48,9 @@ def test_summary_contains_figures_after_engagement(summary):
     assert {key: made[key] for key in figures} == pytest.approx(figures)
     assert (made["engaged_s"], made["flown_s"], made["steered_s"]) == (10.0, 290.0, 290.0)
     assert made["direction"] == made["direction_commanded"] == "clockwise"
-    told = {"direction": "clockwise"}
+    expected = {"direction": "clockwise"}
     truth = figures | {"closest_approach_m": 101.0}
-    assert made["truth"].items() >= told.items()
+    assert made["truth"].items() >= expected.items()
     assert {key: made["truth"][key] for key in truth} == pytest.approx(truth, abs=2e-3)
     assert set(made) >= {
         "mission",
@@ -65,7 +65,7 @@ def test_summary_contains_figures_after_engagement(summary):
 
 
 @pytest.mark.parametrize(
-    ("kind", "change", "told"),
+    ("kind", "change", "expected"),
     [
         (
             {"clockwise": False},
@@ -102,12 +102,12 @@ def test_summary_contains_figures_after_engagement(summary):
         "the time that the operator flew is not steered",
     ],
 )
-def test_events_change_the_figures(summary, kind, change, told):
+def test_events_change_the_figures(summary, kind, change, expected):
     def happened(time, row):
         row.update(*(cells for (begin, end), cells in change.items() if begin <= time < end))
 
     made = summary(happened, **kind)
-    assert {name: made[name] for name in told} == pytest.approx(told)
+    assert {name: made[name] for name in expected} == pytest.approx(expected)
     assert made["truth"]["direction"] == (
         "clockwise" if kind.get("clockwise", True) else "counterclockwise"
     )
@@ -167,11 +167,11 @@ def test_turn_figures_cover_last_third_of_steering(summary):
 
 
 def test_summary_file_is_standard_json(summary, tmp_path):
-    for made, told in (
+    for made, expected in (
         (summary(), None),
         ({"a": math.nan, "b": {"c": [math.inf, 1.5]}, "d": (-math.inf, True), "e": None},
          {"a": None, "b": {"c": [None, 1.5]}, "d": [None, True], "e": None}),
     ):  # fmt: skip
         write_json(tmp_path / "summary.json", made)
         text = (tmp_path / "summary.json").read_text(encoding="utf-8")
-        assert json.loads(text, parse_constant=pytest.fail) == (told or made)
+        assert json.loads(text, parse_constant=pytest.fail) == (expected or made)

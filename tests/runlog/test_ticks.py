@@ -50,19 +50,19 @@ def truth(north, system=1, *, spoilt=None):
 
 
 @pytest.mark.parametrize(
-    ("said", "system", "norths"),
+    ("messages", "system", "norths"),
     [
         ([(1, mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3))], None, None),
         ([truth(1.0), *(truth(2.0, spoilt=at) for at in (0, 9, 15)), truth(3.0)], None, [1.0, 3.0]),
         ([truth(9.0, 2), truth(1.0), truth(2.0)], 1, [1.0, 2.0]),
         ([truth(9.0, 2), truth(1.0), truth(2.0)], None, [9.0]),
     ],
-    ids=["a real vehicle", "no numbers", "the vehicle that was flown", "the first that tells"],
+    ids=["a real vehicle", "no numbers", "the vehicle that was flown", "the first sender"],
 )
-def test_truth_comes_from_one_vehicle(tmp_path, said, system, norths):
+def test_truth_comes_from_one_vehicle(tmp_path, messages, system, norths):
     """Any sender that reaches our port can send such messages."""
     frames = [
-        bytes(message.pack(mavlink.MAVLink(None, srcSystem=sender))) for sender, message in said
+        bytes(message.pack(mavlink.MAVLink(None, srcSystem=sender))) for sender, message in messages
     ]
     (tmp_path / "flight.tlog").write_bytes(
         b"".join(struct.pack(">Q", EPOCH_US) + frame for frame in frames)

@@ -49,17 +49,15 @@ def test_clock_runs_at_the_speed_of_the_run(ticking, speed):
     assert whole_microseconds(clock.now())
 
 
-@pytest.mark.skipif(
-    not hasattr(time, "CLOCK_BOOTTIME"), reason="only Linux tells how long it slept"
-)
+@pytest.mark.skipif(not hasattr(time, "CLOCK_BOOTTIME"), reason="only Linux counts suspended time")
 @BOTH
 def test_clock_counts_suspended_time(make, monkeypatch):
     """The lid is closed for ten minutes: the gap must be visible to the pilot."""
     clock = make()
     slept = {time.CLOCK_BOOTTIME: 600.0}
     before = clock.now()
-    tell = time.clock_gettime
-    monkeypatch.setattr(time, "clock_gettime", lambda which: tell(which) + slept.get(which, 0.0))
+    gettime = time.clock_gettime
+    monkeypatch.setattr(time, "clock_gettime", lambda which: gettime(which) + slept.get(which, 0.0))
     assert clock.now() - before == pytest.approx(600.0, abs=1.0)
 
 
@@ -86,9 +84,9 @@ class Autopilot:
         self.ticking = ticking
         self.boot = 100.0
         self.speed = 1.0
-        self.told = None
+        self.reported = None
         self.times = []
-        self.clock = AutopilotClock(lambda: self.told)
+        self.clock = AutopilotClock(lambda: self.reported)
 
     def run(self, seconds, *, every=0.05, late=None):
         """Let real time pass. The clock is read every 10 ms and receives a boot time every `every`
@@ -99,7 +97,7 @@ class Autopilot:
             self.ticking["now"] += 0.01
             self.boot += 0.01 * self.speed
             if self.boot >= due:
-                self.told = (self.boot - (late() if late else 0.0)) % WRAP
+                self.reported = (self.boot - (late() if late else 0.0)) % WRAP
                 due += every * max(1, (self.boot - due) // every + 1)
             self.times.append(self.clock.now())
         assert self.times == sorted(self.times)
@@ -178,7 +176,7 @@ def stands_still(autopilot):
 def changes_places(autopilot):
     """The last message arrives after one that was sent later."""
     before = autopilot.clock.now()
-    autopilot.told -= 0.2
+    autopilot.reported -= 0.2
     assert autopilot.clock.now() == before
 
 

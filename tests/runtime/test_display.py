@@ -133,12 +133,12 @@ def test_plain_lines_appear_once_a_second():
 
     flown.fly(30.0, show_and_let_print)
     display.close()
-    believed = []
+    trusted = []
     lines = []
     for line in console.export_text().strip().splitlines():
-        (believed if "TRUSTED" in line else lines).append(line)
+        (trusted if "TRUSTED" in line else lines).append(line)
     assert flown.pilot.done
-    assert believed == ["  TRUSTED  1/1 at sim, ranges of 1/192"]
+    assert trusted == ["  TRUSTED  1/1 at sim, ranges of 1/192"]
     assert len(lines) == 1 + int(flown.now)
     assert "engaged" in lines[5]
     assert "mode GUIDED" in lines[-1]

@@ -44,7 +44,7 @@ def test_key_is_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "mode", "told", "remedy"),
+    ("data", "mode", "error", "remedy"),
     [
         (b"", 0o600, "holds a key of 0 bytes, not 32", "sha256sum"),
         (b"a pass phrase of 32 characters..", 0o600, "is not a key", "sha256sum"),
@@ -58,11 +58,11 @@ def test_key_is_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
         ),
     ],
 )
-def test_unsuitable_key_is_refused_with_remedy(path, data, mode, told, remedy):
+def test_unsuitable_key_is_refused_with_remedy(path, data, mode, error, remedy):
     with pytest.raises(KeyFileError) as refused:
         read_key(written(path, data, mode))
     line = str(refused.value)
-    assert line.startswith(f"{path}: {told}")
+    assert line.startswith(f"{path}: {error}")
     assert remedy.format(path=path) in line
     assert "\n" not in line
 

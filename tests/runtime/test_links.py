@@ -86,7 +86,7 @@ BOTH_VERSIONS = pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
 def test_udp_carries_bytes_in_both_directions(request, host):
     link = opened(request, f"udpin:{host}:0")
     there = opened(request, f"udpout:{host}:{link.port}")
-    link.send(b"nobody", None)
+    link.send(b"lost", None)
     there.send(b"one", None)
     ((data, source),) = received(link)
     link.send(b"answer", source)
@@ -184,7 +184,7 @@ def test_refusing_peer_is_counted_and_may_return(request, port):
     """ICMP "port unreachable" appears as an error of the socket."""
     link = opened(request, f"udpout:127.0.0.1:{port}")
     for _ in range(3):
-        link.send(b"anybody?", None)
+        link.send(b"hello?", None)
         assert link.receive(0.0) == []
     with closing(socket.socket(*UDP)) as back:
         back.bind(("127.0.0.1", port))

@@ -30,7 +30,7 @@ class Sound(Onlooker):
 
     def finish(self, summary):
         summary["notes"].append("  sound")
-        return {"sound.txt": "heard"}
+        return {"sound.txt": "loud"}
 
     def close(self):
         self.closed = True
@@ -83,7 +83,7 @@ def test_failing_onlooker_is_reported_once_and_detached(what, when):
         setattr(broken, what, fails)
     frames, seen, files, notes, problems = flown(broken, sound)
     assert (sound.steps, frames, sound.closed) == ([1.0, 2.0, 3.0], [b"frame"] * 3, True)
-    assert (files, notes) == ({"sound.txt": "heard"}, ["  sound"])
+    assert (files, notes) == ({"sound.txt": "loud"}, ["  sound"])
     assert problems == [
         f"broken: stopped{when}: ValueError('Out of range float values are not JSON compliant')"
     ]

@@ -18,19 +18,19 @@ import math, os, signal, sys, threading
 from circnav_mav.runtime.worker_pool import workers
 
 def interrupt():
-    os.killpg(0, signal.SIGINT)  # as a terminal does: everybody hears it
+    os.killpg(0, signal.SIGINT)  # as a terminal does, to all processes
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with workers(1) as submit:
-        heard = False
+        interrupted = False
         try:
             job = submit(math.sqrt, 4.0)
             threading.Timer(float(sys.argv[1]), interrupt).start()
             threading.Event().wait(60)
         except KeyboardInterrupt:
-            heard = True
-        sys.exit(7 if heard and job.result() == 2.0 else 1)
+            interrupted = True
+        sys.exit(7 if interrupted and job.result() == 2.0 else 1)
 """
 HOLDS = """
 import math, time

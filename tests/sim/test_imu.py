@@ -207,15 +207,15 @@ def test_px4_estimate_errors_match_sih():
     for _ in range(1200):
         companion.forget()
         companion.fly(0.5, 5.0, 0.0, rate=4.0)
-        true, (told,), (moving,) = (
+        true, (attitude,), (moving,) = (
             companion.truth,
             companion.listen("ATTITUDE"),
             companion.listen("LOCAL_POSITION_NED"),
         )
         flown.append(velocity(true)[0])
         speeds.append(moving.vx - flown[-1])
-        rolls.append(math.degrees(told.roll - true.roll))
-        headings.append(math.degrees(math.remainder(told.yaw - true.heading, math.tau)))
+        rolls.append(math.degrees(attitude.roll - true.roll))
+        headings.append(math.degrees(math.remainder(attitude.yaw - true.heading, math.tau)))
     assert statistics.pstdev(rolls) == pytest.approx(1.0, abs=0.2)
     assert statistics.pstdev(speeds) == pytest.approx(0.23, abs=0.06)
     assert statistics.pstdev(headings) == pytest.approx(1.3, abs=0.4)

@@ -90,8 +90,8 @@ def test_offboard_loss_triggers_failsafe_and_recovers():
     assert companion.px4_mode == "RTL" and "Failsafe activated" in companion.texts()
     companion.stream(436, 100_000)
     companion.wait(0.2)
-    told = companion.listen("CURRENT_MODE")[-1]
-    assert (told.custom_mode, told.intended_custom_mode) == (PX4["RTL"], PX4["OFFBOARD"])
+    report = companion.listen("CURRENT_MODE")[-1]
+    assert (report.custom_mode, report.intended_custom_mode) == (PX4["RTL"], PX4["OFFBOARD"])
     companion.velocity(3.0, 0.1)
     assert companion.px4_mode == "OFFBOARD"
     assert companion.set_mode(*LOITER) == [0, 0]  # only another commanded mode ends OFFBOARD

@@ -42,7 +42,7 @@ def test_distance_sensor_is_slant_range_in_centimeters():
 
 
 @pytest.mark.parametrize(
-    ("radio", "after", "told"),
+    ("radio", "after", "expected"),
     [
         ({"start": {"north_m": -900.0}}, 0.1, [(65535, 0), (65535, 100)]),
         ({"latency_s": 0.25}, 0.249, []),
@@ -56,12 +56,12 @@ def test_distance_sensor_is_slant_range_in_centimeters():
         "beyond its range",
     ],
 )
-def test_distance_sensor_of_far_and_late_ranges(radio, after, told):
+def test_distance_sensor_of_far_and_late_ranges(radio, after, expected):
     companion = ranging(**radio)
     companion.wait(after)
     assert [
         (m.current_distance, m.time_boot_ms) for m in companion.listen("DISTANCE_SENSOR")
-    ] == told
+    ] == expected
 
 
 def test_beacon_and_named_value_follow_their_definitions():

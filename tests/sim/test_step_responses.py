@@ -170,11 +170,11 @@ def test_attitude_reports_heading_in_slipping_turn():
     companion.repeat(3.0, lambda: companion.attitude(0xC6, math.radians(35.0)))
     reports = companion.listen("ATTITUDE")
     for a, b in itertools.pairwise(reports):
-        told = [
+        rates_reported = [
             (m.pitchspeed * math.sin(m.roll) + m.yawspeed * math.cos(m.roll)) / math.cos(m.pitch)
             for m in (a, b)
         ]
         seen = math.remainder(b.yaw - a.yaw, math.tau) / ((b.time_boot_ms - a.time_boot_ms) / 1000)
-        assert seen == pytest.approx(sum(told) / 2, abs=0.02)
+        assert seen == pytest.approx(sum(rates_reported) / 2, abs=0.02)
     truth = companion.truth
     assert reports[-1].yaw == pytest.approx(truth.heading, abs=0.02) and abs(lead(truth)) > 1.5

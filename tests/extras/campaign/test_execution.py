@@ -69,10 +69,10 @@ def refusal(write):
     refusal(address)."""
 
     def refusal(address):
-        with pytest.raises(CampaignError) as told:
+        with pytest.raises(CampaignError) as caught:
             list(on_scheduler(load_campaign(write(SHORT)), [0], address))
-        assert "\n" not in str(told.value)
-        return str(told.value)
+        assert "\n" not in str(caught.value)
+        return str(caught.value)
 
     return refusal
 
@@ -83,7 +83,7 @@ def distributed():
 
 
 @pytest.mark.parametrize(
-    ("address", "listens", "says"),
+    ("address", "listens", "error"),
     [
         *(
             (address, False, "write it as tcp://HOST:PORT")
@@ -109,7 +109,7 @@ def distributed():
     ],
 )
 def test_impossible_scheduler_address_is_refused(
-    refusal, distributed, monkeypatch, address, listens, says
+    refusal, distributed, monkeypatch, address, listens, error
 ):
     monkeypatch.setattr(distributed, "Client", None)
     monkeypatch.setattr(execute, "CONNECT_TIMEOUT", 0.2)
@@ -117,7 +117,7 @@ def test_impossible_scheduler_address_is_refused(
         other.bind(("127.0.0.1", 0))
         if listens:
             other.listen()
-        assert says in refusal(address.format(other.getsockname()[1]))
+        assert error in refusal(address.format(other.getsockname()[1]))
 
 
 def test_lost_scheduler_explains_resuming(refusal, distributed, monkeypatch):

@@ -12,13 +12,13 @@ RADIUS = SHIPPED + "orbit.radius_m = "
 
 
 def refusal(path):
-    with pytest.raises(CampaignError, match=f"^{re.escape(str(path))}: .*$") as told:
+    with pytest.raises(CampaignError, match=f"^{re.escape(str(path))}: .*$") as caught:
         load_campaign(path)
-    return str(told.value)
+    return str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "error"),
     [
         ('mission = "m.toml"\nruns = 3\nrunz = 4\n[vary]', "runz: unknown key, did you mean runs?"),
         ('mission = "m.toml"\n[vary]', "runs: missing, add it"),
@@ -33,13 +33,13 @@ def refusal(path):
     ],
     ids=lambda value: value[-40:],
 )
-def test_wrong_campaign_file_is_refused_in_one_line(tmp_path, text, says):
+def test_wrong_campaign_file_is_refused_in_one_line(tmp_path, text, error):
     (tmp_path / "wrong.toml").write_text(text)
-    assert says in refusal(tmp_path / "wrong.toml")
+    assert error in refusal(tmp_path / "wrong.toml")
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "says"),
+    ("first", "second", "error"),
     [
         (
             '"sim.wind.speed_mps" = [1.0]',
@@ -64,9 +64,9 @@ def test_wrong_campaign_file_is_refused_in_one_line(tmp_path, text, says):
         ),
     ],
 )
-def test_keys_that_set_the_same_value_are_refused(write, first, second, says):
+def test_keys_that_set_the_same_value_are_refused(write, first, second, error):
     keys = [line.split('"')[1] for line in (first, second)]
-    assert refusal(write(f"{first}\n{second}", starts="")).endswith(f"vary: {says.format(*keys)}")
+    assert refusal(write(f"{first}\n{second}", starts="")).endswith(f"vary: {error.format(*keys)}")
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_impossible_bounds_are_refused(write, kind, numbers):
 
 
 @pytest.mark.parametrize(
-    ("vary", "says"),
+    ("vary", "error"),
     [
         ('"guidance.law" = ["smooth", "smoth"]', "guidance.law: 'smoth' is not one of"),
         (
@@ -90,11 +90,11 @@ def test_impossible_bounds_are_refused(write, kind, numbers):
         ('"orbit.radius_m.x" = [80]', "vary: orbit.radius_m.x: radius_m is a value, not a table"),
     ],
 )
-def test_impossible_listed_value_is_refused_before_flight(write, vary, says):
+def test_impossible_listed_value_is_refused_before_flight(write, vary, error):
     path = write(vary)
     reason = unflyable_value(load_campaign(path))
     assert reason.startswith(f"{path}: ")
-    assert says in reason
+    assert error in reason
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_mission_file_is_named_as_such():
 
 
 @pytest.mark.parametrize(
-    ("command", "says"),
+    ("command", "error"),
     [
         (
             "campaigns/wind.toml",
@@ -134,7 +134,7 @@ def test_mission_file_is_named_as_such():
         ("wind --out=", "--out: is empty, give it a name"),
     ],
 )
-def test_wrong_usage_is_one_line_and_writes_nothing(circnav, tmp_path, command, says):
-    command, says = (text.replace("LONG", 300 * "x") for text in (command, says))
-    assert circnav("campaign", *command.split()).refused.startswith(says)
+def test_wrong_usage_is_one_line_and_writes_nothing(circnav, tmp_path, command, error):
+    command, error = (text.replace("LONG", 300 * "x") for text in (command, error))
+    assert circnav("campaign", *command.split()).refused.startswith(error)
     assert list(tmp_path.iterdir()) == []

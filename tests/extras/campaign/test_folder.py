@@ -56,7 +56,7 @@ def test_incomplete_files_are_written_again(campaign, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "resume", "says"),
+    ("name", "text", "resume", "error"),
     [
         *(
             (
@@ -83,12 +83,12 @@ def test_incomplete_files_are_written_again(campaign, tmp_path):
     ],
 )
 def test_folder_with_colliding_file_is_refused_untouched(
-    campaign, tmp_path, name, text, resume, says
+    campaign, tmp_path, name, text, resume, error
 ):
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / name).write_text(text)
-    with pytest.raises(CampaignError, match=re.escape(says)):
+    with pytest.raises(CampaignError, match=re.escape(error)):
         Store(folder, campaign, resume=resume)
     assert contents(folder) == {name: text.encode()}
 
@@ -116,9 +116,9 @@ def test_folder_without_rows_is_accepted(campaign, tmp_path):
 
 @pytest.mark.parametrize("place", ["/proc/circnav", "/dev/null", "/dev/null/out"])
 def test_unusable_folder_is_refused_in_one_line(campaign, place):
-    with pytest.raises(CampaignError) as told:
+    with pytest.raises(CampaignError) as caught:
         Store(Path(place), campaign)
-    assert re.fullmatch(rf"{place}(?!.*resume).*", str(told.value))
+    assert re.fullmatch(rf"{place}(?!.*resume).*", str(caught.value))
 
 
 @pytest.fixture

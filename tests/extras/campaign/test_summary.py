@@ -76,26 +76,26 @@ def test_summary_counts_flights_and_worlds_by_value():
     rows = rows_of([True] * 40, np.arange(1.0, 41.0), 4)
     rows[0] |= {"right_way": "false", "kept": "false", "settled_s": "", "turn_limit_cycle": "true"}
     summary = summarize([*rows, never_engaged(40, "0") | {"outcome": "error"}], {"k": (0, 1, 2, 3)})
-    told = [summary["all"], *summary["by"]["k"].values()]
-    assert [(one["flights"], one["worlds"]) for one in told] == [
+    rows_of_summary = [summary["all"], *summary["by"]["k"].values()]
+    assert [(one["flights"], one["worlds"]) for one in rows_of_summary] == [
         (41, 11),
         (11, 11),
         (10, 10),
         (10, 10),
         (10, 10),
     ]
-    assert [(one["kept"], one["wrong_way"], one["failed"]) for one in told[:3]] == [
+    assert [(one["kept"], one["wrong_way"], one["failed"]) for one in rows_of_summary[:3]] == [
         (39, 1, 1),
         (9, 1, 1),
         (10, 0, 0),
     ]
-    assert (told[0]["closest"], told[0]["limit_cycles"]) == (3.0, 1)
+    assert (rows_of_summary[0]["closest"], rows_of_summary[0]["limit_cycles"]) == (3.0, 1)
     assert (
-        told[0]["turn_std_deg_s"],
-        told[0]["turn_at_limit"],
-        told[0]["turn_variation_rad_s2"],
+        rows_of_summary[0]["turn_std_deg_s"],
+        rows_of_summary[0]["turn_at_limit"],
+        rows_of_summary[0]["turn_variation_rad_s2"],
     ) == (1.0, 0.25, 0.2)
-    assert told[0]["settled_p95"] == 5.0 and figures(rows[:1])["settled_median"] is None
+    assert rows_of_summary[0]["settled_p95"] == 5.0 and figures(rows[:1])["settled_median"] is None
     json.dumps(summary, allow_nan=False)
 
 

@@ -299,12 +299,12 @@ def test_recorded_reports_are_read_back(tmp_path):
     recorder.start(round(NOON * 1e6), at_once=True)
     steps = []
     for n in range(9):
-        heard = Encoder(1, 1).encode(mavlink.MAVLink_attitude_message(n, 0, 0, 0, 0, 0, 0))
+        attitude = Encoder(1, 1).encode(mavlink.MAVLink_attitude_message(n, 0, 0, 0, 0, 0, 0))
         for ident, member in enumerate(members, 1):
             member.send(report(ident, NOON + n))
         assert members[0].received(NOON + n)
         steps.append(
-            LoopStep(float(n), [("vehicle", "v0", [heard])], exchanged=members[0].take_frames())
+            LoopStep(float(n), [("vehicle", "v0", [attitude])], exchanged=members[0].take_frames())
         )
         recorder.step(steps[-1])
     recorder.close()

@@ -29,8 +29,7 @@ AFTER = TAKEN + 4.0
 """Times, s."""
 
 
-@pytest.fixture(scope="module")
-def three():
+def three_copters():
     """Three copters. Member 3 arrives late. The operator takes member 2 over at TAKEN. From SILENT
     on no member receives a report."""
     takeover = (f'sim.events=[{{at_s={TAKEN}, action="mode", mode="LOITER"}}]',)
@@ -62,8 +61,9 @@ def three():
     return flight.fly(SILENT + 21.0, watch), seen
 
 
-def test_joining_copter_waits_outside_until_even(three):
-    flight, seen = three
+def test_three_copters_join_leave_and_lose_reports():
+    flight, seen = three_copters()
+    # member 3 waits outside the circle, then all are evenly spaced with estimated drift
     found = figures(flight.tracks)
     times = flight.tracks.time
     lane = np.hypot(flight.tracks.east, flight.tracks.north)[
@@ -76,9 +76,7 @@ def test_joining_copter_waits_outside_until_even(three):
     assert found.smallest_vertical_m > 10.0
     assert found.too_near == 0
 
-
-def test_members_show_gaps_and_places(three):
-    flight, seen = three
+    # each member shows its gaps and the places of the others
     for *_, words, others in seen[BEFORE]:
         shown = re.search(
             r"3 of 3 members on the circle, gap (\d+) deg ahead, (\d+) deg behind", words
@@ -90,9 +88,7 @@ def test_members_show_gaps_and_places(three):
     true = flight.tracks.east[k][1], flight.tracks.north[k][1]
     assert np.hypot(place[0] - true[0], place[1] - true[1]) < 5.0
 
-
-def test_takeover_of_one_member_moves_no_other(three):
-    flight, seen = three
+    # the takeover of member 2 moves no other member
     one, two, three_ = seen[AFTER]
     assert two[0] is State.LEAVING
     assert flight.members[1].pilot.mission.outcome.ending is Ending.TAKEN_OVER
@@ -104,9 +100,7 @@ def test_takeover_of_one_member_moves_no_other(three):
     assert np.degrees(errors[(times > SILENT - 5.0) & (times < SILENT)].max()) < 10.0
     assert [m.pilot.mission.outcome is None for m in flight.members] == [True, False, True]
 
-
-def test_members_without_reports_keep_their_circle(three):
-    flight, _ = three
+    # without reports every member keeps the circle of its mission
     time = np.array(flight.tracks.time)
     radius = np.hypot(flight.tracks.east, flight.tracks.north)
     silent = (time > SILENT + 12.0) & (time < SILENT + 20.0)
@@ -131,6 +125,7 @@ def test_members_in_one_layer_raise_an_alarm():
         )
 
 
+@pytest.mark.nightly
 def test_three_planes_become_even():
     """Six planes: tests/tools/bench/bench_fleet.py; the law with ten: test_law.py."""
     overrides = (

@@ -164,8 +164,8 @@ counts as valid."""
         "a fix",
         "PX4, dead reckoning",
         "PX4, auxiliary position",
-        "estimator not heard",
-        "GPS not heard",
+        "no estimator",
+        "no GPS",
     ],
 )
 def test_position_loss_needs_receivers_and_estimator(values, good):

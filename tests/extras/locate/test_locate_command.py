@@ -48,8 +48,8 @@ def located(folder, track, *tags, names=("",), options=()):
 def as_csv(folder, track, *tags, names=("",), header=HEADER):
     """Write a CSV of positions and ranges."""
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
-    told = zip(track.time, latitude, longitude, track.up, strict=True)
-    rows: list[Row] = [(time, *place, "", "") for time, *place in told]
+    positions = zip(track.time, latitude, longitude, track.up, strict=True)
+    rows: list[Row] = [(time, *place, "", "") for time, *place in positions]
     for name, tag in zip(names, tags, strict=True):
         rows += [(time, "", "", "", r, name) for time, r in zip(tag.time, tag.r, strict=True)]
     with (folder / "log.csv").open("w", newline="") as file:
@@ -275,12 +275,12 @@ def test_impossible_height_warns(tmp_path, capsys):
     assert "WARNING    the ranges fit only a target at" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("said", ["0", "-1", "nan", "", "1e-200"])
-def test_invalid_sigma_counts_as_unknown(tmp_path, said):
+@pytest.mark.parametrize("sigma", ["0", "-1", "nan", "", "1e-200"])
+def test_invalid_sigma_counts_as_unknown(tmp_path, sigma):
     track, ranges, target = circles()
     file = as_csv(tmp_path, track, ranges, header=(*HEADER, "sigma"))
     file.write_text(
-        file.read_text().replace("\n", f",{said}\n").replace(f"sigma,{said}", "sigma")
+        file.read_text().replace("\n", f",{sigma}\n").replace(f"sigma,{sigma}", "sigma")
         + "40,,,,inf,,\n"
     )
     assert run(file) == Exit.DONE
@@ -311,7 +311,7 @@ def test_antenna_offset_becomes_bias_not_error(
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "error"),
     [
         ("time,lat,lon\n1,2,3\n", "no column latitude, longitude, range: the first line must name"),
         ("time;latitude;longitude;range\n1;2;3;4\n", "no column time, latitude, longitude, range"),
@@ -348,9 +348,9 @@ def test_antenna_offset_becomes_bias_not_error(
         ("time,latitude,longitude,range\n1,2,3,5\n2,2,3,5\n", "no target was located"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(tmp_path, text, says):
+def test_bad_input_is_refused_in_one_line(tmp_path, text, error):
     (tmp_path / "bad.csv").write_text(text)
-    with pytest.raises(Refused, match=says) as refusal:
+    with pytest.raises(Refused, match=error) as refusal:
         run(tmp_path / "bad.csv")
     assert "\n" not in str(refusal.value) and "bad.csv" in str(refusal.value)
 

@@ -294,7 +294,7 @@ def test_csv_times_are_seconds_or_iso_8601(tmp_path, given):
 
 
 @pytest.mark.parametrize(
-    ("name", "head", "says"),
+    ("name", "head", "error"),
     [
         ("a.BIN", b"\xa3\x95\x80\x00", "dataflash log"),
         ("a.ulg", b"ULog\x01\x12\x35", "ULog file"),
@@ -307,9 +307,9 @@ def test_csv_times_are_seconds_or_iso_8601(tmp_path, given):
         ),
     ],
 )
-def test_unreadable_log_is_refused_in_one_line(tmp_path, name, head, says):
+def test_unreadable_log_is_refused_in_one_line(tmp_path, name, head, error):
     (tmp_path / name).write_bytes(head)
-    with pytest.raises(RunError, match=says) as refusal:
+    with pytest.raises(RunError, match=error) as refusal:
         read_logs(tmp_path / name)
     assert str(refusal.value).startswith(str(tmp_path / name)) and "\n" not in str(refusal.value)
 
@@ -321,7 +321,7 @@ def test_ulg_without_pyulog_names_the_package(tmp_path, monkeypatch):
         read_logs(tmp_path / "a.ulg")
 
 
-@pytest.mark.parametrize("unit", [unit for unit in METERS if unit != "m"])
+@pytest.mark.parametrize("unit", ["cm", "ft", "nmi"])
 def test_wrong_unit_is_identified(unit):
     track, ranges, target = circles(noise=0.3, target=(30.0, -20.0))
     shifted = replace(track, east=track.east + 15.0)  # not around the target: its distance changes
@@ -354,9 +354,8 @@ def test_feet_are_reported_with_the_option(tmp_path, capsys):
     assert "place      46.00000" in text and "--units" not in text
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_poor_radio_is_no_wrong_unit(seed):
-    track, ranges, _ = circles(noise=4.0, seed=seed, bias=5.0, outliers=0.1)
+def test_poor_radio_is_no_wrong_unit():
+    track, ranges, _ = circles(noise=4.0, bias=5.0, outliers=0.1)
     place = placed(a_log(track, ranges), "t")
     assert likely_unit(PLANE, track, ranges, Knowledge(up=400.0, sigma_known=False), place) is None
 
@@ -438,7 +437,7 @@ def test_parameters_contain_place_and_precision_loss():
 
 
 @pytest.mark.parametrize(
-    ("option", "says"),
+    ("option", "error"),
     [
         (
             ("--units", "furlong"),
@@ -448,8 +447,8 @@ def test_parameters_contain_place_and_precision_loss():
         (("--vehicle", "2"), r"--vehicle selects one of the vehicles of a tlog; this is a CSV"),
     ],
 )
-def test_meaningless_option_is_refused(option, says):
-    with pytest.raises(Refused, match=says) as refusal:
+def test_meaningless_option_is_refused(option, error):
+    with pytest.raises(Refused, match=error) as refusal:
         cli.circnav.main(["locate", str(CASES / "02-feet.csv"), *option], standalone_mode=False)
     assert refusal.value.exit == Exit.USAGE
 

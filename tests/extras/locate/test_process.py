@@ -21,7 +21,7 @@ def test_flight_locates_the_target_and_replays(tmp_path: Path) -> None:
     run = tmp_path / "run"
     survey = ("--set", "locate.enabled=true")
     printed, errors = circnav(
-        "fly", QUICKSTART, "--duration", "72", "--out", run, *survey
+        "fly", QUICKSTART, "--duration", "50", "--out", run, *survey
     ).communicate(timeout=PATIENCE)
     assert errors == ""
     summary = json.loads((run / "summary.json").read_text())

@@ -35,10 +35,12 @@ def approach_and_laps(radio, *, seed=1, gps=1.5, laps=4.0, far=500.0):
         100 * np.column_stack([np.sin(angle), -np.cos(angle)]),
     ])  # fmt: skip
     t = 0.1 * np.arange(len(true))
-    told = true + (gps_error(t, rng, gps) if gps else 0.0)
+    measured = true + (gps_error(t, rng, gps) if gps else 0.0)
     slant = np.sqrt((true**2).sum(axis=1) + HEIGHT**2)
     r = np.array([radio.reported(one) for one in slant]) + rng.normal(0, 0.5, len(t))
-    return Track(t, *told.T, np.full(len(t), 400.0 + HEIGHT)), Ranges(t, r, np.full(len(t), 0.5))
+    return Track(t, *measured.T, np.full(len(t), 400.0 + HEIGHT)), Ranges(
+        t, r, np.full(len(t), 0.5)
+    )
 
 
 def test_approach_determines_the_range_scale():

@@ -197,7 +197,7 @@ class KeyMissing(Bare):
 
 
 @pytest.mark.parametrize(
-    ("driver", "said"),
+    ("driver", "error"),
     [
         ("Bare", "TypeError('its baud is missing or not int')"),
         ("Exits", "SystemExit('no radio here')"),
@@ -205,13 +205,13 @@ class KeyMissing(Bare):
         ("Absent", "has no attribute 'Absent'"),
     ],
 )
-def test_incomplete_driver_is_refused(monkeypatch, driver, said):
+def test_incomplete_driver_is_refused(monkeypatch, driver, error):
     point = EntryPoint("mine", f"{__name__}:{driver}", "circnav.ranging")
     monkeypatch.setattr("circnav_mav.mav.ranging.driver.entry_points", lambda group: [point])
     with pytest.raises(LinkError) as refused:
         open_radio("mine:udpin:127.0.0.1:0")
     assert f"driver 'mine' of {__name__}:{driver} does not load: " in str(refused.value)
-    assert said in str(refused.value)
+    assert error in str(refused.value)
 
 
 def test_device_gets_its_radios_baud_rate():
@@ -227,7 +227,7 @@ def test_device_gets_its_radios_baud_rate():
         ),
     ):
         assert radio_port(endpoint)[2] == port
-    for endpoint, said in (
+    for endpoint, error in (
         ("linktrak:/dev/ttyUSB0", "no driver 'linktrak'; there are dwm1001, lines, linktrack"),
         ("linktrack:/dev/ttyUSB77", "no such device"),
         (
@@ -238,5 +238,5 @@ def test_device_gets_its_radios_baud_rate():
     ):
         with pytest.raises(LinkError) as refused:
             open_radio(endpoint)
-        assert said in str(refused.value)
+        assert error in str(refused.value)
         assert "\n" not in str(refused.value)

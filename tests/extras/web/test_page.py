@@ -69,8 +69,8 @@ def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
         silent,
     )
     with process_of("fly", "quickstart", *options) as flown:
-        said = next(line for line in flown.stdout if line.startswith("live page at "))
-        browser.open(said.split()[-1])
+        address = next(line for line in flown.stdout if line.startswith("live page at "))
+        browser.open(address.split()[-1])
         browser.until("document.getElementById('phase').innerText.toLowerCase() === 'engaged'")
         browser.until("document.querySelectorAll('#charts svg.strip').length === 7")
         browser.until("points.length > 20 && document.querySelector('#track path.line.true')")
@@ -98,9 +98,9 @@ def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
         assert browser.value(
             "alarms.map(([, words]) => words.split(' ').slice(0, 2).join(' '))"
         ) == ["RANGE STALE"]
-        told = browser.value("document.getElementById('circle').innerText")
+        circle = browser.value("document.getElementById('circle').innerText")
         assert re.fullmatch(
-            r"100 m .*\. 2\d+-\d\d-\d\d \d\d:\d\d UTC\. ardupilot copter, firmware 4.6.3", told
+            r"100 m .*\. 2\d+-\d\d-\d\d \d\d:\d\d UTC\. ardupilot copter, firmware 4.6.3", circle
         )
         assert "waiting" not in browser.value("document.getElementById('figures').innerText"), (
             "nothing is waited for"
@@ -110,7 +110,7 @@ def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
         )
         flown.communicate(timeout=PATIENCE)
         # the flight is over: a reload works, and the report is one click away
-        browser.open(said.split()[-1])
+        browser.open(address.split()[-1])
         browser.until("document.querySelector('#report a')")
         assert browser.value("document.getElementById('outcome').innerText").startswith("COMPLETED")
         assert str(tmp_path / "run" / "report.html") in browser.value(

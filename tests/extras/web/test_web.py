@@ -253,18 +253,18 @@ def truth_frame(north, east):
 @pytest.mark.parametrize("bundled", [True, False], ids=["the bundled vehicle", "any other"])
 def test_truth_of_flown_vehicle_is_sent(flown, monkeypatch, bundled):
     assert [feed._plain(value) for value in (nan, inf, 1.000001)] == [None, None, 1.0]
-    told = []
+    queued = []
     good = truth_frame(30.0, 4.0)
     frames = [truth_frame(nan, 2.0), good, truth_frame(1.0, inf), truth_frame(-inf, 1.0)]
     flown.fly(8.0)
     with closing(open_page(flown.pilot, truth=bundled)) as page:
-        monkeypatch.setattr(page, "_queue_event", told.append)
+        monkeypatch.setattr(page, "_queue_event", queued.append)
         for frame in frames:
             page.on_step(
                 flown.ticks[-1], LoopStep(flown.now, received=[("main", "anybody", [frame])]), None
             )
     known = [(None, None), *[(4.0, 30.0)] * 3] if bundled else [(None, None)] * 4
-    assert [(what["east"], what["north"]) for what in told] == known
+    assert [(what["east"], what["north"]) for what in queued] == known
 
 
 # --- bounded ---

@@ -214,7 +214,7 @@ class Course:
                 None,
                 source,
             ):  # else setpoints go elsewhere
-                self.witness.hear(data, waited=waited)
+                self.witness.receive(data, waited=waited)
 
     def _arrivals(self) -> list[Arrival]:
         """Return the datagrams that reach the application now, and deliver the intruders' frames to

@@ -51,7 +51,7 @@ def test_witness_follows_control_of_the_vehicle() -> None:
 
     def beat(mode: int, armed: int = 128, system: int = 1, *, waited: bool = False) -> None:
         frame = write(mavlink.MAVLink_heartbeat_message(2, 3, 1 | armed, mode, 4, 3), system, 1)
-        witness.hear(frame, waited=waited)
+        witness.receive(frame, waited=waited)
 
     beat(5)
     assert not witness.taken

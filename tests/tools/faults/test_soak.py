@@ -48,6 +48,7 @@ def test_circle_is_held_through_counter_wrap(tmp_path: Path) -> None:
         assert len(stamps[number]) > 600
 
 
+@pytest.mark.nightly
 def test_memory_does_not_grow(tmp_path: Path) -> None:
     """In the last 150 s. A growth of 3 kB/s, once seen in two queues of the bundled vehicle, would
     be 0.45 MB."""
@@ -60,9 +61,9 @@ def test_memory_does_not_grow(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("what", ["mutated", "valid", "flood"])
 def test_hostile_frames_cause_no_unsafe_output(what: str) -> None:
-    broken, _ = run(what, 12_000, seed=2)
+    broken, _ = run(what, 4_000, seed=2)
     assert broken == []
 
 
 def test_damaged_files_are_refused_or_read_partly() -> None:
-    assert assault_files(25, seed=2) == []
+    assert assault_files(10, seed=2) == []
