@@ -131,17 +131,6 @@ def test_cut_log_is_replayed_to_the_cut(printed_by, run):
     assert "cut off or damaged at byte" in (run / "report.html").read_text()
 
 
-def test_short_log_is_replayed_to_its_end(printed_by, run):
-    log = run / "flight.tlog"
-    log.write_bytes(log.read_bytes()[: records(log)[len(records(log)) // 2]])
-    out = printed_by("replay").done
-    assert re.search(
-        r"WARNING    replayed up to \d\.\d s of \d+\.\d s, where flight\.tlog or steps\.csv ends",
-        out,
-    )
-    assert "byte for byte the same up to" in out
-
-
 def test_damaged_log_is_reported_with_its_place(printed_by, run):
     newest = read_truth(run, EPOCH_US).time[-1]
     middle = records(run / "flight.tlog")[len(records(run / "flight.tlog")) // 2]

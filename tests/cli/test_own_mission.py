@@ -47,9 +47,7 @@ def test_init_overwrites_nothing(circnav, tmp_path):
     ]
 
 
-def test_bundled_schema_equals_printed_schema(
-    circnav,
-):
+def test_bundled_schema_equals_printed_schema(circnav):
     printed = json.loads(circnav("schema", "mission").out)
     shipped = json.loads((CONFIG / SCHEMA).read_text())
     for part in ("properties", "definitions"):

@@ -55,9 +55,7 @@ Pilot.receive, fly.Drawing = receive_watched, Drawing
 """
 
 
-def test_flight_loads_optimizer_first_and_pictures_last(
-    tmp_path,
-):
+def test_flight_loads_optimizer_first_and_pictures_last(tmp_path):
     """A signal during the drawing of pictures does not change the exit code of the flight.
     scipy.optimize plans laps."""
     arguments = ["fly", "quickstart", "--duration", "3", "--out", str(tmp_path / "run")]

@@ -17,9 +17,7 @@ RANGE = 132
 SETPOINT = 84
 
 
-def test_fast_simulator_is_flown_in_its_own_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_fast_simulator_is_flown_in_its_own_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """The test advances the computer's clock by 5 ms per step. Over sockets:
     tests/cli/test_commands.py."""
     real = [0.0]

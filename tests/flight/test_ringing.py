@@ -178,9 +178,7 @@ def test_ringing_vehicle_is_flown_with_lower_gains(name: str) -> None:
     assert max(abs(true_radius(truth) / radius - 1) for truth in last_third(flown)) < off
 
 
-def test_slow_oscillation_is_found_and_ends(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_slow_oscillation_is_found_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     """A copter at its acceleration limit that adds only a part of the acceleration fed forward, so
     that it swings with periods of 5 to 6 s. With full gains the radius error is 4 m, and the turn's
     standard deviation 17 deg/s."""

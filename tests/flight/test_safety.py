@@ -16,9 +16,7 @@ def is_ranging(frame: bytes) -> bool:
 
 
 @pytest.mark.parametrize("law", ["auto", "drift"])
-def test_setpoints_continue_without_own_motion(
-    law: str,
-) -> None:
+def test_setpoints_continue_without_own_motion(law: str) -> None:
     """The autopilot stops sending its attitude; ranges continue."""
     flown = flight("arduplane", law=law).fly(20)
     flown.hears = lambda frame, now: message_ids(frame) != [30]

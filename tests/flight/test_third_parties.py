@@ -128,9 +128,7 @@ def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
     assert code == 4 and reason.startswith("pilot or failsafe switched to BRAKE after ")
 
 
-def test_mavsdk_changes_radius_and_takes_over(
-    stage: Callable[[str], Stage],
-) -> None:
+def test_mavsdk_changes_radius_and_takes_over(stage: Callable[[str], Stage]) -> None:
     mavsdk = pytest.importorskip("mavsdk")
     from mavsdk.plugins.action import Action
     from mavsdk.plugins.param import Param, ParamError, ProtocolVersion

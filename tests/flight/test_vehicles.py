@@ -68,9 +68,7 @@ def test_plane_with_low_turn_gain_holds_its_radius() -> None:
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
-def test_no_setpoint_follows_an_operator_takeover(
-    mission: str,
-) -> None:
+def test_no_setpoint_follows_an_operator_takeover(mission: str) -> None:
     """1,000 random ticks: the fault matrix, F16."""
     chance = random.Random(3)
     for _ in range(5):

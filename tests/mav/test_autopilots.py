@@ -105,9 +105,7 @@ def at_airspeed(airspeed: float | None) -> SetpointContext:
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_copter_and_rover_setpoints_match_frames_built_by_hand(
-    side: str,
-) -> None:
+def test_copter_and_rover_setpoints_match_frames_built_by_hand(side: str) -> None:
     """Masks ignore position (bits 0 to 2) and yaw (bit 10), for the rover also the acceleration (6
     to 8). V w = 2 m/s^2 to the right. PX4: 1 m too high, down at 0.5 /s times 1 m. It gets 1.2 V w
     to the right, and for 0.3/s of drag at 10 m/s, 3 m/s^2 ahead."""
@@ -315,9 +313,7 @@ def test_parameter_without_a_number_fails_its_check(vehicle, value) -> None:
 
 
 @pytest.mark.parametrize("airspeed", [5.01, 9.0, 12.0, 15.99])
-def test_plausible_airspeed_sets_the_bank(
-    airspeed: float,
-) -> None:
+def test_plausible_airspeed_sets_the_bank(airspeed: float) -> None:
     bank = atan(TURN * airspeed / 9.80665)
     state = at_airspeed(airspeed)
     assert_alike(sent(("ardupilot", "plane"), TURN, state), attitude_frame(0xC6, roll=-bank))

@@ -210,9 +210,7 @@ def test_stream_below_half_its_rate_is_requested_again(streams, rate, again):
     assert requested(streams.give_back()) == [(ATTITUDE, 0), (TIME, 0)]
 
 
-def test_stream_requested_by_ground_station_is_left_alone(
-    streams,
-):
+def test_stream_requested_by_ground_station_is_left_alone(streams):
     """Behind MAVProxy, which prints each acknowledgment: 4 Hz of everything, set again every 15
     s."""
     assert requested(streams.poll(0.0)) == [(ATTITUDE, 100_000)]
@@ -223,9 +221,7 @@ def test_stream_requested_by_ground_station_is_left_alone(
     assert requested(streams.give_back()) == [(ATTITUDE, 0)]
 
 
-def test_unsupported_interval_falls_back_to_data_stream_requests(
-    streams,
-):
+def test_unsupported_interval_falls_back_to_data_stream_requests(streams):
     for request in (*streams.poll(0.0), *streams.poll(0.6)):
         streams.denied(CommandResult(request, UNSUPPORTED))
     (one, two) = streams.group_requests((1, 1), 0.7)
@@ -240,9 +236,7 @@ def test_unsupported_interval_falls_back_to_data_stream_requests(
     assert streams.group_requests((1, 1), 6.2) == [] and streams.refused == []
 
 
-def test_denied_stream_is_requested_again_after_restart(
-    streams,
-):
+def test_denied_stream_is_requested_again_after_restart(streams):
     streams.denied(CommandResult(streams.poll(0.0)[0], DENIED))
     assert streams.refused == ["ATTITUDE"]
     for check in range(1, 5):

@@ -35,9 +35,7 @@ def test_stream_requests_never_address_system_0(make_rig):
     assert {message.target_system for message in rig.of("COMMAND_LONG")} == {1}
 
 
-def test_identity_ignores_heartbeat_of_system_0(
-    make_rig,
-):
+def test_identity_ignores_heartbeat_of_system_0(make_rig):
     rig = make_rig(request_mode=True)
     rig.vehicle = Voice(0, 1)
     rig.run(3.0, mode=LOITER)
@@ -124,9 +122,7 @@ def test_address_stays_while_vehicle_sends_anything(flying, sign, seconds):
     assert len(rig.run(1.0).setpoints(since)) >= 15
 
 
-def test_address_changes_before_flight_after_full_silence(
-    rig,
-):
+def test_address_changes_before_flight_after_full_silence(rig):
     rig.run(1.0, mode=LOITER).hear(boot_time(1000.0))
     for seconds, alive, address in ((5.0, True, "vehicle"), (5.0, False, "elsewhere")):
         rig.run(seconds, speaks=False, ranges=alive).hear(heartbeat(LOITER), source="elsewhere")

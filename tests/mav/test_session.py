@@ -57,9 +57,7 @@ def here(line):
 # --- the vehicle that is flown ---
 
 
-def test_first_matching_vehicle_is_pinned(
-    line,
-):
+def test_first_matching_vehicle_is_pinned(line):
     here = line()
     here.beat(now=1.0, voice=Voice(42, 1), source=("10.0.0.1", 14550))
     session = here.session
@@ -88,9 +86,7 @@ def test_other_vehicles_are_counted_and_change_nothing(line):
     assert list(session.texts) == []
 
 
-def test_pinned_vehicle_may_change_address_by_boot_time(
-    line,
-):
+def test_pinned_vehicle_may_change_address_by_boot_time(line):
     here = line()
     here.beat(now=0.0, source="port 1")
     here.beat(now=1.4, source="port 2")
@@ -222,9 +218,7 @@ def test_boot_time_step_back_is_a_reboot(here, carrier, times, reboots):
 # --- own messages ---
 
 
-def test_heartbeat_is_sent_every_second_without_vehicle(
-    line,
-):
+def test_heartbeat_is_sent_every_second_without_vehicle(line):
     """System 255 or MAV_TYPE_GCS would feed the operator's GCS failsafe."""
     here = line()
     here.session.announcer.say("range", "range lost")
@@ -235,9 +229,7 @@ def test_heartbeat_is_sent_every_second_without_vehicle(
     }
 
 
-def test_streams_are_requested_at_start_and_returned_together(
-    here,
-):
+def test_streams_are_requested_at_start_and_returned_together(here):
     asked = here.answer_all(0.0)
     streams = set(here.session.streams.rates)
     assert {message.param1 for message in asked if message.command == SET_INTERVAL} == streams

@@ -101,9 +101,7 @@ def test_new_signed_stream_may_lag_one_minute():
 
 
 @pytest.mark.parametrize("timestamp", [NOW + 1, NOW + 100 * MINUTE, LATEST])
-def test_forged_future_timestamp_locks_out_no_sender(
-    timestamp,
-):
+def test_forged_future_timestamp_locks_out_no_sender(timestamp):
     real = peer()
     signing = Signing(KEY, timestamp=NOW)
     for count in (0, 1):

@@ -213,9 +213,7 @@ def test_switching_turn_beyond_limit_warns(mission):
     assert "22.92 deg/s" in second.text
 
 
-def test_default_gain_falls_with_turn_lag(
-    mission,
-):
+def test_default_gain_falls_with_turn_lag(mission):
     quick, late, very_late = (mission(f"vehicle.turn_lag_s={lag}") for lag in (0.1, 0.8, 9.0))
     assert quick.law.gain == pytest.approx(1e-4)
     assert 5e-5 < very_late.law.gain < late.law.gain < quick.law.gain

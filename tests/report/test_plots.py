@@ -92,15 +92,6 @@ def test_steady_command_appears_for_low_turn_gain(ticks, drawn):
     )  # rad/s: the report shows it as well
 
 
-def test_arrows_surround_the_circle(run_folder, ticks, drawn):
-    track, *_ = drawn(plot_flight, ticks, read_truth(run_folder(), EPOCH_US), ORBIT).axes
-    _, *arrows = [text.xy for text in track.texts]
-    bearings = np.sort(np.arctan2([north for _, north in arrows], [east for east, _ in arrows]))
-    assert np.diff(bearings) == pytest.approx(np.pi / 2, abs=0.3)
-    lines = {line.get_label(): line.get_zorder() for line in track.lines}
-    assert lines["desired"] > lines["flown (truth)"]
-
-
 def test_track_without_truth_is_estimated(ticks, drawn):
     """Built by hand: no estimate for 50 s, then a quarter of a circle."""
     assert len(drawn(plot_flight, ticks, None, ORBIT).axes) == 3

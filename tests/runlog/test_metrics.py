@@ -65,10 +65,9 @@ def test_empty_flight_has_no_figures():
 def test_last_third_counts_time_and_rms_shows_oscillation():
     time = column(0, 1, 2, 3, 4, 5, 20, 30)
     assert list(metrics.last_part(time, time)) == [20, 30]
-    assert list(metrics.last_part(column(0, 1, 2, 3), column(5, 6, 7, 8))) == [
-        7,
-        8,
-    ], "both its ends included"
+    assert list(metrics.last_part(column(0, 1, 2, 3), column(5, 6, 7, 8))) == [7, 8], (
+        "both its ends included"
+    )
     assert (metrics.mean(column(90, 110)), metrics.rms_error(column(90, 110), 100.0)) == (
         100.0,
         10.0,

@@ -158,9 +158,7 @@ def replayed_plain(flown, steps):
     return pilot, replay(pilot, steps, ticking=True)
 
 
-def test_plain_tlog_steers_without_timeouts(
-    flown,
-):
+def test_plain_tlog_steers_without_timeouts(flown):
     timing = without_timeouts(settings_of(flown, "limits.stale_s=0.75")).timing
     assert (timing.round_trip, timing.stale, timing.hold) == (pytest.approx(0.9), 0.75, math.inf)
     pilot, done = replayed_plain(flown, tlog_steps(flown / "flight.tlog", 191))

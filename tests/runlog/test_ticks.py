@@ -18,9 +18,7 @@ from tests.runlog.conftest import EPOCH_US
 LOGS = Path(__file__).parents[2] / "docs" / "logs.md"
 
 
-def test_ticks_are_read_back_without_incomplete_line(
-    run_folder,
-):
+def test_ticks_are_read_back_without_incomplete_line(run_folder):
     ticks = read_ticks(run_folder())
     assert (len(ticks.time), ticks.engaged_at, ticks.words["mode"][0]) == (601, 10.0, "GUIDED")
     assert set(ticks.words["phase"]) == {"ready", "engaged"}

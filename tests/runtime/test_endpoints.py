@@ -70,9 +70,7 @@ def refusal(text):
     return words.removeprefix(f"endpoint {text}: "), caught.value.no_peer
 
 
-def test_missing_serial_device_or_package_is_refused(
-    monkeypatch,
-):
+def test_missing_serial_device_or_package_is_refused(monkeypatch):
     pytest.importorskip("serial")
     assert refusal("serial:/dev/nothing-here:57600") == ("no such device", False)
     for module in (None, ModuleType("serial")):  # none, or another package of that name
@@ -95,9 +93,7 @@ def test_unknown_host_is_refused(kind, monkeypatch):
     assert refusal(f"{kind}:no.such.host.invalid:14550") == ("unknown host name", kind == "tcp")
 
 
-def test_unavailable_port_or_address_is_refused(
-    port,
-):
+def test_unavailable_port_or_address_is_refused(port):
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
         other.bind(("127.0.0.1", port))
         in_use = "port is in use by another program: close it, or choose another port"

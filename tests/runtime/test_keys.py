@@ -97,9 +97,7 @@ class Flight:
         return self.signing.timestamp / SECOND - BEGAN
 
 
-def test_timestamp_survives_a_restart(
-    path: Path,
-) -> None:
+def test_timestamp_survives_a_restart(path: Path) -> None:
     first = Flight(path)
     assert first.signed == 0.0
     first.turn(100.0)
@@ -164,9 +162,7 @@ def test_timestamp_follows_the_clock_only_forward(path: Path) -> None:
     assert seen == [0.0, 3600.0, 3600.0, 3600.0]
 
 
-def test_damaged_timestamp_is_refused_in_one_line(
-    path: Path,
-) -> None:
+def test_damaged_timestamp_is_refused_in_one_line(path: Path) -> None:
     for text in ("", "soon", "-5", "1.5", str(2**48), 5000 * "9", "\xff"):
         path.write_text(text, encoding="latin-1")
         with pytest.raises(KeyFileError, match=f"^{path}: "):

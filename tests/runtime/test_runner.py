@@ -158,9 +158,7 @@ def fly(stop):
     return run_to_the_end
 
 
-def test_loop_passes_frames_between_links_pilot_and_recorder(
-    fly,
-):
+def test_loop_passes_frames_between_links_pilot_and_recorder(fly):
     pilot = FakePilot(2)
     shown = []
     vehicle = FakeLink((b"a", "x"), (b"b", "y"))
@@ -205,9 +203,7 @@ class Lasting(Onlooker):
         return [b"streams"] if self.called_off else []
 
 
-def test_busy_onlooker_continues_the_loop_until_a_signal(
-    fly,
-):
+def test_busy_onlooker_continues_the_loop_until_a_signal(fly):
     """In that step the vehicle gets its streams back, and the frames sent are recorded."""
     lasting = Lasting()
     pilot = FakePilot(1)
@@ -218,9 +214,7 @@ def test_busy_onlooker_continues_the_loop_until_a_signal(
     assert [step.attached for step in recorder.steps] == [[], [], [], [b"streams"]]
 
 
-def test_exchanged_frames_are_recorded_but_never_sent(
-    fly,
-):
+def test_exchanged_frames_are_recorded_but_never_sent(fly):
     class Member(Onlooker):
         def take_exchanged(self):
             return [b"report"]

@@ -110,9 +110,7 @@ def during(statuses, phase):
     return [status for status in statuses if status.tick.phase.value == phase]
 
 
-def test_normal_flight_has_rates_and_no_alarm(
-    statuses,
-):
+def test_normal_flight_has_rates_and_no_alarm(statuses):
     seen = statuses(12.0)
     assert [status.alarms for status in seen if status.alarms] == []
     last = seen[-1]
@@ -129,9 +127,7 @@ def test_normal_flight_has_rates_and_no_alarm(
     assert [status.time - status.flown for status in flown] == pytest.approx([engaged] * len(flown))
 
 
-def test_rejected_ranges_are_counted_by_reason(
-    statuses,
-):
+def test_rejected_ranges_are_counted_by_reason(statuses):
     """PX4 repeats the radio's ranges under its own id."""
     rejecting = statuses(8.0, "ranging.bias_m=900.0")[-1]
     assert list(rejecting.rejected) == ["no_range"]
@@ -146,9 +142,7 @@ def test_rejected_ranges_are_counted_by_reason(
     assert flown.ticks[-1].rejected == sum(status.rejected.values())
 
 
-def test_dry_run_and_reason_of_law_are_shown(
-    statuses,
-):
+def test_dry_run_and_reason_of_law_are_shown(statuses):
     seen = statuses(9.0, event="takeover", law="auto")
     assert {bool(status.why) for status in during(seen, "engaged")} == {True}
     assert {status.why for status in seen if status.tick.law == ""} == {""}

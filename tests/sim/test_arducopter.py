@@ -71,37 +71,6 @@ def test_copter_brakes_after_setpoint_timeout():
 
 
 @pytest.mark.parametrize(
-    ("speed", "mask", "frame"),
-    [
-        pytest.param(5.0, 0x5C7 | 0x20, 8, id="vz ignored: any bit of three ignores the group"),
-        pytest.param(5.0, 0x5C7 | 0x08, 8, id="vx ignored"),
-        pytest.param(5.0, 0x5FF, 8, id="yaw rate alone"),
-        pytest.param(5.0, 0x207, 8, id="force"),
-        pytest.param(5.0, 0x5C7, 12, id="BODY_FRD"),
-        pytest.param(5.0, 0x5C7, 20, id="LOCAL_FRD"),
-        pytest.param(5.0, 0xFFFF, 1, id="nothing"),
-        *[(speed, 0x5C7, 8) for speed in (math.nan, math.inf, -math.inf, 1e6)],
-    ],
-)
-def test_ill_defined_setpoint_stops_the_copter(speed, mask, frame):
-    companion = guided()
-    companion.velocity(5.0, 0.2)
-    companion.wait(1.0)
-    companion.velocity(speed, 0.2, mask=mask, frame=frame)
-    companion.wait(4.0)
-    assert companion.truth.ground_speed == 0.0 and companion.truth.turn_rate == 0.0
-    assert len(companion.vehicle.setpoint_log) == 1
-
-
-def test_yaw_rate_nan_crashes_the_copter():
-    companion = guided()
-    companion.velocity(5.0, math.nan)
-    companion.wait(10.0)
-    assert not companion.truth.armed and companion.truth.down == 0.0
-    assert any(text.startswith("Crash") for text in companion.texts())
-
-
-@pytest.mark.parametrize(
     "start", [{"mode": "LOITER"}, {"mode": "GUIDED", "armed": False, "altitude_m": 0.0}]
 )
 def test_setpoints_count_only_armed_in_guided(start):

@@ -44,21 +44,6 @@ def test_plane_loiters_with_hard_bank_after_timeout():
     )  # where GUIDED was entered
 
 
-@pytest.mark.parametrize(
-    ("mask", "held"),
-    [(0xC6, True), (0xFE, True), (0xC7, None), (0x47, False), (0x46, False), (0xC0, False)],
-)
-def test_attitude_mask_selects_forced_axes(mask, held):
-    companion = plane()
-    companion.repeat(8.0, lambda: companion.attitude(mask, 0.2, math.radians(2.0)))
-    if held is None:
-        assert companion.vehicle.setpoint_log == []
-        return
-    climbed = -companion.truth.down - 100.0
-    assert companion.truth.roll == pytest.approx(0.2, abs=0.01)
-    assert (abs(climbed) < 0.3) if held else (4.0 < climbed < 8.0)  # 2 deg of pitch: 7 m in 8 s
-
-
 def test_bank_limit_and_ignored_setpoints():
     companion = plane(vehicle={"max_bank_deg": 45.0})
     companion.stream(62, 200_000)

@@ -111,49 +111,6 @@ def test_offboard_failsafe_follows_its_parameter(action, after):
     assert companion.px4_mode == after
 
 
-@pytest.mark.parametrize("frame", [7, 9, 12, 20])
-def test_unsupported_frames_are_dropped_with_a_text(frame):
-    companion = px4(gcs=True)
-    companion.velocity(3.0, 0.1, frame=frame)
-    chunks = companion.listen("STATUSTEXT")
-    assert (
-        "".join(c.text for c in chunks)
-        == f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported"
-    )
-    assert [c.chunk_seq for c in chunks] == [0, 1] and chunks[0].id == chunks[1].id != 0
-    assert companion.set_mode(*OFFBOARD) == [0, 1]
-    companion = px4()
-    companion.velocity(3.0, 0.1, frame=frame)
-    assert companion.texts() == []
-
-
-def test_incomplete_body_velocity_is_ignored():
-    companion = px4()
-    for mask in (0x5C7 | 0x08, 0x5C7 | 0x20, 0x5FF):
-        companion.velocity(3.0, 0.1, mask=mask)
-        assert companion.vehicle.setpoint_log == [], mask
-    companion = offboard()
-    companion.fly(5.0, 3.0, 0.1, mask=0x5C7 | 0x20, frame=1)
-    assert companion.px4_mode == "OFFBOARD" and companion.truth.ground_speed < 0.05
-
-
-def test_setpoint_nan_frees_axis_and_excess_is_limited():
-    companion = offboard()
-    companion.fly(5.0, math.nan, 0.3)
-    assert companion.px4_mode == "OFFBOARD"
-    assert companion.truth.ground_speed < 0.05 and abs(companion.truth.turn_rate) < 0.01
-    companion.fly(25.0, 3.0, math.nan)
-    assert (
-        companion.truth.ground_speed == pytest.approx(3.0, abs=0.1)
-        and abs(companion.truth.turn_rate) < 0.01
-    )
-    companion = offboard(vehicle={"max_turn_rate_deg_s": 300.0})
-    companion.fly(5.0, 0.0, 100.0)
-    assert companion.truth.turn_rate == pytest.approx(2.25, abs=0.01)
-    companion.fly(20.0, 1e6, 0.0)
-    assert companion.truth.ground_speed < 13.0
-
-
 def test_gps_loss_ends_velocity_control_after_five_seconds():
     companion = offboard(
         events=[{"at_s": 5.0, "action": "gps_off"}, {"at_s": 20.0, "action": "gps_on"}]

@@ -99,33 +99,3 @@ def test_impossible_reposition_is_refused(profile):
     assert companion.command(REPOSITION, -1, 1, 0, 0, 95.0, 0.0, 40.0) == [DENIED]
     disarmed = aboard(profile, start={"armed": False, "altitude_m": 0.0})
     assert reposition(disarmed, 80.0, 0.0, 40.0) == FAILED
-
-
-def test_impossible_speed_is_refused():
-    companion = aboard("arducopter")
-    for kind, speed in ((1, -1.0), (9, 3.0), (math.nan, 3.0)):
-        assert companion.command(CHANGE_SPEED, kind, speed, -1) == [FAILED]
-    lost = aboard("px4_copter", "ALTCTL", vehicle={"gps": False})
-    assert reposition(lost, 80.0, 0.0, 604.0, frame=AMSL) == NOT_NOW
-
-
-@pytest.mark.parametrize("profile", ["px4_copter", "px4_plane"])
-def test_px4_refuses_impossible_reposition_with_a_text(profile):
-    standing = aboard(profile, start={"armed": False, "altitude_m": 0.0})
-    standing.heartbeat(6)  # it reports to ground stations only
-    assert reposition(standing, 80.0, 0.0, 624.0, frame=AMSL) == NOT_NOW
-    assert standing.texts() == ["Reposition denied: not in the air"]
-    flying = aboard(profile)
-    flying.heartbeat(6)
-    assert flying.command(REPOSITION, -1, 1, 0, 0, 95.0, 0.0, 624.0) == [DENIED]
-    for speed in (math.nan, math.inf, -3.0, 0.0):
-        assert flying.command(CHANGE_SPEED, 1, speed, -1) == [DENIED], speed
-    assert flying.texts() == [
-        "Reposition denied: no such place",
-        *(f"Change speed denied: {n} m/s" for n in ("nan", "inf", "-3", "0")),
-    ]
-    assert [flying.command(CHANGE_SPEED, 1, speed, -1) for speed in (-1, -2)] == [[ACCEPTED]] * 2
-    flying.send(mavlink.MAVLink_command_int_message(
-        1, 1, AMSL, REPOSITION, 0, 0, -1, 1, 0, math.nan, 2**31 - 1, 2**31 - 1, 624.0))  # fmt: skip
-    flying.wait(60.0)
-    assert flying.truth.down == pytest.approx(-40.0, abs=1.0)

@@ -64,14 +64,6 @@ def test_turn_rate_lag_limit_and_braking():
     assert math.hypot(stopped.north, stopped.east) == pytest.approx(25 / 4)  # v^2 / 2a
 
 
-def test_bank_follows_the_turn():
-    turning = IDEAL.step(NORTHBOUND, BodyVelocity(20.0, yaw_rate=0.3), 1.0)
-    assert math.tan(turning.roll) == pytest.approx(20.0 * 0.3 / 9.80665)
-    p, q, r = turning.body_rates()
-    assert (q * math.sin(turning.roll) + r * math.cos(turning.roll)) == pytest.approx(0.3)
-    assert r < 0.3 and p == 0.0
-
-
 def test_wind_carries_airborne_copter():
     airborne, ideal = (
         copter_airframe(Airframe(dynamics=name, turn_lag_s=0.4))

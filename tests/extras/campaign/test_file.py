@@ -41,41 +41,20 @@ def test_wrong_campaign_file_is_refused_in_one_line(tmp_path, text, error):
 @pytest.mark.parametrize(
     ("first", "second", "error"),
     [
-        (
-            '"sim.wind.speed_mps" = [1.0]',
-            '"sim.wind" = [{from_deg = 5.0}]',
-            "{} and {} set the same key: keep one",
-        ),
-        (
-            '"sim.wind" = [{from_deg = 5.0}]',
-            '"sim.wind.speed_mps" = [1.0]',
-            "{} and {} set the same key: keep one",
-        ),
-        (
-            '"start.range_m" = [80]',
-            '"sim.start.random.range_m" = [[1, 2]]',
-            "{} and {} set the same key: keep one",
-        ),
-        ('"sim.start" = [{}]', '"start.range_m" = [80]', "{} and {} set the same key: keep one"),
-        (
-            '"guidance.law" = ["smooth"]',
-            'guidance.law = ["feedforward"]',
-            "{} is given twice, in two spellings: keep one",
-        ),
+        ('"sim.wind.speed_mps" = [1.0]', '"sim.wind" = [{from_deg = 5.0}]', "set the same key"),
+        ('"start.range_m" = [80]', '"sim.start.random.range_m" = [[1, 2]]', "set the same key"),
+        ('"guidance.law" = ["smooth"]', 'guidance.law = ["auto"]', "in two spellings"),
     ],
 )
 def test_keys_that_set_the_same_value_are_refused(write, first, second, error):
-    keys = [line.split('"')[1] for line in (first, second)]
-    assert refusal(write(f"{first}\n{second}", starts="")).endswith(f"vary: {error.format(*keys)}")
+    assert error in refusal(write(f"{first}\n{second}", starts=""))
 
 
-@pytest.mark.parametrize(
-    "numbers", ["[-1.7e308, 1.7e308]", "[0, inf]", "[nan, 1]", "[true, 1]", "[1, 2, 3]"]
-)
-@pytest.mark.parametrize("kind", ["uniform", "log_uniform", "normal"])
-def test_impossible_bounds_are_refused(write, kind, numbers):
-    path = write(f'"orbit.radius_m" = {{{kind} = {numbers}}}', starts="")
-    assert f"vary.orbit.radius_m: {kind}: must be two numbers" in refusal(path)
+@pytest.mark.parametrize("values", ["uniform = [-1.7e308, 1.7e308]", "log_uniform = [0, inf]",
+                                    "normal = [true, 1]", "uniform = [1, 2, 3]"])  # fmt: skip
+def test_impossible_bounds_are_refused(write, values):
+    path = write(f'"orbit.radius_m" = {{{values}}}', starts="")
+    assert f"vary.orbit.radius_m: {values.split()[0]}: must be two numbers" in refusal(path)
 
 
 @pytest.mark.parametrize(

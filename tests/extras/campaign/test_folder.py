@@ -38,13 +38,6 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("name", ["log.txt", "slurm-17.out", ".DS_Store"])
-def test_foreign_files_do_not_prevent_a_campaign(campaign, tmp_path, name):
-    (tmp_path / name).write_text("mine\n")
-    Store(tmp_path, campaign).close()
-    assert (tmp_path / name).read_text() == "mine\n"
-
-
 def test_incomplete_files_are_written_again(campaign, tmp_path):
     whole = tmp_path / "whole"
     torn = tmp_path / "torn"
@@ -101,17 +94,6 @@ def test_campaign_without_its_files_cannot_resume(campaign, tmp_path, name):
         CampaignError, match=f"cannot resume: {name} is missing; name another --out"
     ):
         Store(tmp_path / "out", campaign, resume=True)
-
-
-def test_folder_without_rows_is_accepted(campaign, tmp_path):
-    (tmp_path / "out").mkdir()
-    for _ in range(2):
-        Store(tmp_path / "out", campaign).close()
-    (tmp_path / "out" / "summary.json").write_text(
-        "of no flights: it was interrupted before the first row"
-    )
-    for resume in (True, False):
-        Store(tmp_path / "out", campaign, resume=resume).close()
 
 
 @pytest.mark.parametrize("place", ["/proc/circnav", "/dev/null", "/dev/null/out"])

@@ -60,12 +60,7 @@ def test_report_is_one_named_array(key, size):
         message.array_id,
         message.get_srcSystem(),
         message.get_srcComponent(),
-    ) == (
-        "circfleet1",
-        GROUP,
-        2,
-        191,
-    )
+    ) == ("circfleet1", GROUP, 2, 191)
     assert 5 * (size + IP_AND_UDP) * 10 < 6100
 
 

@@ -50,9 +50,7 @@ def test_planes_adjust_radius_and_copters_speed():
     assert spacing_settings(mission("bounds.min_range_m=140"), 1).most == pytest.approx(9 / 150)
 
 
-def test_flight_needs_free_id_and_layer(
-    monkeypatch,
-):
+def test_flight_needs_free_id_and_layer(monkeypatch):
     own = mission("orbit.height_above_target_m=60")
     other = MemberReport(
         0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.01, 40.0, 100.0, 75.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0)

@@ -82,9 +82,7 @@ FALSE_POSITIONS: dict[str, Callable[[int], list[Any]]] = {
 
 
 @pytest.mark.parametrize("lie", FALSE_POSITIONS.values(), ids=FALSE_POSITIONS)
-def test_false_positions_change_no_output(
-    lie,
-):
+def test_false_positions_change_no_output(lie):
     honest = Rig()
     deceived = SurveyedRig()
     for tick in range(160):

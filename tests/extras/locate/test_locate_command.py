@@ -189,9 +189,7 @@ def test_place_agrees_with_independent_smoother(tmp_path, write, named, tag, opt
     assert one["sigma_m"] < 0.2 and abs(one["range_bias_m"]) < 1.0
 
 
-def test_run_uses_noise_and_altitude_of_mission(
-    tmp_path,
-):
+def test_run_uses_noise_and_altitude_of_mission(tmp_path):
     """The ranges of the log have no sigma, and the target is far below the vehicle."""
     track, ranges, _ = circles(gps=0.0, laps=2)
 
@@ -293,9 +291,7 @@ def test_option_without_a_number_is_refused(tmp_path, option):
         run(as_csv(tmp_path, *circles()[:2]), option, "nan")
 
 
-def test_antenna_offset_becomes_bias_not_error(
-    tmp_path,
-):
+def test_antenna_offset_becomes_bias_not_error(tmp_path):
     """3 m ahead, and 1.5 m to the outside of the circle. A slant range of 108 m shows 100/108 of
     that."""
     track, _, target = circles(gps=0.0, laps=2)

@@ -146,9 +146,7 @@ def test_dataflash_gps_without_week_is_read():
     assert [row[1] for row in log.ranges["rangefinder 0"][:2]] == pytest.approx([50.0, 50.01])
 
 
-def test_dataflash_beacons_and_filter_positions_are_read(
-    tmp_path,
-):
+def test_dataflash_beacons_and_filter_positions_are_read(tmp_path):
     messages: list[tuple[str, tuple]] = [("ORGN", (0, 0, 473000000, 85000000, 40000))]
     for t in range(1, 9):
         us = t * 1_000_000

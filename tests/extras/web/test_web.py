@@ -135,9 +135,7 @@ def test_server_offers_only_the_page(idle):
     assert ask(idle, "GET", "/events", Host="elsewhere.example").status == 400
 
 
-def test_idle_connections_do_not_block_the_page(
-    idle,
-):
+def test_idle_connections_do_not_block_the_page(idle):
     with socket.socket() as other, pytest.raises(ConnectionRefusedError):
         other.connect(("127.0.0.2", address(idle)[1]))
     with ExitStack() as held:

@@ -43,9 +43,7 @@ def test_reader_accepts_only_the_sender_of_the_mission(system, component, accept
 
 
 @given(order=st.permutations([*range(12), 0, 5]))
-def test_accepted_stamps_only_rise_in_any_arrival_order(
-    order,
-):
+def test_accepted_stamps_only_rise_in_any_arrival_order(order):
     receiver = Receiver()
     stamps = []
     for at, i in enumerate(order):
@@ -73,9 +71,7 @@ def test_boot_time_wrap_is_no_jump():
 
 
 @pytest.mark.parametrize("jump_ms", [-600_000, 3_600_000, -1_500])
-def test_sensor_clock_jump_costs_two_samples(
-    jump_ms,
-):
+def test_sensor_clock_jump_costs_two_samples(jump_ms):
     """A rebooted sensor: exactly two samples are lost, and the estimator is restarted."""
     receiver = Receiver()
     seen = []

@@ -457,13 +457,7 @@ ATTACKS = [
         "FLOOD",
         keys=BOTH,
     ),
-    attack(
-        "a command to the autopilot",
-        to_loiter,
-        "",
-        want=Want.END,
-        reason="pilot or failsafe",
-    ),
+    attack("a command to the autopilot", to_loiter, "", want=Want.END, reason="pilot or failsafe"),
     attack(
         "all frames of before a restart of ours, link signed",
         replayed_after_a_restart,
