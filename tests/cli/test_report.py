@@ -17,9 +17,8 @@ from circnav_mav.runlog.tlog import message_id, read_tlog
 from tests.flight.recorded import recorded_flight
 from tests.runlog.conftest import rewrite_ticks
 
-cli_report = importlib.import_module(
-    "circnav_mav.cli.report"
-)  # the package's `report` is the command
+# the package's `report` is the command
+cli_report = importlib.import_module("circnav_mav.cli.report")
 pytestmark = pytest.mark.usefixtures("no_pictures")
 CHARTS = [
     "phase",

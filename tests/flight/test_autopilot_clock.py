@@ -45,9 +45,8 @@ def test_fast_simulator_is_flown_in_its_own_time(monkeypatch: pytest.MonkeyPatch
         [time for time in times if began + 1.0 <= time < began + 11.0]
         for times in (ranges, setpoints)
     ]
-    assert len(on_the_circle[0]) == pytest.approx(
-        100, abs=2
-    )  # the radio's 10 Hz, in the run's seconds
+    # the radio's 10 Hz, in the run's seconds
+    assert len(on_the_circle[0]) == pytest.approx(100, abs=2)
     assert len(on_the_circle[1]) == pytest.approx(200, rel=0.2)  # a tick after each range
 
 

@@ -123,9 +123,8 @@ def test_emulator_oscillates_with_gains_that_oscillate_on_firmware(
         assert 0.8 / 1.5 < rms < 1.7 * 1.5
         assert rolls[0] < -25 and rolls[1] > 45
         return
-    rates = [
-        tick.turn_rate for tick in flown.ticks[-400:] if tick.turn_rate is not None
-    ]  # 20 s of 50 ms ticks
+    # 20 s of 50 ms ticks
+    rates = [tick.turn_rate for tick in flown.ticks[-400:] if tick.turn_rate is not None]
     crossings = np.count_nonzero(np.diff(np.sign(np.array(rates) - np.mean(rates))))
     assert crossings / 40 == pytest.approx(1.0, abs=0.2)  # Hz
 

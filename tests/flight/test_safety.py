@@ -51,7 +51,6 @@ def test_range_outage_holds_then_returns_to_the_circle() -> None:
     assert 30.3 < holding[0] < 30.8
     assert 35.9 < holding[-1] < 37.0  # the first range after it is at 36.0
     steady = [tick.turn_rate for tick in flown.ticks if tick.phase is Phase.HOLDING]
-    assert steady == pytest.approx(
-        [-15.0 / 100.0] * len(steady), rel=0.01
-    )  # from the learned turn-rate gain
+    # from the learned turn-rate gain
+    assert steady == pytest.approx([-15.0 / 100.0] * len(steady), rel=0.01)
     assert rms_error(last_third(flown), 100.0) < 2.0

@@ -108,9 +108,8 @@ def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
         PYTHONPATH=str(mavproxy),
     )
     assert station.stdin is not None
-    printed = read_until(
-        station, "Received"
-    )  # its parameters: it has read vehicle, mode and armed state
+    # its parameters: it has read vehicle, mode and armed state
+    printed = read_until(station, "Received")
     assert "Detected vehicle 1:1" in printed
     assert "ARMED" in printed
     assert "GUIDED> Mode GUIDED" in printed

@@ -18,11 +18,8 @@ from tests.flight.lockstep import (
     unrest,
 )
 
-ARDUPILOT = {
-    "arducopter": 5,
-    "arduplane": 7,
-    "ardurover": 4,
-}  # mission -> a mode that the operator selects
+# mission -> a mode that the operator selects
+ARDUPILOT = {"arducopter": 5, "arduplane": 7, "ardurover": 4}
 PX4 = ("px4_copter", "px4_plane")
 VEHICLES = (*ARDUPILOT, *PX4)
 AUTO_LOITER = (4, 3)

@@ -32,11 +32,8 @@ AT = 12.345
 LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=0.0, climb=0.5)
 STATE = SetpointContext(*VEHICLE_IDS, motion=LEVEL, height=-1.0)
 BANK = atan(0.2 * 10.0 / 9.80665)  # of the coordinated turn
-SIDES = {
-    "left": (TURN, -1),
-    "right": (-TURN, 1),
-    "straight": (0.0, 0),
-}  # turn rate, sense in MAVLink
+# turn rate, sense in MAVLink
+SIDES = {"left": (TURN, -1), "right": (-TURN, 1), "straight": (0.0, 0)}
 
 
 def test_x25_matches_its_published_check_value() -> None:
@@ -244,11 +241,8 @@ def test_mode_request_contains_mode_numbers() -> None:
         (("px4", "copter"), 4 << 16 | 3 << 24, True),
         (("px4", "copter"), None, True),
         (("px4", "plane"), 4 << 16 | 3 << 24, True),  # AUTO.LOITER
-        (
-            ("px4", "plane"),
-            3 << 16,
-            False,
-        ),  # POSCTL is flown by stick: our setpoints would move the vehicle
+        # POSCTL is flown by stick: our setpoints would move the vehicle
+        (("px4", "plane"), 3 << 16, False),
         (("px4", "plane"), None, False),
     ],
 )

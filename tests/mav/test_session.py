@@ -197,10 +197,8 @@ def test_vehicle_accepts_setpoints_when_armed_in_guided(line, mode, armed, ours,
     ("times", "reboots"),
     [
         ([500_000, 500_100, 499_200, 499_300, 500_200], 0),  # 0.9 s back is a late message
-        (
-            [500_000, 3_000, 500_300, 3_000, 3_000, 500_400],
-            0,
-        ),  # single frames by another path, one of them twice
+        # single frames by another path, one of them twice
+        ([500_000, 3_000, 500_300, 3_000, 3_000, 500_400], 0),
         ([2**32 - 200, 2**32 - 100, 0, 100], 0),  # the wrap after 49.7 days
         ([500_000, 3_000, 3_100, 3_200], 1),
     ],
@@ -255,9 +253,8 @@ def test_mode_result_is_kept_until_read_or_dropped(here, dropped):
 
 def test_timesync_requests_are_answered_up_to_a_limit(here):
     here.receive(mavlink.MAVLink_timesync_message(0, 123_456_789_012), now=2.0)
-    here.receive(
-        mavlink.MAVLink_timesync_message(55, 66), now=2.0
-    )  # an answer to another sender, no request
+    # an answer to another sender, no request
+    here.receive(mavlink.MAVLink_timesync_message(55, 66), now=2.0)
     replies = [message for message in here.poll(2.04, "TIMESYNC") if message.tc1]
     assert [(reply.tc1, reply.ts1) for reply in replies] == [(2_000_000_000, 123_456_789_012)]
     assert [message for message in here.poll(2.1, "TIMESYNC") if message.tc1] == []

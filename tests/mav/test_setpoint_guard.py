@@ -100,12 +100,8 @@ BOUNDS = (
     (VELOCITY, "yaw_rate", [0.35, -0.35, 0.0], [0.3501, -0.3501]),
     (VELOCITY, "afy", [6.0, -6.0, 0.0], [8.26, -8.26]),
     (VELOCITY, "afz", [6.0, -6.0, 0.0], [8.26, -8.26]),
-    (
-        VELOCITY,
-        "coordinate_frame",
-        [8],
-        [1, 7, 9, 12],
-    ),  # in LOCAL_NED the same numbers fly straight on
+    # in LOCAL_NED the same numbers fly straight on
+    (VELOCITY, "coordinate_frame", [8], [1, 7, 9, 12]),
     (VELOCITY + ATTITUDE, "target_system", [1], [0]),  # 0 is every vehicle behind the endpoint
     (ATTITUDE, "thrust", [0.0, 1.0], [-0.001, 1.001]),
     (

@@ -46,10 +46,8 @@ def test_round_trip_is_median_of_newest_five():
 @pytest.mark.parametrize(
     ("answers", "trips"),
     [
-        (
-            [(1, 1.1), (0, 1.3), (0, 3.0)],
-            [0.3],
-        ),  # to another sender's question, to ours, to ours again
+        # to another sender's question, to ours, to ours again
+        ([(1, 1.1), (0, 1.3), (0, 3.0)], [0.3]),
         ([(0, 200.0)], []),  # minutes late
     ],
 )

@@ -119,9 +119,8 @@ def test_missing_columns_give_no_chart():
     ]
     assert [line["name"] for line in charts[0]["lines"]] == ["estimated"]
     assert charts[1]["lines"][0]["values"] == [-1, 1]
-    assert charts[2]["lines"][0]["values"] == pytest.approx(
-        [5.7296, 11.4592], abs=1e-3
-    )  # deg/s of rad/s
+    # deg/s of rad/s
+    assert charts[2]["lines"][0]["values"] == pytest.approx([5.7296, 11.4592], abs=1e-3)
 
 
 # --- words over time, and marks ---
@@ -175,39 +174,35 @@ def test_marks_show_takeovers_outages_laws_and_alarms():
     assert "low battery, 12 s" in drawn
 
 
-def test_takeover_that_ends_flight_is_marked_once():
-    """The phase usually goes from engaged to ended. The text of the event decides, on the link and
-    the live page."""
-    ended = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 10, "ended")]}
-    for words in ("taken over, GUIDED left for LOITER", "ABORTED: taken over, vehicle disarmed"):
-        marks = script("Charts.marks(bands, [[9, words]])", bands=ended, words=words)
-        assert marks == [[9, 9, "takeover", words]]
-        assert ">T</text>" in track([90, 80], [100] * 2, marked=[[0, *marks[0][1:]]])
-    yielded = {
-        "phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 12, "yielded"), (12, 20, "engaged")]
-    }
-    alarms = [
-        [9, "taken over, GUIDED left for LOITER"],
-        [9.1, "OPERATOR HAS THE VEHICLE, mode LOITER"],
-    ]
-    marks = script("Charts.marks(bands, alarms)", bands=yielded, alarms=alarms)
-    assert marks == [[9, 12, "takeover", "yielded"]]
+STARTED = [(0, 3, "ready"), (3, 9, "engaged")]
+TAKEN_OVER = "taken over, GUIDED left for LOITER"
+DISARMED = "ABORTED: taken over, vehicle disarmed"
 
 
-def test_outage_alarm_merges_with_its_phase():
-    held = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 12, "holding"), (12, 40, "engaged")]}
-    alarms = [
-        [9, "range lost, holding"],
-        [9.1, "RANGE STALE 0.6 s"],
-        [20, "vehicle silent"],
-        [30, "range frozen, rejected"],
-    ]
-    marks = script("Charts.marks(bands, alarms)", bands=held, alarms=alarms)
-    assert [mark[:3] for mark in marks] == [
-        [9, 12, "outage"],
-        [20, 20, "outage"],
-        [30, 30, "alarm"],
-    ]
+@pytest.mark.parametrize(
+    ("phases", "alarms", "marks"),
+    [
+        # the text of the event decides if the phase does not show the takeover
+        ([(9, 10, "ended")], [(9, TAKEN_OVER)], [[9, 9, "takeover"]]),
+        ([(9, 10, "ended")], [(9, DISARMED)], [[9, 9, "takeover"]]),
+        (
+            [(9, 12, "yielded"), (12, 20, "engaged")],
+            [(9, TAKEN_OVER), (9.1, "OPERATOR HAS THE VEHICLE, mode LOITER")],
+            [[9, 12, "takeover"]],
+        ),
+        # an alarm of an outage is the mark of its phase, or one of its own without a phase
+        (
+            [(9, 12, "holding"), (12, 40, "engaged")],
+            [(9, "range lost, holding"), (9.1, "RANGE STALE 0.6 s"), (20, "vehicle silent")],
+            [[9, 12, "outage"], [20, 20, "outage"]],
+        ),
+        ([(9, 40, "engaged")], [(30, "range frozen, rejected")], [[30, 30, "alarm"]]),
+    ],
+)
+def test_takeovers_and_outages_are_marked_once(phases, alarms, marks):
+    bands = {"phase": [*STARTED, *phases]}
+    found = script("Charts.marks(bands, alarms)", bands=bands, alarms=alarms)
+    assert [mark[:3] for mark in found] == marks
 
 
 # --- the track ---

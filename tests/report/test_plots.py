@@ -87,9 +87,8 @@ def test_steady_command_appears_for_low_turn_gain(ticks, drawn):
     assert level["steady circle"] == pytest.approx(-8.59, abs=0.01)
     assert level["steady command, gain 0.75"] == pytest.approx(-11.46, abs=0.01)
     columns = chart_data(ticks, None, ORBIT, {})["columns"]
-    assert columns["steady_command"][1][-1] == pytest.approx(
-        -0.2, abs=1e-3
-    )  # rad/s: the report shows it as well
+    # rad/s: the report shows it as well
+    assert columns["steady_command"][1][-1] == pytest.approx(-0.2, abs=1e-3)
 
 
 def test_track_without_truth_is_estimated(ticks, drawn):

@@ -39,9 +39,8 @@ def test_plane_loiters_with_hard_bank_after_timeout():
     assert companion.texts() == [] and companion.truth.mode == 15
     companion.wait(120.0)
     truth = companion.truth
-    assert math.hypot(truth.north + 200.0, truth.east) == pytest.approx(
-        60.0, abs=15.0
-    )  # where GUIDED was entered
+    # where GUIDED was entered
+    assert math.hypot(truth.north + 200.0, truth.east) == pytest.approx(60.0, abs=15.0)
 
 
 def test_bank_limit_and_ignored_setpoints():

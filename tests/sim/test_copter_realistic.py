@@ -82,9 +82,8 @@ def test_guided_nogps_leans_levels_and_sinks():
     for companion in (leaning, silent, sinking):
         assert companion.set_mode(4) == [4] and companion.set_mode(20) == [0]
     leaning.repeat(40.0, lambda: leaning.attitude(7, 0.0, math.radians(-4)))
-    assert leaning.truth.ground_speed == pytest.approx(
-        2.23, abs=0.05
-    )  # 0.24 v (1 + v/8) = g tan 4 deg
+    # 0.24 v (1 + v/8) = g tan 4 deg
+    assert leaning.truth.ground_speed == pytest.approx(2.23, abs=0.05)
     silent.repeat(5.0, lambda: silent.attitude(7, 0.3, 0.0, 0.0))
     silent.wait(3.5)
     assert (

@@ -28,9 +28,8 @@ def test_rearmed_plane_flies_on_at_its_height(profile, mode):
     events = [{"at_s": 1.0, "action": "disarm"}, {"at_s": 5.0, "action": "mode", "mode": "LOITER"}]
     companion = aboard(profile, mode, events=[*events, {"at_s": 5.0, "action": "arm"}])
     companion.wait(25.0)
-    assert companion.truth.down == pytest.approx(
-        -80.0, abs=1.0
-    )  # 4 s at 5 m/s below the initial 100 m
+    # 4 s at 5 m/s below the initial 100 m
+    assert companion.truth.down == pytest.approx(-80.0, abs=1.0)
 
 
 @pytest.mark.parametrize(
@@ -89,9 +88,8 @@ def test_reboot_resets_clock_streams_and_routes():
     companion.wait(2.2)
     beats = companion.listen(source=(1, 1))
     assert {m.get_type() for m in beats} == {"HEARTBEAT"}  # no streams
-    assert (
-        companion.listen("DISTANCE_SENSOR") == []
-    )  # and no ranges forwarded to a component that has not sent since
+    # and no ranges forwarded to a component that has not sent since
+    assert companion.listen("DISTANCE_SENSOR") == []
     assert beats[-1].custom_mode == 0 and not beats[-1].base_mode & 128
     companion.command(512, 2)
     assert companion.listen("SYSTEM_TIME")[-1].time_boot_ms == 2100
@@ -140,9 +138,8 @@ def test_gusts_have_their_strength_and_correlation_time():
 def test_target_turns_and_accelerates_along_its_course():
     turning = Target(velocity_north_mps=2.0, turn_rate_deg_s=90.0)
     assert target_at(turning, 4.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert target_at(turning, 1.0)[:2] == pytest.approx(
-        (2.0 / (math.pi / 2), 2.0 / (math.pi / 2))
-    )  # clockwise
+    # clockwise
+    assert target_at(turning, 1.0)[:2] == pytest.approx((2.0 / (math.pi / 2), 2.0 / (math.pi / 2)))
     faster = Target(velocity_east_mps=1.0, acceleration_mps2=0.5)
     assert target_at(faster, 4.0)[:2] == pytest.approx((0.0, 1.0 * 4 + 0.25 * 16))
     both = Target(velocity_north_mps=1.0, acceleration_mps2=0.3, turn_rate_deg_s=10.0)

@@ -168,12 +168,10 @@ def test_side_gust_turns_plane_before_carrying_it():
         truths.append(companion.truth)
     east = [velocity(truth)[1] for truth in truths]
     assert abs(east[1]) < 0.3 and -2.0 < east[-1] < -0.5
-    assert (
-        max(abs(b - a) for a, b in itertools.pairwise(east)) < 0.12
-    )  # 0.1 rad of slip: about 9 m/s^2
-    assert (
-        0.03 < math.asin(3.0 / 22.0) - truths[-1].heading < 0.1
-    )  # from the right: turns to the right by a part of it
+    # 0.1 rad of slip: about 9 m/s^2
+    assert max(abs(b - a) for a, b in itertools.pairwise(east)) < 0.12
+    # from the right: turns to the right by a part of it
+    assert 0.03 < math.asin(3.0 / 22.0) - truths[-1].heading < 0.1
     assert truths[2].airspeed == pytest.approx(math.hypot(22.0, 3.0), abs=0.1)
 
 
@@ -186,9 +184,8 @@ def test_gust_pushes_copter_until_it_leans(profile, most):
         speeds.append(velocity(companion.truth)[0])
     assert speeds[2] == 0.0 and -most < min(speeds) < -0.05 and abs(speeds[-1]) < 0.05
     force = companion.vehicle._flight.specific_force()
-    assert force[0] < -0.5 and math.hypot(*force) == pytest.approx(
-        G, abs=0.02
-    )  # leans and measures it
+    # leans and measures it
+    assert force[0] < -0.5 and math.hypot(*force) == pytest.approx(G, abs=0.02)
 
 
 def test_px4_estimate_errors_match_sih():

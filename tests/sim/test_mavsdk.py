@@ -40,9 +40,8 @@ def connect(tmp_path):
             == mavsdk.ConnectionResult.SUCCESS
         )
         vehicle = tmp_path / "vehicle.toml"
-        vehicle.write_text(
-            f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n'
-        )  # it may stand still
+        # it may stand still
+        vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n')
         arguments = (str(vehicle), "--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "2")
         open_things.enter_context(running(python("-m", "sim", *arguments)))
         system = client.first_autopilot(PATIENCE)
@@ -72,14 +71,12 @@ def test_mavsdk_flies_px4_in_offboard(connect: Callable[[str], Any]):
     offboard.start()
     until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)
     before = telemetry.attitude_euler()
-    until(
-        lambda: telemetry.attitude_euler().timestamp_us - before.timestamp_us > 2_000_000
-    )  # of the vehicle's time
+    # of the vehicle's time
+    until(lambda: telemetry.attitude_euler().timestamp_us - before.timestamp_us > 2_000_000)
     after = telemetry.attitude_euler()
     turned = math.remainder(math.radians(after.yaw_deg - before.yaw_deg), math.tau)
-    assert (
-        0.5 < turned / ((after.timestamp_us - before.timestamp_us) * 1e-6) < 0.55
-    )  # 30 deg/s, clockwise
+    # 30 deg/s, clockwise
+    assert 0.5 < turned / ((after.timestamp_us - before.timestamp_us) * 1e-6) < 0.55
     velocity = telemetry.velocity_ned()
     assert 1.0 < math.hypot(velocity.north_m_s, velocity.east_m_s) < 4.5
 

@@ -122,9 +122,8 @@ def test_radio_presets_have_their_errors(preset, slow, loss):
     vehicle.advance(1000.0)
     received = [m.range / 1000 - 200.0 for m in Station(vehicle, link="ranging").listen()]
     assert len(received) == pytest.approx(10_000 * (1 - loss), rel=0.02)
-    means = [
-        statistics.fmean(received[i : i + 10]) for i in range(0, len(received) - 10, 10)
-    ]  # over a second
+    # over a second
+    means = [statistics.fmean(received[i : i + 10]) for i in range(0, len(received) - 10, 10)]
     assert statistics.pstdev(means) == pytest.approx(slow, abs=0.25 * slow + 0.2)
 
 
@@ -146,9 +145,8 @@ def test_rangefinder_driver_repeats_values_with_send_stamps():
     companion.wait(1.0)
     received = companion.listen("DISTANCE_SENSOR", source=AUTOPILOT)
     assert [m.time_boot_ms for m in received] == [*range(540, 1501, 40)]
-    assert (
-        5 <= len({m.current_distance for m in received}) <= 6
-    )  # 5 new values per second, sent at 25 Hz
+    # 5 new values per second, sent at 25 Hz
+    assert 5 <= len({m.current_distance for m in received}) <= 6
     assert {(m.id, m.covariance, m.type) for m in received} == {(0, 0, 0)}
 
 
@@ -158,9 +156,8 @@ def test_rangefinder_driver_stops_after_450_ms():
     companion.stream(132, 50_000)
     companion.wait(2.9)
     last = companion.listen("DISTANCE_SENSOR")[-1]
-    assert (
-        last.time_boot_ms == 1450
-    )  # the slant range passes 130 m after 1.0 s, the last sample's time
+    # the slant range passes 130 m after 1.0 s, the last sample's time
+    assert last.time_boot_ms == 1450
 
 
 def test_range_rate_is_derivative_of_slant_range():

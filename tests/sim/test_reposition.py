@@ -12,7 +12,6 @@ REPOSITION = 192
 CHANGE_SPEED = 178
 HOME = (-35.3632621, 149.1652374)
 ACCEPTED = 0
-NOT_NOW = 1
 DENIED = 2
 FAILED = 4
 # MAV_FRAME_GLOBAL_INT, _RELATIVE_ALT_INT, _TERRAIN_ALT_INT
@@ -91,9 +90,8 @@ def test_rover_repositions_and_obeys_the_next_setpoint():
 @pytest.mark.parametrize("profile", ["arducopter", "arduplane", "ardurover"])
 def test_impossible_reposition_is_refused(profile):
     companion = aboard(profile, "LOITER")
-    assert (
-        reposition(companion, 80.0, 0.0, 40.0, flags=0) == DENIED
-    )  # not in GUIDED, and entering it is not allowed
+    # not in GUIDED, and entering it is not allowed
+    assert reposition(companion, 80.0, 0.0, 40.0, flags=0) == DENIED
     assert reposition(companion, 80.0, 0.0, math.nan) == DENIED
     assert reposition(companion, 80.0, 0.0, 40.0, frame=TERRAIN) == DENIED
     assert companion.command(REPOSITION, -1, 1, 0, 0, 95.0, 0.0, 40.0) == [DENIED]

@@ -97,9 +97,8 @@ def test_plane_path_turns_before_its_nose():
     nose = measured([truth.turn_rate for truth in truths])
     assert path.half == pytest.approx(roll.half, abs=0.03)
     assert 0.15 <= nose.half - path.half <= 0.28 and 0.15 <= nose.nearly - path.nearly <= 0.28
-    assert (
-        max(abs(lead(truth) - lead(truths[-1])) for truth in truths) > 2.0
-    )  # and much more at the entry
+    # and much more at the entry
+    assert max(abs(lead(truth) - lead(truths[-1])) for truth in truths) > 2.0
 
 
 @pytest.mark.parametrize(("bank", "slip"), [(14.0, 1.1), (26.0, 2.2), (42.0, 3.8)])
@@ -143,9 +142,8 @@ def test_px4_copter_yaw_rate_step_matches_firmware():
     truths = flown(companion, lambda: companion.velocity(5.0, 0.1), 60.0)
     assert measured([truth.turn_rate for truth in truths]).most == pytest.approx(0.475, abs=0.03)
     assert all(truth.turn_rate == 0.0 for truth in truths[:10])
-    assert truths[-1].ground_speed == pytest.approx(
-        4.56, abs=0.05
-    )  # flown at R 50: 4.56, course 7 to 9 deg behind
+    # flown at R 50: 4.56, course 7 to 9 deg behind
+    assert truths[-1].ground_speed == pytest.approx(4.56, abs=0.05)
     assert lead(truths[-1]) == pytest.approx(9.0, abs=3.0)
 
 

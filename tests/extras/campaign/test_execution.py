@@ -33,9 +33,8 @@ def begun(write, tmp_path):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(
-            signal.SIGINT, signal.SIG_DFL
-        ),  # the shell may have set SIGINT to be ignored
+        # the shell may have set SIGINT to be ignored
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     table = out / "runs.csv"
     while process.poll() is None and not (table.exists() and table.read_bytes().count(b"\n") > 1):
@@ -55,9 +54,8 @@ def test_signal_keeps_finished_rows_and_explains_resuming(begun, tmp_path, send,
     assert begun.returncode == 130, errors
     assert f"continue with --out {tmp_path / 'out'} --resume" in output
     assert "Traceback" not in errors
-    Store(
-        tmp_path / "out", load_campaign(tmp_path / "campaign.toml"), resume=True
-    ).close()  # whole lines only
+    # whole lines only
+    Store(tmp_path / "out", load_campaign(tmp_path / "campaign.toml"), resume=True).close()
 
 
 # --- a Dask scheduler ---

@@ -324,9 +324,8 @@ def test_reports_do_not_change_a_replay(flown, tmp_path):
     with mixed.open("wb") as out:
         for n, (stamp, one) in enumerate(read_tlog(plain)):
             out.write(struct.pack(">Q", stamp) + one)
-            if (
-                one[6] == 191 or n % 10
-            ):  # without received frames, a stamp is no step of a plain tlog
+            # without received frames, a stamp is no step of a plain tlog
+            if one[6] == 191 or n % 10:
                 continue
             for ids in ((1, 1), (1, 192), (1, 191), (7, 191), (255, 190)):
                 out.write(

@@ -65,11 +65,7 @@ def test_report_contains_map_of_the_target(circnav, run):
 
 
 @pytest.mark.usefixtures("no_pictures")
-@pytest.mark.parametrize(
-    "changed",
-    [{}, {"place": None}],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("changed", [{}, {"place": None}], ids=str)
 def test_report_without_place_has_no_map(circnav, run, changed):
     (run / "summary.json").write_text(json.dumps(changed))
     (run / "target.geojson").write_text("{}")

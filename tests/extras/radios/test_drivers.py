@@ -122,9 +122,8 @@ def test_other_lines_are_counted(line):
 def test_line_without_beginning_is_rejected():
     driver = Lines()
     assert driver.receive(b"3.4\n123.5\n12", 0.0) == Lines().receive(b"\n123.5\n", 0.0)
-    assert driver.receive(b"3.4\n123.6\n", 5.0) == Lines().receive(
-        b"\n123.6\n", 0.0
-    )  # the cable was out
+    # the cable was out
+    assert driver.receive(b"3.4\n123.6\n", 5.0) == Lines().receive(b"\n123.6\n", 0.0)
 
 
 STREAMS = {

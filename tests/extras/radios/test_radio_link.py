@@ -93,9 +93,8 @@ def test_reading_becomes_a_ranging_beacon():
     ],
 )
 def test_only_valid_numbers_become_ranges(line, millimetres, sigma, stamp):
-    ((message, _),) = Radio("lines", Lines(), datagrams=True).readings(
-        line.encode()
-    )  # over UDP a line need not end
+    # over UDP a line need not end
+    ((message, _),) = Radio("lines", Lines(), datagrams=True).readings(line.encode())
     assert (message.range, message.range_accuracy, message.time_usec) == (millimetres, sigma, stamp)
     assert math.isnan(message.alt)
 

@@ -37,9 +37,8 @@ def patient():
 
 
 def open_page(pilot, port=0, *, truth=False):
-    return LivePage(
-        pilot, Onlookers(), port, name="small", tolerance=5.0, speed=0.0, truth=truth
-    )  # every tick is sent
+    # every tick is sent
+    return LivePage(pilot, Onlookers(), port, name="small", tolerance=5.0, speed=0.0, truth=truth)
 
 
 @pytest.fixture

@@ -35,12 +35,10 @@ def test_ranging_messages_match_mavlink_definitions():
     for kind in RANGING_MESSAGES.values():
         assert mavlink.mavlink_map[kind.id].msgname == kind.type
         assert set(kind.marks) <= set(mavlink.mavlink_map[kind.id].fieldnames)
-    assert (
-        RANGING_MESSAGES["distance_sensor"].farthest == 655.34
-    )  # u16 centimeters; 65535 means none
-    assert (
-        RANGING_MESSAGES["ranging_beacon"].farthest == 4_294_967.0
-    )  # u32 millimeters; the largest value means none
+    # u16 centimeters; 65535 means none
+    assert RANGING_MESSAGES["distance_sensor"].farthest == 655.34
+    # u32 millimeters; the largest value means none
+    assert RANGING_MESSAGES["ranging_beacon"].farthest == 4_294_967.0
     other = Receiver(BEACON)
     assert other.distance() is None
     assert other.rejected == {}
@@ -50,16 +48,10 @@ def test_ranging_messages_match_mavlink_definitions():
     ("settings", "message", "expected"),
     [
         (DISTANCE, sensor(12345, covariance=100), (123.45, 0.10, 501.0)),  # cm, cm^2, ms
-        (
-            DISTANCE,
-            sensor(12345, covariance=0),
-            (123.45, 0.5, 501.0),
-        ),  # ArduPilot always fills in 0: use the mission's
-        (
-            DISTANCE,
-            sensor(12345, covariance=255),
-            (123.45, 0.5, 501.0),
-        ),  # unknown, by the definition
+        # ArduPilot always fills in 0: use the mission's
+        (DISTANCE, sensor(12345, covariance=0), (123.45, 0.5, 501.0)),
+        # unknown, by the definition
+        (DISTANCE, sensor(12345, covariance=255), (123.45, 0.5, 501.0)),
         (BEACON, radio(1_234_567, range_accuracy=120), (1234.567, 0.120, 501.0)),  # mm, us
         (BEACON, radio(1_234_567, range_accuracy=0), (1234.567, 0.5, 501.0)),
         (BEACON, radio(1_234_567, range_accuracy=NONE), (1234.567, 0.5, 501.0)),
@@ -119,11 +111,8 @@ def test_ranging_message_is_rejected_by_reason(settings, message, reason):
         ({"sensor_id": 0, "orientation": 0}, sensor(10000, id=0, orientation=24), False),
         ({}, sensor(10000, orientation=25), None),  # downward: it measures height
         ({"orientation": 25}, sensor(10000, orientation=25), None),
-        (
-            {"name": "RADIO"},
-            named(100.0, "RADIO2"),
-            None,
-        ),  # the name distinguishes values of any kind
+        # the name distinguishes values of any kind
+        ({"name": "RADIO"}, named(100.0, "RADIO2"), None),
         ({"name": "R" * 10}, named(100.0, "R" * 10), True),
     ],
 )

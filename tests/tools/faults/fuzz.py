@@ -95,10 +95,8 @@ class Target:
         adapter = self.pilot.session.adapter
         mode = adapter.guided_mode or mode
         self._idle = 0 if self.pilot.mission.phase is Phase.ENGAGED else self._idle + 1
-        if self._idle % PATIENCE in (
-            PATIENCE - 2,
-            PATIENCE - 1,
-        ):  # the operator takes over and hands back
+        # the operator takes over and hands back
+        if self._idle % PATIENCE in (PATIENCE - 2, PATIENCE - 1):
             mode = adapter.exits["loiter"]
         sent = [
             write(

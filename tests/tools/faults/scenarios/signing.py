@@ -144,10 +144,8 @@ SIGNING = [
             ("20 % lost", Impairment(loss=0.2)),
             ("50 % twice", Impairment(duplicate=0.5)),
             ("0.001 corrupt per byte", Impairment(corrupt=1e-3)),
-            (
-                "200 ms jitter",
-                Impairment(jitter=0.2),
-            ),  # an overtaken frame counts as repeated: many frames are lost
+            # an overtaken frame counts as repeated: many frames are lost
+            ("200 ms jitter", Impairment(jitter=0.2)),
         )
     ),
 ]
