@@ -86,7 +86,8 @@ def open_onlooker(given):
 
 
 def report_section(run):
-    return f"<h2>Seen for {run.summary['sight']['steps']} steps</h2>" if "sight" in run.summary else ""
+    sight = run.summary.get("sight")
+    return f"<h2>Seen for {sight['steps']} steps</h2>" if sight else ""
 '''
     ),
     "broken/__init__": (

@@ -149,7 +149,8 @@ TIGHT = (
     "sim.vehicle.cruise_speed_mps=15.0",
     "sim.wind.speed_mps=5.0",
 )
-RINGING = {  # mission, overrides, frequency, damping, latest detection (s), quiet (deg/s), radius error (shares)
+# mission, overrides, frequency (rad/s), damping, latest detection (s), quiet (deg/s), radius error
+RINGING = {
     "rover, steering badly tuned": ("ardurover", (), 4.0, 0.1, 20.0, 2.0, 0.1),
     "plane, roll rings on a tight circle in wind": (
         "arduplane",

@@ -81,7 +81,8 @@ def test_internal_error_becomes_a_row(write, monkeypatch):
 
 
 def test_drawn_values_follow_from_seed_and_number(write):
-    vary = '"guidance.law" = ["smooth", "feedforward"]\n"sim.ranging.noise_m" = {log_uniform = [0.1, 10]}'
+    laws = '"guidance.law" = ["smooth", "feedforward"]\n'
+    vary = laws + '"sim.ranging.noise_m" = {log_uniform = [0.1, 10]}'
     campaign = load_campaign(write(vary))
     more = load_campaign(write(vary), runs=5000)
     assert [campaign.values(n) for n in range(8)] == [more.values(n) for n in range(8)]

@@ -22,8 +22,8 @@ COMPONENT = 194
 
 @dataclass
 class Surveyed(Flight):
-    """A flight with its survey. survey_frames: (time, frame) sent by the survey. solve_from: time of the
-    first solution, s."""
+    """A flight with its survey. survey_frames: (time, frame) sent by the survey. solve_from: time
+    of the first solution, s."""
 
     locator: Locator | None = None
     survey_frames: list[tuple[float, bytes]] = field(default_factory=list)

@@ -1,5 +1,7 @@
-"""The fault matrix: one cell of each fault in every run, the others nightly. tests.tools.faults.matrix
-prints the table."""
+"""The fault matrix: one cell of each fault in every run, the others nightly.
+
+tests.tools.faults.matrix prints the table.
+"""
 
 import re
 from collections.abc import Iterator

@@ -62,7 +62,8 @@ def clock(*, ours: float = 0.0, theirs: float | None = 0.0) -> Arrange:
 
     def arrange(course: Course, seed: int) -> None:
         course.wall += ours
-        course.vehicle_wall = None if theirs is None else course.vehicle_wall + theirs  # type: ignore[operator]
+        before = course.vehicle_wall
+        course.vehicle_wall = None if theirs is None else before + theirs  # type: ignore[operator]
 
     return arrange
 
