@@ -68,7 +68,7 @@ def test_full_disk_keeps_the_previous_file(run, command, name):
     ("options", "kilobytes", "code", "outcome"),
     [("--set guidance.law=\"smooth\" --duration 10", 60, 5, "completed"),
      ("--set bounds.max_range_m=340 --set orbit.direction=counterclockwise", 8, 4, "aborted")],
-    ids=["a flight that went well has an exit code of its own", "one that did not keeps its own"],
+    ids=["completed", "aborted"],
 )  # fmt: skip
 def test_incomplete_recording_is_reported(tmp_path, options, kilobytes, code, outcome):
     ran = ended(tmp_path, f"fly quickstart {options} --out run", limit=f"-f {kilobytes}")

@@ -55,7 +55,7 @@ def test_concurrent_flights_cannot_share_a_folder(tmp_path):
     assert (tmp_path / "run" / "mission.toml").read_text() == "name = 'x'\n"
 
 
-def test_flights_of_one_second_have_separate_folders(circnav, mission, tmp_path, monkeypatch):
+def test_simultaneous_flights_have_separate_folders(circnav, mission, tmp_path, monkeypatch):
     monkeypatch.setattr("circnav_mav.cli.fly.local_time_name", lambda: "20260101-120000")
     for name in ("20260101-120000-small", "20260101-120000-small-2"):
         assert circnav("fly", mission).code == 3

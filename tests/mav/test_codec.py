@@ -159,29 +159,27 @@ def test_incomplete_datagram_does_not_affect_the_next():
 VERSION_1 = bytes(HEARTBEAT.pack(mavlink.MAVLink(None, srcSystem=7), force_mavlink1=True))
 
 
-@pytest.mark.parametrize(
-    ("data", "words", "unknown"),
-    [
-        (b"", "0 bytes received", 0),
-        (
-            b"GET / HTTP/1.1\r\n\r\n",
-            "received 18 bytes, 0 frames, 1 CRC or framing errors, {}: none, {}: none",
-            0,
-        ),
-        (VERSION_1, "received 17 bytes, 1 frames, 0 CRC or framing errors, {}: 7/0, {}: 1 only", 0),
-        (
-            VERSION_1 + GOOD[0],
-            "received 38 bytes, 2 frames, 0 CRC or framing errors, {}: 7/0, 7/1, {}: 2",
-            0,
-        ),
-        (
-            b"\0" + BEAT + unknown_frame(),
-            "received 43 bytes, 2 frames, 1 CRC or framing errors, {}: 7/1, {}: 2",
-            1,
-        ),
-    ],
-    ids=["nothing", "no frame", "version 1", "both versions", "junk and an unknown id"],
-)
+COUNTS = {
+    "nothing": (b"", "0 bytes received", 0),
+    "no frame": (
+        b"GET / HTTP/1.1\r\n\r\n",
+        "received 18 bytes, 0 frames, 1 CRC or framing errors, {}: none, {}: none",
+        0,
+    ),
+    "version 1": (
+        VERSION_1,
+        "received 17 bytes, 1 frames, 0 CRC or framing errors, {}: 7/0, {}: 1 only",
+        0,
+    ),
+    "junk and an unknown id": (
+        b"\0" + BEAT + unknown_frame(),
+        "received 43 bytes, 2 frames, 1 CRC or framing errors, {}: 7/1, {}: 2",
+        1,
+    ),
+}
+
+
+@pytest.mark.parametrize(("data", "words", "unknown"), COUNTS.values(), ids=COUNTS)
 def test_counts_are_described_in_one_line(data, words, unknown):
     decoder = Decoder()
     decoder.decode(data)

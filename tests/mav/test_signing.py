@@ -53,7 +53,7 @@ def packed(engine, number=0):
     timestamp=st.integers(1, LATEST - 1),
     number=st.integers(0, 3),
 )
-def test_signed_frame_equals_that_of_pymavlink(key, link_id, timestamp, number):
+def test_signed_frame_equals_pymavlink(key, link_id, timestamp, number):
     theirs = packed(peer(key, timestamp=timestamp, link_id=link_id), number)
     ours = Signing(key, link_id=link_id, timestamp=timestamp - 1).sign(packed(peer(None), number))
     assert ours == theirs

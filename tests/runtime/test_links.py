@@ -171,7 +171,7 @@ def test_udpout_accepts_every_name_of_this_computer(host):
             assert receive(link) == [b"answer"]
 
 
-def test_many_strangers_are_summarized(udpout):
+def test_many_unknown_senders_are_summarized(udpout):
     for _ in range(20):
         with closing(socket.socket(*UDP)) as other:
             other.sendto(b"stranger", ("127.0.0.1", udpout.port))

@@ -36,53 +36,31 @@ def drawn(*statuses, ascii_only=False, settings=SETTINGS, columns=80):
     return console.file.getvalue().splitlines()
 
 
+NO_RANGING = "no ranging: no usable DISTANCE_SENSOR"
+MANUAL = "engage.request_mode=false"
+STATES = {
+    "waiting": (0.1, [], None, "waiting for ranging", NO_RANGING, ""),
+    "no ranging": (4.0, ["sim.ranging.rate_hz=0.0"], None, "waiting for ranging", NO_RANGING, ""),
+    "mode": (4.0, [MANUAL], None, "ready", "mode GUIDED: the operator must enter it", ""),
+    "ground": (4.0, GROUND, None, "ready", "the vehicle is on the ground", ""),
+    "engaged": (12.0, [], None, "engaged", "", ""),
+    "outage": (10.2, [], "outage", "holding", "", STALE),
+    "takeover": (9.0, ['engage.on_takeover="wait"'], "takeover", "yielded", BACK, ""),
+    "ended": (9.0, [], "takeover", "ended", "", ""),
+    "rejected": (
+        8.0,
+        ["ranging.bias_m=900.0"],
+        None,
+        "waiting for ranging",
+        "no ranging: ",
+        "MOST RANGES REJECTED: .* per second",
+    ),
+    "silent": (9.0, [], "silence", "waiting for the link", "", r"LINK SILENT for [23]\.\d s; .*"),
+}
+
+
 @pytest.mark.parametrize(
-    ("seconds", "overrides", "event", "phase", "waits", "alarms"),
-    [
-        (0.1, [], None, "waiting for ranging", "no ranging: no usable DISTANCE_SENSOR", ""),
-        (
-            4.0,
-            ["sim.ranging.rate_hz=0.0"],
-            None,
-            "waiting for ranging",
-            "no ranging: no usable DISTANCE_SENSOR",
-            "",
-        ),
-        (
-            4.0,
-            ["engage.request_mode=false"],
-            None,
-            "ready",
-            "mode GUIDED: the operator must enter it",
-            "",
-        ),
-        (4.0, GROUND, None, "ready", "the vehicle is on the ground", ""),
-        (12.0, [], None, "engaged", "", ""),
-        (10.2, [], "outage", "holding", "", STALE),
-        (9.0, ['engage.on_takeover="wait"'], "takeover", "yielded", BACK, ""),
-        (9.0, [], "takeover", "ended", "", ""),
-        (
-            8.0,
-            ["ranging.bias_m=900.0"],
-            None,
-            "waiting for ranging",
-            "no ranging: ",
-            "MOST RANGES REJECTED: .* per second",
-        ),
-        (9.0, [], "silence", "waiting for the link", "", r"LINK SILENT for [23]\.\d s; .*"),
-    ],
-    ids=[
-        "waiting",
-        "no ranging",
-        "mode",
-        "ground",
-        "engaged",
-        "outage",
-        "takeover",
-        "ended",
-        "rejected",
-        "silent",
-    ],
+    ("seconds", "overrides", "event", "phase", "waits", "alarms"), STATES.values(), ids=STATES
 )
 def test_status_shows_phase_reason_and_alarms(
     statuses, seconds, overrides, event, phase, waits, alarms

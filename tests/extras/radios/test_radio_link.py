@@ -50,24 +50,9 @@ class Radio:
 def test_reading_becomes_a_ranging_beacon():
     radio = Radio("linktrack", LinkTrack(), datagrams=False)
     (first, source), *others = radio.readings(NODE_FRAME_2)
-    assert first.to_dict() | {"lat": 0, "lon": 0, "alt": 0} == {
-        "mavpackettype": "RANGING_BEACON",
-        "time_usec": 1926822000,
-        "target_system": 0,
-        "target_component": 0,
-        "beacon_id": 0,
-        "range": 3179,
-        "lat": 0,
-        "lon": 0,
-        "alt": 0,
-        "alt_type": 0,
-        "hacc_est": NONE,
-        "vacc_est": NONE,
-        "carrier_freq": 0,
-        "range_accuracy": NONE,
-        "sequence": 1,
-        "status": 0,
-    }
+    assert (first.get_type(), first.time_usec, first.beacon_id) == ("RANGING_BEACON", 1926822000, 0)
+    assert (first.range, first.range_accuracy, first.sequence, first.status) == (3179, NONE, 1, 0)
+    assert (first.target_system, first.target_component, first.hacc_est) == (0, 0, NONE)
     assert (first.get_srcSystem(), first.get_srcComponent(), source) == (
         1,
         192,

@@ -288,7 +288,7 @@ COMMANDS = [
         "temporarily rejected", tamper(answered(SET_MODE, 1)), Want.REFUSE, "temporarily rejected"
     ),
     commands("accepted, not obeyed", tamper(answered(SET_MODE, 0)), Want.REFUSE, "stays in"),
-    commands("deaf to commands", tamper(no_answer_no_obedience), Want.REFUSE, "no answer"),
+    commands("ignores commands", tamper(no_answer_no_obedience), Want.REFUSE, "no answer"),
 ]
 
 
