@@ -64,44 +64,34 @@ def test_summary_contains_figures_after_engagement(summary):
     assert summary(truth=False)["truth"] is None
 
 
-@pytest.mark.parametrize(
-    ("kind", "change", "expected"),
-    [
-        (
-            {"clockwise": False},
-            {},
-            {"direction": "clockwise", "direction_commanded": "counterclockwise"},
-        ),
-        # left at 1 rad/s for 90 s, then right at 0.15 rad/s for 200 s
-        ({}, {(10, 100): {"turn_rate": "1.0"}}, {"direction_commanded": "clockwise"}),
-        # from second 200 on the link was lost, and the ticks held extrapolated values
-        (
-            {},
-            {(200, 999): {"phase": "waiting for the link", "r": "20.0"}},
-            {"radius_mean_m": 101.0, "settled_s": 90.0},
-        ),
-        # 106 m for a moment; the last entry, after 240 s, does not count as settled
-        ({}, {(250, 250.5): {"r": "106.0"}}, {"settled_s": None}),
-        # taken over from second 100 to 150, returned for a moment at 200; while holding its turn it
-        # was still steered
-        (
-            {},
-            {
-                (100, 150): {"phase": "yielded"},
-                (200, 200.5): {"phase": "ready"},
-                (250, 260): {"phase": "holding"},
-            },
-            {"flown_s": 290.0, "steered_s": 239.5},
-        ),
-    ],
-    ids=[
-        "the wrong way round shows",
-        "the sense is that on the circle and not that on the way",
-        "a prediction through an outage is not scored",
-        "who leaves the band in the last third never settled",
-        "the time that the operator flew is not steered",
-    ],
-)
+ORDERED_LEFT = {"direction_commanded": "counterclockwise", "direction": "clockwise"}
+TAKEOVER = {
+    (100, 150): {"phase": "yielded"},
+    (200, 200.5): {"phase": "ready"},
+    (250, 260): {"phase": "holding"},
+}
+EVENTS = {
+    "wrong direction": ({"clockwise": False}, {}, ORDERED_LEFT),
+    # left at 1 rad/s for 90 s, then right at 0.15 rad/s for 200 s
+    "first turn to the other side": (
+        {},
+        {(10, 100): {"turn_rate": "1.0"}},
+        {"direction_commanded": "clockwise"},
+    ),
+    # the link was lost, and the ticks held extrapolated values
+    "outage": (
+        {},
+        {(200, 999): {"phase": "waiting for the link", "r": "20.0"}},
+        {"radius_mean_m": 101.0, "settled_s": 90.0},
+    ),
+    # 106 m for a moment; the last entry, after 240 s, does not count as settled
+    "outside the band": ({}, {(250, 250.5): {"r": "106.0"}}, {"settled_s": None}),
+    # time with the operator is not steered; holding is
+    "takeover": ({}, TAKEOVER, {"flown_s": 290.0, "steered_s": 239.5}),
+}
+
+
+@pytest.mark.parametrize(("kind", "change", "expected"), EVENTS.values(), ids=EVENTS)
 def test_events_change_the_figures(summary, kind, change, expected):
     def happened(time, row):
         row.update(*(cells for (begin, end), cells in change.items() if begin <= time < end))

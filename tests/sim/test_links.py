@@ -90,27 +90,9 @@ def test_truth_is_sent_without_request():
     t = vehicle.truth
     last = arrays[-1]
     assert last.name == "SIM_TRUTH" and last.time_usec == 1_000_000
-    wanted = [
-        t.north,
-        t.east,
-        t.down,
-        t.heading,
-        t.course,
-        t.ground_speed,
-        t.airspeed,
-        t.turn_rate,
-        t.roll,
-    ]
-    wanted += [
-        t.target_north,
-        t.target_east,
-        t.target_down,
-        t.range,
-        t.wind_north,
-        t.wind_east,
-        1.0,
-    ]
-    assert last.data[:16] == pytest.approx(wanted, rel=1e-6)
+    track = [t.north, t.east, t.down, t.heading, t.course, t.ground_speed, t.airspeed]
+    track += [t.turn_rate, t.roll, t.target_north, t.target_east, t.target_down]
+    assert last.data[:16] == pytest.approx([*track, t.range, t.wind_north, t.wind_east, 1.0])
     assert (t.east, t.target_east, t.airspeed) == pytest.approx((12.0, 7.0, 12.0))
     assert states[-1].yaw == pytest.approx(t.heading) and states[-1].ve == pytest.approx(12.0)
 
