@@ -29,7 +29,7 @@ def flight_with_height(mission: str, key: str, *overrides: str) -> Flight:
 
 def test_radius_is_constant_while_plane_climbs() -> None:
     """With the configured height of 60 m, ranges of a circle of 150 m would be flown at 140.4 m."""
-    flown = flight("arduplane", "limits.duration_s=120.0").fly(50)
+    flown = flight("arduplane", "limits.duration_s=120.0", law="auto").fly(50)
     Operator(flown.vehicle).change_altitude(80.0)
     flown.fly(200)
     assert -flown.vehicle.truth.down == pytest.approx(80.0, abs=0.5)

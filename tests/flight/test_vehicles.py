@@ -162,7 +162,7 @@ def test_plane_without_airspeed_is_not_flown() -> None:
 
 def test_plane_circles_on_without_gps() -> None:
     lost = 'sim.events=[{at_s=40.0, action="gps_off"}]'
-    flown = flight("arduplane", lost, "limits.duration_s=100.0").fly(400)
+    flown = flight("arduplane", lost, "limits.duration_s=100.0", law="auto").fly(400)
     assert flown.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), 150.0) < 1.5
 
