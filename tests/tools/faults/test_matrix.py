@@ -38,7 +38,7 @@ def shortened(scenario: Scenario) -> Scenario:
         return replace(scenario, lasts=min(scenario.lasts, 15.0), after=5.0)
     if scenario.want is Want.ENGAGE and scenario.check is None:
         return replace(scenario, lasts=40.0)
-    return replace(scenario, after=min(scenario.after, 20.0))
+    return replace(scenario, after=min(scenario.after, 30.0))
 
 
 def names(flights: list[tuple[Scenario, str]]) -> list[str]:
