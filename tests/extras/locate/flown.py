@@ -99,9 +99,9 @@ class Taped(Surveyed):
                 log.write(round((1.75e9 + time) * 1e6).to_bytes(8, "big") + frame)
 
 
-def taped(mission: str, *overrides: str) -> Taped:
+def taped(mission: str, *overrides: str, law: str | None = None) -> Taped:
     """Return a flight of a file in config/ that can be written as a log."""
-    flown = surveyed(mission, *overrides)
+    flown = surveyed(mission, *overrides, law=law)
     return Taped(flown.pilot, flown.vehicle, locator=flown.locator)
 
 

@@ -163,7 +163,7 @@ def test_calibrated_plane_flies_true_circle(tmp_path):
     calibration = []
     radii = []
     for number in range(2):
-        flown = taped("arduplane", *keys, *calibration).fly(150.0)
+        flown = taped("arduplane", *keys, *calibration, law="auto").fly(150.0)
         radii.append(np.mean([true_radius(one) for one in flown.truths if one.time > 90.0]))
         run = tmp_path / f"run{number}"
         run.mkdir()
