@@ -8,11 +8,9 @@ import pty
 import signal
 import sys
 from importlib import import_module
-from pathlib import Path
 
 import pytest
 
-from circnav_mav.cli.drawing import Drawing
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.report.chart_data import alarms
 from circnav_mav.runlog.events import events
@@ -44,16 +42,14 @@ def fly(circnav, tmp_path):
     return fly
 
 
-def test_a_picture_that_cannot_be_made_costs_one_line(fly, tmp_path):
+def test_failed_picture_costs_one_line(fly, tmp_path):
     (tmp_path / "run" / "report.html").mkdir(parents=True)
     out, _ = fly()
     assert "report.html: could not be made: " in out
     assert (tmp_path / "run" / "flight.png").is_file()
 
 
-def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real_flight(
-    circnav, mission, monkeypatch
-):
+def test_drawing_loads_after_a_real_flight(circnav, mission, monkeypatch):
     """On a companion computer, setpoints come first."""
     fly = import_module("circnav_mav.cli.fly")
     happened = []
@@ -78,14 +74,7 @@ def test_what_draws_is_loaded_beside_the_bundled_vehicle_and_never_beside_a_real
     assert happened == ["flown", "loads", "draws"]
 
 
-def test_a_folder_whose_name_looks_like_an_option_gets_its_pictures(run, tmp_path, monkeypatch):
-    run.rename(tmp_path / "-x")
-    monkeypatch.chdir(tmp_path)
-    assert Drawing(Path("-x")).draw() == []
-    assert (tmp_path / "-x" / "report.html").exists()
-
-
-def test_of_a_flight_that_is_killed_nothing_goes_on_to_draw():
+def test_drawing_process_ends_with_a_killed_flight():
     words = "from circnav_mav.cli.drawing import *; import time; one = Drawing(Path('run')); "
     flight = python("-c", words + "print(one._process.pid, flush=True); time.sleep(900)")
     drawing = int(flight.stdout.readline())
@@ -105,9 +94,7 @@ def is_there(process):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_every_alarm_that_began_is_kept_once_for_the_marks_of_the_report_also_that_nothing_is_recorded(
-    circnav, tmp_path, monkeypatch
-):
+def test_every_alarm_is_kept_for_the_report(circnav, tmp_path, monkeypatch):
     monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_MB", 0.16)
     silence = 'sim.events=[{at_s=6, action="mute_ranging"}, {at_s=9, action="unmute_ranging"}]'
     circnav("fly", "quickstart", "--duration", 12, "--set", silence, "--out", "run")
@@ -121,7 +108,7 @@ def test_every_alarm_that_began_is_kept_once_for_the_marks_of_the_report_also_th
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_display_that_fails_ends_no_flight_and_costs_one_line(fly, monkeypatch):
+def test_failing_display_costs_one_line(fly, monkeypatch):
     monkeypatch.setattr("circnav_mav.runtime.display.Display.on_step", fails)
     assert "display: stopped at " in fly()[0]
 
@@ -130,7 +117,7 @@ def test_a_display_that_fails_ends_no_flight_and_costs_one_line(fly, monkeypatch
 @pytest.mark.parametrize(
     "what", ["cli.closing.read_truth", "cli.closing.read_ticks", "runlog.summary._truth"]
 )
-def test_truth_or_ticks_that_cannot_be_understood_cost_their_figures_alone(fly, monkeypatch, what):
+def test_unreadable_truth_or_ticks_cost_their_figures(fly, monkeypatch, what):
     monkeypatch.setattr(f"circnav_mav.{what}", fails)
     _, summary = fly()
     assert "list index out of range" in summary["recording_problem"]
@@ -146,7 +133,7 @@ def exits(*arguments):
     ("failure", "cause"),
     [(fails, "IndexError: list index out of range"), (exits, "SystemExit: of another package")],
 )
-def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_written_down(
+def test_internal_error_sends_safe_setpoint_and_is_recorded(
     circnav, monkeypatch, tmp_path, failure, cause
 ):
     safe = []
@@ -163,9 +150,7 @@ def test_an_error_of_ours_leaves_a_safe_setpoint_behind_and_says_where_it_is_wri
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_signals_that_a_drivers_package_takes_for_itself_still_end_the_flight_safely(
-    circnav, monkeypatch, tmp_path
-):
+def test_signal_ends_flight_despite_foreign_handlers(circnav, monkeypatch, tmp_path):
     """rospy and rclpy install their own handlers."""
     fly = import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
     opened = fly.open_links
@@ -183,14 +168,12 @@ def test_signals_that_a_drivers_package_takes_for_itself_still_end_the_flight_sa
     monkeypatch.setattr(fly, "run", interrupted)
     assert circnav("fly", "quickstart", "--duration", 2, "--out", tmp_path / "run").code == 130
     assert strict(tmp_path / "run" / "summary.json")["outcome"] == "interrupted"
-    assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL, (
-        "a thread that was left behind ends by Ctrl-C"
-    )
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
 
 
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(("option", "voice"), [("--dry-run", "dry run"), ("--shadow", "shadow")])
-def test_a_flight_that_may_not_steer_sends_no_setpoint(circnav, tmp_path, option, voice):
+def test_dry_run_and_shadow_send_no_setpoint(circnav, tmp_path, option, voice):
     assert (
         "setpoints  0 sent"
         in circnav("fly", "quickstart", option, "--duration", 2, "--out", tmp_path / "run").done
@@ -204,7 +187,7 @@ def moments(folder, *phases):
         return [float(row["time"]) for row in csv.DictReader(file) if row["phase"] in phases]
 
 
-def test_a_flight_outlives_its_terminal(tmp_path):
+def test_flight_continues_without_its_terminal(tmp_path):
     """A real terminal is closed while the circle is flown: the kernel signals the session, and all
     later writes fail."""
     folder = tmp_path / "run"

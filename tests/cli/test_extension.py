@@ -86,7 +86,8 @@ def open_onlooker(given):
 
 
 def report_section(run):
-    return f"<h2>Seen for {run.summary['sight']['steps']} steps</h2>" if "sight" in run.summary else ""
+    sight = run.summary.get("sight")
+    return f"<h2>Seen for {sight['steps']} steps</h2>" if sight else ""
 '''
     ),
     "broken/__init__": (
@@ -160,7 +161,7 @@ def circnav(folder):
     return circnav
 
 
-def test_its_command_table_check_and_schema_are_there_with_it(circnav):
+def test_extension_adds_command_table_check_and_schema(circnav):
     assert circnav("--help").splitlines()[-1].split() == ["look", "Look."]
     assert circnav("look") == "seen\n"
     checked = circnav("check", "quickstart", "--set", "sight.miles=7")
@@ -170,9 +171,7 @@ def test_its_command_table_check_and_schema_are_there_with_it(circnav):
     assert "locate" not in schema["properties"]
 
 
-def test_an_onlooker_is_shown_the_flight_and_one_that_fails_ends_nothing_and_is_reported(
-    circnav, folder
-):
+def test_failing_onlooker_does_not_end_the_flight(circnav, folder):
     run = folder / "run"
     options = ("--duration", "8", "--set", "sight.miles=3", "--glass", "green")
     printed = circnav("fly", "quickstart", "--out", run, *options)
@@ -196,6 +195,4 @@ def test_an_onlooker_is_shown_the_flight_and_one_that_fails_ends_nothing_and_is_
     assert f"<h2>Seen for {summary['sight']['steps']} steps</h2>" in page
     assert "through green glass" in page
     alone = load_mission(QUICKSTART, ["limits.duration_s=8"]).pilot_settings()
-    assert replay(Pilot(alone), recorded_steps(run)).identical, (
-        "the pilot does what it does without them"
-    )
+    assert replay(Pilot(alone), recorded_steps(run)).identical

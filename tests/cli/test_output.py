@@ -12,36 +12,34 @@ COMMANDS = ["replay run", "preflight quickstart --seconds 1", "--help"]
 
 
 @pytest.fixture
-def told(run):
+def ran_with(run):
     """Return exit code and standard error of a command with a given standard output or error."""
 
-    def told(command, *streams, **environment):
+    def ran_with(command, *streams, **environment):
         ran = ended(run.parent, command, *streams, **environment)
         return ran.returncode, ran.stderr
 
-    return told
+    return ran_with
 
 
 @pytest.mark.parametrize("command", ["replay run", "--help", "emulate"])
-def test_an_output_that_is_full_is_one_line_that_names_it(told, full, command):
-    assert told(command, full) == (2, FULL)
+def test_full_output_is_reported_in_one_line(ran_with, full, command):
+    assert ran_with(command, full) == (2, FULL)
 
 
-def test_it_is_one_line_without_pythons_buffer_too_and_a_complaint_that_nobody_reads_has_its_exit_code(
-    told, full
-):
-    assert told("check quickstart", full, PYTHONUNBUFFERED="1") == (2, FULL)
-    assert told("report nowhere", None, full) == (2, None)
+def test_full_output_is_reported_without_buffering(ran_with, full):
+    assert ran_with("check quickstart", full, PYTHONUNBUFFERED="1") == (2, FULL)
+    assert ran_with("report nowhere", None, full) == (2, None)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_reader_that_went_away_ends_the_command_without_a_word(told, command):
+def test_closed_pipe_ends_the_command_silently(ran_with, command):
     """Example: `| head -1`. The other commands refuse in the same place as these."""
     ours, theirs = os.pipe()
     os.close(ours)
-    said = told(command, theirs)
+    result = ran_with(command, theirs)
     os.close(theirs)
-    assert said == (1, "")
+    assert result == (1, "")
 
 
 # --- disks ---
@@ -55,9 +53,7 @@ def test_a_reader_that_went_away_ends_the_command_without_a_word(told, command):
         ("replay run --out .", "replay.png"),
     ],
 )
-def test_a_file_for_which_the_disk_has_no_room_is_named_and_leaves_the_one_before_or_none(
-    run, command, name
-):
+def test_full_disk_keeps_the_previous_file(run, command, name):
     """An incomplete mission would block the next `init` as "exists already"."""
     path = run.parent / name
     if not command.startswith("init"):
@@ -72,11 +68,9 @@ def test_a_file_for_which_the_disk_has_no_room_is_named_and_leaves_the_one_befor
     ("options", "kilobytes", "code", "outcome"),
     [("--set guidance.law=\"smooth\" --duration 10", 60, 5, "completed"),
      ("--set bounds.max_range_m=340 --set orbit.direction=counterclockwise", 8, 4, "aborted")],
-    ids=["a flight that went well has an exit code of its own", "one that did not keeps its own"],
+    ids=["completed", "aborted"],
 )  # fmt: skip
-def test_a_flight_that_was_not_recorded_to_its_end_says_so(
-    tmp_path, options, kilobytes, code, outcome
-):
+def test_incomplete_recording_is_reported(tmp_path, options, kilobytes, code, outcome):
     ran = ended(tmp_path, f"fly quickstart {options} --out run", limit=f"-f {kilobytes}")
     assert (ran.returncode, ran.stderr) == (code, "")
     assert f"{outcome.upper()}: " in ran.stdout

@@ -13,9 +13,7 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
-def test_a_replay_is_written_over_an_earlier_one_and_over_no_flight_and_no_other_ticks(
-    circnav, flown, tmp_path
-):
+def test_replay_overwrites_only_replays(circnav, flown, tmp_path):
     before = contents(flown)
     line = circnav("replay", flown, "--out", flown).refused
     assert line == f"--out {flown}: holds a recorded flight, name another folder for the replay"
@@ -29,7 +27,7 @@ def test_a_replay_is_written_over_an_earlier_one_and_over_no_flight_and_no_other
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "obstacle"),
     [
         *(
             (name, f"{name} already")
@@ -39,19 +37,17 @@ def test_a_replay_is_written_over_an_earlier_one_and_over_no_flight_and_no_other
         ("mission.toml", "another mission.toml"),
     ],
 )
-def test_what_is_left_of_a_flight_or_is_the_persons_own_is_not_mixed_with_another_flight(
-    circnav, mission, tmp_path, name, says
-):
+def test_existing_files_prevent_a_flight(circnav, mission, tmp_path, name, obstacle):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / name).write_text("{}")
     line = circnav(
         "fly", mission, "--set", "orbit.radius_m=80.0", "--out", tmp_path / "out"
     ).refused
-    assert line == f"--out {tmp_path / 'out'}: holds {says}, name another folder"
+    assert line == f"--out {tmp_path / 'out'}: holds {obstacle}, name another folder"
     assert contents(tmp_path / "out") == {name: b"{}"}
 
 
-def test_of_two_flights_that_begin_at_once_one_has_the_folder(tmp_path):
+def test_concurrent_flights_cannot_share_a_folder(tmp_path):
     """Both have checked the folder and found it free."""
     Recorder(tmp_path / "run", "name = 'x'\n")
     with pytest.raises(TakenError, match=r"holds flight\.tlog already"):
@@ -59,16 +55,14 @@ def test_of_two_flights_that_begin_at_once_one_has_the_folder(tmp_path):
     assert (tmp_path / "run" / "mission.toml").read_text() == "name = 'x'\n"
 
 
-def test_two_flights_of_one_second_have_folders_of_their_own(
-    circnav, mission, tmp_path, monkeypatch
-):
+def test_simultaneous_flights_have_separate_folders(circnav, mission, tmp_path, monkeypatch):
     monkeypatch.setattr("circnav_mav.cli.fly.local_time_name", lambda: "20260101-120000")
     for name in ("20260101-120000-small", "20260101-120000-small-2"):
         assert circnav("fly", mission).code == 3
         assert json.loads((tmp_path / "runs" / name / "summary.json").read_text())
 
 
-def test_a_folder_named_from_home_is_made_there(circnav, mission, tmp_path, monkeypatch):
+def test_home_folder_is_expanded(circnav, mission, tmp_path, monkeypatch):
     """A shell does not expand `~` in `--out=~/run`. A folder of that name would invite `rm -r
     ~`."""
     monkeypatch.setenv("HOME", str(tmp_path / "home"))

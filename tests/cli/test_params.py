@@ -27,7 +27,7 @@ def values_of(lines):
 
 @pytest.mark.parametrize("name", MISSIONS)
 @pytest.mark.parametrize("change", [(), ("vehicle.speed_mps=14.5",)], ids=["as bundled", "faster"])
-def test_a_vehicle_with_the_printed_parameters_passes_preflight(name, change):
+def test_printed_parameters_pass_preflight(name, change):
     mission = load_mission(bundled("mission", name), change)
     (vehicle,) = mission.vehicles
     values = values_of(parameter_lines(mission, vehicle))
@@ -55,7 +55,7 @@ def load(vehicle, lines, bytewise):
 
 
 @pytest.mark.parametrize("name", MISSIONS)
-def test_after_loading_the_file_the_emulated_vehicle_passes_preflight(name):
+def test_loaded_parameters_pass_preflight_of_emulator(name):
     bench = Bench(name, "vehicle.speed_mps=14.5")
     (vehicle,) = bench.mission.vehicles
     load(bench.vehicle, parameter_lines(bench.mission, vehicle), vehicle.firmware.key == "px4")
@@ -63,7 +63,7 @@ def test_after_loading_the_file_the_emulated_vehicle_passes_preflight(name):
     assert lines and [line for line in lines if line.grade is FAIL] == []
 
 
-def test_what_the_airframe_or_the_operator_decides_is_named_and_not_set():
+def test_operator_parameters_are_named_but_not_set():
     mission = load_mission(bundled("mission", "arduplane"))
     lines = list(parameter_lines(mission, mission.vehicles[0]))
     assert "AIRSPEED_MIN" in lines[-1] and "FENCE_ENABLE" in lines[-1]
@@ -72,6 +72,6 @@ def test_what_the_airframe_or_the_operator_decides_is_named_and_not_set():
     )
 
 
-def test_a_mission_for_any_autopilot_is_asked_to_choose_one(circnav):
+def test_params_needs_one_autopilot(circnav):
     ran = circnav("params", "arducopter", "--set", "vehicle.autopilot=auto")
     assert ran.code == 2 and "vehicle.autopilot: choose one" in ran.err

@@ -13,15 +13,12 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.mission.load import load_mission
 from circnav_mav.runlog.tlog import message_id, read_tlog
-from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 from tests.runlog.conftest import rewrite_ticks
 
-cli_report = importlib.import_module(
-    "circnav_mav.cli.report"
-)  # the package's `report` is the command
+# the package's `report` is the command
+cli_report = importlib.import_module("circnav_mav.cli.report")
 pytestmark = pytest.mark.usefixtures("no_pictures")
 CHARTS = [
     "phase",
@@ -59,7 +56,7 @@ def page_of(circnav, run):
     return page_of
 
 
-def test_the_page_holds_every_part_and_needs_nobody(page_of, run):
+def test_report_is_complete_and_self_contained(page_of, run):
     page, data = page_of()
     columns = (
         "measured r true_r r_dot true_r_dot turn_rate true_turn innovation accepted rejected"
@@ -89,7 +86,7 @@ def test_the_page_holds_every_part_and_needs_nobody(page_of, run):
     assert {path.name for path in run.glob("*.png")} == {"flight.png"}
 
 
-def test_a_run_without_truth_tells_ranges_and_no_track(page_of, run):
+def test_report_without_truth_has_no_track(page_of, run):
     shutil.rmtree(run)
     overrides = (
         "limits.duration_s=8",
@@ -104,9 +101,7 @@ def test_a_run_without_truth_tells_ranges_and_no_track(page_of, run):
     assert data["ways"] == []
 
 
-def test_what_never_left_is_called_so_and_names_are_no_markup_and_no_placeholders(
-    page_of, with_manifest
-):
+def test_dry_run_is_labeled_and_names_are_escaped(page_of, with_manifest):
     for voice, phase, curve in (
         ("fly", "engaged", "commanded"),
         ("dry run", "would steer", "would command"),
@@ -121,23 +116,21 @@ def test_what_never_left_is_called_so_and_names_are_no_markup_and_no_placeholder
         assert "<h1>&lt;script&gt;alert(1)&lt;/script&gt;@EVENTS@</h1>" in page
 
 
-def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_was_not(
-    page_of, run
-):
+def test_estimated_track_breaks_where_unknown(page_of, run):
     """The estimate is trusted from 10 s to 12 s, and from 14 s on. The log has no truth."""
     frames = list(read_tlog(run / "flight.tlog"))
-    told = [
+    kept = [
         (us, frame)
         for us, frame in frames
         if message_id(frame) != mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY
     ]
-    (run / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", us) + frame for us, frame in told))
+    (run / "flight.tlog").write_bytes(b"".join(struct.pack(">Q", us) + frame for us, frame in kept))
 
-    def believed(time, row):
+    def track_from_10_s(time, row):
         known = 10 <= time < 12 or time >= 14
         row["x"], row["y"] = (f"{time:.2f}", "50.0") if known else ("", "")
 
-    rewrite_ticks(run, believed)
+    rewrite_ticks(run, track_from_10_s)
     page, data = page_of()
     assert "Estimated position relative to the target: first estimate at 10.0 s" in page
     (way,) = data["ways"]
@@ -146,9 +139,7 @@ def test_an_estimated_track_says_when_it_was_first_believed_and_breaks_where_it_
     assert not [time for time in known if 12 <= time < 14]
 
 
-def test_lines_break_where_no_tick_was_made_and_innovations_and_ranges_are_dots_of_new_ranges_alone(
-    page_of, run
-):
+def test_charts_break_at_gaps_and_repeat_no_range(page_of, run):
     """The chart of an estimate has a gap for a stall of 1.5 s at 15 s, without a connecting line.
     In every ten seconds, the first second has its own ranges and the others repeat the last one."""
     last = {}
@@ -173,7 +164,7 @@ def test_lines_break_where_no_tick_was_made_and_innovations_and_ranges_are_dots_
         assert all((time + 0.2) % 10 < 1.5 for time in times)
 
 
-def test_of_very_many_events_the_first_and_the_last_are_told(page_of, run):
+def test_long_event_list_is_shortened(page_of, run):
     def flapping(time, row):
         if time > 1:
             row["mode"] = ("LOITER", "GUIDED")[round(20 * time) % 2]
@@ -191,7 +182,7 @@ def test_of_very_many_events_the_first_and_the_last_are_told(page_of, run):
     assert times == sorted(times)
 
 
-def test_ten_minutes_stay_under_a_megabyte(page_of, run):
+def test_report_of_ten_minutes_stays_below_one_megabyte(page_of, run):
     """The ticks of the flight, repeated twenty times: 600 s."""
     header, *rows = (run / "ticks.csv").read_text().splitlines()
     longer = [
@@ -203,40 +194,29 @@ def test_ten_minutes_stay_under_a_megabyte(page_of, run):
     assert len(page_of()[0]) < 1_000_000
 
 
-@pytest.mark.parametrize(
-    ("spoil", "code", "says"),
-    [
-        (lambda run: (run / "flight.tlog").unlink(), 2, "is not a run folder"),
-        (lambda run: (run / "ticks.csv").write_text(""), 2, "has no header"),
-        (lambda run: (run / "ticks.csv").unlink(), 2, "No such file"),
-        (lambda run: (run / "ticks.csv").write_text("time,phase\n"), 3, "an empty run"),
-        (
-            lambda run: (run / "ticks.csv").write_text(
-                "".join((run / "ticks.csv").open().readlines()[:2])
-            ),
-            3,
-            "only one tick was recorded, a report needs two",
-        ),
-        (lambda run: (run / "mission.toml").write_text("nonsense"), 2, "not valid TOML"),
-        (lambda run: (run / "manifest.json").write_text("{"), 2, "manifest.json"),
-        (lambda run: (run / "report.html").mkdir(), 2, "Is a directory"),
-    ],
-    ids=[
-        "no log",
-        "no header",
-        "no ticks",
-        "no tick",
-        "one tick",
-        "mission",
-        "manifest",
-        "no place",
-    ],
-)
-def test_a_run_that_cannot_be_told_is_one_line(circnav, run, spoil, code, says):
-    spoil(run)
+def first_tick_only(run):
+    lines = (run / "ticks.csv").read_text().splitlines(keepends=True)
+    (run / "ticks.csv").write_text("".join(lines[:2]))
+
+
+REFUSED = {
+    "no log": (lambda run: (run / "flight.tlog").unlink(), 2, "is not a run folder"),
+    "no header": (lambda run: (run / "ticks.csv").write_text(""), 2, "has no header"),
+    "no ticks": (lambda run: (run / "ticks.csv").unlink(), 2, "No such file"),
+    "no tick": (lambda run: (run / "ticks.csv").write_text("time,phase\n"), 3, "an empty run"),
+    "one tick": (first_tick_only, 3, "only one tick was recorded, a report needs two"),
+    "mission": (lambda run: (run / "mission.toml").write_text("x"), 2, "not valid TOML"),
+    "manifest": (lambda run: (run / "manifest.json").write_text("{"), 2, "manifest.json"),
+    "no place": (lambda run: (run / "report.html").mkdir(), 2, "Is a directory"),
+}
+
+
+@pytest.mark.parametrize(("damage", "code", "error"), REFUSED.values(), ids=REFUSED)
+def test_impossible_report_is_one_line(circnav, run, damage, code, error):
+    damage(run)
     ran = circnav("report", run)
     assert ran.code == code
-    assert says in ran.line
+    assert error in ran.line
 
 
 @pytest.mark.parametrize(
@@ -246,24 +226,22 @@ def test_a_run_that_cannot_be_told_is_one_line(circnav, run, spoil, code, says):
         ("plot_flight", "flight.png", "report.html", 1000),
     ],
 )
-def test_a_picture_that_fails_at_the_end_of_a_flight_is_a_line_and_nothing_more(
+def test_failed_picture_after_flight_costs_one_line(
     circnav, run, monkeypatch, maker, lost, left, size
 ):
     def broken(*arguments):
-        raise ZeroDivisionError("whatever")
+        raise ZeroDivisionError("failed")
 
     monkeypatch.setattr(cli_report, maker, broken)
     monkeypatch.setattr("sys.stdin", io.StringIO("over\n"))
     assert (
         circnav("report", run, "--after-flight").done
-        == f"{run / lost}: could not be made: whatever\n"
+        == f"{run / lost}: could not be made: failed\n"
     )
     assert (run / left).stat().st_size > size
 
 
-def test_a_browser_draws_it_zooms_all_charts_and_tells_values_and_logs_no_error(
-    browser, page_of, run
-):
+def test_browser_zooms_charts_and_shows_values(browser, page_of, run):
     """On a phone and a desktop. Dragging over one chart zooms all of them, and pointing at it shows
     the values there."""
     _, data = page_of()
@@ -295,10 +273,3 @@ def test_a_browser_draws_it_zooms_all_charts_and_tells_values_and_logs_no_error(
     estimated = np.interp(time, *(np.array(column, float) for column in data["columns"]["r"]))
     assert float(re.search(r"estimated ([\d.]+)", shown)[1]) == pytest.approx(estimated, abs=1.0)
     assert browser.complaints == []
-
-
-def test_the_settings_of_the_report_stand_as_in_a_mission_file():
-    settings = cli_report._settings(load_mission(CONFIG / "px4_plane.toml"))
-    assert settings["vehicle.turn_lag_s"] == "0.6"
-    assert settings["guidance.correct_radius"] == "true"
-    assert settings["vehicle.kind"] == "plane"

@@ -19,7 +19,7 @@ print(json.dumps({after}))
 SLOW = {"matplotlib", "rich", "tomlkit"}
 
 
-def told(arguments, after, before=""):
+def result_of(arguments, after, before=""):
     program = RUN.format(arguments=arguments, before=before, after=after)
     ran = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
@@ -27,10 +27,10 @@ def told(arguments, after, before=""):
     return json.loads(ran.stdout)
 
 
-def test_a_command_that_computes_little_loads_nothing_that_is_slow_to_load():
+def test_quick_commands_load_no_slow_modules():
     more = {"numpy", "scipy", "filterpy", "pymavlink", "pydantic"}
     for arguments, slow in ((["--help"], SLOW | more), (["check", "quickstart"], SLOW)):
-        code, loaded = told(arguments, "[code, sorted(sys.modules)]")
+        code, loaded = result_of(arguments, "[code, sorted(sys.modules)]")
         assert code == 0
         assert not slow & set(loaded), arguments
 
@@ -41,7 +41,7 @@ from circnav_mav.pilot import Pilot
 fly = importlib.import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
 loaded, receive = [], Pilot.receive
 
-def heard(pilot, *arguments):
+def receive_watched(pilot, *arguments):
     loaded.append("scipy.optimize" in sys.modules)
     receive(pilot, *arguments)
 
@@ -51,17 +51,15 @@ class Drawing(fly.Drawing):
         signal.raise_signal(signal.SIGTERM)
         return super().draw()
 
-Pilot.receive, fly.Drawing = heard, Drawing
+Pilot.receive, fly.Drawing = receive_watched, Drawing
 """
 
 
-def test_a_flight_has_its_optimizer_before_it_hears_anything_and_pictures_neither_load_nor_end_with_it(
-    tmp_path,
-):
+def test_flight_loads_optimizer_first_and_pictures_last(tmp_path):
     """A signal during the drawing of pictures does not change the exit code of the flight.
     scipy.optimize plans laps."""
     arguments = ["fly", "quickstart", "--duration", "3", "--out", str(tmp_path / "run")]
-    code, loaded = told(arguments, "[code, loaded]", WATCHED)
+    code, loaded = result_of(arguments, "[code, loaded]", WATCHED)
     assert code == 0
     assert len(loaded) > 100
     assert all(loaded)
@@ -85,5 +83,5 @@ assert parts and all(part.__spec__ is not None and part.__file__ for part in par
 """
 
 
-def test_a_program_that_uses_circnav_has_filterpy_whole():
+def test_filterpy_stays_complete():
     subprocess.run([sys.executable, "-c", FILTERPY], check=True)

@@ -2,126 +2,58 @@
 
 import pytest
 
-from circnav_mav.cli.bundled import names
-
-PORT_IN_USE = (
-    "endpoint udpin:127.0.0.1:BUSY: port is in use by another program: close it, or choose another"
-    " port"
-)
-
 
 @pytest.mark.parametrize(
-    ("command", "says"),
+    ("command", "error"),
     [
         ("fly nowhere.toml", "nowhere.toml: cannot be read: No such file or directory"),
+        ("fly quikstart", "quikstart: is not a file and not a bundled mission, did you mean quick"),
+        ("fly config/px4_plane.toml", "config/px4_plane.toml: no such file; give the bundled one"),
+        ("fly mission.toml --set orbit.radius_m", "--set orbit.radius_m: write it as"),
+        ("fly mission.toml --duration -5", "mission.toml: limits.duration_s: must be above 0"),
+        ("fly mission.toml --speed 8", "--speed: only the bundled vehicle can be simulated faster"),
+        ("fly mission.toml --endpoint udpin:127.0.0.1:BUSY", "endpoint udpin:127.0.0.1:BUSY: port"),
         (
-            "fly quikstart",
-            "quikstart: is not a file and not a bundled mission, did you mean quickstart?; "
-            f"bundled: {', '.join(names('mission'))}",
+            "fly mission.toml --set ranging.endpoint=udpin:127.0.0.1:BUSY",
+            "endpoint udpin:127.0.0.1:BUSY: port is in use",
         ),
-        (
-            "fly config/px4_plane.toml",
-            "config/px4_plane.toml: no such file; give the bundled one by its name: px4-",
-        ),
-        (
-            "fly mission.toml --set orbit.radius_m",
-            "--set orbit.radius_m: write it as table.key=value",
-        ),
-        (
-            "fly mission.toml --duration -5",
-            "mission.toml: limits.duration_s: must be above 0, not -5",
-        ),
-        (
-            "fly mission.toml --speed 8",
-            "--speed: only the bundled vehicle can be simulated faster, not udpin:127.",
-        ),
-        ("fly mission.toml --endpoint udpin:127.0.0.1:BUSY", PORT_IN_USE),
-        ("fly mission.toml --set ranging.endpoint=udpin:127.0.0.1:BUSY", PORT_IN_USE),
-        (
-            "check mission.toml --set signing.key_file=~nosuchuser/key",
-            "mission.toml: signing.key_file: ",
-        ),
+        ("check mission.toml --set signing.key_file=~nosuchuser/key", "mission.toml: signing.key_"),
         ("fly mission.toml --out LONG", "LONG: File name too long"),
         ("check LONG.toml", "LONG.toml: File name too long"),
-        (
-            "fly mission.toml --out /dev/null/run",
-            "/dev/null/run: cannot be written: Not a directory",
-        ),
-        ("check mission.toml --set link.endpoint=udpin:14550", "endpoint 'udpin:14550': "),
+        ("fly mission.toml --out /dev/null/run", "/dev/null/run: cannot be written: Not a direct"),
         ("check mission.toml --set ranging.endpoint=udpin:14550", "endpoint 'udpin:14550': "),
-        (
-            "check mission.toml --set link.endpoint=udpin::14550",
-            "endpoint 'udpin::14550': host is missing, write ",
-        ),
-        (
-            "fly mission.toml --set guidance.gain=1e-5",
-            "mission.toml: refused by its checks, see FAIL above",
-        ),
-        (
-            "preflight mission.toml --set guidance.gain=1e-5",
-            "mission.toml: refused by its checks, see FAIL above",
+        *(
+            (f"{command} mission.toml --set guidance.gain=1e-5", "mission.toml: refused by its")
+            for command in ("fly", "preflight")
         ),
         *(
-            (f"{command} mission.toml --set {override}", f"mission.toml: {says}")
+            (f"{command} mission.toml --set sim.ranging.nois_m=1.0", "mission.toml: sim.ranging.n")
             for command in ("check", "fly", "preflight")
-            for override, says in (
-                ("orbit.raduis_m=80", "orbit.raduis_m: unknown key, did you mean radius_m?"),
-                (
-                    "link.endpoint=sim",
-                    'link.endpoint: is "sim": add a [sim] table that describes the vehicle',
-                ),
-                (
-                    "sim.ranging.nois_m=1.0",
-                    'sim.ranging.nois_m: unknown key, did you mean "noise_m"?',
-                ),
-            )
         ),
         ("preflight copter --seconds 0", "--seconds: must be at least 1 and at most 600, not 0"),
-        (
-            "preflight copter --seconds 601",
-            "--seconds: must be at least 1 and at most 600, not 601",
-        ),
-        (
-            "init zeppelin",
-            "init: zeppelin is not one of campaign-mission, copter, copter-nogps, home, home-",
-        ),
-        (
-            "init plane my+plane.toml",
-            "init: my+plane.toml: a mission's name may have letters, digits, '.', '_'",
-        ),
-        (
-            "init plane mission.toml",
-            "init: mission.toml: exists already, name another file: circnav init plane FILE",
-        ),
+        ("init zeppelin", "init: zeppelin is not one of campaign-mission, copter,"),
+        ("init plane my+plane.toml", "init: my+plane.toml: a mission's name may have letters"),
+        ("init plane mission.toml", "init: mission.toml: exists already"),
         ("emulate --speed 0", "--speed: must be above 0 and at most 100, not 0"),
-        ("emulate --speed 101", "--speed: must be above 0 and at most 100, not 101"),
         ("emulate --speed nan", "--speed: must be above 0 and at most 100, not nan"),
         ("emulate nowhere.toml", "nowhere.toml: "),
-        (
-            "emulate --endpoint ftp:here:21",
-            '"ftp:here:21" is not an endpoint, write udpin:127.0.0.1:14550',
-        ),
-        (
-            "emulate --endpoint udpin:127.0.0.1:BUSY",
-            "udpin:127.0.0.1:BUSY: cannot be opened: address already in use",
-        ),
+        ("emulate --endpoint ftp:here:21", '"ftp:here:21" is not an endpoint'),
+        ("emulate --endpoint udpin:127.0.0.1:BUSY", "udpin:127.0.0.1:BUSY: cannot be opened"),
         ("report nowhere", "nowhere: no such run folder"),
         ("replay nowhere", "nowhere: no such run folder"),
-        *(
-            (f"{command} --out=", "--out: is empty, give it a name")
-            for command in ("fly mission.toml", "replay x")
-        ),
+        ("fly mission.toml --out=", "--out: is empty, give it a name"),
+        ("replay x --out=", "--out: is empty, give it a name"),
     ],
 )
-def test_it_is_one_line_and_nothing_is_written(circnav, mission, busy_port, command, says):
-    command, says = (
-        text.replace("BUSY", str(busy_port)).replace("LONG", 300 * "x") for text in (command, says)
+def test_wrong_usage_is_one_line_and_writes_nothing(circnav, mission, busy_port, command, error):
+    command, error = (
+        text.replace("BUSY", str(busy_port)).replace("LONG", 300 * "x") for text in (command, error)
     )
-    assert circnav(*command.split()).refused.startswith(says)
+    assert circnav(*command.split()).refused.startswith(error)
     assert list(mission.parent.iterdir()) == [mission]
 
 
-def test_usage_that_the_parser_refuses_is_exit_code_2_and_an_interrupt_130(circnav, monkeypatch):
+def test_parser_errors_exit_with_2_and_interrupts_130(circnav, monkeypatch):
     wrong = ("fligh", "fly", "check a.toml b.toml", "fly quickstart --speed fast")
     for arguments in wrong:
         ran = circnav(*arguments.split())

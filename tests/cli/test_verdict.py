@@ -35,7 +35,7 @@ TURN = {"turn_std_deg_s": 7.31, "turn_at_limit": 0.112}
 GAIN = {"turn_gain": 0.98, "turn_delay_s": 0.31, "law_changes": 2}
 
 
-def told(**changes: Any) -> str:
+def verdict_of(**changes: Any) -> str:
     return verdict({**SUMMARY, **changes}, Path("run"))
 
 
@@ -91,8 +91,8 @@ def told(**changes: Any) -> str:
         ),
     ],
 )
-def test_it_tells(changes: dict[str, Any], words: str) -> None:
-    assert words in told(**changes)
+def test_verdict_contains_figures(changes: dict[str, Any], words: str) -> None:
+    assert words in verdict_of(**changes)
 
 
 @pytest.mark.parametrize(
@@ -103,13 +103,13 @@ def test_it_tells(changes: dict[str, Any], words: str) -> None:
         ({"turn_std_deg_s": 5.0, "turn_at_limit": None}, "at the limit"),
     ],
 )
-def test_it_keeps_silent_of(changes: dict[str, Any], words: str) -> None:
-    assert words not in told(**changes)
+def test_verdict_omits_normal_values(changes: dict[str, Any], words: str) -> None:
+    assert words not in verdict_of(**changes)
 
 
 @pytest.mark.parametrize("output_mode", ["dry run", "shadow"])
-def test_a_flight_that_sent_nothing_says_so_and_is_given_no_marks(output_mode: str) -> None:
-    words = told(output_mode=output_mode, reason="dry run to its end", setpoints_sent=0)
+def test_verdict_of_dry_run_has_no_figures(output_mode: str) -> None:
+    words = verdict_of(output_mode=output_mode, reason="dry run to its end", setpoints_sent=0)
     assert (
         f"  {output_mode.upper():<9}  no setpoint sent, would have steered for 60 s"
         == words.splitlines()[1]

@@ -38,35 +38,35 @@ def circle_log(tag):
 # --- texts ---
 
 
-def test_a_text_becomes_printable_by_escapes_and_an_ordinary_one_stays():
+def test_printable_escapes_control_characters():
     assert printable("Nairobi è – 北 §4") == "Nairobi è – 北 §4"
     assert printable("a\x1b[31m\nb\udcff") == r"a\x1b[31m\nb\udcff"
 
 
-def test_escape_codes_of_a_tag_an_unknown_key_or_an_argument_reach_no_terminal_and_no_file(
-    circnav, tmp_path
-):
+def test_escape_codes_in_input_reach_no_terminal(circnav, tmp_path):
     (tmp_path / "collar.csv").write_text(circle_log(ESCAPE))
     ran = circnav("locate", "collar.csv")
     assert "200 ranges" in ran.done
     (tmp_path / "odd.toml").write_text('"\\u001b[31m" = 1\n["a\\nb\\u009b2J"]\n')
-    told = [ran.out, circnav("check", "odd.toml").refused, circnav("emulate", "odd.toml").refused]
+    outputs = [
+        ran.out,
+        circnav("check", "odd.toml").refused,
+        circnav("emulate", "odd.toml").refused,
+    ]
     for arguments in (
         ["replay", ESCAPE],
         ["check", ESCAPE],
         ["fly", "quickstart", ESCAPE],
         ["fly", f"--{ESCAPE}"],
     ):
-        told.append(circnav(*arguments).err)
-    told += [path.read_text() for path in tmp_path.glob("*.locate.*json")]
-    told += [path.read_text() for path in tmp_path.glob("*.kml")]
-    assert [text for text in told if OBEYED.search(text)] == []
+        outputs.append(circnav(*arguments).err)
+    outputs += [path.read_text() for path in tmp_path.glob("*.locate.*json")]
+    outputs += [path.read_text() for path in tmp_path.glob("*.kml")]
+    assert [text for text in outputs if OBEYED.search(text)] == []
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_escape_codes_of_a_manifest_and_of_a_mission_reach_neither_the_report_nor_the_terminal(
-    circnav, run, with_manifest
-):
+def test_escape_codes_in_runs_reach_no_report(circnav, run, with_manifest):
     with_manifest(
         mission=ESCAPE,
         outcome=ESCAPE,
@@ -78,13 +78,13 @@ def test_escape_codes_of_a_manifest_and_of_a_mission_reach_neither_the_report_no
     (run / "mission.toml").write_text(
         mission.replace("[ranging]", '[ranging]\nname = "\\u001b[31m"')
     )
-    said = [
+    outputs = [
         circnav("report", run).done,
         circnav("replay", run).out,
         (run / "report.html").read_text(),
     ]
-    assert r"\x1b[31m" in said[2]
-    assert [text[:99] for text in said if OBEYED.search(text)] == []
+    assert r"\x1b[31m" in outputs[2]
+    assert [text[:99] for text in outputs if OBEYED.search(text)] == []
 
 
 # --- files ---
@@ -125,10 +125,10 @@ READERS = {
 @pytest.mark.parametrize(
     ("command", "name"), [(one, name) for one, names in READERS.items() for name in names.split()]
 )
-def test_a_file_that_never_ends_is_refused_in_one_line(circnav, run, command, name, make):
+def test_endless_file_is_refused_in_one_line(circnav, run, command, name, make):
     """A pipe without a writer, a link to /dev/zero, and a line of a gigabyte."""
     if make is long_line and name.endswith("tlog"):
-        pytest.skip("a long log is read piece by piece, whatever is in it")
+        pytest.skip("a long log is read piece by piece")
     (run / "good.key").write_bytes(bytes(range(32)))
     (run / "good.key").chmod(0o600)
     path = run / name
@@ -142,12 +142,12 @@ def test_a_file_that_never_ends_is_refused_in_one_line(circnav, run, command, na
         assert "a line is longer than 100000 characters" in ran.line
 
 
-def test_a_mission_is_read_up_to_its_size(circnav, tmp_path):
+def test_mission_size_is_limited(circnav, tmp_path):
     (tmp_path / "x.toml").write_text("#" * 11_000_000)
     assert circnav("check", "x.toml").refused == "x.toml: cannot be read: is larger than 10 MB"
 
 
-def test_a_mission_of_an_editor_on_windows_is_read(circnav, tmp_path):
+def test_windows_mission_file_is_read(circnav, tmp_path):
     text = Path(QUICKSTART).read_bytes()
     (tmp_path / "bom.toml").write_bytes(b"\xef\xbb\xbf" + text.replace(b"\n", b"\r\n"))
     assert circnav("check", "bom.toml").done.replace("bom.toml", "") == circnav(
@@ -158,7 +158,7 @@ def test_a_mission_of_an_editor_on_windows_is_read(circnav, tmp_path):
 @pytest.mark.parametrize(
     "command", ["fly mission.toml", "replay x", "locate x", "bench", "campaign wind", "paper"]
 )
-def test_nothing_is_written_into_the_root_or_behind_a_link(circnav, mission, tmp_path, command):
+def test_root_and_links_are_not_written(circnav, mission, tmp_path, command):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").write_text("x")
     (tmp_path / "link").symlink_to(tmp_path / "mine")
@@ -176,7 +176,7 @@ def test_nothing_is_written_into_the_root_or_behind_a_link(circnav, mission, tmp
 # --- missions of extreme size ---
 
 
-def test_the_live_page_is_sent_the_longest_mission():
+def test_longest_mission_name_fits_live_page():
     """A line that does not fit into the pipe in one piece is dropped."""
     pilot = Pilot(parse_mission(small_mission.TEXT, "x").pilot_settings())
     assert len(json.dumps(_facts(pilot, "x" * MAX_NAME, 1.0))) < select.PIPE_BUF
@@ -193,7 +193,7 @@ def test_the_live_page_is_sent_the_longest_mission():
         ("-v 60000", "check quickstart"),
     ],
 )
-def test_a_computer_without_files_or_memory_to_spare_is_one_line(tmp_path, limit, command):
+def test_computer_without_resources_gives_one_line(tmp_path, limit, command):
     (tmp_path / "x.csv").write_text(circle_log("a"))
     ran = ended(tmp_path, command, limit=limit, OPENBLAS_NUM_THREADS="1")
     assert ran.returncode in (1, 2)
@@ -201,14 +201,14 @@ def test_a_computer_without_files_or_memory_to_spare_is_one_line(tmp_path, limit
 
 
 @pytest.mark.parametrize("year", [1947, 2120])
-def test_a_clock_that_was_never_set_is_one_line(circnav, monkeypatch, year):
+def test_unset_clock_is_refused(circnav, monkeypatch, year):
     monkeypatch.setattr(time, "time", lambda: (year - 1970) * 31_556_952.0)
     refused = circnav("fly", "quickstart").refused
     assert refused == "the clock of this computer is not between 1970 and 2100: set the clock"
 
 
-def test_an_exception_that_nobody_has_foreseen_is_one_line_with_its_place(circnav, monkeypatch):
-    for failure, code, says in (
+def test_unexpected_exception_is_one_line(circnav, monkeypatch):
+    for failure, code, error in (
         (MemoryError(), 1, "out of memory"),
         (RuntimeError("can't start new thread"), 1, "out of memory"),
         (ZeroDivisionError("a\nb"), 1, r"internal error: ZeroDivisionError: a\nb (mock.py:"),
@@ -216,10 +216,10 @@ def test_an_exception_that_nobody_has_foreseen_is_one_line_with_its_place(circna
         monkeypatch.setattr("circnav_mav.mission.load.parse_mission", Mock(side_effect=failure))
         ran = circnav("check", "quickstart")
         assert ran.code == code
-        assert ran.line.startswith(f"circnav: {says}")
+        assert ran.line.startswith(f"circnav: {error}")
 
 
-def test_a_notebooks_choice_of_pictures_changes_nothing(tmp_path):
+def test_notebook_backend_does_not_affect_pictures(tmp_path):
     (tmp_path / "x.csv").write_text(circle_log("a"))
     ran = ended(tmp_path, "locate x.csv", MPLBACKEND="module://matplotlib_inline.backend_inline")
     assert (ran.returncode, ran.stderr) == (0, "")

@@ -23,9 +23,8 @@ from circnav_mav.runtime.runner import run_step
 from tests.tools.fault_link.frames import frames, message_id
 from tests.tools.fault_link.pipe import Pipe
 
-copyreg.pickle(
-    struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,))
-)  # lets a flight be copied
+# lets a flight be copied
+copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))
 
 CONFIG = Path(__file__).parents[2] / "config"
 UNIX = 1_790_000_000.0

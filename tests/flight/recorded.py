@@ -30,7 +30,8 @@ class RecordedFlight(Flight):
 
     def _step(self, moment: float) -> None:
         slow = self.now >= self.slow_at
-        self.clock.real = itertools.count(0.0, 1.0 if slow else 0.0).__next__  # type: ignore[method-assign]
+        passes = 1.0 if slow else 0.0
+        self.clock.real = itertools.count(0.0, passes).__next__  # type: ignore[method-assign]
         super()._step(moment)
 
     def _signal(self) -> str | None:

@@ -17,9 +17,7 @@ RANGE = 132
 SETPOINT = 84
 
 
-def test_a_simulator_three_times_as_fast_is_flown_in_its_own_seconds(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_fast_simulator_is_flown_in_its_own_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """The test advances the computer's clock by 5 ms per step. Over sockets:
     tests/cli/test_commands.py."""
     real = [0.0]
@@ -47,15 +45,14 @@ def test_a_simulator_three_times_as_fast_is_flown_in_its_own_seconds(
         [time for time in times if began + 1.0 <= time < began + 11.0]
         for times in (ranges, setpoints)
     ]
-    assert len(on_the_circle[0]) == pytest.approx(
-        100, abs=2
-    )  # the radio's 10 Hz, in the run's seconds
+    # the radio's 10 Hz, in the run's seconds
+    assert len(on_the_circle[0]) == pytest.approx(100, abs=2)
     assert len(on_the_circle[1]) == pytest.approx(200, rel=0.2)  # a tick after each range
 
 
-@pytest.mark.parametrize(("speed", "told"), [(1.0, None), (1.05, None), (0.5, 0.5), (8.0, 8.0)])
-def test_a_vehicle_whose_time_runs_at_another_speed_is_noticed(
-    speed: float, told: float | None
+@pytest.mark.parametrize(("speed", "noticed"), [(1.0, None), (1.05, None), (0.5, 0.5), (8.0, 8.0)])
+def test_unexpected_vehicle_clock_speed_raises_an_alarm(
+    speed: float, noticed: float | None
 ) -> None:
     flown = flight("arducopter")
     pilot = flown.pilot
@@ -69,7 +66,7 @@ def test_a_vehicle_whose_time_runs_at_another_speed_is_noticed(
         vehicle.receive(output(pilot, now))
         ticks += pilot.take_records()
     assert pilot.session.clock_speed.noticed == (
-        told if told is None else pytest.approx(told, rel=0.02)
+        noticed if noticed is None else pytest.approx(noticed, rel=0.02)
     )
     alarms = [
         one
@@ -80,4 +77,4 @@ def test_a_vehicle_whose_time_runs_at_another_speed_is_noticed(
         f"CLOCK: autopilot time runs {speed:g} times as fast as ours: for a simulator set"
         " link.clock"
     )
-    assert [alarm.startswith(words) for alarm in alarms] == ([] if told is None else [True])
+    assert [alarm.startswith(words) for alarm in alarms] == ([] if noticed is None else [True])

@@ -46,7 +46,7 @@ class Wire:
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "px4_copter"])
-def test_a_simulator_without_a_radio_gets_one(
+def test_beacon_program_supplies_ranges_to_simulator(
     profile: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = Bench(profile, "sim.ranging.rate_hz=0.0", seconds=10.0)

@@ -16,7 +16,7 @@ HOME_AMSL = 584.0
 HOME_POSITION = b"\xf2\x00\x00"
 
 
-def told_by(mission: str, key: str, *overrides: str) -> Flight:
+def flight_with_height(mission: str, key: str, *overrides: str) -> Flight:
     """Return a flight of a file in config/ with another key for the height."""
     text, count = re.subn(
         r"(?m)^height_above_target_m = .*$", key, (CONFIG / f"{mission}.toml").read_text()
@@ -27,9 +27,9 @@ def told_by(mission: str, key: str, *overrides: str) -> Flight:
     return Flight(Pilot(loaded.pilot_settings()), Vehicle(parse_vehicle(loaded.file.sim, mission)))
 
 
-def test_the_radius_stays_when_the_operator_sends_the_plane_20_m_higher() -> None:
+def test_radius_is_constant_while_plane_climbs() -> None:
     """With the configured height of 60 m, ranges of a circle of 150 m would be flown at 140.4 m."""
-    flown = flight("arduplane", "limits.duration_s=120.0").fly(50)
+    flown = flight("arduplane", "limits.duration_s=120.0", law="auto").fly(50)
     Operator(flown.vehicle).change_altitude(80.0)
     flown.fly(200)
     assert -flown.vehicle.truth.down == pytest.approx(80.0, abs=0.5)
@@ -45,7 +45,7 @@ def test_the_radius_stays_when_the_operator_sends_the_plane_20_m_higher() -> Non
         ("px4_copter", 50.0, 30.0, "target_above_home_m = 5.0"),
     ],
 )
-def test_the_radius_is_true_at_a_height_that_nobody_told(
+def test_radius_uses_height_from_home_or_sea_level(
     mission: str, radius: float, flies: float, key: str
 ) -> None:
     placed = (
@@ -53,14 +53,14 @@ def test_the_radius_is_true_at_a_height_that_nobody_told(
         f"sim.start.altitude_m={flies}",
         "limits.duration_s=75.0",
     )
-    flown = told_by(mission, key, *placed).fly(200)
+    flown = flight_with_height(mission, key, *placed).fly(200)
     assert flown.outcome.ending is Ending.COMPLETED
     assert mean_radius(last_third(flown)) == pytest.approx(radius, abs=0.015 * radius)
     assert flown.ticks[-20].height == pytest.approx(flies - 5.0, abs=1.0)
 
 
-def test_a_vehicle_that_tells_no_home_is_not_flown_by_a_height_above_home() -> None:
-    flown = told_by("arducopter", "target_above_home_m = 0.0", "link.wait_s=5.0")
+def test_height_above_home_needs_a_home_position() -> None:
+    flown = flight_with_height("arducopter", "target_above_home_m = 0.0", "link.wait_s=5.0")
     flown.hears = lambda frame, now: frame[7:10] != HOME_POSITION
     flown.fly(30)
     assert flown.setpoint_times == []

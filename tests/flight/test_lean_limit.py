@@ -11,7 +11,7 @@ LEANS_LITTLE = ("sim.vehicle.max_lean_deg=20.0", "sim.vehicle.drag_per_s=0.175")
 """9.5 m/s of airspeed along a body axis, less the part that turns the path."""
 
 
-def test_its_speed_is_lowered_to_what_the_lean_allows() -> None:
+def test_speed_falls_to_the_lean_limit() -> None:
     """Without the reduction, its ground speed dropped once a lap, and the turn was commanded in
     bursts."""
     flown = flight("arducopter", "sim.wind.speed_mps=6.0", *LEANS_LITTLE, law="auto").fly(140)
@@ -26,7 +26,8 @@ def test_its_speed_is_lowered_to_what_the_lean_allows() -> None:
     assert unrest(flown) < 5.0
 
 
-def test_px4_is_found_too_although_its_attitude_wanders() -> None:
+@pytest.mark.nightly
+def test_px4_lean_limit_is_found() -> None:
     """A drag of 1/s and 45 deg of MPC_TILTMAX_AIR: 9.8 m/s of airspeed, in a wind of 6 m/s."""
     flown = flight("px4_copter", "sim.wind.speed_mps=6.0", law="auto").fly(110)
     assert any(b"lean limit 45 deg" in data for _, data in flown.sent)
@@ -37,7 +38,7 @@ def test_px4_is_found_too_although_its_attitude_wanders() -> None:
     ("mission", "wind"), [("arducopter", ("sim.wind.speed_mps=4.0", *LEANS_LITTLE)),
                           ("px4_copter", ("sim.wind.speed_mps=2.0", "sim.wind.gust_rms_mps=1.0"))],
 )  # fmt: skip
-def test_wind_and_gusts_within_the_lean_limit_change_no_speed(mission, wind) -> None:
+def test_sufficient_lean_changes_no_speed(mission, wind) -> None:
     flown = flight(mission, *wind, law="auto").fly(60)
     assert flown.pilot.controller.speed == 5.0
     assert not any(b"lean limit" in data for _, data in flown.sent)

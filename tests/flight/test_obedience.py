@@ -9,14 +9,14 @@ from circnav_sim.config import Event
 from circnav_mav.pilot import Ending
 from tests.flight.lockstep import Flight, flight
 
-SAID = b"vehicle does not follow turn commands"
+ALARM = b"vehicle does not follow turn commands"
 AWAY = "sim.start.heading_deg=320"
 FAR = "bounds.max_range_m=5000.0"
 
 
-def said_at(flown: Flight) -> float:
+def alarmed_at(flown: Flight) -> float:
     """Return the time of the STATUSTEXT, s."""
-    return next((time for time, data in flown.sent if SAID in data), float("inf"))
+    return next((time for time, data in flown.sent if ALARM in data), float("inf"))
 
 
 def engaged_at(flown: Flight) -> float:
@@ -34,13 +34,11 @@ NEVER = [
 
 
 @pytest.mark.parametrize(("mission", "steering"), NEVER)
-def test_a_vehicle_that_never_flies_the_turns_is_alarmed_in_5_s_and_given_back(
-    mission: str, steering: str
-) -> None:
+def test_vehicle_that_never_turns_is_returned(mission: str, steering: str) -> None:
     """It starts by flying away from the target, so that a turn is commanded."""
     fault = f'sim.vehicle.steering="{steering}"'
     flown = flight(mission, fault, FAR, AWAY, "limits.unfollowed_s=4.0", law="auto").fly(60)
-    assert said_at(flown) - engaged_at(flown) < 5.0
+    assert alarmed_at(flown) - engaged_at(flown) < 5.0
     assert flown.outcome.ending is Ending.ABORTED
     assert flown.outcome.reason == "vehicle did not follow turn commands for 4 s"
     assert flown.now - engaged_at(flown) < 12.0
@@ -50,7 +48,7 @@ def test_a_vehicle_that_never_flies_the_turns_is_alarmed_in_5_s_and_given_back(
 
 
 @pytest.mark.parametrize("mission", ["arducopter", "arduplane"])
-def test_one_that_lets_go_on_its_circle_is_alarmed_too(mission: str) -> None:
+def test_vehicle_that_stops_turning_raises_an_alarm(mission: str) -> None:
     """If its turn happens to match the circle, it may stay on it for several seconds more."""
     circling = flight(mission, FAR, law="auto").fly(50)
     for steering in ("straight", "turning", "frozen", "reversed", "weak"):
@@ -58,22 +56,22 @@ def test_one_that_lets_go_on_its_circle_is_alarmed_too(mission: str) -> None:
         flown.vehicle._run_event(Event(action=f"steering_{steering}"))
         flown.fly(100)
         most = {"frozen": 25.0, "turning": 12.0}.get(steering, 5.0)
-        assert 50.0 < said_at(flown) < 50.0 + most, steering
+        assert 50.0 < alarmed_at(flown) < 50.0 + most, steering
         assert "did not follow" in flown.outcome.reason, steering
 
 
-def test_one_that_follows_again_is_said_to_and_flown_on() -> None:
+def test_vehicle_that_follows_again_is_flown_on() -> None:
     events = (
         'sim.events=[{at_s=30.0, action="steering_straight"}, {at_s=38.0, action="steering_good"}]'
     )
     flown = flight("arducopter", events, FAR, "limits.duration_s=70.0", law="auto").fly(100)
-    assert said_at(flown) < 35.0
+    assert alarmed_at(flown) < 35.0
     assert any(b"vehicle follows turn commands again" in data for _, data in flown.sent)
     assert flown.outcome.ending is Ending.COMPLETED
     assert abs(flown.ticks[-1].r - 30.0) < 3.0
 
 
-def test_an_outage_of_the_uplink_does_not_count_as_disobedience() -> None:
+def test_uplink_outage_is_no_disobedience() -> None:
     """The copter stops at its setpoint timeout and then follows no command. Unanswered TIMESYNC
     requests show the outage."""
     flown = flight("arducopter", FAR, "limits.duration_s=75.0", law="auto").fly(30)

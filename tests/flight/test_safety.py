@@ -16,9 +16,7 @@ def is_ranging(frame: bytes) -> bool:
 
 
 @pytest.mark.parametrize("law", ["auto", "drift"])
-def test_without_own_motion_a_vehicle_is_flown_on_ranges_or_held_but_never_left_without_setpoints(
-    law: str,
-) -> None:
+def test_setpoints_continue_without_own_motion(law: str) -> None:
     """The autopilot stops sending its attitude; ranges continue."""
     flown = flight("arduplane", law=law).fly(20)
     flown.hears = lambda frame, now: message_ids(frame) != [30]
@@ -29,7 +27,7 @@ def test_without_own_motion_a_vehicle_is_flown_on_ranges_or_held_but_never_left_
     assert flown.pilot.mission.phase in STEERING
 
 
-def test_a_dry_run_beside_somebody_who_flies_the_copter_shows_what_auto_would_do() -> None:
+def test_dry_run_beside_another_pilot_shows_the_law() -> None:
     flown = flight("arducopter", law="auto")
     settings = replace(flown.pilot.settings, output_mode=OutputMode.DRY_RUN)
     dry = Pilot(settings)
@@ -44,7 +42,7 @@ def test_a_dry_run_beside_somebody_who_flies_the_copter_shows_what_auto_would_do
     assert laws.count("drift") > 0.9 * len(laws)
 
 
-def test_range_outage_coasts_then_holds_then_regains_the_circle() -> None:
+def test_range_outage_holds_then_returns_to_the_circle() -> None:
     flown = flight("quickstart", "limits.hold_s=20", "limits.duration_s=65")
     flown.hears = lambda frame, now: not (is_ranging(frame) and 30 < now < 36)
     phases = []
@@ -53,7 +51,6 @@ def test_range_outage_coasts_then_holds_then_regains_the_circle() -> None:
     assert 30.3 < holding[0] < 30.8
     assert 35.9 < holding[-1] < 37.0  # the first range after it is at 36.0
     steady = [tick.turn_rate for tick in flown.ticks if tick.phase is Phase.HOLDING]
-    assert steady == pytest.approx(
-        [-15.0 / 100.0] * len(steady), rel=0.01
-    )  # from the learned turn-rate gain
+    # from the learned turn-rate gain
+    assert steady == pytest.approx([-15.0 / 100.0] * len(steady), rel=0.01)
     assert rms_error(last_third(flown), 100.0) < 2.0

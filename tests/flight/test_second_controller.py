@@ -31,7 +31,7 @@ def turning_the_other_way(frame: bytes) -> bytes:
 def flown_with_another(mission, until=BEGINS + 6.0):
     """Return (flight, {evidence: time at which it was first reported, s})."""
     flown = flight(mission, "limits.duration_s=1000.0")
-    told = {}
+    evidence = {}
     seen = [0]
 
     def other(flown):
@@ -41,19 +41,19 @@ def flown_with_another(mission, until=BEGINS + 6.0):
             if message_id(frame) in SETPOINT_IDS:
                 flown.vehicle.receive(turning_the_other_way(frame))
         if words := flown.pilot.second_controller.evidence(flown.now):
-            told.setdefault(words.partition(",")[0], flown.now)
+            evidence.setdefault(words.partition(",")[0], flown.now)
 
     flown.fly(until, other)
     assert flown.pilot.mission.phase in (Phase.ENGAGED, Phase.HOLDING)
-    return flown, told
+    return flown, evidence
 
 
 @pytest.mark.parametrize("mission", ["arducopter", "arduplane", "px4_copter"])
-def test_another_programs_setpoints_are_alarmed_within_five_seconds_and_ours_are_not(mission):
-    flown, told = flown_with_another(mission)
-    assert told, "not found"
-    assert BEGINS < min(told.values()) < BEGINS + 5.0
-    assert next(iter(told)).startswith("the vehicle flies ")
+def test_setpoints_of_another_program_raise_an_alarm(mission):
+    flown, evidence = flown_with_another(mission)
+    assert evidence
+    assert BEGINS < min(evidence.values()) < BEGINS + 5.0
+    assert next(iter(evidence)).startswith("the vehicle flies ")
     texts = [
         read(frame) for _, data in flown.sent for frame in frames(data) if message_id(frame) == 253
     ]
@@ -61,6 +61,6 @@ def test_another_programs_setpoints_are_alarmed_within_five_seconds_and_ours_are
 
 
 @pytest.mark.parametrize("mission", ["ardurover", "px4_plane"])
-def test_a_vehicle_that_reports_no_setpoint_does_not_show_it(mission):
+def test_vehicle_without_setpoint_report_shows_no_controller(mission):
     """A limit documented in docs/safety.md."""
     assert flown_with_another(mission, until=BEGINS + 4.0)[1] == {}

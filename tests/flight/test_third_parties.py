@@ -94,9 +94,7 @@ def mavproxy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_mavproxy_sees_the_copter_changes_our_radius_and_its_mode_command_ends_our_flight(
-    stage, mavproxy, tmp_path
-):
+def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
     on = stage("arducopter")
     ours = on.fly()
     station = on.start(
@@ -110,12 +108,11 @@ def test_mavproxy_sees_the_copter_changes_our_radius_and_its_mode_command_ends_o
         PYTHONPATH=str(mavproxy),
     )
     assert station.stdin is not None
-    said = read_until(
-        station, "Received"
-    )  # its parameters: it has read vehicle, mode and armed state
-    assert "Detected vehicle 1:1" in said
-    assert "ARMED" in said
-    assert "GUIDED> Mode GUIDED" in said
+    # its parameters: it has read vehicle, mode and armed state
+    printed = read_until(station, "Received")
+    assert "Detected vehicle 1:1" in printed
+    assert "ARMED" in printed
+    assert "GUIDED> Mode GUIDED" in printed
     # its parameter editor lists our values, and another radius is flown
     station.stdin.write("vehicle 1:191\nparam fetch\n")
     station.stdin.flush()
@@ -130,9 +127,7 @@ def test_mavproxy_sees_the_copter_changes_our_radius_and_its_mode_command_ends_o
     assert code == 4 and reason.startswith("pilot or failsafe switched to BRAKE after ")
 
 
-def test_mavsdk_sees_the_px4_copter_sets_our_radius_and_its_hold_ends_our_flight(
-    stage: Callable[[str], Stage],
-) -> None:
+def test_mavsdk_changes_radius_and_takes_over(stage: Callable[[str], Stage]) -> None:
     mavsdk = pytest.importorskip("mavsdk")
     from mavsdk.plugins.action import Action
     from mavsdk.plugins.param import Param, ParamError, ProtocolVersion

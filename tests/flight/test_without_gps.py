@@ -32,18 +32,18 @@ WIND = "sim.wind.speed_mps=2.0"
 
 
 @pytest.mark.parametrize("direction", ["clockwise", "counterclockwise"])
-def test_copter_by_attitude_holds_its_circle_in_wind(direction: str) -> None:
+def test_attitude_copter_holds_circle_in_wind(direction: str) -> None:
     flown = flight(
         "arducopter_nogps", f'orbit.direction="{direction}"', "limits.duration_s=120.0", law="auto"
     ).fly(160)
     assert flown.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), 30.0) < 0.7
     assert clockwise_turns(last_third(flown)) * (1 if direction == "clockwise" else -1) > 0.4
-    assert unrest(flown) < 7.0, "the circle itself needs 3.5 deg/s in this wind"
-    assert flown.vehicle.truth.mode == ALT_HOLD, "the exit action"
+    assert unrest(flown) < 7.0
+    assert flown.vehicle.truth.mode == ALT_HOLD
 
 
-def test_copter_by_attitude_learns_a_drag_that_differs_by_a_half() -> None:
+def test_attitude_copter_learns_its_drag() -> None:
     """The mission assumes 1.5 times the drag of the emulated copter: its true airspeed begins too
     high."""
     flown = flight(
@@ -54,7 +54,7 @@ def test_copter_by_attitude_learns_a_drag_that_differs_by_a_half() -> None:
     assert sum(speeds) / len(speeds) == pytest.approx(5.0, rel=0.1)
 
 
-def test_px4_copter_by_stick_holds_its_circle_without_gps() -> None:
+def test_px4_stick_copter_holds_circle_without_gps() -> None:
     flown = flight("px4_copter_nogps", "limits.duration_s=150.0", law="auto").fly(190)
     assert flown.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), 50.0) < 2.5
@@ -73,7 +73,7 @@ def lost() -> Flight:
     return copy.deepcopy(_lost())
 
 
-def test_copter_that_loses_gps_goes_on_within_two_seconds_on_its_circle() -> None:
+def test_gps_loss_changes_method_and_keeps_the_circle() -> None:
     flown = lost().fly(200)
     changed_at = flown.pilot.gps_loss.changed_at
     assert changed_at is not None
@@ -83,14 +83,12 @@ def test_copter_that_loses_gps_goes_on_within_two_seconds_on_its_circle() -> Non
     assert rms_error(last_third(flown), 30.0) < 0.5
     assert clockwise_turns(after) > 1.5
     modes = {truth.mode for truth in after if truth.time < 150}
-    assert modes == {GUIDED, GUIDED_NOGPS}, "no failsafe"
+    assert modes == {GUIDED, GUIDED_NOGPS}
     assert flown.outcome.ending is Ending.COMPLETED
-    assert flown.vehicle.truth.mode == LAND, (
-        "LOITER, the exit action of the mission, requires a position"
-    )
+    assert flown.vehicle.truth.mode == LAND
 
 
-def test_copter_that_loses_gps_keeps_target_and_wind() -> None:
+def test_gps_loss_keeps_target_and_wind() -> None:
     flown = lost()
     tick = flown.ticks[-1]
     assert "land" in flown.pilot.conditions.alarms["gps_lost"]
@@ -100,7 +98,7 @@ def test_copter_that_loses_gps_keeps_target_and_wind() -> None:
 
 
 @pytest.mark.parametrize("mode", [GUIDED, LAND, ALT_HOLD])
-def test_operator_takes_over_a_copter_without_gps(mode: int) -> None:
+def test_operator_takes_over_copter_without_gps(mode: int) -> None:
     """GUIDED, too: circnav left it at the loss of GPS."""
     flown = lost()
     Operator(flown.vehicle).set_mode(mode)
@@ -114,7 +112,7 @@ def test_operator_takes_over_a_copter_without_gps(mode: int) -> None:
     assert flown.vehicle.truth.mode == mode
 
 
-def test_operator_takes_over_while_the_method_changes() -> None:
+def test_operator_takes_over_during_change_of_method() -> None:
     """The operator selects a mode just after circnav has requested GUIDED_NOGPS."""
     flown = flight("arducopter", GPS_LOST, WIND, law="auto").fly(LOST_AT)
     while flown.pilot.gps_loss.changed_at is None:
@@ -126,7 +124,7 @@ def test_operator_takes_over_while_the_method_changes() -> None:
     assert flown.vehicle.truth.mode == ALT_HOLD
 
 
-def test_nothing_changes_when_the_gps_returns() -> None:
+def test_returning_gps_changes_nothing() -> None:
     events = (
         f'sim.events=[{{at_s={LOST_AT},action="gps_off"}},{{at_s={LOST_AT + 10},action="gps_on"}}]'
     )
@@ -137,14 +135,14 @@ def test_nothing_changes_when_the_gps_returns() -> None:
     assert flown.pilot.mission.steering
 
 
-def test_short_loss_of_gps_changes_nothing() -> None:
+def test_short_gps_loss_changes_nothing() -> None:
     events = 'sim.events=[{at_s=20.0,action="gps_off"},{at_s=20.6,action="gps_on"}]'
     flown = flight("arducopter", events, law="auto").fly(30)
     assert flown.pilot.gps_loss.changed_at is None
     assert flown.vehicle.truth.mode == GUIDED
 
 
-def test_exit_on_gps_loss_leaves_the_copter_to_its_failsafe() -> None:
+def test_exit_on_gps_loss_leaves_copter_to_failsafe() -> None:
     flown = flight(
         "arducopter", 'engage.on_gps_loss="exit"', 'sim.events=[{at_s=20.0,action="gps_off"}]'
     ).fly(40)
@@ -152,7 +150,7 @@ def test_exit_on_gps_loss_leaves_the_copter_to_its_failsafe() -> None:
     assert flown.vehicle.truth.mode == LAND
 
 
-def test_flight_without_gps_replays_exactly() -> None:
+def test_flight_without_gps_replays_identically() -> None:
     """The pilot reads no more than the recorded frames."""
     overrides = (GPS_LOST, WIND, "limits.duration_s=75.0", 'guidance.law="auto"')
     flown = Recorded.start(overrides)

@@ -32,14 +32,11 @@ AT = 12.345
 LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=0.0, climb=0.5)
 STATE = SetpointContext(*VEHICLE_IDS, motion=LEVEL, height=-1.0)
 BANK = atan(0.2 * 10.0 / 9.80665)  # of the coordinated turn
-SIDES = {
-    "left": (TURN, -1),
-    "right": (-TURN, 1),
-    "straight": (0.0, 0),
-}  # turn rate, sense in MAVLink
+# turn rate, sense in MAVLink
+SIDES = {"left": (TURN, -1), "right": (-TURN, 1), "straight": (0.0, 0)}
 
 
-def test_the_check_sum_of_this_file_is_the_standard_one() -> None:
+def test_x25_matches_its_published_check_value() -> None:
     """Check value of CRC-16/MCRF4XX for "123456789"."""
     assert x25(b"123456789") == 0x6F91
 
@@ -105,9 +102,7 @@ def at_airspeed(airspeed: float | None) -> SetpointContext:
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_copters_and_rovers_are_commanded_speed_yaw_rate_and_the_acceleration_of_the_turn(
-    side: str,
-) -> None:
+def test_copter_and_rover_setpoints_match_frames_built_by_hand(side: str) -> None:
     """Masks ignore position (bits 0 to 2) and yaw (bit 10), for the rover also the acceleration (6
     to 8). V w = 2 m/s^2 to the right. PX4: 1 m too high, down at 0.5 /s times 1 m. It gets 1.2 V w
     to the right, and for 0.3/s of drag at 10 m/s, 3 m/s^2 ahead."""
@@ -121,9 +116,7 @@ def test_copters_and_rovers_are_commanded_speed_yaw_rate_and_the_acceleration_of
     assert sent(("px4", "copter"), turn_rate, STATE._replace(drag=0.3)) == px4
 
 
-def test_a_leaning_px4_copter_is_fed_an_acceleration_that_is_level_when_its_attitude_has_turned_it() -> (
-    None
-):
+def test_leaning_px4_copter_gets_level_acceleration() -> None:
     """PX4 multiplies it by the rotation matrix of roll and pitch, and then by the one of yaw."""
     roll = 0.2
     pitch = -0.45
@@ -135,7 +128,7 @@ def test_a_leaning_px4_copter_is_fed_an_acceleration_that_is_level_when_its_atti
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_planes_are_commanded_the_bank_of_the_coordinated_turn(side: str) -> None:
+def test_plane_setpoints_bank_for_the_coordinated_turn(side: str) -> None:
     turn_rate, sense = SIDES[side]
     assert_alike(sent(("ardupilot", "plane"), turn_rate), attitude_frame(0xC6, roll=BANK * sense))
     assert sent(("px4", "plane"), turn_rate) == stick_frame(round(1000 * BANK / FULL_STICK) * sense)
@@ -163,7 +156,7 @@ def yawed_frame(*, roll: float, pitch: float, yaw: float) -> bytes:
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_copter_by_attitude_leans_forward_and_into_its_turn(side: str) -> None:
+def test_copter_attitude_leans_forward_and_into_its_turn(side: str) -> None:
     """A push of 1.8 m/s^2 forward: nose down by atan(1.8/g). To the right: roll and yaw are
     positive in MAVLink. The first yaw target is the reported yaw, 1 rad; 0.1 s later it has moved
     by a tenth of the yaw rate."""
@@ -179,7 +172,7 @@ def test_copter_by_attitude_leans_forward_and_into_its_turn(side: str) -> None:
     assert_alike(Encoder(*US).encode(later), yawed_frame(**lean, yaw=1.0 + 0.1 * TURN * sense))
 
 
-def test_copter_by_attitude_limits_the_lead_of_its_yaw_target() -> None:
+def test_copter_attitude_limits_lead_of_yaw_target() -> None:
     """A vehicle that does not turn: the target stays within 20 deg of its yaw."""
     adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
     for tick in range(200):
@@ -190,14 +183,14 @@ def test_copter_by_attitude_limits_the_lead_of_its_yaw_target() -> None:
     assert 2 * atan(z / w) == pytest.approx(1.0 + radians(20), abs=0.02)
 
 
-def test_copter_by_attitude_levels_at_the_end() -> None:
+def test_copter_attitude_safe_setpoint_is_level() -> None:
     adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
     level = adapter.safe_setpoint(STATE._replace(push=(1.8, 0.3)), AT)
     assert_alike(Encoder(*US).encode(level), yawed_frame(roll=0.0, pitch=0.0, yaw=1.0))
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_px4_copter_by_stick_pushes_forward_and_into_its_turn(side: str) -> None:
+def test_px4_copter_stick_deflections_match_calculation(side: str) -> None:
     """Full stick is g tan(35 deg) = 6.867 m/s^2, and 150 deg/s of yaw behind a dead zone of 0.1 and
     the curve 0.4 x + 0.6 x^3. A yaw rate of 0.2 rad/s (0.0764 of full) needs x = 0.1820, so a
     deflection of 0.2638."""
@@ -209,7 +202,7 @@ def test_px4_copter_by_stick_pushes_forward_and_into_its_turn(side: str) -> None
     assert (sent_sticks.x, sent_sticks.y, sent_sticks.z, sent_sticks.r) == expected
 
 
-def test_hold_is_standing_still_or_wings_level() -> None:
+def test_safe_setpoints_hover_or_level_the_wings() -> None:
     """Our clock in the setpoint wraps like a boot time."""
     assert sent(("ardupilot", "copter"), None) == velocity_frame(
         0x407, forward=0.0, down=0.0, yaw_rate=0.0
@@ -228,7 +221,7 @@ def test_hold_is_standing_still_or_wings_level() -> None:
         )
 
 
-def test_the_guided_mode_is_asked_for_by_its_numbers() -> None:
+def test_mode_request_contains_mode_numbers() -> None:
     """DO_SET_MODE (176): p1 = 1, custom mode enabled, then ArduPilot's mode, or PX4's main and sub
     mode."""
     for key, numbers in (
@@ -248,22 +241,19 @@ def test_the_guided_mode_is_asked_for_by_its_numbers() -> None:
         (("px4", "copter"), 4 << 16 | 3 << 24, True),
         (("px4", "copter"), None, True),
         (("px4", "plane"), 4 << 16 | 3 << 24, True),  # AUTO.LOITER
-        (
-            ("px4", "plane"),
-            3 << 16,
-            False,
-        ),  # POSCTL is flown by stick: our setpoints would move the vehicle
+        # POSCTL is flown by stick: our setpoints would move the vehicle
+        (("px4", "plane"), 3 << 16, False),
         (("px4", "plane"), None, False),
     ],
 )
-def test_setpoints_before_the_guided_mode_go_only_where_nothing_obeys_them(key, mode, wanted):
+def test_early_setpoints_are_sent_only_in_harmless_modes(key, mode, wanted):
     assert AUTOPILOTS[key](FACTS).wants_setpoints_in(mode) == wanted
 
 
 @pytest.mark.parametrize(
     ("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)]
 )
-def test_a_whole_flight_ends_in_the_frame_built_by_hand(direction: Direction, sign: int) -> None:
+def test_engaged_pilot_sends_frame_built_by_hand(direction: Direction, sign: int) -> None:
     """Holding without ranges turns at V/r_d = 15/100 rad/s: clockwise is positive in MAVLink."""
     rig = Rig(orbit=replace(ORBIT, direction=direction))
     rig.vehicle = Voice(*VEHICLE_IDS)
@@ -286,7 +276,7 @@ def test_a_whole_flight_ends_in_the_frame_built_by_hand(direction: Direction, si
 
 
 @pytest.mark.parametrize("key", AUTOPILOTS)
-def test_bank_and_stick_stay_within_the_mission_s_limit(key: tuple[str, str]) -> None:
+def test_bank_and_stick_stay_within_mission_limit(key: tuple[str, str]) -> None:
     hard = sent(key, 3.0)
     assert hard != sent(key, TURN)
     if hard[7] == 82:
@@ -299,9 +289,7 @@ def test_bank_and_stick_stay_within_the_mission_s_limit(key: tuple[str, str]) ->
 
 @pytest.mark.parametrize("airspeed", [None, 0.1, 1.0, 4.99, 16.01, 150.0, nan])
 @pytest.mark.parametrize("key", [("ardupilot", "plane"), ("px4", "plane")])
-def test_an_airspeed_that_cannot_be_is_not_used(
-    key: tuple[str, str], airspeed: float | None
-) -> None:
+def test_implausible_airspeed_is_ignored(key: tuple[str, str], airspeed: float | None) -> None:
     """The commanded 10 m/s replaces the reported airspeed in bank and thrust."""
     assert sent(key, TURN, at_airspeed(airspeed)) == sent(key, TURN)
     assert sent(key, None, at_airspeed(airspeed)) == sent(key, None)
@@ -309,7 +297,7 @@ def test_an_airspeed_that_cannot_be_is_not_used(
 
 @pytest.mark.parametrize("value", [nan, inf, -inf])
 @pytest.mark.parametrize("vehicle", AUTOPILOTS.values(), ids=lambda one: one.__name__)
-def test_a_parameter_that_is_no_number_fails_and_says_so(vehicle, value) -> None:
+def test_parameter_without_a_number_fails_its_check(vehicle, value) -> None:
     names = {name for rule in vehicle.parameters for name, _ in rule.names}
     context = Context(15.0, 20.0, 30.0, 0.05, 1, dict.fromkeys(names, value))
     for check in (rule.check(context) for rule in vehicle.parameters):
@@ -319,16 +307,14 @@ def test_a_parameter_that_is_no_number_fails_and_says_so(vehicle, value) -> None
 
 
 @pytest.mark.parametrize("airspeed", [5.01, 9.0, 12.0, 15.99])
-def test_an_airspeed_that_can_be_makes_the_bank_of_its_own_coordinated_turn(
-    airspeed: float,
-) -> None:
+def test_plausible_airspeed_sets_the_bank(airspeed: float) -> None:
     bank = atan(TURN * airspeed / 9.80665)
     state = at_airspeed(airspeed)
     assert_alike(sent(("ardupilot", "plane"), TURN, state), attitude_frame(0xC6, roll=-bank))
     assert sent(("px4", "plane"), TURN, state) == stick_frame(-round(1000 * bank / FULL_STICK))
 
 
-def test_thin_air_makes_the_bank_steeper() -> None:
+def test_thin_air_increases_the_bank() -> None:
     """3000 m above the sea the density is 0.909 kg/m^3. The bank uses the true airspeed, which no
     message reports."""
     thin = STATE._replace(motion=LEVEL._replace(altitude=3000.0))
@@ -337,9 +323,7 @@ def test_thin_air_makes_the_bank_steeper() -> None:
 
 
 @pytest.mark.parametrize(("bound", "again"), [(16.0, 15.0), (5.0, 6.0)])
-def test_airspeed_at_the_bound_of_plausibility_does_not_step_the_bank(
-    bound: float, again: float
-) -> None:
+def test_airspeed_plausibility_has_hysteresis(bound: float, again: float) -> None:
     """After it was rejected at 1.6 V or 0.5 V, the airspeed is used again only within 1.5 V or 0.6
     V."""
     adapter = AUTOPILOTS["ardupilot", "plane"](FACTS)
@@ -350,7 +334,7 @@ def test_airspeed_at_the_bound_of_plausibility_does_not_step_the_bank(
 
 
 @pytest.mark.parametrize("kind", [35, 43], ids=["decarotor", "generic multirotor"])
-def test_a_multirotor_of_a_rare_kind_is_flown_as_a_copter(kind: int) -> None:
+def test_rare_multirotor_types_are_copters(kind: int) -> None:
     rig = Rig()
     rig.hear(heartbeat(kind=kind))
     assert (rig.pilot.session.up, rig.pilot.session.adapter.name) == (True, "ardupilot copter")
@@ -376,11 +360,9 @@ def copter_report(
 
 @pytest.mark.parametrize("turn", [TURN, -TURN, 0.0])
 @pytest.mark.parametrize("course", [0.0, 0.7, 2.5, -2.0])
-def test_a_copters_report_of_velocity_and_acceleration_shows_its_turn_right_positive(
-    course: float, turn: float
-) -> None:
+def test_copter_report_shows_turn_right_positive(course: float, turn: float) -> None:
     assert turn_in(copter_report(course, 5.0, turn)) == pytest.approx(turn, abs=1e-6)
-    assert turn_in(copter_report(course, 0.2, 3.0)) == 0.0, "a copter that hovers after a timeout"
+    assert turn_in(copter_report(course, 0.2, 3.0)) == 0.0
     assert [turn_in(copter_report(course, 5.0, turn, ignored=bit)) for bit in (0x08, 0x40)] == [
         None,
         None,
@@ -390,7 +372,7 @@ def test_a_copters_report_of_velocity_and_acceleration_shows_its_turn_right_posi
 @pytest.mark.parametrize(
     "key", sorted(set(AUTOPILOTS) - {("px4", "plane"), ("px4", "copter stick")})
 )
-def test_the_turn_in_a_setpoint_is_the_one_commanded(key: tuple[str, str]) -> None:
+def test_turn_in_setpoint_equals_commanded_turn(key: tuple[str, str]) -> None:
     adapter = AUTOPILOTS[key](FACTS)
     for turn in (TURN, -TURN, 0.0):
         steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn)), SPEED)

@@ -12,7 +12,7 @@ WINDOW = 100
 """Samples within which a clock drift is followed: 10 s of a 10 Hz radio."""
 
 
-def test_the_least_delay_seen_is_the_offset_and_one_that_stays_is_believed_after_two_windows_at_the_latest():
+def test_smallest_delay_seen_becomes_the_clock_offset():
     """A constant delay cannot be distinguished from a clock offset."""
     clock = StampFilter(lambda since, now: 0.3)
     assert clock.local(100.0, 10.3) == pytest.approx(10.3)
@@ -25,7 +25,7 @@ def test_the_least_delay_seen_is_the_offset_and_one_that_stays_is_believed_after
     assert (ages[0], ages[-1]) == pytest.approx((0.3, 0.0), abs=1e-9)
 
 
-def test_jitter_of_the_way_is_taken_out():
+def test_stamp_filter_removes_jitter():
     """Delays of 0 to 50 ms: after some samples the local times are as even as the stamps, within 2
     ms."""
     rng = np.random.default_rng(1)
@@ -38,7 +38,7 @@ def test_jitter_of_the_way_is_taken_out():
 
 
 @pytest.mark.parametrize("drift", [200e-6, -200e-6])
-def test_a_drifting_clock_is_followed(drift):
+def test_stamp_filter_follows_clock_drift(drift):
     """200 ppm over an hour are 0.7 s. The mapping lags by at most the drift of two windows, 4 ms at
     10 Hz."""
     clock = StampFilter()
@@ -49,7 +49,7 @@ def test_a_drifting_clock_is_followed(drift):
 
 
 @given(pairs=st.lists(st.tuples(st.floats(0, 1e6), st.floats(0, 1e6)), min_size=1, max_size=250))
-def test_no_sample_is_ever_dated_after_its_arrival(pairs):
+def test_no_sample_is_dated_after_its_arrival(pairs):
     clock = StampFilter()
     assert all(clock.local(stamp, arrival) <= arrival for stamp, arrival in pairs)
 
@@ -57,7 +57,7 @@ def test_no_sample_is_ever_dated_after_its_arrival(pairs):
 # --- stamps in order ---
 
 
-def test_stamps_go_on_along_one_line_through_the_wrap_and_back():
+def test_stamps_continue_through_the_wrap():
     """10 s in 32-bit milliseconds, before and after 49.7 days. An overtaken stamp comes late."""
     clock = StampFilter(wrap=BOOT_WRAP)
     assert abs(BOOT_WRAP - 49.71 * 86400) < 300
@@ -80,7 +80,7 @@ def test_stamps_go_on_along_one_line_through_the_wrap_and_back():
         ([(3.0, 1.0), None, (3.1, 1.1)], 1.0, False),  # one stamp of the old clock between them
     ],
 )
-def test_a_clock_was_set_anew_when_two_stamps_in_a_row_agree(stamps, steady, proven):
+def test_clock_restart_needs_two_consistent_stamps(stamps, steady, proven):
     clock = StampFilter()
     clock.take(700.0, 0.9)
     for stamp in stamps:
@@ -92,7 +92,7 @@ def test_a_clock_was_set_anew_when_two_stamps_in_a_row_agree(stamps, steady, pro
     assert order is (Order.RESTARTED if proven else Order.JUMPED)
 
 
-def test_a_stamp_is_newer_repeated_or_overtaken_unless_it_is_far_behind_or_ahead():
+def test_stamps_are_ordered_by_distance():
     clock = StampFilter()
     assert clock.order(50.0, 0.0) is Order.NEWER
     clock.local(50.0, 0.0)
@@ -126,20 +126,20 @@ def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
 
 @pytest.mark.parametrize("jitter", [0.0, 0.02])
 @pytest.mark.parametrize("pause", [0.2, 0.5, 1.0, 3.0, 60.0])
-def test_a_clock_that_stood_still_is_followed_within_a_second(pause, jitter):
+def test_paused_clock_is_followed_within_a_second(pause, jitter):
     shown = ages(lambda stamp: pause, jitter=jitter)
     assert shown[40][1] == pytest.approx(pause, abs=0.03)
     assert max(age for time, age in shown if time >= 4.0 + pause + 0.9) < 0.05
 
 
-def test_pauses_that_follow_each_other_are_followed_each():
+def test_repeated_pauses_are_followed():
     shown = ages(lambda stamp: 0.4 * int(stamp - 3.0), seconds=12.0)
     assert max(age for time, age in shown) < 0.45
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.02])
 @pytest.mark.parametrize("spare", [0.1, 0.5, 3.0])
-def test_a_queue_that_drains_is_never_believed_fresh(spare, jitter):
+def test_draining_queue_never_counts_as_fresh(spare, jitter):
     """A queue after 2 s of outage, on a link with little spare capacity, until the smallest lag is
     forgotten."""
     wait = lambda stamp: max(2.0 - spare / (1 + spare) * (stamp - 4.0), 0.0)  # noqa: E731
@@ -150,12 +150,12 @@ def test_a_queue_that_drains_is_never_believed_fresh(spare, jitter):
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.2])
-def test_a_link_that_is_ever_more_congested_is_never_believed_fresh(jitter):
+def test_increasing_congestion_never_counts_as_fresh(jitter):
     shown = ages(lambda stamp: 0.1 * (stamp - 4.0), jitter=jitter, seconds=13.0)
     assert all(age > 0.1 * (time - 4.0) / 1.1 - 0.25 for time, age in shown[40:])
 
 
-def test_a_link_that_has_turned_slow_in_one_step_is_told_by_its_round_trip():
+def test_step_of_link_delay_is_measured_by_round_trip():
     asked = []
     slower = lambda since, now: asked.append((since, now)) or 1.0  # noqa: E731
     shown = ages(lambda stamp: 1.0, slower=slower)
@@ -163,7 +163,7 @@ def test_a_link_that_has_turned_slow_in_one_step_is_told_by_its_round_trip():
     assert all(since >= 5.0 and now - since >= 0.45 for since, now in asked)
 
 
-def test_what_the_round_trip_does_not_explain_is_the_clocks():
+def test_lag_beyond_the_round_trip_belongs_to_clock():
     """Timesync is silent for 1 s: the whole lag counts as delay. Then a round trip that has grown
     by 0.2 s explains only 0.2 s."""
     slower = lambda since, now: float("inf") if now < 6.0 else 0.2  # noqa: E731
@@ -191,7 +191,7 @@ COMPUTER_BUSY = [
     ],
     ids=["paused", "busy"],
 )
-def test_a_step_among_slow_answers_is_followed_within_a_second_of_settling(lags, slower):
+def test_clock_step_amid_slow_answers_is_followed(lags, slower):
     """Flown lags, s, at intervals of 0.1 s. The last one stays."""
     clock = StampFilter(slower)
     shown = []
@@ -201,7 +201,7 @@ def test_a_step_among_slow_answers_is_followed_within_a_second_of_settling(lags,
     assert max(shown[100 + len(lags) :]) < 0.1
 
 
-def test_a_step_is_doubted_while_it_may_be_the_clocks():
+def test_ambiguous_step_is_doubted():
     clock = StampFilter(lambda since, now: float("inf"))
     doubts = []
     for i in range(30):
@@ -220,7 +220,7 @@ def found(times):
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.5, 8.0])
-def test_a_steady_speed_is_found_after_three_windows_of_three_seconds(speed):
+def test_clock_speed_is_found_after_three_windows(speed):
     seen = found([(100 + speed * 0.1 * n, 0.1 * n) for n in range(120)])
     assert seen[88] is None
     assert seen[91] == pytest.approx(speed, abs=0.01)
@@ -239,11 +239,11 @@ def test_a_steady_speed_is_found_after_three_windows_of_three_seconds(speed):
         "a radio's buffer that fills for 7 s",
     ],
 )
-def test_what_delays_messages_is_no_speed(arrival):
+def test_message_delays_are_no_clock_speed(arrival):
     assert set(found([(0.1 * n, arrival(0.1 * n)) for n in range(200)])) == {None}
 
 
-def test_a_reboot_begins_anew():
+def test_reboot_restarts_clock_speed():
     fast = [(8 * 0.1 * n, 0.1 * n) for n in range(100)]
     seen = found([*fast, *((0.1 * n, 10.0 + 0.1 * n) for n in range(100))])
     assert seen[99] == pytest.approx(8.0, rel=0.01)

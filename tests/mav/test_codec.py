@@ -78,7 +78,7 @@ PLACES = st.lists(st.integers(0, 10_000), max_size=20)
 @example(data=[*GOOD[:6], b"\xfd\xff\x00\x00", *GOOD[6:]])
 @example(data=[STUMP, BEAT, BEAT])
 @example(data=[b"\xfe", *[BEAT] * 10, GOOD[2]])  # the length after 0xFE covers most of the datagram
-def test_no_good_frame_of_a_datagram_is_lost_to_false_starts_stumps_and_junk_round_it(data):
+def test_datagram_with_junk_loses_no_good_frame(data):
     """The parser of pymavlink loses the 14 frames within the length after a stray 0xFD (mavlink.md,
     rule 2)."""
     assert decoded(Decoder(), [b"".join(data)]) == [piece for piece in data if piece in GOOD]
@@ -88,7 +88,7 @@ def test_no_good_frame_of_a_datagram_is_lost_to_false_starts_stumps_and_junk_rou
     data=st.lists(st.sampled_from([BEAT, STUMP, b"\xfe", b"\x00", unknown_frame()]), max_size=20),
     places=PLACES,
 )
-def test_even_a_damaged_stream_is_read_alike_in_any_chunks(data, places):
+def test_damaged_stream_decodes_alike_in_any_chunks(data, places):
     whole = b"".join(data) + bytes(600)
     assert decoded(Decoder(stream=True), cut(whole, places)) == decoded(
         Decoder(stream=True), [whole]
@@ -102,9 +102,7 @@ quiet_junk = st.binary(max_size=40).map(
 
 
 @given(junk=st.lists(quiet_junk, min_size=12, max_size=12), places=PLACES)
-def test_junk_between_the_frames_loses_none_of_a_datagram_nor_of_a_stream_in_any_chunks(
-    junk, places
-):
+def test_junk_between_frames_loses_none_in_any_chunks(junk, places):
     data = b"".join(noise + frame for noise, frame in zip(junk, GOOD, strict=True))
     decoder = Decoder()
     assert decoded(decoder, [data]) == GOOD
@@ -113,7 +111,7 @@ def test_junk_between_the_frames_loses_none_of_a_datagram_nor_of_a_stream_in_any
 
 
 @pytest.mark.parametrize("start", [b"\xfd", b"\xfe", b"\xfd\xff\x00\x00", STUMP])
-def test_a_false_start_costs_no_frame_of_a_stream_once_its_claimed_length_has_come(start):
+def test_false_start_in_stream_costs_no_frame(start):
     first = [BEAT, *GOOD]
     late = frames(40)
     got = decoded(Decoder(stream=True), [start + b"".join(first), *late])
@@ -121,7 +119,7 @@ def test_a_false_start_costs_no_frame_of_a_stream_once_its_claimed_length_has_co
     assert set(late[:25]) <= set(got)
 
 
-def test_a_frame_that_nobody_knows_is_believed_in_a_stream_only_when_another_follows_it():
+def test_unknown_frame_in_stream_needs_a_frame_behind():
     decoder = Decoder(stream=True)
     assert (
         decoded(decoder, cut(b"".join(frame + unknown_frame() for frame in GOOD), range(0, 900, 7)))
@@ -131,7 +129,7 @@ def test_a_frame_that_nobody_knows_is_believed_in_a_stream_only_when_another_fol
 
 
 @given(index=st.integers(0, 11), at=st.integers(0, 200), bit=st.integers(0, 7))
-def test_a_flipped_bit_costs_at_most_the_frame_it_is_in(index, at, bit):
+def test_flipped_bit_costs_one_frame(index, at, bit):
     broken = bytearray(GOOD[index])
     broken[at % len(broken)] ^= 1 << bit
     others = GOOD[:index] + GOOD[index + 1 :]
@@ -143,14 +141,14 @@ def test_a_flipped_bit_costs_at_most_the_frame_it_is_in(index, at, bit):
 @given(data=st.binary(max_size=400), stream=st.booleans())
 @example(data=b"\xfd", stream=False)
 @example(data=b"\xfe\xff" * 200, stream=True)
-def test_no_bytes_whatever_raise(data, stream):
+def test_decoder_never_raises(data, stream):
     decoder = Decoder(stream=stream)
     decoder.decode(data)
     decoder.decode(data)
     assert decoder.counts.bytes == 2 * len(data)
 
 
-def test_a_datagram_stands_for_itself():
+def test_incomplete_datagram_does_not_affect_the_next():
     """An incomplete frame at its end is lost and does not affect the next datagram."""
     decoder = Decoder()
     assert decoded(decoder, [GOOD[0] + GOOD[1][:10]]) == [GOOD[0]]
@@ -161,37 +159,35 @@ def test_a_datagram_stands_for_itself():
 VERSION_1 = bytes(HEARTBEAT.pack(mavlink.MAVLink(None, srcSystem=7), force_mavlink1=True))
 
 
-@pytest.mark.parametrize(
-    ("data", "words", "unknown"),
-    [
-        (b"", "0 bytes received", 0),
-        (
-            b"GET / HTTP/1.1\r\n\r\n",
-            "received 18 bytes, 0 frames, 1 CRC or framing errors, {}: none, {}: none",
-            0,
-        ),
-        (VERSION_1, "received 17 bytes, 1 frames, 0 CRC or framing errors, {}: 7/0, {}: 1 only", 0),
-        (
-            VERSION_1 + GOOD[0],
-            "received 38 bytes, 2 frames, 0 CRC or framing errors, {}: 7/0, 7/1, {}: 2",
-            0,
-        ),
-        (
-            b"\0" + BEAT + unknown_frame(),
-            "received 43 bytes, 2 frames, 1 CRC or framing errors, {}: 7/1, {}: 2",
-            1,
-        ),
-    ],
-    ids=["nothing", "no frame", "version 1", "both versions", "junk and an unknown id"],
-)
-def test_counts_are_facts_for_a_person(data, words, unknown):
+COUNTS = {
+    "nothing": (b"", "0 bytes received", 0),
+    "no frame": (
+        b"GET / HTTP/1.1\r\n\r\n",
+        "received 18 bytes, 0 frames, 1 CRC or framing errors, {}: none, {}: none",
+        0,
+    ),
+    "version 1": (
+        VERSION_1,
+        "received 17 bytes, 1 frames, 0 CRC or framing errors, {}: 7/0, {}: 1 only",
+        0,
+    ),
+    "junk and an unknown id": (
+        b"\0" + BEAT + unknown_frame(),
+        "received 43 bytes, 2 frames, 1 CRC or framing errors, {}: 7/1, {}: 2",
+        1,
+    ),
+}
+
+
+@pytest.mark.parametrize(("data", "words", "unknown"), COUNTS.values(), ids=COUNTS)
+def test_counts_are_described_in_one_line(data, words, unknown):
     decoder = Decoder()
     decoder.decode(data)
     assert decoder.counts.describe() == words.format("system/component ids", "MAVLink version")
     assert decoder.counts.unknown == unknown
 
 
-def test_a_flood_of_ids_and_systems_leaves_the_counters_small():
+def test_flood_of_ids_leaves_counters_small():
     decoder = Decoder()
     for ident in range(70_000, 73_000):
         decoder.decode(unknown_frame(ident=ident))
@@ -205,7 +201,7 @@ def test_a_flood_of_ids_and_systems_leaves_the_counters_small():
     assert len(decoder.frames) == 1
 
 
-def test_a_hostile_datagram_is_given_up_after_64_false_starts():
+def test_hostile_datagram_stops_after_64_false_starts():
     """Work is bounded: the rest of that datagram is lost, and the next datagram is read."""
     decoder = Decoder()
     for start in (b"\xfd\x01\x00", b"\xfd", b"\xfd\xff\x02", b"\xfe"):
@@ -214,7 +210,7 @@ def test_a_hostile_datagram_is_given_up_after_64_false_starts():
     assert decoded(decoder, [GOOD[1]]) == [GOOD[1]]
 
 
-def test_what_nobody_reads_is_checked_counted_and_kept_for_the_log_but_not_decoded():
+def test_unwanted_message_is_logged_but_not_decoded():
     """Includes unknown ids."""
     decoder = Decoder(wanted={mavlink.MAVLINK_MSG_ID_HEARTBEAT})
     assert [m.get_type() for m in decoder.decode(b"".join([b"\x00", *GOOD, unknown_frame()]))] == [
@@ -232,9 +228,7 @@ def test_what_nobody_reads_is_checked_counted_and_kept_for_the_log_but_not_decod
     ("flags", "signature", "understood"),
     [(0x01, bytes(13), True), (0x02, b"", False), (0x03, bytes(13), False)],
 )
-def test_a_signed_frame_is_read_and_one_with_flags_that_we_do_not_understand_is_dropped(
-    flags, signature, understood
-):
+def test_frame_with_unknown_flags_is_dropped(flags, signature, understood):
     """Payload, CRC, then 13 bytes of signature, which is kept for the log. 50 is the CRC_EXTRA of
     HEARTBEAT."""
     body = GOOD[0][1:2] + bytes((flags,)) + GOOD[0][3:-2]
@@ -247,13 +241,13 @@ def test_a_signed_frame_is_read_and_one_with_flags_that_we_do_not_understand_is_
     assert decoder.frames == expected
 
 
-def test_frames_whose_crc_is_not_checked_are_refused_at_the_start(monkeypatch):
+def test_decoder_refuses_mavlink_ignore_crc(monkeypatch):
     monkeypatch.setattr(mavlink, "MAVLINK_IGNORE_CRC", True)
     with pytest.raises(ValueError, match="MAVLINK_IGNORE_CRC"):
         Decoder()
 
 
-def test_our_frames_are_mavlink_2_in_our_name_with_a_running_sequence_and_are_cut_apart_again():
+def test_encoder_numbers_frames_and_splitting_restores_them():
     encoder = Encoder(3, 191)
     out = [encoder.encode(HEARTBEAT) for _ in range(258)]
     assert all(frame[0] == 0xFD and frame[5:7] == bytes((3, 191)) for frame in out)

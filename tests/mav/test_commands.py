@@ -39,7 +39,7 @@ def sender():
     return sender
 
 
-def test_an_unanswered_command_is_repeated_three_times_counting_and_then_given_up(sender):
+def test_unanswered_command_is_repeated_three_times(sender):
     sent = poll_until(sender, 1.95)
     assert sender.take_results() == []
     sent += poll_until(sender, 5.0, start=2.0)
@@ -68,7 +68,7 @@ def test_an_unanswered_command_is_repeated_three_times_counting_and_then_given_u
 
 
 @pytest.mark.parametrize(
-    ("result", "said"),
+    ("result", "answer"),
     [
         (0, "accepted"),
         (1, "temporarily rejected"),
@@ -78,7 +78,7 @@ def test_an_unanswered_command_is_repeated_three_times_counting_and_then_given_u
         (99, "result 99"),
     ],
 )
-def test_an_answer_ends_the_repeats_and_is_told_in_words(sender, result, said):
+def test_answer_ends_repeats_and_is_described(sender, result, answer):
     sender.poll(TARGET, 0.0)
     sender.acknowledge(ack(result=result), US, 0.1)
     assert poll_until(sender, 3.0, start=0.25) == []
@@ -86,7 +86,7 @@ def test_an_answer_ends_the_repeats_and_is_told_in_words(sender, result, said):
     assert (ended.accepted, ended.refused, ended.answer) == (
         result == ACCEPTED,
         result != ACCEPTED,
-        said,
+        answer,
     )
 
 
@@ -96,15 +96,13 @@ def test_an_answer_ends_the_repeats_and_is_told_in_words(sender, result, said):
     + [(ack(target=target), False) for target in ((255, 190), (1, 190), (2, 191), (255, 0))]
     + [(ack(number), False) for number in (400, 511)],
 )
-def test_only_an_answer_to_our_command_and_to_us_or_nobody_in_particular_counts(
-    sender, answer, ours
-):
+def test_answers_count_by_command_and_target(sender, answer, ours):
     sender.poll(TARGET, 0.0)
     sender.acknowledge(answer, US, 0.1)
     assert (poll_until(sender, 0.6) == [], len(sender.take_results())) == (ours, ours)
 
 
-def test_in_progress_stops_the_repeats_for_three_seconds_and_three_times_at_most(sender):
+def test_in_progress_extends_waiting_three_times(sender):
     sender.poll(TARGET, 0.0)
     sender.acknowledge(ack(result=IN_PROGRESS), US, 0.2)
     assert poll_until(sender, 3.15, start=0.25) == sender.take_results() == []
@@ -115,7 +113,7 @@ def test_in_progress_stops_the_repeats_for_three_seconds_and_three_times_at_most
     assert sender.take_results()[0].answer == "no answer"
 
 
-def test_one_command_of_a_number_is_under_way_at_a_time_and_those_of_others_do_not_wait():
+def test_commands_of_one_number_are_sent_in_turn():
     sender = CommandSender()
     first = Command(SET_INTERVAL, (30, 1e5))
     second = Command(SET_INTERVAL, (74, 1e5))
@@ -131,9 +129,7 @@ def test_one_command_of_a_number_is_under_way_at_a_time_and_those_of_others_do_n
 @pytest.mark.parametrize(
     ("trip", "doubled"), [(0.55, False), (1.95, False), (0.1, True), (0.95, True)]
 )
-def test_each_answer_counts_for_the_command_that_it_answers_however_late_or_often_it_comes(
-    trip, doubled
-):
+def test_late_and_doubled_answers_match_their_commands(trip, doubled):
     """Ten streams, of which the vehicle denies one. doubled: two routers bring each answer."""
     sender = CommandSender()
     answers = []
@@ -155,7 +151,7 @@ def test_each_answer_counts_for_the_command_that_it_answers_however_late_or_ofte
     ]
 
 
-def test_the_same_command_is_not_queued_twice(sender):
+def test_same_command_is_queued_once(sender):
     sender.send(GUIDED)
     sender.poll(TARGET, 0.0)
     sender.send(GUIDED)
@@ -163,7 +159,7 @@ def test_the_same_command_is_not_queued_twice(sender):
     assert poll_until(sender, 3.0, start=0.1) == []
 
 
-def test_dropping_a_number_drops_what_waits_and_what_is_under_way_and_clearing_drops_all(sender):
+def test_dropped_number_leaves_queue_and_flight(sender):
     stream = Command(SET_INTERVAL, (30, 1e5))
     for _ in range(2):
         sender.send(stream)
@@ -188,52 +184,44 @@ def streams():
     return StreamRequests({ATTITUDE: 10.0, TIME: 1.0})
 
 
-def hear(streams, seconds, attitude=10.0):
+def receive_messages(streams, seconds, attitude=10.0):
     for message_id, rate in ((ATTITUDE, attitude), (TIME, 1.0), (1000, 5.0)):
         for _ in range(round(seconds * rate)):
             streams.received(message_id)
 
 
-def asked(commands):
+def requested(commands):
     assert all(command.number == SET_INTERVAL for command in commands)
     return [command.params for command in commands]
 
 
 @pytest.mark.parametrize(("rate", "again"), [(4.9, True), (5.1, False), (0.0, True)])
-def test_streams_are_asked_for_in_microseconds_measured_and_below_half_their_rate_asked_for_again(
-    streams, rate, again
-):
+def test_stream_below_half_its_rate_is_requested_again(streams, rate, again):
     """Other clients reset rates: gh:ArduPilot/ardupilot#19761."""
-    assert asked(streams.poll(0.0)) == [(ATTITUDE, 100_000)]
-    assert asked(streams.poll(0.6)) == [(TIME, 1_000_000)]
+    assert requested(streams.poll(0.0)) == [(ATTITUDE, 100_000)]
+    assert requested(streams.poll(0.6)) == [(TIME, 1_000_000)]
     assert streams.rates == {ATTITUDE: None, TIME: 0.0}
-    hear(streams, 3.0)
+    receive_messages(streams, 3.0)
     assert streams.poll(3.5) == streams.poll(3.6) == []
     assert streams.rates == pytest.approx({ATTITUDE: 10.0, TIME: 1.0})
-    hear(streams, 100, attitude=rate)
-    assert asked(streams.poll(103.6)) == ([(ATTITUDE, 100_000)] if again else [])
+    receive_messages(streams, 100, attitude=rate)
+    assert requested(streams.poll(103.6)) == ([(ATTITUDE, 100_000)] if again else [])
     assert streams.rates[ATTITUDE] == pytest.approx(rate)
-    assert asked(streams.give_back()) == [(ATTITUDE, 0), (TIME, 0)], (
-        "an interval of zero is the vehicle's own"
-    )
+    assert requested(streams.give_back()) == [(ATTITUDE, 0), (TIME, 0)]
 
 
-def test_a_stream_that_a_ground_station_already_requested_is_neither_requested_nor_given_back(
-    streams,
-):
+def test_stream_requested_by_ground_station_is_left_alone(streams):
     """Behind MAVProxy, which prints each acknowledgment: 4 Hz of everything, set again every 15
     s."""
-    assert asked(streams.poll(0.0)) == [(ATTITUDE, 100_000)]
+    assert requested(streams.poll(0.0)) == [(ATTITUDE, 100_000)]
     streams.received(TIME)
     assert streams.poll(0.6) == []
-    hear(streams, 3.0)
+    receive_messages(streams, 3.0)
     assert streams.poll(3.6) == []
-    assert asked(streams.give_back()) == [(ATTITUDE, 0)]
+    assert requested(streams.give_back()) == [(ATTITUDE, 0)]
 
 
-def test_a_vehicle_that_does_not_know_the_request_is_asked_by_the_older_one_until_the_streams_flow(
-    streams,
-):
+def test_unsupported_interval_falls_back_to_data_stream_requests(streams):
     for request in (*streams.poll(0.0), *streams.poll(0.6)):
         streams.denied(CommandResult(request, UNSUPPORTED))
     (one, two) = streams.group_requests((1, 1), 0.7)
@@ -241,30 +229,26 @@ def test_a_vehicle_that_does_not_know_the_request_is_asked_by_the_older_one_unti
         (10, 10, 1),
         (12, 1, 1),
     ]
-    assert streams.group_requests((1, 1), 2.0) == [], "once in a while is enough"
+    assert streams.group_requests((1, 1), 2.0) == []
     assert streams.refused == ["ATTITUDE", "SYSTEM_TIME"] and streams.by_group
-    hear(streams, 3.1)
+    receive_messages(streams, 3.1)
     assert streams.poll(3.7) == []
     assert streams.group_requests((1, 1), 6.2) == [] and streams.refused == []
 
 
-def test_a_denied_stream_is_not_asked_for_again_before_a_restart_after_which_all_begins_anew(
-    streams,
-):
+def test_denied_stream_is_requested_again_after_restart(streams):
     streams.denied(CommandResult(streams.poll(0.0)[0], DENIED))
     assert streams.refused == ["ATTITUDE"]
     for check in range(1, 5):
-        assert asked(streams.poll(3.0 * check)) == [(TIME, 1_000_000)]
-    hear(streams, 100.0)
+        assert requested(streams.poll(3.0 * check)) == [(TIME, 1_000_000)]
+    receive_messages(streams, 100.0)
     streams.restart()
     assert len(streams.poll(13.0)) == 1
     assert streams.rates == {ATTITUDE: None, TIME: None}
-    assert [len(streams.poll(now)) for now in (13.7, 16.8)] == [1, 2], (
-        "what was heard before does not count"
-    )
+    assert [len(streams.poll(now)) for now in (13.7, 16.8)] == [1, 2]
 
 
-def test_what_the_vehicle_may_not_have_is_asked_for_again_only_once_it_was_heard():
+def test_optional_stream_is_repeated_only_after_first_message():
     streams = StreamRequests({ATTITUDE: 10.0, TIME: 1.0}, maybe={TIME})
     asked = [[one.params[0] for one in streams.poll(now)] for now in (0.0, 10.0, 20.0)]
     assert asked == [[ATTITUDE], [TIME], [ATTITUDE]]

@@ -43,7 +43,7 @@ def hud(**rest):
         (7.0, 2.5 * pi - 7.0),
     ],
 )
-def test_north_is_up_and_east_is_right(yaw, course):
+def test_compass_converts_to_enu_and_back(yaw, course):
     """Heading clockwise from north, course counter-clockwise from east, in (-pi, pi]; and back, in
     [0, 2 pi)."""
     assert heading_enu_from_yaw_ned(yaw) == pytest.approx(course)
@@ -52,7 +52,7 @@ def test_north_is_up_and_east_is_right(yaw, course):
 
 @pytest.mark.parametrize("steered", [True, False])
 @pytest.mark.parametrize("jump", [pi, -pi / 2, 0.5])
-def test_a_yaw_that_is_set_anew_in_flight_is_no_turn_and_setpoints_go_by_the_new_one(jump, steered):
+def test_yaw_reset_in_flight_is_no_turn(jump, steered):
     sensor = OwnMotionSensor()
     headings = []
     sensor.keeps_heading = steered
@@ -68,7 +68,7 @@ def test_a_yaw_that_is_set_anew_in_flight_is_no_turn_and_setpoints_go_by_the_new
     assert (max(turns) - min(turns) < 1e-6) == steered
 
 
-def test_two_attitudes_in_three_seconds_are_too_few_and_two_per_second_are_enough():
+def test_two_attitudes_per_second_are_enough():
     for every, seldom in ((0.5, False), (1.5, True)):
         sensor = OwnMotionSensor()
         for n in range(20):
@@ -90,9 +90,7 @@ def received(delays, boot_ms=0, seconds=20.0):
 
 @pytest.mark.parametrize("boot_ms", [0, 2**32 - 8000])
 @pytest.mark.parametrize("longest", [0.2, 0.5])
-def test_an_attitude_counts_from_when_it_was_measured_not_from_when_it_came_and_motion_never_goes_back(
-    boot_ms, longest
-):
+def test_attitude_counts_from_its_measurement_time(boot_ms, longest):
     """Also across the wrap of the vehicle's 32-bit milliseconds."""
     chance = random.Random(1)
     found = received(lambda: chance.uniform(0.0, longest), boot_ms)
@@ -104,7 +102,7 @@ def test_an_attitude_counts_from_when_it_was_measured_not_from_when_it_came_and_
 
 
 @pytest.mark.parametrize("jump_ms", [3_600_000, -3_600_000])
-def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
+def test_vehicle_clock_jump_costs_two_attitudes(jump_ms):
     sensor = OwnMotionSensor()
     used = []
     for i in range(200):
@@ -115,7 +113,7 @@ def test_a_vehicles_clock_that_is_set_anew_costs_two_attitudes_at_most(jump_ms):
     assert sensor.own(199 / 20, 15.0).time == pytest.approx(199 / 20, abs=0.06)
 
 
-def test_a_quaternion_is_an_attitude_where_no_other_comes_and_no_news_beside_it():
+def test_attitude_quaternion_replaces_missing_attitude():
     """Definition of ATTITUDE_QUATERNION: w, x, y, z. A yaw of 0.6 rad is (cos 0.3, 0, 0, sin 0.3).
     Heading and turn rate are the paper's: counter-clockwise, from east."""
     q = {
@@ -145,7 +143,7 @@ def test_a_quaternion_is_an_attitude_where_no_other_comes_and_no_news_beside_it(
 @pytest.mark.parametrize(
     ("altitude", "density"), [(0.0, 1.225), (1000.0, 1.1117), (3000.0, 0.90925)]
 )
-def test_a_plane_flies_faster_in_thin_air_than_its_airspeed_tells(altitude, density):
+def test_true_airspeed_grows_in_thin_air(altitude, density):
     """Densities of the standard atmosphere, kg/m^3, from its tables."""
     sensor = OwnMotionSensor()
     sensor.receive(hud(alt=altitude), 0.0)
@@ -154,7 +152,7 @@ def test_a_plane_flies_faster_in_thin_air_than_its_airspeed_tells(altitude, dens
     )
 
 
-def test_what_is_stale_is_not_known():
+def test_stale_values_are_unknown():
     sensor = OwnMotionSensor()
     sensor.receive(hud(), 1.0)
     sensor.receive(attitude(0), 1.0)
@@ -169,9 +167,7 @@ WRONG_CLOCKS = [lambda t: 0, lambda t: 5000, lambda t: t // 2, lambda t: 5 * t]
 
 @pytest.mark.parametrize("hz", [10, 50])
 @pytest.mark.parametrize("stamp", FUTURE_STAMPS + WRONG_CLOCKS)
-def test_one_stamp_of_the_future_or_a_clock_that_stands_or_runs_wrong_does_not_take_the_heading_away(
-    stamp, hz
-):
+def test_wrong_stamps_do_not_remove_the_heading(stamp, hz):
     sensor = OwnMotionSensor()
     known = []
     for i in range(20 * hz):
@@ -180,7 +176,7 @@ def test_one_stamp_of_the_future_or_a_clock_that_stands_or_runs_wrong_does_not_t
     assert all(known)
 
 
-def test_of_a_backlog_the_newest_counts_and_a_frame_that_comes_seconds_late_is_rejected():
+def test_newest_of_a_backlog_counts():
     sensor = OwnMotionSensor()
     for i in range(130):
         sensor.receive(attitude(10_000 + 50 * i, yaw=0.01 * i), i / 20 if i < 100 else 6.5)
@@ -198,7 +194,7 @@ def test_of_a_backlog_the_newest_counts_and_a_frame_that_comes_seconds_late_is_r
         ("climb", "climb", (nan, 1e12)),
     ],
 )
-def test_rubbish_from_an_air_data_computer_is_not_known(field, unknown, rubbish):
+def test_implausible_air_data_is_unknown(field, unknown, rubbish):
     """PX4's copter sends NaN as airspeed, and ArduPilot 0 before take-off."""
     sensor = OwnMotionSensor()
     for value in rubbish:
@@ -214,13 +210,13 @@ def test_rubbish_from_an_air_data_computer_is_not_known(field, unknown, rubbish)
     "rubbish",
     [{"yaw": nan}, {"yaw": 7.0}, {"roll": -1e30}, {"pitchspeed": 51.0}, {"yawspeed": -3e38}],
 )
-def test_an_attitude_that_cannot_be_is_none(rubbish):
+def test_implausible_attitude_is_rejected(rubbish):
     assert not OwnMotionSensor().receive(attitude(0, **rubbish), 0.0)
 
 
 @pytest.mark.parametrize("pitch", [0.0, 0.5, -1.0])
 @pytest.mark.parametrize("roll", [0.0, 0.7, -0.7])
-def test_the_heading_rate_is_that_of_the_heading_and_not_of_the_body_axis(roll, pitch):
+def test_yaw_rate_refers_to_heading(roll, pitch):
     """Against the attitude itself after a small rotation by the body rates: R_z(yaw) R_y(pitch)
     R_x(roll) exp(omega dt)."""
     q = 0.2
@@ -247,7 +243,7 @@ def imu(ms, force, type_="raw"):
 
 @pytest.mark.parametrize("type_", ["raw", "highres", "scaled"])
 @pytest.mark.parametrize("yaw", [0.0, 2.1])
-def test_a_coordinated_turn_to_the_right_is_felt_as_velocity_to_the_right(type_, yaw):
+def test_imu_in_coordinated_turn_shows_centripetal_velocity(type_, yaw):
     """Bank 0.4 rad, specific force g/cos(0.4) up in body axes and 0.5 m/s^2 along the nose. In 1 s
     the velocity changes by 0.5 m/s forward and by g tan(0.4) = 4.146 m/s to the right. Paper's
     frame: x east, y north."""
@@ -260,7 +256,7 @@ def test_a_coordinated_turn_to_the_right_is_felt_as_velocity_to_the_right(type_,
     assert (felt.x, felt.y) == pytest.approx((east, north), abs=0.02)
 
 
-def test_accelerations_begin_anew_after_a_gap_and_end_with_what_cannot_be():
+def test_imu_integration_restarts_after_a_gap():
     sensor = OwnMotionSensor()
     since = set()
     for ms in (*range(0, 400, 40), *range(1000, 1400, 40)):

@@ -35,12 +35,12 @@ def cast(name: str, value: float, kind: int = REAL32) -> Any:
     return frame(name.encode(), struct.pack("<f", value), kind)
 
 
-def names_asked(messages: list[Any]) -> list[str]:
+def requested_names(messages: list[Any]) -> list[str]:
     return [message.param_id.rstrip("\0") for message in messages]
 
 
 @pytest.mark.parametrize("value", [0, 1, 255, -1, 16_777_216])
-def test_ardupilot_casts_integers_to_float(value: int) -> None:
+def test_ardupilot_parameters_are_cast_to_float(value: int) -> None:
     assert parameter_value(cast("FS_GCS_ENABLE", value, INT32), bytewise=False) == value
 
 
@@ -58,42 +58,38 @@ def test_ardupilot_casts_integers_to_float(value: int) -> None:
         (REAL32, struct.pack("<f", 1.5), 1.5),
     ],
 )
-def test_px4_puts_the_bytes_of_an_integer_in_the_place_of_the_float(
-    kind: int, raw: bytes, value: float
-) -> None:
+def test_px4_parameters_are_read_bytewise(kind: int, raw: bytes, value: float) -> None:
     assert parameter_value(frame(b"COM_OBL_RC_ACT", raw, kind), bytewise=True) == value
 
 
-def test_few_are_under_way_at_a_time_and_each_answer_makes_room_a_lost_request_is_repeated() -> (
-    None
-):
+def test_five_requests_are_pending_and_lost_ones_repeated() -> None:
     """A ground station downloads all parameters on the same link. Values that were not requested
     are ignored."""
     names = [f"P{i}" for i in range(AT_ONCE + 3)]
     reader = ParameterReader(names, bytewise=False)
-    assert names_asked(reader.poll(VEHICLE, 0.0)) == names[:AT_ONCE]
+    assert requested_names(reader.poll(VEHICLE, 0.0)) == names[:AT_ONCE]
     assert reader.poll(VEHICLE, 0.1) == []
     for name in ("P1", "NOT_OURS"):
         reader.receive(cast(name, 4.0))
-    assert names_asked(reader.poll(VEHICLE, 0.2)) == [names[AT_ONCE]]
-    assert names_asked(reader.poll(VEHICLE, ANSWER_TIMEOUT)) == ["P0", "P2", "P3", "P4"], "repeats"
+    assert requested_names(reader.poll(VEHICLE, 0.2)) == [names[AT_ONCE]]
+    assert requested_names(reader.poll(VEHICLE, ANSWER_TIMEOUT)) == ["P0", "P2", "P3", "P4"]
     for name in names:
         assert not reader.done
         reader.receive(cast(name, 2.0))
     assert reader.done
-    assert reader.values == {**dict.fromkeys(names, 2.0), "P1": 4.0}, "the first answer counts"
+    assert reader.values == {**dict.fromkeys(names, 2.0), "P1": 4.0}
 
 
-def test_a_name_that_nobody_knows_is_given_up_and_an_answer_after_that_still_counts() -> None:
+def test_unknown_parameter_is_given_up_after_three_requests() -> None:
     reader = ParameterReader(["SLOW"], bytewise=False)
-    asked = [names_asked(reader.poll(VEHICLE, i * ANSWER_TIMEOUT)) for i in range(10)]
+    asked = [requested_names(reader.poll(VEHICLE, i * ANSWER_TIMEOUT)) for i in range(10)]
     assert asked == [["SLOW"]] * TRIES + [[]] * (10 - TRIES)
     assert reader.done
     reader.receive(cast("SLOW", 1.0))
     assert reader.values == {"SLOW": 1.0}
 
 
-def test_a_name_of_sixteen_characters_is_asked_for_once_and_read_whole() -> None:
+def test_parameter_name_of_sixteen_characters_is_read_whole() -> None:
     name = "A234567890123456"
     reader = ParameterReader([name, name], bytewise=False)
     (request,) = reader.poll(VEHICLE, 0.0)

@@ -20,11 +20,11 @@ class Line:
         self.session = session
         self.vehicle = Voice(1, 1)
 
-    def hear(self, message, now=0.0, voice=None, source="vehicle"):
+    def receive(self, message, now=0.0, voice=None, source="vehicle"):
         self.session.receive((voice or self.vehicle).message(message), now, source)
 
     def beat(self, now=0.0, voice=None, source="vehicle", **fields):
-        self.hear(heartbeat(**fields), now, voice, source)
+        self.receive(heartbeat(**fields), now, voice, source)
 
     def poll(self, now, kind=None):
         return [message for message in self.session.poll(now) if kind in (None, message.get_type())]
@@ -37,7 +37,7 @@ class Line:
             while commands := self.poll(now, "COMMAND_LONG"):
                 sent += commands
                 for command in commands:
-                    self.hear(mavlink.MAVLink_command_ack_message(command.command, result), now)
+                    self.receive(mavlink.MAVLink_command_ack_message(command.command, result), now)
         return sent
 
 
@@ -57,9 +57,7 @@ def here(line):
 # --- the vehicle that is flown ---
 
 
-def test_the_first_vehicle_that_fits_is_pinned_under_its_system_id_and_answered_where_it_spoke(
-    line,
-):
+def test_first_matching_vehicle_is_pinned(line):
     here = line()
     here.beat(now=1.0, voice=Voice(42, 1), source=("10.0.0.1", 14550))
     session = here.session
@@ -70,7 +68,7 @@ def test_the_first_vehicle_that_fits_is_pinned_under_its_system_id_and_answered_
     assert session.heartbeat_age(2.5) == 1.5
 
 
-def test_a_second_vehicle_and_strangers_of_its_ids_are_counted_and_move_nothing(line):
+def test_other_vehicles_are_counted_and_change_nothing(line):
     here = line()
     other = Voice(2, 1)
     camera = Voice(1, 154)
@@ -78,27 +76,25 @@ def test_a_second_vehicle_and_strangers_of_its_ids_are_counted_and_move_nothing(
     for i in range(5):
         here.beat(now=0.1 * i, voice=other, mode=4, source="elsewhere")
     here.beat(now=0.6, mode=4, source="elsewhere")  # a vehicle with the same ids on another address
-    here.hear(mavlink.MAVLink_statustext_message(6, b"not the autopilot"), voice=camera)
-    here.hear(mavlink.MAVLink_statustext_message(6, b"forged"), source="elsewhere")
+    here.receive(mavlink.MAVLink_statustext_message(6, b"not the autopilot"), voice=camera)
+    here.receive(mavlink.MAVLink_statustext_message(6, b"forged"), source="elsewhere")
     for ms in (10_000_000, 1_000, 1_100):
-        here.hear(mavlink.MAVLink_system_time_message(0, ms), voice=camera)
+        here.receive(mavlink.MAVLink_system_time_message(0, ms), voice=camera)
     session = here.session
     assert (session.peer.ids, session.vehicle.mode, session.vehicle.reboots) == ((1, 1), 5, 0)
     assert session.ignored["other_vehicle"] == 6
     assert list(session.texts) == []
 
 
-def test_our_vehicle_may_come_back_from_another_address_with_its_time_since_boot_and_no_other_vehicle_may(
-    line,
-):
+def test_pinned_vehicle_may_change_address_by_boot_time(line):
     here = line()
     here.beat(now=0.0, source="port 1")
     here.beat(now=1.4, source="port 2")
     assert here.session.reply_to == "port 1"
-    here.hear(boot_time(100.0), now=1.45, source="port 1")
+    here.receive(boot_time(100.0), now=1.45, source="port 1")
     here.beat(now=3.0, source="port 2")
     assert here.session.reply_to == "port 1"
-    here.hear(boot_time(101.6), now=3.05, source="port 2")
+    here.receive(boot_time(101.6), now=3.05, source="port 2")
     here.beat(now=3.1, source="port 2", mode=5)
     assert (here.session.reply_to, here.session.vehicle.mode) == ("port 2", 5)
     here.session.lose()
@@ -117,7 +113,7 @@ def test_our_vehicle_may_come_back_from_another_address_with_its_time_since_boot
         ({"kind": GCS, "autopilot": 3}, False),  # a ground station that claims an autopilot
     ],
 )
-def test_heartbeats_that_are_no_vehicles_pin_nothing_and_move_nothing(line, fields, movable):
+def test_heartbeats_without_a_vehicle_pin_nothing(line, fields, movable):
     here = line()
     here.beat(voice=Voice(255, 190), **fields)
     assert not here.session.up
@@ -129,49 +125,35 @@ def test_heartbeats_that_are_no_vehicles_pin_nothing_and_move_nothing(line, fiel
 
 
 @pytest.mark.parametrize(
-    ("voice", "fields", "words"),
+    ("voice", "fields", "reason"),
     [
         ((1, 1), {}, "system 1 is not the mission's vehicle.system_id 7"),
-        (
-            (7, 1),
-            {"autopilot": 12},
-            "system 7 is px4 quadrotor, the mission is for ardupilot copter",
-        ),
-        (
-            (7, 1),
-            {"kind": 1},
-            "system 7 is ardupilotmega fixed_wing, the mission is for ardupilot copter",
-        ),
-        (
-            (7, 1),
-            {"autopilot": 99},
-            "system 7 is unknown quadrotor, the mission is for ardupilot copter",
-        ),
+        ((7, 1), {"autopilot": 12}, "system 7 is px4 quadrotor, the mission is for ardupilot"),
+        ((7, 1), {"kind": 1}, "system 7 is ardupilotmega fixed_wing, "),
+        ((7, 1), {"autopilot": 99}, "system 7 is unknown quadrotor, "),
     ],
-    ids=["system", "autopilot", "kind", "an autopilot that nobody knows"],
 )
-def test_a_vehicle_that_is_not_the_missions_is_told_and_not_pinned(line, voice, fields, words):
+def test_vehicle_that_does_not_match_mission_is_reported(line, voice, fields, reason):
     here = line(system_id=7)
     here.beat(voice=Voice(*voice), **fields)
     assert not here.session.up
-    assert list(here.session.misfits.values()) == [words]
+    (misfit,) = here.session.misfits.values()
+    assert misfit.startswith(reason)
     for system in range(10, 250):
         here.beat(voice=Voice(system, 1))
-    assert len(here.session.misfits) == 16, "a flood of misfits is remembered in part"
+    assert len(here.session.misfits) == 16
     here.beat(voice=Voice(7, 1))
     assert here.session.peer.ids == (7, 1)
 
 
-def test_a_peer_that_speaks_mavlink_1_only_is_told_what_to_set_and_sent_our_mavlink_2(line):
+def test_mavlink_1_vehicle_is_reported_with_remedy(line):
     here = line()
     here.beat(voice=Voice(1, 1, version=1), source="old port")
     assert not here.session.up
     (reason,) = here.session.misfits.values()
     assert "MAVLink 1 only" in reason
     assert "SERIALn_PROTOCOL = 2" in reason
-    assert here.session.reply_to == "old port", (
-        "our MAVLink 2 heartbeat makes many autopilots switch over"
-    )
+    assert here.session.reply_to == "old port"
     here.beat(source="old port")
     assert here.session.up
 
@@ -188,9 +170,7 @@ def test_a_peer_that_speaks_mavlink_1_only_is_told_what_to_set_and_sent_our_mavl
         (77, True, False, "mode 77"),
     ],
 )
-def test_the_vehicle_is_ours_when_armed_in_guided_by_its_own_heartbeat_until_it_is_let_go(
-    line, mode, armed, ours, name
-):
+def test_vehicle_accepts_setpoints_when_armed_in_guided(line, mode, armed, ours, name):
     here = line()
     vehicle = here.session.vehicle
     assert vehicle.mode_name == "unknown"
@@ -205,102 +185,73 @@ def test_the_vehicle_is_ours_when_armed_in_guided_by_its_own_heartbeat_until_it_
     ("times", "reboots"),
     [
         ([500_000, 500_100, 499_200, 499_300, 500_200], 0),  # 0.9 s back is a late message
-        (
-            [500_000, 3_000, 500_300, 3_000, 3_000, 500_400],
-            0,
-        ),  # single frames by another path, one of them twice
+        # single frames by another path, one of them twice
+        ([500_000, 3_000, 500_300, 3_000, 3_000, 500_400], 0),
         ([2**32 - 200, 2**32 - 100, 0, 100], 0),  # the wrap after 49.7 days
         ([500_000, 3_000, 3_100, 3_200], 1),
     ],
     ids=["late", "by another way", "wrap", "reboot"],
 )
-def test_a_boot_time_that_steps_back_and_goes_on_from_there_is_a_reboot_and_streams_are_asked_for_again(
-    here, carrier, times, reboots
-):
+def test_boot_time_step_back_is_a_reboot(here, carrier, times, reboots):
     here.answer_all(0.0)
     for ms in times:
-        here.hear(boot_time(ms / 1000) if carrier == "SYSTEM_TIME" else attitude(ms))
+        here.receive(boot_time(ms / 1000) if carrier == "SYSTEM_TIME" else attitude(ms))
     assert here.session.vehicle.reboots == reboots
     again = {message.param1 for message in here.answer_all(1.0) if message.command == SET_INTERVAL}
     assert again == (set(here.session.streams.rates) if reboots else set())
 
 
-def test_the_vehicles_own_texts_are_kept_the_newest_eight_and_its_version_is_read(here):
-    for i in range(20):
-        here.hear(mavlink.MAVLink_statustext_message(3, f"text {i}".encode()))
-    assert list(here.session.texts) == [f"text {i}" for i in range(12, 20)]
-    version = 4 << 24 | 6 << 16 | 3 << 8
-    here.hear(
-        mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, *([bytes(8)] * 3), 0, 0, 0)
-    )
-    assert here.session.vehicle.firmware == "4.6.3"
-
-
 # --- own messages ---
 
 
-def test_without_a_vehicle_nothing_but_the_heartbeat_of_an_onboard_controller_is_said_each_second(
-    line,
-):
+def test_heartbeat_is_sent_every_second_without_vehicle(line):
     """System 255 or MAV_TYPE_GCS would feed the operator's GCS failsafe."""
     here = line()
     here.session.announcer.say("range", "range lost")
-    said = [(i / 20, message) for i in range(101) for message in here.poll(i / 20)]
-    assert [now for now, _ in said] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    assert {(beat.get_type(), beat.type, beat.autopilot, beat.base_mode) for _, beat in said} == {
+    sent = [(i / 20, message) for i in range(101) for message in here.poll(i / 20)]
+    assert [now for now, _ in sent] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert {(beat.get_type(), beat.type, beat.autopilot, beat.base_mode) for _, beat in sent} == {
         ("HEARTBEAT", COMPANION, INVALID, 0)
     }
 
 
-def test_a_new_vehicle_is_asked_for_its_streams_and_its_version_and_gets_its_streams_back_in_one_go(
-    here,
-):
+def test_streams_are_requested_at_start_and_returned_together(here):
     asked = here.answer_all(0.0)
     streams = set(here.session.streams.rates)
     assert {message.param1 for message in asked if message.command == SET_INTERVAL} == streams
     assert [message.param1 for message in asked if message.command == REQUEST_MESSAGE] == [148]
     assert all((message.target_system, message.target_component) == (1, 1) for message in asked)
-    assert here.session.take_mode_results() == [], "which is not the pilot's business"
+    assert here.session.take_mode_results() == []
     farewell = here.session.farewell()
     assert {message.param1 for message in farewell} == streams
     assert all((message.command, message.param2) == (SET_INTERVAL, 0) for message in farewell)
 
 
 @pytest.mark.parametrize("dropped", [False, True])
-def test_the_result_of_a_mode_request_is_kept_until_it_is_read_or_the_request_dropped(
-    here, dropped
-):
+def test_mode_result_is_kept_until_read_or_dropped(here, dropped):
     here.answer_all(0.0)
     here.session.commands.send(Command(176, (1, 5)))
     here.poll(2.0)
-    here.hear(mavlink.MAVLink_command_ack_message(176, 2), 2.0)
+    here.receive(mavlink.MAVLink_command_ack_message(176, 2), 2.0)
     here.poll(2.1)
     if dropped:
         here.session.drop_mode_requests()
     assert len(here.session.take_mode_results()) == (not dropped)
 
 
-def test_a_refused_stream_is_not_asked_for_again(here):
-    here.answer_all(0.0, result=2)  # MAV_RESULT_DENIED
-    assert here.poll(3.8, "COMMAND_LONG") == []
-
-
-def test_timesync_requests_are_answered_with_our_clock_when_heard_and_theirs_mirrored(here):
-    here.hear(mavlink.MAVLink_timesync_message(0, 123_456_789_012), now=2.0)
-    here.hear(
-        mavlink.MAVLink_timesync_message(55, 66), now=2.0
-    )  # an answer to another sender, no request
+def test_timesync_requests_are_answered_up_to_a_limit(here):
+    here.receive(mavlink.MAVLink_timesync_message(0, 123_456_789_012), now=2.0)
+    # an answer to another sender, no request
+    here.receive(mavlink.MAVLink_timesync_message(55, 66), now=2.0)
     replies = [message for message in here.poll(2.04, "TIMESYNC") if message.tc1]
     assert [(reply.tc1, reply.ts1) for reply in replies] == [(2_000_000_000, 123_456_789_012)]
     assert [message for message in here.poll(2.1, "TIMESYNC") if message.tc1] == []
     for i in range(1000):
-        here.hear(mavlink.MAVLink_timesync_message(0, i))
-    assert len([message for message in here.poll(2.2, "TIMESYNC") if message.tc1]) == 4, (
-        "a flood, in part"
-    )
+        here.receive(mavlink.MAVLink_timesync_message(0, i))
+    assert len([message for message in here.poll(2.2, "TIMESYNC") if message.tc1]) == 4
 
 
-def test_the_vehicles_answer_to_our_question_is_its_round_trip(here):
+def test_timesync_answer_gives_the_round_trip(here):
     (question,) = here.poll(1.0, "TIMESYNC")
-    here.hear(mavlink.MAVLink_timesync_message(10**12, question.ts1), 1.3)
+    here.receive(mavlink.MAVLink_timesync_message(10**12, question.ts1), 1.3)
     assert here.session.timesync.typical == pytest.approx(0.3)

@@ -26,25 +26,25 @@ def message(copter):
     return copter.setpoint(steer(), FOR, 1.0)
 
 
-NO_NUMBERS = (math.nan, math.inf, -math.inf)
+NOT_FINITE = (math.nan, math.inf, -math.inf)
 
 
 @pytest.mark.parametrize(
     ("yaw_rate", "speed", "why"),
     [
-        *((number, 15.0, "not finite") for number in NO_NUMBERS),
-        *((0.1, number, "not finite") for number in NO_NUMBERS),
+        *((number, 15.0, "not finite") for number in NOT_FINITE),
+        *((0.1, number, "not finite") for number in NOT_FINITE),
         *((rate, 15.0, "outside the limits") for rate in (0.351, -0.351, 1e9)),
         *((0.0, speed, "outside the limits") for speed in (15.01, -0.01)),
     ],
 )
-def test_a_number_that_is_none_or_beyond_the_limits_is_stopped(yaw_rate, speed, why):
+def test_guard_stops_steering_beyond_its_limits(yaw_rate, speed, why):
     with pytest.raises(UnsafeSetpointError, match=why):
         SetpointGuard(LIMITS).admit(steer(yaw_rate, speed), 0.0)
 
 
 @pytest.mark.parametrize("mask", [0, 0x5C7, 0xFFFF])
-def test_a_message_that_is_not_in_the_vehicles_table_is_stopped(copter, message, mask):
+def test_guard_stops_messages_outside_adapter_table(copter, message, mask):
     assert SetpointGuard(LIMITS).check_message(message, copter.shapes) is message
     message.type_mask = mask
     stranger = mavlink.MAVLink_set_position_target_global_int_message(
@@ -55,15 +55,15 @@ def test_a_message_that_is_not_in_the_vehicles_table_is_stopped(copter, message,
             SetpointGuard(LIMITS).check_message(other, copter.shapes)
 
 
-@pytest.mark.parametrize("number", NO_NUMBERS)
+@pytest.mark.parametrize("number", NOT_FINITE)
 @pytest.mark.parametrize("field", FLOATS)
-def test_no_field_of_a_message_may_be_no_number(copter, message, field, number):
+def test_guard_stops_fields_that_are_not_finite(copter, message, field, number):
     setattr(message, field, number)
     with pytest.raises(UnsafeSetpointError, match="not finite"):
         SetpointGuard(LIMITS).check_message(message, copter.shapes)
 
 
-def test_any_turn_within_the_limits_passes_at_once():
+def test_guard_passes_turns_within_limits():
     guard = SetpointGuard(LIMITS)
     wanted = [steer(-0.35), steer(0.35, 0.0), steer(0.1, 7.5)]
     assert [guard.admit(one, 0.001 * i) for i, one in enumerate(wanted)] == wanted
@@ -100,12 +100,8 @@ BOUNDS = (
     (VELOCITY, "yaw_rate", [0.35, -0.35, 0.0], [0.3501, -0.3501]),
     (VELOCITY, "afy", [6.0, -6.0, 0.0], [8.26, -8.26]),
     (VELOCITY, "afz", [6.0, -6.0, 0.0], [8.26, -8.26]),
-    (
-        VELOCITY,
-        "coordinate_frame",
-        [8],
-        [1, 7, 9, 12],
-    ),  # in LOCAL_NED the same numbers fly straight on
+    # in LOCAL_NED the same numbers fly straight on
+    (VELOCITY, "coordinate_frame", [8], [1, 7, 9, 12]),
     (VELOCITY + ATTITUDE, "target_system", [1], [0]),  # 0 is every vehicle behind the endpoint
     (ATTITUDE, "thrust", [0.0, 1.0], [-0.001, 1.001]),
     (
@@ -125,13 +121,13 @@ BOUNDS = (
 
 
 @pytest.mark.parametrize(("keys", "field", "inside", "outside"), BOUNDS)
-def test_each_field_of_a_setpoint_has_its_own_bound(keys, field, inside, outside):
+def test_every_setpoint_field_has_its_bound(keys, field, inside, outside):
     for key in keys:
         assert all(passes(key, **{field: value}) for value in inside)
         assert not any(passes(key, **{field: value}) for value in outside)
 
 
-def test_the_messages_of_every_vehicle_are_judged_and_the_stick_goes_no_farther_than_the_missions_bank():
+def test_every_adapter_is_guarded_and_sticks_are_limited():
     assert {*VELOCITY, *ATTITUDE, *STICK, *STICKS} == {*AUTOPILOTS}
     sticks = replace(ALL, max_pitch_stick=700, max_yaw_stick=1000)
     assert all(passes(key, sticks) for key in AUTOPILOTS)
@@ -158,9 +154,7 @@ def test_the_messages_of_every_vehicle_are_judged_and_the_stick_goes_no_farther_
     ],
 )
 @pytest.mark.parametrize("key", ATTITUDE)
-def test_bank_and_pitch_of_a_setpoint_have_a_bound_each_and_limits_without_a_bank_permit_none(
-    key, angle, most, limits
-):
+def test_bank_and_pitch_of_setpoints_are_bounded(key, angle, most, limits):
     q, beyond = (
         quaternion_from_euler(**{"roll": 0.0, "pitch": 0.0, angle: by}, yaw=0.5)
         for by in (most, most * 1.001 or 1e-3)

@@ -41,7 +41,7 @@ def peer(key=KEY, *, timestamp=NOW, **ids):
     return voice(key, timestamp, **ids)
 
 
-def said(engine, number=0):
+def packed(engine, number=0):
     frame = bytes(MESSAGES[number % len(MESSAGES)].pack(engine))
     engine.seq = (engine.seq + 1) % 256
     return frame
@@ -53,15 +53,15 @@ def said(engine, number=0):
     timestamp=st.integers(1, LATEST - 1),
     number=st.integers(0, 3),
 )
-def test_a_signed_frame_is_byte_for_byte_that_of_pymavlink(key, link_id, timestamp, number):
-    theirs = said(peer(key, timestamp=timestamp, link_id=link_id), number)
-    ours = Signing(key, link_id=link_id, timestamp=timestamp - 1).sign(said(peer(None), number))
+def test_signed_frame_equals_pymavlink(key, link_id, timestamp, number):
+    theirs = packed(peer(key, timestamp=timestamp, link_id=link_id), number)
+    ours = Signing(key, link_id=link_id, timestamp=timestamp - 1).sign(packed(peer(None), number))
     assert ours == theirs
     assert Signing(key).check(theirs) is None
 
 
 @given(payload=st.binary(max_size=255), ident=st.integers(0, 2**24 - 1), seed=st.integers(0, 255))
-def test_a_frame_of_any_id_comes_out_of_its_signature_as_it_went_in(payload, ident, seed):
+def test_removing_the_signature_restores_any_frame(payload, ident, seed):
     head = bytes((len(payload), 0, 0, 1, 2, 3)) + ident.to_bytes(3, "little")
     crc = mavlink.x25crc(head + payload + bytes((seed,))).crc
     frame = b"\xfd" + head + payload + crc.to_bytes(2, "little")
@@ -74,64 +74,63 @@ def test_a_frame_of_any_id_comes_out_of_its_signature_as_it_went_in(payload, ide
 
 
 @given(at=st.integers(0, 10_000), bit=st.integers(0, 7))
-def test_no_bit_of_a_signed_frame_can_be_changed(at, bit):
-    frame = bytearray(said(peer(), 1))
+def test_changed_bit_invalidates_the_signature(at, bit):
+    frame = bytearray(packed(peer(), 1))
     frame[at % len(frame)] ^= 1 << bit
     signing = Signing(KEY)
     assert signing.check(bytes(frame)) is Refusal.WRONG
     assert signing.timestamp == 0
 
 
-def test_a_frame_said_again_or_overtaken_is_refused_and_streams_count_each_for_itself():
+def test_repeated_signed_frame_is_rejected_per_stream():
     theirs = peer(timestamp=NOW + 1000)
     signing = Signing(KEY)
-    first, second, third = (said(theirs, number) for number in range(3))
+    first, second, third = (packed(theirs, number) for number in range(3))
     answers = [signing.check(frame) for frame in (first, first, third, second)]
     assert answers == [None, Refusal.REPEATED, None, Refusal.REPEATED]
     for other in ({"link_id": 1}, {"component": 2}, {"system": 2}):
-        assert signing.check(said(peer(timestamp=NOW, **other))) is None
+        assert signing.check(packed(peer(timestamp=NOW, **other))) is None
 
 
-def test_a_new_stream_may_be_a_minute_behind_and_no_more():
-    assert Signing(KEY, timestamp=NOW).check(said(peer(timestamp=NOW - MINUTE))) is None
+def test_new_signed_stream_may_lag_one_minute():
+    assert Signing(KEY, timestamp=NOW).check(packed(peer(timestamp=NOW - MINUTE))) is None
     assert (
-        Signing(KEY, timestamp=NOW).check(said(peer(timestamp=NOW - MINUTE - 1))) is Refusal.BEHIND
+        Signing(KEY, timestamp=NOW).check(packed(peer(timestamp=NOW - MINUTE - 1)))
+        is Refusal.BEHIND
     )
 
 
 @pytest.mark.parametrize("timestamp", [NOW + 1, NOW + 100 * MINUTE, LATEST])
-def test_a_forged_timestamp_of_the_future_locks_the_real_sender_out_neither_before_nor_after_it_was_heard(
-    timestamp,
-):
+def test_forged_future_timestamp_locks_out_no_sender(timestamp):
     real = peer()
     signing = Signing(KEY, timestamp=NOW)
     for count in (0, 1):
-        assert signing.check(said(peer(OTHER, timestamp=timestamp))) is Refusal.WRONG
-        assert signing.check(said(real)) is None
+        assert signing.check(packed(peer(OTHER, timestamp=timestamp))) is Refusal.WRONG
+        assert signing.check(packed(real)) is None
         assert signing.timestamp == NOW + count
 
 
-def test_a_true_timestamp_of_the_future_is_followed_and_locks_nobody_out():
+def test_valid_future_timestamp_is_followed():
     """One holder of the key has a wrong clock. Senders received before continue, and a new sender
     is accepted after it has received our timestamp."""
     vehicle = peer()
     station = peer(system=255, timestamp=NOW + 60 * MINUTE)
     radio = peer(component=192)
     signing = Signing(KEY, timestamp=NOW)
-    assert signing.check(said(vehicle)) is None
-    assert signing.check(said(station)) is None
+    assert signing.check(packed(vehicle)) is None
+    assert signing.check(packed(station)) is None
     assert signing.timestamp == NOW + 60 * MINUTE
-    assert signing.check(said(vehicle)) is None
-    assert signing.check(said(radio)) is Refusal.BEHIND
-    assert radio.decode(bytearray(signing.sign(said(peer(None, component=191))))).get_signed()
-    assert signing.check(said(radio)) is None
+    assert signing.check(packed(vehicle)) is None
+    assert signing.check(packed(radio)) is Refusal.BEHIND
+    assert radio.decode(bytearray(signing.sign(packed(peer(None, component=191))))).get_signed()
+    assert signing.check(packed(radio)) is None
 
 
-def test_the_timestamp_goes_with_the_clock_and_never_back_nor_beyond_its_end():
+def test_signing_timestamp_never_goes_back():
     signing = Signing(KEY)
     signing.advance(EPOCH + 1000.0)
     assert signing.timestamp == 100_000_000
-    signing.sign(said(peer(None)))
+    signing.sign(packed(peer(None)))
     for unix in (EPOCH + 999.0, EPOCH - 1.0, 0.0):
         signing.advance(unix)
         assert signing.timestamp == 100_000_001
@@ -139,18 +138,18 @@ def test_the_timestamp_goes_with_the_clock_and_never_back_nor_beyond_its_end():
     assert signing.timestamp == 100_100_000
     signing.advance(1e12)
     assert signing.timestamp == LATEST
-    assert is_signed(signing.sign(said(peer(None))))
+    assert is_signed(signing.sign(packed(peer(None))))
 
 
-def test_after_a_quiet_hour_a_peer_that_has_restarted_still_believes_us():
+def test_restarted_peer_accepts_signatures_after_quiet_hour():
     signing = Signing(KEY, timestamp=NOW)
     restarted = peer(timestamp=NOW + 60 * MINUTE)
     signing.advance(EPOCH + (NOW + 60 * MINUTE) / 1e5)
-    assert restarted.decode(bytearray(signing.sign(said(peer(None, component=191))))).get_signed()
+    assert restarted.decode(bytearray(signing.sign(packed(peer(None, component=191))))).get_signed()
 
 
 @pytest.mark.parametrize("key", [b"", b"short", bytes(33)])
-def test_a_key_has_32_bytes_and_is_not_printed(key):
+def test_signing_key_has_32_bytes_and_stays_secret(key):
     with pytest.raises(ValueError, match="32 bytes"):
         Signing(key)
     assert repr(KEY) not in repr(Signing(KEY))
@@ -159,48 +158,51 @@ def test_a_key_has_32_bytes_and_is_not_printed(key):
 # --- through the decoder and the pilot: accepted, counted, logged and reported frames ---
 
 
-def believing(**options):
+def keyed_decoder(**options):
     return Decoder(signing=Signing(KEY, timestamp=NOW), **options)
 
 
-def test_unsigned_and_wrongly_signed_frames_are_refused_counted_and_not_logged_and_cost_no_other():
-    decoder = believing()
+def test_unsigned_and_wrongly_signed_frames_are_counted():
+    decoder = keyed_decoder()
     theirs = peer()
     version_1 = bytes(heartbeat().pack(peer(None), force_mavlink1=True))
-    for frame in (said(peer(None)), version_1, said(peer(OTHER))):
+    for frame in (packed(peer(None)), version_1, packed(peer(OTHER))):
         assert decoder.decode(frame) == []
         assert decoder.frames == []
     assert decoder.counts.refused == {"unsigned": 2, "wrong_signature": 1}
     assert "every frame received is unsigned or wrongly signed" in decoder.counts.describe()
     assert "check signing.key_file" in decoder.counts.describe()
-    good = [said(theirs, number) for number in range(4)]
-    assert decoded(decoder, [said(peer(None)).join(good)]) == good
+    good = [packed(theirs, number) for number in range(4)]
+    assert decoded(decoder, [packed(peer(None)).join(good)]) == good
     assert decoder.frames == good
     assert "every frame" not in decoder.counts.describe()
     assert "5 unsigned" in decoder.counts.describe()
 
 
-def test_radio_status_needs_no_signature_but_a_wrong_one_is_wrong():
+def test_radio_status_needs_no_signature():
     status = mavlink.MAVLink_radio_status_message(200, 190, 100, 10, 12, 0, 0)
-    decoder = believing()
+    decoder = keyed_decoder()
     for version_1 in (False, True):
         (message,) = decoder.decode(bytes(status.pack(peer(None), force_mavlink1=version_1)))
         assert message.get_type() == "RADIO_STATUS"
     assert decoder.decode(bytes(status.pack(peer(OTHER)))) == []
 
 
-def test_without_a_key_everybody_is_believed_and_with_one_unsigned_frames_where_the_mission_says_so():
-    frames = said(peer()) + said(peer(OTHER)) + said(peer(None))
+def test_unsigned_frames_are_accepted_by_mission_key():
+    frames = packed(peer()) + packed(peer(OTHER)) + packed(peer(None))
     decoder = Decoder()
     assert len(decoder.decode(frames)) == 3
     assert (decoder.counts.signed, decoder.counts.refused) == (2, {})
     assert "2 of the frames are signed, and ours may be rejected" in decoder.counts.describe()
-    assert len(believing(accept_unsigned=True).decode(frames)) == 2
+    assert len(keyed_decoder(accept_unsigned=True).decode(frames)) == 2
 
 
-def test_somebodys_key_does_not_get_into_a_log():
+def test_setup_signing_is_not_logged():
     setup = mavlink.MAVLink_setup_signing_message(1, 1, list(KEY), NOW)
-    for decoder, frame in ((Decoder(), setup.pack(peer(None))), (believing(), setup.pack(peer()))):
+    for decoder, frame in (
+        (Decoder(), setup.pack(peer(None))),
+        (keyed_decoder(), setup.pack(peer())),
+    ):
         decoder.decode(bytes(frame))
         assert (decoder.counts.frames, decoder.frames) == (1, [])
 
@@ -213,7 +215,7 @@ def beat(pilot, theirs, now=0.0, source="vehicle"):
     pilot.receive(bytes(heartbeat().pack(theirs)), now, source)
 
 
-def test_all_that_a_pilot_says_is_signed_with_one_running_timestamp_and_without_a_key_the_same_is_unsigned():
+def test_pilot_signs_every_frame_with_rising_timestamps():
     pilot = pilot_with(link_id=9)
     plain = pilot_with(None)
     beat(pilot, peer())
@@ -235,7 +237,7 @@ def test_all_that_a_pilot_says_is_signed_with_one_running_timestamp_and_without_
     assert all(listener.decode(bytearray(frame)).get_link_id() == 9 for frame in out)
 
 
-def test_an_echo_of_our_signed_frames_is_no_twin():
+def test_echo_of_signed_frames_is_no_twin():
     pilot = pilot_with()
     beat(pilot, peer())
     pilot.receive(output(pilot, 0.0), 0.01, "vehicle")
@@ -243,7 +245,7 @@ def test_an_echo_of_our_signed_frames_is_no_twin():
     assert pilot.session.ignored["twin"] == 0
 
 
-def test_a_vehicle_whose_clock_is_hours_behind_is_greeted_takes_our_time_over_and_is_heard():
+def test_vehicle_with_late_clock_adopts_our_timestamp():
     """An autopilot without GPS starts at its last timestamp. The pilot waits on a port and has no
     peer to send to yet."""
     pilot = pilot_with()
@@ -258,10 +260,10 @@ def test_a_vehicle_whose_clock_is_hours_behind_is_greeted_takes_our_time_over_an
     assert pilot.session.up
 
 
-def test_a_frame_that_is_not_believed_gets_no_answer_and_ranges_are_judged_by_the_same_key():
+def test_rejected_frame_gets_no_answer():
     pilot = pilot_with()
     for key in (None, OTHER):
         beat(pilot, peer(key))
-    pilot.receive(said(peer(None, component=192)), 0.0, "radio", RANGING)
+    pilot.receive(packed(peer(None, component=192)), 0.0, "radio", RANGING)
     assert pilot.session.reply_to is None
     assert pilot.frames_refused() == {"unsigned": 2, "wrong_signature": 1}

@@ -11,7 +11,7 @@ def announcer():
     return Announcer()
 
 
-def test_a_text_goes_out_at_once_its_kind_once_in_two_seconds_and_the_newest_is_kept(announcer):
+def test_texts_are_limited_to_one_per_kind(announcer):
     announcer.say("range", "range lost")
     (message,) = announcer.texts(0.0)
     assert (message.text, message.severity) == ("circnav: range lost", 5)  # MAV_SEVERITY_NOTICE
@@ -21,8 +21,8 @@ def test_a_text_goes_out_at_once_its_kind_once_in_two_seconds_and_the_newest_is_
         ("end", "ended"),
     ):
         announcer.say(kind, text)
-    told = {now: [message.text for message in announcer.texts(now)] for now in (1.99, 2.0, 10.0)}
-    assert told == {1.99: ["circnav: ended"], 2.0: ["circnav: range lost again"], 10.0: []}
+    sent = {now: [message.text for message in announcer.texts(now)] for now in (1.99, 2.0, 10.0)}
+    assert sent == {1.99: ["circnav: ended"], 2.0: ["circnav: range lost again"], 10.0: []}
 
 
 def on_the_wire(messages, system=1, component=191):
@@ -42,21 +42,19 @@ def on_the_wire(messages, system=1, component=191):
         ("Zürich → Genève " * 4, [50, 23]),
     ],
 )
-def test_a_text_of_more_than_fifty_bytes_is_told_in_chunks_whose_last_has_a_zero(
-    announcer, text, chunks
-):
+def test_long_text_is_sent_in_chunks(announcer, text, chunks):
     """STATUSTEXT of common.xml: one id, numbered from zero; "any null character in the text field
     is taken to mean this was the last chunk"; id 0 is a text by itself."""
     announcer.say("end", text)
-    said = on_the_wire(announcer.texts(0.0))
-    assert [len(one.text) for one in said] == chunks
-    assert [one.chunk_seq for one in said] == list(range(len(chunks)))
-    assert {one.id for one in said} == ({0} if len(chunks) == 1 else {1})
-    whole = "".join(one.text for one in said)
+    received = on_the_wire(announcer.texts(0.0))
+    assert [len(one.text) for one in received] == chunks
+    assert [one.chunk_seq for one in received] == list(range(len(chunks)))
+    assert {one.id for one in received} == ({0} if len(chunks) == 1 else {1})
+    whole = "".join(one.text for one in received)
     assert whole == f"circnav: {text}".encode("ascii", "replace").decode()[:200]
 
 
-def test_chunks_are_put_together_by_sender_and_a_lost_one_costs_the_rest(announcer):
+def test_chunks_are_joined_by_sender(announcer):
     reader = TextReader()
     announcer.say("end", "a" * 41 + "b" * 50 + "c" * 9)
     announcer.say("law", "d" * 60)
@@ -75,7 +73,7 @@ def test_chunks_are_put_together_by_sender_and_a_lost_one_costs_the_rest(announc
     assert [reader.read(one) for one in short] == [("short", None)] * 2
 
 
-def test_numbers_to_plot_come_at_four_hertz_with_their_names_and_our_clock(announcer):
+def test_plotted_values_are_sent_at_four_hertz(announcer):
     """Values that no graph can show are omitted."""
     assert announcer.plots({}, 0.0) == []
     wild = {"CN_RNG": 101.5, "CN_RRATE": 3.5e38, "CN_ERR": float("nan"), "CN_YRATE": float("inf")}
@@ -88,7 +86,7 @@ def test_numbers_to_plot_come_at_four_hertz_with_their_names_and_our_clock(annou
     assert (message.name, message.value, message.time_boot_ms) == ("CN_RNG", 101.5, 250)
 
 
-def test_a_text_of_others_obeys_no_terminal():
+def test_received_text_cannot_control_the_terminal():
     """ESC, BEL and the C1 controls command a terminal, and U+202E reverses the text after it. C
     ends a text at its zero."""
     assert plain_text("PreArm: \x1b[2J\x07ok\0\x1b") == r"PreArm: \x1b[2J\x07ok"

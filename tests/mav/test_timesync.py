@@ -35,7 +35,7 @@ def quick():
     return ask_and_answer(Timesync(), 5.0, [0.1] * 60)
 
 
-def test_the_round_trip_is_the_median_of_the_newest_five():
+def test_round_trip_is_median_of_newest_five():
     timesync = Timesync()
     assert (timesync.typical, timesync.worst, timesync.one_way) == (None, None, 0.0)
     ask_and_answer(timesync, 5.0, [2.0, 2.0, 0.1, 0.2, 0.3, None, 0.25, 0.2])
@@ -46,14 +46,12 @@ def test_the_round_trip_is_the_median_of_the_newest_five():
 @pytest.mark.parametrize(
     ("answers", "trips"),
     [
-        (
-            [(1, 1.1), (0, 1.3), (0, 3.0)],
-            [0.3],
-        ),  # to another sender's question, to ours, to ours again
+        # to another sender's question, to ours, to ours again
+        ([(1, 1.1), (0, 1.3), (0, 3.0)], [0.3]),
         ([(0, 200.0)], []),  # minutes late
     ],
 )
-def test_only_the_first_answer_to_our_own_question_counts(answers, trips):
+def test_only_first_answer_to_own_question_counts(answers, trips):
     timesync = Timesync()
     (question,) = timesync.poll(1.0)
     for other, now in answers:
@@ -61,14 +59,14 @@ def test_only_the_first_answer_to_our_own_question_counts(answers, trips):
     assert list(timesync.trips) == pytest.approx(trips)
 
 
-def test_a_question_that_should_have_been_answered_is_asked_again_at_once(quick):
+def test_overdue_question_is_repeated_at_once(quick):
     (question,) = quick.poll(26.0)
     assert asked(quick, 26.05, 28.0) == pytest.approx([26.25 + i / 4 for i in range(7)])
     quick.received(question.ts1, 28.0)
     assert quick.worst == pytest.approx(2.0)
 
 
-def test_who_never_answers_is_not_asked_in_haste_for_ever(quick):
+def test_silent_vehicle_is_asked_once_per_second(quick):
     times = asked(quick, 26.0, 60.0)
     assert len([time for time in times if time < 29.0]) > 10
     assert [b - a for a, b in pairwise(time for time in times if time > 30.0)] == pytest.approx(
@@ -76,12 +74,12 @@ def test_who_never_answers_is_not_asked_in_haste_for_ever(quick):
     )
 
 
-def test_a_link_that_is_slow_but_answers_is_not_asked_more_often():
+def test_slow_link_gets_no_extra_questions():
     slow = ask_and_answer(Timesync(), 5.0, [0.8] * 20)
     assert asked(slow, 26.0, 26.8) == [26.0]
 
 
-def test_a_vehicle_is_asked_the_time_twice_a_second_and_later_once():
+def test_timesync_is_asked_twice_a_second_at_first():
     timesync = Timesync()
     times = []
     for i in range(120):
@@ -91,9 +89,9 @@ def test_a_vehicle_is_asked_the_time_twice_a_second_and_later_once():
     assert times == pytest.approx([0, 0.5, 1, 1.5, 2, 2.5, 3.5, 4.5, 5.5])
 
 
-def test_how_much_slower_a_link_has_become_is_told_by_the_quickest_answer_since_and_asked_for_at_once():
+def test_link_slowdown_is_measured_by_quickest_answer():
     timesync = Timesync()
-    assert timesync.slower(5.0, 5.0) == 0.0, "nothing has ever been answered"
+    assert timesync.slower(5.0, 5.0) == 0.0
     ask_and_answer(timesync, 5.0, [0.2] * 60)
     assert timesync.poll(26.0)
     assert timesync.slower(26.1, 26.6) == float("inf")
@@ -101,10 +99,10 @@ def test_how_much_slower_a_link_has_become_is_told_by_the_quickest_answer_since_
     timesync.received(question.ts1, 27.3)
     assert timesync.slower(26.1, 27.3) == pytest.approx(0.5)
     assert timesync.slower(27.4, 37.2) == float("inf")
-    assert timesync.slower(27.4, 37.5) == 0.0, "who answers nothing any more tells nothing"
+    assert timesync.slower(27.4, 37.5) == 0.0
 
 
-def test_where_no_question_waits_for_its_answer_one_is_asked_at_once_and_who_only_looks_asks_for_none():
+def test_measuring_slowdown_asks_at_once():
     timesync = Timesync()
     for i in range(120):
         for question in timesync.poll(i / 20):

@@ -39,7 +39,7 @@ def only(mission, subject, *overrides):
     return line
 
 
-def test_a_sound_mission_passes_every_line_but_the_unknown_height(mission):
+def test_sound_mission_passes_except_for_unknown_height(mission):
     grades = {line.subject: line.grade for line in check_mission(mission())}
     assert grades.pop("acceleration") is WARN  # the mission's copter flies at 15 m/s
     assert set(grades) == {*SUBJECTS, "turn rate", "rate error"}
@@ -122,140 +122,59 @@ BOUNDS = [
 ]
 
 
-@pytest.mark.parametrize(("subject", "overrides", "grade"), BOUNDS)
-def test_a_grade_turns_at_its_bound(mission, subject, overrides, grade):
-    assert only(mission, subject, *overrides.split()).grade is grade
-
-
 SIGNED = "signing.key_file=k"
-SENT_TYPES = [
-    (
-        "gain",
-        "guidance.gain=2e-4",
-        PASS,
-        "smooth: k = 0.0002 1/m^2 (given), needs k > 1/(2 r_d^2) = 5e-05",
-    ),
-    (
-        "gain",
-        "orbit.radius_m=100",
-        PASS,
-        "smooth: k = 0.0001 1/m^2 (default), needs k > 1/(2 r_d^2) = 5e-05",
-    ),
-    # example 1 of the paper: r_a = 10.98684113 at r_d = 10, k = 0.01
-    (
-        "radius",
-        "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0 guidance.correct_radius=false",
-        WARN,
-        "steady radius 10.987 m, desired 10 m; set guidance.correct_radius = true to correct it",
-    ),
-    (
-        "radius",
-        "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0",
-        PASS,
-        "steady radius 10.000 m, desired 10 m",
-    ),
-    # 9.80665 tan(45 deg)/15 = 37.46 deg/s, of which a plane that slips reaches 0.72
-    (
-        "turn rate",
-        " ".join([*PLANE, "vehicle.max_turn_rate_deg_s=90"]),
-        PASS,
-        "the circle needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, must stay below 100 %); it turns 0.72 "
-        "times a commanded 37.46 deg/s",
-    ),
-    # 3, 4, 5: 300 m out and 400 m up are 500 m
-    (
-        "reach",
-        "orbit.radius_m=300 orbit.height_above_target_m=400",
-        WARN,
-        "range on the circle 500.0 m, distance_sensor reports up to 655.3 m (76 %, at most 80 %)",
-    ),
-    (
-        "reach",
-        BEACON,
-        PASS,
-        "range on the circle 100.0 m, ranging_beacon reports up to 4295 km (0 %, at most 80 %)",
-    ),
-    # d rho = h/rho dh
-    (
-        "height cost",
-        "orbit.height_above_target_m=29",
-        PASS,
-        "1 m of error in the height above the target (29.0 m) changes the radius by 0.29 m (WARN above 0.3)",
-    ),
-    (
-        "height cost",
-        "orbit.height_above_target_m=31",
-        WARN,
-        "1 m of error in the height above the target (31.0 m) changes the radius by 0.31 m (WARN above 0.3)",
-    ),
-    (
-        "bounds",
-        "bounds.max_range_m=640",
-        PASS,
-        "the circle of 100 m must be below bounds.max_range_m = 640 m (horizontal), with 10 % to spare",
-    ),
-    (
-        "ranging",
-        BEACON,
-        WARN,
-        "ArduPilot and PX4 do not forward RANGING_BEACON: set ranging.endpoint, unless the radio "
-        "itself sends to link.endpoint",
-    ),
-    (
-        "exit",
-        "vehicle.autopilot=auto exit.action=brake",
-        FAIL,  # of the two copters, only ArduPilot's has a brake mode
-        "px4 copter has no exit action brake: choose loiter, rtl, land, hold",
-    ),
-    ("signing", SIGNED, PASS, "frames are signed, and accepted only if signed with our key"),
-    (
-        "signing",
-        f"{SIGNED} signing.accept_unsigned=true",
-        WARN,
-        "frames are signed, but unsigned frames are accepted too: any program can pose as the vehicle "
-        "(signing.accept_unsigned)",
-    ),
+WITHOUT_PEER = "link.endpoint=udpin:0.0.0.0:14550"
+GRADES = [
+    ("ranging", BEACON, WARN),  # autopilots do not forward RANGING_BEACON
+    ("exit", "vehicle.autopilot=auto exit.action=brake", FAIL),  # a PX4 copter has no brake mode
+    ("exit", " ".join([*PLANE, "exit.action=stop"]), FAIL),  # it would loiter with a hard bank
+    ("signing", SIGNED, PASS),
+    ("signing", f"{SIGNED} signing.accept_unsigned=true", WARN),
     (
         "signing",
         f"{SIGNED} ranging.endpoint=udpin:0.0.0.0:14560 signing.accept_unsigned=ranging",
         PASS,
-        "frames are signed, and accepted only if signed with our key, on the ranging endpoint also unsigned",
     ),
-    # without a configured address, the first sender is accepted
-    (
-        "peer",
-        "link.endpoint=udpin:0.0.0.0:14550",
-        WARN,
-        "udpin:0.0.0.0:14550 trusts any program that is first to send as the vehicle: set the vehicle's "
-        "address (link.peer), or sign (docs/signing.md)",
-    ),
-    (
-        "peer",
-        "link.endpoint=udpin:0.0.0.0:14550 link.peer=10.0.0.5",
-        PASS,
-        "udpin:0.0.0.0:14550 accepts 10.0.0.5 only",
-    ),
-    (
-        "peer",
-        "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5",
-        WARN,
-        "link.peer has no effect: only udpin receives from more than one address",
-    ),
-    # a plane loiters after 3 s with a steep bank; a copter brakes
-    (
-        "exit",
-        " ".join([*PLANE, "exit.action=stop"]),
-        FAIL,
-        "a plane left in GUIDED loiters after 3 s, with a sudden hard bank: exit.action must command a mode, choose "
-        "loiter, rtl, hold",
-    ),
+    ("peer", WITHOUT_PEER, WARN),  # the first sender is accepted
+    ("peer", f"{WITHOUT_PEER} link.peer=10.0.0.5", PASS),
+    ("peer", "link.endpoint=tcp:10.0.0.5:5760 link.peer=10.0.0.5", WARN),  # no effect
+    # d rho = h/rho dh
+    ("height cost", "orbit.height_above_target_m=29", PASS),
+    ("height cost", "orbit.height_above_target_m=31", WARN),
+    ("bounds", "bounds.max_range_m=640", PASS),
 ]
 
 
-@pytest.mark.parametrize(("subject", "overrides", "grade", "says"), SENT_TYPES)
-def test_a_line_has_the_number_its_bound_and_the_remedy(mission, subject, overrides, grade, says):
-    line = only(mission, subject, *overrides.split())
-    assert (line.grade, line.text) == (grade, says)
+@pytest.mark.parametrize(("subject", "overrides", "grade"), [*BOUNDS, *GRADES])
+def test_grade_changes_at_its_bound(mission, subject, overrides, grade):
+    assert only(mission, subject, *overrides.split()).grade is grade
+
+
+PAPER = "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0"
+
+
+@pytest.mark.parametrize(
+    ("subject", "overrides", "parts"),
+    [
+        ("gain", "guidance.gain=2e-4", "k = 0.0002 1/m^2 (given), needs k > .* = 5e-05"),
+        ("gain", "orbit.radius_m=100", "k = 0.0001 1/m^2 (default), needs k >"),
+        # example 1 of the paper: r_a = 10.98684113 at r_d = 10, k = 0.01
+        ("radius", f"{PAPER} guidance.correct_radius=false", "10.987 m, desired 10 m; set"),
+        ("radius", PAPER, "steady radius 10.000 m, desired 10 m"),
+        # 9.80665 tan(45 deg)/15 = 37.46 deg/s, of which a plane that slips reaches 0.72
+        (
+            "turn rate",
+            " ".join([*PLANE, "vehicle.max_turn_rate_deg_s=90"]),
+            "needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, .*; it turns 0.72 times",
+        ),
+        # 3, 4, 5: 300 m out and 400 m up are 500 m
+        ("reach", "orbit.radius_m=300 orbit.height_above_target_m=400", "500.0 m, .* (76 %, at"),
+        ("height cost", "orbit.height_above_target_m=31", "changes the radius by 0.31 m"),
+    ],
+)
+def test_check_line_contains_value_and_bound(mission, subject, overrides, parts):
+    text = only(mission, subject, *overrides.split()).text
+    assert re.search(re.escape(parts).replace(r"\.\*", ".*"), text)
 
 
 @pytest.mark.parametrize(
@@ -263,81 +182,72 @@ def test_a_line_has_the_number_its_bound_and_the_remedy(mission, subject, overri
     [
         ("radius", "guidance.gain=4e-5"),  # an impossible gain gives no radius
         ("switching", "guidance.law=smooth"),
+        ("margin", "guidance.law=smooth"),  # only laws that are tuned by the delay have one
         ("height cost", "orbit.target_altitude_m=500"),
         ("height cost", "orbit.target_above_home_m=-3"),
         ("ranging", f"{BEACON} ranging.endpoint=udpin:0.0.0.0:14560"),
         ("exit", "exit.action=stop"),
         ("exit", "exit.action=brake"),
         ("exit", "engage.on_takeover=wait"),
-        (
-            "exit",
-            "vehicle.kind=rover vehicle.autopilot=auto exit.action=stop",
-        ),  # no PX4 rover is flown
-        ("exit", "vehicle.autopilot=auto"),
+        ("exit", "vehicle.kind=rover vehicle.autopilot=auto exit.action=stop"),  # no PX4 rover
         ("exit", "vehicle.autopilot=px4"),
         ("estimator", " ".join([*PLANE, "guidance.estimator=drift"])),
-        ("estimator", " ".join([*PLANE, "guidance.estimator=drift"])),
         ("signing", "limits.stale_s=0.5"),
-        ("peer", "link.endpoint=udpin:127.0.0.1:14550"),
         ("peer", "link.endpoint=serial:/dev/ttyS0:57600"),
     ],
 )
-def test_nothing_is_said_where_there_is_nothing_to_say(mission, subject, overrides):
+def test_check_omits_lines_without_a_finding(mission, subject, overrides):
     assert lines(mission, subject, *overrides.split()) == []
 
 
-def test_a_gain_far_below_the_default_hardly_turns(mission):
+def test_low_gain_warns(mission):
     """V = 15 m/s and lags of about 0.4 and 0.6 s: k near 0.5/15."""
     line = only(mission, "gain", "guidance.law=feedforward", "guidance.gain=0.002")
     assert line.grade is WARN and "with this gain the vehicle hardly turns" in line.text
     assert only(mission, "gain", "guidance.law=feedforward", "guidance.gain=0.01").grade is PASS
 
 
-def test_a_switching_law_beyond_the_vehicles_limit_is_told(mission):
+def test_switching_turn_beyond_limit_warns(mission):
     first, second = lines(mission, "turn rate", "guidance.law=switching", "guidance.gain=0.4")
     assert (first.grade, second.grade) == (PASS, WARN)
     assert "22.92 deg/s" in second.text
 
 
-def test_a_default_gain_is_lowered_for_a_vehicle_that_turns_late_but_stays_above_the_papers_bound(
-    mission,
-):
+def test_default_gain_falls_with_turn_lag(mission):
     quick, late, very_late = (mission(f"vehicle.turn_lag_s={lag}") for lag in (0.1, 0.8, 9.0))
     assert quick.law.gain == pytest.approx(1e-4)
     assert 5e-5 < very_late.law.gain < late.law.gain < quick.law.gain
 
 
 @pytest.mark.parametrize(
-    ("bound", "height", "told"), [(650, 0, False), (660, 0, True), (650, 100, True)]
+    ("bound", "height", "warns"), [(650, 0, False), (660, 0, True), (650, 100, True)]
 )
-def test_a_bound_beyond_the_farthest_range_is_told(mission, bound, height, told):
+def test_bound_beyond_sensor_range_warns(mission, bound, height, warns):
     """DISTANCE_SENSOR ends at a slant range of 655.34 m. A horizontal range of 650 m and a height
     of 100 m give 657.6 m."""
     found = lines(
         mission, "bounds", f"bounds.max_range_m={bound}", f"orbit.height_above_target_m={height}"
     )
-    assert [line.grade for line in found] == [PASS, WARN][: 1 + told]
+    assert [line.grade for line in found] == [PASS, WARN][: 1 + warns]
 
 
 @pytest.mark.parametrize("leaves_it", ["exit.action=stop", "engage.on_takeover=wait"])
 @pytest.mark.parametrize(
     ("autopilot", "remedy"), [("px4", '"end"'), ("auto", ', or vehicle.autopilot "ardupilot"')]
 )
-def test_a_px4_is_left_in_no_mode_to_which_it_would_return_by_itself(
-    mission, leaves_it, autopilot, remedy
-):
+def test_px4_needs_an_exit_mode(mission, leaves_it, autopilot, remedy):
     """It returns to OFFBOARD as soon as setpoints resume. With "auto", the vehicle may be a PX4."""
     line = only(mission, "exit", f"vehicle.autopilot={autopilot}", leaves_it)
     assert line.grade is FAIL and line.text.endswith(remedy)
 
 
 @pytest.mark.parametrize("estimator", ["drift"])
-def test_a_copter_cannot_be_engaged_on_an_estimator_that_must_see_it_move_first(mission, estimator):
+def test_copter_refuses_drift_estimator(mission, estimator):
     line = only(mission, "estimator", f"guidance.estimator={estimator}")
     assert line.grade is FAIL and 'guidance.estimator = "auto"' in line.text
 
 
-def test_the_settling_time_is_that_of_the_shortest_tangent_and_is_not_promised_for_a_law(mission):
+def test_settling_time_follows_shortest_tangent(mission):
     """500 m from a circle of 100 m, with the worst heading, the Dubins path to the tangent point
     takes 42.1 s. Feedforward closes in at 0.55 V or less, so the direct way alone takes 400/8.25 =
     48 s."""
@@ -351,24 +261,18 @@ TIGHT = ("guidance.law=auto", *PLANE, "vehicle.turn_lag_s=0.5", "vehicle.max_tur
 
 
 @pytest.mark.parametrize(("radius", "grade"), [(60, WARN), (68, PASS), (150, PASS)])
-def test_a_circle_on_which_the_loop_has_too_little_margin_warns_and_names_one_that_holds(
-    mission, radius, grade
-):
+def test_small_stability_margin_warns_with_sufficient_radius(mission, radius, grade):
     """60 m at 15 m/s oscillated in 5 m/s of wind on firmware, where the geometry allows 5.6 m/s."""
     line = only(mission, "margin", *TIGHT, f"orbit.radius_m={radius}")
     assert line.grade is grade
     assert ("a radius of 65 m suffices for up to 5.0 m/s" in line.text) == (radius == 60)
 
 
-def test_the_margin_is_of_the_laws_that_are_tuned_by_the_delay(mission):
-    assert not lines(mission, "margin", "guidance.law=smooth")
-
-
 @pytest.mark.parametrize(
     ("vehicle", "speed", "warns"),
     [("arducopter", 5.2, False), ("arducopter", 5.3, True), ("px4_copter", 7, False)],
 )
-def test_turns_beyond_the_default_acceleration_of_the_autopilot_warn(vehicle, speed, warns):
+def test_turn_beyond_autopilot_acceleration_warns(vehicle, speed, warns):
     checks = check_mission(
         load_mission(bundled("mission", vehicle), [f"vehicle.speed_mps={speed}"])
     )

@@ -60,7 +60,7 @@ def points(drawn):
 # --- strips ---
 
 
-def test_any_line_can_be_drawn_and_leaves_the_frame_as_steep_as_it_is_and_the_frame_cuts_it_off():
+def test_line_is_clipped_by_its_frame():
     """From 0 to 10 in 10 s, displayed up to 1: the line leaves the frame after 1 s and is nowhere
     flat."""
     for values in ([None, None], [5, 5], [0, 0], [-1e-9, 1e9]):
@@ -100,26 +100,12 @@ def test_any_line_can_be_drawn_and_leaves_the_frame_as_steep_as_it_is_and_the_fr
         "bars",
     ],
 )
-def test_a_line_is_drawn_as_its_kind(values, chart, kind, drawn):
+def test_line_kinds_draw_gaps_dots_and_bars(values, chart, kind, drawn):
     times = list(range(len(values)))
     assert path(strip(times, values, [0, times[-1]], **chart), f"{kind} estimate") == drawn
 
 
-def test_zoomed_in_a_line_goes_on_to_its_neighbours_outside_and_the_axis_fits_what_is_seen_and_is_not_cut_off():
-    """Values 0 to 99 at 1 Hz, zoomed in from 40 to 50.5 s: the visible values are 40 to 50. The
-    values above are not numbers."""
-    drawn = strip(list(range(100)), list(range(100)), [40, 50.5])
-    xs = [x for x, _ in points(drawn)]
-    assert (xs[0], len(xs)) == (0.0, 12)
-    assert xs[-1] > WIDE
-    heights = [float(n) for n in re.findall(r'text-anchor="end">([\d.]+)<', drawn)]
-    assert 39 < min(heights) <= max(heights) < 52
-    drawn = strip([0, 36000], [0, 1], [0, 36000])
-    (last,) = re.findall(r'<text x="([0-9.]+)" y="[0-9]+" text-anchor="middle">36000</text>', drawn)
-    assert float(last) + 2.5 * 6.5 <= WIDTH
-
-
-def test_what_a_run_does_not_hold_is_no_chart_and_no_line():
+def test_missing_columns_give_no_chart():
     columns = {
         "r": [[0, 1], [99, 101]],
         "turn_rate": [[0, 1], [0.1, 0.2]],
@@ -133,15 +119,14 @@ def test_what_a_run_does_not_hold_is_no_chart_and_no_line():
     ]
     assert [line["name"] for line in charts[0]["lines"]] == ["estimated"]
     assert charts[1]["lines"][0]["values"] == [-1, 1]
-    assert charts[2]["lines"][0]["values"] == pytest.approx(
-        [5.7296, 11.4592], abs=1e-3
-    )  # deg/s of rad/s
+    # deg/s of rad/s
+    assert charts[2]["lines"][0]["values"] == pytest.approx([5.7296, 11.4592], abs=1e-3)
 
 
 # --- words over time, and marks ---
 
 
-def test_words_become_one_stretch_each_escaped_and_some_have_a_colour_of_their_own_whatever_came_before():
+def test_words_become_stretches_with_stable_colors():
     spans = stretches(np.arange(6.0), ["a", "a", "b", "b", "a", "a"])
     assert spans == [(0.0, 2.0, "a"), (2.0, 4.0, "b"), (4.0, 5.0, "a")]
     drawn = script(f"Charts.band(spans, [0, 5], {WIDTH})", spans=spans)
@@ -156,7 +141,7 @@ def test_words_become_one_stretch_each_escaped_and_some_have_a_colour_of_their_o
         assert not first.startswith("other")
 
 
-def test_takeovers_outages_changes_of_law_and_alarms_are_marked_and_waiting_before_the_flight_is_not():
+def test_marks_show_takeovers_outages_laws_and_alarms():
     bands = {
         "phase": [
             (0, 2, "waiting for ranging"),
@@ -189,39 +174,35 @@ def test_takeovers_outages_changes_of_law_and_alarms_are_marked_and_waiting_befo
     assert "low battery, 12 s" in drawn
 
 
-def test_a_takeover_that_ends_the_flight_is_marked_as_one_and_not_twice_where_its_phase_shows_it_already():
-    """The phase usually goes from engaged to ended. The text of the event decides, on the link and
-    the live page."""
-    ended = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 10, "ended")]}
-    for words in ("taken over, GUIDED left for LOITER", "ABORTED: taken over, vehicle disarmed"):
-        marks = script("Charts.marks(bands, [[9, words]])", bands=ended, words=words)
-        assert marks == [[9, 9, "takeover", words]]
-        assert ">T</text>" in track([90, 80], [100] * 2, marked=[[0, *marks[0][1:]]])
-    yielded = {
-        "phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 12, "yielded"), (12, 20, "engaged")]
-    }
-    said = [
-        [9, "taken over, GUIDED left for LOITER"],
-        [9.1, "OPERATOR HAS THE VEHICLE, mode LOITER"],
-    ]
-    marks = script("Charts.marks(bands, said)", bands=yielded, said=said)
-    assert marks == [[9, 12, "takeover", "yielded"]]
+STARTED = [(0, 3, "ready"), (3, 9, "engaged")]
+TAKEN_OVER = "taken over, GUIDED left for LOITER"
+DISARMED = "ABORTED: taken over, vehicle disarmed"
 
 
-def test_an_alarm_of_an_outage_is_the_mark_of_its_phase_and_one_of_its_own_where_it_is_too_short_for_a_phase():
-    held = {"phase": [(0, 3, "ready"), (3, 9, "engaged"), (9, 12, "holding"), (12, 40, "engaged")]}
-    said = [
-        [9, "range lost, holding"],
-        [9.1, "RANGE STALE 0.6 s"],
-        [20, "vehicle silent"],
-        [30, "range frozen, rejected"],
-    ]
-    marks = script("Charts.marks(bands, said)", bands=held, said=said)
-    assert [mark[:3] for mark in marks] == [
-        [9, 12, "outage"],
-        [20, 20, "outage"],
-        [30, 30, "alarm"],
-    ]
+@pytest.mark.parametrize(
+    ("phases", "alarms", "marks"),
+    [
+        # the text of the event decides if the phase does not show the takeover
+        ([(9, 10, "ended")], [(9, TAKEN_OVER)], [[9, 9, "takeover"]]),
+        ([(9, 10, "ended")], [(9, DISARMED)], [[9, 9, "takeover"]]),
+        (
+            [(9, 12, "yielded"), (12, 20, "engaged")],
+            [(9, TAKEN_OVER), (9.1, "OPERATOR HAS THE VEHICLE, mode LOITER")],
+            [[9, 12, "takeover"]],
+        ),
+        # an alarm of an outage is the mark of its phase, or one of its own without a phase
+        (
+            [(9, 12, "holding"), (12, 40, "engaged")],
+            [(9, "range lost, holding"), (9.1, "RANGE STALE 0.6 s"), (20, "vehicle silent")],
+            [[9, 12, "outage"], [20, 20, "outage"]],
+        ),
+        ([(9, 40, "engaged")], [(30, "range frozen, rejected")], [[30, 30, "alarm"]]),
+    ],
+)
+def test_takeovers_and_outages_are_marked_once(phases, alarms, marks):
+    bands = {"phase": [*STARTED, *phases]}
+    found = script("Charts.marks(bands, alarms)", bands=bands, alarms=alarms)
+    assert [mark[:3] for mark in found] == marks
 
 
 # --- the track ---
@@ -238,7 +219,7 @@ def track(east, north, **options):
     return script("Charts.track([way], [100], 520, options)", way=way, options=options)
 
 
-def test_north_is_up_and_east_is_right_and_arrows_point_ahead():
+def test_track_has_north_up_and_arrows_ahead():
     """From 100 m north of the target towards the east: the track starts above the center, and
     arrows point to the right."""
     drawn = track(list(range(0, 100, 2)), [100] * 50, at=49, heading=np.pi / 2)
@@ -252,27 +233,19 @@ def test_north_is_up_and_east_is_right_and_arrows_point_ahead():
     )
 
 
-def test_a_track_breaks_where_it_is_not_known_and_its_circle_lies_on_it():
+def test_track_breaks_where_unknown():
     drawn = track([None, 90, 80, None, 60, 50], [100] * 6, marked=[[4, 5, "takeover", "yielded"]])
     assert path(drawn, "line true").count("M") == 2
-    assert 'class="start hollow"' in drawn, "not known from the first"
+    assert 'class="start hollow"' in drawn
     assert drawn.index('class="line true"') < drawn.index('class="level desired"')
     assert ">T</text>" in drawn
     assert track([None], [None]) is None
 
 
-def test_the_drift_is_an_arrow_that_points_where_it_goes():
-    """3 m/s to the east and 4 m/s to the north: 5 m/s towards atan2(3, 4) = 36.9 deg from north."""
-    drawn = track([0, 100], [100, 0], drift=[3.0, 4.0])
-    assert 'rotate(36.9)" class="axis drift"' in drawn
-    assert "drift 5.0 m/s" in drawn
-    assert "drift" not in track([0, 100], [100, 0])
-
-
 # --- the data ---
 
 
-def test_a_long_line_keeps_every_peak_and_every_gap_in_few_points():
+def test_thinned_line_keeps_peaks_and_gaps():
     values = np.sin(np.arange(200_000) / 20)
     values[123_456], values[77], values[5000:9000] = 50.0, -50.0, np.nan
     keep = peaks(values, 500)
@@ -280,10 +253,10 @@ def test_a_long_line_keeps_every_peak_and_every_gap_in_few_points():
     assert {77, 123_456} <= set(keep)
     assert list(keep) == sorted(keep)
     assert np.isnan(values[keep]).any()
-    assert list(peaks(values[:10], 500)) == list(range(10)), "a short line is left alone"
+    assert list(peaks(values[:10], 500)) == list(range(10))
 
 
-def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
+def test_chart_columns_use_run_time(run_folder):
     """Built by hand: 120 m for 100 s, then 101 m, clockwise at 0.15 rad/s; one range per second,
     none rejected."""
     folder = run_folder()
@@ -297,24 +270,20 @@ def test_the_columns_are_those_of_the_run_on_its_own_time(run_folder):
     assert columns["desired"] == {0.0: 100.0, 150.0: 60.0}
     assert columns["true_r"][200.0] == pytest.approx(101.0, abs=1e-3)
     assert columns["true_turn"][200.0] == columns["turn_rate"][200.0] == -0.15
-    assert set(list(columns["accepted"].values())[1:-2]) <= {
-        0.8,
-        1.6,
-        2.4,
-    }, "1 a second in bins of 1.25 s"
+    assert set(list(columns["accepted"].values())[1:-2]) <= {0.8, 1.6, 2.4}
     assert data["bands"]["phase"] == [(0.0, 10.0, "ready"), (10.0, 300.0, "engaged")]
     assert data["ways"][0]["name"] == "true"
     assert len(json.loads(as_script(data))["columns"]) == len(columns)
 
 
-def test_alarms_seen_in_flight_errors_of_the_vehicle_and_warnings_of_ours_are_marked_each_once():
+def test_alarms_and_warnings_are_marked_once():
     failsafe = Event(7.0, "vehicle message", "EKF failsafe", severe=True)
     hello = Event(8.0, "vehicle message", "hello")
     seen = [
         Event(8.0, "alarm", "LEAN LIMIT: 31 deg", True),
         Event(20.0, "alarm", "NOT RECORDING: full", True),
     ]
-    said = [
+    messages = [
         Event(9.5, "circnav message", "LEAN LIMIT: on", True),
         Event(40.0, "circnav message", "vehicle banks", True),
     ]
@@ -324,9 +293,7 @@ def test_alarms_seen_in_flight_errors_of_the_vehicle_and_warnings_of_ours_are_ma
         (20.0, seen[1].text),
         (40.0, "vehicle banks"),
     ]
-    assert alarms([failsafe, *seen, hello, *said]) == found
-    assert alarms([failsafe, hello, *said]) == [
-        found[0],
-        (9.5, "LEAN LIMIT: on"),
-        found[3],
-    ], "of a killed flight"
+    assert alarms([failsafe, *seen, hello, *messages]) == found
+    assert alarms([failsafe, hello, *messages]) == [found[0], (9.5, "LEAN LIMIT: on"), found[3]], (
+        "of a killed flight"
+    )

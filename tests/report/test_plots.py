@@ -18,7 +18,7 @@ ORBIT = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
 @pytest.mark.parametrize(
     "kind", [{}, {"truth": False}, {"engaged": False}], ids=["truth", "no truth", "never engaged"]
 )
-def test_every_run_has_its_picture(run_folder, tmp_path, kind):
+def test_every_kind_of_run_has_a_picture(run_folder, tmp_path, kind):
     folder = run_folder(**kind)
     arguments = read_ticks(folder), read_truth(folder, EPOCH_US), ORBIT, "by hand"
     plot_flight(tmp_path / "flight.png", *arguments)
@@ -52,7 +52,7 @@ def legend(axis):
     return [entry.get_text() for entry in axis.get_legend().get_texts()]
 
 
-def test_no_legend_covers_a_line(run_folder, ticks, drawn):
+def test_legend_covers_no_line(run_folder, ticks, drawn):
     figure = drawn(plot_flight, ticks, read_truth(run_folder(), EPOCH_US), ORBIT)
     for axis in figure.axes:
         around = axis.get_legend().get_window_extent()
@@ -60,7 +60,7 @@ def test_no_legend_covers_a_line(run_folder, ticks, drawn):
         assert around.y0 >= inside.y1 - 1 or around.y1 <= inside.y0
 
 
-def test_a_time_without_ranges_and_what_was_never_sent_are_named_in_the_legends(run_folder, drawn):
+def test_legend_names_outages_and_unsent_commands(run_folder, drawn):
     folder = rewrite_ticks(
         run_folder(), lambda time, row: row.update(phase="holding") if 120 <= time < 130 else None
     )
@@ -76,9 +76,7 @@ def test_a_time_without_ranges_and_what_was_never_sent_are_named_in_the_legends(
     assert legend(drawn(plot_flight, ticks, None, ORBIT).axes[-1])[0] == "would command"
 
 
-def test_a_vehicle_that_turns_less_than_commanded_has_the_steady_command_beside_the_steady_circle(
-    ticks, drawn
-):
+def test_steady_command_appears_for_low_turn_gain(ticks, drawn):
     """With a gain of 0.75, a command of -11.5 deg/s flies -8.6 deg/s. With a gain of 1 the two
     lines coincide."""
     turn_rate = drawn(plot_flight, ticks, None, ORBIT).axes[-1]
@@ -89,27 +87,13 @@ def test_a_vehicle_that_turns_less_than_commanded_has_the_steady_command_beside_
     assert level["steady circle"] == pytest.approx(-8.59, abs=0.01)
     assert level["steady command, gain 0.75"] == pytest.approx(-11.46, abs=0.01)
     columns = chart_data(ticks, None, ORBIT, {})["columns"]
-    assert columns["steady_command"][1][-1] == pytest.approx(
-        -0.2, abs=1e-3
-    )  # rad/s: the report shows it as well
+    # rad/s: the report shows it as well
+    assert columns["steady_command"][1][-1] == pytest.approx(-0.2, abs=1e-3)
 
 
-def test_arrows_stand_all_round_the_circle_and_the_desired_one_on_top(run_folder, ticks, drawn):
-    track, *_ = drawn(plot_flight, ticks, read_truth(run_folder(), EPOCH_US), ORBIT).axes
-    _, *arrows = [text.xy for text in track.texts]
-    bearings = np.sort(np.arctan2([north for _, north in arrows], [east for east, _ in arrows]))
-    assert np.diff(bearings) == pytest.approx(np.pi / 2, abs=0.3)
-    lines = {line.get_label(): line.get_zorder() for line in track.lines}
-    assert lines["desired"] > lines["flown (truth)"]
-
-
-def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_believed(
-    ticks, drawn
-):
+def test_track_without_truth_is_estimated(ticks, drawn):
     """Built by hand: no estimate for 50 s, then a quarter of a circle."""
-    assert len(drawn(plot_flight, ticks, None, ORBIT).axes) == 3, (
-        "no track where nothing of it is known"
-    )
+    assert len(drawn(plot_flight, ticks, None, ORBIT).axes) == 3
     angle = np.where(ticks.time < 50, np.nan, np.radians(90 * (ticks.time - 50) / 250))
     ticks.numbers["x"], ticks.numbers["y"] = 100 * np.cos(angle), 100 * np.sin(angle)
     track, *others = drawn(plot_flight, ticks, None, ORBIT).axes
@@ -119,10 +103,10 @@ def test_without_truth_the_track_is_the_estimated_one_from_where_it_was_first_be
     assert lines["first estimate"].get_xydata()[0] == pytest.approx([100, 0])
     assert lines["first estimate"].get_markerfacecolor() == "none"
     assert np.nanmax(lines["flown (estimate)"].get_ydata()) == pytest.approx(100)
-    assert len(track.texts) > 1, "arrows"
+    assert len(track.texts) > 1
 
 
-def test_lines_of_the_pictures_break_where_no_tick_was_made(run_folder, drawn):
+def test_lines_break_at_missing_ticks(run_folder, drawn):
     ticks = read_ticks(rewrite_ticks(run_folder(), lambda time, row: not 100 <= time < 105))
     *_, error, _ = drawn(plot_flight, ticks, None, ORBIT).axes
     assert error.lines[0].get_ydata()[[0, -1]] == pytest.approx([20.0, 1.0])  # of 120 and 101 m
@@ -133,7 +117,7 @@ def test_lines_of_the_pictures_break_where_no_tick_was_made(run_folder, drawn):
         assert np.isnan(values).sum() == 1
 
 
-def test_a_title_with_dollars_is_drawn_as_it_is(ticks, drawn):
+def test_title_with_dollars_is_no_formula(ticks, drawn):
     titles = ("a $_{ b$ c", "one $", r"\$ and $_{$")
     pictures = (plot_flight, ticks, None, ORBIT), (plot_replay, None, ticks, ORBIT)
     for title, (plot, *arguments) in product(titles, pictures):

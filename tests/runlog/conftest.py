@@ -43,7 +43,10 @@ def run_folder(tmp_path: Path) -> Callable[..., Path]:
     on, engaged at 10 s."""
 
     def make(*, engaged: bool = True, truth: bool = True, clockwise: bool = True) -> Path:
-        header = "time,phase,measured,r,r_dot,demanded,turn_rate,saturated,yaw_rate_sent,mode,accepted,rejected"
+        header = (
+            "time,phase,measured,r,r_dot,demanded,turn_rate,saturated,yaw_rate_sent,mode,"
+            "accepted,rejected"
+        )
         lines = [header]
         log = b""
         for second in np.arange(0.0, 300.5, 0.5):

@@ -20,14 +20,14 @@ def column(*values):
     return np.stack(np.broadcast_arrays(*values), axis=1)
 
 
-def test_settled_from_the_last_exit_and_never_if_it_ends_outside():
+def test_settling_counts_from_the_last_exit():
     r = column(100 + 50 * np.exp(-TIME / 10), np.full_like(TIME, 130.0), np.full_like(TIME, 100.0))
     assert many_flights.last_exit(TIME, r, 100.0, 10.0) == pytest.approx(
         [10 * np.log(5), inf, 0.0], abs=0.11
     )
 
 
-def test_the_wrong_way_round_is_noticed_although_the_radius_is_perfect():
+def test_wrong_direction_is_detected():
     """The bearing of a lost flight creeps a little: it did not go around at all."""
     angle = column(0.15 * TIME, -0.15 * TIME, 0.003 * TIME)
     assert many_flights.right_way(angle, np.ones(3)).tolist() == [True, False, True]
@@ -35,7 +35,7 @@ def test_the_wrong_way_round_is_noticed_although_the_radius_is_perfect():
     assert many_flights.went_round(angle).tolist() == [True, True, False]
 
 
-def test_overshoot_is_inward_for_starts_outside_and_outward_for_starts_inside():
+def test_overshoot_is_measured_beyond_the_circle():
     e = 80 * np.exp(-TIME / 9) * np.cos(TIME / 5)
     assert many_flights.overshoot(column(100 + e, 100 - e), 100.0) == pytest.approx([-e.min()] * 2)
 
@@ -46,7 +46,7 @@ def test_overshoot_is_inward_for_starts_outside_and_outward_for_starts_inside():
      (-60.0, pi / 2, -1, 12.0, 40.0)],
     ids=["along the tangent", "near", "mirrored", "the wrong sense takes a turn about"],
 )  # fmt: skip
-def test_the_dubins_time_is_what_can_be_drawn_by_hand(north, psi, sense, least, most):
+def test_dubins_time_matches_drawing_by_hand(north, psi, sense, least, most):
     """From 100 m east of the target, at 15 m/s."""
     (time,) = tangent_time(
         np.array([[100.0], [north]]), np.array([psi]), np.array([float(sense)]), **SPEED
@@ -60,9 +60,7 @@ def test_the_dubins_time_is_what_can_be_drawn_by_hand(north, psi, sense, least, 
     psi=st.floats(-pi, pi),
     sense=st.sampled_from([-1.0, 1.0]),
 )
-def test_the_way_lies_between_straight_to_the_circle_and_a_turn_about_with_the_tangent(
-    r, bearing, psi, sense
-):
+def test_dubins_path_lies_within_geometric_bounds(r, bearing, psi, sense):
     """A full turn at the limit, plus its width, is the most that is added to the tangent from
     here."""
     p = np.array([[r * np.cos(bearing)], [r * np.sin(bearing)]])
@@ -72,7 +70,7 @@ def test_the_way_lies_between_straight_to_the_circle_and_a_turn_about_with_the_t
     assert r - 100.0 - 1e-6 <= way <= tangent + 2 * pi * rho + 2 * rho
 
 
-def test_the_settling_time_that_check_prints_is_the_dubins_time_of_the_worst_heading():
+def test_settling_time_is_dubins_time_of_worst_heading():
     heading = np.radians(np.arange(0.0, 360.0))
     away = np.stack([np.full(360, 500.0), np.zeros(360)])
     worst = tangent_time(away, heading, np.ones(360), V=15.0, r_d=100.0, max_turn_rate=0.35).max()

@@ -37,12 +37,12 @@ def column(*values):
         ([94.9, 95, 95, 95, 95], 1.0),
     ],
 )
-def test_settled_means_the_last_entry_into_five_percent(radius, settled):
+def test_settling_is_last_entry_into_five_percent(radius, settled):
     """r_d = 100 m: the band is 95 to 105 m, both included. Time counts from the first sample."""
     assert metrics.settling_time(column(10, 11, 12, 13, 14), column(*radius), 100.0) == settled
 
 
-def test_a_settled_flight_was_within_the_band_through_all_of_the_last_third():
+def test_settling_needs_last_third_within_the_band():
     """With +-8 m at 100 m and 40 s a lap, the last entry into the band comes 5 s before the end and
     is no settling."""
     time = np.arange(0.0, 301.0)
@@ -52,7 +52,7 @@ def test_a_settled_flight_was_within_the_band_through_all_of_the_last_third():
     assert metrics.settled(time, 100 - 8 * np.cos(2 * np.pi * time / 40), 100.0) is None
 
 
-def test_nothing_flown_is_nothing_known():
+def test_empty_flight_has_no_figures():
     empty = column()
     assert (
         metrics.settling_time(empty, empty, 100.0) is metrics.settled(empty, empty, 100.0) is None
@@ -62,13 +62,12 @@ def test_nothing_flown_is_nothing_known():
     assert turn_figures(TIME, np.full_like(TIME, np.nan), ORBIT) is None
 
 
-def test_the_last_third_is_of_the_time_and_not_of_the_samples_and_the_mean_hides_what_the_rms_error_shows():
+def test_last_third_counts_time_and_rms_shows_oscillation():
     time = column(0, 1, 2, 3, 4, 5, 20, 30)
     assert list(metrics.last_part(time, time)) == [20, 30]
-    assert list(metrics.last_part(column(0, 1, 2, 3), column(5, 6, 7, 8))) == [
-        7,
-        8,
-    ], "both its ends included"
+    assert list(metrics.last_part(column(0, 1, 2, 3), column(5, 6, 7, 8))) == [7, 8], (
+        "both its ends included"
+    )
     assert (metrics.mean(column(90, 110)), metrics.rms_error(column(90, 110), 100.0)) == (
         100.0,
         10.0,
@@ -87,7 +86,7 @@ def test_the_last_third_is_of_the_time_and_not_of_the_samples_and_the_mean_hides
         (0.0, None),
     ],
 )
-def test_the_swept_angle_counts_every_turn_and_from_a_quarter_on_it_has_a_sense(turns, direction):
+def test_swept_angle_gives_direction_from_quarter_turn(turns, direction):
     """North up, east right: counter-clockwise from east is positive in a view from above."""
     angle = 1.0 + np.linspace(0, turns * 2 * np.pi, 1000)
     swept = metrics.swept_angle(5 * np.sin(angle), 5 * np.cos(angle))
@@ -133,7 +132,7 @@ def from_limit_to_limit():
     return 2.0 * np.sin(phase)
 
 
-def test_figures_of_a_relay_between_the_limits_are_those_drawn_by_hand():
+def test_relay_command_has_figures_calculated_by_hand():
     """Half a second each way: the standard deviation is LIMIT, and the command moves by 4 LIMIT per
     second."""
     relay = np.where(np.arange(len(TIME)) // 10 % 2 == 0, LIMIT, -LIMIT)
@@ -145,7 +144,7 @@ def test_figures_of_a_relay_between_the_limits_are_those_drawn_by_hand():
 
 
 @pytest.mark.parametrize("wind", [0.0, 8.0, 0.5 * V])
-def test_what_the_circle_itself_asks_for_in_wind_deviates_as_theory_has_it(wind):
+def test_turn_deviation_in_wind_follows_theory(wind):
     """To first order in W/V the amplitude is 2 W/R, half from the ground speed and half from the
     crab angle."""
     found = turn_figures(TIME, needed(wind), ORBIT)
@@ -181,7 +180,7 @@ def test_what_the_circle_itself_asks_for_in_wind_deviates_as_theory_has_it(wind)
     ],
     ids=lambda value: str(value) if isinstance(value, bool) else "",
 )
-def test_a_command_that_rings_is_a_limit_cycle_and_a_busy_or_a_quiet_one_is_none(command, cycles):
+def test_oscillating_command_is_a_limit_cycle(command, cycles):
     assert (
         turn_figures(TIME[: len(command)], np.clip(command, -LIMIT, LIMIT), ORBIT).turn_limit_cycle
         is cycles

@@ -68,7 +68,7 @@ def flown(tmp_path_factory):
     [((), OutputMode.FLY), (APART, OutputMode.FLY), ((), OutputMode.DRY_RUN)],
     ids=["fly", "ranging apart", "dry run"],
 )
-def test_nothing_changed_gives_every_frame_byte_for_byte_at_its_time(tmp_path, overrides, output):
+def test_unchanged_replay_sends_identical_frames(tmp_path, overrides, output):
     recorded_flight(tmp_path, "quickstart", SHORT, *overrides, output=output).fly(
         30
     ).recorder.close()
@@ -84,9 +84,7 @@ def test_nothing_changed_gives_every_frame_byte_for_byte_at_its_time(tmp_path, o
     ("event", "at", "reason"),
     [("interrupt_at", 5.0, "SIGINT"), ("slow_at", 6.0, "flown to its end")],
 )
-def test_an_interrupt_and_a_turn_that_was_held_back_are_replayed_as_such(
-    tmp_path, event, at, reason
-):
+def test_interrupts_and_late_steps_are_replayed(tmp_path, event, at, reason):
     """The interrupt has its safe setpoints. In the late step no setpoint was sent, and neither
     ticks nor summary count it."""
     flight = recorded_flight(tmp_path, "quickstart", SHORT)
@@ -101,7 +99,7 @@ def test_an_interrupt_and_a_turn_that_was_held_back_are_replayed_as_such(
     assert [tick.yaw_rate_sent is None for tick in steered].count(True) == (event == "slow_at")
 
 
-def test_an_impostor_with_the_vehicles_ids_is_told_apart_by_its_source(tmp_path):
+def test_replay_distinguishes_senders_by_source(tmp_path):
     """A heartbeat in LOITER from another address changes nothing. Without its source, it would end
     the flight."""
     flight = recorded_flight(tmp_path, "quickstart", SHORT)
@@ -109,14 +107,14 @@ def test_an_impostor_with_the_vehicles_ids_is_told_apart_by_its_source(tmp_path)
         mavlink.MAVLink(None, 1, 1)
     )
     flight.fly(5)
-    flight.others = [(bytes(loiter), "somebody else")]
+    flight.others = [(bytes(loiter), "another address")]
     flight.fly(30).recorder.close()
     pilot, done = replayed(tmp_path)
     assert done.identical
     assert pilot.mission.outcome.reason == "flown to its end"
 
 
-def test_another_law_commands_other_turns_from_the_same_estimates(flown):
+def test_another_law_changes_only_the_commands(flown):
     _, done = replayed(flown, 'guidance.law="switching"')
     assert not done.identical
     assert done.first_difference > 0
@@ -131,7 +129,7 @@ def test_another_law_commands_other_turns_from_the_same_estimates(flown):
 
 
 @pytest.mark.parametrize("kept", [0.7, 0.31, 0.001])
-def test_a_log_that_was_cut_off_is_replayed_up_to_there(flown, tmp_path, kept):
+def test_cut_log_replays_up_to_the_cut(flown, tmp_path, kept):
     for path in flown.iterdir():
         data = path.read_bytes()
         cut = kept if path.name in ("flight.tlog", "steps.csv") else 1
@@ -141,7 +139,7 @@ def test_a_log_that_was_cut_off_is_replayed_up_to_there(flown, tmp_path, kept):
     assert done.until == pytest.approx(kept * 21, abs=3)
 
 
-def test_what_comes_after_the_pilots_end_is_not_counted(flown):
+def test_ranges_after_end_of_pilot_are_ignored(flown):
     """Replayed for 5 s of the 20 s that were flown: the ranges of the other 15 s do not count as
     stalled."""
     pilot, done = replayed(flown, "limits.duration_s=5")
@@ -160,9 +158,7 @@ def replayed_plain(flown, steps):
     return pilot, replay(pilot, steps, ticking=True)
 
 
-def test_a_plain_tlog_is_steered_by_its_ranges_without_timeouts_and_our_own_frames_are_left_out(
-    flown,
-):
+def test_plain_tlog_steers_without_timeouts(flown):
     timing = without_timeouts(settings_of(flown, "limits.stale_s=0.75")).timing
     assert (timing.round_trip, timing.stale, timing.hold) == (pytest.approx(0.9), 0.75, math.inf)
     pilot, done = replayed_plain(flown, tlog_steps(flown / "flight.tlog", 191))
@@ -177,7 +173,7 @@ def test_a_plain_tlog_is_steered_by_its_ranges_without_timeouts_and_our_own_fram
     )
 
 
-def test_gap_in_a_plain_tlog_does_not_tick_for_hours(flown):
+def test_gap_in_plain_tlog_is_skipped(flown):
     steps = [step for step in tlog_steps(flown / "flight.tlog", 191) if step.time < 10]
     later = [dataclasses.replace(step, time=step.time + 1e5) for step in steps]
     pilot, done = replayed_plain(flown, [*steps, *later])
@@ -202,7 +198,7 @@ def of_another_vehicle(stamp, frame):
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "error"),
     [
         (v1, "MAVLink 1"),
         (of_another_vehicle, "has the autopilots 1/1, 7/1"),
@@ -212,17 +208,17 @@ def of_another_vehicle(stamp, frame):
     ],
     ids=["MAVLink 1", "two vehicles", "clock set back", "clock set ahead", "damaged"],
 )
-def test_plain_tlog_is_refused_with_the_reason(flown, tmp_path, change, says):
+def test_unsuitable_plain_tlog_is_refused(flown, tmp_path, change, error):
     records = list(read_tlog(flown / "flight.tlog"))
     records[1000] = change(*records[1000])
     (tmp_path / "x.tlog").write_bytes(
         b"".join(struct.pack(">Q", stamp) + bytes(frame) for stamp, frame in records)
     )
-    with pytest.raises(RunError, match=re.escape(says)):
+    with pytest.raises(RunError, match=re.escape(error)):
         check_tlog(tmp_path / "x.tlog")
 
 
-def test_plain_tlog_of_a_flight_passes_with_disorder_of_its_timestamps(flown, tmp_path):
+def test_plain_tlog_with_disordered_timestamps_is_accepted(flown, tmp_path):
     records = enumerate(read_tlog(flown / "flight.tlog"))
     data = [struct.pack(">Q", stamp - at % 3 * 20_000) + frame for at, (stamp, frame) in records]
     (tmp_path / "x.tlog").write_bytes(b"".join(data))

@@ -40,7 +40,7 @@ def summary(run_folder):
     return make
 
 
-def test_the_figures_are_those_of_the_flight_after_engaging(summary):
+def test_summary_contains_figures_after_engagement(summary):
     """Engaged at 10 s, at 101 m from 100 s on. The band of 5 % is entered then, 90 s after
     engaging. Users' scripts read these keys."""
     made = summary()
@@ -48,9 +48,9 @@ def test_the_figures_are_those_of_the_flight_after_engaging(summary):
     assert {key: made[key] for key in figures} == pytest.approx(figures)
     assert (made["engaged_s"], made["flown_s"], made["steered_s"]) == (10.0, 290.0, 290.0)
     assert made["direction"] == made["direction_commanded"] == "clockwise"
-    told = {"direction": "clockwise"}
+    expected = {"direction": "clockwise"}
     truth = figures | {"closest_approach_m": 101.0}
-    assert made["truth"].items() >= told.items()
+    assert made["truth"].items() >= expected.items()
     assert {key: made["truth"][key] for key in truth} == pytest.approx(truth, abs=2e-3)
     assert set(made) >= {
         "mission",
@@ -64,57 +64,47 @@ def test_the_figures_are_those_of_the_flight_after_engaging(summary):
     assert summary(truth=False)["truth"] is None
 
 
-@pytest.mark.parametrize(
-    ("kind", "change", "told"),
-    [
-        (
-            {"clockwise": False},
-            {},
-            {"direction": "clockwise", "direction_commanded": "counterclockwise"},
-        ),
-        # left at 1 rad/s for 90 s, then right at 0.15 rad/s for 200 s
-        ({}, {(10, 100): {"turn_rate": "1.0"}}, {"direction_commanded": "clockwise"}),
-        # from second 200 on the link was lost, and the ticks held extrapolated values
-        (
-            {},
-            {(200, 999): {"phase": "waiting for the link", "r": "20.0"}},
-            {"radius_mean_m": 101.0, "settled_s": 90.0},
-        ),
-        # 106 m for a moment; the last entry, after 240 s, does not count as settled
-        ({}, {(250, 250.5): {"r": "106.0"}}, {"settled_s": None}),
-        # taken over from second 100 to 150, returned for a moment at 200; while holding its turn it
-        # was still steered
-        (
-            {},
-            {
-                (100, 150): {"phase": "yielded"},
-                (200, 200.5): {"phase": "ready"},
-                (250, 260): {"phase": "holding"},
-            },
-            {"flown_s": 290.0, "steered_s": 239.5},
-        ),
-    ],
-    ids=[
-        "the wrong way round shows",
-        "the sense is that on the circle and not that on the way",
-        "a prediction through an outage is not scored",
-        "who leaves the band in the last third never settled",
-        "the time that the operator flew is not steered",
-    ],
-)
-def test_what_happened_shows_in_the_figures(summary, kind, change, told):
+ORDERED_LEFT = {"direction_commanded": "counterclockwise", "direction": "clockwise"}
+TAKEOVER = {
+    (100, 150): {"phase": "yielded"},
+    (200, 200.5): {"phase": "ready"},
+    (250, 260): {"phase": "holding"},
+}
+EVENTS = {
+    "wrong direction": ({"clockwise": False}, {}, ORDERED_LEFT),
+    # left at 1 rad/s for 90 s, then right at 0.15 rad/s for 200 s
+    "first turn to the other side": (
+        {},
+        {(10, 100): {"turn_rate": "1.0"}},
+        {"direction_commanded": "clockwise"},
+    ),
+    # the link was lost, and the ticks held extrapolated values
+    "outage": (
+        {},
+        {(200, 999): {"phase": "waiting for the link", "r": "20.0"}},
+        {"radius_mean_m": 101.0, "settled_s": 90.0},
+    ),
+    # 106 m for a moment; the last entry, after 240 s, does not count as settled
+    "outside the band": ({}, {(250, 250.5): {"r": "106.0"}}, {"settled_s": None}),
+    # time with the operator is not steered; holding is
+    "takeover": ({}, TAKEOVER, {"flown_s": 290.0, "steered_s": 239.5}),
+}
+
+
+@pytest.mark.parametrize(("kind", "change", "expected"), EVENTS.values(), ids=EVENTS)
+def test_events_change_the_figures(summary, kind, change, expected):
     def happened(time, row):
         row.update(*(cells for (begin, end), cells in change.items() if begin <= time < end))
 
     made = summary(happened, **kind)
-    assert {name: made[name] for name in told} == pytest.approx(told)
+    assert {name: made[name] for name in expected} == pytest.approx(expected)
     assert made["truth"]["direction"] == (
         "clockwise" if kind.get("clockwise", True) else "counterclockwise"
     )
     assert made["truth"]["settled_s"] == 90.0
 
 
-def test_a_flight_that_never_engaged_has_no_figures(summary):
+def test_flight_without_engagement_has_no_figures(summary):
     made = summary(engaged=False)
     unknown = (
         "engaged_s",
@@ -129,7 +119,7 @@ def test_a_flight_that_never_engaged_has_no_figures(summary):
     assert made["flown_s"] == made["steered_s"] == 0.0
 
 
-def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(summary):
+def test_flight_time_continues_after_end_of_recording(summary):
     """300 s are recorded, or nothing, and the flight lasted until 500 s."""
     flown = replace(FACTS, engaged_s=10.0, until_s=500.0, recording_problem="full")
     made = summary(facts=flown)
@@ -143,7 +133,7 @@ def test_a_flight_is_as_long_as_it_was_flown_and_not_as_it_was_recorded(summary)
     assert made["recording_problem"] == "figures cover estimates up to 0 s of 500 s"
 
 
-def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(summary):
+def test_turn_figures_cover_last_third_of_steering(summary):
     """From 200 s on, the turn rate alternates by 0.1 rad/s, with one tick in four at the limit.
     Values before 200 s and in other phases do not count."""
 
@@ -166,14 +156,12 @@ def test_how_quiet_the_stick_was_is_that_of_the_last_third_of_what_was_steered(s
 # --- the file ---
 
 
-def test_the_file_is_json_that_comes_back_and_a_number_that_json_does_not_know_is_unknown(
-    summary, tmp_path
-):
-    for made, told in (
+def test_summary_file_is_standard_json(summary, tmp_path):
+    for made, expected in (
         (summary(), None),
         ({"a": math.nan, "b": {"c": [math.inf, 1.5]}, "d": (-math.inf, True), "e": None},
          {"a": None, "b": {"c": [None, 1.5]}, "d": [None, True], "e": None}),
     ):  # fmt: skip
         write_json(tmp_path / "summary.json", made)
         text = (tmp_path / "summary.json").read_text(encoding="utf-8")
-        assert json.loads(text, parse_constant=pytest.fail) == (told or made)
+        assert json.loads(text, parse_constant=pytest.fail) == (expected or made)

@@ -18,9 +18,7 @@ from tests.runlog.conftest import EPOCH_US
 LOGS = Path(__file__).parents[2] / "docs" / "logs.md"
 
 
-def test_ticks_are_columns_an_empty_cell_is_no_number_and_a_last_line_that_was_cut_off_is_left_out(
-    run_folder,
-):
+def test_ticks_are_read_back_without_incomplete_line(run_folder):
     ticks = read_ticks(run_folder())
     assert (len(ticks.time), ticks.engaged_at, ticks.words["mode"][0]) == (601, 10.0, "GUIDED")
     assert set(ticks.words["phase"]) == {"ready", "engaged"}
@@ -35,7 +33,7 @@ def test_ticks_are_columns_an_empty_cell_is_no_number_and_a_last_line_that_was_c
     assert (len(read_ticks(folder).time), read_ticks(folder).engaged_at) == (0, None)
 
 
-def test_the_truth_is_found_in_the_log_at_the_runs_own_time(run_folder):
+def test_truth_is_read_in_run_time(run_folder):
     truth = read_truth(run_folder(), EPOCH_US)
     assert truth.time[[0, 1, -1]] == pytest.approx([0.0, 0.5, 300.0])
     assert truth.radius[[0, -1]] == pytest.approx([120.0, 101.0], abs=1e-3)
@@ -50,19 +48,19 @@ def truth(north, system=1, *, spoilt=None):
 
 
 @pytest.mark.parametrize(
-    ("said", "system", "norths"),
+    ("messages", "system", "norths"),
     [
         ([(1, mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3))], None, None),
         ([truth(1.0), *(truth(2.0, spoilt=at) for at in (0, 9, 15)), truth(3.0)], None, [1.0, 3.0]),
         ([truth(9.0, 2), truth(1.0), truth(2.0)], 1, [1.0, 2.0]),
         ([truth(9.0, 2), truth(1.0), truth(2.0)], None, [9.0]),
     ],
-    ids=["a real vehicle", "no numbers", "the vehicle that was flown", "the first that tells"],
+    ids=["a real vehicle", "no numbers", "the vehicle that was flown", "the first sender"],
 )
-def test_the_truth_is_that_of_one_vehicle_and_whole(tmp_path, said, system, norths):
+def test_truth_comes_from_one_vehicle(tmp_path, messages, system, norths):
     """Any sender that reaches our port can send such messages."""
     frames = [
-        bytes(message.pack(mavlink.MAVLink(None, srcSystem=sender))) for sender, message in said
+        bytes(message.pack(mavlink.MAVLink(None, srcSystem=sender))) for sender, message in messages
     ]
     (tmp_path / "flight.tlog").write_bytes(
         b"".join(struct.pack(">Q", EPOCH_US) + frame for frame in frames)

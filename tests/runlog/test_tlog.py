@@ -44,7 +44,7 @@ def log(tmp_path):
     return read
 
 
-def test_a_log_is_read_to_where_it_was_cut_off(log, records, tmp_path):
+def test_cut_log_is_read_to_the_cut(log, records, tmp_path):
     data = b"".join(records)
     one = len(records[-1])
     two = len(records[0])
@@ -60,14 +60,14 @@ def test_a_log_is_read_to_where_it_was_cut_off(log, records, tmp_path):
             assert str(damage) == f"cut off or damaged at byte {whole} of {kept}"
 
 
-def test_a_log_that_is_none_or_has_no_stamps_ends_at_once(log, records):
+def test_foreign_file_contains_no_records(log, records):
     bare = b"".join(record[STAMP:] for record in records)
     for data in (b"", b"this is no log at all", bytes(3000), b"\xfd" * 3000, bare):
         assert log(data) == [], data[:9]
 
 
 @pytest.mark.parametrize("chunk", [600, 1 << 20], ids=["a small window", "a large one"])
-def test_behind_a_damage_the_next_good_record_is_found(log, records, tmp_path, monkeypatch, chunk):
+def test_reader_continues_behind_damage(log, records, tmp_path, monkeypatch, chunk):
     monkeypatch.setattr(tlog, "CHUNK", chunk)
     rng = random.Random(3)
     for at in (0, 50, RECORDS - 1):
@@ -87,7 +87,7 @@ def test_behind_a_damage_the_next_good_record_is_found(log, records, tmp_path, m
 
 
 @pytest.mark.parametrize("at", range(11), ids=lambda at: f"byte {at}")
-def test_a_bit_that_flipped_costs_no_other_record(log, records, at):
+def test_flipped_bit_costs_no_other_record(log, records, at):
     """The flipped bit is in the stamp, the magic byte, the length or the flags."""
     for bit in range(8):
         torn = bytearray(records[60])
@@ -97,7 +97,7 @@ def test_a_bit_that_flipped_costs_no_other_record(log, records, at):
         assert len(read) <= RECORDS
 
 
-def test_what_is_left_out_is_counted_and_the_unbroken_part_is_the_first(log, records, tmp_path):
+def test_damage_is_counted_and_located(log, records, tmp_path):
     data = b"".join([*records[:50], b"torn", *records[50:90], bytes(40), *records[90:], b"end"])
     assert log(data) == records
     damage = find_damage(tmp_path / "some.tlog")

@@ -37,7 +37,7 @@ def whole_microseconds(moment):
 
 
 @pytest.mark.parametrize("speed", [1.0, 10.0])
-def test_seconds_count_from_the_start_at_the_runs_speed_and_waits_are_real(ticking, speed):
+def test_clock_runs_at_the_speed_of_the_run(ticking, speed):
     clock = Clock(speed)
     began = clock.real()
     assert clock.now() == 0.0
@@ -49,24 +49,20 @@ def test_seconds_count_from_the_start_at_the_runs_speed_and_waits_are_real(ticki
     assert whole_microseconds(clock.now())
 
 
-@pytest.mark.skipif(
-    not hasattr(time, "CLOCK_BOOTTIME"), reason="only Linux tells how long it slept"
-)
+@pytest.mark.skipif(not hasattr(time, "CLOCK_BOOTTIME"), reason="only Linux counts suspended time")
 @BOTH
-def test_time_goes_on_while_the_computer_sleeps(make, monkeypatch):
+def test_clock_counts_suspended_time(make, monkeypatch):
     """The lid is closed for ten minutes: the gap must be visible to the pilot."""
     clock = make()
     slept = {time.CLOCK_BOOTTIME: 600.0}
     before = clock.now()
-    tell = time.clock_gettime
-    monkeypatch.setattr(time, "clock_gettime", lambda which: tell(which) + slept.get(which, 0.0))
+    gettime = time.clock_gettime
+    monkeypatch.setattr(time, "clock_gettime", lambda which: gettime(which) + slept.get(which, 0.0))
     assert clock.now() - before == pytest.approx(600.0, abs=1.0)
 
 
 @BOTH
-def test_the_epoch_is_the_wall_clock_at_second_0_whose_jumps_move_nothing(
-    make, ticking, monkeypatch
-):
+def test_wall_clock_jumps_do_not_move_the_clock(make, ticking, monkeypatch):
     assert re.fullmatch(r"20\d{6}-\d{6}", local_time_name()), "run folders sort by time"
     monkeypatch.setattr(time, "time_ns", lambda: 1_790_000_000_123_456_789)
     clock = make()
@@ -88,9 +84,9 @@ class Autopilot:
         self.ticking = ticking
         self.boot = 100.0
         self.speed = 1.0
-        self.told = None
+        self.reported = None
         self.times = []
-        self.clock = AutopilotClock(lambda: self.told)
+        self.clock = AutopilotClock(lambda: self.reported)
 
     def run(self, seconds, *, every=0.05, late=None):
         """Let real time pass. The clock is read every 10 ms and receives a boot time every `every`
@@ -101,7 +97,7 @@ class Autopilot:
             self.ticking["now"] += 0.01
             self.boot += 0.01 * self.speed
             if self.boot >= due:
-                self.told = (self.boot - (late() if late else 0.0)) % WRAP
+                self.reported = (self.boot - (late() if late else 0.0)) % WRAP
                 due += every * max(1, (self.boot - due) // every + 1)
             self.times.append(self.clock.now())
         assert self.times == sorted(self.times)
@@ -123,9 +119,7 @@ def lateness(seed):
 
 
 @pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
-def test_before_the_first_boot_time_it_is_the_local_clock_and_one_a_second_is_enough(
-    autopilot, speed
-):
+def test_autopilot_clock_starts_as_local_clock(autopilot, speed):
     """SYSTEM_TIME alone, before ATTITUDE was requested."""
     assert autopilot.silent(3.0) == pytest.approx(3.0)
     assert autopilot.clock.until(4.0) == pytest.approx(1.0)
@@ -134,7 +128,7 @@ def test_before_the_first_boot_time_it_is_the_local_clock_and_one_a_second_is_en
     assert autopilot.run(20.0, every=1.0) == pytest.approx(20.0 * speed, rel=0.02)
 
 
-def test_it_does_not_drift_away_in_the_long_run(autopilot):
+def test_autopilot_clock_has_no_long_term_drift(autopilot):
     """A simulator that cannot quite hold its speed, with late messages: within 1 s in 1500 s."""
     autopilot.speed = 5.0
     draw = random.Random(2)
@@ -149,7 +143,7 @@ def test_it_does_not_drift_away_in_the_long_run(autopilot):
     assert autopilot.clock.now() - autopilot.boot == pytest.approx(lead, abs=1.0)
 
 
-def test_late_messages_make_it_neither_jump_nor_stand_still(autopilot):
+def test_late_messages_leave_clock_steady(autopilot):
     autopilot.speed = 5.0
     late = lateness(1)
     autopilot.run(3.0, late=late)
@@ -161,7 +155,7 @@ def test_late_messages_make_it_neither_jump_nor_stand_still(autopilot):
 
 
 @pytest.mark.parametrize("speed", [1.0, 5.0])
-def test_time_goes_on_through_a_silence_and_after_it_without_a_jump(autopilot, speed):
+def test_autopilot_clock_continues_through_silence(autopilot, speed):
     autopilot.speed = speed
     autopilot.run(5.0)
     assert autopilot.silent(10.0) == pytest.approx(10.0 * speed, rel=0.02)
@@ -182,7 +176,7 @@ def stands_still(autopilot):
 def changes_places(autopilot):
     """The last message arrives after one that was sent later."""
     before = autopilot.clock.now()
-    autopilot.told -= 0.2
+    autopilot.reported -= 0.2
     assert autopilot.clock.now() == before
 
 
@@ -203,7 +197,7 @@ def changes_places(autopilot):
         "disorder",
     ],
 )
-def test_a_jump_of_the_boot_time_moves_nothing(autopilot, boot, speed, known, then, jump):
+def test_boot_time_jump_does_not_move_the_clock(autopilot, boot, speed, known, then, jump):
     autopilot.boot = boot
     autopilot.speed = speed
     autopilot.run(known)
@@ -216,7 +210,7 @@ def test_a_jump_of_the_boot_time_moves_nothing(autopilot, boot, speed, known, th
 @pytest.mark.parametrize(
     "speeds", [(1.0, 5.0), (5.0, 1.0), (1.0, 100.0), (20.0, 0.2), (1 / 3, 1.0)]
 )
-def test_it_takes_the_autopilots_speed_and_follows_a_change_within_seconds(autopilot, speeds):
+def test_autopilot_clock_follows_speed_changes(autopilot, speeds):
     for autopilot.speed in speeds:
         autopilot.run(5.0)
         assert autopilot.run(5.0) == pytest.approx(5.0 * autopilot.speed, rel=0.01)
@@ -248,7 +242,7 @@ class Metronome:
         return [link.encode()]
 
 
-def test_without_a_pace_time_goes_to_whatever_comes_first_however_long_the_computer_takes(ticking):
+def test_lockstep_clock_jumps_to_the_next_event(ticking):
     clock = Lockstep(Metronome())
     seen = []
     for moment in (0.05, 0.05, 0.05, 0.1):
@@ -259,7 +253,7 @@ def test_without_a_pace_time_goes_to_whatever_comes_first_however_long_the_compu
     assert seen == [(0.02, 0.02), (0.04, 0.04), (0.05, 0.05), (0.06, 0.06)]
 
 
-def test_a_pace_waits_in_real_seconds_and_ends_at_the_same_times(ticking):
+def test_paced_clock_waits_in_real_time(ticking):
     clock = Lockstep(Metronome(), speed=0.5)
     for expected in (0.02, 0.04, 0.06):
         wait = clock.until(1.0)
@@ -279,7 +273,7 @@ def test_a_pace_waits_in_real_seconds_and_ends_at_the_same_times(ticking):
         "after a night of sleep it does not race",
     ],
 )
-def test_a_pace_keeps_to_real_time(ticking, others, passed, goes_on):
+def test_paced_clock_keeps_to_real_time(ticking, others, passed, goes_on):
     clock = Lockstep(Metronome(), speed=1.0, others=others)
     ticking["now"] += passed
     clock.advance(1.0)
@@ -289,7 +283,7 @@ def test_a_pace_keeps_to_real_time(ticking, others, passed, goes_on):
     assert clock.now() < 1.0
 
 
-def test_every_tick_that_is_due_is_reached_in_whole_microseconds():
+def test_every_tick_is_reached_in_microseconds():
     """A product rounded down would be a time before the tick, and the loop would never advance."""
     clock = Lockstep(Metronome())
     for tick in range(1, 2_000):
@@ -299,7 +293,7 @@ def test_every_tick_that_is_due_is_reached_in_whole_microseconds():
         assert whole_microseconds(clock.now())
 
 
-def test_the_links_are_the_vehicles_and_nobody_waits_on_them():
+def test_lockstep_links_belong_to_the_vehicle():
     vehicle = Metronome()
     clock = Lockstep(vehicle)
     assert list(clock.links(ranging_apart=False)) == ["vehicle"]

@@ -53,7 +53,7 @@ def showing(display):
     )
 
 
-def test_a_stuck_terminal_delays_no_tick_and_gets_the_newest_picture_later():
+def test_blocked_terminal_delays_no_tick():
     """The terminal was stopped with Ctrl-S while the first picture was drawn."""
     flown = flight("quickstart")
     screen = Screen()
@@ -77,7 +77,7 @@ def test_a_stuck_terminal_delays_no_tick_and_gets_the_newest_picture_later():
     ],
     ids=["a terminal that has gone", "a screen that fails"],
 )
-def test_a_screen_that_cannot_draw_ends_no_flight_and_is_told_of_if_somebody_looks(fails, problem):
+def test_failing_screen_ends_no_flight(fails, problem):
     flown = flight("quickstart")
     screen = Screen(fails)
     display = Display(screen, flown.pilot, Onlookers(), 0.0, last=True)
@@ -87,7 +87,7 @@ def test_a_screen_that_cannot_draw_ends_no_flight_and_is_told_of_if_somebody_loo
     assert (screen.closed, len(screen.seen), display.problem) == (True, 1, problem)
 
 
-def test_a_status_that_comes_late_does_not_delay_the_next_drawing():
+def test_late_status_does_not_delay_the_next():
     flown = flight("quickstart").fly(5.0)
     screen = Screen()
     display = Display(screen, flown.pilot, Onlookers(), 1.0, last=False)
@@ -102,7 +102,7 @@ def test_a_status_that_comes_late_does_not_delay_the_next_drawing():
 # --- plain lines ---
 
 
-def test_only_a_terminal_that_can_be_drawn_on_gets_the_picture(monkeypatch):
+def test_picture_needs_a_capable_terminal(monkeypatch):
     pilot = flight("quickstart").pilot
     for term, is_terminal, screen in (
         ("xterm", True, LiveScreen),
@@ -121,7 +121,7 @@ def test_only_a_terminal_that_can_be_drawn_on_gets_the_picture(monkeypatch):
         assert type(display._screen) is screen
 
 
-def test_plain_lines_come_once_a_second_and_none_between():
+def test_plain_lines_appear_once_a_second():
     flown = flight("quickstart", "limits.duration_s=7.5")
     console = Console(record=True, width=300, file=io.StringIO())
     display = display_for(console, flown.pilot, Onlookers(), "small", 1.0)
@@ -133,12 +133,12 @@ def test_plain_lines_come_once_a_second_and_none_between():
 
     flown.fly(30.0, show_and_let_print)
     display.close()
-    believed = []
+    trusted = []
     lines = []
     for line in console.export_text().strip().splitlines():
-        (believed if "TRUSTED" in line else lines).append(line)
+        (trusted if "TRUSTED" in line else lines).append(line)
     assert flown.pilot.done
-    assert believed == ["  TRUSTED  1/1 at sim, ranges of 1/192"]
+    assert trusted == ["  TRUSTED  1/1 at sim, ranges of 1/192"]
     assert len(lines) == 1 + int(flown.now)
     assert "engaged" in lines[5]
     assert "mode GUIDED" in lines[-1]
@@ -152,14 +152,14 @@ def printed(statuses):
     return console.file.getvalue()
 
 
-def test_plain_output_tells_each_new_alarm_and_what_is_waited_for_once(statuses):
+def test_plain_output_shows_each_alarm_once(statuses):
     assert printed(statuses(9.0, event="outage")).count("  ALARM    RANGE STALE ") == 1
     waiting = printed(statuses(4.0, "engage.request_mode=false"))
     assert waiting.count("  WAITING  mode GUIDED: the operator must enter it") == 1
     assert waiting.count("  WAITING") <= 2
 
 
-def test_plain_lines_end_with_the_flight_while_a_hand_back_goes_on():
+def test_plain_lines_end_with_the_flight():
     flown = flight("quickstart", "limits.duration_s=2.0").fly(40.0)
     out = io.StringIO()
     screen = PlainScreen(Console(file=out, width=200))

@@ -39,12 +39,12 @@ def written(path: Path, data: bytes, mode: int = 0o600) -> Path:
     ],
     ids=["raw", "hex", "hex line", "hex with blanks", "hex of an editor on Windows"],
 )
-def test_a_key_is_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
+def test_key_is_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
     assert read_key(written(path, data)) == KEY
 
 
 @pytest.mark.parametrize(
-    ("data", "mode", "told", "remedy"),
+    ("data", "mode", "error", "remedy"),
     [
         (b"", 0o600, "holds a key of 0 bytes, not 32", "sha256sum"),
         (b"a pass phrase of 32 characters..", 0o600, "is not a key", "sha256sum"),
@@ -58,20 +58,16 @@ def test_a_key_is_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
         ),
     ],
 )
-def test_what_is_no_key_or_nobodys_alone_is_refused_in_one_line_with_the_remedy(
-    path, data, mode, told, remedy
-):
+def test_unsuitable_key_is_refused_with_remedy(path, data, mode, error, remedy):
     with pytest.raises(KeyFileError) as refused:
         read_key(written(path, data, mode))
     line = str(refused.value)
-    assert line.startswith(f"{path}: {told}")
+    assert line.startswith(f"{path}: {error}")
     assert remedy.format(path=path) in line
     assert "\n" not in line
 
 
-def test_a_key_that_is_not_there_and_a_folder_and_a_pipe_are_refused(
-    path: Path, tmp_path: Path
-) -> None:
+def test_missing_key_folder_and_pipe_are_refused(path: Path, tmp_path: Path) -> None:
     with pytest.raises(KeyFileError, match="No such file"):
         read_key(path)
     os.mkfifo(path, 0o600)
@@ -101,11 +97,9 @@ class Flight:
         return self.signing.timestamp / SECOND - BEGAN
 
 
-def test_a_restart_goes_on_where_the_last_run_ended_though_the_clock_was_set_back(
-    path: Path,
-) -> None:
+def test_timestamp_survives_a_restart(path: Path) -> None:
     first = Flight(path)
-    assert first.signed == 0.0, "the first of all is that of the clock"
+    assert first.signed == 0.0
     first.turn(100.0)
     first.kept.close()
     again = Flight(path, -1e8)
@@ -114,9 +108,7 @@ def test_a_restart_goes_on_where_the_last_run_ended_though_the_clock_was_set_bac
 
 
 @pytest.mark.parametrize("seconds", [0.0, 9.9, 15.0, 61.7])
-def test_a_killed_process_signs_nothing_again_and_its_file_is_written_seldom(
-    path, seconds, monkeypatch
-):
+def test_killed_process_never_repeats_a_timestamp(path, seconds, monkeypatch):
     """The killed process never closes the file, and the clock is set back before the restart."""
     writes = []
     replace = os.replace
@@ -128,14 +120,12 @@ def test_a_killed_process_signs_nothing_again_and_its_file_is_written_seldom(
     assert len(writes) <= 1 + seconds / 5
     again = Flight(path, -3600.0)
     assert killed.signing.timestamp < again.signing.timestamp <= killed.signing.timestamp + RESERVE
-    assert RESERVE < MINUTE / 2, "ahead of the others' clocks by less than what they refuse"
+    assert RESERVE < MINUTE / 2
 
 
 @pytest.mark.parametrize("ends", ["closed", "killed"])
 @pytest.mark.parametrize("down", [0.0, 3.0, 50.0])
-def test_after_a_restart_every_frame_of_before_is_refused_and_the_real_senders_go_on(
-    path, ends, down
-):
+def test_frames_from_before_restart_are_rejected(path, ends, down):
     """Radio and vehicle send for 20 s. After the restart all frames are repeated while both are
     silent."""
     first = Flight(path)
@@ -157,17 +147,13 @@ def test_after_a_restart_every_frame_of_before_is_refused_and_the_real_senders_g
     assert vehicle.decode(
         bytearray(again.signing.sign(bytes(heartbeat().pack(voice(None)))))
     ).get_signed()
-    assert again.signing.check(bytes(heartbeat().pack(vehicle))) is None, (
-        "it has adopted our timestamp at once"
-    )
+    assert again.signing.check(bytes(heartbeat().pack(vehicle))) is None
     radio.signing.timestamp = round((BEGAN + 20.0 + max(down, RESERVE / SECOND)) * SECOND) + 1
-    assert again.signing.check(bytes(distance(5000, 9).pack(radio))) is None, (
-        "by its own clock, 10 s after a kill"
-    )
+    assert again.signing.check(bytes(distance(5000, 9).pack(radio))) is None
     assert {again.signing.check(frame) for frame in recorded} == {Refusal.REPEATED}
 
 
-def test_a_clock_that_is_set_forth_is_followed_and_one_set_back_is_not(path: Path) -> None:
+def test_timestamp_follows_the_clock_only_forward(path: Path) -> None:
     flight = Flight(path)
     seen = []
     for seconds in (0.0, 3600.0, -3600.0, -3599.0):
@@ -176,9 +162,7 @@ def test_a_clock_that_is_set_forth_is_followed_and_one_set_back_is_not(path: Pat
     assert seen == [0.0, 3600.0, 3600.0, 3600.0]
 
 
-def test_a_damaged_timestamp_and_a_folder_that_cannot_be_written_are_refused_in_one_line(
-    path: Path,
-) -> None:
+def test_damaged_timestamp_is_refused_in_one_line(path: Path) -> None:
     for text in ("", "soon", "-5", "1.5", str(2**48), 5000 * "9", "\xff"):
         path.write_text(text, encoding="latin-1")
         with pytest.raises(KeyFileError, match=f"^{path}: "):
@@ -187,7 +171,7 @@ def test_a_damaged_timestamp_and_a_folder_that_cannot_be_written_are_refused_in_
         Flight(path.parent / "gone" / "drone.key.timestamp")
 
 
-def test_a_disk_that_fails_in_flight_is_noted_and_stops_nothing(path: Path) -> None:
+def test_disk_failure_in_flight_is_noted(path: Path) -> None:
     flight = Flight(path)
     path.unlink()
     path.mkdir()

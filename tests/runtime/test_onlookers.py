@@ -30,7 +30,7 @@ class Sound(Onlooker):
 
     def finish(self, summary):
         summary["notes"].append("  sound")
-        return {"sound.txt": "heard"}
+        return {"sound.txt": "loud"}
 
     def close(self):
         self.closed = True
@@ -71,7 +71,7 @@ def flown(one, other):
         ("close", " at the end"),
     ],
 )
-def test_one_that_fails_is_reported_once_and_shown_no_more_and_the_others_go_on(what, when):
+def test_failing_onlooker_is_reported_once_and_detached(what, when):
     class Broken(Onlooker):
         name = "broken"
         busy = property(fails) if what == "busy" else True
@@ -83,14 +83,14 @@ def test_one_that_fails_is_reported_once_and_shown_no_more_and_the_others_go_on(
         setattr(broken, what, fails)
     frames, seen, files, notes, problems = flown(broken, sound)
     assert (sound.steps, frames, sound.closed) == ([1.0, 2.0, 3.0], [b"frame"] * 3, True)
-    assert (files, notes) == ({"sound.txt": "heard"}, ["  sound"])
+    assert (files, notes) == ({"sound.txt": "loud"}, ["  sound"])
     assert problems == [
         f"broken: stopped{when}: ValueError('Out of range float values are not JSON compliant')"
     ]
     assert seen[0] == {"place": "known"} and seen[1]["sound"] == "SOUND: loud"
 
 
-def test_one_that_has_failed_is_an_alarm_and_shown_no_further_step():
+def test_failed_onlooker_raises_an_alarm():
     tries = []
 
     class Broken(Onlooker):
@@ -108,7 +108,7 @@ def test_one_that_has_failed_is_an_alarm_and_shown_no_further_step():
     assert list(onlookers.alarms(3.0).values()) == onlookers.problems
 
 
-def test_the_slowest_pace_that_an_onlooker_asks_for_is_flown():
+def test_slowest_requested_pace_is_used():
     slow = Onlooker()
     slower = Onlooker()
     assert Onlookers([Onlooker()]).pace is None

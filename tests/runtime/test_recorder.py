@@ -54,7 +54,7 @@ def recorder(tmp_path, monkeypatch):
     made.close()
 
 
-def test_the_tlog_is_read_back_by_pymavlinks_own_reader(recorder):
+def test_pymavlink_reads_back_the_tlog(recorder):
     """Frame by frame with its time, and the mission as flown beside it."""
     for i, frame in enumerate(frames(40)):
         recorder.step(LoopStep(0.05 * i, sent=[frame]))
@@ -72,7 +72,7 @@ def test_the_tlog_is_read_back_by_pymavlinks_own_reader(recorder):
     assert (recorder.folder / "mission.toml").read_text(encoding="utf-8") == "name = 'Zürich'\n"
 
 
-def test_every_tick_is_a_line_and_every_field_a_column(recorder):
+def test_every_tick_is_a_row(recorder):
     recorder.ticks([tick(), tick(time=1.3, phase=Phase.HOLDING, saturated=False, r=None)])
     recorder.close()
     with (recorder.folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
@@ -98,7 +98,7 @@ def test_every_tick_is_a_line_and_every_field_a_column(recorder):
     assert (second["phase"], second["saturated"], second["r"]) == ("holding", "0", "")
 
 
-def test_what_is_written_is_on_the_disk_at_once(recorder):
+def test_written_data_reach_the_disk_at_once(recorder):
     """Otherwise a crash of the process would lose recorded steps."""
     recorder.step(LoopStep(0.5, sent=frames(30)))
     recorder.ticks([tick()])
@@ -126,7 +126,7 @@ def test_what_is_written_is_on_the_disk_at_once(recorder):
     ],
     ids=["no folder", "in a file", "a file in its way", "full", "full for the ticks"],
 )
-def test_a_folder_that_cannot_be_written_is_told_in_one_line(tmp_path, place, why):
+def test_folder_that_cannot_be_written_is_refused(tmp_path, place, why):
     folder = Path(place.format(tmp=tmp_path))
     if folder.name == "file":
         folder.write_text("a file")
@@ -139,7 +139,7 @@ def test_a_folder_that_cannot_be_written_is_told_in_one_line(tmp_path, place, wh
 
 
 @pytest.mark.parametrize(("file", "mode"), [("_tlog", "wb"), ("_ticks", "w"), ("_steps", "w")])
-def test_a_disk_that_fills_up_in_flight_is_noted_and_the_flight_goes_on(recorder, file, mode):
+def test_full_disk_in_flight_is_noted(recorder, file, mode):
     """/dev/full: every write fails with "no space left on device"."""
     setattr(recorder, file, Path("/dev/full").open(mode))  # noqa: SIM115
     for i in range(200):
@@ -149,7 +149,7 @@ def test_a_disk_that_fills_up_in_flight_is_noted_and_the_flight_goes_on(recorder
     assert recorder.problem == f"{recorder.folder}: recording stopped: No space left on device"
 
 
-def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(recorder):
+def test_run_folder_keeps_its_size_limit(recorder):
     folder = recorder.folder
     for i in range(1500):
         recorder.step(LoopStep(0.05 * i, received=[("vehicle", "a", frames(2))], sent=frames(1)))
@@ -172,7 +172,7 @@ def test_a_bounded_run_folder_keeps_its_bound_and_the_ticks_outlast_the_frames(r
     )
 
 
-def test_a_disk_that_hangs_costs_gaps_and_not_all_the_memory(tmp_path, monkeypatch):
+def test_slow_disk_costs_gaps_but_no_memory(tmp_path, monkeypatch):
     """The recorder's thread was never started, as if it hung in its first write."""
     monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_WAITING", 50)
     recorder = Recorder(tmp_path, "")
@@ -182,9 +182,7 @@ def test_a_disk_that_hangs_costs_gaps_and_not_all_the_memory(tmp_path, monkeypat
     assert recorder.problem == f"{tmp_path}: recording has gaps from 2 s on: the disk is too slow"
 
 
-def test_a_flood_of_senders_does_not_fill_the_memory_and_closing_without_a_start_or_twice_is_no_mistake(
-    tmp_path, recorder
-):
+def test_flood_of_senders_keeps_memory_bounded(tmp_path, recorder):
     Recorder(tmp_path, "").close()
     for i in range(3000):
         recorder.step(LoopStep(0.001 * i, received=[("vehicle", ("10.0.0.1", i), [])]))

@@ -92,7 +92,7 @@ class FakePilot:
         return b"hello"
 
     def interrupt(self, now, reason):
-        assert not self.interrupts, "once is enough"
+        assert not self.interrupts
         self.interrupts.append(reason)
         self.mission.outcome = "interrupted"
         self.left = 2
@@ -158,9 +158,7 @@ def fly(stop):
     return run_to_the_end
 
 
-def test_the_pilot_is_given_what_comes_in_with_its_source_and_link_and_what_it_says_goes_to_vehicle_recorder_and_screen(
-    fly,
-):
+def test_loop_passes_frames_between_links_pilot_and_recorder(fly):
     pilot = FakePilot(2)
     shown = []
     vehicle = FakeLink((b"a", "x"), (b"b", "y"))
@@ -172,16 +170,16 @@ def test_the_pilot_is_given_what_comes_in_with_its_source_and_link_and_what_it_s
         (b"c", "radio", "ranging"),
         (b"b", "y", "vehicle"),
     ]
-    said = [frame(1), frame(101), frame(0), frame(100)]  # the setpoint separately, at once
-    assert vehicle.sent == [(one, "the vehicle") for one in said]
-    assert recorder.kept == said
+    sent_frames = [frame(1), frame(101), frame(0), frame(100)]  # the setpoint separately, at once
+    assert vehicle.sent == [(one, "the vehicle") for one in sent_frames]
+    assert recorder.kept == sent_frames
     assert recorder.ticked == [1, 0]
-    assert ranging.sent == [(b"hello", None)] * 2, "it is greeted and gets no setpoints"
-    assert shown == [(1, 0.05), (0, 0.1)], "the newest tick, after every step"
+    assert ranging.sent == [(b"hello", None)] * 2
+    assert shown == [(1, 0.05), (0, 0.1)]
 
 
 @pytest.mark.parametrize("number", ENDING)
-def test_signals_interrupt_the_pilot_once_and_let_it_say_goodbye(fly, number):
+def test_signals_interrupt_the_pilot_once(fly, number):
     pilot = FakePilot(1000)
     vehicle = FakeLink()
     for _ in range(2000):
@@ -205,9 +203,7 @@ class Lasting(Onlooker):
         return [b"streams"] if self.called_off else []
 
 
-def test_an_onlooker_keeps_the_loop_going_after_guidance_until_a_signal_which_it_is_shown_in_a_step_of_its_own(
-    fly,
-):
+def test_busy_onlooker_continues_the_loop_until_a_signal(fly):
     """In that step the vehicle gets its streams back, and the frames sent are recorded."""
     lasting = Lasting()
     pilot = FakePilot(1)
@@ -218,9 +214,7 @@ def test_an_onlooker_keeps_the_loop_going_after_guidance_until_a_signal_which_it
     assert [step.attached for step in recorder.steps] == [[], [], [], [b"streams"]]
 
 
-def test_frames_that_an_onlooker_exchanged_with_others_are_recorded_and_never_sent_to_the_vehicle(
-    fly,
-):
+def test_exchanged_frames_are_recorded_but_never_sent(fly):
     class Member(Onlooker):
         def take_exchanged(self):
             return [b"report"]
@@ -233,9 +227,7 @@ def test_frames_that_an_onlooker_exchanged_with_others_are_recorded_and_never_se
 
 @pytest.mark.parametrize(("seconds", "stands"), [(0.4, False), (5.0, True)])
 @pytest.mark.parametrize("moment", ["reading", "decoding", "deciding", "preparing the rest"])
-def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it(
-    fly, seconds, stands, moment
-):
+def test_frames_from_before_a_pause_are_not_sent(fly, seconds, stands, moment):
     """The process stops in its second step. A setpoint or mode request from before is obsolete,
     because the operator may have taken over. A range dated seconds before it was sent would make
     all later ones look old."""
@@ -262,12 +254,12 @@ def test_what_was_to_be_said_before_the_process_stood_still_is_not_said_after_it
     held_back = stands and moment != "preparing the rest"  # the setpoint had already been sent
     assert len(vehicle.sent) == 6 - stands - held_back
     assert held_back == sum(step.held_back for step in recorder.steps)
-    assert recorder.kept == [words for words, _ in vehicle.sent], "the log tells what was sent"
-    assert len(recorder.steps) == 3, "and all that was heard"
+    assert recorder.kept == [words for words, _ in vehicle.sent]
+    assert len(recorder.steps) == 3
     assert [step.time > 3 for step in recorder.steps] == [False, moment == "reading", True]
 
 
-def test_the_time_of_signatures_goes_on_in_every_step(fly, stop):
+def test_signing_time_advances_in_every_step(fly, stop):
     flying = Mock()
     listening = Mock()
     fly(FakePilot(3), signing_time=flying)
@@ -275,7 +267,7 @@ def test_the_time_of_signatures_goes_on_in_every_step(fly, stop):
     assert (flying.advance.call_count, listening.advance.call_count) == (3, 3)
 
 
-def test_a_setpoint_leaves_before_anything_is_recorded_or_shown(fly, monkeypatch):
+def test_setpoint_is_sent_before_recording_and_display(fly, monkeypatch):
     order = []
     pilot = FakePilot(1)
     vehicle = FakeLink()

@@ -18,19 +18,19 @@ import math, os, signal, sys, threading
 from circnav_mav.runtime.worker_pool import workers
 
 def interrupt():
-    os.killpg(0, signal.SIGINT)  # as a terminal does: everybody hears it
+    os.killpg(0, signal.SIGINT)  # as a terminal does, to all processes
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with workers(1) as submit:
-        heard = False
+        interrupted = False
         try:
             job = submit(math.sqrt, 4.0)
             threading.Timer(float(sys.argv[1]), interrupt).start()
             threading.Event().wait(60)
         except KeyboardInterrupt:
-            heard = True
-        sys.exit(7 if heard and job.result() == 2.0 else 1)
+            interrupted = True
+        sys.exit(7 if interrupted and job.result() == 2.0 else 1)
 """
 HOLDS = """
 import math, time
@@ -48,7 +48,7 @@ if __name__ == "__main__":
 """
 
 
-def test_what_nobody_waits_for_any_more_is_dropped_in_the_middle():
+def test_abandoned_job_is_stopped():
     with workers(2) as submit:
         first, *_ = [submit(math.sqrt, 4.0), *(submit(time.sleep, FOREVER) for _ in range(5))]
         assert first.result() == 2.0
@@ -56,12 +56,12 @@ def test_what_nobody_waits_for_any_more_is_dropped_in_the_middle():
     assert time.monotonic() - began < PATIENCE
 
 
-def test_what_a_job_raises_is_raised_here():
+def test_exception_of_a_job_is_raised():
     with workers(2) as submit, pytest.raises(ValueError, match="math domain"):
         submit(math.sqrt, -1.0).result()
 
 
-def test_a_ctrl_c_is_not_heard_by_the_processes_whenever_it_comes(tmp_path):
+def test_workers_ignore_ctrl_c(tmp_path):
     """From their start on, also during imports. Otherwise each would print a traceback."""
     script = tmp_path / "jobs.py"
     script.write_text(JOBS)
@@ -84,7 +84,7 @@ def is_running(process):
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
-def test_the_processes_end_with_one_that_was_killed(tmp_path):
+def test_workers_end_with_a_killed_parent(tmp_path):
     """They are in the middle of jobs that would take ten minutes."""
     script = tmp_path / "holds.py"
     script.write_text(HOLDS)
@@ -101,7 +101,7 @@ def test_the_processes_end_with_one_that_was_killed(tmp_path):
         time.sleep(0.05)
 
 
-def test_a_process_that_dies_in_its_job_is_no_endless_wait():
+def test_dead_worker_does_not_block():
     with pytest.raises(WorkerDiedError), workers(2) as submit:
         submit(time.sleep, FOREVER)
         submit(os._exit, 9).result()

@@ -15,7 +15,7 @@ def rover(**tables):
     ("speed", "rate", "radius", "frame"),
     [(2.0, 0.2, 10.11, 1), (3.0, -0.3, 10.13, 8), (1.0, 0.5, 2.01, 9)],
 )
-def test_circles_are_a_percent_wide_in_any_frame(speed, rate, radius, frame):
+def test_rover_circles_one_percent_wide_in_any_frame(speed, rate, radius, frame):
     companion = rover()
     companion.fly(10.0, speed, rate, frame=frame, rate=10.0)
     truth = companion.truth
@@ -25,7 +25,7 @@ def test_circles_are_a_percent_wide_in_any_frame(speed, rate, radius, frame):
     assert truth.down == 0.0
 
 
-def test_the_speed_is_clipped_reverse_works_and_it_neither_turns_on_the_spot_nor_takes_an_acceleration():
+def test_rover_clips_speed_and_drives_in_reverse():
     companion = rover()
     companion.velocity(3.0, 0.1, mask=0x407)
     assert companion.vehicle.setpoint_log == []
@@ -39,7 +39,7 @@ def test_the_speed_is_clipped_reverse_works_and_it_neither_turns_on_the_spot_nor
     assert abs(companion.truth.course) == pytest.approx(math.pi, abs=0.01)
 
 
-def test_silence_of_three_seconds_stops_it_and_it_says_so():
+def test_rover_stops_after_setpoint_timeout():
     companion = rover()
     companion.fly(5.0, 3.0, 0.1)
     companion.wait(5.2)
@@ -50,17 +50,7 @@ def test_silence_of_three_seconds_stops_it_and_it_says_so():
     assert companion.truth.ground_speed == pytest.approx(3.0, abs=0.05)
 
 
-@pytest.mark.parametrize("mask", [0x83, 0x80, 0x03, 0x00])
-def test_thrust_is_a_share_of_the_speed_and_the_yaw_rate_counts(mask):
-    companion = rover()
-    companion.repeat(10.0, lambda: companion.attitude(mask, rates=(0.0, 0.0, 0.3), thrust=0.6))
-    truth = companion.truth
-    assert truth.ground_speed == pytest.approx(3.0, abs=0.02) and truth.turn_rate == pytest.approx(
-        0.3, rel=0.02
-    )
-
-
-def test_without_gps_it_holds_and_guided_is_refused():
+def test_rover_holds_without_gps_and_refuses_guided():
     companion = rover(events=[{"at_s": 5.0, "action": "gps_off"}])
     companion.fly(12.9, 3.0, 0.1)
     assert companion.truth.mode == 15

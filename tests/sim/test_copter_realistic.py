@@ -22,9 +22,7 @@ def slip(truth):
     ("speed", "rate", "turned", "slipped"),
     [(3.0, 0.2, 0.2018, 5.0), (5.0, 0.3, 0.311, 10.0), (5.0, -0.5, -0.528, 24.0)],
 )
-def test_a_velocity_alone_turns_faster_than_asked_and_slips_unless_the_acceleration_is_fed_forward(
-    speed, rate, turned, slipped
-):
+def test_copter_slips_unless_acceleration_is_fed_forward(speed, rate, turned, slipped):
     companion = flying(speed)
     companion.fly(20.0, speed, rate)
     truth = companion.truth
@@ -36,7 +34,7 @@ def test_a_velocity_alone_turns_faster_than_asked_and_slips_unless_the_accelerat
     assert slip(companion.truth) == pytest.approx(2.0, abs=1.0)
 
 
-def test_slow_setpoints_slip_more_because_they_are_rotated_once():
+def test_slow_setpoints_increase_the_slip():
     slips = []
     for rate in (20.0, 2.0):
         companion = flying(5.0)
@@ -50,7 +48,7 @@ def test_slow_setpoints_slip_more_because_they_are_rotated_once():
 
 
 @pytest.mark.parametrize("led_round", [True, False])
-def test_attitude_setpoints_turn_the_course_only_if_the_yaw_is_led_round(led_round):
+def test_attitude_setpoints_turn_only_with_leading_yaw(led_round):
     companion = flying(5.0)
     bank = math.atan(5 * 0.3 / 9.8)
     pitch = math.radians(-4)
@@ -69,7 +67,7 @@ def test_attitude_setpoints_turn_the_course_only_if_the_yaw_is_led_round(led_rou
     assert (turned == pytest.approx(0.3, abs=0.03)) == led_round
 
 
-def test_half_thrust_holds_the_height_and_more_climbs():
+def test_half_thrust_holds_the_height():
     companion = flying(0.0)
     companion.repeat(5.0, lambda: companion.attitude(7))
     assert companion.truth.down == pytest.approx(-50.0, abs=0.01)
@@ -77,28 +75,15 @@ def test_half_thrust_holds_the_height_and_more_climbs():
     assert companion.truth.down == pytest.approx(-59.3, abs=0.5)  # 2.5 m/s
 
 
-def test_rates_in_part_are_ill_defined_and_no_throttle_is_dropped():
-    companion = flying(5.0)
-    companion.fly(1.0, 5.0, 0.0)
-    companion.attitude(64 | 7)
-    assert len(companion.vehicle.setpoint_log) == 20  # ignored without any report
-    companion.wait(1.0)
-    assert companion.truth.ground_speed > 4.5
-    companion.attitude(3)
-    companion.wait(3.0)
-    assert companion.truth.ground_speed < 0.1
-
-
-def test_guided_nogps_leans_and_drags_is_levelled_by_silence_and_sinks_under_a_position_target():
+def test_guided_nogps_leans_levels_and_sinks():
     leaning, silent, sinking = (
         aboard("arducopter_nogps", start={"speed_mps": 5.0}) for _ in range(3)
     )
     for companion in (leaning, silent, sinking):
         assert companion.set_mode(4) == [4] and companion.set_mode(20) == [0]
     leaning.repeat(40.0, lambda: leaning.attitude(7, 0.0, math.radians(-4)))
-    assert leaning.truth.ground_speed == pytest.approx(
-        2.23, abs=0.05
-    )  # 0.24 v (1 + v/8) = g tan 4 deg
+    # 0.24 v (1 + v/8) = g tan 4 deg
+    assert leaning.truth.ground_speed == pytest.approx(2.23, abs=0.05)
     silent.repeat(5.0, lambda: silent.attitude(7, 0.3, 0.0, 0.0))
     silent.wait(3.5)
     assert (

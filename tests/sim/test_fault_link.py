@@ -32,19 +32,19 @@ def numbers(out: list[tuple[float, bytes]]):
     return [int.from_bytes(data, "big") for _, data in out]
 
 
-def test_a_clean_link_passes_everything_at_once_and_in_order_and_in_an_outage_nothing():
+def test_clean_link_passes_everything_except_in_outages():
     assert carried(Impairment()) == [(n * 0.01, n.to_bytes(4, "big")) for n in range(2000)]
     passed = numbers(carried(Impairment(outages=((5.0, 10.0),))))
     assert passed == [*range(500), *range(1000, 2000)]
 
 
-def test_same_seed_breaks_in_the_same_way_and_another_seed_in_another():
+def test_faults_repeat_with_the_seed():
     broken = Impairment(loss=0.1, jitter=0.2, duplicate=0.1, corrupt=0.01, reorder=0.1)
     assert carried(broken, seed=3) == carried(broken, seed=3)
     assert carried(broken, seed=3) != carried(broken, seed=4)
 
 
-def test_loss_duplicates_bursts_and_corruption_take_their_shares():
+def test_loss_duplicates_and_corruption_have_their_rates():
     assert len(carried(Impairment(loss=0.2))) == pytest.approx(1600, abs=60)
     assert len(carried(Impairment(duplicate=0.5))) == pytest.approx(3000, abs=70)
     lost = 1 - len(carried(Impairment(burst_every=0.9, burst=0.1), 20000)) / 20000
@@ -54,7 +54,7 @@ def test_loss_duplicates_bursts_and_corruption_take_their_shares():
     )
 
 
-def test_delay_and_jitter_stay_within_their_bounds():
+def test_delay_and_jitter_stay_within_bounds():
     pipe = Pipe(Impairment(delay=0.1, jitter=0.2), 1)
     for _ in range(300):
         pipe.push(b"x", 0.0)
@@ -64,7 +64,7 @@ def test_delay_and_jitter_stay_within_their_bounds():
     assert pipe.next_due == float("inf")
 
 
-def test_jitter_reorders_unless_it_is_told_not_to_and_datagrams_held_back_are_overtaken_by_at_most_the_depth():
+def test_reordering_stays_within_its_depth():
     assert numbers(carried(Impairment(jitter=0.2))) != list(range(2000))
     assert numbers(carried(Impairment(jitter=0.2, in_order=True))) == list(range(2000))
     passed = numbers(carried(Impairment(reorder=0.25, depth=3)))
@@ -79,17 +79,11 @@ def test_split_and_joined_datagrams_lose_no_byte():
     assert b"".join(data for _, data in carried(Impairment(join=0.5))) == whole
 
 
-@pytest.mark.parametrize("wrong", [{"loss": 1.1}, {"corrupt": -0.1}, {"delay": -1.0}, {"depth": 0}])
-def test_impossible_impairment_is_refused_by_name(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        Impairment(**wrong)  # type: ignore[arg-type]
-
-
 def distance(cm):
     return write(mavlink.MAVLink_distance_sensor_message(5, 1, 60000, cm, 3, 0, 24, 255), 1, 192, 9)
 
 
-def test_tampered_frame_is_a_good_frame_with_one_other_value():
+def test_tampered_frame_differs_in_one_value():
     before = distance(1234)
     after = rewritten(distance(1234), current_distance=77)
     assert message_id(after) == 132
@@ -97,7 +91,7 @@ def test_tampered_frame_is_a_good_frame_with_one_other_value():
     assert after[4:7] == before[4:7]
 
 
-def test_tampers_see_their_direction_and_message_only():
+def test_tampers_apply_to_one_direction_and_message():
     link = FaultLink()
     link.tampers += [dropping(132), on(132, outliers(1.0, (5.0, 5.0), 1), direction=UP)]
     link.push(DOWN, distance(1000), 0.0)
@@ -107,7 +101,7 @@ def test_tampers_see_their_direction_and_message_only():
     assert read(up).current_distance in (500, 1500)
 
 
-def test_proxy_passes_datagrams_both_ways_and_late(port):
+def test_proxy_delays_datagrams_in_both_directions(port):
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as application,

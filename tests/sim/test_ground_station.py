@@ -49,7 +49,7 @@ for number in MISSION_TYPES:
 @pytest.mark.parametrize(
     "profile", ["arducopter", "arduplane", "ardurover", "px4_copter", "px4_plane"]
 )
-def test_every_question_that_qgroundcontrol_asks_when_it_connects_is_answered(profile):
+def test_emulator_answers_every_request_of_qgroundcontrol(profile):
     station = Station(
         build(vehicle={"profile": profile, "default_streams": False}), *QGROUNDCONTROL
     )

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from tests.sim.station import Station, aboard, build
 
 
-def test_a_scripted_operator_changes_the_mode_and_disarms_so_that_it_falls():
+def test_scripted_mode_change_and_disarming():
     events = [{"at_s": 2.5, "action": "mode", "mode": "BRAKE"}, {"at_s": 3.6, "action": "disarm"}]
     companion = aboard(mode="GUIDED", events=events)
     companion.fly(3.45, 5.0, 0.1)
@@ -24,20 +24,19 @@ def test_a_scripted_operator_changes_the_mode_and_disarms_so_that_it_falls():
 
 
 @pytest.mark.parametrize(("profile", "mode"), [("arduplane", "FBWA"), ("px4_plane", "LOITER")])
-def test_a_plane_that_fell_disarmed_flies_on_from_where_it_is(profile, mode):
+def test_rearmed_plane_flies_on_at_its_height(profile, mode):
     events = [{"at_s": 1.0, "action": "disarm"}, {"at_s": 5.0, "action": "mode", "mode": "LOITER"}]
     companion = aboard(profile, mode, events=[*events, {"at_s": 5.0, "action": "arm"}])
     companion.wait(25.0)
-    assert companion.truth.down == pytest.approx(
-        -80.0, abs=1.0
-    )  # 4 s at 5 m/s below the initial 100 m
+    # 4 s at 5 m/s below the initial 100 m
+    assert companion.truth.down == pytest.approx(-80.0, abs=1.0)
 
 
 @pytest.mark.parametrize(
     ("profile", "guided", "after"),
     [("arducopter", 4, 6), ("arduplane", 15, 11), ("ardurover", 15, 4)],
 )
-def test_a_radio_failsafe_takes_the_mode(profile, guided, after):
+def test_radio_failsafe_changes_the_mode(profile, guided, after):
     companion = aboard(profile, "GUIDED", events=[{"at_s": 1.0, "action": "rc_failsafe"}])
     companion.wait(0.9)
     assert companion.truth.mode == guided
@@ -46,7 +45,7 @@ def test_a_radio_failsafe_takes_the_mode(profile, guided, after):
     assert companion.listen("HEARTBEAT", source=(1, 1))[-1].system_status == 5
 
 
-def test_gps_loss_lands_a_guided_copter_after_eight_seconds():
+def test_gps_loss_lands_guided_copter_after_eight_seconds():
     companion = aboard(mode="GUIDED", events=[{"at_s": 2.0, "action": "gps_off"}])
     companion.stream(24, 1_000_000)
     companion.stream(193, 1_000_000)
@@ -60,7 +59,7 @@ def test_gps_loss_lands_a_guided_copter_after_eight_seconds():
     assert companion.set_mode(4) == [4] and companion.set_mode(2) == [0]
 
 
-def test_the_ground_stations_failsafe_watches_only_its_own_heartbeat():
+def test_gcs_failsafe_counts_only_heartbeats_of_its_station():
     companion = aboard(mode="GUIDED")
     operator = Station(companion.vehicle, 255, 190, link="gcs")
     operator.heartbeat(6)
@@ -76,7 +75,7 @@ def test_the_ground_stations_failsafe_watches_only_its_own_heartbeat():
     assert companion.truth.mode == 6 and companion.texts() == ["GCS Failsafe"]
 
 
-def test_a_reboot_is_silence_then_a_clock_at_zero_and_nobody_remembered():
+def test_reboot_resets_clock_streams_and_routes():
     events = [{"at_s": 5.0, "action": "reboot", "value": 3.0}]
     companion = Station(build(start={"mode": "GUIDED"}, truth={"rate_hz": 0}, events=events))
     companion.heartbeat()
@@ -89,15 +88,14 @@ def test_a_reboot_is_silence_then_a_clock_at_zero_and_nobody_remembered():
     companion.wait(2.2)
     beats = companion.listen(source=(1, 1))
     assert {m.get_type() for m in beats} == {"HEARTBEAT"}  # no streams
-    assert (
-        companion.listen("DISTANCE_SENSOR") == []
-    )  # and no ranges forwarded to a component that has not sent since
+    # and no ranges forwarded to a component that has not sent since
+    assert companion.listen("DISTANCE_SENSOR") == []
     assert beats[-1].custom_mode == 0 and not beats[-1].base_mode & 128
     companion.command(512, 2)
     assert companion.listen("SYSTEM_TIME")[-1].time_boot_ms == 2100
 
 
-def test_a_muted_autopilot_says_nothing_but_flies_on():
+def test_muted_autopilot_flies_on():
     events = [
         {"at_s": 1.0, "action": "mute_autopilot"},
         {"at_s": 3.0, "action": "unmute_autopilot"},
@@ -111,7 +109,7 @@ def test_a_muted_autopilot_says_nothing_but_flies_on():
     assert companion.listen("HEARTBEAT", source=(1, 1)) != []
 
 
-def test_the_battery_drains_and_can_be_set():
+def test_battery_drains_and_can_be_set():
     battery = {"percent": 80.0, "drain_percent_per_min": 6.0}
     companion = aboard(
         battery=battery, events=[{"at_s": 100.0, "action": "battery", "value": 15.0}]
@@ -123,7 +121,7 @@ def test_the_battery_drains_and_can_be_set():
     assert companion.listen("BATTERY_STATUS")[-1].battery_remaining in (14, 15)
 
 
-def test_gusts_have_their_strength_and_memory():
+def test_gusts_have_their_strength_and_correlation_time():
     wind = {"speed_mps": 5.0, "from_deg": 90.0, "gust_rms_mps": 1.5, "gust_time_s": 2.0}
     air = build(seed=4, wind=wind)._flight.air
     blown = []
@@ -137,12 +135,11 @@ def test_gusts_have_their_strength_and_memory():
     assert lagged == pytest.approx(math.exp(-1), abs=0.08)
 
 
-def test_a_target_turns_and_accelerates_along_its_course():
+def test_target_turns_and_accelerates_along_its_course():
     turning = Target(velocity_north_mps=2.0, turn_rate_deg_s=90.0)
     assert target_at(turning, 4.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert target_at(turning, 1.0)[:2] == pytest.approx(
-        (2.0 / (math.pi / 2), 2.0 / (math.pi / 2))
-    )  # clockwise
+    # clockwise
+    assert target_at(turning, 1.0)[:2] == pytest.approx((2.0 / (math.pi / 2), 2.0 / (math.pi / 2)))
     faster = Target(velocity_east_mps=1.0, acceleration_mps2=0.5)
     assert target_at(faster, 4.0)[:2] == pytest.approx((0.0, 1.0 * 4 + 0.25 * 16))
     both = Target(velocity_north_mps=1.0, acceleration_mps2=0.3, turn_rate_deg_s=10.0)
@@ -152,7 +149,7 @@ def test_a_target_turns_and_accelerates_along_its_course():
 
 
 @pytest.mark.parametrize(("profile", "guided"), [("arducopter", 4), ("ardurover", 15)])
-def test_odometry_serves_without_gps_once_an_origin_is_set(profile, guided):
+def test_odometry_replaces_gps_after_an_origin(profile, guided):
     companion = aboard(profile, "ACRO", vehicle={"gps": False, "odometry": True})
     assert companion.set_mode(guided) == [4]
     companion.send(mavlink.MAVLink_set_gps_global_origin_message(1, -353632621, 1491652374, 584000))
@@ -162,7 +159,7 @@ def test_odometry_serves_without_gps_once_an_origin_is_set(profile, guided):
 
 
 @pytest.mark.parametrize(("sensor", "shown"), [(False, 5.0), (True, math.hypot(5.0, 8.0))])
-def test_a_copter_shows_its_ground_speed_for_airspeed_unless_it_has_a_sensor(sensor, shown):
+def test_copter_reports_ground_speed_without_airspeed_sensor(sensor, shown):
     wind = {"speed_mps": 8.0, "from_deg": 90.0}
     companion = aboard(mode="GUIDED", vehicle={"airspeed_sensor": sensor}, wind=wind)
     companion.stream(74, 100_000)
@@ -170,7 +167,7 @@ def test_a_copter_shows_its_ground_speed_for_airspeed_unless_it_has_a_sensor(sen
     assert companion.listen("VFR_HUD")[-1].airspeed == pytest.approx(shown, abs=0.01)
 
 
-def test_reports_are_bent_as_the_file_says_and_the_truth_is_not():
+def test_sensor_errors_change_reports_but_not_truth():
     sensors = {
         "heading_bias_deg": 10.0,
         "heading_drift_deg_s": 0.5,
@@ -203,7 +200,7 @@ TURNS = {
 
 @pytest.mark.parametrize("profile", ["arducopter", "ardurover", "px4_copter"])
 @pytest.mark.parametrize("state", [*TURNS, "frozen"])
-def test_steering_that_is_broken_ignores_turns_or_garbles_them(profile, state):
+def test_steering_faults_replace_the_commanded_turn(profile, state):
     events = [{"at_s": 3.0, "action": f"steering_{state}"}]
     companion = aboard(profile, "OFFBOARD" if profile == "px4_copter" else "GUIDED", events=events)
     companion.fly(3.2, 3.0, 0.1)
@@ -215,7 +212,7 @@ def test_steering_that_is_broken_ignores_turns_or_garbles_them(profile, state):
 
 
 @pytest.mark.parametrize(("profile", "lean"), [("arducopter", 12.0), ("px4_copter", 20.0)])
-def test_a_copter_flies_no_faster_through_the_air_than_its_lean_holds(profile, lean):
+def test_copter_airspeed_is_limited_by_its_lean(profile, lean):
     """The drag at the fastest airspeed is g tan(lean); it is linear on PX4, and grows with the
     speed on ArduPilot."""
     wind = {"speed_mps": 4.0, "from_deg": 0.0}

@@ -40,9 +40,8 @@ def connect(tmp_path):
             == mavsdk.ConnectionResult.SUCCESS
         )
         vehicle = tmp_path / "vehicle.toml"
-        vehicle.write_text(
-            f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n'
-        )  # it may stand still
+        # it may stand still
+        vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n')
         arguments = (str(vehicle), "--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "2")
         open_things.enter_context(running(python("-m", "sim", *arguments)))
         system = client.first_autopilot(PATIENCE)
@@ -53,7 +52,7 @@ def connect(tmp_path):
         yield start
 
 
-def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], Any]):
+def test_mavsdk_flies_px4_in_offboard(connect: Callable[[str], Any]):
     system = connect("px4_copter")
     assert (system.get_system_id(), int(system.autopilot_type())) == (1, PX4)
     telemetry = Telemetry(system)
@@ -72,14 +71,12 @@ def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], A
     offboard.start()
     until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)
     before = telemetry.attitude_euler()
-    until(
-        lambda: telemetry.attitude_euler().timestamp_us - before.timestamp_us > 2_000_000
-    )  # of the vehicle's time
+    # of the vehicle's time
+    until(lambda: telemetry.attitude_euler().timestamp_us - before.timestamp_us > 2_000_000)
     after = telemetry.attitude_euler()
     turned = math.remainder(math.radians(after.yaw_deg - before.yaw_deg), math.tau)
-    assert (
-        0.5 < turned / ((after.timestamp_us - before.timestamp_us) * 1e-6) < 0.55
-    )  # 30 deg/s, clockwise
+    # 30 deg/s, clockwise
+    assert 0.5 < turned / ((after.timestamp_us - before.timestamp_us) * 1e-6) < 0.55
     velocity = telemetry.velocity_ned()
     assert 1.0 < math.hypot(velocity.north_m_s, velocity.east_m_s) < 4.5
 
@@ -87,7 +84,7 @@ def test_px4_is_seen_flown_in_offboard_and_taken_away(connect: Callable[[str], A
     until(lambda: telemetry.flight_mode() == FlightMode.HOLD)
 
 
-def test_ardupilot_is_seen_and_its_streams_come_when_asked(connect: Callable[[str], Any]):
+def test_mavsdk_reads_and_moves_ardupilot(connect: Callable[[str], Any]):
     system = connect("arducopter")
     assert int(system.autopilot_type()) == ARDUPILOT
     telemetry = Telemetry(system)

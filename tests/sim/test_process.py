@@ -31,16 +31,16 @@ def emulator(*arguments):
 def called(wire, port):
     """Connect the socket to a vehicle that has received a heartbeat from it."""
     wire.connect(("127.0.0.1", port))
-    say(wire, HEARTBEAT)
+    send_to(wire, HEARTBEAT)
     return wire
 
 
-def say(wire, message):
+def send_to(wire, message):
     wire.send(message.pack(mavlink.MAVLink(None, 1, 191)))
 
 
 def command(wire, *numbers):
-    say(
+    send_to(
         wire,
         mavlink.MAVLink_command_long_message(
             1, 1, numbers[0], 0, *numbers[1:], *[0] * (8 - len(numbers))
@@ -48,7 +48,7 @@ def command(wire, *numbers):
     )
 
 
-def hear(wire, kind, seconds=PATIENCE):
+def receive_from(wire, kind, seconds=PATIENCE):
     """Return the first message of a type; for HEARTBEAT, the first from the autopilot."""
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
@@ -63,49 +63,49 @@ def hear(wire, kind, seconds=PATIENCE):
     raise TimeoutError(kind)
 
 
-def test_a_client_of_a_udp_port_is_served_and_sigterm_ends_cleanly(wire, port):
+def test_udp_client_is_served_and_sigterm_ends_cleanly(wire, port):
     with emulator("--endpoint", f"udpin://127.0.0.1:{port}", "--speed", "5") as process:
         assert process.stdout.readline() == f"sim: arducopter system 1 on udpin:127.0.0.1:{port}\n"
         called(wire, port)
-        assert hear(wire, "HEARTBEAT").autopilot == 3
-        assert hear(wire, "DISTANCE_SENSOR").get_srcComponent() == 192
+        assert receive_from(wire, "HEARTBEAT").autopilot == 3
+        assert receive_from(wire, "DISTANCE_SENSOR").get_srcComponent() == 192
         command(wire, 176, 1, 4)
-        assert hear(wire, "COMMAND_ACK").result == 0
+        assert receive_from(wire, "COMMAND_ACK").result == 0
         fast = (0, 0, 0, 5, 0, 0, 0, 0, 0, 0, 0.2)
-        say(wire, mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 8, 0x5C7, *fast))
-        while hear(wire, "SIM_STATE").vn < 1.0:
+        send_to(
+            wire, mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 8, 0x5C7, *fast)
+        )
+        while receive_from(wire, "SIM_STATE").vn < 1.0:
             pass
         process.send_signal(signal.SIGTERM)
         assert process.wait(PATIENCE) == 0
         assert process.stderr.read() == ""
 
 
-def test_two_clients_are_two_links_with_their_own_streams(wire, port):
+def test_two_clients_have_separate_streams(wire, port):
     with (
         emulator("--endpoint", f"udpin:127.0.0.1:{port}", "--speed", "10") as process,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
     ):
         assert process.stdout.readline()
         for one in (wire, other):
-            hear(called(one, port), "HEARTBEAT")
+            receive_from(called(one, port), "HEARTBEAT")
         command(other, 511, 30, 50_000)
-        assert hear(other, "ATTITUDE")
+        assert receive_from(other, "ATTITUDE")
         with pytest.raises(TimeoutError):
-            hear(wire, "ATTITUDE", 0.3)
+            receive_from(wire, "ATTITUDE", 0.3)
 
 
-def test_a_tcp_client_is_served_and_sigint_ends_cleanly(port):
+def test_tcp_client_is_served_and_sigint_ends_cleanly(port):
     with emulator("--endpoint", f"tcpin:127.0.0.1:{port}") as process:
         assert process.stdout.readline()
         with socket.create_connection(("127.0.0.1", port)) as connection:
-            assert hear(connection, "HEARTBEAT").type == 2
+            assert receive_from(connection, "HEARTBEAT").type == 2
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
 
 
-def test_a_direct_radio_has_its_own_port_udpout_speaks_first_and_the_duration_ends_it(
-    wire, port, tmp_path
-):
+def test_direct_radio_uses_its_own_endpoint(wire, port, tmp_path):
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text('[ranging]\nmessage = "ranging_beacon"\nvia = "direct"\n')
     radio = f"udpout:127.0.0.1:{wire.getsockname()[1]}"
@@ -115,17 +115,17 @@ def test_a_direct_radio_has_its_own_port_udpout_speaks_first_and_the_duration_en
         assert process.stdout.readline().endswith(
             f"on udpin:127.0.0.1:{port}, ranging on {radio}\n"
         )
-        assert hear(wire, "RANGING_BEACON").range > 0
+        assert receive_from(wire, "RANGING_BEACON").range > 0
         assert process.wait(PATIENCE) == 0
 
 
-def test_what_cannot_be_started_is_said_in_one_line(wire, port, tmp_path, monkeypatch):
+def test_emulator_refuses_bad_arguments_in_one_line(wire, port, tmp_path, monkeypatch):
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     bad = tmp_path / "bad.toml"
     direct = tmp_path / "direct.toml"
     bad.write_text("[vehicle]\nprofil = 1\n")
     direct.write_text('[ranging]\nvia = "direct"\n')
-    for arguments, said in (
+    for arguments, error in (
         (["--endpoint", f"udpin:127.0.0.1:{wire.getsockname()[1]}"], "in use"),
         (["--endpoint", "carrier-pigeon"], "not an endpoint"),
         (["--endpoint", "udpin:127.0.0.1:99999"], "outside 1 to 65535"),
@@ -135,13 +135,11 @@ def test_what_cannot_be_started_is_said_in_one_line(wire, port, tmp_path, monkey
     ):
         ran = CliRunner().invoke(main, arguments)
         assert (ran.exit_code, ran.stdout) == (2, ""), arguments
-        assert ran.stderr.count("\n") == 1 and said in ran.stderr, ran.stderr
+        assert ran.stderr.count("\n") == 1 and error in ran.stderr, ran.stderr
 
 
-@pytest.mark.parametrize(("step", "said"), [(0.05, 0), (0.3, 2)])
-def test_it_says_in_one_line_every_ten_seconds_that_the_computer_cannot_keep_up(
-    monkeypatch, step, said
-):
+@pytest.mark.parametrize(("step", "warnings"), [(0.05, 0), (0.3, 2)])
+def test_emulator_warns_when_computer_is_too_slow(monkeypatch, step, warnings):
     """Each step of its loop takes this wall time, s. The test covers 15 s."""
     wall = [100.0]
     lines = []
@@ -151,7 +149,7 @@ def test_it_says_in_one_line_every_ten_seconds_that_the_computer_cannot_keep_up(
     server._fly(
         Vehicle(parse_vehicle({}, "here")), {}, 1.0, None, lambda: wall[0] > 115.0, lines.append
     )
-    assert len(lines) == said
+    assert len(lines) == warnings
     assert all(
         line.startswith("sim: this computer cannot keep up: simulated time is 0.3 s behind")
         for line in lines

@@ -32,7 +32,7 @@ def beacons(seconds, **keys):
     return Station(vehicle, link="ranging").listen()
 
 
-def test_distance_sensor_is_the_slant_range_in_whole_centimetres():
+def test_distance_sensor_is_slant_range_in_centimeters():
     companion = ranging(sensor_id=7)
     companion.wait(0.95)
     received = companion.listen("DISTANCE_SENSOR", source=RADIO)
@@ -42,7 +42,7 @@ def test_distance_sensor_is_the_slant_range_in_whole_centimetres():
 
 
 @pytest.mark.parametrize(
-    ("radio", "after", "told"),
+    ("radio", "after", "expected"),
     [
         ({"start": {"north_m": -900.0}}, 0.1, [(65535, 0), (65535, 100)]),
         ({"latency_s": 0.25}, 0.249, []),
@@ -56,15 +56,15 @@ def test_distance_sensor_is_the_slant_range_in_whole_centimetres():
         "beyond its range",
     ],
 )
-def test_what_a_distance_sensor_says_of_a_far_or_late_range(radio, after, told):
+def test_distance_sensor_of_far_and_late_ranges(radio, after, expected):
     companion = ranging(**radio)
     companion.wait(after)
     assert [
         (m.current_distance, m.time_boot_ms) for m in companion.listen("DISTANCE_SENSOR")
-    ] == told
+    ] == expected
 
 
-def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know_and_a_named_value_has_single_precision():
+def test_beacon_and_named_value_follow_their_definitions():
     companion = ranging(**BEACON, beacon_id=9)
     companion.wait(0.35)
     received = Station(companion.vehicle, link="ranging").listen()
@@ -86,7 +86,7 @@ def test_ranging_beacon_counts_millimetres_and_says_what_it_does_not_know_and_a_
     assert value.name == "RNG" and value.value == pytest.approx(SLANT, rel=1e-7)
 
 
-def test_accuracy_is_reported_where_it_fits():
+def test_reported_accuracy_fits_its_field():
     for noise, covariance in ((0.1, 100), (0.5, 255)):
         companion = ranging(noise_m=noise, report_accuracy=True)
         companion.wait(0.1)
@@ -98,7 +98,7 @@ def errors(**keys):
     return [m.range / 1000 - SLANT for m in beacons(50.0, rate_hz=100.0, **keys)]
 
 
-def test_noise_bias_outliers_and_dropouts_are_as_configured():
+def test_noise_bias_outliers_and_dropouts_match_configuration():
     noise = errors(noise_m=2.0, bias_m=1.5)
     assert statistics.fmean(noise) == pytest.approx(1.5, abs=4 * 2.0 / math.sqrt(5000))
     assert statistics.stdev(noise) == pytest.approx(2.0, rel=0.05)
@@ -111,7 +111,7 @@ def test_noise_bias_outliers_and_dropouts_are_as_configured():
 @pytest.mark.parametrize(
     ("preset", "slow", "loss"), [("gaussian", 0.0, 0.0), ("uwb", 0.15, 0.0), ("lora", 2.0, 0.1)]
 )
-def test_radios_have_their_character(preset, slow, loss):
+def test_radio_presets_have_their_errors(preset, slow, loss):
     vehicle = build(
         seed=2,
         truth={"rate_hz": 0},
@@ -122,22 +122,12 @@ def test_radios_have_their_character(preset, slow, loss):
     vehicle.advance(1000.0)
     received = [m.range / 1000 - 200.0 for m in Station(vehicle, link="ranging").listen()]
     assert len(received) == pytest.approx(10_000 * (1 - loss), rel=0.02)
-    means = [
-        statistics.fmean(received[i : i + 10]) for i in range(0, len(received) - 10, 10)
-    ]  # over a second
+    # over a second
+    means = [statistics.fmean(received[i : i + 10]) for i in range(0, len(received) - 10, 10)]
     assert statistics.pstdev(means) == pytest.approx(slow, abs=0.25 * slow + 0.2)
 
 
-def test_another_seed_draws_other_noise():
-    def noise(seed):
-        vehicle = build(seed=seed, ranging=BEACON)
-        vehicle.advance(1.0)
-        return [m.range for m in Station(vehicle, link="ranging").listen()]
-
-    assert noise(1) == noise(1) != noise(2)
-
-
-def test_the_autopilot_forwards_only_to_a_link_it_has_heard():
+def test_ranges_are_forwarded_after_a_heartbeat():
     companion = Station(build(start=STILL, truth={"rate_hz": 0}))
     companion.wait(1.0)
     assert companion.listen("DISTANCE_SENSOR") == []
@@ -147,7 +137,7 @@ def test_the_autopilot_forwards_only_to_a_link_it_has_heard():
     assert len(companion.listen("DISTANCE_SENSOR", source=RADIO)) == 9
 
 
-def test_through_the_rangefinder_driver_values_repeat_with_send_time_stamps():
+def test_rangefinder_driver_repeats_values_with_send_stamps():
     companion = ranging({"mode": "GUIDED", "speed_mps": 10.0}, via="autopilot", rate_hz=5.0)
     companion.wait(0.5)
     assert companion.listen("DISTANCE_SENSOR") == []  # silent before a request
@@ -155,24 +145,22 @@ def test_through_the_rangefinder_driver_values_repeat_with_send_time_stamps():
     companion.wait(1.0)
     received = companion.listen("DISTANCE_SENSOR", source=AUTOPILOT)
     assert [m.time_boot_ms for m in received] == [*range(540, 1501, 40)]
-    assert (
-        5 <= len({m.current_distance for m in received}) <= 6
-    )  # 5 new values per second, sent at 25 Hz
+    # 5 new values per second, sent at 25 Hz
+    assert 5 <= len({m.current_distance for m in received}) <= 6
     assert {(m.id, m.covariance, m.type) for m in received} == {(0, 0, 0)}
 
 
-def test_the_driver_stops_when_its_input_is_older_than_450_ms():
+def test_rangefinder_driver_stops_after_450_ms():
     away = {"mode": "GUIDED", "speed_mps": 20.0, "heading_deg": 180.0, "north_m": -100.0}
     companion = ranging(away, via="autopilot", max_range_m=130.0)
     companion.stream(132, 50_000)
     companion.wait(2.9)
     last = companion.listen("DISTANCE_SENSOR")[-1]
-    assert (
-        last.time_boot_ms == 1450
-    )  # the slant range passes 130 m after 1.0 s, the last sample's time
+    # the slant range passes 130 m after 1.0 s, the last sample's time
+    assert last.time_boot_ms == 1450
 
 
-def test_the_range_rate_is_how_fast_the_slant_range_grows_under_the_stamp_of_its_range():
+def test_range_rate_is_derivative_of_slant_range():
     target = {"velocity_east_mps": 4.0, "turn_rate_deg_s": 5.0}
     radio = {
         "message": "named_value_float",
@@ -192,7 +180,7 @@ def test_the_range_rate_is_how_fast_the_slant_range_grows_under_the_stamp_of_its
     assert min(m.value for m in rates) < -0.5
 
 
-def test_a_rate_scatters_white_and_slowly_and_may_count_the_other_way():
+def test_range_rate_has_white_and_slow_noise():
     def rates(**keys):
         companion = ranging(message="named_value_float", rate_name="RR", **keys)
         companion.wait(40.0)

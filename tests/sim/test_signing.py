@@ -58,7 +58,7 @@ def accepted(vehicle, by):
     return len(vehicle.setpoint_log) > before
 
 
-def test_all_that_it_says_is_signed_by_vehicle_and_radio_alike(vehicle):
+def test_autopilot_and_radio_sign_all_frames(vehicle):
     listener = mavlink.MAVLink(None)
     listener.signing.secret_key = KEY
     listener.signing.timestamp = NOW
@@ -69,7 +69,7 @@ def test_all_that_it_says_is_signed_by_vehicle_and_radio_alike(vehicle):
     assert {message.get_srcComponent() for message in received} == {1, 192}
 
 
-def test_it_obeys_the_holder_of_its_key_alone(vehicle):
+def test_autopilot_obeys_only_holder_of_its_key(vehicle):
     """A forged timestamp in the future does not lock out the real sender."""
     assert accepted(vehicle, station(vehicle, KEY))
     assert not accepted(vehicle, station(vehicle, None))
@@ -79,20 +79,20 @@ def test_it_obeys_the_holder_of_its_key_alone(vehicle):
     assert accepted(vehicle, station(vehicle, KEY, component=193))
 
 
-@pytest.mark.parametrize(("profile", "believed"), [("arducopter", False), ("px4_copter", True)])
-def test_the_radios_status_is_taken_unsigned_heartbeats_by_px4_alone_and_all_on_the_usb_port(
-    make, profile, believed
-):
+@pytest.mark.parametrize(
+    ("profile", "accepts_heartbeat"), [("arducopter", False), ("px4_copter", True)]
+)
+def test_unsigned_frames_follow_rules_of_the_firmware(make, profile, accepts_heartbeat):
     vehicle = make(profile)
     station(vehicle, None).send(mavlink.MAVLink_radio_status_message(200, 190, 100, 10, 12, 0, 0))
     assert vehicle.refused == 0
     station(vehicle, None).heartbeat()
-    assert (vehicle.refused == 0) is believed
+    assert (vehicle.refused == 0) is accepts_heartbeat
     usb = make(profile, accept_unsigned=True)
     assert accepted(usb, station(usb, None))
 
 
-def test_a_replayed_command_and_a_stream_over_a_minute_behind_are_not_obeyed(vehicle):
+def test_replayed_and_late_signed_frames_are_ignored(vehicle):
     ours = station(vehicle, KEY)
     target = (0, 1, 1, 8, 0x5C7, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0.1)
     frame = mavlink.MAVLink_set_position_target_local_ned_message(*target).pack(ours._out)
@@ -104,7 +104,7 @@ def test_a_replayed_command_and_a_stream_over_a_minute_behind_are_not_obeyed(veh
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "px4_copter"])
-def test_without_gps_it_takes_its_time_from_those_who_sign(key_file, profile):
+def test_autopilot_without_gps_adopts_signed_time(key_file, profile):
     """A heartbeat sets the clock too, although PX4 also accepts unsigned heartbeats."""
     vehicle = build(signing={"key_file": str(key_file)}, vehicle={"profile": profile})
     vehicle.advance(1.5)
@@ -114,7 +114,7 @@ def test_without_gps_it_takes_its_time_from_those_who_sign(key_file, profile):
     assert stamps(vehicle)[-1] >= NOW
 
 
-def test_after_a_reboot_it_signs_a_minute_ahead_and_remembers_no_stream(vehicle):
+def test_rebooted_autopilot_signs_one_minute_ahead(vehicle):
     ours = station(vehicle, KEY)
     assert accepted(vehicle, ours)
     before = stamps(vehicle)[-1]
@@ -123,7 +123,7 @@ def test_after_a_reboot_it_signs_a_minute_ahead_and_remembers_no_stream(vehicle)
     assert stamps(vehicle)[0] > before + 59 * TICKS_PER_S
 
 
-def test_a_key_is_told_from_the_folder_of_the_vehicle_file(key_file):
+def test_key_path_is_relative_to_vehicle_file(key_file):
     for text in (
         '[signing]\nkey_file = "vehicle.key"\n',
         '[sim.signing]\nkey_file = "vehicle.key"\n',
@@ -133,12 +133,12 @@ def test_a_key_is_told_from_the_folder_of_the_vehicle_file(key_file):
         assert load_vehicle(path).signing.key_file == str(key_file)
 
 
-@pytest.mark.parametrize(("data", "told"), [(None, "No such file"), (b"short", "holds 5 bytes")])
-def test_a_bad_key_is_one_line(tmp_path, data, told):
+@pytest.mark.parametrize(("data", "error"), [(None, "No such file"), (b"short", "holds 5 bytes")])
+def test_bad_key_is_refused_in_one_line(tmp_path, data, error):
     path = tmp_path / "bad.key"
     if data is not None:
         path.write_bytes(data)
-    with pytest.raises(ConfigError, match=told) as caught:
+    with pytest.raises(ConfigError, match=error) as caught:
         parse_vehicle({"signing": {"key_file": str(path)}}, "v.toml")
     assert str(caught.value).startswith("v.toml: signing.key_file: ")
 

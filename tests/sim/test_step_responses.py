@@ -78,7 +78,7 @@ def turned(before: float, after: float) -> list[Truth]:
 
 
 @pytest.mark.parametrize(("before", "after"), [(0.0, 20.0), (17.0, -28.6)])
-def test_a_plane_banks_after_a_dead_time_and_overshoots(before, after):
+def test_plane_bank_has_dead_time_and_overshoot(before, after):
     """Flown: 50 % at 0.36 to 0.5 s, 90 % at 0.5 to 0.75 s, 15 % overshoot; from +17 to -28.6 deg it
     reaches -33 deg."""
     truths = banked(before, after)
@@ -88,7 +88,7 @@ def test_a_plane_banks_after_a_dead_time_and_overshoots(before, after):
     assert roll.peak == pytest.approx(1.12, abs=0.04)
 
 
-def test_a_planes_path_follows_its_bank_at_once_and_its_nose_a_fifth_of_a_second_later():
+def test_plane_path_turns_before_its_nose():
     """Flown: the ground track turns with the bank, the heading follows 0.15 to 0.25 s later because
     of side-slip."""
     truths = banked(17.0, -28.6)
@@ -97,19 +97,18 @@ def test_a_planes_path_follows_its_bank_at_once_and_its_nose_a_fifth_of_a_second
     nose = measured([truth.turn_rate for truth in truths])
     assert path.half == pytest.approx(roll.half, abs=0.03)
     assert 0.15 <= nose.half - path.half <= 0.28 and 0.15 <= nose.nearly - path.nearly <= 0.28
-    assert (
-        max(abs(lead(truth) - lead(truths[-1])) for truth in truths) > 2.0
-    )  # and much more at the entry
+    # and much more at the entry
+    assert max(abs(lead(truth) - lead(truths[-1])) for truth in truths) > 2.0
 
 
 @pytest.mark.parametrize(("bank", "slip"), [(14.0, 1.1), (26.0, 2.2), (42.0, 3.8)])
-def test_a_plane_flies_to_the_inside_of_its_nose(bank, slip):
+def test_plane_slips_to_inside_of_its_turn(bank, slip):
     """Flown in steady turns and in wind 8 m/s, in which the bank swings: 4.70 tan(bank) - 0.54
     tan(bank)^2 deg."""
     assert lead(banked(bank, bank)[-1]) == pytest.approx(-slip, abs=0.3)
 
 
-def test_a_copters_yaw_rate_follows_after_a_dead_time_and_overshoots():
+def test_copter_yaw_rate_has_dead_time_and_overshoot():
     """Flown, 0.2 to -0.4 rad/s: zero at 0.25 s, -0.53 rad/s at 0.64 s; closed loop: dead time 0.22
     s, then a lag of 0.18 s."""
     truths = turned(0.2, -0.4)
@@ -125,7 +124,7 @@ def test_a_copters_yaw_rate_follows_after_a_dead_time_and_overshoots():
     assert truths[-1].turn_rate == pytest.approx(-0.42, abs=0.03)
 
 
-def test_a_copters_path_follows_its_nose_by_half_a_second():
+def test_copter_path_lags_its_nose():
     """Flown: half of the step at 0.7 to 0.78 s, 90 % at 1.1 s; the nose leads."""
     truths = turned(0.2, -0.4)
     path = measured(rates([truth.course for truth in truths]))
@@ -135,7 +134,7 @@ def test_a_copters_path_follows_its_nose_by_half_a_second():
     assert min(lead(truth) for truth in truths) < -8.0
 
 
-def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second():
+def test_px4_copter_yaw_rate_step_matches_firmware():
     companion = aboard("px4_copter")
     companion.fly(0.5, 0.0, 0.0)
     companion.set_mode(6)
@@ -143,13 +142,12 @@ def test_a_px4_copters_yaw_rate_is_two_thirds_there_after_half_a_second():
     truths = flown(companion, lambda: companion.velocity(5.0, 0.1), 60.0)
     assert measured([truth.turn_rate for truth in truths]).most == pytest.approx(0.475, abs=0.03)
     assert all(truth.turn_rate == 0.0 for truth in truths[:10])
-    assert truths[-1].ground_speed == pytest.approx(
-        4.56, abs=0.05
-    )  # flown at R 50: 4.56, course 7 to 9 deg behind
+    # flown at R 50: 4.56, course 7 to 9 deg behind
+    assert truths[-1].ground_speed == pytest.approx(4.56, abs=0.05)
     assert lead(truths[-1]) == pytest.approx(9.0, abs=3.0)
 
 
-def test_a_px4_plane_banks_two_thirds_after_two_thirds_of_a_second_by_stick():
+def test_px4_plane_bank_step_matches_firmware():
     """Flown: 63 % after 0.6 to 0.7 s, then exact."""
     companion = aboard("px4_plane")
     companion.sticks(0.0)
@@ -161,7 +159,7 @@ def test_a_px4_plane_banks_two_thirds_after_two_thirds_of_a_second_by_stick():
     assert math.degrees(truths[-1].roll) == pytest.approx(30.0, abs=0.1)
 
 
-def test_what_is_reported_in_a_slipping_turn_is_the_noses():
+def test_attitude_reports_heading_in_slipping_turn():
     """ATTITUDE's yaw and body rates agree with each other and differ from the ground track."""
     companion = aboard("arduplane", "GUIDED")
     companion.stream(30, 40_000)
@@ -170,11 +168,11 @@ def test_what_is_reported_in_a_slipping_turn_is_the_noses():
     companion.repeat(3.0, lambda: companion.attitude(0xC6, math.radians(35.0)))
     reports = companion.listen("ATTITUDE")
     for a, b in itertools.pairwise(reports):
-        told = [
+        rates_reported = [
             (m.pitchspeed * math.sin(m.roll) + m.yawspeed * math.cos(m.roll)) / math.cos(m.pitch)
             for m in (a, b)
         ]
         seen = math.remainder(b.yaw - a.yaw, math.tau) / ((b.time_boot_ms - a.time_boot_ms) / 1000)
-        assert seen == pytest.approx(sum(told) / 2, abs=0.02)
+        assert seen == pytest.approx(sum(rates_reported) / 2, abs=0.02)
     truth = companion.truth
     assert reports[-1].yaw == pytest.approx(truth.heading, abs=0.02) and abs(lead(truth)) > 1.5

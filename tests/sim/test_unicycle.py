@@ -22,7 +22,7 @@ NORTHBOUND = Body(0.0, 0.0, -50.0, 0.0)
     heading=st.floats(-3.0, 3.0),
     dt=st.floats(0.001, 30.0),
 )
-def test_a_steady_turn_is_an_exact_arc(speed, rate, heading, dt):
+def test_steady_turn_is_an_exact_arc(speed, rate, heading, dt):
     start = Body(0.0, 0.0, -50.0, heading)
     end = IDEAL.step(start, BodyVelocity(speed, yaw_rate=rate), dt)
     if abs(rate) > 1e-3:
@@ -37,7 +37,7 @@ def test_a_steady_turn_is_an_exact_arc(speed, rate, heading, dt):
 
 
 @given(st.lists(st.floats(0.001, 0.7), min_size=1, max_size=12), st.floats(-1.0, 1.0))
-def test_the_path_does_not_depend_on_the_steps(steps, rate):
+def test_path_is_independent_of_step_size(steps, rate):
     demand = BodyVelocity(15.0, right=1.0, yaw_rate=rate)
     body = Body(0.0, 0.0, -50.0, 0.3, turn_rate=-0.4, velocity_north=5.0)
     stepped = body
@@ -49,7 +49,7 @@ def test_the_path_does_not_depend_on_the_steps(steps, rate):
     )
 
 
-def test_the_turn_rate_follows_a_first_order_lag_and_is_limited_and_braking_stops_along_the_course():
+def test_turn_rate_lag_limit_and_braking():
     after = LAGGED.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=0.5), 0.4)
     assert after.turn_rate == pytest.approx(0.5 * (1 - math.exp(-1)))
     assert after.heading == pytest.approx(0.5 * 0.4 - 0.5 * 0.4 * (1 - math.exp(-1)))
@@ -64,15 +64,7 @@ def test_the_turn_rate_follows_a_first_order_lag_and_is_limited_and_braking_stop
     assert math.hypot(stopped.north, stopped.east) == pytest.approx(25 / 4)  # v^2 / 2a
 
 
-def test_a_bank_goes_with_the_turn():
-    turning = IDEAL.step(NORTHBOUND, BodyVelocity(20.0, yaw_rate=0.3), 1.0)
-    assert math.tan(turning.roll) == pytest.approx(20.0 * 0.3 / 9.80665)
-    p, q, r = turning.body_rates()
-    assert (q * math.sin(turning.roll) + r * math.cos(turning.roll)) == pytest.approx(0.3)
-    assert r < 0.3 and p == 0.0
-
-
-def test_the_airborne_copter_flies_its_arc_through_the_air_and_the_wind_carries_it():
+def test_wind_carries_airborne_copter():
     airborne, ideal = (
         copter_airframe(Airframe(dynamics=name, turn_lag_s=0.4))
         for name in ("airborne", "unicycle")

@@ -36,7 +36,7 @@ def table(write, tmp_path):
     return flown(Store(tmp_path / "here", campaign), on_cores(campaign, range(8), 1))
 
 
-def test_the_table_is_the_same_on_one_process_two_and_when_resumed(write, tmp_path, table):
+def test_table_is_independent_of_processes_and_resuming(write, tmp_path, table):
     campaign = load_campaign(write(SHORT))
     assert table.count(b"\n") == 9
     assert (
@@ -52,7 +52,7 @@ def test_the_table_is_the_same_on_one_process_two_and_when_resumed(write, tmp_pa
     assert flown(store, on_cores(campaign, [0, *range(2, 8)], 1)) == table
 
 
-def test_the_table_is_the_same_on_two_workers_of_a_dask_scheduler(circnav, write, tmp_path, table):
+def test_table_on_dask_workers_is_the_same(circnav, write, tmp_path, table):
     distributed = pytest.importorskip("distributed", reason="needs the extra [cluster]")
     path = write(SHORT)
     there = tmp_path / "there"
@@ -64,14 +64,14 @@ def test_the_table_is_the_same_on_two_workers_of_a_dask_scheduler(circnav, write
     assert (there / "runs.csv").read_bytes() == table
 
 
-def test_one_bad_run_does_not_stop_the_rest(write):
+def test_failing_run_does_not_stop_the_rest(write):
     campaign = load_campaign(write(f'{SHORT}"orbit.radius_m" = [100.0, -5.0]'))
     rows = [fly_run(campaign, number) for number in range(4)]
     assert [row["outcome"] for row in rows] == ["completed", "completed", "error", "error"]
     assert "orbit.radius_m: must be above 0, not -5" in rows[2]["error"]
 
 
-def test_a_flight_that_breaks_the_program_is_a_row_too(write, monkeypatch):
+def test_internal_error_becomes_a_row(write, monkeypatch):
     def breaks(run):
         raise RuntimeError("a\nb")
 
@@ -80,8 +80,9 @@ def test_a_flight_that_breaks_the_program_is_a_row_too(write, monkeypatch):
     assert row["error"].startswith("internal error: RuntimeError: a b (")
 
 
-def test_values_and_seeds_follow_from_the_campaigns_seed_and_the_number_alone(write):
-    vary = '"guidance.law" = ["smooth", "feedforward"]\n"sim.ranging.noise_m" = {log_uniform = [0.1, 10]}'
+def test_drawn_values_follow_from_seed_and_number(write):
+    laws = '"guidance.law" = ["smooth", "feedforward"]\n'
+    vary = laws + '"sim.ranging.noise_m" = {log_uniform = [0.1, 10]}'
     campaign = load_campaign(write(vary))
     more = load_campaign(write(vary), runs=5000)
     assert [campaign.values(n) for n in range(8)] == [more.values(n) for n in range(8)]
@@ -95,7 +96,7 @@ def test_values_and_seeds_follow_from_the_campaigns_seed_and_the_number_alone(wr
     assert sum(noise < 1 for noise in noises) / 2000 == pytest.approx(0.5, abs=0.05)
 
 
-def test_start_in_range_and_bearing_is_where_the_vehicle_begins(write):
+def test_start_in_range_and_bearing_is_flown(write):
     vary = '"start.range_m" = [200.0]\n"start.bearing_deg" = [90.0]\n"start.heading_deg" = [30.0]'
     campaign = load_campaign(
         write(vary + '\n"sim.target.north_m" = [50.0]\n"limits.duration_s" = [2.0]', starts="")
@@ -105,7 +106,7 @@ def test_start_in_range_and_bearing_is_where_the_vehicle_begins(write):
     assert shown == pytest.approx([200.0, 90.0, 30.0], abs=1e-3)
 
 
-def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch):
+def test_wrong_direction_is_detected_on_true_track(write, monkeypatch):
     """Mirrored track of the same flight: the circle is as good, because ranges do not show the
     direction."""
     campaign = load_campaign(write('"limits.duration_s" = [90.0]\n"sim.wind.speed_mps" = [0.0]'))
@@ -123,7 +124,7 @@ def test_a_wrong_sense_of_rotation_is_seen_on_the_true_track(write, monkeypatch)
     assert wrong["rms_m"] < 1.0
 
 
-def test_the_command_flies_sums_up_and_draws_and_goes_on_where_it_stopped(circnav, write, tmp_path):
+def test_command_flies_summarizes_draws_and_resumes(circnav, write, tmp_path):
     """A picture that cannot be drawn gives a warning. For a complete table, the scheduler is not
     contacted."""
     path = write(SHORT + '"sim.wind.speed_mps" = {uniform = [0, 2]}')
@@ -164,7 +165,7 @@ def test_the_command_flies_sums_up_and_draws_and_goes_on_where_it_stopped(circna
     ).read_text().count("\n") == 11
 
 
-def test_the_documented_way_to_fly_a_row_alone_gives_the_rows_mission():
+def test_documented_command_flies_a_single_row():
     """The test uses the example's values, keys and command from the page."""
     page = (CONFIG.parent / "docs" / "campaigns.md").read_text()
     command = shlex.split(
@@ -180,7 +181,7 @@ def test_the_documented_way_to_fly_a_row_alone_gives_the_rows_mission():
     assert parse_vehicle(mission.file.sim, "sim").seed == int(values["sim.seed"])
 
 
-def test_a_row_flown_alone_as_documented_is_the_run_of_the_campaign(write):
+def test_single_row_equals_run_of_the_campaign(write):
     campaign = load_campaign(
         write('"guidance.law" = ["switching"]\n"orbit.radius_m" = {uniform = [80, 120]}')
     )

@@ -29,8 +29,7 @@ AFTER = TAKEN + 4.0
 """Times, s."""
 
 
-@pytest.fixture(scope="module")
-def three():
+def three_copters():
     """Three copters. Member 3 arrives late. The operator takes member 2 over at TAKEN. From SILENT
     on no member receives a report."""
     takeover = (f'sim.events=[{{at_s={TAKEN}, action="mode", mode="LOITER"}}]',)
@@ -62,8 +61,9 @@ def three():
     return flight.fly(SILENT + 21.0, watch), seen
 
 
-def test_a_copter_that_joins_waits_outside_and_then_all_are_even_with_estimated_drift(three):
-    flight, seen = three
+def test_three_copters_join_leave_and_lose_reports():
+    flight, seen = three_copters()
+    # member 3 waits outside the circle, then all are evenly spaced with estimated drift
     found = figures(flight.tracks)
     times = flight.tracks.time
     lane = np.hypot(flight.tracks.east, flight.tracks.north)[
@@ -76,9 +76,7 @@ def test_a_copter_that_joins_waits_outside_and_then_all_are_even_with_estimated_
     assert found.smallest_vertical_m > 10.0
     assert found.too_near == 0
 
-
-def test_each_member_shows_its_gaps_and_the_places_of_the_others(three):
-    flight, seen = three
+    # each member shows its gaps and the places of the others
     for *_, words, others in seen[BEFORE]:
         shown = re.search(
             r"3 of 3 members on the circle, gap (\d+) deg ahead, (\d+) deg behind", words
@@ -90,9 +88,7 @@ def test_each_member_shows_its_gaps_and_the_places_of_the_others(three):
     true = flight.tracks.east[k][1], flight.tracks.north[k][1]
     assert np.hypot(place[0] - true[0], place[1] - true[1]) < 5.0
 
-
-def test_the_takeover_of_one_moves_no_other_and_the_two_that_stay_are_even_again(three):
-    flight, seen = three
+    # the takeover of member 2 moves no other member
     one, two, three_ = seen[AFTER]
     assert two[0] is State.LEAVING
     assert flight.members[1].pilot.mission.outcome.ending is Ending.TAKEN_OVER
@@ -104,9 +100,7 @@ def test_the_takeover_of_one_moves_no_other_and_the_two_that_stay_are_even_again
     assert np.degrees(errors[(times > SILENT - 5.0) & (times < SILENT)].max()) < 10.0
     assert [m.pilot.mission.outcome is None for m in flight.members] == [True, False, True]
 
-
-def test_without_reports_everyone_keeps_the_circle_of_its_mission(three):
-    flight, _ = three
+    # without reports every member keeps the circle of its mission
     time = np.array(flight.tracks.time)
     radius = np.hypot(flight.tracks.east, flight.tracks.north)
     silent = (time > SILENT + 12.0) & (time < SILENT + 20.0)
@@ -114,7 +108,7 @@ def test_without_reports_everyone_keeps_the_circle_of_its_mission(three):
     assert not any(member.onlookers.problems for member in flight.members)
 
 
-def test_two_in_one_layer_are_an_alarm_for_all():
+def test_members_in_one_layer_raise_an_alarm():
     flight = bare_fleet(
         COPTER,
         3,
@@ -131,7 +125,8 @@ def test_two_in_one_layer_are_an_alarm_for_all():
         )
 
 
-def test_three_planes_from_one_place_are_even_in_time():
+@pytest.mark.nightly
+def test_three_planes_become_even():
     """Six planes: tests/tools/bench/bench_fleet.py; the law with ten: test_law.py."""
     overrides = (
         *(
@@ -154,9 +149,7 @@ def test_three_planes_from_one_place_are_even_in_time():
     assert found.radius_rms_m < 2.0
 
 
-def test_one_command_flies_a_fleet_its_page_shows_all_members_and_each_replays_byte_for_byte(
-    request, tmp_path
-):
+def test_fleet_command_flies_shows_and_replays(request, tmp_path):
     """The page is examined if there is a browser."""
     folder = tmp_path / "fleet"
     options = (
@@ -200,7 +193,7 @@ def test_one_command_flies_a_fleet_its_page_shows_all_members_and_each_replays_b
         assert json.loads((member / "summary.json").read_text())["desired_radius_m"] == 30.0
 
 
-def test_a_flight_of_one_vehicle_imports_nothing_of_the_fleet_but_its_keys(tmp_path):
+def test_single_flight_imports_only_fleet_keys(tmp_path):
     modules = "[name for name in sys.modules if name.startswith('circnav_mav.extras.fleet.')]"
     script = f"import atexit, sys\natexit.register(lambda: print(sorted({modules})))\n{UNDRAWN}"
     flown = python(

@@ -35,7 +35,7 @@ def spacing(member=1):
 
 @pytest.mark.parametrize("drift", [(0.0, 0.0), (5.0, 0.0), (-4.0, 7.0)])
 @pytest.mark.parametrize("sense", [1, -1])
-def test_the_temporal_phase_of_a_constant_airspeed_grows_steadily_in_any_wind(drift, sense):
+def test_temporal_phase_grows_steadily_in_wind(drift, sense):
     speed = 15.0
     radius = 100.0
     dt = 0.01
@@ -56,7 +56,7 @@ def test_the_temporal_phase_of_a_constant_airspeed_grows_steadily_in_any_wind(dr
     assert np.abs(np.unwrap(found) - grown).max() < 1e-3
 
 
-def test_the_drifts_of_two_members_are_fused_without_counting_what_they_share_twice():
+def test_fused_drifts_count_shared_information_once():
     good_east = Drift((5.0, 0.0), (0.01, 0.0, 4.0))
     good_north = Drift((9.0, 2.0), (4.0, 0.0, 0.01))
     fused = intersected(good_east, good_north)
@@ -68,7 +68,7 @@ def test_the_drifts_of_two_members_are_fused_without_counting_what_they_share_tw
 # --- slots ---
 
 
-def test_the_slots_do_not_depend_on_where_the_ring_is_cut():
+def test_slots_are_independent_of_start_of_ring():
     rng = np.random.default_rng(1)
     phases = dict(enumerate(rng.uniform(0, LAP, 7), 1))
     errors = slot_errors(phases)
@@ -80,27 +80,27 @@ def test_the_slots_do_not_depend_on_where_the_ring_is_cut():
     assert sum(errors.values()) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_two_members_at_one_place_keep_one_order_whatever_the_noise():
+def test_close_members_keep_their_order():
     for noise in (-0.02, 0.0, 0.02):
         errors = slot_errors({1: 1.0, 2: 1.0 + noise, 3: 3.0})
         assert errors[1] < errors[2]
 
 
-def test_a_silent_member_is_extrapolated_and_after_10_s_no_longer_counted():
+def test_silent_member_is_extrapolated_for_ten_seconds():
     one = spacing()
     one.take([report(2, 1.0), report(3, 3.0, stamp=8.0)])
     assert one.phases(4.0)[2] == pytest.approx(1.0 + LAP * 4.0 / 40.0)
     assert set(one.phases(SILENT + 0.1)) == {3}
 
 
-def test_members_that_are_unsure_leaving_joining_or_turn_the_other_way_are_not_counted():
+def test_unsuitable_members_are_not_counted():
     one = spacing()
     one.take([report(2, 1.0), report(3, 2.0, sigma=1.2), report(4, 3.0, state=State.LEAVING)])
     one.take([report(5, 4.0, state=State.PHASE_KNOWN), report(6, 5.0, sense=-1)])
     assert set(one.phases(0.0)) == {2}
 
 
-def test_who_joins_an_even_ring_waits_in_the_outer_lane_for_a_gap():
+def test_joining_member_waits_in_outer_lane():
     one = spacing(9)
     one.take([report(member, LAP * member / 5) for member in range(5)])
     beside = one.step(0.0, OwnState(LAP / 5 + 0.1, 0.01, 125.0))
@@ -110,7 +110,7 @@ def test_who_joins_an_even_ring_waits_in_the_outer_lane_for_a_gap():
     assert abs(between.offset) < 20.0
 
 
-def test_who_shares_the_layer_of_a_member_with_priority_stays_in_the_outer_lane_even_with_room():
+def test_shared_layer_keeps_member_in_outer_lane():
     one = spacing(9)
     one.take([report(1, 1.0)])
     shares = one.step(0.0, OwnState(4.0, 0.01, 100.0, shares_layer=True))
@@ -120,7 +120,7 @@ def test_who_shares_the_layer_of_a_member_with_priority_stays_in_the_outer_lane_
     assert one.step(0.2, OwnState(4.0, 0.01, 100.0, shares_layer=True)).state is State.ON_CIRCLE
 
 
-def test_a_member_alone_flies_the_circle_of_its_mission_at_its_speed():
+def test_single_member_flies_circle_of_its_mission():
     one = spacing()
     one.trim = 0.05
     for step in range(3000):
@@ -133,13 +133,13 @@ def test_a_member_alone_flies_the_circle_of_its_mission_at_its_speed():
 
 
 @pytest.mark.parametrize(("n", "seconds"), [(3, 75.0), (10, 80.0)])
-def test_members_from_one_place_are_even_within_the_time_that_physics_allow(n, seconds):
+def test_members_become_even_in_time(n, seconds):
     errors = Fleet(World(n=n)).fly(160).gap_errors()
     assert time_to_even(errors) < seconds
     assert rms(errors[-400:]) < 2.0
 
 
-def test_a_third_of_the_speed_as_wind_and_few_reports_with_30_percent_loss_change_little():
+def test_wind_and_lost_reports_change_little():
     errors = Fleet(World(drift=(5.0, 0.0), loss=0.3, report_every=1.0)).fly(180).gap_errors()
     assert time_to_even(errors) < 90.0
     assert rms(errors[-400:]) < 3.5
@@ -151,18 +151,18 @@ def test_different_airspeeds_leave_no_lasting_error():
     assert rms(errors[-400:]) < 2.5
 
 
-def test_the_error_of_the_compasses_is_the_floor():
+def test_compass_errors_limit_the_evenness():
     biases = radians(2.0) * np.array([1.0, -1.0, 0.5, -0.5, 1.0, 0.0])
     errors = Fleet(World(compass=list(biases))).fly(180).gap_errors()
     assert rms(errors[-400:]) == pytest.approx(4.0, abs=1.2)
 
 
-def test_after_one_has_left_the_others_are_even_again_in_80_s():
+def test_remaining_members_become_even_again():
     fleet = Fleet(World(leaves={2: 150.0})).fly(260)
     assert time_to_even(fleet.gap_errors(), since=131.0 + 2 * STEP) < 80.0
 
 
-def test_a_member_that_joins_waits_outside_and_then_all_are_even_within_80_s():
+def test_joining_member_becomes_even_from_outside():
     fleet = Fleet(World(joins={5: 110.0})).fly(250)
     entered = next(k for k, ring in enumerate(fleet.ring) if all(ring)) * STEP
     waited = np.array(fleet.radii)[round(125.0 / STEP) : round(entered / STEP), 5]
@@ -170,7 +170,7 @@ def test_a_member_that_joins_waits_outside_and_then_all_are_even_within_80_s():
     assert time_to_even(fleet.gap_errors(), since=entered) < 80.0
 
 
-def test_copters_space_themselves_by_speed_and_keep_their_radius():
+def test_copters_adjust_speed_and_keep_radius():
     fleet = Fleet(World(n=4, speed=5.0, radius=30.0, by_speed=True)).fly(160)
     assert time_to_even(fleet.gap_errors()) < 128.0
     assert np.std(np.array(fleet.radii)[-400:]) < 1.0

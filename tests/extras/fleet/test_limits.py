@@ -25,7 +25,7 @@ def lines(*overrides, name="arduplane"):
     return {line.subject: line for line in check_fleet(mission(*overrides, name=name))}
 
 
-def test_check_names_size_evenness_and_ranging_rate():
+def test_check_reports_size_evenness_and_ranging_rate():
     found = lines("vehicle.speed_mps=15", "orbit.radius_m=100")
     assert (
         "6 members; a radius of 100 m takes at most 13, because of compass errors"
@@ -36,23 +36,21 @@ def test_check_names_size_evenness_and_ranging_rate():
     assert all(line.grade is Grade.PASS for line in found.values())
 
 
-def test_too_many_members_another_law_and_no_room_beside_the_circle_are_refused():
+def test_impossible_fleets_are_refused():
     assert lines("fleet.size=40")["fleet size"].grade is Grade.FAIL
     assert lines('guidance.law="smooth"')["fleet"].grade is Grade.FAIL
     assert lines("bounds.min_range_m=149.5")["fleet evenness"].grade is Grade.FAIL
     assert lines("fleet.size=20")["fleet ranging"].grade is Grade.WARN
 
 
-def test_a_vehicle_of_constant_airspeed_is_spaced_by_radius_and_a_copter_by_speed():
+def test_planes_adjust_radius_and_copters_speed():
     plane = spacing_settings(mission(), 1)
     copter = spacing_settings(mission(name="arducopter"), 1)
     assert (plane.by_speed, plane.trims_speed, copter.by_speed) == (False, False, True)
     assert spacing_settings(mission("bounds.min_range_m=140"), 1).most == pytest.approx(9 / 150)
 
 
-def test_a_flight_does_not_start_with_a_taken_id_or_layer_but_with_a_wrong_clock_elsewhere(
-    monkeypatch,
-):
+def test_flight_needs_free_id_and_layer(monkeypatch):
     own = mission("orbit.height_above_target_m=60")
     other = MemberReport(
         0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.01, 40.0, 100.0, 75.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0)
@@ -75,7 +73,7 @@ def test_a_flight_does_not_start_with_a_taken_id_or_layer_but_with_a_wrong_clock
         listening.refuse_taken(own, table_of(own))
 
 
-def test_layers_below_15_m_are_refused_with_the_key():
+def test_layers_below_15_m_are_refused():
     with pytest.raises(MissionError, match=r"fleet\.layer_m: must be at least 15, not 5"):
         mission("fleet.layer_m=5.0")
 
@@ -97,9 +95,7 @@ def test_layers_below_15_m_are_refused_with_the_key():
         (75.0, {Rejection.MALFORMED: 9}, ["fleet link: frames are not complete"], []),
     ],
 )
-def test_preflight_refuses_a_taken_id_or_layer_and_clocks_that_disagree(
-    height, rejected, problems, failed
-):
+def test_preflight_refuses_id_layer_and_clock_conflicts(height, rejected, problems, failed):
     given = mission()
     other = MemberReport(
         0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.1, 40.0, 150.0, height, -1, (0.0, 0.0), (1.0, 0.0, 1.0)

@@ -39,7 +39,7 @@ class HandedBack(Surveyed):
             self.given.append((self.now, frame))
             self.vehicle.receive(frame)
 
-    def fly(self, until: float, watch=None) -> "HandedBack":  # type: ignore[no-untyped-def, override]
+    def fly(self, until, watch=None):  # type: ignore[no-untyped-def, override]
         """Fly on after the end of guidance while the hand-back is busy."""
         assert self.companion is not None
         while self.now < until and (not self.pilot.done or self.companion.busy):

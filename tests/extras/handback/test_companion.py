@@ -43,17 +43,17 @@ class Beside:
     def steps(self, seconds, *others, called_off=False):
         """Return the messages of the hand-back while GPS and estimator report a lost position.
         others: further messages of the vehicle."""
-        said = []
+        sent_messages = []
         for _ in range(round(seconds / 0.05)):
             self.rig.run(0.05)
             lost = (mavlink.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 1, 1, 0, 0, 9),
                     mavlink.MAVLink_ekf_status_report_message(0x12F, 0, 0, 0, 0, 0, 0))  # fmt: skip
             frames = [self.rig.vehicle.say(message) for message in (*lost, *others)]
             step = LoopStep(self.rig.now, received=[(VEHICLE, "vehicle", frames)])
-            said += self.onlookers.on_step(None, step, None, called_off=called_off)
+            sent_messages += self.onlookers.on_step(None, step, None, called_off=called_off)
         return [
             message
-            for frame in said
+            for frame in sent_messages
             for message in decode(frame)
             if message.get_srcComponent() == COMPONENT
         ]
@@ -70,7 +70,7 @@ def lost(monkeypatch):
     return beside
 
 
-def test_compass_bias_is_learnt_once_a_position_while_a_range_is_fresh(monkeypatch):
+def test_compass_bias_is_learned_with_fresh_ranges(monkeypatch):
     beside = Beside(monkeypatch)
     now = beside.rig.now
     learnt = []
@@ -93,7 +93,7 @@ def test_compass_bias_is_learnt_once_a_position_while_a_range_is_fresh(monkeypat
 
 
 @pytest.mark.parametrize("broken", ["_say", "_range"])
-def test_a_survey_that_fails_leaves_the_hand_back_alone(lost, monkeypatch, broken):
+def test_failing_survey_does_not_affect_handback(lost, monkeypatch, broken):
     monkeypatch.setattr(lost.locator, broken, lambda *given: 1 / 0)
     given = [one for one in lost.steps(6.0) if one.get_type() == "COMMAND_INT"]
     assert given and lost.companion.handback.begun
@@ -103,9 +103,7 @@ def test_a_survey_that_fails_leaves_the_hand_back_alone(lost, monkeypatch, broke
 @pytest.mark.parametrize(
     ("fix", "is_given"), [(3, False), (1, True)], ids=["has a fix", "has none"]
 )
-def test_a_vehicle_with_two_receivers_is_given_nothing_while_the_second_has_a_fix(
-    lost, fix, is_given
-):
+def test_second_gps_with_fix_stops_positions(lost, fix, is_given):
     second = mavlink.MAVLink_gps2_raw_message(
         0, fix, 473_000_000, 85_000_000, 0, 1, 1, 0, 0, 9, 0, 0
     )
@@ -114,7 +112,7 @@ def test_a_vehicle_with_two_receivers_is_given_nothing_while_the_second_has_a_fi
 
 
 @pytest.mark.parametrize("how", ["the position is back", "a signal"])
-def test_streams_are_given_back_when_the_hand_back_ends_that_outlasts_guidance(monkeypatch, how):
+def test_streams_are_returned_at_end_of_handback(monkeypatch, how):
     beside = Beside(monkeypatch, Rig(exit="stop"))
     beside.steps(3.0)
     beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
@@ -122,21 +120,23 @@ def test_streams_are_given_back_when_the_hand_back_ends_that_outlasts_guidance(m
     assert beside.rig.pilot.done and beside.onlookers.busy
     back = mavlink.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 1, 1, 0, 0, 9)
     others = [back] if how == "the position is back" else []
-    said = []
+    sent_messages = []
     while beside.onlookers.busy and beside.rig.now < 30.0:
-        said += beside.steps(0.05, *others, called_off=how == "a signal")
-    restored = [one.param1 for one in said if one.get_type() == "COMMAND_LONG" and one.param2 == 0]
+        sent_messages += beside.steps(0.05, *others, called_off=how == "a signal")
+    restored = [
+        one.param1 for one in sent_messages if one.get_type() == "COMMAND_LONG" and one.param2 == 0
+    ]
     assert {int(ident) for ident in restored} >= {*STREAMS, *AFTER}
 
 
-def test_a_hand_back_that_fails_ends(lost, monkeypatch):
+def test_failing_handback_ends(lost, monkeypatch):
     lost.steps(0.1)
     monkeypatch.setattr(lost.companion, "step", lambda now: 1 / 0)
     assert lost.steps(1.0) == [] and not lost.onlookers.busy
     assert [one.partition(" at ")[0] for one in lost.onlookers.problems] == ["hand-back: stopped"]
 
 
-def test_what_moves_a_vehicle_cannot_leave_the_hand_back(lost):
+def test_handback_cannot_send_setpoints(lost):
     for message in (
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
         mavlink.MAVLink_command_long_message(
@@ -147,7 +147,7 @@ def test_what_moves_a_vehicle_cannot_leave_the_hand_back(lost):
             lost.companion._encode(message)
 
 
-def test_the_verdict_names_the_positions_sent_and_accepted(lost):
+def test_verdict_counts_positions(lost):
     summary = {"notes": []}
     assert lost.onlooker.finish(summary) == {} and summary["notes"] == []
     given = [one for one in lost.steps(6.0) if one.get_type() == "COMMAND_INT"]

@@ -37,7 +37,7 @@ def own_error(flown):
     return hypot(*flown.vehicle._flight.position_error)
 
 
-def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_ended_and_no_byte_of_ours_changes():
+def test_positions_keep_autopilot_located_without_changing_guidance():
     """The autopilot drifts at 1 m/s in each axis. Without help it would be off by about 45 m after
     45 s. The positions leave beside the output of pilot and survey."""
     errors: list[tuple[float, float]] = []
@@ -46,23 +46,19 @@ def test_an_autopilot_without_gps_is_kept_where_it_is_also_after_guidance_has_en
     flown.solve_every = 10.0
     flown.fly(END, lambda one: errors.append((one.now, own_error(one))))
     given = commands(flown)
-    assert given[0][0] == pytest.approx(LOST_AT + 12.0, abs=1.0), "not when the estimator says so"
+    assert given[0][0] == pytest.approx(LOST_AT + 12.0, abs=1.0)
     assert len(given) >= 8 and flown.pilot.done
     late = sorted(error for time, error in errors if time > LOST_AT + 15)
     assert late[len(late) // 2] < 10.0 and late[-1] < 25.0
     (_, first), back = given[0], flown.companion.handback
     assert first.frame == mavlink.MAV_FRAME_GLOBAL and first.z != first.z and first.param3 >= 1.0
-    assert all(0 <= one.param2 < 0.15 for _, one in given), (
-        "the estimate is not as old as it is told"
-    )
-    assert flown.locator.job(END + 100.0) is None, (
-        "the place is estimated again without a new position"
-    )
+    assert all(0 <= one.param2 < 0.15 for _, one in given)
+    assert flown.locator.job(END + 100.0) is None
     assert back.plain() == {"sent": len(given), "accepted": len(given), "ended": "going on"}
-    assert given[-1][0] > flown.sent[-1][0] + 5.0, "it ended with guidance"
-    said = [message for _, message in flown.given_messages]
-    assert {one.get_type() for one in said} == SENT_TYPES and {
-        one.command for one in said
+    assert given[-1][0] > flown.sent[-1][0] + 5.0
+    values = [message for _, message in flown.given_messages]
+    assert {one.get_type() for one in values} == SENT_TYPES and {
+        one.command for one in values
     } == COMMANDS
     assert flown.sent == flight("arduplane", *GPS_LOST, law="auto").fly(END).sent
 
@@ -83,11 +79,11 @@ def lost_early(kind, law, until, **settings):
     return flown.fly(until)
 
 
-def test_without_hand_back_the_same_autopilot_drifts_away():
+def test_autopilot_without_handback_drifts_away():
     assert own_error(lost_early(surveyed, "smooth", 45.0)) > 30.0
 
 
-def test_a_place_that_the_mission_gives_needs_no_surveyed_one():
+def test_given_place_replaces_the_survey():
     flown = lost_early(handed_back, "auto", 70.0, place=to_degrees(0.0, 0.0))
     assert commands(flown)[0][0] < 45.0
     assert own_error(flown) < 10.0
@@ -114,7 +110,7 @@ def give(goods, result, off=0.0, until=1e9):
     return back, times
 
 
-def test_nothing_is_given_while_there_is_a_position_or_nobody_says_so_and_no_more_once_it_is_back():
+def test_positions_are_sent_only_while_lost():
     back, times = give(
         [True] * 50 + [False] * 40 + [None] * 100 + [True] * 100, mavlink.MAV_RESULT_ACCEPTED
     )
@@ -122,7 +118,7 @@ def test_nothing_is_given_while_there_is_a_position_or_nobody_says_so_and_no_mor
     assert back.ended == "the autopilot has a position again"
 
 
-def test_the_alarm_does_not_say_that_a_position_is_given_when_none_is():
+def test_alarm_distinguishes_sent_and_missing_positions():
     assert give([False] * 100, mavlink.MAV_RESULT_ACCEPTED)[0].words.startswith(
         "autopilot lost its position, sent"
     )
@@ -145,41 +141,30 @@ PX4_FUSES = 0x33F
 counts as valid."""
 
 
-@pytest.mark.parametrize(
-    ("said", "good"),
-    [
-        ({GPS: 1, EKF: RECKONS}, False),
-        ({GPS: 1, EKF: CONSTANT}, False),
-        ({GPS: 1, EKF: RECKONS | 0x10}, True),
-        ({GPS: 1, GPS2: 3, EKF: RECKONS}, True),
-        ({GPS: 3, EKF: RECKONS}, True),
-        ({GPS: 1, GPS2: 0, ESTIMATOR: PX4_RECKONS}, False),
-        ({GPS: 1, ESTIMATOR: PX4_FUSES}, True),
-        ({GPS: 1}, None),
-        ({EKF: RECKONS}, None),
-    ],
-    ids=[
-        "dead reckoning",
-        "at rest",
-        "vision or beacons",
-        "a second GPS",
-        "a fix",
-        "PX4, dead reckoning",
-        "PX4, auxiliary position",
-        "estimator not heard",
-        "GPS not heard",
-    ],
-)
-def test_a_position_is_lost_only_where_receivers_and_estimator_both_say_so(said, good):
+LOST = {
+    "dead reckoning": ({GPS: 1, EKF: RECKONS}, False),
+    "at rest": ({GPS: 1, EKF: CONSTANT}, False),
+    "vision or beacons": ({GPS: 1, EKF: RECKONS | 0x10}, True),
+    "second GPS": ({GPS: 1, GPS2: 3, EKF: RECKONS}, True),
+    "fix": ({GPS: 3, EKF: RECKONS}, True),
+    "PX4, dead reckoning": ({GPS: 1, GPS2: 0, ESTIMATOR: PX4_RECKONS}, False),
+    "PX4, auxiliary position": ({GPS: 1, ESTIMATOR: PX4_FUSES}, True),
+    "no estimator": ({GPS: 1}, None),
+    "no GPS": ({EKF: RECKONS}, None),
+}
+
+
+@pytest.mark.parametrize(("values", "good"), LOST.values(), ids=LOST)
+def test_position_loss_needs_receivers_and_estimator(values, good):
     health = Health()
-    for ident, value in said.items():
+    for ident, value in values.items():
         message = mavlink.mavlink_map[ident]
         fields = {
             name: value if name in ("fix_type", "flags") else 0 for name in message.fieldnames
         }
         health.on_message(message(**fields), 10.0)
     assert health.good(12.0) is good
-    assert health.good(13.1) is None, "an old word counts"
+    assert health.good(13.1) is None
 
 
 def reckoned(received):
@@ -194,7 +179,7 @@ def reckoned(received):
     return reckoning.where
 
 
-def test_dead_reckoning_goes_on_through_the_air_with_the_wind_learnt_before():
+def test_dead_reckoning_uses_airspeed_and_learned_wind():
     """The compass bias was not estimated: 0.09 rad of 20 m/s, and 0.3 m/s of wind."""
     here = reckoned(lambda now: True)
     assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
@@ -204,7 +189,7 @@ def test_dead_reckoning_goes_on_through_the_air_with_the_wind_learnt_before():
     )
 
 
-def test_a_gap_in_attitude_or_airspeed_costs_certainty_and_not_the_place():
+def test_motion_gap_costs_certainty_but_no_position():
     """Without reports for 3 s, it may have turned anywhere."""
     here = reckoned(lambda now: not 20 < now < 23)
     assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
@@ -213,7 +198,7 @@ def test_a_gap_in_attitude_or_airspeed_costs_certainty_and_not_the_place():
     )
 
 
-def test_a_slow_tick_costs_certainty_and_not_the_place():
+def test_slow_tick_costs_certainty_but_no_position():
     reckoning = DeadReckoning()
     reckoning.where = PositionEstimate(0.0, 0.0, 0.0, 3.0, 0j, 1.0, True)
     reckoning.step(2.0, OwnMotion(2.0, 0.0, 0.0, 20.0), None, None)
@@ -240,7 +225,7 @@ def late(*results, delay):
     return back, times
 
 
-def test_an_autopilot_that_answers_in_progress_is_waited_for_and_one_that_stays_so_is_left_alone():
+def test_in_progress_answers_are_waited_for():
     progress = mavlink.MAV_RESULT_IN_PROGRESS
     accepted = mavlink.MAV_RESULT_ACCEPTED
     back, times = late(progress, accepted, delay=0.2)
@@ -248,7 +233,7 @@ def test_an_autopilot_that_answers_in_progress_is_waited_for_and_one_that_stays_
     assert len(late(progress, delay=0.2)[1]) == 3
 
 
-def test_an_answer_that_comes_late_is_that_to_the_position_given_before_it():
+def test_late_answers_match_their_positions():
     """The second position is sent when all answers to the first may have arrived."""
     back, times = late(mavlink.MAV_RESULT_DENIED, delay=2.5)
     assert len(times) == 1 and back.given[0].answer == "denied" and back.over
@@ -256,7 +241,7 @@ def test_an_answer_that_comes_late_is_that_to_the_position_given_before_it():
     assert np.diff(times).min() > 3.5 and {one.answer for one in back.given[:-1]} == {"accepted"}
 
 
-def test_the_newest_positions_are_kept_and_all_of_them_counted(monkeypatch):
+def test_newest_positions_are_kept_and_all_counted(monkeypatch):
     monkeypatch.setattr("circnav_mav.extras.handback.handback.MOST_GIVEN", 5)
     back, times = late(mavlink.MAV_RESULT_ACCEPTED, delay=0.2)
     assert [one.time for one in back.given] == times[-5:] and len(times) > 20
@@ -277,7 +262,7 @@ def by_ranges(time, east, north, drift=5 + 0j, sigma=2.0, r=None):
     )
 
 
-def told(estimates, reckoning=None):
+def reckoned_by(estimates, reckoning=None):
     """Dead reckoning of a vehicle that flies north at 20 m/s through the air, with ten estimates a
     second."""
     reckoning = reckoning or DeadReckoning()
@@ -287,12 +272,12 @@ def told(estimates, reckoning=None):
     return reckoning
 
 
-def test_straight_away_from_the_target_the_bearing_is_that_by_the_wind_of_the_circle_at_the_distance_measured():
+def test_bearing_away_from_target_follows_learned_wind():
     """Away from the circle the filter assumes the gust of the last moment, 2 m/s to the east, with
     a large sigma. The vehicle moves at 21 m/s over ground, which only ranges show."""
-    reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
+    reckoning = reckoned_by(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
     away = [(30 + t, 5 * t, 150 + 21 * t) for t in np.arange(1, 601) / 10]
-    told(
+    reckoned_by(
         (
             by_ranges(t, e + 2 * (t - 30), n, 7 + 0j, 2 + 1.5 * (t - 30), hypot(e, n))
             for t, e, n in away
@@ -305,16 +290,16 @@ def test_straight_away_from_the_target_the_bearing_is_that_by_the_wind_of_the_ci
         hypot(5 * t, 150 + 21 * t), abs=0.1
     )
     assert (here.east, here.north) == pytest.approx((5 * t, 150 + 21 * t), abs=15.0)
-    assert here.wind == pytest.approx(5 + 0j, abs=0.1), "it has learnt from what nobody measured"
-    told([by_ranges(90.0 + t, 0.0, 0.0, r=0.0) for t in np.arange(1, 601) / 10], reckoning)
+    assert here.wind == pytest.approx(5 + 0j, abs=0.1)
+    reckoned_by([by_ranges(90.0 + t, 0.0, 0.0, r=0.0) for t in np.arange(1, 601) / 10], reckoning)
     assert (reckoning.where.east - here.east, reckoning.where.north - here.north) == pytest.approx(
         (300, 1200), abs=10
     )
 
 
-def test_another_wind_counts_within_a_quarter_of_a_minute_and_a_gust_does_not():
+def test_changed_wind_counts_and_gusts_do_not():
     def circled(*drifts):
-        return told(
+        return reckoned_by(
             by_ranges(t, 0.0, 150.0, drift)
             for t, drift in zip(np.arange(1, 2000) / 10, drifts, strict=False)
         )
@@ -325,17 +310,17 @@ def test_another_wind_counts_within_a_quarter_of_a_minute_and_a_gust_does_not():
     assert abs(circled(*old, *new[:60]).where.wind - 5) < 1.5
 
 
-def test_while_the_filter_and_the_way_flown_tell_two_places_the_filter_is_believed():
+def test_filter_outweighs_dead_reckoning_on_conflict():
     """Its standard deviation grows when the wind changes, but dead reckoning uses the old wind."""
-    reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
+    reckoning = reckoned_by(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
     for t in np.arange(301, 401) / 10:
-        here = told([by_ranges(t, 0.0, 150.0, 5 + 20j, 8.0)], reckoning).where
+        here = reckoned_by([by_ranges(t, 0.0, 150.0, 5 + 20j, 8.0)], reckoning).where
         assert hypot(here.east, here.north - 150.0) < 3 * 8.0 + 3.0
 
 
-def test_a_distance_that_cannot_be_moves_nothing():
-    reckoning = told(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
-    told(
+def test_impossible_distance_moves_nothing():
+    reckoning = reckoned_by(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
+    reckoned_by(
         (by_ranges(t, 0.0, 150.0, sigma=900.0, r=2000.0) for t in np.arange(301, 311) / 10),
         reckoning,
     )
@@ -352,6 +337,6 @@ def test_a_distance_that_cannot_be_moves_nothing():
     ],
     ids=["unknown", "denied", "not understood", "accepted without effect, as where DCM flies"],
 )
-def test_an_autopilot_that_helps_itself_no_further_is_left_alone(result, off, times, ended):
+def test_refusing_autopilot_gets_no_more_positions(result, off, times, ended):
     back, given = give([False] * 600, result, off=off)
     assert len(given) == times and back.over and back.ended.startswith(ended)

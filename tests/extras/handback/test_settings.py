@@ -19,29 +19,31 @@ def mission(*overrides):
     return parse_mission(TEXT, "m.toml", overrides)
 
 
-def test_a_place_of_the_target_is_given_whole():
+def test_place_needs_both_coordinates():
     with pytest.raises(MissionError, match="one of latitude_deg and longitude_deg is missing"):
         mission("handback.latitude_deg=47.3")
     given = mission(*ON, "handback.latitude_deg=47.3", "handback.longitude_deg=8.5")
     assert handback_settings(given).place == (47.3, 8.5)
 
 
-def test_the_hand_back_needs_the_survey():
-    for keys, said in (
+def test_handback_needs_the_survey():
+    for keys, problems in (
         (ON[:1], ["handback.enabled = true needs the survey, set locate.enabled = true"]),
         (ON, []),
     ):
         lines = [line for line in check_mission(mission(*keys)) if line.subject == "handback"]
-        assert [line.text for line in lines] == said and all(line.grade is FAIL for line in lines)
+        assert [line.text for line in lines] == problems and all(
+            line.grade is FAIL for line in lines
+        )
 
 
 @pytest.mark.parametrize(("ours", "component"), [(191, 193), (192, 193), (193, 191), (194, 191)])
-def test_the_hand_back_sends_as_a_companion_of_its_own(ours, component):
+def test_handback_has_its_own_component_id(ours, component):
     assert handback_settings(mission(*ON, f"link.component_id={ours}")).component == component
     assert handback_settings(mission()) is None
 
 
-def test_the_hand_back_is_opened_after_the_survey():
+def test_handback_is_opened_after_the_survey():
     flown = mission(*ON)
     with ExitStack() as open_things:
         opened = open_onlookers(

@@ -22,11 +22,11 @@ COMPONENT = 194
 
 @dataclass
 class Surveyed(Flight):
-    """A flight with its survey. said: (time, frame) sent by the survey. solve_from: time of the
-    first solution, s."""
+    """A flight with its survey. survey_frames: (time, frame) sent by the survey. solve_from: time
+    of the first solution, s."""
 
     locator: Locator | None = None
-    said: list[tuple[float, bytes]] = field(default_factory=list)
+    survey_frames: list[tuple[float, bytes]] = field(default_factory=list)
     solve_from: float = 0.0
     solve_every: float = 1.0
     _solve_at: float = 0.0
@@ -44,7 +44,7 @@ class Surveyed(Flight):
             self._solve_at = self.now + self.solve_every
             locator.found(locate(*job))
         for frame in locator.step(self.now):
-            self.said.append((self.now, frame))
+            self.survey_frames.append((self.now, frame))
             self.vehicle.receive(frame)
 
     def solve(self) -> Place | NotLocated:
@@ -61,7 +61,7 @@ class Surveyed(Flight):
         parser = mavlink.MAVLink(None)
         return [
             (time, message)
-            for time, frame in self.said
+            for time, frame in self.survey_frames
             for message in parser.parse_buffer(frame) or ()
         ]
 
@@ -99,9 +99,9 @@ class Taped(Surveyed):
                 log.write(round((1.75e9 + time) * 1e6).to_bytes(8, "big") + frame)
 
 
-def taped(mission: str, *overrides: str) -> Taped:
+def taped(mission: str, *overrides: str, law: str | None = None) -> Taped:
     """Return a flight of a file in config/ that can be written as a log."""
-    flown = surveyed(mission, *overrides)
+    flown = surveyed(mission, *overrides, law=law)
     return Taped(flown.pilot, flown.vehicle, locator=flown.locator)
 
 

@@ -32,7 +32,8 @@ TOPICS = {
     "distance_sensor": (
         "QfffffbB2x",
         "uint64_t timestamp;float min_distance;float max_distance;"
-        "float current_distance;float variance;float h_fov;int8_t signal_quality;uint8_t orientation;"
+        "float current_distance;float variance;float h_fov;int8_t signal_quality;"
+        "uint8_t orientation;"
         "uint8_t[2] _padding0;",
     ),
     "ranging_beacon": (
@@ -106,6 +107,7 @@ def write_tlog(
     """Write a tlog of (time, system, component, message)."""
     with file.open("wb") as log:
         for time, system, component, message in sorted(records, key=lambda record: record[0]):
-            frame = message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=component))  # type: ignore[attr-defined]
+            sender = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+            frame = message.pack(sender)  # type: ignore[attr-defined]
             log.write(round((zero + time) * 1e6).to_bytes(8, "big") + frame)
     return file

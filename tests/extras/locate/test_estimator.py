@@ -17,7 +17,7 @@ def found(track, ranges, known=KNOWN):
     return place
 
 
-def test_with_perfect_positions_one_lap_tells_the_place_as_well_as_its_geometry_allows():
+def test_perfect_positions_reach_the_geometric_bound():
     """The bound with all ranges is 0.053 m (1 sigma per axis). The estimator takes half of them
     here: 0.075 m."""
     errors = []
@@ -28,7 +28,7 @@ def test_with_perfect_positions_one_lap_tells_the_place_as_well_as_its_geometry_
     assert np.sqrt(np.mean(np.square(errors))) < 0.11
 
 
-def test_the_covariance_is_honest_where_the_gps_wanders():
+def test_covariance_is_consistent_with_gps_error():
     """For chi-squared with two degrees of freedom, 95 % of the values are below 5.99 and half are
     above 1.39."""
     squares = []
@@ -41,7 +41,7 @@ def test_the_covariance_is_honest_where_the_gps_wanders():
     assert 0.7 < np.median(squares) < 2.5
 
 
-def test_height_is_not_claimed_on_one_circle_and_known_after_two():
+def test_height_needs_two_circles():
     one = circles((100.0,), bias=1.5, gps=0.0, laps=2)
     two = circles((100.0, 60.0), bias=1.5, gps=0.0, laps=2)
     known = replace(KNOWN, gps_sigma=0.01)
@@ -53,7 +53,7 @@ def test_height_is_not_claimed_on_one_circle_and_known_after_two():
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_a_moving_target_gets_its_velocity_and_a_standing_one_none(seed):
+def test_moving_target_has_velocity(seed):
     track, ranges, target = circles(seed=seed, velocity=(2.5, -1.5), laps=2)
     place = found(track, ranges)
     assert place.moves and hypot(place.velocity[0] - 2.5, place.velocity[1] + 1.5) < 0.3
@@ -61,14 +61,14 @@ def test_a_moving_target_gets_its_velocity_and_a_standing_one_none(seed):
     assert not found(*circles(seed=seed, laps=2)[:2]).moves
 
 
-def test_outliers_are_left_out_and_counted():
+def test_outliers_are_rejected_and_counted():
     track, ranges, target = circles(outliers=0.2)
     place = found(track, ranges)
     assert hypot(place.east - target[0], place.north - target[1]) < 3 * place.sigma
     assert place.outliers == pytest.approx(0.2 * (place.used + place.outliers), rel=0.3)
 
 
-def test_a_straight_track_fits_two_places_and_so_tells_none():
+def test_straight_track_gives_no_place():
     t = np.arange(0, 40, 0.1)
     east = 15.0 * t
     ranges = Ranges(t, np.hypot(east - 300, 120.0), np.full(len(t), 0.5))
@@ -78,7 +78,7 @@ def test_a_straight_track_fits_two_places_and_so_tells_none():
     assert isinstance(answer, NotLocated) and "turn" in answer.why
 
 
-def test_a_radio_whose_error_wanders_makes_the_place_less_certain_than_a_white_one():
+def test_slow_radio_error_increases_the_covariance():
     track, ranges, _ = circles(gps=0.0, laps=3)
     rng = np.random.default_rng(3)
     drift = [0.0]

@@ -22,21 +22,21 @@ def test_every_range_of_a_datagram_counts():
     rig = Rig()
     locator = beside(rig)
 
-    def hear(*messages):
+    def receive(*messages):
         rig.pilot.receive(b"".join(map(rig.vehicle.say, messages)), rig.now, "vehicle", VEHICLE)
         locator.on_frames(VEHICLE, "vehicle", rig.pilot.take_frames(), rig.now)
 
     rig.run(3.0)
-    hear()
+    receive()
     before = len(locator._ranges)
     stamp = 1_000_000 + round(rig.now * 1000)
     rig.pass_time(0.3)
-    hear(*(scattering(15_000, stamp + 100 * number) for number in range(1, 4)))
+    receive(*(scattering(15_000, stamp + 100 * number) for number in range(1, 4)))
     assert len(locator._ranges) == before + 3
 
 
 @pytest.mark.parametrize("broken", ["job", "_say"])
-def test_a_survey_that_fails_is_an_alarm_in_flight(monkeypatch, broken):
+def test_failing_survey_raises_an_alarm(monkeypatch, broken):
     answer = Future()
     answer.set_exception(RuntimeError("the process is gone"))
     pool = SimpleNamespace(submit=lambda *job: answer, shutdown=lambda **how: None)

@@ -38,7 +38,7 @@ LAYOUT = "<QfiifB"
 frame."""
 
 
-def test_the_plane_agrees_with_the_emulators_own_geodesy_within_centimetres():
+def test_plane_agrees_with_emulator_geodesy():
     plane = Plane(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
     for north, east in ((0.0, 3000.0), (-3000.0, 0.0), (2000.0, -2000.0)):
         assert plane.to_metres(*to_degrees(north, east)) == pytest.approx((east, north), abs=0.05)
@@ -47,7 +47,7 @@ def test_the_plane_agrees_with_the_emulators_own_geodesy_within_centimetres():
         )
 
 
-def test_a_plane_beside_the_date_line_goes_on_across_it():
+def test_plane_continues_across_the_date_line():
     plane = Plane(0.0, 179.9999)
     _, longitude = plane.to_degrees(100.0, 0.0)
     assert longitude == pytest.approx(-179.9992, abs=1e-4)
@@ -57,7 +57,7 @@ def test_a_plane_beside_the_date_line_goes_on_across_it():
 @pytest.mark.parametrize(
     ("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)]
 )
-def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction, sign):
+def test_orbit_status_matches_its_wire_layout(direction, sign):
     """Layout of QGroundControl's Vehicle.cc: radius positive clockwise, x, y degrees * 1e7 as
     int32, z meters, frame MAV_FRAME_GLOBAL (0). MAVLink 2 omits this zero byte at the end of a
     payload."""
@@ -77,7 +77,7 @@ def test_the_orbit_status_is_what_a_c_decoder_reads_from_the_wire(direction, sig
     assert (x / 1e7, y / 1e7) == HERE
 
 
-def test_the_ellipse_has_its_long_axis_along_the_larger_error():
+def test_ellipse_follows_the_covariance():
     """Covariance diag(9, 1) of east and north: 2.4477 times 3 and 1 m, the long axis due east."""
     ellipse = PLACE.ellipse
     assert (ellipse.major, ellipse.minor, ellipse.azimuth) == pytest.approx(
@@ -90,7 +90,7 @@ def test_the_ellipse_has_its_long_axis_along_the_larger_error():
     assert np.abs(corners).max(axis=0) == pytest.approx([7.343, 2.448], abs=0.01)
 
 
-def test_geojson_is_valid_with_longitude_first_and_a_closed_ring_that_runs_left_round():
+def test_geojson_is_valid():
     """RFC 7946, sections 3.1.1, 3.1.6."""
     table = geojson.loads(export.geojson({"target": PLACE}, [(-35.0, 149.0), (-35.001, 149.001)]))
     assert isinstance(table, geojson.FeatureCollection) and table.is_valid, table.errors()
@@ -101,7 +101,7 @@ def test_geojson_is_valid_with_longitude_first_and_a_closed_ring_that_runs_left_
     assert track == {"type": "LineString", "coordinates": [[149.0, -35.0], [149.001, -35.001]]}
 
 
-def test_kml_is_xml_with_longitude_first():
+def test_kml_is_valid():
     names = {"k": "http://www.opengis.net/kml/2.2"}
     text = Xml.fromstring(export.kml({"a <b> \x1b\x00": PLACE})).findtext(
         ".//k:Point/k:coordinates", "", names

@@ -33,17 +33,17 @@ NOTHING = {"place": None}
         ),
     ],
 )
-def test_the_verdict_tells(found, words):
+def test_verdict_contains_place_and_warnings(found, words):
     (line,) = verdict_lines(NOTHING | found)
     assert words in line
 
 
-def test_the_verdict_keeps_silent_of_what_was_not():
+def test_verdict_omits_missing_results():
     assert verdict_lines(NOTHING | {"radius_alarm": None}) == []
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_a_surveyed_place_is_a_map_in_the_page(circnav, run):
+def test_report_contains_map_of_the_target(circnav, run):
     place = PLACE | {
         "latitude_deg": -35.36,
         "longitude_deg": 149.16,
@@ -65,12 +65,8 @@ def test_a_surveyed_place_is_a_map_in_the_page(circnav, run):
 
 
 @pytest.mark.usefixtures("no_pictures")
-@pytest.mark.parametrize(
-    "changed",
-    [{}, {"place": None}],
-    ids=str,
-)  # fmt: skip
-def test_a_summary_with_a_value_of_another_kind_is_told_without_a_map(circnav, run, changed):
+@pytest.mark.parametrize("changed", [{}, {"place": None}], ids=str)
+def test_report_without_place_has_no_map(circnav, run, changed):
     (run / "summary.json").write_text(json.dumps(changed))
     (run / "target.geojson").write_text("{}")
     assert "left out" not in circnav("report", run).done
@@ -78,9 +74,7 @@ def test_a_summary_with_a_value_of_another_kind_is_told_without_a_map(circnav, r
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_map_of_the_target_that_cannot_be_written_is_told_and_counts_as_not_recorded(
-    circnav, tmp_path
-):
+def test_unwritable_map_is_reported(circnav, tmp_path):
     (tmp_path / "run" / "target.geojson").mkdir(parents=True)
     surveyed = ("--set", "locate.enabled=true", "--set", 'guidance.law="smooth"', "--duration", 45)
     ran = circnav("fly", "quickstart", *surveyed, "--out", tmp_path / "run")

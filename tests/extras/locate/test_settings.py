@@ -9,7 +9,7 @@ def mission(*overrides):
     return parse_mission(TEXT, "m.toml", overrides)
 
 
-def test_the_survey_sends_as_a_companion_of_its_own():
+def test_survey_has_its_own_component_id():
     assert locate_settings(mission()) is None
     assert locate_settings(mission("locate.enabled=true")).component == 194
     assert locate_settings(mission("locate.enabled=true", "link.component_id=194")).component == 193

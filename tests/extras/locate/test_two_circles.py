@@ -9,7 +9,7 @@ ON_CIRCLE = ("sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_d
 SURVEYED = (*ON_CIRCLE, "sim.sensors.gps_error_m=0.02", "sim.ranging.bias_m=1.5")
 
 
-def test_height_and_bias_are_known_after_the_second_circle_and_not_after_the_first():
+def test_second_circle_separates_height_and_bias():
     """The target is at 584 m above the sea, 30 m below the vehicle. All ranges are 1.5 m too
     long."""
     flown = surveyed(*("quickstart", *SURVEYED), law="feedforward", gps_sigma=0.02)

@@ -53,7 +53,7 @@ def circles(
     r = np.array(far)
     there = np.array(target) + np.outer(t, velocity)
     true = there + np.column_stack([r * np.cos(angle), r * np.sin(angle)])
-    told = true + (gps_error(t, rng, gps) if gps else 0.0)
+    measured = true + (gps_error(t, rng, gps) if gps else 0.0)
     slant = (
         np.sqrt(((true - there) ** 2).sum(axis=1) + height**2) + bias + rng.normal(0, noise, len(t))
     )
@@ -61,7 +61,10 @@ def circles(
     slant[far_off] += rng.uniform(10, 60, far_off.sum())
     shown = slice(None, None, 2)
     track = Track(
-        t[shown] + delay, told[shown, 0], told[shown, 1], np.full(len(t[shown]), 400.0 + height)
+        t[shown] + delay,
+        measured[shown, 0],
+        measured[shown, 1],
+        np.full(len(t[shown]), 400.0 + height),
     )
     inside = t <= t[shown][-1]
     return track, Ranges(t[inside], slant[inside], np.full(inside.sum(), noise)), there[inside][-1]

@@ -15,7 +15,6 @@ from circnav_mav.extras.paper.paper import (
     study,
     table,
 )
-from tests.command_line import ended
 
 STARTS = random_starts(60, 3)
 
@@ -29,7 +28,7 @@ def studied():
     ("number", "radius", "within", "median"),
     [(1, 10.98684113, 1e-4, 28), (2, 10.0, 1e-4, 30), (3, 10.0, 1e-3, 42)],
 )
-def test_every_start_reaches_the_papers_radius_clockwise(studied, number, radius, within, median):
+def test_every_start_reaches_the_papers_radius(studied, number, radius, within, median):
     found, _ = studied[number]
     assert found.reached == pytest.approx((radius, radius), abs=within)
     assert found.example.predicted == pytest.approx(radius, abs=1e-7)
@@ -39,9 +38,7 @@ def test_every_start_reaches_the_papers_radius_clockwise(studied, number, radius
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
-def test_the_lemmas_hold_along_every_track_and_a_negative_gain_flies_the_mirror_image(
-    studied, number
-):
+def test_lemmas_hold_and_negative_gain_mirrors(studied, number):
     found, _ = studied[number]
     assert found.most_entries <= 1
     assert 0 <= found.bearings[0] <= found.bearings[1] <= np.pi
@@ -50,7 +47,7 @@ def test_the_lemmas_hold_along_every_track_and_a_negative_gain_flies_the_mirror_
     assert found.mirrored_counterclockwise == 40
 
 
-def test_an_arc_is_exact():
+def test_arc_is_exact():
     """A quarter of a circle of radius 2, to the left: from the origin heading right to (2, 2)
     heading up."""
     x, y, heading = arc(np.zeros(1), np.zeros(1), np.zeros(1), 1.0, np.array([0.5]), np.pi)
@@ -59,7 +56,7 @@ def test_an_arc_is_exact():
     assert (x[0], y[0], heading[0]) == (6.0, 0.0, 0.0)
 
 
-def test_the_lyapunov_functions_integral_is_that_of_the_paper():
+def test_lyapunov_integral_matches_the_paper():
     """Closed form against the trapezoidal rule; zero at r_a with theta_b = pi/2."""
     r_d = 10.0
     r_a = 10.98684113
@@ -71,19 +68,19 @@ def test_the_lyapunov_functions_integral_is_that_of_the_paper():
     assert found == pytest.approx([0.0, by_hand], abs=1e-7)
 
 
-def test_entries_are_counted_by_hand():
+def test_entries_are_counted():
     assert list(
         entries(np.array([[12.0, 9.0], [9.0, 9.0], [12.0, 12.0], [9.0, 12.0], [10.2, 12.0]]), R_D)
     ) == [2, 1]
 
 
-def test_the_table_shows_another_gain_with_its_own_radius():
+def test_another_gain_has_its_own_radius():
     found, _ = study(Example(1, "smooth", 0.02, R_D), random_starts(5, 1), 100.0)
     assert found.reached == pytest.approx((found.example.predicted,) * 2, abs=0.01)
     assert f"| {found.example.predicted:.5f} m" in table([found])
 
 
-def test_the_paper_is_six_figures_and_a_table(circnav, tmp_path):
+def test_paper_command_writes_six_figures_and_table(circnav, tmp_path):
     assert "10.98684 m" in circnav("paper", "--out", tmp_path / "paper", "--starts", "1").done
     names = {path.name for path in (tmp_path / "paper").iterdir()}
     assert all(
@@ -94,19 +91,9 @@ def test_the_paper_is_six_figures_and_a_table(circnav, tmp_path):
     } | {"table.md"}
 
 
-def test_wrong_usage_is_refused_and_nothing_is_written(circnav, mission):
+def test_wrong_usage_is_refused_and_writes_nothing(circnav, mission):
     assert circnav("paper", "--out", "mission.toml").refused == "mission.toml: File exists"
     assert circnav("paper", "--starts", "1", "--out=").refused == "--out: is empty, give it a name"
     for option in ("--starts=0", "--seed=-1"):
         assert circnav("paper", option).code == 2
     assert list(mission.parent.iterdir()) == [mission]
-
-
-def test_a_picture_that_finds_no_room_leaves_the_older_one_as_it_is(tmp_path):
-    (tmp_path / "p").mkdir()
-    (tmp_path / "p" / "example_1_track.png").write_text("older")
-    ran = ended(tmp_path, "paper --starts 1 --out p", limit="-f 10")
-    assert (ran.returncode, ran.stderr) == (2, "circnav: p/example_1_track.png: File too large\n")
-    assert [(path.name, path.read_text()) for path in (tmp_path / "p").iterdir()] == [
-        ("example_1_track.png", "older")
-    ]

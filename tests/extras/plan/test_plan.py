@@ -18,9 +18,7 @@ SITES = {
 
 
 @pytest.mark.parametrize("vehicle", SITES)
-def test_the_recommended_mission_passes_check_and_the_table_fits_a_terminal(
-    vehicle, circnav, tmp_path
-):
+def test_recommended_mission_passes_check(vehicle, circnav, tmp_path):
     mission = tmp_path / "my.toml"
     picture = tmp_path / "plan.png"
     ran = circnav("plan", vehicle, *SITES[vehicle], "--out", str(picture), "--write", str(mission))
@@ -46,12 +44,12 @@ def test_the_recommended_mission_passes_check_and_the_table_fits_a_terminal(
         (("--smallest", "300", "--largest", "200"), "larger than --largest"),
     ],
 )
-def test_an_impossible_site_is_refused_in_one_line(options, words, circnav):
+def test_impossible_site_is_refused(options, words, circnav):
     ran = circnav("plan", "plane", *options)
     assert ran.code == 2 and words in ran.err and ran.err.count("\n") == 1
 
 
-def test_a_mission_that_exists_is_never_overwritten(circnav, tmp_path):
+def test_existing_mission_is_not_overwritten(circnav, tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text("mine")
     assert circnav("plan", "rover", "--write", str(file)).code == 2
@@ -61,11 +59,11 @@ def test_a_mission_that_exists_is_never_overwritten(circnav, tmp_path):
 @pytest.mark.parametrize(
     "name, flown", [("arduplane", 0.162), ("arducopter", 0.064), ("ardurover", 0.049)]
 )
-def test_the_expected_radius_error_in_calm_air_is_that_of_the_emulator(name, flown):
+def test_expected_radius_error_matches_emulator(name, flown):
     assert radius_rms(load_mission(bundled("mission", name)), 0.0) == pytest.approx(flown, rel=0.3)
 
 
-def test_noise_and_gusts_increase_the_expected_radius_error():
+def test_noise_and_gusts_increase_expected_error():
     path = bundled("mission", "arduplane")
     calm = load_mission(path)
     noisy = load_mission(path, ["ranging.sigma_m=2.0"])
@@ -73,7 +71,7 @@ def test_noise_and_gusts_increase_the_expected_radius_error():
     assert radius_rms(calm, 0.0) < radius_rms(calm, 0.5) < radius_rms(calm, 1.0)
 
 
-def test_a_faster_copter_gets_a_turn_rate_that_its_acceleration_allows(circnav, tmp_path):
+def test_faster_copter_gets_lower_turn_rate(circnav, tmp_path):
     file = tmp_path / "my.toml"
     assert circnav("plan", "copter", "--speed", "7", "--write", str(file)).code == 0
     # 1.1 times 2.5 m/s^2 at 7 m/s: 22.5 deg/s

@@ -27,7 +27,7 @@ def ranges(readings) -> dict[int, float]:
 
 
 @pytest.mark.parametrize("frame", LINKTRACK, ids=["node 2", "node 3", "aoa 0"])
-def test_linktrack_reads_what_the_manufacturers_own_parser_reads(frame):
+def test_linktrack_matches_the_manufacturers_parser(frame):
     expected, stamp = LINKTRACK[frame]
     readings = LinkTrack().receive(frame, 0.0)
     assert ranges(readings) == pytest.approx(expected)
@@ -35,7 +35,7 @@ def test_linktrack_reads_what_the_manufacturers_own_parser_reads(frame):
     assert {one.sigma for one in readings} == {None}
 
 
-def test_dwm1001_reads_the_lines_of_the_manual_and_guesses_no_anchor_whose_piece_of_the_line_is_missing():
+def test_dwm1001_reads_complete_lines_only():
     driver = Dwm1001()
     driver.receive(b"dwm> \r\n", 0.0)
     for line, expected in DWM1001.items():
@@ -56,7 +56,7 @@ def test_dwm1001_reads_the_lines_of_the_manual_and_guesses_no_anchor_whose_piece
         assert driver.receive(run_together, 0.3) == []
 
 
-def test_dwm1001_is_started_once_and_never_stopped_by_the_same_command():
+def test_dwm1001_is_started_once():
     asked = []
     driver = Dwm1001()
     for step in range(200):
@@ -87,7 +87,7 @@ LINES = {
 
 
 @pytest.mark.parametrize("line", LINES)
-def test_a_printed_range_is_read(line):
+def test_lines_driver_reads_printed_ranges(line):
     driver = Lines()
     driver.receive(b"time,id,range\n", 0.0)
     (one,) = driver.receive(line, 0.1)
@@ -111,7 +111,7 @@ def test_a_printed_range_is_read(line):
         b"\xff\xfe\x00",
     ],
 )
-def test_any_other_line_is_counted_and_nothing_else(line):
+def test_other_lines_are_counted(line):
     driver = Lines()
     driver.receive(b"\n", 0.0)
     found = driver.receive(line + b"\n5.0\n", 0.1)
@@ -119,12 +119,11 @@ def test_any_other_line_is_counted_and_nothing_else(line):
     assert driver.unread == (0 if len(found) > 1 else len(line))
 
 
-def test_the_end_of_a_line_whose_beginning_was_lost_is_no_range():
+def test_line_without_beginning_is_rejected():
     driver = Lines()
     assert driver.receive(b"3.4\n123.5\n12", 0.0) == Lines().receive(b"\n123.5\n", 0.0)
-    assert driver.receive(b"3.4\n123.6\n", 5.0) == Lines().receive(
-        b"\n123.6\n", 0.0
-    )  # the cable was out
+    # the cable was out
+    assert driver.receive(b"3.4\n123.6\n", 5.0) == Lines().receive(b"\n123.6\n", 0.0)
 
 
 STREAMS = {
@@ -137,7 +136,7 @@ STREAMS = {
 @pytest.mark.parametrize("make", STREAMS)
 @given(cuts=st.lists(st.integers(0, 700), max_size=12))
 @settings(max_examples=30, deadline=None)
-def test_every_way_to_cut_the_stream_gives_the_same_readings(make, cuts):
+def test_readings_are_independent_of_stream_cuts(make, cuts):
     stream = STREAMS[make]
     places = [0, *sorted(cuts), len(stream)]
     whole = make()
@@ -151,7 +150,7 @@ def test_every_way_to_cut_the_stream_gives_the_same_readings(make, cuts):
 
 @given(noise=st.binary(max_size=300), at=st.integers(0, 400))
 @settings(max_examples=100, deadline=None)
-def test_a_damaged_linktrack_frame_is_no_range_and_not_kept_and_the_next_are_read(noise, at):
+def test_damaged_linktrack_frame_is_rejected(noise, at):
     damaged = bytearray(NODE_FRAME_3)
     damaged[at % len(damaged)] ^= 0x41
     driver = LinkTrack()
@@ -167,7 +166,7 @@ def test_a_damaged_linktrack_frame_is_no_range_and_not_kept_and_the_next_are_rea
     assert len(driver.receive(AOA_NODE_FRAME_0 * 5, 0.0)) >= 16
 
 
-def test_a_driver_is_named_before_its_port():
+def test_driver_is_named_before_its_port():
     assert split_driver("linktrack:/dev/ttyUSB0") == ("linktrack", "/dev/ttyUSB0")
     assert split_driver("lines:udpin:0.0.0.0:5005") == ("lines", "udpin:0.0.0.0:5005")
     assert split_driver("udpin:0.0.0.0:5005") == (None, "udpin:0.0.0.0:5005")
@@ -177,5 +176,5 @@ def test_a_driver_is_named_before_its_port():
         make_driver("linktrak")
 
 
-def test_a_time_to_watch_that_is_no_number_is_exit_code_2(circnav):
+def test_watch_time_must_be_a_number(circnav):
     assert circnav("ranging", "watch", "lines:udpin:127.0.0.1:0", "--seconds", "nan").code == 2

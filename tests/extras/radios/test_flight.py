@@ -53,7 +53,7 @@ def radio_flight(folder, *overrides) -> RecordedFlight:
     return flight
 
 
-def test_the_named_beacon_is_circled_through_an_outage_and_replayed_exactly(tmp_path):
+def test_named_beacon_is_circled_and_replayed(tmp_path):
     flight = radio_flight(tmp_path, "ranging.beacon_id=3")
     assert flight.outcome.ending.value == "completed"
     run = open_run(tmp_path)
@@ -70,9 +70,9 @@ def test_the_named_beacon_is_circled_through_an_outage_and_replayed_exactly(tmp_
     assert done.identical
 
 
-def test_of_two_beacons_none_is_circled_until_one_is_named(tmp_path):
+def test_two_beacons_need_a_selection(tmp_path):
     pilot = radio_flight(tmp_path, "limits.duration_s=5", "link.wait_s=20").pilot
     assert pilot.mission.engaged_at is None
-    said = pilot.mission.outcome.reason
-    assert said.startswith("2 range sources: ") and "beacon_id 4 (33.3 m)" in said
-    assert said.endswith("select yours by ranging.beacon_id")
+    reason = pilot.mission.outcome.reason
+    assert reason.startswith("2 range sources: ") and "beacon_id 4 (33.3 m)" in reason
+    assert reason.endswith("select yours by ranging.beacon_id")

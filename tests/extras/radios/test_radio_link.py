@@ -38,7 +38,7 @@ class Radio:
         self.wire = Wire()
         self.link = RadioLink(name, driver, self.wire, datagrams=datagrams)
 
-    def hears(self, *data, now=0.0):
+    def readings(self, *data, now=0.0):
         """Receive bytes; return a message and its source for each reading."""
         self.wire.waiting = [(one, "/dev/ttyUSB0") for one in data]
         reader = mavlink.MAVLink(None)
@@ -47,27 +47,12 @@ class Radio:
         ]
 
 
-def test_a_reading_is_a_ranging_beacon_of_its_own_source():
+def test_reading_becomes_a_ranging_beacon():
     radio = Radio("linktrack", LinkTrack(), datagrams=False)
-    (first, source), *others = radio.hears(NODE_FRAME_2)
-    assert first.to_dict() | {"lat": 0, "lon": 0, "alt": 0} == {
-        "mavpackettype": "RANGING_BEACON",
-        "time_usec": 1926822000,
-        "target_system": 0,
-        "target_component": 0,
-        "beacon_id": 0,
-        "range": 3179,
-        "lat": 0,
-        "lon": 0,
-        "alt": 0,
-        "alt_type": 0,
-        "hacc_est": NONE,
-        "vacc_est": NONE,
-        "carrier_freq": 0,
-        "range_accuracy": NONE,
-        "sequence": 1,
-        "status": 0,
-    }
+    (first, source), *others = radio.readings(NODE_FRAME_2)
+    assert (first.get_type(), first.time_usec, first.beacon_id) == ("RANGING_BEACON", 1926822000, 0)
+    assert (first.range, first.range_accuracy, first.sequence, first.status) == (3179, NONE, 1, 0)
+    assert (first.target_system, first.target_component, first.hacc_est) == (0, 0, NONE)
     assert (first.get_srcSystem(), first.get_srcComponent(), source) == (
         1,
         192,
@@ -92,21 +77,20 @@ def test_a_reading_is_a_ranging_beacon_of_its_own_source():
         ("0,7,0,0", NONE, NONE, 0),
     ],
 )
-def test_only_numbers_that_are_ranges_pass_as_such(line, millimetres, sigma, stamp):
-    ((message, _),) = Radio("lines", Lines(), datagrams=True).hears(
-        line.encode()
-    )  # over UDP a line need not end
+def test_only_valid_numbers_become_ranges(line, millimetres, sigma, stamp):
+    # over UDP a line need not end
+    ((message, _),) = Radio("lines", Lines(), datagrams=True).readings(line.encode())
     assert (message.range, message.range_accuracy, message.time_usec) == (millimetres, sigma, stamp)
     assert math.isnan(message.alt)
 
 
-def test_a_wrong_baud_rate_is_said_in_one_line_and_heals_and_a_radio_that_sees_no_beacon_is_no_trouble():
+def test_wrong_baud_rate_is_reported_and_recovers():
     radio = Radio("linktrack", LinkTrack(), datagrams=False)
     wrong = "received bytes are no linktrack data: wrong baud rate, driver or output of the radio?"
 
     def ten_seconds(began, *data):
         """Return the numbers of readings in the steps, and the troubles so far."""
-        readings = {len(radio.hears(*data, now=began + 0.1 * step)) for step in range(100)}
+        readings = {len(radio.readings(*data, now=began + 0.1 * step)) for step in range(100)}
         return readings, dict(radio.link.troubles)
 
     assert ten_seconds(0.0) == ({0}, {})
@@ -114,7 +98,7 @@ def test_a_wrong_baud_rate_is_said_in_one_line_and_heals_and_a_radio_that_sees_n
     assert ten_seconds(20.0, NODE_FRAME_2 + bytes(40)) == ({4}, {wrong: 4})
 
 
-def test_what_a_driver_gives_that_is_no_range_costs_no_flight_and_the_list_of_its_errors_stays_short():
+def test_invalid_readings_are_reported_and_bounded():
     class Odd(Lines):
         def read_line(self, line):
             if line.isdecimal():
@@ -123,19 +107,19 @@ def test_what_a_driver_gives_that_is_no_range_costs_no_flight_and_the_list_of_it
             return [RadioReading(*odd[line]) if line in odd else (5.0, 3)]
 
     radio = Radio("odd", Odd(), datagrams=True)
-    assert [radio.hears(line) for line in (b"", b"text", b"part", b"far", b"pair")] == 5 * [[]]
+    assert [radio.readings(line) for line in (b"", b"text", b"part", b"far", b"pair")] == 5 * [[]]
     assert list(radio.link.troubles)[:3] == [
         "driver odd failed: TypeError(\"'12.5' is not a number\")",
         "driver odd failed: TypeError('beacon id 3.0 is not a whole number')",
         "driver odd failed: ValueError('beacon id 70000 is not 0 to 65535')",
     ]
     for number in range(1000):
-        radio.hears(str(number).encode(), now=float(number))
+        radio.readings(str(number).encode(), now=float(number))
     assert radio.link.troubles["driver odd failed with other errors"] == 1000
     assert len("".join(radio.link.troubles)) < 1000
 
 
-def test_a_driver_that_fails_at_every_call_is_called_once_a_second_and_recovers():
+def test_failing_driver_is_called_once_a_second():
     """With an error in its code, a driver once failed 30,513 times in a flight."""
 
     class Unfinished(Lines):
@@ -149,7 +133,7 @@ def test_a_driver_that_fails_at_every_call_is_called_once_a_second_and_recovers(
 
     radio = Radio("unfinished", driver := Unfinished(), datagrams=True)
     for step in range(1000):
-        assert radio.hears(b"5.0", now=0.1 * step) == []
+        assert radio.readings(b"5.0", now=0.1 * step) == []
     failed = "driver unfinished failed: AttributeError(\"'Unfinished' object has no attribute "
     counts = {words.removeprefix(failed): count for words, count in radio.link.troubles.items()}
     assert counts == {
@@ -157,10 +141,10 @@ def test_a_driver_that_fails_at_every_call_is_called_once_a_second_and_recovers(
         "'not_written_yet'\")": pytest.approx(109, abs=2),
     }
     driver.finished = True
-    assert [len(radio.hears(b"5.0", now=102.0 + 0.1 * step)) for step in range(5)] == 5 * [1]
+    assert [len(radio.readings(b"5.0", now=102.0 + 0.1 * step)) for step in range(5)] == 5 * [1]
 
 
-def test_a_question_that_fails_leaves_no_byte_unread_and_a_driver_that_exits_ends_no_flight():
+def test_failing_question_and_exit_end_no_flight():
     """Bytes that stay in the socket wake the loop at once: it ran 26,000 steps a second."""
 
     class Exiting(Lines):
@@ -171,8 +155,8 @@ def test_a_question_that_fails_leaves_no_byte_unread_and_a_driver_that_exits_end
             raise OSError("no port")
 
     radio = Radio("exiting", Exiting(), datagrams=True)
-    assert len(radio.hears(b"5.0")) == 1
-    assert len(radio.hears(b"gone", b"6.0")) == 1
+    assert len(radio.readings(b"5.0")) == 1
+    assert len(radio.readings(b"gone", b"6.0")) == 1
     assert dict(radio.link.troubles) == {
         "driver exiting failed: OSError('no port')": 2,
         "driver exiting failed: SystemExit('no radio')": 1,
@@ -197,7 +181,7 @@ class KeyMissing(Bare):
 
 
 @pytest.mark.parametrize(
-    ("driver", "said"),
+    ("driver", "error"),
     [
         ("Bare", "TypeError('its baud is missing or not int')"),
         ("Exits", "SystemExit('no radio here')"),
@@ -205,16 +189,16 @@ class KeyMissing(Bare):
         ("Absent", "has no attribute 'Absent'"),
     ],
 )
-def test_a_driver_that_does_not_start_or_is_incomplete_is_one_line(monkeypatch, driver, said):
+def test_incomplete_driver_is_refused(monkeypatch, driver, error):
     point = EntryPoint("mine", f"{__name__}:{driver}", "circnav.ranging")
     monkeypatch.setattr("circnav_mav.mav.ranging.driver.entry_points", lambda group: [point])
     with pytest.raises(LinkError) as refused:
         open_radio("mine:udpin:127.0.0.1:0")
     assert f"driver 'mine' of {__name__}:{driver} does not load: " in str(refused.value)
-    assert said in str(refused.value)
+    assert error in str(refused.value)
 
 
-def test_a_device_is_a_serial_line_at_the_speed_of_its_radio_and_one_that_cannot_be_opened_is_one_line():
+def test_device_gets_its_radios_baud_rate():
     for endpoint, port in (
         ("linktrack:/dev/ttyUSB0", "serial:/dev/ttyUSB0:921600"),
         ("dwm1001:/dev/ttyACM0", "serial:/dev/ttyACM0:115200"),
@@ -227,7 +211,7 @@ def test_a_device_is_a_serial_line_at_the_speed_of_its_radio_and_one_that_cannot
         ),
     ):
         assert radio_port(endpoint)[2] == port
-    for endpoint, said in (
+    for endpoint, error in (
         ("linktrak:/dev/ttyUSB0", "no driver 'linktrak'; there are dwm1001, lines, linktrack"),
         ("linktrack:/dev/ttyUSB77", "no such device"),
         (
@@ -238,5 +222,5 @@ def test_a_device_is_a_serial_line_at_the_speed_of_its_radio_and_one_that_cannot
     ):
         with pytest.raises(LinkError) as refused:
             open_radio(endpoint)
-        assert said in str(refused.value)
+        assert error in str(refused.value)
         assert "\n" not in str(refused.value)

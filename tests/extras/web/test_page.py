@@ -17,20 +17,20 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 @pytest.mark.parametrize("options", ["mission.toml --web eighty", "mission.toml --web 65536",
                                      "--web mission.toml mission.toml"])  # fmt: skip
-def test_what_is_no_port_is_one_line_and_nothing_is_written(circnav, mission, options):
+def test_invalid_port_is_refused(circnav, mission, options):
     line = circnav("fly", *options.split()).refused
     port = options.partition("--web ")[2].split()[0]
     assert line == f"--web {port}: is not a port; write: circnav fly MISSION --web [PORT]"
     assert list(mission.parent.iterdir()) == [mission]
 
 
-def test_the_address_of_the_page_is_told_before_the_flight(circnav, mission):
+def test_page_address_is_printed_before_the_flight(circnav, mission):
     ran = circnav("fly", mission, "--web", 0)
     assert (ran.code, ran.err) == (3, "")
     assert re.search(r"live page at http://127\.0\.0\.1:\d+/\n", ran.out)
 
 
-def test_over_ssh_the_command_for_a_tunnel_is_printed(circnav, mission, monkeypatch):
+def test_ssh_session_gets_the_tunnel_command(circnav, mission, monkeypatch):
     monkeypatch.setenv("SSH_CONNECTION", "10.0.0.2 50000 192.168.2.2 22")
     monkeypatch.setenv("LOGNAME", "pi")
     ran = circnav("fly", mission, "--web", 0)
@@ -39,7 +39,7 @@ def test_over_ssh_the_command_for_a_tunnel_is_printed(circnav, mission, monkeypa
     )
 
 
-def test_a_port_in_use_is_refused_before_anything_flies(circnav, mission, tmp_path):
+def test_port_in_use_is_refused_before_flight(circnav, mission, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         line = circnav("fly", mission, "--web", port, "--out", tmp_path / "out").refused
@@ -53,7 +53,7 @@ DESIRED_ON_TOP = """
 [...document.querySelectorAll("#track circle.level, #track path.line")].at(-1).matches("circle")"""
 
 
-def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tmp_path):
+def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
     """A radio that is silent for 2 s gives one alarm, even if the number in its text changes."""
     silent = 'sim.events=[{at_s=7.0, action="mute_ranging"}, {at_s=9.0, action="unmute_ranging"}]'
     options = (
@@ -69,8 +69,8 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tm
         silent,
     )
     with process_of("fly", "quickstart", *options) as flown:
-        said = next(line for line in flown.stdout if line.startswith("live page at "))
-        browser.open(said.split()[-1])
+        address = next(line for line in flown.stdout if line.startswith("live page at "))
+        browser.open(address.split()[-1])
         browser.until("document.getElementById('phase').innerText.toLowerCase() === 'engaged'")
         browser.until("document.querySelectorAll('#charts svg.strip').length === 7")
         browser.until("points.length > 20 && document.querySelector('#track path.line.true')")
@@ -98,9 +98,9 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tm
         assert browser.value(
             "alarms.map(([, words]) => words.split(' ').slice(0, 2).join(' '))"
         ) == ["RANGE STALE"]
-        told = browser.value("document.getElementById('circle').innerText")
+        circle = browser.value("document.getElementById('circle').innerText")
         assert re.fullmatch(
-            r"100 m .*\. 2\d+-\d\d-\d\d \d\d:\d\d UTC\. ardupilot copter, firmware 4.6.3", told
+            r"100 m .*\. 2\d+-\d\d-\d\d \d\d:\d\d UTC\. ardupilot copter, firmware 4.6.3", circle
         )
         assert "waiting" not in browser.value("document.getElementById('figures').innerText"), (
             "nothing is waited for"
@@ -110,7 +110,7 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tm
         )
         flown.communicate(timeout=PATIENCE)
         # the flight is over: a reload works, and the report is one click away
-        browser.open(said.split()[-1])
+        browser.open(address.split()[-1])
         browser.until("document.querySelector('#report a')")
         assert browser.value("document.getElementById('outcome').innerText").startswith("COMPLETED")
         assert str(tmp_path / "run" / "report.html") in browser.value(
@@ -122,7 +122,7 @@ def test_a_browser_follows_a_flight_to_its_verdict_and_logs_no_error(browser, tm
     assert flown.returncode == 0
 
 
-def test_the_page_says_when_the_connection_is_lost(browser):
+def test_page_shows_lost_connection(browser):
     with closing(
         LivePage(flight("quickstart").pilot, Onlookers(), 0, name="small", tolerance=5.0, speed=1.0)
     ) as page:

@@ -37,9 +37,8 @@ def patient():
 
 
 def open_page(pilot, port=0, *, truth=False):
-    return LivePage(
-        pilot, Onlookers(), port, name="small", tolerance=5.0, speed=0.0, truth=truth
-    )  # every tick is sent
+    # every tick is sent
+    return LivePage(pilot, Onlookers(), port, name="small", tolerance=5.0, speed=0.0, truth=truth)
 
 
 @pytest.fixture
@@ -114,7 +113,7 @@ class Stream:
 # --- HTTP ---
 
 
-def test_the_page_is_served_whole_and_needs_no_other_host(idle):
+def test_page_is_served_without_other_hosts(idle):
     answer = ask(idle, "GET", "/")
     body = answer.read().decode()
     assert answer.status == 200
@@ -125,7 +124,7 @@ def test_the_page_is_served_whole_and_needs_no_other_host(idle):
     )
 
 
-def test_there_is_nothing_else_and_nothing_that_changes_anything_nor_under_another_name(idle):
+def test_server_offers_only_the_page(idle):
     for method, path in product(
         ("POST", "PUT", "DELETE", "PATCH", "OPTIONS"), ("/", "/events", "/report")
     ):
@@ -135,9 +134,7 @@ def test_there_is_nothing_else_and_nothing_that_changes_anything_nor_under_anoth
     assert ask(idle, "GET", "/events", Host="elsewhere.example").status == 400
 
 
-def test_connections_that_ask_for_nothing_keep_nobody_from_the_page_and_no_other_interface_is_bound(
-    idle,
-):
+def test_idle_connections_do_not_block_the_page(idle):
     with socket.socket() as other, pytest.raises(ConnectionRefusedError):
         other.connect(("127.0.0.2", address(idle)[1]))
     with ExitStack() as held:
@@ -150,7 +147,7 @@ def test_connections_that_ask_for_nothing_keep_nobody_from_the_page_and_no_other
 # --- the stream ---
 
 
-def test_a_browser_gets_what_was_what_is_and_the_verdict(flown, page, tmp_path):
+def test_browser_receives_history_state_and_verdict(flown, page, tmp_path):
     early = Stream(page)
     fly(flown, 8.0, page)
     early.until_tick(flown.ticks[-1].time)  # the server has it all
@@ -172,7 +169,7 @@ def test_a_browser_gets_what_was_what_is_and_the_verdict(flown, page, tmp_path):
 # --- after the flight ---
 
 
-def test_after_the_flight_the_page_can_be_reloaded_and_has_the_report(flown, page, tmp_path):
+def test_finished_page_reloads_with_report(flown, page, tmp_path):
     first = Stream(page)
     fly(flown, 6.0, page)
     page.show_verdict(VERDICT, tmp_path)
@@ -187,9 +184,7 @@ def test_after_the_flight_the_page_can_be_reloaded_and_has_the_report(flown, pag
     assert ask(page, "GET", "/report").read() == b"<p>flown</p>"
 
 
-def test_the_page_of_a_flight_that_is_over_ends_when_no_browser_shows_it(
-    flown, monkeypatch, tmp_path
-):
+def test_finished_page_ends_without_browser(flown, monkeypatch, tmp_path):
     monkeypatch.setattr(feed, "AWAY", 0.2)
     seen = open_page(flown.pilot)
     unseen = open_page(flown.pilot)
@@ -214,9 +209,7 @@ def ticks_alone():
     return flight("quickstart").fly(20.0).ticks
 
 
-def test_a_server_that_hangs_and_one_that_was_killed_cost_no_tick(
-    flown, page, ticks_alone, tmp_path
-):
+def test_blocked_server_costs_no_tick(flown, page, ticks_alone, tmp_path):
     def show(flown):
         page.on_step(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now), None)
 
@@ -229,7 +222,7 @@ def test_a_server_that_hangs_and_one_that_was_killed_cost_no_tick(
     assert flown.ticks == ticks_alone
 
 
-def test_a_browser_that_never_reads_holds_up_nobody(flown, page, ticks_alone, tmp_path):
+def test_slow_browser_blocks_nothing(flown, page, ticks_alone, tmp_path):
     with ExitStack() as stuck:
         for _ in range(5):
             browser = stuck.enter_context(socket.create_connection(address(page)))
@@ -255,22 +248,20 @@ def truth_frame(north, east):
 
 
 @pytest.mark.parametrize("bundled", [True, False], ids=["the bundled vehicle", "any other"])
-def test_the_truth_of_the_bundled_vehicle_alone_is_told_and_what_is_no_number_is_passed_over(
-    flown, monkeypatch, bundled
-):
+def test_truth_of_flown_vehicle_is_sent(flown, monkeypatch, bundled):
     assert [feed._plain(value) for value in (nan, inf, 1.000001)] == [None, None, 1.0]
-    told = []
+    queued = []
     good = truth_frame(30.0, 4.0)
     frames = [truth_frame(nan, 2.0), good, truth_frame(1.0, inf), truth_frame(-inf, 1.0)]
     flown.fly(8.0)
     with closing(open_page(flown.pilot, truth=bundled)) as page:
-        monkeypatch.setattr(page, "_queue_event", told.append)
+        monkeypatch.setattr(page, "_queue_event", queued.append)
         for frame in frames:
             page.on_step(
                 flown.ticks[-1], LoopStep(flown.now, received=[("main", "anybody", [frame])]), None
             )
     known = [(None, None), *[(4.0, 30.0)] * 3] if bundled else [(None, None)] * 4
-    assert [(what["east"], what["north"]) for what in told] == known
+    assert [(what["east"], what["north"]) for what in queued] == known
 
 
 # --- bounded ---
@@ -285,7 +276,7 @@ def history_of(many):
     return history
 
 
-def test_the_history_of_a_long_flight_is_bounded_and_spans_it_evenly_and_who_is_a_little_behind_gets_what_he_missed():
+def test_long_history_is_bounded():
     many = 4 * MOST_POINTS + 1000
     (event,) = history_of(many).since(None)
     begun = json.loads(event.partition("data: ")[2])
@@ -310,7 +301,7 @@ def test_the_history_of_a_long_flight_is_bounded_and_spans_it_evenly_and_who_is_
 # --- refusals ---
 
 
-def test_without_the_packages_the_command_that_brings_them_is_named(flown, monkeypatch):
+def test_missing_packages_are_named(flown, monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name: None if name == "uvicorn" else find(name)

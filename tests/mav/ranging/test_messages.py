@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from tests.mav.ranging.ear import Ear
+from tests.mav.ranging.receiver import Receiver
 from tests.rig import beacon, distance
 
 NONE = 2**32 - 1
@@ -31,17 +31,15 @@ def named(metres, name="RADIO"):
     return mavlink.MAVLink_named_value_float_message(501_000, name.encode(), metres)
 
 
-def test_the_messages_are_those_of_mavlink_and_their_longest_range_is_that_of_their_field():
+def test_ranging_messages_match_mavlink_definitions():
     for kind in RANGING_MESSAGES.values():
         assert mavlink.mavlink_map[kind.id].msgname == kind.type
         assert set(kind.marks) <= set(mavlink.mavlink_map[kind.id].fieldnames)
-    assert (
-        RANGING_MESSAGES["distance_sensor"].farthest == 655.34
-    )  # u16 centimeters; 65535 means none
-    assert (
-        RANGING_MESSAGES["ranging_beacon"].farthest == 4_294_967.0
-    )  # u32 millimeters; the largest value means none
-    other = Ear(BEACON)
+    # u16 centimeters; 65535 means none
+    assert RANGING_MESSAGES["distance_sensor"].farthest == 655.34
+    # u32 millimeters; the largest value means none
+    assert RANGING_MESSAGES["ranging_beacon"].farthest == 4_294_967.0
+    other = Receiver(BEACON)
     assert other.distance() is None
     assert other.rejected == {}
 
@@ -50,16 +48,10 @@ def test_the_messages_are_those_of_mavlink_and_their_longest_range_is_that_of_th
     ("settings", "message", "expected"),
     [
         (DISTANCE, sensor(12345, covariance=100), (123.45, 0.10, 501.0)),  # cm, cm^2, ms
-        (
-            DISTANCE,
-            sensor(12345, covariance=0),
-            (123.45, 0.5, 501.0),
-        ),  # ArduPilot always fills in 0: use the mission's
-        (
-            DISTANCE,
-            sensor(12345, covariance=255),
-            (123.45, 0.5, 501.0),
-        ),  # unknown, by the definition
+        # ArduPilot always fills in 0: use the mission's
+        (DISTANCE, sensor(12345, covariance=0), (123.45, 0.5, 501.0)),
+        # unknown, by the definition
+        (DISTANCE, sensor(12345, covariance=255), (123.45, 0.5, 501.0)),
         (BEACON, radio(1_234_567, range_accuracy=120), (1234.567, 0.120, 501.0)),  # mm, us
         (BEACON, radio(1_234_567, range_accuracy=0), (1234.567, 0.5, 501.0)),
         (BEACON, radio(1_234_567, range_accuracy=NONE), (1234.567, 0.5, 501.0)),
@@ -67,8 +59,8 @@ def test_the_messages_are_those_of_mavlink_and_their_longest_range_is_that_of_th
         (NAMED, named(321.5), (321.5, 0.5, 501.0)),  # m, ms
     ],
 )
-def test_it_counts_in_the_units_of_its_definition(settings, message, expected):
-    sample = Ear(settings).hear(message, 2.0)
+def test_ranging_messages_use_units_of_their_definition(settings, message, expected):
+    sample = Receiver(settings).receive(message, 2.0)
     assert (sample.r, sample.sigma, sample.stamp) == pytest.approx(expected, rel=1e-12)
     assert (sample.time, sample.source) == (2.0, message.get_type())
 
@@ -102,16 +94,14 @@ def test_it_counts_in_the_units_of_its_definition(settings, message, expected):
         (NAMED, named(1.001e6), "above_max"),
     ],
 )
-def test_a_range_within_its_limits_is_taken_and_another_rejected_by_its_reason(
-    settings, message, reason
-):
-    ear = Ear(settings)
-    assert (ear.hear(message) is None) == (reason is not None)
-    assert ear.rejected == ({reason: 1} if reason else {})
+def test_ranging_message_is_rejected_by_reason(settings, message, reason):
+    receiver = Receiver(settings)
+    assert (receiver.receive(message) is None) == (reason is not None)
+    assert receiver.rejected == ({reason: 1} if reason else {})
 
 
 @pytest.mark.parametrize(
-    ("wanted", "message", "taken"),
+    ("marks", "message", "accepted"),
     [
         ({"sensor_id": 2, "orientation": 24}, sensor(10000, id=2), True),
         ({"sensor_id": 2, "orientation": 24}, sensor(10000, id=3), False),
@@ -121,36 +111,31 @@ def test_a_range_within_its_limits_is_taken_and_another_rejected_by_its_reason(
         ({"sensor_id": 0, "orientation": 0}, sensor(10000, id=0, orientation=24), False),
         ({}, sensor(10000, orientation=25), None),  # downward: it measures height
         ({"orientation": 25}, sensor(10000, orientation=25), None),
-        (
-            {"name": "RADIO"},
-            named(100.0, "RADIO2"),
-            None,
-        ),  # the name distinguishes values of any kind
+        # the name distinguishes values of any kind
+        ({"name": "RADIO"}, named(100.0, "RADIO2"), None),
         ({"name": "R" * 10}, named(100.0, "R" * 10), True),
     ],
 )
-def test_it_is_picked_by_the_missions_marks_and_what_is_no_ranging_radio_at_all_is_not_even_counted(
-    wanted, message, taken
-):
-    ear = Ear(RangingSettings(message=message.get_type().lower(), **wanted))
-    assert (ear.hear(message) is not None) == bool(taken)
-    assert ear.rejected == ({"other_sensor": 1} if taken is False else {})
-    assert ear.reader.refused == 0, "another sensor is nobody's error"
+def test_ranging_message_is_selected_by_mission_marks(marks, message, accepted):
+    receiver = Receiver(RangingSettings(message=message.get_type().lower(), **marks))
+    assert (receiver.receive(message) is not None) == bool(accepted)
+    assert receiver.rejected == ({"other_sensor": 1} if accepted is False else {})
+    assert receiver.reader.refused == 0
 
 
-def test_a_repeated_sequence_is_a_repeated_measurement_whatever_its_stamp():
-    ear = Ear(BEACON)
+def test_repeated_beacon_sequence_is_rejected():
+    receiver = Receiver(BEACON)
     messages = [
         radio(100_000, 501_000_000 + 100_000 * i, number)
         for i, number in enumerate((255, 255, 0, 1))
     ]
-    assert [ear.hear(one, 1 + 0.1 * i) is not None for i, one in enumerate(messages)] == [
+    assert [receiver.receive(one, 1 + 0.1 * i) is not None for i, one in enumerate(messages)] == [
         True,
         False,
         True,
         True,
     ]
-    assert ear.rejected == {"repeat": 1}
+    assert receiver.rejected == {"repeat": 1}
 
 
 @given(
@@ -163,19 +148,19 @@ def test_a_repeated_sequence_is_a_repeated_measurement_whatever_its_stamp():
     way=st.integers(0, 255),
     height=st.floats(0, 700),
 )
-def test_whatever_a_sensor_says_a_sample_is_finite_and_positive(
+def test_distance_sensor_samples_are_finite_and_positive(
     cm, low, high, stamp, quality, covariance, way, height
 ):
-    ear = Ear(height=height)
+    receiver = Receiver(height=height)
     fields = {
         "min_distance": low,
         "max_distance": high,
         "signal_quality": quality,
         "covariance": covariance,
     }
-    sample = ear.distance(cm, stamp=stamp, orientation=way, **fields)
+    sample = receiver.distance(cm, stamp=stamp, orientation=way, **fields)
     if sample is None:
-        assert sum(ear.rejected.values()) == (way != 25)
+        assert sum(receiver.rejected.values()) == (way != 25)
     else:
         assert 0 < sample.r <= 655.34
         assert 0 < sample.sigma < math.inf
@@ -186,8 +171,8 @@ def test_whatever_a_sensor_says_a_sample_is_finite_and_positive(
         st.tuples(st.integers(0, NONE), st.integers(0, 2**64 - 1), st.integers(0, 255)), max_size=20
     )
 )
-def test_whatever_a_beacon_says_is_taken_or_counted_once(readings):
-    ear = Ear(BEACON)
-    samples = [ear.hear(radio(*reading), 1 + 0.1 * i) for i, reading in enumerate(readings)]
+def test_every_beacon_message_is_accepted_or_counted(readings):
+    receiver = Receiver(BEACON)
+    samples = [receiver.receive(radio(*reading), 1 + 0.1 * i) for i, reading in enumerate(readings)]
     assert all(sample is None or sample.time <= 1 + 0.1 * i for i, sample in enumerate(samples))
-    assert samples.count(None) == sum(ear.rejected.values())
+    assert samples.count(None) == sum(receiver.rejected.values())

@@ -30,20 +30,20 @@ class Pair:
             self.rates.range_taken(sample)
         return sample
 
-    def rate(self, value, now, stamp=None, speaker=RADIO):
-        message = self._named(b"RR", value, now, stamp, speaker)
+    def rate(self, value, now, stamp=None, sender=RADIO):
+        message = self._named(b"RR", value, now, stamp, sender)
         assert self.rates.carries(message)
         assert self.ranging.read(message, now) is None
         return self.rates.read(message, now, height=self.height)
 
-    def _named(self, name, value, now, stamp, speaker):
+    def _named(self, name, value, now, stamp, sender):
         stamp = round(1000 * now) + 500_000 if stamp is None else stamp
         message = mavlink.MAVLink_named_value_float_message(stamp % 2**32, name, value)
-        return speaker.message(message)
+        return sender.message(message)
 
 
 @pytest.mark.parametrize(("sign", "rate"), [("opening", -4.5), ("closing", 4.5)])
-def test_it_is_positive_away_from_the_target_whichever_way_the_radio_counts(sign, rate):
+def test_range_rate_sign_follows_mission(sign, rate):
     pair = Pair(rate_sign=sign)
     pair.range(100.0, 1.0)
     sample = pair.rate(-4.5, 1.01, stamp=501_000)
@@ -52,22 +52,22 @@ def test_it_is_positive_away_from_the_target_whichever_way_the_radio_counts(sign
     )
 
 
-def test_it_counts_only_from_the_sender_of_the_ranges_and_after_the_first_of_them():
+def test_range_rate_needs_the_sender_of_the_ranges():
     pair = Pair()
     assert pair.rate(1.0, 1.0) is None
     pair.range(100.0, 1.1)
     assert pair.rate(1.0, 1.2) is not None
-    assert pair.rate(1.0, 1.3, speaker=Voice(1, 1)) is None
+    assert pair.rate(1.0, 1.3, sender=Voice(1, 1)) is None
 
 
-def test_a_value_that_is_no_range_rate_of_this_vehicle_is_left_out():
+def test_impossible_range_rates_are_rejected():
     pair = Pair()
     pair.range(100.0, 1.0)
     assert [pair.rate(value, 1.0) for value in (math.nan, math.inf, 46.0, -46.0)] == [None] * 4
     assert pair.rate(3.0, 1.0) is not None
 
 
-def test_it_has_the_clock_of_the_ranges_old_and_repeated_ones_are_left_out():
+def test_old_and_repeated_range_rates_are_rejected():
     pair = Pair()
     pair.range(100.0, 1.0, stamp=2**32 - 50)
     assert pair.rate(1.0, 1.0, stamp=2**32 - 50) is not None
@@ -76,7 +76,7 @@ def test_it_has_the_clock_of_the_ranges_old_and_repeated_ones_are_left_out():
     assert pair.rate(1.0, 1.9, stamp=250) is None  # 0.6 s late
 
 
-def test_a_slant_range_rate_is_made_horizontal_as_its_range_is():
+def test_slant_range_rate_becomes_horizontal():
     """rho = sqrt(130^2 - 50^2) = 120 m. In level flight rho' is 130/120 of the slant rate."""
     pair = Pair(height=50.0)
     pair.range(130.0, 1.0)
@@ -84,12 +84,12 @@ def test_a_slant_range_rate_is_made_horizontal_as_its_range_is():
     assert (sample.r_dot, sample.sigma) == pytest.approx((-6.5, 0.3 * 130 / 120))
 
 
-def test_a_lie_is_left_out_and_named():
+def test_range_rate_of_opposite_sign_is_reported():
     pair = Pair()
-    said = []
+    samples = []
     for i in range(60):
         t = 1.0 + i / 10
         pair.range(400.0 - 10.0 * t, t)
-        said.append(pair.rate(10.0 + 0.01 * (i % 7), t))
-    assert said[0] is not None and said[-1] is None
+        samples.append(pair.rate(10.0 + 0.01 * (i % 7), t))
+    assert samples[0] is not None and samples[-1] is None
     assert "opposite sign: see ranging.rate_sign" in pair.rates.trouble

@@ -22,7 +22,8 @@ three terminals, 20 % of all datagrams lost, and an outage of one minute after t
   python -m tests.tools.fault_link --loss 0.2 --outage 120+60 \\
       --forward udpin:127.0.0.1:14551 --listen udpout:127.0.0.1:14550
   circnav fly arducopter --endpoint udpin:127.0.0.1:14550
-Configure your own vehicle to send to port 14551 instead of 14550. Ctrl-C ends it and prints the losses.
+Configure your own vehicle to send to port 14551 instead of 14550. Ctrl-C ends it and prints the
+losses.
 """
 RATE = click.FloatRange(0, 100_000, min_open=True)
 

@@ -40,10 +40,8 @@ class Proxy:
         started = time.monotonic()
         while not stopped():
             now = time.monotonic() - started
-            for (
-                direction,
-                wire,
-            ) in self._wires.items():  # datagrams from the application's port go up
+            # datagrams from the application's port go up
+            for direction, wire in self._wires.items():
                 for self._peers[direction], data in wire.receive():
                     self._link.push(direction, data, now)
             for way, data in self._link.intrusions(now):

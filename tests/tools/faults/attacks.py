@@ -2,7 +2,7 @@
 each.
 
 F23: unknown senders that receive all traffic of the link and send from their own address. A row
-says `address forged` if the attacker also forges the trusted address, which only signing stops.
+has `address forged` if the attacker also forges the trusted address, which only signing stops.
 Each row checks the setpoints and the alarms shown to the operator. docs/safety.md has the trust
 model.
 """
@@ -92,7 +92,7 @@ def heartbeat(course: Course, now: float, n: int) -> list[bytes]:
 def state(course: Course, now: float, n: int) -> list[bytes]:
     """Return reports of a reboot, a landing, an empty battery and sideways flight in the vehicle's
     name."""
-    said = (
+    messages = (
         mavlink.MAVLink_system_time_message(0, 5),
         mavlink.MAVLink_attitude_message(n, 1.0, 1.0, n % 3, 0, 0, 3.0),
         mavlink.MAVLink_vfr_hud_message(99.0, 99.0, n % 360, 50, 9000.0, 50.0),
@@ -100,17 +100,17 @@ def state(course: Course, now: float, n: int) -> list[bytes]:
         mavlink.MAVLink_extended_sys_state_message(0, 1),
         mavlink.MAVLink_statustext_message(2, ESCAPE),
     )
-    return [write(message, *VEHICLE, n & 255) for message in said]
+    return [write(message, *VEHICLE, n & 255) for message in messages]
 
 
 def answers(course: Course, now: float, n: int) -> list[bytes]:
     """Return forged answers to our requests: commands denied, and TIMESYNC answered impossibly
     early or hours late."""
     asked = [*course.pilot.session.timesync._asked]
-    said = [
+    messages = [
         write(mavlink.MAVLink_timesync_message(1 + n, stamp), *VEHICLE, n & 255) for stamp in asked
     ]
-    return said + [acknowledgement(number, 2, OURS) for number in (176, 511, 512)]
+    return messages + [acknowledgement(number, 2, OURS) for number in (176, 511, 512)]
 
 
 def in_our_name(course: Course, now: float, n: int) -> list[bytes]:
@@ -120,14 +120,14 @@ def in_our_name(course: Course, now: float, n: int) -> list[bytes]:
 def whole_vehicle(course: Course, now: float, n: int) -> list[bytes]:
     """Return the messages of a complete vehicle with its radio."""
     mode = course.pilot.session.adapter.guided_mode
-    said = (
+    messages = (
         mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3),
         mavlink.MAVLink_extended_sys_state_message(0, 2),
         mavlink.MAVLink_vfr_hud_message(15.0, 5.0, 0, 50, 15.0, 0.0),
         mavlink.MAVLink_attitude_message(round(1000 * now) + 900_000, 0, 0, 1.0, 0, 0, 0),
     )
     return [
-        *(write(message, *VEHICLE, n & 255) for message in said),
+        *(write(message, *VEHICLE, n & 255) for message in messages),
         *ranges(1.3, 0.0)(course, now, n),
     ]
 
@@ -135,11 +135,11 @@ def whole_vehicle(course: Course, now: float, n: int) -> list[bytes]:
 def twin_of_another_time(course: Course, now: float, n: int) -> list[bytes]:
     """Return messages of a vehicle with our vehicle's ids and mode, but another time since boot."""
     mode = course.pilot.session.adapter.guided_mode
-    said = (
+    messages = (
         mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3),
         mavlink.MAVLink_system_time_message(0, round(1000 * (now + 900.0))),
     )
-    return [write(message, *VEHICLE, n & 255) for message in said]
+    return [write(message, *VEHICLE, n & 255) for message in messages]
 
 
 def guided(course: Course, now: float, n: int, *, version_1: bool = False) -> list[bytes]:
@@ -260,7 +260,7 @@ IS_REJECTED = (
 )
 
 
-def said_again_after_a_restart(course: Course, seed: int) -> None:
+def replayed_after_a_restart(course: Course, seed: int) -> None:
     """Vehicle and radio are recorded for 20 s. Then circnav restarts, both are silent, and an
     attacker replays the record."""
     record: list[bytes] = []
@@ -323,8 +323,10 @@ def to_loiter(course: Course, seed: int) -> None:
 
 def no_raw_text(course: Course) -> str | None:
     """Return a fault unless all texts of the vehicle are safe to print on a terminal."""
-    said = course.pilot.session.texts
-    return None if said and all(map(str.isprintable, said)) else f"texts: {list(said)!r}"
+    messages = course.pilot.session.texts
+    return (
+        None if messages and all(map(str.isprintable, messages)) else f"texts: {list(messages)!r}"
+    )
 
 
 def escapes(course: Course, now: float, n: int) -> list[bytes]:
@@ -455,16 +457,10 @@ ATTACKS = [
         "FLOOD",
         keys=BOTH,
     ),
-    attack(
-        "a command to the autopilot",
-        to_loiter,
-        "",
-        want=Want.END,
-        reason="pilot or failsafe",
-    ),
+    attack("a command to the autopilot", to_loiter, "", want=Want.END, reason="pilot or failsafe"),
     attack(
         "all frames of before a restart of ours, link signed",
-        said_again_after_a_restart,
+        replayed_after_a_restart,
         "clock_behind frames refused",
         keys=BOTH,
         **{**HELD_BACK, "want": Want.ENGAGE, "check": None},

@@ -109,8 +109,8 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     backward = course.spy.backward
     _begin(course, scenario, seed)
     end = start + scenario.lasts
-    told = Told(course)
-    course.fly(end, told.look if scenario.reported else None)
+    shown_texts = ShownTexts(course)
+    course.fly(end, shown_texts.look if scenario.reported else None)
     _finish(course)
     last = course.errors(start, end)[-1:]
     course.way_home = abs(last[0][1]) * course.radius / course.allowed.speed if last else 0.0
@@ -129,8 +129,8 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     faults = [*course.broken[:3], *_age_faults(course, scenario), *found_wanting]
     if course.spy.backward > backward and not scenario.clocks:
         faults.append(f"{course.spy.backward - backward} samples fused twice or backwards")
-    if scenario.reported not in (shown := "\n".join(told.lines)):
-        faults.append(f"the operator was not told of {scenario.reported!r} but of {shown!r}")
+    if scenario.reported not in (shown := "\n".join(shown_texts.lines)):
+        faults.append(f"the operator was not shown_texts of {scenario.reported!r} but of {shown!r}")
     faults += [
         f"no reject counted as {name}" for name in scenario.rejects if not rejected.get(name)
     ]
@@ -148,11 +148,11 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
         rejected,
         outcome.reason if outcome else "",
         course.pilot.mission.engaged_at is not None,
-        tuple(told.lines),
+        tuple(shown_texts.lines),
     )
 
 
-class Told:
+class ShownTexts:
     """Texts shown to the operator: alarms, waiting conditions and texts of the vehicle."""
 
     def __init__(self, course: Course) -> None:
@@ -166,9 +166,11 @@ class Told:
             self._next = course.now + 0.5
             status = self._watch.status(course.ticks[-1], course.now)
             refused = (f"{why} frames refused" for why in course.pilot.frames_refused())
-            says = (f'the vehicle reports "{text}"' for text in course.pilot.session.texts)
+            vehicle_texts = (f'the vehicle reports "{text}"' for text in course.pilot.session.texts)
             self.lines |= dict.fromkeys(
-                line for line in (*status.alarms, status.view.waits, *refused, *says) if line
+                line
+                for line in (*status.alarms, status.view.waits, *refused, *vehicle_texts)
+                if line
             )
 
 
@@ -279,6 +281,6 @@ def _want_faults(
         and scenario.reason
         and (outcome is None or scenario.reason not in outcome.reason)
     ):
-        said = outcome.reason if outcome else course.pilot.mission.phase.value
-        return [f"should have said {scenario.reason!r}: {said}"]
+        reason = outcome.reason if outcome else course.pilot.mission.phase.value
+        return [f"should have ended with {scenario.reason!r}: {reason}"]
     return []

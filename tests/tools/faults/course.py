@@ -210,11 +210,9 @@ class Course:
     def _give(self, arrived: list[Arrival], *, waited: bool = False) -> None:
         for data, link, source in arrived:
             self.pilot.receive(data, self.clock(self.now), source, link)
-            if source == self.source and self.pilot.session.reply_to in (
-                None,
-                source,
-            ):  # else setpoints go elsewhere
-                self.witness.hear(data, waited=waited)
+            # else setpoints go elsewhere
+            if source == self.source and self.pilot.session.reply_to in (None, source):
+                self.witness.receive(data, waited=waited)
 
     def _arrivals(self) -> list[Arrival]:
         """Return the datagrams that reach the application now, and deliver the intruders' frames to

@@ -95,12 +95,10 @@ class Target:
         adapter = self.pilot.session.adapter
         mode = adapter.guided_mode or mode
         self._idle = 0 if self.pilot.mission.phase is Phase.ENGAGED else self._idle + 1
-        if self._idle % PATIENCE in (
-            PATIENCE - 2,
-            PATIENCE - 1,
-        ):  # the operator takes over and hands back
+        # the operator takes over and hands back
+        if self._idle % PATIENCE in (PATIENCE - 2, PATIENCE - 1):
             mode = adapter.exits["loiter"]
-        said = [
+        sent = [
             write(
                 mavlink.MAVLink_heartbeat_message(kind, autopilot, 129, mode, 4, 3), *VEHICLE_IDS
             ),
@@ -110,14 +108,14 @@ class Target:
             ),
             write(mavlink.MAVLink_vfr_hud_message(20.0, 20.0, 90, 50, 60.0, 0.0), *VEHICLE_IDS),
         ]
-        for frame in said:
+        for frame in sent:
             self.pilot.receive(frame, self.now, "sim")
         apart = self.settings.ranging_apart
         measured = self._measured(ms)
         self.pilot.receive(measured, self.now, "sim", RANGING if apart else VEHICLE)
-        return [*said, measured]
+        return [*sent, measured]
 
-    def hear(self, data: bytes) -> None:
+    def receive(self, data: bytes) -> None:
         """Deliver one hostile datagram."""
         self.now += FRAME_TIME
         self.pilot.receive(data, self.now, "sim")
@@ -260,7 +258,7 @@ def targets() -> list[Target]:
 def assault(target: Target, source: Iterator[bytes]) -> None:
     """Feed hostile datagrams, with the good vehicle between them."""
     for n, data in enumerate(source):
-        target.hear(data)
+        target.receive(data)
         if n % GOOD_EVERY == 0:
             target.good()
         if n % 5 == 0:

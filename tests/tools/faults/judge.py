@@ -136,7 +136,7 @@ class Witness:
         the present mode."""
         self.unproved = True
 
-    def hear(self, data: bytes, *, waited: bool = False) -> None:
+    def receive(self, data: bytes, *, waited: bool = False) -> None:
         """Process a datagram given to the application; `waited`: it arrived during a stall."""
         if self._key is not None and not self._signed_now(data):
             return

@@ -155,7 +155,7 @@ def late(number: int, seconds: float) -> Tamper:
     return tamper
 
 
-def said_again(
+def repeated_later(
     seconds: float, chosen: Callable[[str, bytes], bool] = lambda way, data: True
 ) -> Tamper:
     """Repeat a fifth of the chosen frames after a delay, s, as a replay attack or a looped route

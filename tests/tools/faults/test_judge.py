@@ -25,7 +25,7 @@ def attitude(q: tuple[float, ...]) -> bytes:
     )
 
 
-def test_setpoints_within_the_limits_break_no_rule_and_one_beyond_a_limit_is_named() -> None:
+def test_judge_names_the_limit_that_a_setpoint_exceeds() -> None:
     for frame in (velocity(), attitude(LEVEL)):
         assert is_setpoint(frame)
         assert broken_rule(frame, ALLOWED) is None
@@ -39,22 +39,22 @@ def test_setpoints_within_the_limits_break_no_rule_and_one_beyond_a_limit_is_nam
         assert words in (broken_rule(frame, ALLOWED) or "")
 
 
-def test_a_safe_setpoint_turns_nowhere() -> None:
+def test_safe_setpoint_commands_no_turn() -> None:
     assert is_safe(velocity(forward=0.0, yaw_rate=0.0, climb=0.5))
     assert is_safe(attitude(LEVEL))
     assert not is_safe(velocity(forward=0.0, yaw_rate=0.1))
     assert not is_safe(attitude(BANKED))
 
 
-def test_the_witness_sees_the_vehicle_taken_and_given_back_and_believes_nobody_else() -> None:
+def test_witness_follows_control_of_the_vehicle() -> None:
     witness = Witness("arducopter")
 
     def beat(mode: int, armed: int = 128, system: int = 1, *, waited: bool = False) -> None:
         frame = write(mavlink.MAVLink_heartbeat_message(2, 3, 1 | armed, mode, 4, 3), system, 1)
-        witness.hear(frame, waited=waited)
+        witness.receive(frame, waited=waited)
 
     beat(5)
-    assert not witness.taken, "it was never ours"
+    assert not witness.taken
     beat(4)
     beat(5, system=2)
     assert not witness.taken
@@ -66,6 +66,6 @@ def test_the_witness_sees_the_vehicle_taken_and_given_back_and_believes_nobody_e
     assert witness.taken
     witness.stood_still()
     beat(4, waited=True)
-    assert witness.unproved, "what waited is no proof"
+    assert witness.unproved
     beat(4)
     assert not witness.unproved

@@ -20,7 +20,7 @@ SMOOTH = ('guidance.law="smooth"',)
 
 @pytest.mark.parametrize("seconds", [0.5, 3.0])
 @pytest.mark.parametrize("who", PAUSES)
-def test_ranges_are_used_within_a_second_of_coming_fresh(who: str, seconds: float) -> None:
+def test_ranges_are_used_within_a_second_after_pause(who: str, seconds: float) -> None:
     course = on_the_circle("arducopter", SMOOTH)
     PAUSES[who](course, seconds)
     course.fly(course.now + 1.0)
@@ -35,7 +35,7 @@ def test_ranges_are_used_within_a_second_of_coming_fresh(who: str, seconds: floa
     assert course.broken == []
 
 
-def test_a_sensor_clock_that_stood_still_is_named() -> None:
+def test_stopped_sensor_clock_is_reported() -> None:
     course = on_the_circle("arducopter", SMOOTH)
     texts = list[bytes]()
     radio_pauses(course, 2.0)
@@ -51,13 +51,13 @@ def test_a_sensor_clock_that_stood_still_is_named() -> None:
     )
     course.fly(course.now + 6.0)
     assert StatusSource(course.pilot, Onlookers()).status(course.ticks[-1], course.now).alarms == ()
-    told = [
+    reported = [
         read(text).text.removeprefix("circnav: sensor clock ") for text in texts if b"clock" in text
     ]
-    assert told == ["stalled 2.0 s", "steady again"]
+    assert reported == ["stalled 2.0 s", "steady again"]
 
 
-def test_a_link_that_turns_slow_while_it_is_silent_is_no_clock_that_stood_still() -> None:
+def test_silent_slow_link_is_no_clock_stop() -> None:
     """Judged by the true age: no frame arrives for 0.8 s, and then every frame is that late."""
     course = on_the_circle("arducopter", SMOOTH)
     course.link.impair(down=Impairment(delay=0.8))
@@ -68,9 +68,7 @@ def test_a_link_that_turns_slow_while_it_is_silent_is_no_clock_that_stood_still(
 
 
 @pytest.mark.parametrize(("lag", "most"), [(0.35, 1), (0.45, 2), (0.48, 2)])
-def test_ranges_that_come_at_an_age_near_stale_do_not_start_and_stop_the_steering(
-    lag: float, most: int
-) -> None:
+def test_ranges_near_stale_age_do_not_toggle_steering(lag: float, most: int) -> None:
     """The vehicle's link has become slow: the newest range is just fresh when it arrives, and just
     stale before the next one."""
     rig = Rig().run(15.0)

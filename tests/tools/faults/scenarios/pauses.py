@@ -106,9 +106,8 @@ def paused(who: str, seconds: float) -> Scenario:
 
 
 STANDSTILLS = [
-    *(
-        paused(who, seconds) for who in PAUSES if who != "we" for seconds in (0.5, 3.0)
-    ),  # circnav: F20
+    # circnav: F20
+    *(paused(who, seconds) for who in PAUSES if who != "we" for seconds in (0.5, 3.0)),
     paused("companion computer sleeps", 30.0),
     paused("whole computer", 30.0),
 ]

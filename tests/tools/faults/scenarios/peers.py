@@ -28,7 +28,7 @@ from tests.tools.faults.cell import FRESH, Scenario, Want
 from tests.tools.faults.course import Course
 from tests.tools.faults.scenarios.line import PX4
 from tests.tools.faults.scenarios.ranging import SLOW
-from tests.tools.faults.tampering import acknowledgement, answered, dropping, late, said_again
+from tests.tools.faults.tampering import acknowledgement, answered, dropping, late, repeated_later
 
 SET_MODE = 176
 ACK = 77
@@ -288,7 +288,7 @@ COMMANDS = [
         "temporarily rejected", tamper(answered(SET_MODE, 1)), Want.REFUSE, "temporarily rejected"
     ),
     commands("accepted, not obeyed", tamper(answered(SET_MODE, 0)), Want.REFUSE, "stays in"),
-    commands("deaf to commands", tamper(no_answer_no_obedience), Want.REFUSE, "no answer"),
+    commands("ignores commands", tamper(no_answer_no_obedience), Want.REFUSE, "no answer"),
 ]
 
 
@@ -325,7 +325,7 @@ OTHERS = [
     Scenario(
         "F22",
         "ranges replayed after 5 s",
-        arrange=tamper(said_again(5.0, is_range_for_us)),
+        arrange=tamper(repeated_later(5.0, is_range_for_us)),
         quick=True,
     ),
 ]

@@ -66,8 +66,8 @@ def missing(course: Course) -> Change:
 
 
 REPORTS = [
-    reports("yaw set anew by 180 deg", ATTITUDE, turned(pi), quick=True, **YAW),
-    reports("yaw set anew by 90 deg", ATTITUDE, turned(pi / 2), **YAW),
+    reports("yaw reset by 180 deg", ATTITUDE, turned(pi), quick=True, **YAW),
+    reports("yaw reset by 90 deg", ATTITUDE, turned(pi / 2), **YAW),
     reports("no ATTITUDE", ATTITUDE, missing, quick=True, **BLIND),
     reports(
         "ATTITUDE without numbers",

@@ -13,7 +13,7 @@ from tests.tools.fault_link.intruders import periodic, vehicle
 from tests.tools.fault_link.link import Intruder
 from tests.tools.faults.cell import FRESH, Scenario, Want
 from tests.tools.faults.course import Course
-from tests.tools.faults.tampering import said_again
+from tests.tools.faults.tampering import repeated_later
 
 BOTH = (KEY, KEY)
 HOUR = 3600.0
@@ -30,7 +30,7 @@ def stamp(unix: float) -> int:
     return round((unix - EPOCH) * SECOND)
 
 
-def saying(
+def sending(
     engine: mavlink.MAVLink, message: mavlink.MAVLink_message, way: str, rate: float = 20.0
 ) -> Intruder:
     return periodic(rate, lambda n: [bytes(message.pack(engine))], direction=way)
@@ -42,8 +42,8 @@ def both_ways(key: bytes | None, timestamp: int = 0, **link: int) -> Arrange:
 
     def arrange(course: Course, seed: int) -> None:
         course.link.intruders += [
-            saying(voice(key, timestamp, **link), HEARTBEAT, DOWN),
-            saying(voice(key, timestamp, 255, 190, **link), TO_LOITER, UP),
+            sending(voice(key, timestamp, **link), HEARTBEAT, DOWN),
+            sending(voice(key, timestamp, 255, 190, **link), TO_LOITER, UP),
         ]
 
     return arrange
@@ -54,7 +54,7 @@ def second_vehicle(course: Course, seed: int) -> None:
 
 
 def replayed(course: Course, seed: int) -> None:
-    course.link.tampers.append(said_again(5.0))
+    course.link.tampers.append(repeated_later(5.0))
 
 
 def clock(*, ours: float = 0.0, theirs: float | None = 0.0) -> Arrange:
@@ -62,7 +62,8 @@ def clock(*, ours: float = 0.0, theirs: float | None = 0.0) -> Arrange:
 
     def arrange(course: Course, seed: int) -> None:
         course.wall += ours
-        course.vehicle_wall = None if theirs is None else course.vehicle_wall + theirs  # type: ignore[operator]
+        before = course.vehicle_wall
+        course.vehicle_wall = None if theirs is None else before + theirs  # type: ignore[operator]
 
     return arrange
 
@@ -131,7 +132,7 @@ SIGNING = [
     signed(
         "true frames of an hour ago", both_ways(KEY, stamp(UNIX - HOUR), link_id=7), refused(BEHIND)
     ),
-    signed("all said again after 5 s", replayed, refused(REPEATED), quick=True),
+    signed("all replayed after 5 s", replayed, refused(REPEATED), quick=True),
     signed("second vehicle, our system", second_vehicle, refused(UNSIGNED, by_vehicle=False)),
     fresh("vehicle without a clock", Want.ENGAGE, clock(theirs=None)),
     fresh("vehicle's clock -2 h", Want.ENGAGE, clock(theirs=-2 * HOUR), quick=True),
@@ -144,10 +145,8 @@ SIGNING = [
             ("20 % lost", Impairment(loss=0.2)),
             ("50 % twice", Impairment(duplicate=0.5)),
             ("0.001 corrupt per byte", Impairment(corrupt=1e-3)),
-            (
-                "200 ms jitter",
-                Impairment(jitter=0.2),
-            ),  # an overtaken frame counts as repeated: many frames are lost
+            # an overtaken frame counts as repeated: many frames are lost
+            ("200 ms jitter", Impairment(jitter=0.2)),
         )
     ),
 ]

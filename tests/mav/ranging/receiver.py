@@ -7,19 +7,19 @@ from tests.rig import Voice, distance
 DISTANCE = RangingSettings(message="distance_sensor", sigma_m=0.5)
 
 
-class Ear:
+class Receiver:
     def __init__(self, settings=DISTANCE, height=None):
         self.reader = RangeReader(settings)
-        self.speaker = Voice(1, 1)
+        self.sender = Voice(1, 1)
         self.height = height
 
-    def hear(self, message, now=1.0, speaker=None):
-        return self.reader.read((speaker or self.speaker).message(message), now, height=self.height)
+    def receive(self, message, now=1.0, sender=None):
+        return self.reader.read((sender or self.sender).message(message), now, height=self.height)
 
-    def distance(self, cm=10000, stamp=None, now=1.0, speaker=None, **rest):
+    def distance(self, cm=10000, stamp=None, now=1.0, sender=None, **rest):
         """stamp: ms, by default from a clock that is synchronous with ours."""
         stamp = round(now * 1000) + 500_000 if stamp is None else stamp
-        return self.hear(distance(cm, stamp, **rest), now, speaker)
+        return self.receive(distance(cm, stamp, **rest), now, sender)
 
     @property
     def rejected(self):
