@@ -139,16 +139,16 @@ class ScaleFit:
     def follow(self, own: OwnMotion, air: AirVelocity) -> None:
         """Update with a report. air: velocity through the air in body axes, measured at this
         report."""
-        if own.felt is None:
+        if own.acceleration is None:
             self._time = float("-inf")
             return
         step = own.time - self._time
-        goes_on = 0 < step <= LONGEST_REPORT_GAP and own.felt.since == self._since
-        integral = complex(own.felt.x, own.felt.y)
+        goes_on = 0 < step <= LONGEST_REPORT_GAP and own.acceleration.since == self._since
+        integral = complex(own.acceleration.x, own.acceleration.y)
         velocity = complex(air.forward, air.left) * rect(1.0, own.heading)
         last = self._last
         self._time = own.time
-        self._since = own.felt.since
+        self._since = own.acceleration.since
         self._last = (integral, velocity)
         if not goes_on:
             self._velocity = 0j

@@ -88,7 +88,7 @@ class OwnMotion(NamedTuple):
     bank_turn: turn rate of the coordinated turn at this bank, rad/s; None for vehicles that do not
         bank to turn.
     push: horizontal acceleration (x, y) by the tilt of the thrust, m/s^2, or None.
-    felt: integrated accelerometer measurement, or None.
+    acceleration: integrated accelerometer measurement, or None.
     drag: specific force (forward, left) along the horizontal axes of a copter without the part of
         its thrust, m/s^2, or None.
     """
@@ -99,7 +99,7 @@ class OwnMotion(NamedTuple):
     airspeed: float
     bank_turn: float | None = None
     push: tuple[float, float] | None = None
-    felt: IntegratedAcceleration | None = None
+    acceleration: IntegratedAcceleration | None = None
     drag: tuple[float, float] | None = None
 
 

@@ -51,10 +51,10 @@ class Sender(NamedTuple):
         return (self.system, self.component)
 
     def __str__(self) -> str:
-        return f"{self.system}/{self.component} at {spelt(self.source)}"
+        return f"{self.system}/{self.component} at {address_text(self.source)}"
 
 
-def spelt(source: Hashable) -> str:
+def address_text(source: Hashable) -> str:
     """Return a socket address in endpoint notation, or any other source as text."""
     if not isinstance(source, tuple):
         return str(source)

@@ -256,7 +256,13 @@ class OwnMotionSensor:
             return None
         psi = heading_enu_from_yaw_ned(body.yaw)
         turn_rate = turn_rate_from_yaw_rate(body.yaw_rate)
-        own = OwnMotion(self._attitude_at, psi, turn_rate, airspeed, felt=self._accelerations.felt)
+        own = OwnMotion(
+            self._attitude_at,
+            psi,
+            turn_rate,
+            airspeed,
+            acceleration=self._accelerations.acceleration,
+        )
         roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (body.roll, body.pitch))
         if banks:
             turn = turn_rate_from_yaw_rate(YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0)))
@@ -301,15 +307,15 @@ class Accelerations:
     in the body frame).
 
     The newest attitude is extrapolated to the time of the measurement: an attitude error of 1 deg
-    is 0.17 m/s^2. After a gap or an implausible value the integral restarts. `felt` holds its start
-    time.
+    is 0.17 m/s^2. After a gap or an implausible value the integral restarts. `acceleration` holds
+    its start time.
     """
 
     def __init__(self) -> None:
         self._type = ""
         self._since_received = Since()
         self._time = float("-inf")
-        self.felt: IntegratedAcceleration | None = None
+        self.acceleration: IntegratedAcceleration | None = None
         self._across: tuple[float, float] | None = None
 
     def receive(self, message: Message, attitude: Attitude | None, now: float) -> None:
@@ -321,7 +327,7 @@ class Accelerations:
             return
         if kind != self._type:
             self._type = kind
-            self.felt = None
+            self.acceleration = None
         self._since_received.restart(now)
         unit = ACCELERATIONS[kind]
         force = unit * message.xacc, unit * message.yacc, unit * message.zacc
@@ -333,14 +339,14 @@ class Accelerations:
         )  # false for NaN
         self._smooth(force, step, sound=sound)
         if not sound or attitude is None or abs(time - attitude.time) > OLDEST_ATTITUDE:
-            self.felt = None
+            self.acceleration = None
             return
         roll, pitch, yaw = attitude.at(time)
         ax, ay = vector_from_level(
             *level_from_body(force, roll, pitch), heading_enu_from_yaw_ned(yaw)
         )
-        was = self.felt or IntegratedAcceleration(0.0, 0.0, now)
-        self.felt = IntegratedAcceleration(was.x + ax * step, was.y + ay * step, was.since)
+        was = self.acceleration or IntegratedAcceleration(0.0, 0.0, now)
+        self.acceleration = IntegratedAcceleration(was.x + ax * step, was.y + ay * step, was.since)
 
     def across_thrust(self, now: float) -> tuple[float, float] | None:
         """Return the low-passed specific force along the body's forward and right axes, m/s^2.

@@ -62,7 +62,7 @@ class AirPath:
         # velocity loop (below) computes how the velocity follows.
         holds_ground_speed = not adapter.measures_airspeed and not adapter.airspeed_from_drag
         if holds_ground_speed and adapter.velocity_loop is None:
-            own = own._replace(felt=None)
+            own = own._replace(acceleration=None)
         if adapter.velocity_loop is not None and steering:
             own = self._copter_motion.follow(own, adapter.velocity_loop)
             controller.drag = self._copter_motion.drag

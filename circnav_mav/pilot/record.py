@@ -71,7 +71,7 @@ class TickRecord(NamedTuple):
     drift_x: Annotated[Number, Column("wind minus beacon velocity, east, if certain", "m/s")]
     drift_y: Annotated[Number, Column("wind minus beacon velocity, north, if certain", "m/s")]
     airspeed_scale: Annotated[Number, Column("true over measured airspeed, if certain")]
-    felt: Annotated[Number, Column("weight of the measured accelerations, 0 to 1")]
+    acceleration_weight: Annotated[Number, Column("weight of the measured accelerations, 0 to 1")]
     heading: Annotated[Number, Column("clockwise from north", "rad")]
     airspeed: Annotated[Number, Column("as in VFR_HUD", "m/s")]
     altitude: Annotated[Number, Column("as in VFR_HUD", "m")]
@@ -157,7 +157,7 @@ def tick_record(
         drift_x=where.drift_x if where else None,
         drift_y=where.drift_y if where else None,
         airspeed_scale=where.scale if where else None,
-        felt=where.acceleration_weight if where else None,
+        acceleration_weight=where.acceleration_weight if where else None,
         heading=motion.yaw,
         airspeed=motion.airspeed,
         altitude=motion.altitude,

@@ -12,7 +12,7 @@ from functools import lru_cache
 from ipaddress import IPv6Address, ip_address, ip_network
 from typing import Any, Protocol
 
-from circnav_mav.mav.identity import spelt
+from circnav_mav.mav.identity import address_text
 from circnav_mav.runtime.endpoint import Endpoint, LinkError, explain, parse_endpoint, resolve
 
 MOST_BYTES = 1 << 15
@@ -141,9 +141,9 @@ class UdpLink:
                 break
             room -= len(data)
             if not (self._accepts(source[0]) if self._peer is None else _same(self._peer, source)):
-                self._refuse(f"ignored: from {spelt(source)}")
+                self._refuse(f"ignored: from {address_text(source)}")
             elif len(data) > LONGEST:
-                self._refuse(f"ignored: longer than {LONGEST} bytes, from {spelt(source)}")
+                self._refuse(f"ignored: longer than {LONGEST} bytes, from {address_text(source)}")
             else:
                 datagrams.append((data, source))
             if room <= 0:

@@ -8,7 +8,7 @@ from math import isfinite, nan
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Encoder
-from circnav_mav.mav.identity import spelt
+from circnav_mav.mav.identity import address_text
 from circnav_mav.mav.ranging.driver import (
     FAILURES,
     Driver,
@@ -94,7 +94,7 @@ class RadioLink:
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         """Return a frame for each new reading."""
         return [
-            (self._frame(reading), f"{spelt(source)} beacon {reading.beacon}")
+            (self._frame(reading), f"{address_text(source)} beacon {reading.beacon}")
             for reading, source in self.read(now)
         ]
 

@@ -39,8 +39,8 @@ CLOSE_PATIENCE = 10.0
 TICK_COLUMNS = TickRecord._fields
 STEP_COLUMNS = (
     "time_us",
-    "heard",
-    "said",
+    "received",
+    "sent",
     "hello",
     "interrupt",
     "attached",
@@ -49,8 +49,8 @@ STEP_COLUMNS = (
 )
 """Columns of steps.csv. The tlog holds the frames of a step in this order.
 
-heard: received datagrams, each as link initial, source number and count of whole frames, as in
-`v0*2 r1*1`. said, hello: number of frames sent to the vehicle and to the ranging link. said =
+received: received datagrams, each as link initial, source number and count of whole frames, as in
+`v0*2 r1*1`. sent, hello: number of frames sent to the vehicle and to the ranging link. sent =
 HELD_BACK: commands were not sent. interrupt: signal that ended the flight. attached: number of
 frames of onlookers.
 requests: requests for another circle, JSON. exchanged: number of frames between onlookers and other

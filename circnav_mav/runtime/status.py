@@ -226,5 +226,9 @@ def _target(tick: TickRecord) -> str:
     bearing = degrees(compass_from_vector(-tick.x, -tick.y))
     towards = degrees(compass_from_vector(tick.drift_x, tick.drift_y))
     drift = hypot(tick.drift_x, tick.drift_y)
-    source = ", by accelerometer" if tick.felt is not None and tick.felt > 0.5 else ""
+    source = (
+        ", by accelerometer"
+        if tick.acceleration_weight is not None and tick.acceleration_weight > 0.5
+        else ""
+    )
     return f"bearing {bearing:03.0f} deg, drift {drift:.1f} m/s towards {towards:03.0f} deg{source}"

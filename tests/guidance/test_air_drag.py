@@ -66,8 +66,8 @@ def circle(seconds: float, true_scale: float, wind: complex) -> tuple[ScaleFit, 
         ground = rect(speed, heading)
         body = (ground - wind) * rect(1.0, -heading) / true_scale
         drag = -drag_force(body.real, 0.25), -drag_force(body.imag, 0.25)
-        felt = IntegratedAcceleration(ground.real, ground.imag, 0.0)
-        own = OwnMotion(time, heading, rate, speed, drag=drag, felt=felt)
+        acceleration = IntegratedAcceleration(ground.real, ground.imag, 0.0)
+        own = OwnMotion(time, heading, rate, speed, drag=drag, acceleration=acceleration)
         air = air.follow(own, 0.25)
         fit.follow(own, air)
         mean = mean.follow(own, air, fit.scale)
@@ -88,7 +88,9 @@ def test_scale_fit_learns_nothing_from_a_steady_wind() -> None:
     separated."""
     fit = ScaleFit()
     for tick in range(1000):
-        own = OwnMotion(tick * STEP, 0.0, 0.0, 0.0, felt=IntegratedAcceleration(0.0, 0.0, 0.0))
+        own = OwnMotion(
+            tick * STEP, 0.0, 0.0, 0.0, acceleration=IntegratedAcceleration(0.0, 0.0, 0.0)
+        )
         fit.follow(own, AirVelocity(tick * STEP, 4.0, 1.0))
     assert fit.scale == pytest.approx(1.0)
 

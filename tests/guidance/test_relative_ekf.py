@@ -221,9 +221,11 @@ def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_a
     """v = kappa V u(psi) + drift, so the drift changes by the change of v minus kappa times the
     change of V u(psi). Gusts are not assumed to follow the measured change. (f, l) = (0.1, -0.2) is
     the accelerometer's error, for 0.1 s due up."""
-    felt = VelocityChange((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
+    acceleration = VelocityChange((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
     assumed = np.array([PSD, GUST, acceleration_weight])
-    ours = predict_mixture(STATE, np.eye(STATES), assumed, DT, (0.5, 1.4), pi / 2, 15.0, felt)
+    ours = predict_mixture(
+        STATE, np.eye(STATES), assumed, DT, (0.5, 1.4), pi / 2, 15.0, acceleration
+    )
     stays = 1.0 if acceleration_weight else np.exp(-DT / GUST_TIME)
     measured = acceleration_weight * np.array([0.35 + 1.02 * 0.1, 0.1 - 1.02 * 0.2])
     left = (
@@ -248,11 +250,11 @@ def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
     air = np.array([-0.1, 0.2])
     u = np.array([np.cos(psi), np.sin(psi)])
     left = np.array([-np.sin(psi), np.cos(psi)])
-    felt = VelocityChange(change, air, u * DT, turn)
+    acceleration = VelocityChange(change, air, u * DT, turn)
     before = hypothesis(x, P)
     step = (DT, path, SIGMA)
     plain = predict(before, assumed, *step)
-    ours = predict(before, assumed, *step, felt)
+    ours = predict(before, assumed, *step, acceleration)
 
     F = jacobian(x, path)
     I2 = np.eye(2)

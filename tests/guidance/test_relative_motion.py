@@ -231,14 +231,14 @@ def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
     world = still()
     estimator = DriftEstimator(replace(SETTINGS, speed=told))
 
-    def listen_felt(start, end):
+    def listen_to_accelerations(start, end):
         for t in np.arange(start, end, 0.05):
-            felt = IntegratedAcceleration(V * cos(OMEGA * t), V * sin(OMEGA * t), 0.0)
-            estimator.move(world.motion(t)._replace(airspeed=told, felt=felt))
+            acceleration = IntegratedAcceleration(V * cos(OMEGA * t), V * sin(OMEGA * t), 0.0)
+            estimator.move(world.motion(t)._replace(airspeed=told, acceleration=acceleration))
             if round(t / 0.05) % 2 == 0:
                 estimator.observe(world.range(t))
 
-    listen_felt(0.0, 40.0)
+    listen_to_accelerations(0.0, 40.0)
     assert estimator.ready
     tracks = estimator.filter._tracks
     noise = estimator.filter.noise
@@ -253,7 +253,7 @@ def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
     tracks.P[:, KAPPA, wrong] = 0.0
     tracks.P[KAPPA, KAPPA, wrong] = 1e-6
     tracks.log_weight[:] = np.where(acceleration_weight, 0.0, -11.0)
-    listen_felt(40.0, 120.0)
+    listen_to_accelerations(40.0, 120.0)
     relative = estimator.at(120.0).relative
     assert relative.scale == pytest.approx(scale, abs=0.01)
     assert hypot(relative.drift_x, relative.drift_y) < 0.15

@@ -251,9 +251,9 @@ def test_imu_in_coordinated_turn_shows_centripetal_velocity(type_, yaw):
     for ms in range(0, 1001, 40):
         sensor.receive(attitude(ms, yaw, roll=0.4, yawspeed=0.0), ms / 1000)
         sensor.receive(imu(ms, (0.5, 0.0, -9.80665 / cos(0.4)), type_), ms / 1000)
-    felt = sensor.own(1.0, 15.0).felt
+    acceleration = sensor.own(1.0, 15.0).acceleration
     north, east = 0.5 * cos(yaw) - 4.146 * sin(yaw), 0.5 * sin(yaw) + 4.146 * cos(yaw)
-    assert (felt.x, felt.y) == pytest.approx((east, north), abs=0.02)
+    assert (acceleration.x, acceleration.y) == pytest.approx((east, north), abs=0.02)
 
 
 def test_imu_integration_restarts_after_a_gap():
@@ -262,8 +262,8 @@ def test_imu_integration_restarts_after_a_gap():
     for ms in (*range(0, 400, 40), *range(1000, 1400, 40)):
         sensor.receive(attitude(ms, yawspeed=0.0), ms / 1000)
         sensor.receive(imu(ms, (0.0, 0.0, -9.8)), ms / 1000)
-        felt = sensor.own(ms / 1000, 15.0).felt
-        since.add(None if felt is None else felt.since)
+        acceleration = sensor.own(ms / 1000, 15.0).acceleration
+        since.add(None if acceleration is None else acceleration.since)
     assert len(since) == 3  # nothing yet, before the gap, after it
     sensor.receive(imu(1400, (nan, 0.0, -9.8), "highres"), 10.0)
-    assert sensor.own(1.4, 15.0).felt is None
+    assert sensor.own(1.4, 15.0).acceleration is None

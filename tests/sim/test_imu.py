@@ -134,11 +134,11 @@ def test_imu_and_attitude_integrate_to_velocity(profile, step, imu):
         companion.vehicle.advance(start + (tick + 1) * step)
         if tick >= 3:
             (attitude,) = companion.listen("ATTITUDE_QUATERNION")
-            (felt,) = companion.listen("RAW_IMU", "HIGHRES_IMU")
+            (acceleration,) = companion.listen("RAW_IMU", "HIGHRES_IMU")
             to_ned = Rotation.from_quat([attitude.q2, attitude.q3, attitude.q4, attitude.q1])
             summed = [
                 total + a * step
-                for total, a in zip(summed, to_ned.apply(si(felt)[:3])[:2], strict=True)
+                for total, a in zip(summed, to_ned.apply(si(acceleration)[:3])[:2], strict=True)
             ]
     moved = [b - a for a, b in zip(before, velocity(companion.truth), strict=True)]
     assert math.hypot(*moved) > 1.0

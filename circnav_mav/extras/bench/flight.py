@@ -233,7 +233,7 @@ class MotionSensors:
         imu = situation.imu
         self._imu_bias = np.zeros(2) if imu is None else imu.bias * random.standard_normal(2)
         self._before: tuple[Pair, float] | None = None
-        self._felt = IntegratedAcceleration(0.0, 0.0, 0.0)
+        self._acceleration = IntegratedAcceleration(0.0, 0.0, 0.0)
 
     def report(self, world: World, now: float) -> OwnMotion:
         """Return the report at this time. Call once per step."""
@@ -249,7 +249,7 @@ class MotionSensors:
         if self._situation.imu is None:
             return own
         self._integrate(world, self._situation.imu.white, turned)
-        return own._replace(felt=self._felt)
+        return own._replace(acceleration=self._acceleration)
 
     def _integrate(self, world: World, white: float, turned: float) -> None:
         """Add the velocity change since the last step. The errors are in the axes of the body."""
@@ -262,9 +262,9 @@ class MotionSensors:
             nose = (world.heading + heading) / 2
             x = velocity[0] - before[0] + forward * cos(nose) - left * sin(nose)
             y = velocity[1] - before[1] + forward * sin(nose) + left * cos(nose)
-            east = self._felt.x + x * cos(turned) - y * sin(turned)
-            north = self._felt.y + x * sin(turned) + y * cos(turned)
-            self._felt = IntegratedAcceleration(east, north, 0.0)
+            east = self._acceleration.x + x * cos(turned) - y * sin(turned)
+            north = self._acceleration.y + x * sin(turned) + y * cos(turned)
+            self._acceleration = IntegratedAcceleration(east, north, 0.0)
         self._before = (velocity, world.heading)
 
 

@@ -22,7 +22,7 @@ from circnav_mav.extras.fleet.frames import (
 from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.framing import SIGNATURE, frame_at, is_good
-from circnav_mav.mav.identity import spelt
+from circnav_mav.mav.identity import address_text
 from circnav_mav.mav.signing import (
     EPOCH,
     MINUTE,
@@ -228,7 +228,7 @@ class Acceptance:
         try:
             return self._take(data, address, now)
         except RejectedError as rejected:
-            self.note(rejected.reason, f"{rejected}, from {spelt(address)}", now)
+            self.note(rejected.reason, f"{rejected}, from {address_text(address)}", now)
             return None
 
     def note(self, reason: Rejection, detail: str, now: float) -> None:
@@ -353,7 +353,8 @@ class Acceptance:
         # sender could make the sender's own frames look foreign. Two addresses still raise an
         # alarm. Without signatures, only the first address is accepted until it is silent.
         if address != known.address and now - known.received_at <= MOVES_AFTER:
-            detail = f"id {report.member} at {spelt(known.address)} and at {spelt(address)}"
+            first = address_text(known.address)
+            detail = f"id {report.member} at {first} and at {address_text(address)}"
             if self._signing is None:
                 raise RejectedError(Rejection.SAME_ID, detail)
             self.note(Rejection.SAME_ID, detail, now)

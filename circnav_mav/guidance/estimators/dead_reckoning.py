@@ -57,11 +57,15 @@ class PathPoint(NamedTuple):
         this interval."""
         new = self.report or self.motion
         old = before.report or before.motion
-        if new.felt is None or old.felt is None or new.felt.since != old.felt.since:
+        if (
+            new.acceleration is None
+            or old.acceleration is None
+            or new.acceleration.since != old.acceleration.since
+        ):
             return None
         (x, y), (old_x, old_y) = (_along(m.heading, m.airspeed) for m in (new, old))
         return ekf.VelocityChange(
-            (new.felt.x - old.felt.x, new.felt.y - old.felt.y),
+            (new.acceleration.x - old.acceleration.x, new.acceleration.y - old.acceleration.y),
             (x - old_x, y - old_y),
             (self.nose_x - before.nose_x, self.nose_y - before.nose_y),
             new.airspeed * new.turn_rate,
@@ -122,14 +126,20 @@ def _between(before: PathPoint, after: PathPoint, time: float) -> PathPoint:
     turned = float(wrap(new.heading - old.heading)) * share
     airspeed = (old.airspeed + new.airspeed) / 2
     turn_rate = new.turn_rate * share + old.turn_rate * (1 - share)
-    felt = None
-    if new.felt is not None and old.felt is not None and new.felt.since == old.felt.since:
+    acceleration = None
+    if (
+        new.acceleration is not None
+        and old.acceleration is not None
+        and new.acceleration.since == old.acceleration.since
+    ):
         x, y = (
-            old.felt.x + share * (new.felt.x - old.felt.x),
-            old.felt.y + share * (new.felt.y - old.felt.y),
+            old.acceleration.x + share * (new.acceleration.x - old.acceleration.x),
+            old.acceleration.y + share * (new.acceleration.y - old.acceleration.y),
         )
-        felt = IntegratedAcceleration(x, y, new.felt.since)
-    motion = OwnMotion(old.time + step, old.heading + turned, turn_rate, airspeed, felt=felt)
+        acceleration = IntegratedAcceleration(x, y, new.acceleration.since)
+    motion = OwnMotion(
+        old.time + step, old.heading + turned, turn_rate, airspeed, acceleration=acceleration
+    )
     return before.carried(motion, airspeed, turned, step)
 
 

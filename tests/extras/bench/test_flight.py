@@ -93,7 +93,7 @@ def test_sensors_report_noise_and_measured_velocity_change():
         assert abs(reports[-1].turn_rate - air.turn_rate) < 0.06
         air.step(0.05, 0.2)
     assert np.std([report.airspeed for report in reports]) == pytest.approx(0.3, rel=0.1)
-    measured = np.array([(report.felt.x, report.felt.y) for report in reports])
+    measured = np.array([(report.acceleration.x, report.acceleration.y) for report in reports])
     assert measured == pytest.approx(np.array(velocities) - velocities[0], abs=1e-9)
 
 
