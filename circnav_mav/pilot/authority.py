@@ -159,9 +159,10 @@ class Authority:
         disputed = (
             f"{second_senders[0]}: select yours by link.peer, or sign" if second_senders else ""
         )
+        contested = "" if self._mission.begun else self._session.contested(now)
         slow = "" if over_slow_link else self._slow_link(now)
         silent = unreported(self._session, now) or unwatched(self._settings, self._session, now)
-        return disputed or slow or silent or self._not_flying(now)
+        return disputed or contested or slow or silent or self._not_flying(now)
 
     def _slow_link(self, now: float) -> str:
         """Return a text if the round trip exceeds the mission's bound before the first engagement,
