@@ -327,6 +327,19 @@ def _drift_too_strong(view: StepView) -> Active | None:
     )
 
 
+def _no_way_made(view: StepView) -> Active | None:
+    alarm = view.way_alarm
+    if not alarm.on or view.drift_alarm.on:
+        return None
+    wind = "" if alarm.drift is None else f"wind {alarm.drift:.0f}, "
+    speeds = f"{wind}airspeed {alarm.airspeed:.0f} m/s"
+    return Active(
+        f"no way made, {speeds}",
+        f"NO WAY MADE: {alarm.r:.0f} m from the target, not nearer than 25 s before ({speeds}):"
+        " fly faster, or end the flight",
+    )
+
+
 def _bound_not_watched(view: StepView) -> Active | None:
     why = view.unchecked_bound
     if not why:
@@ -447,6 +460,7 @@ TABLE = (
     Condition("limit_cycle", _limit_cycle),
     Condition("lean_limit", _lean_limit),
     Condition("drift_too_strong", _drift_too_strong, over="drift within limit again"),
+    Condition("no_way_made", _no_way_made, over="comes nearer again", steering=True),
     Condition("bound_not_watched", _bound_not_watched, over="bounds checked again", steering=True),
     Condition("most_ranges_rejected", _most_ranges_rejected),
     Condition("sensor_clock_stepped", _sensor_clock_stepped, over="sensor clock steady again"),

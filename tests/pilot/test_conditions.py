@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.watches import DriftAlarm
+from circnav_mav.guidance.watches import DriftAlarm, WayAlarm
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.identity import OUR_NAME, RADIO_NAME, VEHICLE_NAME
 from circnav_mav.pilot.conditions import ENDED, LOST, TABLE
@@ -59,6 +59,7 @@ def views() -> list[StepView]:
         unchecked_bound="no battery in SYS_STATUS: bounds.min_battery_percent needs it",
         gps_lost="",
         drift_alarm=DriftAlarm(on=True, drift=6.0, allowed=2.7),
+        way_alarm=WayAlarm(2, 50.0, 2100.0, 18.0, 15.4),
         circle=replace(view.circle, radius=120.0),
         law="drift",
         why="drift: wind 5 m/s",
@@ -70,6 +71,7 @@ def views() -> list[StepView]:
     stale = replace(
         holding,
         tick=holding.tick._replace(phase=Phase.ENGAGED, link_age=3.0, height=20.0),
+        drift_alarm=DriftAlarm(),
     )
     return [holding, stale]
 
