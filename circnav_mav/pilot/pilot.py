@@ -122,6 +122,11 @@ class Pilot:
         link."""
         if not self._worth_reading(source, len(data), now, link):
             return
+        if self._authority.may_be_backlog(now):
+            # The vehicle flew on without us, and its reports waited for this computer: they show
+            # neither the delay of the link nor the response to commands.
+            self.session.timesync.forget_requests()
+            self.controller.vehicle.reset()
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
                 self._path.receive(message, now, steering=self.mission.steering, flies=self.flies)
@@ -494,6 +499,7 @@ class Pilot:
             second_controller=self.second_controller.evidence(now),
             flood=self.allowance.dropped / 1000 if self.allowance.flooded(now) else 0.0,
             uplink_silent=session.timesync.silent(now, UPLINK_SILENT),
+            stalled=self._authority.stalled(now),
             clock_speed=session.clock_speed.found,
             setpoints=self.setpoints_sent,
             rejected=dict(ranging.rejected.most_common()),

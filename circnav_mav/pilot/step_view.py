@@ -43,6 +43,8 @@ class StepView:
     """Dropped data of unknown senders, kB, 0 while none is dropped."""
     uplink_silent: bool
     """True if the vehicle does not answer TIMESYNC."""
+    stalled: float
+    """Length of a gap between two steps, s, for some seconds after it, else 0."""
     clock_speed: float | None
     """Speed of the autopilot's clock over ours, None unless it differs."""
 

@@ -40,6 +40,7 @@ def views() -> list[StepView]:
         second_controller="the vehicle flies +20 deg/s, commanded -3 deg/s",
         flood=468.0,
         uplink_silent=True,
+        stalled=1.0,
         clock_speed=0.25,
         full_rates=Rates(50.0, 0.0, 10.0, 20.0),
         steered_rates=Rates(50.0, 0.0, 10.0, 2.0),
@@ -178,3 +179,11 @@ def test_the_ground_station_is_told_which_law_flies_and_of_no_outage_or_drift_wh
     assert "drift" in laws
     assert len(said) == len(set(said))
     assert [text for text in said if "range" in text or "allows" in text] == []
+
+
+def test_bank_limit_is_not_reported_at_limit_of_mission():
+    view = VIEWS[0]
+    (row,) = (row for row in TABLE if row.name == "bank_limit")
+    most = view.settings.facts.max_bank
+    assert row.find(replace(view, bank_limit=0.99 * most)) is None
+    assert row.find(replace(view, bank_limit=0.8 * most)) is not None
