@@ -26,6 +26,8 @@ from circnav_mav.guidance.types import (
 )
 from circnav_mav.guidance.vehicle_model import VehicleModel
 
+LONGEST_GAP = 60.0
+"""Longest gap, s, over which an estimate is predicted. A longer gap starts the estimate again."""
 OwnLaw = Callable[[RangeEstimate], float]
 """User-defined law: from the estimate to a turn rate, rad/s, counter-clockwise positive."""
 
@@ -89,7 +91,7 @@ class Guidance:
             _known("estimator", wanted, ESTIMATORS)
             wanted = ESTIMATORS[wanted](EstimatorSettings(orbit.speed, orbit.max_turn_rate))
         self._estimator = wanted
-        self._newest: float | None = None
+        self._newest: RangeSample | None = None
 
     def observe(self, sample: RangeSample) -> bool:
         """Add a range. Return True if it was accepted, False for an outlier or an invalid
@@ -103,9 +105,13 @@ class Guidance:
             isfinite(sample.r_dot) and isfinite(sample.r_dot_sigma)
         ):
             sample = sample._replace(r_dot=None)
+        newest = self._newest
+        stepped = newest is not None and abs(sample.stamp - newest.stamp) > LONGEST_GAP
+        if stepped or self._is_far(sample.time):
+            self._restart()
         if self._estimator.observe(sample) is Fused.GATED:
             return False
-        self._newest = sample.time
+        self._newest = sample
         return True
 
     def move(self, own: OwnMotion) -> bool:
@@ -113,6 +119,8 @@ class Guidance:
         ignore the report, if a value is not finite."""
         if not all(map(isfinite, (own.time, own.heading, own.turn_rate, own.airspeed))):
             return False
+        if self._is_far(own.time):
+            self._restart()
         self._estimator.move(own)
         nose = own._replace(bank_turn=None)
         self._loop.vehicle.on_motion(nose, nose)
@@ -120,8 +128,8 @@ class Guidance:
 
     def estimate(self, now: float) -> RangeEstimate | None:
         """Return range and range rate now, and in `relative` the relative motion if the estimator
-        has it; None before the first range."""
-        return self._estimator.at(now)
+        has it; None before the first range, and a minute after the newest one."""
+        return None if self._is_far(now) else self._estimator.at(now)
 
     def command(self, now: float) -> TurnCommand | None:
         """Return the turn rate to command now, finite and within the vehicle's limit.
@@ -130,7 +138,7 @@ class Guidance:
         returns no finite number.
         """
         estimate = self.estimate(now)
-        fresh = self._newest is not None and now - self._newest <= self._stale + SAME_TIME
+        fresh = self._newest is not None and now - self._newest.time <= self._stale + SAME_TIME
         if estimate is None or not fresh or not self._estimator.ready:
             self._loop.reset()
             return None
@@ -140,6 +148,17 @@ class Guidance:
             return None
         self._loop.vehicle.command(now, command.turn_rate)
         return command
+
+    def _is_far(self, time: float) -> bool:
+        """True if a time is more than a minute away from the newest range."""
+        return self._newest is not None and abs(time - self._newest.time) > LONGEST_GAP
+
+    def _restart(self) -> None:
+        """Start the estimate again. A computer without a battery-backed clock, or a simulator
+        before its first clock message, steps its clock by years. No prediction survives that."""
+        self._estimator.reset()
+        self._loop.reset()
+        self._newest = None
 
 
 def _own(law: OwnLaw, orbit: Orbit) -> Callable[..., TurnCommand]:

@@ -5,7 +5,7 @@ Every change is a request, which is checked here. Requests are recorded and repl
 """
 
 from dataclasses import dataclass, replace
-from math import inf
+from math import ceil, inf, pi
 from typing import NamedTuple
 
 from circnav_mav.guidance.types import Direction, Orbit
@@ -76,9 +76,19 @@ class CircleLimits:
     turn_gain: float = 1.0
 
 
-def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
+def obstacle(
+    request: CircleRequest,
+    orbit: Orbit,
+    limits: CircleLimits,
+    wind: float = 0.0,
+    most_turn: float = inf,
+) -> str:
     """Return why a requested circle cannot replace `orbit`: value and limit, short enough for a
-    STATUSTEXT; empty if it can."""
+    STATUSTEXT; empty if it can.
+
+    wind: estimated drift, m/s, 0 while unknown.
+    most_turn: learned turn rate that the vehicle reaches, rad/s.
+    """
     wanted = request.applied(orbit)
     # Largest offset from the circle, in units of its radius: the spacing of a fleet, not another
     # circle.
@@ -96,4 +106,22 @@ def obstacle(request: CircleRequest, orbit: Orbit, limits: CircleLimits) -> str:
     if abs(wanted.steady_turn_rate) >= able:
         least = wanted.speed / able
         return f"radius {wanted.radius:g} m: min {least:.0f} m by turn rate"
+    most_turn = min(most_turn, wanted.max_turn_rate)
+    # As for the drift alarm. A change toward a circle that the wind forbids less is accepted.
+    least = _least_radius(wanted, wind, most_turn)
+    present = orbit.radius / _least_radius(orbit, wind, most_turn)
+    if not request.spaces and wanted.radius / least < min(present, 1.0):
+        return f"radius {wanted.radius:g} m: min {ceil(least)} m in wind {wind:.0f} m/s"
+    if wanted.direction is not orbit.direction:
+        # The vehicle turns outward at its limit. The wind carries it during this half turn, and the
+        # turn begins up to 1 s late.
+        V = wanted.speed
+        reach = wanted.radius + (2 + pi * wind / V) * V / most_turn + V + wind
+        if reach > limits.farthest:
+            return f"reversal reaches {reach:.0f} m, max {limits.farthest:g} m"
     return ""
+
+
+def _least_radius(orbit: Orbit, wind: float, most_turn: float) -> float:
+    """Return the least radius that can be held in wind, m (laws.tolerated_drift)."""
+    return (orbit.speed + wind) ** 2 / (orbit.speed * most_turn)

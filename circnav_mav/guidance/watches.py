@@ -1,4 +1,4 @@
-"""Monitors beside the law: mission bounds, and alarm for too strong a drift."""
+"""Monitors beside the law: mission bounds, alarms for too strong a drift and for no way made."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -70,3 +70,44 @@ def watch_drift(
     # Time, s, for which the drift must be too strong to raise the alarm: the estimate follows
     # single gusts.
     return DriftAlarm(alarm.on or estimate.time - since >= 3.0, since, drift, allowed)
+
+
+class WayAlarm(NamedTuple):
+    """Alarm for a vehicle that does not come nearer, for example in wind above its airspeed.
+
+    blocks: number of consecutive blocks of 25 s without way. The first one may contain the turn
+        toward the target.
+    since: start of the present block, s, or None.
+    r: range at that time, m.
+    drift: wind minus target motion, m/s, or None while it is unknown.
+    airspeed: m/s.
+    """
+
+    blocks: int = 0
+    since: float | None = None
+    r: float = 0.0
+    drift: float | None = None
+    airspeed: float = 0.0
+
+    @property
+    def on(self) -> bool:
+        """True while raised."""
+        return self.blocks >= 2
+
+
+def watch_way(alarm: WayAlarm, estimate: RangeEstimate | None, orbit: Orbit) -> WayAlarm:
+    """Return the alarm after an estimate, None while the vehicle is not engaged. Far outside the
+    circle, a vehicle must come nearer by 5 % of its speed."""
+    if estimate is None or estimate.r < 2 * orbit.radius:
+        return WayAlarm()
+    if alarm.since is None:
+        return WayAlarm(0, estimate.time, estimate.r)
+    passed = estimate.time - alarm.since
+    if passed < 25.0:
+        return alarm
+    came_nearer = alarm.r - estimate.r > 0.05 * orbit.speed * passed
+    blocks = 0 if came_nearer else alarm.blocks + 1
+    motion = estimate.relative
+    drift = None if motion is None else motion.drift
+    airspeed = orbit.speed if motion is None else motion.airspeed
+    return WayAlarm(blocks, estimate.time, estimate.r, drift, airspeed)

@@ -391,6 +391,10 @@ class Timesync:
             return 0.0
         return float("inf")
 
+    def forget_requests(self) -> None:
+        """Ignore the answers to earlier requests: they waited for this computer."""
+        self._asked.clear()
+
     def settled(self, now: float) -> bool:
         """True if the round trip is measured, or PATIENCE has passed without an answer."""
         return bool(self.trips) or (self._began is not None and now - self._began > PATIENCE)

@@ -139,6 +139,9 @@ class Decoder:
                 continue
             data = buffer[at : frame.end]
             at = frame.end
+            if not frame.understood:
+                self.counts.bad += 1
+                continue
             self._count(frame, data)
             if not self._is_authentic(frame, data):
                 continue

@@ -56,6 +56,8 @@ class Frame(NamedTuple):
 
     end: index after its last byte, beyond the buffer if the frame is incomplete. ident, system,
     component: ids of the message and its sender, 0 if the header is incomplete.
+    understood: False if the frame has an incompatibility flag other than SIGNED. Such a frame must
+        be discarded, with everything in its payload.
     """
 
     start: int
@@ -64,6 +66,7 @@ class Frame(NamedTuple):
     system: int = 0
     component: int = 0
     signed: bool = False
+    understood: bool = True
 
     @property
     def known(self) -> bool:
@@ -76,7 +79,7 @@ def frame_at(buffer: bytes, at: int) -> Frame | None:
     there."""
     magic = buffer[at]
     left = len(buffer) - at
-    if magic not in MAGICS or (magic == V2 and left > 2 and buffer[at + 2] & ~SIGNED):
+    if magic not in MAGICS:
         return None
     if left < HEADERS[magic].size:
         return Frame(at, len(buffer) + 1)
@@ -84,8 +87,12 @@ def frame_at(buffer: bytes, at: int) -> Frame | None:
         length, system, component, ident = _HEADER_1.unpack_from(buffer, at)
         return Frame(at, at + _HEADER_1.size + length + CRC, ident, system, component)
     length, flags, system, component, low, high = _HEADER_2.unpack_from(buffer, at)
-    end = at + _HEADER_2.size + length + CRC + (SIGNATURE if flags else 0)
-    return Frame(at, end, low | high << 16, system, component, bool(flags))
+    # The flags 0x02 and 0x04 of pymavlink (2026) append 32-bit ids to the header. The layout for
+    # other flags is unknown: the ordinary one is tried.
+    extension = (3 if flags & 0x02 else 0) + (4 if flags & 0x04 else 0)
+    signed = bool(flags & SIGNED)
+    end = at + _HEADER_2.size + extension + length + CRC + (SIGNATURE if signed else 0)
+    return Frame(at, end, low | high << 16, system, component, signed, not flags & ~SIGNED)
 
 
 def next_start(buffer: bytes, at: int) -> int:
@@ -114,7 +121,7 @@ def is_good(buffer: bytes, frame: Frame) -> bool:
             _crc(buffer[frame.start + 1 : tail] + _EXTRA[frame.ident])
             == buffer[tail] | buffer[tail + 1] << 8
         )
-    if frame.end < len(buffer) and buffer[frame.end] not in MAGICS:
+    if not frame.understood or (frame.end < len(buffer) and buffer[frame.end] not in MAGICS):
         return False
     # in a flood of unknown ids most time is spent here: the pattern skips bytes that start no
     # header, at little cost

@@ -29,6 +29,11 @@ TWIN_FRAMES = 4
 TWIN_WITHIN = 10.0
 """Number of foreign frames with our ids within this time, s, that indicates another companion: it
 sends at least one heartbeat per second. A single stray frame is ignored."""
+LISTENS = 1.0
+"""Time, s, from the vehicle's first heartbeat in which another companion with our ids is received
+before the vehicle is steered: the period of its heartbeats and of its TIMESYNC requests."""
+WAITING = dialect.MAV_STATE_BOOT
+"""State in our heartbeat until the vehicle is steered. A companion that steers ignores it."""
 MOST_REPLIES = 4
 """Largest number of TIMESYNC answers in one step: a flood of requests is not answered."""
 ECHO_RATE = 4.0
@@ -116,6 +121,14 @@ class Session:
         received = self._twin_received
         return len(received) == TWIN_FRAMES and received[-1] - received[0] <= TWIN_WITHIN
 
+    def contested(self, now: float) -> str:
+        """Return a text if another companion with our ids may steer the vehicle, else an empty
+        string."""
+        received = self._twin_received
+        if received and now - received[-1] <= TWIN_WITHIN:
+            return f"another companion sends with our ids {self.us[0]}/{self.us[1]}"
+        return "listening for other companions" if now - self.identity.since < LISTENS else ""
+
     def missing(self, now: float) -> list[str]:
         """Return the names of the motion values that the adapter needs and the vehicle does not
         report."""
@@ -129,7 +142,7 @@ class Session:
         messages do not change the vehicle's state."""
         before = self.peer
         if before is not None and ids(message) == self.us:
-            self._in_our_name(bytes(message.get_msgbuf()), before, source, now)
+            self._in_our_name(message, before, source, now)
             return False
         ours = self.identity.receive(message, source, now, continues=self.vehicle.continues)
         if self.peer is not None and self.peer != before:
@@ -167,15 +180,19 @@ class Session:
         self.identity.peer = None
         self.commands.clear()
 
-    def _in_our_name(self, frame: bytes, peer: Sender, source: Hashable, now: float) -> None:
-        """Process a frame with our ids: an echo of ours, or one from another companion."""
+    def _in_our_name(self, message: Message, peer: Sender, source: Hashable, now: float) -> None:
+        """Process a message with our ids: an echo of ours, or one from another companion."""
         # A foreign frame that comes from the vehicle's address was forwarded by the vehicle:
         # another companion sends to it. From another address, any sender may use our ids.
-        if frame in self._sent:
+        if bytes(message.get_msgbuf()) in self._sent:
             self.ignored["echo"] += 1
         elif source == peer.source:
             self.ignored["twin"] += 1
-            self._twin_received.append(now)
+            # A second circnav must not end the flight of the first one. Once the vehicle is
+            # steered, only the heartbeats of a companion that may steer too are counted.
+            waits = message.get_type() != "HEARTBEAT" or message.system_status == WAITING
+            if not (self.identity.stays and waits):
+                self._twin_received.append(now)
         else:
             self.identity.second_senders.received(
                 OUR_NAME, Sender(*self.us, source), Sender(*self.us, "this computer"), now
@@ -252,7 +269,7 @@ class Session:
         home = self.identity.home
         return (
             []
-            if home is None
+            if home is None or self.doubled  # the other companion still needs the streams
             else [once(command, home.ids) for command in self.streams.give_back()]
         )
 
@@ -270,6 +287,6 @@ class Session:
             dialect.MAV_AUTOPILOT_INVALID,
             0,
             0,
-            dialect.MAV_STATE_ACTIVE,
+            dialect.MAV_STATE_ACTIVE if self.identity.stays else WAITING,
             3,
         )

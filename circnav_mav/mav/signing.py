@@ -72,6 +72,15 @@ class Signing:
         effect."""
         self._reach(int((unix - EPOCH) * SECOND))
 
+    def follow(self, unix: float) -> None:
+        """Set the timestamp by the wall clock, also back after a step of more than a minute. Only
+        for frames whose content carries a time that the receiver checks."""
+        now = max(int((unix - EPOCH) * SECOND), 0)
+        if self.timestamp > now + MINUTE:
+            self.timestamp = now
+            self._newest = {key: at for key, at in self._newest.items() if at <= now + MINUTE}
+        self._reach(now)
+
     def resume(self, timestamp: int) -> None:
         """Continue from the final timestamp of an earlier run. All frames up to it count as
         received."""

@@ -10,6 +10,7 @@ from circnav_mav.mav.session import Session
 from circnav_mav.pilot.mission_state import NOT_OURS, Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
+from circnav_mav.timers import Since
 
 GIVEN_AFTER = 1.5
 """Time, s, for which all reports must show the guided mode before circnav takes control again. A
@@ -63,6 +64,9 @@ class Authority:
         """Time of the first report of the guided mode after the operator had left it, s."""
         self._stepped: float | None = None
         self._backlog_until = float("-inf")
+        self._stall = 0.0
+        """Length of the newest gap between two steps, s, and time since its end."""
+        self._since_stall = Since()
         self._confirmed = True
         """True if the vehicle has reported its mode since the last gap between steps."""
         self._heartbeats = 0
@@ -159,9 +163,10 @@ class Authority:
         disputed = (
             f"{second_senders[0]}: select yours by link.peer, or sign" if second_senders else ""
         )
+        contested = "" if self._mission.begun else self._session.contested(now)
         slow = "" if over_slow_link else self._slow_link(now)
         silent = unreported(self._session, now) or unwatched(self._settings, self._session, now)
-        return disputed or slow or silent or self._not_flying(now)
+        return disputed or contested or slow or silent or self._not_flying(now)
 
     def _slow_link(self, now: float) -> str:
         """Return a text if the round trip exceeds the mission's bound before the first engagement,
@@ -306,8 +311,10 @@ class Authority:
         """
         heartbeats = self._session.vehicle.heartbeats
         backlog = self.may_be_backlog(now)
-        if self._stood_still(now):
+        if self._stepped is not None and self._stood_still(now):
             self._backlog_until = now + CATCH_UP
+            self._stall = now - self._stepped
+            self._since_stall.restart(now)
         if backlog:
             self._confirmed = False
             self._heartbeats = heartbeats
@@ -316,6 +323,11 @@ class Authority:
             self._confirmed |= heartbeats > self._heartbeats
         self._stepped = now
         return backlog
+
+    def stalled(self, now: float) -> float:
+        """Return the length of a gap between two steps, s, while rates and ages still show its
+        effects, else 0."""
+        return self._stall if self._since_stall.age(now) < 4.0 else 0.0
 
     def may_be_backlog(self, now: float) -> bool:
         """True if data received now may date from a gap between steps."""

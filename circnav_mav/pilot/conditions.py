@@ -61,6 +61,8 @@ class Condition:
     once: True to send the texts once per flight.
     steering: True if the condition exists only while the vehicle is steered. The end of steering
         then ends the condition without a text.
+    by_stall: True if a stall of this computer causes the condition too. It is then hidden, because
+        the stall itself is reported.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Condition:
     severity: int = WARNING
     once: bool = False
     steering: bool = False
+    by_stall: bool = False
 
 
 class Conditions:
@@ -91,6 +94,7 @@ class Conditions:
         for row in TABLE:
             hidden = row.steering and not view.steering
             hidden |= view.done and row is not ENDED
+            hidden |= row.by_stall and view.stalled > 0
             active = None if hidden else row.find(view)
             if active is not None:
                 self._active[row.name] = active
@@ -144,6 +148,16 @@ def _ended(view: StepView) -> Active | None:
     if outcome is None or outcome.ending in NO_FAILURE:
         return None
     return Active(long=f"{outcome.ending.value.upper()}: {outcome.reason}")
+
+
+def _stalled(view: StepView) -> Active | None:
+    if not view.stalled or view.engaged_at is None:
+        return None
+    return Active(
+        f"computer stalled for {view.stalled:.1f} s",
+        f"COMPUTER STALLED for {view.stalled:.1f} s, in which nothing was sent: stop other"
+        " programs, and keep the computer awake",
+    )
 
 
 def _link_silent(view: StepView) -> Active | None:
@@ -327,6 +341,19 @@ def _drift_too_strong(view: StepView) -> Active | None:
     )
 
 
+def _no_way_made(view: StepView) -> Active | None:
+    alarm = view.way_alarm
+    if not alarm.on or view.drift_alarm.on:
+        return None
+    wind = "" if alarm.drift is None else f"wind {alarm.drift:.0f}, "
+    speeds = f"{wind}airspeed {alarm.airspeed:.0f} m/s"
+    return Active(
+        f"no way made, {speeds}",
+        f"NO WAY MADE: {alarm.r:.0f} m from the target, not nearer than 25 s before ({speeds}):"
+        " fly faster, or end the flight",
+    )
+
+
 def _bound_not_watched(view: StepView) -> Active | None:
     why = view.unchecked_bound
     if not why:
@@ -407,7 +434,8 @@ def _airspeed_implausible(view: StepView) -> Active | None:
 
 
 def _bank_limit(view: StepView) -> Active | None:
-    if not view.bank_limit:
+    # A plane that banks as far as the mission allows has shown no limit of its own.
+    if not view.bank_limit or view.bank_limit > 0.95 * view.settings.facts.max_bank:
         return None
     return Active(f"vehicle banks {degrees(view.bank_limit):.0f} deg at most")
 
@@ -434,11 +462,12 @@ TABLE = (
     Condition("flood", _flood, over="network flood over"),
     Condition("second_controller", _second_controller, over="another program no longer steers"),
     ENDED,
-    Condition("link_silent", _link_silent, over="link restored"),
-    Condition("uplink_silent", _uplink_silent, steering=True),
-    Condition("link_too_slow", _link_too_slow),
-    Condition("holding", _holding, over="range regained", steering=True),
-    Condition("range_stale", _range_stale),
+    Condition("stalled", _stalled),
+    Condition("link_silent", _link_silent, over="link restored", by_stall=True),
+    Condition("uplink_silent", _uplink_silent, steering=True, by_stall=True),
+    Condition("link_too_slow", _link_too_slow, by_stall=True),
+    Condition("holding", _holding, over="range regained", steering=True, by_stall=True),
+    Condition("range_stale", _range_stale, by_stall=True),
     Condition("range_frozen", _range_frozen, over="range accepted again"),
     Condition("range_jumped", _range_jumped, over="range jumped back", steering=True),
     Condition("range_rate_dropped", _range_rate_dropped, over="range rate used again"),
@@ -447,18 +476,21 @@ TABLE = (
     Condition("limit_cycle", _limit_cycle),
     Condition("lean_limit", _lean_limit),
     Condition("drift_too_strong", _drift_too_strong, over="drift within limit again"),
+    Condition("no_way_made", _no_way_made, over="comes nearer again", steering=True),
     Condition("bound_not_watched", _bound_not_watched, over="bounds checked again", steering=True),
-    Condition("most_ranges_rejected", _most_ranges_rejected),
+    Condition("most_ranges_rejected", _most_ranges_rejected, by_stall=True),
     Condition("sensor_clock_stepped", _sensor_clock_stepped, over="sensor clock steady again"),
     Condition("clock_speed", _clock_speed, over="autopilot clock at our speed"),
     *(
-        Condition(f"no_{name}", _lost(name), over=f"{name} received again", steering=True)
+        Condition(
+            f"no_{name}", _lost(name), over=f"{name} received again", steering=True, by_stall=True
+        )
         for name in LOST
     ),
     Condition("heading_jumped", _heading_jumped, over="heading jumped back"),
     Condition("altitude_lost", _altitude_lost, over="altitude received again"),
     Condition("altitude_jumped", _altitude_jumped, over="altitude jumped back"),
-    Condition("few_setpoints", _few_setpoints),
+    Condition("few_setpoints", _few_setpoints, by_stall=True),
     # not alarms: only sent to ground stations
     Condition("range_noise", _range_noise, severity=NOTICE),
     Condition("low_range_noise", _low_range_noise, severity=NOTICE),

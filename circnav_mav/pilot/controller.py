@@ -70,6 +70,8 @@ class Controller:
             )
         )
         self._height: float | None = None
+        self._wind = 0.0
+        """Newest trusted drift, m/s."""
         self.drag = 0.0
         """Drag coefficient of a copter, 1/s, measured in flight."""
         self.drag_coefficient = facts.drag
@@ -99,6 +101,9 @@ class Controller:
         self.vehicle.link = min(
             self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY
         )
+        motion = None if estimate is None else estimate.relative
+        if motion is not None and motion.trusted:
+            self._wind = motion.drift
         if phase is Phase.HOLDING:
             return self._loop.hold(estimate, now)
         if phase is not Phase.ENGAGED or estimate is None:
@@ -123,7 +128,8 @@ class Controller:
         request = request._replace(offset=offset, pace=pace)
         wanted = request.applied(self.circle)
         circle = request.circle(self.circle)
-        if why := obstacle(request, self.circle, self._settings.circle_limits):
+        limits = self._settings.circle_limits
+        if why := obstacle(request, self.circle, limits, self._wind, self.vehicle.most):
             return why
         try:
             self._loop.change(wanted, self._tuning.choice(wanted))

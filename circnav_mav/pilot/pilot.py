@@ -17,7 +17,7 @@ from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
-from circnav_mav.guidance.watches import DriftAlarm, breach, watch_drift
+from circnav_mav.guidance.watches import DriftAlarm, WayAlarm, breach, watch_drift, watch_way
 from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, YawRate
@@ -89,6 +89,7 @@ class Pilot:
         """Reason for the law that `auto` or `drift` flies now, human-readable. Empty for other
         laws."""
         self._drift_alarm = DriftAlarm()
+        self._way_alarm = WayAlarm()
         self._rates = RateMeter()
         self.allowance = Allowance()
         self.second_controller = SecondController(session, self.mission)
@@ -121,6 +122,11 @@ class Pilot:
         link."""
         if not self._worth_reading(source, len(data), now, link):
             return
+        if self._authority.may_be_backlog(now):
+            # The vehicle flew on without us, and its reports waited for this computer: they show
+            # neither the delay of the link nor the response to commands.
+            self.session.timesync.forget_requests()
+            self.controller.vehicle.reset()
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
             if of_vehicle:
                 self._path.receive(message, now, steering=self.mission.steering, flies=self.flies)
@@ -451,6 +457,10 @@ class Pilot:
         self._drift_alarm = watch_drift(
             self._drift_alarm, estimate, controller.orbit, controller.vehicle.most
         )
+        engaged = self.mission.phase is Phase.ENGAGED
+        self._way_alarm = watch_way(
+            self._way_alarm, estimate if engaged else None, controller.orbit
+        )
         if command is not None and (
             command.flies or not LAWS[controller.law].flies_relative_motion
         ):
@@ -489,6 +499,7 @@ class Pilot:
             second_controller=self.second_controller.evidence(now),
             flood=self.allowance.dropped / 1000 if self.allowance.flooded(now) else 0.0,
             uplink_silent=session.timesync.silent(now, UPLINK_SILENT),
+            stalled=self._authority.stalled(now),
             clock_speed=session.clock_speed.found,
             setpoints=self.setpoints_sent,
             rejected=dict(ranging.rejected.most_common()),
@@ -511,6 +522,7 @@ class Pilot:
             unchecked_bound=unwatched(self.settings, session, now),
             gps_lost=None if self.gps_loss.changed_at is None else self.gps_loss.failure,
             drift_alarm=self._drift_alarm,
+            way_alarm=self._way_alarm,
             circle=controller.circle,
             law=self._law,
             why=self._why,

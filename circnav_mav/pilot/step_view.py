@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.guidance.watches import DriftAlarm
+from circnav_mav.guidance.watches import DriftAlarm, WayAlarm
 from circnav_mav.pilot.mission_state import STEERING, Outcome, Phase
 from circnav_mav.pilot.rates import Rates
 from circnav_mav.pilot.record import TickRecord
@@ -43,6 +43,8 @@ class StepView:
     """Dropped data of unknown senders, kB, 0 while none is dropped."""
     uplink_silent: bool
     """True if the vehicle does not answer TIMESYNC."""
+    stalled: float
+    """Length of a gap between two steps, s, for some seconds after it, else 0."""
     clock_speed: float | None
     """Speed of the autopilot's clock over ours, None unless it differs."""
 
@@ -90,6 +92,7 @@ class StepView:
     gps_lost: str | None
     """State of the flight by attitude after the loss of the GPS, None before it."""
     drift_alarm: DriftAlarm
+    way_alarm: WayAlarm
 
     # steering
     circle: Orbit

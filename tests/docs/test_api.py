@@ -138,6 +138,20 @@ def test_no_turn_is_commanded_before_there_is_an_estimate_nor_once_it_is_stale_w
     assert guidance.command(2.5) is None
 
 
+@pytest.mark.parametrize("before", [0.05, 30.0])
+@pytest.mark.parametrize("step", [60.0, 1e5, 1.7e9, -3600.0])
+@pytest.mark.parametrize("law", ["auto", "smooth"])
+def test_guidance_flies_circle_after_step_of_host_clock(law, step, before):
+    world = World(15.0)
+    guidance = Guidance(ORBIT, law)
+    world.fly(guidance, before)
+    world.now += step
+    assert guidance.command(world.now) is None
+    world.fly(guidance, 150.0)
+    assert world.radius == pytest.approx(100.0, abs=1.0)
+    assert world.sense is Direction.CLOCKWISE
+
+
 def test_a_law_of_ones_own_is_cut_to_the_limit_and_an_estimator_of_ones_own_is_asked():
     for turn, commanded in ((9.0, 0.35), (-9.0, -0.35), (0.1, 0.1)):
         command = received(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0)

@@ -3,7 +3,9 @@ if it cannot be flown. The sense of rotation is measured from the vehicle's true
 
 from math import pi
 
-from circnav_mav.guidance.circle_change import CircleRequest
+import pytest
+
+from circnav_mav.guidance.circle_change import CircleLimits, CircleRequest, obstacle
 from circnav_mav.guidance.types import Direction
 from tests.flight.lockstep import clockwise_turns, flight, true_radius
 
@@ -60,3 +62,38 @@ def test_smaller_circle_and_reversed_direction_are_flown():
     assert (
         clockwise_turns([truth for truth in flown.truths if truth.time > flown.now - 30.0]) < -0.4
     )
+
+
+def test_circle_that_wind_forbids_is_refused_with_least_radius():
+    flown = flight(
+        "arduplane",
+        "orbit.radius_m=150",
+        "limits.duration_s=400",
+        "sim.wind.speed_mps=8",
+        law="auto",
+    ).fly(75.0)
+    refused = flown.pilot.request_circle(CircleRequest(radius=80.0, by="test"), flown.now)
+    least = (22.0 + 8.0) ** 2 / (22.0 * flown.pilot.controller.vehicle.most)
+    assert refused.startswith("radius 80 m: min ") and refused.endswith(" m in wind 8 m/s")
+    assert abs(float(refused.split()[4]) - least) < 6.0
+    assert flown.pilot.controller.orbit.radius == 150.0
+    assert flown.pilot.request_circle(CircleRequest(radius=140.0, by="test"), flown.now) == ""
+
+
+@pytest.mark.parametrize("begins", [60.0, 68.0, 76.0, 84.0])
+def test_reversal_stays_within_announced_reach(begins):
+    flown = flight(
+        "arduplane",
+        "orbit.radius_m=150",
+        "limits.duration_s=400",
+        "sim.wind.speed_mps=6",
+        law="auto",
+    ).fly(begins)
+    orbit = flown.pilot.controller.orbit
+    request = CircleRequest(direction=Direction.COUNTERCLOCKWISE)
+    most = flown.pilot.controller.vehicle.most
+    words = obstacle(request, orbit, CircleLimits(22.0, farthest=200.0), 6.0, most)
+    flown.pilot.request_circle(request, flown.now)
+    flown.fly(begins + 40.0)
+    reached = max(radii(flown, begins))
+    assert 200.0 < reached < float(words.split()[2]) < 1.5 * reached

@@ -8,7 +8,7 @@ from circnav_sim.vehicle import Truth
 
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Ending, Phase
-from tests.flight.lockstep import CONFIG, Flight, true_radius
+from tests.flight.lockstep import CONFIG, Flight, flight, true_radius
 from tests.tools.bench.bench_home import HOME, fly, prepared
 from tests.tools.straight_way import straight_way
 
@@ -40,6 +40,15 @@ def test_plane_without_gps_flies_home_and_circles() -> None:
     assert flown.came
     assert flown.ratio < 1.3
     assert flown.rms < 10.0
+
+
+@pytest.mark.parametrize(("wind", "raised"), [(12.0, False), (16.0, True), (18.0, True)])
+def test_home_alarms_no_way_made_within_a_minute(wind: float, raised: bool) -> None:
+    """The plane flies at 15.4 m/s against the wind."""
+    flown = flight("home", f"sim.wind.speed_mps={wind}", law="auto").fly(61.0)
+    alarm = flown.pilot.conditions.alarms.get("no_way_made", "")
+    assert (f"(wind {wind:.0f}, airspeed 15 m/s)" in alarm) is raised
+    assert len(flown.pilot.conditions.alarms) == raised
 
 
 def lost(seed: int, at: float, away: float) -> tuple[Flight, list[Truth], float]:

@@ -9,6 +9,8 @@ import pytest
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
 from circnav_mav.pilot.mission_state import STEERING, Phase
 from tests.flight.lockstep import flight, last_third, message_ids, rms_error
+from tests.frames import read
+from tests.tools.fault_link.frames import frames, message_id
 
 
 def is_ranging(frame: bytes) -> bool:
@@ -54,3 +56,26 @@ def test_range_outage_holds_then_returns_to_the_circle() -> None:
     # from the learned turn-rate gain
     assert steady == pytest.approx([-15.0 / 100.0] * len(steady), rel=0.01)
     assert rms_error(last_third(flown), 100.0) < 2.0
+
+
+@pytest.mark.parametrize("pause", [1.0, 3.0, 6.0])
+def test_stall_of_computer_raises_one_alarm(pause: float) -> None:
+    """The vehicle's messages of the pause arrive at its end."""
+    flown = flight("arduplane", "limits.duration_s=1000.0").fly(60.0)
+    before = len(flown.sent)
+    resumed = flown.now + pause
+    while flown.clock.now() < resumed:
+        flown.clock.advance(resumed)
+    alarms: set[str] = set()
+    flown.fly(80.0, lambda now: alarms.update(now.pilot.conditions.alarms))
+    texts = [
+        read(frame).text
+        for _, data in flown.sent[before:]
+        for frame in frames(data)
+        if message_id(frame) == 253
+    ]
+    assert alarms == {"stalled"}
+    assert texts == [f"circnav: computer stalled for {pause:.1f} s"]
+    assert flown.pilot.mission.phase is Phase.ENGAGED
+    assert not flown.pilot.conditions.alarms
+    assert flown.pilot.session.timesync.worst < 0.5

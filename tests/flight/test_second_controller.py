@@ -6,7 +6,7 @@ import pytest
 from circnav_mav.mav.frames import euler_from_quaternion, quaternion_from_euler
 from circnav_mav.pilot.mission_state import Phase
 from tests.flight.lockstep import SETPOINT_IDS, flight
-from tests.frames import read
+from tests.frames import output, read
 from tests.tools.fault_link.frames import frames, message_id, write
 
 OTHER = (1, 193)
@@ -64,3 +64,36 @@ def test_setpoints_of_another_program_raise_an_alarm(mission):
 def test_vehicle_without_setpoint_report_shows_no_controller(mission):
     """A limit documented in docs/safety.md."""
     assert flown_with_another(mission, until=BEGINS + 4.0)[1] == {}
+
+
+@pytest.mark.parametrize("mission", ["arducopter", "px4_copter"])
+def test_second_circnav_refuses_itself_while_first_steers(mission):
+    """A router forwards the frames of each circnav to the other one. Both have the same ids."""
+    first = flight(mission, "limits.duration_s=1000.0")
+    second = flight(mission, "limits.duration_s=1000.0")
+    received: list[bytes] = []
+    first.hears = lambda frame, now: received.append(frame) or True
+    sent: list[bytes] = []
+
+    def second_program(flown):
+        forwarded = [data for _, data in flown.sent[seen[0] :]]
+        seen[0] = len(flown.sent)
+        now = flown.now - BEGINS
+        if now > 0.0 and not second.pilot.done:
+            for data in received + forwarded:
+                second.pilot.receive(data, now, "sim")
+            data = output(second.pilot, now)
+            flown.vehicle.receive(data)
+            flown.others = [(data, "sim")] if data else []
+            sent.append(data)
+        else:
+            flown.others = []
+        received.clear()
+
+    seen = [0]
+    first.fly(BEGINS + 15.0, second_program)
+    assert second.pilot.done
+    assert "another companion sends with our ids" in second.outcome.reason
+    assert not any(message_id(frame) in SETPOINT_IDS for data in sent for frame in frames(data))
+    assert first.pilot.mission.outcome is None
+    assert first.pilot.mission.phase is Phase.ENGAGED

@@ -29,6 +29,11 @@ LIMITS = CircleLimits(speed=15.0, nearest=40.0, farthest=500.0)
             CircleLimits(15.0, keeps_speed=True),
             "this autopilot holds its own airspeed",
         ),
+        (
+            CircleRequest(direction=Direction.COUNTERCLOCKWISE),
+            CircleLimits(15.0, farthest=200.0),
+            "reversal reaches 201 m, max 200 m",
+        ),
         (CircleRequest(radius=42.0), LIMITS, "radius 42 m: min 43 m by turn rate"),
         (
             CircleRequest(radius=55.0),

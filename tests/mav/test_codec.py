@@ -241,6 +241,21 @@ def test_frame_with_unknown_flags_is_dropped(flags, signature, understood):
     assert decoder.frames == expected
 
 
+@pytest.mark.parametrize("stream", [False, True])
+@pytest.mark.parametrize("flags", [0x02, 0x04, 0x06, 0x40])
+def test_decoder_discards_payload_of_frame_with_unknown_flag(flags, stream):
+    """A TUNNEL whose payload is a whole HEARTBEAT of the vehicle in another mode. The flags 0x02
+    and 0x04 of pymavlink's extended header append 3 and 4 bytes."""
+    extension = bytes(3 * bool(flags & 0x02) + 4 * bool(flags & 0x04))
+    payload = (bytes((1, 0, 0, 0, len(BEAT))) + BEAT).ljust(133, b"\x00")
+    head = bytes((133, flags, 0, 7, 44, 191)) + (385).to_bytes(3, "little") + extension
+    extra = bytes((mavlink.MAVLink_tunnel_message.crc_extra,))
+    crc = mavlink.x25crc(head + payload + extra).crc.to_bytes(2, "little")
+    decoder = Decoder(stream=stream)
+    assert decoded(decoder, [b"\xfd" + head + payload + crc + GOOD[1]]) == [GOOD[1]]
+    assert (decoder.counts.bad, decoder.frames) == (1, [GOOD[1]])
+
+
 def test_decoder_refuses_mavlink_ignore_crc(monkeypatch):
     monkeypatch.setattr(mavlink, "MAVLINK_IGNORE_CRC", True)
     with pytest.raises(ValueError, match="MAVLINK_IGNORE_CRC"):

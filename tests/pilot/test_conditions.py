@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.watches import DriftAlarm
+from circnav_mav.guidance.watches import DriftAlarm, WayAlarm
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.identity import OUR_NAME, RADIO_NAME, VEHICLE_NAME
 from circnav_mav.pilot.conditions import ENDED, LOST, TABLE
@@ -40,6 +40,7 @@ def views() -> list[StepView]:
         second_controller="the vehicle flies +20 deg/s, commanded -3 deg/s",
         flood=468.0,
         uplink_silent=True,
+        stalled=1.0,
         clock_speed=0.25,
         full_rates=Rates(50.0, 0.0, 10.0, 20.0),
         steered_rates=Rates(50.0, 0.0, 10.0, 2.0),
@@ -59,6 +60,7 @@ def views() -> list[StepView]:
         unchecked_bound="no battery in SYS_STATUS: bounds.min_battery_percent needs it",
         gps_lost="",
         drift_alarm=DriftAlarm(on=True, drift=6.0, allowed=2.7),
+        way_alarm=WayAlarm(2, 50.0, 2100.0, 18.0, 15.4),
         circle=replace(view.circle, radius=120.0),
         law="drift",
         why="drift: wind 5 m/s",
@@ -70,6 +72,7 @@ def views() -> list[StepView]:
     stale = replace(
         holding,
         tick=holding.tick._replace(phase=Phase.ENGAGED, link_age=3.0, height=20.0),
+        drift_alarm=DriftAlarm(),
     )
     return [holding, stale]
 
@@ -176,3 +179,11 @@ def test_the_ground_station_is_told_which_law_flies_and_of_no_outage_or_drift_wh
     assert "drift" in laws
     assert len(said) == len(set(said))
     assert [text for text in said if "range" in text or "allows" in text] == []
+
+
+def test_bank_limit_is_not_reported_at_limit_of_mission():
+    view = VIEWS[0]
+    (row,) = (row for row in TABLE if row.name == "bank_limit")
+    most = view.settings.facts.max_bank
+    assert row.find(replace(view, bank_limit=0.99 * most)) is None
+    assert row.find(replace(view, bank_limit=0.8 * most)) is not None

@@ -57,8 +57,8 @@ ALARM_COUNT = 3
 ALARM_TIME = 5.0
 """Number of rejections for one reason, and time, s, within which they raise an alarm. Single
 rejections are normal: a lossy network repeats and reorders frames."""
-MOST_COPIES = 512
-"""Number of newest frames kept to recognize copies: 0.4 s of 255 members at 5 Hz."""
+MOST_COPIES = 16_384
+"""Number of newest frames kept to recognize copies: 13 s of 255 members at 5 Hz, 18 min of 3."""
 _HASH = 6
 """Bytes of the hash in a MAVLink 2 signature."""
 _ROUNDING = 1e-6
@@ -319,11 +319,14 @@ class Acceptance:
         """
         if self._signing is None or self._key is None or not is_signed(data):
             return
-        self._signing.advance(now)
+        self._signing.follow(now)
         ahead = int.from_bytes(data[1 - SIGNATURE : -_HASH], "little") - max(
             int((now - EPOCH) * SECOND), 0
         )
         if ahead > MINUTE and is_signed_with(self._key, data):
+            # The member is accepted once its clock is right. A copy of this frame must not be
+            # accepted when its time has come.
+            self.remember(data, now)
             raise RejectedError(
                 Rejection.CLOCKS_DISAGREE, f"id {data[5]} is {ahead / SECOND:.0f} s ahead"
             )

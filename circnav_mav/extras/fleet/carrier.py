@@ -96,7 +96,7 @@ class FrameCarrier:
             return
         self._sent_at = now
         if self._signing is not None:
-            self._signing.advance(now)
+            self._signing.follow(now)
         frame = self._encoder.encode(to_message(report))
         self.acceptance.remember(frame, now)  # multicast returns it
         if problem := self._port.send(frame, now):

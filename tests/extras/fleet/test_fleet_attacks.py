@@ -359,3 +359,29 @@ def test_silent_member_may_change_address():
         port.queue = [(frame(report(2 if after < 60 else 5, NOON + after)), address)]
         assert len(victim.received(NOON + after)) == 1 and len(victim.acceptance.members) == members
     assert not victim.acceptance.rejected
+
+
+def test_member_is_accepted_after_its_clock_was_ahead():
+    """Both directions. The frames sent while the clock was wrong are captured, and are refused when
+    their time has come."""
+    wrong, right = (FrameCarrier(_Port(None), GROUP, member, bytes(range(32))) for member in (1, 2))
+    ports = wrong._port, right._port
+    captured = []
+    accepted = {1: [], 2: []}
+    for step in range(100):
+        now = NOON + 0.2 * step
+        error = 3600.0 if step < 50 else 0.0
+        wrong.send(report(1, now + error))
+        right.send(report(2, now))
+        captured += [(one, HONEST) for one in ports[0].sent if error]
+        ports[0].queue = [(one, STRANGER) for one in ports[1].sent]
+        ports[1].queue = [(one, HONEST) for one in ports[0].sent]
+        accepted[1] += [step for _ in wrong.received(now + error)]
+        accepted[2] += [step for _ in right.received(now)]
+        for port in ports:
+            port.sent.clear()
+    assert accepted == {1: [*range(50, 100)], 2: [*range(50, 100)]}
+    for step, datagram in enumerate(captured):
+        ports[1].queue = [datagram]
+        assert not right.received(NOON + 3600.0 + 0.2 * step)
+    assert len(captured) == right.acceptance.rejected[R.REPLAYED] == 50
