@@ -75,7 +75,7 @@ def circle(seconds: float, true_scale: float, wind: complex) -> tuple[ScaleFit, 
 
 
 @pytest.mark.parametrize("true_scale", [0.7, 1.0, 1.5])
-def test_scale_fit_and_mean_wind_find_drag_and_wind_in_two_laps(true_scale: float) -> None:
+def test_scale_fit_and_mean_wind_converge_in_two_laps(true_scale: float) -> None:
     fit, mean = circle(76.0, true_scale, wind=2.0 - 1.0j)
     assert fit.scale == pytest.approx(true_scale, rel=0.06)
     assert complex(mean.x, mean.y) == pytest.approx(2.0 - 1.0j, abs=0.5)

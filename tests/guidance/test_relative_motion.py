@@ -207,7 +207,7 @@ def test_auto_keeps_target_after_sensor_clock_jump():
     assert estimator.kalman.ready
 
 
-def test_filter_without_own_motion_is_not_ready_until_motion_returns():
+def test_filter_is_ready_only_with_own_motion():
     """Without own motion it uses no ranges, and the range filter judges them."""
     world, estimator = converged(AutoEstimator)
     for t in np.arange(30.0, 31.0, 0.05):
