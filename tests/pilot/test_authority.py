@@ -195,9 +195,9 @@ def battery(percent):
 )
 def test_value_beyond_mission_bounds_ends_flight(bounds, cm, message, reason):
     rig = Rig(bounds=bounds)
-    rig.run(3.0, lambda: (rig.hear(battery(50)), rig.hear(vfr_hud(100.0))), range_cm=cm)
+    rig.run(3.0, lambda: (rig.receive(battery(50)), rig.receive(vfr_hud(100.0))), range_cm=cm)
     if message is not None:
-        rig.hear(message)
+        rig.receive(message)
     rig.run(1.0)
     assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.reason) == reason
 
@@ -212,13 +212,13 @@ def test_value_beyond_mission_bounds_ends_flight(bounds, cm, message, reason):
 )
 def test_unreported_bound_value_prevents_engagement_and_raises_alarm(bounds, told, unknown, needs):
     rig = Rig(bounds=bounds)
-    assert rig.run(3.0, lambda: unknown and rig.hear(unknown)).setpoints() == []
+    assert rig.run(3.0, lambda: unknown and rig.receive(unknown)).setpoints() == []
     assert rig.pilot.status.waits_for(rig.now).startswith(f"{needs}: bounds.min_")
-    assert rig.run(2.0, lambda: rig.hear(told)).setpoints()
+    assert rig.run(2.0, lambda: rig.receive(told)).setpoints()
     assert f"circnav: {needs}" not in rig.texts()
-    assert f"circnav: {needs}" in rig.run(6.0, lambda: unknown and rig.hear(unknown)).texts()
+    assert f"circnav: {needs}" in rig.run(6.0, lambda: unknown and rig.receive(unknown)).texts()
     assert rig.pilot.mission.phase is Phase.ENGAGED
     assert rig.pilot.conditions.alarms["bound_not_watched"].startswith(
         f"BOUND NOT CHECKED: {needs}"
     )
-    assert "circnav: bounds checked again" in rig.run(1.0, lambda: rig.hear(told)).texts()
+    assert "circnav: bounds checked again" in rig.run(1.0, lambda: rig.receive(told)).texts()

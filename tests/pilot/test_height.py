@@ -119,8 +119,8 @@ def test_home_position_without_altitude_has_no_effect(make_rig):
     for rig, place in zip(rigs, ((473_000_000, 0.0), (-10_000_000, 1e6)), strict=True):
 
         def report(rig=rig, place=place):
-            rig.hear(vfr_hud(560.0))
-            rig.hear(home(504.0, *place))
+            rig.receive(vfr_hud(560.0))
+            rig.receive(home(504.0, *place))
 
         assert rig.run(4.0, report).pilot.mission.phase is Phase.ENGAGED
         assert rig.pilot.tracker.height.at(rig.now) == 60.0
@@ -134,7 +134,7 @@ def test_dry_run_keeps_mission_height(make_rig, output_mode, expected):
     rig = make_rig(height=FIXED, output_mode=output_mode)
     for second in range(60):
         rig.run(0.5)
-        rig.hear(vfr_hud(500.0 + max(0, second - 30)))
+        rig.receive(vfr_hud(500.0 + max(0, second - 30)))
     assert rig.pilot.mission.phase is Phase.ENGAGED
     records = rig.pilot.take_records()
     assert records[-1].height == pytest.approx(expected, abs=1.01)

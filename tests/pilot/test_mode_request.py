@@ -55,7 +55,7 @@ def test_mode_is_requested_when_ready_and_confirmed_by_heartbeat():
 
 def test_rejected_mode_ends_mission_with_vehicle_text():
     rig = asked()
-    rig.hear(mavlink.MAVLink_statustext_message(3, b"Mode change failed: requires position"))
+    rig.receive(mavlink.MAVLink_statustext_message(3, b"Mode change failed: requires position"))
     rig.acknowledge(SET_MODE, result=4)
     assert rig.run(0.5).pilot.mission.outcome.ending is Ending.ABORTED
     assert (

@@ -32,7 +32,7 @@ def values(rig):
 
 def after(rig, message, **how):
     rig.sent.clear()
-    rig.hear(message, voice=GCS, **how)
+    rig.receive(message, voice=GCS, **how)
     rig.run(1.0)
     return values(rig)
 
@@ -101,7 +101,7 @@ def test_direction_and_law_are_set_by_number(flying):
 )
 def test_unflyable_parameter_is_rejected_with_reason_and_old_value(flying, message, reason):
     before = after(flying, mavlink.MAVLink_param_request_list_message(*OURS))
-    flying.hear(message, voice=GCS)
+    flying.receive(message, voice=GCS)
     flying.run(1.0)
     texts = "".join(m.text for _, m in flying.sent if m.get_type() == "STATUSTEXT")
     assert f"circnav: {reason}"[:60] in texts
@@ -146,7 +146,7 @@ def test_no_parameter_is_set_after_takeover(flying):
 def test_repeated_list_requests_send_one_list(flying):
     flying.sent.clear()
     for _ in range(100):
-        flying.hear(mavlink.MAVLink_param_request_list_message(*OURS), voice=GCS)
+        flying.receive(mavlink.MAVLink_param_request_list_message(*OURS), voice=GCS)
     flying.run(1.0)
     sent = [(time, m.param_id) for time, m in flying.sent if m.get_type() == "PARAM_VALUE"]
     assert [name for _, name in sent] == NAMES
@@ -154,7 +154,7 @@ def test_repeated_list_requests_send_one_list(flying):
 
 
 def test_pymavlink_decodes_parameter_values(flying):
-    flying.hear(mavlink.MAVLink_param_request_read_message(*OURS, b"CN_HOLD", -1), voice=GCS)
+    flying.receive(mavlink.MAVLink_param_request_read_message(*OURS, b"CN_HOLD", -1), voice=GCS)
     flying.run(0.2)
     frames = b"".join(flying.raw)
     assert [m.param_value for m in decode(frames) if m.get_type() == "PARAM_VALUE"] == [10.0]

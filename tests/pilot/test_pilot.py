@@ -53,7 +53,7 @@ def test_heartbeat_stops_with_loop(rig):
 
 
 def test_received_frames_are_kept_for_recorder(rig):
-    frame = Voice(9, 9).say(heartbeat())
+    frame = Voice(9, 9).pack(heartbeat())
     rig.pilot.receive(frame + b"\x00" + frame, 0.0, "x")
     assert rig.pilot.take_frames() == [frame, frame]
     assert rig.pilot.take_frames() == []
@@ -82,7 +82,7 @@ def test_estimator_gets_no_motion_of_vehicle_ignoring_commands(rig):
 
     def report_heading(turns):
         heading[0] += 0.05 * rig.setpoints()[-1].yaw_rate if turns else 0.0
-        rig.hear(attitude(round(1000 * rig.now), heading[0]))
+        rig.receive(attitude(round(1000 * rig.now), heading[0]))
 
     for turns in (True, False):
         received.clear()
@@ -234,7 +234,7 @@ def test_false_positions_change_no_output(message, count):
     """The UAV is GPS-denied: no position may reach the guidance."""
     undisturbed = Rig().engage()
     disturbed = Rig()
-    disturbed.run(3.0, lambda: [disturbed.hear(message) for _ in range(count)])
+    disturbed.run(3.0, lambda: [disturbed.receive(message) for _ in range(count)])
     assert disturbed.raw == undisturbed.raw
 
 
@@ -244,7 +244,7 @@ def test_false_setpoint_report_raises_alarm_without_effect():
     report = mavlink.MAVLink_position_target_local_ned_message(
         1, 8, 0x407, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 1
     )
-    disturbed.run(5.0, lambda: disturbed.hear(report))
+    disturbed.run(5.0, lambda: disturbed.receive(report))
     assert list(map(str, disturbed.setpoints())) == list(map(str, undisturbed.setpoints()))
     assert "circnav: another program also steers" in disturbed.texts()
 
@@ -378,7 +378,7 @@ MISFIT = "no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot co
     ("limit", "received", "state", "begins", "ends"),
     [
         ("wait_link", b"junk", {"speaks": False, "ranges": False}, JUNK, JUNK),
-        ("wait_link", Voice().say(heartbeat(autopilot=12)), {"speaks": False}, MISFIT, MISFIT),
+        ("wait_link", Voice().pack(heartbeat(autopilot=12)), {"speaks": False}, MISFIT, MISFIT),
         (
             "wait_ranging",
             b"",

@@ -307,7 +307,7 @@ def test_duplicate_of_own_ids_fails_and_other_vehicle_warns():
     twin = Voice(1, 191)
     other = Voice(2, 1)
     bench.speaks = lambda now: (
-        [twin.say(heartbeat(kind=18, autopilot=8)), other.say(heartbeat())]
+        [twin.pack(heartbeat(kind=18, autopilot=8)), other.pack(heartbeat())]
         if round(now * 100) % 50 == 0
         else []
     )
@@ -320,7 +320,7 @@ def test_component_with_vehicle_ids_warns():
     bench = Bench("arducopter")
     radio = Voice(1, 1)
     bench.speaks = lambda now: (
-        [radio.say(heartbeat(0, kind=18, autopilot=8))] if round(now * 100) % 50 == 0 else []
+        [radio.pack(heartbeat(0, kind=18, autopilot=8))] if round(now * 100) % 50 == 0 else []
     )
     (line,) = of(bench.lines(), "others")
     ids = (
@@ -594,13 +594,13 @@ def of_another(now, sender=(1, 192), *, beacon_id=None, id=0, orientation=24):
         return []
     if beacon_id is not None:
         return [
-            Voice(*sender).say(
+            Voice(*sender).pack(
                 beacon(90_000, round(now * 1e6), round(now * 10) & 255, beacon_id=beacon_id)
             )
         ]
     stamp = round(now * 1000)
     return [
-        Voice(*sender).say(
+        Voice(*sender).pack(
             mavlink.MAVLink_distance_sensor_message(stamp, 20, 60000, 9000, 4, id, orientation, 0)
         )
     ]
@@ -643,7 +643,7 @@ def test_old_firmware_gets_request_data_stream():
     bench = Bench("arducopter")
     vehicle = Voice()
     unsupported = mavlink.MAVLink_command_ack_message(SET_MESSAGE_INTERVAL, 3)
-    bench.speaks = lambda now: [vehicle.say(unsupported)] if round(now * 100) % 10 == 0 else []
+    bench.speaks = lambda now: [vehicle.pack(unsupported)] if round(now * 100) % 10 == 0 else []
     bench.receives = lambda frame, now: message_id(frame) not in (COMMAND_ACK, ATTITUDE, VFR_HUD)
     assert "REQUEST_DATA_STREAM is used" in of(bench.lines(), "stream")[0].text
     assert {10, 11} <= {
@@ -826,7 +826,7 @@ def test_unknown_parameter_warns():
 def test_preflight_reads_value_set_by_ground_station():
     bench = Bench("arducopter")
     bench.vehicle.receive(
-        Voice(255, 190).say(mavlink.MAVLink_param_set_message(1, 1, b"GUID_TIMEOUT", 7.0, 9))
+        Voice(255, 190).pack(mavlink.MAVLink_param_set_message(1, 1, b"GUID_TIMEOUT", 7.0, 9))
     )
     assert bench.run().parameters["GUID_TIMEOUT"] == 7.0
 
@@ -845,7 +845,7 @@ def test_vehicle_statustext_is_repeated():
     bench = Bench("arducopter")
     vehicle = Voice(1, 1)
     text = mavlink.MAVLink_statustext_message(4, b"PreArm: Compass not healthy")
-    bench.speaks = lambda now: [vehicle.say(text)] if round(now * 100) == 400 else []
+    bench.speaks = lambda now: [vehicle.pack(text)] if round(now * 100) == 400 else []
     assert [line.text for line in of(bench.lines(), "STATUSTEXT")] == [
         '"PreArm: Compass not healthy"'
     ]

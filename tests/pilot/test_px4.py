@@ -29,10 +29,10 @@ class PX4(Rig):
         self.kind, self.airspeed = (2, float("nan")) if kind == "copter" else (1, 15.0)
 
     def heartbeat(self):
-        self.hear(heartbeat(self.mode, armed=self.armed, autopilot=12, kind=self.kind))
-        self.hear(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
+        self.receive(heartbeat(self.mode, armed=self.armed, autopilot=12, kind=self.kind))
+        self.receive(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
         if self.altitude is not None:
-            self.hear(vfr_hud(self.altitude, self.airspeed))
+            self.receive(vfr_hud(self.altitude, self.airspeed))
 
 
 @pytest.mark.parametrize(("kind", "message"), KINDS)
@@ -103,7 +103,7 @@ def test_implausible_airspeed_is_reported_once_while_engaged():
     rig = PX4(LOITER, "plane")
 
     def report_attitude():
-        rig.hear(attitude(round(rig.now * 1000), 0.1 * rig.now, yawspeed=0.1))
+        rig.receive(attitude(round(rig.now * 1000), 0.1 * rig.now, yawspeed=0.1))
 
     rig.run(5.0, report_attitude, airspeed=2.0)
     assert [text for text in rig.texts() if "airspeed" in text] == []

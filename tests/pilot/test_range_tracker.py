@@ -31,7 +31,7 @@ def test_tracker_rejects_same_component_of_another_vehicle():
     rig.run(0.5, ranges=False)
 
     def both_radios():
-        rig.hear(heartbeat(GUIDED), voice=their_vehicle)
+        rig.receive(heartbeat(GUIDED), voice=their_vehicle)
         rig.range(4000, voice=theirs)
         rig.range(15000, voice=ours)
         received.append(rig.pilot.tracker.newest)
@@ -45,7 +45,7 @@ def test_replacement_radio_before_flight_gets_its_own_clock(rig):
     other = Voice(system=77, component=192)
     for _ in range(20):
         rig.run(0.1, mode=LOITER, ranges=False)
-        rig.hear(scattering(4000, 500_000 + round(rig.now * 1000)), voice=other)
+        rig.receive(scattering(4000, 500_000 + round(rig.now * 1000)), voice=other)
     rig.run(6.0).run(0.5, ranges=True)
     assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
     assert set(rig.pilot.tracker.ranging.rejected) <= {
@@ -103,7 +103,7 @@ def test_heartbeat_of_radio_system_keeps_ranges_accepted(
 
     def speaks():
         if rig.now > begins and rig.tick % 5 == 0:
-            rig.hear(
+            rig.receive(
                 heartbeat(kind=2 if begins else 0, autopilot=autopilot),
                 voice=speaker,
                 source=source,
@@ -119,7 +119,7 @@ def test_heartbeat_of_other_vehicle_ends_its_ranges_in_flight(rig):
 
     def speaks():
         if rig.now > 5.0 and rig.tick % 5 == 0:
-            rig.hear(heartbeat(), voice=other)
+            rig.receive(heartbeat(), voice=other)
         if rig.tick % 2:
             rig.range(voice=other)
 
@@ -153,8 +153,8 @@ def two(rig, *, equal_stamps=True, **other):
     def speaks():
         if rig.tick % 2 == 0:
             stamp = 1_000_000 + round(rig.now * 1000)
-            rig.hear(scattering(15000, stamp))
-            rig.hear(scattering(4000, stamp + (0 if equal_stamps else 20), **both))
+            rig.receive(scattering(15000, stamp))
+            rig.receive(scattering(4000, stamp + (0 if equal_stamps else 20), **both))
 
     return speaks
 
@@ -199,7 +199,7 @@ def test_slow_second_sensor_prevents_engagement():
 
     def late():
         if rig.tick % 20 == 19:
-            rig.hear(scattering(4000, 1_000_000 + round(rig.now * 1000), id=1))
+            rig.receive(scattering(4000, 1_000_000 + round(rig.now * 1000), id=1))
 
     assert rig.run(8.0, late).pilot.mission.phase is Phase.WAIT_RANGING
     assert rig.setpoints() == []
@@ -227,7 +227,7 @@ def test_missing_value_name_is_reported_with_received_names():
     values = [
         mavlink.MAVLink_named_value_float_message(0, name, 30.0) for name in (b"UWB1", b"UWB2")
     ]
-    rig.run(3.0, lambda: [rig.hear(value) for value in values], ranges=False)
+    rig.run(3.0, lambda: [rig.receive(value) for value in values], ranges=False)
     waits = rig.pilot.status.waits_for(rig.now)
     assert (
         "received: 1/1 name UWB1 (30.0 m), 1/1 name UWB2 (30.0 m), which the mission does not"
@@ -248,7 +248,7 @@ def fast(rig, hz, values=lambda n: 15000 + n % 2):
     def speaks():
         for n in range(round(hz * 0.05)):
             rig.now = round(rig.tick * 0.05 + (n + 1) / hz, 6)
-            rig.hear(distance(values(next(number)), 1_000_000 + round(1000 * rig.now)))
+            rig.receive(distance(values(next(number)), 1_000_000 + round(1000 * rig.now)))
             rig.step()
 
     return speaks
@@ -298,7 +298,7 @@ def test_outlier_is_counted_without_effect_on_setpoints():
 def test_sensor_clock_jump_restarts_estimate(rig):
     rig.engage()
     for i in range(30):
-        rig.run(0.1, ranges=False).hear(distance(15000, 5_000 + 100 * i))
+        rig.run(0.1, ranges=False).receive(distance(15000, 5_000 + 100 * i))
     assert rig.pilot.tracker.ranging.rejected["stamp_jump"] == 2
     assert rig.pilot.mission.phase is Phase.ENGAGED
 
@@ -308,7 +308,7 @@ def test_tracker_rejects_range_of_excessive_sigma(accuracy_mm):
     rig = Rig(ranging=ranging(message="ranging_beacon", max_sigma=50.0), ranging_apart=True)
     for i in range(100):
         message = beacon(150_000, 1_000_000 + i * 100_000, i, range_accuracy=accuracy_mm)
-        rig.run(0.1).hear(message, link=RANGING)
+        rig.run(0.1).receive(message, link=RANGING)
     assert rig.pilot.tracker.accepted == 0
     assert rig.pilot.tracker.ranging.rejected["too_noisy"] == 100
 
@@ -327,7 +327,7 @@ def test_constant_range_delay_counts_as_clock_offset(round_trip, delay):
     for _ in range(120):
         rig.run(0.05)
         if rig.tick % 2 == 0:
-            rig.hear(scattering(15000, 1_000_000 + round((rig.now - 2.0) * 1000)))
+            rig.receive(scattering(15000, 1_000_000 + round((rig.now - 2.0) * 1000)))
         if behind is None and rig.pilot.tracker.newest.time > since + 0.1:
             behind = rig.now - since
     assert behind == delay
@@ -403,7 +403,7 @@ def test_vehicle_on_ranging_link_is_ignored():
     rig = Rig(ranging_apart=True)
     rig.run(
         2.0,
-        lambda: rig.hear(heartbeat(GUIDED), link=RANGING, source="radio"),
+        lambda: rig.receive(heartbeat(GUIDED), link=RANGING, source="radio"),
         speaks=False,
         ranges=False,
     )
@@ -412,10 +412,10 @@ def test_vehicle_on_ranging_link_is_ignored():
 
 def test_autopilot_reboot_resets_estimate():
     rig = Rig(end_on_takeover=False).engage()
-    rig.hear(mavlink.MAVLink_system_time_message(0, 900_000))
+    rig.receive(mavlink.MAVLink_system_time_message(0, 900_000))
     rig.run(0.5).now_is(ranges=False)
     assert rig.pilot.take_records()[-1].r == pytest.approx(150.0, abs=0.5)
     for boot_ms in (2_000, 2_050):
-        rig.hear(mavlink.MAVLink_system_time_message(0, boot_ms))
+        rig.receive(mavlink.MAVLink_system_time_message(0, boot_ms))
     assert [record.r for record in rig.run(0.05).pilot.take_records()] == [None]
     assert not rig.pilot.tracker.estimator.ready

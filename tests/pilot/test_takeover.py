@@ -41,7 +41,7 @@ class Takeover:
 def heartbeats(rig: Rig, *beats: tuple[int, bool]) -> None:
     """Receive several heartbeats at one moment: (mode, armed)."""
     for mode, armed in beats:
-        rig.hear(heartbeat(mode, armed=armed))
+        rig.receive(heartbeat(mode, armed=armed))
 
 
 def stays(**changes: object) -> Callable[[Rig], None]:
@@ -58,7 +58,7 @@ def outage(rig: Rig) -> None:
 def outage_until_confirmed(rig: Rig) -> None:
     """An outage of a vehicle that reports its time since boot. Afterwards its identity is confirmed
     by that time alone."""
-    rig.hear(attitude(round(rig.now * 1000)))
+    rig.receive(attitude(round(rig.now * 1000)))
     outage(rig)
 
 
@@ -69,13 +69,13 @@ def late_confirmation(rig: Rig) -> None:
     rig.run(0.25)
     heartbeats(rig, (GUIDED, True))
     rig.run(0.25)
-    rig.hear(attitude(round(rig.now * 1000)))
+    rig.receive(attitude(round(rig.now * 1000)))
 
 
 def reboots(rig: Rig) -> None:
     """The vehicle comes back armed in GUIDED, without the operator's consent."""
     for boot_ms in (900_000, 2_000, 2_050):
-        rig.hear(mavlink.MAVLink_system_time_message(0, boot_ms))
+        rig.receive(mavlink.MAVLink_system_time_message(0, boot_ms))
 
 
 def backlog(rig: Rig) -> None:
@@ -96,13 +96,13 @@ def loses_heartbeats(rig: Rig) -> None:
     """PX4 sends one heartbeat a second. CURRENT_MODE alone keeps the vehicle engaged."""
     for _ in range(20):
         rig.run(0.5, speaks=False)
-        rig.hear(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
+        rig.receive(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
     assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
 def current_modes(*modes: int) -> Callable[[Rig], None]:
     return lambda rig: (
-        [rig.hear(mavlink.MAVLink_current_mode_message(0, mode, 0)) for mode in modes] and None
+        [rig.receive(mavlink.MAVLink_current_mode_message(0, mode, 0)) for mode in modes] and None
     )
 
 
@@ -276,15 +276,15 @@ def test_delayed_second_link_returns_no_vehicle(offset):
     rig = Rig(end_on_takeover=False)
     late = Voice(1, 1)
     for _ in range(offset):
-        late.say(heartbeat(GUIDED))
+        late.pack(heartbeat(GUIDED))
     began = rig.engage().tick
     left = rig.now + 3.0
 
     def both_ways() -> None:
         if (rig.tick - began) % 20 == 0:
-            rig.hear(heartbeat(LOITER if rig.now >= left else GUIDED))
+            rig.receive(heartbeat(LOITER if rig.now >= left else GUIDED))
         if (rig.tick - began) % 20 == 4:
-            rig.hear(heartbeat(LOITER if rig.now - 1.2 >= left else GUIDED), voice=late)
+            rig.receive(heartbeat(LOITER if rig.now - 1.2 >= left else GUIDED), voice=late)
 
     rig.run(10.0, both_ways, speaks=False)
     assert rig.setpoints(left + 0.05) == []
@@ -295,10 +295,11 @@ def test_current_mode_0_is_ignored(rig):
     """Mode 0 means an unset field: neither another mode nor evidence that the vehicle is
     present."""
     nothing = mavlink.MAVLink_current_mode_message(0, 0, 0)
-    rig.engage().run(0.5, lambda: rig.hear(nothing))
+    rig.engage().run(0.5, lambda: rig.receive(nothing))
     assert (rig.pilot.mission.phase, rig.pilot.session.vehicle.mode) == (Phase.ENGAGED, GUIDED)
     assert (
-        rig.run(4.0, lambda: rig.hear(nothing), speaks=False).pilot.mission.phase is Phase.WAIT_LINK
+        rig.run(4.0, lambda: rig.receive(nothing), speaks=False).pilot.mission.phase
+        is Phase.WAIT_LINK
     )
 
 
@@ -364,12 +365,12 @@ class Watched(Rig):
             self.ours |= self.left and self.now - self.back_since >= 1.5 - 1e-6
             self.left &= not self.ours
         self.reported_at = self.now
-        self.received.append(frame or self.vehicle.say(heartbeat(mode, armed=armed)))
+        self.received.append(frame or self.vehicle.pack(heartbeat(mode, armed=armed)))
         self.pilot.receive(self.received[-1], self.now, self.source)
 
     def heartbeat(self) -> None:
         self.report(self.mode, self.armed)
-        self.hear(mavlink.MAVLink_extended_sys_state_message(0, IN_AIR))
+        self.receive(mavlink.MAVLink_extended_sys_state_message(0, IN_AIR))
         self.proven = True
 
     def step(self) -> list:
@@ -430,7 +431,7 @@ class AnyOrder(RuleBasedStateMachine):
         self.rig.report(
             again.custom_mode, bool(again.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED), frame
         )
-        self.rig.hear(heartbeat(GUIDED), voice=Voice(1, 1), source="elsewhere")
+        self.rig.receive(heartbeat(GUIDED), voice=Voice(1, 1), source="elsewhere")
         self.rig.run(0.25)
 
     def teardown(self) -> None:
