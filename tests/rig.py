@@ -52,14 +52,14 @@ class Voice:
         self._mavlink = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self._version = version
 
-    def say(self, message: Any) -> bytes:
+    def pack(self, message: Any) -> bytes:
         frame = bytes(message.pack(self._mavlink, force_mavlink1=self._version == 1))
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         return frame
 
     def message(self, message: Any) -> Any:
         """Return the message as a receiver gets it: packed and unpacked."""
-        return mavlink.MAVLink(None).decode(bytearray(self.say(message)))
+        return mavlink.MAVLink(None).decode(bytearray(self.pack(message)))
 
 
 def heartbeat(mode: int = GUIDED, *, armed: bool = True, kind: int = 2, autopilot: int = 3) -> Any:
@@ -140,7 +140,7 @@ class Rig:
         self.sent: list[tuple[float, Any]] = []
         self.raw: list[bytes] = []
 
-    def hear(
+    def receive(
         self,
         message: Any,
         *,
@@ -150,24 +150,24 @@ class Rig:
     ) -> None:
         """Pass a message to the pilot now."""
         self.pilot.receive(
-            (voice or self.vehicle).say(message), self.now, source or self.source, link
+            (voice or self.vehicle).pack(message), self.now, source or self.source, link
         )
 
     def heartbeat(self) -> None:
-        self.hear(heartbeat(self.mode, armed=self.armed))
+        self.receive(heartbeat(self.mode, armed=self.armed))
         if self.landed_state is not None:
-            self.hear(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
+            self.receive(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
 
     def answer(self) -> None:
         """Send the answers to TIMESYNC that are due."""
         due = [stamp for at, stamp in self.answers if at <= self.now + 1e-9]
         self.answers = [one for one in self.answers if one[1] not in due]
         for stamp in due if self.speaks else ():
-            self.hear(mavlink.MAVLink_timesync_message(round(self.now * 1e9), stamp))
+            self.receive(mavlink.MAVLink_timesync_message(round(self.now * 1e9), stamp))
 
     def range(self, cm: int | None = None, **sender: Any) -> None:
-        """Send a range measured now. sender: as in `hear`."""
-        self.hear(scattering(cm or self.range_cm, 1_000_000 + round(self.now * 1000)), **sender)
+        """Send a range measured now. sender: as in `receive`."""
+        self.receive(scattering(cm or self.range_cm, 1_000_000 + round(self.now * 1000)), **sender)
 
     def step(self) -> list[Any]:
         """Run one step of the pilot and read its output."""
@@ -234,7 +234,7 @@ class Rig:
         return [message for message in self.of("COMMAND_LONG", since) if message.command == number]
 
     def acknowledge(self, number: int, result: int = 0) -> None:
-        self.hear(mavlink.MAVLink_command_ack_message(number, result))
+        self.receive(mavlink.MAVLink_command_ack_message(number, result))
 
 
 @pytest.fixture

@@ -48,7 +48,7 @@ def load(vehicle, lines, bytewise):
         if bytewise and kind == mavlink.MAV_PARAM_TYPE_INT32:
             (number,) = struct.unpack("<f", struct.pack("<i", int(number)))
         vehicle.receive(
-            Voice(255, 190).say(
+            Voice(255, 190).pack(
                 mavlink.MAVLink_param_set_message(1, 1, name.encode(), number, kind)
             )
         )

@@ -84,7 +84,7 @@ class World:
 
 
 @pytest.mark.parametrize("direction", Direction)
-def test_the_loop_of_the_readme_circles_the_right_way_round(direction, capsys):
+def test_loop_of_readme_circles_in_requested_direction(direction, capsys):
     (loop,) = blocks("README.md")
     assert loop.count("CLOCKWISE") == 1
     flown: dict[str, Any] = {}
@@ -97,7 +97,7 @@ def test_the_loop_of_the_readme_circles_the_right_way_round(direction, capsys):
     assert "100 m" in capsys.readouterr().out
 
 
-def test_the_target_is_found_in_wind_and_a_vehicle_that_turns_less_than_it_is_told_is_told_more():
+def test_guidance_finds_target_in_wind_and_compensates_turn_gain():
     locate = examples()["locate"]
     world = World(15.0, wind=4.0)
     guidance = Guidance(ORBIT)
@@ -114,7 +114,7 @@ def test_the_target_is_found_in_wind_and_a_vehicle_that_turns_less_than_it_is_to
 @pytest.mark.parametrize(
     ("name", "direction"), [("own", Direction.COUNTERCLOCKWISE), ("bold", Direction.CLOCKWISE)]
 )
-def test_a_law_and_a_gain_of_ones_own_fly(name, direction):
+def test_own_law_and_own_gain_reach_circle(name, direction):
     world = World(12.0)
     world.fly(examples()[name], 150.0)
     assert world.radius == pytest.approx(60.0, rel=0.05)
@@ -127,7 +127,7 @@ def received(guidance: Guidance, ranges: Callable[[float], float] = lambda time:
     return guidance
 
 
-def test_no_turn_is_commanded_before_there_is_an_estimate_nor_once_it_is_stale_which_an_outlier_does_not_change():
+def test_guidance_commands_nothing_without_fresh_estimate():
     guidance = Guidance(ORBIT, "feedforward")
     assert guidance.command(0.0) is None
     guidance.observe(RangeSample(-0.1, -0.1, 150.0, 0.5))
@@ -152,12 +152,12 @@ def test_guidance_flies_circle_after_step_of_host_clock(law, step, before):
     assert world.sense is Direction.CLOCKWISE
 
 
-def test_a_law_of_ones_own_is_cut_to_the_limit_and_an_estimator_of_ones_own_is_asked():
+def test_own_law_is_limited_and_own_estimator_is_used():
     for turn, commanded in ((9.0, 0.35), (-9.0, -0.35), (0.1, 0.1)):
         command = received(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0)
         assert (command.turn_rate, command.saturated) == (commanded, turn != commanded)
 
-    class Told:
+    class Recorder:
         ready = True
         nis = None
 
@@ -170,7 +170,7 @@ def test_a_law_of_ones_own_is_cut_to_the_limit_and_an_estimator_of_ones_own_is_a
         def at(self, time):
             return RangeEstimate(time, self.sample.r, 7.0, 0.1, 0.1)
 
-    guidance = received(Guidance(ORBIT, lambda estimate: 0.01 * estimate.r_dot, Told()))
+    guidance = received(Guidance(ORBIT, lambda estimate: 0.01 * estimate.r_dot, Recorder()))
     assert guidance.command(2.0).turn_rate == pytest.approx(0.07)
 
 
@@ -182,7 +182,7 @@ NO_MEASUREMENT = (
 
 
 @pytest.mark.parametrize("law", ["auto", "feedforward"])
-def test_a_sample_or_motion_that_is_no_measurement_is_refused_and_changes_no_command(law):
+def test_guidance_rejects_invalid_samples_and_motion(law):
     """Radios and drivers report NaN, infinity, 0 or -1 when they have no measurement."""
     spoiled = Guidance(ORBIT, law)
     whole = Guidance(ORBIT, law)
@@ -202,13 +202,13 @@ def test_a_sample_or_motion_that_is_no_measurement_is_refused_and_changes_no_com
         world.step(command.turn_rate if command else 0.0)
 
 
-def test_only_a_finite_turn_rate_is_commanded():
+def test_guidance_commands_only_finite_turn_rates():
     for turn in (nan, inf):
         assert received(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0) is None
 
 
 @pytest.mark.parametrize("law", ["auto", "feedforward", "smooth", "switching"])
-def test_tune_gives_the_gain_of_a_mission(law):
+def test_tune_matches_gain_of_mission(law):
     overrides = (
         f"guidance.law={law}",
         "vehicle.turn_lag_s=0.9",
@@ -254,26 +254,26 @@ def test_tune_gives_the_gain_of_a_mission(law):
         (lambda: tune(ORBIT, rate=0.0), "rate: must be a finite number above 0, not 0"),
     ],
 )
-def test_what_does_not_exist_or_no_vehicle_has_is_named(make, words):
+def test_invalid_argument_is_named(make, words):
     with pytest.raises(ValueError, match=words):
         make()
 
 
-def test_the_page_has_every_promised_name_and_no_filter_is_loaded_before_one_is_asked_for():
-    told = re.findall(r"^\| `(\w+)` \|", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
-    assert sorted(told) == sorted(circnav_mav.__all__)
+def test_api_page_lists_public_names_loaded_lazily():
+    listed = re.findall(r"^\| `(\w+)` \|", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
+    assert sorted(listed) == sorted(circnav_mav.__all__)
     assert all(hasattr(circnav_mav, name) for name in circnav_mav.__all__)
     loaded = (
         "import sys, circnav_mav; print('numpy' in sys.modules); circnav_mav.Orbit; print('numpy'"
         " in sys.modules)"
     )
-    told = subprocess.run(
+    finished = subprocess.run(
         [sys.executable, "-c", loaded], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert told.stdout.split() == ["False", "True"]
+    assert finished.stdout.split() == ["False", "True"]
 
 
-def test_the_interpreter_completes_the_public_names_and_no_other():
+def test_interpreter_completes_only_public_names():
     completer = Completer({"circnav_mav": circnav_mav})
     found = list(
         takewhile(bool, (completer.complete("circnav_mav.", number) for number in range(99)))

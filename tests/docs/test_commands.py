@@ -34,7 +34,7 @@ def block(page: str, language: str, holding: str = "") -> str:
     return next(one for one in blocks(page, language) if holding in one)
 
 
-def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path, port):
+def test_printed_driver_passes_preflight_with_printed_mission_lines(tmp_path, port):
     driver = tmp_path / "driver.py"
     program = block("own-vehicle", "python").replace("link = ", f"{RADIO}\nlink = ", 1)
     driver.write_text(program.replace("14560", str(port)))
@@ -51,16 +51,16 @@ def test_the_printed_driver_is_heard_under_the_printed_mission_lines(tmp_path, p
             wire.bind(("127.0.0.1", port))
             wire.settimeout(PATIENCE)
             wire.recv(1000)
-        survey = circnav("preflight", COPTER, *overrides, "--seconds", "3", *UNHURRIED)
-        printed, problem = survey.communicate(timeout=PATIENCE)
+        preflight = circnav("preflight", COPTER, *overrides, "--seconds", "3", *UNHURRIED)
+        printed, problem = preflight.communicate(timeout=PATIENCE)
     finally:
         radio.terminate()
         radio.wait(PATIENCE)
-    assert survey.returncode == 0, printed + problem
-    judged = printed.split("listening")[1]
+    assert preflight.returncode == 0, printed + problem
+    lines_after = printed.split("listening")[1]
     for subject in ("ranging", "rejected", "noise", "stamps"):
-        assert re.search(rf"^PASS  {subject} ", judged, re.MULTILINE), printed
-    assert re.search(r"newest 123\.[246]0 m", judged)
+        assert re.search(rf"^PASS  {subject} ", lines_after, re.MULTILINE), printed
+    assert re.search(r"newest 123\.[246]0 m", lines_after)
 
 
 @pytest.fixture
@@ -82,9 +82,7 @@ def module():
     os.close(theirs)
 
 
-def test_the_driver_of_the_radios_page_is_found_once_installed_and_reads_as_printed(
-    tmp_path, module
-):
+def test_driver_of_radios_page_is_found_and_prints_page(tmp_path, module):
     shutil.copy(ROOT / "docs" / "circnav_ryuw122.py", tmp_path)
     entry = re.search(
         r"\[project.entry-points.\"(.+)\"\]\n(.+)", block("radios", "toml", "entry-points")
@@ -107,12 +105,12 @@ def test_the_driver_of_the_radios_page_is_found_once_installed_and_reads_as_prin
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"},
     )
-    told = next((line for line in watch.stdout if "scatter" in line), "")
+    line = next((line for line in watch.stdout if "scatter" in line), "")
     watch.send_signal(signal.SIGINT)
     _, problem = watch.communicate(timeout=PATIENCE)
     assert (watch.returncode, problem) == (0, "")
     (printed,) = lines
-    assert plain(told) == plain(printed)
+    assert plain(line) == plain(printed)
 
 
 def plain(line: str) -> list[str]:
@@ -120,7 +118,7 @@ def plain(line: str) -> list[str]:
     return (re.sub(r"[\d.]+ (s|Hz)", "# \\1", line) if "beacon" in line else line).split()
 
 
-def test_the_mission_of_the_radios_page_is_one():
+def test_mission_of_radios_page_loads():
     lines = re.findall(r"^(\w+) = (\S+)", block("radios", "toml", "linktrack:"), re.MULTILINE)
     mission = load_mission(COPTER, [f"ranging.{key}={value}" for key, value in lines])
     assert mission.ranging_driver == "linktrack"

@@ -30,7 +30,7 @@ def contents():
     return found
 
 
-def test_the_list_of_packages_is_complete():
+def test_package_list_is_complete():
     assert {name: folder for name, folder in FOLDERS.items() if name != folder} == SETUPTOOLS[
         "package-dir"
     ]
@@ -38,7 +38,7 @@ def test_the_list_of_packages_is_complete():
     assert set(SETUPTOOLS["packages"]) == set(contents())
 
 
-def test_every_file_that_is_no_program_is_package_data_and_no_pattern_is_left_of_one_that_has_gone():
+def test_package_data_patterns_match_data_files():
     data = SETUPTOOLS["package-data"]
     used = set()
     for name, paths in contents().items():
@@ -52,7 +52,7 @@ def test_every_file_that_is_no_program_is_package_data_and_no_pattern_is_left_of
     assert not [path for paths in contents().values() for path in paths if path.is_symlink()]
 
 
-def test_what_is_imported_here_is_this_repository():
+def test_imported_packages_are_in_this_repository():
     """Editable and regular installs find the files in the same way, which requires a package in
     each folder."""
     for name in contents():
@@ -66,18 +66,18 @@ def test_what_is_imported_here_is_this_repository():
         *PROJECT["project"]["entry-points"]["circnav.ranging"].values(),
     ],
 )
-def test_every_entry_point_leads_somewhere(reference):
+def test_each_entry_point_resolves(reference):
     assert callable(resolve_name(reference))
 
 
 @pytest.mark.parametrize("kind", ["mission", "campaign"])
-def test_the_schemas_that_ship_are_those_of_the_core_and_all_extras(kind):
+def test_shipped_schemas_match_core_and_extras(kind):
     assert schema_text(kind) == (ROOT / "config" / f"{kind}.schema.json").read_text(
         encoding="utf-8"
     )
 
 
-def test_the_page_of_a_package_index_is_the_readme_without_links_that_lead_nowhere_there(
+def test_long_description_is_readme_without_relative_links(
     monkeypatch,
 ):
     """The package index does not have the other files of the repository."""
@@ -89,7 +89,7 @@ def test_the_page_of_a_package_index_is_the_readme_without_links_that_lead_nowhe
     assert given["long_description_content_type"] == "text/markdown"
     assert re.findall(r"\]\((?!https?:|#)", page) == []
     assert not re.search(r"<(img|a) ", page)
-    assert len(re.findall(r"\]\((?!https?:|#)", readme)) > 10, "nothing was tested"
+    assert len(re.findall(r"\]\((?!https?:|#)", readme)) > 10, "no relative link in README.md"
     commands = r"^```sh\n(.*?)^```"
     kept = [re.findall(commands, text, re.MULTILINE | re.DOTALL) for text in (page, readme)]
     assert kept[0] == kept[1]

@@ -40,7 +40,7 @@ def anchor(heading: str) -> str:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_lead_somewhere(page):
+def test_links_resolve(page):
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
         if "://" in target:
             continue
@@ -52,14 +52,14 @@ def test_links_lead_somewhere(page):
             assert place in map(anchor, headings), target
 
 
-def test_in_the_container_the_missions_folder_belongs_to_the_user_that_writes_there():
+def test_container_user_owns_missions_folder():
     """WORKDIR creates a missing folder with owner root."""
     before, _, after = (ROOT / "deploy" / "Containerfile").read_text().partition("USER circnav\n")
     assert "mkdir /missions && chown circnav: /missions" in before
     assert "WORKDIR /missions" in after
 
 
-def test_the_readme_leads_to_every_page():
+def test_readme_links_reach_each_page():
     read = set()
     new = [ROOT / "README.md"]
     while new:
@@ -91,25 +91,25 @@ WORKED_OUT = ("bounds.max_range_m", "limits.stale_s")
 """Keys with a default computed from other keys: the page describes it in words."""
 
 
-def test_the_mission_page_has_every_key_with_its_default():
+def test_mission_page_has_each_key_with_default():
     page = (DOCS / "mission.md").read_text()
-    told = dict(re.findall(r"^\| `([a-z_0-9.]+)` \| ([^|]+?) \|", page, re.MULTILINE))
+    listed = dict(re.findall(r"^\| `([a-z_0-9.]+)` \| ([^|]+?) \|", page, re.MULTILINE))
     keys = dict(keys_of(whole_schema()))
     for key, field in keys.items():
         default = field.default
         if field.is_required():
-            assert told[key].startswith("needed"), key
+            assert listed[key].startswith("needed"), key
         elif default is None:
-            assert told[key] == "-" or key in WORKED_OUT, key
+            assert listed[key] == "-" or key in WORKED_OUT, key
         else:
-            assert told[key].strip('"`') == (
+            assert listed[key].strip('"`') == (
                 str(default).lower() if isinstance(default, bool) else str(default)
             ), key
-    assert {key for key in told if "." in key} <= set(keys)
+    assert {key for key in listed if "." in key} <= set(keys)
 
 
 @pytest.mark.parametrize("key", AUTOPILOTS, ids=" ".join)
-def test_a_vehicles_page_has_every_parameter_that_preflight_reads(key):
+def test_vehicle_page_has_each_parameter_of_preflight(key):
     autopilot, kind = key
     text = (DOCS / f"{autopilot}-{kind.split()[0]}.md").read_text()
     for rule in AUTOPILOTS[key].parameters:
@@ -117,7 +117,7 @@ def test_a_vehicles_page_has_every_parameter_that_preflight_reads(key):
             assert f"`{name}`" in text, name
 
 
-def test_the_page_on_run_folders_has_every_phase_and_every_key_of_the_summary():
+def test_logs_page_has_each_phase_and_summary_key():
     """Columns and reasons to reject: tests/runlog/test_ticks.py."""
     orbit = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
     facts = FlightFacts("m", "completed", "", orbit, 0, {}, 0, None, "", 0, None)
@@ -127,7 +127,7 @@ def test_the_page_on_run_folders_has_every_phase_and_every_key_of_the_summary():
     assert all(phase.value in text for phase in Phase)
 
 
-def test_the_page_of_commands_names_every_command_and_exit_code():
+def test_commands_page_has_each_command_and_exit_code():
     text = (ROOT / "docs/commands.md").read_text()
     table = set(re.findall(r"^\| `circnav (\w+)", text, re.MULTILINE))
     assert table == set(COMMANDS)
@@ -136,7 +136,7 @@ def test_the_page_of_commands_names_every_command_and_exit_code():
         assert re.search(rf"\b{code.value} [a-z]", codes), code
 
 
-def test_every_option_in_a_printed_command_exists():
+def test_options_of_printed_commands_exist():
     seen = 0
     for page in PAGES:
         for line in re.sub(r"\\\n\s*", "", page.read_text()).splitlines():
@@ -172,7 +172,7 @@ def texts_of_the_code() -> list[str]:
     return found
 
 
-def test_every_message_of_the_troubleshooting_page_is_printed_by_the_code():
+def test_messages_of_troubleshooting_page_occur_in_source():
     texts = texts_of_the_code()
     rows = re.findall(r"^\| ([^|]+) \|", (DOCS / "troubleshooting.md").read_text(), re.MULTILINE)
     quoted = [message for row in rows for message in re.findall(r"`([^`]+)`", row)]
@@ -182,7 +182,7 @@ def test_every_message_of_the_troubleshooting_page_is_printed_by_the_code():
             assert any(piece in text for text in texts), message
 
 
-def test_every_curve_of_plotjugglers_layout_is_a_column_of_numbers_that_a_flight_records():
+def test_plotjuggler_curves_are_recorded_numeric_columns():
     layout = ElementTree.parse(DOCS / "plotjuggler.xml").getroot()
     curves = list(layout.iter("curve"))
     named = {

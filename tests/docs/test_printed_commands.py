@@ -96,7 +96,7 @@ KEPT = [
 
 
 @pytest.mark.parametrize("page", RUN, ids=lambda page: page.name)
-def test_the_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch, port):
+def test_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch, port):
     monkeypatch.setenv("HOME", str(tmp_path))
     track = [
         (t, 47.0 + 0.001 * math.sin(t / 9), 8.5 + 0.0015 * math.cos(t / 9)) for t in range(120)
@@ -124,8 +124,8 @@ def test_the_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch,
                 assert circnav(*words[1:], *SHORTER["fly"].split(), *UNHURRIED).code == 0, command
         else:
             ran = circnav(*words[1:], *SHORTER.get(words[1 + (words[1] == "ranging")], "").split())
-            silent = words[1:3] == ["ranging", "watch"]  # no radio sends here
-            assert (ran.code, ran.err) == (3 if silent else 0, ""), command
+            no_radio = words[1:3] == ["ranging", "watch"]  # no radio sends here
+            assert (ran.code, ran.err) == (3 if no_radio else 0, ""), command
 
 
 @pytest.mark.parametrize(
@@ -133,9 +133,7 @@ def test_the_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch,
     dict.fromkeys(command for _, command in KEPT if command.startswith("circnav")),
     ids=str,
 )
-def test_a_printed_command_that_is_not_run_here_has_the_words_that_circnav_takes(
-    command, circnav, tmp_path
-):
+def test_printed_command_has_valid_arguments(command, circnav, tmp_path):
     for name in ("my.toml", "vehicle.toml", "home.toml"):
         (tmp_path / name).write_bytes((ROOT / "config" / "quickstart.toml").read_bytes())
     named = cli
@@ -154,18 +152,18 @@ for _, one in KEPT:
 
 
 @pytest.mark.parametrize("program", OPTIONS)
-def test_a_program_of_this_repository_has_the_options_that_are_printed(program):
-    told, _ = python(*program.removeprefix("python ").split(), "--help").communicate(
+def test_program_has_printed_options(program):
+    output, _ = python(*program.removeprefix("python ").split(), "--help").communicate(
         timeout=PATIENCE
     )
     assert [
-        option for option in sorted(OPTIONS[program]) if not re.search(rf"{option}\b", told)
+        option for option in sorted(OPTIONS[program]) if not re.search(rf"{option}\b", output)
     ] == []
 
 
-def test_no_reason_is_left_of_a_command_that_is_printed_no_more():
-    told = [command for commands in COMMANDS.values() for command in commands]
-    assert len(told) > 60
+def test_each_excluded_command_is_printed():
+    every = [command for commands in COMMANDS.values() for command in commands]
+    assert len(every) > 60
     assert [
-        pattern for pattern in NOT_RUN if not any(re.match(pattern, command) for command in told)
+        pattern for pattern in NOT_RUN if not any(re.match(pattern, command) for command in every)
     ] == []

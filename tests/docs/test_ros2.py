@@ -60,9 +60,7 @@ def node_class(monkeypatch):
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
-def test_the_node_circles_a_beacon_in_the_direction_of_its_parameter_and_is_silent_without_ranges(
-    node_class, monkeypatch, clockwise
-):
+def test_ros2_node_circles_beacon_and_stops_without_ranges(node_class, monkeypatch, clockwise):
     """The test integrates the vehicle's motion from the published commands. The beacon is at (0,
     0)."""
     monkeypatch.setattr(StubNode, "given", {"radius": 60.0, "clockwise": clockwise})
@@ -73,7 +71,7 @@ def test_the_node_circles_a_beacon_in_the_direction_of_its_parameter_and_is_sile
     yaw = 0.2
     rate = 0.0
     swept = 0.0
-    silent_from = 120.0
+    ranges_until = 120.0
     assert on_timer() is None and node.published == []
     steps = round(130.0 / period)
     for step in range(steps):
@@ -88,7 +86,7 @@ def test_the_node_circles_a_beacon_in_the_direction_of_its_parameter_and_is_sile
             twist=SimpleNamespace(linear=SimpleNamespace(x=12.0), angular=SimpleNamespace(z=rate))
         )
         node.callbacks["odom"](SimpleNamespace(pose=pose, twist=twist))
-        if step * period < silent_from:
+        if step * period < ranges_until:
             node.callbacks["range"](
                 SimpleNamespace(header=SimpleNamespace(stamp=stamp), range=hypot(x, y))
             )
@@ -102,7 +100,9 @@ def test_the_node_circles_a_beacon_in_the_direction_of_its_parameter_and_is_sile
         new_x = x + period * 12.0 * cos(yaw)
         new_y = y + period * 12.0 * sin(yaw)
         swept += (
-            (x * new_y - y * new_x) / (x * x + y * y) if 60.0 < step * period < silent_from else 0.0
+            (x * new_y - y * new_x) / (x * x + y * y)
+            if 60.0 < step * period < ranges_until
+            else 0.0
         )
         x, y = new_x, new_y
     assert radius == pytest.approx(60.0, abs=2.0)

@@ -54,7 +54,7 @@ def docstrings(path: Path) -> Iterator[tuple[int, str]]:
 
 
 @pytest.mark.parametrize("path", CODE, ids=lambda path: str(path.relative_to(ROOT)))
-def test_docstrings_are_no_fragments_and_write_numbers_with_zeros_and_to(path: Path) -> None:
+def test_docstrings_are_complete_with_plain_numbers(path: Path) -> None:
     wrong = [
         (line, text.split("\n")[0])
         for line, text in docstrings(path)
@@ -93,7 +93,7 @@ def messages(path: Path) -> Iterator[tuple[int, str]]:
 
 
 @pytest.mark.parametrize("path", CODE, ids=lambda path: str(path.relative_to(ROOT)))
-def test_in_names_and_messages_software_does_not_talk(path: Path) -> None:
+def test_names_and_messages_avoid_banned_words(path: Path) -> None:
     split = [
         (line, name, re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_"))
         for line, name in names(path)
@@ -107,7 +107,7 @@ def test_in_names_and_messages_software_does_not_talk(path: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_pages_write_numbers_with_zeros_and_to(page: Path) -> None:
+def test_pages_write_plain_numbers(page: Path) -> None:
     text = re.sub(
         r"^```.*?^```|^    .*?$|`[^`\n]*`",
         "",

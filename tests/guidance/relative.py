@@ -1,7 +1,8 @@
 """Helpers of the guidance tests.
 
 Unless stated otherwise, a vehicle flies at 15 m/s, 100 m east of a target whose position is
-estimated and trusted. `hypothesis` builds a single hypothesis for the multiple-model filter. `Circling` turns steadily in wind, and estimators observe its ranges and motion.
+estimated and trusted. `hypothesis` builds a single hypothesis for the multiple-model filter.
+`Circling` turns steadily in wind, and estimators observe its ranges and motion.
 """
 
 from copy import deepcopy
@@ -35,7 +36,7 @@ known = partial(
     scale=1.0,
     trusted=True,
 )
-guessed = partial(known, trusted=False, trial=4)
+untrusted = partial(known, trusted=False, trial=4)
 
 
 def hypothesis(x, P):
@@ -73,7 +74,7 @@ class Circling:
         return OwnMotion(t, (self.heading(t) + pi) % (2 * pi) - pi, OMEGA, V)
 
 
-def listen(estimator, world, start, end, every=0.05, motion_every=0.05, motion_delay=0.0):
+def observe(estimator, world, start, end, every=0.05, motion_every=0.05, motion_delay=0.0):
     """Observe ranges and own motion until `end`, each at its own rate. Own motion arrives
     motion_delay seconds late."""
     events = [(t, "range") for t in np.arange(start, end, every)]
@@ -92,24 +93,24 @@ def error(estimator, world, t):
 
 
 @cache
-def _listened(make, seconds, world):
+def _converged(make, seconds, world):
     there = world()
     estimator = make(SETTINGS)
-    listen(estimator, there, 0.0, seconds)
+    observe(estimator, there, 0.0, seconds)
     return there, estimator
 
 
-def listened(make=DriftEstimator, seconds=30.0, world=Circling):
-    """A world, and an estimator that has observed it for some seconds."""
-    return deepcopy(_listened(make, seconds, world))
+def converged(make=DriftEstimator, seconds=30.0, world=Circling):
+    """Return a world and an estimator that has observed it for some seconds."""
+    return deepcopy(_converged(make, seconds, world))
 
 
-def silent(estimator, world, start, end):
-    """Own motion, but no ranges."""
+def move_only(estimator, world, start, end):
+    """Pass own motion to the estimator, but no ranges."""
     for t in np.arange(start, end, 0.05):
         estimator.move(world.motion(t))
 
 
 def still():
-    """A world without wind, in which the vehicle is on its circle and the range is constant."""
+    """Return a world without wind whose vehicle is on its circle, at constant range."""
     return Circling(target=(0.0, RADIUS), wind=(0.0, 0.0))

@@ -34,7 +34,7 @@ def test_speed_of_drag_inverts_drag_force(speed: float) -> None:
     assert speed_of_drag(drag_force(speed, 0.25), 0.25) == pytest.approx(speed, abs=1e-9)
 
 
-def test_air_velocity_turns_the_heading_by_the_side_slip() -> None:
+def test_air_velocity_turns_heading_by_side_slip() -> None:
     """The copter moves forward and to the right: its drag points backward and to the left, its path
     to the right."""
     drag = -drag_force(5.0, 0.25), drag_force(0.5, 0.25)
@@ -47,7 +47,7 @@ def test_air_velocity_turns_the_heading_by_the_side_slip() -> None:
     assert moved.airspeed == pytest.approx(hypot(5.0, 0.5))
 
 
-def test_air_velocity_keeps_its_state_without_a_measurement() -> None:
+def test_air_velocity_keeps_state_without_measurement() -> None:
     air = AirVelocity(1.0, 5.0, 0.5)
     assert air.follow(OwnMotion(1.05, 0.0, 0.0, 5.0), 0.25) == air
 
@@ -75,7 +75,7 @@ def circle(seconds: float, true_scale: float, wind: complex) -> tuple[ScaleFit, 
 
 
 @pytest.mark.parametrize("true_scale", [0.7, 1.0, 1.5])
-def test_scale_fit_and_mean_wind_find_drag_and_wind_in_two_laps(true_scale: float) -> None:
+def test_scale_fit_and_mean_wind_converge_in_two_laps(true_scale: float) -> None:
     fit, mean = circle(76.0, true_scale, wind=2.0 - 1.0j)
     assert fit.scale == pytest.approx(true_scale, rel=0.06)
     assert complex(mean.x, mean.y) == pytest.approx(2.0 - 1.0j, abs=0.5)
@@ -83,7 +83,7 @@ def test_scale_fit_and_mean_wind_find_drag_and_wind_in_two_laps(true_scale: floa
     assert fit.sigma < 0.06
 
 
-def test_scale_fit_learns_nothing_from_a_steady_wind() -> None:
+def test_scale_fit_learns_nothing_from_steady_wind() -> None:
     """A copter that hovers in wind measures its speed, but no change: drag and wind cannot be
     separated."""
     fit = ScaleFit()
@@ -96,7 +96,7 @@ def test_scale_fit_learns_nothing_from_a_steady_wind() -> None:
 
 
 @pytest.mark.parametrize("attitude_error", [-0.5, 0.0, 0.7])
-def test_airspeed_hold_reaches_the_speed_without_slip_despite_a_wrong_attitude(
+def test_airspeed_hold_reaches_speed_despite_wrong_attitude(
     attitude_error: float,
 ) -> None:
     """A point mass with drag; the thrust pushes by `attitude_error` more than commanded, forward
@@ -117,7 +117,7 @@ def test_airspeed_hold_reaches_the_speed_without_slip_despite_a_wrong_attitude(
     assert left == pytest.approx(0.0, abs=0.1)
 
 
-def test_airspeed_hold_follows_the_scale_of_the_estimator() -> None:
+def test_airspeed_hold_uses_estimated_scale() -> None:
     """A copter with less drag than the mission assumes: its true airspeed is 1.25 times the
     measured one."""
     hold = AirspeedHold(0.25)
@@ -132,6 +132,6 @@ def test_airspeed_hold_does_not_push_at_speed_0() -> None:
     assert AirspeedHold(0.25).push(0.0) == (0.0, 0.0)
 
 
-def test_mean_wind_is_unknown_before_the_first_report() -> None:
+def test_mean_wind_is_unknown_before_first_report() -> None:
     assert MeanWind().sigma > 3.0
     assert MeanWind().time == -inf

@@ -42,14 +42,12 @@ LIMITS = CircleLimits(speed=15.0, nearest=40.0, farthest=500.0)
         ),
     ],
 )
-def test_a_circle_that_bounds_speed_or_turn_rate_forbid_is_refused_with_its_limit(
-    request_, limits, why
-):
+def test_obstacle_names_limit_of_rejected_circle(request_, limits, why):
     assert obstacle(request_, ORBIT, limits) == why
     assert len(why) <= 50 - len("circnav: ")  # of a STATUSTEXT
 
 
-def test_what_a_request_leaves_out_stays_as_it_was():
+def test_circle_request_keeps_omitted_values():
     assert CircleRequest().applied(ORBIT) == ORBIT
     turned = CircleRequest(radius=60.0, direction=Direction.COUNTERCLOCKWISE).applied(ORBIT)
     assert turned == Orbit(60.0, Direction.COUNTERCLOCKWISE, 15.0, 0.35)

@@ -23,7 +23,7 @@ def arc(t: float) -> tuple[float, float]:
     )
 
 
-def told(*times: float) -> FlownPath:
+def path_of(*times: float) -> FlownPath:
     path = FlownPath()
     for t in times:
         path.move(circling(t))
@@ -31,9 +31,9 @@ def told(*times: float) -> FlownPath:
 
 
 @pytest.mark.parametrize("t", [0.0, 0.07, 0.2, 0.33, 1.0, 1.4, 1.4 + EXTRAPOLATED])
-def test_a_steady_turn_is_an_arc_between_reports_and_beyond_them(t):
+def test_flown_path_of_steady_turn_is_arc(t):
     """Includes the wrap of the heading at pi, which is passed after 0.35 s."""
-    knot = told(0.0, 0.2, 0.4, 1.4).at(t)
+    knot = path_of(0.0, 0.2, 0.4, 1.4).at(t)
     x, y = arc(t)
     assert (knot.x, knot.y) == pytest.approx((x, y), abs=1e-9)
     assert (knot.motion.time, knot.motion.turn_rate, knot.motion.airspeed) == pytest.approx(
@@ -43,12 +43,12 @@ def test_a_steady_turn_is_an_arc_between_reports_and_beyond_them(t):
 
 
 @pytest.mark.parametrize("t", [-0.01, 0.41 + EXTRAPOLATED])
-def test_what_was_before_the_first_report_or_comes_long_after_the_newest_is_not_known(t):
-    assert told(0.0, 0.2, 0.4).at(t) is None
+def test_flown_path_is_unknown_outside_reported_times(t):
+    assert path_of(0.0, 0.2, 0.4).at(t) is None
     assert FlownPath().at(t) is None
 
 
-def test_between_two_reports_turn_rate_goes_from_one_to_the_other_and_airspeed_is_their_mean():
+def test_flown_path_interpolates_turn_rate_and_averages_airspeed():
     path = FlownPath()
     path.move(OwnMotion(0.0, 0.0, 0.0, 10.0))
     path.move(OwnMotion(1.0, 0.0, 0.2, 14.0))
@@ -57,14 +57,14 @@ def test_between_two_reports_turn_rate_goes_from_one_to_the_other_and_airspeed_i
     assert path.at(1.0).x == pytest.approx(12.0)
 
 
-def test_a_report_that_is_late_or_told_twice_moves_nothing_and_a_long_silence_breaks_the_path():
-    path = told(0.0, 0.2, 0.4)
-    late = told(0.0, 0.2, 0.4)
+def test_flown_path_ignores_late_reports_and_breaks_in_gap():
+    path = path_of(0.0, 0.2, 0.4)
+    late = path_of(0.0, 0.2, 0.4)
     for t in (0.4, 0.3, 0.0):
         late.move(circling(t, airspeed=3.0))
     assert [late.at(t) for t in (0.1, 0.3, 0.4, 0.6)] == [path.at(t) for t in (0.1, 0.3, 0.4, 0.6)]
-    whole = told(0.0, HOLE)
-    broken = told(0.0, HOLE + 0.01, HOLE + 0.2)
+    whole = path_of(0.0, HOLE)
+    broken = path_of(0.0, HOLE + 0.01, HOLE + 0.2)
     assert whole.at(1.0).piece == whole.at(HOLE).piece == 0
     assert broken.at(1.0) is None
     assert (broken.at(HOLE + 0.1).piece, broken.at(HOLE + 0.3).piece) == (1, 1)

@@ -15,16 +15,15 @@ from tests.guidance.relative import (
     WIND,
     Circling,
     V,
-    listen,
-    listened,
+    converged,
+    observe,
     still,
 )
 
 
 @pytest.mark.parametrize("rate_first", [True, False])
 @pytest.mark.parametrize("name", ["kalman", "drift"])
-def test_a_measured_rate_sharpens_every_estimate_before_or_after_its_range(name, rate_first):
-
+def test_measured_rate_improves_every_estimator(name, rate_first):
     def error(with_rates):
         rng = np.random.default_rng(4)
         world = Circling(wind=WIND)
@@ -48,7 +47,7 @@ def test_a_measured_rate_sharpens_every_estimate_before_or_after_its_range(name,
     assert error(True) < (0.5 if name == "kalman" else 0.97) * error(False)
 
 
-def test_measured_is_the_paper_with_no_filter_in_between():
+def test_measured_estimator_passes_range_and_rate_unfiltered():
     guidance = Guidance(Orbit(100.0, Direction.CLOCKWISE, V, 0.35), "smooth", "measured")
     guidance.observe(RangeSample(1.0, 1.0, 150.0, 0.5))
     assert guidance.command(1.0) is None
@@ -62,16 +61,16 @@ def test_measured_is_the_paper_with_no_filter_in_between():
     assert guidance.command(1.5) is None  # the rate is old
 
 
-def test_drift_estimate_stops_in_a_gap_of_own_motion():
-    """For four seconds no motion is reported: nothing is predicted over them, and the next range
-    restarts the estimator."""
-    world, estimator = listened(DriftEstimator, 30.0, still)
+def test_drift_estimate_stops_in_gap_of_own_motion():
+    """Four seconds without motion reports end the prediction. The next range restarts the
+    estimator."""
+    world, estimator = converged(DriftEstimator, 30.0, still)
     assert estimator.ready and estimator.at(30.0) is not None
     for t in (34.0, 34.05, 34.1):
         estimator.move(world.motion(t))
         assert estimator.at(t) is None
     estimator.observe(world.range(34.1))
     assert not estimator.ready
-    listen(estimator, world, 34.15, 65.0)
+    observe(estimator, world, 34.15, 65.0)
     assert estimator.ready
     assert estimator.at(64.95).r == pytest.approx(RADIUS, abs=1.0)

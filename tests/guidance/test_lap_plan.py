@@ -44,7 +44,7 @@ def geometry(lap, wind):
 
 
 @pytest.mark.parametrize("blows", [0.0, 2.3])
-def test_the_planned_lap_keeps_the_limit_and_is_nearly_the_truest_that_does(blows):
+def test_planned_lap_keeps_limit_with_nearly_least_rms(blows):
     """The least RMS is computed independently in tests/tools/firmware/bound.py. A plan for a lower
     limit has more."""
     wind = WIND * np.exp(1j * blows)
@@ -55,7 +55,7 @@ def test_the_planned_lap_keeps_the_limit_and_is_nearly_the_truest_that_does(blow
     assert squeezed(LIMIT) < rms < squeezed(0.98 * LIMIT)
 
 
-def test_every_drift_and_limit_that_can_be_estimated_has_a_lap():
+def test_plan_is_finite_for_every_drift_and_limit():
     """An equation without a solution must not end a flight. Includes a limit of 0 and a drift of
     V."""
     for wind, limit in product(np.arange(0.0, 1.2, 0.1), np.arange(0.0, 3.2, 0.2)):
@@ -69,7 +69,7 @@ def test_every_drift_and_limit_that_can_be_estimated_has_a_lap():
         assert np.abs(np.array(radii) - R_D).max() <= 0.2 * R_D + 1e-9
 
 
-def test_a_circle_within_the_limit_needs_no_plan():
+def test_plan_is_none_for_circle_within_limit():
     assert plan((WIND, 0.0), V=V, r_d=R_D, limit=0.24) is None
     assert plan((0.0, 0.0), V=V, r_d=R_D, limit=V / R_D * 1.02) is None
 
@@ -106,7 +106,7 @@ def flown(limit_known, sense=1.0, seconds=240.0, dt=0.05):
 
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
-def test_a_vehicle_at_its_limit_flies_the_planned_lap_truer_than_the_circle(sense):
+def test_drift_law_with_planned_lap_reduces_radius_error(sense):
     planned, momentum = flown(True, sense)
     assert planned < 1.3 * squeezed(0.98 * LIMIT)
     assert planned < 0.5 * flown(False, sense)[0]
@@ -125,7 +125,7 @@ def after(*banks, commanded=0.4, step=0.05, limit=None):
     return limit
 
 
-def test_a_bank_that_stays_below_what_is_commanded_for_a_second_is_the_limit():
+def test_bank_limit_is_bank_held_below_command():
     assert after(*[0.3] * 15).bank == inf
     found = after(*[0.3] * 60)
     assert (found.bank, found.turn) == pytest.approx((0.3, 0.21))
@@ -135,11 +135,11 @@ def test_a_bank_that_stays_below_what_is_commanded_for_a_second_is_the_limit():
 @pytest.mark.parametrize(
     ("banks", "commanded"),
     [([0.39] * 60, 0.4), (list(np.linspace(-0.3, 0.35, 60)), 0.4), ([-0.3] * 60, 0.4)],
-    ids=["does as commanded", "still rolls", "banks the other way"],
+    ids=["as commanded", "rolling", "opposite"],
 )
-def test_what_is_no_limit_is_not_taken_for_one(banks, commanded):
+def test_bank_limit_ignores_other_banks(banks, commanded):
     assert after(*banks, commanded=commanded).bank == inf
 
 
-def test_a_vehicle_that_banks_farther_than_its_limit_has_none():
+def test_bank_limit_ends_when_exceeded():
     assert after(*[0.33] * 10, limit=after(*[0.3] * 60)).bank == inf

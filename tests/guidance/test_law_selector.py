@@ -39,46 +39,49 @@ def go_on(
     return found
 
 
-def test_a_guess_is_tried_once_the_search_has_had_its_second():
+def test_handover_tries_hypothesis_after_one_second_of_search():
     steps = go_on(Handover(), 2.0, most_likely=3)
     assert {(step.flies, step.command) for step in steps[:19]} == {
         (ActiveLaw.FEEDFORWARD, BY_RANGE)
     }
     assert {step.flies for step in steps[19:]} == {ActiveLaw.TRIAL}
     assert steps[-1].command == pytest.approx(BY_BANK, abs=0.15 * exp(-0.95 / FADE))
-    assert {step.flies for step in go_on(Handover(), 20.0)} == {ActiveLaw.FEEDFORWARD}, (
-        "without a guess"
-    )
+    without = go_on(Handover(), 20.0)
+    assert {step.flies for step in without} == {ActiveLaw.FEEDFORWARD}
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize("most_likely", [None, 3])
-def test_who_leaves_the_target_behind_turns_at_the_limit_the_way_that_is_asked_for(
-    most_likely, way
-):
-    asked = {"most_likely": most_likely, "by_range": 0.02 * way, "drift_turn": 0.02 * way}
+def test_departure_turns_at_limit_to_commanded_side(most_likely, way):
+    inputs = {"most_likely": most_likely, "by_range": 0.02 * way, "drift_turn": 0.02 * way}
     turns = [
-        go_on(Handover(), 2.0, leaves=leaves, **asked)[-1].command for leaves in (0.0, 0.5, 1.0)
+        go_on(Handover(), 2.0, leaves=leaves, **inputs)[-1].command for leaves in (0.0, 0.5, 1.0)
     ]
     assert turns == pytest.approx([0.02 * way, (0.02 + LIMIT) / 2 * way, LIMIT * way], abs=1e-3)
-    known = go_on(Handover(), 2.0, trusted=True, leaves=1.0, **asked)[-1]
-    assert known.command == pytest.approx(0.02 * way), "who knows where it is, flies as asked"
+    known = go_on(Handover(), 2.0, trusted=True, leaves=1.0, **inputs)[-1]
+    assert known.command == pytest.approx(0.02 * way), (
+        "with a trusted position, the departure has no effect"
+    )
 
 
-def test_who_goes_on_leaving_the_target_behind_keeps_its_side_whatever_guesses_and_weave_ask_for():
-    """Ranges of long-range radios kept the most likely hypothesis changing. Turns to alternating
-    sides flew straight away, 1.3 km."""
+def test_departure_keeps_its_turn_side_during_excitation():
+    """With long-range radios the most likely hypothesis kept changing. Turns to alternating sides
+    led 1.3 km straight away."""
     step = Handover()
-    told = []
+    commands = []
     for n in range(20):
         step = go_on(step, 1.0, most_likely=n, drift_turn=-0.2 if n % 2 else 0.2, leaves=1.0)[-1]
-        told.append(round(step.command, 1))
-    assert told == pytest.approx([-LIMIT if n > 5 or n % 2 else LIMIT for n in range(20)], abs=0.06)
+        commands.append(round(step.command, 1))
+    assert commands == pytest.approx(
+        [-LIMIT if n > 5 or n % 2 else LIMIT for n in range(20)], abs=0.06
+    )
     at_last = go_on(go_on(step, 1.0)[-1], 1.0, by_range=0.1, leaves=1.0)[-1]
-    assert at_last.command == pytest.approx(LIMIT, abs=1e-2), "the next time it is asked again"
+    assert at_last.command == pytest.approx(LIMIT, abs=1e-2), (
+        "the next departure chooses its side again"
+    )
 
 
-def test_a_trial_that_tells_nothing_apart_weaves_to_either_side_every_six_seconds():
+def test_inconclusive_trial_adds_excitation_of_6_s():
     """Excitation of 0.7 of the limit around the command of the most likely hypothesis, from the
     sixth second on."""
     for n, step in enumerate(go_on(Handover(), 24.0, most_likely=3), 1):
@@ -87,7 +90,7 @@ def test_a_trial_that_tells_nothing_apart_weaves_to_either_side_every_six_second
             assert step.command == pytest.approx(max(min(BY_BANK + weave, LIMIT), -LIMIT), abs=1e-4)
 
 
-def test_the_target_found_ends_the_weaving_and_the_next_search_has_its_time_again():
+def test_found_target_ends_excitation_and_resets_search_time():
     searched = go_on(Handover(), 9.0, most_likely=3)
     found = go_on(searched[-1], 2.0, trusted=True)
     assert {(step.flies, step.untrusted) for step in found} == {(ActiveLaw.DRIFT, 0.0)}
@@ -96,9 +99,7 @@ def test_the_target_found_ends_the_weaving_and_the_next_search_has_its_time_agai
 
 
 @pytest.mark.parametrize(("trusted", "most_likely"), [(True, None), (False, 5)])
-def test_a_change_of_who_steers_or_of_the_guess_is_no_jump_and_fades_in_a_fifth_of_a_second(
-    trusted, most_likely
-):
+def test_handover_fades_between_laws_and_hypotheses(trusted, most_likely):
     before = go_on(Handover(), 5.0, most_likely=3)[-1]
     wanted = 0.25
     after = go_on(before, 1.0, trusted=trusted, most_likely=most_likely, drift_turn=wanted)
@@ -108,7 +109,7 @@ def test_a_change_of_who_steers_or_of_the_guess_is_no_jump_and_fades_in_a_fifth_
         )
 
 
-def test_nothing_goes_beyond_the_limit():
+def test_handover_command_stays_within_limit():
     before = go_on(Handover(), 5.0, trusted=True, drift_turn=-9.0)[-1]
     assert before.command == -LIMIT
     assert {
@@ -116,5 +117,5 @@ def test_nothing_goes_beyond_the_limit():
     } == {True}
 
 
-def test_who_flies_is_told_in_a_line_that_a_ground_station_shows_whole():
+def test_text_of_each_active_law_fits_statustext():
     assert all(len(f"circnav: {WHY[flies]}") <= 50 for flies in ActiveLaw)

@@ -37,7 +37,7 @@ def gain(law):
 
 @each(STATELESS)
 @given(r=ranges, r_dot=rates)
-def test_the_other_sense_is_the_exact_mirror_image(law, r, r_dot):
+def test_law_of_opposite_direction_is_mirror_image(law, r, r_dot):
     k = gain(law)
     assert law.function(r, r_dot, V=V, r_d=R_D, k=k) == -law.function(r, r_dot, V=V, r_d=R_D, k=-k)
 
@@ -55,7 +55,7 @@ def test_laws_stay_finite_for_every_allowed_gain(law, over, r, r_dot):
 
 @each(LAWS.values())
 @given(V=speeds, r_d=radii, above=st.floats(1.01, 100))
-def test_the_radius_fed_is_the_one_that_reaches_the_radius_asked_for(law, V, r_d, above):
+def test_fed_radius_reaches_requested_radius(law, V, r_d, above):
     k = above * law.gain_bound(V, r_d)
     assert law.reached_radius(V, law.fed_radius(V, r_d, k), k) == pytest.approx(r_d, rel=1e-9)
 
@@ -70,12 +70,12 @@ def test_the_radius_fed_is_the_one_that_reaches_the_radius_asked_for(law, V, r_d
         (laws.switching_gain_bound(15.0, 100.0), 0.15),
     ],
 )
-def test_law_1_reaches_and_is_fed_the_papers_radii_above_the_papers_bounds(number, expected):
+def test_law_1_radii_and_gain_bounds_match_paper(number, expected):
     assert number == pytest.approx(expected, rel=1e-9)
 
 
 @given(theta_b=st.floats(0, 2 * pi), r=st.floats(45, 1e3), turn=st.floats(-1, 1))
-def test_no_turn_accelerates_the_range_beyond_its_bound(theta_b, r, turn):
+def test_range_acceleration_stays_within_its_bound(theta_b, r, turn):
     """r'' = V sin(theta_b) theta_b' with theta_b' = omega + V sin(theta_b)/r (eq. `thetadot`).
 
     V = 15 m/s, omega_max = 1/3 rad/s, so the tightest turn is 45 m."""
@@ -86,19 +86,19 @@ def test_no_turn_accelerates_the_range_beyond_its_bound(theta_b, r, turn):
 
 
 @pytest.mark.parametrize(("r", "bound"), [(1e-6, 10.0), (45.0, 10.0), (90.0, 7.5)])
-def test_the_acceleration_bound_stops_growing_inside_the_tightest_turn(r, bound):
+def test_acceleration_bound_is_constant_inside_tightest_turn(r, bound):
     """V^2/r + V omega_max of the same vehicle."""
     assert laws.max_range_acceleration(15.0, 1 / 3, r) == pytest.approx(bound)
 
 
 @pytest.mark.parametrize("law", [smooth, switching])
 @given(share=st.floats(0, 1, exclude_max=True), r_dot=rates, V=speeds, r_d=radii)
-def test_inside_the_circle_the_papers_laws_do_not_turn(law, share, r_dot, V, r_d):
+def test_laws_of_paper_do_not_turn_inside_circle(law, share, r_dot, V, r_d):
     assert law(min(share * r_d, np.nextafter(r_d, 0)), r_dot, V=V, r_d=r_d, k=0.1) == 0.0
 
 
 @given(outside=st.floats(1, 100), r_dot=st.floats(-1, 1), k=st.floats(0.001, 1))
-def test_law_1_is_the_equation_of_the_paper(outside, r_dot, k):
+def test_law_1_matches_equation_of_paper(outside, r_dot, k):
     r = 10 * outside
     by_hand = k * (2 * r * 1.0 * cos(pi - asin(10 / r)) - 2 * r * r_dot)  # eq. `omega`
     assert float(smooth(r, r_dot, **EXAMPLE, k=k)) == pytest.approx(by_hand, rel=1e-12, abs=1e-12)
@@ -107,20 +107,20 @@ def test_law_1_is_the_equation_of_the_paper(outside, r_dot, k):
 @pytest.mark.parametrize(
     ("r_dot", "turn"),
     [(0.0, -0.12), (1.0, -0.12), (-1.0, 0.12), (np.cos(np.pi - np.arcsin(0.5)), 0.0)],
-    ids=["across the line of sight", "straight away", "straight at the target", "on the tangent"],
+    ids=["across", "departing", "closing", "tangent"],
 )
-def test_law_2_turns_clockwise_unless_the_vehicle_closes_as_fast_as_the_tangent(r_dot, turn):
+def test_law_2_turns_clockwise_unless_closing_at_tangent_rate(r_dot, turn):
     """Example 3, k = 0.12. At r = 20 the tangent rate is -sqrt(3)/2."""
     assert float(switching(20.0, r_dot, **EXAMPLE, k=0.12)) == turn
 
 
 @each(FEEDBACK)
-def test_on_the_circle_the_law_asks_for_the_circles_own_turn(law):
+def test_law_commands_circle_turn_rate_on_circle(law):
     assert law.function(R_D, 0.0, V=V, r_d=R_D, k=-gain(law)) == pytest.approx(V / R_D)
 
 
 @each(FEEDBACK)
-def test_far_out_an_approach_that_every_law_accepts_is_slower_than_the_vehicle(law):
+def test_law_approaches_slower_than_vehicle_far_from_circle(law):
     rates = np.linspace(-V, 0, 2001)
     turns = [law.function(1e5, float(rate), V=V, r_d=R_D, k=-gain(law)) for rate in rates]
     asked_for = rates[np.abs(turns).argmin()]
@@ -135,9 +135,7 @@ def test_far_out_an_approach_that_every_law_accepts_is_slower_than_the_vehicle(l
         (10.0, 9.0, 12 / 43 + 0.02 * (9 - 8.25 * 0.4971057)),
     ],
 )
-def test_feedforward_is_the_turn_of_the_present_circle_and_the_closing_speed_missing(
-    r, r_dot, turn
-):
+def test_feedforward_matches_hand_calculation(r, r_dot, turn):
     """V, r' and the tangential speed are 15, 9 and 12 m/s. gamma = 0.02 * 15/6 = 0.05, v* = 8.25;
     tanh of 1, 50/165 and 90/165. Nearer than 43 m the circle gets no smaller."""
     assert laws.feedforward(r, r_dot, V=V, r_d=R_D, k=-0.02) == pytest.approx(turn, rel=1e-5)
@@ -145,9 +143,7 @@ def test_feedforward_is_the_turn_of_the_present_circle_and_the_closing_speed_mis
 
 @each(LAWS.values())
 @given(V=speeds, r_d=radii, lag=lags)
-def test_every_default_gain_meets_its_own_condition_and_is_none_higher_in_a_later_loop(
-    law, V, r_d, lag
-):
+def test_default_gain_meets_bound_and_falls_with_lag(law, V, r_d, lag):
     gain = law.default_gain(V, r_d, lag)
     assert gain > law.gain_bound(V, r_d)
     assert law.default_gain(V, r_d, 2 * lag) <= gain
@@ -167,14 +163,12 @@ def test_every_default_gain_meets_its_own_condition_and_is_none_higher_in_a_late
         *((law, 15.0, 100.0, 1.0, 0.5 / 15) for law in ("feedforward", "drift", "auto")),
     ],
 )
-def test_default_gains_are_the_papers_and_in_a_late_loop_those_at_which_vehicles_do_not_swing(
-    law, V, r_d, lag, gain
-):
+def test_default_gains_match_paper_and_flown_loops(law, V, r_d, lag, gain):
     """k V lag = 0.5. Above it, autopilots were seen in a limit cycle."""
     assert LAWS[law].default_gain(V, r_d, lag) == pytest.approx(gain)
 
 
-def test_the_loop_is_as_late_as_turn_and_filter_together():
+def test_loop_lag_adds_turn_and_filter_delays():
     settings = EstimatorSettings(15.0, 0.35)
     lags = (
         LawTuning("auto", settings, turn, sigma, 0.1).loop_lag(100.0)

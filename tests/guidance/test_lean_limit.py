@@ -38,7 +38,7 @@ def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0):
 
 
 @pytest.mark.parametrize("wind", [6.5, 7.5])
-def test_a_limit_is_found_and_the_speed_lowered_until_it_is_held(wind):
+def test_lean_limit_is_found_and_lowers_speed(wind):
     """20 deg are 3.57 m/s^2. With a drag of 0.35/s, that allows 10.2 m/s of airspeed less the part
     that turns the path."""
     lean = after(5, wind, limit_deg=20.0)
@@ -59,5 +59,5 @@ def test_a_limit_is_found_and_the_speed_lowered_until_it_is_held(wind):
     ],
     ids=str,
 )
-def test_a_lean_that_wind_trim_or_gusts_ask_for_is_no_limit(flight):
+def test_lean_limit_ignores_wind_trim_and_gusts(flight):
     assert after(6, **flight).share == 1.0

@@ -5,7 +5,8 @@ from the law's code. theta is the heading inward of the tangent, e the radius er
 command, P the vehicle.
 
     theta' = P c,   e' = -V theta,   pending' = (1 - M) c,   M = e^(-s dead)/(lag s + 1)
-    c = -(heading + radial V) (theta + pending) - heading radial V T (theta + pending/2) + heading radial e
+    c = -(heading + radial V) (theta + pending) - heading radial V T (theta + pending/2)
+        + heading radial e
     T = dead + lag
 
 The plants cover airframes and links as flown on ArduPilot 4.6.3 and PX4. The dead time is 0.05 to
@@ -86,7 +87,7 @@ def assert_margins(plant, dead, lag, settles):
 
 @pytest.mark.parametrize("known", [0.8, 1.0, 1.2])
 @pytest.mark.parametrize("plant", PLANTS, ids=str)
-def test_margins_hold_for_every_vehicle_whose_delay_is_known_to_a_fifth(plant, known):
+def test_margins_hold_with_delay_known_to_20_percent(plant, known):
     _, lag, settles = answer(*plant[1:])
     assert_margins(plant, (plant[0] + LINK) * known, lag * known, settles)
 
@@ -111,16 +112,16 @@ def flown(dead, kind, a, damping, seconds=25.0, dt=0.01, gain=0.75):
     return time, command, np.array(angles)
 
 
-def learnt(plant, expected=0.5):
+def learned_response(plant, expected=0.5):
     """Return the response learned from headings at 25 Hz of a plant that was expected to take 0.5
     s."""
     time, command, angles = flown(*plant)
     rng = np.random.default_rng(3)
     angles = angles + 0.005 * rng.standard_normal(angles.size)
-    return learnt_from(time[::4], command[::4], angles[::4], expected).response(LINK)
+    return learner_of(time[::4], command[::4], angles[::4], expected).response(LINK)
 
 
-def learnt_from(times, commands, angles, expected=0.5):
+def learner_of(times, commands, angles, expected=0.5):
     candidates = CandidateTurns()
     bins = TurnBins(candidates)
     learner = ResponseLearner(expected)
@@ -132,8 +133,8 @@ def learnt_from(times, commands, angles, expected=0.5):
 
 
 @pytest.mark.parametrize("plant", PLANTS[::2], ids=str)
-def test_margins_hold_with_what_a_flight_teaches_of_its_vehicle(plant):
-    known = learnt(plant)
+def test_margins_hold_with_learned_response(plant):
+    known = learned_response(plant)
     assert known != ResponseLearner(0.5).response(LINK)
     assert_margins(plant, known.dead + LINK, known.lag, known.settles)
 
@@ -141,19 +142,19 @@ def test_margins_hold_with_what_a_flight_teaches_of_its_vehicle(plant):
 @pytest.mark.parametrize(
     "plant", [(0.5, "first", 0.25, 0.0), (0.22, "second", 5.8, 0.46), (0.6, "first", 0.9, 0.0)]
 )
-def test_the_delay_is_learnt_from_the_turns_of_an_approach(plant):
+def test_response_learner_finds_delay_during_approach(plant):
     dead, *shape = plant
-    assert learnt(plant).delay - LINK == pytest.approx(dead + answer(*shape)[1], abs=0.12)
+    assert learned_response(plant).delay - LINK == pytest.approx(dead + answer(*shape)[1], abs=0.12)
 
 
-def test_a_vehicle_that_only_circles_teaches_nothing_of_its_delay():
+def test_response_learner_learns_nothing_from_steady_circle():
     time = 0.04 * np.arange(1000)
-    learner = learnt_from(time, np.full(1000, 0.15), 0.15 * time)
+    learner = learner_of(time, np.full(1000, 0.15), 0.15 * time)
     assert learner.response(0.0) == ResponseLearner(0.5).response(0.0)
 
 
 @pytest.mark.parametrize("delay", [0.3, 0.5, 1.0])
-def test_the_margin_that_check_computes_is_that_of_this_loop_on_a_large_circle(delay):
+def test_sensitivity_of_large_circle_matches_loop_equations(delay):
     """`check` linearizes the law's own code numerically. This test uses the equations."""
     worst = 0.0
     for known, share, damping in product((0.8, 1.0, 1.2), (0.3, 0.7), (None, 0.3, 0.6)):
@@ -166,7 +167,7 @@ def test_the_margin_that_check_computes_is_that_of_this_loop_on_a_large_circle(d
     assert sensitivity(V, 100_000.0, 0.0, delay, 0.0, 0.6) == pytest.approx(worst, rel=0.02)
 
 
-def test_a_small_circle_has_less_margin_and_wind_takes_more_of_it():
+def test_sensitivity_grows_on_small_circle_and_in_wind():
     tight = [sensitivity(15.0, 60.0, W, 0.5, 0.0, 0.65) for W in (0.0, 2.5, 5.0)]
     assert tight == sorted(tight)
     assert tight[0] < MOST_SENSITIVITY < tight[2]

@@ -25,7 +25,7 @@ def test_chord_of_half_a_turn_is_the_diameter():
     sigma=st.floats(0.01, 5),
     rate=st.floats(-20, 20),
 )
-def test_slant_range_and_rate_give_back_the_horizontal_ones(rho, height, sigma, rate):
+def test_horizontal_range_and_rate_invert_slant_geometry(rho, height, sigma, rate):
     """In level flight the slant rate is the horizontal one times rho/slant."""
     slant = hypot(rho, height)
     noise = pytest.approx(sigma * slant / rho, rel=1e-9)
@@ -37,6 +37,6 @@ def test_slant_range_and_rate_give_back_the_horizontal_ones(rho, height, sigma, 
 
 
 @pytest.mark.parametrize("slant", [29.9, 30.0, 30.5])
-def test_a_target_overhead_has_no_horizontal_range(slant):
+def test_target_overhead_has_no_horizontal_range(slant):
     """Growth of the noise is slant/rho: 30.5/sqrt(30.5^2 - 30^2) = 5.55, above 5."""
     assert horizontal(slant, 0.5, 30.0) is None

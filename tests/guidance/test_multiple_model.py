@@ -42,7 +42,7 @@ class Flown:
         self.t = 0.0
         self.p = np.array(TARGET)
 
-    def hear(self, dt, sigma, r=None, error=0.0, valid=True):
+    def observe(self, dt, sigma, r=None, error=0.0, valid=True):
         """Fly on for dt (s) and observe a range of standard deviation sigma (m): r, or the true
         range plus its error (m)."""
         path = np.array(chord(V, TURN * self.t, TURN * dt, dt))
@@ -51,11 +51,11 @@ class Flown:
         z = hypot(*self.p) + error if r is None else r
         self.filter.step(dt, path, z if valid else None, sigma)
 
-    def listen(self, seconds):
+    def observe_for(self, seconds):
         """Observe ordinary ranges for some time."""
         rng = np.random.default_rng(0)
         for _ in range(round(seconds / STEP)):
-            self.hear(STEP, 0.5, error=rng.normal(0, 0.5))
+            self.observe(STEP, 0.5, error=rng.normal(0, 0.5))
         return self
 
     @property
@@ -67,17 +67,17 @@ class Flown:
 
 @pytest.fixture(scope="module")
 def tracking():
-    flown = Flown().listen(25.0)
+    flown = Flown().observe_for(25.0)
     assert flown.filter.stage == Stage.TRACKING
     return flown
 
 
-def test_a_track_begins_with_the_spread_of_what_the_search_does_not_show():
+def test_track_begins_with_spread_of_unobserved_states():
     """Half of the sigma for the drifting error of a range, 0.02 V for a gust, 0.2 m/s^2 for the
     accelerometer."""
     flown = Flown()
     while flown.filter.stage != Stage.TRACKING:
-        flown.hear(STEP, 0.5)
+        flown.observe(STEP, 0.5)
     spread = np.sqrt(np.diag(flown.filter.covariance))
     assert spread[B : LEFT + 1] == pytest.approx([0.25, 0.3, 0.3, 0.2, 0.2])
 
@@ -98,12 +98,10 @@ received = st.lists(
 
 
 @given(received)
-def test_no_sequence_of_ranges_leaves_numbers_that_are_none_or_covariances_that_cannot_be(
-    tracking, sequence
-):
+def test_filter_state_stays_finite_and_covariance_valid(tracking, sequence):
     flown = deepcopy(tracking)
     for one in sequence:
-        flown.hear(*one)
+        flown.observe(*one)
         tracker = flown.filter
         x = tracker.mean
         P = tracker.covariance
@@ -123,13 +121,13 @@ def test_no_sequence_of_ranges_leaves_numbers_that_are_none_or_covariances_that_
 
 
 @pytest.mark.parametrize("sigma", [4294967.294, 1e-4, 0.0])
-def test_after_ranges_that_claim_what_none_can_the_target_is_known_again(tracking, sigma):
+def test_filter_finds_target_after_ranges_with_impossible_sigma(tracking, sigma):
     """4294967.294 m is the largest range_accuracy that RANGING_BEACON can encode. The search may
     restart or not."""
     flown = deepcopy(tracking)
     for _ in range(200):
-        flown.hear(STEP, sigma)
-    flown.listen(30.0)
+        flown.observe(STEP, sigma)
+    flown.observe_for(30.0)
     assert flown.filter.trusted
     assert flown.off < 5.0
 
@@ -138,16 +136,16 @@ def test_after_ranges_that_claim_what_none_can_the_target_is_known_again(trackin
 def test_track_with_nan_is_discarded_and_searched_again(part, tracking):
     flown = deepcopy(tracking)
     getattr(flown.filter._tracks, part)[KAPPA] = np.nan
-    flown.hear(STEP, 0.5)
+    flown.observe(STEP, 0.5)
     assert flown.filter.stage == Stage.SEARCH
     assert not flown.filter.trusted
     assert np.isfinite(flown.filter.mean).all() and np.isfinite(flown.filter.covariance).all()
-    flown.listen(30.0)
+    flown.observe_for(30.0)
     assert flown.filter.trusted
     assert flown.off < 5.0
 
 
-def test_a_variance_that_rounding_has_made_negative_is_none():
+def test_update_tolerates_negative_variance_from_rounding():
     """The range is much more accurate than the state: rounding can make the remaining variance
     slightly negative."""
     x = np.zeros(STATES)
@@ -164,19 +162,19 @@ def test_a_variance_that_rounding_has_made_negative_is_none():
     assert after.x[R, 0] >= CLOSEST
 
 
-def test_what_steers_steers_on_until_it_is_much_worse_and_again_only_when_it_is_good(tracking):
+def test_trust_in_filter_has_hysteresis(tracking):
     """Otherwise law changes follow rounding errors. PX4's copter around a moving target changed 29
     times in a flight."""
     flown = deepcopy(tracking)
     tracker = flown.filter
     worst = 0.0
     while worst < 0.55:
-        flown.hear(4 * STEP, 0.5, valid=False)
+        flown.observe(4 * STEP, 0.5, valid=False)
         worst = max(worst, tracker.spread)
         assert tracker.trusted == (worst < 0.5)
     between = False
     for _ in range(200):
-        flown.hear(STEP, 0.5)
+        flown.observe(STEP, 0.5)
         between |= 0.25 < tracker.spread < 0.5
         assert tracker.stage == Stage.TRACKING and tracker.trusted == (tracker.spread < 0.25)
         if tracker.trusted:

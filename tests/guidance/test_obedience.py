@@ -32,18 +32,18 @@ class Monitor:
 
 def monitored(command, flown, seconds=30.0, *, noise=0.0, monitor=None, start=0.0, lap=0.0):
     """Return the monitor after some time. command: turn rate by time. flown: turn rate by time and
-    the commands so far, newest last. lap: duration of a lap round the located target, s."""
+    the commands sent so far, newest last. lap: duration of a lap round the located target, s."""
     monitor = monitor or Monitor()
     rng = np.random.default_rng(4)
-    said = [0.0] * 20
+    sent = [0.0] * 20
     monitor.limit_cycle.lap = lap
     for i in range(round(seconds / BIN)):
         time = start + i * BIN
-        said.append(min(max(command(time), -LIMIT), LIMIT))
-        predicted = np.array([said[-1 - late] for late in DELAYS])
-        turn = flown(time, said) + noise * rng.standard_normal()
+        sent.append(min(max(command(time), -LIMIT), LIMIT))
+        predicted = np.array([sent[-1 - late] for late in DELAYS])
+        turn = flown(time, sent) + noise * rng.standard_normal()
         monitor.obedience.judge(TurnBin(time, BIN, predicted, turn))
-        monitor.limit_cycle.judge(time, turn, said[-1])
+        monitor.limit_cycle.judge(time, turn, sent[-1])
     return monitor
 
 
@@ -54,69 +54,65 @@ def circle(time):
 
 @pytest.mark.parametrize("gain", [0.4, 0.7, 1.0, 1.5])
 @pytest.mark.parametrize("late", [0, 2, 4])
-def test_a_vehicle_that_follows_late_and_by_any_gain_in_gusts_raises_nothing(gain, late):
-    assert monitored(circle, lambda time, said: gain * said[-1 - late], 120.0, noise=0.05).follows
+def test_obedience_accepts_delay_gain_and_gusts(gain, late):
+    assert monitored(circle, lambda time, sent: gain * sent[-1 - late], 120.0, noise=0.05).follows
 
 
 @pytest.mark.parametrize(
     "flown",
     [
-        lambda time, said: 0.0,
-        lambda time, said: 0.12,
-        lambda time, said: -said[-2],
-        lambda time, said: 0.1 * said[-2],
+        lambda time, sent: 0.0,
+        lambda time, sent: 0.12,
+        lambda time, sent: -sent[-2],
+        lambda time, sent: 0.1 * sent[-2],
     ],
-    ids=["flies straight", "turns by itself", "reversed", "weak"],
+    ids=["straight", "constant turn", "reversed", "weak"],
 )
-def test_one_that_does_not_is_found_within_5_s_of_the_turns(flown):
+def test_obedience_detects_vehicle_that_ignores_turns_within_5_s(flown):
     assert not monitored(circle, flown, 5.0, noise=0.01).follows
 
 
-def test_one_wrong_bin_is_no_disobedience():
+def test_obedience_tolerates_single_wrong_bin():
     assert monitored(
-        lambda t: 0.2, lambda t, said: -0.5 if t % 15 < BIN else said[-2], 120.0, noise=0.01
+        lambda t: 0.2, lambda t, sent: -0.5 if t % 15 < BIN else sent[-2], 120.0, noise=0.01
     ).follows
 
 
-def test_what_is_followed_again_ends_it_and_a_turn_that_does_not_change_does_not():
-    stopped = monitored(circle, lambda time, said: 0.0, 5.0)
+def test_obedience_recovers_only_with_followed_turn_changes():
+    stopped = monitored(circle, lambda time, sent: 0.0, 5.0)
     assert stopped.obedience.since < 5.0
-    steady = monitored(lambda time: 0.3, lambda time, said: 0.3, 20.0, monitor=stopped, start=5.0)
+    steady = monitored(lambda time: 0.3, lambda time, sent: 0.3, 20.0, monitor=stopped, start=5.0)
     assert not steady.follows
     assert monitored(
-        lambda time: 0.3 * sin(time), lambda time, said: said[-2], 10.0, monitor=steady, start=25.0
+        lambda time: 0.3 * sin(time), lambda time, sent: sent[-2], 10.0, monitor=steady, start=25.0
     ).follows
 
 
-def test_commands_too_small_to_tell_raise_nothing():
-    assert monitored(lambda time: 0.01, lambda time, said: 0.0, 60.0, noise=0.01).follows
+def test_obedience_ignores_small_commands():
+    assert monitored(lambda time: 0.01, lambda time, sent: 0.0, 60.0, noise=0.01).follows
 
 
 @pytest.mark.parametrize("period", [1.0, 1.4, 2.5, 3.0])
-def test_a_swing_of_up_to_3_s_is_a_cycle_within_15_s_and_lowers_the_gains_but_not_without_end(
+def test_limit_cycle_of_3_s_lowers_gains_to_bound(
     period,
 ):
     def swing(time):
         return 0.15 + 0.25 * sin(2 * pi * time / period)
 
-    def follow(time, said):
-        return said[-2]
+    def follow(time, sent):
+        return sent[-2]
 
     assert monitored(swing, follow, 15.0, noise=0.02).share < 1.0
     assert monitored(swing, follow, 200.0, noise=0.02).share == LEAST
 
 
-@pytest.mark.parametrize(
-    "lap", [0.0, 12.0, 40.0], ids=["not located", "a lap of two periods", "located"]
-)
+@pytest.mark.parametrize("lap", [0.0, 12.0, 40.0], ids=["not located", "short lap", "located"])
 @pytest.mark.parametrize("period", [5.0, 7.5])
-def test_a_slow_swing_is_a_cycle_once_the_target_is_located_unless_it_repeats_with_the_lap(
-    period, lap
-):
+def test_slow_limit_cycle_needs_located_target_and_longer_lap(period, lap):
     def swing(time):
         return 0.15 + 0.25 * sin(2 * pi * time / period)
 
-    found = monitored(swing, lambda time, said: said[-2], 40.0, noise=0.02, lap=lap)
+    found = monitored(swing, lambda time, sent: sent[-2], 40.0, noise=0.02, lap=lap)
     assert (found.share < 1.0) == (lap == 40.0)
 
 
@@ -129,19 +125,19 @@ def test_a_slow_swing_is_a_cycle_once_the_target_is_located_unless_it_repeats_wi
         lambda time: 0.15 if time > 16 else LIMIT if time // 2.5 % 2 == 0 else -LIMIT,
     ],
     ids=[
-        "the circle in wind",
-        "restless, but small",
-        "the weave of a search",
-        "an approach, six times to and fro",
+        "circle in wind",
+        "small oscillation",
+        "excitation",
+        "alternating approach",
     ],
 )
-def test_what_a_flight_needs_is_no_cycle(command):
-    assert monitored(command, lambda time, said: said[-2], 60.0).share == 1.0
+def test_limit_cycle_ignores_ordinary_turns(command):
+    assert monitored(command, lambda time, sent: sent[-2], 60.0).share == 1.0
 
 
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("frequency", [2.6, 1.1])
-def test_gusts_are_no_cycle_however_large(seed, frequency):
+def test_limit_cycle_ignores_gusts(seed, frequency):
     """Noise through a loop with a period of 2.4 s or 6 s and a damping of 0.3."""
     rng = np.random.default_rng(seed)
     state = [0.0, 0.0]
@@ -153,20 +149,20 @@ def test_gusts_are_no_cycle_however_large(seed, frequency):
             state[:] = state[0] + rate * 0.02, rate
         return state[0]
 
-    assert monitored(gusty, lambda time, said: said[-2], 120.0, lap=60.0).share == 1.0
+    assert monitored(gusty, lambda time, sent: sent[-2], 120.0, lap=60.0).share == 1.0
 
 
-def test_a_swing_that_stops_lowers_the_gains_no_further():
+def test_limit_cycle_stops_lowering_gains_after_oscillation():
     shares = [
         monitored(
-            lambda t: 0.4 * sin(2 * pi * t) if t < 8 else 0.15, lambda t, said: said[-2], seconds
+            lambda t: 0.4 * sin(2 * pi * t) if t < 8 else 0.15, lambda t, sent: sent[-2], seconds
         ).share
         for seconds in (30.0, 200.0)
     ]
     assert shares[0] == shares[1] < 1.0
 
 
-def test_a_link_whose_delay_is_estimated_anew_changes_no_prediction():
+def test_turn_bins_predict_steady_turn_despite_changed_link_delay():
     candidates = CandidateTurns()
     bins = TurnBins(candidates)
     rates = []

@@ -10,7 +10,7 @@ V = 15.0
 SIGMA = 0.5
 
 
-def listened(steps, ranges, path=(0.0, 0.0)):
+def window_of(steps, ranges, path=(0.0, 0.0)):
     """A window with steps in s, and a range in m, or None, after each; path: m in each step."""
     window = RangeWindow(V)
     for dt, z in zip(steps, ranges, strict=True):
@@ -25,25 +25,25 @@ def test_window_measures_white_noise_of_drifting_moving_range(sigma, every):
     t = 0.05 * np.arange(400)
     ranges = 100 + 10 * t + 0.4 * np.sin(t) + chance.normal(0, sigma, 400)
     received = [z if i % every == 0 else None for i, z in enumerate(ranges.tolist())]
-    assert listened([0.05] * 400, received).white(SIGMA) == pytest.approx(sigma, rel=0.35)
+    assert window_of([0.05] * 400, received).white(SIGMA) == pytest.approx(sigma, rel=0.35)
 
 
-def test_window_keeps_the_newest_sixteen_seconds():
-    bins = listened([0.05] * 400, [100.0] * 400).bins(SIGMA)
+def test_window_keeps_newest_16_s():
+    bins = window_of([0.05] * 400, [100.0] * 400).bins(SIGMA)
     assert bins.z.shape == (64,)
     assert bins.age == pytest.approx(0.25 * np.arange(63, -1, -1) + 0.15, abs=0.051)
 
 
 def test_window_bounds_white_noise_by_reported_sigma():
     ranges = np.random.default_rng(4).normal(100, 5.0, 400).tolist()
-    assert listened([0.05] * 10, ranges[:10]).white(SIGMA) == SIGMA
-    assert listened([0.05] * 400, ranges).white(SIGMA) == SIGMA
-    assert listened([0.04, 0.06] * 200, [100.0] * 400).white(SIGMA) == SIGMA
-    assert listened([0.05] * 400, [100.0] * 400).white(SIGMA) == 0.0
+    assert window_of([0.05] * 10, ranges[:10]).white(SIGMA) == SIGMA
+    assert window_of([0.05] * 400, ranges).white(SIGMA) == SIGMA
+    assert window_of([0.04, 0.06] * 200, [100.0] * 400).white(SIGMA) == SIGMA
+    assert window_of([0.05] * 400, [100.0] * 400).white(SIGMA) == 0.0
 
 
-def test_bin_is_mean_of_a_quarter_second():
-    window = listened([WIDTH / 5] * 15, [100.0, 101.0, 102.0, 103.0, 104.0] * 3, path=(0.5, -0.25))
+def test_bin_is_mean_of_quarter_second():
+    window = window_of([WIDTH / 5] * 15, [100.0, 101.0, 102.0, 103.0, 104.0] * 3, path=(0.5, -0.25))
     bins = window.bins(SIGMA)
     # a step closes the bin before it adds its own range: four of the first five, and all of the
     # next
@@ -60,8 +60,8 @@ def test_bin_is_mean_of_a_quarter_second():
     assert bins.variance == pytest.approx(variance)
 
 
-def test_bin_leaves_out_outlier_and_window_empty_bin():
+def test_bin_excludes_outlier_and_window_excludes_empty_bin():
     """The second range is 50 m off, the middle one of five is lost, and later all are."""
     ranges = [200.0, 250.0, None, 203.0, 204.0, 200.0, 250.0, None, 203.0, *[None] * 6]
-    bins = listened([WIDTH / 5] * 15, ranges).bins(SIGMA)
+    bins = window_of([WIDTH / 5] * 15, ranges).bins(SIGMA)
     assert bins.z == pytest.approx([(200 + 203) / 2, (204 + 200 + 203) / 3])

@@ -13,7 +13,7 @@ LIMIT = 0.35
 
 
 def ranges(
-    told: float,
+    reported: float,
     sigma: float,
     *,
     hz: float = 10.0,
@@ -33,36 +33,34 @@ def ranges(
             x, y = x + V * np.cos(psi) / hz / 10, y + V * np.sin(psi) / hz / 10
         z = hypot(x, y) + chance.normal(0, sigma)
         if chance.random() >= lost:
-            yield RangeSample(n / hz, n / hz, z, told)
+            yield RangeSample(n / hz, n / hz, z, reported)
 
 
-def believed(samples, check=None) -> list[float]:
+def corrected_sigmas(samples, check=None) -> list[float]:
     check = check or NoiseCheck.of_ranges(V, LIMIT)
     return [check.corrected(sample.stamp, sample.r, sample.sigma) for sample in samples]
 
 
 @pytest.mark.parametrize("hz", [2.0, 5.0, 10.0, 50.0])
 @pytest.mark.parametrize("sigma", [0.02, 0.1, 0.5, 2.0])
-def test_who_tells_the_truth_is_believed_however_the_vehicle_turns(hz, sigma):
+def test_noise_check_keeps_correct_sigma_during_turns(hz, sigma):
     for seed in range(3):
-        assert set(believed(ranges(sigma, sigma, hz=hz, seed=seed))) == {sigma}
+        assert set(corrected_sigmas(ranges(sigma, sigma, hz=hz, seed=seed))) == {sigma}
 
 
-@pytest.mark.parametrize(("told", "sigma"), [(0.01, 0.5), (0.1, 0.5), (0.5, 5.0)])
-def test_a_sensor_that_says_too_little_is_found_out_within_seconds_and_what_was_found_first_is_kept(
-    told, sigma
-):
+@pytest.mark.parametrize(("reported", "sigma"), [(0.01, 0.5), (0.1, 0.5), (0.5, 5.0)])
+def test_noise_check_raises_sigma_within_seconds(reported, sigma):
     for seed in range(3):
         check = NoiseCheck.of_ranges(V, LIMIT)
-        sigmas = believed(ranges(told, sigma, seed=seed), check)
-        assert check.found == pytest.approx((told, sigma), rel=0.6)
-        assert sigmas[:20] == [told] * 20
+        sigmas = corrected_sigmas(ranges(reported, sigma, seed=seed), check)
+        assert check.found == pytest.approx((reported, sigma), rel=0.6)
+        assert sigmas[:20] == [reported] * 20
         assert sigmas[60:] == pytest.approx([sigma] * len(sigmas[60:]), rel=0.8)
         assert np.median(sigmas[60:]) == pytest.approx(sigma, rel=0.35)
 
 
 def circling(
-    told: float,
+    reported: float,
     sigma: float,
     *,
     drifting: float = 0.0,
@@ -77,32 +75,32 @@ def circling(
     for n in range(round(seconds * 10)):
         slow = 0.951 * slow + drifting * 0.309 * chance.normal()
         z = 100.0 + 0.5 * sin(0.15 * n / 10) + slow + chance.normal(0, sigma)
-        yield RangeSample(n / 10, n / 10, round(z / step) * step if step else z, told)
+        yield RangeSample(n / 10, n / 10, round(z / step) * step if step else z, reported)
 
 
 @pytest.mark.parametrize(
     ("sigma", "drifting", "least", "most"), [(0.1, 0, 0.15, 0.27), (0.02, 0.15, 0.08, 0.25)]
 )
-def test_a_sigma_told_too_large_is_lowered_with_a_margin(sigma, drifting, least, most):
+def test_noise_check_lowers_too_large_sigma_with_margin(sigma, drifting, least, most):
     """UWB reported as 0.5 m is really 0.1 m, white or slow."""
     for seed in range(3):
-        sigmas = believed(circling(0.5, sigma, drifting=drifting, seed=seed))
+        sigmas = corrected_sigmas(circling(0.5, sigma, drifting=drifting, seed=seed))
         assert sigmas[:200] == [0.5] * 200
         assert least < np.median(sigmas[300:]) < most
 
 
-def test_a_radio_whose_error_is_mostly_slow_is_believed():
+def test_noise_check_keeps_sigma_of_slow_error():
     for seed in range(3):
-        assert set(believed(circling(0.15, 0.02, drifting=0.15, seed=seed))) == {0.15}
-        assert set(believed(circling(2.24, 1.0, drifting=2.0, seed=seed))) == {2.24}
+        assert set(corrected_sigmas(circling(0.15, 0.02, drifting=0.15, seed=seed))) == {0.15}
+        assert set(corrected_sigmas(circling(2.24, 1.0, drifting=2.0, seed=seed))) == {2.24}
 
 
-def test_no_sigma_is_lowered_below_what_the_message_can_say():
-    assert min(believed(circling(0.5, 0.0, step=0.01))) >= 0.01
-    assert min(believed(circling(2.0, 0.0, step=1.0, seconds=120.0))) >= 0.29
+def test_noise_check_keeps_sigma_above_message_resolution():
+    assert min(corrected_sigmas(circling(0.5, 0.0, step=0.01))) >= 0.01
+    assert min(corrected_sigmas(circling(2.0, 0.0, step=1.0, seconds=120.0))) >= 0.29
 
 
-def test_a_lowered_sigma_rises_again_with_the_noise():
+def test_noise_check_raises_lowered_sigma_with_noise():
     check = NoiseCheck.of_ranges(V, LIMIT)
     sigmas = [
         check.corrected(t + s.stamp, s.r, 0.5)
@@ -117,30 +115,30 @@ def repeated(samples, *, moving=True, since=None) -> list[float]:
     """Return the time for which the sensor counts as frozen, at each range. From the stamp `since`
     on, the range is constant."""
     check = NoiseCheck.of_ranges(V, LIMIT)
-    told = []
+    frozen_times = []
     held = None
     for sample in samples:
         held = sample.r if held is None or since is None or sample.stamp <= since else held
         check.corrected(sample.stamp, held, sample.sigma, moving=moving)
-        told.append(check.repeated)
-    return told
+        frozen_times.append(check.repeated)
+    return frozen_times
 
 
 @pytest.mark.parametrize("approach", [False, True])
-def test_the_same_number_for_ten_seconds_is_a_frozen_radio(approach):
-    told = repeated((ranges if approach else circling)(0.5, 0.1, seconds=40.0), since=15.0)
-    assert not any(told[:249])
-    assert told[252] == pytest.approx(10.0, abs=0.3)
-    assert all(told[252:])
+def test_noise_check_reports_constant_range_after_10_s(approach):
+    frozen_times = repeated((ranges if approach else circling)(0.5, 0.1, seconds=40.0), since=15.0)
+    assert not any(frozen_times[:249])
+    assert frozen_times[252] == pytest.approx(10.0, abs=0.3)
+    assert all(frozen_times[252:])
 
 
-def test_a_radio_that_never_says_anything_else_is_frozen_but_only_to_a_vehicle_that_moves():
+def test_noise_check_reports_frozen_radio_only_during_motion():
     assert repeated(circling(0.5, 0.1), since=0.0)[105]
     assert not any(repeated(circling(0.5, 0.1), since=0.0, moving=False))
 
 
 @pytest.mark.parametrize(("sigma", "step"), [(0.02, 1.0), (0.1, 2.0), (0.0, 0.01)])
-def test_a_coarse_radio_on_a_perfect_circle_is_not_frozen(sigma, step):
+def test_noise_check_accepts_coarse_radio_on_perfect_circle(sigma, step):
     """It approaches first, so the resolution becomes visible. Then the range is constant although
     the radio works."""
     way = [
@@ -156,7 +154,7 @@ def test_a_coarse_radio_on_a_perfect_circle_is_not_frozen(sigma, step):
     assert not any(repeated([*way, *settles, *later]))
 
 
-def test_lost_ranges_and_outliers_do_not_confuse_it():
+def test_noise_check_ignores_lost_ranges_and_outliers():
     for seed in range(5):
         chance = np.random.default_rng(seed)
         samples = [
@@ -165,4 +163,4 @@ def test_lost_ranges_and_outliers_do_not_confuse_it():
             else s
             for s in ranges(0.5, 0.5, lost=0.3, seconds=60.0, seed=seed)
         ]
-        assert set(believed(samples)) == {0.5}
+        assert set(corrected_sigmas(samples)) == {0.5}

@@ -27,8 +27,8 @@ def settled(r=300.0, r_dot=-6.0, sigma=0.5, count=60, period=0.1):
     return kalman, (count - 1) * period
 
 
-def hear(kalman, last, values):
-    """Return the result for each of some ranges, one every 0.1 s."""
+def observe(kalman, last, values):
+    """Observe ranges, one every 0.1 s. Return the results."""
     return [kalman.observe(sample(last + 0.1 * i, r)) for i, r in enumerate(values, 1)]
 
 
@@ -68,8 +68,8 @@ def flight(seed, count):
     return rng, t, np.hypot(-400 + V * t, 120 + 10 * np.sin(t / 5))
 
 
-@pytest.mark.parametrize("rates", [0.0, 0.6], ids=["ranges alone", "ranges and rates"])
-def test_the_filter_is_filterpys_general_one_over_uneven_steps_and_noises(rates):
+@pytest.mark.parametrize("rates", [0.0, 0.6], ids=["ranges", "ranges and rates"])
+def test_range_rate_filter_matches_filterpy_with_uneven_steps(rates):
     rng, t, r = flight(1, 400)
     kalman = KalmanRangeRate(SETTINGS)
     now = t[0]
@@ -109,7 +109,7 @@ def test_the_filter_is_filterpys_general_one_over_uneven_steps_and_noises(rates)
     assert kalman.at(now - 1.0).r == kalman.at(now).r
 
 
-def test_arrival_jitter_costs_nothing_when_the_stamps_are_right():
+def test_range_rate_filter_uses_stamps_despite_arrival_jitter():
     steady = KalmanRangeRate(SETTINGS)
     jittery = KalmanRangeRate(SETTINGS)
     rng = np.random.default_rng(5)
@@ -123,7 +123,7 @@ def test_arrival_jitter_costs_nothing_when_the_stamps_are_right():
 
 
 @pytest.mark.parametrize("sigmas", [4.99, 5.01, -5.01, -20.0])
-def test_the_gate_stands_at_its_number_of_standard_deviations_and_what_is_outside_moves_nothing(
+def test_range_rate_gate_rejects_beyond_five_sigma(
     sigmas,
 ):
     """Innovation variance = predicted range variance + measurement variance, at the time of the
@@ -132,48 +132,47 @@ def test_the_gate_stands_at_its_number_of_standard_deviations_and_what_is_outsid
     ahead = kalman.at(last + 0.1)
     outside = abs(sigmas) > 5
     off = sigmas * (ahead.r_sigma**2 + 0.5**2) ** 0.5
-    assert hear(kalman, last, [ahead.r + off]) == [Fused.GATED if outside else Fused.ACCEPTED]
+    assert observe(kalman, last, [ahead.r + off]) == [Fused.GATED if outside else Fused.ACCEPTED]
     after = kalman.at(last + 0.1)
     assert (abs(after.r - ahead.r) < 1e-6, after.r_dot == ahead.r_dot) == (outside, outside)
     assert kalman.nis == pytest.approx(sigmas**2, rel=1e-6)
     assert kalman.ready
 
 
-def test_scattered_outliers_never_restart_the_filter_and_time_passes():
+def test_range_rate_filter_predicts_through_scattered_outliers():
     """The state is predicted through the rejected samples: after 4 s at -6 m/s the range is 24 m
     less. A good sample between two runs that agree discards the first."""
     kalman, last = settled()
     before = kalman.at(last).r
-    assert hear(kalman, last, [900.0, 5.0] * 20) == [Fused.GATED] * 40
+    assert observe(kalman, last, [900.0, 5.0] * 20) == [Fused.GATED] * 40
     assert kalman.ready
     assert kalman.at(last + 4.0).r == pytest.approx(before - 24.0, abs=0.4)
     kalman, last = settled()
     good = kalman.at(last + 0.5).r
     assert (
-        hear(kalman, last, [900.0] * 4 + [good] + [900.0] * 4)
+        observe(kalman, last, [900.0] * 4 + [good] + [900.0] * 4)
         == [Fused.GATED] * 4 + [Fused.ACCEPTED] + [Fused.GATED] * 4
     )
 
 
 @pytest.mark.parametrize(("apart", "agree"), [(6.0, True), (7.0, False)])
-def test_samples_of_one_motion_are_no_farther_apart_than_twice_the_speed_and_the_noise_carry_it(
-    apart, agree
-):
+def test_range_rate_filter_restarts_only_with_consistent_samples(apart, agree):
     """2 V 0.1 s = 3 m. Five standard deviations of a difference of two samples are 3.5 m."""
     kalman, last = settled()
-    said = hear(kalman, last, [900.0 - apart * i for i in range(5)])
-    assert said == [Fused.GATED] * 4 + [Fused.ACCEPTED if agree else Fused.GATED]
+    results = observe(kalman, last, [900.0 - apart * i for i in range(5)])
+    assert results == [Fused.GATED] * 4 + [Fused.ACCEPTED if agree else Fused.GATED]
 
 
-def test_a_real_jump_restarts_the_filter_after_five_samples_that_agree():
+def test_range_rate_filter_restarts_after_five_consistent_samples():
     kalman, last = settled()
-    assert hear(kalman, last, [900.0 - 0.6 * i for i in range(1, 6)]) == [Fused.GATED] * 4 + [
+    assert observe(kalman, last, [900.0 - 0.6 * i for i in range(1, 6)]) == [Fused.GATED] * 4 + [
         Fused.ACCEPTED
     ]
     assert kalman.at(last + 0.5).r == pytest.approx(897.0)
-    assert not kalman.ready, "a restarted filter knows no rate yet"
+    assert not kalman.ready, "no rate estimate after a restart"
     assert (
-        hear(kalman, last + 0.5, [897.0 - 0.6 * i for i in range(1, 15)]) == [Fused.ACCEPTED] * 14
+        observe(kalman, last + 0.5, [897.0 - 0.6 * i for i in range(1, 15)])
+        == [Fused.ACCEPTED] * 14
     )
     assert kalman.ready
     assert kalman.at(last + 1.9).r_dot == pytest.approx(-6.0, abs=1.0)
@@ -182,9 +181,7 @@ def test_a_real_jump_restarts_the_filter_after_five_samples_that_agree():
 @pytest.mark.parametrize(
     ("sigma", "ready"), [(0.5, [False] * 4 + [True] * 2), (200.0, [False] * 10)]
 )
-def test_the_estimate_may_steer_after_its_fifth_sample_if_that_tells_anything_of_the_rate(
-    sigma, ready
-):
+def test_range_rate_filter_is_ready_after_five_informative_samples(sigma, ready):
     """Ten samples of 200 m noise within a second leave the rate as uncertain as before."""
     kalman = KalmanRangeRate(SETTINGS)
     for i, expected in enumerate(ready):
@@ -192,7 +189,7 @@ def test_the_estimate_may_steer_after_its_fifth_sample_if_that_tells_anything_of
         assert kalman.ready == expected
 
 
-def test_no_prediction_goes_through_zero():
+def test_range_rate_filter_predicts_no_negative_range():
     """Without ranges for 20 s, a vehicle that closes at 6 m/s from 10 m would have a range of -110
     m."""
     kalman, last = settled(r=46.0)
@@ -201,18 +198,16 @@ def test_no_prediction_goes_through_zero():
     assert kalman.at(last + 3.0).r_dot == pytest.approx(6.0, abs=0.1)
 
 
-def test_a_reset_forgets_everything():
+def test_range_rate_filter_reset_discards_state():
     kalman, last = settled()
     kalman.reset()
     assert (kalman.at(last), kalman.nis, kalman.ready) == (None, None, False)
-    assert hear(kalman, last, [77.0]) == [Fused.ACCEPTED]
+    assert observe(kalman, last, [77.0]) == [Fused.ACCEPTED]
     assert kalman.at(last + 0.1).r == 77.0
 
 
 @pytest.mark.parametrize(("sigma", "period"), [(0.5, 0.1), (2.0, 0.2), (0.001, 0.05)])
-def test_the_steady_state_is_what_the_filter_settles_to_and_how_late_it_is_under_acceleration(
-    sigma, period
-):
+def test_steady_state_matches_settled_filter_and_its_delay(sigma, period):
     """With r'' = 2 m/s^2 for long and far off, the estimated rate trails the true one by lag times
     2 m/s^2."""
     kalman, _ = settled(r_dot=0.0, sigma=sigma, count=200, period=period)

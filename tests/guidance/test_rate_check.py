@@ -33,14 +33,14 @@ def flight(seconds, seed=1, sigma=0.5, rate_sigma=0.1, outliers=0.0, drifting=0.
         yield n / HZ, z, rate, rate + rate_sigma * chance.normal()
 
 
-def judged(said, **noise):
-    """Return the times at which the rates were dropped or accepted again. `said(t, true,
-    measured)`: reported rate."""
+def check_rates(report, **noise):
+    """Return the check and the times at which it dropped or accepted the rates. report: reported
+    rate by t, true rate and measured rate."""
     check = RateCheck()
     changes = []
     was = True
     for t, z, true, measured in flight(**noise):
-        check.add_rate(t, said(t, true, measured))
+        check.add_rate(t, report(t, true, measured))
         check.add_range(
             t,
             z,
@@ -63,9 +63,9 @@ def judged(said, **noise):
         {"sigma": 1.0, "drifting": 2},
     ],
 )
-def test_an_honest_rate_counts_all_the_time(noise):
+def test_rate_check_trusts_correct_rate(noise):
     for seed in (1, 2):
-        check, changes = judged(
+        check, changes = check_rates(
             lambda t, true, measured: measured, seconds=300.0, seed=seed, **noise
         )
         assert changes == []
@@ -74,7 +74,7 @@ def test_an_honest_rate_counts_all_the_time(noise):
 
 @pytest.mark.parametrize("since", [0.0, 6.0])
 @pytest.mark.parametrize(
-    ("lie", "words"),
+    ("fault", "words"),
     [
         (lambda true, measured: -measured, "opposite sign: see ranging.rate_sign"),
         (lambda true, measured: 1.5 * measured, "ranges change by"),
@@ -83,18 +83,18 @@ def test_an_honest_rate_counts_all_the_time(noise):
     ],
     ids=["sign", "scale", "bias", "frozen"],
 )
-def test_a_rate_that_lies_is_dropped_within_three_seconds(since, lie, words):
-    said = lambda t, true, measured: lie(true, measured) if t >= since else measured  # noqa: E731
-    check, changes = judged(said, seconds=since + 9.0)
+def test_rate_check_drops_wrong_rate_within_3_s(since, fault, words):
+    report = lambda t, true, measured: fault(true, measured) if t >= since else measured  # noqa: E731
+    check, changes = check_rates(report, seconds=since + 9.0)
     assert changes[0] <= since + 3.0
     assert since or words in check.why
 
 
-def test_a_dropped_rate_is_tried_again_once_it_agrees_and_later_each_time():
-    def said(t, true, measured):
+def test_rate_check_retries_dropped_rate_with_growing_delay():
+    def report(t, true, measured):
         return measured + (5.0 if t < 20.0 or 40.0 <= t < 50.0 else 0.0)
 
-    _, changes = judged(said, seconds=90.0)
+    _, changes = check_rates(report, seconds=90.0)
     dropped, again, dropped_again, at_last = changes
     assert dropped <= 3.0
     assert 30.0 <= again <= 36.0
@@ -102,13 +102,13 @@ def test_a_dropped_rate_is_tried_again_once_it_agrees_and_later_each_time():
     assert 70.0 <= at_last <= 76.0
 
 
-def test_a_wrong_sign_is_not_tried_again_on_the_circle_where_no_sign_shows():
-    check, changes = judged(lambda t, true, measured: -measured, seconds=200.0, wind=0.0)
+def test_rate_check_keeps_wrong_sign_dropped_on_circle():
+    check, changes = check_rates(lambda t, true, measured: -measured, seconds=200.0, wind=0.0)
     assert (len(changes), check.trusted) == (1, False)
 
 
-def test_a_small_offset_of_the_carrier_is_found_and_harms_nobody():
-    check, changes = judged(lambda t, true, measured: measured + 0.2, seconds=60.0)
+def test_rate_check_estimates_small_carrier_offset():
+    check, changes = check_rates(lambda t, true, measured: measured + 0.2, seconds=60.0)
     assert changes == []
     assert check.bias == pytest.approx(0.2, abs=0.1)
     check.reset()

@@ -99,7 +99,7 @@ def process_noise(x):
     return T @ Q @ T.T
 
 
-def test_one_hypothesis_is_filterpys_extended_kalman_filter():
+def test_one_hypothesis_matches_filterpy_extended_kalman_filter():
     rng = np.random.default_rng(4)
     P = np.diag([4.0, 0.05, 9.0, 9.0, 2.5e-3, 0.2, 1.0, 1.0, 0.04, 0.04, 0.1, 0.1])
     reference = ExtendedKalmanFilter(dim_x=STATES, dim_z=1)
@@ -123,14 +123,14 @@ def test_one_hypothesis_is_filterpys_extended_kalman_filter():
     assert ours.P[:, :, 0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
 
 
-def test_an_outlier_is_refused_and_changes_nothing():
+def test_update_rejects_outlier_without_state_change():
     before = hypothesis([100.0, 0, 0, 0, 1, *[0] * 7], 0.01 * np.eye(STATES))
     after, _, accepted = update(before, NOISE, range_measurement(before, NOISE, 120.0, SIGMA), 5.0)
     assert not accepted[0]
     assert np.array_equal(after.x, before.x)
 
 
-def test_a_range_rate_corrects_by_the_derivatives_of_its_equation():
+def test_range_rate_update_uses_derivatives_of_its_equation():
     """h(x) = n.(kappa V u + d + g + e), its Jacobian by differences; textbook update in full
     matrices."""
     rng = np.random.default_rng(3)
@@ -151,13 +151,16 @@ def test_a_range_rate_corrects_by_the_derivatives_of_its_equation():
     assert after.P[:, :, 0] == pytest.approx(P - np.outer(P @ H, H @ P) / S, abs=1e-7)
 
 
-def test_directions_are_averaged_across_the_cut_at_pi_and_a_place_is_the_same_in_polar_coordinates():
+def test_mixture_averages_directions_across_pi():
     x = np.zeros((STATES, 2))
     x[0] = 100.0
     x[1] = np.pi - 0.01, -np.pi + 0.01
     mean, P = mixture(Hypotheses(x, np.zeros((STATES, STATES, 2)), np.zeros(2)))
     assert abs(np.cos(mean[1]) + 1) < 1e-6
     assert P[1, 1] == pytest.approx(1e-4, rel=1e-6)
+
+
+def test_polar_converts_position_and_covariance():
     p = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])
     P = np.diag([4.0, 4.0, *[1] * 10])
     x, polar_P = polar(p, P)
@@ -215,7 +218,7 @@ def test_mixture_prediction_equals_prediction_of_one_hypothesis(seed, dt, headin
 
 
 @pytest.mark.parametrize("acceleration_weight", [0.0, 1.0])
-def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_as_far_as_it_is_believed(
+def test_predicted_drift_includes_measured_velocity_change(
     acceleration_weight,
 ):
     """v = kappa V u(psi) + drift, so the drift changes by the change of v minus kappa times the
@@ -234,7 +237,7 @@ def test_the_predicted_drift_has_the_felt_change_less_that_of_the_air_velocity_a
     assert ours.drift == pytest.approx(tuple(left + measured))
 
 
-def test_a_measured_acceleration_is_bayes_rule_for_what_happened_in_the_step():
+def test_prediction_with_measured_acceleration_matches_bayes_rule():
     """Condition the prediction on the measured change of velocity, with explicit noises of the
     step. They are the states before (12), steps of d and g, the new e, their effect on position,
     and the accelerometer's own noise."""

@@ -17,10 +17,10 @@ from tests.guidance.relative import (
     WIND,
     Circling,
     V,
+    converged,
     error,
-    listen,
-    listened,
-    silent,
+    move_only,
+    observe,
     still,
 )
 
@@ -29,10 +29,10 @@ from tests.guidance.relative import (
     ("every", "motion_every", "motion_delay"),
     [(0.05, 0.05, 0.0), (0.05, 0.1, 0.04), (0.2, 0.04, 0.02)],
 )
-def test_target_and_drift_are_found_whatever_the_rates(every, motion_every, motion_delay):
+def test_drift_estimator_finds_target_at_any_message_rates(every, motion_every, motion_delay):
     world = Circling()
     estimator = DriftEstimator(SETTINGS)
-    listen(estimator, world, 0.0, 25.0, every, motion_every, motion_delay)
+    observe(estimator, world, 0.0, 25.0, every, motion_every, motion_delay)
     estimate = estimator.at(25.0)
     assert estimator.ready and estimate.relative.trusted
     assert error(estimator, world, 25.0) < 5.0
@@ -40,12 +40,12 @@ def test_target_and_drift_are_found_whatever_the_rates(every, motion_every, moti
     assert 0.05 < estimate.r_dot_sigma < 1.0
 
 
-def test_a_search_goes_on_after_the_first_estimate_and_before_the_next_range():
+def test_search_continues_between_first_estimate_and_next_range():
     """The first estimate after a range becomes a setpoint at once. A search iteration would delay
     it."""
     world = Circling()
     estimator = DriftEstimator(SETTINGS)
-    listen(estimator, world, 0.0, 2.0)
+    observe(estimator, world, 0.0, 2.0)
     estimator.filter._due = 0.5
     assert [
         (estimator.at(t) is not None, estimator.filter._due is not None) for t in (1.95, 1.95, 2.0)
@@ -53,7 +53,7 @@ def test_a_search_goes_on_after_the_first_estimate_and_before_the_next_range():
 
 
 @pytest.mark.parametrize("wrong", ["outliers", "airspeed"])
-def test_a_range_in_five_that_is_20_m_off_and_an_airspeed_sensor_10_percent_off_do_no_harm(wrong):
+def test_drift_estimator_tolerates_outliers_and_wrong_airspeed(wrong):
     world = Circling()
     estimator = DriftEstimator(SETTINGS)
     for i, t in enumerate(np.arange(0, 60, 0.05)):
@@ -74,14 +74,14 @@ def test_a_range_in_five_that_is_20_m_off_and_an_airspeed_sensor_10_percent_off_
 def test_filter_accepts_ranges_again_during_new_search(make):
     """`auto` continues with the range filter meanwhile, and after a reset nothing of that filter is
     left."""
-    world, estimator = listened(make)
+    world, estimator = converged(make)
     world.target = (-250.0, 300.0)
-    said = []
+    results = []
     for t in np.arange(30.0, 33.0, 0.05):
         estimator.move(world.motion(t))
-        said.append(estimator.observe(world.range(t)))
-    lost = said.index(Fused.ACCEPTED)
-    assert 0 < lost < 55 and Fused.GATED not in said[lost + 1 :]
+        results.append(estimator.observe(world.range(t)))
+    lost = results.index(Fused.ACCEPTED)
+    assert 0 < lost < 55 and Fused.GATED not in results[lost + 1 :]
     if make is AutoEstimator:
         assert lost < 10
         assert estimator.at(33.0).r == pytest.approx(hypot(*world.offset(33.0)), abs=3.0)
@@ -89,7 +89,7 @@ def test_filter_accepts_ranges_again_during_new_search(make):
     assert (estimator.ready, estimator.at(33.0), estimator.nis) == (False, None, None)
 
 
-def test_without_heading_auto_is_ready_but_drift_is_not():
+def test_auto_is_ready_without_heading_and_drift_is_not():
     world = Circling()
     drift = DriftEstimator(SETTINGS)
     auto = AutoEstimator(SETTINGS)
@@ -100,20 +100,20 @@ def test_without_heading_auto_is_ready_but_drift_is_not():
     assert auto.ready and auto.at(5.0).relative is None
 
 
-def test_late_and_repeated_samples_are_refused():
-    world, estimator = listened(DriftEstimator, 30.0, still)
+def test_drift_estimator_rejects_late_and_repeated_samples():
+    world, estimator = converged(DriftEstimator, 30.0, still)
     before = estimator.at(29.95)
     assert [estimator.observe(world.range(t)) for t in (29.95, 29.0)] == [Fused.GATED] * 2
     assert estimator.at(29.95) == before
 
 
-def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():
+def test_trust_fades_during_dead_reckoning():
     """Trusted while sigma is below a quarter of the range."""
-    world, estimator = listened()
+    world, estimator = converged()
     assert estimator.ready
     sure = estimator.at(29.95).relative.sigma
     for start, end, trusted in ((30.0, 40.0, True), (40.0, 70.0, False)):
-        silent(estimator, world, start, end)
+        move_only(estimator, world, start, end)
         relative = estimator.at(end).relative
         r = estimator.at(end).r
         assert error(estimator, world, end) < 10.0
@@ -121,19 +121,19 @@ def test_an_outage_is_flown_on_dead_reckoning_and_trust_fades():
         assert relative.trusted == (relative.sigma < 0.25 * r) == trusted
 
 
-def test_lost_filter_finds_the_target_again():
+def test_lost_filter_finds_target_again():
     """Far off the circle the position is less certain. The median of several flights is tested, and
     each error against its sigma."""
     errors = []
     for seed in range(3):
         world = Circling(rng=np.random.default_rng(seed))
         estimator = DriftEstimator(SETTINGS)
-        listen(estimator, world, 0.0, 25.0)
+        observe(estimator, world, 0.0, 25.0)
         assert estimator.ready
         world.target = (-250.0, 300.0)
-        listen(estimator, world, 25.0, 29.5)
+        observe(estimator, world, 25.0, 29.5)
         assert not estimator.ready
-        listen(estimator, world, 29.5, 70.0)
+        observe(estimator, world, 29.5, 70.0)
         assert estimator.ready
         errors.append(error(estimator, world, 69.95))
         assert errors[-1] < 3 * estimator.at(69.95).relative.sigma
@@ -141,60 +141,60 @@ def test_lost_filter_finds_the_target_again():
 
 
 @pytest.mark.parametrize("trouble", [False, True])
-def test_after_a_gap_the_drift_is_known_from_before_it(trouble):
+def test_filter_remembers_drift_after_gap(trouble):
     """Also if the vehicle stood still just before the gap, contrary to the assumed motion, because
     it did not receive setpoints."""
-    world, estimator = listened(seconds=45.0)
+    world, estimator = converged(seconds=45.0)
     if trouble:
         for t in np.arange(45.0, 52.0, 0.05):
             estimator.move(world.motion(t))
             estimator.observe(world.range(45.0)._replace(time=t, stamp=t))
         for t in np.arange(53.0, 80.0, 0.5):
             estimator.observe(world.range(t))  # own motion is not reported any more
-    listen(estimator, world, 80.0, 80.3)
+    observe(estimator, world, 80.0, 80.3)
     relative = estimator.at(80.29).relative
     assert relative.drift_remembered and relative.trial is not None and not estimator.ready
     assert (relative.drift_x, relative.drift_y) == pytest.approx(WIND, abs=0.5)
 
 
 @pytest.mark.parametrize("change", [(5.0, 0.0), (-5.0, 2.0)])
-def test_a_wind_that_changed_before_a_gap_is_not_taken_for_the_one_before(change):
-    world, estimator = listened(seconds=60.0)
+def test_filter_forgets_drift_of_wind_changed_before_gap(change):
+    world, estimator = converged(seconds=60.0)
     x, y = world.offset(60.0)
     world.wind = (WIND[0] + change[0], WIND[1] + change[1])
     now = world.offset(60.0)
     world.target = (world.target[0] + now[0] - x, world.target[1] + now[1] - y)
-    listen(estimator, world, 60.0, 70.5)
+    observe(estimator, world, 60.0, 70.5)
     assert estimator.ready
     wrong = 0.0
     for t in np.arange(91.5, 131.5, 0.5):
-        listen(estimator, world, t, t + 0.5)
+        observe(estimator, world, t, t + 0.5)
         wrong += 0.5 if estimator.ready and error(estimator, world, t + 0.45) > 50 else 0.0
     assert wrong < 3.0
 
 
-def test_a_wind_that_changed_in_a_gap_is_found_all_the_same():
-    world, estimator = listened(seconds=45.0)
+def test_filter_finds_wind_changed_during_gap():
+    world, estimator = converged(seconds=45.0)
     world.wind = (-2.0, 3.0)
-    listen(estimator, world, 80.0, 160.0)
+    observe(estimator, world, 80.0, 160.0)
     relative = estimator.at(159.95).relative
     assert estimator.ready
     assert error(estimator, world, 159.95) < 0.02 * hypot(*world.offset(159.95))
     assert (relative.drift_x, relative.drift_y) == pytest.approx(world.wind, abs=0.5)
 
 
-def test_a_lost_track_takes_the_remembered_drift_with_it():
-    world, estimator = listened(seconds=45.0)
-    listen(estimator, world, 80.0, 110.0)
+def test_lost_track_discards_remembered_drift():
+    world, estimator = converged(seconds=45.0)
+    observe(estimator, world, 80.0, 110.0)
     assert estimator.ready and estimator.filter.remembers
     world.target = (-250.0, 300.0)
-    listen(estimator, world, 110.0, 114.5)
+    observe(estimator, world, 110.0, 114.5)
     assert not estimator.ready and not estimator.filter.remembers
 
 
-def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
+def test_auto_keeps_target_after_sensor_clock_jump():
     """Stamps jump by one hour: `auto` keeps its filter, and `kalman` restarts."""
-    world, estimator = listened(AutoEstimator)
+    world, estimator = converged(AutoEstimator)
     assert estimator.drift.ready
     estimator.restamp()
     assert not estimator.kalman.ready
@@ -207,38 +207,38 @@ def test_a_jump_of_the_sensors_clock_leaves_the_target_where_it_was():
     assert estimator.kalman.ready
 
 
-def test_filter_without_own_motion_is_not_ready_until_motion_returns():
+def test_filter_is_ready_only_with_own_motion():
     """Without own motion it uses no ranges, and the range filter judges them."""
-    world, estimator = listened(AutoEstimator)
+    world, estimator = converged(AutoEstimator)
     for t in np.arange(30.0, 31.0, 0.05):
         estimator.observe(world.range(t))
     assert not estimator.drift.ready
     rng = np.random.default_rng(5)
     nonsense = [RangeSample(t, t, rng.uniform(30, 600), 0.5) for t in np.arange(31.0, 32.4, 0.05)]
-    said = [estimator.observe(sample) for sample in nonsense]
-    assert said.count(Fused.GATED) > 0.8 * len(said)
-    listen(estimator, world, 32.4, 33.4)
+    results = [estimator.observe(sample) for sample in nonsense]
+    assert results.count(Fused.GATED) > 0.8 * len(results)
+    observe(estimator, world, 32.4, 33.4)
     assert estimator.drift.ready
 
 
-def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
+def test_filter_separates_wrong_airspeed_from_gust():
     """On a calm circle, a reported airspeed 2.5 % wrong and a gust that turns with the nose look
     the same to a model with accelerations. Its wrong state must not initialize the other models
     forever (flown: 0.3 m instead of 0.15 m).
     """
     scale = 1.065
-    told = V / 1.065
+    reported = V / 1.065
     world = still()
-    estimator = DriftEstimator(replace(SETTINGS, speed=told))
+    estimator = DriftEstimator(replace(SETTINGS, speed=reported))
 
-    def listen_to_accelerations(start, end):
+    def observe_accelerations(start, end):
         for t in np.arange(start, end, 0.05):
             acceleration = IntegratedAcceleration(V * cos(OMEGA * t), V * sin(OMEGA * t), 0.0)
-            estimator.move(world.motion(t)._replace(airspeed=told, acceleration=acceleration))
+            estimator.move(world.motion(t)._replace(airspeed=reported, acceleration=acceleration))
             if round(t / 0.05) % 2 == 0:
                 estimator.observe(world.range(t))
 
-    listen_to_accelerations(0.0, 40.0)
+    observe_accelerations(0.0, 40.0)
     assert estimator.ready
     tracks = estimator.filter._tracks
     noise = estimator.filter.noise
@@ -248,12 +248,15 @@ def test_a_wrong_airspeed_that_passes_for_a_gust_is_found_out():
         noise.drift_psd < 1e-3
     )  # and models that were initialized from them
     tracks.x[KAPPA, wrong] = scale - 0.025
-    tracks.x[GX, wrong], tracks.x[GY, wrong] = 0.025 * told * cos(nose), 0.025 * told * sin(nose)
+    tracks.x[GX, wrong], tracks.x[GY, wrong] = (
+        0.025 * reported * cos(nose),
+        0.025 * reported * sin(nose),
+    )
     tracks.P[KAPPA, :, wrong] = 0.0
     tracks.P[:, KAPPA, wrong] = 0.0
     tracks.P[KAPPA, KAPPA, wrong] = 1e-6
     tracks.log_weight[:] = np.where(acceleration_weight, 0.0, -11.0)
-    listen_to_accelerations(40.0, 120.0)
+    observe_accelerations(40.0, 120.0)
     relative = estimator.at(120.0).relative
     assert relative.scale == pytest.approx(scale, abs=0.01)
     assert hypot(relative.drift_x, relative.drift_y) < 0.15

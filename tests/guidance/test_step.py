@@ -13,7 +13,7 @@ from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain,
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
 from circnav_mav.guidance.vector_field import drift, drift_gains
-from tests.guidance.relative import guessed, known
+from tests.guidance.relative import known, untrusted
 
 PAPER = Orbit(radius=10.0, direction=Direction.CLOCKWISE, speed=1.0, max_turn_rate=10.0)
 V = 15.0
@@ -41,9 +41,7 @@ def estimate(r, r_dot=0.0, time=0.0, relative=None):
         (LawChoice("switching", 0.12), 10.9, -0.12),  # example 3
     ],
 )
-def test_the_papers_laws_turn_at_v_over_r_on_the_radius_they_settle_on_in_the_missions_sense(
-    choice, r, demanded
-):
+def test_steering_turns_at_v_over_r_on_settled_radius(choice, r, demanded):
     """In the paper's frame, counter-clockwise is positive."""
     other = Orbit(PAPER.radius, Direction.COUNTERCLOCKWISE, PAPER.speed, PAPER.max_turn_rate)
     assert Steering(PAPER, choice)(estimate(r)).demanded == pytest.approx(demanded, rel=1e-8)
@@ -51,7 +49,7 @@ def test_the_papers_laws_turn_at_v_over_r_on_the_radius_they_settle_on_in_the_mi
 
 
 @pytest.mark.parametrize("gain", [0.005, 0.0025, -0.005])
-def test_a_gain_without_a_correction_is_refused_at_once(gain):
+def test_steering_rejects_gain_without_radius_correction(gain):
     with pytest.raises(ValueError, match=r"must be above 1/\(2 r_d\^2\) = 0\.005"):
         Steering(PAPER, LawChoice("smooth", gain))
 
@@ -62,20 +60,18 @@ def test_a_gain_without_a_correction_is_refused_at_once(gain):
     first=st.floats(1e-3, 10),
     bound=st.floats(1e-3, 10),
 )
-def test_the_limit_cuts_what_is_beyond_it_and_a_vehicle_that_turns_less_than_it_is_told_is_told_more(
-    gain, demanded, first, bound
-):
+def test_turn_limit_bounds_command_after_gain_compensation(gain, demanded, first, bound):
     """Commanded w/gain, the vehicle turns at w. The limit applies to the command."""
     wanted = limited(demanded, first)
     assert wanted.saturated == (abs(demanded) > first)
     assert wanted.turn_rate == (np.copysign(first, demanded) if wanted.saturated else demanded)
-    told = compensate_turn_gain(wanted, bound, gain)
-    assert told.saturated == (wanted.saturated or abs(wanted.turn_rate / gain) > bound)
-    assert told.turn_rate == pytest.approx(max(-bound, min(wanted.turn_rate / gain, bound)))
-    assert told.demanded == wanted.demanded == demanded
+    compensated = compensate_turn_gain(wanted, bound, gain)
+    assert compensated.saturated == (wanted.saturated or abs(wanted.turn_rate / gain) > bound)
+    assert compensated.turn_rate == pytest.approx(max(-bound, min(wanted.turn_rate / gain, bound)))
+    assert compensated.demanded == wanted.demanded == demanded
 
 
-def test_the_vehicles_limit_is_applied_after_the_law():
+def test_steering_applies_vehicle_limit_after_law():
     """Law 1 is unsaturated: 200 m out and flying across, it demands 40 times the limit."""
     command = Steering(Orbit(10.0, Direction.CLOCKWISE, 1.0, 0.1), LawChoice("smooth", 0.01))(
         estimate(200.0)
@@ -84,8 +80,8 @@ def test_the_vehicles_limit_is_applied_after_the_law():
     assert command.demanded == pytest.approx(-4.0, rel=0.01)
 
 
-def test_a_command_just_below_the_limit_counts_as_cut_by_it():
-    """During a handover the offset between two laws fades and never quite vanishes."""
+def test_limited_counts_command_just_below_limit_as_saturated():
+    """After a handover the offset between the laws fades exponentially and never reaches 0."""
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
     assert not any(steer(estimate(100.0, 0.0, 0.05 * i)).saturated for i in range(5))
     close = known(x=20.0, heading=pi)
@@ -95,16 +91,16 @@ def test_a_command_just_below_the_limit_counts_as_cut_by_it():
     assert last.saturated
 
 
-def test_a_gap_between_estimates_is_no_patience_with_a_search():
+def test_steering_ignores_estimate_gap_in_search_time():
     steer = Steering(ORBIT, LawChoice("auto", 0.02))
     flown = [
-        steer(estimate(300.0, -15.0, time, guessed(x=300.0, heading=pi))).flies
+        steer(estimate(300.0, -15.0, time, untrusted(x=300.0, heading=pi))).flies
         for time in (0.0, 60.0, 60.4, 60.6)
     ]
     assert flown == ["feedforward", "feedforward", "feedforward", "trial"]
 
 
-def test_auto_says_who_flies_and_why_and_needs_no_heading_and_the_law_drift_tries_no_guesses():
+def test_auto_reports_active_law_and_drift_tries_no_hypotheses():
     auto, feedforward, drift = (
         Steering(ORBIT, LawChoice(name, 0.06)) for name in ("auto", "feedforward", "drift")
     )
@@ -112,7 +108,7 @@ def test_auto_says_who_flies_and_why_and_needs_no_heading_and_the_law_drift_trie
     assert command.turn_rate == feedforward(estimate(150.0, -3.0)).turn_rate < 0
     assert (command.flies, bool(command.why)) == ("feedforward", True)
     assert auto(estimate(150.0, -3.0, 0.05, known(x=150.0))).flies == "drift"
-    assert {drift(estimate(150.0, -3.0, 0.1 * i, guessed())).flies for i in range(60)} == {
+    assert {drift(estimate(150.0, -3.0, 0.1 * i, untrusted())).flies for i in range(60)} == {
         "feedforward"
     }
 
@@ -120,7 +116,7 @@ def test_auto_says_who_flies_and_why_and_needs_no_heading_and_the_law_drift_trie
 @pytest.mark.parametrize(
     ("r", "r_dot", "remembered", "flies"),
     [
-        (105.0, 1.0, True, "feedforward"),  # the circle itself will show it
+        (105.0, 1.0, True, "feedforward"),  # the circle itself is the excitation
         (105.0, 1.0, False, "trial"),
         (129.0, 5.9, True, "feedforward"),  # 0.3 of the radius, and 0.4 of V
         (71.0, -5.9, True, "feedforward"),
@@ -130,28 +126,28 @@ def test_auto_says_who_flies_and_why_and_needs_no_heading_and_the_law_drift_trie
         (100.0, -6.1, True, "trial"),
     ],
 )
-def test_no_guess_is_tried_on_the_circle_while_the_drift_is_known_from_before(
-    r, r_dot, remembered, flies
-):
+def test_auto_holds_on_circle_while_drift_is_remembered(r, r_dot, remembered, flies):
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
-    guess = guessed(x=r, drift_remembered=remembered)
-    flown = [steer(estimate(r, r_dot, t, guess)).flies for t in np.arange(0.0, 15.0, 0.5)]
+    candidate = untrusted(x=r, drift_remembered=remembered)
+    flown = [steer(estimate(r, r_dot, t, candidate)).flies for t in np.arange(0.0, 15.0, 0.5)]
     assert flown[4] == flown[19] == flies  # at 2 s and at 9.5 s
     assert flown[-1] == "trial"
 
 
-def test_the_wait_for_a_search_on_the_circle_begins_when_the_path_is_known_again():
+def test_auto_waits_for_search_after_path_is_known_again():
     """A copter hovers during an outage of its uplink. Its path is unknown, so no search runs
     meanwhile."""
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
     for t in np.arange(0.0, 60.0, 0.5):
         steer(estimate(105.0, 0.0, t))
-    guess = guessed(x=105.0, drift_remembered=True)
-    flown = [steer(estimate(105.0, 0.0, 60.0 + t, guess)).flies for t in np.arange(0.0, 15.0, 0.5)]
+    candidate = untrusted(x=105.0, drift_remembered=True)
+    flown = [
+        steer(estimate(105.0, 0.0, 60.0 + t, candidate)).flies for t in np.arange(0.0, 15.0, 0.5)
+    ]
     assert 9.0 <= 0.5 * flown.index("trial") <= 10.0
 
 
-def test_the_law_flies_with_the_gains_for_the_answer_that_it_is_told():
+def test_drift_law_uses_gains_of_given_response():
     at = known(x=130.0, y=20.0, drift_x=1.0, drift_y=-2.0, heading=1.2, turn_rate=0.1)
     steer = Steering(
         Orbit(R_D, Direction.COUNTERCLOCKWISE, V, LIMIT), LawChoice("auto", 0.06, lag=0.5)
@@ -166,7 +162,7 @@ def test_the_law_flies_with_the_gains_for_the_answer_that_it_is_told():
         ).demanded == pytest.approx(float(wanted))
 
 
-def test_a_drift_that_swings_once_a_second_moves_the_turn_less_than_half_as_far_as_its_crab_swings():
+def test_steering_attenuates_drift_oscillation_of_1_hz():
     """1 m/s of drift across the nose is a crab angle of 1/V, which changes at 2 pi f/V. A few bad
     ranges move the estimated drift by 1 m/s for a moment. It also contains the lag of the course
     behind the nose."""
@@ -190,7 +186,7 @@ def test_a_drift_that_swings_once_a_second_moves_the_turn_less_than_half_as_far_
 
 
 @pytest.mark.parametrize("direction", Direction)
-def test_holding_in_drift_flies_the_circle_in_the_missions_sense_without_a_range(direction):
+def test_holding_flies_circle_in_wind_without_ranges(direction):
     """One lap by heading alone in 6 m/s of wind. At V/r_d the wind would carry the vehicle away at
     6 m/s for 40 s."""
     s = direction.turn_sign
@@ -213,7 +209,7 @@ def test_holding_in_drift_flies_the_circle_in_the_missions_sense_without_a_range
     assert farthest < 0.5
 
 
-def test_holding_looks_ahead_by_the_turn_that_is_under_way():
+def test_holding_adds_pending_turn_to_heading():
     ahead = holding(ORBIT, known(drift_y=6.0, heading=0.7), Pending(0.3, 0.4))
     assert ahead == holding(ORBIT, known(drift_y=6.0, heading=1.0), AT_REST)
 
@@ -233,9 +229,7 @@ def test_holding_looks_ahead_by_the_turn_that_is_under_way():
     ],
     ids=str,
 )
-def test_holding_without_a_trusted_motion_of_numbers_turns_at_v_over_r_in_the_missions_sense(
-    direction, not_known
-):
+def test_holding_turns_at_v_over_r_without_trusted_motion(direction, not_known):
     orbit = Orbit(R_D, direction, V, LIMIT)
     motion = {"drift_y": 6.0, "heading": pi / 2}
     assert holding(orbit, known(**motion), AT_REST).turn_rate != orbit.steady_turn_rate
@@ -251,6 +245,6 @@ def test_holding_without_a_trusted_motion_of_numbers_turns_at_v_over_r_in_the_mi
 @pytest.mark.parametrize(
     "motion", [None, known(drift_y=-9.0, heading=-pi / 2)]
 )  # downwind, at 24 m/s
-def test_holding_goes_no_further_than_the_limit(motion):
+def test_holding_saturates_at_turn_limit(motion):
     held = holding(Orbit(R_D, Direction.CLOCKWISE, V, 0.1), motion, AT_REST)
     assert (held.turn_rate, held.saturated) == (-0.1, True)

@@ -22,7 +22,7 @@ def turned(before: TurnGain, start: float, seconds: float, rate: float) -> TurnG
     return gain
 
 
-def test_turn_gain_survives_a_minute_without_turning() -> None:
+def test_turn_gain_survives_minute_without_turning() -> None:
     slipping = turned(TurnGain(), 0.0, 120.0, 0.65 * COMMAND)
     assert slipping.followed
     assert slipping.gain == pytest.approx(0.65, abs=0.02)
@@ -39,7 +39,7 @@ def test_turn_gain_survives_a_minute_without_turning() -> None:
 
 
 @pytest.mark.parametrize("swing", [0.3, 1.0])
-def test_turn_gain_is_exact_for_a_lagging_vehicle_when_commands_swing(swing: float) -> None:
+def test_turn_gain_is_exact_for_lagging_vehicle(swing: float) -> None:
     """A swing of 0.3 or 1 rad/s and a lag of 0.4 s give 7 and 20 deg of phase."""
     state = TurnGain()
     heading = 0.0

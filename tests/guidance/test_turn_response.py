@@ -14,8 +14,8 @@ GAIN = 0.9
 
 
 class Vehicle:
-    """Turns at 0.9 of the command of 0.2 s ago, through a lag of 0.15 s. While deaf, it continues
-    its last turn for 3 s."""
+    """Turns at 0.9 of the command of 0.2 s ago, through a lag of 0.15 s. Without uplink, the last
+    turn continues for 3 s."""
 
     def __init__(self):
         self.model = VehicleModel(0.4, 0.5)
@@ -24,18 +24,18 @@ class Vehicle:
         self.rate = 0.0
         self._on_the_way = [0.0] * round(DEAD / STEP)
 
-    def fly(self, seconds, *, deaf=False):
+    def fly(self, seconds, *, uplink_lost=False):
         last = self._on_the_way[-1]
         since = self.now
         for _ in range(round(seconds / STEP)):
-            # a circle with corrections; while deaf, the vehicle leaves it and the command grows
+            # A circle with corrections. Without uplink the vehicle leaves it and the command grows.
             command = (
                 0.17
                 + 0.1 * sin(0.9 * self.now)
-                + (0.3 * min((self.now - since) / 3, 1.0) if deaf else 0.0)
+                + (0.3 * min((self.now - since) / 3, 1.0) if uplink_lost else 0.0)
             )
             self.model.command(self.now, command)
-            received = command if not deaf else last if self.now - since < 3.0 else 0.0
+            received = command if not uplink_lost else last if self.now - since < 3.0 else 0.0
             self._on_the_way.append(received)
             self.rate += (GAIN * self._on_the_way.pop(0) - self.rate) * STEP / LAG
             self.heading += self.rate * STEP
@@ -45,14 +45,14 @@ class Vehicle:
         return self.model
 
 
-def test_commands_that_a_dead_uplink_swallowed_teach_nothing():
+def test_vehicle_model_learns_nothing_from_lost_commands():
     """A minute of lost commands made the learned response of a copter 60 ms too quick. Its gains
     became so high that it oscillated for 45 s."""
     vehicle = Vehicle()
     before = vehicle.fly(90.0).response
     gain = vehicle.model.gain
     assert before.delay == pytest.approx(DEAD + LAG, abs=0.05)
-    vehicle.fly(60.0, deaf=True)
+    vehicle.fly(60.0, uplink_lost=True)
     assert vehicle.model.response.delay == pytest.approx(before.delay, abs=0.005)
     assert vehicle.model.gain == pytest.approx(gain, abs=0.005)
     vehicle.fly(20.0)

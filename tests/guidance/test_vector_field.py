@@ -50,7 +50,7 @@ def turn(p, d, psi, omega):
     blows=angles,
     omega=st.floats(-0.35, 0.35),
 )
-def test_turning_the_compass_changes_nothing(r, at, psi, wind, blows, omega):
+def test_drift_law_is_independent_of_compass_direction(r, at, psi, wind, blows, omega):
     commands = []
     for turned in (0.0, 1.1):
         p = r * np.array([np.cos(at + turned), np.sin(at + turned)])
@@ -65,7 +65,7 @@ def test_turning_the_compass_changes_nothing(r, at, psi, wind, blows, omega):
 
 
 @given(at=angles, wind=st.floats(0, 13), blows=angles, r=st.floats(30, 900))
-def test_the_field_is_followed_over_the_ground_whatever_the_wind(at, wind, blows, r):
+def test_field_heading_gives_field_course_in_wind(at, wind, blows, r):
     p, d = (s * np.array([np.cos(a), np.sin(a)]) for s, a in ((r, at), (wind, blows)))
     psi = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
     v = V * np.array([np.cos(psi), np.sin(psi)]) + d
@@ -84,9 +84,7 @@ def test_the_field_is_followed_over_the_ground_whatever_the_wind(at, wind, blows
         (400.0, 0.02, acos(0.25)),
     ],
 )
-def test_far_inside_the_course_leads_out_as_the_tightest_turn_does_and_far_outside_it_touches(
-    r, sharpest, inward
-):
+def test_inward_angle_matches_hand_calculation_far_from_circle(r, sharpest, inward):
     """Hand calculation: sqrt(2 e (sharpest - 1/r_d)) = sqrt(2 50 0.01) = 1. The difference counts
     as at least 0.1/r_d, and the course is at most straight out."""
     assert inward_angle(r, r_d=R_D, k=1e4, sharpest=sharpest) == pytest.approx(inward, rel=1e-4)
@@ -118,7 +116,7 @@ def flown(sense, start, psi, d, seconds, dt=0.05):
     return np.array(ranges), p, p[0] * v[1] - p[1] * v[0]
 
 
-def test_outside_and_going_the_wrong_way_round_it_turns_away_from_the_target_and_not_past_it():
+def test_drift_law_turns_outward_in_wrong_direction_outside_circle():
     """The half turn to the inside is the shorter one, and passes within 0.3 to 0.7 r_d of the
     target."""
     for r, heading, d in product(
@@ -152,16 +150,16 @@ def swing(dead, known):
     worst = 0.0
     response = Response(known * dead, LAG, 1 / LAG)
     under_way = PendingTurn()
-    told = [0.0] * (round(dead / dt) + 1)
+    commands = [0.0] * (round(dead / dt) + 1)
     facts = {"V": V, "r_d": R_D, "max_turn_rate": LIMIT}
     gains = drift_gains(V, response.delay, response.settles)
     for i in range(10_000):
         pending = under_way.at(i * dt, response, rate)
-        told.append(
+        commands.append(
             clip(drift((x, y), (0.0, 0.0), psi, pending, gains=gains, **facts), -LIMIT, LIMIT)
         )
-        under_way.command(i * dt, told[-1])
-        rate += (told[-1 - round(dead / dt)] - rate) * dt / LAG
+        under_way.command(i * dt, commands[-1])
+        rate += (commands[-1 - round(dead / dt)] - rate) * dt / LAG
         east, north = chord(V, psi, rate * dt, dt)
         x = x + east
         y = y + north
@@ -172,9 +170,7 @@ def swing(dead, known):
 
 @pytest.mark.parametrize("under_way", [0.3, -0.3])
 @pytest.mark.parametrize("beyond", [0.2, 0.4])
-def test_a_turn_goes_on_the_longer_way_round_while_turning_back_first_would_take_longer(
-    under_way, beyond
-):
+def test_drift_law_continues_turn_if_reversal_takes_longer(under_way, beyond):
     """Half a circle plus `beyond` one way, half a circle minus `beyond` the other way. The pending
     turn adds to the latter."""
     p = (10 * R_D, 0.0)
@@ -190,9 +186,7 @@ def test_a_turn_goes_on_the_longer_way_round_while_turning_back_first_would_take
 
 
 @given(wind=st.floats(0, 6), blows=angles, at=angles)
-def test_who_has_the_circles_own_turn_under_way_in_wind_is_commanded_what_the_circle_asks_for_at_its_end(
-    wind, blows, at
-):
+def test_drift_law_commands_circle_turn_after_pending_circle_turn(wind, blows, at):
     d = wind * np.array([np.cos(blows), np.sin(blows)])
     ahead = 0.5
     dt = 0.005
@@ -210,7 +204,7 @@ def test_who_has_the_circles_own_turn_under_way_in_wind_is_commanded_what_the_ci
 
 
 @given(beyond=st.floats(-0.3, 0.3))
-def test_what_is_under_way_beyond_the_circles_own_turn_is_taken_off(beyond):
+def test_drift_law_subtracts_pending_turn_beyond_circle(beyond):
     """The vehicle is on the circle with the right heading."""
     here = ((R_D, 0.0), (0.0, 0.0), pi / 2)
     turn = V / R_D
@@ -227,7 +221,7 @@ def test_what_is_under_way_beyond_the_circles_own_turn_is_taken_off(beyond):
     r=st.floats(80, 130),
     turns=st.floats(-0.1, 0.1),
 )
-def test_a_wind_that_turns_takes_the_nose_along_as_its_field_turns(at, psi, wind, blows, r, turns):
+def test_drift_law_turns_nose_with_turning_wind(at, psi, wind, blows, r, turns):
     def blowing(time):
         return wind * np.array([np.cos(blows + turns * time), np.sin(blows + turns * time)])
 
@@ -244,14 +238,14 @@ def test_a_wind_that_turns_takes_the_nose_along_as_its_field_turns(at, psi, wind
     assert with_it - without == pytest.approx(wrap(wanted(0.05) - wanted(-0.05)) / 0.1, abs=2e-4)
 
 
-def test_a_dead_time_swings_only_if_nobody_knows_of_it():
+def test_drift_law_oscillates_only_with_unknown_dead_time():
     assert swing(0.3, 1.0) < 0.05
     assert swing(1.0, 1.0) < 0.05
     assert swing(1.5, 0.0) > 2.0
 
 
 @given(wind=st.floats(0, 8), blows=angles, at=angles)
-def test_the_circles_own_turn_in_drift_is_the_turn_of_the_law_on_the_circle(wind, blows, at):
+def test_orbit_turn_rate_matches_drift_law_on_circle(wind, blows, at):
     """Two derivations: from the heading alone, and from the rotation of the field along the
     circle."""
     d = wind * np.array([np.cos(blows), np.sin(blows)])

@@ -39,7 +39,7 @@ def flown(turn_rate, drag, wind=(0.0, 0.0), seconds=150.0, tilts=True):
 
 @pytest.mark.parametrize("drag", [0.4, 1.0])
 @pytest.mark.parametrize("turn_rate", [0.1, -0.3])
-def test_a_turning_copter_follows_its_nose_as_far_as_it_leans(drag, turn_rate):
+def test_copter_motion_matches_velocity_loop_response_in_steady_turn(drag, turn_rate):
     _, own, response = flown(turn_rate, drag)
     assert own.airspeed == pytest.approx(
         abs(response) * V, rel=0.025
@@ -49,7 +49,7 @@ def test_a_turning_copter_follows_its_nose_as_far_as_it_leans(drag, turn_rate):
     assert own.turn_rate == pytest.approx(turn_rate, rel=0.02)
 
 
-def test_the_drag_of_px4_in_simulation_is_learnt_and_fed_forward():
+def test_copter_motion_learns_and_feeds_forward_px4_drag():
     """Drag in 1/s. PX4 SIH flew 4.92 m/s and hardly crabbed. Without acceleration setpoints it flew
     4.57 m/s and 11 deg at 0.1 rad/s."""
     motion, own, _ = flown(0.1, 1.0)
@@ -58,7 +58,7 @@ def test_the_drag_of_px4_in_simulation_is_learnt_and_fed_forward():
     assert LOOP.fed(5.0, 0.1, 0.9) == pytest.approx((4.5, 0.6))
 
 
-def test_wind_is_not_taken_for_drag_and_without_a_tilt_the_drag_stays_a_bare_quadrotors():
+def test_copter_motion_separates_drag_from_wind_and_needs_tilt():
     assert flown(0.15, 0.5, wind=(3.0, -2.0))[0].drag == pytest.approx(0.5, abs=0.08)
     assert flown(0.1, 1.0, tilts=False)[0].drag == 0.3
 

@@ -33,7 +33,7 @@ def after(drifts, most_turn=LIMIT, *, alarm=QUIET, start=0.0, trusted=True):
 @pytest.mark.parametrize(
     ("most", "allowed"), [(LIMIT, ALLOWED), (0.72 * LIMIT, sqrt(0.72 * R * V * LIMIT) - V)]
 )
-def test_it_is_raised_at_the_drift_that_the_turn_rate_really_reached_allows(most, allowed):
+def test_drift_alarm_starts_at_drift_allowed_by_turn_rate(most, allowed):
     """Downwind the ground speed is at most V + W, and the course turns at V/(V + W) of the nose's
     rate."""
     assert not after([allowed - 0.01] * 100, most).on
@@ -41,7 +41,7 @@ def test_it_is_raised_at_the_drift_that_the_turn_rate_really_reached_allows(most
     assert (raised.on, raised.allowed) == (True, pytest.approx(allowed))
 
 
-def test_a_gust_raises_nothing_a_lull_does_not_end_it_and_what_is_not_trusted_changes_nothing():
+def test_drift_alarm_ignores_gusts_lulls_and_untrusted_drift():
     assert not after(([ALLOWED + 2] * 25 + [ALLOWED - 0.1] * 5) * 4).on
     raised = after([ALLOWED + 2] * 40)
     assert after([0.95 * ALLOWED], alarm=raised, start=5.0).on

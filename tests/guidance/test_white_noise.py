@@ -8,7 +8,7 @@ from circnav_mav.guidance.white_noise import WhiteNoise, bulk_sigma, quantile, r
 
 
 @pytest.mark.parametrize("count", [1, 3, 4, 7, 40, 41])
-def test_quantile_of_one_half_is_the_median(count):
+def test_quantile_of_one_half_is_median(count):
     values = np.random.default_rng(count).normal(size=count)
     assert quantile(values.tolist(), 0.5) == np.median(values)
 

@@ -336,7 +336,7 @@ def test_airspeed_plausibility_has_hysteresis(bound: float, again: float) -> Non
 @pytest.mark.parametrize("kind", [35, 43], ids=["decarotor", "generic multirotor"])
 def test_rare_multirotor_types_are_copters(kind: int) -> None:
     rig = Rig()
-    rig.hear(heartbeat(kind=kind))
+    rig.receive(heartbeat(kind=kind))
     assert (rig.pilot.session.up, rig.pilot.session.adapter.name) == (True, "ardupilot copter")
 
 

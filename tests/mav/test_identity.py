@@ -16,7 +16,7 @@ PLANE_GUIDED = 15
 @pytest.fixture
 def flying(rig):
     """Engaged. The vehicle has reported its time since boot once, as many autopilots do."""
-    rig.engage().hear(boot_time(1000.0 + rig.now))
+    rig.engage().receive(boot_time(1000.0 + rig.now))
     return rig
 
 
@@ -52,8 +52,8 @@ def test_vehicle_of_another_kind_is_rejected_after_silence(make_rig, source):
     rig.run(4.0, speaks=False, ranges=False)
     since = rig.now
     for _ in range(40):
-        rig.hear(heartbeat(PLANE_GUIDED, kind=1), source=source)
-        rig.hear(vfr_hud(100.0), source=source)
+        rig.receive(heartbeat(PLANE_GUIDED, kind=1), source=source)
+        rig.receive(vfr_hud(100.0), source=source)
         rig.run(0.2)
     assert rig.setpoints(since) + rig.of("SET_ATTITUDE_TARGET", since) == []
     assert rig.pilot.session.reply_to == "vehicle"
@@ -81,10 +81,10 @@ def test_rejected_heartbeat_never_changes_reply_address(flying, version, system,
     rig = flying
     stranger = Voice(system, 1, version=version)
     rig.run(seconds, speaks=False, ranges=alive)
-    rig.hear(heartbeat(GUIDED), voice=stranger, source="elsewhere")
+    rig.receive(heartbeat(GUIDED), voice=stranger, source="elsewhere")
     assert rig.pilot.session.reply_to == "vehicle"
-    rig.hear(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
-    rig.run(1.0, speaks=True, ranges=True).hear(boot_time(1000.0 + rig.now))
+    rig.receive(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
+    rig.run(1.0, speaks=True, ranges=True).receive(boot_time(1000.0 + rig.now))
     since = rig.now
     rig.run(1.0)
     assert rig.pilot.session.reply_to == "vehicle"
@@ -92,8 +92,8 @@ def test_rejected_heartbeat_never_changes_reply_address(flying, version, system,
 
 
 SIGNS_OF_LIFE = {
-    "attitude": lambda rig: rig.hear(attitude(round(1000 * (1000 + rig.now)))),
-    "VFR_HUD": lambda rig: rig.hear(vfr_hud(50.0)),
+    "attitude": lambda rig: rig.receive(attitude(round(1000 * (1000 + rig.now)))),
+    "VFR_HUD": lambda rig: rig.receive(vfr_hud(50.0)),
     "the autopilot's range": lambda rig: rig.range(),
     "a forwarded range": lambda rig: rig.range(voice=Voice(1, 192)),
 }
@@ -111,24 +111,24 @@ def test_address_stays_while_vehicle_sends_anything(flying, sign, seconds):
         sign(rig)
         rig.run(0.05)
         if i % 4 == 0 and i > 20:
-            rig.hear(boot_time(1000.0 + rig.now), voice=twin, source="elsewhere")
-            rig.hear(heartbeat(GUIDED), voice=twin, source="elsewhere")
+            rig.receive(boot_time(1000.0 + rig.now), voice=twin, source="elsewhere")
+            rig.receive(heartbeat(GUIDED), voice=twin, source="elsewhere")
         assert rig.pilot.session.reply_to == "vehicle"
     assert rig.pilot.session.identity.second_senders.recent(rig.now)
-    rig.hear(boot_time(1000.0 + rig.now))
+    rig.receive(boot_time(1000.0 + rig.now))
     rig.run(1.0, speaks=True, ranges=True)
-    rig.hear(boot_time(1000.0 + rig.now))
+    rig.receive(boot_time(1000.0 + rig.now))
     since = rig.now
     assert len(rig.run(1.0).setpoints(since)) >= 15
 
 
 def test_address_changes_before_flight_after_full_silence(rig):
-    rig.run(1.0, mode=LOITER).hear(boot_time(1000.0))
+    rig.run(1.0, mode=LOITER).receive(boot_time(1000.0))
     for seconds, alive, address in ((5.0, True, "vehicle"), (5.0, False, "elsewhere")):
-        rig.run(seconds, speaks=False, ranges=alive).hear(heartbeat(LOITER), source="elsewhere")
+        rig.run(seconds, speaks=False, ranges=alive).receive(heartbeat(LOITER), source="elsewhere")
         assert rig.pilot.session.reply_to == address
-    rig.hear(boot_time(3.0), source="elsewhere")
-    rig.hear(boot_time(3.1), source="elsewhere")
+    rig.receive(boot_time(3.0), source="elsewhere")
+    rig.receive(boot_time(3.1), source="elsewhere")
     rig.run(4.0, source="elsewhere", mode=GUIDED, speaks=True, ranges=True)
     assert rig.pilot.mission.phase is Phase.ENGAGED
 
@@ -146,14 +146,14 @@ def test_twin_vehicle_gets_no_setpoints(flying, offset, seconds):
     since = rig.now
     for i in range(100):
         if i % 5 == 0:
-            rig.hear(heartbeat(GUIDED), voice=twin, source="elsewhere")
+            rig.receive(heartbeat(GUIDED), voice=twin, source="elsewhere")
         if i % 20 == 15:
             stamp = last if offset is None else 1000.0 + rig.now + offset
-            rig.hear(boot_time(stamp), voice=twin, source="elsewhere")
+            rig.receive(boot_time(stamp), voice=twin, source="elsewhere")
         rig.run(0.05)
     assert (rig.setpoints(since + 1.5), rig.pilot.session.reply_to) == ([], "vehicle")
     assert "its time since boot" in rig.pilot.status.waits_for(rig.now)
-    rig.run(0.5, speaks=True, ranges=True).hear(boot_time(1000.0 + rig.now))
+    rig.run(0.5, speaks=True, ranges=True).receive(boot_time(1000.0 + rig.now))
     since = rig.run(1.5).now
     rig.run(1.0)
     assert rig.pilot.mission.phase is Phase.ENGAGED
@@ -166,8 +166,8 @@ def test_vehicle_is_confirmed_by_boot_time_after_silence(flying, source, seconds
     rig = flying
     rig.run(seconds, speaks=False, ranges=False)
     rig.run(1.0, source=source, speaks=True, ranges=True)
-    rig.hear(boot_time(1000.0 + rig.now - 0.3))
-    rig.run(0.5).hear(boot_time(1000.0 + rig.now - 0.3))
+    rig.receive(boot_time(1000.0 + rig.now - 0.3))
+    rig.run(0.5).receive(boot_time(1000.0 + rig.now - 0.3))
     since = rig.run(1.0).now
     rig.run(1.0)
     assert (rig.pilot.mission.phase, rig.pilot.session.reply_to) == (Phase.ENGAGED, source)
@@ -185,7 +185,7 @@ def test_heartbeat_pause_alone_does_not_stop_setpoints(flying):
 @pytest.mark.parametrize("source", ["vehicle", "elsewhere"])
 def test_unconfirmed_vehicle_counts_as_lost(make_rig, source):
     rig = make_rig(timing=timing(outage=20.0)).engage()
-    rig.hear(boot_time(1000.0 + rig.now))
+    rig.receive(boot_time(1000.0 + rig.now))
     rig.run(5.0, speaks=False, ranges=False)
     rig.run(0.25, source=source, speaks=True, ranges=True)
     since = rig.now
@@ -207,10 +207,10 @@ def test_exit_action_without_confirmed_vehicle_is_reported(make_rig):
     """The vehicle has moved to another address. One message confirms its identity, but a second one
     is needed."""
     rig = make_rig(exit="brake").engage()
-    rig.hear(boot_time(1000.0 + rig.now))
+    rig.receive(boot_time(1000.0 + rig.now))
     rig.run(2.0, speaks=False, ranges=False)
     rig.pilot.interrupt(rig.now, "SIGTERM")
-    rig.hear(boot_time(1000.0 + rig.now), source="elsewhere")
+    rig.receive(boot_time(1000.0 + rig.now), source="elsewhere")
     rig.run(1.0, source="elsewhere", speaks=True)
     assert rig.pilot.session.reply_to == "elsewhere"
     assert rig.pilot.last_frames(rig.now) == b""
@@ -223,7 +223,7 @@ def test_fast_simulator_keeps_its_identity_after_silence(rig):
     """Its time since boot runs five times as fast as ours."""
     for seconds in (15.0, 1.0):
         for _ in range(round(10 * seconds)):
-            rig.hear(boot_time(100.0 + 5 * rig.now))
+            rig.receive(boot_time(100.0 + 5 * rig.now))
             rig.run(0.1)
         assert rig.pilot.mission.phase is Phase.ENGAGED
         outage(rig, 20.0)
@@ -235,7 +235,7 @@ def test_ranges_of_another_autopilot_are_dropped_after_heartbeat(make_rig):
     other = Voice(2, 1)
     rig.run(4.0, lambda: rig.range(4000, voice=other), ranges=False)
     assert rig.pilot.mission.phase is Phase.ENGAGED
-    rig.hear(heartbeat(GUIDED), voice=other)
+    rig.receive(heartbeat(GUIDED), voice=other)
     rig.run(3.0, lambda: rig.range(4000, voice=other))
     assert rig.pilot.mission.phase is Phase.HOLDING
     assert rig.pilot.tracker.newest.time < 5.0
@@ -246,7 +246,7 @@ def test_ranges_of_another_autopilot_are_dropped_after_heartbeat(make_rig):
 
 def test_overtaken_heartbeat_does_not_engage(rig):
     rig.run(4.0, mode=LOITER)
-    late = rig.vehicle.say(heartbeat(GUIDED))
+    late = rig.vehicle.pack(heartbeat(GUIDED))
     rig.run(0.5)
     for _ in range(3):
         rig.pilot.receive(late, rig.now, rig.source)
@@ -256,7 +256,7 @@ def test_overtaken_heartbeat_does_not_engage(rig):
 
 def test_overtaken_heartbeat_does_not_end_a_stall(rig):
     rig.engage()
-    late = rig.vehicle.say(heartbeat(GUIDED))
+    late = rig.vehicle.pack(heartbeat(GUIDED))
     rig.range()
     rig.speaks = False
     rig.pass_time(0.6)
@@ -269,7 +269,7 @@ def test_overtaken_heartbeat_does_not_end_a_stall(rig):
 
 def test_overtaken_heartbeat_yields_but_does_not_return_control(make_rig):
     rig = make_rig(end_on_takeover=False).engage()
-    guided, loiter = (rig.vehicle.say(heartbeat(mode)) for mode in (GUIDED, LOITER))
+    guided, loiter = (rig.vehicle.pack(heartbeat(mode)) for mode in (GUIDED, LOITER))
     rig.run(0.5)
     since = rig.now
     rig.pilot.receive(loiter, rig.now, rig.source)
@@ -285,13 +285,13 @@ def test_heartbeats_with_own_sequence_are_accepted(rig):
     other messages have 0."""
     rig.engage()
     for _ in range(160):
-        rig.hear(attitude(0))
-    rig.hear(attitude(0), voice=Voice(1, 1))
+        rig.receive(attitude(0))
+    rig.receive(attitude(0), voice=Voice(1, 1))
     rig.pass_time(0.6)
     since = rig.now
     received = rig.pilot.session.vehicle.heartbeats
     for _ in range(40):
-        rig.hear(attitude(0), voice=Voice(1, 1))
+        rig.receive(attitude(0), voice=Voice(1, 1))
         rig.run(0.05)
     assert rig.pilot.session.vehicle.heartbeats > received
     assert rig.setpoints(since)
@@ -308,7 +308,7 @@ def test_another_companion_with_our_ids_ends_the_flight(make_rig, apart, ends):
     twin = Voice(1, 191)
     for _ in range(4):
         assert rig.pilot.mission.outcome is None
-        rig.hear(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin)
+        rig.receive(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3), voice=twin)
         rig.run(apart)
     assert (rig.pilot.mission.outcome is not None) is ends
     if ends:
@@ -320,7 +320,7 @@ def test_forged_frames_with_our_ids_only_warn(make_rig):
     rig = make_rig().engage()
     twin = Voice(1, 191)
     for _ in range(20):
-        rig.hear(
+        rig.receive(
             mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 3, 3),
             voice=twin,
             source=("10.9.9.9", 6666),
@@ -398,14 +398,14 @@ def test_second_radio_is_reported_once(rig):
         other = Voice(1, 193)
         for _ in range(60):
             message = scattering(15000, 1_000_000 + round(rig.now * 1000), orientation=orientation)
-            rig.hear(message, voice=other, source=source)
+            rig.receive(message, voice=other, source=source)
             rig.run(0.1)
         assert [text for text in rig.texts() if "ranging radio" in text] == texts
 
 
 def test_two_vehicle_senders_prevent_engagement(rig):
     for _ in range(40):
-        rig.hear(heartbeat(GUIDED), source="elsewhere")
+        rig.receive(heartbeat(GUIDED), source="elsewhere")
         rig.run(0.1)
     assert rig.pilot.mission.phase is Phase.READY
     assert (
@@ -423,7 +423,7 @@ def test_unrequested_answers_reveal_another_program(rig):
     """Each command of ours is answered once, a mode change twice, and some answers arrive by two
     paths."""
     for message in rig.engage().of("COMMAND_LONG"):
-        answer = rig.vehicle.say(
+        answer = rig.vehicle.pack(
             mavlink.MAVLink_command_ack_message(message.command, 0, 0, 0, 1, 191)
         )
         for _ in range(2):
@@ -437,7 +437,7 @@ def test_unrequested_answers_reveal_another_program(rig):
         ((1, 191), True),
     ):
         for _ in range(2):
-            rig.hear(mavlink.MAVLink_command_ack_message(511, 0, 0, 0, *target))
+            rig.receive(mavlink.MAVLink_command_ack_message(511, 0, 0, 0, *target))
         assert bool(rig.pilot.second_controller.evidence(rig.now)) is shown
     rig.run(11.0)
     assert rig.pilot.second_controller.evidence(rig.now) == ""
@@ -453,7 +453,9 @@ def test_peripheral_with_vehicle_ids_takes_nothing_over(rig):
     peripheral = Voice()
     rig.run(
         20.0,
-        lambda: rig.tick % 20 or rig.hear(heartbeat(0, armed=False, autopilot=8), voice=peripheral),
+        lambda: (
+            rig.tick % 20 or rig.receive(heartbeat(0, armed=False, autopilot=8), voice=peripheral)
+        ),
     )
     assert rig.pilot.mission.phase is Phase.ENGAGED and rig.pilot.session.vehicle.departures == 0
     assert rig.pilot.session.ignored["no_autopilot"] == 19

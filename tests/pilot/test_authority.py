@@ -30,9 +30,7 @@ MEASURING = "measuring the round-trip time of the link (TIMESYNC)"
 
 
 @pytest.mark.parametrize("mode", [LOITER, 20, 0])
-def test_nothing_is_commanded_in_another_mode_and_no_mode_asked_for_unless_the_mission_says_so(
-    rig, mode
-):
+def test_no_command_in_other_mode_without_request_mode(rig, mode):
     assert rig.run(5.0, mode=mode).pilot.mission.phase is Phase.READY
     assert commanded(rig) == []
     assert rig.pilot.status.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
@@ -65,9 +63,7 @@ def test_nothing_is_commanded_in_another_mode_and_no_mode_asked_for_unless_the_m
 @pytest.mark.parametrize(
     "request_mode", [False, True], ids=["waits for the mode", "asks for the mode"]
 )
-def test_nothing_is_commanded_before_all_is_well_and_then_it_is(
-    state, seconds, waits_for, then, request_mode
-):
+def test_no_command_until_every_condition_holds(state, seconds, waits_for, then, request_mode):
     rig = Rig(request_mode=request_mode).run(
         seconds, mode=LOITER if request_mode else GUIDED, **state
     )
@@ -76,12 +72,12 @@ def test_nothing_is_commanded_before_all_is_well_and_then_it_is(
     assert commanded(rig.run(25.0 if seconds == 25.0 else 5.0, **then))
 
 
-def test_after_a_lost_link_a_vehicle_that_does_not_say_whether_it_flies_is_flown_on_at_once(rig):
+def test_vehicle_without_landed_state_resumes_after_lost_link(rig):
     assert rig.engage().run(5.0, speaks=False).pilot.mission.phase is Phase.WAIT_LINK
     assert rig.run(1.0, speaks=True, landed_state=None).pilot.mission.phase is Phase.ENGAGED
 
 
-def test_streams_that_the_vehicle_denies_are_asked_for_once_and_named_when_the_flight_cannot_begin():
+def test_denied_streams_are_requested_once_and_named():
     rig = Rig(timing=timing(wait_ranging=20.0))
 
     def denies():
@@ -100,7 +96,7 @@ def test_streams_that_the_vehicle_denies_are_asked_for_once_and_named_when_the_f
 # --- after a stall ---
 
 
-def test_after_a_stall_nothing_is_commanded_until_the_vehicle_is_heard_anew(rig):
+def test_no_command_after_stall_until_new_heartbeat(rig):
     """The loop stopped for 2 s. Frames in the buffers are stale, because the operator may have
     taken over meanwhile."""
     rig.engage().pass_time(2.0)
@@ -115,7 +111,7 @@ def test_after_a_stall_nothing_is_commanded_until_the_vehicle_is_heard_anew(rig)
     assert rig.run(0.1).setpoints(before)
 
 
-def test_a_gap_of_less_than_half_a_second_is_no_stall(rig):
+def test_gap_below_half_second_is_no_stall(rig):
     rig.engage().pass_time(0.45)
     before = rig.now - 0.01
     rig.range()
@@ -126,7 +122,7 @@ def test_a_gap_of_less_than_half_a_second_is_no_stall(rig):
 # --- a dry run, and an end before the flight ---
 
 
-def test_a_dry_run_computes_everything_commands_nothing_and_is_not_flown_to_its_end():
+def test_dry_run_computes_setpoints_without_sending():
     limits = timing(duration=4.0)
     rig = Rig(output_mode=OutputMode.DRY_RUN, request_mode=True, timing=limits).run(
         4.0, mode=LOITER, armed=False
@@ -139,7 +135,7 @@ def test_a_dry_run_computes_everything_commands_nothing_and_is_not_flown_to_its_
     assert commanded(rig) == [] and rig.pilot.setpoints_sent == 0
 
 
-def test_a_shadow_says_nothing_but_its_heartbeat_and_the_plot_values():
+def test_shadow_sends_only_heartbeat_and_plot_values():
     rig = Rig(output_mode=OutputMode.SHADOW, request_mode=True).run(10.0)
     rig.pilot.interrupt(rig.now, "SIGINT")
     assert rig.run(1.0).pilot.done
@@ -151,7 +147,7 @@ def test_a_shadow_says_nothing_but_its_heartbeat_and_the_plot_values():
     [(OutputMode.DRY_RUN, GUIDED), (OutputMode.FLY, LOITER)],
     ids=["in a dry run", "before the flight"],
 )
-def test_an_interrupt_sends_no_setpoint_to_a_vehicle_that_was_not_engaged(output_mode, mode):
+def test_interrupt_before_engagement_sends_no_setpoint(output_mode, mode):
     rig = Rig(output_mode=output_mode).run(5.0, mode=mode)
     rig.pilot.interrupt(rig.now, "SIGINT")
     assert rig.run(1.0).pilot.done
@@ -164,7 +160,7 @@ def test_an_interrupt_sends_no_setpoint_to_a_vehicle_that_was_not_engaged(output
 @pytest.mark.parametrize(
     "apart", [False, True], ids=["of a router", "of the greeting of a ranging link"]
 )
-def test_an_echo_of_our_own_frames_is_no_other_companion(apart):
+def test_echo_of_own_frames_is_no_other_companion(apart):
     rig = Rig(ranging_apart=apart)
 
     def echo():
@@ -197,11 +193,11 @@ def battery(percent):
         (Bounds(highest=120.0), 15000, vfr_hud(119.0), None),
     ],
 )
-def test_what_lies_beyond_the_missions_bounds_ends_the_flight(bounds, cm, message, reason):
+def test_value_beyond_mission_bounds_ends_flight(bounds, cm, message, reason):
     rig = Rig(bounds=bounds)
-    rig.run(3.0, lambda: (rig.hear(battery(50)), rig.hear(vfr_hud(100.0))), range_cm=cm)
+    rig.run(3.0, lambda: (rig.receive(battery(50)), rig.receive(vfr_hud(100.0))), range_cm=cm)
     if message is not None:
-        rig.hear(message)
+        rig.receive(message)
     rig.run(1.0)
     assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.reason) == reason
 
@@ -214,17 +210,15 @@ def test_what_lies_beyond_the_missions_bounds_ends_the_flight(bounds, cm, messag
         (Bounds(lowest=20.0), vfr_hud(100.0), None, "no altitude in VFR_HUD"),
     ],
 )
-def test_a_bound_whose_value_is_not_reported_keeps_the_flight_from_beginning_and_is_an_alarm_in_flight(
-    bounds, told, unknown, needs
-):
+def test_unreported_bound_value_prevents_engagement_and_raises_alarm(bounds, told, unknown, needs):
     rig = Rig(bounds=bounds)
-    assert rig.run(3.0, lambda: unknown and rig.hear(unknown)).setpoints() == []
+    assert rig.run(3.0, lambda: unknown and rig.receive(unknown)).setpoints() == []
     assert rig.pilot.status.waits_for(rig.now).startswith(f"{needs}: bounds.min_")
-    assert rig.run(2.0, lambda: rig.hear(told)).setpoints()
+    assert rig.run(2.0, lambda: rig.receive(told)).setpoints()
     assert f"circnav: {needs}" not in rig.texts()
-    assert f"circnav: {needs}" in rig.run(6.0, lambda: unknown and rig.hear(unknown)).texts()
+    assert f"circnav: {needs}" in rig.run(6.0, lambda: unknown and rig.receive(unknown)).texts()
     assert rig.pilot.mission.phase is Phase.ENGAGED
     assert rig.pilot.conditions.alarms["bound_not_watched"].startswith(
         f"BOUND NOT CHECKED: {needs}"
     )
-    assert "circnav: bounds checked again" in rig.run(1.0, lambda: rig.hear(told)).texts()
+    assert "circnav: bounds checked again" in rig.run(1.0, lambda: rig.receive(told)).texts()

@@ -81,7 +81,7 @@ VIEWS = views()
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
-def test_texts_of_each_condition_fit_and_are_documented(row):
+def test_condition_texts_fit_and_are_documented(row):
     found = [active for view in VIEWS if (active := row.find(view)) is not None]
     assert found and len(row.over) <= 41
     for active in found:
@@ -96,7 +96,7 @@ def test_alarms_outside_of_the_table_are_documented(title):
     assert title in TROUBLESHOOTING
 
 
-def test_the_table_is_read_by_display_and_statustext_from_begin_to_end(rig):
+def test_display_and_statustext_use_condition_table(rig):
     rig.engage().run(2.0, ranges=False)
     alarm = rig.pilot.conditions.alarms["holding"]
     assert alarm.startswith("RANGE STALE ") and "setpoints per second" in alarm
@@ -108,7 +108,7 @@ def test_the_table_is_read_by_display_and_statustext_from_begin_to_end(rig):
     ]
 
 
-def test_a_condition_of_steering_ends_without_a_text_if_the_operator_takes_the_vehicle():
+def test_steering_condition_ends_silently_on_takeover():
     rig = Rig(end_on_takeover=False).engage()
     rig.run(2.0, ranges=False).run(1.0, mode=LOITER, ranges=False)
     assert rig.pilot.mission.phase is Phase.YIELDED
@@ -116,7 +116,7 @@ def test_a_condition_of_steering_ends_without_a_text_if_the_operator_takes_the_v
     assert texts(rig)[-2:] == ["range lost, holding", "taken over, GUIDED left for LOITER"]
 
 
-def test_a_vehicle_that_receives_nothing_and_one_that_sends_nothing_are_two_alarms():
+def test_lost_uplink_and_lost_downlink_are_separate_alarms():
     rig = Rig().engage()
     rig.run(3.0, round_trip=None)
     assert {"uplink_silent", "link_silent"} & rig.pilot.conditions.alarms.keys() == {
@@ -138,7 +138,7 @@ def flown_in_wind(max_turn_rate: float, seconds: float) -> tuple[Flight, list[st
 
 
 @pytest.mark.parametrize(("component", "asked"), [(1, True), (7, False)])
-def test_the_stream_of_ranges_is_asked_for_only_where_the_autopilot_sends_them(component, asked):
+def test_range_stream_is_requested_only_from_autopilot(component, asked):
     rig = Rig(ranging=replace(MISSION.ranging, component_id=component))
     rig.run(5.0, lambda: rig.acknowledge(511), ranges=False)
     asked_for = {command.param1 for command in rig.commands(511)}
@@ -146,7 +146,7 @@ def test_the_stream_of_ranges_is_asked_for_only_where_the_autopilot_sends_them(c
     assert mavlink.MAVLINK_MSG_ID_ATTITUDE in asked_for
 
 
-def test_a_drift_that_the_circle_does_not_allow_is_said_once_and_shown():
+def test_excessive_drift_is_reported_once_and_displayed():
     flown, texts = flown_in_wind(12.0, 30.0)
     (said,) = (text for text in texts if "allows" in text)
     assert said.startswith(("circnav: drift 6.", "circnav: drift 5."))
@@ -155,7 +155,7 @@ def test_a_drift_that_the_circle_does_not_allow_is_said_once_and_shown():
     assert [alarm.split(":")[0] for alarm in alarms] == ["DRIFT TOO STRONG"]
 
 
-def test_an_alarm_is_said_once_as_a_warning_and_its_end_as_news(rig):
+def test_alarm_sends_one_warning_and_one_end_text(rig):
     """MAV_SEVERITY_WARNING is 4, NOTICE is 5. A takeover that ends the flight is no second
     alarm."""
     since = rig.engage().now
@@ -171,7 +171,7 @@ def test_an_alarm_is_said_once_as_a_warning_and_its_end_as_news(rig):
     assert said[:4] == [(4, "link silent"), (5, "link restored"), (4, taken), (5, ended[:41])]
 
 
-def test_the_ground_station_is_told_which_law_flies_and_of_no_outage_or_drift_where_there_is_none():
+def test_statustext_names_active_law_without_false_alarms():
     _, said = flown_in_wind(20.0, 45.0)
     assert said[0] == "circnav: engaged, 100 m clockwise"
     laws = [text.split(":")[1].strip() for text in said[1:]]

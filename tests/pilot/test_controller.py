@@ -23,8 +23,8 @@ STEP = 0.05
 SPEED_UP = 2.5
 UNRESPONSIVE_BELOW = 1.0
 GAP = 1.0
-"""Times, s: turning as commanded until it counts as fast, not turning until it counts as deaf, and
-between two reports after which it may have stopped."""
+"""Times, s: turning as commanded until at speed, not turning until unresponsive, and between two
+reports after which the vehicle may have stopped."""
 
 
 class Vehicle:
@@ -73,18 +73,16 @@ class Vehicle:
             0.0,
             SPEED_UP,
             9.0,
-        ),  # it must first be seen to follow again
+        ),  # it must follow again first
         ([(10.0, COMMANDED)], GAP + 0.1, SPEED_UP - 2 * STEP, SPEED_UP + 2 * STEP),
     ],
     ids=[
-        "at first",
-        "after it was deaf",
-        "after a gap in its reports, in which it may have stopped",
+        "initially",
+        "after disobedience",
+        "after a gap in reports",
     ],
 )
-def test_a_vehicle_is_at_speed_once_it_has_turned_as_commanded_for_long_enough(
-    before, silence, earliest, latest
-):
+def test_vehicle_is_at_speed_after_following_turns(before, silence, earliest, latest):
     vehicle = Vehicle()
     assert all(vehicle.turns(seconds, rate)[-1] is (rate != 0.0) for seconds, rate in before)
     vehicle.now += silence
@@ -94,8 +92,8 @@ def test_a_vehicle_is_at_speed_once_it_has_turned_as_commanded_for_long_enough(
     assert all(seen[seen.index(True) :])
 
 
-def test_a_moment_of_not_following_costs_no_more_than_the_moment():
-    """Reversing a turn takes less time than counting as deaf, and the vehicle does not stop
+def test_short_disobedience_interrupts_speed_only_briefly():
+    """Reversing a turn takes less time than UNRESPONSIVE_BELOW, and the vehicle does not stop
     meanwhile. A shorter pause has no effect."""
     vehicle = Vehicle()
     vehicle.turns(30.0, COMMANDED)
@@ -105,7 +103,7 @@ def test_a_moment_of_not_following_costs_no_more_than_the_moment():
     assert seen[-1]
 
 
-def test_the_spacing_of_a_fleet_leaves_the_circle_and_its_changes_by_the_operator_as_they_are():
+def test_fleet_offset_leaves_operator_circle_unchanged():
     controller = Vehicle().controller
     base = controller.circle
     assert controller.change_circle(CircleRequest(offset=5.0, pace=1.0, by="fleet"), 1.0) == ""
@@ -173,7 +171,7 @@ def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_
         (STICK, KEPT, {"rate": -0.35}, {"rate": -0.35, "adapters_bank": 0.42}),
     ],
 )
-def test_no_setpoint_leaves_that_turns_flies_or_banks_more_than_the_mission(
+def test_setpoint_guard_blocks_excess_turn_speed_and_bank(
     key, limits, inside, outside, monkeypatch
 ):
     assert setpoint_passes(key, limits, monkeypatch, **inside)

@@ -34,7 +34,7 @@ def weaving(now):
 
 @pytest.mark.parametrize("limited", [True, False])
 @pytest.mark.parametrize("trip", [0.0, 0.5, 2.0])
-def test_our_own_setpoint_is_known_however_late_it_is_reported(trip, limited):
+def test_echo_watch_recognizes_own_delayed_setpoint(trip, limited):
     assert (
         watched(
             weaving, lambda now: weaving(max(now - trip - 0.1, 0.0)), limited=limited, trip=trip
@@ -43,7 +43,7 @@ def test_our_own_setpoint_is_known_however_late_it_is_reported(trip, limited):
     )
 
 
-def test_a_bank_that_the_autopilot_limits_is_ours_and_one_beyond_it_or_the_other_way_is_not():
+def test_echo_watch_rejects_larger_or_opposite_bank():
     for reported, found in ((0.35, False), (0.0, False), (0.6, False), (0.85, True), (-0.25, True)):
         assert (
             watched(lambda now: 0.6, lambda now, turn=reported: turn, limited=True) is not None
@@ -54,9 +54,7 @@ def test_a_bank_that_the_autopilot_limits_is_ours_and_one_beyond_it_or_the_other
     "other", [lambda now: 0.1, lambda now: -0.17, lambda now: 0.24, lambda now: None]
 )
 @pytest.mark.parametrize("every", [1, 2, 3])
-def test_another_turn_is_found_within_five_seconds_also_where_only_some_reports_show_it(
-    other, every
-):
+def test_echo_watch_detects_other_turn_within_5_s(other, every):
     def reported(now):
         return other(now) if round(4 * now) % every == 0 else 0.17
 
@@ -65,15 +63,15 @@ def test_another_turn_is_found_within_five_seconds_also_where_only_some_reports_
     assert found <= 2.0 + WITHIN
 
 
-def test_single_reports_of_another_turn_are_none():
+def test_echo_watch_ignores_single_reports():
     assert watched(lambda now: 0.17, lambda now: 0.5 if now % 2.0 < 0.1 else 0.17) is None
 
 
-def test_where_we_send_nothing_or_have_just_begun_the_vehicle_flies_what_it_likes():
+def test_echo_watch_is_inactive_without_steady_setpoints():
     for sends in (lambda now: False, lambda now: now % 2.0 < 1.0):
         assert watched(lambda now: 0.17, lambda now: 0.5, sends=sends) is None
 
 
-def test_a_smooth_turn_that_two_circnavs_on_one_circle_would_both_send_is_not_told_from_ours():
-    """docs/safety.md: such a sender does no harm."""
+def test_echo_watch_cannot_separate_similar_smooth_turns():
+    """docs/safety.md: such a sender is harmless."""
     assert watched(weaving, lambda now: weaving(now) + 0.02 * cos(now)) is None

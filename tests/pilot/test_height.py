@@ -9,7 +9,7 @@ from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.settings import HeightSettings
 from tests.rig import vfr_hud
 
-TOLD = HeightSettings(above_target=60.0)
+FIXED = HeightSettings(above_target=60.0)
 ABSOLUTE = HeightSettings(target_altitude=500.0)
 FROM_HOME = HeightSettings(target_above_home=-4.0)
 
@@ -33,19 +33,19 @@ class Climb:
         return self.height.at(self.now)
 
 
-def test_the_height_told_is_that_at_the_engagement_and_changes_with_the_altitude_from_then_on():
-    """Earlier altitudes have no effect: 60 m is the height at which the vehicle was engaged."""
-    climb = Climb(TOLD)
+def test_mission_height_changes_with_altitude_after_engagement():
+    """Earlier altitudes have no effect: 60 m is the height at the engagement."""
+    climb = Climb(FIXED)
     assert [climb.at(100.0), climb.at(103.0)] == [60.0, 60.0]
     climb.height.engage()
     assert [climb.at(105.0), climb.at(107.5), climb.at(104.0)] == [60.0, 62.5, 59.0]
-    climb.height.engage()  # the operator took over and hands the vehicle back higher up
+    climb.height.engage()  # after a takeover, the vehicle returns at a greater height
     assert climb.at(108.0) == 63.0
     climb.now += 3.0  # a fast descent during a gap in the reports is no jump
     assert climb.at(78.0) == 33.0
 
 
-def test_a_height_by_the_targets_altitude_is_not_known_before_the_vehicle_tells_its_own_and_while_that_is_stale():
+def test_height_is_unknown_without_fresh_vehicle_altitude():
     climb = Climb(ABSOLUTE)
     assert climb.height.at(0.0) is None
     assert climb.height.why_unknown(0.0).startswith("no altitude (VFR_HUD.alt)")
@@ -54,7 +54,7 @@ def test_a_height_by_the_targets_altitude_is_not_known_before_the_vehicle_tells_
     assert climb.height.at(climb.now + 2.0) is None
 
 
-def test_home_may_be_set_anew_until_the_engagement_and_moves_nothing_in_flight():
+def test_home_altitude_changes_height_only_before_engagement():
     climb = Climb(FROM_HOME)
     assert climb.at(560.0) is None
     for altitude in (0.0, 504.0):
@@ -65,7 +65,7 @@ def test_home_may_be_set_anew_until_the_engagement_and_moves_nothing_in_flight()
     assert climb.at(561.0) == 61.0
 
 
-def test_in_flight_the_last_height_holds_when_no_altitude_comes_and_that_is_an_alarm():
+def test_last_height_is_held_in_flight_without_altitude():
     climb = Climb(ABSOLUTE)
     climb.height.engage()
     assert climb.at(562.0) == climb.height.at(climb.now + 60.0) == 62.0
@@ -77,11 +77,9 @@ def test_in_flight_the_last_height_holds_when_no_altitude_comes_and_that_is_an_a
     ("message", "accepted"),
     [(vfr_hud(float("nan")), None), (vfr_hud(1e9), None), (home(530.0), 562.0)],
 )
-def test_a_message_without_an_accepted_altitude_leaves_the_height_and_does_not_hide_the_loss(
-    message, accepted
-):
+def test_message_without_accepted_altitude_leaves_height_held(message, accepted):
     """The altitude passed with another message is an earlier one of VFR_HUD."""
-    climb = Climb(TOLD)
+    climb = Climb(FIXED)
     climb.height.engage()
     assert [climb.at(560.0), climb.at(562.0)] == [60.0, 62.0]
     for step in range(10):
@@ -91,11 +89,11 @@ def test_a_message_without_an_accepted_altitude_leaves_the_height_and_does_not_h
     assert climb.at(563.0) == 63.0
 
 
-def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothing():
+def test_height_ignores_altitude_jump_and_glitch():
     """4 m in 0.2 s are 20 m/s, and 5 m count as a jump. No vehicle climbs that fast, but a reset
     estimate jumps."""
     climb = Climb(ABSOLUTE)
-    assert [climb.at(0.0), climb.at(530.0)] == [-500.0, 30.0]  # its home is set on the ground
+    assert [climb.at(0.0), climb.at(530.0)] == [-500.0, 30.0]  # home is set on the ground
     climb.height.engage()
     assert [climb.at(534.0), climb.at(560.0), climb.at(561.0)] == [34.0, 34.0, 35.0]
     assert climb.height.jump == 26.0
@@ -103,9 +101,9 @@ def test_an_altitude_that_jumps_in_flight_is_no_height_and_a_glitch_leaves_nothi
     assert climb.height.jump == 0.0
 
 
-def test_an_altitude_that_jumps_and_comes_back_by_and_by_is_the_height_again():
+def test_height_accepts_altitude_that_returns_after_jump():
     """ArduPlane 4.6.3 in turbulence: -5.2 m in 0.2 s, and back within 2 s. When this counted as a
-    jump, it flew 2 m too wide."""
+    jump, the circle was 2 m too wide."""
     climb = Climb(ABSOLUTE)
     climb.height.engage()
     assert [climb.at(573.0), climb.at(567.8)] == [73.0, 73.0]
@@ -115,14 +113,14 @@ def test_an_altitude_that_jumps_and_comes_back_by_and_by_is_the_height_again():
     assert climb.height.jump == 0.0
 
 
-def test_of_home_only_the_altitude_is_read(make_rig):
+def test_home_position_without_altitude_has_no_effect(make_rig):
     """The UAV is GPS-denied: the home position must not reach the guidance."""
     rigs = [make_rig(height=FROM_HOME), make_rig(height=FROM_HOME)]
     for rig, place in zip(rigs, ((473_000_000, 0.0), (-10_000_000, 1e6)), strict=True):
 
         def report(rig=rig, place=place):
-            rig.hear(vfr_hud(560.0))
-            rig.hear(home(504.0, *place))
+            rig.receive(vfr_hud(560.0))
+            rig.receive(home(504.0, *place))
 
         assert rig.run(4.0, report).pilot.mission.phase is Phase.ENGAGED
         assert rig.pilot.tracker.height.at(rig.now) == 60.0
@@ -132,13 +130,11 @@ def test_of_home_only_the_altitude_is_read(make_rig):
 @pytest.mark.parametrize(
     ("output_mode", "expected"), [(OutputMode.FLY, 88.0), (OutputMode.DRY_RUN, 60.0)]
 )
-def test_a_dry_run_which_may_begin_on_the_ground_keeps_the_height_told(
-    make_rig, output_mode, expected
-):
-    rig = make_rig(height=TOLD, output_mode=output_mode)
+def test_dry_run_keeps_mission_height(make_rig, output_mode, expected):
+    rig = make_rig(height=FIXED, output_mode=output_mode)
     for second in range(60):
         rig.run(0.5)
-        rig.hear(vfr_hud(500.0 + max(0, second - 30)))
+        rig.receive(vfr_hud(500.0 + max(0, second - 30)))
     assert rig.pilot.mission.phase is Phase.ENGAGED
     records = rig.pilot.take_records()
     assert records[-1].height == pytest.approx(expected, abs=1.01)

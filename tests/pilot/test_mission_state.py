@@ -48,7 +48,7 @@ def reachable(start, allowed):
         *(({Phase.ENDED}, event, Phase.ENDED) for event in Event),
     ],
 )
-def test_what_a_takeover_an_end_and_a_loss_lead_to(phases, event, after):
+def test_phase_after_takeover_end_and_loss(phases, event, after):
     assert {advance(phase, event) for phase in phases} == {after}
 
 
@@ -61,12 +61,12 @@ def test_what_a_takeover_an_end_and_a_loss_lead_to(phases, event, after):
         (Phase.YIELDED, {Event.MODE_OURS, Event.LINK_UP}),
     ],
 )
-def test_nothing_steers_without_the_guided_mode_the_link_and_a_range(start, events):
+def test_steering_phase_needs_guided_mode_link_and_range(start, events):
     assert not reachable(start, events) & STEERING
 
 
 @given(events=st.lists(st.sampled_from(Event), max_size=40))
-def test_after_finish_nothing_steers_again(events):
+def test_no_steering_phase_after_finish(events):
     for start in Phase:
         phase = advance(start, Event.FINISH)
         for event in events:
@@ -74,7 +74,7 @@ def test_after_finish_nothing_steers_again(events):
             assert phase not in STEERING
 
 
-def test_every_phase_can_be_reached_and_can_end():
+def test_each_phase_is_reachable_and_can_end():
     assert reachable(Phase.WAIT_LINK, list(Event)) == set(Phase)
     for phase in Phase:
         assert Phase.ENDED in reachable(phase, [Event.FINISH, Event.SAFE_SENT])

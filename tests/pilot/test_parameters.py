@@ -32,13 +32,13 @@ def values(rig):
 
 def after(rig, message, **how):
     rig.sent.clear()
-    rig.hear(message, voice=GCS, **how)
+    rig.receive(message, voice=GCS, **how)
     rig.run(1.0)
     return values(rig)
 
 
 @pytest.mark.parametrize("component", [191, 0], ids=["ours", "every component"])
-def test_the_list_has_every_parameter_once_with_its_index(flying, component):
+def test_parameter_list_has_each_parameter_with_its_index(flying, component):
     found = after(flying, mavlink.MAVLink_param_request_list_message(1, component))
     assert list(found) == NAMES
     assert [message.param_index for message in found.values()] == list(range(7))
@@ -47,7 +47,7 @@ def test_the_list_has_every_parameter_once_with_its_index(flying, component):
 
 
 @pytest.mark.parametrize("request_", [(b"", 2), (b"CN_SPEED", -1)], ids=["by index", "by name"])
-def test_one_parameter_is_read(flying, request_):
+def test_parameter_read_returns_value(flying, request_):
     found = after(flying, mavlink.MAVLink_param_request_read_message(*OURS, *request_))
     assert list(found) == ["CN_SPEED"] and found["CN_SPEED"].param_value == 15.0
 
@@ -60,12 +60,12 @@ def test_one_parameter_is_read(flying, request_):
         ("CN_HOLD", 20.0, lambda pilot: pilot.mission.hold),
     ],
 )
-def test_a_value_that_is_set_is_flown_and_answered(flying, name, value, read):
+def test_set_parameter_is_applied_and_answered(flying, name, value, read):
     found = after(flying, setting(name, value))
     assert found[name].param_value == value == read(flying.pilot)
 
 
-def test_direction_and_law_are_set_by_their_numbers(flying):
+def test_direction_and_law_are_set_by_number(flying):
     after(flying, setting("CN_DIRECTION", -1.0))
     after(flying, setting("CN_LAW", 2.0))
     assert flying.pilot.controller.orbit.direction is Direction.COUNTERCLOCKWISE
@@ -99,11 +99,9 @@ def test_direction_and_law_are_set_by_their_numbers(flying):
         (setting("CN_EXIT", 99.0), "CN_EXIT not set: 99 is not an exit action: 0 to 6"),
     ],
 )
-def test_a_value_that_cannot_be_flown_is_refused_with_the_reason_and_the_old_one_answered(
-    flying, message, reason
-):
+def test_unflyable_parameter_is_rejected_with_reason_and_old_value(flying, message, reason):
     before = after(flying, mavlink.MAVLink_param_request_list_message(*OURS))
-    flying.hear(message, voice=GCS)
+    flying.receive(message, voice=GCS)
     flying.run(1.0)
     texts = "".join(m.text for _, m in flying.sent if m.get_type() == "STATUSTEXT")
     assert f"circnav: {reason}"[:60] in texts
@@ -123,12 +121,12 @@ def test_a_value_that_cannot_be_flown_is_refused_with_the_reason_and_the_old_one
     ],
     ids=["another address", "another vehicle", "every component", "the autopilot", "another name"],
 )
-def test_what_is_not_for_us_or_not_from_the_vehicle_is_neither_set_nor_answered(flying, how):
+def test_parameter_requests_for_other_targets_are_ignored(flying, how):
     assert after(flying, how.pop("message"), **how) == {}
     assert flying.pilot.controller.orbit.radius == 100.0
 
 
-def test_a_link_that_is_not_signed_lists_values_and_sets_none_unless_the_mission_allows_it(
+def test_unsigned_link_sets_parameters_only_with_permission(
     make_rig,
 ):
     rig = make_rig()
@@ -138,25 +136,25 @@ def test_a_link_that_is_not_signed_lists_values_and_sets_none_unless_the_mission
     assert rig.pilot.controller.orbit.radius == 100.0
 
 
-def test_no_value_is_set_once_the_operator_has_taken_over(flying):
+def test_no_parameter_is_set_after_takeover(flying):
     flying.mode = 5
     flying.run(1.0)
     after(flying, setting("CN_RADIUS", 80.0))
     assert flying.pilot.controller.orbit.radius == 100.0
 
 
-def test_a_list_requested_a_hundred_times_is_sent_once_and_two_values_a_step(flying):
+def test_repeated_list_requests_send_one_list(flying):
     flying.sent.clear()
     for _ in range(100):
-        flying.hear(mavlink.MAVLink_param_request_list_message(*OURS), voice=GCS)
+        flying.receive(mavlink.MAVLink_param_request_list_message(*OURS), voice=GCS)
     flying.run(1.0)
     sent = [(time, m.param_id) for time, m in flying.sent if m.get_type() == "PARAM_VALUE"]
     assert [name for _, name in sent] == NAMES
     assert max(sum(time == at for time, _ in sent) for at, _ in sent) <= 2
 
 
-def test_decoded_by_pymavlink_the_values_are_plain_floats(flying):
-    flying.hear(mavlink.MAVLink_param_request_read_message(*OURS, b"CN_HOLD", -1), voice=GCS)
+def test_pymavlink_decodes_parameter_values(flying):
+    flying.receive(mavlink.MAVLink_param_request_read_message(*OURS, b"CN_HOLD", -1), voice=GCS)
     flying.run(0.2)
     frames = b"".join(flying.raw)
     assert [m.param_value for m in decode(frames) if m.get_type() == "PARAM_VALUE"] == [10.0]

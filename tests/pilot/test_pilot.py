@@ -27,7 +27,7 @@ def flown(setpoints):
 # --- other output and kept values ---
 
 
-def test_the_four_numbers_to_plot_come_at_four_hertz_or_less(rig):
+def test_plot_values_are_sent_at_4_hz_or_less(rig):
     since = rig.engage().now
     rig.run(5.0)
     values = rig.of("NAMED_VALUE_FLOAT", since)
@@ -41,7 +41,7 @@ def test_the_four_numbers_to_plot_come_at_four_hertz_or_less(rig):
     }
 
 
-def test_our_heartbeat_stops_with_the_loop_that_feeds_it(rig):
+def test_heartbeat_stops_with_loop(rig):
     """Only a healthy step sends the heartbeat."""
     rig.engage()
     for _ in range(100):
@@ -52,14 +52,14 @@ def test_our_heartbeat_stops_with_the_loop_that_feeds_it(rig):
     assert len(rig.of("HEARTBEAT")) == before + 1
 
 
-def test_every_frame_that_came_in_is_kept_for_the_recorder(rig):
-    frame = Voice(9, 9).say(heartbeat())
+def test_received_frames_are_kept_for_recorder(rig):
+    frame = Voice(9, 9).pack(heartbeat())
     rig.pilot.receive(frame + b"\x00" + frame, 0.0, "x")
     assert rig.pilot.take_frames() == [frame, frame]
     assert rig.pilot.take_frames() == []
 
 
-def test_every_step_that_acted_leaves_one_record(rig):
+def test_each_step_leaves_one_record(rig):
     rig.engage().pilot.take_records()
     records = rig.run(1.0).pilot.take_records()
     assert [record.phase for record in records] == [Phase.ENGAGED] * len(records)
@@ -73,24 +73,24 @@ def test_every_step_that_acted_leaves_one_record(rig):
     assert (records[-1].mode, records[-1].measured) == ("GUIDED", 150.0)
 
 
-def test_a_vehicle_that_does_not_turn_as_told_teaches_the_estimator_no_motion(rig):
-    """A copter without uplink stands still. At the commanded speed it would be somewhere else."""
+def test_estimator_gets_no_motion_of_vehicle_ignoring_commands(rig):
+    """A copter without uplink stands still. The commanded speed would give a wrong position."""
     rig.engage()
     received = []
     heading = [0.0]
     rig.pilot.tracker.estimator.move = received.append
 
-    def tells_heading(turns):
+    def report_heading(turns):
         heading[0] += 0.05 * rig.setpoints()[-1].yaw_rate if turns else 0.0
-        rig.hear(attitude(round(1000 * rig.now), heading[0]))
+        rig.receive(attitude(round(1000 * rig.now), heading[0]))
 
     for turns in (True, False):
         received.clear()
-        rig.run(10.0, lambda turns=turns: tells_heading(turns))
+        rig.run(10.0, lambda turns=turns: report_heading(turns))
         assert len([own for own in received if own.time > rig.now - 5.0]) == (99 if turns else 0)
 
 
-def test_a_setpoint_is_sent_alone_and_everything_else_that_is_due_is_sent_after_it(rig):
+def test_setpoint_is_sent_alone_before_other_messages(rig):
     rig.engage()
     first = set()
     rest = set()
@@ -101,7 +101,7 @@ def test_a_setpoint_is_sent_alone_and_everything_else_that_is_due_is_sent_after_
         setpoint, *others = sent(rig)
         first |= {message.get_type() for message in decode(setpoint)}
         rest |= {message.get_type() for message in decode(b"".join(others))}
-        assert sent(rig) == [], "a range causes one setpoint"
+        assert sent(rig) == [], "one setpoint for a range"
     assert first == {"SET_POSITION_TARGET_LOCAL_NED"}
     assert {"HEARTBEAT", "TIMESYNC", "NAMED_VALUE_FLOAT"} <= rest - first
 
@@ -114,7 +114,7 @@ def sent(rig, accepts=True):
     return out
 
 
-def test_a_setpoint_that_could_not_be_sent_is_neither_counted_nor_recorded_as_sent(rig):
+def test_unsent_setpoint_is_neither_counted_nor_recorded(rig):
     before = rig.engage().pilot.setpoints_sent
     rig.pilot.take_records()
     for accepts in (False, True):
@@ -128,7 +128,7 @@ def test_a_setpoint_that_could_not_be_sent_is_neither_counted_nor_recorded_as_se
 # --- steering: phases and estimates ---
 
 
-def test_a_mission_waits_for_link_ranging_and_mode_in_this_order(rig):
+def test_mission_waits_for_link_then_ranging_then_mode(rig):
     assert (
         rig.run(1.0, speaks=False, ranges=False, mode=LOITER).pilot.mission.phase is Phase.WAIT_LINK
     )
@@ -139,7 +139,7 @@ def test_a_mission_waits_for_link_ranging_and_mode_in_this_order(rig):
     assert len(rig.setpoints()) == rig.pilot.setpoints_sent > 0
 
 
-def test_the_first_setpoint_waits_for_five_ranges(rig):
+def test_first_setpoint_waits_for_five_ranges(rig):
     rig.run(1.0, ranges=False)
     for count in range(1, 6):
         rig.range()
@@ -147,31 +147,29 @@ def test_the_first_setpoint_waits_for_five_ranges(rig):
         assert bool(rig.setpoints()) == (count == 5)
 
 
-def test_the_first_setpoint_waits_for_a_second_of_ranges_in_which_another_source_would_show(rig):
+def test_first_setpoint_waits_1_s_for_second_range_source(rig):
     rig.run(1.0, ranges=False)
     assert rig.run(1.0, ranges=True).setpoints() == []
     assert rig.pilot.status.waits_for(rig.now) == "checking for a second range source"
     assert rig.run(0.2).setpoints()
 
 
-def test_a_fresh_range_is_answered_by_the_very_next_step(rig):
+def test_next_step_answers_fresh_range(rig):
     rig.engage()
     rig.now += 0.041
-    assert rig.step() == [], "nothing new and no tick due"
+    assert rig.step() == [], "no new range and no tick due"
     rig.range(15050)  # the same value this soon would be a repeated one
     (setpoint,) = [
         message for message in rig.step() if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"
     ]
     assert setpoint.time_boot_ms == round(rig.now * 1000)
-    assert rig.step() == [], "one range, one answer"
+    assert rig.step() == [], "one setpoint for a range"
 
 
 @pytest.mark.parametrize(
     ("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)]
 )
-def test_at_a_constant_range_the_vehicle_turns_towards_the_circle_from_outside_and_flies_straight_inside(
-    direction, sign
-):
+def test_constant_range_turns_outside_circle_and_not_inside(direction, sign):
     """A constant range outside means flying across the line of sight. Clockwise is to the right,
     positive in MAVLink."""
     orbit = replace(ORBIT, direction=direction)
@@ -183,7 +181,7 @@ def test_at_a_constant_range_the_vehicle_turns_towards_the_circle_from_outside_a
     }
 
 
-def test_no_setpoint_asks_for_more_than_the_vehicles_limit(rig):
+def test_setpoints_stay_within_turn_limit(rig):
     """Law 1 is unsaturated: closing in at 600 m, it demands much more than 0.35 rad/s."""
     rig.engage(range_cm=59000)
     assert max(abs(message.yaw_rate) for message in rig.setpoints()) == pytest.approx(0.35)
@@ -232,26 +230,26 @@ def test_no_setpoint_asks_for_more_than_the_vehicles_limit(rig):
     ],
     ids=lambda value: value.get_type() if hasattr(value, "get_type") else "",
 )
-def test_false_positions_change_no_byte_of_the_output(message, count):
+def test_false_positions_change_no_output(message, count):
     """The UAV is GPS-denied: no position may reach the guidance."""
-    honest = Rig().engage()
-    lied_to = Rig()
-    lied_to.run(3.0, lambda: [lied_to.hear(message) for _ in range(count)])
-    assert lied_to.raw == honest.raw
+    undisturbed = Rig().engage()
+    disturbed = Rig()
+    disturbed.run(3.0, lambda: [disturbed.receive(message) for _ in range(count)])
+    assert disturbed.raw == undisturbed.raw
 
 
-def test_a_false_report_of_the_setpoint_flown_changes_no_setpoint_and_is_alarmed():
-    honest = Rig().engage().run(5.0)
-    lied_to = Rig().engage()
+def test_false_setpoint_report_raises_alarm_without_effect():
+    undisturbed = Rig().engage().run(5.0)
+    disturbed = Rig().engage()
     report = mavlink.MAVLink_position_target_local_ned_message(
         1, 8, 0x407, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 1
     )
-    lied_to.run(5.0, lambda: lied_to.hear(report))
-    assert list(map(str, lied_to.setpoints())) == list(map(str, honest.setpoints()))
-    assert "circnav: another program also steers" in lied_to.texts()
+    disturbed.run(5.0, lambda: disturbed.receive(report))
+    assert list(map(str, disturbed.setpoints())) == list(map(str, undisturbed.setpoints()))
+    assert "circnav: another program also steers" in disturbed.texts()
 
 
-def test_without_fresh_ranges_the_prediction_is_flown_for_half_a_second_and_then_the_steady_turn(
+def test_lost_range_is_predicted_then_steady_turn_held(
     rig,
 ):
     last = rig.engage().now
@@ -261,23 +259,23 @@ def test_without_fresh_ranges_the_prediction_is_flown_for_half_a_second_and_then
     rig.run(2.0)
     assert {round(message.yaw_rate, 6) for message in rig.setpoints(since)} == {STEADY}
     assert rig.run(1.0, ranges=True).pilot.mission.phase is Phase.ENGAGED
-    said = [text for text in rig.texts(last) if "range" in text]
-    assert said == ["circnav: range lost, holding", "circnav: range regained"]
+    texts = [text for text in rig.texts(last) if "range" in text]
+    assert texts == ["circnav: range lost, holding", "circnav: range regained"]
 
 
-def test_a_lost_link_is_silence_and_a_found_one_resumes(rig):
+def test_setpoints_stop_with_lost_link_and_resume(rig):
     """No heartbeat for 3 s, while the ranges continue."""
     lost = rig.engage().now
     quiet = rig.run(3.3, speaks=False).now
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
     rig.run(5.0)
     assert rig.setpoints(quiet) == []
-    assert rig.setpoints(lost), "until then the vehicle was flown on"
+    assert rig.setpoints(lost), "steered until then"
     assert rig.run(1.0, speaks=True).pilot.mission.phase is Phase.ENGAGED
     assert rig.setpoints(quiet)
 
 
-# --- how it ends ---
+# --- end of the mission ---
 
 
 def holds(rig):
@@ -301,9 +299,9 @@ def fails(rig):
         (lambda rig: rig.pilot.interrupt(rig.now, "SIGINT"), Ending.INTERRUPTED, "SIGINT"),
         (fails, Ending.ABORTED, "internal error, unsafe setpoint not sent"),
     ],
-    ids=["holding is given up", "its time is over", "an interrupt", "a law that fails"],
+    ids=["holding", "timeout", "interrupt", "law fails"],
 )
-def test_a_flight_ends_with_the_safe_setpoint_three_times_and_then_silence(happens, ending, reason):
+def test_flight_ends_with_three_safe_setpoints(happens, ending, reason):
     """The vehicle also gets its own stream rates back."""
     rig = Rig(timing=timing(duration=15.0)).engage()
     happens(rig)
@@ -324,7 +322,7 @@ def test_a_flight_ends_with_the_safe_setpoint_three_times_and_then_silence(happe
     assert len(rig.run(5.0).sent) == quiet
 
 
-def test_a_link_that_stays_away_ends_the_mission_when_it_was_waited_for():
+def test_lost_link_ends_mission_after_outage_limit():
     """A link counts as lost after 3 s. The wait for the first heartbeat does not count."""
     rig = Rig(timing=timing(outage=10.0, wait_link=2.0)).engage()
     assert not rig.run(12.9, speaks=False).pilot.done
@@ -335,19 +333,19 @@ def test_a_link_that_stays_away_ends_the_mission_when_it_was_waited_for():
 
 
 @pytest.mark.parametrize(("comes_back", "what"), [(False, "heartbeat"), (True, "range")])
-def test_time_that_runs_out_in_a_silence_says_in_which_and_for_how_long(comes_back, what):
+def test_timeout_during_outage_names_missing_message(comes_back, what):
     rig = Rig(timing=timing(duration=10.0)).engage()
-    silent_since = rig.now
+    outage_since = rig.now
     rig.run(4.0, speaks=False, ranges=False).now_is(speaks=comes_back)
     while not rig.pilot.done:
         rig.run(0.05)
     assert rig.pilot.mission.outcome.ending is Ending.ABORTED
     assert rig.pilot.mission.outcome.reason.endswith(
-        f", no {what} for {rig.now - silent_since:.0f} s"
+        f", no {what} for {rig.now - outage_since:.0f} s"
     )
 
 
-def test_the_safe_setpoints_of_the_end_begin_at_once_and_are_a_tick_apart_however_many_ranges_come(
+def test_safe_setpoints_begin_immediately_one_tick_apart(
     rig,
 ):
     since = rig.engage().now
@@ -355,7 +353,7 @@ def test_the_safe_setpoints_of_the_end_begin_at_once_and_are_a_tick_apart_howeve
     rig.now += 0.001
     rig.step()
     assert [message.vx for message in rig.setpoints(since)] == [0.0], (
-        "however lately a setpoint has left"
+        "immediately after the last setpoint"
     )
     for _ in range(40):
         rig.now = round(rig.now + 0.005, 6)
@@ -377,10 +375,10 @@ MISFIT = "no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot co
 
 
 @pytest.mark.parametrize(
-    ("limit", "hears", "state", "begins", "ends"),
+    ("limit", "received", "state", "begins", "ends"),
     [
         ("wait_link", b"junk", {"speaks": False, "ranges": False}, JUNK, JUNK),
-        ("wait_link", Voice().say(heartbeat(autopilot=12)), {"speaks": False}, MISFIT, MISFIT),
+        ("wait_link", Voice().pack(heartbeat(autopilot=12)), {"speaks": False}, MISFIT, MISFIT),
         (
             "wait_ranging",
             b"",
@@ -389,13 +387,11 @@ MISFIT = "no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot co
             " 2",
         ),
     ],
-    ids=["no vehicle", "another vehicle", "no range"],
+    ids=["no vehicle", "other vehicle", "no range"],
 )
-def test_a_mission_that_waits_in_vain_ends_and_says_what_was_heard(
-    limit, hears, state, begins, ends
-):
+def test_mission_timeout_reports_received_data(limit, received, state, begins, ends):
     rig = Rig(timing=timing(**{limit: 2.0}))
-    rig.pilot.receive(hears, rig.now, rig.source)
+    rig.pilot.receive(received, rig.now, rig.source)
     outcome = rig.run(3.0, **state).pilot.mission.outcome
     assert outcome.ending is Ending.NOTHING_RECEIVED
     assert outcome.reason.startswith(begins) and outcome.reason.endswith(ends)

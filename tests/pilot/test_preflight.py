@@ -1,4 +1,4 @@
-"""Preflight of each emulated vehicle in lockstep: sent frames, listened data, grades and texts."""
+"""Preflight of each emulated vehicle in lockstep: frames sent, data received, grades and texts."""
 
 import functools
 import hashlib
@@ -60,7 +60,7 @@ class Bench:
         )
         self.sent = []
         self.speed = 1.0
-        self.hears = lambda frame, now: True
+        self.receives = lambda frame, now: True
         self.speaks = lambda now: []
 
         self.now = 0.0
@@ -80,7 +80,7 @@ class Bench:
         self.vehicle.advance(now * self.speed)
         for sim_link, link in self.links.items():
             for frame in self.vehicle.outgoing(sim_link):
-                if self.hears(frame, now):
+                if self.receives(frame, now):
                     self.listener.receive(frame, now, "sim", link)
         for frame in self.speaks(now):
             self.listener.receive(frame, now, "sim", link)
@@ -118,7 +118,7 @@ class Overridden:
         return Overridden(getattr(self._same, name), below) if below else getattr(self._same, name)
 
 
-def bent(name, changes):
+def changed_lines(name, changes):
     """Return the lines for a vehicle with some changed observations."""
     return judge(good(name).mission, Overridden(good(name).listener, changes))
 
@@ -126,7 +126,7 @@ def bent(name, changes):
 def parameter(name, values, *, only=False):
     """Return the lines about parameters for a vehicle with other values."""
     held = {} if only else good(name).listener.parameters
-    return of(bent(name, {"parameters": {**held, **values}}), "parameter")
+    return of(changed_lines(name, {"parameters": {**held, **values}}), "parameter")
 
 
 def of(lines, subject):
@@ -147,7 +147,7 @@ def failing(lines):
 
 
 @pytest.mark.parametrize("name", MISSIONS)
-def test_every_bundled_vehicle_passes_and_what_it_is_flown_without_is_called_not_needed(name):
+def test_each_bundled_vehicle_passes_preflight(name):
     lines = judge(good(name).mission, good(name).listener)
     assert failing(lines) == []
     subjects = {line.subject for line in lines}
@@ -162,15 +162,15 @@ def test_every_bundled_vehicle_passes_and_what_it_is_flown_without_is_called_not
         "parameter",
     } <= subjects
     needed = {"arduplane": {"airspeed"}, "px4_plane": {"airspeed"}, "px4_copter": {"altitude"}}
-    told = {subject: one(lines, subject) for subject in ("airspeed", "altitude")}
-    assert {line.grade for line in told.values()} == {PASS}
+    graded = {subject: one(lines, subject) for subject in ("airspeed", "altitude")}
+    assert {line.grade for line in graded.values()} == {PASS}
     assert {
-        name for name, line in told.items() if not line.text.endswith("not needed")
+        name for name, line in graded.items() if not line.text.endswith("not needed")
     } == needed.get(name, set())
 
 
 @pytest.mark.parametrize("name", MISSIONS)
-def test_nothing_that_moves_anything_is_sent_and_streams_get_their_own_rates_back_at_the_end(name):
+def test_preflight_sends_no_commands_and_restores_stream_rates(name):
     sent = good(name).sent
     assert {message.get_msgId() for message in sent} == {
         HEARTBEAT,
@@ -197,7 +197,7 @@ def test_nothing_that_moves_anything_is_sent_and_streams_get_their_own_rates_bac
         ("px4_plane", "ALTCTL"),
     ],
 )
-def test_a_vehicle_stays_as_it_was_even_in_our_mode(name, mode):
+def test_preflight_leaves_vehicle_unchanged_in_guided_mode(name, mode):
     """Armed, in the guided mode, and with ranges: a pilot would engage it."""
     bench = Bench(name, f'sim.start.mode="{mode}"')
     armed = bench.vehicle.truth.armed
@@ -207,7 +207,7 @@ def test_a_vehicle_stays_as_it_was_even_in_our_mode(name, mode):
 
 
 @pytest.mark.parametrize("name", MISSIONS)
-def test_every_parameter_that_the_vehicle_has_is_read_with_its_value(name):
+def test_preflight_reads_each_parameter_value(name):
     listener = good(name).listener
     table = good(name).vehicle._flight.autopilot.params.all_values()
     held = {value.param_id: value.param_value if value.param_type == 9 else None for value in table}
@@ -221,11 +221,11 @@ def test_every_parameter_that_the_vehicle_has_is_read_with_its_value(name):
         0.0,
         1.0,
         2.0,
-    ), "an integer of PX4 is read as one"
+    ), "PX4 sends the bytes of an integer"
 
 
 @pytest.mark.parametrize("name", MISSIONS)
-def test_rates_are_measured_after_the_streams_have_come_up(name):
+def test_stream_rates_are_measured_after_their_change(name):
     """Streams that the vehicle sends before its rates are lowered must not count. A stream that is
     faster than needed and often requested by ground stations keeps its rate: SYS_STATUS of PX4, 5
     Hz."""
@@ -254,7 +254,7 @@ RATE_SENT = (*RATE, "sim.ranging.rate_name=RR")
 
 
 @pytest.mark.parametrize(
-    ("keys", "subject", "grade", "says"),
+    ("keys", "subject", "grade", "text"),
     [
         (ROVER, "vehicle", FAIL, "ground_rover, the mission is for ardupilot copter"),
         (("link.wait_s=2.0", "sim.vehicle.mavlink_version=1"), "vehicle", FAIL, "MAVLink 1 only"),
@@ -285,29 +285,29 @@ RATE_SENT = (*RATE, "sim.ranging.rate_name=RR")
         ((*RATE_SENT, "sim.ranging.rate_bias_mps=20.0"), "range rate", FAIL, "ranges change by"),
     ],
 )
-def test_a_line_is_graded_by_what_was_heard(keys, subject, grade, says):
+def test_line_is_graded_by_received_data(keys, subject, grade, text):
     line = one(
         Bench("quickstart" if subject == "range rate" else "arducopter", *keys).lines(), subject
     )
-    assert (line.grade, says in line.text) == (grade, True), line.text
+    assert (line.grade, text in line.text) == (grade, True), line.text
 
 
 # --- no vehicle, or several ---
 
 
-def test_silence_is_told_with_what_was_heard():
+def test_missing_vehicle_fails_with_received_byte_count():
     bench = Bench("arducopter", "link.wait_s=2.0")
-    bench.hears = lambda frame, now: False
+    bench.receives = lambda frame, now: False
     (line,) = bench.lines()
     assert (line.grade, line.subject, "0 bytes received" in line.text) == (FAIL, "vehicle", True)
 
 
-def test_a_twin_of_ours_fails_and_another_vehicle_warns():
+def test_duplicate_of_own_ids_fails_and_other_vehicle_warns():
     bench = Bench("arducopter")
     twin = Voice(1, 191)
     other = Voice(2, 1)
     bench.speaks = lambda now: (
-        [twin.say(heartbeat(kind=18, autopilot=8)), other.say(heartbeat())]
+        [twin.pack(heartbeat(kind=18, autopilot=8)), other.pack(heartbeat())]
         if round(now * 100) % 50 == 0
         else []
     )
@@ -316,11 +316,11 @@ def test_a_twin_of_ours_fails_and_another_vehicle_warns():
     assert "191" in lines[0].text
 
 
-def test_a_component_that_shares_the_vehicles_ids_warns():
+def test_component_with_vehicle_ids_warns():
     bench = Bench("arducopter")
     radio = Voice(1, 1)
     bench.speaks = lambda now: (
-        [radio.say(heartbeat(0, kind=18, autopilot=8))] if round(now * 100) % 50 == 0 else []
+        [radio.pack(heartbeat(0, kind=18, autopilot=8))] if round(now * 100) % 50 == 0 else []
     )
     (line,) = of(bench.lines(), "others")
     ids = (
@@ -330,9 +330,9 @@ def test_a_component_that_shares_the_vehicles_ids_warns():
     assert line.grade is WARN and ids in line.text
 
 
-def test_a_vehicle_that_falls_silent_fails():
+def test_vehicle_that_stops_sending_fails():
     bench = Bench("arducopter")
-    bench.hears = lambda frame, now: now < 4.0
+    bench.receives = lambda frame, now: now < 4.0
     assert {"heartbeat", "age"} <= set(failing(bench.lines()))
 
 
@@ -341,7 +341,7 @@ def test_a_vehicle_that_falls_silent_fails():
 
 
 @pytest.mark.parametrize(
-    ("ours", "theirs", "grade", "says"),
+    ("ours", "theirs", "grade", "text"),
     [
         (None, None, None, ""),
         (KEY, KEY, PASS, "frames signed, all with our key"),
@@ -354,24 +354,26 @@ def test_a_vehicle_that_falls_silent_fails():
         (KEY, None, FAIL, "every frame received is unsigned or wrongly signed"),
         (KEY, OTHER, FAIL, "every frame received is unsigned or wrongly signed"),
     ],
-    ids=["nobody signs", "both sign", "we have no key", "it does not sign", "it has another key"],
+    ids=["unsigned", "signed", "no key", "vehicle unsigned", "other key"],
 )
-def test_a_vehicle_that_signs_otherwise_than_we_do_is_named(tmp_path, ours, theirs, grade, says):
+def test_signing_mismatch_is_graded(tmp_path, ours, theirs, grade, text):
     overrides = ["link.wait_s=3.0"]
     overrides += [f"signing.key_file={key_file(tmp_path, ours)}"] if ours else []
     overrides += (
         [f"sim.signing.key_file={key_file(tmp_path, theirs, 'vehicle.key')}"] if theirs else []
     )
     lines = Bench("arducopter", *overrides, seconds=1.0, signing=ours).lines()
-    told = [
+    graded = [
         line
         for line in lines
         if line.subject == "signing" or (line.subject, line.grade) == ("vehicle", FAIL)
     ]
-    assert [(line.grade, says in line.text) for line in told] == ([(grade, True)] if grade else [])
+    assert [(line.grade, text in line.text) for line in graded] == (
+        [(grade, True)] if grade else []
+    )
 
 
-def test_a_vehicle_that_signs_with_the_all_zero_key_is_as_good_as_unsigned():
+def test_all_zero_signing_key_counts_as_unsigned():
     """A stock PX4 does this. Its frames are signed here by hand with 32 zero bytes."""
     bench = Bench("px4_copter", seconds=1.0)
     clock = itertools.count(10**12)
@@ -413,9 +415,9 @@ def without(message_id):
         ("px4_copter", (), 436, WARN),
     ],
 )
-def test_a_missing_stream_is_graded_by_what_comes_with_it(name, keys, message_id, grade):
+def test_missing_stream_is_graded_by_its_use(name, keys, message_id, grade):
     bench = Bench(name, *keys)
-    bench.hears = without(message_id)
+    bench.receives = without(message_id)
     (line,) = [line for line in of(bench.lines(), "stream") if line.grade is not PASS]
     assert (line.grade, mavlink.mavlink_map[message_id].msgname in line.text) == (grade, True)
 
@@ -425,35 +427,33 @@ def test_a_missing_stream_is_graded_by_what_comes_with_it(name, keys, message_id
 
 
 @pytest.mark.parametrize(
-    ("clock", "speed", "clock_speed", "grade", "says"),
+    ("clock", "speed", "clock_speed", "grade", "text"),
     [
         ("local", 5.0, 1.0, FAIL, '5.000 times our speed: set link.clock = "autopilot"'),
         ("local", 0.975, 1.0, WARN, "times our speed: ranges may count as old"),
         ("autopilot", 1.0, 5.0, PASS, "5.000 times our speed, and the flight follows it"),
     ],
 )
-def test_a_simulator_at_another_speed_needs_the_autopilots_clock(
-    clock, speed, clock_speed, grade, says
-):
+def test_simulator_at_other_speed_needs_autopilot_clock(clock, speed, clock_speed, grade, text):
     bench = Bench("arducopter", f'link.clock="{clock}"')
     bench.speed = speed
     lines = judge(bench.mission, bench.run(), clock_speed)
     line = one(lines, "clock")
-    assert (line.grade, says in line.text) == (grade, True), line.text
-    assert failing(lines) == ["clock"] * (grade is FAIL), "the same cause needs no second cure"
+    assert (line.grade, text in line.text) == (grade, True), line.text
+    assert failing(lines) == ["clock"] * (grade is FAIL), "one remedy for one cause"
 
 
-def test_frames_that_wait_in_a_busy_machine_are_not_another_clock_speed():
+def test_clock_speed_ignores_delayed_frames():
     bench = Bench("arducopter")
     late = []
 
-    def hears(frame, now):
+    def receives(frame, now):
         if 2.0 <= now % 4.0 < 2.3:  # the first that is measured is among them
             late.append(frame)
             return False
         return True
 
-    bench.hears = hears
+    bench.receives = receives
     bench.speaks = lambda now: (
         [late.pop(0) for _ in range(len(late))] if not 2.0 <= now % 4.0 < 2.3 else []
     )
@@ -461,7 +461,7 @@ def test_frames_that_wait_in_a_busy_machine_are_not_another_clock_speed():
     assert (line.grade, "1.00" in line.text) == (PASS, True), line.text
 
 
-def test_a_reboot_while_listening_fails():
+def test_reboot_during_preflight_fails():
     bench = Bench("arducopter", "sim.events=[{at_s=4.0, action='reboot'}]", seconds=8.0)
     lines = of(bench.lines(), "clock")
     assert [line.grade for line in lines] == [FAIL, PASS]
@@ -482,7 +482,7 @@ def mode(number, *, armed):
 
 
 @pytest.mark.parametrize(
-    ("name", "changes", "subject", "grade", "says"),
+    ("name", "changes", "subject", "grade", "text"),
     [
         ("arducopter", {"session.timesync.typical": 0.02}, "round trip", PASS, "20 ms"),
         ("arducopter", {"session.timesync.typical": 0.3}, "round trip", WARN, "300 ms"),
@@ -518,9 +518,9 @@ def mode(number, *, armed):
         ("arduplane", airspeed(None, armed=False), "airspeed", FAIL, "no VFR_HUD"),
     ],
 )
-def test_what_was_seen_of_a_vehicle_is_graded(name, changes, subject, grade, says):
-    line = one(bent(name, changes), subject)
-    assert (line.grade, says in line.text) == (grade, True), line.text
+def test_vehicle_state_is_graded(name, changes, subject, grade, text):
+    line = one(changed_lines(name, changes), subject)
+    assert (line.grade, text in line.text) == (grade, True), line.text
 
 
 # --- ranging
@@ -528,14 +528,14 @@ def test_what_was_seen_of_a_vehicle_is_graded(name, changes, subject, grade, say
 
 
 @pytest.mark.parametrize(("noise", "grade"), [(0.05, PASS), (0.5, PASS), (1.2, WARN), (3.0, FAIL)])
-def test_noise_is_measured_against_what_the_mission_assumes(noise, grade):
+def test_measured_noise_is_graded_against_mission(noise, grade):
     line = one(Bench("arducopter", f"sim.ranging.noise_m={noise}", seconds=20.0).lines(), "noise")
     assert line.grade is grade
     assert float(line.text.split()[2]) == pytest.approx(noise, rel=0.25, abs=0.02)
 
 
 @pytest.mark.parametrize("received", [12, 50])
-def test_an_honest_radio_is_not_doubted_for_want_of_ranges(received):
+def test_few_ranges_of_assumed_noise_pass(received):
     """Few ranges give an uncertain scatter. Of 300 short preflights with the mission's own noise,
     at most three may propose another sigma_m, and none may fail."""
     grades = []
@@ -545,7 +545,7 @@ def test_an_honest_radio_is_not_doubted_for_want_of_ranges(received):
             ReceivedRange(i / 10, i / 10, i / 10, 50 + draw.gauss(0, 0.5), 0.5)
             for i in range(received)
         ]
-        lines = bent(
+        lines = changed_lines(
             "arducopter", {"ranges": ranges, "end": received / 10, "seconds": received / 10}
         )
         grades.append(one(lines, "noise").grade)
@@ -553,7 +553,7 @@ def test_an_honest_radio_is_not_doubted_for_want_of_ranges(received):
     assert FAIL not in grades
 
 
-def test_neither_outliers_nor_gaps_nor_motion_count_as_noise():
+def test_noise_excludes_outliers_gaps_and_motion():
     """A range that closes at 20 m/s with a curvature of 4 m/s^2. Every fifth range is lost, and one
     in twenty is off by 30 m."""
     draw = random.Random(3)
@@ -565,7 +565,7 @@ def test_neither_outliers_nor_gaps_nor_motion_count_as_noise():
             ranges.append(
                 ReceivedRange(t, t, t, 2000 - 20 * t + 2 * t * t + off + draw.gauss(0, 0.5), 0.5)
             )
-    lines = bent("arducopter", {"ranges": ranges, "end": 60.0, "seconds": 60.0})
+    lines = changed_lines("arducopter", {"ranges": ranges, "end": 60.0, "seconds": 60.0})
     assert float(one(lines, "noise").text.split()[2]) == pytest.approx(0.5, rel=0.15)
     assert one(lines, "outliers").grade is WARN or "5 %" in one(lines, "outliers").text
 
@@ -580,7 +580,7 @@ BEACON = (
 )
 
 
-def test_the_echo_of_the_radios_ranges_is_no_fault():
+def test_echoed_ranges_of_px4_pass():
     """PX4 sends a forwarded DISTANCE_SENSOR a second time under its own id, in every flight."""
     lines = Bench("px4_copter", without=UNNAMED).lines()
     assert (one(lines, "ranging").grade, one(lines, "rejected").grade) == (PASS, PASS)
@@ -594,13 +594,13 @@ def of_another(now, sender=(1, 192), *, beacon_id=None, id=0, orientation=24):
         return []
     if beacon_id is not None:
         return [
-            Voice(*sender).say(
+            Voice(*sender).pack(
                 beacon(90_000, round(now * 1e6), round(now * 10) & 255, beacon_id=beacon_id)
             )
         ]
     stamp = round(now * 1000)
     return [
-        Voice(*sender).say(
+        Voice(*sender).pack(
             mavlink.MAVLink_distance_sensor_message(stamp, 20, 60000, 9000, 4, id, orientation, 0)
         )
     ]
@@ -616,9 +616,7 @@ def of_another(now, sender=(1, 192), *, beacon_id=None, id=0, orientation=24):
     ],
     ids=["sensor", "component", "system", "beacon"],
 )
-def test_several_range_sources_fail_with_their_ids_their_ranges_and_the_key_that_names_one(
-    other, missions, named
-):
+def test_several_range_sources_fail_and_name_selecting_key(other, missions, named):
     bench = Bench("arducopter", *missions, without=UNNAMED)
     bench.speaks = lambda now: of_another(now, **other)
     lines = bench.lines()
@@ -641,12 +639,12 @@ def test_several_range_sources_fail_with_their_ids_their_ranges_and_the_key_that
     assert (one(lines, "ranging").grade, one(lines, "noise").grade) == (PASS, PASS)
 
 
-def test_firmware_from_before_set_message_interval_is_asked_the_old_way_and_that_is_said():
+def test_old_firmware_gets_request_data_stream():
     bench = Bench("arducopter")
     vehicle = Voice()
     unsupported = mavlink.MAVLink_command_ack_message(SET_MESSAGE_INTERVAL, 3)
-    bench.speaks = lambda now: [vehicle.say(unsupported)] if round(now * 100) % 10 == 0 else []
-    bench.hears = lambda frame, now: message_id(frame) not in (COMMAND_ACK, ATTITUDE, VFR_HUD)
+    bench.speaks = lambda now: [vehicle.pack(unsupported)] if round(now * 100) % 10 == 0 else []
+    bench.receives = lambda frame, now: message_id(frame) not in (COMMAND_ACK, ATTITUDE, VFR_HUD)
     assert "REQUEST_DATA_STREAM is used" in of(bench.lines(), "stream")[0].text
     assert {10, 11} <= {
         one.req_stream_id for one in bench.sent if one.get_type() == "REQUEST_DATA_STREAM"
@@ -654,7 +652,7 @@ def test_firmware_from_before_set_message_interval_is_asked_the_old_way_and_that
 
 
 @pytest.mark.parametrize(
-    ("speed", "received", "rest", "grade", "says"),
+    ("speed", "received", "rest", "grade", "text"),
     [
         (0, 50, {}, WARN, "the messages have no timestamp"),
         (2, 50, {}, FAIL, 'set ranging.stamp = "arrival"'),
@@ -662,18 +660,16 @@ def test_firmware_from_before_set_message_interval_is_asked_the_old_way_and_that
         (2, 3, {}, WARN, "too few ranges to check"),
     ],
 )
-def test_stamps_without_time_or_of_a_clock_at_another_speed_are_found(
-    speed, received, rest, grade, says
-):
+def test_stamps_without_time_or_with_wrong_speed_are_graded(speed, received, rest, grade, text):
     ranges = good("arducopter").listener.ranges[:received]
     ranges = [replace(one, stamp=speed * one.stamp if speed else one.arrival) for one in ranges]
-    line = one(bent("arducopter", {"ranges": ranges, **rest}), "stamps")
-    assert (line.grade, says in line.text) == (grade, True), line.text
+    line = one(changed_lines("arducopter", {"ranges": ranges, **rest}), "stamps")
+    assert (line.grade, text in line.text) == (grade, True), line.text
 
 
-def test_a_range_that_never_changes_is_no_pass():
+def test_constant_range_warns():
     still = [replace(one, r=150.0) for one in good("arducopter").listener.ranges]
-    line = one(bent("arducopter", {"ranges": still}), "noise")
+    line = one(changed_lines("arducopter", {"ranges": still}), "noise")
     assert (line.grade, "radio is frozen" in line.text) == (WARN, True)
 
 
@@ -681,7 +677,7 @@ BY_HOME = {"orbit": {"height_above_target_m": None, "target_above_home_m": 5.0}}
 """The height comes from the beacon's altitude above home."""
 
 
-def test_a_height_by_the_altitude_is_told_with_what_a_metre_of_it_costs():
+def test_height_by_altitude_reports_radius_error_per_meter():
     lines = Bench("arduplane", "sim.start.altitude_m=80.0", without=BY_HOME).lines()
     line = one(lines, "height cost")
     assert line.grade is WARN
@@ -692,9 +688,9 @@ def test_a_height_by_the_altitude_is_told_with_what_a_metre_of_it_costs():
     assert "HOME_POSITION" in str([line.text for line in of(lines, "stream")])
 
 
-def test_a_height_above_a_home_that_is_not_told_fails():
+def test_height_without_home_altitude_fails():
     bench = Bench("arduplane", without=BY_HOME)
-    bench.hears = without(242)
+    bench.receives = without(242)
     line = one(bench.lines(), "height")
     assert (line.grade, line.text.startswith("no home altitude (HOME_POSITION)")) == (FAIL, True)
 
@@ -736,7 +732,7 @@ def test_a_height_above_a_home_that_is_not_told_fails():
         ("px4_plane", "FW_AIRSPD_TRIM", {11.0: WARN}),
     ],
 )
-def test_a_parameter_is_graded_by_what_it_implies(name, key, grades):
+def test_parameter_is_graded_by_value(name, key, grades):
     for value, grade in grades.items():
         (line,) = [
             line
@@ -747,7 +743,7 @@ def test_a_parameter_is_graded_by_what_it_implies(name, key, grades):
 
 
 @pytest.mark.parametrize(
-    ("name", "values", "grade", "says"),
+    ("name", "values", "grade", "text"),
     [
         (
             "px4_plane",
@@ -786,9 +782,9 @@ def test_a_parameter_is_graded_by_what_it_implies(name, key, grades):
     ],
     ids=str,
 )
-def test_a_parameter_is_judged_with_what_else_the_vehicle_has(name, values, grade, says):
+def test_parameter_grade_depends_on_related_parameters(name, values, grade, text):
     lines = parameter(name, {key: float(value) for key, value in values.items()}, only=True)
-    (line,) = [line for line in lines if says in line.text]
+    (line,) = [line for line in lines if text in line.text]
     assert line.grade is grade
     assert [line for line in lines if line.grade is FAIL] == ([line] if grade is FAIL else [])
 
@@ -804,7 +800,7 @@ def test_a_parameter_is_judged_with_what_else_the_vehicle_has(name, values, grad
         ("px4_copter", "vehicle.max_turn_rate_deg_s", "MC_YAWRATE_MAX", 24.0, 23.9, FAIL),
     ],
 )
-def test_a_limit_that_is_the_missions_own_number_is_within_it(
+def test_parameter_equal_to_mission_limit_passes_in_32_bits(
     name, key, parameter, number, stricter, grade
 ):
     """In 32 bits, 2.3 rounds down, and 24 degrees gain one bit by the conversion to radians."""
@@ -818,40 +814,38 @@ def test_a_limit_that_is_the_missions_own_number_is_within_it(
         assert line.grade is expected, line.text
 
 
-def test_a_parameter_that_the_vehicle_does_not_know_is_said_and_not_fatal():
+def test_unknown_parameter_warns():
     lines = parameter("arducopter", {}, only=True)
     assert {line.grade for line in lines} == {WARN}
     assert "MAV_GCS_SYSID or SYSID_MYGCS: no answer, this version may not have it" in [
         line.text for line in lines
     ]
-    assert len(lines) == 6, "and nothing of the fence, which is optional"
+    assert len(lines) == 6, "no line for the optional fence"
 
 
-def test_a_value_set_by_a_ground_station_is_what_is_read():
+def test_preflight_reads_value_set_by_ground_station():
     bench = Bench("arducopter")
     bench.vehicle.receive(
-        Voice(255, 190).say(mavlink.MAVLink_param_set_message(1, 1, b"GUID_TIMEOUT", 7.0, 9))
+        Voice(255, 190).pack(mavlink.MAVLink_param_set_message(1, 1, b"GUID_TIMEOUT", 7.0, 9))
     )
     assert bench.run().parameters["GUID_TIMEOUT"] == 7.0
 
 
-@pytest.mark.parametrize(
-    ("seconds", "least"), [(5.0, 5), (0.5, 1)], ids=["some are lost", "they are slow"]
-)
-def test_parameters_are_asked_for_again_and_waited_for_beyond_the_time_to_listen(seconds, least):
+@pytest.mark.parametrize(("seconds", "least"), [(5.0, 5), (0.5, 1)], ids=["lost", "slow"])
+def test_missing_parameters_are_requested_again(seconds, least):
     draw = random.Random(5)
     bench = Bench("arducopter", seconds=seconds)
-    bench.hears = lambda frame, now: (
+    bench.receives = lambda frame, now: (
         now > 2.6 or without(22)(frame, now) if seconds < 1 else draw.random() > 0.3
     )
     assert len(bench.run().parameters) >= least
 
 
-def test_troubles_that_the_vehicle_tells_are_repeated():
+def test_vehicle_statustext_is_repeated():
     bench = Bench("arducopter")
     vehicle = Voice(1, 1)
     text = mavlink.MAVLink_statustext_message(4, b"PreArm: Compass not healthy")
-    bench.speaks = lambda now: [vehicle.say(text)] if round(now * 100) == 400 else []
+    bench.speaks = lambda now: [vehicle.pack(text)] if round(now * 100) == 400 else []
     assert [line.text for line in of(bench.lines(), "STATUSTEXT")] == [
         '"PreArm: Compass not healthy"'
     ]

@@ -1,5 +1,4 @@
-"""PX4's demands on a pilot: setpoints before its OFFBOARD mode can be entered, and a height that
-the pilot holds."""
+"""Requirements of PX4: setpoints before OFFBOARD can be entered, and a height held by circnav."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -21,7 +20,7 @@ KINDS = [
 
 
 class PX4(Rig):
-    """A rig whose vehicle is a PX4 at 104 m above the sea."""
+    """A rig with a PX4 vehicle at 104 m above sea level."""
 
     def __init__(self, mode: int = OFFBOARD, kind: str = "copter", **settings) -> None:
         super().__init__(autopilot="px4", kind=kind, **settings)
@@ -30,15 +29,15 @@ class PX4(Rig):
         self.kind, self.airspeed = (2, float("nan")) if kind == "copter" else (1, 15.0)
 
     def heartbeat(self):
-        self.hear(heartbeat(self.mode, armed=self.armed, autopilot=12, kind=self.kind))
-        self.hear(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
+        self.receive(heartbeat(self.mode, armed=self.armed, autopilot=12, kind=self.kind))
+        self.receive(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
         if self.altitude is not None:
-            self.hear(vfr_hud(self.altitude, self.airspeed))
+            self.receive(vfr_hud(self.altitude, self.airspeed))
 
 
 @pytest.mark.parametrize(("kind", "message"), KINDS)
-def test_nothing_is_streamed_on_the_ground_nor_blind(kind, message):
-    """Blind: the vehicle stopped reporting its altitude (and a plane its airspeed)."""
+def test_px4_stream_needs_flight_and_reported_state(kind, message):
+    """The vehicle reports no altitude (and a plane no airspeed) for a while."""
     rig = PX4(LOITER, kind)
     assert rig.run(5.0, landed_state=ON_GROUND).of(message) == []
     assert rig.run(5.0, landed_state=IN_AIR).of(message) != []
@@ -50,7 +49,7 @@ def test_nothing_is_streamed_on_the_ground_nor_blind(kind, message):
     assert rig.run(2.0, altitude=104.0).pilot.mission.phase is Phase.ENGAGED
 
 
-def test_setpoints_flow_before_the_mode_and_ask_for_nothing():
+def test_px4_setpoints_before_offboard_are_zero():
     rig = PX4(POSCTL).run(3.0)
     assert rig.pilot.mission.phase is Phase.READY
     assert len(rig.setpoints()) > 20
@@ -59,7 +58,7 @@ def test_setpoints_flow_before_the_mode_and_ask_for_nothing():
     }
 
 
-def test_a_vehicle_disarmed_by_its_operator_is_sent_nothing_when_it_comes_back_armed_in_offboard():
+def test_no_setpoints_to_vehicle_rearmed_in_offboard():
     """The mission is ready, but the mode was not left and entered again, so the operator has not
     consented."""
     rig = PX4(end_on_takeover=False).engage()
@@ -70,9 +69,9 @@ def test_a_vehicle_disarmed_by_its_operator_is_sent_nothing_when_it_comes_back_a
 
 
 @pytest.mark.parametrize(("mode", "setpoints"), [(POSCTL, False), (OFFBOARD, True)])
-def test_over_a_slow_link_offboard_is_not_made_possible_but_kept_without_steering(mode, setpoints):
-    """In OFFBOARD the setpoints came from another sender until now. Without setpoints from the
-    pilot, its failsafe would act."""
+def test_slow_link_keeps_offboard_but_does_not_enable_it(mode, setpoints):
+    """A vehicle in OFFBOARD has had setpoints from another sender. Without further setpoints its
+    failsafe would act."""
     rig = PX4(mode).run(8.0, round_trip=1.5)
     assert rig.pilot.mission.phase is Phase.READY
     assert {message.vx for message in rig.setpoints()} == ({0.0} if setpoints else set())
@@ -80,13 +79,13 @@ def test_over_a_slow_link_offboard_is_not_made_possible_but_kept_without_steerin
     assert rig.run(6.0, round_trip=0.0).setpoints()
 
 
-def test_each_engagement_holds_the_height_at_which_it_began_and_not_that_of_the_setpoints_before_it():
+def test_each_engagement_holds_its_own_initial_height():
     rig = PX4(POSCTL, end_on_takeover=False).run(3.0)
     since = rig.run(1.0, altitude=120.0).now
     assert rig.run(2.0, mode=OFFBOARD).pilot.mission.phase is Phase.ENGAGED
     assert {message.vz for message in rig.setpoints(since)} == {0.0}
     assert rig.run(0.5, altitude=121.0).setpoints()[-1].vz == pytest.approx(0.5), (
-        "1 m too high: down"
+        "1 m too high, so it descends"
     )
     since = rig.run(1.0, mode=LOITER).now
     assert rig.run(3.0, mode=OFFBOARD, altitude=150.0).pilot.mission.phase is Phase.ENGAGED
@@ -94,21 +93,21 @@ def test_each_engagement_holds_the_height_at_which_it_began_and_not_that_of_the_
 
 
 @pytest.mark.parametrize("mode", [MANUAL, POSCTL, 7 << 16, 11 << 16])
-def test_no_stick_is_streamed_to_a_plane_that_its_pilot_flies_by_stick(mode):
+def test_no_manual_control_to_plane_under_stick_control(mode):
     rig = PX4(mode, "plane").run(5.0)
     assert rig.pilot.mission.phase is Phase.READY
     assert rig.of("MANUAL_CONTROL") == []
 
 
-def test_an_airspeed_that_cannot_be_is_told_once_and_only_of_a_vehicle_that_we_steer():
+def test_implausible_airspeed_is_reported_once_while_engaged():
     rig = PX4(LOITER, "plane")
 
-    def tells_its_attitude():
-        rig.hear(attitude(round(rig.now * 1000), 0.1 * rig.now, yawspeed=0.1))
+    def report_attitude():
+        rig.receive(attitude(round(rig.now * 1000), 0.1 * rig.now, yawspeed=0.1))
 
-    rig.run(5.0, tells_its_attitude, airspeed=2.0)
+    rig.run(5.0, report_attitude, airspeed=2.0)
     assert [text for text in rig.texts() if "airspeed" in text] == []
-    assert rig.run(10.0, tells_its_attitude, mode=ALTCTL).pilot.mission.phase is Phase.ENGAGED
+    assert rig.run(10.0, report_attitude, mode=ALTCTL).pilot.mission.phase is Phase.ENGAGED
     assert [text for text in rig.texts() if "airspeed" in text] == [
         "circnav: airspeed 2.0 m/s implausible, ignored"
     ]

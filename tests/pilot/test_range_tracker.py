@@ -22,7 +22,7 @@ def ranging(**changes):
 # --- other senders ---
 
 
-def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
+def test_tracker_rejects_same_component_of_another_vehicle():
     rig = Rig(ranging=ranging(component_id=192))
     received = []
     ours = Voice(1, 192)
@@ -31,7 +31,7 @@ def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
     rig.run(0.5, ranges=False)
 
     def both_radios():
-        rig.hear(heartbeat(GUIDED), voice=their_vehicle)
+        rig.receive(heartbeat(GUIDED), voice=their_vehicle)
         rig.range(4000, voice=theirs)
         rig.range(15000, voice=ours)
         received.append(rig.pilot.tracker.newest)
@@ -41,11 +41,11 @@ def test_a_radio_of_the_missions_component_on_another_vehicle_is_not_ours():
     assert received[-1].time > rig.now - 0.2
 
 
-def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_of_its_own(rig):
+def test_replacement_radio_before_flight_gets_its_own_clock(rig):
     other = Voice(system=77, component=192)
     for _ in range(20):
         rig.run(0.1, mode=LOITER, ranges=False)
-        rig.hear(scattering(4000, 500_000 + round(rig.now * 1000)), voice=other)
+        rig.receive(scattering(4000, 500_000 + round(rig.now * 1000)), voice=other)
     rig.run(6.0).run(0.5, ranges=True)
     assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
     assert set(rig.pilot.tracker.ranging.rejected) <= {
@@ -54,7 +54,7 @@ def test_a_radio_that_takes_the_place_of_another_before_the_flight_has_a_clock_o
 
 
 @pytest.mark.parametrize("output_mode", [OutputMode.FLY, OutputMode.DRY_RUN])
-def test_nobody_stands_in_for_a_radio_that_falls_silent_in_flight(output_mode):
+def test_tracker_accepts_no_replacement_radio_in_flight(output_mode):
     """A dry run accepts another radio."""
     rig = Rig(output_mode=output_mode).engage()
     other = Voice(system=77, component=192)
@@ -87,14 +87,14 @@ ARDUPILOT = 3
         *(
             "invalid",
             "autopilot",
-            "generic as 1",
-            "invalid as 1",
-            "a vehicle of the same system, in flight",
+            "generic, component 1",
+            "invalid, component 1",
+            "vehicle of same system in flight",
         ),
-        "a stranger in its own name, in flight",
+        "other sender in flight",
     ],
 )
-def test_a_heartbeat_of_our_radios_system_does_not_take_its_ranges_from_us(
+def test_heartbeat_of_radio_system_keeps_ranges_accepted(
     rig, radio, speaker, autopilot, begins, source
 ):
     radio = Voice(42, radio)
@@ -103,7 +103,7 @@ def test_a_heartbeat_of_our_radios_system_does_not_take_its_ranges_from_us(
 
     def speaks():
         if rig.now > begins and rig.tick % 5 == 0:
-            rig.hear(
+            rig.receive(
                 heartbeat(kind=2 if begins else 0, autopilot=autopilot),
                 voice=speaker,
                 source=source,
@@ -114,12 +114,12 @@ def test_a_heartbeat_of_our_radios_system_does_not_take_its_ranges_from_us(
     assert rig.run(15.0 if begins else 5.0, speaks).pilot.mission.phase is Phase.ENGAGED
 
 
-def test_ranges_of_another_vehicle_end_with_its_first_heartbeat_also_in_flight(rig):
+def test_heartbeat_of_other_vehicle_ends_its_ranges_in_flight(rig):
     other = Voice(42, 1)
 
     def speaks():
         if rig.now > 5.0 and rig.tick % 5 == 0:
-            rig.hear(heartbeat(), voice=other)
+            rig.receive(heartbeat(), voice=other)
         if rig.tick % 2:
             rig.range(voice=other)
 
@@ -128,9 +128,7 @@ def test_ranges_of_another_vehicle_end_with_its_first_heartbeat_also_in_flight(r
 
 
 @pytest.mark.parametrize("cm", [30_000, 50_000, 4_000])
-def test_ranges_that_jump_farther_than_the_vehicle_can_fly_count_as_lost_until_they_jump_back(
-    rig, cm
-):
+def test_range_jump_beyond_vehicle_speed_counts_as_lost(rig, cm):
     """Such jumps were once followed after 1 s: a radio that changes its unit or its anchor, or that
     reports its limit."""
     rig.engage().run(5.0, range_cm=cm)
@@ -155,8 +153,8 @@ def two(rig, *, equal_stamps=True, **other):
     def speaks():
         if rig.tick % 2 == 0:
             stamp = 1_000_000 + round(rig.now * 1000)
-            rig.hear(scattering(15000, stamp))
-            rig.hear(scattering(4000, stamp + (0 if equal_stamps else 20), **both))
+            rig.receive(scattering(15000, stamp))
+            rig.receive(scattering(4000, stamp + (0 if equal_stamps else 20), **both))
 
     return speaks
 
@@ -174,18 +172,18 @@ NOT_ENGAGED = (
     [({}, "ranging.sensor_id"), ({"orientation": 2}, "ranging.sensor_id or ranging.orientation")],
     ids=["sensors", "orientations"],
 )
-def test_of_two_sensors_none_steers_until_the_mission_names_one(equal_stamps, other, keys):
+def test_two_sensors_prevent_engagement_until_one_is_selected(equal_stamps, other, keys):
     """A mission from `init` names neither sensor. The text gives the ids, the ranges and the
     key."""
     rig = Rig(ranging=ranging(**ANY), timing=timing(wait_ranging=10.0))
     rig.run(8.0, two(rig, equal_stamps=equal_stamps, **other), ranges=False)
-    said = NOT_ENGAGED.format(other.get("orientation", 24)) + f"select yours by {keys}"
-    assert rig.pilot.status.waits_for(rig.now) == said
+    expected = NOT_ENGAGED.format(other.get("orientation", 24)) + f"select yours by {keys}"
+    assert rig.pilot.status.waits_for(rig.now) == expected
     assert rig.setpoints() == []
     assert "circnav: 2 range sources: set ranging.sensor_id" in rig.texts()
     assert (
         rig.run(5.0, two(rig, equal_stamps=equal_stamps, **other)).pilot.mission.outcome.reason
-        == said
+        == expected
     )
     named = Rig(ranging=ranging(**ANY | {"sensor_id": 0}))
     named.run(5.0, two(named, equal_stamps=equal_stamps, **other), ranges=False)
@@ -194,20 +192,20 @@ def test_of_two_sensors_none_steers_until_the_mission_names_one(equal_stamps, ot
     assert set(named.pilot.tracker.ranging.rejected) == {"other_sensor"}
 
 
-def test_a_second_sensor_is_waited_for_before_the_first_setpoint():
+def test_slow_second_sensor_prevents_engagement():
     """The second sensor measures once a second. Without the listening time, the flight would begin
     on the first one alone."""
     rig = Rig(ranging=ranging(**ANY))
 
     def late():
         if rig.tick % 20 == 19:
-            rig.hear(scattering(4000, 1_000_000 + round(rig.now * 1000), id=1))
+            rig.receive(scattering(4000, 1_000_000 + round(rig.now * 1000), id=1))
 
     assert rig.run(8.0, late).pilot.mission.phase is Phase.WAIT_RANGING
     assert rig.setpoints() == []
 
 
-def test_a_second_sensor_that_comes_up_in_flight_changes_nothing():
+def test_second_sensor_in_flight_changes_no_setpoint():
     rig = Rig(ranging=ranging(**ANY)).engage()
     alone = Rig(ranging=ranging(**ANY)).engage()
     rig.run(10.0, two(rig), ranges=False)
@@ -217,19 +215,19 @@ def test_a_second_sensor_that_comes_up_in_flight_changes_nothing():
     assert [m.yaw_rate for m in rig.setpoints(4.0)] == [m.yaw_rate for m in alone.setpoints(4.0)]
 
 
-def test_one_that_falls_silent_leaves_the_other_alone_and_then_it_counts():
+def test_remaining_sensor_is_accepted_after_other_stops():
     rig = Rig(ranging=ranging(**ANY))
     rig.run(4.0, two(rig), ranges=False)
     assert rig.run(4.0, ranges=True).pilot.mission.phase is Phase.WAIT_RANGING
     assert rig.run(4.0).pilot.mission.phase is Phase.ENGAGED
 
 
-def test_a_name_that_nobody_sends_is_told_with_those_that_are_sent():
+def test_missing_value_name_is_reported_with_received_names():
     rig = Rig(ranging=ranging(message="named_value_float", name="UWB"))
     values = [
         mavlink.MAVLink_named_value_float_message(0, name, 30.0) for name in (b"UWB1", b"UWB2")
     ]
-    rig.run(3.0, lambda: [rig.hear(value) for value in values], ranges=False)
+    rig.run(3.0, lambda: [rig.receive(value) for value in values], ranges=False)
     waits = rig.pilot.status.waits_for(rig.now)
     assert (
         "received: 1/1 name UWB1 (30.0 m), 1/1 name UWB2 (30.0 m), which the mission does not"
@@ -250,14 +248,14 @@ def fast(rig, hz, values=lambda n: 15000 + n % 2):
     def speaks():
         for n in range(round(hz * 0.05)):
             rig.now = round(rig.tick * 0.05 + (n + 1) / hz, 6)
-            rig.hear(distance(values(next(number)), 1_000_000 + round(1000 * rig.now)))
+            rig.receive(distance(values(next(number)), 1_000_000 + round(1000 * rig.now)))
             rig.step()
 
     return speaks
 
 
 @pytest.mark.parametrize("hz", [100, 200, 1000])
-def test_ranges_faster_than_ticks_are_all_used_and_get_one_setpoint_a_tick(hz):
+def test_fast_ranges_are_merged_into_one_setpoint_per_tick(hz):
     rig = Rig().engage()
     taken = []
     observe = rig.pilot.tracker.estimator.observe
@@ -272,7 +270,7 @@ def test_ranges_faster_than_ticks_are_all_used_and_get_one_setpoint_a_tick(hz):
     assert max(b.time - a.time for a, b in pairwise(taken[1:])) < 0.06
 
 
-def test_an_outlier_among_merged_ranges_moves_nothing():
+def test_outlier_among_merged_ranges_has_no_effect():
     """One range in twenty at 400 Hz is 250 m too long. Half of all medians of their means would be
     12 m too long."""
     rig = Rig().engage()
@@ -284,7 +282,7 @@ def test_an_outlier_among_merged_ranges_moves_nothing():
 # --- unusable ranges ---
 
 
-def test_an_outlier_is_counted_and_moves_nothing():
+def test_outlier_is_counted_without_effect_on_setpoints():
     steady = Rig().engage()
     disturbed = Rig().engage()
     disturbed.now = steady.now = round(steady.now + 0.04, 6)
@@ -297,32 +295,30 @@ def test_an_outlier_is_counted_and_moves_nothing():
     assert rates[0] == pytest.approx(rates[1], abs=2e-3)
 
 
-def test_a_jump_of_the_sensors_clock_starts_the_estimate_anew(rig):
+def test_sensor_clock_jump_restarts_estimate(rig):
     rig.engage()
     for i in range(30):
-        rig.run(0.1, ranges=False).hear(distance(15000, 5_000 + 100 * i))
+        rig.run(0.1, ranges=False).receive(distance(15000, 5_000 + 100 * i))
     assert rig.pilot.tracker.ranging.rejected["stamp_jump"] == 2
     assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
 @pytest.mark.parametrize("accuracy_mm", [80_000, 4_294_967_294])
-def test_a_range_that_says_it_may_be_anywhere_is_not_taken(accuracy_mm):
+def test_tracker_rejects_range_of_excessive_sigma(accuracy_mm):
     rig = Rig(ranging=ranging(message="ranging_beacon", max_sigma=50.0), ranging_apart=True)
     for i in range(100):
         message = beacon(150_000, 1_000_000 + i * 100_000, i, range_accuracy=accuracy_mm)
-        rig.run(0.1).hear(message, link=RANGING)
+        rig.run(0.1).receive(message, link=RANGING)
     assert rig.pilot.tracker.accepted == 0
     assert rig.pilot.tracker.ranging.rejected["too_noisy"] == 100
 
 
 @pytest.mark.parametrize(
-    ("round_trip", "believed"),
+    ("round_trip", "delay"),
     [(0.0, pytest.approx(2.7, abs=0.15)), (None, pytest.approx(2.7, abs=0.15)), (2.0, None)],
 )
-def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answers_are_as_late(
-    round_trip, believed
-):
-    """No range for 2 s, and a delay of 2 s from then on. Without answers to TIMESYNC, the cause of
+def test_constant_range_delay_counts_as_clock_offset(round_trip, delay):
+    """Ranges stop for 2 s and are 2 s late from then on. Without answers to TIMESYNC, the cause of
     the delay is unknown."""
     rig = Rig().run(15.0, round_trip=0.0 if round_trip is not None else None)
     since = rig.now
@@ -331,15 +327,15 @@ def test_ranges_that_stay_late_are_of_a_clock_that_stood_still_unless_the_answer
     for _ in range(120):
         rig.run(0.05)
         if rig.tick % 2 == 0:
-            rig.hear(scattering(15000, 1_000_000 + round((rig.now - 2.0) * 1000)))
+            rig.receive(scattering(15000, 1_000_000 + round((rig.now - 2.0) * 1000)))
         if behind is None and rig.pilot.tracker.newest.time > since + 0.1:
             behind = rig.now - since
-    assert behind == believed
+    assert behind == delay
     assert rig.pilot.tracker.ranging.rejected["clock"] >= 4
-    assert bool(rig.pilot.tracker.ranging.rejected["too_old"] > 10) == (believed is None)
+    assert bool(rig.pilot.tracker.ranging.rejected["too_old"] > 10) == (delay is None)
 
 
-def test_ranges_that_scatter_over_half_the_radius_are_lost_ranges():
+def test_ranges_with_scatter_above_half_radius_count_as_lost():
     """The measured scatter is too large to fly with."""
     draw = Random(3)
     rig = Rig(ranging=ranging(max_sigma=50.0), exit="rtl").engage()
@@ -361,7 +357,7 @@ def test_ranges_without_an_estimate_name_the_estimator():
 
 
 @pytest.mark.parametrize(("stale", "phase"), [(0.5, Phase.HOLDING), (1.5, Phase.ENGAGED)])
-def test_a_link_that_gets_slower_in_flight_than_ranges_may_be_old_is_a_lost_range(stale, phase):
+def test_link_delay_above_range_age_limit_loses_range(stale, phase):
     """Stamps cannot show a constant delay, but answers to TIMESYNC can."""
     rig = (
         Rig(ranging=ranging(max_age=stale), timing=timing(stale=stale))
@@ -374,7 +370,7 @@ def test_a_link_that_gets_slower_in_flight_than_ranges_may_be_old_is_a_lost_rang
     assert bool(ended and ended.reason.startswith("no range for")) is (phase is Phase.HOLDING)
 
 
-def test_the_delay_of_the_vehicles_link_is_not_that_of_a_radio_with_a_link_of_its_own():
+def test_vehicle_link_delay_excludes_separate_ranging_link():
     rig = Rig(ranging_apart=True)
 
     def by_radio():
@@ -390,36 +386,36 @@ def test_the_delay_of_the_vehicles_link_is_not_that_of_a_radio_with_a_link_of_it
 # --- a separate link ---
 
 
-def test_ranging_of_another_link_is_taken_from_there_and_from_nowhere_else():
+def test_ranges_are_accepted_only_on_their_configured_link():
     rig = Rig(ranging_apart=True).run(3.0)
-    assert rig.pilot.tracker.accepted == 0, "ranges on the vehicle's link are not the mission's"
+    assert rig.pilot.tracker.accepted == 0, "ranges on the vehicle's link are rejected"
     rig.run(3.0, lambda: rig.tick % 2 or rig.range(link=RANGING, source="radio"), ranges=False)
     assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
-def test_a_ranging_link_is_greeted_once_a_second():
+def test_ranging_link_gets_one_heartbeat_per_second():
     rig = Rig(ranging_apart=True)
     hellos = [message for i in range(61) for message in decode(rig.pilot.hello(i / 20))]
     assert [message.get_type() for message in hellos] == ["HEARTBEAT"] * 4
 
 
-def test_a_vehicle_on_the_ranging_link_moves_nothing():
+def test_vehicle_on_ranging_link_is_ignored():
     rig = Rig(ranging_apart=True)
     rig.run(
         2.0,
-        lambda: rig.hear(heartbeat(GUIDED), link=RANGING, source="radio"),
+        lambda: rig.receive(heartbeat(GUIDED), link=RANGING, source="radio"),
         speaks=False,
         ranges=False,
     )
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
 
 
-def test_a_reboot_of_the_autopilot_makes_the_estimate_forget_what_came_before():
+def test_autopilot_reboot_resets_estimate():
     rig = Rig(end_on_takeover=False).engage()
-    rig.hear(mavlink.MAVLink_system_time_message(0, 900_000))
+    rig.receive(mavlink.MAVLink_system_time_message(0, 900_000))
     rig.run(0.5).now_is(ranges=False)
     assert rig.pilot.take_records()[-1].r == pytest.approx(150.0, abs=0.5)
     for boot_ms in (2_000, 2_050):
-        rig.hear(mavlink.MAVLink_system_time_message(0, boot_ms))
+        rig.receive(mavlink.MAVLink_system_time_message(0, boot_ms))
     assert [record.r for record in rig.run(0.05).pilot.take_records()] == [None]
     assert not rig.pilot.tracker.estimator.ready

@@ -1,4 +1,4 @@
-"""The operator always wins: all ways to take the vehicle over, and to give it back."""
+"""Takeovers by the operator: each way to take the vehicle over, and to return it."""
 
 import re
 from collections.abc import Callable
@@ -38,10 +38,10 @@ class Takeover:
     left: bool = True
 
 
-def told(rig: Rig, *beats: tuple[int, bool]) -> None:
+def heartbeats(rig: Rig, *beats: tuple[int, bool]) -> None:
     """Receive several heartbeats at one moment: (mode, armed)."""
     for mode, armed in beats:
-        rig.hear(heartbeat(mode, armed=armed))
+        rig.receive(heartbeat(mode, armed=armed))
 
 
 def stays(**changes: object) -> Callable[[Rig], None]:
@@ -49,39 +49,39 @@ def stays(**changes: object) -> Callable[[Rig], None]:
     return lambda rig: rig.now_is(**changes).heartbeat()
 
 
-def silent(rig: Rig) -> None:
+def outage(rig: Rig) -> None:
     """An outage of vehicle and ranging."""
     assert rig.run(5.0, speaks=False, ranges=False).pilot.mission.phase is Phase.WAIT_LINK
     rig.now_is(speaks=True, ranges=True)
 
 
-def silent_until_known(rig: Rig) -> None:
+def outage_until_confirmed(rig: Rig) -> None:
     """An outage of a vehicle that reports its time since boot. Afterwards its identity is confirmed
     by that time alone."""
-    rig.hear(attitude(round(rig.now * 1000)))
-    silent(rig)
+    rig.receive(attitude(round(rig.now * 1000)))
+    outage(rig)
 
 
-def known_late(rig: Rig) -> None:
+def late_confirmation(rig: Rig) -> None:
     """The mode is received first, and a little later the time since boot, which confirms the
     identity."""
-    told(rig, (LOITER, True))
+    heartbeats(rig, (LOITER, True))
     rig.run(0.25)
-    told(rig, (GUIDED, True))
+    heartbeats(rig, (GUIDED, True))
     rig.run(0.25)
-    rig.hear(attitude(round(rig.now * 1000)))
+    rig.receive(attitude(round(rig.now * 1000)))
 
 
 def reboots(rig: Rig) -> None:
     """The vehicle comes back armed in GUIDED, without the operator's consent."""
     for boot_ms in (900_000, 2_000, 2_050):
-        rig.hear(mavlink.MAVLink_system_time_message(0, boot_ms))
+        rig.receive(mavlink.MAVLink_system_time_message(0, boot_ms))
 
 
 def backlog(rig: Rig) -> None:
     """Reading the buffers after a stall takes several steps: the takeover may come last."""
     for _ in range(4):
-        told(rig, (GUIDED, True))
+        heartbeats(rig, (GUIDED, True))
         rig.range()
         rig.step()
         rig.now += 0.002
@@ -96,13 +96,13 @@ def loses_heartbeats(rig: Rig) -> None:
     """PX4 sends one heartbeat a second. CURRENT_MODE alone keeps the vehicle engaged."""
     for _ in range(20):
         rig.run(0.5, speaks=False)
-        rig.hear(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
+        rig.receive(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
     assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
-def says_mode(*modes: int) -> Callable[[Rig], None]:
+def current_modes(*modes: int) -> Callable[[Rig], None]:
     return lambda rig: (
-        [rig.hear(mavlink.MAVLink_current_mode_message(0, mode, 0)) for mode in modes] and None
+        [rig.receive(mavlink.MAVLink_current_mode_message(0, mode, 0)) for mode in modes] and None
     )
 
 
@@ -114,33 +114,36 @@ TAKEOVERS = {
     "disarmed": Takeover(stays(armed=False), DISARMED, left=False),
     "rebooted": Takeover(reboots, REBOOTED, stays=False, left=False),
     "another mode while holding": Takeover(stays(mode=LOITER), before=holds),
-    "CURRENT_MODE where heartbeats get lost": Takeover(says_mode(LOITER), before=loses_heartbeats),
+    "CURRENT_MODE without heartbeats": Takeover(current_modes(LOITER), before=loses_heartbeats),
     "between two steps, another mode": Takeover(
-        lambda rig: told(rig, (LOITER, True), (GUIDED, True)), stays=False
+        lambda rig: heartbeats(rig, (LOITER, True), (GUIDED, True)), stays=False
     ),
-    "between two steps, CURRENT_MODE": Takeover(says_mode(LOITER, GUIDED), stays=False),
+    "between two steps, CURRENT_MODE": Takeover(current_modes(LOITER, GUIDED), stays=False),
     "between two steps, disarmed": Takeover(
-        lambda rig: told(rig, (GUIDED, False), (GUIDED, True)), DISARMED, stays=False, left=False
+        lambda rig: heartbeats(rig, (GUIDED, False), (GUIDED, True)),
+        DISARMED,
+        stays=False,
+        left=False,
     ),
     "in the buffers of a stall": Takeover(
         stays(mode=LOITER), before=lambda rig: rig.pass_time(2.0)
     ),
     "last in the buffers of a stall": Takeover(backlog, before=lambda rig: rig.pass_time(6.0)),
-    "in an outage": Takeover(stays(mode=LOITER), before=silent),
-    "in an outage, and back": Takeover(
-        lambda rig: told(rig, (LOITER, True), (GUIDED, True)), before=silent, stays=False
+    "in an outage": Takeover(stays(mode=LOITER), before=outage),
+    "in an outage, then returned": Takeover(
+        lambda rig: heartbeats(rig, (LOITER, True), (GUIDED, True)), before=outage, stays=False
     ),
-    "disarmed in an outage, and back": Takeover(
-        lambda rig: told(rig, (GUIDED, False), (GUIDED, True)),
+    "disarmed in an outage, then armed": Takeover(
+        lambda rig: heartbeats(rig, (GUIDED, False), (GUIDED, True)),
         DISARMED,
-        before=silent,
+        before=outage,
         stays=False,
         left=False,
     ),
-    "after an outage, before the vehicle is known again": Takeover(
-        known_late, before=silent_until_known, stays=False
+    "after an outage, before its identity is confirmed": Takeover(
+        late_confirmation, before=outage_until_confirmed, stays=False
     ),
-    "and a request for the mode still under way": Takeover(stays(mode=LOITER)),
+    "with a pending mode request": Takeover(stays(mode=LOITER)),
 }
 
 
@@ -150,7 +153,7 @@ def taken(how: str, *, end: bool) -> tuple[Rig, float]:
     rig = Rig(end_on_takeover=end, request_mode=True, exit="rtl")
     takeover = TAKEOVERS[how]
     if (
-        "under way" in how
+        "pending" in how
     ):  # its acknowledgement was lost: a repeat would take the vehicle from the operator
         while not rig.commands(SET_MODE):
             rig.run(0.05, mode=LOITER)
@@ -159,7 +162,7 @@ def taken(how: str, *, end: bool) -> tuple[Rig, float]:
         rig.engage()
     takeover.before(rig)
     if rig.pilot.mission.phase in (Phase.ENGAGED, Phase.HOLDING):
-        assert rig.setpoints(), "it was flown"
+        assert rig.setpoints()
     since = rig.now
     rig.now = round(rig.now + 0.02, 6)
     takeover.take(rig)
@@ -168,9 +171,9 @@ def taken(how: str, *, end: bool) -> tuple[Rig, float]:
     return rig, since
 
 
-@pytest.mark.parametrize("end", [True, False], ids=["ends", "waits"])
+@pytest.mark.parametrize("end", [True, False], ids=["end", "wait"])
 @pytest.mark.parametrize("how", TAKEOVERS)
-def test_from_the_step_that_hears_of_a_takeover_nothing_is_commanded_any_more(how, end):
+def test_takeover_stops_all_commands_in_same_step(how, end):
     """No setpoint, not even the safe one, no mode and no exit action: the vehicle belongs to the
     operator."""
     rig, since = taken(how, end=end)
@@ -191,13 +194,13 @@ def test_from_the_step_that_hears_of_a_takeover_nothing_is_commanded_any_more(ho
 
 
 @pytest.mark.parametrize("how", TAKEOVERS)
-def test_only_the_guided_mode_entered_anew_gives_the_vehicle_back(how):
+def test_only_reentered_guided_mode_returns_vehicle(how):
     rig, since = taken(how, end=False)
     rig.run(1.0)
     rig.now_is(speaks=True, ranges=True, armed=True)
     if TAKEOVERS[how].stays or not TAKEOVERS[how].left:
         rig.run(1.25, mode=GUIDED)
-        assert rig.setpoints(since) == [], "a switch may only pass through the mode"
+        assert rig.setpoints(since) == [], "the switch may only pass through GUIDED"
         rig.run(4.0)
     else:
         rig.run(GIVEN_BACK)
@@ -219,16 +222,16 @@ def waiting() -> Rig:
     return Rig(request_mode=True, end_on_takeover=False).engage()
 
 
-SILENT = {"speaks": False}
+NO_HEARTBEATS = {"speaks": False}
 LANDED = {"landed_state": ON_GROUND}
 
 
 @pytest.mark.parametrize(
     ("what", "waits_for"),
     [
-        # the switch may have moved on during a silence
+        # without heartbeats, the switch may have moved on
         (
-            [({}, LOITER, 1.0), ({}, GUIDED, 1.0), (SILENT, GUIDED, 4.0), ({}, GUIDED, 1.0)],
+            [({}, LOITER, 1.0), ({}, GUIDED, 1.0), (NO_HEARTBEATS, GUIDED, 4.0), ({}, GUIDED, 1.0)],
             "operator",
         ),
         ([(LANDED, LAND, 3.0), (LANDED, GUIDED, 3.0)], "the vehicle is on the ground"),
@@ -249,15 +252,13 @@ LANDED = {"landed_state": ON_GROUND}
         ),
     ],
     ids=[
-        "a silence that ends in the guided mode",
+        "no heartbeats until the guided mode",
         "on the ground",
-        "landed and disarmed meanwhile",
-        "on the ground, and taken again in the air",
+        "landed and disarmed",
+        "on the ground, then taken over in the air",
     ],
 )
-def test_a_vehicle_that_was_taken_is_not_steered_before_it_is_given_back_for_certain(
-    waiting, what, waits_for
-):
+def test_no_setpoint_before_confirmed_return(waiting, what, waits_for):
     since = waiting.run(0.2, mode=what[0][1]).now  # until the next heartbeat arrives
     for state, mode, seconds in what:
         waiting.run(
@@ -269,35 +270,36 @@ def test_a_vehicle_that_was_taken_is_not_steered_before_it_is_given_back_for_cer
 
 
 @pytest.mark.parametrize("offset", [20, 60, 100, 150, 200, 250])
-def test_a_second_way_of_the_same_vehicle_whose_words_come_late_gives_nothing_back(offset):
+def test_delayed_second_link_returns_no_vehicle(offset):
     """Each path brings one heartbeat a second, with its own counter. The second path is 1.2 s
     slower."""
     rig = Rig(end_on_takeover=False)
     late = Voice(1, 1)
     for _ in range(offset):
-        late.say(heartbeat(GUIDED))
+        late.pack(heartbeat(GUIDED))
     began = rig.engage().tick
     left = rig.now + 3.0
 
     def both_ways() -> None:
         if (rig.tick - began) % 20 == 0:
-            rig.hear(heartbeat(LOITER if rig.now >= left else GUIDED))
+            rig.receive(heartbeat(LOITER if rig.now >= left else GUIDED))
         if (rig.tick - began) % 20 == 4:
-            rig.hear(heartbeat(LOITER if rig.now - 1.2 >= left else GUIDED), voice=late)
+            rig.receive(heartbeat(LOITER if rig.now - 1.2 >= left else GUIDED), voice=late)
 
     rig.run(10.0, both_ways, speaks=False)
     assert rig.setpoints(left + 0.05) == []
     assert rig.pilot.mission.phase is Phase.YIELDED
 
 
-def test_a_current_mode_of_zero_is_no_mode(rig):
+def test_current_mode_0_is_ignored(rig):
     """Mode 0 means an unset field: neither another mode nor evidence that the vehicle is
     present."""
     nothing = mavlink.MAVLink_current_mode_message(0, 0, 0)
-    rig.engage().run(0.5, lambda: rig.hear(nothing))
+    rig.engage().run(0.5, lambda: rig.receive(nothing))
     assert (rig.pilot.mission.phase, rig.pilot.session.vehicle.mode) == (Phase.ENGAGED, GUIDED)
     assert (
-        rig.run(4.0, lambda: rig.hear(nothing), speaks=False).pilot.mission.phase is Phase.WAIT_LINK
+        rig.run(4.0, lambda: rig.receive(nothing), speaks=False).pilot.mission.phase
+        is Phase.WAIT_LINK
     )
 
 
@@ -309,25 +311,23 @@ def test_a_current_mode_of_zero_is_no_mode(rig):
         ({"duration": 10.0}, 0.0, {"speaks": False}, Ending.ABORTED),
     ],
     ids=[
-        "an outage before the takeover",
-        "time runs out, the operator has it",
-        "time runs out, the link is gone",
+        "outage before takeover",
+        "timeout after takeover",
+        "timeout without link",
     ],
 )
-def test_a_mission_in_other_hands_is_not_completed_and_ends_by_no_outage_of_before(
-    limits, before, how, ends
-):
+def test_taken_over_mission_neither_completes_nor_counts_earlier_outage(limits, before, how, ends):
     rig = Rig(end_on_takeover=False, timing=timing(**limits)).engage()
     rig.run(before, speaks=False).run(12.0, **{"speaks": True, **how})
     assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.ending) is ends
 
 
-def test_a_vehicle_is_taken_again_over_a_link_that_was_too_slow_for_the_first_time(waiting):
+def test_vehicle_returns_after_slow_link(waiting):
     waiting.run(10.0, mode=LOITER, round_trip=0.8)
     assert waiting.run(GIVEN_BACK, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
 
 
-def test_after_a_takeover_another_radio_may_take_the_place_of_ours(waiting):
+def test_replacement_radio_is_accepted_after_takeover(waiting):
     other = Voice(system=77, component=192)
     waiting.run(6.0, mode=LOITER, ranges=False)
     waiting.run(5.0, lambda: waiting.tick % 2 and waiting.range(voice=other), mode=GUIDED)
@@ -350,7 +350,7 @@ class Watched(Rig):
         self.left = False
         self.proven = True
         self.back_since = self.reported_at = 0.0
-        self.heard: list[bytes] = []
+        self.received: list[bytes] = []
         self.engage()
 
     def report(self, mode: int, armed: bool, frame: bytes | None = None) -> None:
@@ -365,12 +365,12 @@ class Watched(Rig):
             self.ours |= self.left and self.now - self.back_since >= 1.5 - 1e-6
             self.left &= not self.ours
         self.reported_at = self.now
-        self.heard.append(frame or self.vehicle.say(heartbeat(mode, armed=armed)))
-        self.pilot.receive(self.heard[-1], self.now, self.source)
+        self.received.append(frame or self.vehicle.pack(heartbeat(mode, armed=armed)))
+        self.pilot.receive(self.received[-1], self.now, self.source)
 
     def heartbeat(self) -> None:
         self.report(self.mode, self.armed)
-        self.hear(mavlink.MAVLink_extended_sys_state_message(0, IN_AIR))
+        self.receive(mavlink.MAVLink_extended_sys_state_message(0, IN_AIR))
         self.proven = True
 
     def step(self) -> list:
@@ -426,12 +426,12 @@ class AnyOrder(RuleBasedStateMachine):
     def an_earlier_report_comes_again_and_another_sender_has_the_same_ids(
         self, number: int
     ) -> None:
-        frame = self.rig.run(0.25, speaks=True).heard[-number]
+        frame = self.rig.run(0.25, speaks=True).received[-number]
         (again,) = decode(frame)
         self.rig.report(
             again.custom_mode, bool(again.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED), frame
         )
-        self.rig.hear(heartbeat(GUIDED), voice=Voice(1, 1), source="elsewhere")
+        self.rig.receive(heartbeat(GUIDED), voice=Voice(1, 1), source="elsewhere")
         self.rig.run(0.25)
 
     def teardown(self) -> None:
@@ -440,5 +440,5 @@ class AnyOrder(RuleBasedStateMachine):
         assert self.rig.run(10.0, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
 
 
-def test_in_any_order_of_events_only_a_vehicle_that_is_ours_is_commanded():
+def test_commands_only_to_controlled_vehicle_in_any_event_order():
     run_state_machine_as_test(AnyOrder, settings=settings(max_examples=25, stateful_step_count=15))

@@ -42,31 +42,31 @@ def gaps(steps: list[float]) -> list[float]:
     "hz", [1.0, 2.0, 4.98, 5.0, 9.9, 9.98, 10.0, 10.02, 12.0, 19.9, 19.98, 20.0, 20.1]
 )
 @pytest.mark.parametrize("jitter", [0.0, 0.004])
-def test_no_tick_comes_just_before_a_range_and_no_gap_is_long(hz: float, jitter: float) -> None:
+def test_scheduler_avoids_ticks_just_before_ranges(hz: float, jitter: float) -> None:
     apart = gaps(stepped(hz, jitter)[0])
     assert sum(gap < 0.005 for gap in apart) <= 0.05 * len(apart)
     assert max(apart) <= 1.5 * TICK + 1e-9
     assert 18 <= len(apart) / sum(apart) <= 24.5
 
 
-def test_every_range_is_answered_even_where_they_are_faster_than_ticks() -> None:
+def test_scheduler_steps_at_every_fast_range() -> None:
     steps, received = stepped(100.0)
     assert len(steps) == pytest.approx(received, abs=3)
 
 
-def test_a_range_that_does_not_come_is_not_waited_for_twice() -> None:
+def test_scheduler_waits_only_once_for_missing_range() -> None:
     apart = gaps(stepped(9.98, lost=0.4)[0])
     assert max(apart) <= 1.5 * TICK + 1e-9
     assert sum(gap > 1.2 * TICK for gap in apart) < 0.25 * len(apart)
 
 
-def test_on_one_grid_with_the_ranges_the_ticks_stay_on_it() -> None:
+def test_scheduler_keeps_ticks_on_range_grid() -> None:
     """Batches of flights assume this, with or without lost ranges."""
     steps, _ = stepped(10.0, lost=0.4)
     assert max(abs(step / TICK - round(step / TICK)) for step in steps) < 1e-6
 
 
-def test_what_cannot_wait_is_due_at_once() -> None:
+def test_at_once_makes_tick_due_immediately() -> None:
     ticks = TickScheduler(TICK)
     ticks.stepped(1.0)
     assert ticks.due == 1.0 + TICK

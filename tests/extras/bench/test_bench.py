@@ -23,16 +23,16 @@ QUICKSTART = Path(__file__).parents[3] / "config" / "quickstart.toml"
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_the_benchmark_flies_the_gain_that_the_check_of_the_quickstart_prints(law):
-    (said,) = (
+def test_benchmark_gain_matches_check_of_quickstart(law):
+    (printed,) = (
         line.text
         for line in check_mission(load_mission(QUICKSTART, [f"guidance.law={law}"]))
         if line.subject == "gain"
     )
-    assert f"k = {tune(ORBIT, law, turn_lag=TURN_LAG).gain:.4g} " in said
+    assert f"k = {tune(ORBIT, law, turn_lag=TURN_LAG).gain:.4g} " in printed
 
 
-def test_the_benchmark_shows_a_law_that_holds_from_one_that_does_not(tmp_path, monkeypatch):
+def test_benchmark_separates_laws_in_wind(tmp_path, monkeypatch):
     name = "wind 0.20 V"
     monkeypatch.setitem(
         SITUATIONS, name, replace(SITUATIONS[name], start=(80.0, 160.0), duration=125.0)
@@ -76,7 +76,7 @@ def cell():
     return evaluate(SITUATIONS["calm"], "auto", tracks, 0.0)
 
 
-def test_what_a_cell_says_is_what_can_be_counted_by_hand(cell):
+def test_cell_figures_match_hand_calculation(cell):
     """Kept: below 10 m and in the right direction. Straight on from 200 m, the tangent point is
     about 12 s away."""
     assert (cell.flights, cell.kept, cell.wrong_way, cell.limit_cycles) == (5, 2, 1, 0)
@@ -94,9 +94,7 @@ def test_what_a_cell_says_is_what_can_be_counted_by_hand(cell):
     assert "| calm | 2 of 5 | **1.000** / 300.000 / 300.00;" in markdown([cell])
 
 
-def test_the_picture_of_a_single_law_has_its_whole_title_and_says_lost_where_the_document_does(
-    cell, monkeypatch
-):
+def test_picture_of_single_law_shows_title_and_lost_cells(cell, monkeypatch):
     figures = []
     monkeypatch.setattr(plots, "save", lambda figure, path, dpi: figures.append(figure))
     kept = [replace(cell, situation=str(rms), rms_median=rms, kept=5) for rms in (299.0, 301.0)]
@@ -108,7 +106,7 @@ def test_the_picture_of_a_single_law_has_its_whole_title_and_says_lost_where_the
     assert [text.get_text() for text in figure.axes[0].texts] == ["299.00", "lost"]
 
 
-def test_cells_finish_in_order_and_the_rest_is_dropped():
+def test_cells_finish_in_order_until_output_closes():
     """As in `circnav bench | head`. The last cells would take very long."""
 
     def show(line):

@@ -5,7 +5,7 @@ import pytest
 CELL = ("bench", "--law", "smooth", "--situation", "calm")
 
 
-def test_a_cell_is_flown_and_written(circnav, tmp_path):
+def test_bench_writes_table_and_picture(circnav, tmp_path):
     out = circnav(*CELL, "--flights", "2", "--out", tmp_path).done
     assert "kept    2 of 2" in out
     assert "ideal times" in out
@@ -13,16 +13,14 @@ def test_a_cell_is_flown_and_written(circnav, tmp_path):
     assert (tmp_path / "table.png").exists()
 
 
-def test_a_place_that_cannot_be_written_is_found_out_before_anything_flies(
-    circnav, tmp_path, monkeypatch
-):
+def test_bench_rejects_unwritable_output_before_flights(circnav, tmp_path, monkeypatch):
     monkeypatch.setattr("circnav_mav.extras.bench.bench.run", None)
     (tmp_path / "out" / "table.csv").mkdir(parents=True)
     assert "Is a directory" in circnav(*CELL, "--out", tmp_path / "out").refused
 
 
 @pytest.mark.parametrize(
-    ("command", "says"),
+    ("command", "error"),
     [
         ("--law smoth", '--law: "smoth" is not one of: auto; '),
         ("--situation rain", '--situation: "rain" is not one of: calm'),
@@ -30,11 +28,11 @@ def test_a_place_that_cannot_be_written_is_found_out_before_anything_flies(
         ("--law smooth --situation calm --out=", "--out: is empty, give it a name"),
     ],
 )
-def test_wrong_usage_is_one_line_and_nothing_is_written(circnav, mission, command, says):
-    assert circnav("bench", *command.split()).refused.startswith(says)
+def test_bench_rejects_invalid_arguments_without_writing(circnav, mission, command, error):
+    assert circnav("bench", *command.split()).refused.startswith(error)
     assert list(mission.parent.iterdir()) == [mission]
 
 
 @pytest.mark.parametrize("option", ["--flights 0", "--seed -1"])
-def test_a_number_that_is_none_of_flights_or_seeds_is_exit_code_2(circnav, option):
+def test_bench_rejects_invalid_counts_with_exit_code_2(circnav, option):
     assert circnav("bench", *option.split()).code == 2

@@ -48,7 +48,7 @@ class Beside:
             self.rig.run(0.05)
             lost = (mavlink.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 1, 1, 0, 0, 9),
                     mavlink.MAVLink_ekf_status_report_message(0x12F, 0, 0, 0, 0, 0, 0))  # fmt: skip
-            frames = [self.rig.vehicle.say(message) for message in (*lost, *others)]
+            frames = [self.rig.vehicle.pack(message) for message in (*lost, *others)]
             step = LoopStep(self.rig.now, received=[(VEHICLE, "vehicle", frames)])
             sent_messages += self.onlookers.on_step(None, step, None, called_off=called_off)
         return [

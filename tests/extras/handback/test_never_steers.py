@@ -36,8 +36,8 @@ class SurveyedRig(Rig):
         self.companion = Companion(HandBackSettings(193, (47.3, 8.5)), self.pilot, self.locator)
         self.survey: list[bytes] = []
 
-    def hear(self, message, **how):
-        super().hear(message, **how)
+    def receive(self, message, **how):
+        super().receive(message, **how)
         self.show(how.get("source") or self.source)
 
     def show(self, source):
@@ -90,7 +90,7 @@ def test_false_positions_change_no_output(lie):
         deceived.run(0.05)
         for message in lie(tick):
             # without a place in the vehicle's own count: the honest rig receives none of these
-            frame = deceived.vehicle.say(message)
+            frame = deceived.vehicle.pack(message)
             deceived.pilot.receive(frame, deceived.now, deceived.source)
             deceived.show(deceived.source)
     assert honest.pilot.mission.phase is Phase.ENGAGED
@@ -112,10 +112,10 @@ def test_late_position_stamps_change_no_timesync():
 
         def positions():
             lag = late if rig.tick >= 215 else 0
-            rig.hear(
+            rig.receive(
                 mavlink.MAVLink_gps_raw_int_message(50_000 * rig.tick, 3, 0, 0, 0, 1, 1, 0, 0, 9)
             )
-            rig.hear(circling(473_000_000, 85_000_000, rig.tick - lag))
+            rig.receive(circling(473_000_000, 85_000_000, rig.tick - lag))
 
         rig.run(8.0, positions)
         return rig.run(6.0, positions, round_trip=None).raw

@@ -23,7 +23,7 @@ def test_every_range_of_a_datagram_counts():
     locator = beside(rig)
 
     def receive(*messages):
-        rig.pilot.receive(b"".join(map(rig.vehicle.say, messages)), rig.now, "vehicle", VEHICLE)
+        rig.pilot.receive(b"".join(map(rig.vehicle.pack, messages)), rig.now, "vehicle", VEHICLE)
         locator.on_frames(VEHICLE, "vehicle", rig.pilot.take_frames(), rig.now)
 
     rig.run(3.0)

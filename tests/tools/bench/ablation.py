@@ -308,13 +308,13 @@ def table(results: dict[tuple[str, int, str], Result]) -> str:
                     median(other.rms for _, other in pairs) / median(one.rms for one, _ in pairs)
                 )
         lines.append(cells)
-    told = {name: sorted(ratio) or [1.0] for name, ratio in ratios.items()}
-    lines.append(["median ratio of RMS", "1", *(f"{median(told[name]):.2f}" for name in NAMES)])
+    spread = {name: sorted(ratio) or [1.0] for name, ratio in ratios.items()}
+    lines.append(["median ratio of RMS", "1", *(f"{median(spread[name]):.2f}" for name in NAMES)])
     lines.append(
         [
             "least and largest",
             "1",
-            *(f"{told[name][0]:.2f}, {told[name][-1]:.2f}" for name in NAMES),
+            *(f"{spread[name][0]:.2f}, {spread[name][-1]:.2f}" for name in NAMES),
         ]
     )
     return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)

@@ -1,12 +1,13 @@
 """Flights home of a plane without GPS to its beacon, 2 km away: share that arrives, and duration.
 
-    python -m tests.tools.bench.bench_home --seeds 1 100 [--out FILE] [--wind 0.33] [--set KEY=VALUE]
+    python -m tests.tools.bench.bench_home --seeds 1 100 [--out FILE] [--wind 0.33]
+        [--set KEY=VALUE]
 
 `config/home.toml` in lockstep. The seed draws the wind's direction, the bearing of the start, the
 heading and the sense of the circle. One line per flight, judged by the true track. Seeds that FILE
 already has are not flown again. At the end it prints the share that came home, and quantiles.
 
-    straight   the straight way from the engagement to within 150 m in this wind, nose held into it, s
+    straight   time of the straight path to within 150 m, in this wind with a crab angle, s
     home       time from the engagement to within 150 m, s
     ratio      home over straight
     farthest   largest distance from the beacon in the two laps after that, m

@@ -55,7 +55,7 @@ class Bench:
                 if message_id(frame) == RANGE:
                     range_at = time.perf_counter()
             first = not vehicle.received
-            if any(message_id(frame) == SETPOINT for frame in frames(vehicle.hear())):
+            if any(message_id(frame) == SETPOINT for frame in frames(vehicle.receive())):
                 self.setpoints.append(now)
                 if range_at is not None:
                     self.latencies.append(time.perf_counter() - range_at)
@@ -128,7 +128,7 @@ def report(options: argparse.Namespace, bench: Bench, run: Path) -> None:
         " messages a second to the application"
     )
     print(f"tick lateness: {milliseconds(lateness(run / 'ticks.csv'))}")
-    print(f"range sent to setpoint heard, by the vehicle's clock: {milliseconds(bench.latencies)}")
+    print(f"range to setpoint, by the vehicle's clock: {milliseconds(bench.latencies)}")
     print(f"setpoint gaps: {milliseconds(list(np.diff(bench.setpoints)))}")
     late = [(at, mb) for at, mb in memory if at > options.seconds / 4]
     slope = np.polyfit(*zip(*late, strict=True), 1)[0] * 3600

@@ -212,8 +212,8 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
     print(
-        "| situation | places | error, m | 95 % | beyond GPS, 95 % | bound, 95 % | stated sigma | NEES in band | "
-        "heights claimed, 95 % | velocities, 95 % |"
+        "| situation | places | error, m | 95 % | beyond GPS, 95 % | bound, 95 % | stated sigma"
+        " | NEES in band | heights claimed, 95 % | velocities, 95 % |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
     with ProcessPoolExecutor(options.processes) as pool:

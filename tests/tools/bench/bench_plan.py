@@ -1,8 +1,10 @@
 """Figures of `circnav plan` beside those of random missions, flown in lockstep on the bundled
 vehicles.
 
-    python -m tests.tools.bench.bench_plan --fly flown.jsonl --seconds 240      flies missions until the time is over
-    python -m tests.tools.bench.bench_plan --compare flown.jsonl                compares the plan with all of them
+    python -m tests.tools.bench.bench_plan --fly flown.jsonl --seconds 240
+    python -m tests.tools.bench.bench_plan --compare flown.jsonl
+
+The first command flies missions for a given time. The second compares the plan with all flights.
 
 A mission is drawn from its number: vehicle, speed, radius, wind, gusts, and noise and rate of the
 radio. A draw that `circnav check` does not pass is drawn again. A flight appends one line to the
@@ -129,9 +131,9 @@ def fly(drawn: Drawn) -> dict[str, object]:
         - drawn.radius
     )
     assert flown.locator is not None
-    for heard in (flown.locator._track, flown.locator._ranges):
-        while heard and heard[0][0] < begun:
-            heard.popleft()
+    for received in (flown.locator._track, flown.locator._ranges):
+        while received and received[0][0] < begun:
+            received.popleft()
     place = flown.solve()
     found = (
         {"sigma": place.sigma, "error": hypot(*flown.error(place))}

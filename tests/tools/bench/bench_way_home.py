@@ -1,6 +1,7 @@
 """Position error of a plane that is handed back on its way home, without GPS, 2 km from the beacon.
 
-    python -m tests.tools.bench.bench_way_home --reach 500 --flights 4 [--change] [--heading 3] [--gusts 1 3]
+    python -m tests.tools.bench.bench_way_home --reach 500 --flights 4 [--change] [--heading 3]
+        [--gusts 1 3]
 
 The bundled ArduPlane in lockstep: wind 5 m/s from the west, GPS lost after 100 s, with --change 8
 m/s from the north after 130 s, RTL after 260 s. One line per flight: error of the reported

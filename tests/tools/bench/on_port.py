@@ -50,7 +50,7 @@ class VehicleOnPort:
                 self._socket.sendto(frame, self._peer)
                 yield frame
 
-    def hear(self) -> bytes:
+    def receive(self) -> bytes:
         """Wait for a datagram of the application until the vehicle's next event. Pass it to the
         vehicle and return it."""
         wait = min(self.vehicle.next_event - self.now, LONGEST_WAIT)
@@ -64,7 +64,7 @@ class VehicleOnPort:
         """Send the vehicle's frames, then receive a datagram."""
         for _ in self.speak():
             pass
-        return self.hear()
+        return self.receive()
 
 
 @contextmanager

@@ -6,14 +6,14 @@ from tests.tools.bench.ablation import FULL, LAYERS, Layer, Result, noted, table
 
 
 @pytest.mark.parametrize("layer", LAYERS, ids=lambda layer: layer.name)
-def test_a_layer_is_off_inside_and_as_before_afterwards(layer: Layer) -> None:
+def test_layer_is_disabled_and_restored(layer: Layer) -> None:
     before = layer.places
     with without(layer):
         assert all(vars(holder)[layer.function] is not function for holder, function in before)
     assert layer.places == before
 
 
-def test_a_layer_that_the_product_lacks_is_named() -> None:
+def test_missing_layer_is_named() -> None:
     with (
         pytest.raises(LookupError, match="layer warp"),
         without(Layer("warp", "", "warp", "speed", lambda *_: None)),
@@ -21,7 +21,7 @@ def test_a_layer_that_the_product_lacks_is_named() -> None:
         pass
 
 
-def test_only_layers_whose_answers_differ_have_acted() -> None:
+def test_layer_counts_as_active_if_results_differ() -> None:
     from circnav_mav.guidance import lap_plan
 
     plan = lap_plan.plan
@@ -35,7 +35,7 @@ def test_only_layers_whose_answers_differ_have_acted() -> None:
     assert lap_plan.plan is plan
 
 
-def test_the_table_compares_medians_and_leaves_out_what_did_not_act() -> None:
+def test_table_compares_medians_of_active_layers() -> None:
     row = "Rover R 20 V 3"
     full = [
         Result(row, seed, FULL, rms, 1.0, 0.0, 1, 1, ("lap plan",))

@@ -29,33 +29,33 @@ def application(vehicle):
     """Socket of an application that has sent to the vehicle."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         link.connect(("127.0.0.1", int(vehicle.endpoint.rsplit(":", 1)[1])))
-        link.send(Voice(1, 191).say(heartbeat(kind=18, autopilot=8)))
+        link.send(Voice(1, 191).pack(heartbeat(kind=18, autopilot=8)))
         yield link
 
 
-def test_a_vehicle_on_a_port_hears_who_spoke_last_and_answers_him(vehicle, application):
+def test_vehicle_on_port_answers_latest_sender(vehicle, application):
     while not vehicle.received:
         vehicle.turn()
     while not any(True for _ in vehicle.speak()):
-        vehicle.hear()
+        vehicle.receive()
     assert application.recv(65535)[0] == 0xFD
 
 
-def test_a_setpoint_is_waited_for_until_it_comes(vehicle, application):
+def test_wait_for_returns_at_matching_setpoint(vehicle, application):
     steers = bench_loop.dialect.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, 8, 0x407, 0, 0, 0, 5.0, 0, 0, 0, 0, 0, 0, 0
     )
     assert bench_sigterm.wait_for(vehicle, lambda setpoint: True, vehicle.now + 0.05) == float(
         "inf"
     )
-    application.send(Voice(1, 191).say(steers))
+    application.send(Voice(1, 191).pack(steers))
     assert (
         bench_sigterm.wait_for(vehicle, lambda setpoint: setpoint.vx == 5.0, vehicle.now + 5.0)
         <= vehicle.now
     )
 
 
-def test_the_loops_latencies_are_those_of_a_listener_that_answers_each_range(monkeypatch):
+def test_bench_loop_measures_latency_of_each_range(monkeypatch):
     """A quarter of a second of a flight, received by the bare loop in a thread."""
     monkeypatch.setattr(bench_loop, "SETTLING", 0.0)
     received = bench_loop.recorded("smooth", 0.5)
@@ -70,7 +70,7 @@ def test_the_loops_latencies_are_those_of_a_listener_that_answers_each_range(mon
     assert len(listener.latencies) + listener.missed >= 2
 
 
-def test_the_loops_processor_times_are_printed(monkeypatch, capsys):
+def test_bench_loop_prints_processor_times(monkeypatch, capsys):
     monkeypatch.setattr(bench_loop, "SETTLING", 3.0)
     monkeypatch.setattr(
         bench_loop.Flight, "fly", lambda self, until, fly=bench_loop.Flight.fly: fly(self, 5.0)
@@ -79,7 +79,7 @@ def test_the_loops_processor_times_are_printed(monkeypatch, capsys):
     assert "bytes to setpoint: range " in capsys.readouterr().out
 
 
-def test_what_a_flight_on_a_busy_machine_leaves_is_told(tmp_path, capsys):
+def test_bench_load_reports_lateness_and_memory(tmp_path, capsys):
     rows = [(0.05 * n, "engaged", 1 + n // 2) for n in range(20)]
     table = "".join(f"{time:.6f},{phase},{accepted}\n" for time, phase, accepted in rows)
     (tmp_path / "ticks.csv").write_text("time,phase,accepted\n" + table)
@@ -95,17 +95,17 @@ def test_what_a_flight_on_a_busy_machine_leaves_is_told(tmp_path, capsys):
     assert "memory: 82.0 MB, +2.00 MB" in capsys.readouterr().out
 
 
-def test_the_estimators_steps_take_time():
+def test_bench_estimators_measures_step_times():
     assert (bench_estimators.timed(bench_estimators.filter_step(4), 3) > 0).all()
     assert (bench_estimators.timed(bench_estimators.in_flight(), 30) > 0).all()
 
 
-def test_the_surveys_results_are_a_row_and_a_process_has_its_time():
+def test_bench_locate_row_and_processor_time():
     place = bench_locate.Result(
         error=2.0, gps=1.5, sigma=1.0, nees=1.0, bound=(0.1, 5.0), up=None, speed=0.2
     )
-    said = bench_locate.row(bench_locate.SITUATIONS[0], [place, None])
-    assert said.startswith(
+    row = bench_locate.row(bench_locate.SITUATIONS[0], [place, None])
+    assert row.startswith(
         "| one lap, 0.5 m | 1 of 2 | 2.00 | 2.00 | 0.50 | 0.10, up 5.00 | 1.00 | 100 % (100 % below"
         " its top) | 0 | 1, 0.20"
     )

@@ -2,8 +2,8 @@
 N]: the fault matrix.
 
 Flies every fault at every level on the emulated vehicles, in lockstep. Prints a line for each cell
-and then the table of docs/measured.md, a line for each fault (--out: into a file). A cell flown alone
-with its seed repeats the same flight.
+and then the table of docs/measured.md, a line for each fault (--out: into a file). A cell flown
+alone with its seed repeats the same flight.
 """
 
 import argparse

@@ -79,6 +79,6 @@ def test_ranges_near_stale_age_do_not_toggle_steering(lag: float, most: int) -> 
     for _ in range(180):
         rig.run(0.05)
         if rig.tick % 2 == 0:
-            rig.hear(distance(15000, 1_000_000 + round((rig.now - lag) * 1000)))
+            rig.receive(distance(15000, 1_000_000 + round((rig.now - lag) * 1000)))
         phases.append(rig.pilot.mission.phase)
     assert sum(a is not b for a, b in pairwise(phases)) <= most

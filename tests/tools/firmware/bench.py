@@ -217,7 +217,7 @@ class Bench:
 
     def _took(self, ready: Any, data: bytes, peer: tuple[str, int]) -> None:
         if ready is self._relay:
-            self._app_said(data)
+            self._on_app_data(data)
         elif ready is self._shared:
             self._shared_peer = peer
             self._to_app(data)
@@ -229,7 +229,7 @@ class Bench:
                     sender == (self.firmware.system, mavlink.MAV_COMP_ID_AUTOPILOT1)
                     and message.get_type() != "BAD_DATA"
                 ):
-                    self._vehicle_said(message)
+                    self._on_vehicle_message(message)
 
     def _to_app(self, data: bytes) -> None:
         if not self.relaying:
@@ -246,7 +246,7 @@ class Bench:
             with suppress(ConnectionRefusedError, BlockingIOError):
                 self._relay.sendto(data, (LOOPBACK, self.app_port))
 
-    def _app_said(self, data: bytes) -> None:
+    def _on_app_data(self, data: bytes) -> None:
         if self._shared_peer:
             self._shared.sendto(data, self._shared_peer)
         for message in self._from_app.parse_buffer(data) or ():
@@ -255,7 +255,7 @@ class Bench:
             if one is not None:
                 self.setpoints.append(one)
 
-    def _vehicle_said(self, message: Any) -> None:
+    def _on_vehicle_message(self, message: Any) -> None:
         kind = message.get_type()
         self.latest[kind] = message
         self.counts[kind] += 1
@@ -264,8 +264,8 @@ class Bench:
             self._boot_at = time.monotonic()
         elif kind == "GLOBAL_POSITION_INT" and self.track:
             place = self.firmware.metres(message.lat, message.lon)
-            told = (message.vx / 100, message.vy / 100, radians(message.hdg / 100))
-            self.reported.append(Reported(message.time_boot_ms / 1000, *place, *told))
+            motion = (message.vx / 100, message.vy / 100, radians(message.hdg / 100))
+            self.reported.append(Reported(message.time_boot_ms / 1000, *place, *motion))
         elif kind == "COMMAND_ACK":
             self._acks.append((message.command, message.result))
         elif kind == "PARAM_VALUE":
@@ -297,7 +297,9 @@ class Bench:
 
     def rest(self, seconds: float) -> None:
         began = self.now
-        self.until(lambda: self.now - began >= seconds, seconds + 5, "time stands still")
+        self.until(
+            lambda: self.now - began >= seconds, seconds + 5, "the simulation does not advance"
+        )
 
     def command(self, number: int, *values: float, tries: int = 5) -> int | None:
         """Return the result of a command; None without an answer."""

@@ -10,9 +10,9 @@ delay and disturbance, which no guidance has. Printed for several costs of turni
 radius, and standard deviation of the turn command. Last in each line the same filter with circnav's
 gains for that delay, which keep 6 dB and 45 deg of margin (tests/guidance/test_margins.py).
 
-**LoRa-like ranges** (`told`): radius error of ArduPilot's plane over the last two laps of 150 s on
-the circle. It is the Cramer-Rao bound with unknown place, steady wind and airspeed scale. Errors of
-the vehicle's own motion make the drift wander.
+**LoRa-like ranges** (`lora_radius_error`): radius error of ArduPilot's plane over the last two laps
+of 150 s on the circle. It is the Cramer-Rao bound with unknown place, steady wind and airspeed
+scale. Errors of the vehicle's own motion make the drift wander.
 
 **A bank limit** (`squeezed`): the lap with the least radius error, for a plane in wind that turns
 no faster than its limit.
@@ -99,7 +99,7 @@ def best(
     return float(np.sqrt(X[0, 0])), float(np.degrees(np.sqrt(turn[0, 0])))
 
 
-def told(wander: float) -> float:
+def lora_radius_error(wander: float) -> float:
     """Return the RMS error of the radius estimated from LoRa-like ranges on the plane's circle, m.
     wander: power density of the drift's random walk, m^2/s^3."""
     V = VEHICLES["plane"].speed
@@ -163,7 +163,9 @@ def main() -> None:
             ", ".join(f"{rms:.2f} at {turn:.1f}" for rms, turn in figures),
         )
     for wander in (0.0, 1e-4, 3e-4, 1e-3):
-        print(f"LoRa-like ranges, drift wanders {wander:g} m^2/s^3: {told(wander):.2f} m")
+        print(
+            f"LoRa-like ranges, drift wanders {wander:g} m^2/s^3: {lora_radius_error(wander):.2f} m"
+        )
     for limit in (0.215, 0.213, 0.21):
         print(f"plane at 150 m in wind 5, turn limit {limit:.3f} rad/s: {squeezed(limit):.2f} m")
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from tests.flight.lockstep import clockwise_turns, flight, rms_error, true_radius
 from tests.tools.firmware.flight import VEHICLES
-from tests.tools.firmware.table import told
+from tests.tools.firmware.table import stored
 
 APPROACH = 90.0
 """Time before the judged laps, s."""
@@ -121,7 +121,7 @@ def main() -> None:
     parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--seeds", type=int, default=3)
     options = parser.parse_args()
-    kept = told(options.results)
+    kept = stored(options.results)
     print(
         "| flight | RMS m: firmware, emulator | turn sd deg/s: firmware, emulator | emulator over"
         " firmware |"

@@ -3,7 +3,8 @@
 one fleet of the installed circnav on real firmware in simulation: one simulator, radio and `circnav
 fly` per vehicle.
 
-    python -m tests.tools.firmware.fleet plane --size 3 --start 0 60 120 --leave 1 --out runs/fleet-planes
+    python -m tests.tools.firmware.fleet plane --size 3 --start 0 60 120 --leave 1
+        --out runs/fleet-planes
 
 Each vehicle is one `tests.tools.firmware.fly` process with its own ports and folder. All take off
 at one home, circle one beacon in layers of height, and exchange signed reports on the loopback

@@ -50,9 +50,9 @@ PRESETS = {
 }
 
 
-def _option(default: object, told: str = "", **how: object) -> Any:
+def _option(default: object, text: str = "", **how: object) -> Any:
     """Return a field with its default and its help text on the command line."""
-    return field(default=default, metadata={"help": told, **how})
+    return field(default=default, metadata={"help": text, **how})
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Flight:
     duration: float
     direction: str = _option("clockwise", choices=("clockwise", "counterclockwise"))
     seed: int = _option(1)
-    baseline: bool = _option(False, "the autopilot's own GPS circle round the same, known, centre")
+    baseline: bool = _option(False, "the autopilot's own GPS circle around the same known center")
     keep_position: bool = _option(False, "do not hide the autopilot's positions from circnav")
     gps_shown: bool = _option(False, "do not hide GPS_RAW_INT, whose fix type shows a loss of GPS")
     handback: bool = _option(False, "handback.enabled, and positions shown: with --gps-off")
@@ -110,14 +110,12 @@ class Flight:
     sx1280: bool = _option(
         False, "its error over the range, and NAMED_VALUE_FLOAT, which carries any range"
     )
-    silent_after: float | None = _option(
+    ranges_until: float | None = _option(
         None, "the beacon stops T s after the start of circnav", metavar="T"
     )
-    delay: float = _option(0.0, "s from measuring to sending; the stamp is that of sending")
+    delay: float = _option(0.0, "s from measurement to transmission; stamped at transmission")
     # conditions of the run
-    station: int = _option(
-        0, "UDP port here of a ground station that gets a link of its own (ArduPilot)"
-    )
+    station: int = _option(0, "local UDP port of a ground station with a separate link (ArduPilot)")
     speedup: float = _option(1.0, "simulated over real time; only 1 gives figures that count")
     param: tuple[str, ...] = _option((), "of the autopilot, before take-off", metavar="NAME=VALUE")
     set: tuple[str, ...] = _option((), "of the mission", metavar="KEY=VALUE")
@@ -151,11 +149,11 @@ class Flight:
             if name not in hidden and getattr(self, name) != usually
         ]
         return " ".join(
-            [self.vehicle, *(_told(name.replace("_", "-"), value) for name, value in unusual)]
+            [self.vehicle, *(_as_option(name.replace("_", "-"), value) for name, value in unusual)]
         )
 
 
-def _told(name: str, value: object) -> str:
+def _as_option(name: str, value: object) -> str:
     if value is True:
         return name
     values = value if isinstance(value, tuple | list) else (value,)
@@ -174,8 +172,8 @@ OF_THE_VEHICLE = {
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a flight."""
     parser.add_argument("vehicle", choices=VEHICLES)
-    for name, told in OF_THE_VEHICLE.items():
-        parser.add_argument(f"--{name}", type=float, help=told)
+    for name, text in OF_THE_VEHICLE.items():
+        parser.add_argument(f"--{name}", type=float, help=text)
     for one in fields(Flight):
         if one.default is MISSING:
             continue

@@ -333,14 +333,14 @@ def own_error(bench: Bench, since: float, until: float) -> dict[str, float] | No
     ]
     if len(reported) < 2:
         return None
-    told = np.array(
+    values = np.array(
         [(one.north, one.east, one.v_north, one.v_east, one.heading) for one in reported]
     )
     true = np.array(
         [(one.time, one.north, one.east, one.v_north, one.v_east, one.yaw) for one in bench.track]
     )
     true[:, 5] = np.unwrap(true[:, 5])
-    error = told - np.column_stack(
+    error = values - np.column_stack(
         [np.interp([one.time for one in reported], true[:, 0], way) for way in true.T[1:]]
     )
     off = np.hypot(*error[:, :2].T)
@@ -460,10 +460,10 @@ def line(result: dict[str, Any]) -> str:
     words.append(f"roll {result['roll'][0]:.0f} .. {result['roll'][1]:.0f}")
     if own:
         rms = own.get("radius_rms_error_m")
-        told = own.get("settled_s")
+        settled = own.get("settled_s")
         words.append(
             f"own verdict {own['outcome']},"
-            f" {'never settled' if told is None else f'settled {told:.0f} s'}"
+            f" {'never settled' if settled is None else f'settled {settled:.0f} s'}"
             + ("" if rms is None else f", RMS {rms:.2f} m")
         )
         words.append(f"{own.get('law_changes', 0)} law changes")

@@ -86,13 +86,13 @@ class Px4(Firmware):
         for 15 m/s, it stalls."""
         build = _build()
         assert build is not None
-        told = {"MIS_TAKEOFF_ALT": self._flight.altitude, "SDLOG_BACKEND": 0}
+        parameters = {"MIS_TAKEOFF_ALT": self._flight.altitude, "SDLOG_BACKEND": 0}
         if self._kind == "plane":
-            told["FW_AIRSPD_TRIM"] = self._flight.speed * self._flight.airspeed_off
+            parameters["FW_AIRSPD_TRIM"] = self._flight.speed * self._flight.airspeed_off
         if self._flight.roll_limit is not None:
-            told["FW_R_LIM"] = self._flight.roll_limit
+            parameters["FW_R_LIM"] = self._flight.roll_limit
         environment = {**os.environ, "PX4_SIM_MODEL": MODEL[self._kind], "PX4_HOME_ALT": "0"}
-        environment |= {f"PX4_PARAM_{name}": f"{value:g}" for name, value in told.items()}
+        environment |= {f"PX4_PARAM_{name}": f"{value:g}" for name, value in parameters.items()}
         environment |= {
             f"PX4_PARAM_{name}": value
             for name, value in (one.split("=") for one in self._flight.param)

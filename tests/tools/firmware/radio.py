@@ -62,10 +62,10 @@ class Radio:
         if truth.time >= self._next:
             self._next = max(self._next + period, truth.time - period)
             measured = self._measured(truth, period)
-            silent = (
-                flight.silent_after is not None and truth.time - self._began > flight.silent_after
+            stopped = (
+                flight.ranges_until is not None and truth.time - self._began > flight.silent_after
             )
-            if self._random.random() < flight.loss or silent:
+            if self._random.random() < flight.loss or stopped:
                 self.lost += 1
             else:
                 self._waiting.append((truth.time + flight.delay, truth.time, measured))

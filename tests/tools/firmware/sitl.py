@@ -255,18 +255,18 @@ class ArduPilot(Firmware):
             )
             note(f"  DO_REPOSITION: result {result}")
             return north, east
-        told = {
+        parameters = {
             "CIRCLE_RADIUS": flight.radius * 100,
             "CIRCLE_RATE": circle_rate(flight),
             "CIRCLE_OPTIONS": 6,
         }
         if self._kind == "rover":
-            told = {
+            parameters = {
                 "CIRC_RADIUS": flight.radius,
                 "CIRC_SPEED": flight.speed,
                 "CIRC_DIR": 0 if flight.clockwise else 1,
             }
-        for name, value in told.items():
+        for name, value in parameters.items():
             bench.set_parameter(name, value)
         bench.set_mode(self.guided)
         bench.set_mode(CIRCLE[self._kind])

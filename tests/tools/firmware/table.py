@@ -154,7 +154,7 @@ def words(row: Row, seed: int, extra: list[str]) -> list[str]:
     return [*shlex.split(row.options), *start, *end, *extra]
 
 
-def told(path: Path) -> dict[tuple[str, int], dict[str, Any]]:
+def stored(path: Path) -> dict[tuple[str, int], dict[str, Any]]:
     """Return the stored flights, the newest of each."""
     lines = path.read_text().splitlines() if path.is_file() else []
     return {(one["row"], one["flight"]["seed"]): one for one in map(json.loads, lines)}
@@ -166,7 +166,7 @@ def fly_all(
     """Fly all flights that are not stored, seed by seed, so that an interrupted table has every
     row."""
     out.mkdir(parents=True, exist_ok=True)
-    kept = told(out / "results.jsonl")
+    kept = stored(out / "results.jsonl")
     lock = threading.Lock()
     starting = threading.Lock()
     wanted = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
@@ -188,7 +188,8 @@ def fly_all(
             str(folder),
         ]
         shutil.rmtree(folder, ignore_errors=True)
-        with starting:  # simulators that start together compete for the processor, and their vehicles engage late
+        # Simulators that start together compete for the processor, and their vehicles engage late.
+        with starting:
             time.sleep(APART)
         with (out / f"{folder.name}.log").open("w") as log:
             subprocess.run(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT, check=False)
@@ -283,9 +284,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--only", default="", help="rows whose name or options hold this")
+    parser.add_argument("--only", default="", help="rows with this text in name or options")
     parser.add_argument(
-        "--dry", action="store_true", help="fly nothing, print the table of what is kept"
+        "--dry", action="store_true", help="only print the table of the stored flights"
     )
     parser.add_argument("--page", type=Path, default=PAGE)
     parser.add_argument("--flights", type=Path, default=FLIGHTS)
@@ -306,7 +307,7 @@ def main(arguments: list[str] | None = None) -> int:
         extra,
         lambda text: print(text, flush=True),
     )
-    flown = told(options.out / "results.jsonl")
+    flown = stored(options.out / "results.jsonl")
     lines = table(list(ROWS), flown)
     if options.dry:
         print("\n".join(lines))

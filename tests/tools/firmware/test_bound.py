@@ -1,7 +1,7 @@
-from tests.tools.firmware.bound import COSTS, best, squeezed, told
+from tests.tools.firmware.bound import COSTS, best, lora_radius_error, squeezed
 
 
-def test_to_turn_less_or_later_or_by_worse_ranges_holds_the_circle_worse() -> None:
+def test_bound_grows_with_effort_delay_noise_and_turbulence() -> None:
     rms, turn = best(30.0, noise=0.5, delay=0.4)
     calmer, calmer_turn = best(300.0, noise=0.5, delay=0.4)
     assert calmer > rms and calmer_turn < turn
@@ -15,9 +15,9 @@ def test_to_turn_less_or_later_or_by_worse_ranges_holds_the_circle_worse() -> No
     )
 
 
-def test_a_drift_that_wanders_hides_the_radius() -> None:
-    assert told(1e-3) > told(0.0)
+def test_radius_error_grows_with_wandering_drift() -> None:
+    assert lora_radius_error(1e-3) > lora_radius_error(0.0)
 
 
-def test_a_lap_is_as_true_as_its_turn_limit_lets_it() -> None:
+def test_lap_error_grows_with_lower_turn_limit() -> None:
     assert squeezed(0.23) < 1e-3 < squeezed(0.215) < squeezed(0.21)

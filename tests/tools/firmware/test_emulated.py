@@ -5,17 +5,17 @@ from statistics import median
 import pytest
 
 from tests.tools.firmware.emulated import fly
-from tests.tools.firmware.table import FLIGHTS, told
+from tests.tools.firmware.table import FLIGHTS, stored
 
-KEPT = told(FLIGHTS)
+STORED = stored(FLIGHTS)
 
 
 @pytest.mark.parametrize(
     "row", ["Plane, wind 8", "PX4 copter, wind 3", "PX4 plane by stick, wind 2"]
 )
-def test_a_flight_of_the_emulator_is_as_true_as_the_firmwares(row: str) -> None:
-    """Within a factor of two, because it is only one lap."""
-    real = [one for (name, _), one in KEPT.items() if name == row]
+def test_emulator_accuracy_matches_firmware(row: str) -> None:
+    """A single lap agrees within a factor of two."""
+    real = [one for (name, _), one in STORED.items() if name == row]
     rms, turn_sd = (median(one[key] for one in real) for key in ("rms", "turn_sd"))
     flown = fly(row, 1, direction="counterclockwise", count=1)
     assert flown.right

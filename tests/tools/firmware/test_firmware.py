@@ -1,4 +1,4 @@
-"""The judge on tracks and frames made by hand and, if a binary is available, a flight on real
+"""Scores of synthetic tracks and frames and, if a binary is available, a flight on real
 firmware."""
 
 import json
@@ -20,24 +20,24 @@ from tests.tools.firmware.radio import reported
 from tests.tools.firmware.score import score
 from tests.tools.firmware.wire import Setpoint, frames, mode_shown, setpoint
 
-SITTING = (1000.0, -500.0)
+TARGET = (1000.0, -500.0)
 """Position of the target, m north and east."""
 
 
 PLANE = Flight("plane", 150.0, 22.0, 80.0, 240.0)
 
 
-def straight_in_and_round(
+def approach_and_circle(
     flight: Flight, radius: float, *, clockwise: bool, seconds: float
 ) -> list[Truth]:
-    """Return a track from 375 m north of the target straight to the circle, then round it."""
+    """Return a track from 375 m north of the target straight to the circle, then along it."""
     track = []
     sense = 1 if clockwise else -1
     for tick in range(round(seconds * 25)):
         time = tick / 25
         away = max(radius, 375.0 - flight.speed * time)
         angle = sense * max(0.0, flight.speed * time - (375.0 - radius)) / radius
-        north, east = SITTING[0] + away * cos(angle), SITTING[1] + away * sin(angle)
+        north, east = TARGET[0] + away * cos(angle), TARGET[1] + away * sin(angle)
         course = angle + sense * pi / 2
         speeds = flight.speed * cos(course), flight.speed * sin(course)
         track.append(
@@ -47,37 +47,42 @@ def straight_in_and_round(
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
-def test_a_circle_two_metres_wide_is_kept_and_settled_when_it_reaches_the_band(
+def test_score_of_circle_with_2_m_error(
     clockwise: bool,
 ) -> None:
-    track = straight_in_and_round(PLANE, 152.0, clockwise=clockwise, seconds=200.0)
+    track = approach_and_circle(PLANE, 152.0, clockwise=clockwise, seconds=200.0)
     turns = [Setpoint(tick / 20, "SET_ATTITUDE_TARGET", radians(6.0 + 2 * (-1) ** tick), None, True)
              for tick in range(4000)]  # fmt: skip
-    told = score(
+    scored = score(
         PLANE,
         track,
         turns,
-        lambda _: SITTING,
+        lambda _: TARGET,
         engaged=0.0,
         ended=200.0,
         turn_limit=radians(8.0),
         home=584.0,
     )
-    assert (told.kept, told.direction) == (True, "clockwise" if clockwise else "counterclockwise")
-    assert (told.rms, told.mean, told.sd) == pytest.approx((2.0, 2.0, 0.0), abs=0.01)
-    assert told.settled == pytest.approx((375.0 - 157.5) / 22.0, abs=0.1)
-    assert (told.closest, told.led_away) == pytest.approx((152.0, 0.0), abs=0.1)
-    assert (told.turn_sd, told.turn_at_limit) == pytest.approx((2.0, 0.5), abs=0.01)
-    assert told.total_variation == pytest.approx(4.0 * 20, rel=0.01)
-    there = (SITTING[0] + 40.0, SITTING[1])
-    told = score(
-        PLANE, track, [], lambda _: there, engaged=0.0, ended=200.0, turn_limit=1.0, home=584.0
+    assert (scored.kept, scored.direction) == (
+        True,
+        "clockwise" if clockwise else "counterclockwise",
     )
-    assert (told.kept, told.settled, told.turn_sd) == (False, None, None), "round another place"
+    assert (scored.rms, scored.mean, scored.sd) == pytest.approx((2.0, 2.0, 0.0), abs=0.01)
+    assert scored.settled == pytest.approx((375.0 - 157.5) / 22.0, abs=0.1)
+    assert (scored.closest, scored.led_away) == pytest.approx((152.0, 0.0), abs=0.1)
+    assert (scored.turn_sd, scored.turn_at_limit) == pytest.approx((2.0, 0.5), abs=0.01)
+    assert scored.total_variation == pytest.approx(4.0 * 20, rel=0.01)
+    elsewhere = (TARGET[0] + 40.0, TARGET[1])
+    scored = score(
+        PLANE, track, [], lambda _: elsewhere, engaged=0.0, ended=200.0, turn_limit=1.0, home=584.0
+    )
+    assert (scored.kept, scored.settled, scored.turn_sd) == (False, None, None), (
+        "around another position"
+    )
 
 
 @pytest.mark.parametrize("wind", [0.0, 5.0])
-def test_a_fleet_is_even_if_its_vehicles_pass_each_bearing_at_equal_intervals(wind: float) -> None:
+def test_fleet_spacing_counts_equal_intervals_per_bearing(wind: float) -> None:
     grid = np.arange(0.0, 120.0, 0.2)
     rate = 22.0 / 150.0
 
@@ -102,14 +107,14 @@ def test_a_fleet_is_even_if_its_vehicles_pass_each_bearing_at_equal_intervals(wi
     assert np.nanmedian(fleet.gap_errors(grid, late)) == pytest.approx(10.0, abs=0.2)
 
 
-def test_the_autopilots_own_position_is_judged_on_the_circle_and_on_the_way_home_by_its_own_stamps(
+def test_autopilot_position_error_on_circle_and_way_home(
     tmp_path: Path,
 ) -> None:
-    """5 m off on the circle; on the way home 50 m off, with a heading error of 3 deg; one velocity
-    step of 0.4 m/s. The reports fall between two truth samples: with the nearest sample, a turn of
-    3.2 m/s^2 would look like a velocity step."""
+    """Errors: 5 m on the circle, 50 m and 3 deg on the way home, one velocity step of 0.4 m/s.
+    The reports fall between two truth samples: with the nearest sample, a turn of 3.2 m/s^2 would
+    look like a velocity step."""
     flight = replace(PLANE, gps_off=20.0, home_s=60.0)
-    track = straight_in_and_round(PLANE, 150.0, clockwise=True, seconds=130.0)
+    track = approach_and_circle(PLANE, 150.0, clockwise=True, seconds=130.0)
     times = np.arange(20.0, 129.0, 0.21)
     true = np.array([astuple(one) for one in track])
     ways = (true[:, 1], true[:, 2], true[:, 4], true[:, 5], np.unwrap(true[:, 8]))
@@ -118,8 +123,8 @@ def test_the_autopilots_own_position_is_judged_on_the_circle_and_on_the_way_home
     north, east = north + np.where(home, 30.0, 3.0), east + np.where(home, 40.0, 4.0)
     v_east = v_east + np.where(times > 50, 0.4, 0.0)
     yaw = yaw + np.where(home, radians(3.0), 0.0)
-    told = zip(times, north, east, v_north, v_east, yaw % (2 * pi), strict=True)
-    reported = [Reported(*map(float, one)) for one in told]
+    rows = zip(times, north, east, v_north, v_east, yaw % (2 * pi), strict=True)
+    reported = [Reported(*map(float, one)) for one in rows]
     bench = SimpleNamespace(track=track, reported=reported, folder=tmp_path, now=130.0)
     found = own_position(flight, bench, 0.0, 80.0)
     assert found is not None
@@ -130,20 +135,20 @@ def test_the_autopilots_own_position_is_judged_on_the_circle_and_on_the_way_home
     )
     assert circle["velocity_step"] == pytest.approx(0.4, abs=0.05) and way["velocity_step"] < 0.05
     assert (way["median"], way["p95"], way["heading"]) == pytest.approx((50.0, 50.0, 3.0), abs=0.05)
-    assert found["circles_off_home"] == pytest.approx(hypot(*SITTING), abs=0.5)
+    assert found["circles_off_home"] == pytest.approx(hypot(*TARGET), abs=0.5)
 
 
-def test_an_sx1280_reports_its_measured_error_and_the_last_line_goes_on() -> None:
+def test_sx1280_range_error_is_interpolated_and_extrapolated() -> None:
     assert [reported(true) for true in (0.0, 50.0, 75.0, 250.0)] == pytest.approx(
         [4.4, 57.6, 80.3, 253.0]
     )
     assert reported(2000.0) == pytest.approx(253.0 + 1750.0 * 52.0 / 50.0)
 
 
-def test_the_way_home_of_a_flight_is_compared_with_the_straight_way() -> None:
+def test_homing_time_is_compared_with_straight_path() -> None:
     flight = replace(PLANE, vehicle="home")
-    track = straight_in_and_round(flight, 140.0, clockwise=True, seconds=60.0)
-    found = homing(flight, track, lambda _: SITTING, 0.0, 60.0)
+    track = approach_and_circle(flight, 140.0, clockwise=True, seconds=60.0)
+    found = homing(flight, track, lambda _: TARGET, 0.0, 60.0)
     assert found is not None
     assert (found["home"], found["straight"]) == pytest.approx(
         (225.0 / 22.0, 225.0 / 22.0), abs=0.1
@@ -151,7 +156,7 @@ def test_the_way_home_of_a_flight_is_compared_with_the_straight_way() -> None:
     assert found["farthest"] <= 150.0
 
 
-def test_what_a_setpoint_commands_is_clockwise_positive() -> None:
+def test_setpoint_turn_is_clockwise_positive() -> None:
     half = radians(30.0) / 2
     roll = mavlink.MAVLink_set_attitude_target_message(
         0, 1, 1, 0xC6, [cos(half), sin(half), 0, 0], 0, 0, nan, 0
@@ -160,16 +165,16 @@ def test_what_a_setpoint_commands_is_clockwise_positive() -> None:
         0, 1, 1, 8, 0x5C7, *[0.0] * 9, 0.0, -0.2
     )
     stick = mavlink.MAVLink_manual_control_message(1, 0, 500, 500, 0, 0)
-    told = [setpoint(one, 3.0, 20.0) for one in (roll, yaw, stick)]
-    turns = [one.turn for one in told if one is not None]
+    commands = [setpoint(one, 3.0, 20.0) for one in (roll, yaw, stick)]
+    turns = [one.turn for one in commands if one is not None]
     assert turns == pytest.approx(
         [9.80665 * tan(radians(30)) / 20, -0.2, 9.80665 * tan(radians(25)) / 20]
     )
-    assert [one.finite for one in told if one is not None] == [False, True, True]
+    assert [one.finite for one in commands if one is not None] == [False, True, True]
     assert setpoint(mavlink.MAVLink_heartbeat_message(0, 0, 0, 0, 0, 3), 3.0, 20.0) is None
 
 
-def test_frames_are_cut_from_a_datagram_and_the_mode_is_read() -> None:
+def test_frames_are_split_from_datagram_with_their_mode() -> None:
     vehicle = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     beat = mavlink.MAVLink_heartbeat_message(2, 3, 81, 0x04030000, 4, 3)
     position = mavlink.MAVLink_global_position_int_message(1, 2, 3, 4, 5, 6, 7, 8, 9)
@@ -181,7 +186,7 @@ def test_frames_are_cut_from_a_datagram_and_the_mode_is_read() -> None:
         assert [mode_shown(*one) for one in cut] == [0x04030000, None, 0x04030000]
 
 
-def test_the_table_flies_only_what_is_missing_and_tells_the_median(
+def test_table_flies_missing_flights_and_prints_median(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flown = []
@@ -221,7 +226,7 @@ def test_the_table_flies_only_what_is_missing_and_tells_the_median(
         table.fly_all([row], seeds, 2, tmp_path, ["--altitude", "60"], lambda _: None)
         assert len(flown) == flights
     assert all(command[3:8] == ["plane", "--wind", "5", "--turbulence", "1"] for command in flown)
-    lines = list(table.table([row], table.told(tmp_path / "results.jsonl")))
+    lines = list(table.table([row], table.stored(tmp_path / "results.jsonl")))
     assert "| 0.20 (0.5) | 0.10 to 0.30 | 3.0 (4) | 10 |" in lines[1]
     assert (
         "3 flights. 2 kept the circle" in lines[2]
@@ -230,8 +235,8 @@ def test_the_table_flies_only_what_is_missing_and_tells_the_median(
     assert "Closest approach: 0.81 R." in lines[2]
 
 
-def test_the_table_of_the_page_is_that_of_the_flights_that_are_kept(tmp_path: Path) -> None:
-    flown = table.told(table.FLIGHTS)
+def test_table_of_page_matches_stored_flights(tmp_path: Path) -> None:
+    flown = table.stored(table.FLIGHTS)
     assert " ".join("\n".join(table.table(list(table.ROWS), flown)).split()) in " ".join(
         table.PAGE.read_text().split()
     )
@@ -240,9 +245,7 @@ def test_the_table_of_the_page_is_that_of_the_flights_that_are_kept(tmp_path: Pa
 
 
 @pytest.mark.parametrize("vehicle", ["rover", "px4_copter"])
-def test_installed_circnav_circles_on_real_firmware_until_the_operator_takes_it(
-    tmp_path: Path, vehicle: str
-) -> None:
+def test_installed_circnav_circles_on_firmware_until_takeover(tmp_path: Path, vehicle: str) -> None:
     what = VEHICLES[vehicle]
     lap = 2 * pi * what.radius / what.speed
     flight = Flight(
