@@ -31,9 +31,6 @@ FLIES = {
 """Autopilot and vehicle kind that each profile of the bundled vehicle emulates."""
 INDENT = 20
 """Columns of grade and subject before the text of a check line."""
-SPEED_OFF = 0.05
-"""Largest accepted difference of the bundled plane's cruise speed from the mission's speed, as a
-fraction of that speed."""
 
 
 def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
@@ -123,9 +120,11 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
         )
         return
     cruise = config.vehicle.cruise_speed_mps or CRUISE_MPS.get(profile, wanted.speed_mps)
+    # Largest accepted difference of the bundled plane's cruise speed from the mission's speed, as a
+    # fraction of that speed.
     if (
         any(vehicle.cruises for vehicle in mission.vehicles)
-        and abs(cruise / wanted.speed_mps - 1) > SPEED_OFF
+        and abs(cruise / wanted.speed_mps - 1) > 0.05
     ):
         cruises = f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps)"
         yield Grade.WARN, f"{cruises}, but vehicle.speed_mps = {wanted.speed_mps:g}"

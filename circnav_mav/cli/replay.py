@@ -41,8 +41,6 @@ UNITS = {
 TICKS = "ticks.csv"
 PICTURE = "replay.png"
 """Files that a replay writes."""
-LAST_DIGIT = 1e-6
-"""Resolution of numbers in ticks.csv. Smaller differences are rounding."""
 
 
 def replay_log(
@@ -243,7 +241,8 @@ def _say_ticks(done: ReplayResult, pilot: Pilot, was: Ticks | None) -> None:
         for gap in differences(was, would):
             name, unit = UNITS[gap.column]
             far = f"differs by {gap.rms:.4g} {unit} RMS, at most {gap.largest:.4g} {unit}"
-            difference = far if gap.largest > LAST_DIGIT else "the same"
+            # Resolution of numbers in ticks.csv. Smaller differences are rounding.
+            difference = far if gap.largest > 1e-6 else "the same"
             say(f"  {name:<16} {difference}, in {gap.ticks} ticks")
     steered = sum(phase == "engaged" for phase in would.words["phase"])
     saturated = sum(record.saturated for record in done.ticks)

@@ -23,16 +23,10 @@ drifting clock."""
 STEP = 0.15
 """Least step of a remote clock that is detected, s. Most links have less jitter, and harmful pauses
 are longer."""
-RISE = 0.4
-"""Share of a step that must appear between two successive samples. Growing congestion raises the
-lag gradually."""
 STEADY = 0.5
 STEADY_SAMPLES = 3
 """Time, s, and number of samples for which lags must stay at a new level before the clock estimate
 follows them."""
-FALL = 0.03
-"""Fall of the lag, s, that indicates a draining queue. With 6 % of spare link capacity, the lag
-falls by this within STEADY. The drift between two clocks is a thousand times slower."""
 SPREAD = 0.5
 """Share of a step by which its lags may differ. Also the share that a slower link may explain: if
 it explains more, the step is not applied to the clock."""
@@ -203,7 +197,12 @@ class StampFilter:
         # start over with it.
         if late < STEP:
             self._raised.clear()
-        elif rise >= max(STEP, RISE * late) or (self._raised and lag < self._raised[0][1] - FALL):
+        # Share of a step that must appear between two successive samples. Growing congestion raises
+        # the lag gradually.
+        # 0.03: fall of the lag, s, that indicates a draining queue. With 6 % of spare link
+        # capacity, the lag falls by this within STEADY. The drift between two clocks is a thousand
+        # times slower.
+        elif rise >= max(STEP, 0.4 * late) or (self._raised and lag < self._raised[0][1] - 0.03):
             self._begin(arrival)
         elif self._raised:
             self._raised.append((arrival, lag))
@@ -237,8 +236,6 @@ class StampFilter:
 
 # --- speed of a remote clock ---
 
-SPEED_WINDOW = 3.0
-"""Time over which a clock speed is measured, s."""
 OFF = 0.2
 ALIKE = 0.1
 """Least deviation from our clock speed, and largest spread of windows that agree, as a fraction. A
@@ -270,7 +267,8 @@ class ClockSpeed:
         if self._began is None or boot < self._began[1]:
             self._began = (now, boot)
             self._speeds.clear()
-        if now - self._began[0] < SPEED_WINDOW:
+        # Time over which a clock speed is measured, s.
+        if now - self._began[0] < 3.0:
             return
         speed = span_speed((self._began, (now, boot)))
         self._speeds.append(speed)
@@ -312,16 +310,9 @@ LATER_EVERY = 1.0
 UNANSWERED = 3.0
 """Time without an answer, s, after which our frames may be lost on the way to the vehicle: three
 requests were lost."""
-MOST_REPEATS = 10
-"""Limit of early repeats in a row. If no request is answered, the vehicle does not receive us."""
 AGAIN = 0.2
 """Least wait, s, before an unanswered request is repeated early. It was lost, or the link has
 become slow, and the delay must be measured soon."""
-REMEMBERED = 256
-"""Newest answers for comparing a link with its past: some four minutes."""
-OUTSTANDING = 64
-"""Limit of unanswered requests, more than are sent within PATIENCE. Each answer mirrors our stamp,
-so answers to other senders do not match."""
 PATIENCE = 10.0
 """Time, s, after which an unanswered request counts as lost, and a vehicle without any answer as
 unable to answer."""
@@ -344,7 +335,8 @@ class Timesync:
         self._next = float("-inf")
         self._repeats = 0
         self._began: float | None = None
-        self._answers: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
+        # Newest answers for comparing a link with its past: some four minutes.
+        self._answers: deque[tuple[float, float]] = deque(maxlen=256)
         self.trips: deque[float] = deque(maxlen=KEPT)
         """Newest round-trip times, s."""
 
@@ -409,7 +401,9 @@ class Timesync:
         self._next = now + (LATER_EVERY if len(self.trips) == KEPT else EVERY)
         self._newest = max(int(now * 1e9), 0) + 1
         self._asked[self._newest] = now
-        if len(self._asked) > OUTSTANDING:
+        # Limit of unanswered requests, more than are sent within PATIENCE. Each answer mirrors our
+        # stamp, so answers to other senders do not match.
+        if len(self._asked) > 64:
             del self._asked[next(iter(self._asked))]
         return [dialect.MAVLink_timesync_message(0, self._newest)]
 
@@ -427,6 +421,8 @@ class Timesync:
     def _overdue(self, now: float) -> bool:
         """True if the newest request should have been answered by now."""
         asked = self._asked.get(self._newest)
-        if asked is None or not self.trips or self._repeats >= MOST_REPEATS:
+        # Limit of early repeats in a row. If no request is answered, the vehicle does not receive
+        # us.
+        if asked is None or not self.trips or self._repeats >= 10:
             return False
         return now - asked > max(*self.trips, AGAIN)

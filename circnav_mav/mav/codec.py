@@ -24,8 +24,6 @@ _NEVER_SIGNED = dialect.MAVLINK_MSG_ID_RADIO_STATUS
 by it."""
 _NEVER_LOGGED = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 """Message that contains a secret key."""
-_MOST_SYSTEMS = 32
-"""Limit of the senders that are listed: bounds the memory that a hostile link can fill."""
 _MOST_FAILURES = 64
 """Invalid frame starts after which the rest of a datagram is skipped: bounds the work that a
 hostile datagram causes. Starts with an invalid header count too, because each search for the next
@@ -185,7 +183,8 @@ class Decoder:
         counts.zero_key += zero_key
         if not frame.known:
             counts.unknown += 1
-        elif len(counts.systems) < _MOST_SYSTEMS:
+        # Limit of the senders that are listed: bounds the memory that a hostile link can fill.
+        elif len(counts.systems) < 32:
             counts.systems.add((frame.system, frame.component))
 
 

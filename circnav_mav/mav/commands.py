@@ -14,31 +14,14 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Ids, Message
 
-ACK_TIMEOUT = 0.5
-"""Time, s, until an unanswered command is repeated (as in MAVSDK)."""
-IN_PROGRESS_TIMEOUT = 3.0
-"""Time, s, for which an IN_PROGRESS answer extends the wait; chosen, three heartbeats."""
-MOST_IN_PROGRESS = 3
-"""Limit of IN_PROGRESS answers per command; chosen, so that no vehicle can keep one pending
-forever."""
 RETRIES = 3
 """Number of repeats of a command (as in MAVSDK)."""
-LATE = 1.2
-"""Time in which late answers to repeats may arrive, as a fraction of the time between first and
-last try."""
-MOST_OWED = 64
-"""Limit of the unanswered commands counted per command number: more than are sent while a link is
-lost."""
 UNASKED = 2
 UNASKED_WITHIN = 10.0
 """Number of unrequested answers to us, and time, s, within which so many indicate another program
 with our ids."""
-ANSWERS_KEPT = 16
-"""Newest answers kept to recognize a duplicate that arrives by another route."""
 CHECK_EVERY = 3.0
 """Time, s, over which stream rates are measured."""
-FIRST_CHECK = 0.6
-"""Duration, s, of the first measurement, which looks for the streams in USUAL."""
 USUAL = frozenset(
     getattr(dialect, f"MAVLINK_MSG_ID_{name}")
     for name in (
@@ -128,7 +111,8 @@ class CommandSender:
         self._results: list[CommandResult] = []
         self._held: dict[int, float] = {}
         """Time until which late answers to finished commands may arrive, s, by number."""
-        self._newest: deque[bytes] = deque(maxlen=ANSWERS_KEPT)
+        # Newest answers kept to recognize a duplicate that arrives by another route.
+        self._newest: deque[bytes] = deque(maxlen=16)
         self._owed: Counter[int] = Counter()
         """Number of answers that may still arrive, by command number."""
         self._unasked: deque[float] = deque(maxlen=UNASKED)
@@ -137,7 +121,9 @@ class CommandSender:
         """Count the answers expected for a command that is sent. PX4 answers a mode change
         twice."""
         answers = 2 if number == dialect.MAV_CMD_DO_SET_MODE else 1
-        self._owed[number] = min(self._owed[number] + answers, MOST_OWED)
+        # Limit of the unanswered commands counted per command number: more than are sent while a
+        # link is lost.
+        self._owed[number] = min(self._owed[number] + answers, 64)
 
     def answered_unasked(self, now: float) -> bool:
         """True if answers arrive to commands that we did not send: another program sends commands
@@ -191,8 +177,11 @@ class CommandSender:
             return
         if ack.result != dialect.MAV_RESULT_IN_PROGRESS:
             self._end(pending, ack.result, now)
-        elif pending.in_progress < MOST_IN_PROGRESS:
-            pending.due = now + IN_PROGRESS_TIMEOUT
+        # Limit of IN_PROGRESS answers per command; chosen, so that no vehicle can keep one pending
+        # forever.
+        elif pending.in_progress < 3:
+            # Time, s, for which an IN_PROGRESS answer extends the wait; chosen, three heartbeats.
+            pending.due = now + 3.0
             pending.sent = 1 + RETRIES
             pending.in_progress += 1
 
@@ -211,7 +200,8 @@ class CommandSender:
                 self._pending[command.number] = _Pending(command, now, now, now)
         due = [pending for pending in self._pending.values() if now >= pending.due]
         for pending in due:
-            pending.due = now + ACK_TIMEOUT
+            # Time, s, until an unanswered command is repeated (as in MAVSDK).
+            pending.due = now + 0.5
             pending.last = now
             pending.sent = pending.sent + 1
         return [once(pending.command, target, pending.sent - 1) for pending in due]
@@ -221,7 +211,9 @@ class CommandSender:
         del self._pending[number]
         # After repeats, the answer may be to any of the tries, and answers to the others may
         # follow. After a single try this time is 0.
-        self._held[number] = now + LATE * (pending.last - pending.began)
+        # 1.2: time in which late answers to repeats may arrive, as a fraction of the time between
+        # first and last try.
+        self._held[number] = now + 1.2 * (pending.last - pending.began)
         self._results.append(CommandResult(pending.command, result))
 
 
@@ -325,7 +317,8 @@ class StreamRequests:
             return self._requests([ident for ident in self._streams if ident not in USUAL])
         elapsed = now - self._since
         first = self._is_first_check
-        if elapsed < (FIRST_CHECK if first else CHECK_EVERY):
+        # Duration, s, of the first measurement, which looks for the streams in USUAL.
+        if elapsed < (0.6 if first else CHECK_EVERY):
             return []
         self._since = now
         self._is_first_check = False

@@ -19,15 +19,8 @@ NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
 MOVES_AFTER = 1.5
 """Silence of the vehicle's address, s, after which the vehicle may move to another address. Any
 message ends the silence."""
-PROOF_LASTS = 2.0
-"""Time, s, for which a proof of the vehicle's identity is valid: two heartbeat intervals of PX4."""
-MOST_MISFITS = 16
-"""Rejected senders kept for the operator's message: bounds the memory that a hostile link can
-fill."""
 FLOODED = 3.0
 """Time after the last dropped bytes, s, at which a flood is over."""
-SECOND_SENDER_KEPT = 5.0
-"""Time, s, for which a second sender is reported: longer than heartbeat gaps on a lossy link."""
 UNKNOWN_RATE = 64_000.0
 UNKNOWN_BURST = 32_000.0
 """Limits for untrusted senders while the vehicle is connected: bytes per second, and bytes at once.
@@ -86,10 +79,12 @@ class SecondSenders:
 
     def recent(self, now: float) -> list[str]:
         """Return one line per identity for the operator."""
+        # Time, s, for which a second sender is reported: longer than heartbeat gaps on a lossy
+        # link.
         return [
             f"{name} has a second sender: {rival} is rejected, {trusted} is used"
             for name, (rival, trusted, at) in self._newest.items()
-            if now - at <= SECOND_SENDER_KEPT
+            if now - at <= 5.0
         ]
 
 
@@ -240,7 +235,9 @@ class Identity:
             return False
         address, at = self._proven
         found_again = self.peer is None and not self.stays
-        return found_again or (source == address and now - at <= PROOF_LASTS)
+        # Time, s, for which a proof of the vehicle's identity is valid: two heartbeat intervals of
+        # PX4.
+        return found_again or (source == address and now - at <= 2.0)
 
     def _consider(self, heartbeat: Message, who: Sender, now: float) -> None:
         """Pin the sender of this heartbeat if it is the mission's vehicle. Otherwise record the
@@ -253,7 +250,9 @@ class Identity:
         adapter = next((one for one in self._adapters if _fits(one, heartbeat)), None)
         reason = self._misfit(heartbeat, who, adapter, now)
         if reason or adapter is None:
-            if len(self.misfits) < MOST_MISFITS:
+            # Rejected senders kept for the operator's message: bounds the memory that a hostile
+            # link can fill.
+            if len(self.misfits) < 16:
                 self.misfits[who.ids] = reason
             return
         if self.peer is None:

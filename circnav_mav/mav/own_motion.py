@@ -34,29 +34,15 @@ ATTITUDE_MAX_AGE = 0.5
 Hz."""
 AIR_MAX_AGE = 1.5
 """Oldest airspeed that is used, s; chosen, it is sent less often than the attitude."""
-MOST_LATE = 0.4
-"""Longest plausible link delay of an attitude, s. Less than ATTITUDE_MAX_AGE, so that the heading
-stays available when the vehicle's clock is reset."""
-JUMP = 0.5
-"""Backward step of the vehicle's clock, s, that counts as a clock reset. At most ATTITUDE_MAX_AGE:
-after a stamp that is ahead by less, later stamps are rejected as older for up to this time."""
 MOST_ANGLE = 6.3
 MOST_RATE = 50.0
 MOST_AIRSPEED = 200.0
 MOST_ALTITUDE = 1e5
 """Largest plausible magnitudes of a measurement, rad, rad/s, m/s and m. Larger values are
 discarded."""
-NO_ROTATION = 0.1
-"""Largest deviation of a quaternion's norm from 1. A quaternion beyond it is discarded."""
 FLOWN_ALTITUDES = -500.0, 6_000.0
 """Lowest and highest altitude, m, for which airspeed is corrected for air density. Others are
 clipped."""
-YAW_JUMP = 0.35
-"""Difference between the reported and the predicted yaw, rad, above which the autopilot has reset
-its yaw. Real turns stay far below: a yaw rate that changes by 90 deg/s within 0.1 s gives 0.08
-rad."""
-LONGEST_CARRIED = 0.5
-"""Longest time, s, over which a yaw is predicted for this comparison."""
 FEWEST = 4
 FEWEST_WITHIN = 3.0
 """Least number of attitudes within this time, s, to follow the vehicle's turns. circnav requests 20
@@ -66,18 +52,8 @@ REPEATED = 0.2
 stopped."""
 ACCELERATIONS = {"HIGHRES_IMU": 1.0, "RAW_IMU": GRAVITY / 1000, "SCALED_IMU": GRAVITY / 1000}
 """Unit of the raw acceleration, m/s^2, by message type."""
-LONGEST_STEP = 0.2
-"""Longest gap between two accelerations, s, that is integrated over: 5 Hz. After a longer one the
-integral restarts."""
-OLDEST_ATTITUDE = 0.2
-"""Oldest attitude, s, used to rotate accelerations to the horizontal."""
-FORCE_SMOOTHING = 0.1
-"""Time constant of the low-pass on the specific force, s: vibration between two attitudes is
-averaged."""
 MOST_FORCE = 16 * GRAVITY
 """Full scale of autopilots' accelerometers, m/s^2."""
-OTHER_SOURCE = 2.0
-"""Silence of one IMU message type, s, after which another type is used."""
 
 
 class Motion(NamedTuple):
@@ -173,7 +149,10 @@ class OwnMotionSensor:
         self._air = Motion()
         self._since_air = Since()
         self._accelerations = Accelerations()
-        self._clock = StampFilter(slower, wrap=BOOT_WRAP, jump=JUMP)
+        # Backward step of the vehicle's clock, s, that counts as a clock reset. At most
+        # ATTITUDE_MAX_AGE: after a stamp that is ahead by less, later stamps are rejected as older
+        # for up to this time.
+        self._clock = StampFilter(slower, wrap=BOOT_WRAP, jump=0.5)
 
     def receive(self, message: Message, now: float) -> bool:
         """Process one message of the pinned vehicle. Return True if it was a usable attitude, newer
@@ -218,11 +197,15 @@ class OwnMotionSensor:
         step = now - self._received[-1]
         if before is not None and body.time > before.time:
             step = body.time - before.time
-        if before is None or not self.keeps_heading or step > LONGEST_CARRIED:
+        # Longest time, s, over which a yaw is predicted for this comparison.
+        if before is None or not self.keeps_heading or step > 0.5:
             return
         carried = before.yaw + (before.yaw_rate + body.yaw_rate) / 2 * step
         jump = remainder(body.yaw - self.jumped - carried, tau)
-        if abs(jump) > YAW_JUMP:
+        # Difference between the reported and the predicted yaw, rad, above which the autopilot has
+        # reset its yaw. Real turns stay far below: a yaw rate that changes by 90 deg/s within 0.1 s
+        # gives 0.08 rad.
+        if abs(jump) > 0.35:
             self.jumped = remainder(self.jumped + jump, tau)
 
     def _measured(self, stamp_ms: int, now: float) -> float | None:
@@ -239,7 +222,9 @@ class OwnMotionSensor:
         measured = clock.local(stamp, now)
         # Such a delay indicates a reset of the vehicle's clock. Restart the filter to keep the
         # heading available.
-        if now - measured > MOST_LATE:
+        # 0.4: longest plausible link delay of an attitude, s. Less than ATTITUDE_MAX_AGE, so that
+        # the heading stays available when the vehicle's clock is reset.
+        if now - measured > 0.4:
             clock.reset()
             measured = clock.local(stamp, now)
         clock.take(stamp, now)
@@ -293,7 +278,8 @@ def _angles(message: Message) -> tuple[float, float, float] | None:
     if message.get_type() != "ATTITUDE_QUATERNION":
         return None
     q = message.q1, message.q2, message.q3, message.q4
-    return euler_from_quaternion(q) if abs(hypot(*q) - 1) < NO_ROTATION else (nan, nan, nan)
+    # Largest deviation of a quaternion's norm from 1. A quaternion beyond it is discarded.
+    return euler_from_quaternion(q) if abs(hypot(*q) - 1) < 0.1 else (nan, nan, nan)
 
 
 def _real(value: float, most: float, above: float = float("-inf")) -> float | None:
@@ -321,8 +307,9 @@ class Accelerations:
     def receive(self, message: Message, attitude: Attitude | None, now: float) -> None:
         """Process one message of the vehicle. Messages without accelerations are ignored."""
         kind = message.get_type()
+        # Silence of one IMU message type, s, after which another type is used.
         if kind not in ACCELERATIONS or (
-            kind != self._type and self._since_received.age(now) < OTHER_SOURCE
+            kind != self._type and self._since_received.age(now) < 2.0
         ):
             return
         if kind != self._type:
@@ -334,11 +321,14 @@ class Accelerations:
         time = message.time_boot_ms / 1e3 if kind == "SCALED_IMU" else message.time_usec / 1e6
         step = time - self._time
         self._time = time
-        sound = 0 <= step <= LONGEST_STEP and all(
+        # Longest gap between two accelerations, s, that is integrated over: 5 Hz. After a longer
+        # one the integral restarts.
+        sound = 0 <= step <= 0.2 and all(
             abs(value) < MOST_FORCE for value in force
         )  # false for NaN
         self._smooth(force, step, sound=sound)
-        if not sound or attitude is None or abs(time - attitude.time) > OLDEST_ATTITUDE:
+        # Oldest attitude, s, used to rotate accelerations to the horizontal.
+        if not sound or attitude is None or abs(time - attitude.time) > 0.2:
             self.acceleration = None
             return
         roll, pitch, yaw = attitude.at(time)
@@ -361,7 +351,9 @@ class Accelerations:
         elif before is None:
             self._across = force[:2]
         else:
-            share = 1 - exp(-step / FORCE_SMOOTHING)
+            # Time constant of the low-pass on the specific force, s: vibration between two
+            # attitudes is averaged.
+            share = 1 - exp(-step / 0.1)
             self._across = (
                 before[0] + (force[0] - before[0]) * share,
                 before[1] + (force[1] - before[1]) * share,

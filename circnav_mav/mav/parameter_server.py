@@ -20,8 +20,6 @@ REQUESTS = frozenset(
     for name in ("REQUEST_LIST", "REQUEST_READ", "SET")
 )
 """Ids of the messages that request or set parameters."""
-EVERY_COMPONENT = 0
-"""Target component of a request to all components (MAVLink)."""
 MOST_AT_ONCE = 2
 """Largest number of values sent in one step. A whole list at once would delay setpoints on a slow
 link."""
@@ -58,9 +56,10 @@ class ParameterServer:
         """
         component = message.target_component
         is_set = message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_SET
+        # Target component of a request to all components (MAVLink).
         if message.target_system != us[0] or component not in (
             us[1],
-            us[1] if is_set else EVERY_COMPONENT,
+            us[1] if is_set else 0,
         ):
             return ""
         if message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:

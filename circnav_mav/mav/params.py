@@ -14,14 +14,6 @@ from circnav_mav.mav.codec import Ids, Message
 from circnav_mav.mav.framing import HEADERS
 from circnav_mav.mav.statustext import plain_text
 
-ANSWER_TIMEOUT = 0.7
-"""Time, s, until a request is repeated; chosen."""
-TRIES = 3
-"""Number of requests per parameter; chosen."""
-AT_ONCE = 5
-"""Limit of pending requests: keeps the queue in a slow radio short."""
-BY_NAME = -1
-"""param_index of a request by name (MAVLink)."""
 _FORMATS = {
     dialect.MAV_PARAM_TYPE_UINT8: "<Bxxx",
     dialect.MAV_PARAM_TYPE_INT8: "<bxxx",
@@ -76,16 +68,20 @@ class ParameterReader:
     def poll(self, target: Ids, now: float) -> list[Message]:
         """Return the requests due now: repeats first, then new ones up to the limit."""
         due = [name for name, (_, when) in self._asked.items() if now >= when]
-        for name in [name for name in due if self._asked[name][0] >= TRIES]:
+        # Number of requests per parameter; chosen.
+        for name in [name for name in due if self._asked[name][0] >= 3]:
             del self._asked[name]
-        room = AT_ONCE - len(self._asked)
+        # Limit of pending requests: keeps the queue in a slow radio short.
+        room = 5 - len(self._asked)
         new = self._waiting[:room]
         self._waiting = self._waiting[room:]
         names = [name for name in due if name in self._asked] + new
         for name in names:
             tries, _ = self._asked.get(name, (0, now))
-            self._asked[name] = tries + 1, now + ANSWER_TIMEOUT
+            # Time, s, until a request is repeated; chosen.
+            self._asked[name] = tries + 1, now + 0.7
+        # Param_index of a request by name (MAVLink).
         return [
-            dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), BY_NAME)
+            dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), -1)
             for name in names
         ]

@@ -23,19 +23,12 @@ HEARTBEAT_PERIOD = 1.0
 """Time between two of our heartbeats, s (MAVLink: 1 Hz)."""
 LOST_AFTER = 3.0
 """Time without a mode report, s, after which the link counts as lost (value of MAVSDK)."""
-SENT_KEPT = 1024
-"""Number of our newest frames that are kept to recognize an echo: twenty seconds."""
 TWIN_FRAMES = 4
 TWIN_WITHIN = 10.0
 """Number of foreign frames with our ids within this time, s, that indicates another companion: it
 sends at least one heartbeat per second. A single stray frame is ignored."""
-LISTENS = 1.0
-"""Time, s, from the vehicle's first heartbeat in which another companion with our ids is received
-before the vehicle is steered: the period of its heartbeats and of its TIMESYNC requests."""
 WAITING = dialect.MAV_STATE_BOOT
 """State in our heartbeat until the vehicle is steered. A companion that steers ignores it."""
-MOST_REPLIES = 4
-"""Largest number of TIMESYNC answers in one step: a flood of requests is not answered."""
 ECHO_RATE = 4.0
 """Requested rate of the vehicle's setpoint reports, Hz."""
 GPS_HEALTH = ("GPS_RAW_INT", "GPS2_RAW", "EKF_STATUS_REPORT")
@@ -65,7 +58,8 @@ class Session:
         self._heartbeat_timer = Every(HEARTBEAT_PERIOD)
         self._replies: list[Message] = []
         self._mode_results: deque[CommandResult] = deque(maxlen=8)
-        self._sent: deque[bytes] = deque(maxlen=SENT_KEPT)
+        # Number of our newest frames that are kept to recognize an echo: twenty seconds.
+        self._sent: deque[bytes] = deque(maxlen=1024)
         self._twin_received: deque[float] = deque(maxlen=TWIN_FRAMES)
         self.identity = Identity(settings, adapters)
         self.vehicle = VehicleState(self.identity.adapter)
@@ -127,7 +121,10 @@ class Session:
         received = self._twin_received
         if received and now - received[-1] <= TWIN_WITHIN:
             return f"another companion sends with our ids {self.us[0]}/{self.us[1]}"
-        return "listening for other companions" if now - self.identity.since < LISTENS else ""
+        # Time, s, from the vehicle's first heartbeat in which another companion with our ids is
+        # received before the vehicle is steered: the period of its heartbeats and of its TIMESYNC
+        # requests.
+        return "listening for other companions" if now - self.identity.since < 1.0 else ""
 
     def missing(self, now: float) -> list[str]:
         """Return the names of the motion values that the adapter needs and the vehicle does not
@@ -158,7 +155,8 @@ class Session:
             self.commands.acknowledge(message, self.us, now)
         elif message.get_type() == "TIMESYNC" and message.tc1:
             self.timesync.received(message.ts1, now)
-        elif message.get_type() == "TIMESYNC" and len(self._replies) < MOST_REPLIES:
+        # Largest number of TIMESYNC answers in one step: a flood of requests is not answered.
+        elif message.get_type() == "TIMESYNC" and len(self._replies) < 4:
             # answer a request (tc1 = 0) with our clock in ns and the mirrored time of its sender
             self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
         return True

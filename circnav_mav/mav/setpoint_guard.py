@@ -13,13 +13,8 @@ from circnav_mav.mav.frames import YawRate, euler_from_quaternion
 
 SLACK = 1 + 1e-6
 """Factor on limits for the rounding of single precision."""
-MOST_DAMPED = 1.25
-"""Largest lateral acceleration, in units of speed times turn rate, for a velocity loop with a
-derivative gain."""
 MAX_CLIMB = 1.0
 """Limit of the climb rate of a velocity setpoint, m/s. Height is held, not changed."""
-EVERYBODY = 0
-"""Broadcast target id (MAVLink), not permitted in a setpoint."""
 BODY_NED = dialect.MAV_FRAME_BODY_NED
 
 
@@ -88,7 +83,8 @@ class SetpointGuard:
         ):
             raise UnsafeSetpointError(f"not finite: {message}")
         within, address = _CHECKS[message.get_type()]
-        if getattr(message, address) == EVERYBODY or not within(message, self._limits):
+        # Broadcast target id (MAVLink), not permitted in a setpoint.
+        if getattr(message, address) == 0 or not within(message, self._limits):
             raise UnsafeSetpointError(f"outside the limits {self._limits}: {message}")
         return message
 
@@ -103,7 +99,9 @@ def _velocity_within(message: Message, limits: Limits) -> bool:
         and message.vy == 0
         and message.coordinate_frame == BODY_NED
     )
-    across = MOST_DAMPED * limits.max_speed * limits.max_yaw_rate
+    # Largest lateral acceleration, in units of speed times turn rate, for a velocity loop with a
+    # derivative gain.
+    across = 1.25 * limits.max_speed * limits.max_yaw_rate
     fed = (
         hypot(message.afx, message.afy, message.afz) <= hypot(MOST_FED, across) * SLACK
         and message.afx >= 0

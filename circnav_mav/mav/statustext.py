@@ -10,17 +10,9 @@ from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.timers import Since
 
-TEXT_INTERVAL = 2.0
-"""Least time, s, between two texts of the same kind; chosen for a ground station's message list."""
-PLOT_INTERVAL = 0.25
-"""Least time, s, between two sets of NAMED_VALUE_FLOAT; chosen, 4 Hz gives a usable curve."""
 CHUNK = 50
 LONGEST_TEXT = 200
 """Largest size of one STATUSTEXT, and of a text that is split into several, bytes."""
-MOST_SENDERS = 16
-"""Limit of senders whose chunks are reassembled: bounds the memory that a hostile link can fill."""
-MOST_PLOTTED = 1e38
-"""Largest plotted magnitude. Larger numbers do not fit into single precision."""
 
 
 class Announcer:
@@ -41,7 +33,9 @@ class Announcer:
         """Return the messages that may be sent now."""
         messages = []
         for kind in list(self._waiting):
-            if now - self._last_text.get(kind, float("-inf")) >= TEXT_INTERVAL:
+            # Least time, s, between two texts of the same kind; chosen for a ground station's
+            # message list.
+            if now - self._last_text.get(kind, float("-inf")) >= 2.0:
                 self._last_text[kind] = now
                 messages += self._chunks(*self._waiting.pop(kind))
         return messages
@@ -64,13 +58,15 @@ class Announcer:
 
         Names have at most 9 characters: PX4 cuts the tenth.
         """
-        if self._since_plot.age(now) < PLOT_INTERVAL or not values:
+        # Least time, s, between two sets of NAMED_VALUE_FLOAT; chosen, 4 Hz gives a usable curve.
+        if self._since_plot.age(now) < 0.25 or not values:
             return []
         self._since_plot.restart(now)
+        # Largest plotted magnitude. Larger numbers do not fit into single precision.
         return [
             dialect.MAVLink_named_value_float_message(our_boot_ms(now), name.encode(), value)
             for name, value in values.items()
-            if abs(value) < MOST_PLOTTED
+            if abs(value) < 1e38
         ]
 
 
@@ -91,7 +87,9 @@ class TextReader:
         ident, number, before = self._newest.get(sender, (0, 0, ""))
         continues = message.id != 0 and (message.id, message.chunk_seq) == (ident, number + 1)
         text = (before if continues else "") + plain_text(message.text)
-        if sender in self._newest or len(self._newest) < MOST_SENDERS:
+        # Limit of senders whose chunks are reassembled: bounds the memory that a hostile link can
+        # fill.
+        if sender in self._newest or len(self._newest) < 16:
             self._newest[sender] = (message.id, message.chunk_seq, text)
         return text, before if continues else None
 

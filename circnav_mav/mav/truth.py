@@ -8,8 +8,6 @@ NAME = "SIM_TRUTH"
 """Name of the DEBUG_FLOAT_ARRAY that carries the truth."""
 _ID = 350
 """Message id of DEBUG_FLOAT_ARRAY."""
-_NUMBERS = 16
-"""Count of numbers that the emulator sends in it."""
 
 
 def is_truth_frame(frame: bytes) -> bool:
@@ -26,7 +24,8 @@ def read_truth_frame(frame: bytes) -> tuple[float, ...] | None:
     if is_truth_frame(frame):
         for message in Decoder(wanted={_ID}).decode(frame):  # a damaged frame may contain others
             if message.name == NAME:
-                return tuple(message.data[:_NUMBERS])
+                # Count of numbers that the emulator sends in it.
+                return tuple(message.data[:16])
     return None
 
 

@@ -15,15 +15,9 @@ AHEAD = 5.0
 AHEAD_SHARE = 0.25
 """Largest plausible lead of the vehicle's clock over ours after a silence, s, plus this share of
 the silence. Links buffer, and simulators may run faster than real time."""
-OVERTAKEN = 64
-"""Largest step back in the sequence number that counts as reordering: half a second or more of
-frames. After a larger step the frame counts as new: frames were lost, or the vehicle has
-rebooted."""
 APART = 0.2
 """Least time between two heartbeats that arrive as they are sent, s (ArduPilot's shortest interval:
 0.25). The heartbeats of a backlog arrive at once."""
-BATTERY_MAX_AGE = 5.0
-"""Oldest battery level that is reported, s. SYS_STATUS arrives once a second."""
 NOT_FLYING = (
     dialect.MAV_LANDED_STATE_ON_GROUND,
     dialect.MAV_LANDED_STATE_TAKEOFF,
@@ -97,7 +91,8 @@ class VehicleState:
 
     def battery(self, now: float) -> float | None:
         """Return the remaining charge, percent, or None if it is not reported or stale."""
-        return self._battery if self._since_battery.age(now) <= BATTERY_MAX_AGE else None
+        # Oldest battery level that is reported, s. SYS_STATUS arrives once a second.
+        return self._battery if self._since_battery.age(now) <= 5.0 else None
 
     def found(self, adapter: Autopilot) -> None:
         """Prepare for a vehicle that was found, for the first time or again."""
@@ -167,7 +162,10 @@ class VehicleState:
     def _overtaken(self, sequence: int) -> bool:
         """True if a frame of the vehicle was sent before one that has already arrived."""
         behind = 0 if self._sequence is None else (self._sequence - sequence) % 256
-        if 0 < behind <= OVERTAKEN:
+        # Largest step back in the sequence number that counts as reordering: half a second or more
+        # of frames. After a larger step the frame counts as new: frames were lost, or the vehicle
+        # has rebooted.
+        if 0 < behind <= 64:
             return True
         self._sequence = sequence
         return False

@@ -17,13 +17,6 @@ GIVEN_AFTER = 1.5
 mode switch may pass through that mode, and older reports may arrive late over another link."""
 TAKEN_OVER = "taken over"
 """First words of all STATUSTEXTs about a takeover. Charts use them to mark the event."""
-LANDED_PATIENCE = 1.5
-"""Longest wait, s, for the vehicle's report that it flies, before the first engagement."""
-STALL = 0.5
-"""Gap between two steps, s, above which data received during the gap is considered stale."""
-CATCH_UP = 0.2
-"""Time after a gap between two steps, s, in which received data may still be stale: reading the
-backlog takes a few steps."""
 SILENT = 1.5
 """Age of the vehicle's newest mode report, s, above which the operator may have taken over."""
 
@@ -195,11 +188,8 @@ class Authority:
         # Some vehicles do not report whether they fly. Wait for the report for a moment, except
         # when a flight resumes after a lost link.
         goes_on = self._mission.begun and self._mission.phase is Phase.READY
-        silent = (
-            vehicle.on_ground is None
-            and not goes_on
-            and now - session.identity.since < LANDED_PATIENCE
-        )
+        # Longest wait, s, for the vehicle's report that it flies, before the first engagement.
+        silent = vehicle.on_ground is None and not goes_on and now - session.identity.since < 1.5
         return "the vehicle has not yet reported whether it flies" if silent else ""
 
     def _streams_first(self, now: float) -> bool:
@@ -312,7 +302,9 @@ class Authority:
         heartbeats = self._session.vehicle.heartbeats
         backlog = self.may_be_backlog(now)
         if self._stepped is not None and self._stood_still(now):
-            self._backlog_until = now + CATCH_UP
+            # Time after a gap between two steps, s, in which received data may still be stale:
+            # reading the backlog takes a few steps.
+            self._backlog_until = now + 0.2
             self._stall = now - self._stepped
             self._since_stall.restart(now)
         if backlog:
@@ -334,7 +326,8 @@ class Authority:
         return now < self._backlog_until or self._stood_still(now)
 
     def _stood_still(self, now: float) -> bool:
-        return self._stepped is not None and now - self._stepped > STALL
+        # Gap between two steps, s, above which data received during the gap is considered stale.
+        return self._stepped is not None and now - self._stepped > 0.5
 
 
 def unreported(session: Session, now: float) -> str:

@@ -21,9 +21,6 @@ from circnav_mav.pilot.step_view import StepView
 
 MOST_REJECTED = 0.5
 """Share of rejected ranges above which an alarm is raised."""
-FEW_SETPOINTS = 0.5
-"""Share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too few
-setpoints."""
 LOST = {
     "attitude": (
         "NO ATTITUDE from the vehicle: steered by ranges alone, no check that it follows turn"
@@ -419,7 +416,9 @@ def _altitude_jumped(view: StepView) -> Active | None:
 def _few_setpoints(view: StepView) -> Active | None:
     rates = view.steered_rates
     wanted = 1 / view.settings.timing.tick
-    if not view.flies or rates is None or rates.setpoints >= FEW_SETPOINTS * wanted:
+    # Share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too few
+    # setpoints.
+    if not view.flies or rates is None or rates.setpoints >= 0.5 * wanted:
         return None
     return Active(
         long=f"FEW SETPOINTS: only {rates.setpoints:.1f} of {wanted:.0f} per second are sent: the"

@@ -14,10 +14,6 @@ from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
 from circnav_mav.timers import Every
 
-HOME_RATE = 1.0
-"""Rate, Hz, of HOME_POSITION if the height is relative to home. Home may be changed until the
-engagement."""
-
 GPS_HEALTH_RATE = 4.0
 """Rate, Hz, of the messages that show a loss of GPS: the flags of the estimator fall 0.8 s before
 the failsafe acts."""
@@ -38,7 +34,9 @@ class Connection:
         if settings.ranging.component_id == AUTOPILOT_COMPONENT and not settings.ranging_apart:
             self.more_streams[self.ranging_message.id] = settings.ranging.rate_hz
         if settings.height.target_above_home is not None:
-            self.more_streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = HOME_RATE
+            # Rate, Hz, of HOME_POSITION if the height is relative to home. Home may be changed
+            # until the engagement.
+            self.more_streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = 1.0
         if settings.flies_without_gps:
             for ident in (
                 dialect.MAVLINK_MSG_ID_GPS_RAW_INT,

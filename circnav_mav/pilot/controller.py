@@ -31,8 +31,6 @@ from circnav_mav.pilot.settings import PilotSettings
 
 RELATIVE = ("auto", "drift")
 """Estimators of the relative motion."""
-LONGEST_DELAY = 2.0
-"""Largest delay of the link, s, that the gains are tuned for."""
 
 
 class Controller:
@@ -98,8 +96,9 @@ class Controller:
     ) -> TurnCommand | None:
         """Return the turn command: the law's while engaged, the circle's turn rate while holding,
         else None. round_trip: delay of the link in both directions, s."""
+        # Largest delay of the link, s, that the gains are tuned for.
         self.vehicle.link = min(
-            self._settings.timing.tick if round_trip is None else round_trip, LONGEST_DELAY
+            self._settings.timing.tick if round_trip is None else round_trip, 2.0
         )
         motion = None if estimate is None else estimate.relative
         if motion is not None and motion.trusted:

@@ -20,9 +20,6 @@ from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.range_tracker import RangeTracker
 from circnav_mav.pilot.settings import PilotSettings
 
-LOST_FOR = 1.0
-"""Time, s, without a fix of any receiver that counts as a loss. The estimator bridges shorter
-ones."""
 RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
 POSITION_FLAGS = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
 
@@ -79,7 +76,9 @@ class GpsLoss:
     def _is_lost(self, now: float) -> bool:
         """True if the vehicle loses its position now, or soon."""
         since = self._without_fix_since
-        return self._position_lost or (since is not None and now - since >= LOST_FOR)
+        # Time, s, without a fix of any receiver that counts as a loss. The estimator bridges
+        # shorter ones.
+        return self._position_lost or (since is not None and now - since >= 1.0)
 
     def step(self, now: float) -> str:
         """Change the method if the GPS is lost, and request its mode until the vehicle reports it.

@@ -13,9 +13,6 @@ MOST_CLIMB = 20.0
 altitude estimate."""
 BUNCHED = 0.25
 """Least interval, s, assumed between two altitudes: a link may deliver several at once."""
-RETURNS = 3.0
-"""Time, s, within which the altitude may return gradually after a jump, as ArduPlane's does in
-turbulence."""
 
 READ = frozenset({"VFR_HUD", "HOME_POSITION"})
 """Types of the messages that determine the height."""
@@ -78,7 +75,9 @@ class Height:
 
     def _forgive(self, altitude: float, now: float) -> None:
         """Restore the zero if the altitude has gradually returned since its jump."""
-        if self._doubt is None or now - self._doubt[0] < RETURNS:
+        # Time, s, within which the altitude may return gradually after a jump, as ArduPlane's does
+        # in turbulence.
+        if self._doubt is None or now - self._doubt[0] < 3.0:
             return
         (_, origin, jump), self._doubt = self._doubt, None
         if self._zero is not None and abs(altitude - origin) <= MOST_CLIMB * BUNCHED:

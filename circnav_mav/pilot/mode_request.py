@@ -4,14 +4,6 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import once
 from circnav_mav.mav.session import Session
 
-PROOF = 3.0
-"""Longest time, s, until an accepted request appears in the vehicle's heartbeat (PX4 sends one a
-second)."""
-TRIES = 3
-"""Number of requests before a mode request counts as failed; chosen."""
-SAFE_SETPOINTS = 3
-"""Number of safe setpoints sent before the stream ends by the exit action `stop`: a datagram can be
-lost."""
 PATIENCE = 12.0
 """Longest time, s, for the exit action. After this time the stream of setpoints ends without the
 action."""
@@ -46,10 +38,13 @@ class ModeRequest:
         self._dropped = session.mode_requests_dropped
         if now < self._due or session.vehicle.mode == mode:
             return None
-        if self._tries == TRIES:
+        # Number of requests before a mode request counts as failed; chosen.
+        if self._tries == 3:
             return f"acknowledged, but the vehicle stays in {session.vehicle.mode_name}{report}"
         self._tries = self._tries + 1
-        self._due = now + PROOF
+        # Longest time, s, until an accepted request appears in the vehicle's heartbeat (PX4 sends
+        # one a second).
+        self._due = now + 3.0
         session.commands.send(session.adapter.request_mode(mode))
         return None
 
@@ -63,7 +58,9 @@ class ExitAction:
         default."""
         self.action = action
         self._request = ModeRequest()
-        self._safe_left = SAFE_SETPOINTS
+        # Number of safe setpoints sent before the stream ends by the exit action `stop`: a datagram
+        # can be lost.
+        self._safe_left = 3
         self.failure: str | None = None
         """Reason why the exit action had no effect."""
 

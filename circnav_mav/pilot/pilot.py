@@ -45,15 +45,6 @@ from circnav_mav.pilot.step_view import StepView
 from circnav_mav.pilot.tick_scheduler import TickScheduler
 from circnav_mav.timers import Since
 
-REPORTS_AFTER = 3.0
-"""Time, s, after a silence until all telemetry streams are received again."""
-UPLINK_SILENT = 2.0
-"""Time, s, without an answer of a steered vehicle to TIMESYNC, after which an alarm is raised.
-Requests are sent once a second and repeated if lost."""
-RECEIVES_AFTER = 3.0
-"""Time, s, from the first TIMESYNC answer after an outage of the uplink until the vehicle follows
-commands again."""
-
 UNSIGNED = "the link is not signed; to allow changes: link.unsigned_parameters = true"
 
 
@@ -330,7 +321,9 @@ class Pilot:
         # time to show that it follows again.
         if session.timesync.silent(now, UNANSWERED):
             self._since_unanswered.restart(now)
-        if self._since_unanswered.age(now) < RECEIVES_AFTER:
+        # Time, s, from the first TIMESYNC answer after an outage of the uplink until the vehicle
+        # follows commands again.
+        if self._since_unanswered.age(now) < 3.0:
             vehicle.judge_again()
             self.conditions.forget(NOT_FOLLOWING)
         if self.mission.steering and not obedience.follows and now - obedience.since > most:
@@ -468,7 +461,8 @@ class Pilot:
             self._why = command.why
         if self.session.heartbeat_age(now) > SILENT:
             self._since_silent.restart(now)
-        if self._since_silent.age(now) > REPORTS_AFTER:
+        # Time, s, after a silence until all telemetry streams are received again.
+        if self._since_silent.age(now) > 3.0:
             seldom = ("attitude",) if self.session.motion.seldom(now) else ()
             self._lost_reports = (*seldom, *self.session.missing(now))
         frames = self.connection.counts[VEHICLE].frames
@@ -485,6 +479,8 @@ class Pilot:
         controller = self.controller
         vehicle = session.adapter.name if session.up else "no vehicle yet"
         lateral = controller.vehicle.bank_limit.bank * (self.own.airspeed if self.own else inf)
+        # Time, s, without an answer of a steered vehicle to TIMESYNC, after which an alarm is
+        # raised. Requests are sent once a second and repeated if lost.
         return StepView(
             tick=tick,
             settings=self.settings,
@@ -498,7 +494,7 @@ class Pilot:
             second_senders=tuple(session.identity.second_senders.recent(now)),
             second_controller=self.second_controller.evidence(now),
             flood=self.allowance.dropped / 1000 if self.allowance.flooded(now) else 0.0,
-            uplink_silent=session.timesync.silent(now, UPLINK_SILENT),
+            uplink_silent=session.timesync.silent(now, 2.0),
             stalled=self._authority.stalled(now),
             clock_speed=session.clock_speed.found,
             setpoints=self.setpoints_sent,

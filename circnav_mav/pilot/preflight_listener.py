@@ -30,8 +30,6 @@ TICK = 0.05
 SETTLE = 2.0
 """Time, s, from finding the vehicle to the start of the measurement: the requested streams start
 meanwhile."""
-PARAMETER_PATIENCE = 10.0
-"""Longest time, s, for which the listener waits for missing parameters after the measurement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +160,9 @@ class PreflightListener:
             return now - self._began > self._settings.timing.wait_link
         end = self._found + SETTLE + self._listens
         answered = self._parameters is None or self._parameters.done
-        return now >= (end if answered else end + PARAMETER_PATIENCE)
+        # Longest time, s, for which the listener waits for missing parameters after the
+        # measurement.
+        return now >= (end if answered else end + 10.0)
 
     def _questions(self, now: float) -> list[Message]:
         """Return the parameter requests that are due."""

@@ -22,22 +22,6 @@ from circnav_mav.timers import Since
 FRESH = 0.6
 """Age of a range, as a share of `stale`, below which steering resumes at once after ranges were
 stale."""
-CALM = 1.0
-"""Time, s, without stale ranges after which steering resumes even if the range is older than FRESH.
-Without this wait, ranges with ages near `stale` would start and stop steering again and again."""
-THINNED = 0.75
-"""Least time between two ranges added to the estimator, in ticks. Ranges in between are merged.
-Each added range causes a setpoint and takes 1 to 2 ms of processor time."""
-MOST_MERGED = 1000
-"""Largest number of ranges that are merged into one range."""
-MOST_AT_ONCE = 64
-"""Number of newest ranges kept: as many as one datagram of a slow link may hold."""
-JUMP = 0.5
-"""Smallest jump of the range, as a share of the radius, that is rejected. Noise of this size is
-rejected, too."""
-CLOSING = 2.0
-"""Largest change of the range per time, in units of the vehicle's speed V: wind and target motion
-add to V."""
 JUMPED_FOR = 1.0
 """Time, s, after which a jump of the ranges is reported. Outliers are shorter."""
 
@@ -61,10 +45,15 @@ class RangeTracker:
             settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed
         )
         self.estimator = ESTIMATORS[settings.estimator](settings.tuning.estimation)
-        self._thinning = Thinning(THINNED * settings.timing.tick)
-        self.jumps = JumpGate(speed, JUMP * settings.orbit.radius)
+        # Least time between two ranges added to the estimator, in ticks. Ranges in between are
+        # merged. Each added range causes a setpoint and takes 1 to 2 ms of processor time.
+        self._thinning = Thinning(0.75 * settings.timing.tick)
+        # Smallest jump of the range, as a share of the radius, that is rejected. Noise of this size
+        # is rejected, too.
+        self.jumps = JumpGate(speed, 0.5 * settings.orbit.radius)
         self.newest: RangeSample | None = None
-        self.recent: deque[RangeSample] = deque(maxlen=MOST_AT_ONCE)
+        # Number of newest ranges kept: as many as one datagram of a slow link may hold.
+        self.recent: deque[RangeSample] = deque(maxlen=64)
         """Newest ranges added to the estimator."""
         self.newest_rate: RateSample | None = None
         self.fresh = False
@@ -180,7 +169,10 @@ class RangeTracker:
         if age is None or age > self._stale + SAME_TIME:
             self._since_stale.restart(now)
             return False
-        fresh = not holding or age <= FRESH * self._stale or self._since_stale.age(now) > CALM
+        # Time, s, without stale ranges after which steering resumes even if the range is older than
+        # FRESH. Without this wait, ranges with ages near `stale` would start and stop steering
+        # again and again.
+        fresh = not holding or age <= FRESH * self._stale or self._since_stale.age(now) > 1.0
         return (
             self.estimator.ready and estimate is not None and fresh and self.ranging.one_source(now)
         )
@@ -202,7 +194,9 @@ class JumpGate:
 
     def __init__(self, speed: float, least: float) -> None:
         """speed: V, m/s. least: smallest jump that is rejected, m."""
-        self._speed = CLOSING * speed
+        # Largest change of the range per time, in units of the vehicle's speed V: wind and target
+        # motion add to V.
+        self._speed = 2.0 * speed
         self._least = least
         self._first: RangeSample | None = None
         self._newest: RangeSample | None = None
@@ -264,10 +258,8 @@ class Thinning:
         separate if a link delivers several at once.
         """
         self._held.append(sample)
-        if (
-            0 <= sample.time - self._passed_at < self.period - SAME_TIME
-            and len(self._held) < MOST_MERGED
-        ):
+        # Largest number of ranges that are merged into one range.
+        if 0 <= sample.time - self._passed_at < self.period - SAME_TIME and len(self._held) < 1000:
             return None
         # drop ranges held since before a silence of the radio
         held = [one for one in self._held if sample.time - one.time <= self.period]

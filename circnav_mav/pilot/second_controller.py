@@ -10,18 +10,8 @@ from circnav_mav.mav.session import Session
 from circnav_mav.pilot.mission_state import MissionState
 from circnav_mav.timers import Since
 
-UPLINK_SILENT = 3.0
-"""Time without an answer to TIMESYNC, s, after which the vehicle may lack our setpoints and fly its
-own setpoints."""
-KEPT = 3.0
-"""Time, s, in addition to the round trip, for which the vehicle may still report a sent setpoint.
-In a shorter, unnoticed outage of the uplink, the vehicle flies the last setpoint that it
-received."""
 GAP = 0.5
 """Time without a setpoint, s, after which the next setpoint starts a new stream."""
-SETTLED = 2.0
-"""Time since the start of a stream, s, after which the vehicle is expected to report its
-setpoints."""
 SLACK = 0.03
 SHARE = 0.1
 """Tolerated difference of a reported turn: rad/s or rad, plus a share of the sent turn. Autopilots
@@ -53,13 +43,18 @@ class EchoWatch:
         """Record the turn in a report of the flown setpoint, None if the setpoint has no turn.
         limited: True if the autopilot may reduce setpoints (banks). Any reported turn between 0 and
         the sent turn may then be ours."""
-        oldest = now - KEPT - round_trip
+        # Time, s, in addition to the round trip, for which the vehicle may still report a sent
+        # setpoint. In a shorter, unnoticed outage of the uplink, the vehicle flies the last
+        # setpoint that it received.
+        oldest = now - 3.0 - round_trip
         while len(self._sent) > 1 and self._sent[1][0] <= oldest:
             self._sent.popleft()
+        # Time since the start of a stream, s, after which the vehicle is expected to report its
+        # setpoints.
         if (
             not self._sent
             or now - self._sent[-1][0] > GAP
-            or self._since_start.age(now) < SETTLED + round_trip
+            or self._since_start.age(now) < 2.0 + round_trip
         ):
             return
         turns = [one for _, one in self._sent] + [0.0] * limited
@@ -95,7 +90,9 @@ class SecondController:
         not answer TIMESYNC: it may then lack our setpoints and fly setpoints of its own."""
         adapter = self._session.adapter
         timesync = self._session.timesync
-        if message.get_msgId() == adapter.echo and not timesync.silent(now, UPLINK_SILENT):
+        # Time without an answer to TIMESYNC, s, after which the vehicle may lack our setpoints and
+        # fly its own setpoints.
+        if message.get_msgId() == adapter.echo and not timesync.silent(now, 3.0):
             self._echo.reported(turn_in(message), now, timesync.worst or 0.0, limited=adapter.banks)
 
     def evidence(self, now: float) -> str:

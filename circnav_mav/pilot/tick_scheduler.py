@@ -3,15 +3,6 @@
 from collections import deque
 from statistics import median
 
-WAIT = 0.25
-"""Longest wait for an expected range, as a share of a tick. Without this wait, each range of a 9.98
-Hz radio would arrive just after a tick and cause a second setpoint at once."""
-AT_ONCE = 1e-5
-"""Time, s, between expected range and tick below which there is no wait: the range has arrived or
-is lost."""
-REMEMBERED = 9
-"""Number of newest gaps between ranges: their median predicts the next range."""
-
 
 class TickScheduler:
     """Schedules the next step without a fresh range: a tick after the last step, but not just
@@ -20,7 +11,8 @@ class TickScheduler:
     def __init__(self, tick: float) -> None:
         """tick: period of the steps, s."""
         self._tick = tick
-        self._gaps: deque[float] = deque(maxlen=REMEMBERED)
+        # Number of newest gaps between ranges: their median predicts the next range.
+        self._gaps: deque[float] = deque(maxlen=9)
         self._received_at: float | None = None
         self.due = float("-inf")
 
@@ -33,14 +25,18 @@ class TickScheduler:
     def stepped(self, now: float) -> None:
         """Record a step of the pilot, and schedule the next one."""
         due = now + self._tick
-        wait = WAIT * self._tick
+        # Longest wait for an expected range, as a share of a tick. Without this wait, each range of
+        # a 9.98 Hz radio would arrive just after a tick and cause a second setpoint at once.
+        wait = 0.25 * self._tick
         # time of the next range, by the median gap between ranges
         expected = (
             due
             if self._received_at is None or not self._gaps
             else self._received_at + median(self._gaps)
         )
-        self.due = expected + wait if AT_ONCE < abs(due - expected) <= wait else due
+        # Time, s, between expected range and tick below which there is no wait: the range has
+        # arrived or is lost.
+        self.due = expected + wait if 1e-5 < abs(due - expected) <= wait else due
 
     def at_once(self) -> None:
         """Make the next step due at once."""

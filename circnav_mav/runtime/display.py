@@ -19,8 +19,6 @@ from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import NewAlarms, Status, StatusSource, kind, shown
 
-PICTURES_A_SECOND = 4
-"""Refreshes of the live picture per real second. Chosen: more cannot be read."""
 PATIENCE = 1.0
 """Timeout for a stuck terminal at the end of the flight, s."""
 
@@ -162,7 +160,8 @@ def display_for(
         screen: Screen = LiveScreen(
             console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only)
         )
-        return Display(screen, pilot, onlookers, speed / PICTURES_A_SECOND, last=True)
+        # Refreshes of the live picture per real second. Chosen: more cannot be read.
+        return Display(screen, pilot, onlookers, speed / 4, last=True)
     return Display(PlainScreen(console), pilot, onlookers, speed, last=False)
 
 

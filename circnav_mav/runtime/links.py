@@ -30,8 +30,6 @@ RECEIVE_BUFFER = 1 << 18
 buffer). The buffer holds 600 short datagrams: 0.2 s of a simulator at 20 times real time. A flood
 loses data in any case, and a longer queue only adds delay: with 1 MB, ranges and a takeover were
 received 1 s late."""
-_MOST_HOSTS = 256
-"""Hosts for which the peer check is cached. Bounds the memory that a flood of addresses can use."""
 MOST_TROUBLES = 4
 FROM_OTHERS = "ignored: from other senders"
 """Number of different troubles beyond which further ones are counted under one text, and this text
@@ -46,8 +44,6 @@ LOST = (OSError, ValueError, termios.error)
 OSError, but while opening a port, pyserial passes on `termios.error`, which is not an OSError."""
 HALF_OPEN = 3.0
 """Time without acknowledgement, s, after which a TCP connection is closed."""
-CONNECT_PATIENCE = 5.0
-"""Timeout for connecting to a TCP peer, s. Chosen."""
 
 
 class Link(Protocol):
@@ -102,7 +98,9 @@ class UdpLink:
         UnicodeError."""
         self.troubles: Counter[str] = Counter()
         networks = [ip_network(peer, strict=False) for peer in peers]
-        self._accepts = lru_cache(_MOST_HOSTS)(
+        # Hosts for which the peer check is cached. Bounds the memory that a flood of addresses can
+        # use.
+        self._accepts = lru_cache(256)(
             lambda host: not networks or any(_ip(host) in one for one in networks)
         )
         family, address = resolve(endpoint)
@@ -251,7 +249,8 @@ def _open_tcp(endpoint: Endpoint) -> StreamLink:
     """Connect to a TCP server (SITL: port 5760). Raises OSError, UnicodeError."""
     family, address = resolve(endpoint)  # resolve only once: a lookup may block or fail
     connection = socket.socket(family, socket.SOCK_STREAM)
-    connection.settimeout(CONNECT_PATIENCE)
+    # Timeout for connecting to a TCP peer, s. Chosen.
+    connection.settimeout(5.0)
     try:
         connection.connect(address)
     except OSError:

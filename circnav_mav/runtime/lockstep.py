@@ -17,9 +17,6 @@ RADIO = "ranging"
 SOURCE = "sim"
 ON_TIME = 1e-3
 """Run time, s, by which a wait may end early and still count as complete."""
-MOST_LATE = 0.5
-"""Longest delay that a paced run makes up for, in real time, s. The rest of a longer delay is
-skipped."""
 
 
 class Vehicle(Protocol):
@@ -88,7 +85,9 @@ class Lockstep(Clock):
             early = due - self._paced()
             if early > ON_TIME:
                 due = max(due - early, self._now)
-            self._start += max(-early / self.speed - MOST_LATE, 0.0)
+            # Longest delay that a paced run makes up for, in real time, s. The rest of a longer
+            # delay is skipped.
+            self._start += max(-early / self.speed - 0.5, 0.0)
         micros = ceil(due * 1e6)
         micros += (
             micros / 1e6 < due

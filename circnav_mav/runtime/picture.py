@@ -25,8 +25,6 @@ STYLES = {
 NARROWEST = 80
 WIDEST = 160
 """Width limits of the picture, columns: the usual width of a terminal, and twice that."""
-BAR = 41
-"""Cells of a bar in the narrowest picture. Odd, so that it has a middle cell."""
 CELLS = 30
 CELL = 2.0
 """Cells of the sparkline in the narrowest picture, and the time that each covers, s: a minute in
@@ -140,7 +138,8 @@ class Picture:
         """Return a bar from -1 to 1 with a mark at `share`. A value beyond is marked at the end,
         None is not marked."""
         signs = self._signs
-        half = (BAR + self._width - NARROWEST) // 2
+        # Cells of a bar in the narrowest picture. Odd, so that it has a middle cell.
+        half = (41 + self._width - NARROWEST) // 2
         cells = [signs.line] * (2 * half + 1)
         cells[half] = signs.middle
         if share is not None:

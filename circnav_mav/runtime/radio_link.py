@@ -27,8 +27,6 @@ docs/own-vehicle.md."""
 UNKNOWN = 0xFFFFFFFF
 NO_PLACE = 0x7FFFFFFF
 """Values of RANGING_BEACON that mean unknown: UINT32_MAX and INT32_MAX."""
-LONGEST_STAMP = 1e12
-"""Largest timestamp that is forwarded, s. A larger one is invalid."""
 MOST_WORDS = 200
 """Maximum number of characters kept of a driver's error, which may quote the whole input of the
 driver."""
@@ -151,9 +149,10 @@ class RadioLink:
     def _frame(self, reading: RadioReading) -> bytes:
         self._sequence = (self._sequence + 1) % 256
         stamp = reading.stamp
+        # Largest timestamp that is forwarded, s. A larger one is invalid.
         return self._encoder.encode(
             dialect.MAVLink_ranging_beacon_message(
-                round(stamp * 1e6) if stamp is not None and 0 < stamp < LONGEST_STAMP else 0,
+                round(stamp * 1e6) if stamp is not None and 0 < stamp < 1e12 else 0,
                 0,
                 0,
                 reading.beacon,

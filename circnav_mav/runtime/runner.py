@@ -18,11 +18,6 @@ from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
-LONGEST_STEP = 0.5
-"""Real duration of a step, s, after which it sends nothing more: the process was probably stopped
-meanwhile, and the operator may have taken over. The pilot detects a stall between two steps."""
-
-
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
 """Signals that end a flight safely: Ctrl-C, a stopped service, and Ctrl-\\, which is easily typed
 instead of Ctrl-C."""
@@ -164,7 +159,10 @@ def run_step(
         pilot.interrupt(now, signal_name)
 
     def is_late() -> bool:
-        return clock.real() - began > LONGEST_STEP
+        # Real duration of a step, s, after which it sends nothing more: the process was probably
+        # stopped meanwhile, and the operator may have taken over. The pilot detects a stall between
+        # two steps.
+        return clock.real() - began > 0.5
 
     def send(data: bytes) -> bool:
         if is_late():

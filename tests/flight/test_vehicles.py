@@ -56,7 +56,10 @@ def test_plane_with_low_turn_gain_holds_its_radius() -> None:
     """22.0 m/s indicated is 23.4 m/s true on the emulated plane, so the assumed coordinated turn
     rate is 6 % too high. The mean radius is correct all the same."""
     flown = flight(
-        "arduplane", "sim.vehicle.turn_effectiveness=0.73", 'orbit.direction="counterclockwise"'
+        "arduplane",
+        "sim.vehicle.turn_effectiveness=0.73",
+        'orbit.direction="counterclockwise"',
+        law="auto",
     ).fly(160)
     assert rms_error(last_third(flown), 150.0) < 1.0
     assert clockwise_turns(last_third(flown)) < -0.8

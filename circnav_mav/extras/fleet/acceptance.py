@@ -36,18 +36,8 @@ from circnav_mav.mav.signing import (
 CLOCK_TOLERANCE = 0.5
 """Largest difference, s, between a timestamp and this member's own clock. It includes the delay of
 the network."""
-SHORTEST_INTERVAL = 0.1
-"""Shortest time, s, between two reports of one member: half the interval at the highest rate."""
-MOVES_AFTER = 1.5
-"""Silence of a member, s, after which another address may use its id, as for a vehicle
-(mav/identity.py)."""
-FORGET_AFTER = 60.0
-"""Silence, s, after which a member leaves the table."""
 MOST_MEMBERS = 32
 """Largest number of members in the table."""
-PHASE_TOLERANCE = 0.35
-"""Tolerance, rad, between a phase and its extrapolation, in addition to three standard
-deviations."""
 PHASE_RATE_TOLERANCE = 0.1
 """Growth rate of the phase tolerance on the circle, rad/s: changes of the commanded radius change
 the phase rate."""
@@ -57,10 +47,6 @@ ALARM_COUNT = 3
 ALARM_TIME = 5.0
 """Number of rejections for one reason, and time, s, within which they raise an alarm. Single
 rejections are normal: a lossy network repeats and reorders frames."""
-MOST_COPIES = 16_384
-"""Number of newest frames kept to recognize copies: 13 s of 255 members at 5 Hz, 18 min of 3."""
-_HASH = 6
-"""Bytes of the hash in a MAVLink 2 signature."""
 _ROUNDING = 1e-6
 """Relative tolerance of the bounds: fields are rounded to 32 bits."""
 
@@ -167,7 +153,9 @@ def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
     on_circle = before.state is State.ON_CIRCLE and report.state is State.ON_CIRCLE
     rate = PHASE_RATE_TOLERANCE if on_circle else max(tau / report.lap_period, PHASE_RATE_TOLERANCE)
     sigmas = 3 * hypot(before.phase_sigma, report.phase_sigma)
-    return PHASE_TOLERANCE + sigmas + rate * (report.stamp - before.stamp)
+    # Tolerance, rad, between a phase and its extrapolation, in addition to three standard
+    # deviations.
+    return 0.35 + sigmas + rate * (report.stamp - before.stamp)
 
 
 @dataclass(slots=True)
@@ -220,7 +208,9 @@ class Acceptance:
     def remember(self, frame: bytes, now: float) -> None:
         """Store a frame, to recognize its copies."""
         self._seen[frame] = now
-        if len(self._seen) > MOST_COPIES:
+        # Number of newest frames kept to recognize copies: 13 s of 255 members at 5 Hz, 18 min of
+        # 3.
+        if len(self._seen) > 16_384:
             del self._seen[next(iter(self._seen))]
 
     def take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
@@ -320,7 +310,8 @@ class Acceptance:
         if self._signing is None or self._key is None or not is_signed(data):
             return
         self._signing.follow(now)
-        ahead = int.from_bytes(data[1 - SIGNATURE : -_HASH], "little") - max(
+        # Bytes of the hash in a MAVLink 2 signature.
+        ahead = int.from_bytes(data[1 - SIGNATURE : -6], "little") - max(
             int((now - EPOCH) * SECOND), 0
         )
         if ahead > MINUTE and is_signed_with(self._key, data):
@@ -355,7 +346,9 @@ class Acceptance:
         # Signed frames are accepted from any address: otherwise a relay that is faster than the
         # sender could make the sender's own frames look foreign. Two addresses still raise an
         # alarm. Without signatures, only the first address is accepted until it is silent.
-        if address != known.address and now - known.received_at <= MOVES_AFTER:
+        # 1.5: silence of a member, s, after which another address may use its id, as for a vehicle
+        # (mav/identity.py).
+        if address != known.address and now - known.received_at <= 1.5:
             first = address_text(known.address)
             detail = f"id {report.member} at {first} and at {address_text(address)}"
             if self._signing is None:
@@ -366,7 +359,9 @@ class Acceptance:
             raise RejectedError(
                 Rejection.REPLAYED, f"id {report.member}, {-newer_by:.1f} s older than its newest"
             )
-        if newer_by < SHORTEST_INTERVAL:
+        # Shortest time, s, between two reports of one member: half the interval at the highest
+        # rate.
+        if newer_by < 0.1:
             raise RejectedError(
                 Rejection.TOO_OFTEN, f"id {report.member}, reports {newer_by:.3f} s apart"
             )
@@ -396,9 +391,8 @@ class Acceptance:
     def _forget(self, now: float) -> None:
         """Remove silent members, and members with reception times in the future after the clock was
         set back."""
+        # Silence, s, after which a member leaves the table.
         for ident in [
-            one
-            for one, member in self.members.items()
-            if abs(now - member.received_at) > FORGET_AFTER
+            one for one, member in self.members.items() if abs(now - member.received_at) > 60.0
         ]:
             del self.members[ident]

@@ -27,12 +27,6 @@ MULTICAST = "239.255.145.51"
 PORT = 14560
 """Multicast group and UDP port of the fleet. The port is next to those of the usual ground
 stations."""
-HOPS = 1
-"""Time to live of a multicast datagram: no router passes it on."""
-INTERVAL = 0.2
-"""Shortest time, s, between two reports of this member: 5 Hz."""
-EARLY = 0.01
-"""Time, s, by which a report may be early: the interval is not a multiple of the loop step."""
 MOST_DATAGRAMS = 64
 """Largest number of datagrams read in one step. 255 members at 5 Hz send this many in 50 ms."""
 RECEIVE_BUFFER = 1 << 16
@@ -40,18 +34,8 @@ RECEIVE_BUFFER = 1 << 16
 delays reports."""
 RETRY = 2.0
 """Time, s, between two attempts to open the socket."""
-SILENCE = 5.0
-"""Time, s, without any datagram after which a multicast socket is reopened. It also receives this
-member's datagrams, so silence is a fault: unplugging an interface ends the group membership without
-an error."""
 PROBLEM_LASTS = 5.0
 """Time, s, for which a problem is reported after it last occurred."""
-MOST_FRAMES = 4096
-"""Largest number of frames waiting to be recorded."""
-LINK_ID = 1
-"""Link id of signatures on the fleet link. The vehicle's link has 0."""
-_IP_MULTICAST_ALL = 49
-"""Linux socket option IP_MULTICAST_ALL, which Python does not define."""
 
 Datagram = tuple[bytes, Hashable]
 
@@ -66,7 +50,8 @@ class FrameCarrier:
         frames."""
         # Not the `Signing` of the vehicle's link: a member with a wrong clock must not change the
         # timestamp that signs commands to the autopilot.
-        signing = None if key is None else Signing(key, link_id=LINK_ID)
+        # 1: link id of signatures on the fleet link. The vehicle's link has 0.
+        signing = None if key is None else Signing(key, link_id=1)
         self.acceptance = Acceptance(group, member, signing, key, hosts=port.hosts)
         self.sent = 0
         self._port = port
@@ -82,7 +67,10 @@ class FrameCarrier:
         """Send a report, unless the last one was sent less than 0.2 s ago."""
         now = report.stamp
         # abs(): after the clock was set back, reports must not stop until it has caught up.
-        if abs(now - self._sent_at) < INTERVAL - EARLY:
+        # 0.2: shortest time, s, between two reports of this member: 5 Hz.
+        # 0.01: time, s, by which a report may be early: the interval is not a multiple of the loop
+        # step.
+        if abs(now - self._sent_at) < 0.2 - 0.01:
             return
         try:
             if (report.group, report.member) != self._ids:
@@ -150,7 +138,8 @@ class FrameCarrier:
         self._port.close()
 
     def _record(self, frame: bytes) -> None:
-        if len(self._frames) < MOST_FRAMES:
+        # Largest number of frames waiting to be recorded.
+        if len(self._frames) < 4096:
             self._frames.append(without_signature(frame))
 
     def _note(self, problem: str, now: float) -> None:
@@ -215,7 +204,10 @@ class UdpPort:
                 self._problem = self._explain(error)
         if datagrams or self._received_at == -inf:
             self._received_at = now
-        elif not self._peers and abs(now - self._received_at) > SILENCE:
+        # Time, s, without any datagram after which a multicast socket is reopened. It also receives
+        # this member's datagrams, so silence is a fault: unplugging an interface ends the group
+        # membership without an error.
+        elif not self._peers and abs(now - self._received_at) > 5.0:
             self._received_at = now
             self._close(now - RETRY)
         return datagrams
@@ -264,12 +256,14 @@ class UdpPort:
         membership = _membership(self._interface)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind((MULTICAST, self._port))
-        opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
+        # Time to live of a multicast datagram: no router passes it on.
+        opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
         # Without this option, Linux also delivers datagrams from interfaces on which another
         # program joined the group.
         if sys.platform == "linux":
-            opened.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+            # Linux socket option IP_MULTICAST_ALL, which Python does not define.
+            opened.setsockopt(socket.IPPROTO_IP, 49, 0)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
         if self._interface:
             opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, membership)

@@ -14,11 +14,6 @@ from circnav_mav.mission.load import load_mission
 from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
 from circnav_mav.runtime.runner import StopRequest
 
-LOOK_EVERY = 0.2
-"""Time between two checks of the processes, s."""
-PORTS_APART = 10
-"""Difference between the ports of two members, as in ArduPilot's simulator."""
-
 
 def emulate_fleet(
     endpoint: str,
@@ -54,7 +49,8 @@ def emulate_fleet(
             ]
             file = Path(folder) / f"{member}.toml"
             file.write_text(load_mission(vehicle, overrides).text, encoding="utf-8")
-            port = first.port + PORTS_APART * (member - 1)
+            # Difference between the ports of two members, as in ArduPilot's simulator.
+            port = first.port + 10 * (member - 1)
             where = f"{first.kind}:{first.host}:{port}"
             lasts = [] if duration is None else ["--duration", str(duration)]
             command = [
@@ -75,5 +71,6 @@ def emulate_fleet(
             keys = " ".join(f"--set {one}" for one in [*named, f"vehicle.system_id={member}"])
             say(f"member {member} on {where}: fly it with {keys}")
         while any(process.poll() is None for process in processes) and stop.signal_name is None:
-            select.select([stop], [], [], LOOK_EVERY)
+            # Time between two checks of the processes, s.
+            select.select([stop], [], [], 0.2)
     return Exit.DONE

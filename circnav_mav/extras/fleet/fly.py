@@ -27,9 +27,6 @@ from circnav_mav.runtime.recorder import Recorder, RecorderError
 from circnav_mav.runtime.runner import StopRequest, wait
 from circnav_mav.runtime.status import AlarmLog
 
-LINE_EVERY = 20.0
-"""Simulated time between two progress lines, s."""
-
 
 def fly_fleet(
     path: str,
@@ -160,7 +157,8 @@ def _watch(pace: float | None, stop: StopRequest) -> Callable[[FleetFlight], Non
 
 def _show_progress(flight: FleetFlight) -> None:
     tracks = flight.tracks
-    if tracks.time[-1] % LINE_EVERY < 1e-6:
+    # Simulated time between two progress lines, s.
+    if tracks.time[-1] % 20.0 < 1e-6:
         words = "  ".join(
             f"{state.name.lower().replace('_', ' '):9s}" for state in tracks.state[-1]
         )

@@ -21,20 +21,16 @@ COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 MESSAGE = dialect.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY
 LONGEST_FRAME = 280
 """Longest frame of MAVLink 2, with signature, bytes."""
-LATEST_STAMP = 1e13
-"""Latest timestamp sent in `time_usec`, s: below the limit of 64 bits."""
-_LENGTH = 58
-"""Floats in DEBUG_FLOAT_ARRAY."""
-_USED = 12
-"""Floats used by a report."""
 _SENSES = {1.0: 1, -1.0: -1}
 
 
 def to_message(report: MemberReport) -> Message:
     """Return a report as a message. The sender's ids are set by its encoder."""
     numbers = _numbers(report)
-    stamp_us = round(min(max(report.stamp, 0.0), LATEST_STAMP) * 1e6)
-    data = [*numbers, *[0.0] * (_LENGTH - len(numbers))]
+    # Latest timestamp sent in `time_usec`, s: below the limit of 64 bits.
+    stamp_us = round(min(max(report.stamp, 0.0), 1e13) * 1e6)
+    # Floats in DEBUG_FLOAT_ARRAY.
+    data = [*numbers, *[0.0] * (58 - len(numbers))]
     return dialect.MAVLink_debug_float_array_message(stamp_us, NAME.encode(), report.group, data)
 
 
@@ -45,9 +41,8 @@ def is_report(message: Message) -> bool:
 
 def from_message(message: Message) -> MemberReport:
     """Return the report in a message. Raises ValueError if a state or sense does not exist."""
-    state, sense, phase, sigma, period, radius, east, north, ee, en, nn, height = message.data[
-        :_USED
-    ]
+    # Floats used by a report.
+    state, sense, phase, sigma, period, radius, east, north, ee, en, nn, height = message.data[:12]
     if state not in tuple(State) or sense not in _SENSES:
         raise ValueError(f"state {state:g} or sense {sense:g} does not exist")
     return MemberReport(

@@ -27,14 +27,8 @@ GAIN = 0.6
 LEAD = 4.0
 """Time in which the radius follows a command, s: 3 s inward and 6 s outward for a plane at 15
 m/s."""
-INTEGRAL = 0.2
-"""Rate of the integral, in units of GAIN^2 times the angular rate: below 0.25 the loop does not
-overshoot."""
 MAX_TRIM = 0.08
 """Largest value of the integral, as a share of the angular rate."""
-TRIM_WITHIN = 0.15
-"""Largest slot error, rad, for which the integral runs. If it ran at larger errors, the member
-would overshoot."""
 FORGET = 300.0
 FORGET_ALONE = 30.0
 """Decay time of the integral, s, in a ring and alone. In a ring, decay removes the part common to
@@ -49,17 +43,6 @@ share."""
 LANE = 25.0
 LANE_SHARE = 0.25
 """Distance of the outer lane from the circle, m, and its limit as a share of the radius."""
-CLOSE = 0.035
-"""Phase difference, rad, below which two members are ordered by id: noise would swap them
-repeatedly."""
-FORMED = 0.35
-"""Largest slot error, rad, in a formed ring. A member that joins a formed ring waits in the outer
-lane for a gap."""
-LEAST_RING = 2
-"""Smallest number of members in a formed ring."""
-CLEARANCE = 0.7
-"""Smallest phase difference to both neighbors, in units of half the even gap, to enter from the
-outer lane."""
 
 
 def slot_errors(phases: Mapping[int, float]) -> dict[int, float]:
@@ -73,7 +56,9 @@ def slot_errors(phases: Mapping[int, float]) -> dict[int, float]:
         for i in range(n - 1):
             one = ring[i]
             other = ring[i + 1]
-            if one > other and phases[other] % LAP - phases[one] % LAP < CLOSE:
+            # Phase difference, rad, below which two members are ordered by id: noise would swap
+            # them repeatedly.
+            if one > other and phases[other] % LAP - phases[one] % LAP < 0.035:
                 ring[i], ring[i + 1] = other, one
     behind = [phases[member] % LAP - LAP * rank / n for rank, member in enumerate(ring)]
     mean = sum(behind) / n if n else 0.0
@@ -238,7 +223,9 @@ class Spacing:
         # as the vehicle is near the circle: the members then space themselves.
         if self._formed(others):
             near = min(abs(wrapped(phase - own.phase)) for phase in others.values())
-            room = near >= CLEARANCE * pi / len(others)
+            # Smallest phase difference to both neighbors, in units of half the even gap, to enter
+            # from the outer lane.
+            room = near >= 0.7 * pi / len(others)
             self._entered = room and own.range <= settings.radius + 1.5 * settings.lane
         else:
             self._entered = own.range <= settings.radius + settings.lane
@@ -246,14 +233,21 @@ class Spacing:
 
     def _formed(self, others: Mapping[int, float]) -> bool:
         """True if the other members already form an even ring."""
-        return len(others) >= LEAST_RING and max(map(abs, slot_errors(others).values())) <= FORMED
+        # Largest slot error, rad, in a formed ring. A member that joins a formed ring waits in the
+        # outer lane for a gap.
+        # 2: smallest number of members in a formed ring.
+        return len(others) >= 2 and max(map(abs, slot_errors(others).values())) <= 0.35
 
     def _integrate(self, dt: float, *, alone: bool) -> None:
         assert self._error is not None
         settings = self.settings
         self._decay(dt, FORGET_ALONE if alone else FORGET)
-        if abs(self._error) <= TRIM_WITHIN and not alone:
-            rate = INTEGRAL * GAIN**2 * settings.speed / settings.radius
+        # Largest slot error, rad, for which the integral runs. If it ran at larger errors, the
+        # member would overshoot.
+        if abs(self._error) <= 0.15 and not alone:
+            # Rate of the integral, in units of GAIN^2 times the angular rate: below 0.25 the loop
+            # does not overshoot.
+            rate = 0.2 * GAIN**2 * settings.speed / settings.radius
             self.trim = min(max(self.trim + rate * self._error * dt, -MAX_TRIM), MAX_TRIM)
 
     def _closing(self, range_: float) -> float:

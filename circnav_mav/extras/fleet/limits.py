@@ -9,16 +9,10 @@ from circnav_mav.guidance.circle_change import CircleRequest, obstacle
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mission.mission import Mission
 
-GAP_SIGMAS = 4.0
-"""Smallest even gap between two members, in units of the expected largest gap error."""
 COMPASS_SIGMA = radians(2.0)
 """Typical error of a calibrated compass, rad."""
 LEAST_GAP = 25.0
 """Smallest distance of neighbors on the circle, m, that separates them without height layers."""
-LEAST_RATE = 1.0
-"""Smallest number of ranges per second of one member, Hz, for estimating the relative motion."""
-MAX_ROOM = 25
-"""Largest room beside the circle that the fleet law uses, m."""
 AUTO_LAWS = ("auto", "drift")
 
 
@@ -29,11 +23,12 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
     kind = mission.file.vehicle.kind
     limits = mission.pilot_settings().circle_limits
     # Room beside the circle, inward and outward, that the mission allows, m.
+    # 25: largest room beside the circle that the fleet law uses, m.
     inward, outward = (
         max(
             (
                 float(room)
-                for room in range(MAX_ROOM + 1)
+                for room in range(25 + 1)
                 if not obstacle(CircleRequest(offset=side * room), orbit, limits)
             ),
             default=0.0,
@@ -66,9 +61,8 @@ def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
     n = table.size
     settings = spacing_settings(mission, table.id)
     by_distance = int(2 * pi * orbit.radius / LEAST_GAP)
-    too_many = (
-        m for m in range(2, 256) if 2 * pi / m < GAP_SIGMAS * evenness_floor(m, COMPASS_SIGMA)
-    )
+    # Smallest even gap between two members, in units of the expected largest gap error.
+    too_many = (m for m in range(2, 256) if 2 * pi / m < 4.0 * evenness_floor(m, COMPASS_SIGMA))
     by_phase = next(too_many, 256) - 1
     why = "because of compass errors" if by_phase < by_distance else f"{LEAST_GAP:g} m apart"
     words = (
@@ -96,5 +90,6 @@ def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
     words = (
         f"if a two-way beacon has {rate:g} Hz in all, each of {n} members gets {rate / n:.1f} Hz"
     )
-    grade = WARN if rate / n < LEAST_RATE else PASS
+    # Smallest number of ranges per second of one member, Hz, for estimating the relative motion.
+    grade = WARN if rate / n < 1.0 else PASS
     yield Check(grade, "fleet ranging", f"{words}: set ranging.rate_hz to the rate of one member")

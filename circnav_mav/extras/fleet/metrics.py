@@ -15,8 +15,6 @@ NEAR_ABOVE = 10.0
 NEAR_BESIDE = 25.0
 """Vertical and horizontal distance, m. Two members are too near each other if both of their
 distances are smaller."""
-MAX_DRIFT_CHANGE = 0.5
-"""Change of the true drift, m/s, that requires a new map of the true phase."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +58,8 @@ def true_phases(tracks: Tracks) -> Array:
     phase_map = None
     mapped = (inf, inf)
     for i, drift in enumerate(tracks.drift):
-        if (
-            phase_map is None
-            or np.hypot(drift[0] - mapped[0], drift[1] - mapped[1]) > MAX_DRIFT_CHANGE
-        ):
+        # Change of the true drift, m/s, that requires a new map of the true phase.
+        if phase_map is None or np.hypot(drift[0] - mapped[0], drift[1] - mapped[1]) > 0.5:
             phase_map = PhaseMap.of(tracks.speed, drift, tracks.sense)
             mapped = drift
         phases[i] = [phase_map.at(one)[0] for one in angle[i]]

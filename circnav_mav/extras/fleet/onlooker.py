@@ -32,23 +32,11 @@ from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.keys import KeyFileError, read_key
 from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings, OtherVehicle
 
-STEP = 0.1
-"""Shortest time between two steps of the fleet law, s."""
 REQUEST_EVERY = 0.5
 LEAST_OFFSET = 0.1
 LEAST_PACE = 0.002
 """Shortest time between two requests, s, and smallest requested changes: of radius, m, and as a
 share of speed."""
-MAP_EVERY = 1.0
-"""Time between two updates of the phase map, s."""
-DRIFT_TIME = 10.0
-"""Time constant of the filter on the drift for the phase map, s. It removes gusts, which do not
-change the lap."""
-LEAVE_AHEAD = 15.0
-"""Time before the end of the flight, s, at which a member announces that it leaves."""
-FAREWELL = 1.0
-"""Time after the end, s, for which a member still reports that it leaves: some reports may be
-lost."""
 LAYER_SHARE = 0.5
 """Height difference, as a share of the layer distance, below which two members are in the same
 layer."""
@@ -131,7 +119,9 @@ class FleetOnlooker(Onlooker):
     @property
     def busy(self) -> bool:  # type: ignore[override]
         """True for a short time after the end, while the departure is still reported."""
-        return self._over_at is not None and self._now - self._over_at < FAREWELL
+        # Time after the end, s, for which a member still reports that it leaves: some reports may
+        # be lost.
+        return self._over_at is not None and self._now - self._over_at < 1.0
 
     def start(self, epoch_us: int) -> None:
         self._epoch = 0.0 if self._lockstep else epoch_us / 1e6
@@ -145,7 +135,8 @@ class FleetOnlooker(Onlooker):
             self._over_at = now
         if self.carrier is not None:
             self.spacing.take(self.carrier.received(self._epoch + now))
-        if now - self._stepped_at < STEP - 1e-6:
+        # Shortest time between two steps of the fleet law, s.
+        if now - self._stepped_at < 0.1 - 1e-6:
             return ()
         dt = min(now - self._stepped_at, 1.0)
         self._stepped_at = now
@@ -310,7 +301,9 @@ class FleetOnlooker(Onlooker):
 
     def _follow(self, relative: RelativeMotion, now: float, dt: float) -> None:
         """Smooth the drift and the airspeed, and update the phase map every second."""
-        share = dt / (DRIFT_TIME + dt)
+        # Time constant of the filter on the drift for the phase map, s. It removes gusts, which do
+        # not change the lap.
+        share = dt / (10.0 + dt)
         before = self._drift or (relative.drift_x, relative.drift_y)
         self._drift = (
             before[0] + share * (relative.drift_x - before[0]),
@@ -318,7 +311,8 @@ class FleetOnlooker(Onlooker):
         )
         self._covariance = relative.drift_covariance or (UNKNOWN_VARIANCE, 0.0, UNKNOWN_VARIANCE)
         self._airspeed += share * (relative.airspeed - self._airspeed)
-        if self._map is None or now - self._map_at >= MAP_EVERY:
+        # Time between two updates of the phase map, s.
+        if self._map is None or now - self._map_at >= 1.0:
             drift = self._own_drift()
             if (
                 self.state is not State.ON_CIRCLE
@@ -351,10 +345,8 @@ class FleetOnlooker(Onlooker):
         mission = self._pilot.mission
         if mission.phase in (Phase.YIELDED, Phase.LEAVING, Phase.ENDED):
             return True
-        return (
-            mission.engaged_at is not None
-            and now - mission.engaged_at > self._duration - LEAVE_AHEAD
-        )
+        # Time before the end of the flight, s, at which a member announces that it leaves.
+        return mission.engaged_at is not None and now - mission.engaged_at > self._duration - 15.0
 
     def _shares_layer(self, now: float) -> bool:
         """True if another member is in the same height layer and has priority: it is on the circle

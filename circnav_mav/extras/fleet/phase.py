@@ -16,9 +16,6 @@ LAP = 2 * pi
 """Phase of a full lap, rad."""
 POINTS = 120
 """Number of table points per lap. Linear interpolation between them is accurate to 0.01 deg."""
-MAX_DRIFT_SHARE = 0.9
-"""Largest drift of the map, as a share of the airspeed. In a faster drift no circle can be
-flown."""
 
 Pair = tuple[float, float]
 
@@ -46,7 +43,9 @@ class PhaseMap:
         """Return the map at an airspeed (m/s) and drift. sense: +1 counter-clockwise, -1
         clockwise."""
         east, north = drift[0], sense * drift[1]
-        excess = hypot(east, north) / (MAX_DRIFT_SHARE * airspeed)
+        # Largest drift of the map, as a share of the airspeed. In a faster drift no circle can be
+        # flown.
+        excess = hypot(east, north) / (0.9 * airspeed)
         if excess > 1:
             east, north = east / excess, north / excess
         angle = np.linspace(0.0, LAP, POINTS + 1)

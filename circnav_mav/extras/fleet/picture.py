@@ -13,18 +13,12 @@ from circnav_mav.extras.fleet.phase import LAP
 from circnav_mav.extras.fleet.report import State
 from circnav_mav.extras.fleet.section import COLORS
 
-FRAMES = 6
-"""Number of snapshots; chosen."""
-TRAIL = 15.0
-"""Length of the trails, s."""
-LEAST_DRIFT = 0.3
-"""Smallest drift that is drawn, m/s."""
-
 
 def draw_fleet(tracks: Tracks, path: Path) -> None:
     """Write the picture: a strip of snapshots, phases and gap errors over time. Raises OSError."""
     figure = Figure(figsize=(13.0, 5.6), layout="constrained")
-    grid = figure.add_gridspec(2, FRAMES, height_ratios=(1.0, 1.3))
+    # Number of snapshots; chosen.
+    grid = figure.add_gridspec(2, 6, height_ratios=(1.0, 1.3))
     on = np.flatnonzero([State.ON_CIRCLE in states for states in tracks.state])
     first, last = (on[0], on[-1]) if len(on) else (0, len(tracks.time) - 1)
     # Most changes happen at the start: the snapshots are closer together there.
@@ -44,7 +38,8 @@ def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
     """Draw one snapshot with the fading trail of each member. The first snapshot has a scale bar
     and a drift arrow."""
     east, north = np.array(tracks.east), np.array(tracks.north)
-    since = max(index - round(TRAIL / SAMPLE_EVERY), 0)
+    # Length of the trails, s.
+    since = max(index - round(15.0 / SAMPLE_EVERY), 0)
     angle = np.linspace(0.0, LAP, 200)
     axes.plot(
         tracks.radius * np.cos(angle), tracks.radius * np.sin(angle), color="0.75", ls="--", lw=0.8
@@ -77,7 +72,8 @@ def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
         axes.plot([low, low + tracks.radius], [low, low], color="0.3", lw=1.2)
         axes.text(low, low, f"{tracks.radius:g} m", fontsize=7, color="0.3", va="bottom")
         drift = np.array(tracks.drift[index])
-        if (speed := float(np.hypot(*drift))) > LEAST_DRIFT:
+        # Smallest drift that is drawn, m/s.
+        if (speed := float(np.hypot(*drift))) > 0.3:
             tail = np.array([0.0, 0.35]) * extent
             tip = 0.5 * extent * drift / speed
             arrow = {"arrowstyle": "->", "color": "0.4"}

@@ -105,8 +105,6 @@ def _enough_acceleration(context: Context) -> float:
     return float(max(ArduCopter.acceleration_limit[1], ceil(10 * asked / FOLLOWED) / 10))
 
 
-NEW_STREAM = 0.5
-"""Gap between two setpoints, s, after which the yaw target restarts at the present yaw."""
 YAW_LEAD = radians(20)
 """Largest lead of the yaw target over the reported yaw, rad. A copter whose target is farther ahead
 turns faster than commanded until it has caught up."""
@@ -192,7 +190,8 @@ class ArduCopterAttitude(Autopilot):
         reported = to.motion.yaw
         step = now - self._sent_at
         self._sent_at = now
-        if self._yaw is None or step > NEW_STREAM:
+        # Gap between two setpoints, s, after which the yaw target restarts at the present yaw.
+        if self._yaw is None or step > 0.5:
             self._yaw = self._yaw if reported is None else reported
             self._yaw = self._yaw or 0.0
             return self._yaw

@@ -38,8 +38,6 @@ FULL_TILT = 35.0
 FOLLOWED = 1.1
 """Largest ratio of the requested acceleration to the acceleration limit that the vehicle still
 follows. In flight, ArduCopter followed 1.05."""
-STANDING = 0.3
-"""Speed, m/s, below which a reported velocity has no direction."""
 VELOCITY_IGNORED = (
     dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
 )
@@ -256,9 +254,10 @@ def turn_in(message: Message) -> float | None:
     # the right of the velocity. After a timeout of our setpoints both are 0, which means straight
     # flight.
     speed2 = message.vx**2 + message.vy**2
+    # Speed, m/s, below which a reported velocity has no direction.
     return (
         float((message.vx * message.afy - message.vy * message.afx) / speed2)
-        if speed2 > STANDING**2
+        if speed2 > 0.3**2
         else 0.0
     )
 

@@ -21,9 +21,6 @@ SPEED_FAR = 0.2
 WARN."""
 COMMON_WIND = 8.0
 """Common wind for copter flights, m/s. A lean limit too small for this wind gives a warning."""
-ROUNDING = 1e-6
-"""Largest difference between a vehicle's value in 32 bits and the same mission value, as a
-fraction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +120,9 @@ def enough_speed(usual: float) -> Callable[[Context], float]:
 def below(value: float, other: float) -> bool:
     """True if a value is below another by more than the rounding of 32 bits and of unit
     conversion."""
-    return value < other - ROUNDING * abs(other)
+    # Largest difference between a vehicle's value in 32 bits and the same mission value, as a
+    # fraction.
+    return value < other - 1e-6 * abs(other)
 
 
 def one_of(special: Mapping[int, Verdict], otherwise: Verdict) -> Judge:

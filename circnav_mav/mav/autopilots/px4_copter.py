@@ -55,10 +55,6 @@ def _enough_yaw_rate(context: Context) -> float:
     return max(200.0, context.max_turn_rate_deg)
 
 
-CLIMB_GAIN = 0.5
-"""Climb rate, m/s, per m of height error, tuned on PX4's simulated copter."""
-
-
 class PX4Copter(PX4Vehicle):
     """OFFBOARD (6): body velocity and yaw rate. circnav holds the height by the climb rate.
 
@@ -103,7 +99,8 @@ class PX4Copter(PX4Vehicle):
         altitude = to.motion.altitude
         if altitude is None or to.height is None:
             return 0.0
-        return min(max(CLIMB_GAIN * (altitude - to.height), -MAX_CLIMB), MAX_CLIMB)
+        # Climb rate, m/s, per m of height error, tuned on PX4's simulated copter.
+        return min(max(0.5 * (altitude - to.height), -MAX_CLIMB), MAX_CLIMB)
 
 
 FULL_YAW = 150.0

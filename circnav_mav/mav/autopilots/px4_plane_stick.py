@@ -25,8 +25,6 @@ from circnav_mav.mav.autopilots.px4 import ALTCTL, AUTO, PX4Vehicle, custom_mode
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
-STICK_SCALE = 0.5
-"""Largest permitted difference between the bank at full stick and FULL_STICK, deg."""
 _STICK_LOSS: dict[float, str] = {1: "stays in Hold", 2: "flies home (RTL)", 3: "lands where it is"}
 _STOPS_MOTORS = {5: "terminates the flight", 6: "disarms"}
 _STOCK_STICK_LOSS = 2.0
@@ -91,7 +89,8 @@ def _stick_loss_exceptions(value: float, context: Context) -> Verdict:
 
 
 def _stick_bank(value: float, context: Context) -> Verdict:
-    if abs(value - FULL_STICK) > STICK_SCALE:
+    # Largest permitted difference between the bank at full stick and FULL_STICK, deg.
+    if abs(value - FULL_STICK) > 0.5:
         return (
             FAIL,
             (

@@ -30,19 +30,12 @@ from circnav_mav.mav.ranging.sources import SOURCE_SILENT, RangeSource, RangeSou
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.timers import Since
 
-MISSED = 2.5
-"""Range periods without a stamp of the old clock, after which a new clock is followed."""
 FUTURE = 0.15
 KNOWN_AFTER = 100
 """Largest lead of a stamp over the sensor's clock, s, after this number of ranges has shown the
 shortest delay. Before, the limit is JUMP. A smaller lead is link jitter. A larger one is another
 clock or a shorter delay: such a stamp is accepted only when ranges of the old clock have
 stopped."""
-DOUBT = 0.5
-"""Time, s, after a stamp with a lead above FUTURE, in which stamps of the old clock are rejected
-too. If the link has become faster, they are older than they seem."""
-MOST_RATE = 3.0
-"""Largest plausible range rate in units of V."""
 
 
 class RangeReader:
@@ -265,15 +258,18 @@ class RangeReader:
             self._since_ahead.restart(now)
         # A looped route repeats old frames while the sensor still sends. A new clock is followed
         # only after the old one has stopped.
+        # 2.5: range periods without a stamp of the old clock, after which a new clock is followed.
         order = clock.order(
-            stamp, now, most_ahead=most_ahead, steady=JUMP, patience=MISSED / settings.rate_hz
+            stamp, now, most_ahead=most_ahead, steady=JUMP, patience=2.5 / settings.rate_hz
         )
         if order is Order.RESTARTED:
             self._restart()
             return None
         if order is Order.JUMPED:
             return Reject.STAMP_JUMP
-        if self._since_ahead.age(now) < DOUBT:
+        # Time, s, after a stamp with a lead above FUTURE, in which stamps of the old clock are
+        # rejected too. If the link has become faster, they are older than they seem.
+        if self._since_ahead.age(now) < 0.5:
             clock.newest_at = now
             return Reject.CLOCK
         if order is Order.OLDER:
@@ -313,7 +309,8 @@ class RangeRateReader:
         self._settings = settings
         self._ranging = ranging
         self._noise = noise
-        self._most = MOST_RATE * speed
+        # Largest plausible range rate in units of V.
+        self._most = 3.0 * speed
         self._check = RateCheck()
         self._stamp: float | None = None
         self._sigma = RATE_SIGMA

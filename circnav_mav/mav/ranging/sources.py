@@ -23,11 +23,6 @@ may appear."""
 MOST_SOURCES = 16
 MOST_NAMED = 4
 """Limits of the sources that are kept, and of those listed in one message."""
-KEPT = 256
-"""Newest ranges of a source that are kept to recognize its echo: a quarter of a second at 1 kHz."""
-ECHO_ERROR = 0.015
-"""Largest difference between a range and its echo, m. PX4 truncates the conversion to
-centimeters."""
 JUDGED = 8
 JUDGED_LEAST = 3
 """Largest and smallest number of newest ranges of a suspected echo that are compared. Half of them
@@ -64,7 +59,9 @@ class _Received:
         self.at = 0.0
         self.picked = False
         self.slant: float | None = None
-        self.slants: deque[float] = deque(maxlen=KEPT)
+        # Newest ranges of a source that are kept to recognize its echo: a quarter of a second at 1
+        # kHz.
+        self.slants: deque[float] = deque(maxlen=256)
         self.repeats: deque[bool] = deque(maxlen=JUDGED)
         """For an autopilot: True for each of its newest ranges that repeats one of a radio."""
 
@@ -167,10 +164,10 @@ class RangeSources:
             and other.component != AUTOPILOT_COMPONENT
             and received.picked
         )
+        # Largest difference between a range and its echo, m. PX4 truncates the conversion to
+        # centimeters.
         return any(
-            abs(slant - one) <= ECHO_ERROR
-            for received in radios
-            for one in reversed(received.slants)
+            abs(slant - one) <= 0.015 for received in radios for one in reversed(received.slants)
         )
 
     def _words(self, sources: list[RangeSource]) -> str:
