@@ -65,9 +65,8 @@ offset."""
 ROUGH = 0.25
 """Largest standard deviation of a valid place, as a share of the median range."""
 FOLLOWS = 0.9
-AROUND = 0.3
 """Ratio of the noise around a place to the spread of the ranges above which a constant fits as
-well. Largest spread of the distance, as a share, of a track around the target."""
+well."""
 E, N, U, BIAS, SCALE, DELAY, VE, VN = range(8)
 Fit = Any
 """Result of scipy's `least_squares`."""
@@ -160,7 +159,7 @@ def _locate(
         return still
     if _explains(still, ranges, known) and still.outliers < 0.2 * still.used:
         return still
-    moving = _Problem(track, newest, known, moves=True)
+    moving = Problem(track, newest, known, moves=True)
     fits = [moving.fit(start) for start in _moving_starts(track, newest, still, near)]
     found = [fit for fit in fits if fit is not None]
     place = _decided(moving, found, plane)
@@ -169,7 +168,7 @@ def _locate(
     # A moving model always fits at least as well as a stationary one. Accept it only if it fits
     # much better and the velocity exceeds the drift of the GPS error.
     if isinstance(still, Place):
-        at_rest = _Problem(track, newest, known).fit(np.array([still.east, still.north]))
+        at_rest = Problem(track, newest, known).fit(np.array([still.east, still.north]))
         better = at_rest is None or at_rest.cost - min(fit.cost for fit in found)
         if better < MOVING / 2 * max(1.0, place.noise / float(np.median(newest.sigma))) ** 2:
             return still
@@ -241,14 +240,14 @@ def _best(
     plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None
 ) -> Place | NotLocated:
     """Return the place of a stationary target, or `NotLocated` if no place or two places fit."""
-    problem = _Problem(track, ranges, known)
+    problem = Problem(track, ranges, known)
     if near is not None and not near.moves:
         fit = problem.fit(np.array([near.east, near.north]))
         place = _decided(problem, [] if fit is None else [fit], plane)
         if isinstance(place, Place) and place.noise < 3 * max(near.noise, 0.1):
             return place
     every = max(1, len(ranges.r) // FIRST_FIT_RANGES)
-    rough = _Problem(track, ranges.take(np.arange(0, len(ranges.r), every)), known, nodes=1)
+    rough = Problem(track, ranges.take(np.arange(0, len(ranges.r), every)), known, nodes=1)
     found = sorted(
         (fit for start in _starts(track, rough.ranges) if (fit := rough.fit(start))),
         key=lambda fit: fit.cost,
@@ -260,17 +259,21 @@ def _best(
     return _decided(problem, [fit for fit in refined if fit is not None], plane)
 
 
-def _decided(problem: "_Problem", fits: list[Fit], plane: Plane) -> Place | NotLocated:
+def _decided(problem: "Problem", fits: list[Fit], plane: Plane) -> Place | NotLocated:
     """Return the place of the best fit, or `NotLocated` if it is poor or another place fits as
     well."""
     if not fits:
         return NotLocated("no place fits the ranges")
+    # On a straight track, only the errors of the positions distinguish the sides. With an unknown
+    # height, every place on a ring around the track fits.
+    if problem.straight:
+        return NotLocated("two places, on either side of the straight track, fit the ranges: turn")
     best = min(fits, key=lambda fit: fit.cost)
     settled = problem.settle(best)
     place = None if settled is None else problem.finish(settled, plane)
     if settled is None or place is None or not _good(place):
         return NotLocated("the track does not determine the target's place yet: fly a turn")
-    if why := _contradiction(place, problem):
+    if why := _contradiction(place, settled.problem):
         return NotLocated(why)
     # A straight track fits the place mirrored at the track as well. The chi-squared of two places
     # is comparable only if both are refined, with the noise that the ranges show.
@@ -293,22 +296,24 @@ def _apart(one: Array, other: Array) -> float:
     return float(np.hypot(*(one[:2] - other[:2])))
 
 
-def _contradiction(place: Place, problem: "_Problem") -> str:
+def _contradiction(place: Place, problem: "Problem") -> str:
     """Return the reason why the ranges cannot be distances to this place, or an empty text."""
     ranges = problem.ranges
     if place.noise > ROUGH * place.range_scale:
         return f"the ranges scatter by {place.noise:.0f} m: they fit no place"
     error, sigma = place.range_error(place.range_scale)
-    if abs(error) > max(ROUGH * place.range_scale, 2 * sigma) and not place.scale_found:
+    if abs(error) > max(ROUGH * place.range_scale, 2 * sigma):
         return (
             f"for the place that fits best, the ranges are {place.range_error_words()}: does the"
             " target move, or is the radio not calibrated?"
         )
     # Ranges that do not depend on the position (noise, a repeated value) fit a constant as well as
     # a place. Real ranges do so only on a circle around the target.
-    spread = 1.4826 * float(np.median(np.abs(ranges.r - np.median(ranges.r))))
-    way = problem.horizontal(place)
-    around = np.ptp(np.percentile(way, [10, 90])) < AROUND * float(np.median(way))
+    spread = float(np.std(ranges.r))
+    east, north = problem.seen_from(place)
+    far = np.hypot(east, north)
+    one_side = np.hypot(np.mean(east / far), np.mean(north / far))
+    around = one_side < 0.85 and np.ptp(np.percentile(far, [10, 90])) < 0.15 * np.median(far)
     if np.ptp(ranges.r) == 0 or (place.noise > FOLLOWS * spread and not around):
         return "the ranges do not change with the vehicle's position: they fit no place"
     return ""
@@ -338,7 +343,7 @@ def _covered(track: Track, ranges: Ranges) -> Ranges:
     return ranges.take(kept[:: max(1, -(-len(kept) // MOST))])
 
 
-class _Problem:
+class Problem:
     """Residuals of the ranges and of the priors, in standard deviations."""
 
     def __init__(
@@ -434,34 +439,45 @@ class _Problem:
         # A radio with correlated errors gives less information than its number of ranges suggests:
         # enlarge the sigmas.
         worse = max(spread, least) * np.sqrt(_correlation(off[keep]))
-        again = _Problem(
+        again = Problem(
             self.track, replace(kept, sigma=kept.sigma * worse), self.known, moves=self.moves
         )
         last = again.fit(fit.x[: self.own])
         return None if last is None else _Settled(again, last, spread)
 
-    def mirrored(self, x: Array) -> Array:
-        """Return the states with the place, and its velocity, mirrored at the line fitted to the
-        track."""
+    def _line(self) -> tuple[Array, Array, Array]:
+        """Return middle, direction and RMS extent (along, across; m) of the track."""
         inside = (self.track.time >= self.ranges.time[0]) & (self.track.time <= self.end)
         way = np.column_stack([self.track.east, self.track.north])[inside]
         middle = way.mean(axis=0)
-        line = np.linalg.svd(way - middle, full_matrices=False)[2][0]
+        _, extent, lines = np.linalg.svd(way - middle, full_matrices=False)
+        return middle, lines[0], extent / np.sqrt(len(way))
+
+    @property
+    def straight(self) -> bool:
+        """True if the track leaves a line by no more than the error of its positions."""
+        along, across = self._line()[2]
+        return bool(across < min(2 * self.known.gps_sigma, 0.15 * along))
+
+    def mirrored(self, x: Array) -> Array:
+        """Return the states with the place, and its velocity, mirrored at the line fitted to the
+        track."""
+        middle, line, _ = self._line()
         flip = 2 * np.outer(line, line) - np.eye(2)
         mirror = x[: self.own].copy()
         mirror[:2] = middle + flip @ (x[:2] - middle)
         mirror[VE : VN + 1] = flip @ mirror[VE : VN + 1] if self.moves else ()
         return mirror
 
-    def horizontal(self, place: Place) -> Array:
-        """Return the horizontal distances of the vehicle from a place at the times of the ranges,
-        m."""
+    def seen_from(self, place: Place) -> tuple[Array, Array]:
+        """Return the vehicle's positions relative to a place at the times of the ranges, east and
+        north, m."""
         time = self.ranges.time
         ahead = time - self.end
         east, north = (
             np.interp(time, self.track.time, way) for way in (self.track.east, self.track.north)
         )
-        return np.hypot(
+        return (
             east - place.east - place.velocity[0] * ahead,
             north - place.north - place.velocity[1] * ahead,
         )
@@ -552,7 +568,7 @@ class _Problem:
             return True
         start[U] = mirror
         there = replace(known, up=mirror, up_sigma=sigma / 10)
-        other = _Problem(self.track, self.ranges, there, moves=self.moves).fit(start)
+        other = Problem(self.track, self.ranges, there, moves=self.moves).fit(start)
         if other is None:
             return True
         off = (mirror - known.up) / known.up_sigma
@@ -612,7 +628,7 @@ class _Settled:
     """Fit without outliers. problem: with the measured noise. spread: of the residuals, in stated
     sigmas."""
 
-    problem: _Problem
+    problem: Problem
     fit: Fit
     spread: float
 

@@ -1,0 +1,45 @@
+"""Ranges that do not determine a place give no place."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, Ranges, locate_as_it_shows
+from circnav_mav.extras.locate.logs.table import read_logs
+from tests.extras.locate.worlds import KNOWN, PLANE, circles
+from tests.tools.bench.bench_undetermined import judged
+
+UNKNOWN = replace(KNOWN, up_sigma=50.0, sigma_known=False)
+
+
+def refused(ranges: Ranges, track) -> str:
+    answer = locate_as_it_shows(PLANE, track, ranges, UNKNOWN)
+    assert isinstance(answer, NotLocated), answer
+    return answer.why
+
+
+def test_straight_walk_fits_two_places():
+    (log,) = read_logs(Path(__file__).parent / "cases" / "69-walk-straight.csv")
+    ranges, known = log.of("target", None)
+    track = log.track(log.plane())
+    answer = locate_as_it_shows(log.plane(), track, ranges, Knowledge(500.0, sigma_known=known))
+    assert isinstance(answer, NotLocated) and "two places" in answer.why and "turn" in answer.why
+
+
+def test_pure_noise_and_constant_range_are_not_located():
+    track, ranges, _ = circles(target=(0.0, 0.0), laps=2)
+    rng = np.random.default_rng(1)
+    refused(replace(ranges, r=rng.uniform(50, 150, len(ranges.r))), track)
+    assert "do not change" in refused(replace(ranges, r=np.full(len(ranges.r), 100.0)), track)
+
+
+def test_target_walking_on_a_circle_is_not_located():
+    track, ranges, _ = circles(radii=(9.0,), laps=6, height=0.0, gps=0.0, noise=0.2)
+    assert "move" in refused(replace(ranges, r=ranges.r - 3.0), track)
+
+
+@pytest.mark.parametrize("kind", ["straight", "noise", "constant", "half a lap"])
+def test_undetermined_logs_give_no_wrong_place(kind):
+    assert "WRONG" not in {judged(kind, seed) for seed in range(4)}
