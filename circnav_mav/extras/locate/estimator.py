@@ -300,7 +300,7 @@ def _contradiction(place: Place, problem: "Problem") -> str:
     """Return the reason why the ranges cannot be distances to this place, or an empty text."""
     ranges = problem.ranges
     if place.noise > ROUGH * place.range_scale:
-        return f"the ranges scatter by {place.noise:.0f} m: they fit no place"
+        return f"the ranges scatter by {place.noise:.0f} m: they fit no place. Are two tags mixed?"
     error, sigma = place.range_error(place.range_scale)
     if abs(error) > max(ROUGH * place.range_scale, 2 * sigma):
         return (

@@ -260,7 +260,8 @@ def test_several_tags_are_told_apart_by_their_ids_and_mixed_ones_get_a_warning(
         "the near picture shows but the first tag"
     )
     capsys.readouterr()
-    located(tmp_path, track, one, other, names=("", ""))
+    with pytest.raises(Refused, match="no target was located"):
+        located(tmp_path, track, one, other, names=("", ""))
     assert "two tags mixed" in capsys.readouterr().out
 
 
