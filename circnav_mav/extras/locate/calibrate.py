@@ -22,6 +22,7 @@ from circnav_mav.extras.locate.estimator import (
 from circnav_mav.extras.locate.logs.interface import ReadOptions
 from circnav_mav.extras.locate.place import Array, Place, Plane
 from circnav_mav.extras.locate.range_log import RangeLog, corrected
+from circnav_mav.extras.locate.units import is_plausible
 from circnav_mav.mav.ranging.calibration import Calibration, rising
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import Mission
@@ -107,6 +108,9 @@ def calibrate_radio(
         plane = log.plane()
         track = log.track(plane)
         (ranges, sigma_known) = log.of(tag, sigma)
+        if mission is not None:
+            with refusing(mission, MissionError):
+                flown = load_mission(Path(mission))  # the flight corrects ranges with its height
         up, up_sigma = _target_height(track, altitude, flown)
         known = Knowledge(
             up=up,
@@ -131,6 +135,11 @@ def calibrate_radio(
         _plot(Path(f"{results}.png"), found, tag)
         say("\n".join(["[ranging]", *lines]))
         say(f"  written    {results}.toml, .png")
+        if mission is not None and not found.place.up_known:
+            raise Refused(
+                f"{mission}: is not changed: the height of the beacon is unknown, give --altitude",
+                Exit.NOTHING_RECEIVED,
+            )
         if mission is not None:
             write_into(Path(mission), found.calibration)
             say(f"  written    into {mission}: the next flight uses it")
@@ -149,6 +158,12 @@ def measure(
         if isinstance(place, NotLocated):
             return place
     assert isinstance(place, Place)
+    # A large offset of the radio is otherwise fitted as a height, a scale and a delay.
+    if not is_plausible(place, known):
+        return NotLocated(
+            f"the ranges fit only a beacon at altitude {place.up:.0f} m: measure the radio's"
+            " offset at a known distance first"
+        )
     # A range is never measured after its timestamp. A negative delay has another cause: late
     # positions, or a radio that is not linear.
     delay = round(-place.delay, 3) if -place.delay > max(3 * place.delay_sigma, LATE) else 0.0

@@ -64,6 +64,9 @@ range noise plus GPS sigma. With a smaller change, variations of the GPS error w
 offset."""
 ROUGH = 0.25
 """Largest standard deviation of a valid place, as a share of the median range."""
+FOLLOWS = 0.9
+"""Ratio of the noise around a place to the spread of the ranges above which a constant fits as
+well."""
 E, N, U, BIAS, SCALE, DELAY, VE, VN = range(8)
 Fit = Any
 """Result of scipy's `least_squares`."""
@@ -148,7 +151,7 @@ def _locate(
     if len(ranges.r) < LEAST:
         return NotLocated(
             f"{len(ranges.r)} ranges have positions before and after them, {LEAST} are"
-            f" needed{_apart(track, received)}"
+            f" needed{_time_spans(track, received)}"
         )
     still = _best(plane, track, ranges, known, near)
     newest = ranges.take(ranges.time >= ranges.time[-1] - MOVING_WINDOW)
@@ -156,24 +159,22 @@ def _locate(
         return still
     if _explains(still, ranges, known) and still.outliers < 0.2 * still.used:
         return still
-    moving = _Problem(track, newest, known, moves=True)
+    moving = Problem(track, newest, known, moves=True)
     fits = [moving.fit(start) for start in _moving_starts(track, newest, still, near)]
-    fit = min(filter(None, fits), key=lambda one: one.cost, default=None)
+    found = [fit for fit in fits if fit is not None]
+    place = _decided(moving, found, plane)
+    if not isinstance(place, Place):
+        return still
     # A moving model always fits at least as well as a stationary one. Accept it only if it fits
     # much better and the velocity exceeds the drift of the GPS error.
-    at_rest = isinstance(still, Place) and _Problem(track, newest, known).fit(
-        np.array([still.east, still.north])
-    )
-    if fit is None or (at_rest and 2 * (at_rest.cost - fit.cost) < MOVING):
-        return still
-    place = moving.finish(fit, plane)
-    if place is None or not _good(place):
-        return still
-    return (
-        place
-        if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), SLOWEST)
-        else still
-    )
+    if isinstance(still, Place):
+        at_rest = Problem(track, newest, known).fit(np.array([still.east, still.north]))
+        better = at_rest is None or at_rest.cost - min(fit.cost for fit in found)
+        if better < MOVING / 2 * max(1.0, place.noise / float(np.median(newest.sigma))) ** 2:
+            return still
+    if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), SLOWEST):
+        return place
+    return still
 
 
 def locate_as_it_shows(
@@ -195,7 +196,7 @@ def _explains(place: Place | NotLocated, ranges: Ranges, known: Knowledge) -> Ty
     return place.noise < EXPLAINED * float(np.median(ranges.sigma))
 
 
-def _apart(track: Track, ranges: Ranges) -> str:
+def _time_spans(track: Track, ranges: Ranges) -> str:
     """Return a hint that clocks or time units may differ, with both time spans. Empty for few
     ranges or positions."""
     if len(ranges.r) < LEAST or len(track.time) < 2:
@@ -239,30 +240,83 @@ def _best(
     plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None
 ) -> Place | NotLocated:
     """Return the place of a stationary target, or `NotLocated` if no place or two places fit."""
-    problem = _Problem(track, ranges, known)
+    problem = Problem(track, ranges, known)
     if near is not None and not near.moves:
-        place = problem.finish(problem.fit(np.array([near.east, near.north])), plane)
-        if place is not None and _good(place) and place.noise < 3 * max(near.noise, 0.1):
+        fit = problem.fit(np.array([near.east, near.north]))
+        place = _decided(problem, [] if fit is None else [fit], plane)
+        if isinstance(place, Place) and place.noise < 3 * max(near.noise, 0.1):
             return place
     every = max(1, len(ranges.r) // FIRST_FIT_RANGES)
-    rough = _Problem(track, ranges.take(np.arange(0, len(ranges.r), every)), known, nodes=1)
+    rough = Problem(track, ranges.take(np.arange(0, len(ranges.r), every)), known, nodes=1)
     found = sorted(
         (fit for start in _starts(track, rough.ranges) if (fit := rough.fit(start))),
         key=lambda fit: fit.cost,
     )
-    if not found:
+    # Keep one fit of each place, the two best places. The mirrored place is tried in any case.
+    near_by = 0.05 * float(np.median(ranges.r))
+    others = [fit for fit in found if _apart(fit.x, found[0].x) > near_by]
+    refined = [problem.fit(fit.x[:2]) for fit in found[:1] + others[:1]]
+    return _decided(problem, [fit for fit in refined if fit is not None], plane)
+
+
+def _decided(problem: "Problem", fits: list[Fit], plane: Plane) -> Place | NotLocated:
+    """Return the place of the best fit, or `NotLocated` if it is poor or another place fits as
+    well."""
+    if not fits:
         return NotLocated("no place fits the ranges")
-    place = problem.finish(problem.fit(found[0].x[:2]), plane)
-    if place is None or not _good(place):
+    # On a straight track, only the errors of the positions distinguish the sides. With an unknown
+    # height, every place on a ring around the track fits.
+    if problem.straight:
+        return NotLocated("two places, on either side of the straight track, fit the ranges: turn")
+    best = min(fits, key=lambda fit: fit.cost)
+    settled = problem.settle(best)
+    place = None if settled is None else problem.finish(settled, plane)
+    if settled is None or place is None or not _good(place):
         return NotLocated("the track does not determine the target's place yet: fly a turn")
-    for other in found[1:]:
-        apart = np.hypot(*(other.x[:2] - found[0].x[:2]))
-        if apart > SAME * place.sigma + 1.0 and 2 * (other.cost - found[0].cost) < AMBIGUOUS:
+    if why := _contradiction(place, settled.problem):
+        return NotLocated(why)
+    # A straight track fits the place mirrored at the track as well. The chi-squared of two places
+    # is comparable only if both are refined, with the noise that the ranges show.
+    starts = [fit.x[: problem.own] for fit in fits if fit is not best]
+    for start in [*starts, problem.mirrored(settled.fit.x)]:
+        other = settled.problem.fit(start)
+        if other is None:
+            continue
+        apart = _apart(other.x, settled.fit.x)
+        if apart > SAME * place.sigma + 1.0 and 2 * (other.cost - settled.fit.cost) < AMBIGUOUS:
             return NotLocated(
                 f"two places {apart:.0f} m apart fit the ranges: the track is too straight, fly a"
                 " turn"
             )
     return place
+
+
+def _apart(one: Array, other: Array) -> float:
+    """Return the horizontal distance of the places of two fits, m."""
+    return float(np.hypot(*(one[:2] - other[:2])))
+
+
+def _contradiction(place: Place, problem: "Problem") -> str:
+    """Return the reason why the ranges cannot be distances to this place, or an empty text."""
+    ranges = problem.ranges
+    if place.noise > ROUGH * place.range_scale:
+        return f"the ranges scatter by {place.noise:.0f} m: they fit no place. Are two tags mixed?"
+    error, sigma = place.range_error(place.range_scale)
+    if abs(error) > max(ROUGH * place.range_scale, 2 * sigma):
+        return (
+            f"for the place that fits best, the ranges are {place.range_error_words()}: does the"
+            " target move, or is the radio not calibrated?"
+        )
+    # Ranges that do not depend on the position (noise, a repeated value) fit a constant as well as
+    # a place. Real ranges do so only on a circle around the target.
+    spread = float(np.std(ranges.r))
+    east, north = problem.seen_from(place)
+    far = np.hypot(east, north)
+    one_side = np.hypot(np.mean(east / far), np.mean(north / far))
+    around = one_side < 0.85 and np.ptp(np.percentile(far, [10, 90])) < 0.15 * np.median(far)
+    if np.ptp(ranges.r) == 0 or (place.noise > FOLLOWS * spread and not around):
+        return "the ranges do not change with the vehicle's position: they fit no place"
+    return ""
 
 
 def _starts(track: Track, ranges: Ranges) -> Iterator[Array]:
@@ -289,7 +343,7 @@ def _covered(track: Track, ranges: Ranges) -> Ranges:
     return ranges.take(kept[:: max(1, -(-len(kept) // MOST))])
 
 
-class _Problem:
+class Problem:
     """Residuals of the ranges and of the priors, in standard deviations."""
 
     def __init__(
@@ -306,7 +360,7 @@ class _Problem:
         self.known = known
         self.moves = moves
         self.end = float(ranges.time[-1])
-        self._own = VN + 1 if moves else DELAY + 1
+        self.own = VN + 1 if moves else DELAY + 1
         sigmas = (
             known.up_sigma,
             known.bias_sigma,
@@ -315,8 +369,8 @@ class _Problem:
             SPEED_SIGMA,
             SPEED_SIGMA,
         )
-        self._expected_sigma = np.array(sigmas[: self._own - U])
-        self._expected = np.zeros(self._own - U)  # of all states except east and north
+        self._expected_sigma = np.array(sigmas[: self.own - U])
+        self._expected = np.zeros(self.own - U)  # of all states except east and north
         self._expected[0] = known.up
         span = self.end - float(ranges.time[0])
         count = int(min(nodes, 1 + np.ceil(NODES * span / GPS_TIME)))
@@ -332,7 +386,7 @@ class _Problem:
     def fit(self, start: Array) -> Fit | None:
         """Return the robust fit, or None. start: east, north[, velocity], or all states except the
         nodes."""
-        x = np.zeros(self._own + 2 * self._between.shape[1])
+        x = np.zeros(self.own + 2 * self._between.shape[1])
         # Start below the track. At the vehicle's own height, the derivative of the range with
         # respect to the height is zero, and the fit would stay there.
         below = float(np.median(self.track.up)) - 0.2 * float(np.median(self.ranges.r))
@@ -340,8 +394,8 @@ class _Problem:
             start[:2],
             min(self.known.up, below) if self.known.up_sigma > 10 else self.known.up,
         )
-        if len(start) == self._own:
-            x[: self._own] = start
+        if len(start) == self.own:
+            x[: self.own] = start
         elif self.moves:
             x[VE : VN + 1] = start[2:4]
         scale = np.ones_like(x)
@@ -371,11 +425,8 @@ class _Problem:
             [np.where(far, 2 * root - 1, z), 1 / root, np.where(far, -0.5 / root**3, 0.0)]
         )
 
-    def finish(self, fit: Fit | None, plane: Plane) -> Place | None:
-        """Return the place: repeat the fit without outliers and with the measured noise. None if
-        nothing fits."""
-        if fit is None:
-            return None
+    def settle(self, fit: Fit) -> "_Settled | None":
+        """Repeat a fit without outliers and with the measured noise. None if nothing fits."""
         count = len(self.ranges.r)
         off = fit.fun[:count]
         scale = 1.4826 * float(np.median(np.abs(off)))
@@ -388,12 +439,54 @@ class _Problem:
         # A radio with correlated errors gives less information than its number of ranges suggests:
         # enlarge the sigmas.
         worse = max(spread, least) * np.sqrt(_correlation(off[keep]))
-        again = _Problem(
+        again = Problem(
             self.track, replace(kept, sigma=kept.sigma * worse), self.known, moves=self.moves
         )
-        last = again.fit(fit.x[: self._own])
-        if last is None:
-            return None
+        last = again.fit(fit.x[: self.own])
+        return None if last is None else _Settled(again, last, spread)
+
+    def _line(self) -> tuple[Array, Array, Array]:
+        """Return middle, direction and RMS extent (along, across; m) of the track."""
+        inside = (self.track.time >= self.ranges.time[0]) & (self.track.time <= self.end)
+        way = np.column_stack([self.track.east, self.track.north])[inside]
+        middle = way.mean(axis=0)
+        _, extent, lines = np.linalg.svd(way - middle, full_matrices=False)
+        return middle, lines[0], extent / np.sqrt(len(way))
+
+    @property
+    def straight(self) -> bool:
+        """True if the track leaves a line by no more than the error of its positions."""
+        along, across = self._line()[2]
+        return bool(across < min(2 * self.known.gps_sigma, 0.15 * along))
+
+    def mirrored(self, x: Array) -> Array:
+        """Return the states with the place, and its velocity, mirrored at the line fitted to the
+        track."""
+        middle, line, _ = self._line()
+        flip = 2 * np.outer(line, line) - np.eye(2)
+        mirror = x[: self.own].copy()
+        mirror[:2] = middle + flip @ (x[:2] - middle)
+        mirror[VE : VN + 1] = flip @ mirror[VE : VN + 1] if self.moves else ()
+        return mirror
+
+    def seen_from(self, place: Place) -> tuple[Array, Array]:
+        """Return the vehicle's positions relative to a place at the times of the ranges, east and
+        north, m."""
+        time = self.ranges.time
+        ahead = time - self.end
+        east, north = (
+            np.interp(time, self.track.time, way) for way in (self.track.east, self.track.north)
+        )
+        return (
+            east - place.east - place.velocity[0] * ahead,
+            north - place.north - place.velocity[1] * ahead,
+        )
+
+    def finish(self, settled: "_Settled", plane: Plane) -> Place | None:
+        """Return the place of a settled fit. None if its covariance is singular."""
+        again = settled.problem
+        last = settled.fit
+        kept = again.ranges
         try:
             covariance = again.covariance(last)
         except np.linalg.LinAlgError:
@@ -401,7 +494,7 @@ class _Problem:
         x = last.x
         sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         velocity = (float(x[VE]), float(x[VN])) if self.moves else (0.0, 0.0)
-        noise = spread * float(np.median(self.ranges.sigma))
+        noise = settled.spread * float(np.median(self.ranges.sigma))
         both = [BIAS, SCALE]
         radio = x[both]
         radio_covariance = covariance[np.ix_(both, both)]
@@ -418,7 +511,7 @@ class _Problem:
             bias=float(radio[0]), scale=float(radio[1]), radio_covariance=radio_covariance,
             bias_prior=self.known.bias_sigma,
             delay=float(x[DELAY]), delay_sigma=float(sd[DELAY]),
-            noise=noise, used=int(keep.sum()), outliers=int((~keep).sum()),
+            noise=noise, used=len(kept.r), outliers=len(self.ranges.r) - len(kept.r),
             velocity=velocity, velocity_sigma=float(max(sd[VE], sd[VN])) if self.moves else None,
             range_scale=float(np.median(self.ranges.r)),
         )  # fmt: skip
@@ -469,13 +562,13 @@ class _Problem:
         # linear covariance is too small: a UWB radio on a cart once gave -1.5 ±0.7 m for a true
         # +0.9 m.
         known = self.known
-        start = fit.x[: self._own].copy()
+        start = fit.x[: self.own].copy()
         mirror = 2 * float(np.median(self.track.up)) - float(fit.x[U])
         if abs(mirror - fit.x[U]) < sigma:
             return True
         start[U] = mirror
         there = replace(known, up=mirror, up_sigma=sigma / 10)
-        other = _Problem(self.track, self.ranges, there, moves=self.moves).fit(start)
+        other = Problem(self.track, self.ranges, there, moves=self.moves).fit(start)
         if other is None:
             return True
         off = (mirror - known.up) / known.up_sigma
@@ -487,7 +580,7 @@ class _Problem:
         time = self.ranges.time + x[DELAY]
         ways = (self.track.east, self.track.north, self.track.up)
         east, north, up = (np.interp(time, self.track.time, way) for way in ways)
-        nodes = x[self._own :].reshape(2, -1)
+        nodes = x[self.own :].reshape(2, -1)
         ahead = self.ranges.time - self.end
         way = [
             x[E] - east + self._between @ nodes[0],
@@ -501,8 +594,8 @@ class _Problem:
 
     def _residuals(self, x: Array) -> Array:
         far, _, _ = self._line_of_sight(x)
-        nodes = x[self._own :].reshape(2, -1)
-        before = (x[U : self._own] - self._expected) / self._expected_sigma
+        nodes = x[self.own :].reshape(2, -1)
+        before = (x[U : self.own] - self._expected) / self._expected_sigma
         off = ((1 + x[SCALE]) * far + x[BIAS] - self.ranges.r) / self.ranges.sigma
         return np.concatenate([off, before, self._whiten @ nodes[0], self._whiten @ nodes[1]])
 
@@ -510,9 +603,9 @@ class _Problem:
         far, directions, time = self._line_of_sight(x)
         east, north, up = (part * (1 + x[SCALE]) for part in directions)
         count = len(far)
-        own = self._own
+        own = self.own
         nodes = self._between.shape[1]
-        priors = self._own - U
+        priors = self.own - U
         table = np.zeros((count + priors + 2 * nodes, own + 2 * nodes))
         table[:count, E], table[:count, N], table[:count, U] = east, north, up
         table[:count, BIAS], table[:count, SCALE] = 1.0, far
@@ -528,6 +621,16 @@ class _Problem:
         table[count + priors : count + priors + nodes, own : own + nodes] = self._whiten
         table[count + priors + nodes :, own + nodes :] = self._whiten
         return table
+
+
+@dataclass(frozen=True, slots=True)
+class _Settled:
+    """Fit without outliers. problem: with the measured noise. spread: of the residuals, in stated
+    sigmas."""
+
+    problem: Problem
+    fit: Fit
+    spread: float
 
 
 def _correlation(residuals: Array) -> float:

@@ -4,9 +4,8 @@ from math import pi
 
 import numpy as np
 
-from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
+from circnav_mav.extras.locate.estimator import Knowledge, Problem, Ranges, Track
 from circnav_mav.extras.locate.locator import HEIGHT_SIGMA
-from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.extras.locate.settings import table_of
 from circnav_mav.mission.mission import Mission
 
@@ -16,7 +15,7 @@ POSITION_PERIOD = 0.25
 
 def survey_sigma(mission: Mission, seconds: float) -> float | None:
     """Return the standard deviation per axis of the beacon's place after this time on the circle,
-    m, or None if the estimator cannot find it.
+    m, or None if no fit is found.
 
     The estimator gets positions and ranges without errors. Its covariance then contains only the
     stated sigmas of GPS, height and ranges.
@@ -36,5 +35,10 @@ def survey_sigma(mission: Mission, seconds: float) -> float | None:
     slant = np.full(times.size, float(np.hypot(orbit.radius, height or 0.0)))
     ranges = Ranges(times, slant, np.full(times.size, ranging.sigma_m))
     known = Knowledge(up=0.0, up_sigma=HEIGHT_SIGMA, gps_sigma=table_of(mission).gps_sigma_m)
-    place = locate(Plane(0.0, 0.0), track, ranges, known)
-    return place.sigma if isinstance(place, Place) else None
+    # `locate` would also decide whether these ranges determine the place, and the plan's figures
+    # would jump at the limits of its decisions.
+    problem = Problem(track, ranges, known)
+    fit = problem.fit(np.zeros(2))
+    if fit is None:
+        return None
+    return float(np.sqrt(np.linalg.eigvalsh(problem.covariance(fit)[:2, :2])[-1]))

@@ -240,7 +240,8 @@ def test_tags_are_separated_and_mixtures_warned(tmp_path, capsys, monkeypatch):
     edges = drawn(tmp_path, monkeypatch)
     assert all(near[0] < at < near[1] for near, at in edges)
     capsys.readouterr()
-    located(tmp_path, track, one, other, names=("", ""))
+    with pytest.raises(Refused, match="no target was located"):
+        located(tmp_path, track, one, other, names=("", ""))
     assert "two tags mixed" in capsys.readouterr().out
 
 

@@ -471,3 +471,85 @@ def test_progress_is_shown_only_on_terminal(tmp_path):
         and b"locating" not in run.stdout
         and run.stdout.startswith(b"target: 120 ranges")
     )
+
+
+def lap(number: int = 600) -> list[tuple[float, float, float, float]]:
+    """Time, latitude and longitude times ten million, and range of a lap around BEACON."""
+    angle = 2 * np.pi * np.arange(number) / number
+    latitude, longitude = Plane(*BEACON).to_degrees(100 * np.sin(angle), 100 * np.cos(angle))
+    noise = np.random.default_rng(2).normal(0, 0.3, number)
+    return list(zip(0.1 * np.arange(number), latitude, longitude, 100 + noise, strict=True))
+
+
+def test_tlog_reads_receiver_positions_without_a_filter(tmp_path):
+    records = []
+    for time, latitude, longitude, r in lap():
+        gps = mavlink.MAVLink_gps_raw_int_message(
+            0, 3, round(latitude * 1e7), round(longitude * 1e7), 584000, 100, 100, 0, 0, 10
+        )
+        sensor = mavlink.MAVLink_distance_sensor_message(
+            round(time * 1000), 1, 60000, round(r * 100), 1, 0, 0, 0
+        )
+        records += [(time, 1, 1, gps), (time + 0.01, 1, 192, sensor)]
+    (log,) = read_logs(write.write_tlog(tmp_path / "raw.tlog", records))
+    assert off(placed(log, "sensor 0 of 1/192"), BEACON) < 3
+
+
+def test_dataflash_uses_the_fix_of_the_primary_receiver(tmp_path):
+    rows = []
+    for time, latitude, longitude, r in lap():
+        stamp = round(time * 1e6)
+        lost = time > 50.0
+        for number, status in ((0, 3), (1, 1 if lost else 3)):
+            place = round(latitude * 1e7), round(longitude * 1e7)
+            values = (stamp, number, status, 0, 0, 10, 100, *place, 58400, 0, 0, 0, 0, number)
+            rows.append(("GPS", values))
+        away = round((longitude + (0.01 if lost else 0.0)) * 1e7)
+        rows.append(("POS", (stamp, round(latitude * 1e7), away, 584.0, 0.0, 0.0)))
+        rows.append(("RFND", (stamp, 1, round(r * 100), 4, 0, 100)))
+    (log,) = read_logs(write.write_dataflash(tmp_path / "two.bin", rows))
+    assert max(time for time, *_ in log.positions) <= 50.0
+    assert off(placed(log, "rangefinder 1"), BEACON) < 3
+
+
+def test_dataflash_separates_beacons_by_id(tmp_path, monkeypatch):
+    monkeypatch.setitem(write.LOGGED, "UWBR", ("QBf", "TimeUS,Id,Dist"))
+    rows = []
+    for time, latitude, longitude, r in lap(60):
+        place = round(latitude * 1e7), round(longitude * 1e7)
+        rows.append(("POS", (round(time * 1e6), *place, 584.0, 0.0, 0.0)))
+        rows += [("UWBR", (round(time * 1e6), ident, r + 50 * ident)) for ident in (1, 2)]
+    file = write.write_dataflash(tmp_path / "uwb.bin", rows)
+    (log,) = read_logs(file, ReadOptions("UWBR.Dist"))
+    assert set(log.ranges) == {"UWBR.Dist of 1", "UWBR.Dist of 2"}
+
+
+def test_ulog_reads_any_field_by_name(tmp_path):
+    rows = []
+    for time, latitude, longitude, r in lap(60):
+        stamp = round(time * 1e6) + 1
+        place = (stamp, stamp, latitude, longitude, 584.0, 1.0, True, True)
+        rows.append(("vehicle_global_position", 0, place))
+        rows.append(("ranging_beacon", 0, (stamp, r, 0.1, 7.0, 3)))
+    file = write.write_ulog(tmp_path / "field.ulg", rows)
+    (log,) = read_logs(file, ReadOptions("ranging_beacon.range_accuracy"))
+    assert len(log.ranges["ranging_beacon.range_accuracy"]) == 60
+
+
+def test_tlog_reads_any_field_by_name(tmp_path):
+    altitude = mavlink.MAVLink_altitude_message(0, 0, 0, 0, 0, 12.5, 0)
+    position = mavlink.MAVLink_global_position_int_message(0, 1, 1, 584000, 0, 0, 0, 0, 0)
+    records = [(n, 1, 1, one) for n in range(3) for one in (altitude, position)]
+    file = write.write_tlog(tmp_path / "field.tlog", records)
+    with pytest.raises(EmptyLogError, match="no positions"):  # all of them near 0 N 0 E
+        read_logs(file, ReadOptions("ALTITUDE.altitude_terrain"))
+
+
+def test_csv_leaves_out_single_damaged_rows(tmp_path):
+    lines = [f"{t:.1f},{lat:.8f},{lon:.8f},{r:.2f}" for t, lat, lon, r in lap(200)]
+    lines[100] = lines[100].replace(",", ",#x", 1)
+    file = tmp_path / "row.csv"
+    file.write_text("time,latitude,longitude,range\n" + "\n".join(lines) + "\n")
+    (log,) = read_logs(file)
+    assert len(log.positions) == 199
+    assert any("1 damaged rows are left out" in note for note in log.notes)

@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 
 from circnav_mav import cli
+from circnav_mav.cli.exits import Refused
 from circnav_mav.extras.locate.calibrate import measure
-from circnav_mav.extras.locate.estimator import UNCALIBRATED, Ranges, Track, locate
+from circnav_mav.extras.locate.estimator import (
+    UNCALIBRATED,
+    NotLocated,
+    Ranges,
+    Track,
+    locate,
+)
 from circnav_mav.mav.ranging.calibration import Calibration
 from circnav_mav.mission.load import load_mission
 from tests.extras.locate.flown import surveyed, taped
@@ -195,3 +202,27 @@ def test_long_ranges_raise_alarm_with_true_radius():
             number = re.fullmatch(r"circnav: ranges 7 % too long, true radius ([\d.]+) m", texts[0])
             true = np.mean([true_radius(one) for one in flown.truths[-800:]])
             assert number and float(number[1]) == pytest.approx(true, abs=0.5)
+
+
+def test_calibration_without_height_leaves_the_mission_unchanged(tmp_path):
+    track, ranges = approach_and_laps(Calibration(1.0, 1.5), laps=1.0)
+    latitude, longitude = PLANE.to_degrees(track.east, track.north)
+    rows = zip(track.time, latitude, longitude, track.up, ranges.r, strict=True)
+    lines = [f"{t:.1f},{a:.9f},{b:.9f},{up:.1f},{r:.2f}" for t, a, b, up, r in rows]
+    log = tmp_path / "flight.csv"
+    log.write_text("time,latitude,longitude,altitude,range\n" + "\n".join(lines) + "\n")
+    mission = tmp_path / "mine.toml"
+    text = (CONFIG / "quickstart.toml").read_text()
+    text = text.replace("height_above_target_m = ", "# height_above_target_m = ")
+    mission.write_text(text)
+    with pytest.raises(Refused, match="give --altitude"):
+        cli.circnav.main(
+            ["ranging", "calibrate", str(log), "--mission", str(mission)], standalone_mode=False
+        )
+    assert mission.read_text() == text
+
+
+def test_calibration_refuses_a_radio_with_a_large_offset():
+    track, ranges = approach_and_laps(Calibration(1.0, 154.6), laps=1.0)
+    known = replace(KNOWN, up_sigma=50.0, bias_sigma=10.0, scale_sigma=UNCALIBRATED)
+    assert isinstance(measure(PLANE, track, ranges, known), NotLocated)

@@ -2,6 +2,7 @@
 refused."""
 
 import re
+from itertools import pairwise
 
 import pytest
 
@@ -76,3 +77,13 @@ def test_faster_copter_gets_lower_turn_rate(circnav, tmp_path):
     assert circnav("plan", "copter", "--speed", "7", "--write", str(file)).code == 0
     # 1.1 times 2.5 m/s^2 at 7 m/s: 22.5 deg/s
     assert load_mission(file).file.vehicle.max_turn_rate_deg_s == 22
+
+
+def test_expected_place_error_is_smooth_in_the_radius(circnav):
+    ran = circnav("plan", "plane", "--sigma", "30")
+    rows = [
+        line[1:].split() for line in ran.out.splitlines() if re.match(r"[> ] +[\d.]+ +\d", line)
+    ]
+    places = [float(row[7]) for row in rows]
+    assert len(places) > 4 and places == sorted(places, reverse=True)
+    assert all(wide > 0.7 * narrow for narrow, wide in pairwise(places))

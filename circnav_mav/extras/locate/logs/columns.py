@@ -41,6 +41,10 @@ LATEST = 1e11
 microseconds."""
 
 
+DAMAGED = 0.02
+"""Largest share of rows with an unreadable cell. With more, the table is refused."""
+
+
 @dataclass(frozen=True, slots=True)
 class Column:
     """Column in use.
@@ -115,14 +119,26 @@ class _Row:
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
     log = RangeLog()
     dropped = 0
+    read = 0
+    damaged: list[RunError] = []
     try:
         rows = csv.reader(read_lines(path), skipinitialspace=True)
         columns = _columns(next(rows, []), options)
         for cells in rows:
-            if any(cells):
+            if not any(cells):
+                continue
+            read += 1
+            try:
                 dropped += _add(log, _Row(cells, rows.line_num, columns))
+            except RunError as error:
+                damaged.append(error)
     except (csv.Error, ValueError) as error:  # not UTF-8, or a line without an end
         raise RunError(f"is not a CSV in UTF-8: {error}") from None
+    # A wrong unit or column damages every row. Single ones are defects of the file.
+    if len(damaged) > DAMAGED * read:
+        raise damaged[0]
+    if damaged:
+        log.note(f"{len(damaged)} damaged rows are left out, the first: {damaged[0]}")
     if dropped:
         log.note(f"{dropped} ranges of 0 m or less are left out")
     return [log]

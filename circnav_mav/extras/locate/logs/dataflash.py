@@ -52,7 +52,8 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
 
 def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
     log = RangeLog()
-    fixed = None
+    receivers: dict[int, bool] = {}
+    fixed: bool | None = None
     tracks: dict[str, list[tuple[Position, bool | None]]] = {"POS": [], "XKF1": [], "GPS": []}
     origin: tuple[Plane, float] | None = None
     named, _, field = options.range_name.partition(".")
@@ -71,9 +72,14 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
     ):
         kind = message.get_type()
         match kind:
-            case "GPS" if getattr(message, "U", 1) and not getattr(message, "I", 0):
-                fixed = message.Status >= FIX_3D
-                tracks[kind].append(((time, message.Lat, message.Lng, message.Alt), fixed))
+            case "GPS":
+                # U marks the receiver in use, the primary. Without a fix of it, the filter's
+                # position is dead reckoning. Logs without I have one receiver.
+                number = getattr(message, "I", 0)
+                receivers[number] = message.Status >= FIX_3D
+                if getattr(message, "U", number == 0):
+                    fixed = receivers[number]
+                    tracks[kind].append(((time, message.Lat, message.Lng, message.Alt), fixed))
             case "POS":
                 tracks[kind].append(((time, message.Lat, message.Lng, message.Alt), fixed))
             case "ORGN" if message.Type == EKF_ORIGIN:
@@ -93,7 +99,10 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
                     value = message.Value if "Value" in fields[kind] else message.Val
                     _add(log, options.range_name, time, value, options)
         if kind == named and field in fields[kind]:
-            _add(log, options.range_name, time, getattr(message, field), options)
+            tag = options.range_name
+            if "Id" in fields[kind]:  # one message for several beacons
+                tag += f" of {message.Id}"
+            _add(log, tag, time, getattr(message, field), options)
     # Prefer the filter's position, as telemetry does. The GPS receiver's position comes last.
     log.positions = next(
         (track for rows in tracks.values() if len(track := with_fix(rows)) > 1), []

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.extras.locate.gps_fix import RECEIVERS
 from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, with_fix
 from circnav_mav.extras.locate.range_log import EmptyLogError, Position, Range, RangeLog
 from circnav_mav.mav.codec import Ids, Message, ids
@@ -40,18 +41,20 @@ NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT")
 KINDS = {kind.id: kind for kind in RANGING_MESSAGES.values()}
 WANTED = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
-    dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_NAMED_VALUE_INT, *KINDS,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_GPS2_RAW,
+    dialect.MAVLINK_MSG_ID_NAMED_VALUE_INT, *KINDS,
 }  # fmt: skip
 
 
 @dataclass(slots=True)
 class _Sender:
-    """One MAVLink sender. vehicle: None before its first HEARTBEAT. fixed: None before its first
-    GPS_RAW_INT."""
+    """One MAVLink sender. vehicle: None before its first HEARTBEAT. fixes: by receiver,
+    empty before the first report. raw: positions of the receivers, by message."""
 
     vehicle: bool | None = None
-    fixed: bool | None = None
+    fixes: dict[str, bool] = field(default_factory=dict)
     positions: list[tuple[Position, bool | None]] = field(default_factory=list)
+    raw: dict[str, list[tuple[Position, bool | None]]] = field(default_factory=dict)
     ranges: dict[str, list[Range]] = field(default_factory=dict)
     names: set[str] = field(default_factory=set)
 
@@ -60,18 +63,30 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
     senders = dict[Ids, _Sender]()
     newest = dict[str, tuple[float | None, float]]()
     began: int | None = None
-    for stamp, message in read_messages(path, WANTED):
+    named, _, part = options.range_name.partition(".")
+    wanted = WANTED | {kind.id for kind in dialect.mavlink_map.values() if kind.msgname == named}
+    for stamp, message in read_messages(path, wanted):
         began = stamp if began is None else began
         time = (stamp - began) / 1e6
         sender = senders.setdefault(ids(message), _Sender())
         match message.get_type():
             case "HEARTBEAT":
                 sender.vehicle = message.type not in NOT_VEHICLES
-            case "GPS_RAW_INT":
-                sender.fixed = message.fix_type >= FIX_3D
-            case "GLOBAL_POSITION_INT":
+            case "GPS_RAW_INT" | "GPS2_RAW" | "GLOBAL_POSITION_INT" as kind:
                 place = message.lat / 1e7, message.lon / 1e7
-                sender.positions.append(((time, *place, message.alt / 1000), sender.fixed))
+                position = time, *place, message.alt / 1000
+                if kind == "GLOBAL_POSITION_INT":
+                    fixed = any(sender.fixes.values()) if sender.fixes else None
+                    sender.positions.append((position, fixed))
+                else:
+                    sender.fixes[kind] = message.fix_type >= FIX_3D
+                    sender.raw.setdefault(kind, []).append((position, sender.fixes[kind]))
+            case kind if kind == named and part in message.get_fieldnames():
+                value = getattr(message, part)
+                if isinstance(value, int | float) and 0 < value <= FAR:
+                    source = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
+                    rows = sender.ranges.setdefault(f"{options.range_name} of {source}", [])
+                    rows.append((time, value * options.meters, nan))
             case kind:
                 if kind in NAMED:
                     sender.names.add(message.name)
@@ -146,9 +161,11 @@ def _track(senders: dict[Ids, _Sender], system: int) -> list[Position]:
     ordered = sorted(
         parts, key=lambda component: (component != dialect.MAV_COMP_ID_AUTOPILOT1, component)
     )
-    return next(
-        (track for component in ordered if (track := with_fix(parts[component].positions))), []
-    )
+    # The filter's position comes first, then that of a receiver: an autopilot without
+    # a filter sends GPS_RAW_INT alone.
+    filtered = [parts[component].positions for component in ordered]
+    raw = [parts[component].raw.get(kind, []) for component in ordered for kind in RECEIVERS]
+    return next((track for rows in filtered + raw if len(track := with_fix(rows)) > 1), [])
 
 
 def _reading(message: Message) -> Reading | None:
@@ -175,5 +192,5 @@ TLOG = Format(
     matches=lambda head: len(head) > 8 and head[0] == 0 and head[8] in (0xFE, 0xFD),
     read=_read,
     ranges=f"{', '.join(kind.type for kind in RANGING_MESSAGES.values())}, NAMED_VALUE_INT",
-    positions="GLOBAL_POSITION_INT of a vehicle with a 3D fix",
+    positions="GLOBAL_POSITION_INT, else GPS_RAW_INT or GPS2_RAW, of a vehicle with a 3D fix",
 )

@@ -31,12 +31,17 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
     from pyulog.core import ULog
 
     try:
-        data = ULog(str(path), TOPICS, True).data_list
+        named, _, part = options.range_name.partition(".")
+        data = ULog(str(path), [*TOPICS, named], True).data_list
     except Exception as error:  # pyulog raises exceptions of any kind on damaged files
         raise RunError(f"cannot be read as a ULog file: {error!r}") from None
     log = RangeLog()
     for topic in data:
         _ranges(log, topic, options)
+        if topic.name == named and part in topic.data:
+            for time, slant in zip(_time(topic.data), topic.data[part], strict=True):
+                if 0 < slant <= FAR:
+                    log.add(options.range_name, float(time), float(slant) * options.meters)
     gps = next((topic.data for name in ("vehicle_gps_position", "sensor_gps") for topic in data
                 if topic.name == name and topic.multi_id == 0), None)  # fmt: skip
     fused = next((topic.data for topic in data if topic.name == "vehicle_global_position"), None)

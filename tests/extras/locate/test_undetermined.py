@@ -1,0 +1,43 @@
+"""Ranges that do not determine a place give no place."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, Ranges, locate_as_it_shows
+from circnav_mav.extras.locate.logs.table import read_logs
+from tests.extras.locate.worlds import KNOWN, PLANE, circles
+from tests.tools.bench.bench_undetermined import judged
+
+UNKNOWN = replace(KNOWN, up_sigma=50.0, sigma_known=False)
+
+
+def refused(ranges: Ranges, track) -> str:
+    answer = locate_as_it_shows(PLANE, track, ranges, UNKNOWN)
+    assert isinstance(answer, NotLocated), answer
+    return answer.why
+
+
+@pytest.mark.parametrize(
+    ("case", "why"), [("69-walk-straight.csv", "turn"), ("67-target-on-a-circle.csv", "move")]
+)
+def test_logs_without_one_place_are_not_located(case, why):
+    (log,) = read_logs(Path(__file__).parent / "cases" / case)
+    ranges, known = log.of("target", None)
+    track = log.track(log.plane())
+    answer = locate_as_it_shows(log.plane(), track, ranges, Knowledge(500.0, sigma_known=known))
+    assert isinstance(answer, NotLocated) and why in answer.why
+
+
+def test_pure_noise_and_constant_range_are_not_located():
+    track, ranges, _ = circles(target=(0.0, 0.0), laps=2)
+    rng = np.random.default_rng(1)
+    refused(replace(ranges, r=rng.uniform(50, 150, len(ranges.r))), track)
+    assert "do not change" in refused(replace(ranges, r=np.full(len(ranges.r), 100.0)), track)
+
+
+@pytest.mark.parametrize("kind", ["straight", "noise", "constant", "half a lap"])
+def test_undetermined_logs_give_no_wrong_place(kind):
+    assert "WRONG" not in {judged(kind, seed) for seed in range(4)}
