@@ -38,10 +38,6 @@ COMMANDS = frozenset(
 )
 GONE = 10.0
 """Age of the newest heartbeat, s, after which no position is handed back."""
-FRESH_RANGE = 2.0
-"""Largest age, s, of the newest range for which the range filter is used."""
-FRESH_BEARING = 1.0
-"""Largest age, s, of the newest range with which the compass is compared."""
 
 
 class Companion:
@@ -115,7 +111,8 @@ class Companion:
         if place is None or position is None or newest is None:
             return
         time, east, north, _ = position
-        if time <= self._compared_to or now - newest.time >= FRESH_BEARING:
+        # Largest age, s, of the newest range with which the compass is compared.
+        if time <= self._compared_to or now - newest.time >= 1.0:
             return
         self._compared_to = time
         estimate = self._pilot.tracker.estimator.at(time)
@@ -195,7 +192,8 @@ class Companion:
         tracker = self._pilot.tracker
         if self.plane is None:
             return []
-        fresh = tracker.newest is not None and now - tracker.newest.time < FRESH_RANGE
+        # Largest age, s, of the newest range for which the range filter is used.
+        fresh = tracker.newest is not None and now - tracker.newest.time < 2.0
         self.reckoning.step(
             now, self._own(now), self._place(now), tracker.estimator.at(now) if fresh else None
         )

@@ -32,16 +32,11 @@ REPORTS = {
     "px4": dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
 }
 """Message id of the estimator report, by firmware."""
-LOST_FOR = 2.0
-"""Time, s, for which the autopilot must lack a position before the first one is handed back."""
 ANSWER_PATIENCE = 2.0
 MOST_SILENT = 3
 """Time, s, to wait for an answer. If none comes, the next position is sent after the same time
 again: the answer may be late. Number of consecutive unanswered positions after which the hand-back
 stops."""
-AFTER_FAILED = 10.0
-"""Time, s, until the next position after the answer FAILED or TEMPORARILY_REJECTED. FAILED: the
-autopilot has a position after all, or has none that it could reset."""
 LOOK_AFTER = 0.5
 EFFECT = 30.0
 MOST_WITHOUT = 3
@@ -55,9 +50,6 @@ standard deviation with which a position is still sent, m: without hand-back, th
 position was several km off."""
 MOST_GIVEN = 10_000
 """Number of newest positions kept for handback.csv: 2.7 hours at 1 Hz."""
-PLACE_SIGMA = 15.0
-"""Largest standard deviation of the target's place, m, with which the vehicle's position is
-computed from this place and the ranges. With a larger one, dead reckoning continues. Chosen."""
 COMPASS_SIGMA = 0.03
 """Standard deviation of the estimated compass bias, rad. It is three times larger before the bias
 is estimated."""
@@ -76,14 +68,10 @@ CHANGED_FOR = 10.0
 of a gust."""
 AGREE = 3.0
 """Largest difference between two position estimates that agree, in standard deviations."""
-BIAS_MEMORY = 60.0
-"""Averaging time of the compass bias, s."""
 RECKON_EVERY = 0.1
 LONGEST_STEP = 1.0
 """Shortest time between two steps of dead reckoning, s. Longest step, s, over which the heading is
 still valid."""
-INTERVAL = 1.0
-"""Time between two handed-back positions, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +152,8 @@ class CompassBias(RunningMean):
     available."""
 
     def __init__(self) -> None:
-        super().__init__(BIAS_MEMORY)
+        # Averaging time of the compass bias, s.
+        super().__init__(60.0)
 
     @property
     def bias(self) -> tuple[float, float]:
@@ -228,7 +217,10 @@ class DeadReckoning:
             return
         self._stepped_at = now
         flown = None if self.where is None else self._flown(now, self.where, own)
-        if target is None or target.sigma > PLACE_SIGMA or estimate is None:
+        # Largest standard deviation of the target's place, m, with which the vehicle's position is
+        # computed from this place and the ranges. With a larger one, dead reckoning continues.
+        # Chosen.
+        if target is None or target.sigma > 15.0 or estimate is None:
             self.where = flown
             return
         relative = estimate.relative
@@ -375,7 +367,8 @@ class HandBack:
             )
             if self._silent >= MOST_SILENT:
                 self._end("the autopilot does not answer")
-        if self.over or self._waits or now - self._lost_since < LOST_FOR or now < self._due:
+        # Time, s, for which the autopilot must lack a position before the first one is handed back.
+        if self.over or self._waits or now - self._lost_since < 2.0 or now < self._due:
             return None
         if where is None or where.sigma > MOST_SIGMA:
             self._lacks = (
@@ -384,7 +377,8 @@ class HandBack:
                 else "the last usable range is too old"
             )
             return None
-        self._due = now + INTERVAL
+        # Time between two handed-back positions, s.
+        self._due = now + 1.0
         self._waits = True
         self._open = True
         self._look_at = None
@@ -415,7 +409,9 @@ class HandBack:
             case dialect.MAV_RESULT_ACCEPTED:
                 self._look_at, self.accepted = now + LOOK_AFTER, self.accepted + 1
             case dialect.MAV_RESULT_FAILED | dialect.MAV_RESULT_TEMPORARILY_REJECTED:
-                self._due = max(self._due, now + AFTER_FAILED)
+                # Time, s, until the next position after the answer FAILED or TEMPORARILY_REJECTED.
+                # FAILED: the autopilot has a position after all, or has none that it could reset.
+                self._due = max(self._due, now + 10.0)
             case _:
                 self._end(f"the autopilot answered: {answer}")
 

@@ -32,25 +32,8 @@ BIAS = 10.0
 CLOCKS = 0.1
 """Standard deviation of an uncalibrated radio's bias, m. Standard deviation of its delay, s: small,
 because one recorder stamps ranges and positions."""
-LEAST = 10
-"""Smallest number of ranges in a bin."""
 BINS = 8
 """Number of bins of the error over range."""
-CURVED = 2.0
-"""Deviation of a bin from scale and bias (a straight line), in GPS sigmas, above which a table of
-points is used."""
-SHARP = 0.01
-"""Standard deviation below which a scale counts as observed: 1 m at 100 m."""
-ROUNDS = 4
-"""Number of refinements of the table and of the place. Each refinement changes both less than the
-one before."""
-MISSION_HEIGHT = 0.1
-"""Standard deviation of the mission's height, m: small, because the flight corrects its ranges with
-the same height. An error of the height changes the calibration, but the circle still has the true
-radius."""
-LATE = 0.05
-"""Smallest delay that is corrected, s. At 15 m/s a smaller delay changes a range by less than the
-GPS error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +149,9 @@ def measure(
         )
     # A range is never measured after its timestamp. A negative delay has another cause: late
     # positions, or a radio that is not linear.
-    delay = round(-place.delay, 3) if -place.delay > max(3 * place.delay_sigma, LATE) else 0.0
+    # 0.05: smallest delay that is corrected, s. At 15 m/s a smaller delay changes a range by less
+    # than the GPS error.
+    delay = round(-place.delay, 3) if -place.delay > max(3 * place.delay_sigma, 0.05) else 0.0
     scale, bias = (
         (1.0, place.range_error(place.range_scale)[0])
         if not place.scale_found
@@ -179,7 +164,9 @@ def measure(
         abs(one.error - (linear.reported(one.true) - one.true)) - 3 * one.spread / one.count**0.5
         for one in bins
     ]
-    if max(off, default=0.0) <= CURVED * known.gps_sigma:
+    # Deviation of a bin from scale and bias (a straight line), in GPS sigmas, above which a table
+    # of points is used.
+    if max(off, default=0.0) <= 2.0 * known.gps_sigma:
         return straight
     # The radio is not linear. The place fitted with a straight line is slightly off, and so is a
     # table made with this place. Each round improves both, because a circle gives the place for any
@@ -188,7 +175,9 @@ def measure(
     track = replace(track, time=track.time - place.delay)
     settled = replace(known, bias_sigma=1.0, scale_sigma=CALIBRATED, delay_sigma=0.001)
     curved = straight
-    for _ in range(ROUNDS):
+    # Number of refinements of the table and of the place. Each refinement changes both less than
+    # the one before.
+    for _ in range(4):
         points = tuple((round(one.true, 1), round(one.true + one.error, 2)) for one in bins)
         if not rising(points):
             return straight
@@ -254,7 +243,10 @@ def _target_height(
             if altitude is None and above is not None
             else altitude
         )
-    return (float(track.up.min()), 50.0) if altitude is None else (altitude, MISSION_HEIGHT)
+    # Standard deviation of the mission's height, m: small, because the flight corrects its ranges
+    # with the same height. An error of the height changes the calibration, but the circle still has
+    # the true radius.
+    return (float(track.up.min()), 50.0) if altitude is None else (altitude, 0.1)
 
 
 def _errors(place: Place, track: Track, ranges: Ranges) -> tuple[Array, Array]:
@@ -277,7 +269,8 @@ def _bins(true: Array, error: Array) -> list[Bin]:
     found = []
     for one in range(BINS):
         these = at == one
-        if these.sum() >= LEAST:
+        # Smallest number of ranges in a bin.
+        if these.sum() >= 10:
             middle = float(np.median(error[these]))
             spread = 1.4826 * float(np.median(np.abs(error[these] - middle)))
             found.append(Bin(float(np.median(true[these])), middle, spread, int(these.sum())))
@@ -300,7 +293,8 @@ def _say(tag: str, found: CalibrationFit) -> None:
     elif place.scale_found:
         scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}"
         say(f"  radio      {scale}, bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m")
-    elif found.scale_sigma < SHARP:
+    # Standard deviation below which a scale counts as observed: 1 m at 100 m.
+    elif found.scale_sigma < 0.01:
         say(f"  radio      {error}; scale 1 ±{found.scale_sigma:.4f}")
     else:
         say(

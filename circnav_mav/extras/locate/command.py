@@ -28,9 +28,6 @@ from circnav_mav.runlog.run_folder import RunError
 MIXED = 0.25
 POOR = 0.05
 """Share of outliers, and noise over range, above which the ranges probably mix two tags."""
-CLOCKS = 0.5
-"""Standard deviation, s, of the offset between the clocks of positions and ranges: they are not
-synchronized."""
 
 
 def locate_log(
@@ -82,12 +79,14 @@ def locate_log(
             if tags and tag not in tags:
                 continue
             ground = float(log.track(log.plane()).up.min())
+            # Standard deviation, s, of the offset between the clocks of positions and ranges: they
+            # are not synchronized.
             known = Knowledge(
                 up=ground if altitude is None else altitude,
                 up_sigma=50.0 if altitude is None else 1.0,
                 gps_sigma=gps_sigma,
                 bias_sigma=bias,
-                delay_sigma=CLOCKS,
+                delay_sigma=0.5,
             )
             place = _one(log, tag, sigma, known, calibration, search_unit=unit is None)
             if place is not None:

@@ -21,10 +21,6 @@ LEAST = 20
 """Smallest number of ranges for an estimate."""
 MOST = 1000
 """Largest number of ranges used. A larger number is thinned evenly."""
-GAP = 3.0
-"""Longest time, s, between the two positions around a range."""
-FIRST_FIT_RANGES = 150
-"""Number of ranges used to compare the starting points."""
 GPS_TIME = 100.0
 SPEED_SIGMA = 10.0
 """Correlation time of the GPS error, s. Standard deviation of the target's velocity, per axis,
@@ -45,28 +41,12 @@ chi-squared (p = 0.002) below which the second-best place may be the right one."
 MOVING = 18.0
 """Chi-squared of the velocity (two degrees of freedom, p = 1e-4) from which a target counts as
 moving."""
-SLOWEST = 0.15
-"""Speed, m/s, below which a target counts as stationary: the GPS error drifts as fast."""
-MOVING_WINDOW = 120.0
-"""Window of ranges, s, for a moving target: its velocity is not constant for longer."""
 CALIBRATED = 0.0003
 UNCALIBRATED = 0.1
 """Standard deviation of a radio's scale error, calibrated and uncalibrated. A quartz clock errs by
 20 ppm. Air slows radio waves by 300 ppm, which many radios do not correct."""
-EXPLAINED = 1.3
-"""Largest ratio of the noise found to the reported sigma with which a stationary target explains
-the ranges."""
-UP_KNOWN = 2.0
-"""Standard deviation of the height, m, above which it counts as not observed."""
-HARDLY = 5.0
-"""Smallest change of the target's distance that makes the clock offset observable, in units of
-range noise plus GPS sigma. With a smaller change, variations of the GPS error would be fitted as an
-offset."""
 ROUGH = 0.25
 """Largest standard deviation of a valid place, as a share of the median range."""
-FOLLOWS = 0.9
-"""Ratio of the noise around a place to the spread of the ranges above which a constant fits as
-well."""
 E, N, U, BIAS, SCALE, DELAY, VE, VN = range(8)
 Fit = Any
 """Result of scipy's `least_squares`."""
@@ -154,7 +134,8 @@ def _locate(
             f" needed{_time_spans(track, received)}"
         )
     still = _best(plane, track, ranges, known, near)
-    newest = ranges.take(ranges.time >= ranges.time[-1] - MOVING_WINDOW)
+    # Window of ranges, s, for a moving target: its velocity is not constant for longer.
+    newest = ranges.take(ranges.time >= ranges.time[-1] - 120.0)
     if len(newest.r) < LEAST:
         return still
     if _explains(still, ranges, known) and still.outliers < 0.2 * still.used:
@@ -172,7 +153,8 @@ def _locate(
         better = at_rest is None or at_rest.cost - min(fit.cost for fit in found)
         if better < MOVING / 2 * max(1.0, place.noise / float(np.median(newest.sigma))) ** 2:
             return still
-    if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), SLOWEST):
+    # Speed, m/s, below which a target counts as stationary: the GPS error drifts as fast.
+    if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), 0.15):
         return place
     return still
 
@@ -193,7 +175,9 @@ def _explains(place: Place | NotLocated, ranges: Ranges, known: Knowledge) -> Ty
     """True if a place explains the ranges: their noise is about the known sigma."""
     if not isinstance(place, Place) or not known.sigma_known:
         return False
-    return place.noise < EXPLAINED * float(np.median(ranges.sigma))
+    # Largest ratio of the noise found to the reported sigma with which a stationary target explains
+    # the ranges.
+    return place.noise < 1.3 * float(np.median(ranges.sigma))
 
 
 def _time_spans(track: Track, ranges: Ranges) -> str:
@@ -246,7 +230,8 @@ def _best(
         place = _decided(problem, [] if fit is None else [fit], plane)
         if isinstance(place, Place) and place.noise < 3 * max(near.noise, 0.1):
             return place
-    every = max(1, len(ranges.r) // FIRST_FIT_RANGES)
+    # Number of ranges used to compare the starting points.
+    every = max(1, len(ranges.r) // 150)
     rough = Problem(track, ranges.take(np.arange(0, len(ranges.r), every)), known, nodes=1)
     found = sorted(
         (fit for start in _starts(track, rough.ranges) if (fit := rough.fit(start))),
@@ -314,7 +299,9 @@ def _contradiction(place: Place, problem: "Problem") -> str:
     far = np.hypot(east, north)
     one_side = np.hypot(np.mean(east / far), np.mean(north / far))
     around = one_side < 0.85 and np.ptp(np.percentile(far, [10, 90])) < 0.15 * np.median(far)
-    if np.ptp(ranges.r) == 0 or (place.noise > FOLLOWS * spread and not around):
+    # Ratio of the noise around a place to the spread of the ranges above which a constant fits as
+    # well.
+    if np.ptp(ranges.r) == 0 or (place.noise > 0.9 * spread and not around):
         return "the ranges do not change with the vehicle's position: they fit no place"
     return ""
 
@@ -339,7 +326,8 @@ def _covered(track: Track, ranges: Ranges) -> Ranges:
         return ranges.take(np.array([], int))
     after = np.clip(np.searchsorted(track.time, ranges.time), 1, len(track.time) - 1)
     inside = (ranges.time >= track.time[0]) & (ranges.time <= track.time[-1])
-    kept = np.flatnonzero(inside & (track.time[after] - track.time[after - 1] <= GAP))
+    # Longest time, s, between the two positions around a range.
+    kept = np.flatnonzero(inside & (track.time[after] - track.time[after - 1] <= 3.0))
     return ranges.take(kept[:: max(1, -(-len(kept) // MOST))])
 
 
@@ -499,15 +487,19 @@ class Problem:
         radio = x[both]
         radio_covariance = covariance[np.ix_(both, both)]
         nearest, farthest = np.percentile(kept.r, [5, 95])
-        if farthest - nearest < HARDLY * (noise + self.known.gps_sigma):
+        # Smallest change of the target's distance that makes the clock offset observable, in units
+        # of range noise plus GPS sigma. With a smaller change, variations of the GPS error would be
+        # fitted as an offset.
+        if farthest - nearest < 5.0 * (noise + self.known.gps_sigma):
             sd[DELAY] = (
                 self.known.delay_sigma
             )  # on a circle around the target every clock offset fits
             radio, radio_covariance = self._of_one_length(radio, radio_covariance)
+        # Standard deviation of the height, m, above which it counts as not observed.
         return Place(
             time=self.end, plane=plane, east=float(x[E]), north=float(x[N]), up=float(x[U]),
             covariance=covariance[:2, :2], up_sigma=float(sd[U]),
-            up_known=bool(sd[U] <= UP_KNOWN and again.one_sided(last, float(sd[U]))),
+            up_known=bool(sd[U] <= 2.0 and again.one_sided(last, float(sd[U]))),
             bias=float(radio[0]), scale=float(radio[1]), radio_covariance=radio_covariance,
             bias_prior=self.known.bias_sigma,
             delay=float(x[DELAY]), delay_sigma=float(sd[DELAY]),

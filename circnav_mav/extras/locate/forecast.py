@@ -9,9 +9,6 @@ from circnav_mav.extras.locate.locator import HEIGHT_SIGMA
 from circnav_mav.extras.locate.settings import table_of
 from circnav_mav.mission.mission import Mission
 
-POSITION_PERIOD = 0.25
-"""Time between two positions, s, as requested in flight."""
-
 
 def survey_sigma(mission: Mission, seconds: float) -> float | None:
     """Return the standard deviation per axis of the beacon's place after this time on the circle,
@@ -29,7 +26,8 @@ def survey_sigma(mission: Mission, seconds: float) -> float | None:
         angle = 2 * pi * time / lap
         return orbit.radius * np.cos(angle), orbit.radius * np.sin(angle)
 
-    positions = np.arange(0.0, seconds + 1.0, POSITION_PERIOD)
+    # Time between two positions, s, as requested in flight.
+    positions = np.arange(0.0, seconds + 1.0, 0.25)
     times = np.arange(0.0, seconds, 1 / ranging.rate_hz)
     track = Track(positions, *at(positions), np.full(positions.size, height or 0.0))
     slant = np.full(times.size, float(np.hypot(orbit.radius, height or 0.0)))

@@ -42,30 +42,19 @@ SENT_TYPES = frozenset(
     {"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "COMMAND_LONG"}
 )
 """Message types that the survey may send. The only command is SET_MESSAGE_INTERVAL."""
-MOST_AHEAD = 5.0
-"""Largest time, s, by which a vehicle's timestamp may be ahead of the estimate of its clock."""
 WINDOW = 600.0
 """Length, s, of the window of positions and ranges used for the estimate."""
-MOST_KEPT = 2000
-"""Largest number of ranges kept. Above it, every second one is dropped: the pilot misses a tick
-when thousands are passed to the process that runs `locate`."""
 SOLVE_EVERY = 1.0
 MESSAGES_EVERY = 1.0
 TEXT_EVERY = 30.0
 """Shortest time, s, between two estimates, two map updates and two texts to the ground station;
 chosen."""
-SOLVE_SHARE = 0.03
-"""Shortest time between two estimates, as a share of the time span of the positions. An estimate
-takes up to 0.5 s, and one more second of data adds little to a long track."""
 HEIGHT_SIGMA = 5.0
 """Standard deviation, m, of a height given by the mission: drift of the barometer and error of the
 operator's value."""
 HOME_SIGMA = 50.0
 """Standard deviation, m, of the target's altitude if the mission gives no height and the altitude
 of home is used."""
-RADIUS_OFF = 0.02
-"""Difference between the radius by ranges and by positions that raises an alarm, as a share of the
-radius. The difference must also exceed the GPS error."""
 COMPARED_LAPS = 1.2
 MIN_COMPARED = 20
 SETTLED = 0.05
@@ -184,7 +173,8 @@ class Locator:
         # Use the vehicle's timestamp: with the arrival time, a delay of the link is a position
         # error of meters.
         stamp = self._clock.unwrapped(message.time_boot_ms / 1000)
-        order = self._clock.order(stamp, now, most_ahead=MOST_AHEAD)
+        # Largest time, s, by which a vehicle's timestamp may be ahead of the estimate of its clock.
+        order = self._clock.order(stamp, now, most_ahead=5.0)
         if order in (Order.OLDER, Order.JUMPED):
             return
         time = self._clock.local(stamp, now)
@@ -203,7 +193,9 @@ class Locator:
         )
         while self._ranges and now - self._ranges[0][0] > WINDOW:
             self._ranges.popleft()
-        if len(self._ranges) > MOST_KEPT:  # keep every second range
+        # Largest number of ranges kept. Above it, every second one is dropped: the pilot misses a
+        # tick when thousands are passed to the process that runs `locate`.
+        if len(self._ranges) > 2000:  # keep every second range
             self._ranges = deque(islice(self._ranges, 0, None, 2))
 
     # --- the estimate
@@ -218,7 +210,9 @@ class Locator:
         if now < self._solve_at or self.plane is None or len(self._track) < 2 or not self._ranges:
             return None
         newest = self._track[-1][0]
-        self._solve_at = now + max(SOLVE_EVERY, SOLVE_SHARE * (newest - self._track[0][0]))
+        # Shortest time between two estimates, as a share of the time span of the positions. An
+        # estimate takes up to 0.5 s, and one more second of data adds little to a long track.
+        self._solve_at = now + max(SOLVE_EVERY, 0.03 * (newest - self._track[0][0]))
         if newest == self._solved_to:
             return None
         self._solved_to = newest
@@ -275,7 +269,9 @@ class Locator:
         measured = float(np.mean(ranges))
         length = hypot(true, height)
         off = max(measured**2 - height**2, 0.0) ** 0.5 - true
-        if abs(off) > max(RADIUS_OFF * orbit.radius, self._gps_sigma):
+        # Difference between the radius by ranges and by positions that raises an alarm, as a share
+        # of the radius. The difference must also exceed the GPS error.
+        if abs(off) > max(0.02 * orbit.radius, self._gps_sigma):
             which = "long" if measured > length else "short"
             self.radius_alarm = (
                 f"ranges {100 * abs(measured / length - 1):.0f} % too {which}, true radius"

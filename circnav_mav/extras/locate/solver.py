@@ -6,9 +6,6 @@ import os
 import signal
 from concurrent.futures import ProcessPoolExecutor
 
-NICE = 5
-"""Niceness of the solver, so that the flight's process has priority; chosen."""
-
 
 def start_solver() -> ProcessPoolExecutor:
     """Return a pool of one process and start it."""
@@ -22,4 +19,5 @@ def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "sched_setscheduler"):  # do not inherit the flight's real-time priority
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(NICE)
+    # Niceness of the solver, so that the flight's process has priority; chosen.
+    os.nice(5)

@@ -9,16 +9,6 @@ from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, _locat
 from circnav_mav.extras.locate.logs.interface import METERS
 from circnav_mav.extras.locate.place import Place, Plane
 
-FITS = 0.005
-"""Largest noise, as a share of the range, with which meters are accepted. A wrong unit leaves more
-noise, except on a perfect circle."""
-BETTER = 2.0
-"""Smallest ratio of the noise in meters to the noise in another unit with which the other unit is
-reported."""
-ALIKE = 1.25
-"""Largest ratio of a unit's noise to the smallest noise of all units, for units that fit equally
-well."""
-
 
 def is_plausible(place: Place, known: Knowledge) -> bool:
     """True if the height of a place agrees with the prior."""
@@ -32,10 +22,12 @@ def likely_unit(
 
     place: by ranges in meters, None if they fit no place.
     """
+    # Largest noise, as a share of the range, with which meters are accepted. A wrong unit leaves
+    # more noise, except on a perfect circle.
     if (
         place is not None
         and is_plausible(place, known)
-        and _noise(place) <= FITS
+        and _noise(place) <= 0.005
         and place.outliers < place.used / 4
     ):
         return None
@@ -56,10 +48,14 @@ def likely_unit(
     # On a circle around the target the range is constant. Several units then fit, each with a
     # different target height. Report the unit with the most likely height.
     least = min(map(_noise, found.values()))
-    alike = [unit for unit, fit in found.items() if _noise(fit) <= ALIKE * least]
+    # Largest ratio of a unit's noise to the smallest noise of all units, for units that fit equally
+    # well.
+    alike = [unit for unit, fit in found.items() if _noise(fit) <= 1.25 * least]
     unit = min(alike, key=lambda one: abs(found[one].up - known.up))
     in_meters = found.get("m")
-    if unit == "m" or (in_meters is not None and _noise(in_meters) < BETTER * _noise(found[unit])):
+    # Smallest ratio of the noise in meters to the noise in another unit with which the other unit
+    # is reported.
+    if unit == "m" or (in_meters is not None and _noise(in_meters) < 2.0 * _noise(found[unit])):
         return None
     return unit
 

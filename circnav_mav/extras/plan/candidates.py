@@ -19,13 +19,6 @@ from circnav_mav.mission.checks import (
 )
 from circnav_mav.mission.mission import Mission
 
-CIRCLES = 7
-"""Number of candidates; chosen."""
-WIDEST = 6.0
-"""Largest radius of the candidates, as a multiple of the smallest one, if the site does not limit
-the radius."""
-GUSTS = 2.0
-"""Gusts, in standard deviations, that are added to the wind."""
 MOST_USED = 0.9
 """Share of the turn rate that the smallest circle uses in wind and gusts. The rest corrects errors;
 chosen."""
@@ -54,7 +47,8 @@ class Site:
     @property
     def strongest(self) -> float:
         """Wind with gusts, m/s."""
-        return self.wind + GUSTS * self.gusts
+        # Gusts, in standard deviations, that are added to the wind.
+        return self.wind + 2.0 * self.gusts
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,13 +102,14 @@ def smallest_radius(mission: Mission, wind: float) -> float:
 def radii(least: float, site: Site) -> Sequence[float]:
     """Return the radii of the candidates, m, rounded up to whole meters."""
     low = max(least, site.smallest)
-    high = min(site.largest, ceil(WIDEST * low))
+    # Largest radius of the candidates, as a multiple of the smallest one, if the site does not
+    # limit the radius.
+    high = min(site.largest, ceil(6.0 * low))
     # A radius that would be rounded up above the largest radius becomes the largest radius. So at
     # least one candidate remains if the smallest and the largest radius are less than a meter
     # apart.
-    return sorted(
-        {min(float(ceil(one)), high) for one in np.geomspace(low, max(high, low), CIRCLES)}
-    )
+    # 7: number of candidates; chosen.
+    return sorted({min(float(ceil(one)), high) for one in np.geomspace(low, max(high, low), 7)})
 
 
 def candidate(mission: Mission, site: Site) -> Candidate:

@@ -24,9 +24,6 @@ from circnav_mav.mission.load import load_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
 
-GUST_SHARE = 0.15
-"""Default turbulence as a share of the wind. MIL-F-8785C gives 0.14 at a height of 100 m."""
-
 
 def print_plan(
     path: str,
@@ -46,8 +43,9 @@ def print_plan(
     if mission is not None and os.path.lexists(mission):
         raise Refused(f"--write {mission}: is there already, name another file")
     changes = list(_changes(height, sigma, rate))
+    # Default turbulence as a share of the wind. MIL-F-8785C gives 0.14 at a height of 100 m.
     site = Site(
-        smallest or 1.0, largest or inf, wind, GUST_SHARE * wind if gusts is None else gusts, laps
+        smallest or 1.0, largest or inf, wind, 0.15 * wind if gusts is None else gusts, laps
     )
     found: list[Candidate] = []
     for speed in speeds or (read_mission(path, tuple(changes)).orbit.speed,):

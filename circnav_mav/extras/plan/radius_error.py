@@ -27,16 +27,10 @@ from circnav_mav.mission.mission import Mission
 
 GUST_TIME = 3.0
 """Correlation time of gusts, s: default of the emulator."""
-NOISE = 0.147
-"""Bandwidth of the radius error in calm air, 1/s: variance of this error over power density of the
-range noise."""
 STEADY = 0.0055
 STEADY_BANKED = 0.0091
 """Steady radius error divided by the speed, s, due to errors of heading and airspeed. BANKED: for
 planes, which also side-slip."""
-LEAST_GUST = 1e-4
-"""Gust, m/s, below which the gust is ignored, because the linear model is singular without
-gusts."""
 ACTS = 0.46
 ACTS_ON_HELD = 0.049
 """Share of a gust that acts on the radius: below 1, because accelerometers measure the onset of a
@@ -52,13 +46,17 @@ def radius_rms(mission: Mission, gust: float) -> float:
     banks = any(one.banks for one in mission.vehicles)
     holds_ground_speed = any(one.ground_speed_sigma is not None for one in mission.vehicles)
     noise = ranging.sigma_m**2 / ranging.rate_hz
-    calm = NOISE * noise + ((STEADY_BANKED if banks else STEADY) * orbit.speed) ** 2
+    # Bandwidth of the radius error in calm air, 1/s: variance of this error over power density of
+    # the range noise.
+    calm = 0.147 * noise + ((STEADY_BANKED if banks else STEADY) * orbit.speed) ** 2
     felt = (
         0.0
         if mission.file.vehicle.kind == "rover"
         else gust * (ACTS_ON_HELD if holds_ground_speed else ACTS)
     )
-    if felt <= LEAST_GUST:
+    # Gust, m/s, below which the gust is ignored, because the linear model is singular without
+    # gusts.
+    if felt <= 1e-4:
         return sqrt(calm)
     gains = drift_gains(
         orbit.speed, delay + LINK + (MEASUREMENT_DELAY if banks else 0.0), 1 / max(delay, 1e-3)

@@ -36,13 +36,6 @@ HEADER = (
 ONE_TAG = "target"
 LEAST_SIGMA = 1e-3
 """Smallest standard deviation accepted, m: tables contain zero for an unknown one."""
-LATEST = 1e11
-"""Latest time accepted, s. It is past the year 5000: a larger number is in milliseconds or
-microseconds."""
-
-
-DAMAGED = 0.02
-"""Largest share of rows with an unreadable cell. With more, the table is refused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +87,9 @@ class _Row:
             value = float(cell) * self.columns["time"].factor
         except ValueError:
             return self._moment(cell)
-        if not abs(value) <= LATEST:
+        # Latest time accepted, s. It is past the year 5000: a larger number is in milliseconds or
+        # microseconds.
+        if not abs(value) <= 1e11:
             raise self.error(
                 "time", f"{value:g} is not a time in s: name its unit, time_ms or time_us"
             )
@@ -135,7 +130,8 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
     except (csv.Error, ValueError) as error:  # not UTF-8, or a line without an end
         raise RunError(f"is not a CSV in UTF-8: {error}") from None
     # A wrong unit or column damages every row. Single ones are defects of the file.
-    if len(damaged) > DAMAGED * read:
+    # 0.02: largest share of rows with an unreadable cell. With more, the table is refused.
+    if len(damaged) > 0.02 * read:
         raise damaged[0]
     if damaged:
         log.note(f"{len(damaged)} damaged rows are left out, the first: {damaged[0]}")

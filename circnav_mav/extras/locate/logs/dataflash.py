@@ -19,8 +19,6 @@ BINARY = b"\xa3\x95\x80"
 TEXT = b"FMT, 128, "
 GOOD = 4
 """Value of RangeFinder::Status with a valid distance."""
-EKF_ORIGIN = 0
-"""ORGN.Type of the estimator's origin (ArduPilot's LogOriginType)."""
 BEACONS = ("D0", "D1", "D2", "D3")
 NO_READINGS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")
 """Messages that describe the log or the autopilot. PARM has names and values that are not
@@ -71,6 +69,7 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
         reader, {"POS", "ORGN", "XKF1", "GPS", "RFND", "BCN", *with_names, named}
     ):
         kind = message.get_type()
+        # ORGN.Type of the estimator's origin (ArduPilot's LogOriginType).
         match kind:
             case "GPS":
                 # U marks the receiver in use, the primary. Without a fix of it, the filter's
@@ -82,7 +81,7 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
                     tracks[kind].append(((time, message.Lat, message.Lng, message.Alt), fixed))
             case "POS":
                 tracks[kind].append(((time, message.Lat, message.Lng, message.Alt), fixed))
-            case "ORGN" if message.Type == EKF_ORIGIN:
+            case "ORGN" if message.Type == 0:
                 origin = Plane(message.Lat, message.Lng), message.Alt
             case "XKF1" if origin is not None and not getattr(message, "C", 0):
                 latitude, longitude = origin[0].to_degrees(message.PE, message.PN)

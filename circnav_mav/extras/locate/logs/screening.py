@@ -9,28 +9,17 @@ import numpy as np
 from circnav_mav.extras.locate.place import Plane
 from circnav_mav.extras.locate.range_log import Position, Range, RangeLog
 
-NEAR_ZERO = 0.01
-"""Largest latitude and longitude, degrees, of a receiver without a fix: 1.1 km around 0 N 0 E, in
-the sea."""
 FROZEN_FOR = 3.0
 FROZEN_COUNT = 6
 """Smallest duration, s, and smallest number of equal values, of a frozen stretch: values repeated
 without measuring."""
-FROZEN_OVER = 4.0
-"""Smallest length of a frozen stretch, relative to the usual run of equal values."""
-COARSE = 3.0
-"""Largest median step between different ranges, in units of the smallest step, of a radio with
-coarse resolution."""
-RESENT = 0.5
-"""Share of repeated values from which ranges are sent more often than measured."""
-JUMP = 5.0
-"""Jump of the position, m, after a frozen stretch, above which the vehicle has moved during the
-stretch."""
 
 
 def screen(log: RangeLog) -> None:
     """Remove values that are not measurements, and add notes."""
-    kept = [row for row in log.positions if max(abs(row[1]), abs(row[2])) > NEAR_ZERO]
+    # Largest latitude and longitude, degrees, of a receiver without a fix: 1.1 km around 0 N 0 E,
+    # in the sea.
+    kept = [row for row in log.positions if max(abs(row[1]), abs(row[2])) > 0.01]
     if len(kept) < len(log.positions):
         log.note(
             f"{len(log.positions) - len(kept)} positions near 0 N 0 E, before a fix, are left out"
@@ -53,7 +42,9 @@ def _moving(log: RangeLog, positions: Sequence[Position]) -> list[Position]:
         if after is not None and last[0] - first[0] > FROZEN_FOR:
             here, there = (np.array(plane.to_metres(*row[1:3])) for row in (last, after[0]))
             jump = float(np.hypot(*(there - here)))
-        if jump > JUMP:
+        # Jump of the position, m, after a frozen stretch, above which the vehicle has moved during
+        # the stretch.
+        if jump > 5.0:
             log.note(
                 f"positions do not change from {first[0] - rows[0][0]:.1f} to"
                 f" {last[0] - rows[0][0]:.1f} s after the first and then jump {jump:.0f} m: left"
@@ -72,15 +63,16 @@ def _measured(log: RangeLog, tag: str, rows: Sequence[Range]) -> list[Range]:
     steps = np.abs(np.diff([run[0][1] for run in runs]))
     # Coarse ranges, such as whole meters, stay equal for a while and then change by one unit of
     # resolution: they are measurements. After a repeated range, the next one differs by many units.
-    if len(steps) < 3 or np.median(steps) <= COARSE * steps.min():
+    # 3.0: largest median step between different ranges, in units of the smallest step, of a radio
+    # with coarse resolution.
+    if len(steps) < 3 or np.median(steps) <= 3.0 * steps.min():
         return rows
     usual = float(np.median([len(run) for run in runs]))
     kept = list[list[Range]]()
     frozen = list[list[Range]]()
     for run in runs:
-        long = run[-1][0] - run[0][0] > FROZEN_FOR and len(run) >= max(
-            FROZEN_COUNT, FROZEN_OVER * usual
-        )
+        # Smallest length of a frozen stretch, relative to the usual run of equal values.
+        long = run[-1][0] - run[0][0] > FROZEN_FOR and len(run) >= max(FROZEN_COUNT, 4.0 * usual)
         frozen += [run] if long else []
         kept.append(run[:1] if long else run)
     if frozen:
@@ -95,7 +87,8 @@ def _measured(log: RangeLog, tag: str, rows: Sequence[Range]) -> list[Range]:
             " last value"
         )
     equal = sum(len(run) - 1 for run in kept)
-    if equal > RESENT * sum(map(len, kept)):
+    # Share of repeated values from which ranges are sent more often than measured.
+    if equal > 0.5 * sum(map(len, kept)):
         log.note(f"{tag}: each range is sent {usual:.0f} times; the first one is used")
         kept = [run[:1] for run in kept]
     return [row for run in kept for row in run]

@@ -15,8 +15,6 @@ from circnav_mav.runlog.run_folder import RunError
 
 FORMATS = (ULOG, DATAFLASH, TLOG)
 """Formats with an identifying header. Other text is read as a CSV."""
-HEAD = 4096
-"""Number of bytes used to recognize a format."""
 
 
 def read_logs(path: Path, options: ReadOptions | None = None) -> list[RangeLog]:
@@ -27,7 +25,8 @@ def read_logs(path: Path, options: ReadOptions | None = None) -> list[RangeLog]:
     if not file.exists():
         raise RunError(f"{file}: no such file")
     with open_file(file) as opened:
-        head = opened.read(HEAD)
+        # Number of bytes used to recognize a format.
+        head = opened.read(4096)
     try:
         known = recognize(head)
         if options.vehicle is not None and known is not TLOG:

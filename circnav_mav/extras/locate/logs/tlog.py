@@ -48,8 +48,12 @@ WANTED = {
 
 @dataclass(slots=True)
 class _Sender:
-    """One MAVLink sender. vehicle: None before its first HEARTBEAT. fixes: by receiver,
-    empty before the first report. raw: positions of the receivers, by message."""
+    """One MAVLink sender.
+
+    vehicle: None before its first HEARTBEAT.
+    fixes: by receiver, empty before the first report.
+    raw: positions of the receivers, by message.
+    """
 
     vehicle: bool | None = None
     fixes: dict[str, bool] = field(default_factory=dict)
