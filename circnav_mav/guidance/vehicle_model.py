@@ -229,9 +229,10 @@ class VehicleModel:
     def on_motion(self, own: OwnMotion, nose: OwnMotion) -> None:
         """Learn from a report of own motion, and judge the vehicle's turns.
 
-        own: motion along the path through the air, by the model of a copter's velocity. nose:
-        motion as the autopilot reports it. While circnav does not command the vehicle, only the
-        turn is summed up.
+        own: motion along the path through the air, by the model of a copter's velocity.
+        nose: motion as the autopilot reports it.
+
+        While circnav does not command the vehicle, only the turn is summed up.
         """
         self._sum_up(own)
         if self._commanded is None:
