@@ -8,7 +8,8 @@ GRAVITY = 9.80665  # m/s^2
 # GPS correction of the estimate: rad/s, damping ratio
 FREQUENCY = 0.32
 DAMPING = 0.45
-TILT_NOISE = 0.57  # gyro noise in roll per rad of rms roll error, 1/sqrt(s); half as much in pitch
+# gyro noise in roll that causes an RMS roll error of 1 rad, 1/sqrt(s); in pitch half of it
+TILT_NOISE = 0.57
 HARD_IRON = math.radians(0.2)  # amplitude of the heading error, one period per full turn
 UNAIDED = 0.12  # rad/s: bandwidth with which an estimator without GPS assumes a vehicle at rest
 QUADRATIC_DRAG = 0.125  # s/m: quadratic over linear drag of a multicopter
@@ -132,9 +133,8 @@ class Body(NamedTuple):
     push_east: float = 0.0
     air_speed: float = 0.0  # true airspeed of fixed wings
     climb_angle: float = 0.0  # flight path angle of a fixed wing, rad
-    slip: float = (
-        0.0  # side-slip of a fixed wing: angle from the nose to the motion through the air, rad
-    )
+    # Side-slip of a fixed wing: angle from the nose to the motion through the air, rad
+    slip: float = 0.0
     gust_slip: float = 0.0  # the part of the side-slip caused by gusts
     trimmed_wind: tuple[float, float] = (
         0.0,

@@ -68,9 +68,8 @@ class Flight:
         self._say = say
         self.air = Air(config.wind, config.seed)
         self.target = partial(target_at, config.target)
-        self._ranged: tuple[int, Sample] | None = (
-            None  # newest sample of the rangefinder driver and its time
-        )
+        # Newest sample of the rangefinder driver and its time
+        self._ranged: tuple[int, Sample] | None = None
         self.instruments = Instruments(config.sensors, config.seed, config.sih)
         self.battery = config.battery.percent
         self._battery_at = 0

@@ -10,9 +10,8 @@ from .config import VehicleConfig
 from .vehicle import MAIN, RANGING, Vehicle
 from .wires import EndpointError, Wire, open_wire, parse_endpoint
 
-LONGEST_SLEEP = (
-    0.25  # s of wall time: largest delay until a signal or the end of the flight is noticed
-)
+# s of wall time: largest delay until a signal or the end of the flight is noticed
+LONGEST_SLEEP = 0.25
 LATE = 0.2  # lag of the simulated time above which it is reported, s
 MAX_CATCH_UP = 0.5  # most simulated time that is made up in one step, s
 

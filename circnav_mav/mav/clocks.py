@@ -32,8 +32,8 @@ SPREAD = 0.5
 it explains more, the step is not applied to the clock."""
 
 Slower = Callable[[float, float], float]
-"""(since, now) -> largest possible increase of the link delay at `since`, s; infinite while it is
-not measured."""
+"""Function (since, now) that returns an upper bound of the increase of the link delay since a time,
+s; infinite while the delay is not measured."""
 
 
 def no_link_delay(since: float, now: float) -> float:

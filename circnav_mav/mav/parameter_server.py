@@ -70,9 +70,8 @@ class ParameterServer:
         index = self._index.get(name) if by_index < 0 else by_index
         if index is None or not 0 <= index < len(self._parameters):
             return ""
-        self._waiting[index] = (
-            None  # a PARAM_SET is answered with the value in use, accepted or not
-        )
+        # A PARAM_SET is answered with the value in use, accepted or not
+        self._waiting[index] = None
         return self._set(self._parameters[index], message, refusal, now) if is_set else ""
 
     def _set(self, parameter: Parameter, message: Message, refusal: str, now: float) -> str:

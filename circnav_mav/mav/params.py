@@ -80,7 +80,7 @@ class ParameterReader:
             tries, _ = self._asked.get(name, (0, now))
             # Time, s, until a request is repeated; chosen.
             self._asked[name] = tries + 1, now + 0.7
-        # Param_index of a request by name (MAVLink).
+        # param_index of a request by name (MAVLink).
         return [
             dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), -1)
             for name in names

@@ -28,7 +28,8 @@ TWIN_WITHIN = 10.0
 """Number of foreign frames with our ids within this time, s, that indicates another companion: it
 sends at least one heartbeat per second. A single stray frame is ignored."""
 WAITING = dialect.MAV_STATE_BOOT
-"""State in our heartbeat until the vehicle is steered. A companion that steers ignores it."""
+"""State in circnav's heartbeat until it steers the vehicle. A circnav that steers already ignores
+heartbeats with this state of a second circnav."""
 ECHO_RATE = 4.0
 """Requested rate of the vehicle's setpoint reports, Hz."""
 GPS_HEALTH = ("GPS_RAW_INT", "GPS2_RAW", "EKF_STATUS_REPORT")
@@ -51,8 +52,9 @@ class Session:
         more_streams: Mapping[int, float] | None = None,
         signing: Signing | None = None,
     ) -> None:
-        """adapters: the vehicles that the mission allows. The pinned vehicle selects one.
-        more_streams: id -> Hz."""
+        """adapters: one for each allowed vehicle; the identified vehicle selects one.
+        more_streams: further message ids with their requested rates, Hz.
+        """
         self._component = settings.component_id
         self._more_streams = dict(more_streams or {})
         self._heartbeat_timer = Every(HEARTBEAT_PERIOD)

@@ -141,7 +141,7 @@ def _noise(mission: Mission, ranges: Sequence[ReceivedRange]) -> Iterator[Check]
     gate = mission.estimation.gate * assumed
     share = outliers_among(residuals, gate)
     words = f"about {100 * share:.0f} % of the ranges are outliers, wrong by more than {gate:.1f} m"
-    # Share of outliers above which preflight warns; chosen, half of the share in the benchmark.
+    # Share of outliers above which preflight warns. Chosen: half of the benchmark's share.
     yield Check(PASS if share <= 0.05 else WARN, "outliers", words)
 
 

@@ -87,9 +87,8 @@ class VehicleTable(Table):
     method: Literal[MISSION_METHODS] | None = None  # type: ignore[valid-type]
     speed_mps: Positive
     max_turn_rate_deg_s: Positive | None = None
-    max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = (
-        None  # at 75 a level turn pulls 3.9 g
-    )
+    # At 75 a level turn pulls 3.9 g
+    max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None
     # Longest delay of a vehicle's turn, s. Larger values were probably meant in ms.
     turn_lag_s: Annotated[float, Field(ge=0, le=10.0)] = 0.4
     drag_per_s: Annotated[float, Field(ge=0.05, le=2.0)] = 0.35
@@ -126,9 +125,8 @@ class RangingTable(Table):
     beacon_id: Annotated[int, Field(ge=0, le=65535)] | None = None
     sensor_id: Annotated[int, Field(ge=0, le=255)] | None = None
     orientation: Annotated[int, Field(ge=0, le=100)] | None = None
-    name: Annotated[str, Field(min_length=1, max_length=10)] = (
-        "RANGE"  # 10: limit of NAMED_VALUE_FLOAT
-    )
+    # 10: limit of NAMED_VALUE_FLOAT
+    name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"
     rate_name: Annotated[str, Field(min_length=1, max_length=10)] | None = None
     rate_sign: Literal["opening", "closing"] = "opening"
     system_id: SystemId | None = None
@@ -160,9 +158,8 @@ class LinkTable(Table):
 
     endpoint: Name
     peer: Addresses | None = None
-    component_id: Annotated[int, Field(ge=191, le=194)] = (
-        191  # MAV_COMP_ID_ONBOARD_COMPUTER to MAV_COMP_ID_ONBOARD_COMPUTER4
-    )
+    # MAV_COMP_ID_ONBOARD_COMPUTER to MAV_COMP_ID_ONBOARD_COMPUTER4
+    component_id: Annotated[int, Field(ge=191, le=194)] = 191
     wait_s: Positive = 30.0
     unsigned_parameters: bool = False
     clock: Literal["local", "autopilot"] = "local"
@@ -206,9 +203,8 @@ class BoundsTable(Table):
     max_range_m: Positive | None = None
     min_altitude_m: Height | None = None
     max_altitude_m: Height | None = None
-    min_battery_percent: Annotated[float, Field(ge=1, le=100)] | None = (
-        None  # values below 1 were probably meant as a fraction
-    )
+    # Values below 1 were probably meant as a fraction
+    min_battery_percent: Annotated[float, Field(ge=1, le=100)] | None = None
 
 
 class MissionFile(Table):

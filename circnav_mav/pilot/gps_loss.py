@@ -81,9 +81,12 @@ class GpsLoss:
         return self._position_lost or (since is not None and now - since >= 1.0)
 
     def step(self, now: float) -> str:
-        """Change the method if the GPS is lost, and request its mode until the vehicle reports it.
+        """If the GPS is lost, change to the setpoint method without GPS. Request the mode of this
+        method until the vehicle reports it.
+
         Call while the vehicle is steered. Return a text for the operator at the change, else an
-        empty string."""
+        empty string.
+        """
         session = self._session
         if self.changed_at is None:
             method = session.adapter.without_gps

@@ -125,5 +125,6 @@ class Height:
 
     @property
     def jump(self) -> float:
-        """Jump of the altitude in flight that does not change the height, m, or 0 if negligible."""
+        """Step of the reported altitude in flight, m, that is not applied to the height above the
+        target; 0 if negligible."""
         return self._jumped if abs(self._jumped) > MOST_CLIMB * BUNCHED else 0.0

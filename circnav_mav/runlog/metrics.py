@@ -151,7 +151,7 @@ def cycles(time: Column, command: Column, *, limit: float, lap: float) -> bool:
     # 0.35: autocorrelation of the fast part at one period, from which it counts as periodic.
     # Benchmark plant: noise and gusts reach 0.2, a loop with 0.25 s dead time 0.7 to 0.9, one with
     # 0.5 s in wind 0.5.
-    # 0.6: rMS of the fast part, as a fraction of the limit, that only a command alternating between
+    # 0.6: RMS of the fast part, as a fraction of the limit, that only a command alternating between
     # both limits reaches (sine 0.71, square wave 1). Gusts make such a loop irregular
     # (autocorrelation 0.1 to 0.3), but it keeps 0.67. A stable loop in gusts has 0.44.
     return swing >= 0.6 * limit or (

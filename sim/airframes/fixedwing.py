@@ -16,12 +16,10 @@ CLIMB_LAG = 1.0
 MOST_CLIMB = 3.0  # m/s
 MOST_ROLL_RATE = math.radians(100)
 NOSE_DAMPING = 0.7  # damping ratio of the tail fin, which turns the nose into the airflow
-HELD_BY_RUDDER = (
-    0.7  # share of a bank error that becomes side-slip instead of a turn; fitted to PX4's SIH
-)
-SIDE_FORCE = (
-    3.0  # 1/s: path turn rate per side-slip (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
-)
+# Share of a bank error that becomes side-slip instead of a turn; fitted to PX4's SIH
+HELD_BY_RUDDER = 0.7
+# 1/s: path turn rate per side-slip (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
+SIDE_FORCE = 3.0
 
 
 @dataclass(frozen=True)

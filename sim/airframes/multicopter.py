@@ -99,7 +99,7 @@ class Multicopter:
         command = within(wanted.yaw_rate, self.yaw_loop.limit)
         command *= 1 + YAW_EXCESS * abs(body.ground_speed * command) / GRAVITY
         turned = self.yaw_loop.turn(body, command, h)
-        # M/s: below this speed the velocity loop takes over from braking
+        # m/s: below this speed the velocity loop takes over from braking
         if isinstance(demand, Brake) and turned.ground_speed > 0.1:
             moved = _brake(turned, demand.deceleration, h)
         elif min(math.hypot(wanted.north, wanted.east), body.ground_speed) < SLOW:

@@ -81,9 +81,8 @@ class Identity:
     unknown_ids: frozenset[int]
     default_streams: Mapping[int, int] = field(default_factory=dict)
     interval_refusal: Ack = Ack.DENIED
-    adopts_strays: bool = (
-        True  # handles messages to a component of its system that has never sent a message
-    )
+    # Handles messages to a component of its system that has never sent a message
+    adopts_strays: bool = True
     mode_refusal: str = "Mode change to {name} failed: {reason}"
     texts_for_gcs_only: bool = False  # STATUSTEXT only on links with a ground station's heartbeat
     ranges_on_update: bool = False  # DISTANCE_SENSOR once per sample, not once per interval

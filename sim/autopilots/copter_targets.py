@@ -68,7 +68,7 @@ def read_local_target(message: Message, body: Body, turns_with_nose: bool) -> Ta
 
 def _velocity(message: Message, body: Body, turns_with_nose: bool) -> Target:
     wanted = (message.vx, message.vy, message.vz)
-    # M/s, as in ArduCopter's sane_vel_or_acc_vector
+    # m/s, as in ArduCopter's sane_vel_or_acc_vector
     if any(math.isnan(v) or abs(v) > 1000.0 for v in wanted):
         return Stop()
     yaw_rate = 0.0 if message.type_mask & YAW_RATE else message.yaw_rate

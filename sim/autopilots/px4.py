@@ -71,9 +71,8 @@ class Px4(Autopilot):
         self._setpoint: Trajectory | Tilt | Spin | None = None
         self._setpoint_at: int | None = 0 if self.mode == OFFBOARD else None
         self._sticks_lost = False  # failsafe of lost sticks is active, until a mode is commanded
-        self._missed: int | None = (
-            None  # time of the last stick message before a loss that was handled
-        )
+        # Time of the last stick message before a loss that was handled
+        self._missed: int | None = None
         self._act_at = NEVER
 
     @abstractmethod

@@ -56,7 +56,7 @@ def test_replay_of_another_law_learns_no_turn_gain(circnav, tmp_path):
     assert "turn gain  fixed at" in out
 
 
-def test_replay_fixes_a_given_turn_gain(circnav, tmp_path):
+def test_replay_keeps_given_turn_gain(circnav, tmp_path):
     recorded_flight(tmp_path, "quickstart", "limits.duration_s=10", "vehicle.turn_gain=0.8").fly(
         15
     ).recorder.close()

@@ -152,7 +152,7 @@ def test_guidance_flies_circle_after_step_of_host_clock(law, step, before):
     assert world.sense is Direction.CLOCKWISE
 
 
-def test_own_law_is_limited_and_own_estimator_is_used():
+def test_user_law_is_limited_and_user_estimator_is_used():
     for turn, commanded in ((9.0, 0.35), (-9.0, -0.35), (0.1, 0.1)):
         command = received(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0)
         assert (command.turn_rate, command.saturated) == (commanded, turn != commanded)

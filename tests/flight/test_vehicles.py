@@ -154,7 +154,7 @@ def test_autopilot_auto_recognizes_the_vehicle() -> None:
     assert flown.setpoint_times != []
 
 
-def test_plane_without_airspeed_is_not_flown() -> None:
+def test_plane_without_vfr_hud_gets_no_setpoint() -> None:
     flown = flight("arduplane", "link.wait_s=5.0")
     flown.hears = lambda frame, now: frame[7] != 74  # no VFR_HUD
     flown.fly(30)

@@ -216,7 +216,7 @@ def test_implausible_attitude_is_rejected(rubbish):
 
 @pytest.mark.parametrize("pitch", [0.0, 0.5, -1.0])
 @pytest.mark.parametrize("roll", [0.0, 0.7, -0.7])
-def test_yaw_rate_refers_to_heading(roll, pitch):
+def test_yaw_rate_is_derivative_of_heading(roll, pitch):
     """Against the attitude itself after a small rotation by the body rates: R_z(yaw) R_y(pitch)
     R_x(roll) exp(omega dt)."""
     q = 0.2

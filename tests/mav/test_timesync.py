@@ -66,7 +66,7 @@ def test_overdue_question_is_repeated_at_once(quick):
     assert quick.worst == pytest.approx(2.0)
 
 
-def test_silent_vehicle_is_asked_once_per_second(quick):
+def test_timesync_requests_silent_vehicle_once_per_second(quick):
     times = asked(quick, 26.0, 60.0)
     assert len([time for time in times if time < 29.0]) > 10
     assert [b - a for a, b in pairwise(time for time in times if time > 30.0)] == pytest.approx(

@@ -316,7 +316,7 @@ def test_duplicate_of_own_ids_fails_and_other_vehicle_warns():
     assert "191" in lines[0].text
 
 
-def test_component_with_vehicle_ids_warns():
+def test_preflight_warns_of_component_with_vehicle_ids():
     bench = Bench("arducopter")
     radio = Voice(1, 1)
     bench.speaks = lambda now: (
@@ -841,7 +841,7 @@ def test_missing_parameters_are_requested_again(seconds, least):
     assert len(bench.run().parameters) >= least
 
 
-def test_vehicle_statustext_is_repeated():
+def test_preflight_prints_vehicle_statustext():
     bench = Bench("arducopter")
     vehicle = Voice(1, 1)
     text = mavlink.MAVLink_statustext_message(4, b"PreArm: Compass not healthy")

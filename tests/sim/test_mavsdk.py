@@ -40,7 +40,7 @@ def connect(tmp_path):
             == mavsdk.ConnectionResult.SUCCESS
         )
         vehicle = tmp_path / "vehicle.toml"
-        # it may stand still
+        # The emulated vehicle may receive no setpoint for a while.
         vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n')
         arguments = (str(vehicle), "--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "2")
         open_things.enter_context(running(python("-m", "sim", *arguments)))

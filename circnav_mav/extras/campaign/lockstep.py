@@ -15,7 +15,7 @@ from circnav_mav.runtime.runner import run_step
 
 COMPLETED = "completed"
 EXIT_TIME = 60.0
-"""Time beyond the mission's duration and waits in which a flight has to end, s."""
+"""Time allowed for the exit, s, after the mission's duration and its waiting times."""
 
 
 @dataclass(frozen=True, slots=True)

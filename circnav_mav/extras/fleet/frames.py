@@ -41,7 +41,6 @@ def is_report(message: Message) -> bool:
 
 def from_message(message: Message) -> MemberReport:
     """Return the report in a message. Raises ValueError if a state or sense does not exist."""
-    # Floats used by a report.
     state, sense, phase, sigma, period, radius, east, north, ee, en, nn, height = message.data[:12]
     if state not in tuple(State) or sense not in _SENSES:
         raise ValueError(f"state {state:g} or sense {sense:g} does not exist")

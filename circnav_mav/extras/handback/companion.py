@@ -111,7 +111,7 @@ class Companion:
         if place is None or position is None or newest is None:
             return
         time, east, north, _ = position
-        # Largest age, s, of the newest range with which the compass is compared.
+        # Compare the compass only while the newest range is less than 1 s old.
         if time <= self._compared_to or now - newest.time >= 1.0:
             return
         self._compared_to = time

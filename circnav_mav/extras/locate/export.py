@@ -22,8 +22,11 @@ NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def named_values(place: Place, now: float) -> list[Message]:
-    """Return values for ground station graphs: target m east and north of the first vehicle
-    position, sigma, speed."""
+    """Return NAMED_VALUE_FLOAT messages for ground station graphs.
+
+    They hold the target's position east and north of the first vehicle position (m), its standard
+    deviation (m) and the speed of the target (m/s).
+    """
     values = {
         "CN_TEAST": place.east,
         "CN_TNORTH": place.north,

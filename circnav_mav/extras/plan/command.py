@@ -101,7 +101,7 @@ def at_speed(path: str, speed: float) -> Iterator[str]:
 
 
 def _limited(mission: Mission) -> bool:
-    """True if the turn rate is at the vehicle's acceleration limit."""
+    """True if the vehicle's acceleration limits its turn rate."""
     most = fastest_turn(mission)
     return isfinite(most) and degrees(mission.orbit.max_turn_rate) > floor(degrees(most)) - 1e-6
 

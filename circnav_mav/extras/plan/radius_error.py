@@ -29,12 +29,12 @@ GUST_TIME = 3.0
 """Correlation time of gusts, s: default of the emulator."""
 STEADY = 0.0055
 STEADY_BANKED = 0.0091
-"""Steady radius error divided by the speed, s, due to errors of heading and airspeed. BANKED: for
-planes, which also side-slip."""
+"""Steady radius error divided by the speed, s, due to errors of heading and airspeed; the second
+for planes, which also side-slip."""
 ACTS = 0.46
 ACTS_ON_HELD = 0.049
 """Share of a gust that acts on the radius: below 1, because accelerometers measure the onset of a
-gust. ON_HELD: for vehicles whose autopilot holds the speed over the ground."""
+gust. The second is for vehicles whose autopilot holds the speed over the ground."""
 
 
 def radius_rms(mission: Mission, gust: float) -> float:

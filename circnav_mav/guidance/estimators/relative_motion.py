@@ -94,9 +94,8 @@ class DriftEstimator(Estimator):
         point = self._path.at(sample.time)
         before = self._used
         if point is None:
-            self._astray = (
-                True  # a range without own motion: the vehicle may not follow its commands
-            )
+            # A range without own motion: the vehicle may not follow its commands
+            self._astray = True
             return Fused.ACCEPTED
         # Longest time without ranges, s. After a longer one the filters restart.
         if before is not None and (

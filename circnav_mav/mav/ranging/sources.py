@@ -22,7 +22,7 @@ LISTEN_PERIODS = 2.5
 may appear."""
 MOST_SOURCES = 16
 MOST_NAMED = 4
-"""Limits of the sources that are kept, and of those listed in one message."""
+"""Largest number of sources that are kept, and largest number listed in one message."""
 JUDGED = 8
 JUDGED_LEAST = 3
 """Largest and smallest number of newest ranges of a suspected echo that are compared. Half of them

@@ -316,7 +316,7 @@ def test_recorded_reports_are_read_back(tmp_path):
     ]
 
 
-def test_reports_do_not_change_a_replay(flown, tmp_path):
+def test_fleet_reports_do_not_change_replay(flown, tmp_path):
     """Even under the ids of the vehicle and of its radio: no report steers, identifies a vehicle or
     counts as a sign of life."""
     plain = flown / "flight.tlog"

@@ -226,7 +226,7 @@ def test_missing_altitude_is_interpolated():
     assert list(RangeLog([(0.0, 47.3, 8.5, nan)]).track(PLANE).up) == [0.0]
 
 
-def test_tags_are_separated_and_mixtures_warned(tmp_path, capsys, monkeypatch):
+def test_locate_separates_tags_and_refuses_mixed_ones(tmp_path, capsys, monkeypatch):
     track, one, first = circles()
     rng = np.random.default_rng(5)
     second = np.array([20.0, -140.0])

@@ -183,7 +183,7 @@ def test_calibrated_plane_flies_true_circle(tmp_path):
     assert abs(radii[0] - 100.0) > 1.0
 
 
-def test_long_ranges_raise_alarm_with_true_radius():
+def test_alarm_for_overmeasured_ranges_states_true_radius():
     on_circle = "sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_deg=90"
     for keys, alarm in ((), True), (("ranging.scale=1.07",), False):
         flown = surveyed("quickstart", *on_circle, "sim.ranging.scale=1.07", *keys)

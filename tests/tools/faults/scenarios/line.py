@@ -114,7 +114,7 @@ JITTER = [
 ]
 ORDER = [
     *(
-        both("F5", f"{p} %, depth 1..5", Impairment(reorder=p / 100), quick=p == 25, blind=0.5)
+        both("F5", f"{p} %, depth 1 to 5", Impairment(reorder=p / 100), quick=p == 25, blind=0.5)
         for p in (1, 5, 25)
     )
 ]

@@ -89,7 +89,7 @@ NOISE = [
     *(
         tampered(
             "F11",
-            f"outliers {p} %, 2..50 m",
+            f"outliers {p} %, 2 to 50 m",
             partial(outliers, p / 100, (2.0, 50.0)),
             want=want,
             quick=p == 10,
