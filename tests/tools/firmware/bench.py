@@ -172,6 +172,7 @@ class Bench:
         self.relaying = False
         self.shown_modes: list[tuple[float, int]] = []
         self.longest_pause = 0.0
+        self._attitude_at = 0.0
         self._truth_at = time.monotonic()
         self._process = firmware.start(folder)
 
@@ -237,6 +238,9 @@ class Bench:
         cut = list(frames(data))
         for shown in (mode for one in cut if (mode := mode_shown(*one)) is not None):
             self.shown_modes.append((self.now, shown))
+        if self.flight.attitude_hz:
+            data = b"".join(frame for number, frame in cut if self._attitude_due(number))
+            cut = list(frames(data))
         if not (self.flight.keep_position or self.flight.handback):
             hidden = POSITIONS - GPS_HEALTH if self.flight.gps_shown else POSITIONS
             kept = b"".join(frame for number, frame in cut if number not in hidden)
@@ -245,6 +249,16 @@ class Bench:
         if data:
             with suppress(ConnectionRefusedError, BlockingIOError):
                 self._relay.sendto(data, (LOOPBACK, self.app_port))
+
+    def _attitude_due(self, number: int) -> bool:
+        """Return False for an ATTITUDE above the flight's rate, as if stream requests had been
+        refused."""
+        if number != mavlink.MAVLINK_MSG_ID_ATTITUDE:
+            return True
+        if self.now - self._attitude_at < 1.0 / self.flight.attitude_hz:
+            return False
+        self._attitude_at = self.now
+        return True
 
     def _on_app_data(self, data: bytes) -> None:
         if self._shared_peer:

@@ -81,6 +81,11 @@ class Flight:
         None, "another wind from then on", nargs=3, metavar=("T", "SPEED", "FROM")
     )
     gps_off: float | None = _option(None, "s after the start of circnav", metavar="T")
+    param_at: tuple[str, str] | None = _option(
+        None, "a parameter of the autopilot from then on", nargs=2, type=str,
+        metavar=("T", "NAME=VALUE"),
+    )  # fmt: skip
+    attitude_hz: float = _option(0.0, "ATTITUDE towards circnav at most so often [all]")
     airspeed_off: float = _option(1.0, "airspeed flown over the mission's")
     roll_limit: float | None = _option(None, "of the autopilot, degrees; the mission keeps its own")
     takeover: float | None = _option(
@@ -104,6 +109,7 @@ class Flight:
     outliers: float = _option(0.0, "share of ranges that are off")
     outlier_size: float = _option(30.0, "by up to, m")
     loss: float = _option(0.0, "share of ranges that are lost")
+    step: float = _option(0.0, "resolution of the ranges, m")
     second_anchor: float = _option(
         0.0, "m east of the target: a second DISTANCE_SENSOR id of the same radio"
     )
@@ -185,7 +191,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
             how = {"action": "store_true"}
         elif one.default == ():
             how = {"action": "append", "default": []}
-        parser.add_argument(f"--{one.name.replace('_', '-')}", **how, **one.metadata)
+        parser.add_argument(f"--{one.name.replace('_', '-')}", **(how | one.metadata))
     parser.add_argument("--preset", choices=PRESETS, help="a radio: noise, drift, rate, loss")
 
 

@@ -18,7 +18,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, astuple, fields
 from datetime import datetime
 from itertools import pairwise
@@ -181,7 +181,7 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
 
 def _loop(flown: Flight, bench: Bench, began: float) -> None:
     """Run until circnav has ended or the time is over."""
-    taken = gps_gone = changed = False
+    todo = sorted(_events(flown, bench), key=lambda event: event[0])
     sticks = 0.0
     longest = (
         flown.duration
@@ -194,15 +194,8 @@ def _loop(flown: Flight, bench: Bench, began: float) -> None:
         if time.monotonic() > hopeless:
             raise NoFlightError("the simulation hardly runs")
         since = bench.now - began
-        if flown.takeover is not None and not taken and since > flown.takeover:
-            taken = True
-            bench.firmware.ask_mode(bench, bench.firmware.holding)
-        if flown.gps_off is not None and not gps_gone and since > flown.gps_off:
-            gps_gone = True
-            bench.firmware.without_gps(bench)
-        if flown.wind_change is not None and not changed and since > flown.wind_change[0]:
-            changed = True
-            bench.firmware.wind(bench, *flown.wind_change[1:])
+        while todo and since > todo[0][0]:
+            todo.pop(0)[1]()
         if flown.baseline and time.monotonic() > sticks:
             sticks = time.monotonic() + 0.3 / max(1.0, flown.speedup)
             bench.firmware.circling(bench)
@@ -211,6 +204,21 @@ def _loop(flown: Flight, bench: Bench, began: float) -> None:
             return
         if bench.app and since > ENGAGE_PATIENCE and not _in_guided(bench, began):
             raise NoFlightError("circnav did not engage, see circnav.log")
+
+
+def _events(flown: Flight, bench: Bench) -> Iterator[tuple[float, Callable[[], None]]]:
+    """Yield what happens during the flight, with its time after the start of circnav, s."""
+    firmware = bench.firmware
+    if flown.takeover is not None:
+        yield flown.takeover, lambda: firmware.ask_mode(bench, firmware.holding)
+    if flown.gps_off is not None:
+        yield flown.gps_off, lambda: firmware.without_gps(bench)
+    if flown.wind_change is not None:
+        at, *wind = flown.wind_change
+        yield at, lambda: firmware.wind(bench, *wind)
+    if flown.param_at is not None:
+        name, value = flown.param_at[1].split("=")
+        yield float(flown.param_at[0]), lambda: bench.send_parameter(name, float(value))
 
 
 def _in_guided(bench: Bench, began: float) -> list[float]:

@@ -96,6 +96,8 @@ class Radio:
                 * self._random.random()
                 * (1 if self._random.random() < 0.8 else -1)
             )
+        if flight.step:
+            slant = round(slant / flight.step) * flight.step
         return max(slant, 0.0)
 
     def _send(self, stamp: float, measured: float, sensor: int = SENSOR_ID) -> None:
