@@ -225,9 +225,9 @@ def test_exchanged_frames_are_recorded_but_never_sent(fly):
     assert all(data != b"report" for data, _ in vehicle.sent)
 
 
-@pytest.mark.parametrize(("seconds", "stands"), [(0.4, False), (5.0, True)])
+@pytest.mark.parametrize(("seconds", "is_dropped"), [(0.4, False), (5.0, True)])
 @pytest.mark.parametrize("moment", ["reading", "decoding", "deciding", "preparing the rest"])
-def test_frames_from_before_a_pause_are_not_sent(fly, seconds, stands, moment):
+def test_frames_from_before_a_pause_are_not_sent(fly, seconds, is_dropped, moment):
     """The process stops in its second step. A setpoint or mode request from before is obsolete,
     because the operator may have taken over. A range dated seconds before it was sent would make
     all later ones look old."""
@@ -251,8 +251,8 @@ def test_frames_from_before_a_pause_are_not_sent(fly, seconds, stands, moment):
 
     setattr(where, name, stops)
     recorder = fly(pilot, vehicle=vehicle, clock=clock)
-    held_back = stands and moment != "preparing the rest"  # the setpoint had already been sent
-    assert len(vehicle.sent) == 6 - stands - held_back
+    held_back = is_dropped and moment != "preparing the rest"  # the setpoint had already been sent
+    assert len(vehicle.sent) == 6 - is_dropped - held_back
     assert held_back == sum(step.held_back for step in recorder.steps)
     assert recorder.kept == [words for words, _ in vehicle.sent]
     assert len(recorder.steps) == 3
