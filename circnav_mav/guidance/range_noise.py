@@ -88,13 +88,14 @@ class NoiseCheck:
         # At uneven intervals there are no residuals.
         if self._wide.count < KEPT_WIDE or self._raw.count < ENOUGH:
             return sigma
-        measured = max(self._raw.sigma, self._wide.sigma)
+        # 0.29: standard deviation of rounding, in steps of the resolution. The quantiles of coarse
+        # values may be 0.
+        rounding = 0.0 if self._step == inf else 0.29 * self._step
+        measured = max(self._raw.sigma, self._wide.sigma, rounding)
         if self.lowered is None and sigma <= TOO_LITTLE * measured:
             return sigma
         # Lower bound of a lowered sigma, m or m/s: DISTANCE_SENSOR has a resolution of 1 cm.
-        # 0.29: standard deviation of rounding, in steps of the resolution.
-        least = max(0.01, 0.0 if self._step == inf else 0.29 * self._step)
-        lower = min(max(MARGIN * measured, least), sigma)
+        lower = min(max(MARGIN * measured, 0.01), sigma)
         self.lowered = self.lowered or (sigma, lower)
         return lower
 

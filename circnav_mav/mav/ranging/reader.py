@@ -176,7 +176,7 @@ class RangeReader:
             self._with_vehicle = False
         carried = reading.stamp if settings.stamp == "sensor" else None
         stamp = now if carried is None else self.clock.unwrapped(carried)
-        rejection = self._order(reading, stamp, now)
+        rejection = self._order(reading, stamp, now, sender)
         if rejection is not None:
             return rejection
         self.trusted = sender
@@ -247,7 +247,7 @@ class RangeReader:
         )
         return silent and not self.sender_stays
 
-    def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
+    def _order(self, reading: Reading, stamp: float, now: float, sender: Sender) -> Reject | None:
         """Return the reason why a reading is not newer than the last one, or None."""
         clock = self.clock
         settings = self._settings
@@ -280,8 +280,12 @@ class RangeReader:
             and now - clock.newest_at < 10
         )
         # ArduPilot sends its own rangefinder's last value under new stamps until the next
-        # measurement.
-        resent = reading.slant == self.slant and stamp - clock.newest < 0.9 / settings.rate_hz
+        # measurement. A radio of coarse resolution measures equal values.
+        resent = (
+            sender.component == AUTOPILOT_COMPONENT
+            and reading.slant == self.slant
+            and stamp - clock.newest < 0.9 / settings.rate_hz
+        )
         return Reject.REPEAT if order is Order.REPEATED or again or resent else None
 
     def _restart(self) -> None:

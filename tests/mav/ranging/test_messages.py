@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from tests.mav.ranging.receiver import Receiver
-from tests.rig import beacon, distance
+from tests.rig import Voice, beacon, distance
 
 NONE = 2**32 - 1
 DISTANCE = RangingSettings(message="distance_sensor", sigma_m=0.5)
@@ -121,6 +121,15 @@ def test_ranging_message_is_selected_by_mission_marks(marks, message, accepted):
     assert (receiver.receive(message) is not None) == bool(accepted)
     assert receiver.rejected == ({"other_sensor": 1} if accepted is False else {})
     assert receiver.reader.refused == 0
+
+
+@pytest.mark.parametrize(("component", "rejected"), [(1, {"repeat": 1}), (192, {})])
+def test_equal_range_is_repeat_only_from_autopilot(component, rejected):
+    """A radio with a resolution of 1 m measures equal ranges 0.08 s apart."""
+    receiver = Receiver()
+    for i in range(2):
+        receiver.distance(15000, now=1.0 + 0.08 * i, sender=Voice(1, component))
+    assert receiver.rejected == rejected
 
 
 def test_repeated_beacon_sequence_is_rejected():
