@@ -70,7 +70,7 @@ class BankLimit:
         # Commands may exceed the found limit. A bank above it shows that it was found too low.
         if abs(banked) > (1 + self.STEADY) * self.bank:
             self._forget()
-        elif own.time - self._steady_since >= STEADY_FOR and 0 < step <= 1.0:
+        elif own.time - self._steady_since >= STEADY_FOR and 0 < step <= LONGEST_REPORT_GAP:
             keep = exp(-step / self.AVERAGED)
             self._stood = keep * self._stood + step
             self._banked = keep * self._banked + abs(bank_turn) * step
@@ -105,9 +105,10 @@ class LeanLimit:
     AGAIN = 3.0
     """Time, s, from the first steady lean. After it, the lean must still, or again, be steady at
     the same angle."""
-    NEAR_MOST = radians(2.5)
-    """Largest difference, rad, by which a lean at its limit may be below the largest lean so
-    far."""
+    NEAR_MOST = radians(1.5)
+    """Largest difference, rad, by which a lean at its limit may be below the largest lean so far.
+    With 2.5 deg, a copter on a circle of 10 m in wind counted as limited to 11 deg, below its 12
+    deg of the lap before."""
     LOWERED = 0.95
     EVERY = 2.0
     """Factor on the speed at the limit, and least time between two reductions, s. The velocity loop

@@ -185,7 +185,7 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     # Ignore the worst bin: a late attitude or a lost setpoint makes one bin wrong, a vehicle that
     # does not follow many.
     followed = errors(LEAST_GAIN, MOST_GAIN)
-    following = float((followed.sum(0) - followed.max(0)).min())
+    following = _without_worst(followed)
     weak = float(errors(REVERSED_GAIN, WEAK_GAIN).sum(0).min())
     other = min(weak, float(flown @ flown) - float(flown.sum()) ** 2 / width)
     # Least difference of both models' squared errors, integrated over time, rad^2/s: 0.05 rad/s (3
@@ -193,7 +193,26 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     # 22 m/s.
     if abs(following - other) * BIN < 0.0007:
         return 0
-    return -1 if other < BETTER * following else int(following < BETTER * other)
+    if other < BETTER * min(following, _limited(flown, predicted)):
+        return -1
+    return int(following < BETTER * other)
+
+
+def _limited(flown: Array, predicted: Array) -> float:
+    """Return the squared error of a vehicle that flies the command up to a limit of its own, such
+    as a bank limit. The limit is a quantile of the flown turns, because a bank overshoots at first,
+    and at least a third of the command."""
+    least = LEAST_GAIN * np.abs(predicted).max(0)
+    limits = (np.maximum(limit, least) for limit in np.quantile(np.abs(flown), (0.5, 0.75, 1.0)))
+    return min(
+        _without_worst((flown[:, None] - np.clip(predicted, -limit, limit)) ** 2)
+        for limit in limits
+    )
+
+
+def _without_worst(errors: Array) -> float:
+    """Return the summed errors of the best candidate, without its worst bin."""
+    return float((errors.sum(0) - errors.max(0)).min())
 
 
 def _swings(turns: Array, least: float, longest: int) -> bool:

@@ -14,13 +14,14 @@ DRAG = 0.35
 TURN = 5.0 / 30
 
 
-def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0):
+def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0, lag=0.0):
     """Return the state after laps at V. wind: m/s. gust: RMS of the push, m/s^2. trim: lean fixed
-    to the nose, in m/s^2."""
+    to the nose, in m/s^2. lag: of the push, s."""
     rng = np.random.default_rng(2)
     limit = GRAVITY * tan(radians(limit_deg))
     lean = LeanLimit()
     gusts = 0j
+    flown = 0j
     for i in range(round(laps * 2 * pi / TURN / 0.05)):
         heading = TURN * 0.05 * i
         nose = rect(1.0, heading)
@@ -32,7 +33,8 @@ def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0):
             + trim * nose
         )
         push = rect(min(abs(push), limit), phase(push))
-        own = OwnMotion(0.05 * i, heading, TURN, V * lean.share, push=(push.real, push.imag))
+        flown = push if lag == 0 else flown + (push - flown) * 0.05 / lag
+        own = OwnMotion(0.05 * i, heading, TURN, V * lean.share, push=(flown.real, flown.imag))
         lean.follow(own)
     return lean
 
@@ -56,6 +58,7 @@ def test_lean_limit_is_found_and_lowers_speed(wind):
         {"wind": 6.0, "trim": 0.4},
         {"wind": 3.0, "gust": 1.0},
         {"wind": 6.0, "gust": 2.0},
+        {"wind": 6.0, "lag": 0.9},
     ],
     ids=str,
 )

@@ -58,6 +58,18 @@ def test_obedience_accepts_delay_gain_and_gusts(gain, late):
     assert monitored(circle, lambda time, sent: gain * sent[-1 - late], 120.0, noise=0.05).follows
 
 
+def test_obedience_accepts_steady_turn_at_bank_limit():
+    """The command stays above what the vehicle's own bank limit allows."""
+
+    def command(time):
+        return 0.3 * sin(time) if time < 12 else 0.45 + 0.03 * sin(time)
+
+    def limited(time, sent):
+        return min(max(sent[-2], -0.25), 0.25)
+
+    assert monitored(command, limited, 60.0, noise=0.01).follows
+
+
 @pytest.mark.parametrize(
     "flown",
     [
