@@ -23,7 +23,7 @@ from circnav_mav.guidance.turn_response import (
 )
 from circnav_mav.guidance.types import LONGEST_REPORT_GAP, SAME_TIME, OwnMotion
 
-MEASUREMENT_DELAY = 0.2
+MEASUREMENT_DELAY = 0.4
 """Delay of a plane's reported turn rate behind its bank, s, as seen on ArduPlane 4.6.3. With gains
 tuned for the delay of the bank alone, the radius error with LoRa-like ranges was 2.7 m instead of
 1.9 m there."""

@@ -1,6 +1,9 @@
-"""Monitors beside the law: mission bounds, alarms for too strong a drift and for no way made."""
+"""Monitors beside the law: mission bounds, alarms for too strong a drift, for a wrong airspeed and
+for no way made."""
 
+from cmath import rect
 from dataclasses import dataclass
+from math import exp, pi
 from typing import NamedTuple
 
 from circnav_mav.guidance.laws import tolerated_drift
@@ -70,6 +73,51 @@ def watch_drift(
     # Time, s, for which the drift must be too strong to raise the alarm: the estimate follows
     # single gusts.
     return DriftAlarm(alarm.on or estimate.time - since >= 3.0, since, drift, allowed)
+
+
+class AirspeedAlarm(NamedTuple):
+    """Alarm for an airspeed sensor with a large error.
+
+    The estimator takes such an error as a drift that turns with the nose. A wind does not turn:
+    along the nose, it cancels over a lap.
+
+    on: True while raised.
+    excess: measured minus true airspeed, averaged over about a lap, m/s.
+    drift: mean drift, m/s, as a complex number.
+    since: start of the average, s, or None.
+    time: of the newest estimate, s.
+    """
+
+    on: bool = False
+    excess: float = 0.0
+    drift: complex = 0j
+    since: float | None = None
+    time: float = 0.0
+
+
+def watch_airspeed(
+    alarm: AirspeedAlarm, estimate: RangeEstimate | None, orbit: Orbit
+) -> AirspeedAlarm:
+    """Return the alarm after an estimate. Without a trusted drift, it restarts."""
+    motion = estimate.relative if estimate is not None else None
+    if estimate is None or motion is None or not motion.trusted:
+        return AirspeedAlarm()
+    if alarm.since is None:
+        return AirspeedAlarm(since=estimate.time, time=estimate.time)
+    lap = 2 * pi * orbit.radius / orbit.speed
+    keep = exp(-max(estimate.time - alarm.time, 0.0) / lap)
+    drift = complex(motion.drift_x, motion.drift_y)
+    along = (drift * rect(1.0, -motion.heading)).real
+    excess = motion.airspeed / motion.scale - motion.airspeed - along
+    excess += keep * (alarm.excess - excess)
+    drift += keep * (alarm.drift - drift)
+    # A vehicle flies longer against the wind than with it, and within a lap the average varies. The
+    # scale of a good sensor is within a tenth.
+    W = abs(drift)
+    most = 0.12 * orbit.speed + W**2 / orbit.speed + W / 6
+    settled = estimate.time - alarm.since > lap
+    on = settled and abs(excess) > most * (0.9 if alarm.on else 1.0)
+    return AirspeedAlarm(on, excess, drift, alarm.since, estimate.time)
 
 
 class WayAlarm(NamedTuple):

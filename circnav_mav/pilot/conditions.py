@@ -296,7 +296,7 @@ def _not_following(view: StepView) -> Active | None:
     return Active(
         "vehicle does not follow turn commands",
         "VEHICLE DOES NOT FOLLOW turn commands: the flight ends after"
-        f" {view.settings.timing.unfollowed:g} s",
+        f" {view.settings.timing.unfollowed:g} s away from the circle",
     )
 
 
@@ -327,9 +327,21 @@ def _lean_limit(view: StepView) -> Active | None:
     )
 
 
+def _airspeed_sensor(view: StepView) -> Active | None:
+    alarm = view.airspeed_alarm
+    if not alarm.on:
+        return None
+    error = f"{abs(alarm.excess):.0f} m/s too {'high' if alarm.excess > 0 else 'low'}"
+    return Active(
+        f"airspeed reads {error}",
+        f"AIRSPEED SENSOR reads about {error}: the estimated drift turns with the nose, check pitot"
+        " tube and calibration",
+    )
+
+
 def _drift_too_strong(view: StepView) -> Active | None:
     alarm = view.drift_alarm
-    if not alarm.on:
+    if not alarm.on or view.airspeed_alarm.on:
         return None
     drift = f"{alarm.drift:.1f} m/s"
     allowed = f"circle allows {alarm.allowed:.1f} m/s"
@@ -474,6 +486,7 @@ TABLE = (
     NOT_FOLLOWING,
     Condition("limit_cycle", _limit_cycle),
     Condition("lean_limit", _lean_limit),
+    Condition("airspeed_sensor", _airspeed_sensor, over="airspeed is right again", steering=True),
     Condition("drift_too_strong", _drift_too_strong, over="drift within limit again"),
     Condition("no_way_made", _no_way_made, over="comes nearer again", steering=True),
     Condition("bound_not_watched", _bound_not_watched, over="bounds checked again", steering=True),

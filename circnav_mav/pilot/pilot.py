@@ -17,7 +17,15 @@ from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
-from circnav_mav.guidance.watches import DriftAlarm, WayAlarm, breach, watch_drift, watch_way
+from circnav_mav.guidance.watches import (
+    AirspeedAlarm,
+    DriftAlarm,
+    WayAlarm,
+    breach,
+    watch_airspeed,
+    watch_drift,
+    watch_way,
+)
 from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, YawRate
@@ -80,11 +88,13 @@ class Pilot:
         """Reason for the law that `auto` or `drift` flies now, human-readable. Empty for other
         laws."""
         self._drift_alarm = DriftAlarm()
+        self._airspeed_alarm = AirspeedAlarm()
         self._way_alarm = WayAlarm()
         self._rates = RateMeter()
         self.allowance = Allowance()
         self.second_controller = SecondController(session, self.mission)
         self._since_unanswered = Since()
+        self._since_circling = Since()
         """Since TIMESYNC was last not answered."""
         self._since_silent = Since()
         """Since the newest mode report was last older than SILENT."""
@@ -203,7 +213,7 @@ class Pilot:
             self._finish(outcome, now)
         estimate = self.tracker.estimator.at(now)
         self._watch_bounds(estimate, now)
-        self._watch_following(now)
+        self._watch_following(estimate, now)
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
         desired = self.controller.circle.radius
@@ -309,8 +319,9 @@ class Pilot:
         if broken is not None:
             self._finish(Outcome(Ending.ABORTED, broken), now)
 
-    def _watch_following(self, now: float) -> None:
-        """End the flight if the vehicle does not follow turn commands for too long."""
+    def _watch_following(self, estimate: RangeEstimate | None, now: float) -> None:
+        """End the flight if the vehicle does not follow turn commands for too long. A vehicle with
+        badly tuned steering may follow them poorly, and yet keep its circle."""
         session = self.session
         vehicle = self.controller.vehicle
         obedience = vehicle.obedience
@@ -326,10 +337,22 @@ class Pilot:
         if self._since_unanswered.age(now) < 3.0:
             vehicle.judge_again()
             self.conditions.forget(NOT_FOLLOWING)
-        if self.mission.steering and not obedience.follows and now - obedience.since > most:
+        if self._keeps_circle(estimate):
+            self._since_circling.restart(now)
+        unfollowed = min(now - obedience.since, self._since_circling.age(now))
+        if self.mission.steering and not obedience.follows and unfollowed > most:
             self._finish(
                 Outcome(Ending.ABORTED, f"vehicle did not follow turn commands for {most:g} s"), now
             )
+
+    def _keeps_circle(self, estimate: RangeEstimate | None) -> bool:
+        """True if the vehicle is near its circle, and turns as on it. In wind, the turn rate varies
+        along the circle."""
+        circle = self.controller.orbit
+        if estimate is None or abs(estimate.r - circle.radius) > 0.1 * circle.radius:
+            return False
+        turn = circle.direction.turn_sign * self.controller.vehicle.command_gain.rate
+        return turn > circle.speed / circle.radius / 3
 
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
         good = self.tracker.good(estimate, now, holding=self.mission.phase is Phase.HOLDING)
@@ -451,6 +474,8 @@ class Pilot:
             self._drift_alarm, estimate, controller.orbit, controller.vehicle.most
         )
         engaged = self.mission.phase is Phase.ENGAGED
+        if self.session.adapter.measures_airspeed:
+            self._airspeed_alarm = watch_airspeed(self._airspeed_alarm, estimate, controller.orbit)
         self._way_alarm = watch_way(
             self._way_alarm, estimate if engaged else None, controller.orbit
         )
@@ -518,6 +543,7 @@ class Pilot:
             unchecked_bound=unwatched(self.settings, session, now),
             gps_lost=None if self.gps_loss.changed_at is None else self.gps_loss.failure,
             drift_alarm=self._drift_alarm,
+            airspeed_alarm=self._airspeed_alarm,
             way_alarm=self._way_alarm,
             circle=controller.circle,
             law=self._law,

@@ -1,11 +1,11 @@
-"""Alarm for a drift that exceeds the limit of the circle."""
+"""Alarms for a drift that exceeds the limit of the circle, and for a wrong airspeed."""
 
-from math import sqrt
+from math import cos, sin, sqrt
 
 import pytest
 
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
-from circnav_mav.guidance.watches import DriftAlarm, watch_drift
+from circnav_mav.guidance.watches import AirspeedAlarm, DriftAlarm, watch_airspeed, watch_drift
 from tests.guidance.relative import known
 
 V = 15.0
@@ -50,3 +50,21 @@ def test_drift_alarm_ignores_gusts_lulls_and_untrusted_drift():
     assert (
         after([ALLOWED + 2] * 40, trusted=False) == watch_drift(QUIET, None, ORBIT, LIMIT) == QUIET
     )
+
+
+@pytest.mark.parametrize(
+    ("wind", "excess", "is_raised"), [(0.0, 3.0, True), (5.0, 4.5, True), (5.0, 0.0, False)]
+)
+def test_airspeed_alarm_needs_drift_that_turns_with_nose(wind, excess, is_raised):
+    """The estimator takes a measured airspeed that is too high as a drift against the nose."""
+    alarm = AirspeedAlarm()
+    for at in range(1500):
+        time = 0.1 * at
+        heading = -V / R * time
+        motion = known(
+            drift_x=wind - excess * cos(heading), drift_y=-excess * sin(heading), heading=heading
+        )
+        estimate = RangeEstimate(time, R, 0.0, 0.5, 0.1, relative=motion)
+        alarm = watch_airspeed(alarm, estimate, ORBIT)
+    assert alarm.on is is_raised
+    assert alarm.excess == pytest.approx(excess, abs=1.0)
