@@ -264,7 +264,11 @@ class OwnMotionSensor:
         return self._turned._replace(airspeed=air.airspeed, altitude=air.altitude, climb=air.climb)
 
     def _attitude(self, now: float) -> Attitude | None:
-        return self._body if now - self._attitude_at <= ATTITUDE_MAX_AGE else None
+        # Rare attitudes are extrapolated by their body rates until the next one. Without it, the
+        # heading of a vehicle that refuses stream requests (1 Hz) would be lost every second.
+        interval = (self._received[-1] - self._received[0]) / (FEWEST - 1)
+        oldest = min(max(1.6 * interval, ATTITUDE_MAX_AGE), 1.6)
+        return self._body if now - self._attitude_at <= oldest else None
 
 
 def _angles(message: Message) -> tuple[float, float, float] | None:

@@ -16,7 +16,9 @@ from circnav_mav.guidance.maths import Vector, chord, wrap
 from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
 
 EXTRAPOLATED = 0.5
-"""Longest time, s, over which the newest report is extrapolated by its turn rate."""
+RARE = 1.6
+"""Longest time over which the newest report is extrapolated by its turn rate: s, or for rare
+reports in units of their interval and in s."""
 HOLE = 3.0
 """Longest gap between reports, s, in a continuous path. After a longer one the displacement is
 unknown."""
@@ -79,6 +81,7 @@ class FlownPath:
     def __init__(self) -> None:
         # Reports kept: more than 1 s at the highest rate. Ranges are newer than that.
         self._points: deque[PathPoint] = deque(maxlen=64)
+        self._longest = EXTRAPOLATED
 
     def move(self, motion: OwnMotion) -> None:
         """Add a report of own motion."""
@@ -87,6 +90,8 @@ class FlownPath:
             return
         last = self._points[-1]
         step = motion.time - last.motion.time
+        if step > 0:
+            self._longest = min(max(RARE * step, EXTRAPOLATED), RARE)
         if step > HOLE:
             self._points.append(PathPoint(motion, last.x, last.y, last.piece + 1))
         elif step > 0:
@@ -103,7 +108,7 @@ class FlownPath:
         newest = self._points[-1]
         last = newest.motion
         ahead = time - newest.motion.time
-        if ahead > EXTRAPOLATED:
+        if ahead > self._longest:
             return None
         if ahead >= 0:
             turned = last.turn_rate * ahead
