@@ -8,7 +8,7 @@ GRAVITY = 9.80665  # m/s^2
 # GPS correction of the estimate: rad/s, damping ratio
 FREQUENCY = 0.32
 DAMPING = 0.45
-# gyro noise in roll that causes an RMS roll error of 1 rad, 1/sqrt(s); in pitch half of it
+# random walk of roll, rad/sqrt(s), per rad of RMS roll error that it causes; pitch has half of it
 TILT_NOISE = 0.57
 HARD_IRON = math.radians(0.2)  # amplitude of the heading error, one period per full turn
 UNAIDED = 0.12  # rad/s: bandwidth with which an estimator without GPS assumes a vehicle at rest

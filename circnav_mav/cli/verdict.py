@@ -80,7 +80,8 @@ def _circle(summary: dict[str, Any]) -> list[str]:
 
 
 def _turn(summary: dict[str, Any]) -> list[str]:
-    """Return the lines of the turn command, the vehicle's response, and a limit cycle."""
+    """Return the printed lines about the turn command, the vehicle's turn response and a limit
+    cycle, if detected."""
     std, at_limit, variation = map(
         summary.get, ("turn_std_deg_s", "turn_at_limit", "turn_variation_rad_s2")
     )

@@ -30,7 +30,8 @@ class BankLimit:
     STEADY = 0.03
     """Largest difference of a steady bank from its mean over 1 s, as a share."""
     AVERAGED = 20.0
-    """Time constant of the average at the limit, s: an error of 1 % costs 0.3 m of radius."""
+    """Time constant, s, of the averaged turn rates of bank and nose at the bank limit. An error of
+    1 % in them costs 0.3 m of radius."""
 
     def __init__(self) -> None:
         self.short = False

@@ -131,7 +131,7 @@ def drift(
     V: true airspeed, m/s.
     change: of d, m/s^2.
 
-    Condition: W = |d| < V; and r_d >= (V + W)^2/(V max_turn_rate), or a lap instead of the circle.
+    Condition: W = |d| < V, and r_d >= (V + W)^2/(V max_turn_rate) unless `lap` is given.
     """
     ahead = pending.ahead
     rate = pending.turn / max(pending.ahead, STEP)

@@ -112,7 +112,7 @@ def test_operator_takes_over_copter_without_gps(mode: int) -> None:
     assert flown.vehicle.truth.mode == mode
 
 
-def test_operator_takes_over_during_change_of_method() -> None:
+def test_operator_takes_over_during_switch_to_guided_nogps() -> None:
     """The operator selects a mode just after circnav has requested GUIDED_NOGPS."""
     flown = flight("arducopter", GPS_LOST, WIND, law="auto").fly(LOST_AT)
     while flown.pilot.gps_loss.changed_at is None:

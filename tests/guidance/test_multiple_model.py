@@ -72,7 +72,7 @@ def tracking():
     return flown
 
 
-def test_track_begins_with_spread_of_unobserved_states():
+def test_tracking_starts_with_prior_sigma_of_unobserved_states():
     """Half of the sigma for the drifting error of a range, 0.02 V for a gust, 0.2 m/s^2 for the
     accelerometer."""
     flown = Flown()

@@ -113,7 +113,7 @@ def test_pinned_vehicle_may_change_address_by_boot_time(line):
         ({"kind": GCS, "autopilot": 3}, False),  # a ground station that claims an autopilot
     ],
 )
-def test_heartbeats_without_a_vehicle_pin_nothing(line, fields, movable):
+def test_session_ignores_heartbeats_of_stations_and_companions(line, fields, movable):
     here = line()
     here.beat(voice=Voice(255, 190), **fields)
     assert not here.session.up

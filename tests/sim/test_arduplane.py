@@ -20,7 +20,7 @@ IDEAL = {"turn_effectiveness": 1.0, "airspeed_scale": 1.0}
 @pytest.mark.parametrize(
     ("rate", "vehicle", "flown"), [(0.1, {}, 0.0692), (-0.3, {}, -0.208), (0.19, IDEAL, 0.19)]
 )
-def test_coordinated_bank_turns_by_the_effectiveness(rate, vehicle, flown):
+def test_plane_turn_rate_is_coordinated_rate_times_effectiveness(rate, vehicle, flown):
     companion = plane(vehicle=vehicle)
     companion.repeat(
         15.0, lambda: companion.attitude(ROLL_ONLY, math.atan(rate * 22 / 9.80665)), 10.0

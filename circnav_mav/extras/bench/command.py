@@ -14,7 +14,8 @@ from circnav_mav.runtime.worker_pool import WorkerDiedError
 def fly_bench(
     flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None
 ) -> int:
-    """Fly the requested cells, by default all, and print a line for each. Raises Refused."""
+    """Fly the requested situations with the requested laws, by default all, and print a line for
+    each pair. Raises Refused."""
     _known("--law", laws, POLICIES)
     _known("--situation", situations, SITUATIONS)
     folder = Path(out) if out else None

@@ -306,8 +306,8 @@ class FullInformation(Estimator):
 
 
 def fly(situation: Situation, policy: str, seed: int, flight: int) -> Track:
-    """Fly one flight. It depends on the situation, the seed and the flight's number; the policy
-    changes no draw."""
+    """Fly one flight. Situation, seed and flight number determine all random numbers: they are the
+    same for every policy."""
     streams = [np.random.default_rng([seed, flight, part]) for part in range(4)]
     draws = streams[3].random(10)
     world = World(situation, draws, streams[0])

@@ -1,5 +1,5 @@
-"""Situations of the benchmark, with the required errors of `auto`, and the noise of radios and
-autopilots."""
+"""Situations of the benchmark: wind, motion of the target, noise of radios and autopilots, and the
+largest radius error allowed for the law `auto`."""
 
 from dataclasses import dataclass, field
 from math import hypot, radians

@@ -274,7 +274,7 @@ def _target(run: Run) -> Iterator[Entry]:
 
 
 def _every_piece(times: Column) -> list[int]:
-    """Return the index of the first time of each piece."""
+    """Return the index of the first of `times` in each interval of PIECE seconds."""
     return [int(at) for at in np.unique(np.floor(times / PIECE), return_index=True)[1]]
 
 

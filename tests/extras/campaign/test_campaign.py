@@ -181,7 +181,7 @@ def test_documented_command_flies_a_single_row():
     assert parse_vehicle(mission.file.sim, "sim").seed == int(values["sim.seed"])
 
 
-def test_single_row_equals_run_of_the_campaign(write):
+def test_mission_with_drawn_values_equals_campaign_run(write):
     campaign = load_campaign(
         write('"guidance.law" = ["switching"]\n"orbit.radius_m" = {uniform = [80, 120]}')
     )

@@ -116,7 +116,7 @@ def never_engaged(run, k):
     }
 
 
-def test_printed_figures_separate_percentile_from_interval(capsys):
+def test_printed_summary_shows_median_interval_and_percentile(capsys):
     _print_figures("all flights", figures(rows_of([True] * 20, np.arange(1.0, 21.0))))
     printed = capsys.readouterr().out
     assert (
