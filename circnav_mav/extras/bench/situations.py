@@ -150,19 +150,23 @@ SITUATIONS = {
         Situation("target turns", target=3.0, target_turn=0.05),
         Situation("wind 0.33 V turns 90 deg in 10 s", 0.4, wind=0.33 * V, veer=radians(90)),
         Situation(
-            "it turns, with accelerations", 0.4, wind=0.33 * V, veer=radians(90), imu=ImuNoise()
+            "wind 0.33 V turns, with accelerations",
+            0.4,
+            wind=0.33 * V,
+            veer=radians(90),
+            imu=ImuNoise(),
         ),
         Situation("target stops and goes", 0.4, target=3.0, stands=30.0),
         Situation("target accelerates", target=3.0, target_walk=0.3),
         Situation("gusts 1.5, wind 0.33 V", 1.0, wind=5.0, gust=1.5),
-        Situation("the same with accelerations", wind=5.0, gust=1.5, imu=ImuNoise()),
+        Situation("gusts, with accelerations", wind=5.0, gust=1.5, imu=ImuNoise()),
         Situation(
             "accelerations, rate 0.3", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.3)
         ),
         Situation(
             "accelerations, rate 0.1", wind=5.0, gust=1.5, imu=ImuNoise(), rates=RateNoise(0.1)
         ),
-        Situation("gusts with rate 0.1 alone", wind=5.0, gust=1.5, rates=RateNoise(0.1)),
+        Situation("gusts, with range rates", wind=5.0, gust=1.5, rates=RateNoise(0.1)),
         Situation("uwb, wind 0.2 V", 0.35, wind=0.20 * V, ranging=UWB),
         Situation("lora, wind 0.2 V", 2.0, wind=0.20 * V, ranging=LORA),
         Situation("50 % loss at 5 Hz", wind=0.20 * V, ranging=Ranging(every=4, loss=0.5)),

@@ -54,7 +54,7 @@ SEEDS = 1, 2, 3
 BENCHED = (
     "wind 0.53 V",
     "gusts 1.5, wind 0.33 V",
-    "the same with accelerations",
+    "gusts, with accelerations",
     "target stops and goes",
 )
 BENCH_FLIGHTS = 20
