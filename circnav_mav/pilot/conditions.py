@@ -31,6 +31,10 @@ LOST = {
     "climb": "NO CLIMB RATE from the vehicle: the commanded pitch is not corrected for it",
 }
 """Alarms for telemetry that a steered vehicle no longer sends."""
+FEW_ATTITUDES = (
+    "FEW ATTITUDES from the vehicle: extrapolated by body rates, no check that it follows turn"
+    " commands: raise the rate of ATTITUDE to 10 Hz (ArduPilot: SRn_EXTRA1, PX4: MAV_n_RATE)"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -387,7 +391,11 @@ def _clock_speed(view: StepView) -> Active | None:
 
 def _lost(name: str) -> Callable[[StepView], Active | None]:
     def find(view: StepView) -> Active | None:
-        return Active(f"no {name}", LOST[name]) if name in view.lost_reports else None
+        if name not in view.lost_reports:
+            return None
+        if name == "attitude" and view.tick.heading is not None:
+            return Active("attitude rarer than 1.3 Hz", FEW_ATTITUDES, key="rare")
+        return Active(f"no {name}", LOST[name])
 
     return find
 

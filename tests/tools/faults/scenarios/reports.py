@@ -75,7 +75,7 @@ REPORTS = [
         fixed(yaw=nan, rollspeed=nan, pitchspeed=nan, yawspeed=nan),
         **BLIND,
     ),
-    reports("ATTITUDE at 1 Hz", ATTITUDE, every_second, **BLIND),
+    reports("ATTITUDE at 1 Hz", ATTITUDE, every_second, **(BLIND | {"reported": "FEW ATTITUDES"})),
     reports(
         "airspeed without a number",
         VFR_HUD,
