@@ -106,7 +106,7 @@ class LeanLimit:
     AGAIN = 3.0
     """Time, s, from the first steady lean. After it, the lean must still, or again, be steady at
     the same angle."""
-    NEAR_MOST = radians(1.5)
+    NEAR_MOST = radians(1.0)
     """Largest difference, rad, by which a lean at its limit may be below the largest lean so far.
     With 2.5 deg, a copter on a circle of 10 m in wind counted as limited to 11 deg, below its 12
     deg of the lap before."""

@@ -171,7 +171,8 @@ class LimitCycle:
 
 def _evidence(bins: deque[TurnBin], width: int) -> int:
     """Return -1 if the newest bins show that the vehicle does not follow, +1 if they show that it
-    does, else 0. A constant turn never gives +1: it may be independent of the commands."""
+    does, else 0. A constant turn never gives +1: it may be independent of the commands. In the
+    direction of larger commands it gives 0: the vehicle may turn at a limit of its own."""
     newest = list(bins)[-width:]
     flown = np.array([one.flown for one in newest])
     predicted = np.array([one.predicted.ravel() for one in newest])

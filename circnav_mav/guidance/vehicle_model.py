@@ -21,7 +21,7 @@ from circnav_mav.guidance.turn_response import (
     ResponseLearner,
     TurnBins,
 )
-from circnav_mav.guidance.types import LONGEST_REPORT_GAP, SAME_TIME, OwnMotion
+from circnav_mav.guidance.types import SAME_TIME, OwnMotion
 
 MEASUREMENT_DELAY = 0.4
 """Delay of a plane's reported turn rate behind its bank, s, as seen on ArduPlane 4.6.3. With gains
@@ -98,7 +98,9 @@ class TurnGain:
             return
         self.time = time
         self.heading = heading
-        if not 0 < step <= LONGEST_REPORT_GAP:
+        # 1.2: longest gap between two reports, s: a vehicle that refuses stream requests sends one
+        # per second.
+        if not 0 < step <= 1.2:
             self.rate = command
             self._lagged = command
             self.command = command

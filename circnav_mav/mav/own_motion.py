@@ -267,7 +267,7 @@ class OwnMotionSensor:
         # Rare attitudes are extrapolated by their body rates until the next one. Without it, the
         # heading of a vehicle that refuses stream requests (1 Hz) would be lost every second.
         interval = (self._received[-1] - self._received[0]) / (FEWEST - 1)
-        oldest = min(max(1.6 * interval, ATTITUDE_MAX_AGE), 1.6)
+        oldest = max(1.6 * interval, ATTITUDE_MAX_AGE) if interval < 1.3 else ATTITUDE_MAX_AGE
         return self._body if now - self._attitude_at <= oldest else None
 
 

@@ -26,6 +26,12 @@ def test_speed_falls_to_the_lean_limit() -> None:
     assert unrest(flown) < 5.0
 
 
+def test_small_circle_in_wind_shows_no_lean_limit() -> None:
+    small = ("orbit.radius_m=10", "vehicle.speed_mps=3", "sim.wind.speed_mps=3.0")
+    flown = flight("arducopter", *small, law="auto").fly(90)
+    assert not any(b"lean limit" in data for _, data in flown.sent)
+
+
 @pytest.mark.nightly
 def test_px4_lean_limit_is_found() -> None:
     """A drag of 1/s and 45 deg of MPC_TILTMAX_AIR: 9.8 m/s of airspeed, in a wind of 6 m/s."""

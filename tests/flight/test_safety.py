@@ -29,6 +29,23 @@ def test_setpoints_continue_without_own_motion(law: str) -> None:
     assert flown.pilot.mission.phase in STEERING
 
 
+def test_stuck_airspeed_sensor_is_named_by_alarm() -> None:
+    flown = flight("arduplane", "limits.duration_s=200", law="auto").fly(60)
+    flown.vehicle._flight.instruments.airspeed = lambda shown: 27.0  # type: ignore[method-assign]
+    flown.fly(150)
+    assert any(b"airspeed reads" in data and b"too high" in data for _, data in flown.sent)
+    assert rms_error(flown.truths[-200:], 150.0) < 8.0
+
+
+def test_circle_is_kept_with_one_attitude_per_second() -> None:
+    """The autopilot refuses stream requests."""
+    flown = flight("arduplane", "sim.wind.speed_mps=5.0", "limits.duration_s=150", law="auto")
+    flown.hears = lambda frame, now: message_ids(frame) != [30] or now % 1.0 < 0.051
+    flown.fly(130)
+    assert rms_error(last_third(flown), 150.0) < 5.0
+    assert sum(b"attitude rarer than" in data for _, data in flown.sent) == 1
+
+
 def test_dry_run_beside_another_pilot_shows_the_law() -> None:
     flown = flight("arducopter", law="auto")
     settings = replace(flown.pilot.settings, output_mode=OutputMode.DRY_RUN)
