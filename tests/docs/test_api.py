@@ -265,8 +265,8 @@ def test_api_page_lists_public_names_loaded_lazily():
     assert sorted(listed) == sorted(circnav_mav.__all__)
     assert all(hasattr(circnav_mav, name) for name in circnav_mav.__all__)
     loaded = (
-        "import sys, circnav_mav; print('numpy' in sys.modules); circnav_mav.Guidance; print('numpy'"
-        " in sys.modules)"
+        "import sys, circnav_mav; print('numpy' in sys.modules); circnav_mav.Guidance;"
+        " print('numpy' in sys.modules)"
     )
     finished = subprocess.run(
         [sys.executable, "-c", loaded], cwd=ROOT, capture_output=True, text=True, check=True
