@@ -127,7 +127,7 @@ def fly_mission(
         summary, code = close_flight(
             pilot, recorder, mission, clock.epoch_us, code, alarms.begun, onlookers
         )
-        if out is None:
+        if out is None and crash is None:
             folder = _dated(folder, mission.file.name, clock, pilot.session.vehicle.unix_zero)
         words = verdict(summary, folder)
         onlookers.show_verdict(words, folder)

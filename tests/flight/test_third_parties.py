@@ -121,9 +121,9 @@ def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
     station.stdin.flush()
     read_until(station, "circnav: next circle, 40 m clockwise")
     # a command and a request of a mission plan are answered
-    station.stdin.write("long REQUEST_MESSAGE 148\n")
+    station.stdin.write("long DO_SET_HOME 1\n")
     station.stdin.flush()
-    read_until(station, "REQUEST_MESSAGE: UNSUPPORTED")
+    read_until(station, "DO_SET_HOME: UNSUPPORTED")
     station.stdin.write("wp list\n")
     station.stdin.flush()
     read_until(station, "0 waypoints")
