@@ -179,9 +179,11 @@ def _text(data: bytes) -> tuple[str, bool]:
     """Return the newest complete line of some bytes, or all if no line ends, and True if one ends.
     Empty for bytes that are no text, and for the beginning of a line."""
     *lines, rest = re.split(rb"[\r\n]+", data)
-    line = lines[-1] if lines else rest
-    is_text = line.isascii() and line.decode("ascii").replace("\t", " ").isprintable()
-    return line.decode("ascii") if is_text and (lines or len(rest) >= MANY) else "", bool(lines)
+    has_end = bool(lines)
+    line = (lines[-1] if has_end else rest).decode("latin-1")
+    is_text = line.isascii() and line.replace("\t", " ").isprintable()
+    is_long = has_end or len(rest) >= MANY
+    return line if is_text and is_long else "", has_end
 
 
 def _millimetres(metres: float | None) -> int:
