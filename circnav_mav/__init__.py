@@ -4,6 +4,7 @@
 first use: importing its filters is slow, and `circnav --help` does not need them.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -19,15 +20,20 @@ if TYPE_CHECKING:
         RelativeMotion,
         TurnCommand,
     )
+    from circnav_mav.mav.ranging.driver import Driver, RadioReading
+    from circnav_mav.mav.ranging.line_driver import LineDriver
 
 __version__ = "0.1.0"
 __all__ = [
     "Direction",
+    "Driver",
     "Estimator",
     "Guidance",
     "LawChoice",
+    "LineDriver",
     "Orbit",
     "OwnMotion",
+    "RadioReading",
     "RangeEstimate",
     "RangeSample",
     "RelativeMotion",
@@ -39,10 +45,11 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from circnav_mav import api
-    from circnav_mav.guidance import types
-
-    return getattr(api, name, None) or getattr(types, name)
+    modules = (
+        import_module(f"circnav_mav.{one}")
+        for one in ("mav.ranging.line_driver", "guidance.types", "api")
+    )
+    return next(getattr(module, name) for module in modules if hasattr(module, name))
 
 
 def __dir__() -> list[str]:

@@ -2,8 +2,7 @@
 
 import re
 
-from circnav_mav.extras.radios.line_driver import LineDriver
-from circnav_mav.mav.ranging.driver import RadioReading
+from circnav_mav import LineDriver, RadioReading
 
 ANSWER = re.compile(r"\+ANCHOR_RCV=\w+,\d+,.*,(\d+) cm(,-?\d+)?")
 QUESTION = b"AT+ANCHOR_SEND=DAVID123,4,RNGE\r\n"

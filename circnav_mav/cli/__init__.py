@@ -284,6 +284,12 @@ def emulate() -> None:
     short_help="Print the autopilot parameters that a mission needs.",
 )
 @click.argument("path", type=FileOrName("mission"), metavar="MISSION")
+@click.option(
+    "--format",
+    type=click.Choice(("pairs", "qgroundcontrol")),
+    help="Lines NAME,VALUE for Mission Planner and MAVProxy (default for ArduPilot), or five"
+    " columns for QGroundControl (default for PX4).",
+)
 @SET
 def params() -> None:
     """Print the parameter file for the autopilot of MISSION: the values that preflight checks, each
@@ -291,8 +297,9 @@ def params() -> None:
     are listed, not set.
 
     \b
-    Examples, then load it with Mission Planner, QGroundControl or MAVProxy:
+    Examples, then load it with Mission Planner, MAVProxy (param load) or QGroundControl:
         circnav params plane.toml > plane.param
+        circnav params plane.toml --format qgroundcontrol > plane.params
         circnav params px4_copter > copter.params
     """
 

@@ -9,7 +9,7 @@ from typing import Any
 from circnav_sim.config import parse_vehicle
 from circnav_sim.vehicle import Vehicle
 
-from circnav_mav.cli.exits import Refused, refusing
+from circnav_mav.cli.exits import Refused, refusing, say
 from circnav_mav.extension import extensions, load
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
@@ -36,6 +36,8 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
             links[name] = open_things.enter_context(
                 closing(opens(endpoint, mission.file.link.peer or ()))
             )
+        for trouble in links[name].troubles:
+            say(f"  WARNING    {endpoint}: {trouble} yet: waiting for the device")
     return links
 
 

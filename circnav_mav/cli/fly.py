@@ -46,6 +46,9 @@ EXITS = {
 MOST_WATCHED = 10.0
 """Simulation speed, times real time, up to which the display is refreshed at a constant rate in
 real time. Above it, the rate is constant in run time."""
+CLOCK_BEHIND = 60.0
+"""Difference between the autopilot's UTC and this computer's clock, s, from which a folder is
+renamed."""
 RECORDED = ("flight.tlog", STEPS, "ticks.csv", "summary.json", "manifest.json")
 """Files by which a folder is recognized as a recorded flight."""
 
@@ -124,6 +127,8 @@ def fly_mission(
         summary, code = close_flight(
             pilot, recorder, mission, clock.epoch_us, code, alarms.begun, onlookers
         )
+        if out is None and crash is None:
+            folder = _dated(folder, mission.file.name, clock, pilot.session.vehicle.unix_zero)
         words = verdict(summary, folder)
         onlookers.show_verdict(words, folder)
     say(words)
@@ -156,9 +161,23 @@ def _run_folder(out: str | None, mission: Mission) -> Path:
     return folder
 
 
-def new_folder(name: str) -> Path:
-    """Return a folder in runs/ that does not exist, named by the time and a name."""
-    base = f"{local_time_name()}-{name}"
+def _dated(folder: Path, name: str, clock: Clock, unix_zero: float | None) -> Path:
+    """Rename a folder by the autopilot's UTC if this computer's clock is behind it, as without
+    network and battery. unix_zero: Unix time of run time zero by the autopilot, s. Return the
+    folder's name."""
+    # An autopilot whose time is earlier has no UTC from GPS, or is emulated.
+    if unix_zero is None or unix_zero - clock.epoch_us / 1e6 < CLOCK_BEHIND:
+        return folder
+    dated = new_folder(name, unix_zero)
+    with suppress(OSError):
+        return folder.rename(dated)
+    return folder
+
+
+def new_folder(name: str, unix: float | None = None) -> Path:
+    """Return a folder in runs/ that does not exist, named by a time and a name. unix: Unix time, s,
+    None for now."""
+    base = f"{local_time_name(unix)}-{name}"
     names = chain((base,), (f"{base}-{number}" for number in count(2)))
     return next(folder for one in names if not (folder := Path("runs") / one).exists())
 

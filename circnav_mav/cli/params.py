@@ -10,22 +10,31 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.preflight import parameter_context
 
+INT16 = 4
 INT32 = 6
 REAL32 = 9
-"""MAV_PARAM_TYPE values in QGroundControl's files for PX4."""
+"""MAV_PARAM_TYPE values. QGroundControl skips a parameter whose type is not that of the vehicle."""
+INTEGERS = {"ANGLE_MAX": INT16, "LIM_ROLL_CD": INT16, "TRIM_ARSPD_CM": INT32}
+"""Parameters that ArduPilot stores as integers. The others are floats."""
 
 
-def print_parameters(path: str, overrides: tuple[str, ...]) -> int:
-    """Print the parameter file. Raises Refused if the mission does not name one vehicle."""
+def print_parameters(path: str, format: str | None, overrides: tuple[str, ...]) -> int:
+    """Print the parameter file. format: pairs or qgroundcontrol, None for the one of the
+    autopilot's usual ground station. Raises Refused if the mission does not name one vehicle."""
     mission = read_mission(path, overrides)
     if len(mission.vehicles) != 1:
         raise Refused(f"{path}: vehicle.autopilot: choose one: --set vehicle.autopilot=ardupilot")
-    click.echo("\n".join(parameter_lines(mission, mission.vehicles[0])))
+    click.echo("\n".join(parameter_lines(mission, mission.vehicles[0], format)))
     return Exit.DONE
 
 
-def parameter_lines(mission: Mission, vehicle: type[Autopilot]) -> Iterator[str]:
-    """Yield the lines of the file: `NAME,VALUE` for ArduPilot, QGroundControl's columns for PX4."""
+def parameter_lines(
+    mission: Mission, vehicle: type[Autopilot], format: str | None = None
+) -> Iterator[str]:
+    """Yield the lines of the file: `NAME,VALUE`, or QGroundControl's five columns (default for
+    PX4)."""
+    px4 = vehicle.firmware.key == "px4"
+    columns = px4 if format is None else format == "qgroundcontrol"
     system = mission.file.vehicle.system_id or 1
     yield f"# {vehicle.name}, circnav mission {mission.file.name}"
     yours = []
@@ -40,10 +49,6 @@ def parameter_lines(mission: Mission, vehicle: type[Autopilot]) -> Iterator[str]
             yield "# its name and unit depend on the firmware version: an unknown name is ignored"
         for name, factor in rule.names:
             number = f"{value / factor:g}"
-            kind = INT32 if isinstance(value, int) else REAL32
-            yield (
-                f"{system}\t1\t{name}\t{number}\t{kind}"
-                if vehicle.firmware.key == "px4"
-                else f"{name},{number}"
-            )
+            kind = INT32 if isinstance(value, int) else INTEGERS.get(name, REAL32)
+            yield f"{system}\t1\t{name}\t{number}\t{kind}" if columns else f"{name},{number}"
     yield f"# not set here, but checked by circnav preflight: {', '.join(yours)}"

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.codec import Ids, Message
+from circnav_mav.mav.codec import Ids, Message, ids
 
 REAL32 = dialect.MAV_PARAM_TYPE_REAL32
 REQUESTS = frozenset(
@@ -47,6 +47,7 @@ class ParameterServer:
         self._index = {parameter.name: index for index, parameter in enumerate(self._parameters)}
         self._waiting: dict[int, None] = {}
         """Indexes of the values to send, in the order of their requests, without duplicates."""
+        self._errors: list[Message] = []
         self.counts = Counter[str]()
 
     def receive(self, message: Message, us: Ids, refusal: str, now: float) -> str:
@@ -54,13 +55,10 @@ class ParameterServer:
 
         us: our own ids. refusal: reason why no value may be set now, empty if setting is permitted.
         """
-        component = message.target_component
+        target = (message.target_system, message.target_component)
         is_set = message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_SET
-        # Target component of a request to all components (MAVLink).
-        if message.target_system != us[0] or component not in (
-            us[1],
-            us[1] if is_set else 0,
-        ):
+        # 0 addresses all systems or all components (MAVLink). A value is set only by our own ids.
+        if target != us and (is_set or target[0] not in (us[0], 0) or target[1] not in (us[1], 0)):
             return ""
         if message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
             self._waiting |= dict.fromkeys(range(len(self._parameters)))
@@ -69,6 +67,8 @@ class ParameterServer:
         by_index = -1 if is_set else message.param_index
         index = self._index.get(name) if by_index < 0 else by_index
         if index is None or not 0 <= index < len(self._parameters):
+            if target == us:
+                self._report(message, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST)
             return ""
         # A PARAM_SET is answered with the value in use, accepted or not
         self._waiting[index] = None
@@ -76,20 +76,37 @@ class ParameterServer:
 
     def _set(self, parameter: Parameter, message: Message, refusal: str, now: float) -> str:
         value = message.param_value
-        if not refusal and not isfinite(value):
+        error = dialect.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+        if refusal:
+            error = dialect.MAV_PARAM_ERROR_PERMISSION_DENIED
+        elif not isfinite(value):
             refusal = "not a finite number"
-        if not refusal and message.param_type != REAL32:
+        elif message.param_type != REAL32:
             refusal = "send it as REAL32"
         refusal = refusal or parameter.write(value, now)
         self.counts["refused" if refusal else "set"] += 1
+        if refusal:
+            self._report(message, error)
         return refusal and f"{parameter.name} not set: {refusal}"
+
+    def _report(self, message: Message, error: int) -> None:
+        """Queue a PARAM_ERROR for the sender of a request."""
+        is_set = message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_SET
+        index = -1 if is_set else message.param_index
+        name = message.param_id.partition("\0")[0].encode("ascii", "replace")
+        if len(self._errors) < MOST_AT_ONCE:
+            self._errors.append(
+                dialect.MAVLink_param_error_message(*ids(message), name, index, error)
+            )
 
     def replies(self) -> list[Message]:
         """Return the messages to send in this step."""
+        errors = self._errors
+        self._errors = []
         now = list(self._waiting)[:MOST_AT_ONCE]
         later = list(self._waiting)[MOST_AT_ONCE:]
         self._waiting = dict.fromkeys(later)
-        return [
+        return errors + [
             dialect.MAVLink_param_value_message(
                 self._parameters[index].name.encode(),
                 self._parameters[index].read(),

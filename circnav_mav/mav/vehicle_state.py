@@ -75,6 +75,9 @@ class VehicleState:
         self.texts: deque[str] = deque(maxlen=8)
         self._text_reader = TextReader()
         self.firmware: str | None = None
+        self.unix_zero: float | None = None
+        """Unix time of run time zero by the vehicle's newest SYSTEM_TIME, s. None if the vehicle
+        has no UTC."""
 
     @property
     def in_our_mode(self) -> bool:
@@ -142,6 +145,9 @@ class VehicleState:
             self._on_mode(message.custom_mode, self.armed, now)
         elif kind in BOOT_TIMES:
             self._on_boot_time(message.time_boot_ms / 1000, now)
+            # 0 before the first fix of GPS; a later time than the year 2100 is an error
+            if kind == "SYSTEM_TIME" and 0 < message.time_unix_usec < 4_102_444_800_000_000:
+                self.unix_zero = message.time_unix_usec / 1e6 - now
         elif kind == "SYS_STATUS":
             self._battery = (
                 float(message.battery_remaining) if message.battery_remaining >= 0 else None

@@ -9,6 +9,7 @@ from circnav_mav.mav.codec import Decoder, Message
 from circnav_mav.mav.identity import AUTOPILOT_COMPONENT
 from circnav_mav.mav.parameter_server import REQUESTS
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
+from circnav_mav.mav.request_server import ANSWERED
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
@@ -49,7 +50,10 @@ class Connection:
         self.decoders = {
             link: Decoder(
                 stream=link in settings.stream_links,
-                wanted=HANDLED | REQUESTS | {self.ranging_message.id, *self.more_streams, *also},
+                wanted=HANDLED
+                | REQUESTS
+                | ANSWERED
+                | {self.ranging_message.id, *self.more_streams, *also},
                 signing=signing,
                 accept_unsigned=link in settings.unsigned_links,
             )

@@ -31,6 +31,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, YawRate
 from circnav_mav.mav.identity import Allowance
 from circnav_mav.mav.parameter_server import REQUESTS, ParameterServer
+from circnav_mav.mav.request_server import RequestServer
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
@@ -72,6 +73,7 @@ class Pilot:
         self.mission = MissionState(settings.timing.hold)
         self._authority = Authority(settings, session, self.mission)
         self._exit_action = ExitAction(settings.exit)
+        self._requests = RequestServer()
         self.parameters = ParameterServer(
             flight_parameters(
                 self.controller, self.tracker.height, self._exit_action, session, self.mission
@@ -133,8 +135,11 @@ class Pilot:
                 self._path.receive(message, now, steering=self.mission.steering, flies=self.flies)
                 self.gps_loss.receive(message, now)
                 self.second_controller.receive(message, now)
-            elif link == VEHICLE and message.get_msgId() in REQUESTS:
-                self._take_parameter_request(message, now, source)
+            if link == VEHICLE and source == self.session.reply_to:
+                # Answers reach only the senders behind the vehicle's address.
+                self._requests.receive(message, self.session.us, now)
+                if not of_vehicle and message.get_msgId() in REQUESTS:
+                    self._take_parameter_request(message, now)
             if of_ranging:
                 self._take_range(message, now, source)
         self._frames += self.connection.decoders[link].frames
@@ -171,15 +176,13 @@ class Pilot:
         )
         return unknown or trusted or self.allowance.take(size, now)
 
-    def _take_parameter_request(self, message: Message, now: float, source: Hashable) -> None:
-        """Answer a ground station. Its frames must arrive from the vehicle's address, else they are
-        ignored."""
-        if source != self.session.reply_to:
-            return
+    def _take_parameter_request(self, message: Message, now: float) -> None:
+        """Answer a ground station."""
         refusal = "" if self._signed or self.settings.unsigned_parameters else UNSIGNED
         refusal = "the flight is over" if self.mission.outcome is not None else refusal
         if why := self.parameters.receive(message, self.session.us, refusal, now):
-            self._say("parameter", why, severity=MAV_SEVERITY_WARNING)
+            name = why.partition(" ")[0]
+            self._say(f"parameter {name}", why, severity=MAV_SEVERITY_WARNING)
 
     def _take_range(self, message: Message, now: float, source: Hashable) -> None:
         mission = self.mission
@@ -457,7 +460,7 @@ class Pilot:
             return self.session.heartbeats_due(now) + plots
         if self.done:
             self.session.drop_mode_requests()
-        plots += self.parameters.replies()
+        plots += self.parameters.replies() + self._requests.replies()
         return self.session.poll(now) + plots + (self.session.farewell() if self.done else [])
 
     def hello(self, now: float) -> bytes:

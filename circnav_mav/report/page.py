@@ -90,7 +90,9 @@ def _figure(line: str) -> str:
 def _vehicle(run: Run) -> str:
     """Return date, autopilot and firmware of the flight."""
     autopilot = run.manifest.get("autopilot") or {}
-    when = datetime.fromtimestamp(run.epoch_us / 1e6, UTC)
+    # A computer without network and battery starts with an earlier time.
+    epoch_us = max(run.epoch_us, run.manifest.get("utc_epoch_us") or 0)
+    when = datetime.fromtimestamp(epoch_us / 1e6, UTC)
     firmware = autopilot.get("firmware") or run.summary.get("firmware")
     return (
         f"{when:%Y-%m-%d %H:%M} UTC, {autopilot.get('name') or 'vehicle unknown'}, firmware"

@@ -121,6 +121,6 @@ def utc_minute() -> str:
     return time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
 
 
-def local_time_name() -> str:
-    """Return the current local time as a folder name."""
-    return time.strftime("%Y%m%d-%H%M%S")
+def local_time_name(unix: float | None = None) -> str:
+    """Return the current local time, or that of a Unix time in s, as a folder name."""
+    return time.strftime("%Y%m%d-%H%M%S", time.localtime(unix))

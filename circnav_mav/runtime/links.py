@@ -42,6 +42,8 @@ RETRY = 1.0
 LOST = (OSError, ValueError, termios.error)
 """Exceptions of a failed link, such as an unplugged serial device. The exception of pyserial is an
 OSError, but while opening a port, pyserial passes on `termios.error`, which is not an OSError."""
+MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO)
+"""Errors of a serial device that is not there, or that vanishes while it is opened."""
 HALF_OPEN = 3.0
 """Time without acknowledgement, s, after which a TCP connection is closed."""
 
@@ -199,8 +201,9 @@ class StreamLink:
     def __init__(
         self, source: Hashable, port: Any, reopen: Callable[[], Any], read: Callable[[Any], bytes]
     ) -> None:
-        """source: sender of all received bytes. reopen, read: functions that do not block, and
-        raise one of LOST on failure. read returns b"" if nothing was received."""
+        """source: sender of all received bytes. port: None if it cannot be opened yet. reopen,
+        read: functions that do not block, and raise one of LOST on failure. read returns b"" if
+        nothing was received."""
         self.troubles: Counter[str] = Counter()
         self._source = source
         self._port = port
@@ -292,12 +295,23 @@ def _received(connection: socket.socket) -> bytes:
 
 
 def _open_serial(endpoint: Endpoint) -> StreamLink:
-    """Open a serial line with pyserial. Raises LOST, ImportError."""
+    """Open a serial line with pyserial. A missing device is opened once it appears. Raises LOST,
+    ImportError."""
     from serial import Serial  # another package named `serial` lacks this class
 
     def open_port() -> Any:
         return Serial(endpoint.host, endpoint.port, timeout=0, write_timeout=0)
 
-    return StreamLink(
-        endpoint.host, open_port(), open_port, lambda port: bytes(port.read(MOST_BYTES))
-    )
+    port = None
+    troubles: Counter[str] = Counter()
+    try:
+        port = open_port()
+    except LOST as error:
+        # At boot, a USB device may appear later than circnav starts. A wrong baud rate, a missing
+        # permission and a device in use need the operator.
+        if next(iter(error.args), None) not in MISSING:
+            raise
+        troubles[explain(error)] += 1
+    link = StreamLink(endpoint.host, port, open_port, lambda port: bytes(port.read(MOST_BYTES)))
+    link.troubles += troubles
+    return link

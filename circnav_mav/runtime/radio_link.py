@@ -1,6 +1,7 @@
 """Link to a ranging radio with a driver. Each reading becomes a RANGING_BEACON frame, so that it
 passes the same checks, log and replay as ranges over MAVLink."""
 
+import re
 from collections import Counter
 from collections.abc import Hashable, Iterable
 from math import isfinite, nan
@@ -67,24 +68,19 @@ class _Method:
 class RadioLink:
     """Link that returns the readings of a driver as frames. Each beacon is a separate source."""
 
-    def __init__(self, name: str, driver: Driver, link: Link, *, datagrams: bool) -> None:
-        """datagrams: True if each datagram is a complete line, False for a byte stream."""
+    def __init__(self, name: str, driver: Driver, link: Link) -> None:
         self.troubles: Counter[str] = link.troubles
         self._name = name
         self._driver = driver
         self._link = link
-        self._line_end = driver.line_end if datagrams else b""
         self._encoder = Encoder(SYSTEM, COMPONENT)
         self._sequence = 0
         self._since: float | None = None
         self._unread = 0
         self._asking = _Method()
         self._reading = _Method()
-        if self._line_end:
-            try:
-                driver.receive(self._line_end, 0.0)  # so that the first datagram begins a line
-            except FAILURES as error:
-                self._failed(error, self._reading, 0.0)
+        self._tail = b""
+        """Newest bytes since the last reading."""
 
     def fileno(self) -> int | None:
         return self._link.fileno()
@@ -112,9 +108,9 @@ class RadioLink:
         for data, source in self._link.receive(now):
             if not self._reading.is_due(now):
                 continue
-            whole = data if data.endswith(self._line_end) else data + self._line_end
+            self._tail = (self._tail + data)[-MOST_WORDS:]
             try:
-                for reading in self._driver.receive(whole, now):
+                for reading in self._driver.receive(data, now):
                     if not isinstance(reading, RadioReading):
                         raise TypeError(f"{reading!r} is not a RadioReading")
                     readings.append((reading, source))
@@ -136,15 +132,23 @@ class RadioLink:
         note(self.troubles, f"{failed}: {error!r:.{MOST_WORDS}}", f"{failed} with other errors")
 
     def _watch(self, received: bool, now: float) -> None:
-        """Count a trouble if bytes arrive but no range: probably a wrong baud rate or driver."""
+        """Count a trouble if bytes arrive but no range: probably a wrong baud rate or driver, or
+        text in another form."""
         if not received and self._since is not None:
             if now - self._since < WATCHED:
                 return
-            if self._driver.unread - self._unread >= MANY:
+            unread = self._driver.unread - self._unread
+            text, has_end = _text(self._tail)
+            if text and (unread or not has_end):
+                unreadable = f"received text is no {self._name} data"
+                end = "" if has_end else " (without a line end)"
+                note(self.troubles, f"{unreadable}: {text!r}{end}", f"{unreadable}, other lines")
+            elif unread >= MANY:
                 why = "wrong baud rate, driver or output of the radio?"
                 self.troubles[f"received bytes are no {self._name} data: {why}"] += 1
         self._since = now
         self._unread = self._driver.unread
+        self._tail = b""
 
     def _frame(self, reading: RadioReading) -> bytes:
         self._sequence = (self._sequence + 1) % 256
@@ -169,6 +173,17 @@ class RadioLink:
                 0,
             )
         )
+
+
+def _text(data: bytes) -> tuple[str, bool]:
+    """Return the newest complete line of some bytes, or all if no line ends, and True if one ends.
+    Empty for bytes that are no text, and for the beginning of a line."""
+    *lines, rest = re.split(rb"[\r\n]+", data)
+    has_end = bool(lines)
+    line = (lines[-1] if has_end else rest).decode("latin-1")
+    is_text = line.isascii() and line.replace("\t", " ").isprintable()
+    is_long = has_end or len(rest) >= MANY
+    return line if is_text and is_long else "", has_end
 
 
 def _millimetres(metres: float | None) -> int:
@@ -202,4 +217,4 @@ def open_radio(endpoint: str, peers: Iterable[str] = ()) -> RadioLink:
     """Open the port of a radio. peers: addresses and networks that `udpin` accepts, empty for all.
     Raises LinkError."""
     name, driver, port = radio_port(endpoint)
-    return RadioLink(name, driver, open_link(port, peers), datagrams=port.startswith("udp"))
+    return RadioLink(name, driver, open_link(port, peers))

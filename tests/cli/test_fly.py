@@ -94,6 +94,30 @@ def test_missing_vehicle_reports_received_traffic(circnav, mission, port, datagr
     assert reason in ran.out
 
 
+def system_time(unix):
+    message = mavlink.MAVLink_system_time_message(round(1e6 * unix), 60_000)
+    return bytes(message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1)))
+
+
+YEAR_2060 = 2_842_000_000
+
+
+@pytest.mark.parametrize(
+    ("unix", "is_later"), [(YEAR_2060, True), (0, False), (1_000_000_000, False)]
+)
+def test_run_folder_is_named_by_later_utc_of_autopilot(
+    circnav, mission, port, tmp_path, unix, is_later
+):
+    endpoint = ("--endpoint", f"udpin:127.0.0.1:{port}", *PATIENTLY)
+    with speaking(port, heartbeat() + system_time(unix)):
+        ran = circnav("fly", mission, *endpoint)
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert folder.name.startswith("2060") is is_later
+    assert str(folder.relative_to(tmp_path)) in ran.out
+    found = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["utc_epoch_us"]
+    assert found == (pytest.approx(1e6 * unix, abs=60e6) if unix else None)
+
+
 @pytest.mark.parametrize(
     ("command", "prefix"), [("fly", "WARNING    "), ("preflight", "WARN  endpoint      ")]
 )

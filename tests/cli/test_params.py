@@ -4,6 +4,7 @@ import struct
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
+from pymavlink.mavparm import MAVParmDict
 
 from circnav_mav.cli.bundled import bundled
 from circnav_mav.cli.params import parameter_lines
@@ -61,6 +62,27 @@ def test_loaded_parameters_pass_preflight_of_emulator(name):
     load(bench.vehicle, parameter_lines(bench.mission, vehicle), vehicle.firmware.key == "px4")
     lines = [line for line in bench.lines() if line.subject == "parameter"]
     assert lines and [line for line in lines if line.grade is FAIL] == []
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_pairs_load_with_pymavlink_and_columns_with_qgroundcontrol(name, circnav, tmp_path):
+    mission = load_mission(bundled("mission", name))
+    (vehicle,) = mission.vehicles
+    file = tmp_path / "pairs.param"
+    file.write_text(circnav("params", name, "--format", "pairs").out)
+    loaded = MAVParmDict()
+    assert loaded.load(file)
+    context = parameter_context(mission, 1, loaded)
+    checks = [rule.check(context) for rule in vehicle.parameters if rule.advised is not None]
+    assert {check.grade for check in checks} == {PASS}
+    rows = [
+        line.split("\t")
+        for line in circnav("params", name, "--format", "qgroundcontrol").out.splitlines()
+        if not line.startswith("#")
+    ]
+    assert [row[:2] for row in rows] == len(loaded) * [["1", "1"]]
+    assert {row[2]: float(row[3]) for row in rows} == loaded
+    assert all(row[4] == "4" for row in rows if row[2] == "ANGLE_MAX")
 
 
 def test_operator_parameters_are_named_but_not_set():

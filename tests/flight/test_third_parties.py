@@ -104,7 +104,7 @@ def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
             f"--master=udpout:127.0.0.1:{on.port}",
             f"--state-basedir={tmp_path}",
         ),
-        "--default-modules=mode,param,link,misc",
+        "--default-modules=mode,param,link,misc,wp,cmdlong",
         PYTHONPATH=str(mavproxy),
     )
     assert station.stdin is not None
@@ -120,6 +120,13 @@ def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
     station.stdin.write("param set CN_RADIUS 40\n")
     station.stdin.flush()
     read_until(station, "circnav: next circle, 40 m clockwise")
+    # a command and a request of a mission plan are answered
+    station.stdin.write("long DO_SET_HOME 1\n")
+    station.stdin.flush()
+    read_until(station, "DO_SET_HOME: UNSUPPORTED")
+    station.stdin.write("wp list\n")
+    station.stdin.flush()
+    read_until(station, "0 waypoints")
     station.stdin.write("vehicle 1:1\nstatus VFR_HUD\nmode BRAKE\n")
     station.stdin.flush()
     read_until(station, "Mode BRAKE")

@@ -37,9 +37,9 @@ def after(rig, message, **how):
     return values(rig)
 
 
-@pytest.mark.parametrize("component", [191, 0], ids=["ours", "every component"])
-def test_parameter_list_has_each_parameter_with_its_index(flying, component):
-    found = after(flying, mavlink.MAVLink_param_request_list_message(1, component))
+@pytest.mark.parametrize("target", [OURS, (1, 0), (0, 0)], ids=["ours", "vehicle", "everything"])
+def test_parameter_list_has_each_parameter_with_its_index(flying, target):
+    found = after(flying, mavlink.MAVLink_param_request_list_message(*target))
     assert list(found) == NAMES
     assert [message.param_index for message in found.values()] == list(range(7))
     assert {(message.param_count, message.param_type) for message in found.values()} == {(7, 9)}
@@ -134,6 +134,35 @@ def test_unsigned_link_sets_parameters_only_with_permission(
     assert list(after(rig, mavlink.MAVLink_param_request_list_message(*OURS))) == NAMES
     assert after(rig, setting("CN_RADIUS", 80.0))["CN_RADIUS"].param_value == 100.0
     assert rig.pilot.controller.orbit.radius == 100.0
+
+
+@pytest.mark.parametrize(
+    ("message", "error"),
+    [
+        (mavlink.MAVLink_param_request_read_message(*OURS, b"RADIUS", -1), "DOES_NOT_EXIST"),
+        (setting("RADIUS", 80.0), "DOES_NOT_EXIST"),
+        (setting("CN_RADIUS", 5.0), "VALUE_OUT_OF_RANGE"),
+    ],
+)
+def test_parameter_error_is_reported_to_its_sender(flying, message, error):
+    after(flying, setting("CN_SPEED", 15.0))
+    flying.receive(message, voice=GCS)
+    flying.run(1.0)
+    (found,) = [one for _, one in flying.sent if one.get_type() == "PARAM_ERROR"]
+    assert (found.target_system, found.target_component, found.param_id, found.error) == (
+        255,
+        190,
+        message.param_id,
+        getattr(mavlink, f"MAV_PARAM_ERROR_{error}"),
+    )
+
+
+def test_each_refused_parameter_has_its_own_text(flying):
+    flying.receive(setting("CN_RADIUS", 5.0), voice=GCS)
+    flying.receive(setting("CN_SPEED", 30.0), voice=GCS)
+    flying.run(1.0)
+    texts = "".join(m.text for _, m in flying.sent if m.get_type() == "STATUSTEXT")
+    assert "CN_RADIUS not set: " in texts and "CN_SPEED not set: " in texts
 
 
 def test_no_parameter_is_set_after_takeover(flying):

@@ -710,6 +710,8 @@ def test_height_without_home_altitude_fails():
         ("arducopter", "FENCE_ENABLE", {0: PASS, 1: WARN}),
         ("arducopter", "WPNAV_SPEED", {500.0: PASS, 499.0: WARN}),
         ("arducopter", "WPNAV_ACCEL", {240.0: PASS, 230.0: WARN}),
+        ("arducopter", "ATC_ANGLE_MAX", {30.0: PASS, 23.0: PASS, 21.0: WARN, 8.0: WARN}),
+        ("arducopter", "WP_ACC", {2.4: PASS, 2.3: WARN}),
         ("arducopter", "ANGLE_MAX", {3000.0: PASS, 2300.0: PASS, 2100.0: WARN, 800.0: WARN}),
         ("px4_copter", "MPC_TILTMAX_AIR", {45.0: PASS, 20.0: WARN}),
         ("arduplane", "ROLL_LIMIT_DEG", {45.0: PASS, 44.0: FAIL}),

@@ -370,9 +370,28 @@ def test_serial_errors_never_raise(line, serial, monkeypatch, error):
     assert receive(serial, 4.0) == [b"back"]
 
 
-def test_serial_device_that_vanishes_at_opening_is_refused(line, monkeypatch):
-    monkeypatch.setattr(termios, "tcflush", Mock(side_effect=FAILURES[0]))
-    with pytest.raises(
-        LinkError, match=rf"^endpoint serial:{line.name}:57600: input/output error$"
-    ):
+def test_missing_serial_device_is_opened_once_it_appears(request, line):
+    line.unplug()
+    serial = opened(request, f"serial:{line.name}:57600")
+    assert dict(serial.troubles) == {"no such device": 1}
+    serial.receive(0.0)
+    assert serial.fileno() is None
+    line.plug()
+    serial.receive(1.0)
+    os.write(line.master, b"booted")
+    assert receive(serial, 1.0) == [b"booted"]
+
+
+def test_serial_device_that_vanishes_at_opening_is_reopened(request, line, monkeypatch):
+    with monkeypatch.context() as vanishing:
+        vanishing.setattr(termios, "tcflush", Mock(side_effect=FAILURES[0]))
+        serial = opened(request, f"serial:{line.name}:57600")
+    serial.receive(0.0)
+    os.write(line.master, b"back")
+    assert receive(serial) == [b"back"]
+
+
+def test_serial_device_without_permission_is_refused(line, monkeypatch):
+    monkeypatch.setattr("os.open", Mock(side_effect=PermissionError(13, "Permission denied")))
+    with pytest.raises(LinkError, match="permission denied"):
         open_link(f"serial:{line.name}:57600")

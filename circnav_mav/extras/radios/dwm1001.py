@@ -8,8 +8,8 @@ At high rates parts of a line may be missing, so each anchor is parsed separatel
 import re
 from collections.abc import Sequence
 
-from circnav_mav.extras.radios.line_driver import LineDriver
 from circnav_mav.mav.ranging.driver import RadioReading
+from circnav_mav.mav.ranging.line_driver import LineDriver
 
 LEC = re.compile(r"AN\d+,([0-9A-F]{4}),-?\d+\.\d+,-?\d+\.\d+,-?\d+\.\d+,(\d+\.\d\d)(?=,|$)")
 """AN0,1151,5.00,8.00,2.25,6.44: number, id, position and range of an anchor."""

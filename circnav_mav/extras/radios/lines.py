@@ -9,8 +9,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from circnav_mav.extras.radios.line_driver import LineDriver
 from circnav_mav.mav.ranging.driver import RadioReading
+from circnav_mav.mav.ranging.line_driver import LineDriver
 
 COLUMNS = {
     1: ("range",),

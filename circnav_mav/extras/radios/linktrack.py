@@ -31,7 +31,6 @@ class LinkTrack(Driver):
     """Ranges to all nodes in sight, by node id."""
 
     baud = 921600
-    line_end = b""
 
     def __init__(self) -> None:
         self.unread = 0

@@ -56,6 +56,8 @@ MODE_NAMES = MappingProxyType(
     }
     | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
 )
+LEAN_LIMIT = (("ATC_ANGLE_MAX", 1.0), ("ANGLE_MAX", 0.01))
+"""Names of the lean limit, from ArduPilot 4.7 on and before, with their factors to deg."""
 THRUST_AS_THRUST = 1 << 3
 """Bit of GUID_OPTIONS: the thrust of an attitude setpoint is a thrust, not a climb rate."""
 
@@ -79,7 +81,7 @@ def _guided_options(value: float, context: Context) -> Verdict:
 
 
 def _acceleration(value: float, context: Context) -> Verdict:
-    """Judge WPNAV_ACCEL, here in m/s^2: it must suffice for turns at the mission's turn-rate limit.
+    """Judge WP_ACC, m/s^2: it must suffice for turns at the mission's turn-rate limit.
 
     At 5 m/s with 2.5 m/s^2, flights with a limit of 45 deg/s settled on the circle after 16 to 68
     s, flights with a limit of 30 deg/s after 14 to 31 s.
@@ -123,7 +125,7 @@ def _options_without_gps(value: float, context: Context) -> Verdict:
 
 
 def _tilt_limit(degrees_: float, context: Context) -> Verdict:
-    """Judge ANGLE_MAX, deg, which limits the tilt of attitude setpoints, too."""
+    """Judge the lean limit, deg, which limits the tilt of attitude setpoints, too."""
     if below(degrees_, context.max_bank_deg):
         words = (
             f"the copter tilts {degrees_:g} deg at most, vehicle.max_bank_deg ="
@@ -167,7 +169,7 @@ class ArduCopterAttitude(Autopilot):
         ),
         GCS_SYSTEM,
         rule("FS_EKF_ACTION", one_of({3: _LANDS_ALWAYS}, (PASS, "no action in GUIDED_NOGPS"))),
-        Rule((("ANGLE_MAX", 0.01),), _tilt_limit, optional=True, unit="deg", advised=mission_bank),
+        Rule(LEAN_LIMIT, _tilt_limit, optional=True, unit="deg", advised=mission_bank),
         FENCE,
     )
 
@@ -229,7 +231,7 @@ class ArduCopter(Autopilot):
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
     ground_speed_sigma = 0.02
     without_gps = ArduCopterAttitude
-    acceleration_limit = "WPNAV_ACCEL", 2.5
+    acceleration_limit = "WP_ACC (before 4.7: WPNAV_ACCEL)", 2.5
     parameters = (
         rule("GUID_TIMEOUT", timeout("brakes and hovers in GUIDED"), advised=always(3.0)),
         rule("GUID_OPTIONS", _guided_options),
@@ -244,11 +246,9 @@ class ArduCopter(Autopilot):
             unit="m/s",
             advised=enough_speed(10.0),
         ),
+        Rule(LEAN_LIMIT, lean_limit, optional=True, unit="deg", advised=enough_lean(30.0)),
         Rule(
-            (("ANGLE_MAX", 0.01),), lean_limit, optional=True, unit="deg", advised=enough_lean(30.0)
-        ),
-        Rule(
-            (("WPNAV_ACCEL", 0.01),),
+            (("WP_ACC", 1.0), ("WPNAV_ACCEL", 0.01)),
             _acceleration,
             optional=True,
             unit="m/s^2",

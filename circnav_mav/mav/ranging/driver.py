@@ -18,7 +18,6 @@ without a safe setpoint.
 """
 ATTRIBUTES: dict[str, Any] = {
     "baud": int,
-    "line_end": bytes,
     "unread": int,
     "receive": Callable,
     "ask": Callable,
@@ -56,18 +55,15 @@ class Driver(Protocol):
     any other clock.
 
     baud: baud rate of the serial port if the endpoint specifies none.
-    line_end: end of a text line, empty for a binary protocol. circnav appends it to each received
-        datagram that does not end with it, and then calls `receive`.
     unread: number of bytes so far that could not be decoded.
     """
 
     baud: int
-    line_end: bytes
     unread: int
 
     def receive(self, data: bytes, now: float) -> Sequence[RadioReading]:
         """Return the readings that these bytes complete. A message may arrive in any number of
-        pieces."""
+        pieces, also over UDP."""
         ...
 
     def ask(self, now: float) -> bytes:

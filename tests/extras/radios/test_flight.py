@@ -46,9 +46,7 @@ class TextPort:
 
 def radio_flight(folder, *overrides) -> RecordedFlight:
     flight = recorded_flight(folder, "quickstart", *OVERRIDES, *overrides)
-    flight.links[RANGING] = RadioLink(
-        "lines", Lines(), TextPort(flight.links[RANGING]), datagrams=True
-    )
+    flight.links[RANGING] = RadioLink("lines", Lines(), TextPort(flight.links[RANGING]))
     flight.fly(100).recorder.close()
     return flight
 

@@ -1,20 +1,25 @@
 """A ROS 2 node over the guidance: ranges and odometry in, a velocity command out.
 
-    ros2 run --prefix python3 docs/ros2_node.py --ros-args \\
-        -p radius:=80.0 -p speed:=12.0 -p clockwise:=true
+    python3 examples/ros2_node.py --ros-args -p radius:=80 -p speed:=12 -p clockwise:=true \\
+        -r odom:=/mavros/local_position/odom
 
 It reads `range` (sensor_msgs/Range, horizontal, m) and `odom` (nav_msgs/Odometry: yaw, yaw rate,
-speed; the position is not used), and publishes `cmd_vel` (geometry_msgs/Twist) at 20 Hz. Before the
-first estimate and while ranges are missing it publishes nothing: the bridge to the autopilot must
-treat a missing command as "give the vehicle back".
+speed; the position is not used), both also from best-effort publishers such as MAVROS. It publishes
+`cmd_vel` (geometry_msgs/Twist) at 20 Hz. Before the first estimate and while ranges are missing it
+publishes nothing: the bridge to the autopilot must treat a missing command as "give the vehicle
+back".
 """
 
+from contextlib import suppress
 from math import atan2
 
 import rclpy
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Range
 
 from circnav_mav import Direction, Guidance, Orbit, OwnMotion, RangeSample
@@ -45,16 +50,19 @@ class Circle(Node):
             "max_turn_rate": 0.4,
             "range_sigma": 0.5,
         }
+        # dynamic typing: `radius:=80` is an integer for ROS
+        any_type = ParameterDescriptor(dynamic_typing=True)
         values = {
-            name: self.declare_parameter(name, value).value for name, value in defaults.items()
+            name: type(value)(self.declare_parameter(name, value, any_type).value)
+            for name, value in defaults.items()
         }
         direction = Direction.CLOCKWISE if values["clockwise"] else Direction.COUNTERCLOCKWISE
         self.sigma = values["range_sigma"]
         self.orbit = Orbit(values["radius"], direction, values["speed"], values["max_turn_rate"])
         self.guidance = Guidance(self.orbit)
         self.commands = self.create_publisher(Twist, "cmd_vel", 10)
-        self.create_subscription(Range, "range", self.on_range, 10)
-        self.create_subscription(Odometry, "odom", self.on_odometry, 10)
+        self.create_subscription(Range, "range", self.on_range, qos_profile_sensor_data)
+        self.create_subscription(Odometry, "odom", self.on_odometry, qos_profile_sensor_data)
         self.create_timer(PERIOD, self.on_timer)
 
     def now(self):
@@ -89,11 +97,10 @@ def main():
     """Run the node until Ctrl-C."""
     rclpy.init()
     node = Circle()
-    try:
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
+    node.destroy_node()
+    rclpy.try_shutdown()
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ class LineDriver(Driver):
     """Driver of a radio that sends lines of text. Subclasses implement `read_line`."""
 
     baud = 115200
-    line_end = b"\n"
 
     def __init__(self) -> None:
         self.unread = 0
