@@ -66,7 +66,7 @@ class Pilot:
         self._exit_action = ExitAction(settings.exit)
         self.parameters = ParameterServer(
             flight_parameters(
-                self.controller, self.tracker.height, self._exit_action, session, self.mission
+                self.controller, self.tracker, self._exit_action, session, self.mission
             )
         )
         """Parameters that a ground station may read and set."""
