@@ -6,8 +6,9 @@ right, y up, turn rates and headings counter-clockwise positive. Time is an argu
 seconds.
 """
 
-from collections.abc import Callable, Mapping
-from math import isfinite, pi
+from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
+from math import inf, isfinite, pi
 
 from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
@@ -49,7 +50,8 @@ def tune(
     Raises ValueError for an unknown law, and for a value that is impossible for a vehicle or radio.
     """
     _known("law", law, LAWS)
-    _check_values(orbit, turn_lag=turn_lag, sigma=sigma)
+    _check_values(orbit, turn_lag=turn_lag)
+    _check_above_zero("sigma", sigma)
     _check_above_zero("rate", rate)
     settings = EstimatorSettings(orbit.speed, orbit.max_turn_rate)
     return LawTuning(law, settings, turn_lag, sigma, 1 / rate).choice(orbit)
@@ -99,11 +101,9 @@ class Guidance:
         # Radios and ROS drivers report NaN, an infinity, 0 or -1 where no range was measured. One
         # NaN in the filter would make every later estimate NaN.
         numbers = (sample.stamp, sample.time, sample.r, sample.sigma)
-        if not all(map(isfinite, numbers)) or sample.r <= 0 or sample.sigma < 0:
+        if not _are_plausible(numbers) or sample.r <= 0 or sample.sigma < 0:
             return False
-        if sample.r_dot is not None and not (
-            isfinite(sample.r_dot) and isfinite(sample.r_dot_sigma)
-        ):
+        if sample.r_dot is not None and not _are_plausible((sample.r_dot, sample.r_dot_sigma)):
             sample = sample._replace(r_dot=None)
         newest = self._newest
         stepped = newest is not None and abs(sample.stamp - newest.stamp) > LONGEST_GAP
@@ -117,7 +117,8 @@ class Guidance:
     def move(self, own: OwnMotion) -> bool:
         """Add own motion, at any rate. Without it only range-only laws work. Return False, and
         ignore the report, if a value is not finite."""
-        if not all(map(isfinite, (own.time, own.heading, own.turn_rate, own.airspeed))):
+        vectors = (own.push or (), own.acceleration or (), own.drag or ())
+        if not _are_plausible((*own[:4], own.bank_turn or 0.0, *chain(*vectors))):
             return False
         if self._is_far(own.time):
             self._restart()
@@ -138,7 +139,9 @@ class Guidance:
         returns no finite number.
         """
         estimate = self.estimate(now)
-        fresh = self._newest is not None and now - self._newest.time <= self._stale + SAME_TIME
+        # abs: a range stamped ahead of this clock would otherwise steer until its time has come.
+        age = inf if self._newest is None else abs(now - self._newest.time)
+        fresh = age <= self._stale + SAME_TIME
         if estimate is None or not fresh or not self._estimator.ready:
             self._loop.reset()
             return None
@@ -150,8 +153,8 @@ class Guidance:
         return command
 
     def _is_far(self, time: float) -> bool:
-        """True if a time is more than a minute away from the newest range."""
-        return self._newest is not None and abs(time - self._newest.time) > LONGEST_GAP
+        """True if a time is more than a minute away from the newest range, or NaN."""
+        return self._newest is not None and not abs(time - self._newest.time) <= LONGEST_GAP
 
     def _restart(self) -> None:
         """Start the estimate again. A computer without a battery-backed clock, or a simulator
@@ -159,6 +162,12 @@ class Guidance:
         self._estimator.reset()
         self._loop.reset()
         self._newest = None
+
+
+def _are_plausible(numbers: Iterable[float]) -> bool:
+    """True if no number is NaN, infinite, or so large that its square overflows: drivers report
+    the largest double for an unknown value."""
+    return all(abs(number) < 1e12 for number in numbers)
 
 
 def _own(law: OwnLaw, orbit: Orbit) -> Callable[..., TurnCommand]:

@@ -63,6 +63,8 @@ class Authority:
         self._confirmed = True
         """True if the vehicle has reported its mode since the last gap between steps."""
         self._heartbeats = 0
+        self.broken_bound: str | None = None
+        """Description of a bound of the mission that is violated now, or None."""
         self._request = ModeRequest()
         self._asked_in: int | None = None
         """Mode of the vehicle when the guided mode was first requested."""
@@ -159,7 +161,11 @@ class Authority:
         contested = "" if self._mission.begun else self._session.contested(now)
         slow = "" if over_slow_link else self._slow_link(now)
         silent = unreported(self._session, now) or unwatched(self._settings, self._session, now)
-        return disputed or contested or slow or silent or self._not_flying(now)
+        # Beyond a bound, an engagement would only command the exit action: a vehicle that its
+        # operator has parked too far away would land or fly home. A flight that resumes after a
+        # lost link is ours, and ends so.
+        outside = "" if self._goes_on or not self.broken_bound else f"[bounds]: {self.broken_bound}"
+        return disputed or contested or slow or silent or outside or self._not_flying(now)
 
     def _slow_link(self, now: float) -> str:
         """Return a text if the round trip exceeds the mission's bound before the first engagement,
@@ -187,10 +193,16 @@ class Authority:
             return "the vehicle is not armed"
         # Some vehicles do not report whether they fly. Wait for the report for a moment, except
         # when a flight resumes after a lost link.
-        goes_on = self._mission.begun and self._mission.phase is Phase.READY
         # Longest wait, s, for the vehicle's report that it flies, before the first engagement.
-        silent = vehicle.on_ground is None and not goes_on and now - session.identity.since < 1.5
+        silent = (
+            vehicle.on_ground is None and not self._goes_on and now - session.identity.since < 1.5
+        )
         return "the vehicle has not yet reported whether it flies" if silent else ""
+
+    @property
+    def _goes_on(self) -> bool:
+        """True if a flight resumes after a lost link."""
+        return self._mission.begun and self._mission.phase is Phase.READY
 
     def _streams_first(self, now: float) -> bool:
         """True if setpoints are sent before the engagement. Never after a takeover, on the ground

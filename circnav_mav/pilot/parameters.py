@@ -4,14 +4,15 @@ from math import nan
 
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.maths import horizontal
 from circnav_mav.guidance.types import Direction
 from circnav_mav.mav.autopilots.table import MISSION_EXITS
 from circnav_mav.mav.parameter_server import Parameter
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.controller import Controller
-from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.mission_state import MissionState
 from circnav_mav.pilot.mode_request import ExitAction
+from circnav_mav.pilot.range_tracker import RangeTracker
 
 DIRECTIONS = {1.0: Direction.CLOCKWISE, -1.0: Direction.COUNTERCLOCKWISE}
 LONGEST_HOLD = 600.0
@@ -22,7 +23,7 @@ BY = "ground station"
 
 def flight_parameters(
     controller: Controller,
-    height: Height,
+    tracker: RangeTracker,
     exits: ExitAction,
     session: Session,
     mission: MissionState,
@@ -40,7 +41,11 @@ def flight_parameters(
     def set_height(value: float, now: float) -> str:
         if value < 0:
             return f"{value:g} m is below 0: give the height above the target"
-        return height.set(value, now)
+        slant = tracker.ranging.slant
+        # All ranges would be rejected, and the flight would end without a range.
+        if slant and horizontal(slant, 1.0, value) is None:
+            return f"{value:g} m leaves no circle at the measured range, {slant:.0f} m"
+        return tracker.height.set(value, now)
 
     def set_law(value: float, now: float) -> str:
         if value not in range(len(laws)):
@@ -77,7 +82,11 @@ def flight_parameters(
             lambda: controller.circle.speed,
             lambda value, now: controller.change_circle(CircleRequest(speed=value, by=BY), now),
         ),
-        Parameter("CN_HEIGHT", lambda: nan if height.newest is None else height.newest, set_height),
+        Parameter(
+            "CN_HEIGHT",
+            lambda: nan if tracker.height.newest is None else tracker.height.newest,
+            set_height,
+        ),
         Parameter("CN_LAW", lambda: laws.index(controller.law), set_law),
         Parameter("CN_HOLD", lambda: mission.hold, set_hold),
         Parameter("CN_EXIT", lambda: actions.index(exits.action), set_exit),

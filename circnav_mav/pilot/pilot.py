@@ -76,7 +76,7 @@ class Pilot:
         self._requests = RequestServer()
         self.parameters = ParameterServer(
             flight_parameters(
-                self.controller, self.tracker.height, self._exit_action, session, self.mission
+                self.controller, self.tracker, self._exit_action, session, self.mission
             )
         )
         """Parameters that a ground station may read and set."""
@@ -302,7 +302,7 @@ class Pilot:
 
     def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
         """End the flight if a bound is violated while steering, or if another companion uses our
-        MAVLink ids."""
+        MAVLink ids. A bound that is violated before prevents the engagement."""
         session = self.session
         if session.doubled:
             ids = f"{session.encoder.system}/{self.settings.link.component_id}"
@@ -311,15 +311,14 @@ class Pilot:
                 " the two companions"
             )
             self._finish(Outcome(Ending.ABORTED, reason), now)
-        if not self.mission.steering:
-            return
         broken = breach(
             self.settings.bounds,
-            r=estimate.r if estimate and self.mission.phase is Phase.ENGAGED else None,
+            r=estimate.r if estimate and self.mission.phase is not Phase.HOLDING else None,
             altitude=session.motion.at(now).altitude,
             battery=session.vehicle.battery(now),
         )
-        if broken is not None:
+        self._authority.broken_bound = broken
+        if broken is not None and self.mission.steering:
             self._finish(Outcome(Ending.ABORTED, broken), now)
 
     def _watch_following(self, estimate: RangeEstimate | None, now: float) -> None:

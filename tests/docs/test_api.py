@@ -25,6 +25,7 @@ from circnav_mav import (
     RangeSample,
     tune,
 )
+from circnav_mav.guidance.types import IntegratedAcceleration
 from circnav_mav.mission.load import parse_mission
 from tests import small_mission
 
@@ -136,6 +137,13 @@ def test_guidance_commands_nothing_without_fresh_estimate():
     assert not guidance.observe(RangeSample(2.3, 2.3, 400.0, 0.5))
     assert guidance.command(2.4) is not None
     assert guidance.command(2.5) is None
+    assert guidance.estimate(nan) is None
+
+
+def test_guidance_does_not_steer_by_range_stamped_ahead():
+    guidance = received(Guidance(ORBIT, "feedforward"))
+    assert guidance.observe(RangeSample(32.0, 32.0, 150.0, 0.5))
+    assert guidance.command(2.1) is None
 
 
 @pytest.mark.parametrize("before", [0.05, 30.0])
@@ -177,7 +185,14 @@ def test_user_law_is_limited_and_user_estimator_is_used():
 NO_MEASUREMENT = (
     *({"r": value} for value in (nan, inf, 0.0, -1.0)),
     *({name: value} for name in ("stamp", "time") for value in (nan, inf)),
-    *({"sigma": value} for value in (nan, -1.0)),
+    *({"sigma": value} for value in (nan, -1.0, 1e200)),
+)
+NO_MOTION = (
+    *({name: nan} for name in ("time", "heading", "turn_rate", "airspeed", "bank_turn")),
+    {"airspeed": 1e200},
+    {"push": (nan, 0.0)},
+    {"acceleration": IntegratedAcceleration(nan, 0.0, 0.0)},
+    {"drag": (0.0, inf)},
 )
 
 
@@ -191,7 +206,7 @@ def test_guidance_rejects_invalid_samples_and_motion(law):
         sample = RangeSample(world.now, world.now, world.radius, 0.5)
         own = OwnMotion(world.now, world.heading, world.turn_rate, world.V)
         assert not spoiled.observe(sample._replace(**NO_MEASUREMENT[step % len(NO_MEASUREMENT)]))
-        assert not spoiled.move(own._replace(**{OwnMotion._fields[step % 4]: nan}))
+        assert not spoiled.move(own._replace(**NO_MOTION[step % len(NO_MOTION)]))
         for guidance in (spoiled, whole):
             assert guidance.observe(
                 sample._replace(r_dot=nan if guidance is spoiled and step % 2 else None)
@@ -250,7 +265,7 @@ def test_tune_matches_gain_of_mission(law):
         ),
         (lambda: Guidance(ORBIT, turn_lag=nan), "turn_lag: must be at least 0, not nan"),
         (lambda: Guidance(ORBIT, stale=-1.0), "stale: must be at least 0, not -1"),
-        (lambda: tune(ORBIT, sigma=-1.0), "sigma: must be at least 0, not -1"),
+        (lambda: tune(ORBIT, sigma=-1.0), "sigma: must be a finite number above 0, not -1"),
         (lambda: tune(ORBIT, rate=0.0), "rate: must be a finite number above 0, not 0"),
     ],
 )

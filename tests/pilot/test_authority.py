@@ -1,6 +1,8 @@
 """Setpoints to a vehicle that was not handed over: none on the ground, over a slow link, after a
 stall or in a dry run."""
 
+import re
+
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -180,26 +182,36 @@ def battery(percent):
     return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 12000, 100, percent, 0, 0, 0, 0, 0, 0)
 
 
-@pytest.mark.parametrize(
-    ("bounds", "cm", "message", "reason"),
-    [
-        (Bounds(farthest=200.0), 25000, None, "range 250.0 m is farther than 200.0 m"),
-        (Bounds(closest=80.0), 5000, None, "range 50.0 m is nearer than 80.0 m"),
-        (Bounds(farthest=200.0), 19000, None, None),
-        (Bounds(closest=80.0), 8500, None, None),
-        (Bounds(battery=20.0), 15000, battery(19), "battery 19 % is below 20 %"),
-        (Bounds(battery=20.0), 15000, battery(20), None),
-        (Bounds(highest=120.0), 15000, vfr_hud(121.0), "altitude 121.0 m is above 120.0 m"),
-        (Bounds(highest=120.0), 15000, vfr_hud(119.0), None),
-    ],
-)
-def test_value_beyond_mission_bounds_ends_flight(bounds, cm, message, reason):
+BEYOND = [
+    (Bounds(farthest=200.0), 19000, 21000, None, "range 2.* m is farther than 200.0 m"),
+    (Bounds(closest=80.0), 8500, 7500, None, "range 7.* m is nearer than 80.0 m"),
+    (Bounds(battery=20.0), 15000, 15000, battery(19), "battery 19 % is below 20 %"),
+    (Bounds(highest=120.0), 15000, 15000, vfr_hud(121.0), "altitude 121.0 m is above 120.0 m"),
+]
+
+
+def reported(rig, *messages):
+    return lambda: [rig.receive(message) for message in messages if message is not None]
+
+
+@pytest.mark.parametrize(("bounds", "inside", "beyond", "message", "reason"), BEYOND)
+def test_value_beyond_mission_bounds_ends_flight(bounds, inside, beyond, message, reason):
     rig = Rig(bounds=bounds)
-    rig.run(3.0, lambda: (rig.receive(battery(50)), rig.receive(vfr_hud(100.0))), range_cm=cm)
-    if message is not None:
-        rig.receive(message)
-    rig.run(1.0)
-    assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.reason) == reason
+    rig.run(3.0, reported(rig, battery(20), vfr_hud(119.0)), range_cm=inside)
+    assert rig.pilot.mission.phase is Phase.ENGAGED
+    rig.run(3.0, reported(rig, battery(20), vfr_hud(119.0), message), range_cm=beyond)
+    assert re.fullmatch(reason, rig.pilot.mission.outcome.reason)
+
+
+@pytest.mark.parametrize(("bounds", "inside", "beyond", "message", "reason"), BEYOND)
+def test_broken_bound_prevents_engagement(bounds, inside, beyond, message, reason):
+    rig = Rig(bounds=bounds, request_mode=True)
+    good = (battery(20), vfr_hud(119.0))
+    rig.run(5.0, reported(rig, *good, message), range_cm=beyond, mode=LOITER)
+    assert rig.commands(mavlink.MAV_CMD_DO_SET_MODE) == rig.setpoints() == []
+    assert re.fullmatch(rf"\[bounds\]: {reason}", rig.pilot.status.waits_for(rig.now))
+    rig.run(5.0, reported(rig, *good), range_cm=inside, mode=GUIDED)
+    assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
 @pytest.mark.parametrize(

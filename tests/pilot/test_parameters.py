@@ -91,6 +91,10 @@ def test_direction_and_law_are_set_by_number(flying):
             "CN_HEIGHT not set: -1 m is below 0: give the height above the target",
         ),
         (
+            setting("CN_HEIGHT", 149.0),
+            "CN_HEIGHT not set: 149 m leaves no circle at the measured range, 150 m",
+        ),
+        (
             setting("CN_LAW", 4.0),
             "CN_LAW not set: law auto needs estimator auto, the mission has kalman",
         ),

@@ -2,6 +2,8 @@
 
 import click
 
+from circnav_mav.cli.describe import Finite
+
 FLEET = click.option(
     "--fleet",
     type=click.IntRange(2, 100),
@@ -10,10 +12,10 @@ FLEET = click.option(
 )
 LOSS = click.option(
     "--fleet-loss",
-    type=click.FloatRange(0, 1),
+    type=Finite(0, 1),
     metavar="P",
     help="Share of the fleet's reports that is lost.",
 )
 DELAY = click.option(
-    "--fleet-delay", type=click.FloatRange(0, 60), metavar="S", help="Delay of the fleet's reports."
+    "--fleet-delay", type=Finite(0, 60), metavar="S", help="Delay of the fleet's reports."
 )
