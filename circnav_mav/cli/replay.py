@@ -11,6 +11,7 @@ from circnav_sim.config import ConfigError
 from circnav_mav.cli.check import refuse_failing
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.foreign import printable
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
@@ -58,6 +59,8 @@ def replay_log(
         *overrides,
         *(f'guidance.{key}="{name}"' for key, name in chosen.items() if name is not None),
     ]
+    if law or estimator:  # code of one's own, named by the operator: a replay steers no vehicle
+        overrides.append("guidance.own_code_on_vehicle=true")
     with refusing(path, RunError, MissionError, ConfigError):
         _check_out(out)
         if path.is_file() and path.name != "flight.tlog":
@@ -159,6 +162,7 @@ def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]
     if (
         gain is not None
         and mission.law.name != as_it_is.law.name
+        and mission.law.name in LAWS
         and mission.file.guidance.gain == gain
     ):
         raise Refused(

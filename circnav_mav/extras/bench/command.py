@@ -1,13 +1,13 @@
 """The command `circnav bench`."""
 
 import os
-from collections.abc import Iterable
 from pathlib import Path
 
+from circnav_mav.api import Guidance
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extras.bench import bench
-from circnav_mav.extras.bench.flight import POLICIES
-from circnav_mav.extras.bench.situations import SITUATIONS
+from circnav_mav.extras.bench.flight import POLICIES, law_and_estimator
+from circnav_mav.extras.bench.situations import ORBIT, SITUATIONS
 from circnav_mav.runtime.worker_pool import WorkerDiedError
 
 
@@ -15,8 +15,15 @@ def fly_bench(
     flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None
 ) -> int:
     """Fly the requested cells, by default all, and print a line for each. Raises Refused."""
-    _known("--law", laws, POLICIES)
-    _known("--situation", situations, SITUATIONS)
+    for law in laws:
+        try:
+            if law not in POLICIES:
+                Guidance(ORBIT, *law_and_estimator(law))  # imports code of one's own
+        except ValueError as error:
+            raise Refused(f"--law: {error}") from None
+    for name in situations:
+        if name not in SITUATIONS:
+            raise Refused(f'--situation: "{name}" is not one of: {"; ".join(SITUATIONS)}')
     folder = Path(out) if out else None
     cells = [(situation, law) for situation in situations or SITUATIONS for law in laws or POLICIES]
     with refusing(out or "bench"):
@@ -30,9 +37,3 @@ def fly_bench(
                 "a worker process died (out of memory?): reduce --flights", Exit.INTERNAL
             ) from None
     return Exit.DONE
-
-
-def _known(option: str, names: tuple[str, ...], table: Iterable[str]) -> None:
-    for name in names:
-        if name not in table:
-            raise Refused(f'{option}: "{name}" is not one of: {"; ".join(table)}')
