@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from circnav_mav.api import Guidance, tune
-    from circnav_mav.guidance.estimators.interface import Estimator
+    from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
     from circnav_mav.guidance.step import LawChoice
     from circnav_mav.guidance.types import (
         Direction,
@@ -24,6 +24,8 @@ __version__ = "0.1.0"
 __all__ = [
     "Direction",
     "Estimator",
+    "EstimatorSettings",
+    "Fused",
     "Guidance",
     "LawChoice",
     "Orbit",

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from circnav_mav.cli.check import refuse_failing
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.foreign import printable
 from circnav_mav.guidance.laws import LAWS
+from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
@@ -24,7 +24,7 @@ from circnav_mav.runlog.replay import (
     ReplayResult,
     as_ticks,
     differences,
-    held_gain,
+    flown_commands,
     replay,
     without_timeouts,
 )
@@ -92,18 +92,14 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
             f"{run.folder / 'manifest.json'}: output_mode: {run.output_mode!r} is unknown"
         ) from None
     settings = mission.pilot_settings(output_mode)
-    gain = _held_gain(run, settings)
-    settings = settings if gain is None else replace(settings, turn_gain=gain)
     with refusing(run.folder):
         pilot = Pilot(settings)
+    pilot.controller.flown = _flown_commands(run, settings)
     empty = "nothing to replay: flight.tlog or steps.csv is empty, or damaged from its beginning on"
     done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty=empty)
     whole = _say_damage(run, done, pilot)
-    if gain is not None:
-        say(
-            f"  turn gain  fixed at {gain:.3g}, the value at the end of the flight: it was learned"
-            " from other turns"
-        )
+    if pilot.controller.flown is not None:
+        say("  response   learned from the commands of the flight, to which the vehicle responded")
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
     _write(log, out, done, run.ticks, mission)
@@ -172,14 +168,14 @@ def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]
     return mission
 
 
-def _held_gain(run: Run, settings: PilotSettings) -> float | None:
-    """Return the result of `held_gain`. None if mission or ticks cannot be read, which is reported
-    later."""
+def _flown_commands(run: Run, settings: PilotSettings) -> dict[int, YawRate] | None:
+    """Return the result of `flown_commands`. None if mission or ticks cannot be read, which is
+    reported later."""
     try:
         flown = parse_mission(run.mission_text, str(run.folder / "mission.toml")).pilot_settings(
             settings.output_mode
         )
-        return held_gain(settings, flown, run.ticks)
+        return flown_commands(settings, flown, run.ticks)
     except (MissionError, RunError):
         return None
 

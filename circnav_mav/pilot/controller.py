@@ -68,6 +68,9 @@ class Controller:
             )
         )
         self._height: float | None = None
+        self.flown: dict[int, YawRate] | None = None
+        """In a replay with another law or estimator: the yaw rates sent in the flight, by time
+        (us). The recorded vehicle responded to these, not to the replayed ones."""
         self._wind = 0.0
         """Newest trusted drift, m/s."""
         self.drag = 0.0
@@ -170,7 +173,9 @@ class Controller:
 
     def commanded(self, sent: YawRate, now: float) -> None:
         """Record a yaw rate that was sent, to compare the vehicle's turn with it."""
-        self.vehicle.command(now, turn_rate_from_yaw_rate(sent))
+        responds_to = sent if self.flown is None else self.flown.get(round(now * 1e6))
+        if responds_to is not None:
+            self.vehicle.command(now, turn_rate_from_yaw_rate(responds_to))
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
         """Return the vehicle's safe setpoint. engaged: True to hold the height of the engagement.

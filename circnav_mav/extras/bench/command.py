@@ -12,7 +12,12 @@ from circnav_mav.runtime.worker_pool import WorkerDiedError
 
 
 def fly_bench(
-    flights: int, laws: tuple[str, ...], situations: tuple[str, ...], seed: int, out: str | None
+    flights: int,
+    laws: tuple[str, ...],
+    situations: tuple[str, ...],
+    seed: int,
+    out: str | None,
+    form: str,
 ) -> int:
     """Fly the requested cells, by default all, and print a line for each. Raises Refused."""
     for law in laws:
@@ -30,8 +35,9 @@ def fly_bench(
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "table.csv").open("ab").close()  # fail now, not after hours of flight
+        cores = os.cpu_count() or 1
         try:
-            bench.run(cells, flights, seed, folder, report=say, cores=os.cpu_count() or 1)
+            bench.run(cells, flights, seed, folder, report=say, cores=cores, form=form)
         except WorkerDiedError:
             raise Refused(
                 "a worker process died (out of memory?): reduce --flights", Exit.INTERNAL
