@@ -196,13 +196,15 @@ def draw(cells: Sequence[Cell], path: Path) -> None:
             values[i, j] = max(cell.rms_median, 1e-3)
             kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
             ink = "white" if scale(values[i, j]) < 0.55 else "black"
-            text = f"{cell.rms_median:.3g}" if cell.rms_median < LOST else "lost"
-            axes.text(j, i, text + kept, ha="center", va="center", fontsize=6, color=ink)
+            text = median_or_lost(cell)
+            if 10 <= cell.rms_median < LOST:
+                text = f"{cell.rms_median:.3g}"
+            axes.text(j, i, text + kept, ha="center", va="center", fontsize=5.5, color=ink)
         image = axes.imshow(values, norm=scale, cmap="viridis", aspect="auto")
         axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right")
         axes.set_yticks(range(len(rows)), rows)
-        label = f"median RMS radius error, m\n(of {cells[0].flights} flights, if not all: kept)"
-        figure.colorbar(image, ax=axes, label=label, format="%g")
+        axes.set_xlabel(f"in brackets: flights of {cells[0].flights} that kept the circle")
+        figure.colorbar(image, ax=axes, label="median RMS radius error, m", format="%g")
         save(figure, path, dpi=200)
 
 
