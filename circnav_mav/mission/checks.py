@@ -30,9 +30,8 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 def check_mission(mission: Mission) -> list[Check]:
     """Return all check lines of a mission."""
     parts = (
-        *(_keys, _vehicle, _tilt, _own_code, _estimator, _gain, _radius, _turn_rate),
-        *(_acceleration,),
-        *(check_ranging, _drift, _margin, _signing),
+        *(_keys, _vehicle, _tilt, _own_code, _estimator, _gain, _radius),
+        *(_turn_rate, _acceleration, check_ranging, _drift, _margin, _signing),
     )
     lines = [line for part in parts for line in part(mission)]
     of_extras = (
@@ -114,7 +113,8 @@ def _estimator(mission: Mission) -> Iterator[Check]:
 
 
 def _own_code(mission: Mission) -> Iterator[Check]:
-    """Check that code of one's own can be used. Its law is not checked in any other way."""
+    """Check that code of one's own can be imported and created. Nothing else about it is
+    checked."""
     if not mission.own_code:
         return
     names = " and ".join(mission.own_code)
@@ -126,7 +126,7 @@ def _own_code(mission: Mission) -> Iterator[Check]:
     ignored = mission.file.guidance.gain is not None and mission.law.name not in LAWS
     unused = "; guidance.gain has no effect" if ignored else ""
     grade = PASS if mission.flies_sim and not ignored else WARN
-    yield Check(grade, "own code", f"{names}: imported; its gain is not checked{unused}")
+    yield Check(grade, "own code", f"{names}: imported; nothing else about it is checked{unused}")
 
 
 def _gain(mission: Mission) -> Iterator[Check]:

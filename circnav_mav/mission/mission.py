@@ -9,7 +9,7 @@ from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.step import LawChoice, Steering
+from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.guidance.watches import Bounds
@@ -96,8 +96,9 @@ class Mission:
     def import_own_code(self) -> None:
         """Import law and estimator if they are code of one's own, and create each of them once.
         Raises OwnCodeError."""
-        if self.own_code:
-            Steering(self.orbit, self.law)
+        if self.law.name not in LAWS:
+            LAWS[self.law.name].function(self.orbit)
+        if self.estimator not in ESTIMATORS:
             ESTIMATORS[self.estimator](self.estimation)
 
     @property

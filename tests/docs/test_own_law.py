@@ -9,6 +9,7 @@ import pytest
 from circnav_mav import Direction, Guidance, Orbit
 from circnav_mav.extras.bench.flight import fly
 from circnav_mav.extras.bench.situations import SITUATIONS
+from circnav_mav.extras.campaign.plan import load_campaign, prepare
 from circnav_mav.guidance.own_code import OwnCodeError
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.pilot import Ending
@@ -87,6 +88,15 @@ def test_own_code_steers_vehicle_only_with_permission():
         small_mission.TEXT, "small.toml", [*own, "guidance.own_code_on_vehicle=true"]
     )
     assert permitted.own_code == ["absent:law", "absent:Filter"]
+
+
+def test_campaign_varies_own_laws_and_refuses_missing_ones(modules, circnav):
+    file = modules / "laws.toml"
+    text = f'mission = "{ROOT}/config/campaign_mission.toml"\nruns = 2\n[vary]\n"guidance.law" = '
+    file.write_text(f'{text}["smooth", "mine:law"]')
+    assert prepare(load_campaign(file), 1).mission.own_code == ["mine:law"]
+    file.write_text(f'{text}["smooth", "mine:lew"]')
+    assert "mine:lew cannot be imported" in circnav("campaign", file).refused
 
 
 def test_law_that_returns_nan_ends_flight_with_exit_action(tmp_path):

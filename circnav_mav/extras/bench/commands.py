@@ -14,7 +14,7 @@ from circnav_mav.cli.describe import FORMAT, Folder, command
     "laws",
     multiple=True,
     metavar="NAME",
-    help="Only this law, or law+estimator; also code of your own (module:name). May be repeated.",
+    help="Only this law, or law+estimator, also of your own (module:name). May be repeated.",
 )
 @click.option(
     "--situation",
