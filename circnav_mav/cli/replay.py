@@ -11,11 +11,11 @@ from circnav_mav.cli.check import refuse_failing
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.foreign import printable
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
+from circnav_mav.pilot.controller import FlownCommands
 from circnav_mav.pilot.loop_step import STEPS, LoopStep
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
@@ -168,7 +168,7 @@ def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]
     return mission
 
 
-def _flown_commands(run: Run, settings: PilotSettings) -> dict[int, YawRate] | None:
+def _flown_commands(run: Run, settings: PilotSettings) -> FlownCommands | None:
     """Return the result of `flown_commands`. None if mission or ticks cannot be read, which is
     reported later."""
     try:

@@ -1,6 +1,7 @@
 """Replay of a recorded flight through a pilot. The vehicle does not respond to new commands: its
 path is as flown."""
 
+from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
@@ -8,9 +9,11 @@ from math import inf
 
 import numpy as np
 
+from circnav_mav.guidance.types import SAME_TIME
 from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord
+from circnav_mav.pilot.controller import FlownCommands
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runlog.ticks import NAMES, WORDS, Column, Ticks
 from circnav_mav.runlog.tlog import message_id
@@ -112,16 +115,25 @@ def without_timeouts(settings: PilotSettings) -> PilotSettings:
 
 def flown_commands(
     settings: PilotSettings, flown: PilotSettings, was: Ticks
-) -> dict[int, YawRate] | None:
-    """Return the yaw rates sent in the flight by time (us), or None if the replay steers as in the
-    flight, or the flight was a dry run."""
+) -> FlownCommands | None:
+    """Return the commands of the flight, or None if the replay steers as in the flight, or the
+    flight was a dry run."""
     same = all(getattr(settings, name) == getattr(flown, name) for name in STEERING)
     if same or settings.output_mode is not OutputMode.FLY:
         return None
     sent = was.numbers["yaw_rate_sent"]
     known = np.isfinite(sent)
-    times = np.round(was.time[known] * 1e6).astype(int)
-    return dict(zip(times.tolist(), map(YawRate, sent[known].tolist()), strict=True))
+    times = was.time[known].tolist()
+    rates = sent[known].tolist()
+
+    def sent_at(now: float) -> YawRate | None:
+        newest = bisect_right(times, now + SAME_TIME) - 1
+        # The ticks of the replay may be at other times. A flight sends its commands more often.
+        if newest < 0 or now - times[newest] > 0.5:
+            return None
+        return YawRate(rates[newest])
+
+    return sent_at
 
 
 @dataclass(frozen=True, slots=True)
