@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from circnav_mav.api import Guidance, tune
-    from circnav_mav.guidance.estimators.interface import Estimator
+    from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
     from circnav_mav.guidance.step import LawChoice
     from circnav_mav.guidance.types import (
         Direction,
@@ -28,6 +28,8 @@ __all__ = [
     "Direction",
     "Driver",
     "Estimator",
+    "EstimatorSettings",
+    "Fused",
     "Guidance",
     "LawChoice",
     "LineDriver",

@@ -6,20 +6,23 @@ right, y up, turn rates and headings counter-clockwise positive. Time is an argu
 seconds.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from itertools import chain
 from math import inf, isfinite, pi
+from typing import Any
 
 from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.step import LawChoice, limited
+from circnav_mav.guidance.own_code import NameTable
+from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import (
     SAME_TIME,
     Direction,
     Orbit,
+    OwnLaw,
     OwnMotion,
     RangeEstimate,
     RangeSample,
@@ -29,8 +32,8 @@ from circnav_mav.guidance.vehicle_model import VehicleModel
 
 LONGEST_GAP = 60.0
 """Longest gap, s, over which an estimate is predicted. A longer gap starts the estimate again."""
-OwnLaw = Callable[[RangeEstimate], float]
-"""User-defined law: from the estimate to a turn rate, rad/s, counter-clockwise positive."""
+LONGEST_LAG = 10.0
+"""Longest delay of a vehicle's turn, s, as in missions. A larger value was probably meant in ms."""
 
 
 def tune(
@@ -50,7 +53,8 @@ def tune(
     Raises ValueError for an unknown law, and for a value that is impossible for a vehicle or radio.
     """
     _known("law", law, LAWS)
-    _check_values(orbit, turn_lag=turn_lag)
+    _check_circle(orbit)
+    _check_lag(turn_lag)
     _check_above_zero("sigma", sigma)
     _check_above_zero("rate", rate)
     settings = EstimatorSettings(orbit.speed, orbit.max_turn_rate)
@@ -70,14 +74,18 @@ class Guidance:
         turn_lag: float = 0.4,
         stale: float = 0.5,
     ) -> None:
-        """law: name, result of `tune`, or your function.
+        """law: name, result of `tune`, or your function. A name may be that of code of one's own:
+            an entry point, or `module:name`.
         estimator: name, or your object; None: default of the law.
         turn_lag: delay from a command to its turn, s.
         stale: age above which the newest range no longer steers, s.
 
         Raises ValueError for an unknown name, and for a value that is impossible for a vehicle.
         """
-        _check_values(orbit, turn_lag=turn_lag, stale=stale)
+        _check_circle(orbit)
+        _check_lag(turn_lag)
+        if not stale >= 0:
+            raise ValueError(f"stale: must be at least 0 s, not {stale:g}")
         if isinstance(law, str):
             law = tune(orbit, law, turn_lag=turn_lag)
         name = ""
@@ -85,8 +93,8 @@ class Guidance:
             _known("law", law.name, LAWS)
             name = law.name
             turn_lag = law.lag
-        steer = law if isinstance(law, LawChoice) else _own(law, orbit)
-        self._loop = ClosedLoop(orbit, steer, VehicleModel(turn_lag, orbit.max_turn_rate))
+            _check_lag(turn_lag)
+        self._loop = ClosedLoop(orbit, law, VehicleModel(turn_lag, orbit.max_turn_rate))
         self._stale = stale
         wanted = estimator or default_estimator(name)
         if isinstance(wanted, str):
@@ -170,17 +178,13 @@ def _are_plausible(numbers: Iterable[float]) -> bool:
     return all(abs(number) < 1e12 for number in numbers)
 
 
-def _own(law: OwnLaw, orbit: Orbit) -> Callable[..., TurnCommand]:
-    return lambda estimate, *_: limited(float(law(estimate)), orbit.max_turn_rate)
+def _known(what: str, name: str, table: NameTable[Any]) -> None:
+    if not table.knows(name):
+        raise ValueError(f"{what} {name!r} is not one of {', '.join(table.names())}")
 
 
-def _known(what: str, name: str, table: Mapping[str, object]) -> None:
-    if name not in table:
-        raise ValueError(f"{what} {name!r} is not one of {', '.join(table)}")
-
-
-def _check_values(orbit: Orbit, **values: float) -> None:
-    """Raise ValueError with name and unit for an impossible circle or a value below 0."""
+def _check_circle(orbit: Orbit) -> None:
+    """Raise ValueError with name and unit for an impossible circle."""
     for name in ("radius", "speed", "max_turn_rate"):
         _check_above_zero(f"orbit.{name}", getattr(orbit, name))
     if not isinstance(orbit.direction, Direction):
@@ -193,9 +197,16 @@ def _check_values(orbit: Orbit, **values: float) -> None:
             f"orbit.max_turn_rate: {orbit.max_turn_rate:g} rad/s is more than a turn a second: not"
             " deg/s"
         )
-    for name, value in values.items():
-        if not value >= 0:
-            raise ValueError(f"{name}: must be at least 0, not {value:g}")
+    if orbit.speed / orbit.radius > orbit.max_turn_rate:
+        raise ValueError(
+            f"orbit: {orbit.words()} needs {orbit.speed / orbit.radius:.3g} rad/s, more than"
+            f" max_turn_rate = {orbit.max_turn_rate:.3g} rad/s"
+        )
+
+
+def _check_lag(lag: float) -> None:
+    if not 0 <= lag <= LONGEST_LAG:
+        raise ValueError(f"turn_lag: must be 0 to {LONGEST_LAG:g} s, not {lag:g}")
 
 
 def _check_above_zero(name: str, value: float) -> None:

@@ -13,6 +13,14 @@ import click
 
 from circnav_mav.cli.exits import Refused
 
+FORMAT = click.option(
+    "--format",
+    "form",
+    type=click.Choice(["png", "pdf", "svg"]),
+    default="png",
+    help="Format of the figures.",
+)
+
 
 class Finite(click.FloatRange):
     """Finite number: rejects nan and inf, which `float` accepts."""

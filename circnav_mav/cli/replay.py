@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -11,10 +10,12 @@ from circnav_sim.config import ConfigError
 from circnav_mav.cli.check import refuse_failing
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.foreign import printable
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
+from circnav_mav.pilot.controller import FlownCommands
 from circnav_mav.pilot.loop_step import STEPS, LoopStep
 from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
@@ -23,7 +24,7 @@ from circnav_mav.runlog.replay import (
     ReplayResult,
     as_ticks,
     differences,
-    held_gain,
+    flown_commands,
     replay,
     without_timeouts,
 )
@@ -58,6 +59,8 @@ def replay_log(
         *overrides,
         *(f'guidance.{key}="{name}"' for key, name in chosen.items() if name is not None),
     ]
+    if law or estimator:  # code of one's own, named by the operator: a replay steers no vehicle
+        overrides.append("guidance.own_code_on_vehicle=true")
     with refusing(path, RunError, MissionError, ConfigError):
         _check_out(out)
         if path.is_file() and path.name != "flight.tlog":
@@ -89,18 +92,14 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
             f"{run.folder / 'manifest.json'}: output_mode: {run.output_mode!r} is unknown"
         ) from None
     settings = mission.pilot_settings(output_mode)
-    gain = _held_gain(run, settings)
-    settings = settings if gain is None else replace(settings, turn_gain=gain)
     with refusing(run.folder):
         pilot = Pilot(settings)
+    pilot.controller.flown = _flown_commands(run, settings)
     empty = "nothing to replay: flight.tlog or steps.csv is empty, or damaged from its beginning on"
     done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty=empty)
     whole = _say_damage(run, done, pilot)
-    if gain is not None:
-        say(
-            f"  turn gain  fixed at {gain:.3g}, the value at the end of the flight: it was learned"
-            " from other turns"
-        )
+    if pilot.controller.flown is not None:
+        say("  response   learned from the commands of the flight, to which the vehicle responded")
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
     _write(log, out, done, run.ticks, mission)
@@ -159,6 +158,7 @@ def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]
     if (
         gain is not None
         and mission.law.name != as_it_is.law.name
+        and mission.law.name in LAWS
         and mission.file.guidance.gain == gain
     ):
         raise Refused(
@@ -168,14 +168,14 @@ def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]
     return mission
 
 
-def _held_gain(run: Run, settings: PilotSettings) -> float | None:
-    """Return the result of `held_gain`. None if mission or ticks cannot be read, which is reported
-    later."""
+def _flown_commands(run: Run, settings: PilotSettings) -> FlownCommands | None:
+    """Return the result of `flown_commands`. None if mission or ticks cannot be read, which is
+    reported later."""
     try:
         flown = parse_mission(run.mission_text, str(run.folder / "mission.toml")).pilot_settings(
             settings.output_mode
         )
-        return held_gain(settings, flown, run.ticks)
+        return flown_commands(settings, flown, run.ticks)
     except (MissionError, RunError):
         return None
 

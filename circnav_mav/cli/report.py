@@ -106,7 +106,8 @@ def _settings(mission: Mission) -> dict[str, str]:
     """Return all values of the mission by key, including defaults, without the bundled
     vehicle's."""
     values = dict(_flat(mission.file.model_dump(exclude={"sim"}, exclude_none=True)))
-    return values | {"law as flown": f"{mission.law.name}, k = {mission.law.gain:.4g}"}
+    gain = "" if mission.law.name in mission.own_code else f", k = {mission.law.gain:.4g}"
+    return values | {"law as flown": f"{mission.law.name}{gain}"}
 
 
 def _flat(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:

@@ -6,11 +6,10 @@ Corrections: pending turn and turn gain. `VehicleModel` learns the response of t
 vehicle and monitors it.
 """
 
-from collections.abc import Callable
 from math import pi
 
 from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, holding
-from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
+from circnav_mav.guidance.types import Orbit, OwnLaw, RangeEstimate, TurnCommand
 from circnav_mav.guidance.vehicle_model import VehicleModel
 
 
@@ -20,19 +19,17 @@ class ClosedLoop:
     def __init__(
         self,
         orbit: Orbit,
-        law: LawChoice | Callable[..., TurnCommand],
+        law: LawChoice | OwnLaw,
         vehicle: VehicleModel,
     ) -> None:
-        """law: a choice from `LAWS`, or a function with the arguments of `Steering`. Raises
-        ValueError if this gain has no radius correction."""
+        """law: a choice from `LAWS`, or a law of one's own. Raises ValueError as `Steering`."""
         self.orbit = orbit
         self.vehicle = vehicle
-        self._steer = Steering(orbit, law) if isinstance(law, LawChoice) else law
+        self._steer = Steering(orbit, law)
 
     def change(self, orbit: Orbit, law: LawChoice) -> None:
         """Fly another circle from now on. Raises ValueError as `__init__`, and then keeps the
         circle."""
-        assert isinstance(self._steer, Steering)
         self._steer.change(orbit, law)
         self.orbit = orbit
 

@@ -11,11 +11,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from math import asin, copysign, cos, pi, sqrt, tanh
+from typing import Any
+
+from circnav_mav.guidance.own_code import NameTable, checked
 
 LEAST = 1.2
 """Least ratio of a default gain to the paper's bound."""
-LawFunction = Callable[..., float]
-"""The equation of a law: (r, r_dot, *, V, r_d, k) in the paper's symbols -> turn rate."""
+LawFunction = Callable[..., Any]
+"""The equation of a law: (r, r_dot, *, V, r_d, k) in the paper's symbols -> turn rate. For a law of
+one's own: `Orbit` -> `OwnLaw`."""
 
 
 class Kind(Enum):
@@ -24,6 +28,7 @@ class Kind(Enum):
     RANGE = "nothing"
     RELATIVE = "position relative to the target and drift"
     AUTO = "nothing, but uses the relative motion as soon as it can be trusted"
+    OWN = "a law of one's own: everything that the estimator provides"
 
 
 def smooth_gain_bound(r_d: float) -> float:
@@ -134,7 +139,6 @@ class Law:
     gain_bound: Callable[[float, float], float] = lambda V, r_d: 0.0
     reached_radius: Callable[[float, float, float], float] = lambda V, r_d, k: r_d
     fed_radius: Callable[[float, float, float], float] = lambda V, r_d, k: r_d
-    switches: bool = False
     kind: Kind = Kind.RANGE
 
     @property
@@ -167,32 +171,34 @@ def _smooth_gain(V: float, r_d: float, lag: float) -> float:
     return max(LEAST * bound, min(2 * bound, 0.35 / (2 * r_d * V * lag)))
 
 
-LAWS: dict[str, Law] = {
-    law.name: law
-    for law in (
-        Law(
-            "smooth",
-            smooth,
-            "1/m^2",
-            "k > 1/(2 r_d^2)",
-            _smooth_gain,
-            gain_bound=lambda V, r_d: smooth_gain_bound(r_d),
-            reached_radius=lambda V, r_d, k: reached_radius(r_d, k),
-            fed_radius=lambda V, r_d, k: corrected_radius(r_d, k),
-        ),
-        Law(
-            "switching",
-            switching,
-            "rad/s",
-            "k > V/r_d",
-            lambda V, r_d, lag: LEAST * switching_gain_bound(V, r_d),  # as in the paper's example
-            gain_bound=switching_gain_bound,
-            switches=True,
-        ),
-        Law("feedforward", feedforward, "rad/m", "k > 0"),
-        # `drift` flies feedforward until the estimate is trusted.
-        Law("drift", feedforward, "rad/m", "k > 0", kind=Kind.RELATIVE),
-        Law("auto", feedforward, "rad/m", "k > 0", kind=Kind.AUTO),
-    )
-}
+def _own_law(name: str, make: Any) -> Law:
+    form = "a function from the circle to a law, which is a function of the estimate"
+    return Law(name, checked(name, make, form, callable), "", "", kind=Kind.OWN)
+
+
+_BUILT_IN = (
+    Law(
+        "smooth",
+        smooth,
+        "1/m^2",
+        "k > 1/(2 r_d^2)",
+        _smooth_gain,
+        gain_bound=lambda V, r_d: smooth_gain_bound(r_d),
+        reached_radius=lambda V, r_d, k: reached_radius(r_d, k),
+        fed_radius=lambda V, r_d, k: corrected_radius(r_d, k),
+    ),
+    Law(
+        "switching",
+        switching,
+        "rad/s",
+        "k > V/r_d",
+        lambda V, r_d, lag: LEAST * switching_gain_bound(V, r_d),  # as in the paper's example
+        gain_bound=switching_gain_bound,
+    ),
+    Law("feedforward", feedforward, "rad/m", "k > 0"),
+    # `drift` flies feedforward until the estimate is trusted.
+    Law("drift", feedforward, "rad/m", "k > 0", kind=Kind.RELATIVE),
+    Law("auto", feedforward, "rad/m", "k > 0", kind=Kind.AUTO),
+)
+LAWS = NameTable("circnav.laws", {law.name: law for law in _BUILT_IN}, _own_law)
 """Laws by their mission names."""

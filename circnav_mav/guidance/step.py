@@ -20,6 +20,7 @@ from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import (
     SAME_TIME,
     Orbit,
+    OwnLaw,
     RangeEstimate,
     RelativeMotion,
     TurnCommand,
@@ -101,8 +102,13 @@ class StepSettings:
 
     @classmethod
     def of(cls, orbit: Orbit, choice: LawChoice) -> "StepSettings":
-        """Return the settings for a circle and a law. Raises ValueError if this gain has no radius
-        correction."""
+        """Return the settings for a circle and a law. Raises ValueError if this gain is not above
+        0, or has no radius correction."""
+        if not 0 < choice.gain < inf:
+            raise ValueError(
+                f"gain: must be a finite number above 0, not {choice.gain:g}: the direction of the"
+                " circle sets the sign"
+            )
         law = LAWS[choice.name]
         sense = orbit.direction.turn_sign
         fed = orbit.radius
@@ -388,15 +394,21 @@ class Steering:
     """A law with its state: from an estimate to the limited command. Use one instance per
     flight."""
 
-    def __init__(self, orbit: Orbit, choice: LawChoice) -> None:
-        """Set the circle and the law. Raises ValueError if this gain has no radius correction."""
+    def __init__(self, orbit: Orbit, law: LawChoice | OwnLaw) -> None:
+        """Set the circle and the law. Raises ValueError if this gain is not above 0, or has no
+        radius correction, and if a law of one's own does not fit."""
         self._state = StepState()
-        self.change(orbit, choice)
+        self._own = None if isinstance(law, LawChoice) else law
+        self._limit = orbit.max_turn_rate
+        if isinstance(law, LawChoice):
+            self.change(orbit, law)
 
     def change(self, orbit: Orbit, choice: LawChoice) -> None:
         """Steer to another circle from now on. The state is kept, so that a small change is smooth.
-        Raises ValueError if this gain has no radius correction, and then keeps the circle."""
-        self._settings = StepSettings.of(orbit, choice)
+        Raises ValueError as `__init__`, and then keeps the circle."""
+        settings = StepSettings.of(orbit, choice)
+        self._own = settings.law.function(orbit) if settings.law.kind is Kind.OWN else None
+        self._settings = settings
         self._at_rest = Pending(0.0, choice.lag)
 
     def __call__(
@@ -404,6 +416,8 @@ class Steering:
     ) -> TurnCommand:
         """Return the command. pending: commanded turn not flown yet; None: no such turn, and the
         lag of the law choice. share: factor on the gains."""
+        if self._own is not None:
+            return limited(float(self._own(estimate)), self._limit)
         inputs = Inputs(
             estimate.time,
             estimate.r,

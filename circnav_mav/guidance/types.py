@@ -3,6 +3,7 @@
 Frame: x right, y up, angles and turn rates counter-clockwise positive seen from above.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from math import atan2, hypot, pi
@@ -170,6 +171,10 @@ class RangeEstimate(NamedTuple):
     eta: float | None = None
     relative: RelativeMotion | None = None
     missed: float | None = None
+
+
+OwnLaw = Callable[[RangeEstimate], float]
+"""User-defined law: from the estimate to a turn rate, rad/s, counter-clockwise positive."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from math import atan, ceil, degrees, floor, inf, isfinite
 from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
+from circnav_mav.guidance.own_code import OwnCodeError
 from circnav_mav.guidance.vehicle_model import MEASUREMENT_DELAY
 from circnav_mav.mav.autopilots.interface import FOLLOWED
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
@@ -29,8 +30,8 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 def check_mission(mission: Mission) -> list[Check]:
     """Return all check lines of a mission."""
     parts = (
-        *(_keys, _vehicle, _tilt, _estimator, _gain, _radius, _turn_rate, _acceleration),
-        *(check_ranging, _drift, _margin, _signing),
+        *(_keys, _vehicle, _tilt, _own_code, _estimator, _gain, _radius),
+        *(_turn_rate, _acceleration, check_ranging, _drift, _margin, _signing),
     )
     lines = [line for part in parts for line in part(mission)]
     of_extras = (
@@ -111,8 +112,27 @@ def _estimator(mission: Mission) -> Iterator[Check]:
         yield Check(FAIL, "estimator", f'{needs}, and {why}. Set guidance.estimator = "auto"')
 
 
+def _own_code(mission: Mission) -> Iterator[Check]:
+    """Check that code of one's own can be imported and created. Nothing else about it is
+    checked."""
+    if not mission.own_code:
+        return
+    names = " and ".join(mission.own_code)
+    try:
+        mission.import_own_code()
+    except OwnCodeError as error:
+        yield Check(FAIL, "own code", str(error))
+        return
+    ignored = mission.file.guidance.gain is not None and mission.law.name not in LAWS
+    unused = "; guidance.gain has no effect" if ignored else ""
+    grade = PASS if mission.flies_sim and not ignored else WARN
+    yield Check(grade, "own code", f"{names}: imported; nothing else about it is checked{unused}")
+
+
 def _gain(mission: Mission) -> Iterator[Check]:
-    law = LAWS[mission.law.name]
+    law = LAWS.get(mission.law.name)
+    if law is None:
+        return
     gain = mission.law.gain
     orbit = mission.orbit
     bound = law.gain_bound(orbit.speed, orbit.radius)
@@ -132,10 +152,10 @@ def _gain(mission: Mission) -> Iterator[Check]:
 
 
 def _radius(mission: Mission) -> Iterator[Check]:
-    law = LAWS[mission.law.name]
+    law = LAWS.get(mission.law.name)
     gain = mission.law.gain
     orbit = mission.orbit
-    if gain <= law.gain_bound(orbit.speed, orbit.radius):
+    if law is None or gain <= law.gain_bound(orbit.speed, orbit.radius):
         return
     fed = (
         law.fed_radius(orbit.speed, orbit.radius, gain)
@@ -229,7 +249,7 @@ def _drift(mission: Mission) -> Iterator[Check]:
     if tolerated > 0:
         rest = (
             ""
-            if mission.file.guidance.law in DRIFT_LAWS
+            if mission.law.name in DRIFT_LAWS or mission.law.name not in LAWS
             else f"; the law {mission.law.name} does not correct for wind"
         )
         most = (

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from math import hypot, inf, sqrt
 
-from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.maths import MAX_SIGMA_GROWTH
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
@@ -112,7 +111,7 @@ def _sampling(mission: Mission) -> Iterator[Check]:
         " time)"
     )
     yield Check(graded(period / stale, warn_above=0.5, fail_above=1.0), "sampling", words)
-    if LAWS[mission.law.name].switches:
+    if mission.law.name == "switching":
         turn = min(mission.law.gain, mission.orbit.max_turn_rate) * period
         bounds = "above 0.05 rad it slowly drifts off the circle, above 0.5 rad it leaves it"
         words = f"the vehicle turns {turn:.3f} rad between two ranges ({bounds})"

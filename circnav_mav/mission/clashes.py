@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+from circnav_mav.guidance.estimators.table import ESTIMATORS
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mission.mission import SIM
@@ -14,6 +16,7 @@ def clashes(file: MissionFile) -> Iterator[str]:
     yield from _of_range_rate(file)
     yield from _of_vehicle(file)
     yield from _of_pairs(file)
+    yield from _of_own_code(file)
 
 
 def _of_endpoints(file: MissionFile) -> Iterator[str]:
@@ -83,4 +86,19 @@ def _of_pairs(file: MissionFile) -> Iterator[str]:
             yield (
                 f"bounds.min_{quantity}: {low:g} is not below {most}: lower the first, or raise the"
                 " second"
+            )
+
+
+def _of_own_code(file: MissionFile) -> Iterator[str]:
+    guidance = file.guidance
+    if file.link.endpoint == SIM or guidance.own_code_on_vehicle:
+        return
+    for key, name, table in (
+        ("law", guidance.law, LAWS),
+        ("estimator", guidance.estimator, ESTIMATORS),
+    ):
+        if name is not None and name not in table:
+            yield (
+                f"guidance.{key}: {name!r} is code of your own: to let it steer a vehicle, set"
+                " guidance.own_code_on_vehicle = true"
             )

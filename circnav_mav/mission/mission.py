@@ -7,7 +7,8 @@ from math import inf, radians, tan
 from circnav_mav.guidance.air_drag import SCALE_BOUNDS, SCALE_SIGMA, coefficient_at
 from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.table import default_estimator
+from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
+from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import Direction, Orbit
@@ -85,6 +86,20 @@ class Mission:
     def estimator(self) -> str:
         """Name of the estimator: the file's, or the law's default."""
         return self.file.guidance.estimator or default_estimator(self.file.guidance.law)
+
+    @property
+    def own_code(self) -> list[str]:
+        """Law and estimator that are code of one's own."""
+        names = ((self.law.name, LAWS), (self.estimator, ESTIMATORS))
+        return [name for name, table in names if name not in table]
+
+    def import_own_code(self) -> None:
+        """Import law and estimator if they are code of one's own, and create each of them once.
+        Raises OwnCodeError."""
+        if self.law.name not in LAWS:
+            LAWS[self.law.name].function(self.orbit)
+        if self.estimator not in ESTIMATORS:
+            ESTIMATORS[self.estimator](self.estimation)
 
     @property
     def estimation(self) -> EstimatorSettings:

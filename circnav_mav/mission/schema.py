@@ -7,11 +7,20 @@ mission is flyable.
 from ipaddress import ip_network
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    WithJsonSchema,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.own_code import NameTable
 from circnav_mav.mav.autopilots.table import (
     MISSION_AUTOPILOTS,
     MISSION_EXITS,
@@ -106,13 +115,29 @@ class OrbitTable(Table):
     target_above_home_m: Height | None = None
 
 
+def _named(table: NameTable[Any]) -> Any:
+    """Return the type of a name in a table, or of code of one's own. Editors complete the built-in
+    names."""
+
+    def check(name: str) -> str:
+        if not table.knows(name):
+            raise PydanticCustomError(
+                "literal_error", "unknown name", {"expected": ", ".join(map(repr, table.names()))}
+            )
+        return name
+
+    forms = [{"enum": list(table)}, {"type": "string"}]
+    return Annotated[str, AfterValidator(check), WithJsonSchema({"anyOf": forms})]
+
+
 class GuidanceTable(Table):
     """[guidance]"""
 
-    law: Literal[tuple(LAWS)] = "auto"  # type: ignore[valid-type]
+    law: _named(LAWS) = "auto"  # type: ignore[valid-type]
     gain: Positive | None = None
     correct_radius: bool = True
-    estimator: Literal[tuple(ESTIMATORS)] | None = None  # type: ignore[valid-type]
+    estimator: _named(ESTIMATORS) | None = None  # type: ignore[valid-type]
+    own_code_on_vehicle: bool = False
 
 
 class RangingTable(Table):

@@ -1,6 +1,7 @@
 """From an estimate to a setpoint message: law, turn-rate gain, setpoint guard, adapter of the
 vehicle."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import ceil, tan
 
@@ -31,6 +32,8 @@ from circnav_mav.pilot.settings import PilotSettings
 
 RELATIVE = ("auto", "drift")
 """Estimators of the relative motion."""
+FlownCommands = Callable[[float], YawRate | None]
+"""Function from a time (s) to the yaw rate that a recorded flight had sent last."""
 
 
 class Controller:
@@ -68,6 +71,9 @@ class Controller:
             )
         )
         self._height: float | None = None
+        self.flown: FlownCommands | None = None
+        """In a replay with another law or estimator: the commands of the flight. The recorded
+        vehicle responded to these, not to the replayed ones."""
         self._wind = 0.0
         """Newest trusted drift, m/s."""
         self.drag = 0.0
@@ -170,7 +176,9 @@ class Controller:
 
     def commanded(self, sent: YawRate, now: float) -> None:
         """Record a yaw rate that was sent, to compare the vehicle's turn with it."""
-        self.vehicle.command(now, turn_rate_from_yaw_rate(sent))
+        responds_to = sent if self.flown is None else self.flown(now)
+        if responds_to is not None:
+            self.vehicle.command(now, turn_rate_from_yaw_rate(responds_to))
 
     def safe_setpoint(self, session: Session, now: float, *, engaged: bool = True) -> Message:
         """Return the vehicle's safe setpoint. engaged: True to hold the height of the engagement.

@@ -30,7 +30,7 @@ def flight_parameters(
 ) -> tuple[Parameter, ...]:
     """Return radius, direction, speed, height, law, hold time and exit action of a flight, in the
     order of their indices."""
-    laws = list(LAWS)
+    laws = list(dict.fromkeys((*LAWS, controller.law)))  # with a law of one's own that is flown
     actions = (None, *MISSION_EXITS)
 
     def set_direction(value: float, now: float) -> str:

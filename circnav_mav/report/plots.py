@@ -15,6 +15,11 @@ from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runlog.ticks import Column, Ticks, Truth
 
 STYLE: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.axisbelow": True}
+PAPER: Any = STYLE | {"font.size": 8, "pdf.fonttype": 42, "svg.hashsalt": "circnav"}
+"""Style of figures for a paper: fonts embedded as text, equal files for equal data."""
+COLUMN = 3.5
+PAGE = 7.16
+"""Widths of one and two columns of an IEEE paper, inches."""
 
 
 def literal(text: str) -> str:
@@ -24,9 +29,12 @@ def literal(text: str) -> str:
 
 
 def save(figure: Figure, path: Path, dpi: int = 110) -> None:
-    """Write a PNG atomically. Raises OSError, and then keeps an older file."""
+    """Write a PNG, PDF or SVG atomically, without a date. Raises OSError, and then keeps an older
+    file."""
+    form = path.suffix[1:]
+    undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     with atomic_write(path) as fresh:
-        figure.savefig(fresh, dpi=dpi, format="png")
+        figure.savefig(fresh, dpi=dpi, format=form, metadata=undated.get(form))
 
 
 ESTIMATE = "#0063a6"

@@ -3,6 +3,7 @@
 See `circnav_mav.runlog.metrics` for a single recorded flight and for the commands.
 """
 
+from math import ceil, floor, sqrt
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 
 Batch = NDArray[Any]
 """Array with the flights as last axis."""
+Z = 1.959964
+"""Quantile of the normal distribution for intervals of 95 %."""
+Interval = tuple[float | None, float | None]
 
 
 def rms(values: Batch) -> Batch:
@@ -84,3 +88,20 @@ def tangent_time(
         length = turn * rho + line
         best = np.minimum(best, np.where(exists, length, np.inf))
     return best / V
+
+
+def median_interval(ordered: Any, worlds: int) -> Interval:
+    """Return an interval of the median for any distribution: ranks n/2 ± z n / (2 sqrt(worlds)),
+    rounded outwards.
+
+    Below six worlds, even the smallest and the largest value enclose the median with less than 95
+    %: no interval.
+    """
+    n = len(ordered)
+    # Smallest number of worlds (draws) whose values enclose the median with 95 %: 1 - 2/2^6 is 97
+    # %, 1 - 2/2^5 is 94 %.
+    if worlds < 6:
+        return None, None
+    half = Z * n / (2 * sqrt(worlds))
+    low, high = floor(n / 2 - half), ceil(n / 2 + half)
+    return float(ordered[max(low - 1, 0)]), float(ordered[min(high, n - 1)])

@@ -1,6 +1,7 @@
 """Replay of a recorded flight through a pilot. The vehicle does not respond to new commands: its
 path is as flown."""
 
+from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
@@ -8,10 +9,12 @@ from math import inf
 
 import numpy as np
 
+from circnav_mav.guidance.types import SAME_TIME
+from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord
+from circnav_mav.pilot.controller import FlownCommands
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.ticks import NAMES, WORDS, Column, Ticks
 from circnav_mav.runlog.tlog import message_id
 
@@ -110,18 +113,27 @@ def without_timeouts(settings: PilotSettings) -> PilotSettings:
     return replace(settings, timing=endless, ranging_apart=False, stream_links=frozenset())
 
 
-def held_gain(settings: PilotSettings, flown: PilotSettings, was: Ticks) -> float | None:
-    """Return the turn-rate gain to hold in the replay, or None to estimate it as in flight."""
-    # The recorded headings respond to the turns that were flown. If the replay commands other
-    # turns, the gain cannot be estimated from them. Then the gain at the end of the flight is held.
+def flown_commands(
+    settings: PilotSettings, flown: PilotSettings, was: Ticks
+) -> FlownCommands | None:
+    """Return the commands of the flight, or None if the replay steers as in the flight, or the
+    flight was a dry run."""
     same = all(getattr(settings, name) == getattr(flown, name) for name in STEERING)
-    if same or settings.turn_gain is not None or settings.output_mode is not OutputMode.FLY:
+    if same or settings.output_mode is not OutputMode.FLY:
         return None
-    learnt = was.numbers["turn_gain"][
-        [phase == Phase.ENGAGED.value for phase in was.words["phase"]]
-    ]
-    known = learnt[learnt > 0]
-    return float(known[-1]) if len(known) else None
+    sent = was.numbers["yaw_rate_sent"]
+    known = np.isfinite(sent)
+    times = was.time[known].tolist()
+    rates = sent[known].tolist()
+
+    def sent_at(now: float) -> YawRate | None:
+        newest = bisect_right(times, now + SAME_TIME) - 1
+        # The ticks of the replay may be at other times. A flight sends its commands more often.
+        if newest < 0 or now - times[newest] > 0.5:
+            return None
+        return YawRate(rates[newest])
+
+    return sent_at
 
 
 @dataclass(frozen=True, slots=True)

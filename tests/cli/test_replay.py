@@ -53,16 +53,24 @@ def test_replay_of_another_law_learns_no_turn_gain(circnav, tmp_path):
     assert late(circling, "turn_gain") == pytest.approx(1, abs=0.02)
     assert late(tmp_path / "smooth", "turn_gain") == pytest.approx(1, abs=0.02)
     assert late(tmp_path / "smooth", "turn_rate") == pytest.approx(-0.15, abs=0.01)
-    assert "turn gain  fixed at" in out
+    assert "completed: flown to its end" in out
 
 
-def test_replay_keeps_given_turn_gain(circnav, tmp_path):
+def test_replay_with_learned_gain_uses_flown_commands(circnav, tmp_path):
     recorded_flight(tmp_path, "quickstart", "limits.duration_s=10", "vehicle.turn_gain=0.8").fly(
         15
     ).recorder.close()
     out = circnav("replay", tmp_path, "--set", 'vehicle.turn_gain="learn"').done
-    assert "turn gain  fixed at 0.8" in out
-    assert "turn rate        the same" in out
+    assert "response   learned from the commands of the flight" in out
+    assert re.search(r"turn rate        differs by 0.0\d+ rad/s RMS", out)
+
+
+def test_what_if_with_another_estimator_reaches_the_end(circnav, tmp_path):
+    """The recorded vehicle follows the commands of the flight, not those of the replay."""
+    recorded_flight(tmp_path, "quickstart", "limits.duration_s=25").fly(30).recorder.close()
+    assert (
+        "completed: flown to its end" in circnav("replay", tmp_path, "--estimator", "kalman").done
+    )
 
 
 def without(run, *names):

@@ -85,6 +85,13 @@ def reason(command: str) -> str | None:
     return next((why for pattern, why in NOT_RUN.items() if re.match(pattern, command)), None)
 
 
+def write_modules(page: Path, folder: Path) -> None:
+    """Write the programs of a page that begin with the comment `# name.py`."""
+    for block in re.findall(r"^```python\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL):
+        if name := re.match(r"# (\w+\.py)\n", block):
+            (folder / name[1]).write_text(block)
+
+
 COMMANDS = {page: printed(page) for page in PAGES}
 RUN = [page for page in PAGES if not all(map(reason, COMMANDS[page]))]
 KEPT = [
@@ -98,6 +105,8 @@ KEPT = [
 @pytest.mark.parametrize("page", RUN, ids=lambda page: page.name)
 def test_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch, port):
     monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.syspath_prepend(tmp_path)
+    write_modules(page, tmp_path)
     track = [
         (t, 47.0 + 0.001 * math.sin(t / 9), 8.5 + 0.0015 * math.cos(t / 9)) for t in range(120)
     ]

@@ -4,7 +4,8 @@
 
 A flight is kept if the RMS radius error of its last 100 s is below 10 m and it went round the right
 way. The random numbers of a cell depend only on --seed and its situation, so its results are the
-same alone and in the whole table.
+same alone and in the whole table. The laws of a situation fly in the same worlds: compare them by
+their paired differences.
 """
 
 import time
@@ -32,14 +33,15 @@ Flown = tuple[Track, float]
 
 def run(
     cells: Sequence[tuple[str, str]], flights: int, seed: int = 1, out: Path | None = None, *,
-    report: Callable[[str], None] = lambda line: None, cores: int = 1,
+    report: Callable[[str], None] = lambda line: None, cores: int = 1, form: str = "png",
 ) -> list[Cell]:  # fmt: skip
-    """Fly cells (names of situation and policy). Write table.csv, table.md and table.png into the
+    """Fly cells (names of situation and policy). Write table.csv, table.md and the figure into the
     folder `out`.
 
     report: called with a line for each cell. Raises WorkerDiedError.
     """
     done: list[Cell] = []
+    first: dict[str, NDArray[Any]] = {}
     with workers(cores) if min(cores, len(cells) * flights) > 1 else nullcontext() as submit:
         jobs: list[list[Future[Flown]]] = []
         if submit is not None:
@@ -54,15 +56,15 @@ def run(
             else:
                 flown = [fly_one(*cell, seed, number) for number in range(flights)]
             seconds = sum(one for _, one in flown)
-            done.append(
-                evaluate(SITUATIONS[cell[0]], cell[1], [track for track, _ in flown], seconds)
-            )
+            tracks = [track for track, _ in flown]
+            beside = first.setdefault(cell[0], rms_errors(tracks))
+            done.append(evaluate(SITUATIONS[cell[0]], cell[1], tracks, seconds, beside))
             report(line(done[-1]))
             if out is not None:
                 write_csv(done, out / "table.csv")
                 write_text(out / "table.md", markdown(done))
     if out is not None:
-        draw(done, out / "table.png")
+        draw(done, out / f"table.{form}")
     return done
 
 
@@ -75,8 +77,21 @@ def fly_one(situation: str, law: str, seed: int, number: int) -> Flown:
     return track, time.process_time() - began
 
 
-def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds: float) -> Cell:
-    """Return the figures of a cell. seconds: processor time of its flights."""
+def rms_errors(flown: Sequence[Track]) -> NDArray[Any]:
+    """Return the RMS radius error of the evaluated part of each flight, m."""
+    late = flown[0].time >= flown[0].time[-1] - LAST
+    return many_flights.rms(np.array([track.rows["r"][late] for track in flown]).T - ORBIT.radius)
+
+
+def evaluate(
+    situation: Situation,
+    policy: str,
+    flown: Sequence[Track],
+    seconds: float,
+    beside: NDArray[Any],
+) -> Cell:
+    """Return the figures of a cell. seconds: processor time of its flights. beside: `rms_errors` of
+    the situation's first policy."""
     r_d = ORBIT.radius
     time = flown[0].time
     late = time >= time[-1] - LAST
@@ -91,7 +106,9 @@ def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds:
         return np.asarray(rows[name][late])
 
     error = end("r") - r_d
-    rms = many_flights.rms(error)
+    rms = rms_errors(flown)
+    differences = np.sort(rms - beside)
+    low, high = many_flights.median_interval(differences, len(differences))
     right_way = many_flights.right_way(end("angle"), sense)
     outside = rows["r"][0] > 1.3 * r_d
     ideal = many_flights.tangent_time(
@@ -139,6 +156,9 @@ def evaluate(situation: Situation, policy: str, flown: Sequence[Track], seconds:
         rate_p99=_percentile(np.abs(rate_error), 99),
         nees_mean=float(nees[known].mean()) if known.any() else float("nan"),
         nees_in_band=float(in_band[known].mean()) if known.any() else float("nan"),
+        difference_median=_percentile(differences, 50),
+        difference_low=float("nan") if low is None else low,
+        difference_high=float("nan") if high is None else high,
         seconds=seconds,
     )
 

@@ -2,7 +2,7 @@
 
 import click
 
-from circnav_mav.cli.describe import Folder, command
+from circnav_mav.cli.describe import FORMAT, Folder, command
 
 
 @command(
@@ -14,7 +14,7 @@ from circnav_mav.cli.describe import Folder, command
     "laws",
     multiple=True,
     metavar="NAME",
-    help="Only this law (law+estimator). May be repeated.",
+    help="Only this law, or law+estimator, also of your own (module:name). May be repeated.",
 )
 @click.option(
     "--situation",
@@ -29,6 +29,7 @@ from circnav_mav.cli.describe import Folder, command
 @click.option(
     "--out", type=Folder(), metavar="DIR", help="Write table.csv, table.md and table.png there."
 )
+@FORMAT
 def bench() -> None:
     """Compare the laws over many flights, with wind, gusts, moving targets and bad sensors. The
     result is a table.

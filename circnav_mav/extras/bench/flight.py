@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circnav_mav.api import Guidance, tune
-from circnav_mav.extras.bench.published_laws import PUBLISHED
 from circnav_mav.extras.bench.situations import LAST, ORBIT, TURN_LAG, Ranging, RateNoise, Situation
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
@@ -30,9 +29,10 @@ from circnav_mav.guidance.types import (
 
 TRUTH = "truth"
 """Name of the estimator `FullInformation`."""
+PUBLISHED = "circnav_mav.extras.bench.published_laws:"
 POLICIES: dict[str, tuple[str, str]] = {
     **{law: (law, default_estimator(law)) for law in reversed(LAWS)},
-    **{law: (law, "kalman") for law in PUBLISHED},
+    **{law: (PUBLISHED + law, "kalman") for law in ("bounded", "relay", "pd", "pi")},
     "full information": ("drift", TRUTH),
 }
 """Policies of the benchmark: law and estimator."""
@@ -45,6 +45,20 @@ GAUSS = ((0.5 - sqrt(15) / 10, 5 / 18), (0.5, 8 / 18), (0.5 + sqrt(15) / 10, 5 /
 """Gauss-Legendre rule with three points on 0 to 1: place and weight."""
 ROWS = ("r", "r_dot", "angle", "command", "r_hat", "r_dot_hat", "nees")
 Pair = tuple[float, float]
+
+
+def law_and_estimator(policy: str) -> tuple[str, str]:
+    """Return law and estimator of a policy: a name of POLICIES, or `law` or `law+estimator`, either
+    of which may be code of one's own. Raises ValueError."""
+    if policy in POLICIES:
+        return POLICIES[policy]
+    law, _, estimator = policy.partition("+")
+    law = POLICIES.get(law, (law, ""))[0]
+    estimator = estimator or default_estimator(law)
+    if not LAWS.knows(law) or not ESTIMATORS.knows(estimator):
+        names = (*POLICIES, *LAWS.names()[len(LAWS) :], "module:name", "law+estimator")
+        raise ValueError(f'"{policy}" is not one of: {"; ".join(names)}')
+    return law, estimator
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,13 +331,10 @@ def fly(situation: Situation, policy: str, seed: int, flight: int) -> Track:
     heading = world.heading
     direction = Direction.COUNTERCLOCKWISE if flight % 2 == 0 else Direction.CLOCKWISE
     orbit = replace(ORBIT, direction=direction)
-    law, name = POLICIES[policy]
+    law, name = law_and_estimator(policy)
     settings = EstimatorSettings(orbit.speed, orbit.max_turn_rate)
     estimator = FullInformation(world) if name == TRUTH else ESTIMATORS[name](settings)
-    if law in PUBLISHED:
-        guidance = Guidance(orbit, PUBLISHED[law](orbit), estimator, turn_lag=TURN_LAG)
-    else:
-        guidance = Guidance(orbit, tune(orbit, law, turn_lag=TURN_LAG), estimator)
+    guidance = Guidance(orbit, tune(orbit, law, turn_lag=TURN_LAG), estimator)
     steps = round(situation.duration / situation.dt)
     rows = {name: np.full(steps, np.nan, np.float32) for name in ROWS}
     for step in range(steps):

@@ -1,16 +1,15 @@
-"""Four published laws on range and range rate, for comparison, written as laws of one's own.
+"""Four published laws on range and range rate, for comparison, written as laws of one's own
+(docs/own-law.md).
 
-A law of one's own is a function from an estimate to a turn rate (rad/s, counter-clockwise
-positive), for `circnav_mav.Guidance`. Each function here returns such a law for a circle. e is the
-radius error r - r_d, V the speed, and k the gain at `lag`, the delay of the loop in s.
+Each function here returns, for a circle, a function from an estimate to a turn rate (rad/s,
+counter-clockwise positive). e is the radius error r - r_d, V the speed, and k the gain at `lag`,
+the delay of the loop in s.
 """
 
-from collections.abc import Callable
 from math import sqrt, tanh
 
-from circnav_mav.api import OwnLaw
 from circnav_mav.guidance.laws import rate_gain
-from circnav_mav.guidance.types import Orbit, RangeEstimate
+from circnav_mav.guidance.types import Orbit, OwnLaw, RangeEstimate
 
 LAG = 0.55
 """Delay of turn and filter, s, for which the gains are chosen."""
@@ -104,12 +103,3 @@ def pi(orbit: Orbit, lag: float = LAG) -> OwnLaw:
         return orbit.direction.turn_sign * (k * s + k_i * integral)
 
     return law
-
-
-PUBLISHED: dict[str, Callable[[Orbit], OwnLaw]] = {
-    "bounded": bounded,
-    "relay": relay,
-    "pd": pd,
-    "pi": pi,
-}
-"""Laws by name."""

@@ -34,6 +34,8 @@ class Cell:
         100 s.
     nees_mean: mean normalized estimation error squared (NEES) of (r, theta).
     nees_in_band: fraction of steps with this NEES in its 95 % band.
+    difference_*: RMS radius error minus that of the situation's first policy in the same world:
+        median, and its 95 % interval (NaN below six flights).
     """
 
     situation: str
@@ -61,6 +63,9 @@ class Cell:
     rate_p99: float
     nees_mean: float
     nees_in_band: float
+    difference_median: float
+    difference_low: float
+    difference_high: float
     seconds: float
 
 
@@ -71,9 +76,16 @@ def line(cell: Cell) -> str:
     required = "" if need is None or cell.policy != OWN else f" (<= {need:.2f})"
     wrong = f"wrong way {cell.wrong_way}  " if cell.wrong_way else ""
     cycles = f", limit cycles {cell.limit_cycles}" if cell.limit_cycles else ""
+    interval = ""
+    if isfinite(cell.difference_low):
+        interval = f" ({cell.difference_low:+.3f} to {cell.difference_high:+.3f})"
+    paired = ""
+    if cell.difference_median:
+        paired = f", minus the first law's {cell.difference_median:+.3f}{interval}"
     return (
         f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  {wrong}RMS"
-        f" {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{required}, peak {cell.peak_median:.2f} "
+        f" {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{required}{paired}, peak"
+        f" {cell.peak_median:.2f} "
         f" settled to 10 % in {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} ideal times, to"
         f" 2 % in {cell.settled2_median:.2f}  turn sd {cell.turn_std_deg_s:.1f} deg/s, at the limit"
         f" {100 * cell.turn_at_limit:.0f} %, varies {cell.turn_variation_rad_s2:.2f} rad/s per"
@@ -161,38 +173,39 @@ def median_or_lost(cell: Cell) -> str:
 
 
 def draw(cells: Sequence[Cell], path: Path) -> None:
-    """Draw the table: color by median RMS error, text with error and share of flights that kept the
-    circle. Rows are situations, columns are laws."""
-    from matplotlib.colors import LogNorm  # the workers do not need matplotlib
+    """Draw the table: color by median RMS error, text with error and number of flights that kept
+    the circle. Rows are situations, columns are laws."""
+    import matplotlib as mpl  # the workers do not need matplotlib
+    from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
 
-    from circnav_mav.report.plots import save
+    from circnav_mav.report.plots import COLUMN, PAGE, PAPER, save
 
     rows = list(dict.fromkeys(c.situation for c in cells))
     columns = list(dict.fromkeys(c.policy for c in cells))
     values = np.full((len(rows), len(columns)), np.nan)
-    width = max(5.5, 2 + 1.1 * len(columns))  # inches, of which the title needs 5.5
-    figure = Figure(figsize=(width, 1.5 + 0.42 * len(rows)), layout="constrained")
-    axes = figure.subplots()
-    for cell in cells:
-        i = rows.index(cell.situation)
-        j = columns.index(cell.policy)
-        values[i, j] = max(cell.rms_median, 1e-3)
-        kept = (
-            ""
-            if cell.kept == cell.flights
-            else f"\ncircle kept: {100 * cell.kept / cell.flights:.0f} %"
-        )
-        axes.text(j, i, median_or_lost(cell) + kept, ha="center", va="center", fontsize=7)
-    image = axes.imshow(values, norm=LogNorm(0.05, 50), cmap="RdYlGn_r", aspect="auto")
-    axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right", fontsize=8)
-    axes.set_yticks(range(len(rows)), rows, fontsize=8)
-    axes.set_title(
-        f"Median RMS radius error, m, last 100 of 400 s, {cells[0].flights} flights per cell",
-        fontsize=9,
-    )
-    figure.colorbar(image, ax=axes, label="m")
-    save(figure, path, dpi=130)
+    scale = LogNorm(0.05, 50)
+    with mpl.rc_context(PAPER | {"axes.grid": False, "font.size": 7}):
+        # The names of the situations take 1.9 inches, the scale 0.8.
+        width = min(max(COLUMN, 2.7 + 0.5 * len(columns)), PAGE)
+        figure = Figure(figsize=(width, max(2.2, 1.3 + 0.22 * len(rows))), layout="constrained")
+        axes = figure.subplots()
+        for cell in cells:
+            i = rows.index(cell.situation)
+            j = columns.index(cell.policy)
+            values[i, j] = max(cell.rms_median, 1e-3)
+            kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
+            ink = "white" if scale(values[i, j]) < 0.55 else "black"
+            text = median_or_lost(cell)
+            if 10 <= cell.rms_median < LOST:
+                text = f"{cell.rms_median:.3g}"
+            axes.text(j, i, text + kept, ha="center", va="center", fontsize=5.5, color=ink)
+        image = axes.imshow(values, norm=scale, cmap="viridis", aspect="auto")
+        axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right")
+        axes.set_yticks(range(len(rows)), rows)
+        axes.set_xlabel(f"in brackets: flights of {cells[0].flights} that kept the circle")
+        figure.colorbar(image, ax=axes, label="median RMS radius error, m", format="%g")
+        save(figure, path, dpi=200)
 
 
 def _times(value: float) -> str:

@@ -41,6 +41,7 @@ def fly_campaign(
     resume: bool,
     scheduler: str | None,
     processes: int | None,
+    form: str,
 ) -> int:
     """Fly the missing runs, print the results, and return the exit code. Raises Refused."""
     with refusing(file, CampaignError):
@@ -57,7 +58,7 @@ def fly_campaign(
         with closing(Store(folder, campaign, resume=resume)) as store:
             say(f"{campaign.where}: {campaign.runs} flights")
             interrupted = _fly(campaign, store, scheduler, processes)
-            return _finish(campaign, store, printable(name), interrupted)
+            return _finish(campaign, store, printable(name), interrupted, form)
 
 
 def _fly(campaign: Campaign, store: Store, scheduler: str | None, processes: int | None) -> bool:
@@ -121,7 +122,7 @@ def _lines(before: int, total: int) -> Callable[[int, Row], None]:
     return show
 
 
-def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> int:
+def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool, form: str) -> int:
     """Sort the table, write and print the summary, draw the pictures. Raises CampaignError,
     Refused."""
     store.sort()
@@ -134,12 +135,14 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> i
             f"{store.folder}: cannot be written: {error.strerror or error}; {TABLE} is complete"
         ) from None
     pictures, problems = plot_campaign(
-        store.folder, rows, list(campaign.specs), list(campaign.swept), name
+        store.folder, rows, list(campaign.specs), list(campaign.swept), name, form
     )
     _print_figures("all flights", summary["all"])
     for key, values in summary["by"].items():
         for value, figures in values.items():
             _print_figures(f"{key} = {value}", figures)
+        for value, figures in list(values.items())[1:]:
+            _print_difference(f"{value} minus {next(iter(values))}", figures)
     for failure in dict.fromkeys(row["error"] for row in rows if row["error"]):
         say(f"  ERROR      {failure}")
     for problem in problems:
@@ -153,6 +156,16 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool) -> i
         )
         return Exit.INTERRUPTED
     return Exit.DONE
+
+
+def _print_difference(what: str, figures: dict[str, Any]) -> None:
+    """Print the paired difference of two values of a key."""
+    if figures["difference_median"] is None:
+        return
+    low, high = figures["difference_interval"]
+    interval = "" if low is None else f" ({low:+.3g} to {high:+.3g})"
+    pairs = f"{figures['pairs']} pairs with the same draws"
+    say(f"  {what:<34} RMS {figures['difference_median']:+.3g} m{interval}, {pairs}")
 
 
 def _print_figures(what: str, figures: dict[str, Any]) -> None:

@@ -3,7 +3,7 @@
 import click
 
 from circnav_mav.cli.bundled import FileOrName
-from circnav_mav.cli.describe import Folder, command
+from circnav_mav.cli.describe import FORMAT, Folder, command
 
 
 @command(
@@ -27,6 +27,7 @@ from circnav_mav.cli.describe import Folder, command
 @click.option(
     "--scheduler", metavar="ADDR", help="Fly on a Dask scheduler's workers, e.g. tcp://host:8786."
 )
+@FORMAT
 def campaign() -> None:
     """Fly a mission many times with varied values. CAMPAIGN is a file or the name of a bundled one.
     The results are a table, a summary and plots.

@@ -3,7 +3,7 @@ confidence intervals."""
 
 from collections.abc import Mapping, Sequence, Sized
 from dataclasses import asdict
-from math import atan2, ceil, degrees, floor, hypot, isfinite, prod, sqrt
+from math import atan2, degrees, hypot, isfinite, prod, sqrt
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from circnav_mav.extras.campaign.lockstep import COMPLETED, FlightResult
 from circnav_mav.extras.campaign.plan import Campaign, Run
 from circnav_mav.runlog import metrics
+from circnav_mav.runlog.many_flights import Interval, Z, median_interval
 from circnav_mav.runlog.metrics import NAMES, late_figures
 
 FIGURES = (
@@ -92,9 +93,6 @@ def failed_row(number: int, values: dict[str, Any], error: str) -> dict[str, Any
 
 
 SUMMARY = "summary.json"
-Z = 1.959964
-"""Quantile of the normal distribution for intervals of 95 %."""
-Interval = tuple[float | None, float | None]
 Rows = Sequence[dict[str, str]]
 """Rows of the table, as text."""
 
@@ -146,15 +144,44 @@ def known(rows: Rows, name: str) -> Any:
 
 def summarize(rows: Rows, swept: Mapping[str, Sized]) -> dict[str, Any]:
     """Return the contents of summary.json: "all", and "by" swept key and value. swept: values of
-    the grid by key."""
+    the grid by key.
+
+    Every value except the first one also has its differences from the first, flight by flight.
+    """
     points = prod(len(values) for values in swept.values())
     by: dict[str, dict[str, Any]] = {}
     for key in swept:
-        values = dict.fromkeys(row[key] for row in rows)
-        by[key] = {
-            value: figures([row for row in rows if row[key] == value], points) for value in values
+        others = [other for other in swept if other != key]
+        of = {
+            value: [row for row in rows if row[key] == value]
+            for value in dict.fromkeys(row[key] for row in rows)
         }
+        by[key] = {value: figures(some, points) for value, some in of.items()}
+        for value in list(of)[1:]:
+            by[key][value] |= _paired(of[next(iter(of))], of[value], others, points)
     return {"all": figures(rows, points), "by": by}
+
+
+def _paired(before: Rows, after: Rows, others: Sequence[str], points: int) -> dict[str, Any]:
+    """Return the differences of the RMS error (m) between flights with the same draws and noise and
+    the same other values of the grid. pairs: flights of which both have this error."""
+
+    def errors(rows: Rows) -> dict[tuple[Any, ...], float]:
+        return {
+            (int(row["run"]) // points, *(row[key] for key in others)): float(row["rms_m"])
+            for row in rows
+            if row["rms_m"]
+        }
+
+    first = errors(before)
+    then = errors(after)
+    pairs = first.keys() & then.keys()
+    differences = np.sort([then[pair] - first[pair] for pair in pairs])
+    return {
+        "pairs": len(pairs),
+        "difference_median": percentile(differences, 50),
+        "difference_interval": median_interval(differences, len({pair[0] for pair in pairs})),
+    }
 
 
 def wilson(share: float, worlds: int) -> Interval:
@@ -169,23 +196,6 @@ def wilson(share: float, worlds: int) -> Interval:
     middle = (share + spread / 2) / (1 + spread)
     half = Z / (1 + spread) * sqrt(share * (1 - share) / worlds + spread / (4 * worlds))
     return 0.0 if share == 0 else middle - half, 1.0 if share == 1 else middle + half
-
-
-def median_interval(ordered: Any, worlds: int) -> Interval:
-    """Return an interval of the median for any distribution: ranks n/2 ± z n / (2 sqrt(worlds)),
-    rounded outwards.
-
-    Below six worlds, even the smallest and the largest value enclose the median with less than 95
-    %: no interval.
-    """
-    n = len(ordered)
-    # Smallest number of worlds (draws) whose values enclose the median with 95 %: 1 - 2/2^6 is 97
-    # %, 1 - 2/2^5 is 94 %.
-    if worlds < 6:
-        return None, None
-    half = Z * n / (2 * sqrt(worlds))
-    low, high = floor(n / 2 - half), ceil(n / 2 + half)
-    return float(ordered[max(low - 1, 0)]), float(ordered[min(high, n - 1)])
 
 
 def percentile(ordered: Any, q: float) -> float | None:

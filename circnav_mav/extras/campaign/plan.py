@@ -18,6 +18,7 @@ import numpy as np
 from circnav_sim.config import ConfigError, VehicleConfig, parse_vehicle
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from circnav_mav.guidance.own_code import OwnCodeError
 from circnav_mav.mission.load import (
     MissionError,
     load_mission,
@@ -267,6 +268,10 @@ def prepare(campaign: Campaign, number: int) -> Run:
     mission = mission_of(table, where)
     if mission.file.sim is None or not mission.flies_sim:
         raise MissionError(f'{where}: link.endpoint: must stay "sim"')
+    try:
+        mission.import_own_code()
+    except OwnCodeError as error:
+        raise MissionError(f"{where}: {error}") from None
     return Run(number, values, mission, parse_vehicle(mission.file.sim, f"{where}: sim"))
 
 

@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from circnav_mav.extras.campaign.figures import figures, percentile
 from circnav_mav.extras.campaign.plan import START
-from circnav_mav.report.plots import STYLE, literal, save
+from circnav_mav.report.plots import PAGE, PAPER, literal, save
 
 Rows = Sequence[dict[str, str]]
 LOST = "#c8501e"
@@ -26,31 +26,37 @@ medians."""
 
 
 def plot_campaign(
-    folder: Path, rows: Rows, keys: Sequence[str], swept: Sequence[str], title: str
+    folder: Path,
+    rows: Rows,
+    keys: Sequence[str],
+    swept: Sequence[str],
+    title: str,
+    form: str = "png",
 ) -> tuple[list[Path], list[str]]:
     """Draw the pictures. Return their files, and a line for each that could not be drawn or
     written."""
     done: list[Path] = []
     problems: list[str] = []
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(PAPER):
         for name, draw in _pictures(rows, keys, swept, literal(title)):
+            path = folder / f"{name}.{form}"
             try:
-                save(draw(), folder / name)
-                done.append(folder / name)
+                save(draw(), path, dpi=200)
+                done.append(path)
             except Exception as error:  # a failed picture must not lose the results of the flights
                 reason = (
                     getattr(error, "strerror", None)
                     or " ".join(str(error).split())
                     or type(error).__name__
                 )
-                problems.append(f"{folder / name}: could not be drawn: {reason}")
+                problems.append(f"{path}: could not be drawn: {reason}")
     return done, problems
 
 
 def _pictures(
     rows: Rows, keys: Sequence[str], swept: Sequence[str], title: str
 ) -> Iterator[tuple[str, Callable[[], Figure]]]:
-    """Yield file names and their drawing functions."""
+    """Yield file names without suffix, and their drawing functions."""
     flown = [row for row in rows if row["rms_m"]]
     if (
         len(
@@ -59,15 +65,15 @@ def _pictures(
                 for row in rows
             }
         )
-        > 2
+        > 7
     ):
-        yield "starts.png", partial(_starts, [row for row in rows if row["start_range_m"]], title)
+        yield "starts", partial(_starts, [row for row in rows if row["start_range_m"]], title)
     if len(flown) > 1:
-        yield "distributions.png", partial(_distributions, rows, title)
+        yield "distributions", partial(_distributions, rows, title)
         for key in keys:
             if key not in START and len({row[key] for row in rows}) > 1:
                 yield (
-                    f"error-{re.sub(r'[^A-Za-z0-9]+', '-', key)}.png",
+                    f"error-{re.sub(r'[^A-Za-z0-9]+', '-', key)}",
                     partial(_against, rows, key, swept, title),
                 )
 
@@ -79,7 +85,7 @@ def _numbers(rows: Rows, key: str) -> Any:
 def _starts(rows: Rows, title: str) -> Figure:
     """Draw starting positions relative to the target and starting headings, colored by the share of
     kept flights."""
-    figure = Figure(figsize=(12, 5.5), layout="constrained")
+    figure = Figure(figsize=(PAGE, 3.5), layout="constrained")
     figure.suptitle(f"{title}: starts, and the share of flights kept")
     place, turned = figure.subplots(1, 2)
     r, bearing, heading = (
@@ -93,9 +99,7 @@ def _starts(rows: Rows, title: str) -> Figure:
     place.set(xlabel="east of the target, m", ylabel="north of the target, m")
     (away, off), style = _shares(kept, r, np.round((heading - bearing) % 360 - 180, 3))
     drawn = turned.scatter(off, away, **style)
-    off_line = (
-        "start heading off the line to the target, deg (0: towards the target, right positive)"
-    )
+    off_line = "start heading off the line to the target, deg\n(0: towards, right positive)"
     turned.set(
         xlim=(-180, 180), xticks=range(-180, 181, 60), xlabel=off_line, ylabel="start range, m"
     )
@@ -111,7 +115,7 @@ def _shares(kept: Any, *coordinates: Any) -> tuple[Any, dict[str, Any]]:
     return points.T, {
         "c": share,
         "s": float(np.clip(8000 / len(share), 5, 40)),
-        "cmap": "RdYlGn",
+        "cmap": "viridis",
         "vmin": 0,
         "vmax": 100,
         "edgecolors": "#555555",
@@ -121,7 +125,7 @@ def _shares(kept: Any, *coordinates: Any) -> tuple[Any, dict[str, Any]]:
 
 def _distributions(rows: Rows, title: str) -> Figure:
     """Draw the distributions of error, settling time and closest approach."""
-    figure = Figure(figsize=(12, 4), layout="constrained")
+    figure = Figure(figsize=(PAGE, 2.6), layout="constrained")
     found = figures(rows)
     rows = [row for row in rows if row["rms_m"]]
     others = (("not_engaged", "never engaged"), ("failed", "could not be flown"))
@@ -147,7 +151,7 @@ def _distributions(rows: Rows, title: str) -> Figure:
     error.set_ylabel("flights")
     labels = (
         "RMS radius error of the last third, m",
-        "time until the error stays within 5 %, s",
+        "time until within 5 % for good, s",
         "closest approach, m",
     )
     for axis, label in zip(figure.axes, labels, strict=True):
@@ -176,7 +180,7 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
 
     With exactly one other swept key, each of its values has its own line.
     """
-    figure = Figure(figsize=(8, 6.5), layout="constrained")
+    figure = Figure(figsize=(PAGE, 5.0), layout="constrained")
     figure.suptitle(f"{title}: error against {literal(key)}")
     error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     # Largest number of values of a key for which a picture has a line for each value; chosen.

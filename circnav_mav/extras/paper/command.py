@@ -8,17 +8,16 @@ from circnav_mav.extras.paper.paper import random_starts
 from circnav_mav.runlog.atomic_write import write_text
 
 
-def reproduce_paper(out: str, starts: int, seed: int) -> int:
+def reproduce_paper(out: str, starts: int, seed: int, form: str) -> int:
     """Fly the examples, draw the figures and print the table. Raises Refused."""
     folder = Path(out)
-    found = []
+    flown = random_starts(starts, seed)
     with refusing(folder):
         folder.mkdir(parents=True, exist_ok=True)
+        found = [paper.study(example, flown)[0] for example in paper.EXAMPLES]
+        shown = flown.only(paper.shown_start(found))
         for example in paper.EXAMPLES:
-            findings, tracks = paper.study(example, random_starts(starts, seed))
-            found.append(findings)
-            # Index of the start shown in the figures, at most the last one.
-            for path in paper.draw(folder, example, tracks, min(2, starts - 1)):
+            for path in paper.draw(folder, example, shown, form):
                 say(str(path))
         write_text(folder / "table.md", paper.table(found) + "\n")
     say(f"{folder / 'table.md'}\n\n{paper.table(found)}")

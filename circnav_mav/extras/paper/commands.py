@@ -2,7 +2,7 @@
 
 import click
 
-from circnav_mav.cli.describe import Folder, command
+from circnav_mav.cli.describe import FORMAT, Folder, command
 
 
 @command(
@@ -16,9 +16,11 @@ from circnav_mav.cli.describe import Folder, command
 @click.option(
     "--seed", type=click.IntRange(0), default=1, metavar="N", help="Seed of the random starts."
 )
+@FORMAT
 def paper() -> None:
     """Reproduce the three examples of the paper, as six figures and a table of predicted and
-    reached radius.
+    reached radius. The figures show the first start from which example 1 stays outside the circle
+    and settles before example 3.
 
     \b
     Example:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from circnav_mav.guidance import laws
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.report.plots import STYLE, save
+from circnav_mav.report.plots import COLUMN, PAPER, save
 from circnav_mav.runlog import many_flights
 
 Batch = NDArray[Any]
@@ -49,6 +49,11 @@ class Starts:
     def mirrored(self, count: int) -> "Starts":
         """Return the first `count` starts, reflected in the vertical line through the target."""
         return Starts(2 * TARGET[0] - self.x[:count], self.y[:count], np.pi - self.heading[:count])
+
+    def only(self, number: int) -> "Starts":
+        """Return one start."""
+        one = slice(number, number + 1)
+        return Starts(self.x[one], self.y[one], self.heading[one])
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +166,7 @@ class Findings:
     """Results of an example.
 
     settling: time to the band round the predicted radius for each start, s (inf: never).
+    outside: for each start, True if the track stays outside the circle (r >= r_d).
     rise: largest rise of the Lyapunov function in a step; None if the paper gives no function.
     mirror: largest distance between the track of a mirrored start and the mirror image of the
         original track, m.
@@ -170,6 +176,7 @@ class Findings:
     starts: int
     reached: tuple[float, float]
     settling: Batch
+    outside: Batch
     clockwise: int
     most_entries: int
     bearings: tuple[float, float]
@@ -192,6 +199,7 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
         len(starts.x),
         (float(last.min()), float(last.max())),
         many_flights.last_exit(tracks.time, tracks.r, example.predicted, 0.05 * R_D),
+        outside=entries(tracks.r, example.fed) == 0,
         clockwise=int((turning(tracks) < 0).sum()),
         most_entries=int(entries(tracks.r, example.fed).max()),
         bearings=(float(tracks.theta_b[-1].min()), float(tracks.theta_b[-1].max())),
@@ -200,6 +208,13 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
         mirrored_counterclockwise=int((turning(mirror) > 0).sum()),
     )
     return findings, tracks
+
+
+def shown_start(found: list[Findings]) -> int:
+    """Return the first start that shows what the paper says of its first example: r >= r_d, and the
+    smooth law settles before the switching one. 0 if there is none."""
+    smooth, *_, switching = found
+    return int((smooth.outside & (smooth.settling < switching.settling)).argmax())
 
 
 def turning(tracks: Tracks) -> Batch:
@@ -239,28 +254,31 @@ def lyapunov_rise(example: Example, tracks: Tracks) -> float | None:
     return float(np.diff(values, axis=0)[holds[1:] & holds[:-1]].max())
 
 
-def draw(folder: Path, example: Example, tracks: Tracks, start: int) -> list[Path]:
-    """Draw the two figures of an example in the paper's form. Raises OSError."""
-    paths = [folder / f"example_{example.number}_{kind}.png" for kind in ("track", "error")]
-    with mpl.rc_context(STYLE | {"font.size": 11}):
-        figure = Figure(figsize=(6, 6), layout="constrained")
+def draw(folder: Path, example: Example, start: Starts, form: str = "png") -> list[Path]:
+    """Draw the two figures of an example in the paper's form, from one start. Raises OSError."""
+    tracks = example.fly(start, 120.0)
+    paths = [folder / f"example_{example.number}_{kind}.{form}" for kind in ("track", "error")]
+    with mpl.rc_context(PAPER):
+        figure = Figure(figsize=(COLUMN, COLUMN), layout="constrained")
         axis = figure.subplots()
         angle = np.linspace(0, 2 * np.pi, 361)
         circle = TARGET[0] + R_D * np.cos(angle), TARGET[1] + R_D * np.sin(angle)
-        axis.plot(*circle, "k--", lw=1.5, zorder=3, label="desired")
-        axis.plot(tracks.x[:, start], tracks.y[:, start], color="#5b9bd5", lw=2.2, label="UAV")
-        axis.plot(tracks.x[0, start], tracks.y[0, start], "^", color="red", ms=11, label="start")
-        axis.plot(*TARGET, "k*", ms=10, label="target")
+        axis.plot(*circle, "k--", lw=1.0, zorder=3, label="desired")
+        axis.plot(tracks.x, tracks.y, color="#5b9bd5", lw=1.5, label="UAV")
+        axis.plot(tracks.x[0], tracks.y[0], "^", color="#d55e00", ms=7, label="start")
+        axis.plot(*TARGET, "k*", ms=7, label="target")
         axis.set_aspect("equal", adjustable="datalim")
-        axis.set(xlabel="x, m", ylabel="y, m", title=_title(example))
-        axis.legend(loc="upper right")
-        save(figure, paths[0], dpi=100)
-        figure = Figure(figsize=(6, 4), layout="constrained")
+        axis.set(xlabel="x, m", ylabel="y, m")
+        axis.set_title(_title(example), fontsize=8)
+        figure.legend(loc="outside lower center", ncols=4, frameon=False)
+        save(figure, paths[0], dpi=200)
+        figure = Figure(figsize=(COLUMN, 2.4), layout="constrained")
         axis = figure.subplots()
-        axis.plot(tracks.time, tracks.r[:, start] - R_D, color="#1f5fa8", lw=1.3)
+        axis.plot(tracks.time, tracks.r - R_D, color="#1f5fa8", lw=1.0)
         axis.axhline(0, color="black", lw=0.8)
-        axis.set(xlabel="time, s", ylabel="r - r_d, m", title=_title(example), xlim=(0, 120))
-        save(figure, paths[1], dpi=100)
+        axis.set(xlabel="time, s", ylabel="$r - r_d$, m", xlim=(0, 120))
+        axis.set_title(_title(example), fontsize=8)
+        save(figure, paths[1], dpi=200)
     return paths
 
 
@@ -283,6 +301,7 @@ def table(found: list[Findings]) -> str:
             [f"{np.isfinite(f.settling).sum()} of {f.starts}" for f in found],
         ),
         ("settling, median / 95 % / worst", [_settling(f.settling) for f in found]),
+        ("r >= law radius at all times", [f"{f.outside.sum()} of {f.starts}" for f in found]),
         ("clockwise", [f"{f.clockwise} of {f.starts}" for f in found]),
         (
             "enters the circle at most",
@@ -323,6 +342,6 @@ def _settling(times: Batch) -> str:
 
 def _title(example: Example) -> str:
     return (
-        f"Example {example.number}: {example.law} law, k = {example.k:g}, law radius"
-        f" {example.fed:.3f} m"
+        f"Example {example.number}: {example.law}, k = {example.k:g}"
+        f" {LAWS[example.law].gain_unit}, law radius {example.fed:.4g} m"
     )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
 
@@ -62,6 +62,7 @@ class MethodChange:
     settings: EstimatorSettings
 
 
+@runtime_checkable
 class Estimator(Protocol):
     """Estimates range and range rate at any time from range samples."""
 

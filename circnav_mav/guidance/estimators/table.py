@@ -1,10 +1,12 @@
 """Estimators by their names in mission files."""
 
 from collections.abc import Callable
+from typing import Any
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
+from circnav_mav.guidance.own_code import NameTable, checked
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 APART = 0.25
@@ -50,12 +52,22 @@ class MeasuredRate(Estimator):
         )
 
 
-ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator]] = {
+MakeEstimator = Callable[[EstimatorSettings], Estimator]
+
+
+def _own_estimator(name: str, make: Any) -> MakeEstimator:
+    form = "a function from EstimatorSettings to an Estimator"
+    return checked(name, make, form, lambda made: isinstance(made, Estimator))
+
+
+_BUILT_IN: dict[str, MakeEstimator] = {
     "kalman": KalmanRangeRate,
     "drift": DriftEstimator,
     "auto": AutoEstimator,
     "measured": MeasuredRate,
 }
+ESTIMATORS = NameTable("circnav.estimators", _BUILT_IN, _own_estimator)
+"""Estimators by their mission names."""
 
 
 def default_estimator(law_name: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from circnav_mav.api import tune
-from circnav_mav.extras.bench.bench import evaluate, run
+from circnav_mav.extras.bench.bench import evaluate, rms_errors, run
 from circnav_mav.extras.bench.flight import ROWS, Track
 from circnav_mav.extras.bench.situations import ORBIT, SITUATIONS, TURN_LAG
 from circnav_mav.extras.bench.table import draw, line, markdown
@@ -73,7 +73,7 @@ def cell():
         )
         for i in range(5)
     ]
-    return evaluate(SITUATIONS["calm"], "auto", tracks, 0.0)
+    return evaluate(SITUATIONS["calm"], "auto", tracks, 0.0, rms_errors(tracks) - 2.0)
 
 
 def test_cell_figures_match_hand_calculation(cell):
@@ -90,20 +90,21 @@ def test_cell_figures_match_hand_calculation(cell):
     )
     assert (cell.range_rmse, cell.rate_rmse) == pytest.approx((0.1, 0.2))
     assert (cell.nees_mean, cell.nees_in_band) == pytest.approx((3.01 / 4, 0.75))
-    assert "kept    2 of 5  wrong way 1  RMS   1.000 p95  300.000 (<= 0.12)" in line(cell)
+    shown = "RMS   1.000 p95  300.000 (<= 0.12), minus the first law's +2.000"
+    assert f"kept    2 of 5  wrong way 1  {shown}" in line(cell)
     assert "| calm | 2 of 5 | **1.000** / 300.000 / 300.00;" in markdown([cell])
 
 
-def test_picture_of_single_law_shows_title_and_lost_cells(cell, monkeypatch):
+def test_picture_of_single_law_shows_scale_and_lost_cells(cell, monkeypatch):
     figures = []
     monkeypatch.setattr(plots, "save", lambda figure, path, dpi: figures.append(figure))
     kept = [replace(cell, situation=str(rms), rms_median=rms, kept=5) for rms in (299.0, 301.0)]
     draw(kept, Path("table.png"))
     (figure,) = figures
     figure.draw_without_rendering()
-    title = figure.axes[0].title.get_window_extent()
-    assert figure.bbox.x0 <= title.x0 < title.x1 <= figure.bbox.x1
-    assert [text.get_text() for text in figure.axes[0].texts] == ["299.00", "lost"]
+    scale = figure.axes[1].yaxis.label.get_window_extent()
+    assert figure.bbox.y0 <= scale.y0 < scale.y1 <= figure.bbox.y1
+    assert [text.get_text() for text in figure.axes[0].texts] == ["299", "lost"]
 
 
 def test_cells_finish_in_order_until_output_closes():

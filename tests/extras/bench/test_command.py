@@ -6,11 +6,11 @@ CELL = ("bench", "--law", "smooth", "--situation", "calm")
 
 
 def test_bench_writes_table_and_picture(circnav, tmp_path):
-    out = circnav(*CELL, "--flights", "2", "--out", tmp_path).done
+    out = circnav(*CELL, "--flights", "2", "--out", tmp_path, "--format", "pdf").done
     assert "kept    2 of 2" in out
     assert "ideal times" in out
     assert (tmp_path / "table.csv").read_text().startswith("situation,policy,flights,kept")
-    assert (tmp_path / "table.png").exists()
+    assert (tmp_path / "table.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_bench_rejects_unwritable_output_before_flights(circnav, tmp_path, monkeypatch):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from circnav_mav.extras.campaign.command import _print_figures
-from circnav_mav.extras.campaign.figures import figures, median_interval, summarize, wilson
+from circnav_mav.extras.campaign.figures import figures, summarize, wilson
 from circnav_mav.extras.campaign.plots import _against, _distributions, _starts, plot_campaign
+from circnav_mav.runlog.many_flights import median_interval
 
 TURN = {
     "turn_std_deg_s": "1",
@@ -89,6 +90,16 @@ def test_summary_counts_flights_and_worlds_by_value():
     ) == (1.0, 0.25, 0.2)
     assert rows_of_summary[0]["settled_p95"] == 5.0 and figures(rows[:1])["settled_median"] is None
     json.dumps(summary, allow_nan=False)
+
+
+def test_paired_difference_removes_spread_of_shared_draws():
+    """Two laws in 20 worlds of very different difficulty; the second is worse by 0.1 m in each."""
+    worlds = np.random.default_rng(2).uniform(1.0, 50.0, 20)
+    rows = rows_of([True] * 40, np.column_stack([worlds, worlds + 0.1]).ravel(), 2)
+    by = summarize([*rows, never_engaged(40, "0")], {"k": ("0", "1")})["by"]["k"]
+    assert "pairs" not in by["0"]
+    assert (by["1"]["pairs"], by["1"]["difference_median"]) == (20, pytest.approx(0.1, abs=1e-3))
+    assert by["1"]["difference_interval"] == pytest.approx((0.1, 0.1), abs=1e-3)
 
 
 # --- pictures ---
@@ -176,7 +187,7 @@ def test_start_picture_shows_share_kept():
 def test_names_with_dollars_are_no_formula(tmp_path):
     rows = [
         row | dict.fromkeys(("start_range_m", "start_bearing_deg", "start_heading_deg"), row["run"])
-        for row in rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0], 2)
+        for row in rows_of([True] * 8, [1.0, 2.0, 3.0, 4.0] * 2, 2)
     ]
     rows = [row | {"k": f"$_{{{row['k']}$"} for row in rows]
     drawn, problems = plot_campaign(tmp_path, rows, ["k"], ["k"], "cost $_{\\x $")

@@ -12,6 +12,7 @@ from circnav_mav.extras.paper.paper import (
     entries,
     lyapunov,
     random_starts,
+    shown_start,
     study,
     table,
 )
@@ -89,6 +90,23 @@ def test_paper_command_writes_six_figures_and_table(circnav, tmp_path):
     assert names == {
         f"example_{n}_{kind}.png" for n in (1, 2, 3) for kind in ("track", "error")
     } | {"table.md"}
+
+
+def test_shown_start_stays_outside_and_settles_before_switching_law(studied):
+    found = [findings for findings, _ in studied.values()]
+    shown = shown_start(found)
+    assert studied[1][1].r[:, shown].min() >= R_D
+    assert found[0].settling[shown] < found[2].settling[shown]
+
+
+def test_figures_are_vectors_without_a_date(circnav, tmp_path):
+    for form, magic in (("pdf", b"%PDF"), ("svg", b"<?xml")):
+        files = []
+        for folder in ("one", "two"):
+            circnav("paper", "--starts=1", "--format", form, "--out", tmp_path / folder)
+            files.append((tmp_path / folder / f"example_1_track.{form}").read_bytes())
+        assert files[0].startswith(magic)
+        assert files[0] == files[1]
 
 
 def test_wrong_usage_is_refused_and_writes_nothing(circnav, mission):

@@ -220,6 +220,11 @@ METHODS: dict[str, Callable[[Beacon], Estimate]] = {
 }
 
 
+HEADER = (
+    "| method | error, median / worst, m | sigma, median / worst, m | inside | CPU s a beacon |"
+)
+
+
 def row(name: str, method: Callable[[Beacon], Estimate], given: list[Beacon], *, each: bool) -> str:
     """Return the line of the table for a method. each: True to add the error at each beacon."""
     began = time.process_time()
@@ -259,10 +264,7 @@ def main() -> None:
             "the data are in the wheel of gtsam: pip install -e '.[survey-bench]', or give --data"
         )
     given = list(beacons(options.data or Path(str(spec and spec.origin)).parent / "Data"))
-    print(
-        "| method | error, median / worst, m | sigma, median / worst, m | inside | CPU s a beacon |"
-        " each beacon, m |"
-    )
+    print(HEADER + " each beacon, m |")
     print("|---|---|---|---|---|---|")
     for name in options.method or METHODS:
         print(row(name, METHODS[name], given, each=True), flush=True)

@@ -3,9 +3,11 @@ change."""
 
 import socket
 import threading
+from dataclasses import replace
 
 import pytest
 
+from circnav_mav.extras.bench.situations import SITUATIONS
 from tests.rig import Voice, heartbeat
 from tests.tools.bench import (
     bench_estimators,
@@ -14,6 +16,7 @@ from tests.tools.bench import (
     bench_loop,
     bench_sigterm,
     bench_start,
+    citable,
 )
 from tests.tools.bench.on_port import VehicleOnPort
 from tests.tools.fault_link.frames import message_id
@@ -110,3 +113,19 @@ def test_bench_locate_row_and_processor_time():
         " its top) | 0 | 1, 0.20"
     )
     assert bench_start.processor_time(["-c", "pass"]) > 0
+
+
+def test_citable_folder_has_table_versions_and_references(tmp_path, monkeypatch):
+    names = [one.name for one in bench_locate.SITUATIONS]
+    result = bench_locate.Result(1.6, 1.0, 1.4, 1.0, (1.0, 2.0), None, None)
+    monkeypatch.setattr(citable, "places", lambda flights: {name: [result] for name in names})
+    monkeypatch.setitem(SITUATIONS, "calm", replace(SITUATIONS["calm"], duration=125.0))
+    cells = [("calm", "smooth")]
+    citable.write(tmp_path, flights=1, place_flights=1, seed=7, cells=cells)
+    page = (tmp_path / "README.md").read_text()
+    assert "Seed 7, 1 flights a cell" in page
+    assert "| calm | " in page
+    assert "| 1.6 / 1.6 |" in page
+    assert "| numpy | " in page
+    assert {path.suffix for path in tmp_path.iterdir()} == {".csv", ".md", ".pdf", ".png", ".bib"}
+    assert "2606.00075" in (tmp_path / "CITATION.bib").read_text()

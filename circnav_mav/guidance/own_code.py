@@ -1,0 +1,72 @@
+"""Laws and estimators by name: built-in ones, and code of one's own, by entry point or
+`module:name`."""
+
+import re
+from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
+from pkgutil import resolve_name
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+REFERENCE = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
+"""Form of `module:name`. Mission files come from other people: only a module on Python's search
+path can be named, never a file."""
+FAILURES = (Exception, SystemExit)
+"""Exceptions that code of one's own may raise while it is loaded."""
+
+
+class OwnCodeError(ValueError):
+    """Code of one's own that is missing or does not fit. The message is one line."""
+
+
+class NameTable(dict[str, T]):
+    """Built-in values by name. The code behind any other name is imported at its first lookup.
+
+    group: entry-point group.
+    adapt: function from a name and the imported object to a value of the table.
+    """
+
+    def __init__(
+        self, group: str, built_in: Mapping[str, T], adapt: Callable[[str, Any], T]
+    ) -> None:
+        super().__init__(built_in)
+        self._group = group
+        self._adapt = adapt
+        self._imported: dict[str, T] = {}
+
+    def names(self) -> list[str]:
+        """Return all names except those of the form `module:name`."""
+        return [*self, *sorted(entry_points(group=self._group).names)]
+
+    def knows(self, name: str) -> bool:
+        """True if a name may be looked up. Its code is not imported."""
+        return REFERENCE.fullmatch(name) is not None or name in self.names()
+
+    def __missing__(self, name: str) -> T:
+        """Return the value of code of one's own. Raises KeyError, OwnCodeError."""
+        if name in self._imported:
+            return self._imported[name]
+        if not self.knows(name):
+            raise KeyError(name)
+        try:
+            installed = entry_points(group=self._group, name=name)
+            found = next(iter(installed)).load() if installed else resolve_name(name)
+        except FAILURES as error:
+            raise OwnCodeError(f"{name} cannot be imported: {error!r}") from None
+        self._imported[name] = self._adapt(name, found)
+        return self._imported[name]
+
+
+def checked(name: str, make: Any, form: str, fits: Callable[[Any], bool]) -> Callable[[Any], Any]:
+    """Return `make` with its result checked. It raises OwnCodeError with the required form."""
+
+    def made_by(argument: Any) -> Any:
+        try:
+            made = make(argument)
+        except FAILURES as error:
+            raise OwnCodeError(f"{name} must be {form}: {error!r}") from None
+        if not fits(made):
+            raise OwnCodeError(f"{name} must be {form}, but it returns {made!r:.60}")
+        return made
+
+    return made_by

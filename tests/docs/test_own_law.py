@@ -1,0 +1,115 @@
+"""Law and estimator of docs/own-law.md: by name in the benchmark, in missions and on a vehicle."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from circnav_mav import Direction, Guidance, Orbit
+from circnav_mav.extras.bench.flight import fly
+from circnav_mav.extras.bench.situations import SITUATIONS
+from circnav_mav.extras.campaign.plan import load_campaign, prepare
+from circnav_mav.guidance.own_code import OwnCodeError
+from circnav_mav.mission.load import MissionError, parse_mission
+from circnav_mav.pilot import Ending
+from tests import small_mission
+from tests.command_line import circnav, undrawn
+from tests.docs.test_printed_commands import write_modules
+from tests.flight.recorded import recorded_flight
+from tests.process import ROOT
+
+__all__ = ["circnav", "undrawn"]
+
+PAGE = ROOT / "docs" / "own-law.md"
+ORBIT = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
+
+
+@pytest.fixture(autouse=True)
+def modules(tmp_path, monkeypatch):
+    """A folder on the search path with the module of the page, and with laws that do not work."""
+    write_modules(PAGE, tmp_path)
+    (tmp_path / "wrong.py").write_text(
+        "def estimate(estimate): return estimate.r\n"
+        "def number(orbit): return 1.0\n"
+        "def nan(orbit): return lambda estimate: float('nan')\n"
+        "def crash(orbit): return lambda estimate: 1 / 0\n"
+    )
+    package = tmp_path / "spiral-1.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Name: spiral\nVersion: 1\n")
+    (package / "entry_points.txt").write_text("[circnav.laws]\nspiral = mine:law\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("mine", "wrong"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    return tmp_path
+
+
+@pytest.mark.parametrize("flight", [0, 1])
+@pytest.mark.parametrize("policy", ["mine:law", "mine:law+mine:Observer", "spiral+auto"])
+def test_own_law_and_estimator_keep_circle_in_benchmark(policy, flight):
+    calm = replace(SITUATIONS["calm"], start=(80.0, 160.0), duration=110.0)
+    track = fly(calm, policy, 1, flight)
+    end = track.time > 80
+    assert track.rows["r"][end] == pytest.approx(100.0, abs=3.0)
+    assert np.sign(np.unwrap(track.rows["angle"][end])[[0, -1]] @ [-1, 1]) == track.sense
+
+
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [
+        ("mine:lew", "mine:lew cannot be imported: AttributeError"),
+        ("no_such_module:law", "cannot be imported: ModuleNotFoundError"),
+        ("wrong:estimate", "must be a function from the circle to a law.*AttributeError"),
+        ("wrong:number", "must be a function from the circle to a law.*returns 1.0"),
+    ],
+)
+def test_unusable_law_is_explained(name, error, circnav):
+    with pytest.raises(OwnCodeError, match=error):
+        Guidance(ORBIT, name)
+    ran = circnav("check", "quickstart", "--set", f"guidance.law={name}")
+    assert (ran.code, "FAIL  own code" in ran.out) == (2, True)
+
+
+@pytest.mark.parametrize(
+    "name", ["./mine.py:law", "/tmp/mine:law", "mine.py", "mine:law.__globals__"]
+)
+def test_mission_names_modules_only(name):
+    with pytest.raises(MissionError, match="is not one of 'smooth'"):
+        parse_mission(small_mission.TEXT, "small.toml", [f"guidance.law={name}"])
+
+
+def test_own_code_steers_vehicle_only_with_permission():
+    """The module does not exist: its code is not imported to read a mission."""
+    own = ["guidance.law=absent:law", "guidance.estimator=absent:Filter"]
+    with pytest.raises(MissionError, match=r"own_code_on_vehicle = true"):
+        parse_mission(small_mission.TEXT, "small.toml", own)
+    permitted = parse_mission(
+        small_mission.TEXT, "small.toml", [*own, "guidance.own_code_on_vehicle=true"]
+    )
+    assert permitted.own_code == ["absent:law", "absent:Filter"]
+
+
+def test_campaign_varies_own_laws_and_refuses_missing_ones(modules, circnav):
+    file = modules / "laws.toml"
+    text = f'mission = "{ROOT}/config/campaign_mission.toml"\nruns = 2\n[vary]\n"guidance.law" = '
+    file.write_text(f'{text}["smooth", "mine:law"]')
+    assert prepare(load_campaign(file), 1).mission.own_code == ["mine:law"]
+    file.write_text(f'{text}["smooth", "mine:lew"]')
+    assert "mine:lew cannot be imported" in circnav("campaign", file).refused
+
+
+def test_law_that_returns_nan_ends_flight_with_exit_action(tmp_path):
+    flight = recorded_flight(tmp_path / "run", "quickstart", "guidance.law=wrong:nan").fly(20)
+    flight.recorder.close()
+    assert flight.pilot.mission.outcome.ending is Ending.ABORTED
+    assert "unsafe setpoint not sent" in flight.pilot.mission.outcome.reason
+    assert flight.pilot.done
+
+
+def test_law_that_raises_ends_flight_with_safe_setpoint(circnav, undrawn, tmp_path):
+    ran = circnav(
+        "fly", "quickstart", "--set", "guidance.law=wrong:crash", "--out", tmp_path / "run"
+    )
+    assert ran.code == 1
+    assert "ZeroDivisionError" in ran.line
