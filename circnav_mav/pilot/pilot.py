@@ -17,7 +17,15 @@ from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
-from circnav_mav.guidance.watches import DriftAlarm, WayAlarm, breach, watch_drift, watch_way
+from circnav_mav.guidance.watches import (
+    DriftAlarm,
+    LapAlarm,
+    WayAlarm,
+    breach,
+    watch_drift,
+    watch_lap,
+    watch_way,
+)
 from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import GRAVITY, YawRate
@@ -81,6 +89,7 @@ class Pilot:
         laws."""
         self._drift_alarm = DriftAlarm()
         self._way_alarm = WayAlarm()
+        self._lap_alarm = LapAlarm()
         self._rates = RateMeter()
         self.allowance = Allowance()
         self.second_controller = SecondController(session, self.mission)
@@ -454,6 +463,9 @@ class Pilot:
         self._way_alarm = watch_way(
             self._way_alarm, estimate if engaged else None, controller.orbit
         )
+        # Three standard deviations of the airspeed.
+        tolerance = max(3 * self.settings.tuning.estimation.scale_sigma, 0.1)
+        self._lap_alarm = watch_lap(self._lap_alarm, estimate if engaged else None, tolerance)
         if command is not None and (
             command.flies or not LAWS[controller.law].flies_relative_motion
         ):
@@ -519,6 +531,7 @@ class Pilot:
             gps_lost=None if self.gps_loss.changed_at is None else self.gps_loss.failure,
             drift_alarm=self._drift_alarm,
             way_alarm=self._way_alarm,
+            lap_alarm=self._lap_alarm,
             circle=controller.circle,
             law=self._law,
             why=self._why,

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.guidance.watches import DriftAlarm, WayAlarm
+from circnav_mav.guidance.watches import DriftAlarm, LapAlarm, WayAlarm
 from circnav_mav.pilot.mission_state import STEERING, Outcome, Phase
 from circnav_mav.pilot.rates import Rates
 from circnav_mav.pilot.record import TickRecord
@@ -93,6 +93,7 @@ class StepView:
     """State of the flight by attitude after the loss of the GPS, None before it."""
     drift_alarm: DriftAlarm
     way_alarm: WayAlarm
+    lap_alarm: LapAlarm
 
     # steering
     circle: Orbit
