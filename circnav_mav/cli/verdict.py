@@ -57,8 +57,8 @@ def _circle(summary: dict[str, Any]) -> list[str]:
     of_these = f" ({steered:.0f} s steered)" if flown - steered > NOTABLE else ""
     circles = summary["circles"]
     lines = [
-        f"  before     circle of {circle['desired_radius_m']:g} m, begun at {circle['begun_s']:.0f}"
-        f" s: {_figures(circle, circle['desired_radius_m'])}"
+        f"  before     circle of {circle['desired_radius_m']:g} m {circle['direction']}, begun at"
+        f" {circle['begun_s']:.0f} s: {_figures(circle, circle['desired_radius_m'])}"
         for circle in circles[:-1]
     ]
     lines.append(

@@ -51,9 +51,9 @@ def judge_ranging(mission: Mission, listener: PreflightListener) -> Iterator[Che
 def _received(mission: Mission, listener: PreflightListener) -> Check:
     message = mission.file.ranging.message.upper()
     if not listener.ranges:
-        if listener.carriers:
+        if carriers := listener.carriers or listener.other_ranging:
             received = "; ".join(
-                f"{count} of {sender}" for sender, count in sorted(listener.carriers.items())
+                f"{count} of {sender}" for sender, count in sorted(carriers.items())
             )
             return Check(
                 FAIL,

@@ -215,7 +215,7 @@ class Pilot:
         self._watch_following(now)
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
-        desired = self.controller.circle.radius
+        circle = self.controller.circle
         self.estimate = estimate
         self.tracker.estimate = estimate
         command = self.controller.command(
@@ -237,7 +237,7 @@ class Pilot:
             estimate,
             command,
             yaw_rate if was_sent else None,
-            desired=desired,
+            circle=circle,
             session=self.session,
             tracker=self.tracker,
             controller=self.controller,

@@ -95,8 +95,13 @@ def verdict_of(**changes: Any) -> str:
             "1200 sent\n  target     found\n  WARNING    lost\n",
         ),
         (
-            {"circles": [{**FIGURES, "desired_radius_m": 80.0, "begun_s": 2.0}, {}]},
-            "80 m, begun at 2 s: settled",
+            {
+                "circles": [
+                    {**FIGURES, "desired_radius_m": 80.0, "direction": "clockwise", "begun_s": 2.0},
+                    {},
+                ]
+            },
+            "80 m clockwise, begun at 2 s: settled",
         ),
     ],
 )

@@ -31,8 +31,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 REQUIRED = ("time", "latitude", "longitude", "range")
 HEADER = (
     "the first line must name, separated by commas or semicolons, time (s or ISO 8601), latitude,"
-    " longitude (degrees) and range (m), and may name altitude, sigma, tag; a unit is a suffix: range_ft,"
-    " time_ms"
+    " longitude (degrees) and range (m), and may name altitude, sigma, tag; a unit is a suffix:"
+    " range_ft, time_ms"
 )
 ONE_TAG = "target"
 LEAST_SIGMA = 1e-3
