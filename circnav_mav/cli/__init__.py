@@ -74,7 +74,7 @@ class Commands(click.Group):
         return command
 
 
-@click.group(cls=Commands, context_settings=CONTEXT)
+@click.group(cls=Commands, context_settings=CONTEXT, invoke_without_command=True)
 @click.version_option(__version__, prog_name="circnav")
 def circnav() -> None:
     """Circle a radio beacon with nothing but the distance to it, over MAVLink.
@@ -105,6 +105,9 @@ def circnav() -> None:
         5    flown to its end, but the recording is incomplete (disk full or too slow, or 2000 MB)
         130  interrupted (after a safe setpoint)
     """
+    context = click.get_current_context()
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
 
 
 command = partial(described, group=circnav)
@@ -128,7 +131,12 @@ def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callabl
 @ENDPOINT
 @SET
 @click.option("--speed", type=Finite(0.01, 100), metavar="N", help=SPEED_HELP)
-@click.option("--duration", type=float, metavar="S", help="Flight time after engaging, s.")
+@click.option(
+    "--duration",
+    type=Finite(0, min_open=True),
+    metavar="S",
+    help="Flight time after engaging, s.",
+)
 @click.option(
     "--out", type=Folder(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]"
 )
@@ -146,7 +154,9 @@ def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callabl
 def fly() -> None:
     """Fly MISSION, show it live, and record it in a run folder.
 
-    MISSION is a file, or the name of a bundled mission: quickstart, copter, plane, px4-copter.
+    MISSION is a file, or the name of a bundled mission: quickstart; copter, plane, rover, home,
+    home-copter, copter-nogps (ArduPilot); px4-copter, px4-copter-nogps, px4-plane; paper-example-1,
+    -2, -3; campaign-mission, vehicle-udp.
 
     Switch to any other flight mode and circnav stops sending immediately. Ctrl-C ends the flight
     safely.
@@ -199,9 +209,10 @@ def check() -> None:
 @ENDPOINT
 @SET
 @click.option("--seconds", type=float, default=10.0, metavar="N", help="Duration, s.")
+@click.option("-v", "--verbose", is_flag=True, help="Print every line that passes, too.")
 def preflight() -> None:
-    """Check vehicle and ranging of MISSION; send no command. Prints PASS, WARN or FAIL for each
-    point.
+    """Check vehicle and ranging of MISSION; send no command. Prints what it measured, and WARN or
+    FAIL for each point that does not pass.
 
     Checks identity, mode, streams, range noise and age, clocks, and the autopilot's parameters.
     Exit codes: 0 no FAIL, 2 bad mission, 3 no vehicle received, 4 at least one FAIL.
@@ -300,7 +311,7 @@ def params() -> None:
     Examples, then load it with Mission Planner, MAVProxy (param load) or QGroundControl:
         circnav params plane.toml > plane.param
         circnav params plane.toml --format qgroundcontrol > plane.params
-        circnav params px4_copter > copter.params
+        circnav params px4-copter > copter.params
     """
 
 

@@ -53,8 +53,16 @@ def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
     except KeyFileError as error:
         raise Refused(f"{path}: signing.key_file: {error}") from None
     except (MissionError, LinkError, ValueError) as error:
-        raise Refused(str(error)) from None
+        raise Refused(_with_options(str(error), path, overrides)) from None
     return mission
+
+
+def _with_options(error: str, path: str, overrides: tuple[str, ...]) -> str:
+    """Return an error that names the options --set that it is about, instead of the file."""
+    given = [one for one in overrides if one.partition("=")[0].strip() in error]
+    if not given or error.startswith("--set"):
+        return error
+    return f"--set {' --set '.join(given)}: {error.removeprefix(f'{path}: ')}"
 
 
 def all_checks(mission: Mission) -> list[Check]:

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from circnav_mav import __version__
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.extension import extensions, load
+from circnav_mav.guidance.types import Direction
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.report.page import write_report
@@ -77,7 +78,12 @@ def _page(run: Run, mission: Mission) -> None:
         summary["recording_problem"] = "; ".join(
             filter(None, (summary["recording_problem"], run.damage_text))
         )
-    circles = mission.orbit.words()
+    asked = replace(
+        mission.orbit,
+        radius=summary["desired_radius_m"],
+        direction=Direction(summary["direction"]),
+    )
+    circles = asked.words()
     gate = mission.estimation.gate
     write_report(
         run,

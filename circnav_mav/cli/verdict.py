@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from circnav_mav.guidance.maths import radius_sensitivity
 from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
 from circnav_mav.pilot.conditions import clock_alarm, limit_cycle_alarm
 
@@ -56,8 +57,8 @@ def _circle(summary: dict[str, Any]) -> list[str]:
     of_these = f" ({steered:.0f} s steered)" if flown - steered > NOTABLE else ""
     circles = summary["circles"]
     lines = [
-        f"  before     circle of {circle['desired_radius_m']:g} m, begun at {circle['begun_s']:.0f}"
-        f" s: {_figures(circle, circle['desired_radius_m'])}"
+        f"  before     circle of {circle['desired_radius_m']:g} m {circle['direction']}, begun at"
+        f" {circle['begun_s']:.0f} s: {_figures(circle, circle['desired_radius_m'])}"
         for circle in circles[:-1]
     ]
     lines.append(
@@ -65,6 +66,7 @@ def _circle(summary: dict[str, Any]) -> list[str]:
         " last third:"
     )
     lines.append(f"  estimated  {_figures(summary, desired)}")
+    lines.append(f"  rests on   {_basis(desired, summary.get('height_max_m'))}")
     if truth is not None:
         lines.append(f"  truth      {_figures(truth, desired)}")
         right = "as desired" if truth["direction"] == summary["direction"] else "NOT AS DESIRED"
@@ -77,6 +79,12 @@ def _circle(summary: dict[str, Any]) -> list[str]:
         commanded = summary["direction_commanded"] or "none"
         lines.append(f"  rotation   {commanded} commanded; ranges cannot confirm the direction")
     return lines + _turn(summary)
+
+
+def _basis(radius: float, height: float | None) -> str:
+    """Return the values that the estimated radius cannot reveal as wrong."""
+    given = "no height, ranges taken as horizontal" if height is None else f"height {height:.1f} m"
+    return f"the radio, and {given}; {radius_sensitivity(radius, height or 0.0)}"
 
 
 def _turn(summary: dict[str, Any]) -> list[str]:

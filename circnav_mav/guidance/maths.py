@@ -45,6 +45,18 @@ def horizontal(slant: float, sigma: float, height: float) -> tuple[float, float]
     return None if growth > MAX_SIGMA_GROWTH else (rho, sigma * growth)
 
 
+def radius_sensitivity(radius: float, height: float) -> str:
+    """Return the radius errors due to errors of height and ranges, as text. radius, height: m.
+
+    rho^2 = slant^2 - height^2, so that d rho = slant/rho d slant - height/rho dh.
+    """
+    share = abs(height) / radius
+    return (
+        f"1 m of height: {share:.2f} m of radius, 1 m of range offset:"
+        f" {math.hypot(1.0, share):.2f} m of radius"
+    )
+
+
 def horizontal_rate(
     slant: float, rate: float, sigma: float, height: float
 ) -> tuple[float, float] | None:

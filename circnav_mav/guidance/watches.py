@@ -1,12 +1,13 @@
-"""Monitors beside the law: mission bounds, alarms for too strong a drift, for a wrong airspeed and
-for no way made."""
+"""Monitors beside the law: mission bounds, alarms for too strong a drift, for a wrong airspeed, for
+no way made, and for ranges that contradict the turns."""
 
 from cmath import rect
 from dataclasses import dataclass
-from math import exp, pi
+from math import exp, inf, pi
 from typing import NamedTuple
 
 from circnav_mav.guidance.laws import tolerated_drift
+from circnav_mav.guidance.maths import wrap
 from circnav_mav.guidance.types import Orbit, RangeEstimate
 
 
@@ -159,3 +160,61 @@ def watch_way(alarm: WayAlarm, estimate: RangeEstimate | None, orbit: Orbit) -> 
     drift = None if motion is None else motion.drift
     airspeed = orbit.speed if motion is None else motion.airspeed
     return WayAlarm(blocks, estimate.time, estimate.r, drift, airspeed)
+
+
+class LapAlarm(NamedTuple):
+    """Alarm for ranges that contradict the turns of a vehicle that circles the target.
+
+    newest: newest estimate, None while the vehicle is not engaged.
+    turned: turn of the heading since the beginning of the lap, rad.
+    path: way through the air since then, m.
+    least, most: bounds of the range since then, m.
+    by_ranges, by_turns: radius of the newest lap by ranges, and by airspeed and turns, m.
+    on: True while raised.
+    """
+
+    newest: RangeEstimate | None = None
+    turned: float = 0.0
+    path: float = 0.0
+    least: float = inf
+    most: float = 0.0
+    by_ranges: float = 0.0
+    by_turns: float = 0.0
+    on: bool = False
+
+
+def watch_lap(alarm: LapAlarm, estimate: RangeEstimate | None, tolerance: float) -> LapAlarm:
+    """Return the alarm after an estimate, None while the vehicle is not engaged.
+
+    An offset of the radio or an error of the height changes the flown radius, which the ranges do
+    not show. The airspeed and the time of a lap do. tolerance: share of the radius.
+    """
+    if estimate is None:
+        return LapAlarm()
+    motion = estimate.relative
+    if motion is None:
+        return alarm
+    before = alarm.newest
+    lap = LapAlarm(estimate, by_ranges=alarm.by_ranges, by_turns=alarm.by_turns, on=alarm.on)
+    if before is None or before.relative is None or estimate.time - before.time > 5.0:
+        return lap
+    # The estimated scale of the airspeed adapts to wrong ranges. The measured airspeed does not.
+    airspeed = motion.airspeed / motion.scale
+    turned = alarm.turned + wrap(motion.heading - before.relative.heading)
+    path = alarm.path + airspeed * (estimate.time - before.time)
+    least = min(alarm.least, estimate.r)
+    most = max(alarm.most, estimate.r)
+    # A vehicle whose range changes during a full turn does not circle the target.
+    if most - least > 0.1 * least:
+        return lap
+    if abs(turned) < 2 * pi:
+        return lap._replace(turned=turned, path=path, least=least, most=most)
+    # Mean time of a lap in a drift that is a share w of the airspeed: (1 - w^2/4)/(1 - w^2) times
+    # the time in still air, up to terms of fourth order.
+    w = min(motion.drift / airspeed, 0.9) if motion.trusted else 0.0
+    by_turns = path / (2 * pi) * (1 - w**2) / (1 - w**2 / 4)
+    if most - least > 0.1 * by_turns:
+        return lap
+    by_ranges = (most + least) / 2
+    on = abs(by_turns / by_ranges - 1) > tolerance
+    return lap._replace(by_ranges=by_ranges, by_turns=by_turns, on=on)

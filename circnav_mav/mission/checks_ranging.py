@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from math import hypot, inf, sqrt
 
-from circnav_mav.guidance.maths import MAX_SIGMA_GROWTH
+from circnav_mav.guidance.maths import MAX_SIGMA_GROWTH, radius_sensitivity
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.mission import Mission
@@ -13,9 +13,6 @@ LOOP_BOUND = 0.4
 rate r'. Above about 0.45 the laws oscillate in a limit cycle."""
 REACH = 0.8
 """Largest range on the circle, as a share of the maximum range."""
-HEIGHT_COST = 0.3
-"""Radius error per height error (m/m) above which the height must be accurate: a height that is
-wrong by a few meters then causes a radius error of 1 m or more."""
 ROOM = 0.1
 """Least distance between the circle and the bounds of the range, as a share of the radius."""
 
@@ -167,23 +164,7 @@ def _slant(mission: Mission) -> Iterator[Check]:
         growth = sqrt(radius**2 + height**2) / radius
         counts = (
             f"removing the height multiplies the range noise by {growth:.2f} (at most"
-            f" {MAX_SIGMA_GROWTH:g})"
+            f" {MAX_SIGMA_GROWTH:g}). {radius_sensitivity(radius, height)}"
         )
         grade = graded(growth, warn_above=1.5, fail_above=MAX_SIGMA_GROWTH)
         yield Check(grade, "height", f"{height:g} m above the target: {counts}")
-        yield height_cost(mission, height)
-
-
-def height_cost(mission: Mission, height: float) -> Check:
-    """Return the check of the radius error due to a height error.
-
-    Horizontal range rho, height h: rho^2 = slant^2 - h^2, so that d rho = -h/rho dh.
-    """
-    cost = abs(height) / mission.orbit.radius
-    words = (
-        f"1 m of error in the height above the target ({height:.1f} m) changes the radius by"
-        f" {cost:.2f} m"
-    )
-    return Check(
-        WARN if cost > HEIGHT_COST else PASS, "height cost", f"{words} (WARN above {HEIGHT_COST:g})"
-    )

@@ -208,7 +208,9 @@ def _without(mission: Mission, listener: PreflightListener, name: str) -> tuple[
         return FAIL, "the airspeed is measured by it"
     if name == "SYS_STATUS" and mission.file.bounds.min_battery_percent is not None:
         return FAIL, "bounds.min_battery_percent needs it"
-    return (WARN, _WITHOUT[name]) if name in _WITHOUT else (FAIL, "the ranges arrive in it")
+    if name == mission.file.ranging.message.upper():
+        return FAIL, "the ranges arrive in it"
+    return WARN, _WITHOUT.get(name, "circnav requested it")
 
 
 _WITHOUT = {

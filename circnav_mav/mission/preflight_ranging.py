@@ -4,11 +4,11 @@ from collections.abc import Iterator, Sequence
 from math import sqrt
 from statistics import median
 
+from circnav_mav.guidance.maths import radius_sensitivity
 from circnav_mav.guidance.white_noise import bulk_sigma, residual
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.mav.ranging.interface import OTHERS, RATE_SIGMA, describe_rejected
-from circnav_mav.mission.checks_ranging import height_cost
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.preflight_listener import PreflightListener, ReceivedRange
@@ -51,9 +51,9 @@ def judge_ranging(mission: Mission, listener: PreflightListener) -> Iterator[Che
 def _received(mission: Mission, listener: PreflightListener) -> Check:
     message = mission.file.ranging.message.upper()
     if not listener.ranges:
-        if listener.carriers:
+        if carriers := listener.carriers or listener.other_ranging:
             received = "; ".join(
-                f"{count} of {sender}" for sender, count in sorted(listener.carriers.items())
+                f"{count} of {sender}" for sender, count in sorted(carriers.items())
             )
             return Check(
                 FAIL,
@@ -207,7 +207,10 @@ def _height(mission: Mission, listener: PreflightListener, height: float | None)
     if unknown := listener.height.why_unknown(listener.end):
         yield Check(FAIL, "height", unknown)
     elif mission.height.needs_altitude and height is not None:
-        yield height_cost(mission, height)
+        words = (
+            f"{height:.1f} m above the target. {radius_sensitivity(mission.orbit.radius, height)}"
+        )
+        yield Check(PASS, "height", words)
 
 
 def _calibrated(mission: Mission, ranges: Sequence[ReceivedRange]) -> Iterator[Check]:

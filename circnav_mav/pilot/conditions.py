@@ -8,7 +8,7 @@ conditions by `Onlooker.alarms`.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import degrees
+from math import degrees, hypot
 
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE as NOTICE
 from pymavlink.dialects.v20.all import MAV_SEVERITY_WARNING as WARNING
@@ -345,7 +345,8 @@ def _airspeed_sensor(view: StepView) -> Active | None:
 
 def _drift_too_strong(view: StepView) -> Active | None:
     alarm = view.drift_alarm
-    if not alarm.on or view.airspeed_alarm.on:
+    # A wrong airspeed and wrong ranges look like a drift.
+    if not alarm.on or view.airspeed_alarm.on or view.lap_alarm.on:
         return None
     drift = f"{alarm.drift:.1f} m/s"
     allowed = f"circle allows {alarm.allowed:.1f} m/s"
@@ -364,6 +365,21 @@ def _no_way_made(view: StepView) -> Active | None:
         f"no way made, {speeds}",
         f"NO WAY MADE: {alarm.r:.0f} m from the target, not nearer than 25 s before ({speeds}):"
         " fly faster, or end the flight",
+    )
+
+
+def _radius_contradicted(view: StepView) -> Active | None:
+    alarm = view.lap_alarm
+    if not alarm.on:
+        return None
+    height = view.tick.height or 0.0
+    off = hypot(alarm.by_ranges, height) - hypot(alarm.by_turns, height)
+    return Active(
+        f"radius {alarm.by_turns:.0f} m by turns, {alarm.by_ranges:.0f} m by range",
+        f"RADIUS CONTRADICTED: {alarm.by_turns:.0f} m by airspeed and turns,"
+        f" {alarm.by_ranges:.0f} m by ranges. The radio may measure {abs(off):.0f} m too"
+        f" {'long' if off > 0 else 'short'}: calibrate it, and check the height ({height:.0f} m)"
+        " and the airspeed",
     )
 
 
@@ -497,6 +513,7 @@ TABLE = (
     Condition("airspeed_sensor", _airspeed_sensor, over="airspeed is right again", steering=True),
     Condition("drift_too_strong", _drift_too_strong, over="drift within limit again"),
     Condition("no_way_made", _no_way_made, over="comes nearer again", steering=True),
+    Condition("radius_contradicted", _radius_contradicted, over="radius fits turns", steering=True),
     Condition("bound_not_watched", _bound_not_watched, over="bounds checked again", steering=True),
     Condition("most_ranges_rejected", _most_ranges_rejected, by_stall=True),
     Condition("sensor_clock_stepped", _sensor_clock_stepped, over="sensor clock steady again"),

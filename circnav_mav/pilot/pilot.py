@@ -20,10 +20,12 @@ from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnComm
 from circnav_mav.guidance.watches import (
     AirspeedAlarm,
     DriftAlarm,
+    LapAlarm,
     WayAlarm,
     breach,
     watch_airspeed,
     watch_drift,
+    watch_lap,
     watch_way,
 )
 from circnav_mav.mav.clocks import UNANSWERED
@@ -92,6 +94,7 @@ class Pilot:
         self._drift_alarm = DriftAlarm()
         self._airspeed_alarm = AirspeedAlarm()
         self._way_alarm = WayAlarm()
+        self._lap_alarm = LapAlarm()
         self._rates = RateMeter()
         self.allowance = Allowance()
         self.second_controller = SecondController(session, self.mission)
@@ -219,7 +222,7 @@ class Pilot:
         self._watch_following(estimate, now)
         self._watch_ranging(estimate, now)
         self._watch_engagement(now)
-        desired = self.controller.circle.radius
+        circle = self.controller.circle
         self.estimate = estimate
         self.tracker.estimate = estimate
         command = self.controller.command(
@@ -241,7 +244,7 @@ class Pilot:
             estimate,
             command,
             yaw_rate if was_sent else None,
-            desired=desired,
+            circle=circle,
             session=self.session,
             tracker=self.tracker,
             controller=self.controller,
@@ -481,6 +484,9 @@ class Pilot:
         self._way_alarm = watch_way(
             self._way_alarm, estimate if engaged else None, controller.orbit
         )
+        # Three standard deviations of the airspeed.
+        tolerance = max(3 * self.settings.tuning.estimation.scale_sigma, 0.1)
+        self._lap_alarm = watch_lap(self._lap_alarm, estimate if engaged else None, tolerance)
         if command is not None and (
             command.flies or not LAWS[controller.law].flies_relative_motion
         ):
@@ -547,6 +553,7 @@ class Pilot:
             drift_alarm=self._drift_alarm,
             airspeed_alarm=self._airspeed_alarm,
             way_alarm=self._way_alarm,
+            lap_alarm=self._lap_alarm,
             circle=controller.circle,
             law=self._law,
             why=self._why,

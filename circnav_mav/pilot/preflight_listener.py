@@ -19,6 +19,7 @@ from circnav_mav.mav.codec import Message
 from circnav_mav.mav.identity import RADIO_NAME, describe_vehicle
 from circnav_mav.mav.params import ParameterReader
 from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
+from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import TextReader, plain_text
 from circnav_mav.pilot.connection import Connection
@@ -59,7 +60,9 @@ class PreflightListener:
     ) -> None:
         """seconds: duration of the measurement, s. It begins SETTLE seconds after the vehicle was
         found."""
-        self.connection = Connection(settings, signing, also=[dialect.MAVLINK_MSG_ID_PARAM_VALUE])
+        also = {one.id for one in RANGING_MESSAGES.values()}
+        also |= {dialect.MAVLINK_MSG_ID_PARAM_VALUE}
+        self.connection = Connection(settings, signing, also=also)
         self.session = self.connection.session
         self.done = False
         self.next_tick = float("-inf")
@@ -75,6 +78,9 @@ class PreflightListener:
         """Range rates, m/s."""
         self.carriers: Counter[str] = Counter()
         """Number of ranging messages by sender and by their identifying fields."""
+        self.other_ranging: Counter[str] = Counter()
+        """Number of messages that could carry ranges, but are not the mission's, by type and
+        sender."""
         self.height = Height(settings.height)
         self.kind = ""
         """Autopilot and type of the vehicle, human-readable."""
@@ -101,6 +107,9 @@ class PreflightListener:
                 self._take_telemetry(message, now)
             if of_ranging:
                 self._take_range(message, now, source)
+            elif any(message.get_msgId() == one.id for one in RANGING_MESSAGES.values()):
+                sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
+                self.other_ranging[f"{message.get_type()} of {sender}"] += 1
 
     def step(self, now: float) -> bytes:
         """Return the bytes to send to the vehicle now."""

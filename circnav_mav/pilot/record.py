@@ -85,6 +85,7 @@ class TickRecord(NamedTuple):
         Number, Column("range rate of the radio, minus its estimated offset", "m/s")
     ] = None
     desired: Annotated[Number, Column("radius of the current circle", "m")] = None
+    direction: Annotated[str, Column("direction of the current circle")] = ""
 
 
 COLUMNS: dict[str, Column] = {
@@ -117,7 +118,7 @@ def tick_record(
     command: TurnCommand | None,
     sent: YawRate | None,
     *,
-    desired: float,
+    circle: Orbit,
     session: Session,
     tracker: RangeTracker,
     controller: Controller,
@@ -126,7 +127,7 @@ def tick_record(
     """Return the record of a step.
 
     sent: yaw rate in its setpoint, or None.
-    desired: radius, m.
+    circle: of the mission, or of the newest accepted request.
     law: chosen law.
     """
     link_age = session.heartbeat_age(now)
@@ -168,5 +169,6 @@ def tick_record(
         accepted=tracker.accepted,
         rejected=tracker.ranging.refused,
         measured_rate=tracker.measured_rate(now),
-        desired=desired,
+        desired=circle.radius,
+        direction=circle.direction.value,
     )

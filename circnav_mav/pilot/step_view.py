@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.guidance.watches import AirspeedAlarm, DriftAlarm, WayAlarm
+from circnav_mav.guidance.watches import AirspeedAlarm, DriftAlarm, LapAlarm, WayAlarm
 from circnav_mav.pilot.mission_state import STEERING, Outcome, Phase
 from circnav_mav.pilot.rates import Rates
 from circnav_mav.pilot.record import TickRecord
@@ -94,6 +94,7 @@ class StepView:
     drift_alarm: DriftAlarm
     airspeed_alarm: AirspeedAlarm
     way_alarm: WayAlarm
+    lap_alarm: LapAlarm
 
     # steering
     circle: Orbit

@@ -84,7 +84,9 @@ def _figure(line: str) -> str:
     """Return a line of the verdict as HTML: its label, and its comma-separated parts, each kept on
     one line if it fits."""
     parts = "".join(f"<span>{escape(part)}</span> " for part in re.split(r"(?<=,) ", line[LABEL:]))
-    return f"<dt>{escape(line[:LABEL].strip())}</dt><dd>{parts}</dd>"
+    label = escape(line[:LABEL].strip())
+    stands_out = ' class="warning"' if label in ("WARNING", "ERROR") else ""
+    return f"<dt{stands_out}>{label}</dt><dd>{parts}</dd>"
 
 
 def _vehicle(run: Run) -> str:

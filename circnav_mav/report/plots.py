@@ -141,11 +141,11 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
     axis.plot(track.east, track.north, color=colour, lw=1.0, label=label)
     east, north = track.east[track.known], track.north[track.known]
     begins = (
-        {"mfc": "red", "label": "start"}
+        {"mfc": "black", "label": "start"}
         if track.true
         else {"mfc": "none", "label": "first estimate"}
     )
-    axis.plot(east[0], north[0], "^", mec="red", ms=9, **begins)
+    axis.plot(east[0], north[0], "^", mec="black", ms=9, **begins)
     axis.plot(0, 0, "k+", ms=12, mew=2, label="target")
     for at in _arrow_places(east, north):
         if np.hypot(east[at + 1] - east[at], north[at + 1] - north[at]) > 0:

@@ -66,9 +66,14 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     flown = ticks.time >= (np.inf if start is None else start)
     steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.words["phase"]], bool)
     known = flown & steered & ~np.isnan(ticks.numbers["r"])
-    circles = _circles(ticks, known, facts.orbit.radius, start or 0.0)
-    orbit = replace(facts.orbit, radius=circles[-1]["desired_radius_m"])
-    begun = circles[-1]["begun_s"]
+    circles = _circles(ticks, known, facts.orbit, start or 0.0)
+    newest = circles[-1]
+    orbit = replace(
+        facts.orbit,
+        radius=newest["desired_radius_m"],
+        direction=Direction(newest["direction"]),
+    )
+    begun = newest["begun_s"]
     known &= ticks.time >= begun
     # ticks in which circnav did not steer: the operator flew, or no link. Unrecorded time counts as
     # steered.
@@ -84,11 +89,10 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     )
     height = ticks.numbers["height"][flown & steered]
     height = height[~np.isnan(height)]
-    # sense of most of the commanded turning in the last third: turns on the way to the circle do
-    # not count
-    turned = np.nansum(
-        metrics.last_part(ticks.time[flown & steered], ticks.numbers["turn_rate"][flown & steered])
-    )
+    # sense of most of the commanded turning in the last third of the newest circle: turns on the
+    # way to the circle do not count
+    lately = flown & steered & (ticks.time >= begun)
+    turned = np.nansum(metrics.last_part(ticks.time[lately], ticks.numbers["turn_rate"][lately]))
     commanded = (
         None if turned == 0 else Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE
     )
@@ -135,18 +139,22 @@ def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float)
 
 
 def _circles(
-    ticks: Ticks, known: NDArray[np.bool_], first: float, start: float
+    ticks: Ticks, known: NDArray[np.bool_], first: Orbit, start: float
 ) -> list[dict[str, Any]]:
     """Return the figures of each circle that was begun, in order, each from its start to the start
     of the next one."""
-    desired = ticks.desired(first)
+    desired = ticks.desired(first.radius)
+    directions = np.array([word or first.direction.value for word in ticks.words["direction"]])
     at = np.flatnonzero(known)
     circles: list[dict[str, Any]] = []
-    for part in np.split(at, np.flatnonzero(np.diff(desired[at])) + 1):
-        radius = float(desired[part[0]]) if len(part) else first
+    changed = (np.diff(desired[at]) != 0) | (directions[at][1:] != directions[at][:-1])
+    for part in np.split(at, np.flatnonzero(changed) + 1):
+        radius = float(desired[part[0]]) if len(part) else first.radius
+        direction = str(directions[part[0]]) if len(part) else first.direction.value
         begun = float(ticks.time[part[0]]) if circles else start
         figures = _circle(ticks.time[part], ticks.numbers["r"][part], radius)
-        circles.append({"desired_radius_m": radius, "begun_s": begun, **figures})
+        begins = {"desired_radius_m": radius, "direction": direction, "begun_s": begun}
+        circles.append(begins | figures)
     return circles
 
 

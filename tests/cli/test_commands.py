@@ -41,6 +41,7 @@ def test_help_lists_commands_and_exit_codes(circnav, flag):
         within = out.partition("Commands:\n")[2].splitlines()
         assert within or command not in ("ranging", "runs")
         assert not [line for line in within if line.endswith("...")], "cut off at 80 columns"
+    assert circnav().done == circnav(flag).done
     assert circnav("--version").done == f"circnav, version {__version__}\n"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert project["project"]["version"] == __version__
@@ -114,7 +115,9 @@ def test_bundled_vehicle_must_match_the_mission(circnav, name, overrides, grades
 
 
 def test_preflight_of_bundled_vehicle_passes(circnav):
-    printed = circnav("preflight", "copter", "--seconds", "3").done
+    brief = circnav("preflight", "copter", "--seconds", "3").done
+    assert "PASS  ranging" in brief and "turn rate" not in brief and "WARN " not in brief
+    printed = circnav("preflight", "copter", "--seconds", "3", "-v").done
     assert (
         printed.index("turn rate") < printed.index("listening on sim") < printed.index("firmware")
     )
@@ -140,7 +143,9 @@ def test_preflight_follows_clock_of_fast_simulator(circnav, port):
         vehicle.stdout.readline()
         endpoint = ("--endpoint", f"udpout:127.0.0.1:{port}")
         follows = ("--set", 'link.clock="autopilot"')
-        ran = circnav("preflight", "copter", *endpoint, "--seconds", "8", *follows, *UNHURRIED)
+        ran = circnav(
+            "preflight", "copter", *endpoint, "--seconds", "8", "-v", *follows, *UNHURRIED
+        )
         vehicle.terminate()
         vehicle.communicate(timeout=PATIENCE)
     assert "and the flight follows it" in ran.done

@@ -10,7 +10,11 @@ import pytest
         ("fly quikstart", "quikstart: is not a file and not a bundled mission, did you mean quick"),
         ("fly config/px4_plane.toml", "config/px4_plane.toml: no such file; give the bundled one"),
         ("fly mission.toml --set orbit.radius_m", "--set orbit.radius_m: write it as"),
-        ("fly mission.toml --duration -5", "mission.toml: limits.duration_s: must be above 0"),
+        ("fly mission.toml --duration -5", "--duration: must be above 0"),
+        (
+            "check mission.toml --set orbit.radius_m=0",
+            "--set orbit.radius_m=0: orbit.radius_m: must",
+        ),
         ("fly mission.toml --speed 8", "--speed: only the bundled vehicle can be simulated faster"),
         ("fly mission.toml --endpoint udpin:127.0.0.1:BUSY", "endpoint udpin:127.0.0.1:BUSY: port"),
         (
@@ -27,7 +31,10 @@ import pytest
             for command in ("fly", "preflight")
         ),
         *(
-            (f"{command} mission.toml --set sim.ranging.nois_m=1.0", "mission.toml: sim.ranging.n")
+            (
+                f"{command} mission.toml --set sim.ranging.nois_m=1.0",
+                "--set sim.ranging.nois_m=1.0: sim.r",
+            )
             for command in ("check", "fly", "preflight")
         ),
         ("preflight copter --seconds 0", "--seconds: must be at least 1 and at most 600, not 0"),

@@ -50,6 +50,15 @@ def verdict_of(**changes: Any) -> str:
         ({"truth": {**TRUTH, "direction": None}}, "rotation unknown, closest"),
         ({"truth": None}, "rotation   clockwise commanded; ranges cannot confirm the direction"),
         ({}, "estimated  settled after 20 s, radius 100.50 m, RMS error 0.70 m (0.70 %)"),
+        (
+            {"height_max_m": 37.0},
+            "rests on   the radio, and height 37.0 m; 1 m of height: 0.37 m of radius, 1 m of range"
+            " offset: 1.07 m of radius\n",
+        ),
+        (
+            {},
+            "rests on   the radio, and no height, ranges taken as horizontal; 1 m of height: 0.00",
+        ),
         ({"settled_s": None}, "estimated  never settled, radius"),
         ({"radius_mean_m": None}, "estimated  radius unknown"),
         ({}, "flown 60 s; "),
@@ -86,8 +95,13 @@ def verdict_of(**changes: Any) -> str:
             "1200 sent\n  target     found\n  WARNING    lost\n",
         ),
         (
-            {"circles": [{**FIGURES, "desired_radius_m": 80.0, "begun_s": 2.0}, {}]},
-            "80 m, begun at 2 s: settled",
+            {
+                "circles": [
+                    {**FIGURES, "desired_radius_m": 80.0, "direction": "clockwise", "begun_s": 2.0},
+                    {},
+                ]
+            },
+            "80 m clockwise, begun at 2 s: settled",
         ),
     ],
 )

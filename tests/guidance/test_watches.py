@@ -1,11 +1,19 @@
-"""Alarms for a drift that exceeds the limit of the circle, and for a wrong airspeed."""
+"""Alarms for a drift that exceeds the limit of the circle, for a wrong airspeed, and for ranges
+that contradict the turns."""
 
-from math import cos, sin, sqrt
+from math import asin, cos, pi, sin, sqrt
 
 import pytest
 
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
-from circnav_mav.guidance.watches import AirspeedAlarm, DriftAlarm, watch_airspeed, watch_drift
+from circnav_mav.guidance.watches import (
+    AirspeedAlarm,
+    DriftAlarm,
+    LapAlarm,
+    watch_airspeed,
+    watch_drift,
+    watch_lap,
+)
 from tests.guidance.relative import known
 
 V = 15.0
@@ -68,3 +76,40 @@ def test_airspeed_alarm_needs_drift_that_turns_with_nose(wind, excess, is_raised
         alarm = watch_airspeed(alarm, estimate, ORBIT)
     assert alarm.on is is_raised
     assert alarm.excess == pytest.approx(excess, abs=1.0)
+
+
+def after_laps(radius, ranges, wind=0.0, laps=1.2):
+    """Return the alarm after laps of a true radius (m) at 10 Hz, with ranges of another length and
+    an airspeed scale that has adapted to them. The wind is toward north."""
+    alarm = LapAlarm()
+    angle = 0.0
+    for at in range(100_000):
+        # ground speed along the circle, which the wind increases on its eastern side
+        ground = sqrt(V**2 - (wind * sin(angle)) ** 2) + wind * cos(angle)
+        if angle > laps * 2 * pi:
+            break
+        heading = angle + pi / 2 + asin(wind * sin(angle) / V)
+        motion = known(heading=heading, airspeed=0.9 * V, scale=0.9, drift_y=wind)
+        alarm = watch_lap(alarm, RangeEstimate(0.1 * at, ranges, 0, 0.5, 0.1, relative=motion), 0.1)
+        angle += 0.1 * ground / radius
+    return alarm
+
+
+@pytest.mark.parametrize("wind", [0.0, 5.0])
+@pytest.mark.parametrize(("radius", "ranges"), [(192.0, 150.0), (80.0, 272.0), (150.0, 150.0)])
+def test_lap_alarm_finds_radius_by_turns(radius, ranges, wind):
+    alarm = after_laps(radius, ranges, wind)
+    assert alarm.on == (radius != ranges)
+    assert alarm.by_turns == pytest.approx(radius, rel=0.02) and alarm.by_ranges == ranges
+
+
+def test_lap_alarm_judges_only_whole_turns_beside_the_target():
+    assert after_laps(192.0, 150.0, laps=0.9) == after_laps(192.0, 150.0, laps=0.9)._replace(
+        on=False
+    )
+    passing = LapAlarm()
+    for at in range(1000):
+        motion = known(heading=0.1 * at)
+        estimate = RangeEstimate(0.1 * at, 300.0 - at / 5, 0, 0.5, 0.1, relative=motion)
+        passing = watch_lap(passing, estimate, 0.1)
+    assert not passing.on and watch_lap(passing, None, 0.1) == LapAlarm()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.watches import DriftAlarm, WayAlarm
+from circnav_mav.guidance.watches import DriftAlarm, LapAlarm, WayAlarm
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.identity import OUR_NAME, RADIO_NAME, VEHICLE_NAME
 from circnav_mav.pilot.conditions import ENDED, LOST, TABLE
@@ -61,6 +61,7 @@ def views() -> list[StepView]:
         gps_lost="",
         drift_alarm=DriftAlarm(on=True, drift=6.0, allowed=2.7),
         way_alarm=WayAlarm(2, 50.0, 2100.0, 18.0, 15.4),
+        lap_alarm=LapAlarm(by_ranges=150.0, by_turns=192.4, on=True),
         circle=replace(view.circle, radius=120.0),
         law="drift",
         why="drift: wind 5 m/s",
@@ -74,7 +75,7 @@ def views() -> list[StepView]:
         tick=holding.tick._replace(phase=Phase.ENGAGED, link_age=3.0, height=20.0),
         drift_alarm=DriftAlarm(),
     )
-    return [holding, stale]
+    return [holding, stale, replace(holding, lap_alarm=LapAlarm())]
 
 
 VIEWS = views()

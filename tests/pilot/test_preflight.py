@@ -679,11 +679,9 @@ BY_HOME = {"orbit": {"height_above_target_m": None, "target_above_home_m": 5.0}}
 
 def test_height_by_altitude_reports_radius_error_per_meter():
     lines = Bench("arduplane", "sim.start.altitude_m=80.0", without=BY_HOME).lines()
-    line = one(lines, "height cost")
-    assert line.grade is WARN
-    assert line.text.startswith(
-        "1 m of error in the height above the target (75.0 m) changes the radius by 0.50 m"
-    )
+    line = one(lines, "height")
+    assert line.grade is PASS
+    assert line.text.startswith("75.0 m above the target. 1 m of height: 0.50 m of radius")
     assert one(lines, "distance").text.endswith("at a height of 75.0 m above the target")
     assert "HOME_POSITION" in str([line.text for line in of(lines, "stream")])
 

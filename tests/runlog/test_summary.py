@@ -165,3 +165,14 @@ def test_summary_file_is_standard_json(summary, tmp_path):
         write_json(tmp_path / "summary.json", made)
         text = (tmp_path / "summary.json").read_text(encoding="utf-8")
         assert json.loads(text, parse_constant=pytest.fail) == (expected or made)
+
+
+def test_requested_direction_begins_a_new_circle(summary):
+    """Counterclockwise from 100 s on, as requested. The simulated vehicle flies clockwise."""
+
+    def reverse(time, row):
+        row["direction"] = "clockwise" if time < 100 else "counterclockwise"
+
+    made = summary(reverse)
+    assert [one["direction"] for one in made["circles"]] == ["clockwise", "counterclockwise"]
+    assert made["direction"] == "counterclockwise" and made["circles"][1]["begun_s"] == 100.0

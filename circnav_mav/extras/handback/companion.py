@@ -133,6 +133,11 @@ class Companion:
         return self._gives or (self._alone and not self._ended and self._pilot.session.up)
 
     @property
+    def after_guidance(self) -> bool:
+        """True while positions are handed back after the end of guidance."""
+        return self._pilot.done and self._gives
+
+    @property
     def _gives(self) -> bool:
         session = self._pilot.session
         if not self.handback.begun or self.called_off:

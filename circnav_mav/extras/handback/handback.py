@@ -319,6 +319,11 @@ class HandBack:
         return self._lost_since is not None and not self.over
 
     @property
+    def works(self) -> bool:
+        """True while the hand-back has not failed."""
+        return not self.over and not self._lacks
+
+    @property
     def words(self) -> str:
         """Human-readable state, empty if the position is not lost."""
         if self.over or self._lost_since is None:

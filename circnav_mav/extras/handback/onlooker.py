@@ -38,9 +38,20 @@ class HandBackOnlooker(Onlooker):
             self.companion.on_frames(link, source, received, step.time)
         return [] if step.held_back else self.companion.step(step.time)
 
+    def facts(self, now: float) -> Mapping[str, str]:
+        handback = self.companion.handback
+        words = [handback.words] if handback.works and handback.words else []
+        if self.companion.after_guidance:
+            words.append(
+                "goes on after guidance, until the autopilot has a position of its own, is"
+                " disarmed, or Ctrl-C"
+            )
+        return {"hand-back": "; ".join(words)} if words else {}
+
     def alarms(self, now: float) -> Mapping[str, str]:
-        words = self.companion.handback.words
-        return {"hand_back": f"HAND-BACK: {words}"} if words else {}
+        handback = self.companion.handback
+        failed = handback.words and not handback.works
+        return {"hand_back": f"HAND-BACK: {handback.words}"} if failed else {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
         """Add the hand-back to the summary. Return handback.csv if positions were sent."""

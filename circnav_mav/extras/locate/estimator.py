@@ -2,9 +2,10 @@
 flights and logs.
 
 States: the place, its height, its velocity if it moves, the radio's bias and scale, the delay of
-positions relative to ranges, and the GPS error. The GPS error is a first-order Gauss-Markov
-process, linear between nodes. It is needed for a realistic covariance: GPS errors are correlated,
-and a lap averages little of them.
+positions relative to ranges, and the error of the positions on three axes. This error is a
+first-order Gauss-Markov process, linear between nodes. It is needed for a realistic covariance: GPS
+errors are correlated, and a lap averages little of them. Without the vertical one, an altitude that
+wanders by 1 m was fitted as a beacon level with the track, 40 m too high, and a bias of 6 m.
 """
 
 from collections.abc import Iterator
@@ -45,6 +46,8 @@ CALIBRATED = 0.0003
 UNCALIBRATED = 0.1
 """Standard deviation of a radio's scale error, calibrated and uncalibrated. A quartz clock errs by
 20 ppm. Air slows radio waves by 300 ppm, which many radios do not correct."""
+OFFSET = 300.0
+"""Standard deviation of the bias of a radio whose antenna delay was never set, m."""
 ROUGH = 0.25
 """Largest standard deviation of a valid place, as a share of the median range."""
 E, N, U, BIAS, SCALE, DELAY, VE, VN = range(8)
@@ -96,9 +99,19 @@ class Knowledge:
 
 @dataclass(frozen=True, slots=True)
 class NotLocated:
-    """No place could be estimated. why: human-readable reason."""
+    """No place could be estimated.
+
+    why: human-readable reason.
+    range_error: error of the ranges if it is the reason, m, else 0.
+    noise: standard deviation of the range residuals with this error, m.
+    """
 
     why: str
+    range_error: float = 0.0
+    noise: float = 0.0
+
+
+STRAIGHT = NotLocated("two places, on either side of the straight track, fit the ranges: turn")
 
 
 def locate(
@@ -107,15 +120,27 @@ def locate(
     """Return the place at the time of the last range. near: an earlier result, used as a starting
     point."""
     place = _locate(plane, track, ranges, known, near)
-    if known.scale_sigma >= UNCALIBRATED:
+    if known.scale_sigma >= UNCALIBRATED or place is STRAIGHT:
         return place
-    if _explains(place, ranges, known) and abs(place.bias) < SIGNIFICANT * place.bias_sigma:
+    if not _explains(place, ranges, known) or abs(place.bias) >= SIGNIFICANT * place.bias_sigma:
+        # Most radios measure true meters, and a free scale that is hardly observable makes the
+        # place less certain. So the scale is free only if the ranges contradict 1. Residuals cannot
+        # decide: a scale error looks like noise.
+        free = _locate(plane, track, ranges, replace(known, scale_sigma=UNCALIBRATED), near)
+        if isinstance(free, Place) and free.scale_found:
+            place = free
+    moves = isinstance(place, Place) and place.moves
+    if isinstance(place, Place) and not moves and abs(place.scale) < UNCALIBRATED:
         return place
-    # Most radios measure true meters, and a free scale that is hardly observable makes the place
-    # less certain. So the scale is free only if the ranges contradict 1. Residuals cannot decide: a
-    # scale error looks like noise.
-    free = _locate(plane, track, ranges, replace(known, scale_sigma=UNCALIBRATED), near)
-    return free if isinstance(free, Place) and free.scale_found else place
+    # A radio whose antenna delay was never set measures up to 155 m too long. Such an offset is
+    # fitted as a scale, a height and a delay, as a moving target, or fits no place.
+    offset = _locate(plane, track, ranges, replace(known, bias_sigma=OFFSET), near)
+    if isinstance(offset, Place) or not offset.range_error:
+        return place
+    # Largest ratio of the noise of a stationary target with an offset to that of a moving one.
+    if isinstance(place, Place) and moves and offset.noise > 1.3 * place.noise:
+        return place
+    return offset
 
 
 def _locate(
@@ -133,10 +158,15 @@ def _locate(
             f"{len(ranges.r)} ranges have positions before and after them, {LEAST} are"
             f" needed{_time_spans(track, received)}"
         )
-    still = _best(plane, track, ranges, known, near)
+    problem = Problem(track, ranges, known)
+    # On a straight track, only the errors of the positions distinguish the sides. With an unknown
+    # height, every place on a ring around the track fits.
+    if problem.straight:
+        return STRAIGHT
+    still = _best(problem, plane, near)
     # Window of ranges, s, for a moving target: its velocity is not constant for longer.
     newest = ranges.take(ranges.time >= ranges.time[-1] - 120.0)
-    if len(newest.r) < LEAST:
+    if len(newest.r) < LEAST or known.bias_sigma >= OFFSET:
         return still
     if _explains(still, ranges, known) and still.outliers < 0.2 * still.used:
         return still
@@ -220,11 +250,10 @@ def _good(place: Place) -> bool:
     return bool(usual and place.sigma < max(ROUGH * place.range_scale, 3.0))
 
 
-def _best(
-    plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None
-) -> Place | NotLocated:
+def _best(problem: "Problem", plane: Plane, near: Place | None) -> Place | NotLocated:
     """Return the place of a stationary target, or `NotLocated` if no place or two places fit."""
-    problem = Problem(track, ranges, known)
+    track = problem.track
+    ranges = problem.ranges
     if near is not None and not near.moves:
         fit = problem.fit(np.array([near.east, near.north]))
         place = _decided(problem, [] if fit is None else [fit], plane)
@@ -232,7 +261,8 @@ def _best(
             return place
     # Number of ranges used to compare the starting points.
     every = max(1, len(ranges.r) // 150)
-    rough = Problem(track, ranges.take(np.arange(0, len(ranges.r), every)), known, nodes=1)
+    thin = ranges.take(np.arange(0, len(ranges.r), every))
+    rough = Problem(track, thin, problem.known, nodes=1)
     found = sorted(
         (fit for start in _starts(track, rough.ranges) if (fit := rough.fit(start))),
         key=lambda fit: fit.cost,
@@ -249,17 +279,15 @@ def _decided(problem: "Problem", fits: list[Fit], plane: Plane) -> Place | NotLo
     well."""
     if not fits:
         return NotLocated("no place fits the ranges")
-    # On a straight track, only the errors of the positions distinguish the sides. With an unknown
-    # height, every place on a ring around the track fits.
     if problem.straight:
-        return NotLocated("two places, on either side of the straight track, fit the ranges: turn")
+        return STRAIGHT
     best = min(fits, key=lambda fit: fit.cost)
     settled = problem.settle(best)
     place = None if settled is None else problem.finish(settled, plane)
     if settled is None or place is None or not _good(place):
         return NotLocated("the track does not determine the target's place yet: fly a turn")
-    if why := _contradiction(place, settled.problem):
-        return NotLocated(why)
+    if contradiction := _contradiction(place, settled.problem):
+        return contradiction
     # A straight track fits the place mirrored at the track as well. The chi-squared of two places
     # is comparable only if both are refined, with the noise that the ranges show.
     starts = [fit.x[: problem.own] for fit in fits if fit is not best]
@@ -281,16 +309,20 @@ def _apart(one: Array, other: Array) -> float:
     return float(np.hypot(*(one[:2] - other[:2])))
 
 
-def _contradiction(place: Place, problem: "Problem") -> str:
-    """Return the reason why the ranges cannot be distances to this place, or an empty text."""
+def _contradiction(place: Place, problem: "Problem") -> NotLocated | None:
+    """Return the reason why the ranges cannot be distances to this place, or None."""
     ranges = problem.ranges
     if place.noise > ROUGH * place.range_scale:
-        return f"the ranges scatter by {place.noise:.0f} m: they fit no place. Are two tags mixed?"
-    error, sigma = place.range_error(place.range_scale)
+        return NotLocated(
+            f"the ranges scatter by {place.noise:.0f} m: they fit no place. Are two tags mixed?"
+        )
+    error, sigma = place.range_error(place.distance_scale)
     if abs(error) > max(ROUGH * place.range_scale, 2 * sigma):
-        return (
+        return NotLocated(
             f"for the place that fits best, the ranges are {place.range_error_words()}: does the"
-            " target move, or is the radio not calibrated?"
+            " target move, or is the radio not calibrated?",
+            error,
+            place.noise,
         )
     # Ranges that do not depend on the position (noise, a repeated value) fit a constant as well as
     # a place. Real ranges do so only on a circle around the target.
@@ -302,8 +334,8 @@ def _contradiction(place: Place, problem: "Problem") -> str:
     # Ratio of the noise around a place to the spread of the ranges above which a constant fits as
     # well.
     if np.ptp(ranges.r) == 0 or (place.noise > 0.9 * spread and not around):
-        return "the ranges do not change with the vehicle's position: they fit no place"
-    return ""
+        return NotLocated("the ranges do not change with the vehicle's position: they fit no place")
+    return None
 
 
 def _starts(track: Track, ranges: Ranges) -> Iterator[Array]:
@@ -374,7 +406,7 @@ class Problem:
     def fit(self, start: Array) -> Fit | None:
         """Return the robust fit, or None. start: east, north[, velocity], or all states except the
         nodes."""
-        x = np.zeros(self.own + 2 * self._between.shape[1])
+        x = np.zeros(self.own + 3 * self._between.shape[1])
         # Start below the track. At the vehicle's own height, the derivative of the range with
         # respect to the height is zero, and the fit would stay there.
         below = float(np.median(self.track.up)) - 0.2 * float(np.median(self.ranges.r))
@@ -494,7 +526,7 @@ class Problem:
             sd[DELAY] = (
                 self.known.delay_sigma
             )  # on a circle around the target every clock offset fits
-            radio, radio_covariance = self._of_one_length(radio, radio_covariance)
+            radio, radio_covariance = self._of_one_length(radio, radio_covariance, float(x[U]))
         # Standard deviation of the height, m, above which it counts as not observed.
         return Place(
             time=self.end, plane=plane, east=float(x[E]), north=float(x[N]), up=float(x[U]),
@@ -508,15 +540,25 @@ class Problem:
             range_scale=float(np.median(self.ranges.r)),
         )  # fmt: skip
 
-    def _of_one_length(self, radio: Array, covariance: Array) -> tuple[Array, Array]:
+    def _of_one_length(self, radio: Array, covariance: Array, up: float) -> tuple[Array, Array]:
         """Return bias and scale with their covariance, from the prior and the range error at the
-        median length."""
+        median length. up: fitted height, m."""
         # On a circle around the target, the computed lengths change only by the GPS error, which
         # the ranges do not contain. The fit mistakes it for a slope: with a free bias, a true scale
         # of 1.07 was fitted as 0.80 ±0.06.
-        slope = np.array([1.0, (float(np.median(self.ranges.r)) - radio[0]) / (1 + radio[1])])
+        length = (float(np.median(self.ranges.r)) - radio[0]) / (1 + radio[1])
+        slope = np.array([1.0, length])
         prior = np.diag([self.known.bias_sigma**2, self.known.scale_sigma**2])
-        gain = prior @ slope / (slope @ prior @ slope + slope @ covariance @ slope)
+        variance = slope @ covariance @ slope
+        # Any height fits the circle with another range error.
+        if self.known.up_sigma > 10:
+            above = float(np.median(self.track.up)) - np.array([
+                self.known.up - self.known.up_sigma, self.known.up
+            ])  # fmt: skip
+            across = length**2 - (float(np.median(self.track.up)) - up) ** 2
+            lengths = np.sqrt(np.maximum(across + above**2, 0.0))
+            variance += np.max(np.abs(lengths - length)) ** 2
+        gain = prior @ slope / (slope @ prior @ slope + variance)
         return gain * (slope @ radio), prior - np.outer(gain, slope @ prior)
 
     def covariance(self, fit: Fit) -> Array:
@@ -572,12 +614,12 @@ class Problem:
         time = self.ranges.time + x[DELAY]
         ways = (self.track.east, self.track.north, self.track.up)
         east, north, up = (np.interp(time, self.track.time, way) for way in ways)
-        nodes = x[self.own :].reshape(2, -1)
+        nodes = x[self.own :].reshape(3, -1)
         ahead = self.ranges.time - self.end
         way = [
             x[E] - east + self._between @ nodes[0],
             x[N] - north + self._between @ nodes[1],
-            x[U] - up,
+            x[U] - up + self._between @ nodes[2],
         ]
         if self.moves:
             way[0], way[1] = way[0] + x[VE] * ahead, way[1] + x[VN] * ahead
@@ -586,10 +628,10 @@ class Problem:
 
     def _residuals(self, x: Array) -> Array:
         far, _, _ = self._line_of_sight(x)
-        nodes = x[self.own :].reshape(2, -1)
+        nodes = x[self.own :].reshape(3, -1)
         before = (x[U : self.own] - self._expected) / self._expected_sigma
         off = ((1 + x[SCALE]) * far + x[BIAS] - self.ranges.r) / self.ranges.sigma
-        return np.concatenate([off, before, self._whiten @ nodes[0], self._whiten @ nodes[1]])
+        return np.concatenate([off, before, *(nodes @ self._whiten.T)])
 
     def _jacobian(self, x: Array) -> Array:
         far, directions, time = self._line_of_sight(x)
@@ -598,7 +640,7 @@ class Problem:
         own = self.own
         nodes = self._between.shape[1]
         priors = self.own - U
-        table = np.zeros((count + priors + 2 * nodes, own + 2 * nodes))
+        table = np.zeros((count + priors + 3 * nodes, own + 3 * nodes))
         table[:count, E], table[:count, N], table[:count, U] = east, north, up
         table[:count, BIAS], table[:count, SCALE] = 1.0, far
         slopes = [np.interp(time, self.track.time, rate) for rate in self._rates]
@@ -606,12 +648,12 @@ class Problem:
         if self.moves:
             ahead = self.ranges.time - self.end
             table[:count, VE], table[:count, VN] = east * ahead, north * ahead
-        table[:count, own : own + nodes] = east[:, None] * self._between
-        table[:count, own + nodes :] = north[:, None] * self._between
+        for axis, part in enumerate((east, north, up)):
+            of_axis = slice(own + axis * nodes, own + (axis + 1) * nodes)
+            table[:count, of_axis] = part[:, None] * self._between
+            table[count + priors - own :][of_axis, of_axis] = self._whiten
         table[:count] /= self.ranges.sigma[:, None]
         table[count : count + priors, U:own] = np.diag(1 / self._expected_sigma)
-        table[count + priors : count + priors + nodes, own : own + nodes] = self._whiten
-        table[count + priors + nodes :, own + nodes :] = self._whiten
         return table
 
 

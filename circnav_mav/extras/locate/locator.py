@@ -52,16 +52,15 @@ chosen."""
 HEIGHT_SIGMA = 5.0
 """Standard deviation, m, of a height given by the mission: drift of the barometer and error of the
 operator's value."""
+CALIBRATE = "Calibrate the radio: circnav ranging calibrate RUN"
 HOME_SIGMA = 50.0
 """Standard deviation, m, of the target's altitude if the mission gives no height and the altitude
 of home is used."""
-COMPARED_LAPS = 1.2
 MIN_COMPARED = 20
 SETTLED = 0.05
-"""Comparison of the radius by ranges with the radius by positions. Number of newest laps used.
-Smallest number of positions and of ranges in these laps. Largest deviation of 90 % of the ranges
-from the range on the circle, as a share of the radius: during the approach the mean distance is not
-a radius."""
+"""Comparison of the radius by ranges with the radius by positions over the newest lap. Smallest
+number of positions and of ranges in it. Largest deviation of 90 % of the ranges from the range on
+the circle, as a share of the radius: during the approach the mean distance is not a radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +105,13 @@ class Locator:
         self._since_announced = Since()
         self._announced: Place | None = None
         self._ended = False
+        self.true_radius: float | None = None
+        """Mean distance from the place over the newest lap, by positions, m."""
         self.radius_alarm = ""
         """Human-readable error of the ranges on the circle, and the true radius. Empty if no error
         was found."""
+        self.radius_remedy = ""
+        """Human-readable remedy: the radio or, if it explains the error as well, the height."""
 
     # --- in
     # ------------------------------------------------------------
@@ -234,53 +237,63 @@ class Locator:
 
     def found(self, place: Place | NotLocated) -> None:
         """Process the result of a job. Keep the previous place if none was found."""
+        before = self.radius_alarm
         if isinstance(place, Place):
             self.place = place
+            self.radius_alarm = ""
             self._compare_radius(place)
         else:
             self.why = place.why
+            if place.range_error:
+                self.radius_alarm = f"ranges {_too_long(place.range_error)}: no place fits"
+                self.radius_remedy = CALIBRATE
+        if self.radius_alarm and not before:
+            self._announcer.say("radius", self.radius_alarm, severity=dialect.MAV_SEVERITY_WARNING)
 
     def _compare_radius(self, place: Place) -> None:
         """Compare the radius by ranges with the radius by positions. The vehicle keeps flying the
         radius by ranges."""
-        before = self.radius_alarm
-        self.radius_alarm = ""
-        if not self._track:
-            return
-        orbit = self._pilot.orbit
-        height = self._pilot.height(place.time) or 0.0
-        begin = self._track[-1][0] - COMPARED_LAPS * 2 * pi * orbit.radius / orbit.speed
-        newest = [
-            (place.at(time), east, north) for time, east, north, _ in self._track if time >= begin
-        ]
-        ranges = np.array([slant for time, slant, _ in self._ranges if time >= begin])
-        ways = np.array([(east - there.east, north - there.north) for there, east, north in newest])
-        if len(ranges) < MIN_COMPARED or len(ways) < MIN_COMPARED:
-            return
+        time, east, north, _ = np.array(self._track).reshape(-1, 4).T
+        ahead = time - place.time
+        ways = np.array([
+            east - place.east - place.velocity[0] * ahead,
+            north - place.north - place.velocity[1] * ahead,
+        ])  # fmt: skip
         # A whole lap around the place gives the radius from positions alone, without the height or
         # the radio's scale and bias. An error of the place or of the GPS shifts the circle but does
-        # not change its radius.
-        settled = (
-            np.percentile(np.abs(ranges - hypot(orbit.radius, height)), 90) < SETTLED * orbit.radius
-        )
-        if not settled or abs(np.ptp(np.unwrap(np.arctan2(*ways.T)))) < 2 * pi:
+        # not change its radius. The lap of a wrong radius may take much longer than the desired.
+        around = np.unwrap(np.arctan2(*ways))
+        whole = np.flatnonzero(np.abs(around - around[-1:]) >= 2 * pi)
+        if not len(whole):
             return
-        true = float(np.mean(np.hypot(*ways.T)))
+        lap = slice(whole[-1], None)
+        ranges = np.array([slant for at, slant, _ in self._ranges if at >= time[whole[-1]]])
+        if min(len(ranges), len(around[lap])) < MIN_COMPARED:
+            return
+        radius = self._pilot.orbit.radius
+        height = self._pilot.height(place.time) or 0.0
+        if np.percentile(np.abs(ranges - hypot(radius, height)), 90) >= SETTLED * radius:
+            return
+        true = float(np.mean(np.hypot(*ways[:, lap])))
         measured = float(np.mean(ranges))
+        self.true_radius = true
         length = hypot(true, height)
         off = max(measured**2 - height**2, 0.0) ** 0.5 - true
         # Difference between the radius by ranges and by positions that raises an alarm, as a share
         # of the radius. The difference must also exceed the GPS error.
-        if abs(off) > max(0.02 * orbit.radius, self._gps_sigma):
-            which = "long" if measured > length else "short"
-            self.radius_alarm = (
-                f"ranges {100 * abs(measured / length - 1):.0f} % too {which}, true radius"
-                f" {true:.1f} m"
+        if abs(off) <= max(0.02 * radius, self._gps_sigma):
+            return
+        share = f"{100 * abs(measured / length - 1):.0f} %"
+        self.radius_alarm = (
+            f"ranges {share} too {'long' if measured > length else 'short'}, true radius"
+            f" {true:.1f} m"
+        )
+        self.radius_remedy = f"The ranges are {_too_long(measured - length)}. {CALIBRATE}"
+        if measured > true:
+            self.radius_remedy += (
+                f". A height of {(measured**2 - true**2) ** 0.5:.0f} m instead of {height:.0f} m"
+                f" would also explain it; above home: {self._track[-1][3] - self._home:.0f} m"
             )
-            if not before:
-                self._announcer.say(
-                    "radius", self.radius_alarm, severity=dialect.MAV_SEVERITY_WARNING
-                )
 
     # --- out
     # ------------------------------------------------------------
@@ -350,6 +363,10 @@ class Locator:
         ):
             raise ValueError(f"the survey must not send {kind}")
         return self._encoder.encode(message)
+
+
+def _too_long(error: float) -> str:
+    return f"{abs(error):.0f} m too {'long' if error > 0 else 'short'}"
 
 
 def vehicle_frames(

@@ -48,8 +48,7 @@ class LocateOnlooker(Onlooker):
 
     def alarms(self, now: float) -> Mapping[str, str]:
         alarm = self.locator.radius_alarm
-        remedy = "Calibrate the radio: circnav ranging calibrate RUN"
-        return {"radius": f"RANGING: {alarm}. {remedy}"} if alarm else {}
+        return {"radius": f"RANGING: {alarm}. {self.locator.radius_remedy}"} if alarm else {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
         """Add the place to the summary. Return target.geojson and target.kml if there is a
@@ -62,7 +61,9 @@ class LocateOnlooker(Onlooker):
             files["target.kml"] = kml({"target": place})
         found = {
             "place": None if place is None else place.plain(),
+            "true_radius_m": locator.true_radius,
             "radius_alarm": locator.radius_alarm or None,
+            "radius_remedy": locator.radius_remedy or None,
         }
         summary |= found
         summary["notes"] += verdict_lines(found)

@@ -145,12 +145,19 @@ class Place:
             np.sqrt(slope @ self.radio_covariance @ slope)
         )
 
+    @property
+    def distance_scale(self) -> float:
+        """True distance of the median range, m."""
+        return max(self.range_scale - self.bias, 0.0) / (1 + self.scale)
+
     def range_error_words(self) -> str:
-        """Return the range error at the median range, as text."""
-        error, sigma = self.range_error(self.range_scale)
+        """Return the range error at the median distance, as text."""
+        far = self.distance_scale
+        error, sigma = self.range_error(far)
+        share = f" ({100 * abs(error) / far:.0f} %)" if far > 0 else ""
         return (
-            f"{abs(error):.2f} ±{sigma:.2f} m too {'long' if error > 0 else 'short'} at"
-            f" {self.range_scale:.0f} m"
+            f"{abs(error):.2f} ±{sigma:.2f} m{share} too {'long' if error > 0 else 'short'} at"
+            f" {far:.0f} m"
         )
 
     @property

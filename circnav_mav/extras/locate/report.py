@@ -18,7 +18,8 @@ SHOWN = (
 
 
 def verdict_lines(found: dict[str, Any]) -> list[str]:
-    """Return the verdict lines: target place, alarm. found: the survey's fields of summary.json."""
+    """Return the verdict lines: target place, true radius, alarm. found: the survey's fields of
+    summary.json."""
     lines = []
     place = found["place"]
     if place:
@@ -31,11 +32,12 @@ def verdict_lines(found: dict[str, Any]) -> list[str]:
             f"{place['latitude_deg']:.7f} {place['longitude_deg']:.7f} ±{place['sigma_m']:.1f} m"
         )
         lines.append(f"  target     {where}{moves}, {tall}")
-    if found.get("radius_alarm"):
+    if found.get("true_radius_m"):
         lines.append(
-            f"  WARNING    {found['radius_alarm']}: calibrate the radio with `circnav ranging"
-            " calibrate RUN`"
+            f"  positions  radius {found['true_radius_m']:.1f} m over the newest lap, by GPS"
         )
+    if found.get("radius_alarm"):
+        lines.append(f"  WARNING    {found['radius_alarm']}. {found['radius_remedy']}")
     return lines
 
 

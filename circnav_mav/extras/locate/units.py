@@ -31,6 +31,16 @@ def likely_unit(
         and place.outliers < place.used / 4
     ):
         return None
+    # A radio 7 % long also fits better in yards, 9 % long, than in meters.
+    if place is not None and place.scale_found and abs(place.scale) < 0.15:
+        return next(
+            (
+                unit
+                for unit, meters in METERS.items()
+                if abs((1 + place.scale) * meters - 1) < 3 * place.scale_sigma
+            ),
+            None,
+        )
     thin = ranges.take(np.arange(0, len(ranges.r), max(1, len(ranges.r) // 120)))
     found: dict[str, Place] = {}
     for unit, meters in METERS.items():

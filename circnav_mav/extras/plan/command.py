@@ -19,6 +19,7 @@ from circnav_mav.extras.plan.candidates import (
     recommended,
     smallest_radius,
 )
+from circnav_mav.guidance.maths import radius_sensitivity
 from circnav_mav.mission.checks import fastest_turn
 from circnav_mav.mission.load import load_mission
 from circnav_mav.mission.mission import Mission
@@ -62,6 +63,8 @@ def print_plan(
     for line in table(start, site, found, best):
         say(line)
     say(f"Recommended: {best.radius:g} m at {best.speed:g} m/s: {reason}.")
+    height = start.file.orbit.height_above_target_m or 0.0
+    say(f"RMS without errors of height and radio: {radius_sensitivity(best.radius, height)}.")
     if _limited(start):
         lowered = f"vehicle.max_turn_rate_deg_s = {start.file.vehicle.max_turn_rate_deg_s:g}"
         say(f"{lowered}: at this speed the autopilot's default acceleration limit allows no more.")

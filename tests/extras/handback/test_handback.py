@@ -122,7 +122,9 @@ def test_alarm_distinguishes_sent_and_missing_positions():
     assert give([False] * 100, mavlink.MAV_RESULT_ACCEPTED)[0].words.startswith(
         "autopilot lost its position, sent"
     )
-    assert "no replacement" in give([False] * 100, mavlink.MAV_RESULT_ACCEPTED, until=5.0)[0].words
+    assert give([False] * 100, mavlink.MAV_RESULT_ACCEPTED)[0].works
+    lacking = give([False] * 100, mavlink.MAV_RESULT_ACCEPTED, until=5.0)[0]
+    assert "no replacement" in lacking.words and not lacking.works
     assert (
         give([False] * 50 + [True] * 20 + [False] * 10, mavlink.MAV_RESULT_ACCEPTED)[0].words == ""
     )

@@ -545,6 +545,17 @@ def test_tlog_reads_any_field_by_name(tmp_path):
         read_logs(file, ReadOptions("ALTITUDE.altitude_terrain"))
 
 
+def test_csv_has_semicolons_and_decimal_commas(tmp_path):
+    lines = [f"{t:.1f};{lat:.8f};{lon:.8f};{r:.2f}".encode() for t, lat, lon, r in lap(200)]
+    lines[100] = lines[100][:-4] + b"\xff" * 120
+    file = tmp_path / "row.csv"
+    for text in (b"\n".join(lines), b"\n".join(lines).replace(b".", b",")):
+        file.write_bytes(b"time;latitude;longitude;range\n" + text)
+        (log,) = read_logs(file)
+        assert len(log.ranges["target"]) == 199
+        assert any("1 damaged rows are left out" in note for note in log.notes)
+
+
 def test_csv_leaves_out_single_damaged_rows(tmp_path):
     lines = [f"{t:.1f},{lat:.8f},{lon:.8f},{r:.2f}" for t, lat, lon, r in lap(200)]
     lines[100] = lines[100].replace(",", ",#x", 1)

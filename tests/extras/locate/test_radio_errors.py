@@ -18,6 +18,7 @@ from circnav_mav.extras.locate.estimator import (
     Track,
     locate,
 )
+from circnav_mav.extras.locate.units import likely_unit
 from circnav_mav.mav.ranging.calibration import Calibration
 from circnav_mav.mission.load import load_mission
 from tests.extras.locate.flown import surveyed, taped
@@ -83,6 +84,42 @@ def test_unknown_height_leaves_scale_undetermined():
     free = locate(PLANE, track, ranges, known)
     assert abs(free.scale) < 3 * free.scale_sigma and free.scale_sigma > 0.01
     assert measure(PLANE, track, ranges, known).calibration.scale == 1.0
+
+
+def test_wandering_altitude_causes_no_range_error():
+    """On approach and circle, an altitude that wanders by 0.8 m once gave 5.8 ±0.5 m too long."""
+    track, ranges = approach_and_laps(Calibration(), laps=2.0, far=200.0)
+    wander = gps_error(track.time, np.random.default_rng(7), 0.8, time=30.0)[:, 0]
+    known = replace(KNOWN, up=439.0, up_sigma=50.0, delay_sigma=0.5)
+    place = locate(PLANE, replace(track, up=track.up + wander), ranges, known)
+    error, sigma = place.range_error(place.distance_scale)
+    assert abs(error) < 3 * sigma and abs(place.up - 400.0) < 3 * place.up_sigma
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.07])
+def test_circle_at_unknown_height_claims_no_range_error(scale):
+    track, ranges = approach_and_laps(Calibration(scale), laps=2.0, far=0.0)
+    place = locate(PLANE, track, ranges, replace(KNOWN, up=440.0, up_sigma=50.0, sigma_known=False))
+    error, sigma = place.range_error(100.0)
+    assert not place.up_known and not place.scale_found and abs(error) < sigma
+
+
+@pytest.mark.parametrize("offset", [154.6, -40.0])
+def test_large_radio_offset_is_the_reason_without_a_place(offset):
+    track, ranges = approach_and_laps(Calibration(1.0, offset), laps=1.2)
+    answer = locate(PLANE, track, ranges, replace(ABOVE, up_sigma=5.0))
+    assert isinstance(answer, NotLocated) and "radio not calibrated" in answer.why
+    assert answer.range_error == pytest.approx(offset, abs=4.0)
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1.07, None), (1 / 0.9144, "yd")])
+def test_long_ranges_are_no_yards(scale, unit):
+    track, ranges = approach_and_laps(Calibration(scale), laps=2.0)
+    noise = np.random.default_rng(5).normal(0, 1.5, len(ranges.r))
+    ranges = replace(ranges, r=ranges.r + noise, sigma=np.full(len(noise), 1.6))
+    place = locate(PLANE, track, ranges, ABOVE)
+    assert likely_unit(PLANE, track, ranges, ABOVE, place) == unit
+    assert "(7 %) too long" in place.range_error_words() or unit == "yd"
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -181,6 +218,19 @@ def test_calibrated_plane_flies_true_circle(tmp_path):
         calibration = [f"ranging.{line.replace(' = ', '=')}" for line in lines]
     assert radii[1] == pytest.approx(100.0, abs=0.5)
     assert abs(radii[0] - 100.0) > 1.0
+
+
+def test_alarm_for_large_offset_names_ranges_and_true_radius():
+    """The circle is 22 m too wide: its lap takes longer than a lap of the desired circle."""
+    short = "sim.ranging.bias_m=-22"
+    flown = surveyed("quickstart", short, "sim.sensors.gps_error_m=1.0", law="auto")
+    flown.solve_from = 1e9
+    flown.fly(100.0)
+    flown.locator.found(flown.solve())
+    assert flown.locator.radius_alarm.startswith("ranges 17 % too short")
+    assert "22 m too short" in flown.locator.radius_remedy
+    true = np.mean([true_radius(one) for one in flown.truths[-500:]])
+    assert flown.locator.true_radius == pytest.approx(true, abs=1.0)
 
 
 def test_alarm_for_overmeasured_ranges_states_true_radius():

@@ -28,8 +28,12 @@ NOTHING = {"place": None}
             ", moves 2.0 m/s towards 045 deg, altitude 7.0 m",
         ),
         (
-            {"radius_alarm": "ranges 7 % too long"},
-            "  WARNING    ranges 7 % too long: calibrate the radio",
+            {"radius_alarm": "ranges 7 % too long", "radius_remedy": "Calibrate the radio"},
+            "  WARNING    ranges 7 % too long. Calibrate the radio",
+        ),
+        (
+            {"true_radius_m": 93.46},
+            "  positions  radius 93.5 m over the newest lap, by GPS",
         ),
     ],
 )

@@ -122,11 +122,13 @@ def main() -> None:
     """Print one row per kind, and the seeds of the wrong places."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--logs", type=int, default=200)
-    each = parser.parse_args().logs // len(KINDS)
+    parser.add_argument("--first", type=int, default=0, help="first seed of each kind")
+    options = parser.parse_args()
+    seeds = range(options.first, options.first + options.logs // len(KINDS))
     with ProcessPoolExecutor(2) as pool:
         for kind in KINDS:
-            found = list(pool.map(partial(judged, kind), range(each), chunksize=5))
-            wrong = [seed for seed, one in enumerate(found) if one == "WRONG"]
+            found = list(pool.map(partial(judged, kind), seeds, chunksize=5))
+            wrong = [seed for seed, one in zip(seeds, found, strict=True) if one == "WRONG"]
             print(f"{kind}: {dict(Counter(found))}, wrong seeds {wrong}", flush=True)
 
 

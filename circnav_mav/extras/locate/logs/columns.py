@@ -1,5 +1,5 @@
-"""CSV with a fixed header, separated by commas: time, latitude, longitude, range, and optionally
-altitude, sigma, tag.
+"""CSV with a fixed header, separated by commas or semicolons: time, latitude, longitude, range, and
+optionally altitude, sigma, tag. With semicolons, a number may have a decimal comma.
 
 A name may end in the unit of its column: time_ms, range_ft. Other columns are ignored.
 """
@@ -8,6 +8,7 @@ import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import chain
 from math import inf, isfinite, nan
 from pathlib import Path
 
@@ -29,9 +30,9 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 """Factors from the units of a column to s, degrees or m, by the name of the column."""
 REQUIRED = ("time", "latitude", "longitude", "range")
 HEADER = (
-    "the first line must name, separated by commas, time (s or ISO 8601), latitude, longitude"
-    " (degrees) and range (m), and may name altitude, sigma, tag; a unit is a suffix: range_ft,"
-    " time_ms"
+    "the first line must name, separated by commas or semicolons, time (s or ISO 8601), latitude,"
+    " longitude (degrees) and range (m), and may name altitude, sigma, tag; a unit is a suffix:"
+    " range_ft, time_ms"
 )
 ONE_TAG = "target"
 LEAST_SIGMA = 1e-3
@@ -56,6 +57,7 @@ class _Row:
     cells: Sequence[str]
     line: int
     columns: Mapping[str, Column]
+    decimal_comma: bool
 
     def text(self, name: str) -> str:
         """Return the text of a cell, empty if the row or the file has none."""
@@ -71,7 +73,7 @@ class _Row:
         if not cell:
             return nan
         try:
-            value = float(cell) * self.columns[name].factor
+            value = self._float(cell) * self.columns[name].factor
         except ValueError:
             raise self.error(name, f"{printable(cell)[:40]!r} is not a number") from None
         if 10 * FAR < abs(value) < inf:
@@ -84,7 +86,7 @@ class _Row:
         if not cell:
             raise self.error("time", "is missing")
         try:
-            value = float(cell) * self.columns["time"].factor
+            value = self._float(cell) * self.columns["time"].factor
         except ValueError:
             return self._moment(cell)
         # Latest time accepted, s. It is past the year 5000: a larger number is in milliseconds or
@@ -94,6 +96,9 @@ class _Row:
                 "time", f"{value:g} is not a time in s: name its unit, time_ms or time_us"
             )
         return value
+
+    def _float(self, cell: str) -> float:
+        return float(cell.replace(",", ".") if self.decimal_comma else cell)
 
     def _moment(self, cell: str) -> float:
         try:
@@ -117,18 +122,23 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
     read = 0
     damaged: list[RunError] = []
     try:
-        rows = csv.reader(read_lines(path), skipinitialspace=True)
+        lines = read_lines(path, "replace")
+        header = next(lines, "")
+        semicolons = ";" in header
+        rows = csv.reader(
+            chain([header], lines), delimiter=";" if semicolons else ",", skipinitialspace=True
+        )
         columns = _columns(next(rows, []), options)
         for cells in rows:
             if not any(cells):
                 continue
             read += 1
             try:
-                dropped += _add(log, _Row(cells, rows.line_num, columns))
+                dropped += _add(log, _Row(cells, rows.line_num, columns, semicolons))
             except RunError as error:
                 damaged.append(error)
-    except (csv.Error, ValueError) as error:  # not UTF-8, or a line without an end
-        raise RunError(f"is not a CSV in UTF-8: {error}") from None
+    except (csv.Error, ValueError) as error:  # a line without an end
+        raise RunError(f"is not a CSV: {error}") from None
     # A wrong unit or column damages every row. Single ones are defects of the file.
     # 0.02: largest share of rows with an unreadable cell. With more, the table is refused.
     if len(damaged) > 0.02 * read:
