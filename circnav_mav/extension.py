@@ -25,9 +25,9 @@ class Extension:
     checks: functions from a mission to the check lines of the extra's tables.
     preflight: functions from a mission to the check lines of preflight. They may listen for some
         seconds.
-    fly_options, emulate_options: click options that `circnav fly` and `circnav emulate` get.
-    flies, emulates: functions that replace `circnav fly` and `circnav emulate` if an option is
-        given, by the name of this option. They get all options and return the exit code.
+    fly_options: click options that `circnav fly` gets.
+    flies: functions that replace `circnav fly` if an option is given, by the name of this option.
+        They get all options and return the exit code.
     onlooker: function from an `OnlookerSettings` to an `Onlooker`, or to None if this flight does
         not need one.
     report_section: function from a run folder to HTML for its report, empty for nothing.
@@ -42,9 +42,7 @@ class Extension:
     checks: Sequence[str] = ()
     preflight: Sequence[str] = ()
     fly_options: Sequence[str] = ()
-    emulate_options: Sequence[str] = ()
     flies: Mapping[str, str] = field(default_factory=dict)
-    emulates: Mapping[str, str] = field(default_factory=dict)
     onlooker: str | None = None
     report_section: str | None = None
     schemas: Mapping[str, str] = field(default_factory=dict)
@@ -69,11 +67,11 @@ def load(reference: str) -> Any:
     return resolve_name(reference)
 
 
-def carried_out_by(seam: str, options: Mapping[str, Any]) -> Any:
-    """Return the function of an extension that replaces a command, or None. seam: "flies" or
-    "emulates". options: those of the command, by name."""
+def flown_by(options: Mapping[str, Any]) -> Any:
+    """Return the function of an extension that replaces `circnav fly`, or None. options: those of
+    the command, by name."""
     for extension in extensions():
-        for name, reference in getattr(extension, seam).items():
+        for name, reference in extension.flies.items():
             if options.get(name) is not None:
                 return load(reference)
     return None

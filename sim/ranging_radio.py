@@ -7,6 +7,7 @@ The messages carry centimeters, millimeters or meters as a float, with the time 
 import math
 from collections.abc import Callable
 from functools import partial
+from random import Random
 
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -42,6 +43,8 @@ class RangingRadio:
         self.muted = False
         self.frozen = False
         self._held: Sample | None = None
+        self._nodes_noise = Random(f"{config.seed}:nodes")
+        self._node_sequence = 0
         if self._config.rate_hz > 0:
             agenda.every(("range",), round(SECOND / self._config.rate_hz), 0, self._measure)
         if self._config.via == "forwarded":
@@ -76,6 +79,15 @@ class RangingRadio:
             if self._config.rate_name is not None:
                 self._send(named_rate(self._config, sample))
             self._send(MESSAGES[self._config.message](self._config, sample))
+
+    def range_node(self, node: int, distance: float) -> None:
+        """Send a range to another radio, without errors but the white noise."""
+        if self.muted or self._config.message != "ranging_beacon":
+            return
+        reading = distance + self._nodes_noise.gauss(0.0, self._config.noise_m)
+        self._node_sequence = (self._node_sequence + 1) % 256
+        sample = Sample(self._flight.now, max(reading, 0.001), self._node_sequence)
+        self._send(ranging_beacon(self._config.model_copy(update={"beacon_id": node}), sample))
 
     def _heartbeat(self) -> None:
         if not self.muted:

@@ -91,6 +91,10 @@ class Vehicle:
         """Set the time of the GPS, s since 1970. Signatures use it."""
         self._signing.set_time(unix)
 
+    def range_node(self, node: int, distance: float) -> None:
+        """Let the radio measure the distance to another radio, m. node: its id."""
+        self._radio.range_node(node, distance)
+
     @property
     def refused(self) -> int:
         """Number of frames refused because of a missing or invalid signature."""

@@ -113,17 +113,12 @@ def circnav() -> None:
 command = partial(described, group=circnav)
 
 
-def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that adds the options of extensions to a command. name: for example
-    "fly_options"."""
-
-    def add(function: Callable[..., None]) -> Callable[..., None]:
-        for extension in extensions():
-            for reference in getattr(extension, name):
-                function = load(reference)(function)
-        return function
-
-    return add
+def _options_of_extensions(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of extensions to `circnav fly`."""
+    for extension in extensions():
+        for reference in extension.fly_options:
+            function = load(reference)(function)
+    return function
 
 
 @command("circnav_mav.cli.fly:fly_mission", short_help="Fly a mission, show it live, record it.")
@@ -150,7 +145,7 @@ def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callabl
     is_flag=True,
     help="As --dry-run, and send only circnav's heartbeat and the plot values.",
 )
-@_options_of_extensions("fly_options")
+@_options_of_extensions
 def fly() -> None:
     """Fly MISSION, show it live, and record it in a run folder.
 
@@ -275,7 +270,6 @@ def replay() -> None:
     params=emulator.params[1:],
 )
 @click.argument("vehicle", required=False, type=FileOrName("mission"), metavar="[VEHICLE]")
-@_options_of_extensions("emulate_options")
 def emulate() -> None:
     """Run the bundled simulated vehicle alone, in real time. Any ground station or client may
     connect; Ctrl-C ends it.

@@ -51,7 +51,7 @@ def write_manifest(
         "mission": mission.file.name,
         "output_mode": pilot.settings.output_mode.value,
         "epoch_us": epoch_us,
-        "utc_epoch_us": session.vehicle.unix_zero and round(session.vehicle.unix_zero * 1e6),
+        "utc_epoch_us": session.vehicle.utc.offset and round(session.vehicle.utc.offset * 1e6),
         "seeds": {} if seed is None else {"sim": seed},
         "versions": versions,
         "autopilot": autopilot or None,

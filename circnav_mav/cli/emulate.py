@@ -7,15 +7,10 @@ from circnav_sim.config import ConfigError
 from circnav_sim.wires import EndpointError
 
 from circnav_mav.cli.exits import Exit, refusing
-from circnav_mav.extension import carried_out_by, extensions
 
 
 def run_emulator(endpoint: str, **options: Any) -> int:
     """Run the bundled vehicle until SIGINT or SIGTERM. Raises Refused."""
-    if (instead := carried_out_by("emulates", options)) is not None:
-        return int(instead(endpoint=endpoint, **options))
-    for name in (name for extension in extensions() for name in extension.emulates):
-        del options[name]
     with refusing(endpoint, ConfigError, EndpointError):
         emulate(endpoint=endpoint, **options)
     return Exit.DONE

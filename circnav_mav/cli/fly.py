@@ -22,7 +22,7 @@ from circnav_mav.cli.connect import (
 from circnav_mav.cli.drawing import Drawing
 from circnav_mav.cli.exits import Exit, Refused, in_one_line, outlive_terminal, refusing, say
 from circnav_mav.cli.verdict import verdict
-from circnav_mav.extension import carried_out_by
+from circnav_mav.extension import flown_by
 from circnav_mav.foreign import read_text
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
@@ -67,7 +67,7 @@ def fly_mission(
 ) -> int:
     """Fly a mission with the options of `fly`, and return the exit code. options: of extensions.
     Raises Refused before the flight begins, or after a crash of the loop."""
-    if (instead := carried_out_by("flies", options)) is not None:
+    if (instead := flown_by(options)) is not None:
         return int(
             instead(
                 path,
@@ -128,7 +128,7 @@ def fly_mission(
             pilot, recorder, mission, clock.epoch_us, code, alarms.begun, onlookers
         )
         if out is None and crash is None:
-            folder = _dated(folder, mission.file.name, clock, pilot.session.vehicle.unix_zero)
+            folder = _dated(folder, mission.file.name, clock, pilot.session.vehicle.utc.offset)
         words = verdict(summary, folder)
         onlookers.show_verdict(words, folder)
     say(words)

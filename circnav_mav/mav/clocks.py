@@ -234,6 +234,29 @@ class StampFilter:
             self._begin(arrival)
 
 
+class UtcClock:
+    """UTC by the stamps of a remote clock: the least delayed of the newest ones."""
+
+    def __init__(self) -> None:
+        # Number of newest stamps: half a minute of SYSTEM_TIME at 1 Hz.
+        self._offsets: deque[float] = deque(maxlen=30)
+
+    @property
+    def offset(self) -> float | None:
+        """UTC minus local time, s; None while the remote clock is not set."""
+        return max(self._offsets, default=None)
+
+    def received(self, unix: float, now: float) -> None:
+        """Process a stamp, Unix time in s, that arrived now."""
+        # 2020 to 2100. An autopilot without UTC sends 0 or the time since its start.
+        if not 1_577_836_800 < unix < 4_102_444_800:
+            return
+        # The clock was set, by the first fix or a ground station.
+        if self._offsets and abs(unix - now - self._offsets[-1]) > JUMP:
+            self._offsets.clear()
+        self._offsets.append(unix - now)
+
+
 # --- speed of a remote clock ---
 
 OFF = 0.2

@@ -67,6 +67,8 @@ class Session:
         self.vehicle = VehicleState(self.identity.adapter)
         self.encoder = Encoder(settings.system_id or 1, settings.component_id, signing)
         self.commands = CommandSender()
+        self.airspeed_refused = False
+        """True if the autopilot has refused to change its airspeed."""
         self.streams = StreamRequests({})
         self.timesync = Timesync()
         self.motion = OwnMotionSensor(self.timesync.slower)
@@ -241,6 +243,8 @@ class Session:
             for result in self.commands.take_results():
                 if result.command.number == dialect.MAV_CMD_DO_SET_MODE:
                     self._mode_results.append(result)  # read by take_mode_results
+                elif result.command.number == self.adapter.airspeed_command:
+                    self.airspeed_refused |= result.refused
                 elif (
                     result.command.number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and result.refused
                 ):

@@ -6,7 +6,7 @@ from collections import deque
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Autopilot
-from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter
+from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter, UtcClock
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.statustext import TextReader
 from circnav_mav.timers import Since
@@ -72,12 +72,10 @@ class VehicleState:
         Ids prove nothing: many vehicles have the default ones. The time since boot proves it. If
         none was reported, no proof is needed."""
         self.clock_speed = ClockSpeed()
+        self.utc = UtcClock()
         self.texts: deque[str] = deque(maxlen=8)
         self._text_reader = TextReader()
         self.firmware: str | None = None
-        self.unix_zero: float | None = None
-        """Unix time of run time zero by the vehicle's newest SYSTEM_TIME, s. None if the vehicle
-        has no UTC."""
 
     @property
     def in_our_mode(self) -> bool:
@@ -145,9 +143,8 @@ class VehicleState:
             self._on_mode(message.custom_mode, self.armed, now)
         elif kind in BOOT_TIMES:
             self._on_boot_time(message.time_boot_ms / 1000, now)
-            # 0 before the first fix of GPS; a later time than the year 2100 is an error
-            if kind == "SYSTEM_TIME" and 0 < message.time_unix_usec < 4_102_444_800_000_000:
-                self.unix_zero = message.time_unix_usec / 1e6 - now
+            if kind == "SYSTEM_TIME":
+                self.utc.received(message.time_unix_usec / 1e6, now)
         elif kind == "SYS_STATUS":
             self._battery = (
                 float(message.battery_remaining) if message.battery_remaining >= 0 else None

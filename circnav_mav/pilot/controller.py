@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from math import ceil, tan
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.guidance.air_drag import AirspeedHold
 from circnav_mav.guidance.circle_change import (
     MIN_INTERVAL,
@@ -19,6 +21,7 @@ from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, TurnComm
 from circnav_mav.guidance.vehicle_model import VehicleModel
 from circnav_mav.mav.autopilots.interface import SetpointContext
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.commands import Command
 from circnav_mav.mav.frames import (
     GRAVITY,
     YawRate,
@@ -74,6 +77,8 @@ class Controller:
         self.flown: FlownCommands | None = None
         """In a replay with another law or estimator: the commands of the flight. The recorded
         vehicle responded to these, not to the replayed ones."""
+        self._airspeed = orbit.speed
+        """Airspeed that the autopilot was last commanded to hold, m/s."""
         self._wind = 0.0
         """Newest trusted drift, m/s."""
         self.drag = 0.0
@@ -172,7 +177,18 @@ class Controller:
         message = self._guard.check_message(
             session.adapter.setpoint(steer, state, now), session.adapter.shapes
         )
+        self._command_airspeed(session)
         return message, steer.yaw_rate
+
+    def _command_airspeed(self, session: Session) -> None:
+        """Queue the command for another airspeed, if the setpoint does not carry the speed. A newer
+        command replaces one that waits for its answer."""
+        if self.speed == self._airspeed:
+            return
+        self._airspeed = self.speed
+        if (number := session.adapter.airspeed_command) is not None:
+            session.commands.drop(number)
+            session.commands.send(Command(number, (dialect.SPEED_TYPE_AIRSPEED, self.speed)))
 
     def commanded(self, sent: YawRate, now: float) -> None:
         """Record a yaw rate that was sent, to compare the vehicle's turn with it."""
@@ -198,6 +214,7 @@ class Controller:
         """End the stream of setpoints. The next setpoint starts a new stream, at a new height."""
         self._loop.reset()
         self._height = None
+        self._airspeed = self._settings.orbit.speed  # a change of the mode restores it
         self.airspeed_hold.reset(self.airspeed_hold.scale)
 
     def _state(self, session: Session, now: float, *, engaged: bool) -> SetpointContext:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter
+from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter, UtcClock
 
 WINDOW = 100
 """Samples within which a clock drift is followed: 10 s of a 10 Hz radio."""
@@ -217,6 +217,17 @@ def found(times):
     """Return the results after each (time since boot, our time)."""
     clock = ClockSpeed()
     return [clock.received(boot, now) or clock.found for boot, now in times]
+
+
+def test_utc_follows_least_delayed_stamp_and_setting():
+    clock = UtcClock()
+    clock.received(3.0, 1.0)  # no UTC yet
+    assert clock.offset is None
+    for now, delay in enumerate((0.2, 0.02, 0.3)):
+        clock.received(1.8e9 + now, now + delay)
+    assert clock.offset == pytest.approx(1.8e9 - 0.02)
+    clock.received(1.8e9 - 3600.0, 4.0)
+    assert clock.offset == pytest.approx(1.8e9 - 3604.0)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.5, 8.0])

@@ -27,6 +27,15 @@ GAP = 1.0
 reports after which the vehicle may have stopped."""
 
 
+KEPT = CircleLimits(speed=15.0, keeps_speed=True)
+CHANGES = CircleLimits(speed=15.0)
+COPTER = ("ardupilot", "copter")
+PLANE = ("ardupilot", "plane")
+STICK = ("px4", "plane")
+BANK = 0.4
+"""Largest bank of the mission, rad. At 15 m/s, it turns a plane at 0.276 rad/s."""
+
+
 class Vehicle:
     """A controller that has commanded a vehicle to turn, and the heading that the vehicle
     reports."""
@@ -124,16 +133,24 @@ def test_fleet_offset_leaves_operator_circle_unchanged():
     )
 
 
+@pytest.mark.parametrize(("key", "sent"), [(PLANE, [16.5]), (COPTER, []), (STICK, [])])
+def test_airspeed_is_commanded_where_setpoints_lack_the_speed(key, sent):
+    controller = Controller(replace(MISSION, facts=VehicleFacts(15.0, max_bank=BANK)))
+    session = Session(MISSION.link, (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=BANK)),))
+    session.identity.peer = Sender(1, 1, "here")
+    command = TurnCommand(TurnRate(0.1), TurnRate(0.1), saturated=False)
+    for now, pace in enumerate((1.0, 0.95, 1.1), 1):
+        assert controller.change_circle(CircleRequest(pace=pace, by="fleet"), float(now)) == ""
+        controller.setpoint(command, session, float(now))
+    messages = session.commands.poll((1, 1), 4.0)
+    assert [message.param2 for message in messages] == pytest.approx(sent)
+    controller.disengage()
+    controller.setpoint(command, session, 5.0)
+    assert len(session.commands.poll((1, 1), 6.0)) == len(sent)  # the new mode has restored it
+
+
 # --- the limits of the mission in the setpoint guard: a fault of law, loop or adapter does not
 # leave
-
-KEPT = CircleLimits(speed=15.0, keeps_speed=True)
-CHANGES = CircleLimits(speed=15.0)
-COPTER = ("ardupilot", "copter")
-PLANE = ("ardupilot", "plane")
-STICK = ("px4", "plane")
-BANK = 0.4
-"""Largest bank of the mission, rad. At 15 m/s, it turns a plane at 0.276 rad/s."""
 
 
 def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_bank=BANK):

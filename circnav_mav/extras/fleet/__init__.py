@@ -7,11 +7,10 @@ EXTENSION = Extension(
     checks=["circnav_mav.extras.fleet.settings:check_fleet"],
     preflight=["circnav_mav.extras.fleet.settings:preflight_fleet"],
     fly_options=[
-        f"circnav_mav.extras.fleet.commands:{name}" for name in ("DELAY", "LOSS", "FLEET")
+        f"circnav_mav.extras.fleet.commands:{name}"
+        for name in ("COMPASS", "DELAY", "LOSS", "FLEET")
     ],
-    emulate_options=["circnav_mav.extras.fleet.commands:FLEET"],
     flies={"fleet": "circnav_mav.extras.fleet.fly:fly_fleet"},
-    emulates={"fleet": "circnav_mav.extras.fleet.emulate:emulate_fleet"},
     onlooker="circnav_mav.extras.fleet.settings:open_onlooker",
     report_section="circnav_mav.extras.fleet.section:report_section",
     order=15,

@@ -23,15 +23,7 @@ from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.framing import SIGNATURE, frame_at, is_good
 from circnav_mav.mav.identity import address_text
-from circnav_mav.mav.signing import (
-    EPOCH,
-    MINUTE,
-    SECOND,
-    Refusal,
-    Signing,
-    is_signed,
-    is_signed_with,
-)
+from circnav_mav.mav.signing import EPOCH, SECOND, is_signed, is_signed_with
 
 CLOCK_TOLERANCE = 0.5
 """Largest difference, s, between a timestamp and this member's own clock. It includes the delay of
@@ -82,7 +74,7 @@ class Rejection(Enum):
     OTHER_GROUP = "another group uses this address: correct the group, or use another address"
     NOT_FINITE = "a number is not finite"
     OUT_OF_BOUNDS = "a number is out of bounds"
-    CLOCKS_DISAGREE = "clocks disagree, or frames are late: synchronize the companion computers"
+    CLOCKS_DISAGREE = "clocks disagree, or frames are late: check fleet.clock of every member"
     SAME_ID = "two members have the same id: give each member its own id"
     PHASE_JUMP = (
         "a phase jumps: the member's estimate is wrong, or another program sends as this member"
@@ -90,14 +82,6 @@ class Rejection(Enum):
     TOO_OFTEN = "a member sends more than 10 reports a second"
     TABLE_FULL = "the group has more members than its limit"
     FLOOD = "network flood: frames are lost"
-
-
-_REFUSALS = {
-    Refusal.UNSIGNED: Rejection.UNSIGNED,
-    Refusal.WRONG: Rejection.WRONG_KEY,
-    Refusal.REPEATED: Rejection.REPLAYED,
-    Refusal.BEHIND: Rejection.CLOCKS_DISAGREE,
-}
 
 
 class RejectedError(Exception):
@@ -110,20 +94,10 @@ class RejectedError(Exception):
 
 def check_numbers(report: MemberReport) -> None:
     """Raise RejectedError if a number of a report is not finite or out of bounds."""
-    east, north, ee, en, nn = *report.drift, *report.drift_covariance
+    ee, en, nn = report.drift_covariance
     height = 0.0 if isnan(report.height) else report.height
-    values = (
-        report.phase,
-        report.phase_sigma,
-        report.lap_period,
-        report.radius,
-        height,
-        east,
-        north,
-        ee,
-        en,
-        nn,
-    )
+    numbers = (report.phase, report.phase_sigma, report.lap_period, report.radius, height)
+    values = (*numbers, *report.drift, ee, en, nn)
     for (name, (least, greatest)), value in zip(BOUNDS.items(), values, strict=True):
         if not isfinite(value):
             raise RejectedError(Rejection.NOT_FINITE, f"{name} {value}")
@@ -184,14 +158,15 @@ class Acceptance:
         self,
         group: int,
         member: int,
-        signing: Signing | None = None,
         key: bytes | None = None,
         *,
         hosts: frozenset[str] | None = None,
+        tolerance: float = CLOCK_TOLERANCE,
     ) -> None:
         """group, member: ids of this member.
-        signing, key: of the fleet, both or neither.
+        key: of the fleet, None for unsigned frames.
         hosts: accepted senders; None: all.
+        tolerance: largest difference between a stamp and this member's clock, s.
         """
         self.members: dict[int, Member] = {}
         self.rejected: Counter[Rejection] = Counter()
@@ -200,8 +175,9 @@ class Acceptance:
         self._member = member
         self._key = key
         self._hosts = hosts
-        self._signing = signing
-        self._decoder = Decoder(wanted={MESSAGE}, signing=signing)
+        self._tolerance = tolerance
+        self._newest = -inf
+        self._decoder = Decoder(wanted={MESSAGE})
         self._seen: dict[bytes, float] = {}
         self._reasons: dict[Rejection, _Reason] = {}
 
@@ -215,6 +191,11 @@ class Acceptance:
 
     def take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
         """Return the report in a datagram, None if it is rejected. now: Unix time, s."""
+        # After this member's clock was set back, reports that are right now look older than those
+        # accepted before.
+        if now < self._newest - 1.0:
+            self.members.clear()
+        self._newest = now
         try:
             return self._take(data, address, now)
         except RejectedError as rejected:
@@ -259,7 +240,9 @@ class Acceptance:
                 )
             self.copies += 1
             return None
-        report = self._authentic_report(data, now)
+        if self._key is not None:
+            self._check_signature(self._key, data, now)
+        report = self._report(data)
         self.remember(data, now)
         if report.group != self._group:
             raise RejectedError(Rejection.OTHER_GROUP, f"group {report.group}, not {self._group}")
@@ -279,13 +262,9 @@ class Acceptance:
         if self._hosts is not None and host not in self._hosts:
             raise RejectedError(Rejection.OTHER_ADDRESS, "not a peer")
 
-    def _authentic_report(self, data: bytes, now: float) -> MemberReport:
-        """Return the report in a complete frame after checking its signature."""
-        self._check_signing_time(data, now)
-        refused = Counter(self._decoder.counts.refused)
+    def _report(self, data: bytes) -> MemberReport:
+        """Return the report in a complete frame."""
         messages = self._decoder.decode(data)
-        for value in self._decoder.counts.refused - refused:
-            raise RejectedError(_REFUSALS[Refusal(value)], f"id {data[5]}")
         if (
             not messages
             or not is_report(messages[0])
@@ -300,33 +279,30 @@ class Acceptance:
             raise RejectedError(Rejection.OUT_OF_BOUNDS, "id 0, not 1 to 255")
         return report
 
-    def _check_signing_time(self, data: bytes, now: float) -> None:
-        """Raise RejectedError if the timestamp of the signature is in the future.
+    def _check_signature(self, key: bytes, data: bytes, now: float) -> None:
+        """Raise RejectedError for a frame that is not signed with the fleet's key.
 
-        By the rules of MAVLink signing, this member's own timestamp follows the newest accepted
-        one. A member with a wrong clock would advance all members' timestamps, and a new member
-        with a correct clock would then be rejected.
+        MAVLink's rule of increasing timestamps is not applied: it locks out a member whose clock
+        was ahead once. The stamp in the report protects from replayed frames.
         """
-        if self._signing is None or self._key is None or not is_signed(data):
-            return
-        self._signing.follow(now)
+        if not is_signed(data):
+            raise RejectedError(Rejection.UNSIGNED, f"id {data[5]}")
+        if not is_signed_with(key, data):
+            raise RejectedError(Rejection.WRONG_KEY, f"id {data[5]}")
         # Bytes of the hash in a MAVLink 2 signature.
-        ahead = int.from_bytes(data[1 - SIGNATURE : -6], "little") - max(
-            int((now - EPOCH) * SECOND), 0
+        ahead = (
+            int.from_bytes(data[1 - SIGNATURE : -6], "little") / SECOND + EPOCH - max(now, EPOCH)
         )
-        if ahead > MINUTE and is_signed_with(self._key, data):
-            # The member is accepted once its clock is right. A copy of this frame must not be
-            # accepted when its time has come.
+        if ahead > max(60.0, self._tolerance):
+            # A copy of this frame must not be accepted when its time has come.
             self.remember(data, now)
-            raise RejectedError(
-                Rejection.CLOCKS_DISAGREE, f"id {data[5]} is {ahead / SECOND:.0f} s ahead"
-            )
+            raise RejectedError(Rejection.CLOCKS_DISAGREE, f"id {data[5]} is {ahead:.0f} s ahead")
 
     def _check_time(self, report: MemberReport, now: float) -> None:
         known = self.members.get(report.member)
         is_new = known is None or report.stamp > known.report.stamp
         ahead = report.stamp - now
-        if abs(ahead) > CLOCK_TOLERANCE:
+        if abs(ahead) > self._tolerance:
             reason = Rejection.CLOCKS_DISAGREE if is_new else Rejection.REPLAYED
             raise RejectedError(
                 reason,
@@ -351,7 +327,7 @@ class Acceptance:
         if address != known.address and now - known.received_at <= 1.5:
             first = address_text(known.address)
             detail = f"id {report.member} at {first} and at {address_text(address)}"
-            if self._signing is None:
+            if self._key is None:
                 raise RejectedError(Rejection.SAME_ID, detail)
             self.note(Rejection.SAME_ID, detail, now)
         newer_by = report.stamp - known.report.stamp

@@ -16,7 +16,13 @@ from math import inf
 from random import Random
 from typing import Any
 
-from circnav_mav.extras.fleet.acceptance import Acceptance, RejectedError, Rejection, check_numbers
+from circnav_mav.extras.fleet.acceptance import (
+    CLOCK_TOLERANCE,
+    Acceptance,
+    RejectedError,
+    Rejection,
+    check_numbers,
+)
 from circnav_mav.extras.fleet.frames import COMPONENT, LONGEST_FRAME, to_message
 from circnav_mav.extras.fleet.report import MemberReport
 from circnav_mav.mav.codec import Encoder
@@ -44,15 +50,22 @@ class FrameCarrier:
     """Sends and receives reports as signed MAVLink frames over a port."""
 
     def __init__(
-        self, port: "UdpPort | LocalPort", group: int, member: int, key: bytes | None = None
+        self,
+        port: "UdpPort | LocalPort",
+        group: int,
+        member: int,
+        key: bytes | None = None,
+        tolerance: float = CLOCK_TOLERANCE,
     ) -> None:
-        """group, member: ids of this member. key: the fleet's key, 32 bytes; None for unsigned
-        frames."""
+        """group, member: ids of this member.
+        key: the fleet's key, 32 bytes; None for unsigned frames.
+        tolerance: largest accepted difference of clocks, s.
+        """
         # Not the `Signing` of the vehicle's link: a member with a wrong clock must not change the
         # timestamp that signs commands to the autopilot.
         # 1: link id of signatures on the fleet link. The vehicle's link has 0.
         signing = None if key is None else Signing(key, link_id=1)
-        self.acceptance = Acceptance(group, member, signing, key, hosts=port.hosts)
+        self.acceptance = Acceptance(group, member, key, hosts=port.hosts, tolerance=tolerance)
         self.sent = 0
         self._port = port
         self._signing = signing

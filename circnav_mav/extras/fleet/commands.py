@@ -16,6 +16,12 @@ LOSS = click.option(
     metavar="P",
     help="Share of the fleet's reports that is lost.",
 )
+COMPASS = click.option(
+    "--fleet-compass",
+    type=click.FloatRange(0, 45),
+    metavar="DEG",
+    help="Standard deviation of the members' compass errors.",
+)
 DELAY = click.option(
     "--fleet-delay", type=Finite(0, 60), metavar="S", help="Delay of the fleet's reports."
 )

@@ -9,7 +9,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import cos, radians, sin
 from pathlib import Path
+from random import Random
 
+import numpy as np
 from circnav_sim.config import parse_vehicle
 from circnav_sim.vehicle import Truth, Vehicle
 
@@ -32,15 +34,17 @@ START_APART_DEG = 12.0
 airfield."""
 SAMPLE_EVERY = 0.2
 """Time between two samples of the true tracks, s."""
-SEEDS_APART = 1000
-"""Difference of the random seeds of two members; chosen."""
 
 
 def member_overrides(
-    path: str | Path, member: int, overrides: Sequence[str] = (), size: int = 6
+    path: str | Path,
+    member: int,
+    overrides: Sequence[str] = (),
+    size: int = 6,
+    compass: float = 0.0,
 ) -> list[str]:
     """Return the overrides of a member's mission: those of the whole fleet, then id, height layer,
-    seed and start."""
+    seed and start. compass: standard deviation of its compass error, deg."""
     mission = load_mission(path, overrides)
     file = mission.file
     sim = mission.file.sim or {}
@@ -57,11 +61,14 @@ def member_overrides(
         f'name="{file.name}-{member}"',
         f"fleet.id={member}",
         f"fleet.size={max(size, 2)}",
-        f"sim.seed={sim.get('seed', 0) * SEEDS_APART + member}",
+        f"sim.seed={sim.get('seed', 0) * 1000 + member}",
         f"sim.start.north_m={center[0] + cos(turn) * away[0] - sin(turn) * away[1]:.3f}",
         f"sim.start.east_m={center[1] + sin(turn) * away[0] + cos(turn) * away[1]:.3f}",
         f"sim.start.heading_deg={heading:.1f}",
     ]
+    if compass:
+        error = Random(f"{sim.get('seed', 0)}:compass:{member}").gauss(0.0, compass)
+        found.append(f"sim.sensors.heading_bias_deg={error:.2f}")
     if altitude is not None:
         found.append(f"sim.start.altitude_m={altitude + layer:.1f}")
     if file.orbit.height_above_target_m is not None:
@@ -192,6 +199,7 @@ class FleetFlight:
         tracks.height.append([truth.target_down - truth.down for truth, _, _ in places])
         tracks.state.append([member.fleet.state for member in self.members])
         tracks.flying.append([member.pilot.mission.steering for member in self.members])
+        self._measure_ranges()
         target = self.members[0].vehicle.config.target
         tracks.drift.append(
             (
@@ -199,6 +207,20 @@ class FleetFlight:
                 truth.wind_north - target.velocity_north_mps,
             )
         )
+
+    def _measure_ranges(self) -> None:
+        """Let the radio of every member measure the distances to the other members, if the mission
+        uses them."""
+        first = table_of(self.members[0].mission).ranging
+        if first is None:
+            return
+        tracks = self.tracks
+        places = np.column_stack([tracks.east[-1], tracks.north[-1], tracks.height[-1]])
+        for one, member in zip(places, self.members, strict=True):
+            for other, node in zip(places, self.members, strict=True):
+                if node is not member:
+                    ident = node.fleet.spacing.settings.member
+                    member.vehicle.range_node(first + ident, float(np.linalg.norm(one - other)))
 
 
 def bare_fleet(

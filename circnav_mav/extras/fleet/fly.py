@@ -16,7 +16,7 @@ from circnav_mav.cli.verdict import verdict
 from circnav_mav.extras.fleet.carrier import FrameCarrier, LocalNetwork
 from circnav_mav.extras.fleet.flight import FleetFlight, Member, member_overrides
 from circnav_mav.extras.fleet.metrics import FleetFigures, figures
-from circnav_mav.extras.fleet.picture import draw_fleet
+from circnav_mav.extras.fleet.picture import animate_fleet, draw_fleet
 from circnav_mav.extras.fleet.settings import table_of
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
@@ -41,6 +41,7 @@ def fly_fleet(
     fleet: int,
     fleet_loss: float | None,
     fleet_delay: float | None,
+    fleet_compass: float | None,
     **options: Any,
 ) -> int:
     """Fly, print the table of the fleet, and return the exit code. Raises Refused."""
@@ -59,7 +60,8 @@ def fly_fleet(
     stop = StopRequest()
     given = (*overrides, *([f"limits.duration_s={duration}"] if duration is not None else []))
     missions = [
-        read_mission(path, tuple(member_overrides(path, i + 1, given, fleet))) for i in range(fleet)
+        read_mission(path, tuple(member_overrides(path, i + 1, given, fleet, fleet_compass or 0.0)))
+        for i in range(fleet)
     ]
     if not missions[0].flies_sim:
         raise Refused(f"{path}: --fleet flies the bundled vehicle: set link.endpoint to sim")
@@ -89,8 +91,9 @@ def fly_fleet(
         )
     try:
         draw_fleet(flight.tracks, folder / "fleet.png")
+        animate_fleet(flight.tracks, folder / "fleet.gif")
     except Exception as error:
-        say(f"  WARNING    {folder}/fleet.png could not be made: {error}")
+        say(f"  WARNING    the pictures in {folder} could not be made: {error}")
     _show(found, flight.tracks.radius, rows)
     say(f"  fleet folder {folder}")
     return max(codes)
@@ -207,34 +210,17 @@ def _show(found: FleetFigures, radius: float, members: Sequence[dict[str, Any]])
     def shown(value: float | None, unit: str, unknown: str = "unknown") -> str:
         return unknown if value is None else f"{value:.1f} {unit}"
 
-    say(f"FLEET of {found.members} on {radius:g} m")
-    say(
-        "  on circle  "
-        f" {shown(found.all_on_circle_s, 's until every member was on it', 'never all members')}"
-    )
-    even = shown(
-        found.even_after_s, "s later, all gaps within 5 deg", "never all gaps within 5 deg"
-    )
-    say(f"  even        {even}")
+    even = shown(found.even_after_s, "s later, all gaps within 5 deg", "never all within 5 deg")
     worst = found.worst_gap_deg if found.even_after_s is not None else None
-    say(
-        "  worst gap  "
-        f" {shown(worst, 'deg rms off even spacing', 'unknown: the spacing was never even')}"
-    )
-    kept = "unknown: the members were never all on the circle"
-    if found.radius_rms_m is not None and found.radius_spread_m is not None:
-        kept = (
-            f"{found.radius_rms_m:.1f} m rms error, {found.radius_spread_m:.1f} m rms about each"
-            " member's mean"
-        )
-    say(f"  radius      {kept}")
+    on_circle = shown(found.all_on_circle_s, "s until all were on it", "never all members")
     flat = shown(found.smallest_horizontal_m, "m")
-    up = shown(found.smallest_vertical_m, "m")
-    say(f"  separation  {flat} horizontally, {up} vertically")
-    say(
-        f"  too near    {found.too_near} pairs of members (within 10 m vertically and 25 m"
-        " horizontally)"
-    )
+    say(f"FLEET of {found.members} on {radius:g} m")
+    say(f"  on circle   {on_circle}")
+    say(f"  even        {even}")
+    say(f"  worst gap   {shown(worst, 'deg rms off even spacing')}")
+    say(f"  radius      {shown(found.radius_rms_m, 'm rms error')}")
+    say(f"  separation  {flat} horizontally, {shown(found.smallest_vertical_m, 'm')} vertically")
+    say(f"  too near    {found.too_near} pairs (within 10 m vertically and 25 m horizontally)")
     say("  member  end                          alarms  reports accepted, rejected")
     for one in members:
         link = one["link"]

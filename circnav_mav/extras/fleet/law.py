@@ -7,16 +7,19 @@ and no positions are needed. The slots are evenly spaced and as near as possible
     u_i = c + 2 pi k_i / n - tau_i,   c = mean over k of (tau_k - 2 pi k / n)
     k: rank of the phase on the ring
 
-A member that is behind its slot (u > 0) flies a smaller circle, or faster. A slow integral corrects
-lasting differences between vehicles, such as in airspeed: with 2 % difference they stay even only
-on circles whose radii differ by 2 %.
+A member that is behind its slot (u > 0) flies faster. If its speed is at the limit, or cannot be
+commanded, it also flies a smaller circle. A slow integral corrects lasting differences between
+vehicles, such as in airspeed.
+
+A phase is measured from the member's own north. `Spacing.offsets` holds the estimated differences
+of these directions, which are added to the received phases.
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import exp, log, pi, sqrt
 
-from circnav_mav.extras.fleet.phase import LAP, wrapped
+from circnav_mav.extras.fleet.phase import LAP
 from circnav_mav.extras.fleet.report import MemberReport, State
 
 SILENT = 10.0
@@ -79,8 +82,7 @@ class SpacingSettings:
 
     radius, speed: of the circle, m, m/s.
     sense: +1 counter-clockwise, -1 clockwise.
-    by_speed: True to space by the speed instead of the radius (copters).
-    trims_speed: True to apply the integral to the speed; the vehicle must follow speed commands.
+    speed_share: largest relative change of the speed, 0 if the speed cannot be commanded.
     inward, outward: room beside the circle allowed by the mission, m.
     """
 
@@ -88,20 +90,21 @@ class SpacingSettings:
     radius: float
     speed: float
     sense: int
-    by_speed: bool = False
-    trims_speed: bool = False
+    speed_share: float = 0.0
     inward: float = MAX_RADIUS_CHANGE
     outward: float = LANE
 
     @property
+    def radius_share(self) -> float:
+        """Largest relative change of the radius, equal for both signs so that the changes in a
+        fleet sum to 0."""
+        room = min(MAX_RADIUS_CHANGE, self.inward, self.outward)
+        return min(room / self.radius, MAX_RADIUS_SHARE)
+
+    @property
     def most(self) -> float:
-        """Largest relative change of the angular rate, equal for both signs so that the changes in
-        a fleet sum to 0."""
-        if self.by_speed:
-            return MAX_SPEED_SHARE
-        return min(
-            min(MAX_RADIUS_CHANGE, self.inward, self.outward) / self.radius, MAX_RADIUS_SHARE
-        )
+        """Largest relative change of the angular rate."""
+        return self.speed_share + self.radius_share
 
     @property
     def lane(self) -> float:
@@ -150,6 +153,9 @@ class Spacing:
         self.settings = settings
         self.known: dict[int, MemberReport] = {}
         """Newest report of every other member."""
+        self.offsets: dict[int, float] = {}
+        """Correction of the phase of every other member, rad, for the difference of the
+        compasses."""
         self.sense = settings.sense
         """Current sense of rotation, which the operator may reverse."""
         self.trim = 0.0
@@ -159,22 +165,20 @@ class Spacing:
         self._known_at = float("-inf")
 
     def take(self, reports: Iterable[MemberReport]) -> None:
-        """Store newer reports of other members."""
-        for report in reports:
-            before = self.known.get(report.member)
-            if report.member != self.settings.member and (
-                before is None or report.stamp >= before.stamp
-            ):
-                self.known[report.member] = report
+        """Store reports of other members, in the order in which they were sent."""
+        own = self.settings.member
+        self.known |= {report.member: report for report in reports if report.member != own}
 
     def present(self, now: float) -> dict[int, MemberReport]:
         """Return the newest reports of the members that are not silent."""
         return {
-            member: report for member, report in self.known.items() if now - report.stamp <= SILENT
+            member: report
+            for member, report in self.known.items()
+            if abs(now - report.stamp) <= SILENT
         }
 
     def phases(self, now: float) -> dict[int, float]:
-        """Return the extrapolated phases of the other members on the circle."""
+        """Return the extrapolated and corrected phases of the other members on the circle."""
         ring = {
             member: report
             for member, report in self.present(now).items()
@@ -182,7 +186,7 @@ class Spacing:
         }
         # Skip phases with a sigma above half the even gap: their rank on the ring is uncertain.
         sure = {m: r for m, r in ring.items() if r.phase_sigma <= pi / (len(ring) + 1)}
-        return {member: report.phase_at(now) % LAP for member, report in sure.items()}
+        return {m: (r.phase_at(now) + self.offsets.get(m, 0.0)) % LAP for m, r in sure.items()}
 
     def step(self, now: float, own: OwnState) -> Adjustment:
         """Return the adjustment to fly now."""
@@ -193,10 +197,8 @@ class Spacing:
         if state is not State.ON_CIRCLE or own.phase is None:
             self._error = None
             self._decay(dt, FORGET_ALONE)
-            # Members that leave, or wait for a gap in a formed ring or for a free layer, fly in the
-            # outer lane.
-            outside = own.shares_layer or self._formed(others)
-            waits = state is State.LEAVING or (state is State.PHASE_KNOWN and outside)
+            # Members that leave, or wait for a free height layer, fly in the outer lane.
+            waits = state is State.LEAVING or (state is State.PHASE_KNOWN and own.shares_layer)
             return Adjustment(state, self.settings.lane if waits else 0.0, 1.0, None, others)
         counted = others | {self.settings.member: own.phase}
         error = slot_errors(counted)[self.settings.member]
@@ -208,7 +210,8 @@ class Spacing:
         return self._adjustment(state, counted, own)
 
     def _state(self, now: float, own: OwnState, others: Mapping[int, float]) -> State:
-        """Return the state of this member. Enter the circle if there is room."""
+        """Return the state of this member. Enter the circle as soon as the member is near it: the
+        height layers separate it from the others, and all make room at once."""
         settings = self.settings
         if own.leaving:
             return State.LEAVING
@@ -217,26 +220,9 @@ class Spacing:
             return State.SEARCH
         self._known_at = now
         # Only the layers separate members that pass each other: do not enter a layer that is taken.
-        if self._entered or own.shares_layer or own.phase_sigma > pi / (len(others) + 1):
-            return State.ON_CIRCLE if self._entered else State.PHASE_KNOWN
-        # Join a formed ring only where both neighbors are far enough away. Otherwise enter as soon
-        # as the vehicle is near the circle: the members then space themselves.
-        if self._formed(others):
-            near = min(abs(wrapped(phase - own.phase)) for phase in others.values())
-            # Smallest phase difference to both neighbors, in units of half the even gap, to enter
-            # from the outer lane.
-            room = near >= 0.7 * pi / len(others)
-            self._entered = room and own.range <= settings.radius + 1.5 * settings.lane
-        else:
-            self._entered = own.range <= settings.radius + settings.lane
+        if not own.shares_layer and own.phase_sigma <= pi / (len(others) + 1):
+            self._entered |= own.range <= settings.radius + settings.lane
         return State.ON_CIRCLE if self._entered else State.PHASE_KNOWN
-
-    def _formed(self, others: Mapping[int, float]) -> bool:
-        """True if the other members already form an even ring."""
-        # Largest slot error, rad, in a formed ring. A member that joins a formed ring waits in the
-        # outer lane for a gap.
-        # 2: smallest number of members in a formed ring.
-        return len(others) >= 2 and max(map(abs, slot_errors(others).values())) <= 0.35
 
     def _integrate(self, dt: float, *, alone: bool) -> None:
         assert self._error is not None
@@ -259,50 +245,34 @@ class Spacing:
         -1 / T and -K w, as if the radius followed at once. K is GAIN, T is LEAD.
         """
         settings = self.settings
-        if settings.by_speed:
-            return 0.0
-        # The integral's change of the radius, which compensates a different airspeed, does not
-        # change the error.
-        lasting = 0.0 if settings.trims_speed else self.trim
+        # Without speed commands the integral changes the radius. This compensates a different
+        # airspeed and does not change the error.
+        lasting = 0.0 if settings.speed_share else self.trim
         inward = (settings.radius - range_) / settings.radius - lasting
-        return (
-            LEAD
-            * settings.speed
-            / settings.radius
-            * min(max(inward, -settings.most), settings.most)
-        )
+        most = settings.radius_share
+        return LEAD * settings.speed / settings.radius * min(max(inward, -most), most)
 
     def _decay(self, dt: float, time: float) -> None:
         self.trim *= exp(-dt / time)
 
     def _adjustment(self, state: State, counted: dict[int, float], own: OwnState) -> Adjustment:
-        """Return the change of speed or radius for the error. The integral changes the speed if it
-        can be commanded."""
+        """Return the changes for the error: of the speed first, and of the radius for the rest."""
         assert self._error is not None
         settings = self.settings
-        most = self.settings.most
-        quick = min(max(GAIN * (self._error - self._closing(own.range)), -most), most)
-        if settings.by_speed:
-            faster = min(max(quick + self.trim, -most), most)
-            inward = 0.0
-        elif settings.trims_speed:
-            faster = self.trim
-            inward = quick
-        else:
-            faster = 0.0
-            inward = min(max(quick + self.trim, -most), most)
+        quick = GAIN * (self._error - self._closing(own.range)) + self.trim
+        faster = min(max(quick, -settings.speed_share), settings.speed_share)
+        inward = min(max(quick - faster, -settings.radius_share), settings.radius_share)
         return Adjustment(state, -inward * settings.radius, 1 + faster, self._error, counted)
 
 
-def least_time_to_even(n: int, angular_rate: float, most: float, apart: float = 0.0) -> float:
-    """Return the shortest time, s, to space n members evenly: the time that the outermost members
-    need.
+def least_time_to_even(n: int, angular_rate: float, most: float) -> float:
+    """Return the shortest time, s, to space n members from one place evenly: the time that the
+    outermost members need.
 
     angular_rate: rad/s.
     most: largest relative change of this rate.
-    apart: initial gap between neighbors, rad.
     """
-    outermost = (n - 1) / 2 * (LAP / n - apart)
+    outermost = (n - 1) / 2 * LAP / n
     return outermost * (1 + most) / (angular_rate * most)
 
 

@@ -3,7 +3,12 @@
 from collections.abc import Iterator
 from math import degrees, pi, radians
 
-from circnav_mav.extras.fleet.law import SpacingSettings, evenness_floor, least_time_to_even
+from circnav_mav.extras.fleet.law import (
+    MAX_SPEED_SHARE,
+    SpacingSettings,
+    evenness_floor,
+    least_time_to_even,
+)
 from circnav_mav.extras.fleet.settings import FleetTable
 from circnav_mav.guidance.circle_change import CircleRequest, obstacle
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
@@ -20,7 +25,6 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
     """Return the spacing settings of a member. The mission's circle limits bound the requested
     changes."""
     orbit = mission.orbit
-    kind = mission.file.vehicle.kind
     limits = mission.pilot_settings().circle_limits
     # Room beside the circle, inward and outward, that the mission allows, m.
     # 25: largest room beside the circle that the fleet law uses, m.
@@ -40,9 +44,9 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
         radius=orbit.radius,
         speed=orbit.speed,
         sense=orbit.direction.turn_sign,
-        by_speed=kind == "copter",
-        trims_speed=kind != "copter" and not limits.keeps_speed,
-        inward=inward,
+        speed_share=0.0 if limits.keeps_speed else MAX_SPEED_SHARE,
+        # A copter spaces itself by speed alone: that is enough, and it keeps its circle.
+        inward=0.0 if mission.file.vehicle.kind == "copter" else inward,
         outward=outward,
     )
 
@@ -90,6 +94,20 @@ def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
     words = (
         f"if a two-way beacon has {rate:g} Hz in all, each of {n} members gets {rate / n:.1f} Hz"
     )
+    if table.ranging is not None:
+        yield _member_ranging(mission, table.ranging)
     # Smallest number of ranges per second of one member, Hz, for estimating the relative motion.
     grade = WARN if rate / n < 1.0 else PASS
     yield Check(grade, "fleet ranging", f"{words}: set ranging.rate_hz to the rate of one member")
+
+
+def _member_ranging(mission: Mission, first: int) -> Check:
+    """Return the check of the ranges between members, whose radios have ids above `first`."""
+    ranging = mission.file.ranging
+    if ranging.message != "ranging_beacon" or ranging.beacon_id is None:
+        words = 'needs ranging.message = "ranging_beacon" and ranging.beacon_id'
+        return Check(FAIL, "fleet.ranging", f"{words}, to tell the beacon from the members")
+    if first < ranging.beacon_id <= first + 255:
+        words = f"the beacon's id {ranging.beacon_id} is within those of the members"
+        return Check(FAIL, "fleet.ranging", f"{words}, {first + 1} to {first + 255}")
+    return Check(PASS, "fleet.ranging", f"the radio of member n has the id {first} + n")

@@ -2,9 +2,10 @@
 
 import select
 from collections.abc import Iterator
+from math import inf
 
 from circnav_mav.cli.exits import Refused
-from circnav_mav.extras.fleet.acceptance import Rejection
+from circnav_mav.extras.fleet.acceptance import CLOCK_TOLERANCE, Rejection
 from circnav_mav.extras.fleet.onlooker import layer_lines, mission_carrier
 from circnav_mav.extras.fleet.report import MemberReport
 from circnav_mav.extras.fleet.settings import FleetTable
@@ -44,7 +45,8 @@ def _listen(
 ) -> tuple[dict[int, MemberReport], dict[Rejection, int], list[str]]:
     """Return the newest report of each member, the counts of rejections and the problems. Raises
     Refused."""
-    carrier = mission_carrier(table)
+    # The stamps are UTC by the autopilots, which this computer does not know yet.
+    carrier = mission_carrier(table, inf if table.clock == "autopilot" else CLOCK_TOLERANCE)
     newest: dict[int, MemberReport] = {}
     until = steady() + seconds
     try:

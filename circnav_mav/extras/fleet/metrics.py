@@ -26,8 +26,7 @@ class FleetFigures:
     worst_gap_deg: rms of the worst gap error from that start (never even: in the last third of the
         time on the circle).
     radius_rms_m: rms radius error of all members in the same time.
-    radius_spread_m: the same about each member's mean radius.
-    smallest_horizontal_m, smallest_vertical_m, smallest_distance_m: between any two members.
+    smallest_horizontal_m, smallest_vertical_m: between any two members.
     too_near: number of pairs that were within 10 m vertically and 25 m horizontally.
     """
 
@@ -36,10 +35,8 @@ class FleetFigures:
     even_after_s: float | None
     worst_gap_deg: float | None
     radius_rms_m: float | None
-    radius_spread_m: float | None
     smallest_horizontal_m: float | None
     smallest_vertical_m: float | None
-    smallest_distance_m: float | None
     too_near: int
 
     def plain(self) -> dict[str, Any]:
@@ -89,25 +86,21 @@ def figures(tracks: Tracks) -> FleetFigures:
     radius = np.hypot(np.array(tracks.east), np.array(tracks.north))
     after = np.flatnonzero(whole) if even is None else np.flatnonzero(whole & (time >= even))
     late = after if even is not None else after[len(after) * 2 // 3 :]
-    horizontal, vertical, distance, near = _separation(tracks)
+    horizontal, vertical, near = _separation(tracks)
     return FleetFigures(
         members=states.shape[1],
         all_on_circle_s=began,
         even_after_s=None if even is None or began is None else even - began,
         worst_gap_deg=rms(np.degrees(errors[late])),
         radius_rms_m=rms(radius[late] - tracks.radius),
-        radius_spread_m=float(np.sqrt(np.mean(np.var(radius[late], axis=0))))
-        if len(late)
-        else None,
         smallest_horizontal_m=horizontal,
         smallest_vertical_m=vertical,
-        smallest_distance_m=distance,
         too_near=near,
     )
 
 
-def _separation(tracks: Tracks) -> tuple[float | None, float | None, float | None, int]:
-    """Return the smallest horizontal, vertical and true distance of two steered members, m, and the
+def _separation(tracks: Tracks) -> tuple[float | None, float | None, int]:
+    """Return the smallest horizontal and vertical distance of two steered members, m, and the
     number of pairs that were too near each other."""
     east = np.array(tracks.east)
     north = np.array(tracks.north)
@@ -115,7 +108,6 @@ def _separation(tracks: Tracks) -> tuple[float | None, float | None, float | Non
     flying = np.array(tracks.flying)
     beside = []
     above = []
-    apart = []
     near = 0
     for i in range(east.shape[1] if len(east) else 0):
         for j in range(i):
@@ -124,10 +116,7 @@ def _separation(tracks: Tracks) -> tuple[float | None, float | None, float | Non
                 continue
             flat = np.hypot(east[:, i] - east[:, j], north[:, i] - north[:, j])[both]
             up = np.abs(height[:, i] - height[:, j])[both]
-            beside.append(flat.min())
-            above.append(up.min())
-            apart.append(np.hypot(flat, up).min())
+            beside.append(float(flat.min()))
+            above.append(float(up.min()))
             near += bool(((flat < NEAR_BESIDE) & (up < NEAR_ABOVE)).any())
-    if not beside:
-        return None, None, None, 0
-    return float(min(beside)), float(min(above)), float(min(apart)), near
+    return min(beside, default=None), min(above, default=None), near

@@ -8,6 +8,7 @@ as a single vehicle.
 
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import cos, degrees, inf, isfinite, isnan, nan, pi, sin
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,13 @@ from typing import Any
 import numpy as np
 
 from circnav_mav.cli.exits import Refused
+from circnav_mav.extras.fleet.acceptance import CLOCK_TOLERANCE
 from circnav_mav.extras.fleet.carrier import FrameCarrier, UdpPort
 from circnav_mav.extras.fleet.evenness import even_from, gap_error, rms
 from circnav_mav.extras.fleet.law import Adjustment, OwnState, Spacing
 from circnav_mav.extras.fleet.limits import spacing_settings
-from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, circle_angle, intersected
+from circnav_mav.extras.fleet.offset import PhaseOffset, offset_by_drift, offset_by_range
+from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, circle_angle, wrapped
 from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.extras.fleet.settings import FleetTable, table_of
 from circnav_mav.guidance.circle_change import CircleRequest
@@ -42,8 +45,12 @@ LAYER_SHARE = 0.5
 layer."""
 UNKNOWN_VARIANCE = 1e4
 """Variance of an unknown drift, (m/s)^2."""
-COLUMNS = "time,state,phase_deg,phase_sigma_deg,error_deg,offset_m,pace,present,counted,ring"
-"""Columns of fleet.csv. ring: `id:phase` of each member on the circle, deg."""
+COLUMNS = (
+    "time,state,phase_deg,phase_sigma_deg,error_deg,offset_m,pace,present,counted,ring,"
+    "compass,ranges"
+)
+"""Columns of fleet.csv. Lists of `id:value`: ring, phase of each member on the circle, deg;
+compass, correction of each phase, deg; ranges, to each member, m."""
 
 
 def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
@@ -100,7 +107,7 @@ class FleetOnlooker(Onlooker):
         self._flies = mission.file.vehicle.kind != "rover"
         self._speed = mission.orbit.speed
         self._duration = mission.file.limits.duration_s
-        self._epoch = 0.0
+        self._started = 0.0
         self._drift: tuple[float, float] | None = None
         self._airspeed = self._speed
         self._covariance = (UNKNOWN_VARIANCE, 0.0, UNKNOWN_VARIANCE)
@@ -109,12 +116,15 @@ class FleetOnlooker(Onlooker):
         self._requested = (0.0, 1.0)
         self._requested_at = float("-inf")
         self._own = OwnState(None, 0.0, nan)
+        self._offsets: dict[int, PhaseOffset] = {}
+        self._compared: dict[int, float] = {}
+        """Stamp of the newest report of each member that `_offsets` has used."""
         self._over_at: float | None = None
         self._now = 0.0
         self._log = io.StringIO()
         self._gap_errors: list[tuple[float, float]] = []
         """Time and largest gap error of the ring, s, rad, while this member is on the circle."""
-        self._nearest_layer = inf
+        self._nearest_layer = self._nearest = inf
 
     @property
     def busy(self) -> bool:  # type: ignore[override]
@@ -124,7 +134,14 @@ class FleetOnlooker(Onlooker):
         return self._over_at is not None and self._now - self._over_at < 1.0
 
     def start(self, epoch_us: int) -> None:
-        self._epoch = 0.0 if self._lockstep else epoch_us / 1e6
+        self._started = 0.0 if self._lockstep else epoch_us / 1e6
+
+    @property
+    def _epoch(self) -> float:
+        """Stamp of run time zero, s: UTC by the autopilot, else by this computer."""
+        utc = self._pilot.session.vehicle.utc.offset
+        by_computer = self._lockstep or self._table.clock == "computer"
+        return self._started if by_computer or utc is None else utc
 
     def on_step(
         self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
@@ -143,7 +160,12 @@ class FleetOnlooker(Onlooker):
         if self.spacing.sense != self._sense:
             self.spacing.sense = self._sense
             self._map = None
+            self._offsets.clear()
+            self.spacing.offsets.clear()
+        if self._pilot.session.airspeed_refused:
+            self.spacing.settings = replace(self.spacing.settings, speed_share=0.0)
         self._find_phase(now, dt)
+        self._compare_phases(now)
         self.adjusted = self.spacing.step(self._epoch + now, self._own)
         self.state = self.adjusted.state
         if self.carrier is not None:
@@ -213,23 +235,24 @@ class FleetOnlooker(Onlooker):
         found: dict[str, str] = {}
         if self.carrier is not None and (problems := self.carrier.alarms(self._epoch + now)):
             found["fleet_link"] = "; ".join(problems)
-        if lines := self.layer_alarms(now):
-            found["fleet_layer"] = "; ".join(lines)
-        return found
-
-    def layer_alarms(self, now: float) -> list[str]:
-        """Return a line for each pair of members in the same height layer. Every member raises the
-        alarm."""
+        if not self._pilot.mission.steering:
+            return found
         present = self.spacing.present(self._epoch + now)
         heights = {member: report.height for member, report in present.items()}
-        height = self._pilot.height(now)
-        if height is not None:
+        if (height := self._pilot.height(now)) is not None:
             heights[self.spacing.settings.member] = height
-        return (
-            layer_lines(heights, self._table.layer_m)
-            if self._pilot.mission.steering and self._flies
-            else []
-        )
+        # Every member raises the alarm.
+        if self._flies and (lines := layer_lines(heights, self._table.layer_m)):
+            found["fleet_layer"] = "; ".join(lines)
+        near = [
+            f"fleet: member {member} is {distance:.0f} m away, limit {self._table.nearest_m:g} m:"
+            " take one of the two over"
+            for member, distance in self._ranges(now).items()
+            if distance < self._table.nearest_m
+        ]
+        if near:
+            found["fleet_near"] = "; ".join(near)
+        return found
 
     def report(self, now: float) -> MemberReport:
         """Return this member's report."""
@@ -264,6 +287,7 @@ class FleetOnlooker(Onlooker):
             "even_after_s": None if even is None else round(even - float(time[0]), 1),
             "worst_gap_deg": None if worst is None else round(worst, 2),
             "nearest_layer_m": round(nearest, 1) if isfinite(nearest) else None,
+            "nearest_m": round(self._nearest, 1) if isfinite(self._nearest) else None,
             "trim": round(self.spacing.trim, 4),
             "link": None if carrier is None else carrier.summary(),
         }
@@ -274,22 +298,13 @@ class FleetOnlooker(Onlooker):
         if self.carrier is not None:
             self.carrier.close()
 
-    # --- phase of this member
-    # ------------------------------------------------------------
-
     def _find_phase(self, now: float, dt: float) -> None:
-        pilot = self._pilot
-        estimate = self._pilot.estimate
-        relative = estimate.relative if estimate is not None else None
+        estimate = self._pilot.estimate if self._pilot.mission.steering else None
+        relative = None if estimate is None else estimate.relative
         leaving = self._leaves(now)
         shares = self._shares_layer(now)
-        if (
-            relative is None
-            or not relative.trusted
-            or not pilot.mission.steering
-            or estimate is None
-        ):
-            self._own = OwnState(None, pi, nan if estimate is None else estimate.r, leaving, shares)
+        if estimate is None or relative is None or not relative.trusted:
+            self._own = OwnState(None, pi, nan, leaving, shares)
             return
         self._follow(relative, now, dt)
         assert self._map is not None
@@ -313,15 +328,57 @@ class FleetOnlooker(Onlooker):
         self._airspeed += share * (relative.airspeed - self._airspeed)
         # Time between two updates of the phase map, s.
         if self._map is None or now - self._map_at >= 1.0:
-            drift = self._own_drift()
-            if (
-                self.state is not State.ON_CIRCLE
-            ):  # before joining, use the drift of the other members too
-                for report in self.spacing.present(self._epoch + now).values():
-                    if report.state is State.ON_CIRCLE:
-                        drift = intersected(drift, Drift(report.drift, report.drift_covariance))
-            self._map = PhaseMap.of(self._airspeed, drift.mean, self._sense)
+            self._map = PhaseMap.of(self._airspeed, self._own_drift().mean, self._sense)
             self._map_at = now
+
+    def _ranges(self, now: float) -> dict[int, float]:
+        """Return the measured ranges to other members, m, by id."""
+        first = self._table.ranging
+        if first is None:
+            return {}
+        # Oldest range to a member that is used, s.
+        return {
+            beacon - first: distance
+            for beacon, (time, distance) in self._pilot.tracker.ranging.other_beacons.items()
+            if now - time < 1.0 and beacon > first
+        }
+
+    def _compare_phases(self, now: float) -> None:
+        """Update the correction of every member's phase by its drift and the range to it."""
+        if self._own.phase is None or self._map is None:
+            return
+        ranges = self._ranges(now)
+        for member, report in self.spacing.present(self._epoch + now).items():
+            before = self._compared.get(member, report.stamp)
+            self._compared[member] = report.stamp
+            if report.state is State.SEARCH or report.sense != self._sense:
+                continue
+            found = self._offsets.setdefault(member, PhaseOffset())
+            drift = Drift(report.drift, report.drift_covariance)
+            seen = [offset_by_drift(self._own_drift(), drift, self._sense, self._map.at(0.0)[1])]
+            if member in ranges and self.state is report.state is State.ON_CIRCLE:
+                seen.append(self._offset_by_range(report, ranges[member], now))
+            found.observe(seen, min(max(report.stamp - before, 0.0), 1.0))
+            self.spacing.offsets[member] = found.value
+
+    def _offset_by_range(
+        self, report: MemberReport, distance: float, now: float
+    ) -> tuple[float, float]:
+        """Return the correction of a member's phase by the range to it, and its sigma, rad."""
+        assert self._map is not None and self._own.phase is not None
+        height = self._pilot.height(now)
+        if self._flies and (height is None or isnan(report.height)):
+            return 0.0, inf
+        phase = report.phase_at(self._epoch + now)
+        return offset_by_range(
+            distance,
+            report.height - height if height is not None and self._flies else 0.0,
+            (self._own.range, report.radius),
+            self._map.angle(self._own.phase),
+            wrapped(phase - self._own.phase),
+            phase,
+            self._map,
+        )
 
     @property
     def _sense(self) -> int:
@@ -367,6 +424,7 @@ class FleetOnlooker(Onlooker):
             self._gap_errors.append((now, gap_error(self.adjusted.counted.values())))
         height = self._pilot.height(now)
         if height is not None and self._pilot.mission.steering:
+            self._nearest = min([self._nearest, *self._ranges(now).values()])
             heights = (report.height for report in self.spacing.present(self._epoch + now).values())
             self._nearest_layer = min(
                 [self._nearest_layer, *(abs(other - height) for other in heights)]
@@ -382,20 +440,32 @@ class FleetOnlooker(Onlooker):
         ring = " ".join(
             f"{member}:{degrees(one):.1f}" for member, one in sorted(adjusted.counted.items())
         )
+        compass = " ".join(
+            f"{member}:{degrees(one):.2f}" for member, one in sorted(self.spacing.offsets.items())
+        )
+        ranges = " ".join(
+            f"{member}:{one:.2f}" for member, one in sorted(self._ranges(now).items())
+        )
         self._log.write(
             f"{now:.2f},{self.state.name.lower()},{phase},{degrees(own.phase_sigma):.2f},{error},"
-            f"{adjusted.offset:.2f},{adjusted.speed:.4f},{present},{len(adjusted.counted)},{ring}\n"
+            f"{adjusted.offset:.2f},{adjusted.speed:.4f},{present},{len(adjusted.counted)},{ring},"
+            f"{compass},{ranges}\n"
         )
 
 
-def mission_carrier(table: FleetTable) -> FrameCarrier:
-    """Open the carrier configured in a mission, with the signing key of the fleet. Raises
-    Refused."""
+def _cell(values: Mapping[int, float]) -> str:
+    """Return values by id as a cell of fleet.csv."""
+    return " ".join(f"{member}:{value:.1f}" for member, value in sorted(values.items()))
+
+
+def mission_carrier(table: FleetTable, tolerance: float = CLOCK_TOLERANCE) -> FrameCarrier:
+    """Open the carrier configured in a mission, with the signing key of the fleet. tolerance: of
+    clocks, s. Raises Refused."""
     assert table.id is not None
     try:
         key = None if table.key_file is None else read_key(Path(table.key_file))
         port = UdpPort(table.port, table.interface, table.peers or ())
-        return FrameCarrier(port, table.group, table.id, key)
+        return FrameCarrier(port, table.group, table.id, key, tolerance)
     except (LinkError, KeyFileError) as error:
         raise Refused(f"fleet: {error}") from None
 

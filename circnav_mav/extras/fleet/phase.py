@@ -81,31 +81,3 @@ def circle_angle(x: float, y: float, sense: int) -> float:
 def wrapped(angle: float) -> float:
     """Return an angle in [-pi, pi)."""
     return (angle + pi) % LAP - pi
-
-
-def intersected(one: Drift, other: Drift) -> Drift:
-    """Fuse two estimates whose correlation is unknown (covariance intersection, Julier and Uhlmann
-    1997).
-
-    The weight is the one of eleven values that minimizes the determinant of the fused covariance.
-    """
-    a = _matrix(one)
-    b = _matrix(other)
-    inverse_a = np.linalg.inv(a)
-    inverse_b = np.linalg.inv(b)
-    fused = [
-        (w, np.linalg.inv(w * inverse_a + (1 - w) * inverse_b)) for w in np.linspace(0.0, 1.0, 11)
-    ]
-    weight, covariance = min(fused, key=lambda choice: float(np.linalg.det(choice[1])))
-    mean = covariance @ (
-        weight * inverse_a @ np.array(one.mean) + (1 - weight) * inverse_b @ np.array(other.mean)
-    )
-    return Drift(
-        (float(mean[0]), float(mean[1])),
-        (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])),
-    )
-
-
-def _matrix(drift: Drift) -> np.ndarray:
-    ee, en, nn = drift.covariance
-    return np.array([[ee, en], [en, nn]])

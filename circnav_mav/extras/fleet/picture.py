@@ -1,33 +1,51 @@
-"""Picture of a fleet: snapshots of its tracks, and phases and gaps over time."""
+"""Pictures of a fleet: snapshots of its tracks with the gaps over time, and an animation."""
 
 from pathlib import Path
 
 import numpy as np
+from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from circnav_mav.extras.fleet.flight import SAMPLE_EVERY, Tracks
-from circnav_mav.extras.fleet.metrics import gap_errors, true_phases
+from circnav_mav.extras.fleet.metrics import gap_errors
 from circnav_mav.extras.fleet.phase import LAP
 from circnav_mav.extras.fleet.report import State
 from circnav_mav.extras.fleet.section import COLORS
 
 
 def draw_fleet(tracks: Tracks, path: Path) -> None:
-    """Write the picture: a strip of snapshots, phases and gap errors over time. Raises OSError."""
-    figure = Figure(figsize=(13.0, 5.6), layout="constrained")
+    """Write the picture: a strip of snapshots, and gap errors over time. Raises OSError."""
+    figure = Figure(figsize=(13.0, 4.4), layout="constrained")
     # Number of snapshots; chosen.
-    grid = figure.add_gridspec(2, 6, height_ratios=(1.0, 1.3))
-    on = np.flatnonzero([State.ON_CIRCLE in states for states in tracks.state])
-    first, last = (on[0], on[-1]) if len(on) else (0, len(tracks.time) - 1)
+    grid = figure.add_gridspec(2, 6, height_ratios=(1.0, 0.8))
+    first, last = _flown(tracks)
     # Most changes happen at the start: the snapshots are closer together there.
     share = np.array([0.0, 0.08, 0.2, 0.34, 0.52, 0.95])
     for place, index in enumerate((first + share * (last - first)).astype(int)):
         _frame(figure.add_subplot(grid[0, place]), tracks, int(index), is_first=place == 0)
-    _phases(figure.add_subplot(grid[1, :4]), tracks)
-    _gaps(figure.add_subplot(grid[1, 4:]), tracks)
+    _gaps(figure.add_subplot(grid[1, :]), tracks)
     figure.savefig(path, dpi=110)
+
+
+def animate_fleet(tracks: Tracks, path: Path) -> None:
+    """Write the flight as an animation of 5 s. Raises OSError."""
+    figure = Figure(figsize=(4.0, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    writer = PillowWriter(fps=10)
+    first, last = _flown(tracks)
+    with writer.saving(figure, path, dpi=90):
+        for index in np.linspace(first, last, 50).astype(int):
+            axes.clear()
+            _frame(axes, tracks, int(index), is_first=True)
+            writer.grab_frame()
+
+
+def _flown(tracks: Tracks) -> tuple[int, int]:
+    """Return the first and last sample with a member on the circle, else of the record."""
+    on = np.flatnonzero([State.ON_CIRCLE in states for states in tracks.state])
+    return (int(on[0]), int(on[-1])) if len(on) else (0, len(tracks.time) - 1)
 
 
 def _color(member: int) -> str:
@@ -86,28 +104,6 @@ def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
     axes.set(xlim=(-extent, extent), ylim=(-extent, extent), aspect="equal", xticks=[], yticks=[])
     axes.set_title(f"{tracks.time[index]:.0f} s", fontsize=10)
     axes.spines[:].set_visible(False)
-
-
-def _phases(axes: Axes, tracks: Tracks) -> None:
-    """Draw the phases relative to the mean motion. A member that keeps its slot is a level line."""
-    time = np.array(tracks.time)
-    phases = true_phases(tracks)
-    on = np.array([[state is State.ON_CIRCLE for state in row] for row in tracks.state])
-    unwrapped = np.unwrap(phases, axis=0)
-    whole = on.all(axis=1)
-    if not whole.any():
-        axes.set(title="Phases of the members: never all on the circle", xticks=[], yticks=[])
-        return
-    mean = np.where(whole, unwrapped.mean(axis=1), np.nan)
-    for member in range(phases.shape[1]):
-        relative = np.degrees(unwrapped[:, member] - mean)
-        axes.plot(time, relative, color=_color(member), label=str(member + 1), lw=1.3)
-    axes.set(
-        xlabel="time, s",
-        title="Phase in time less the mean, deg: an even fleet is level and evenly spaced",
-    )
-    axes.title.set_fontsize(10)
-    axes.grid(alpha=0.3)
 
 
 def _gaps(axes: Axes, tracks: Tracks) -> None:

@@ -2,37 +2,26 @@
 fleet.csv."""
 
 import csv
+from base64 import b64encode
 from collections.abc import Sequence
-from itertools import pairwise
+from io import BytesIO
 from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from circnav_mav.extras.fleet.evenness import gap_error
 from circnav_mav.foreign import read_lines
-from circnav_mav.report.page import escape, rows
+from circnav_mav.report.page import rows
 from circnav_mav.runlog.run_folder import Run
 
-EVERY = 0.5
-"""Smallest time between two drawn samples, s."""
 COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
 """Paul Tol's bright scheme: distinct for color-blind readers."""
-WIDTH = 1000
-HEIGHT = 190
-LEFT = 44
-TOP = 8
-BOTTOM = 20
-"""Size and margins of a chart, px."""
-LARGEST_ERROR = 60.0
-"""Upper end of the axis of gap errors, deg."""
-BREAK = 90.0
-"""Change between two samples, deg, at which a line is interrupted: the phase has wrapped, or the
-ring has changed."""
 
 Ring = dict[str, float]
 """Phases of the members on the circle, deg, by id."""
-Line = tuple[str, list[tuple[float, float]]]
-"""Color and points."""
 
 
 def report_section(run: Run) -> str:
@@ -55,6 +44,7 @@ def _figures(found: dict[str, Any]) -> dict[str, str]:
         "even_after_s": ("time from entering the circle to even within 5 deg", " s"),
         "worst_gap_deg": ("largest gap error from then on, rms", " deg"),
         "nearest_layer_m": ("smallest vertical distance to another member", " m"),
+        "nearest_m": ("smallest measured distance to another member", " m"),
     }
     return {
         label: "unknown" if found[key] is None else f"{found[key]}{unit}".strip("[]")
@@ -68,7 +58,8 @@ def _rings(path: Path) -> list[tuple[float, Ring]]:
     found: list[tuple[float, Ring]] = []
     for row in csv.DictReader(read_lines(path)):
         time = float(row["time"])
-        if not found or time >= found[-1][0] + EVERY:
+        # Smallest time between two drawn samples, s.
+        if not found or time >= found[-1][0] + 0.5:
             pairs = (pair.split(":") for pair in (row.get("ring") or "").split())
             found.append((time, {str(int(member)): float(phase) for member, phase in pairs}))
     return found
@@ -78,67 +69,25 @@ def _charts(rings: Sequence[tuple[float, Ring]], own: str) -> str:
     """Return the charts of phases and gap errors as HTML."""
     if len(rings) < 2:
         return ""
-    members = sorted({member for _, ring in rings for member in ring}, key=int)
-    colors = {member: COLORS[i % len(COLORS)] for i, member in enumerate(members)}
-    lines = [
-        (
-            colors[one],
-            [
-                (time, (ring[one] - ring[own]) % 360)
-                for time, ring in rings
-                if {one, own} <= ring.keys()
-            ],
-        )
-        for one in members
-        if one != own
-    ]
-    keys = "".join(
-        f'<span class="key"><i style="--c:{colors[one]}"></i>{escape(one)}</span>'
-        for one in members
-        if one != own
-    )
-    errors = [
-        (time, min(degrees(gap_error([radians(phase) for phase in ring.values()])), LARGEST_ERROR))
-        for time, ring in rings
-        if len(ring) > 1
-    ]
-    span = rings[0][0], rings[-1][0]
-    return _chart(
-        f"phase ahead of this vehicle{keys}", span, lines, [0, 90, 180, 270, 360]
-    ) + _chart(
-        "largest gap error", span, [(COLORS[0], errors)], [0, 5, 20, 40, round(LARGEST_ERROR)]
-    )
-
-
-def _chart(
-    title: str, span: tuple[float, float], lines: Sequence[Line], levels: Sequence[int]
-) -> str:
-    """Return one chart as HTML. levels: values of the grid lines, deg; the axis ends at the last
-    one."""
-    (first, last), top = span, levels[-1]
-
-    def point(time: float, value: float) -> tuple[float, float]:
-        x = LEFT + (WIDTH - LEFT) * (time - first) / max(last - first, 1.0)
-        return round(x, 1), round(TOP + (HEIGHT - TOP - BOTTOM) * (1 - value / top), 1)
-
-    parts = []
-    for level in levels:
-        _, y = point(first, level)
-        parts.append(
-            f'<path d="M{LEFT},{y}H{WIDTH}" class="grid"/><text x="4" y="{y + 4}">{level}</text>'
-        )
-    for share in range(5):
-        time = first + share / 4 * (last - first)
-        x, _ = point(time, 0)
-        anchor = "start" if share == 0 else "end" if share == 4 else "middle"
-        parts.append(f'<text x="{x}" y="{HEIGHT - 4}" text-anchor="{anchor}">{time:.0f} s</text>')
-    for color, points in lines:
-        drawn = [f"M{x},{y}" for x, y in (point(*one) for one in points[:1])]
-        for before, one in pairwise(points):
-            x, y = point(*one)
-            drawn.append(f"{'M' if abs(one[1] - before[1]) > BREAK else 'L'}{x},{y}")
-        parts.append(f'<path d="{"".join(drawn)}" class="line" style="--c:{color}"/>')
-    return (
-        f'<figure><figcaption><b>{title}</b> <span class="unit">deg</span></figcaption>'
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img">{"".join(parts)}</svg></figure>'
-    )
+    figure = Figure(figsize=(10.0, 4.4), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True)
+    time = [at for at, _ in rings]
+    members = sorted({member for _, ring in rings for member in ring} - {own}, key=int)
+    for i, member in enumerate(members):
+        ahead = [
+            (ring[member] - ring[own]) % 360 if {member, own} <= ring.keys() else np.nan
+            for _, ring in rings
+        ]
+        # Interrupt the line where the phase wraps or the ring changes.
+        broken = np.where(np.abs(np.diff(ahead, prepend=ahead[0])) > 90.0, np.nan, ahead)
+        above.plot(time, broken, color=COLORS[i % len(COLORS)], label=f"vehicle {member}")
+    errors = [degrees(gap_error([radians(one) for one in ring.values()])) for _, ring in rings]
+    below.plot(time, errors, color=COLORS[0])
+    above.set(ylabel="phase ahead of\nthis vehicle, deg", ylim=(0, 360), yticks=range(0, 361, 90))
+    below.set(ylabel="largest gap\nerror, deg", ylim=(0, 60), xlabel="time, s")
+    if members:
+        above.legend(loc="upper right", fontsize=8)
+    drawn = BytesIO()
+    figure.savefig(drawn, dpi=100)
+    data = b64encode(drawn.getvalue()).decode()
+    return f'<img alt="phases and gap errors" src="data:image/png;base64,{data}">'

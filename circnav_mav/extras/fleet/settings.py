@@ -1,7 +1,7 @@
 """Mission table [fleet]. A mission with one vehicle imports no other module of this package."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 from pydantic import Field
 
@@ -31,6 +31,9 @@ class FleetTable(Table):
     interface: str = ""
     key_file: Annotated[str, Field(min_length=1)] | None = None
     port: Annotated[int, Field(ge=1, le=65535)] = PORT
+    clock: Literal["autopilot", "computer"] = "autopilot"
+    ranging: Annotated[int, Field(ge=0, le=65000)] | None = None
+    nearest_m: Annotated[float, Field(ge=1, le=500)] = 10.0
 
 
 def table_of(mission: Mission) -> FleetTable:

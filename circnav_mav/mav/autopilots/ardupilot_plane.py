@@ -24,6 +24,10 @@ from circnav_mav.mav.setpoint_guard import Steer
 class ArduPlane(Autopilot):
     """GUIDED (15): roll only. The autopilot holds height and airspeed. Works without GPS.
 
+    The airspeed is AIRSPEED_CRUISE until MAV_CMD_GUIDED_CHANGE_SPEED sets another one between
+    AIRSPEED_MIN and AIRSPEED_MAX. A change of the mode restores it. DO_CHANGE_SPEED does the same,
+    but sends a STATUSTEXT each time.
+
     SET_ATTITUDE_TARGET mask 0xC6: bit 0 (roll rate ignore) CLEAR selects "roll" on Plane. Bits 1
     and 2 ignore pitch and yaw. Bit 6 ignores throttle (TECS controls it). Bit 7 (attitude ignore)
     is SET: cleared, it would command pitch and rudder as well. Body rates are never used. The roll
@@ -58,6 +62,7 @@ class ArduPlane(Autopilot):
     echo = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
     needs = frozenset({"airspeed"})
     banks = measures_airspeed = cruises = True
+    airspeed_command = dialect.MAV_CMD_GUIDED_CHANGE_SPEED
     least_turn_gain = 0.72  # the plane slips in turns (measured in flight: 0.70 to 0.75)
     parameters = (
         Rule(

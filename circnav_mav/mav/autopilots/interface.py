@@ -159,6 +159,8 @@ class Autopilot(ABC):
     there."""
     cruises: ClassVar[bool] = False
     """True if the autopilot holds the airspeed of its own parameter and ignores the mission's."""
+    airspeed_command: ClassVar[int | None] = None
+    """Command that sets another airspeed to hold, of an autopilot that holds its own, or None."""
     ground_speed_sigma: ClassVar[float | None] = None
     """Standard deviation of the ground speed, as a share of the commanded speed. None if the
     vehicle drifts with the wind."""

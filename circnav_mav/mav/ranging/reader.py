@@ -81,6 +81,8 @@ class RangeReader:
         """True if no other sender may replace a silent one, because the vehicle is steered by its
         ranges."""
         self.rejected: Counter[str] = Counter()
+        self.other_beacons: dict[int, tuple[float, float]] = {}
+        """Time, s, and newest slant range, m, of the radio's other beacons, by id."""
 
     @property
     def refused(self) -> int:
@@ -157,6 +159,8 @@ class RangeReader:
         sensor = self.sources.receive(message, slant, now, picked=picked and fits)
         if self._kind.for_anything and not picked:
             return None
+        if not picked and fits and isinstance(reading, Reading):
+            self._note_other_beacon(sensor, reading, now)
         if not fits or not self._counts(sender, sensor, now, picked=picked and slant is not None):
             return Reject.OTHER_SENSOR if fits and sender == self.trusted else Reject.WRONG_SOURCE
         if not picked:
@@ -186,6 +190,17 @@ class RangeReader:
         self._taken += 1
         self.clock.take(stamp, now)
         return self._sample(reading, stamp, now, height)
+
+    def _note_other_beacon(self, sensor: RangeSource, reading: Reading, now: float) -> None:
+        """Store the range of the trusted radio to another beacon, such as a member of a fleet."""
+        trusted = self._source
+        beacon = sensor.keys.get("beacon_id")
+        # Largest number of other beacons: any sender in an unsigned network can invent them.
+        if trusted is None or sensor[:2] != trusted[:2] or not isinstance(beacon, int):
+            return
+        if beacon in self.other_beacons or len(self.other_beacons) < 256:
+            slant = reading.calibrated(self._settings.calibration).slant
+            self.other_beacons[beacon] = (now, slant)
 
     def _sample(
         self, reading: Reading, stamp: float, now: float, height: float | None

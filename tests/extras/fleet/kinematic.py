@@ -24,7 +24,8 @@ PLACE_TIME = 2.0
 @dataclass
 class World:
     """Conditions of a fleet flight. drift: east, north, m/s. loss: share of reports. delay: s.
-    report_every: s. compass: bias of each member, rad. speeds: airspeed factor of each."""
+    report_every: s. compass: bias of each member, rad. speeds: airspeed factor of each.
+    speed_share: limit of the speed changes. speed_lag: s. room: inside of the circle, m."""
 
     n: int = 6
     speed: float = 15.0
@@ -35,8 +36,9 @@ class World:
     report_every: float = 0.2
     compass: list[float] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
-    by_speed: bool = False
-    trims_speed: bool = False
+    speed_share: float = 0.0
+    speed_lag: float = 0.0
+    room: float = 20.0
     seed: int = 1
     leaves: dict[int, float] = field(default_factory=dict)
     joins: dict[int, float] = field(default_factory=dict)
@@ -58,7 +60,7 @@ class Fleet:
         self.turn = np.zeros(n)
         self.wrong = PLACE_SIGMA * self.rng.normal(size=(2, n))
         settings = [
-            SpacingSettings(i + 1, R, world.speed, 1, world.by_speed, world.trims_speed)
+            SpacingSettings(i + 1, R, world.speed, 1, world.speed_share, inward=world.room)
             for i in range(n)
         ]
         self.spacings = [Spacing(one) for one in settings]
@@ -71,6 +73,7 @@ class Fleet:
         self.time = 0.0
         self.reported = -1.0
         self.speeds = np.array(world.speeds or [1.0] * n) * world.speed
+        self.flown = self.speeds.copy()
         self.compass = world.compass or [0.0] * n
         self.phases: list[list[float]] = []
         self.radii: list[list[float]] = []
@@ -122,15 +125,15 @@ class Fleet:
             adjusted = self.spacings[i].step(self.time, OwnState(phase, sigma, r, leaving))
         self.adjusted[i] = adjusted
         radius = world.radius + (adjusted.offset if adjusted else 5 * world.radius)
-        speed = self.speeds[i] * (adjusted.speed if adjusted else 1.0)
+        wanted = self.speeds[i] * (adjusted.speed if adjusted else 1.0)
+        self.flown[i] += (wanted - self.flown[i]) * STEP / (world.speed_lag + STEP)
+        speed = self.flown[i]
         self.steerings[i].change(
-            Orbit(radius, Direction.COUNTERCLOCKWISE, world.speed, MAX_TURN),
+            Orbit(radius, Direction.COUNTERCLOCKWISE, speed, MAX_TURN),
             LawChoice("drift", 0.0, True, LAG),
         )
         psi = self.psi[i] + self.compass[i]
-        relative = RelativeMotion(
-            x, y, PLACE_SIGMA, *drift, psi, self.turn[i], world.speed, 1.0, True
-        )
+        relative = RelativeMotion(x, y, PLACE_SIGMA, *drift, psi, self.turn[i], speed, 1.0, True)
         r_dot = ((speed * cos(psi) + drift[0]) * x + (speed * sin(psi) + drift[1]) * y) / r
         command = self.steerings[i](RangeEstimate(self.time, r, r_dot, 0.5, 0.3, relative=relative))
         self.turn[i] += (command.turn_rate - self.turn[i]) * STEP / (LAG + STEP)

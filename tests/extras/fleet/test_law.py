@@ -1,7 +1,7 @@
 """The fleet law on kinematic vehicles: performance figures of the design, and the members that each
 member counts."""
 
-from math import nan, pi, radians
+from math import cos, degrees, hypot, nan, pi, radians, sin
 
 import numpy as np
 import pytest
@@ -15,7 +15,8 @@ from circnav_mav.extras.fleet.law import (
     gaps,
     slot_errors,
 )
-from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, intersected
+from circnav_mav.extras.fleet.offset import PhaseOffset, offset_by_drift, offset_by_range
+from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, wrapped
 from circnav_mav.extras.fleet.report import MemberReport, State
 from tests.extras.fleet.kinematic import STEP, Fleet, World, time_to_even
 
@@ -56,13 +57,47 @@ def test_temporal_phase_grows_steadily_in_wind(drift, sense):
     assert np.abs(np.unwrap(found) - grown).max() < 1e-3
 
 
-def test_fused_drifts_count_shared_information_once():
-    good_east = Drift((5.0, 0.0), (0.01, 0.0, 4.0))
-    good_north = Drift((9.0, 2.0), (4.0, 0.0, 0.01))
-    fused = intersected(good_east, good_north)
-    assert fused.mean == pytest.approx((5.0, 2.0), abs=0.1)
-    again = intersected(fused, fused)
-    assert again.covariance == pytest.approx(fused.covariance)
+@pytest.mark.parametrize("sense", [1, -1])
+def test_offset_is_learned_from_common_drift(sense):
+    drift = (4.0, -3.0)
+    bias = radians(-4.0)
+    turned = (
+        drift[0] * cos(bias) - drift[1] * sin(bias),
+        drift[0] * sin(bias) + drift[1] * cos(bias),
+    )
+    angle = 2.0
+    right, turned_map = (PhaseMap.of(15.0, one, sense) for one in (drift, turned))
+    # the phase in the turned axes less the true one: what the offset must remove
+    wrong = wrapped(turned_map.at(angle + sense * bias)[0] - right.at(angle)[0])
+    assert abs(wrong) > radians(3.0)
+    found = PhaseOffset()
+    covariance = (0.005, 0.0, 0.005)
+    for _ in range(600):
+        seen = offset_by_drift(
+            Drift(drift, covariance), Drift(turned, covariance), sense, right.at(0.0)[1]
+        )
+        found.observe([seen], 0.2)
+    assert found.value == pytest.approx(-wrong, abs=radians(0.8))
+
+
+def test_offset_stays_zero_in_weak_drift():
+    weak = Drift((0.6, 0.0), (1e-6, 0.0, 1e-6))
+    turned = Drift((0.0, 0.6), (1e-6, 0.0, 1e-6))
+    found = PhaseOffset()
+    found.observe([offset_by_drift(weak, turned, 1, 1.0)], 1.0)
+    assert found.value == 0.0
+
+
+@pytest.mark.parametrize("ahead", [1.2, -1.2])
+def test_offset_is_learned_from_range_between_members(ahead):
+    phases = PhaseMap.of(15.0, (0.0, 0.0), 1)
+    distance = hypot(2 * 100.0 * sin(1.2 / 2), 15.0)
+    reported = 0.5 + ahead + radians(5.0)
+    found = PhaseOffset()
+    for _ in range(600):
+        seen = offset_by_range(distance, 15.0, (100.0, 100.0), 0.5, ahead, reported, phases)
+        found.observe([seen], 0.2)
+    assert degrees(found.value) == pytest.approx(-5.0, abs=0.3)
 
 
 # --- slots ---
@@ -100,14 +135,24 @@ def test_unsuitable_members_are_not_counted():
     assert set(one.phases(0.0)) == {2}
 
 
-def test_joining_member_waits_in_outer_lane():
+def test_late_member_enters_circle_from_outside():
     one = spacing(9)
     one.take([report(member, LAP * member / 5) for member in range(5)])
-    beside = one.step(0.0, OwnState(LAP / 5 + 0.1, 0.01, 125.0))
-    assert (beside.state, beside.offset) == (State.PHASE_KNOWN, 25.0)
-    between = one.step(0.1, OwnState(1.5 * LAP / 5, 0.01, 125.0))
-    assert between.state is State.ON_CIRCLE
-    assert abs(between.offset) < 20.0
+    far = one.step(0.0, OwnState(LAP / 5 + 0.1, 0.01, 140.0))
+    assert (far.state, far.offset) == (State.PHASE_KNOWN, 0.0)
+    near = one.step(0.1, OwnState(LAP / 5 + 0.1, 0.01, 120.0))
+    assert near.state is State.ON_CIRCLE
+
+
+def test_speed_changes_before_the_radius():
+    one = Spacing(SpacingSettings(1, 100.0, 15.0, 1, speed_share=0.15))
+    one.take([report(2, 1.0 + pi)])
+    small = one.step(0.0, OwnState(1.2, 0.01, 100.0))
+    assert (small.speed, small.offset) == (pytest.approx(1 - 0.06), pytest.approx(0.0))
+    one = Spacing(SpacingSettings(1, 100.0, 15.0, 1, speed_share=0.15))
+    one.take([report(2, 2.0)])
+    large = one.step(0.0, OwnState(1.0, 0.01, 100.0))
+    assert (large.speed, large.offset) == (0.85, pytest.approx(20.0))
 
 
 def test_shared_layer_keeps_member_in_outer_lane():
@@ -151,26 +196,25 @@ def test_different_airspeeds_leave_no_lasting_error():
     assert rms(errors[-400:]) < 2.5
 
 
-def test_compass_errors_limit_the_evenness():
-    biases = radians(2.0) * np.array([1.0, -1.0, 0.5, -0.5, 1.0, 0.0])
-    errors = Fleet(World(compass=list(biases))).fly(180).gap_errors()
-    assert rms(errors[-400:]) == pytest.approx(4.0, abs=1.2)
-
-
 def test_remaining_members_become_even_again():
     fleet = Fleet(World(leaves={2: 150.0})).fly(260)
     assert time_to_even(fleet.gap_errors(), since=131.0 + 2 * STEP) < 80.0
 
 
-def test_joining_member_becomes_even_from_outside():
-    fleet = Fleet(World(joins={5: 110.0})).fly(250)
+def test_joining_member_becomes_even_in_time():
+    world = World(joins={5: 110.0}, speed_share=0.15, speed_lag=3.0)
+    fleet = Fleet(world).fly(250)
     entered = next(k for k, ring in enumerate(fleet.ring) if all(ring)) * STEP
-    waited = np.array(fleet.radii)[round(125.0 / STEP) : round(entered / STEP), 5]
-    assert waited.min(initial=500.0) > 115.0
-    assert time_to_even(fleet.gap_errors(), since=entered) < 80.0
+    assert time_to_even(fleet.gap_errors(), since=entered) < 60.0
+
+
+def test_speed_commands_keep_planes_on_circle():
+    fleet = Fleet(World(speed_share=0.15, speed_lag=3.0)).fly(130)
+    assert time_to_even(fleet.gap_errors()) < 60.0
+    assert np.array(fleet.radii)[-400:].std(axis=0).max() < 1.5
 
 
 def test_copters_adjust_speed_and_keep_radius():
-    fleet = Fleet(World(n=4, speed=5.0, radius=30.0, by_speed=True)).fly(160)
+    fleet = Fleet(World(n=4, speed=5.0, radius=30.0, speed_share=0.15, room=0.0)).fly(160)
     assert time_to_even(fleet.gap_errors()) < 128.0
     assert np.std(np.array(fleet.radii)[-400:]) < 1.0

@@ -39,15 +39,27 @@ def test_check_reports_size_evenness_and_ranging_rate():
 def test_impossible_fleets_are_refused():
     assert lines("fleet.size=40")["fleet size"].grade is Grade.FAIL
     assert lines('guidance.law="smooth"')["fleet"].grade is Grade.FAIL
-    assert lines("bounds.min_range_m=149.5")["fleet evenness"].grade is Grade.FAIL
+    no_room = lines("bounds.min_range_m=59.5", "orbit.radius_m=60", name="px4_plane")
+    assert no_room["fleet evenness"].grade is Grade.FAIL
     assert lines("fleet.size=20")["fleet ranging"].grade is Grade.WARN
 
 
-def test_planes_adjust_radius_and_copters_speed():
-    plane = spacing_settings(mission(), 1)
-    copter = spacing_settings(mission(name="arducopter"), 1)
-    assert (plane.by_speed, plane.trims_speed, copter.by_speed) == (False, False, True)
-    assert spacing_settings(mission("bounds.min_range_m=140"), 1).most == pytest.approx(9 / 150)
+def test_vehicles_adjust_speed_before_radius():
+    plane, copter, px4 = (
+        spacing_settings(mission(name=name), 1) for name in ("arduplane", "arducopter", "px4_plane")
+    )
+    assert (plane.speed_share, copter.speed_share, px4.speed_share) == (0.15, 0.15, 0.0)
+    assert (plane.radius_share, copter.radius_share) == (pytest.approx(20 / 150), 0.0)
+    assert px4.radius_share > 0.1
+    bounded = spacing_settings(mission("bounds.min_range_m=140"), 1)
+    assert bounded.radius_share == pytest.approx(9 / 150)
+
+
+def test_ranges_between_members_need_beacon_ids():
+    assert lines("fleet.ranging=100")["fleet.ranging"].grade is Grade.FAIL
+    beacons = ("fleet.ranging=100", 'ranging.message="ranging_beacon"')
+    assert lines(*beacons, "ranging.beacon_id=1")["fleet.ranging"].grade is Grade.PASS
+    assert lines(*beacons, "ranging.beacon_id=120")["fleet.ranging"].grade is Grade.FAIL
 
 
 def test_flight_needs_free_id_and_layer(monkeypatch):

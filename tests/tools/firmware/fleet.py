@@ -25,7 +25,7 @@ import time
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import combinations
-from math import pi
+from math import cos, pi, radians, sin
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,8 @@ STEP = 0.2
 NEAR_ABOVE = 10.0
 NEAR_BESIDE = 25.0
 """Two vehicles are too close if both distances, vertical and horizontal, are smaller, m."""
+HOME_FIELD = (230.0, 51.0)
+"""Magnetic field at the home of the simulators, north and east, mG."""
 BRING_UP = 120.0
 """Longest expected time from the start of a simulator to engaging, s."""
 KINDS = ("plane", "copter", "rover")
@@ -104,8 +106,25 @@ def commands(given: argparse.Namespace, out: Path) -> list[list[str]]:
             "--wind",
             str(given.wind),
         ]
+        if given.takeover == i + 1:
+            words += ["--takeover", str(given.takeover_at)]
+        if given.heading_error:
+            words += [word for one in field(given.heading_error[i]) for word in ("--param", one)]
         found.append([*words, *[word for one in keys for word in ("--set", one)], *given.rest])
     return found
+
+
+def field(error: float) -> list[str]:
+    """Return the parameters of the simulator that turn the magnetic field, so that the compass
+    reads too much by an error, deg."""
+    turn = -radians(error)
+    north, east = HOME_FIELD
+    # The anomaly fades over the height of the last parameter, m: here it is constant.
+    return [
+        f"SIM_MAG_ALY_X={north * cos(turn) - east * sin(turn) - north:.2f}",
+        f"SIM_MAG_ALY_Y={north * sin(turn) + east * cos(turn) - east:.2f}",
+        "SIM_MAG_ALY_HGT=100000",
+    ]
 
 
 def fly(given: argparse.Namespace, out: Path) -> None:
@@ -318,6 +337,13 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--leave", type=int, default=0, help="id of the vehicle that leaves early")
     parser.add_argument("--leave-early", type=float, default=120.0, help="s before the others")
+    parser.add_argument("--takeover", type=int, default=0, help="id of a vehicle taken over")
+    parser.add_argument(
+        "--takeover-at", type=float, default=200.0, help="s after the start of its circnav"
+    )
+    parser.add_argument(
+        "--heading-error", type=float, nargs="*", help="of each compass (ArduPilot), degrees"
+    )
     parser.add_argument(
         "--layer", type=float, default=20.0, help="distance of the height layers, m"
     )
@@ -337,6 +363,8 @@ def main(arguments: list[str] | None = None) -> int:
     given.start = given.start or [60.0 * i for i in range(given.size)]
     if len(given.start) != given.size:
         parser.error(f"--start: {len(given.start)} times for {given.size} vehicles")
+    if given.heading_error and len(given.heading_error) != given.size:
+        parser.error(f"--heading-error: {len(given.heading_error)} for {given.size} vehicles")
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     out = (given.out or Path("runs") / "firmware" / f"{stamp}-{given.vehicle}-fleet").resolve()
     given.rest += ["--direction", given.direction]

@@ -107,6 +107,14 @@ def test_fleet_spacing_counts_equal_intervals_per_bearing(wind: float) -> None:
     assert np.nanmedian(fleet.gap_errors(grid, late)) == pytest.approx(10.0, abs=0.2)
 
 
+def test_heading_error_turns_magnetic_field_back() -> None:
+    values = [float(one.split("=")[1]) for one in fleet.field(5.0)]
+    north, east = np.add(fleet.HOME_FIELD, values[:2])
+    turned = np.degrees(np.arctan2(east, north) - np.arctan2(*fleet.HOME_FIELD[::-1]))
+    assert turned == pytest.approx(-5.0, abs=0.01)
+    assert np.hypot(north, east) == pytest.approx(np.hypot(*fleet.HOME_FIELD), abs=0.02)
+
+
 def test_autopilot_position_error_on_circle_and_way_home(
     tmp_path: Path,
 ) -> None:

@@ -1,0 +1,104 @@
+"""Difference of two members' phases that comes from their compasses.
+
+A heading error turns both the bearing to the beacon and the estimated drift of a member by the same
+angle. All members share the true drift, so the directions of two reported drifts differ by the
+difference of the heading errors. A range between two members gives their true gap, and with it the
+same difference, also in calm air.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import acos, atan2, exp, hypot, inf, radians, sin, sqrt
+
+from circnav_mav.extras.fleet.phase import Drift, PhaseMap, wrapped
+
+PRIOR = radians(3.0)
+"""Expected difference of two phases by their compasses, standard deviation, rad."""
+MOST_BY_DRIFT = radians(10.0)
+MOST_BY_RANGE = radians(30.0)
+"""Largest correction by the drift, rad, which local gusts and wind shear between the height layers
+also turn; and by a range. A larger one by a range has the other member on the wrong side."""
+LEAST_DRIFT = 1.0
+"""Smallest drift whose direction is used, m/s."""
+MEMORY = 60.0
+CORRELATION = 15.0
+"""Time constant of forgetting, s, and time after which an error of the drift is a new one, s."""
+
+
+@dataclass(slots=True)
+class PhaseOffset:
+    """Filter of the offset: a weighted mean of observations and of the prior 0."""
+
+    _sum: float = 0.0
+    _weight: float = 0.0
+
+    @property
+    def value(self) -> float:
+        """Offset, rad, to be added to the phase of the other member."""
+        return self._sum / (self._weight + 1 / PRIOR**2)
+
+    def observe(self, seen: Iterable[tuple[float, float]], dt: float) -> None:
+        """Take observations with their standard deviations, rad, `dt` seconds after those
+        before."""
+        keep = exp(-dt / MEMORY)
+        self._sum *= keep
+        self._weight *= keep
+        for offset, sigma in seen:
+            # 0.01: least error of a direction, rad, however small the reported covariance is.
+            weight = dt / CORRELATION / max(sigma, 0.01) ** 2
+            self._sum += weight * offset
+            self._weight += weight
+
+
+def offset_by_drift(own: Drift, other: Drift, sense: int, rate: float) -> tuple[float, float]:
+    """Return the offset by the directions of two drifts and its standard deviation, rad.
+
+    rate: derivative of the phase at angle 0, from where both count their phases.
+    """
+    if min(hypot(*own.mean), hypot(*other.mean)) < LEAST_DRIFT:
+        return 0.0, inf
+    turn = atan2(*other.mean[::-1]) - atan2(*own.mean[::-1])
+    sigma = hypot(_direction_sigma(own), _direction_sigma(other))
+    offset = -sense * wrapped(turn) * rate
+    return min(max(offset, -MOST_BY_DRIFT), MOST_BY_DRIFT), sigma * rate
+
+
+def offset_by_range(
+    distance: float,
+    height: float,
+    radii: tuple[float, float],
+    angle: float,
+    ahead: float,
+    phase: float,
+    phases: PhaseMap,
+) -> tuple[float, float]:
+    """Return the offset by the range to another member and its standard deviation, rad.
+
+    distance: measured, m.
+    height: difference of the heights, m.
+    radii: distances of both members from the beacon, m.
+    angle: place of this member on its circle, rad.
+    ahead: reported phase of the other member relative to this one, rad; only its sign is used.
+    phase: of the other member as reported, rad.
+    phases: phase of this member by its angle.
+    """
+    one, other = radii
+    flat = sqrt(max(distance**2 - height**2, 0.0))
+    cosine = (one**2 + other**2 - flat**2) / (2 * one * other)
+    # Opposite each other, or one above the other, the distance hardly depends on the gap.
+    if not -0.9 < cosine < 0.9:
+        return 0.0, inf
+    gap = acos(cosine)
+    found, rate = phases.at(angle + (gap if ahead >= 0 else -gap))
+    offset = wrapped(found - phase)
+    # 1.0: error of the distance and of the radii together, standard deviation, m.
+    sigma = 1.0 * distance / (one * other * sin(gap)) * rate
+    return (offset, sigma) if abs(offset) <= MOST_BY_RANGE else (0.0, inf)
+
+
+def _direction_sigma(drift: Drift) -> float:
+    """Return the standard deviation of the direction of a drift, rad."""
+    east, north = drift.mean
+    ee, en, nn = drift.covariance
+    across = (north**2 * ee - 2 * north * east * en + east**2 * nn) / (east**2 + north**2)
+    return sqrt(max(across, 0.0) / (east**2 + north**2))
