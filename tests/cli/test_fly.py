@@ -115,7 +115,7 @@ def test_run_folder_is_named_by_later_utc_of_autopilot(
     assert folder.name.startswith("2060") is is_later
     assert str(folder.relative_to(tmp_path)) in ran.out
     found = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["utc_epoch_us"]
-    assert found == (pytest.approx(1e6 * unix, abs=60e6) if unix else None)
+    assert found == (pytest.approx(1e6 * unix, abs=60e6) if is_later else None)
 
 
 @pytest.mark.parametrize(

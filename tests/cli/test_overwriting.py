@@ -56,7 +56,7 @@ def test_concurrent_flights_cannot_share_a_folder(tmp_path):
 
 
 def test_simultaneous_flights_have_separate_folders(circnav, mission, tmp_path, monkeypatch):
-    monkeypatch.setattr("circnav_mav.cli.fly.local_time_name", lambda: "20260101-120000")
+    monkeypatch.setattr("circnav_mav.cli.fly.local_time_name", lambda unix=None: "20260101-120000")
     for name in ("20260101-120000-small", "20260101-120000-small-2"):
         assert circnav("fly", mission).code == 3
         assert json.loads((tmp_path / "runs" / name / "summary.json").read_text())

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.watches import DriftAlarm, LapAlarm, WayAlarm
+from circnav_mav.guidance.watches import AirspeedAlarm, DriftAlarm, LapAlarm, WayAlarm
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.identity import OUR_NAME, RADIO_NAME, VEHICLE_NAME
 from circnav_mav.pilot.conditions import ENDED, LOST, TABLE
@@ -28,7 +28,7 @@ def texts(rig: Rig) -> list[str]:
 
 
 def views() -> list[StepView]:
-    """Return two views: each condition of the table is active in at least one."""
+    """Return views: each condition of the table is active in at least one."""
     view = Rig().engage().pilot.view
     assert view is not None
     identities = (VEHICLE_NAME, OUR_NAME, RADIO_NAME)
@@ -75,7 +75,8 @@ def views() -> list[StepView]:
         tick=holding.tick._replace(phase=Phase.ENGAGED, link_age=3.0, height=20.0),
         drift_alarm=DriftAlarm(),
     )
-    return [holding, stale, replace(holding, lap_alarm=LapAlarm())]
+    alarmed = replace(holding, lap_alarm=LapAlarm())
+    return [holding, stale, alarmed, replace(stale, airspeed_alarm=AirspeedAlarm(True, 4.6))]
 
 
 VIEWS = views()
