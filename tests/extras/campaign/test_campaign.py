@@ -137,7 +137,6 @@ def test_command_flies_summarizes_draws_and_resumes(circnav, write, tmp_path):
         "summary.json",
         "campaign.toml",
         "mission.toml",
-        "starts.png",
         "distributions.png",
         "error-guidance-law.png",
         "error-sim-wind-speed-mps.png",
