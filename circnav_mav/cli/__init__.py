@@ -17,7 +17,7 @@ from circnav_sim.__main__ import main as emulator
 
 from circnav_mav import __version__
 from circnav_mav.cli.bundled import FileOrName
-from circnav_mav.cli.describe import Folder
+from circnav_mav.cli.describe import Finite, Folder
 from circnav_mav.cli.describe import command as described
 from circnav_mav.cli.exits import Exit, Refused, in_one_line, mind_output, say
 from circnav_mav.extension import extensions, load
@@ -133,7 +133,7 @@ def _options_of_extensions(name: str) -> Callable[[Callable[..., None]], Callabl
 @click.option("--speed", type=click.FloatRange(0.01, 100), metavar="N", help=SPEED_HELP)
 @click.option(
     "--duration",
-    type=click.FloatRange(0, min_open=True),
+    type=Finite(0, min_open=True),
     metavar="S",
     help="Flight time after engaging, s.",
 )
