@@ -63,6 +63,7 @@ def test_report_is_complete_and_self_contained(page_of, run):
         " drift_x"
     )
     assert set(columns.split()) <= set(data["columns"])
+    assert '<dt class="warning">WARNING</dt>' in page
     assert '<div class="outcome bad">UNFINISHED: ' in page, "the outcome in words and colour, first"
     sent = sum(
         row["yaw_rate_sent"] != ""

@@ -51,7 +51,7 @@ def test_printed_driver_passes_preflight_with_printed_mission_lines(tmp_path, po
             wire.bind(("127.0.0.1", port))
             wire.settimeout(PATIENCE)
             wire.recv(1000)
-        preflight = circnav("preflight", COPTER, *overrides, "--seconds", "3", *UNHURRIED)
+        preflight = circnav("preflight", COPTER, *overrides, "--seconds", "3", "-v", *UNHURRIED)
         printed, problem = preflight.communicate(timeout=PATIENCE)
     finally:
         radio.terminate()

@@ -673,6 +673,12 @@ def test_constant_range_warns():
     assert (line.grade, "radio is frozen" in line.text) == (WARN, True)
 
 
+def test_missing_ranging_message_names_the_one_that_arrives():
+    line = one(Bench("arducopter", "ranging.message=named_value_float").lines(), "ranging")
+    assert line.grade is FAIL and "no usable NAMED_VALUE_FLOAT" in line.text
+    assert "of DISTANCE_SENSOR of 1/192" in line.text
+
+
 BY_HOME = {"orbit": {"height_above_target_m": None, "target_above_home_m": 5.0}}
 """The height comes from the beacon's altitude above home."""
 

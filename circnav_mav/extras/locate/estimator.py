@@ -135,6 +135,9 @@ def locate(
     # A radio whose antenna delay was never set measures up to 155 m too long. Such an offset is
     # fitted as a scale, a height and a delay, as a moving target, or fits no place.
     offset = _locate(plane, track, ranges, replace(known, bias_sigma=OFFSET), near)
+    if isinstance(offset, Place) and isinstance(place, NotLocated):
+        found = abs(offset.bias) > SIGNIFICANT * offset.bias_sigma
+        return _miscalibrated(offset) if found else place
     if isinstance(offset, Place) or not offset.range_error:
         return place
     # Largest ratio of the noise of a stationary target with an offset to that of a moving one.
@@ -318,12 +321,7 @@ def _contradiction(place: Place, problem: "Problem") -> NotLocated | None:
         )
     error, sigma = place.range_error(place.distance_scale)
     if abs(error) > max(ROUGH * place.range_scale, 2 * sigma):
-        return NotLocated(
-            f"for the place that fits best, the ranges are {place.range_error_words()}: does the"
-            " target move, or is the radio not calibrated?",
-            error,
-            place.noise,
-        )
+        return _miscalibrated(place)
     # Ranges that do not depend on the position (noise, a repeated value) fit a constant as well as
     # a place. Real ranges do so only on a circle around the target.
     spread = float(np.std(ranges.r))
@@ -336,6 +334,16 @@ def _contradiction(place: Place, problem: "Problem") -> NotLocated | None:
     if np.ptp(ranges.r) == 0 or (place.noise > 0.9 * spread and not around):
         return NotLocated("the ranges do not change with the vehicle's position: they fit no place")
     return None
+
+
+def _miscalibrated(place: Place) -> NotLocated:
+    """Return the error of the ranges as the reason against a place."""
+    return NotLocated(
+        f"for the place that fits best, the ranges are {place.range_error_words()}: does the target"
+        " move, or is the radio not calibrated?",
+        place.range_error(place.distance_scale)[0],
+        place.noise,
+    )
 
 
 def _starts(track: Track, ranges: Ranges) -> Iterator[Array]:

@@ -129,6 +129,23 @@ def test_streams_are_returned_at_end_of_handback(monkeypatch, how):
     assert {int(ident) for ident in restored} >= {*STREAMS, *AFTER}
 
 
+def test_working_handback_is_no_alarm_after_guidance(monkeypatch):
+    beside = Beside(monkeypatch, Rig(exit="stop"))
+    beside.companion.reckoning.where = PositionEstimate(
+        beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False
+    )
+    monkeypatch.setattr(beside.companion.reckoning, "step", lambda *given: None)
+    beside.steps(4.0)
+    beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
+    beside.steps(1.0)
+    assert beside.onlooker.alarms(beside.rig.now) == {}
+    words = beside.onlooker.facts(beside.rig.now)["hand-back"]
+    assert words.startswith("autopilot lost its position, sent it") and "until" in words
+    beside.companion.handback._end("the autopilot does not answer")
+    assert "does not answer" in beside.onlooker.alarms(beside.rig.now)["hand_back"]
+    assert beside.onlooker.facts(beside.rig.now) == {}
+
+
 def test_failing_handback_ends(lost, monkeypatch):
     lost.steps(0.1)
     monkeypatch.setattr(lost.companion, "step", lambda now: 1 / 0)

@@ -220,17 +220,15 @@ def test_calibrated_plane_flies_true_circle(tmp_path):
     assert abs(radii[0] - 100.0) > 1.0
 
 
-def test_alarm_for_large_offset_names_ranges_and_true_radius():
+def test_alarm_for_large_offset_names_the_ranges():
     """The circle is 22 m too wide: its lap takes longer than a lap of the desired circle."""
     short = "sim.ranging.bias_m=-22"
     flown = surveyed("quickstart", short, "sim.sensors.gps_error_m=1.0", law="auto")
     flown.solve_from = 1e9
     flown.fly(100.0)
     flown.locator.found(flown.solve())
-    assert flown.locator.radius_alarm.startswith("ranges 17 % too short")
-    assert "22 m too short" in flown.locator.radius_remedy
-    true = np.mean([true_radius(one) for one in flown.truths[-500:]])
-    assert flown.locator.true_radius == pytest.approx(true, abs=1.0)
+    alarm = f"{flown.locator.radius_alarm}. {flown.locator.radius_remedy}"
+    assert re.search(r"ranges (are )?2[123] m too short", alarm) and "Calibrate" in alarm
 
 
 def test_alarm_for_overmeasured_ranges_states_true_radius():
