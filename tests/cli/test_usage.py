@@ -60,14 +60,9 @@ def test_wrong_usage_is_one_line_and_writes_nothing(circnav, mission, busy_port,
 
 
 def test_parser_errors_exit_with_2_and_interrupts_130(circnav, monkeypatch):
-<<<<<<< HEAD
-    wrong = ("fligh", "fly", "check a.toml b.toml", "fly quickstart --speed fast")
+    wrong = ("fligh", "fly", "check a.toml b.toml", "fly quickstart --duration -5")
     infinite = ("--speed nan", "--fleet 2 --fleet-loss nan", "--fleet 2 --fleet-delay nan")
     for arguments in (*wrong, *(f"fly quickstart {option}" for option in infinite)):
-=======
-    wrong = ("fligh", "fly", "check a.toml b.toml", "fly quickstart --duration -5")
-    for arguments in wrong:
->>>>>>> pilot58
         ran = circnav(*arguments.split())
         assert ran.code == 2
         assert "Error: " in ran.err
