@@ -209,6 +209,13 @@ def _say(place: Place, known: Knowledge) -> None:
             f"  WARNING    the ranges fit only a target at altitude {place.up:.0f} m: are they"
             " slant ranges in meters?"
         )
+    # A wrong place can hide in the delay, for example if the first positions are a receiver's last
+    # fix.
+    if abs(place.delay) > 10 * known.delay_sigma:
+        say(
+            f"  WARNING    the ranges fit only if the clocks differ by {place.delay:+.1f} s: do"
+            " they, or do positions jump?"
+        )
     if place.outliers:
         say(f"  outliers   {place.outliers} of {total} left out")
     if place.outliers > MIXED * total or place.noise > POOR * place.range_scale:

@@ -218,8 +218,10 @@ def _time_spans(track: Track, ranges: Ranges) -> str:
     ranges or positions."""
     if len(ranges.r) < LEAST or len(track.time) < 2:
         return ""
+    # From the first range: the digits of a time of day or of 1970 would hide the difference.
     of_ranges, of_positions = (
-        f"{time[0]:.6g} to {time[-1]:.6g} s" for time in (ranges.time, track.time)
+        f"{time[0] - ranges.time[0]:.6g} to {time[-1] - ranges.time[0]:.6g} s"
+        for time in (ranges.time, track.time)
     )
     every = f"one every {float(np.median(np.diff(track.time))):.3g} s"
     return f"; ranges at {of_ranges}, positions at {of_positions}, {every}: same clock, in seconds?"

@@ -245,7 +245,7 @@ def test_locate_separates_tags_and_refuses_mixed_ones(tmp_path, capsys, monkeypa
     assert "two tags mixed" in capsys.readouterr().out
 
 
-def test_clock_offset_is_estimated(tmp_path):
+def test_clock_offset_is_estimated_and_warned_of(tmp_path, capsys):
     """On the way to the circle and off its center: 15 m/s and 16 s are 240 m."""
     t = np.arange(0, 80, 0.1)
     east, north = 15.0 * np.minimum(t, 40) - 300, np.where(t > 40, 15.0 * (t - 40), 0.0)
@@ -257,6 +257,9 @@ def test_clock_offset_is_estimated(tmp_path):
     found = located(tmp_path, late, ranges, options=("--gps-sigma", "0.5"))["target"]
     assert found["position_delay_s"] == pytest.approx(16.0, abs=0.2)
     assert off(found, target) < 3.0
+    assert (
+        "WARNING    the ranges fit only if the clocks differ by +16.0 s" in capsys.readouterr().out
+    )
 
 
 def test_circle_gives_no_clock_offset(tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 import os
 import pty
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,7 +17,13 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav import cli
 from circnav_mav.cli.exits import Exit, Refused
-from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
+from circnav_mav.extras.locate.estimator import (
+    Knowledge,
+    NotLocated,
+    Ranges,
+    Track,
+    locate,
+)
 from circnav_mav.extras.locate.logs.interface import METERS, ReadOptions
 from circnav_mav.extras.locate.logs.table import read_logs
 from circnav_mav.extras.locate.parameters import PARAMETERS
@@ -297,6 +304,16 @@ def test_csv_times_are_seconds_or_iso_8601(tmp_path, given):
         ("a.BIN", b"\xa3\x95\x80\x00", "dataflash log"),
         ("a.ulg", b"ULog\x01\x12\x35", "ULog file"),
         ("empty.csv", b"", "no column"),
+        (
+            "sentinel.csv",
+            b"time,latitude,longitude,altitude,range\n0,47.3,8.5,-9999,10\n",
+            "line 2: altitude: -9999 m is none",
+        ),
+        (
+            "rssi.csv",
+            b"time,latitude,longitude,range\n0,47.3,8.5,-78\n1,47.3,8.5,-79\n",
+            "no ranges in it.*; 2 ranges of 0 m or less are left out",
+        ),
         ("a.kml", b"<?xml version='1.0'?><kml xmlns='x'>", "no column"),
         (
             "a.zip",
@@ -564,3 +581,22 @@ def test_csv_leaves_out_single_damaged_rows(tmp_path):
     (log,) = read_logs(file)
     assert len(log.positions) == 199
     assert any("1 damaged rows are left out" in note for note in log.notes)
+
+
+def test_logs_joined_in_one_file_are_noted(tmp_path):
+    lines = [f"{t:.1f},{lat:.8f},{lon:.8f},{r:.2f}" for t, lat, lon, r in lap(200)]
+    file = tmp_path / "joined.csv"
+    file.write_text("time,latitude,longitude,range\n" + "\n".join(2 * lines) + "\n")
+    (log,) = read_logs(file)
+    assert any("the times step back by 20 s" in note for note in log.notes)
+
+
+def test_time_difference_of_positions_is_named():
+    """Positions in local time, ranges in UTC: both are printed as 1.78291e+09 s."""
+    track, ranges, _ = circles()
+    late = replace(track, time=track.time + 1.7829e9 + 7200.0)
+    found = locate(
+        PLANE, late, replace(ranges, time=ranges.time + 1.7829e9), Knowledge(float(track.up.min()))
+    )
+    assert isinstance(found, NotLocated)
+    assert re.search(r"ranges at 0 to .* s, positions at 7\d\d\d(\.\d+)? to ", found.why)

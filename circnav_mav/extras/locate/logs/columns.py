@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import chain
-from math import inf, isfinite, nan
+from math import inf, isfinite, isnan, nan
 from pathlib import Path
 
 from circnav_mav.extras.locate.logs.interface import FAR, METERS, Format, ReadOptions
@@ -181,6 +181,8 @@ def _add(log: RangeLog, row: _Row) -> bool:
                 f"line {row.line}: {latitude:g} {longitude:g} is not a position: in degrees?"
             )
         altitude = row.number("altitude")
+        if not isnan(altitude) and not -1000 <= altitude <= 1e5:  # -9999: a mark for unknown
+            raise row.error("altitude", f"{altitude:g} m is none: leave an unknown one empty")
         log.positions.append((time, latitude, (longitude + 180) % 360 - 180, altitude))
     slant = row.number("range")
     if not isfinite(slant):

@@ -24,6 +24,11 @@ def screen(log: RangeLog) -> None:
         log.note(
             f"{len(log.positions) - len(kept)} positions near 0 N 0 E, before a fix, are left out"
         )
+    # Reordered rows step back by seconds, and a logger that was restarted, or a second log
+    # appended, by minutes: positions of both are then mixed in time.
+    back = -float(np.diff([row[0] for row in kept]).min(initial=0.0))
+    if back > 10.0:
+        log.note(f"the times step back by {back:.0f} s: if the file has several logs, split it")
     log.positions = _moving(log, kept)
     log.ranges = {tag: _measured(log, tag, rows) for tag, rows in log.ranges.items()}
 

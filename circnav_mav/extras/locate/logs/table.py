@@ -56,8 +56,9 @@ def recognize(head: bytes) -> Format:
 
 def _demand(logs: Sequence[RangeLog], known: Format, range_name: str) -> None:
     """Raise EmptyLogError if positions or ranges are missing."""
+    notes = "".join(f"; {note}" for log in logs for note in log.notes)
     if not any(log.ranges for log in logs):
-        missing = f"no ranges in it; in {known.name} they are {known.ranges}"
+        missing = f"no ranges in it; in {known.name} they are {known.ranges}{notes}"
         if names := sorted({name for log in logs for name in log.names} - {range_name}):
             missing += (
                 f", and none has the name {range_name!r}. Names that may be ranges:"
@@ -66,7 +67,6 @@ def _demand(logs: Sequence[RangeLog], known: Format, range_name: str) -> None:
             missing += f"Give one: --range-name {printable(names[0])}"
         raise EmptyLogError(missing)
     if not any(len(log.positions) > 1 for log in logs):
-        notes = "".join(f"; {note}" for log in logs for note in log.notes)
         raise EmptyLogError(
             f"no positions in it; in {known.name} they are {known.positions}{notes}"
         )
