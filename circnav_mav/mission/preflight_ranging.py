@@ -183,7 +183,7 @@ def _stamps(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     if mission.file.ranging.stamp == "arrival":
         yield Check(PASS, "stamps", 'arrival times are used (ranging.stamp = "arrival")')
         return
-    if all(one.stamp == one.arrival for one in ranges):
+    if not listener.ranging.stamped:
         words = 'the messages have no timestamp: arrival times are used (ranging.stamp = "arrival")'
         yield Check(WARN, "stamps", words)
         return

@@ -71,6 +71,8 @@ class RangeReader:
         self._sequence: int | None = None
         self.slant = 0.0
         """Newest slant range, m."""
+        self.stamped = True
+        """False if the newest message has no usable timestamp."""
         self.restarted = False
         """True if the newest message showed a reset of the sensor's clock."""
         self.stepped = 0.0
@@ -179,6 +181,7 @@ class RangeReader:
             self._restart()
             self._with_vehicle = False
         carried = reading.stamp if settings.stamp == "sensor" else None
+        self.stamped = reading.stamp is not None
         stamp = now if carried is None else self.clock.unwrapped(carried)
         rejection = self._order(reading, stamp, now, sender)
         if rejection is not None:
