@@ -558,8 +558,10 @@ class Problem:
         slope = np.array([1.0, length])
         prior = np.diag([self.known.bias_sigma**2, self.known.scale_sigma**2])
         variance = slope @ covariance @ slope
-        # Any height fits the circle with another range error.
-        if self.known.up_sigma > 10:
+        # Any height fits the circle with another range error. An error beyond the bound of a place
+        # stays, because it shows that the place is wrong.
+        plausible = abs(slope @ radio) <= ROUGH * float(np.median(self.ranges.r))
+        if self.known.up_sigma > 10 and plausible:
             above = float(np.median(self.track.up)) - np.array([
                 self.known.up - self.known.up_sigma, self.known.up
             ])  # fmt: skip
