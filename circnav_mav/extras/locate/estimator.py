@@ -317,6 +317,9 @@ def _apart(one: Array, other: Array) -> float:
 def _contradiction(place: Place, problem: "Problem") -> NotLocated | None:
     """Return the reason why the ranges cannot be distances to this place, or None."""
     ranges = problem.ranges
+    constant = NotLocated("the ranges do not change with the vehicle's position: they fit no place")
+    if np.ptp(ranges.r) == 0:
+        return constant
     if place.noise > ROUGH * place.range_scale:
         return NotLocated(
             f"the ranges scatter by {place.noise:.0f} m: they fit no place. Are two tags mixed?"
@@ -333,8 +336,8 @@ def _contradiction(place: Place, problem: "Problem") -> NotLocated | None:
     around = one_side < 0.85 and np.ptp(np.percentile(far, [10, 90])) < 0.15 * np.median(far)
     # Ratio of the noise around a place to the spread of the ranges above which a constant fits as
     # well.
-    if np.ptp(ranges.r) == 0 or (place.noise > 0.9 * spread and not around):
-        return NotLocated("the ranges do not change with the vehicle's position: they fit no place")
+    if place.noise > 0.9 * spread and not around:
+        return constant
     return None
 
 
@@ -560,8 +563,10 @@ class Problem:
         slope = np.array([1.0, length])
         prior = np.diag([self.known.bias_sigma**2, self.known.scale_sigma**2])
         variance = slope @ covariance @ slope
-        # Any height fits the circle with another range error.
-        if self.known.up_sigma > 10:
+        # Any height fits the circle with another range error. An error beyond the bound of a place
+        # stays, because it shows that the place is wrong.
+        plausible = abs(slope @ radio) <= ROUGH * float(np.median(self.ranges.r))
+        if self.known.up_sigma > 10 and plausible:
             above = float(np.median(self.track.up)) - np.array([
                 self.known.up - self.known.up_sigma, self.known.up
             ])  # fmt: skip
