@@ -4,6 +4,7 @@ to correct it."""
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomlkit
@@ -24,7 +25,7 @@ from circnav_mav.extras.locate.place import Array, Place, Plane
 from circnav_mav.extras.locate.range_log import RangeLog, corrected
 from circnav_mav.extras.locate.units import is_plausible
 from circnav_mav.mav.ranging.calibration import Calibration, rising
-from circnav_mav.mission.load import MissionError, load_mission
+from circnav_mav.mission.load import MissionError, load_mission, read_text
 from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
 
@@ -199,9 +200,8 @@ def write_into(file: Path, calibration: Calibration) -> None:
     OSError."""
     with refusing(file, MissionError):
         load_mission(file)
-    document = tomlkit.parse(file.read_text(encoding="utf-8"))
-    table = document["ranging"]
-    assert isinstance(table, tomlkit.items.Table)
+        document = tomlkit.parse(read_text(file))
+    table: Any = document["ranging"]  # also an inline table, or dotted keys
     for key in ("scale", "bias_m", "delay_s", "points_m"):
         table.pop(key, None)
     for key, value in keys_of(calibration).items():

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -169,6 +170,12 @@ def _one(
         likely = likely_unit(plane, track, ranges, known, found) if search_unit else None
     if isinstance(place, NotLocated):
         say(f"  WARNING    not located: {place.why}")
+        away = float(np.abs(track.up - known.up).min())
+        if len(ranges.r) and away > ranges.r.max():
+            say(
+                f"  WARNING    the target's altitude of {known.up:.0f} m is {away:.0f} m from the"
+                " track, farther than all ranges: is it above sea level?"
+            )
     else:
         _say(place, known)
     if likely is not None:

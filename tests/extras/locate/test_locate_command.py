@@ -363,3 +363,12 @@ def test_calibration_of_mission_is_applied_once(tmp_path):
     assert off(found, target) < 0.1
     assert found["range_scale"] is None and abs(found["range_bias_m"]) < 0.1
     assert abs(found["position_delay_s"]) < 0.02
+
+
+def test_altitude_out_of_reach_is_warned_of(tmp_path, capsys):
+    """A height above the ground given as the altitude above sea level."""
+    track, ranges, _ = circles()
+    high = replace(track, up=track.up + 500.0)
+    with pytest.raises(Refused, match="no target was located"):
+        located(tmp_path, high, ranges, options=("--altitude", "0"))
+    assert "farther than all ranges: is it above sea level?" in capsys.readouterr().out

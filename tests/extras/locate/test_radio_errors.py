@@ -10,7 +10,7 @@ import pytest
 
 from circnav_mav import cli
 from circnav_mav.cli.exits import Refused
-from circnav_mav.extras.locate.calibrate import measure
+from circnav_mav.extras.locate.calibrate import measure, write_into
 from circnav_mav.extras.locate.estimator import (
     UNCALIBRATED,
     NotLocated,
@@ -21,6 +21,7 @@ from circnav_mav.extras.locate.estimator import (
 from circnav_mav.extras.locate.units import likely_unit
 from circnav_mav.mav.ranging.calibration import Calibration
 from circnav_mav.mission.load import load_mission
+from tests import small_mission
 from tests.extras.locate.flown import surveyed, taped
 from tests.extras.locate.worlds import KNOWN, PLANE, V, gps_error
 from tests.flight.lockstep import CONFIG, true_radius
@@ -274,3 +275,24 @@ def test_calibration_refuses_a_radio_with_a_large_offset():
     track, ranges = approach_and_laps(Calibration(1.0, 154.6), laps=1.0)
     known = replace(KNOWN, up_sigma=50.0, bias_sigma=10.0, scale_sigma=UNCALIBRATED)
     assert isinstance(measure(PLANE, track, ranges, known), NotLocated)
+
+
+TABLE = '[ranging]\nmessage = "distance_sensor"\nrate_hz = 10.0\nsigma_m = 0.5\n'
+INLINE = 'ranging = {message = "distance_sensor", rate_hz = 10.0, sigma_m = 0.5}\n'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        small_mission.TEXT,
+        "\ufeff" + small_mission.TEXT,
+        INLINE + small_mission.TEXT.replace(TABLE, ""),
+    ],
+    ids=["table", "byte-order mark", "inline table"],
+)
+def test_calibration_is_written_into_any_toml(tmp_path, text):
+    file = tmp_path / "mission.toml"
+    file.write_text(text, encoding="utf-8")
+    write_into(file, Calibration(1.02, 0.5))
+    written = load_mission(file).file.ranging
+    assert (written.scale, written.bias_m, written.sigma_m) == (1.02, 0.5, 0.5)
