@@ -77,13 +77,15 @@ def watch_drift(
 
 
 class AirspeedAlarm(NamedTuple):
-    """Alarm for an airspeed sensor with a large error.
+    """Alarm for an airspeed sensor whose error changes in flight.
 
     The estimator takes such an error as a drift that turns with the nose. A wind does not turn:
-    along the nose, it cancels over a lap.
+    along the nose, it cancels over a lap. A constant error of the airspeed cannot be distinguished
+    from one of the ranges: see `LapAlarm`.
 
     on: True while raised.
     excess: measured minus true airspeed, averaged over about a lap, m/s.
+    usual: the same after the first lap, None before.
     drift: mean drift, m/s, as a complex number.
     since: start of the average, s, or None.
     time: of the newest estimate, s.
@@ -91,9 +93,15 @@ class AirspeedAlarm(NamedTuple):
 
     on: bool = False
     excess: float = 0.0
+    usual: float | None = None
     drift: complex = 0j
     since: float | None = None
     time: float = 0.0
+
+    @property
+    def change(self) -> float:
+        """Change of the airspeed's error since the first lap, m/s."""
+        return 0.0 if self.usual is None else self.excess - self.usual
 
 
 def watch_airspeed(
@@ -106,19 +114,22 @@ def watch_airspeed(
     if alarm.since is None:
         return AirspeedAlarm(since=estimate.time, time=estimate.time)
     lap = 2 * pi * orbit.radius / orbit.speed
-    keep = exp(-max(estimate.time - alarm.time, 0.0) / lap)
+    step = max(estimate.time - alarm.time, 0.0)
+    # In the first lap: the plain average since its start.
+    keep = exp(-step / min(max(estimate.time - alarm.since, 0.1), lap))
     drift = complex(motion.drift_x, motion.drift_y)
     along = (drift * rect(1.0, -motion.heading)).real
     excess = motion.airspeed / motion.scale - motion.airspeed - along
     excess += keep * (alarm.excess - excess)
     drift += keep * (alarm.drift - drift)
-    # A vehicle flies longer against the wind than with it, and within a lap the average varies. The
-    # scale of a good sensor is within a tenth.
+    usual = alarm.usual
+    if usual is None and estimate.time - alarm.since > lap:
+        usual = excess
+    new = AirspeedAlarm(alarm.on, excess, usual, drift, alarm.since, estimate.time)
+    # A vehicle flies longer against the wind than with it, and within a lap the average varies.
     W = abs(drift)
     most = 0.12 * orbit.speed + W**2 / orbit.speed + W / 6
-    settled = estimate.time - alarm.since > lap
-    on = settled and abs(excess) > most * (0.9 if alarm.on else 1.0)
-    return AirspeedAlarm(on, excess, drift, alarm.since, estimate.time)
+    return new._replace(on=abs(new.change) > most * (0.9 if alarm.on else 1.0))
 
 
 class WayAlarm(NamedTuple):

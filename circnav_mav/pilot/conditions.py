@@ -335,7 +335,7 @@ def _airspeed_sensor(view: StepView) -> Active | None:
     alarm = view.airspeed_alarm
     if not alarm.on:
         return None
-    error = f"{abs(alarm.excess):.0f} m/s too {'high' if alarm.excess > 0 else 'low'}"
+    error = f"{abs(alarm.change):.0f} m/s too {'high' if alarm.change > 0 else 'low'}"
     return Active(
         f"airspeed reads {error}",
         f"AIRSPEED SENSOR reads about {error}: the estimated drift turns with the nose, check pitot"
@@ -370,7 +370,7 @@ def _no_way_made(view: StepView) -> Active | None:
 
 def _radius_contradicted(view: StepView) -> Active | None:
     alarm = view.lap_alarm
-    if not alarm.on:
+    if not alarm.on or view.airspeed_alarm.on:
         return None
     height = view.tick.height or 0.0
     off = hypot(alarm.by_ranges, height) - hypot(alarm.by_turns, height)

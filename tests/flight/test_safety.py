@@ -30,9 +30,9 @@ def test_setpoints_continue_without_own_motion(law: str) -> None:
 
 
 def test_stuck_airspeed_sensor_is_named_by_alarm() -> None:
-    flown = flight("arduplane", "limits.duration_s=200", law="auto").fly(60)
+    flown = flight("arduplane", "limits.duration_s=200", law="auto").fly(90)
     flown.vehicle._flight.instruments.airspeed = lambda shown: 27.0  # type: ignore[method-assign]
-    flown.fly(150)
+    flown.fly(180)
     assert any(b"airspeed reads" in data and b"too high" in data for _, data in flown.sent)
     assert rms_error(flown.truths[-200:], 150.0) < 8.0
 

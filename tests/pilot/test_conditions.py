@@ -76,7 +76,7 @@ def views() -> list[StepView]:
         drift_alarm=DriftAlarm(),
     )
     alarmed = replace(holding, lap_alarm=LapAlarm())
-    return [holding, stale, alarmed, replace(stale, airspeed_alarm=AirspeedAlarm(True, 4.6))]
+    return [holding, stale, alarmed, replace(stale, airspeed_alarm=AirspeedAlarm(True, 4.6, 0.2))]
 
 
 VIEWS = views()
