@@ -78,8 +78,7 @@ def steady_command(ticks: Ticks, orbit: Orbit) -> Column | None:
     # its turn rate. Chosen: less is not visible.
     if not np.any(np.abs(gain[-1:] - 1) > 0.02):
         return None
-    steady: Column = orbit.steady_turn_rate * orbit.radius / ticks.desired(orbit.radius) / gain
-    return steady
+    return np.asarray(ticks.steady_turn(orbit) / gain)
 
 
 STRETCHES = 1500
@@ -103,6 +102,7 @@ def chart_data(
             "tolerance": TOLERANCE * orbit.radius,
             "limit": orbit.max_turn_rate,
             "steady": orbit.steady_turn_rate,
+            "steadies": sorted({float(turn) for turn in ticks.steady_turn(orbit)}),
             "radii": ticks.radii(orbit.radius),
         },
         "span": span,

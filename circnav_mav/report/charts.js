@@ -7,6 +7,7 @@ const Charts = (() => {
   // A line: name, column, color, and drawing options. Lines without samples are left out.
   function definitions(f) {
     const turn = { scale: DEGREES }, error = { error: true }, near = f.tolerance, radii = f.radii ?? [f.radius];
+    const steadies = f.steadies ?? radii.map(radius => f.steady * f.radius / radius);
     const circles = (name, value) => radii.map((radius, i) => [i ? "" : name, value(radius), "desired"]);
     return [
       { title: "range", unit: "m", band: radii.length === 1 && [f.radius - near, f.radius + near], levels: circles("desired", radius => radius),
@@ -16,7 +17,7 @@ const Charts = (() => {
       { title: "range rate", unit: "m/s", lines: [["differenced over 1 s", "differenced", "measured"],
         ["true", "true_r_dot", "true"], ["estimated", "r_dot", "estimate"]] },
       { title: "turn rate, left positive", unit: "deg/s", levels: [["limit", f.limit * DEGREES, "limit"],
-        ["", -f.limit * DEGREES, "limit"], ...circles("steady circle", radius => f.steady * DEGREES * f.radius / radius)],
+        ["", -f.limit * DEGREES, "limit"], ...steadies.map((turn, i) => [i ? "" : "steady circle", turn * DEGREES, "desired"])],
         lines: [["true", "true_turn", "true", turn], [f.commanded ?? "commanded", "turn_rate", "estimate", turn],
           ["steady command", "steady_command", "estimate dashed", turn]] },
       { title: "drift: wind minus target motion", unit: "m/s, towards", height: 130,

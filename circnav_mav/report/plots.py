@@ -219,8 +219,7 @@ def _turn_rate(axis: Any, ticks: Ticks, truth: Truth | None, orbit: Orbit) -> No
             alpha=0.7,
             label="true",
         )
-    steady = np.degrees(orbit.steady_turn_rate) * orbit.radius / ticks.desired(orbit.radius)
-    _steps(axis, ticks.time, steady, "steady circle")
+    _steps(axis, ticks.time, np.degrees(ticks.steady_turn(orbit)), "steady circle")
     limit = np.degrees(orbit.max_turn_rate)
     for sign in (-1, 1):
         axis.axhline(sign * limit, ls=":", color=LIMIT, lw=1, label="limit" if sign > 0 else None)

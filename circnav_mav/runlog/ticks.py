@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circnav_mav.foreign import read_lines
+from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.truth import read_truth_frame
 from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.mission_state import Phase
@@ -43,6 +44,13 @@ class Ticks:
     def desired(self, otherwise: float) -> Column:
         """Return the desired radius of each tick, m. otherwise: value where the tick holds none."""
         return np.where(np.isnan(self.numbers["desired"]), otherwise, self.numbers["desired"])
+
+    def steady_turn(self, orbit: Orbit) -> Column:
+        """Return the turn rate of the desired circle at each tick, rad/s. orbit: of a tick that
+        holds no radius or direction."""
+        words = self.words["direction"]
+        signs = np.array([Direction(one or orbit.direction.value).turn_sign for one in words])
+        return np.asarray(signs * orbit.speed / self.desired(orbit.radius))
 
     def radii(self, otherwise: float) -> list[float]:
         """Return the radii of the flown circles, in order, m. otherwise: as in `desired`."""

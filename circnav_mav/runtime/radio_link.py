@@ -72,6 +72,8 @@ class RadioLink:
         self.troubles: Counter[str] = link.troubles
         self._name = name
         self._driver = driver
+        self._drivers: dict[Hashable, Driver] = {}
+        """Driver of each sender. Parts of lines from two senders must not be joined."""
         self._link = link
         self._encoder = Encoder(SYSTEM, COMPONENT)
         self._sequence = 0
@@ -110,7 +112,7 @@ class RadioLink:
                 continue
             self._tail = (self._tail + data)[-MOST_WORDS:]
             try:
-                for reading in self._driver.receive(data, now):
+                for reading in self._driver_of(source).receive(data, now):
                     if not isinstance(reading, RadioReading):
                         raise TypeError(f"{reading!r} is not a RadioReading")
                     readings.append((reading, source))
@@ -119,6 +121,16 @@ class RadioLink:
                 self._failed(error, self._reading, now)
         self._watch(bool(readings), now)
         return readings
+
+    def _driver_of(self, source: Hashable) -> Driver:
+        """Return the driver for the bytes of a sender."""
+        if source in self._drivers:
+            return self._drivers[source]
+        driver = type(self._driver)() if self._drivers else self._driver
+        # Largest number of senders with a driver of their own.
+        if len(self._drivers) < 8:
+            self._drivers[source] = driver
+        return driver
 
     def send(self, data: bytes, to: Hashable) -> None:
         """Do nothing: a radio with a driver does not use MAVLink."""

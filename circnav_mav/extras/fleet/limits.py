@@ -106,7 +106,7 @@ def _member_ranging(mission: Mission, first: int) -> Check:
     ranging = mission.file.ranging
     if ranging.message != "ranging_beacon" or ranging.beacon_id is None:
         words = 'needs ranging.message = "ranging_beacon" and ranging.beacon_id'
-        return Check(FAIL, "fleet.ranging", f"{words}, to tell the beacon from the members")
+        return Check(FAIL, "fleet.ranging", f"{words}, to distinguish the beacon from the members")
     if first < ranging.beacon_id <= first + 255:
         words = f"the beacon's id {ranging.beacon_id} is within those of the members"
         return Check(FAIL, "fleet.ranging", f"{words}, {first + 1} to {first + 255}")

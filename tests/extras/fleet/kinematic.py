@@ -65,7 +65,7 @@ class Fleet:
         ]
         self.spacings = [Spacing(one) for one in settings]
         self.steerings = [
-            Steering(self.orbit, LawChoice("drift", 0.0, True, LAG)) for _ in range(n)
+            Steering(self.orbit, LawChoice("drift", 1.0, True, LAG)) for _ in range(n)
         ]
         self.adjusted: list[Adjustment | None] = [None] * n
         self.map = PhaseMap.of(world.speed, world.drift, 1)
@@ -130,7 +130,7 @@ class Fleet:
         speed = self.flown[i]
         self.steerings[i].change(
             Orbit(radius, Direction.COUNTERCLOCKWISE, speed, MAX_TURN),
-            LawChoice("drift", 0.0, True, LAG),
+            LawChoice("drift", 1.0, True, LAG),
         )
         psi = self.psi[i] + self.compass[i]
         relative = RelativeMotion(x, y, PLACE_SIGMA, *drift, psi, self.turn[i], speed, 1.0, True)

@@ -317,7 +317,6 @@ HEAD = "time,latitude,longitude,range\n"
     ("text", "error"),
     [
         ("time,lat,lon\n1,2,3\n", "no column latitude, longitude, range"),
-        ("time;latitude;longitude;range\n1;2;3;4\n", "no column time, latitude, longitude, range"),
         ("time,latitude,longitude,range_furlong\n", "no column range: .* a unit is a suffix"),
         ("time,latitude,longitude,range_m,range_ft\n", "two columns range: keep one"),
         (f"{HEAD},2,3,5\n", "line 2: time: is missing"),

@@ -26,6 +26,7 @@ def test_second_circle_separates_height_and_bias():
     flown.fly(125.0)
     texts = [message.text for _, message in flown.messages if message.get_type() == "STATUSTEXT"]
     assert texts == [
+        "circnav: ranges 2 % too long, true radius 60.7 m",
         f"circnav: target {known.latitude:.6f} {known.longitude:.6f} {known.sigma:.1f} m",
         f"circnav: target at {known.up:.1f} m AMSL, sigma {known.up_sigma:.1f} m",
     ]

@@ -6,7 +6,10 @@ import pytest
 @pytest.mark.parametrize(
     ("command", "error"),
     [
-        ("check mission.toml --set locate.camera=true", "mission.toml: locate.camera: unknown key"),
+        (
+            "check mission.toml --set locate.camera=true",
+            "--set locate.camera=true: locate.camera: unknown key",
+        ),
         ("locate nowhere", "nowhere: no such file"),
         ("locate x --out=", "--out: is empty, give it a name"),
     ],

@@ -250,3 +250,14 @@ def test_device_gets_its_radios_baud_rate():
             open_radio(endpoint)
         assert error in str(refused.value)
         assert "\n" not in str(refused.value)
+
+
+def test_radio_link_joins_no_lines_of_two_senders():
+    radio = Radio("lines", Lines())
+    own = ("127.0.0.1", 4000)
+    other = ("127.0.0.1", 4001)
+    radio.wire.waiting = [
+        (b"\n7,12", own), (b"\n9,9", other), (b"3.4\n", own), (b"9.9\n", other)
+    ]  # fmt: skip
+    found = [reading.range for reading, source in radio.link.read(0.0) if source == own]
+    assert found == [123.4]
