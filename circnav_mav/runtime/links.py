@@ -302,6 +302,13 @@ def _open_serial(endpoint: Endpoint) -> StreamLink:
     def open_port() -> Any:
         return Serial(endpoint.host, endpoint.port, timeout=0, write_timeout=0)
 
+    def reopen() -> Any:
+        port = open_port()
+        for words in troubles:  # a device that has appeared is no trouble
+            del link.troubles[words]
+        troubles.clear()
+        return port
+
     port = None
     troubles: Counter[str] = Counter()
     try:
@@ -312,6 +319,6 @@ def _open_serial(endpoint: Endpoint) -> StreamLink:
         if next(iter(error.args), None) not in MISSING:
             raise
         troubles[explain(error)] += 1
-    link = StreamLink(endpoint.host, port, open_port, lambda port: bytes(port.read(MOST_BYTES)))
+    link = StreamLink(endpoint.host, port, reopen, lambda port: bytes(port.read(MOST_BYTES)))
     link.troubles += troubles
     return link
