@@ -106,10 +106,9 @@ class LeanLimit:
     AGAIN = 3.0
     """Time, s, from the first steady lean. After it, the lean must still, or again, be steady at
     the same angle."""
-    NEAR_MOST = radians(1.0)
-    """Largest difference, rad, by which a lean at its limit may be below the largest lean so far.
-    With 2.5 deg, a copter on a circle of 10 m in wind counted as limited to 11 deg, below its 12
-    deg of the lap before."""
+    NEAR_MOST = 0.93
+    """Least share of the largest lean so far for a lean at its limit. With 0.8, a copter on a
+    circle of 10 m in wind counted as limited to 11 deg, below its 12 deg of the lap before."""
     LOWERED = 0.95
     EVERY = 2.0
     """Factor on the speed at the limit, and least time between two reductions, s. The velocity loop
@@ -156,7 +155,7 @@ class LeanLimit:
         short = self._turned >= 2 * pi and self._push < SHORT * self._required
         lean = atan(self._push / GRAVITY)
         is_steady = abs(atan(abs(push) / GRAVITY) - lean) < self.STEADY
-        if not (short and is_steady and lean > self._most - self.NEAR_MOST):
+        if not (short and is_steady and lean > self.NEAR_MOST * self._most):
             self._steady_since = inf
         else:
             self._steady_since = min(self._steady_since, own.time)
