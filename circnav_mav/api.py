@@ -74,8 +74,8 @@ class Guidance:
         turn_lag: float = 0.4,
         stale: float = 0.5,
     ) -> None:
-        """law: name, result of `tune`, or your function. A name may be that of code of one's own:
-            an entry point, or `module:name`.
+        """law: name, result of `tune`, or your function. A user-defined law is named by an
+            entry point or `module:name`.
         estimator: name, or your object; None: default of the law.
         turn_lag: delay from a command to its turn, s.
         stale: age above which the newest range no longer steers, s.

@@ -13,7 +13,8 @@ from circnav_mav.mission.preflight import parameter_context
 INT16 = 4
 INT32 = 6
 REAL32 = 9
-"""MAV_PARAM_TYPE values. QGroundControl skips a parameter whose type is not that of the vehicle."""
+"""Values of MAV_PARAM_TYPE. QGroundControl ignores a line of the file if its type differs from the
+type that the vehicle reports for this parameter."""
 INTEGERS = {"ANGLE_MAX": INT16, "LIM_ROLL_CD": INT16, "TRIM_ARSPD_CM": INT32}
 """Parameters that ArduPilot stores as integers. The others are floats."""
 

@@ -59,7 +59,8 @@ def replay_log(
         *overrides,
         *(f'guidance.{key}="{name}"' for key, name in chosen.items() if name is not None),
     ]
-    if law or estimator:  # code of one's own, named by the operator: a replay steers no vehicle
+    # User-defined code that the operator names needs no permission: a replay steers no vehicle.
+    if law or estimator:
         overrides.append("guidance.own_code_on_vehicle=true")
     with refusing(path, RunError, MissionError, ConfigError):
         _check_out(out)

@@ -22,7 +22,7 @@ class ClosedLoop:
         law: LawChoice | OwnLaw,
         vehicle: VehicleModel,
     ) -> None:
-        """law: a choice from `LAWS`, or a law of one's own. Raises ValueError as `Steering`."""
+        """law: a choice from `LAWS`, or a user-defined law. Raises ValueError as `Steering`."""
         self.orbit = orbit
         self.vehicle = vehicle
         self._steer = Steering(orbit, law)

@@ -18,8 +18,8 @@ from circnav_mav.guidance.own_code import NameTable, checked
 LEAST = 1.2
 """Least ratio of a default gain to the paper's bound."""
 LawFunction = Callable[..., Any]
-"""The equation of a law: (r, r_dot, *, V, r_d, k) in the paper's symbols -> turn rate. For a law of
-one's own: `Orbit` -> `OwnLaw`."""
+"""The equation of a law: (r, r_dot, *, V, r_d, k) in the paper's symbols -> turn rate. For a
+user-defined law: `Orbit` -> `OwnLaw`."""
 
 
 class Kind(Enum):
@@ -28,7 +28,7 @@ class Kind(Enum):
     RANGE = "nothing"
     RELATIVE = "position relative to the target and drift"
     AUTO = "nothing, but uses the relative motion as soon as it can be trusted"
-    OWN = "a law of one's own: everything that the estimator provides"
+    OWN = "user-defined: everything that the estimator provides"
 
 
 def smooth_gain_bound(r_d: float) -> float:

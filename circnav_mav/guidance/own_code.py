@@ -1,5 +1,5 @@
-"""Laws and estimators by name: built-in ones, and code of one's own, by entry point or
-`module:name`."""
+"""Laws and estimators by name: built-in ones, and user-defined ones, which are named by an entry
+point or `module:name`."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -12,11 +12,11 @@ REFERENCE = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 """Form of `module:name`. Mission files come from other people: only a module on Python's search
 path can be named, never a file."""
 FAILURES = (Exception, SystemExit)
-"""Exceptions that code of one's own may raise while it is loaded."""
+"""Exceptions that user-defined code may raise while it is imported or created."""
 
 
 class OwnCodeError(ValueError):
-    """Code of one's own that is missing or does not fit. The message is one line."""
+    """User-defined law or estimator that is missing or does not fit. The message is one line."""
 
 
 class NameTable(dict[str, T]):
@@ -35,7 +35,7 @@ class NameTable(dict[str, T]):
         self._imported: dict[str, T] = {}
 
     def names(self) -> list[str]:
-        """Return all names except those of the form `module:name`."""
+        """Return the names of the built-in values and of the installed entry points."""
         return [*self, *sorted(entry_points(group=self._group).names)]
 
     def knows(self, name: str) -> bool:
@@ -43,7 +43,8 @@ class NameTable(dict[str, T]):
         return REFERENCE.fullmatch(name) is not None or name in self.names()
 
     def __missing__(self, name: str) -> T:
-        """Return the value of code of one's own. Raises KeyError, OwnCodeError."""
+        """Return the user-defined value of a name that is not built in. Raises KeyError,
+        OwnCodeError."""
         if name in self._imported:
             return self._imported[name]
         if not self.knows(name):

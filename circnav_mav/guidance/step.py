@@ -396,7 +396,7 @@ class Steering:
 
     def __init__(self, orbit: Orbit, law: LawChoice | OwnLaw) -> None:
         """Set the circle and the law. Raises ValueError if this gain is not above 0, or has no
-        radius correction, and if a law of one's own does not fit."""
+        radius correction, and if a user-defined law does not fit."""
         self._state = StepState()
         self._own = None if isinstance(law, LawChoice) else law
         self._limit = orbit.max_turn_rate

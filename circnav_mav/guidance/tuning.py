@@ -52,9 +52,9 @@ class LawTuning:
         return self.turn_lag + self.steady_estimate(radius).lag
 
     def default_gain(self, orbit: Orbit) -> float:
-        """Return the magnitude of the gain k by the law's rule in `laws`. A law of one's own has
-        its gain inside: 1."""
-        law = LAWS.get(self.law)  # imports no code of one's own
+        """Return the magnitude of the gain k by the law's rule in `laws`. It is 1 for a
+        user-defined law, which has no gain."""
+        law = LAWS.get(self.law)  # does not import a user-defined law
         if law is None:
             return 1.0
         return float(law.default_gain(orbit.speed, orbit.radius, self.loop_lag(orbit.radius)))

@@ -113,8 +113,8 @@ def _estimator(mission: Mission) -> Iterator[Check]:
 
 
 def _own_code(mission: Mission) -> Iterator[Check]:
-    """Check that code of one's own can be imported and created. Nothing else about it is
-    checked."""
+    """Check that a user-defined law or estimator can be imported and created. Nothing else about
+    it is checked."""
     if not mission.own_code:
         return
     names = " and ".join(mission.own_code)

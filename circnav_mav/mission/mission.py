@@ -89,12 +89,12 @@ class Mission:
 
     @property
     def own_code(self) -> list[str]:
-        """Law and estimator that are code of one's own."""
+        """Names of the law and the estimator, if they are user-defined."""
         names = ((self.law.name, LAWS), (self.estimator, ESTIMATORS))
         return [name for name, table in names if name not in table]
 
     def import_own_code(self) -> None:
-        """Import law and estimator if they are code of one's own, and create each of them once.
+        """Import law and estimator if they are user-defined, and create each of them once.
         Raises OwnCodeError."""
         if self.law.name not in LAWS:
             LAWS[self.law.name].function(self.orbit)

@@ -116,8 +116,8 @@ class OrbitTable(Table):
 
 
 def _named(table: NameTable[Any]) -> Any:
-    """Return the type of a name in a table, or of code of one's own. Editors complete the built-in
-    names."""
+    """Return the type of the name of a built-in or user-defined law or estimator. Editors complete
+    the built-in names."""
 
     def check(name: str) -> str:
         if not table.knows(name):

@@ -30,7 +30,8 @@ def flight_parameters(
 ) -> tuple[Parameter, ...]:
     """Return radius, direction, speed, height, law, hold time and exit action of a flight, in the
     order of their indices."""
-    laws = list(dict.fromkeys((*LAWS, controller.law)))  # with a law of one's own that is flown
+    # A user-defined law is listed only while it is flown.
+    laws = list(dict.fromkeys((*LAWS, controller.law)))
     actions = (None, *MISSION_EXITS)
 
     def set_direction(value: float, now: float) -> str:

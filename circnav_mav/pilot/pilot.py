@@ -484,8 +484,11 @@ class Pilot:
         self._way_alarm = watch_way(
             self._way_alarm, estimate if engaged else None, controller.orbit
         )
+        estimation = self.settings.tuning.estimation
+        if self.gps_loss.changed_at is not None:
+            estimation = self.settings.estimation_without_gps
         # Three standard deviations of the airspeed.
-        tolerance = max(3 * self.settings.tuning.estimation.scale_sigma, 0.1)
+        tolerance = max(3 * estimation.scale_sigma, 0.1)
         self._lap_alarm = watch_lap(self._lap_alarm, estimate if engaged else None, tolerance)
         if command is not None and (
             command.flies or not LAWS[controller.law].flies_relative_motion

@@ -19,7 +19,7 @@ PAPER: Any = STYLE | {"font.size": 8, "pdf.fonttype": 42, "svg.hashsalt": "circn
 """Style of figures for a paper: fonts embedded as text, equal files for equal data."""
 COLUMN = 3.5
 PAGE = 7.16
-"""Widths of one and two columns of an IEEE paper, inches."""
+"""Figure widths for an IEEE paper: one column, and the full page of two columns, inches."""
 
 
 def literal(text: str) -> str:

@@ -1,6 +1,7 @@
 """Homing to one beacon: `config/home.toml`, the SX1280's error and rate, wind of a third of V, GPS
 lost at 2 km."""
 
+import re
 from math import hypot
 
 import pytest
@@ -47,7 +48,8 @@ def test_home_alarms_no_way_made_within_a_minute(wind: float, raised: bool) -> N
     """The plane flies at 15.4 m/s against the wind."""
     flown = flight("home", f"sim.wind.speed_mps={wind}", law="auto").fly(61.0)
     alarm = flown.pilot.conditions.alarms.get("no_way_made", "")
-    assert (f"(wind {wind:.0f}, airspeed 1" in alarm) is raised
+    named = re.search(rf"\(wind {wind:.0f}, airspeed 1[56] m/s\)", alarm)
+    assert (named is not None) is raised
     assert len(flown.pilot.conditions.alarms) == raised
 
 
@@ -80,5 +82,5 @@ def test_lost_beacon_underway_holds_a_local_circle() -> None:
     assert alarmed - 60.0 < 5.0
     held = [truth for truth in since if alarmed < truth.time < 60.0 + HOLD]
     first = held[0]
-    assert max(hypot(one.north - first.north, one.east - first.east) for one in held) < 3.5 * 100.0
+    assert max(hypot(one.north - first.north, one.east - first.east) for one in held) < 3.4 * 100.0
     assert flown.pilot.mission.phase is Phase.ENDED

@@ -130,7 +130,7 @@ def test_emulator_oscillates_with_gains_that_oscillate_on_firmware(
 
 
 @pytest.mark.parametrize(
-    ("mission", "count", "judged", "most"), [("arduplane", 1, 1, 0.35), ("arducopter", 2, 1, 0.12)]
+    ("mission", "count", "judged", "most"), [("arduplane", 1, 1, 0.32), ("arducopter", 2, 1, 0.12)]
 )
 def test_default_gains_fly_quietly(mission: str, count: int, judged: int, most: float) -> None:
     """Turn standard deviation on firmware: 0.2 deg/s for both. A filter without a hypothesis of

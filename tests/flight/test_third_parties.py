@@ -94,6 +94,13 @@ def mavproxy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def type_in(process: subprocess.Popen[str], line: str) -> None:
+    """Type a line into the terminal of a process."""
+    assert process.stdin is not None
+    process.stdin.write(f"{line}\n")
+    process.stdin.flush()
+
+
 def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
     on = stage("arducopter")
     ours = on.fly()
@@ -107,28 +114,25 @@ def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
         "--default-modules=mode,param,link,misc,wp,cmdlong",
         PYTHONPATH=str(mavproxy),
     )
-    assert station.stdin is not None
     # its parameters: it has read vehicle, mode and armed state
     printed = read_until(station, "Received")
     assert "Detected vehicle 1:1" in printed
     assert "ARMED" in printed
     assert "GUIDED> Mode GUIDED" in printed
     # its parameter editor lists our values, and another radius is flown
-    station.stdin.write("vehicle 1:191\nparam fetch\n")
-    station.stdin.flush()
+    type_in(station, "vehicle 1:191")
+    type_in(station, "param fetch")
     read_until(station, "Received 7 parameters")
-    station.stdin.write("param set CN_RADIUS 40\n")
-    station.stdin.flush()
+    type_in(station, "param set CN_RADIUS 40")
     read_until(station, "circnav: next circle, 40 m clockwise")
     # a command and a request of a mission plan are answered
-    station.stdin.write("long DO_SET_HOME 1\n")
-    station.stdin.flush()
+    type_in(station, "long DO_SET_HOME 1")
     read_until(station, "DO_SET_HOME: UNSUPPORTED")
-    station.stdin.write("wp list\n")
-    station.stdin.flush()
+    type_in(station, "wp list")
     read_until(station, "0 waypoints")
-    station.stdin.write("vehicle 1:1\nstatus VFR_HUD\nmode BRAKE\n")
-    station.stdin.flush()
+    type_in(station, "vehicle 1:1")
+    type_in(station, "status VFR_HUD")
+    type_in(station, "mode BRAKE")
     read_until(station, "Mode BRAKE")
     code, reason = on.verdict(ours)
     assert code == 4 and reason.startswith("pilot or failsafe switched to BRAKE after ")

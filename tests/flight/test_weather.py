@@ -40,8 +40,8 @@ THIN_AIR = (
 )
 SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest RMS radius error in m
     "plane, wind 0.53 V": ((wind(0.53), "orbit.radius_m=200.0"), 0.6),
-    "plane, 4000 m above the sea": ((wind(0.2), *THIN_AIR), 0.5),
-    "plane, target 0.2 V, wind 0.2 V": ((moving("arduplane"), wind(0.2)), 0.45),
+    "plane, 4000 m above the sea": ((wind(0.2), *THIN_AIR), 0.43),
+    "plane, target 0.2 V, wind 0.2 V": ((moving("arduplane"), wind(0.2)), 0.39),
     "plane, gusts": ((wind(0.33), "sim.wind.gust_rms_mps=1.5", "sim.wind.gust_time_s=10.0"), 3.0),
     "plane, lora": ((wind(0.2), *radio("lora", 2.2)), 3.0),
     "copter, 50 % loss at 5 Hz, heading drift": (

@@ -84,6 +84,7 @@ def test_gps_loss_changes_method_and_keeps_the_circle() -> None:
     assert clockwise_turns(after) > 1.5
     modes = {truth.mode for truth in after if truth.time < 150}
     assert modes == {GUIDED, GUIDED_NOGPS}
+    assert not any(b"by turns" in data for _, data in flown.sent)
     assert flown.outcome.ending is Ending.COMPLETED
     assert flown.vehicle.truth.mode == LAND
 

@@ -24,7 +24,7 @@ def fly_bench(
     for law in laws:
         try:
             if law not in POLICIES:
-                Guidance(ORBIT, *law_and_estimator(law))  # imports code of one's own
+                Guidance(ORBIT, *law_and_estimator(law))  # imports user-defined code
         except ValueError as error:
             raise Refused(f"--law: {error}") from None
     for name in situations:

@@ -49,7 +49,7 @@ Pair = tuple[float, float]
 
 def law_and_estimator(policy: str) -> tuple[str, str]:
     """Return law and estimator of a policy: a name of POLICIES, or `law` or `law+estimator`, either
-    of which may be code of one's own. Raises ValueError."""
+    of which may be user-defined. Raises ValueError."""
     if policy in POLICIES:
         return POLICIES[policy]
     law, _, estimator = policy.partition("+")
@@ -283,7 +283,7 @@ class MotionSensors:
 
 
 class FullInformation(Estimator):
-    """The truth instead of an estimate, as a reference. It is an estimator of one's own for
+    """The truth instead of an estimate, as a reference. It is a user-defined estimator of
     `Guidance`."""
 
     ready = True

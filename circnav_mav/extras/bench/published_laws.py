@@ -1,4 +1,4 @@
-"""Four published laws on range and range rate, for comparison, written as laws of one's own
+"""Four published laws on range and range rate, for comparison, written as user-defined laws
 (docs/own-law.md).
 
 Each function here returns, for a circle, a function from an estimate to a turn rate (rad/s,

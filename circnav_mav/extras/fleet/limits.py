@@ -108,6 +108,6 @@ def _member_ranging(mission: Mission, first: int) -> Check:
         words = 'needs ranging.message = "ranging_beacon" and ranging.beacon_id'
         return Check(FAIL, "fleet.ranging", f"{words}, to distinguish the beacon from the members")
     if first < ranging.beacon_id <= first + 255:
-        words = f"the beacon's id {ranging.beacon_id} is within those of the members"
+        words = f"ranging.beacon_id = {ranging.beacon_id} is one of the ids of the members' radios"
         return Check(FAIL, "fleet.ranging", f"{words}, {first + 1} to {first + 255}")
     return Check(PASS, "fleet.ranging", f"the radio of member n has the id {first} + n")

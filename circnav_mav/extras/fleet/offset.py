@@ -16,13 +16,15 @@ PRIOR = radians(3.0)
 """Expected difference of two phases by their compasses, standard deviation, rad."""
 MOST_BY_DRIFT = radians(10.0)
 MOST_BY_RANGE = radians(30.0)
-"""Largest correction by the drift, rad, which local gusts and wind shear between the height layers
-also turn; and by a range. A larger one by a range has the other member on the wrong side."""
+"""Largest offset by the drift, rad: gusts and wind shear between the height layers turn it, too.
+Largest offset by a range, rad: with a larger one, the other member was assumed on the wrong
+side."""
 LEAST_DRIFT = 1.0
-"""Smallest drift whose direction is used, m/s."""
+"""Speed, m/s, from which the direction of a reported drift gives an offset. The direction of a
+slower drift is too uncertain."""
 MEMORY = 60.0
 CORRELATION = 15.0
-"""Time constant of forgetting, s, and time after which an error of the drift is a new one, s."""
+"""Time constant of forgetting, s, and correlation time of the error of an estimated drift, s."""
 
 
 @dataclass(slots=True)

@@ -539,7 +539,7 @@ class Problem:
             sd[DELAY] = (
                 self.known.delay_sigma
             )  # on a circle around the target every clock offset fits
-            radio, radio_covariance = self._of_one_length(radio, radio_covariance, float(x[U]))
+            radio, radio_covariance = self._at_median_range(radio, radio_covariance, float(x[U]))
         # Standard deviation of the height, m, above which it counts as not observed.
         return Place(
             time=self.end, plane=plane, east=float(x[E]), north=float(x[N]), up=float(x[U]),
@@ -553,9 +553,9 @@ class Problem:
             range_scale=float(np.median(self.ranges.r)),
         )  # fmt: skip
 
-    def _of_one_length(self, radio: Array, covariance: Array, up: float) -> tuple[Array, Array]:
-        """Return bias and scale with their covariance, from the prior and the range error at the
-        median length. up: fitted height, m."""
+    def _at_median_range(self, radio: Array, covariance: Array, up: float) -> tuple[Array, Array]:
+        """Return bias and scale of the radio with their covariance, for nearly equal ranges: from
+        the prior, and from the range error at the median range. up: fitted height, m."""
         # On a circle around the target, the computed lengths change only by the GPS error, which
         # the ranges do not contain. The fit mistakes it for a slope: with a free bias, a true scale
         # of 1.07 was fitted as 0.80 ±0.06.

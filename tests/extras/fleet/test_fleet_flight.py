@@ -20,6 +20,7 @@ from circnav_mav.runlog.replay import replay
 from tests.browser import CHROMIUM
 from tests.process import PATIENCE, ROOT, UNDRAWN, python, read_until, running
 from tests.process import circnav as process_of
+from tests.tools.bench.bench_fleet import RANGES
 
 COPTER = ROOT / "config" / "arducopter.toml"
 PLANE = ROOT / "config" / "arduplane.toml"
@@ -103,16 +104,6 @@ def test_three_copters_join_leave_and_lose_reports():
     silent = (time > SILENT + 12.0) & (time < SILENT + 20.0)
     assert np.abs(radius[silent][:, [0, 2]] - 30.0).max() < 1.0
     assert not any(member.onlookers.problems for member in flight.members)
-
-
-RANGES = (
-    "fleet.ranging=100",
-    'ranging.message="ranging_beacon"',
-    "ranging.beacon_id=1",
-    'sim.ranging.message="ranging_beacon"',
-    'sim.ranging.via="direct"',
-    'ranging.endpoint="sim"',
-)
 
 
 def test_members_too_near_each_other_raise_alarms():
