@@ -18,18 +18,18 @@ BOOT_WRAP = 2**32 / 1000
 """Time after which time_boot_ms wraps to 0, s: 49.7 days."""
 
 WINDOW = 100
-"""Number of samples over which the least lag (arrival - stamp) is taken, so that it follows a
-drifting clock."""
+"""Number of samples after which the least lag (arrival - stamp) is replaced by that of the newest
+samples. So the clock estimate follows a drifting clock."""
 STEP = 0.15
-"""Least step of a remote clock that is detected, s. Most links have less jitter, and harmful pauses
-are longer."""
+"""Smallest step of a remote clock that is detected, s. Most links have less jitter, and harmful
+clock pauses are longer."""
 STEADY = 0.5
+"""Time for which lags must stay at a new level before the clock estimate follows the step, s."""
 STEADY_SAMPLES = 3
-"""Time, s, and number of samples for which lags must stay at a new level before the clock estimate
-follows them."""
+"""Number of samples at the new level before the clock estimate follows the step."""
 SPREAD = 0.5
-"""Share of a step by which its lags may differ. Also the share that a slower link may explain: if
-it explains more, the step is not applied to the clock."""
+"""Largest difference between the lags after a step, as a share of the step. Also the largest share
+of the step that a slower link may explain. Above it the clock estimate ignores the step."""
 
 Slower = Callable[[float, float], float]
 """Function (since, now) that returns an upper bound of the increase of the link delay since a time,
@@ -37,7 +37,7 @@ s; infinite while the delay is not measured."""
 
 
 def no_link_delay(since: float, now: float) -> float:
-    """Return 0: the delay increase of a link that is not measured. See StampFilter."""
+    """Return 0, the assumed delay increase of an unmeasured link. See StampFilter."""
     return 0.0
 
 
@@ -47,13 +47,16 @@ def our_boot_ms(now: float) -> int:
 
 
 JUMP = 1.0
-"""Backward step of a remote clock, s, that counts as a reset. A smaller step back is a reordered
-message."""
+"""Backward step of a remote clock, s, that is taken as a clock reset. A smaller backward step is a
+reordered message."""
 
 
 class Order(Enum):
-    """Relation of a stamp to the newest accepted stamp. JUMPED: far off, by a glitch or a clock
-    reset. RESTARTED: far off, and consistent with the stamp before: the clock was reset."""
+    """Relation of a stamp to the newest accepted stamp.
+
+    JUMPED: the stamp is far off, by a glitch or by a clock reset.
+    RESTARTED: the stamp is far off and continues the previous far-off stamp. The clock was reset.
+    """
 
     NEWER = "newer"
     REPEATED = "repeated"
@@ -67,14 +70,15 @@ class StampFilter:
 
     Local time = remote stamp + offset. The offset is the least (arrival - stamp) of the newest
     samples, as in ArduPilot's JitterCorrection, because link delay is never negative. A constant
-    delay cannot be distinguished from a clock difference and remains.
+    delay cannot be distinguished from a clock difference and remains in the offset.
 
     A pause of the remote clock (a paused simulator, a controller that writes its log) raises all
     later lags at once by its length. Lags of a draining queue fall from sample to sample.
-    Congestion raises them gradually. A link that becomes slower in one step looks like a pause.
-    Only the round trip (`slower`) distinguishes the two, and the offset follows the part of the
-    step that the link does not explain. On an unmeasured link the step is attributed to the clock:
-    pauses are common, routes that become slower by a constant time are rare.
+    Congestion raises lags gradually. A link that becomes slower in one step looks like a pause.
+    Only the round-trip time (`slower`) distinguishes the slower link from the pause. The offset
+    follows the part of the step that the link does not explain. On an unmeasured link the step is
+    attributed to the clock: pauses are common, routes that become slower by a constant time are
+    rare.
     """
 
     def __init__(
@@ -82,7 +86,7 @@ class StampFilter:
     ) -> None:
         """slower: delay increase of the link.
         wrap: period of the stamps, s, None if they do not wrap.
-        jump: backward step, s, that counts as a clock reset.
+        jump: backward step, s, that is taken as a clock reset.
         """
         self._slower = slower
         self._wrap = wrap
@@ -132,10 +136,11 @@ class StampFilter:
         """Compare an unwrapped stamp with the newest, and reset the filter if the result is
         RESTARTED.
 
-        most_ahead: largest lead over the clock, s.
+        most_ahead: largest lead of the stamp over the clock estimate, s. A stamp ahead by more is
+            far off.
         steady: largest difference, s, between the interval of two stamps of a new clock and the
             interval of their arrivals.
-        patience: silence of the old clock, s, before a new clock is followed.
+        patience: time since the newest accepted stamp, s, before a new clock is followed.
         """
         if self.newest is None:
             return Order.NEWER
@@ -143,8 +148,8 @@ class StampFilter:
         if step > -self._jump and self.ahead(stamp, now) <= most_ahead:
             self._jumped = None
             return Order.NEWER if step > 0 else Order.REPEATED if step == 0 else Order.OLDER
-        # A single stamp far off may be a glitch, or a late frame from another route. After a reset,
-        # the next stamp continues from there.
+        # A single far-off stamp may be a glitch, or a late frame from another route. After a clock
+        # reset, the next stamp continues from the far-off stamp.
         before = self._jumped
         self._jumped = (stamp, now)
         goes_on = (
@@ -193,15 +198,13 @@ class StampFilter:
         late = lag - self._offset
         rise = lag - self._lag
         self._lag = lag
-        # A sudden rise starts a new step. A falling lag is a draining queue, not a paused clock:
-        # start over with it.
         if late < STEP:
             self._raised.clear()
-        # Share of a step that must appear between two successive samples. Growing congestion raises
-        # the lag gradually.
-        # 0.03: fall of the lag, s, that indicates a draining queue. With 6 % of spare link
-        # capacity, the lag falls by this within STEADY. The drift between two clocks is a thousand
-        # times slower.
+        # A sudden rise starts a new step: at least 0.4 of the step must appear between two
+        # successive samples, because growing congestion raises the lag gradually.
+        # A fall of the lag by 0.03 s indicates a draining queue, not a paused clock: start over
+        # with this sample. With 6 % of spare link capacity, the lag falls by as much within STEADY.
+        # The drift between two clocks is a thousand times slower.
         elif rise >= max(STEP, 0.4 * late) or (self._raised and lag < self._raised[0][1] - 0.03):
             self._begin(arrival)
         elif self._raised:
@@ -235,10 +238,10 @@ class StampFilter:
 
 
 class UtcClock:
-    """UTC by the stamps of a remote clock: the least delayed of the newest ones."""
+    """UTC from a remote clock. The least delayed of the newest stamps gives the offset."""
 
     def __init__(self) -> None:
-        # Number of newest stamps: half a minute of SYSTEM_TIME at 1 Hz.
+        # Number of newest stamps in use: half a minute of SYSTEM_TIME at 1 Hz.
         self._offsets: deque[float] = deque(maxlen=30)
 
     @property
@@ -248,10 +251,12 @@ class UtcClock:
 
     def received(self, unix: float, now: float) -> None:
         """Process a stamp, Unix time in s, that arrived now."""
-        # 2020 to 2100. An autopilot without UTC sends 0 or the time since its start.
+        # Accept dates from 2020 to 2100. An autopilot without UTC sends 0 or the time since its
+        # start.
         if not 1_577_836_800 < unix < 4_102_444_800:
             return
-        # The clock was set, by the first fix or a ground station.
+        # The remote clock was set, by its first GPS fix or by a ground station: earlier stamps are
+        # wrong.
         if self._offsets and abs(unix - now - self._offsets[-1]) > JUMP:
             self._offsets.clear()
         self._offsets.append(unix - now)
@@ -260,9 +265,10 @@ class UtcClock:
 # --- speed of a remote clock ---
 
 OFF = 0.2
+"""Least deviation of the vehicle's clock speed from ours that is reported, as a fraction. A radio
+with a filling buffer causes less deviation, or deviation for a shorter time."""
 ALIKE = 0.1
-"""Least deviation from our clock speed, and largest spread of windows that agree, as a fraction. A
-radio with a filling buffer causes less deviation, or for a shorter time."""
+"""Largest difference between the clock speeds of windows that agree, as a fraction."""
 WINDOWS = 3
 """Consecutive windows that must agree; chosen."""
 Moment = tuple[float, float]
@@ -273,8 +279,8 @@ Span = tuple[Moment, Moment]
 class ClockSpeed:
     """Speed of the vehicle's clock, from times since boot and their arrival times.
 
-    A simulator that does not run in real time looks like a vehicle at another speed. Three windows
-    must agree.
+    A simulator that does not run in real time looks like a vehicle that flies at another speed. A
+    deviation is reported only if WINDOWS consecutive windows agree.
     """
 
     def __init__(self) -> None:
@@ -306,7 +312,7 @@ class ClockSpeed:
 def quick_span(moments: Sequence[Moment]) -> Span | None:
     """Return the least delayed moments of the first and of the last third, or None without moments.
 
-    Link delay is not part of the clock speed.
+    The least delayed moments keep changes of the link delay out of the clock speed.
     """
     third = (len(moments) + 2) // 3
     if not third:
@@ -326,26 +332,28 @@ def span_speed(span: Span) -> float:
 # --- round-trip time to the vehicle ---
 
 KEPT = 5
-"""Number of newest round trips in use. After as many answers, requests become less frequent."""
+"""Number of newest round trips in use. After this number of answers, requests become less
+frequent."""
 EVERY = 0.5
+"""Time between two requests, s, before KEPT round trips are measured."""
 LATER_EVERY = 1.0
-"""Time between two requests, s, at first and later."""
+"""Time between two requests, s, after KEPT round trips are measured."""
 UNANSWERED = 3.0
 """Time without an answer, s, after which our frames may be lost on the way to the vehicle: three
 requests were lost."""
 AGAIN = 0.2
-"""Least wait, s, before an unanswered request is repeated early. It was lost, or the link has
-become slow, and the delay must be measured soon."""
+"""Least wait, s, before an unanswered request is repeated early. The request was lost or the link
+has become slow: in both cases the delay must be measured soon."""
 PATIENCE = 10.0
-"""Time, s, after which an unanswered request counts as lost, and a vehicle without any answer as
-unable to answer."""
+"""Time, s, after which an answer is no longer used. A vehicle without any answer within this time
+is assumed not to answer TIMESYNC."""
 
 
 class Timesync:
     """Round-trip time to the vehicle, measured with TIMESYNC requests.
 
-    It is the only measurable delay: a constant one-way delay looks like a clock difference. The
-    results are kept when the link is lost, because only the same vehicle may come back.
+    Only the round trip is measurable: a constant one-way delay looks like a clock difference. The
+    results are kept when the link is lost, because only the same vehicle is accepted again.
 
     Source: https://mavlink.io/en/services/timesync.html
     """
@@ -358,7 +366,8 @@ class Timesync:
         self._next = float("-inf")
         self._repeats = 0
         self._began: float | None = None
-        # Newest answers for comparing a link with its past: some four minutes.
+        # Newest answers, about four minutes of them. They give the past delay of the link for a
+        # comparison with the present delay.
         self._answers: deque[tuple[float, float]] = deque(maxlen=256)
         self.trips: deque[float] = deque(maxlen=KEPT)
         """Newest round-trip times, s."""
@@ -385,18 +394,18 @@ class Timesync:
         return min(self.trips, default=0.0) / 2
 
     def slower(self, since: float, now: float) -> float:
-        """Return `delay_increase`. If it is infinite and no request was sent since then, send one
-        at once."""
+        """Return `delay_increase`. If it is infinite and no request was sent since the time
+        `since`, make the next request due at once."""
         increase = self.delay_increase(since, now)
         if increase == float("inf") and max(self._asked.values(), default=float("-inf")) < since:
             self._next = now
         return increase
 
     def delay_increase(self, since: float, now: float) -> float:
-        """Return the largest increase of the link delay since then, s, from the shortest round
-        trips.
+        """Return the largest increase of the link delay since the time `since`, s, from the
+        shortest round trips.
 
-        Infinite until a round trip since then is measured; 0 if the vehicle does not answer.
+        Infinite until a round trip is measured after `since`; 0 if the vehicle does not answer.
         """
         after = [trip for at, trip in self._answers if at >= since]
         if after:
@@ -407,7 +416,8 @@ class Timesync:
         return float("inf")
 
     def forget_requests(self) -> None:
-        """Ignore the answers to earlier requests: they waited for this computer."""
+        """Ignore the answers to earlier requests. Call after a stall of this computer: the answers
+        have waited for it, and their round trips are too long."""
         self._asked.clear()
 
     def settled(self, now: float) -> bool:
@@ -424,8 +434,7 @@ class Timesync:
         self._next = now + (LATER_EVERY if len(self.trips) == KEPT else EVERY)
         self._newest = max(int(now * 1e9), 0) + 1
         self._asked[self._newest] = now
-        # Limit of unanswered requests, more than are sent within PATIENCE. Each answer mirrors our
-        # stamp, so answers to other senders do not match.
+        # 64: limit of stored unanswered requests, more than are sent within PATIENCE.
         if len(self._asked) > 64:
             del self._asked[next(iter(self._asked))]
         return [dialect.MAVLink_timesync_message(0, self._newest)]
@@ -444,8 +453,8 @@ class Timesync:
     def _overdue(self, now: float) -> bool:
         """True if the newest request should have been answered by now."""
         asked = self._asked.get(self._newest)
-        # Limit of early repeats in a row. If no request is answered, the vehicle does not receive
-        # us.
+        # 10: limit of early repeats in a row. If no request is answered, assume that the vehicle
+        # does not receive our frames.
         if asked is None or not self.trips or self._repeats >= 10:
             return False
         return now - asked > max(*self.trips, AGAIN)

@@ -20,10 +20,10 @@ Ids = tuple[int, int]
 """(system, component)."""
 
 _NEVER_SIGNED = dialect.MAVLINK_MSG_ID_RADIO_STATUS
-"""Message that telemetry radios insert unsigned, because they have no key. circnav does not steer
-by it."""
+"""RADIO_STATUS is accepted unsigned: telemetry radios insert it and have no key. circnav does not
+steer by it."""
 _NEVER_LOGGED = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
-"""Message that contains a secret key."""
+"""SETUP_SIGNING is not recorded: it contains a secret key."""
 _MOST_FAILURES = 64
 """Invalid frame starts after which the rest of a datagram is skipped: bounds the work that a
 hostile datagram causes. Starts with an invalid header count too, because each search for the next
@@ -112,8 +112,8 @@ class Decoder:
         self._tail = b""
         self.counts = LinkCounts(has_key=signing is not None)
         self.frames: list[bytes] = []
-        """Accepted frames of the newest call, for the recorder: unknown ids included, SETUP_SIGNING
-        not."""
+        """Accepted frames of the newest call, for the recorder. Frames with unknown ids are
+        included, SETUP_SIGNING is not."""
         self.behind = False
         """True if a frame of the newest call was rejected only because of its sender's clock."""
 

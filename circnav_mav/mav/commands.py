@@ -1,8 +1,8 @@
-"""Commands with retries and matched acknowledgements (0.5 s and three retries as in MAVSDK; 3 s in
-progress).
+"""Commands with retries and matched acknowledgments.
 
-Also the telemetry streams: requested with SET_MESSAGE_INTERVAL, measured, and requested again when
-they slow down.
+An unanswered command is repeated every 0.5 s, three times (as in MAVSDK). An IN_PROGRESS answer
+extends the wait to 3 s. Also the telemetry streams: they are requested with SET_MESSAGE_INTERVAL,
+measured, and requested again when they slow down.
 """
 
 from collections import Counter, deque
@@ -17,9 +17,10 @@ from circnav_mav.mav.codec import Ids, Message
 RETRIES = 3
 """Number of repeats of a command (as in MAVSDK)."""
 UNASKED = 2
+"""Number of answers to commands that we did not send, within UNASKED_WITHIN. So many answers
+indicate another program with our ids."""
 UNASKED_WITHIN = 10.0
-"""Number of unrequested answers to us, and time, s, within which so many indicate another program
-with our ids."""
+"""Time in which unrequested answers are counted, s."""
 CHECK_EVERY = 3.0
 """Time, s, over which stream rates are measured."""
 USUAL = frozenset(
@@ -101,8 +102,8 @@ class _Pending:
 class CommandSender:
     """Sender of commands, at most one per command number at a time.
 
-    An answer contains only the command number. The next command of that number waits until the one
-    before is finished and its late answers can no longer arrive.
+    An answer contains only the command number. The next command of that number waits until the
+    previous command is finished and late answers to it can no longer arrive.
     """
 
     def __init__(self) -> None:
@@ -110,7 +111,7 @@ class CommandSender:
         self._pending: dict[int, _Pending] = {}
         self._results: list[CommandResult] = []
         self._held: dict[int, float] = {}
-        """Time until which late answers to finished commands may arrive, s, by number."""
+        """Time until which late answers to finished commands may arrive, s, by command number."""
         # Newest answers kept to recognize a duplicate that arrives by another route.
         self._newest: deque[bytes] = deque(maxlen=16)
         self._owed: Counter[int] = Counter()
@@ -137,7 +138,7 @@ class CommandSender:
             self._queue.append(command)
 
     def clear(self) -> None:
-        """Drop all commands: their vehicle is gone."""
+        """Drop all commands after the link to their vehicle is lost."""
         self._queue.clear()
         self._pending.clear()
         self._held.clear()
@@ -158,7 +159,7 @@ class CommandSender:
     def acknowledge(self, ack: Message, us: Ids, now: float) -> None:
         """Match a COMMAND_ACK of our vehicle to its command.
 
-        Answers for other systems are ignored. A frame that arrives by two routers counts once.
+        Answers to other systems are ignored. A frame that arrives by two routers is processed once.
         """
         frame = bytes(ack.get_msgbuf())
         target = (ack.target_system, ack.target_component)
@@ -209,10 +210,9 @@ class CommandSender:
     def _end(self, pending: _Pending, result: int | None, now: float) -> None:
         number = pending.command.number
         del self._pending[number]
-        # After repeats, the answer may be to any of the tries, and answers to the others may
-        # follow. After a single try this time is 0.
-        # 1.2: time in which late answers to repeats may arrive, as a fraction of the time between
-        # first and last try.
+        # After repeats, the answer may belong to any of the tries, and answers to the remaining
+        # tries may follow. After a single try this time is 0. 1.2: time in which late answers to
+        # repeats may arrive, as a fraction of the time between first and last try.
         self._held[number] = now + 1.2 * (pending.last - pending.began)
         self._results.append(CommandResult(pending.command, result))
 
@@ -328,7 +328,8 @@ class StreamRequests:
             stream.received = 0
             stream.ever |= received > 0
             if first and stream.asked:
-                # The stream was requested within this time, and has arrived for a part of it only.
+                # The stream was requested during this measurement and has arrived for a part of it
+                # only: its rate is still unknown.
                 continue
             stream.rate = received / elapsed
             is_there = stream.ever or not stream.asked or message_id not in self._maybe

@@ -79,8 +79,8 @@ def pitch_from_push(push: float) -> float:
 
 
 def roll_from_push(right: float, left: float) -> float:
-    """Return the roll (right positive, rad) of a thrust that balances the weight and pushes to the
-    right and to the left, m/s^2."""
+    """Return the roll (right positive, rad) of a thrust that balances the weight and pushes
+    sideways: `right` minus `left`, m/s^2."""
     return atan((right - left) / GRAVITY)
 
 

@@ -103,7 +103,7 @@ def next_start(buffer: bytes, at: int) -> int:
 
 def must_wait(buffer: bytes, frame: Frame) -> bool:
     """True if more bytes of a stream are needed: the rest of the frame or, for an unknown id, the
-    byte after it."""
+    byte after it. That byte must start the next frame (see `is_good`)."""
     return frame.end > len(buffer) or (frame.end == len(buffer) and not frame.known)
 
 

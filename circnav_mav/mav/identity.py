@@ -18,14 +18,15 @@ AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
 NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
 MOVES_AFTER = 1.5
 """Silence of the vehicle's address, s, after which the vehicle may move to another address. Any
-message ends the silence."""
+message of the vehicle's system from the old address ends the silence."""
 FLOODED = 3.0
 """Time after the last dropped bytes, s, at which a flood is over."""
 UNKNOWN_RATE = 64_000.0
+"""Limit of the bytes per second from untrusted senders while the vehicle is connected. Several
+other vehicles send less. Untrusted senders at this limit use 2 % of the processor time, and the
+socket still receives the vehicle's frames."""
 UNKNOWN_BURST = 32_000.0
-"""Limits for untrusted senders while the vehicle is connected: bytes per second, and bytes at once.
-Several other vehicles send less. Untrusted senders at these limits use 2 % of the processor time,
-and the socket still receives the vehicle's frames."""
+"""Limit of the bytes at once from untrusted senders."""
 VEHICLE_NAME = "the vehicle"
 OUR_NAME = "circnav"
 RADIO_NAME = "the ranging radio"
@@ -125,7 +126,8 @@ class Identity:
     """
 
     def __init__(self, settings: LinkSettings, adapters: tuple[Autopilot, ...]) -> None:
-        """adapters: the vehicles that the mission allows. The pinned vehicle selects one."""
+        """adapters: adapters of the vehicles that the mission allows. The pinned vehicle selects
+        one."""
         self._settings = settings
         self._adapters = adapters
         self.adapter = adapters[0]
@@ -182,15 +184,14 @@ class Identity:
         """Return True if a message is from our vehicle. Only a HEARTBEAT pins it, or moves it to
         another address.
 
-        Other senders with its ids, and heartbeats of other vehicles, are counted. continues: True
-        if a message carries the expected time since boot.
+        Heartbeats of other vehicles and messages of second senders with the vehicle's ids are
+        counted. continues: True if a message carries the expected time since boot.
         """
         who = Sender(*ids(message), source)
         is_heartbeat = message.get_type() == "HEARTBEAT"
         home = self.home
-        # A radio, gimbal or companion with the default ids 1/1 shares them with the vehicle, often
-        # behind the same router. Its heartbeat has its own mode and armed flag, both 0, which looks
-        # like a takeover.
+        # A radio, gimbal or companion may have the vehicle's ids (default 1/1), often behind the
+        # same router. Its heartbeat reports mode 0 and disarmed, which looks like a takeover.
         if is_heartbeat and who == self.peer and message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
             self.ignored["no_autopilot"] += 1
             return False
@@ -199,7 +200,7 @@ class Identity:
             and who.component == AUTOPILOT_COMPONENT
             and message.autopilot not in NO_AUTOPILOT
         ):
-            self.vehicles[who.system] = source  # otherwise it is a radio with a heartbeat
+            self.vehicles[who.system] = source  # a radio's heartbeat is no vehicle
         if home is not None and (who.system, source) == (home.system, home.source):
             self._since_received.restart(now)
         silent = self._since_received.age(now) > MOVES_AFTER
@@ -210,8 +211,8 @@ class Identity:
             self._consider(message, who, now)
         if who == self.peer:
             return True
-        # A vehicle that changes its address sends a few messages before its first heartbeat: no
-        # second sender.
+        # A vehicle that changes its address sends a few messages before its first heartbeat. They
+        # do not indicate a second sender.
         if (
             home is not None
             and who.ids == home.ids

@@ -30,26 +30,28 @@ MOST_TILT = 1.2
 """Largest tilt, rad, used in calculations. Beyond it turns are not coordinated and thrust does not
 hold the weight."""
 ATTITUDE_MAX_AGE = 0.5
-"""Oldest attitude that is used, s: as the default `max_age` of a range, and ten messages at 20
-Hz."""
+"""Largest age of an attitude that is used, s: equal to the default `max_age` of a range, and ten
+message intervals at 20 Hz."""
 AIR_MAX_AGE = 1.5
-"""Oldest airspeed that is used, s; chosen, it is sent less often than the attitude."""
+"""Largest age of airspeed, altitude and climb rate that is used, s. VFR_HUD is sent less often than
+the attitude."""
 MOST_ANGLE = 6.3
 MOST_RATE = 50.0
 MOST_AIRSPEED = 200.0
 MOST_ALTITUDE = 1e5
-"""Largest plausible magnitudes of a measurement, rad, rad/s, m/s and m. Larger values are
-discarded."""
+"""Largest plausible angle (rad), body rate (rad/s), airspeed and climb rate (m/s), and altitude
+(m). Larger values are discarded."""
 FLOWN_ALTITUDES = -500.0, 6_000.0
 """Lowest and highest altitude, m, for which airspeed is corrected for air density. Others are
 clipped."""
 FEWEST = 4
+"""Least number of attitudes within FEWEST_WITHIN that suffices to follow the vehicle's turns.
+circnav requests 20 per second."""
 FEWEST_WITHIN = 3.0
-"""Least number of attitudes within this time, s, to follow the vehicle's turns. circnav requests 20
-per second."""
+"""Time in which attitudes are counted, s."""
 REPEATED = 0.2
-"""Within this time, s, an equal stamp is a repeated message. Later, the vehicle's clock has
-stopped."""
+"""Largest age of the newest stamp, s, at which an equal stamp is a repeated message. At a larger
+age, the vehicle's clock has stopped."""
 ACCELERATIONS = {"HIGHRES_IMU": 1.0, "RAW_IMU": GRAVITY / 1000, "SCALED_IMU": GRAVITY / 1000}
 """Unit of the raw acceleration, m/s^2, by message type."""
 MOST_FORCE = 16 * GRAVITY
@@ -149,9 +151,9 @@ class OwnMotionSensor:
         self._air = Motion()
         self._since_air = Since()
         self._accelerations = Accelerations()
-        # Backward step of the vehicle's clock, s, that counts as a clock reset. At most
-        # ATTITUDE_MAX_AGE: after a stamp that is ahead by less, later stamps are rejected as older
-        # for up to this time.
+        # 0.5: backward step of the vehicle's clock, s, that is taken as a clock reset. After a
+        # stamp that is wrongly ahead by less, later stamps look older and are rejected for up to
+        # this time. It must not exceed ATTITUDE_MAX_AGE.
         self._clock = StampFilter(slower, wrap=BOOT_WRAP, jump=0.5)
 
     def receive(self, message: Message, now: float) -> bool:
@@ -220,10 +222,9 @@ class OwnMotionSensor:
         if order in (Order.OLDER, Order.JUMPED):
             return None
         measured = clock.local(stamp, now)
-        # Such a delay indicates a reset of the vehicle's clock. Restart the filter to keep the
-        # heading available.
-        # 0.4: longest plausible link delay of an attitude, s. Less than ATTITUDE_MAX_AGE, so that
-        # the heading stays available when the vehicle's clock is reset.
+        # 0.4: longest plausible link delay of an attitude, s. A longer delay indicates a reset of
+        # the vehicle's clock: restart the filter. Less than ATTITUDE_MAX_AGE, so that the heading
+        # stays available after the reset.
         if now - measured > 0.4:
             clock.reset()
             measured = clock.local(stamp, now)
@@ -264,8 +265,9 @@ class OwnMotionSensor:
         return self._turned._replace(airspeed=air.airspeed, altitude=air.altitude, climb=air.climb)
 
     def _attitude(self, now: float) -> Attitude | None:
-        # Rare attitudes are extrapolated by their body rates until the next one. Without it, the
-        # heading of a vehicle that refuses stream requests (1 Hz) would be lost every second.
+        # Attitudes that arrive rarely, but at least every 1.3 s on average, stay valid for 1.6
+        # intervals and are extrapolated by their body rates. Otherwise the heading of a vehicle
+        # that refuses stream requests (1 Hz) would be lost every second.
         interval = (self._received[-1] - self._received[0]) / (FEWEST - 1)
         oldest = max(1.6 * interval, ATTITUDE_MAX_AGE) if interval < 1.3 else ATTITUDE_MAX_AGE
         return self._body if now - self._attitude_at <= oldest else None
@@ -325,13 +327,14 @@ class Accelerations:
         time = message.time_boot_ms / 1e3 if kind == "SCALED_IMU" else message.time_usec / 1e6
         step = time - self._time
         self._time = time
-        # Longest gap between two accelerations, s, that is integrated over: 5 Hz. After a longer
-        # one the integral restarts.
+        # 0.2: longest gap between two accelerations, s, that is integrated over (5 Hz). After a
+        # longer gap the integral restarts.
         sound = 0 <= step <= 0.2 and all(
             abs(value) < MOST_FORCE for value in force
         )  # false for NaN
         self._smooth(force, step, sound=sound)
-        # Oldest attitude, s, used to rotate accelerations to the horizontal.
+        # 0.2: largest time between an acceleration and the attitude that rotates it to the
+        # horizontal, s.
         if not sound or attitude is None or abs(time - attitude.time) > 0.2:
             self.acceleration = None
             return

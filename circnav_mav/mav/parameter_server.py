@@ -57,7 +57,8 @@ class ParameterServer:
         """
         target = (message.target_system, message.target_component)
         is_set = message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_SET
-        # 0 addresses all systems or all components (MAVLink). A value is set only by our own ids.
+        # 0 addresses all systems or all components (MAVLink). Only a request to our own ids sets a
+        # value.
         if target != us and (is_set or target[0] not in (us[0], 0) or target[1] not in (us[1], 0)):
             return ""
         if message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:

@@ -58,7 +58,7 @@ class ParameterReader:
 
     def receive(self, message: Message) -> None:
         """Process a PARAM_VALUE of our vehicle. Answers to other programs are used if the name is
-        on our list. The first answer counts, also after the last try."""
+        on our list. The first answer is used, even after the last try."""
         name = plain_text(message.param_id)
         if name in self._names and name not in self.values:
             self.values[name] = parameter_value(message, bytewise=self._bytewise)
@@ -80,7 +80,7 @@ class ParameterReader:
             tries, _ = self._asked.get(name, (0, now))
             # Time, s, until a request is repeated; chosen.
             self._asked[name] = tries + 1, now + 0.7
-        # param_index of a request by name (MAVLink).
+        # -1: param_index of a request by name (MAVLink).
         return [
             dialect.MAVLink_param_request_read_message(*target, name.encode("ascii"), -1)
             for name in names

@@ -22,11 +22,12 @@ from circnav_mav.timers import Every
 HEARTBEAT_PERIOD = 1.0
 """Time between two of our heartbeats, s (MAVLink: 1 Hz)."""
 LOST_AFTER = 3.0
-"""Time without a mode report, s, after which the link counts as lost (value of MAVSDK)."""
+"""Time without a mode report, s, after which the link is treated as lost (value of MAVSDK)."""
 TWIN_FRAMES = 4
+"""Number of foreign frames with our ids, within TWIN_WITHIN, that indicates another companion.
+Another companion sends at least one heartbeat per second. Fewer frames are stray frames."""
 TWIN_WITHIN = 10.0
-"""Number of foreign frames with our ids within this time, s, that indicates another companion: it
-sends at least one heartbeat per second. A single stray frame is ignored."""
+"""Time in which foreign frames with our ids are counted, s."""
 WAITING = dialect.MAV_STATE_BOOT
 """State in circnav's heartbeat until it steers the vehicle. A circnav that steers already ignores
 heartbeats with this state of a second circnav."""
@@ -60,7 +61,8 @@ class Session:
         self._heartbeat_timer = Every(HEARTBEAT_PERIOD)
         self._replies: list[Message] = []
         self._mode_results: deque[CommandResult] = deque(maxlen=8)
-        # Number of our newest frames that are kept to recognize an echo: twenty seconds.
+        # Number of our newest frames that are kept to recognize an echo: the frames of twenty
+        # seconds.
         self._sent: deque[bytes] = deque(maxlen=1024)
         self._twin_received: deque[float] = deque(maxlen=TWIN_FRAMES)
         self.identity = Identity(settings, adapters)
@@ -96,8 +98,8 @@ class Session:
 
     @property
     def adapter(self) -> Autopilot:
-        """Adapter of the pinned vehicle. Before one was found: of the first vehicle that the
-        mission allows."""
+        """Adapter of the pinned vehicle. Before a vehicle is found, the adapter of the first
+        vehicle that the mission allows."""
         return self.identity.adapter
 
     @property
@@ -166,8 +168,8 @@ class Session:
         return True
 
     def change_method(self, adapter: Autopilot) -> None:
-        """Steer the pinned vehicle by another method from now on. Until its new guided mode is
-        reported, the old one is under our control, too."""
+        """Steer the pinned vehicle by another method from now on. Until the vehicle reports the new
+        guided mode, its old guided mode is treated as ours, too."""
         adapter.our_modes = frozenset((adapter.guided_mode, self.adapter.guided_mode))
         self.identity.adapter = adapter
         self.vehicle.change_method(adapter)
@@ -183,9 +185,10 @@ class Session:
         self.commands.clear()
 
     def _in_our_name(self, message: Message, peer: Sender, source: Hashable, now: float) -> None:
-        """Process a message with our ids: an echo of ours, or one from another companion."""
-        # A foreign frame that comes from the vehicle's address was forwarded by the vehicle:
-        # another companion sends to it. From another address, any sender may use our ids.
+        """Process a message with our ids: an echo of our own frame, or a frame from another
+        companion."""
+        # The vehicle has forwarded a foreign frame that arrives from its address: another companion
+        # is connected to the vehicle. From another address, any sender may use our ids.
         if bytes(message.get_msgbuf()) in self._sent:
             self.ignored["echo"] += 1
         elif source == peer.source:

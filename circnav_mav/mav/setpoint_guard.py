@@ -36,9 +36,10 @@ class Limits:
 
     max_yaw_rate: rad/s.
     max_speed: m/s.
-    max_bank: of attitude setpoints, rad.
+    max_bank: roll and pitch of attitude setpoints, rad.
     max_stick: roll stick of MANUAL_CONTROL, thousandths.
-    max_pitch_stick, max_yaw_stick: likewise; 0 for vehicles that are not pitched or yawed by stick.
+    max_pitch_stick, max_yaw_stick: pitch and yaw sticks, thousandths; 0 for vehicles that are not
+        pitched or yawed by stick.
     """
 
     max_yaw_rate: float
@@ -83,7 +84,7 @@ class SetpointGuard:
         ):
             raise UnsafeSetpointError(f"not finite: {message}")
         within, address = _CHECKS[message.get_type()]
-        # Broadcast target id (MAVLink), not permitted in a setpoint.
+        # A target id of 0 is a broadcast (MAVLink), not permitted in a setpoint.
         if getattr(message, address) == 0 or not within(message, self._limits):
             raise UnsafeSetpointError(f"outside the limits {self._limits}: {message}")
         return message
@@ -99,8 +100,8 @@ def _velocity_within(message: Message, limits: Limits) -> bool:
         and message.vy == 0
         and message.coordinate_frame == BODY_NED
     )
-    # Largest lateral acceleration, in units of speed times turn rate, for a velocity loop with a
-    # derivative gain.
+    # The lateral feedforward is (1 + D) times speed times turn rate. 1.25 permits a derivative gain
+    # D of the velocity loop up to 0.25.
     across = 1.25 * limits.max_speed * limits.max_yaw_rate
     fed = (
         hypot(message.afx, message.afy, message.afz) <= hypot(MOST_FED, across) * SLACK

@@ -20,8 +20,8 @@ from circnav_mav.mav.framing import SIGNATURE, SIGNED, V2
 KEY_LENGTH = 32
 """Length of a key, bytes (MAVLink signing)."""
 ZERO_KEY = bytes(KEY_LENGTH)
-"""Default key of PX4 (main of 2026) until it is given one. It is public, so it proves and protects
-nothing."""
+"""Default key of PX4 (main of 2026) until a key is set. The default key is public, so it proves and
+protects nothing."""
 EPOCH = 1_420_070_400
 """Start of 2015, unix seconds."""
 SECOND = 100_000
@@ -73,8 +73,9 @@ class Signing:
         self._reach(int((unix - EPOCH) * SECOND))
 
     def follow(self, unix: float) -> None:
-        """Set the timestamp by the wall clock, also back after a step of more than a minute. Only
-        for frames whose content carries a time that the receiver checks."""
+        """Set the timestamp to the wall-clock time, unix seconds. A timestamp more than a minute
+        ahead is set back. Use only for frames that contain a time of their own, which the receiver
+        checks."""
         now = max(int((unix - EPOCH) * SECOND), 0)
         if self.timestamp > now + MINUTE:
             self.timestamp = now
@@ -82,8 +83,8 @@ class Signing:
         self._reach(now)
 
     def resume(self, timestamp: int) -> None:
-        """Continue from the final timestamp of an earlier run. All frames up to it count as
-        received."""
+        """Continue from the final timestamp of an earlier run. Frames with a timestamp up to this
+        one are rejected as already received."""
         self._resumed_at = timestamp
         self._reach(timestamp)
 
@@ -99,8 +100,8 @@ class Signing:
         return body + sha256(self._key + body).digest()[:_HASH]
 
     def check(self, frame: bytes) -> Refusal | None:
-        """Return the reason to reject a signed frame, or None. An accepted frame counts as
-        received.
+        """Return the reason to reject a signed frame, or None. The timestamp of an accepted frame
+        is stored.
 
         A stream (system, component, link id) that is new to this process may be one minute behind
         our timestamp. Timestamps of other streams must increase.

@@ -11,13 +11,13 @@ from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.timers import Since
 
 CHUNK = 50
+"""Largest text of one STATUSTEXT, bytes (MAVLink)."""
 LONGEST_TEXT = 200
-"""Largest size of one STATUSTEXT, and of a text that is split into several, bytes."""
+"""Largest text that is split into several STATUSTEXT, bytes. Longer texts are cut."""
 
 
 class Announcer:
-    """Rate limiter: one STATUSTEXT per kind in 2 s, the newest kept, and NAMED_VALUE_FLOAT at 4
-    Hz."""
+    """Rate limiter: one STATUSTEXT per kind in 2 s, the newest, and NAMED_VALUE_FLOAT at 4 Hz."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, tuple[int, str]] = {}
@@ -41,8 +41,8 @@ class Announcer:
         return messages
 
     def _chunks(self, severity: int, text: str) -> list[Message]:
-        """Return the messages of one text. A zero in the last chunk ends it. After full chunks,
-        that chunk is empty."""
+        """Return the messages of one text. A zero byte in the last chunk ends the text. If the text
+        fills its chunks exactly, an empty chunk follows."""
         data = text.encode("ascii", "replace")[:LONGEST_TEXT]
         if len(data) <= CHUNK:
             return [dialect.MAVLink_statustext_message(severity, data)]
@@ -73,8 +73,8 @@ class Announcer:
 class TextReader:
     """Reassembly of STATUSTEXT chunks from several senders.
 
-    Each chunk of a long text gives the text so far. If the next chunk is lost, that part remains
-    available.
+    For each chunk of a long text, `read` returns the text so far. If the next chunk is lost, this
+    part remains available.
     """
 
     def __init__(self) -> None:

@@ -24,7 +24,7 @@ def read_truth_frame(frame: bytes) -> tuple[float, ...] | None:
     if is_truth_frame(frame):
         for message in Decoder(wanted={_ID}).decode(frame):  # a damaged frame may contain others
             if message.name == NAME:
-                # Count of numbers that the emulator sends in it.
+                # The emulator fills the first 16 numbers of the array.
                 return tuple(message.data[:16])
     return None
 

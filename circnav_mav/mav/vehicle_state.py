@@ -13,11 +13,12 @@ from circnav_mav.timers import Since
 
 AHEAD = 5.0
 AHEAD_SHARE = 0.25
-"""Largest plausible lead of the vehicle's clock over ours after a silence, s, plus this share of
-the silence. Links buffer, and simulators may run faster than real time."""
+"""After a silence, the vehicle's clock may have gained AHEAD seconds plus AHEAD_SHARE times the
+silence on ours. A larger gain indicates another vehicle. Links buffer messages, and simulators may
+run faster than real time."""
 APART = 0.2
-"""Least time between two heartbeats that arrive as they are sent, s (ArduPilot's shortest interval:
-0.25). The heartbeats of a backlog arrive at once."""
+"""Least time between two heartbeats that arrive at the rate of their sending, s (ArduPilot's
+shortest interval: 0.25 s). Queued heartbeats arrive closer together."""
 NOT_FLYING = (
     dialect.MAV_LANDED_STATE_ON_GROUND,
     dialect.MAV_LANDED_STATE_TAKEOFF,
@@ -69,8 +70,8 @@ class VehicleState:
         """Number of reboots, including takeovers of the vehicle's ids by another vehicle."""
         self.unproven = False
         """True if the vehicle's identity is unconfirmed, after a silence or a change of address.
-        Ids prove nothing: many vehicles have the default ones. The time since boot proves it. If
-        none was reported, no proof is needed."""
+        Ids prove nothing, because many vehicles have the default ids. The time since boot proves
+        the identity. If the vehicle has never reported it, no proof is needed."""
         self.clock_speed = ClockSpeed()
         self.utc = UtcClock()
         self.texts: deque[str] = deque(maxlen=8)
@@ -92,7 +93,7 @@ class VehicleState:
 
     def battery(self, now: float) -> float | None:
         """Return the remaining charge, percent, or None if it is not reported or stale."""
-        # Oldest battery level that is reported, s. SYS_STATUS arrives once a second.
+        # Largest age of a battery level that is used, s. SYS_STATUS arrives once a second.
         return self._battery if self._since_battery.age(now) <= 5.0 else None
 
     def found(self, adapter: Autopilot) -> None:
@@ -165,9 +166,9 @@ class VehicleState:
     def _overtaken(self, sequence: int) -> bool:
         """True if a frame of the vehicle was sent before one that has already arrived."""
         behind = 0 if self._sequence is None else (self._sequence - sequence) % 256
-        # Largest step back in the sequence number that counts as reordering: half a second or more
-        # of frames. After a larger step the frame counts as new: frames were lost, or the vehicle
-        # has rebooted.
+        # 64: largest backward step of the sequence number that is taken as reordering, half a
+        # second or more of frames. A frame with a larger step is taken as new: frames were lost, or
+        # the vehicle has rebooted.
         if 0 < behind <= 64:
             return True
         self._sequence = sequence
@@ -175,9 +176,9 @@ class VehicleState:
 
     def _is_late_heartbeat(self, sequence: int, now: float) -> bool:
         """True if a heartbeat is reordered."""
-        # A sender may number its heartbeats separately, or the other frames not at all. Then every
-        # heartbeat looks reordered. Accept one if the previous one looked reordered too and both
-        # arrive at heartbeat rate.
+        # Some senders number their heartbeats separately, or number only their heartbeats. Then
+        # every heartbeat looks reordered. Accept one if the previous one looked reordered too and
+        # both arrive at heartbeat rate.
         before = self._late_heartbeat
         if not self._late:
             self._late_heartbeat = None
@@ -205,8 +206,8 @@ class VehicleState:
         """Count a backward step of the time since boot as a reboot, but not its wrap after 49.7
         days.
 
-        After a silence, a boot time that has advanced more than the local time belongs to another
-        vehicle.
+        After a silence, a boot time that has advanced more than plausible (AHEAD) belongs to
+        another vehicle. It is counted as a reboot, too.
         """
         boot = self.boot.unwrapped(stamp)
         newest = self.boot.newest

@@ -57,9 +57,10 @@ MODE_NAMES = MappingProxyType(
     | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
 )
 LEAN_LIMIT = (("ATC_ANGLE_MAX", 1.0), ("ANGLE_MAX", 0.01))
-"""Names of the lean limit, from ArduPilot 4.7 on and before, with their factors to deg."""
+"""Names of the lean limit with their factors to deg: first from ArduPilot 4.7 on, then before."""
 THRUST_AS_THRUST = 1 << 3
-"""Bit of GUID_OPTIONS: the thrust of an attitude setpoint is a thrust, not a climb rate."""
+"""Bit 3 of GUID_OPTIONS. If set, the thrust field of an attitude setpoint is a thrust, not a climb
+rate."""
 
 
 def _guided_options(value: float, context: Context) -> Verdict:
@@ -83,8 +84,8 @@ def _guided_options(value: float, context: Context) -> Verdict:
 def _acceleration(value: float, context: Context) -> Verdict:
     """Judge WP_ACC, m/s^2: it must suffice for turns at the mission's turn-rate limit.
 
-    At 5 m/s with 2.5 m/s^2, flights with a limit of 45 deg/s settled on the circle after 16 to 68
-    s, flights with a limit of 30 deg/s after 14 to 31 s.
+    With a lower WP_ACC settling takes longer. With 2.5 m/s^2 at 5 m/s, flights settled on the
+    circle after 16 to 68 s at a limit of 45 deg/s, and after 14 to 31 s at 30 deg/s.
     """
     asked = radians(context.max_turn_rate_deg) * context.speed
     words = f"turns at the mission's turn-rate limit need {asked:.1f} m/s^2"
@@ -108,8 +109,8 @@ def _enough_acceleration(context: Context) -> float:
 
 
 YAW_LEAD = radians(20)
-"""Largest lead of the yaw target over the reported yaw, rad. A copter whose target is farther ahead
-turns faster than commanded until it has caught up."""
+"""Largest lead of the yaw target over the reported yaw, rad. With a larger lead the copter would
+turn faster than commanded until it has reached the target."""
 
 
 _LANDS_ALWAYS = (FAIL, "lands even in modes that need no position: set 1 or 2")
@@ -125,7 +126,7 @@ def _options_without_gps(value: float, context: Context) -> Verdict:
 
 
 def _tilt_limit(degrees_: float, context: Context) -> Verdict:
-    """Judge the lean limit, deg, which limits the tilt of attitude setpoints, too."""
+    """Judge the lean limit, deg, which also limits the tilt commanded by attitude setpoints."""
     if below(degrees_, context.max_bank_deg):
         words = (
             f"the copter tilts {degrees_:g} deg at most, vehicle.max_bank_deg ="
@@ -139,13 +140,13 @@ class ArduCopterAttitude(Autopilot):
     """GUIDED_NOGPS (20): attitude, for flights without any position. The autopilot holds the
     height.
 
-    SET_ATTITUDE_TARGET mask 7: bits 0 to 2 ignore the body rates (some but not all ignored: the
-    message is rejected and the copter levels). Bits 6 and 7 are clear, so that thrust and attitude
-    are used. Thrust 0.5 holds the height, more or less is a climb rate, unless GUID_OPTIONS has bit
-    3. The yaw of the quaternion is followed 0.25 s late. At a constant forward tilt the copter has
-    a constant airspeed, and the wind carries it. Without setpoints for GUID_TIMEOUT (3 s) it
-    levels, holds yaw and height, and drifts with the wind. LOITER, BRAKE and RTL require a position
-    and are refused. GUIDED follows the same messages.
+    SET_ATTITUDE_TARGET mask 7: bits 0 to 2 ignore the body rates. If only some of the three are
+    set, ArduCopter rejects the message and levels. Bits 6 and 7 are clear, so that thrust and
+    attitude are used. Thrust 0.5 holds the height. Another thrust is a climb rate, unless bit 3 of
+    GUID_OPTIONS is set. The copter follows the yaw of the quaternion with a delay of 0.25 s. At a
+    constant forward tilt it has a constant airspeed and drifts with the wind. Without setpoints for
+    GUID_TIMEOUT (3 s) it levels, holds yaw and height, and drifts with the wind. LOITER, BRAKE and
+    RTL require a position, so the copter refuses them. The mode GUIDED follows the same messages.
     """
 
     MASK = 0x07
@@ -180,8 +181,8 @@ class ArduCopterAttitude(Autopilot):
         self._sent_at = float("-inf")
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
-        """Return the attitude of the coordinated turn at the held airspeed. The yaw target moves at
-        the yaw rate."""
+        """Return the attitude that turns in coordination and holds the airspeed. The yaw target
+        moves at the commanded yaw rate."""
         roll, pitch = tilt(steer, to.push, self._facts.max_bank)
         return attitude(
             self.MASK, to, now, roll=roll, pitch=pitch, yaw=self._turned(steer, to, now), thrust=0.5
@@ -192,7 +193,8 @@ class ArduCopterAttitude(Autopilot):
         reported = to.motion.yaw
         step = now - self._sent_at
         self._sent_at = now
-        # Gap between two setpoints, s, after which the yaw target restarts at the present yaw.
+        # 0.5: gap between two setpoints, s, after which the yaw target restarts at the reported
+        # yaw.
         if self._yaw is None or step > 0.5:
             self._yaw = self._yaw if reported is None else reported
             self._yaw = self._yaw or 0.0
@@ -210,12 +212,12 @@ class ArduCopter(Autopilot):
 
     SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8): the velocity is rotated by the heading once,
     at receipt, so the message must be repeated. Mask 0x407: bits 0 to 2 ignore position (1). Bits 3
-    to 5 use velocity (0): masking any one masks all three, so vz is sent as 0, which holds height.
-    Bits 6 to 8 use acceleration (0): speed times yaw rate, to the right. Without it the course is
-    10 degrees behind the nose, and the copter turns 1 to 6 % too fast. Bit 9: not a force (0). Bit
-    10 ignores yaw (1). Bit 11 uses yaw rate (0). A mask that ArduCopter does not list stops the
-    vehicle (`mode_guided.init(true)`). Without setpoints for GUID_TIMEOUT (3 s) it brakes and
-    hovers in GUIDED.
+    to 5 use velocity (0). Any of these bits masks all three velocities, so vz is sent as 0, which
+    holds the height. Bits 6 to 8 use acceleration (0): speed times yaw rate, to the right. Without
+    the acceleration, the course lags the nose by 10 degrees and the copter turns 1 to 6 % too fast.
+    Bit 9 (0): the acceleration is not a force. Bit 10 ignores yaw (1). Bit 11 uses yaw rate (0). A
+    mask that ArduCopter does not list stops the vehicle (`mode_guided.init(true)`). Without
+    setpoints for GUID_TIMEOUT (3 s) it brakes and hovers in GUIDED.
     """
 
     MASK = 0x407

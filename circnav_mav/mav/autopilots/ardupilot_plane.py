@@ -24,17 +24,17 @@ from circnav_mav.mav.setpoint_guard import Steer
 class ArduPlane(Autopilot):
     """GUIDED (15): roll only. The autopilot holds height and airspeed. Works without GPS.
 
-    The airspeed is AIRSPEED_CRUISE until MAV_CMD_GUIDED_CHANGE_SPEED sets another one between
-    AIRSPEED_MIN and AIRSPEED_MAX. A change of the mode restores it. DO_CHANGE_SPEED does the same,
-    but sends a STATUSTEXT each time.
+    The airspeed is AIRSPEED_CRUISE until MAV_CMD_GUIDED_CHANGE_SPEED sets another airspeed between
+    AIRSPEED_MIN and AIRSPEED_MAX. A mode change restores AIRSPEED_CRUISE. DO_CHANGE_SPEED does the
+    same, but causes a STATUSTEXT each time.
 
     SET_ATTITUDE_TARGET mask 0xC6: bit 0 (roll rate ignore) CLEAR selects "roll" on Plane. Bits 1
     and 2 ignore pitch and yaw. Bit 6 ignores throttle (TECS controls it). Bit 7 (attitude ignore)
-    is SET: cleared, it would command pitch and rudder as well. Body rates are never used. The roll
-    of a coordinated turn is atan(w V/g). The airframe achieves 0.70 to 1.0 of that turn rate w,
-    which the turn-rate gain compensates. After 3 s without setpoints (a constant in 4.6,
-    GUID_TIMEOUT in later versions) the plane banks hard at once and loiters around the point where
-    GUIDED was entered.
+    is SET: if it were clear, the message would command pitch and rudder as well. Body rates are
+    never used. The roll of a coordinated turn is atan(w V/g). The airframe achieves 0.70 to 1.0 of
+    that turn rate w, which the turn-rate gain compensates. After 3 s without setpoints (a constant
+    in 4.6, GUID_TIMEOUT in later versions) the plane banks hard at once and loiters around the
+    point where GUIDED was entered.
     """
 
     MASK = 0xC6

@@ -45,9 +45,9 @@ def _cruise_speed(value: float, context: Context) -> Verdict:
 class ArduRover(Autopilot):
     """GUIDED (15): speed and yaw rate. Needs an EKF origin and a speed (GPS or wheel encoders).
 
-    SET_POSITION_TARGET_LOCAL_NED mask 0x5C7: the copter's mask, but bits 6 to 8 (ignore
-    acceleration) must be set. Rover ignores the frame. After 3 s without setpoints (a constant, not
-    a parameter) the rover stops, sends a STATUSTEXT and stays in GUIDED.
+    SET_POSITION_TARGET_LOCAL_NED mask 0x5C7: the copter's mask with bits 6 to 8 (ignore
+    acceleration) set, which Rover requires. Rover ignores the frame. After 3 s without setpoints (a
+    constant, not a parameter) the rover stops, sends a STATUSTEXT and stays in GUIDED.
     """
 
     MASK = 0x5C7

@@ -26,18 +26,20 @@ from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
 
 PLAUSIBLE_AIRSPEED = (0.5, 1.6)
-"""Plausible measured airspeed, as shares of the commanded one. Outside of them the sensor is faulty
-(a blocked pitot tube), and bank and thrust computed from it would be wrong for the whole flight."""
+"""Least and largest plausible measured airspeed, as shares of the commanded airspeed. Outside, the
+sensor is faulty (a blocked pitot tube): circnav then uses the commanded airspeed for bank and
+thrust."""
 TRUSTED_AGAIN = (0.6, 1.5)
-"""Measured airspeed, as shares of the commanded one, with which a rejected sensor is used again.
-The hysteresis prevents steps of thrust and bank when noise crosses the bound."""
+"""Least and largest measured airspeed, as shares of the commanded airspeed, at which a rejected
+sensor is used again. The hysteresis prevents steps of thrust and bank when noise crosses the
+bound."""
 FULL_STICK = 50.0
 """Bank at full stick, deg: the default of PX4's FW_R_LIM."""
 FULL_TILT = 35.0
 """Tilt of a copter at full stick, deg: the default of PX4's MPC_MAN_TILT_MAX."""
 FOLLOWED = 1.1
-"""Largest ratio of the requested acceleration to the acceleration limit that the vehicle still
-follows. In flight, ArduCopter followed 1.05."""
+"""Largest ratio of the requested acceleration to the vehicle's acceleration limit at which the
+vehicle is assumed to follow. In flight, ArduCopter followed a ratio of 1.05."""
 VELOCITY_IGNORED = (
     dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
 )
@@ -70,8 +72,8 @@ class VehicleFacts:
         return 1000 * min(max(bank / radians(FULL_STICK), -1.0), 1.0)
 
     def tilt_stick(self, push: float) -> float:
-        """Return the pitch or roll stick of a copter, thousandths, for a push, m/s^2. Both have the
-        same sign."""
+        """Return the pitch or roll stick of a copter, thousandths, for a push, m/s^2. Stick and
+        push have the same sign."""
         return 1000 * min(max(push / (GRAVITY * tan(radians(FULL_TILT))), -1.0), 1.0)
 
 
@@ -79,8 +81,9 @@ class SetpointContext(NamedTuple):
     """Target ids and vehicle state that a setpoint may use.
 
     target_system, target_component: ids of the vehicle.
-    motion: its own motion.
-    height: altitude to hold, m above sea level, None if the vehicle holds it or it is unknown.
+    motion: the vehicle's own motion.
+    height: altitude to hold, m above sea level; None if the altitude is unknown or the vehicle
+        holds its own.
     drag: learned drag coefficient of a copter, 1/s.
     push: acceleration by the thrust, forward and to the left, that holds the airspeed of a copter
         flown by attitude, m/s^2.
@@ -98,14 +101,15 @@ class SetpointContext(NamedTuple):
 class Firmware:
     """Common properties of the vehicles of one autopilot.
 
-    key: its name in mission files.
-    autopilot: MAV_AUTOPILOT of its HEARTBEAT.
-    flown: version with which our messages were tested in flight.
+    key: name of the autopilot in mission files.
+    autopilot: MAV_AUTOPILOT in its HEARTBEAT.
+    flown: firmware version with which our messages were tested in flight.
     streams: message id -> Hz to request.
     mode_numbers: custom_mode -> parameters 2 and 3 of MAV_CMD_DO_SET_MODE.
-    bytewise: True if PARAM_VALUE carries the bytes of an integer.
+    bytewise: True if PARAM_VALUE contains the bytes of an integer instead of a float of the same
+        value.
     why_must_leave: human-readable reason why a flight must end with a mode change and is not
-        resumed after a takeover, or empty.
+        resumed after a takeover. Empty if neither applies.
     """
 
     key: str
@@ -125,7 +129,7 @@ class Autopilot(ABC):
     name: ClassVar[str]
     """Human-readable name."""
     bundled: ClassVar[tuple[str, ...]]
-    """Profiles of the bundled vehicle that emulate it."""
+    """Names of the profiles of the bundled emulator that emulate this vehicle."""
     vehicle_types: ClassVar[frozenset[int]]
     """MAV_TYPE values in the vehicle's HEARTBEAT."""
     guided_mode: ClassVar[int]
@@ -160,13 +164,13 @@ class Autopilot(ABC):
     cruises: ClassVar[bool] = False
     """True if the autopilot holds the airspeed of its own parameter and ignores the mission's."""
     airspeed_command: ClassVar[int | None] = None
-    """Command that sets another airspeed to hold, of an autopilot that holds its own, or None."""
+    """MAV_CMD that changes the airspeed that the autopilot holds, or None."""
     ground_speed_sigma: ClassVar[float | None] = None
     """Standard deviation of the ground speed, as a share of the commanded speed. None if the
     vehicle drifts with the wind."""
     velocity_loop: ClassVar[VelocityLoop | None] = None
-    """Gains of the autopilot's velocity loop, from which the lag of the velocity is computed; None
-    if the vehicle flies along its nose."""
+    """Gains of the autopilot's velocity loop, from which circnav computes the lag of the velocity.
+    None if the vehicle flies along its nose."""
     least_turn_gain: ClassVar[float] = 1.0
     """Smallest expected ratio of realized to commanded turn rate."""
     acceleration_limit: ClassVar[tuple[str, float] | None] = None
@@ -181,8 +185,8 @@ class Autopilot(ABC):
         self._facts = facts
         self._doubts_airspeed = False
         self.our_modes: frozenset[int] = frozenset((self.guided_mode,))
-        """Modes in which the vehicle is under our control: the guided mode. While the vehicle
-        changes to it from another one at our request, both."""
+        """Modes in which the vehicle is under our control: the guided mode. During a change of the
+        steering method, the guided modes of the old and of the new method."""
 
     @property
     def guided_name(self) -> str:
@@ -229,8 +233,8 @@ class Autopilot(ABC):
         return commanded if self._doubts_airspeed else measured
 
     def bank(self, steer: Steer, to: SetpointContext) -> float:
-        """Return the bank of the coordinated turn, atan(w V/g) with w clockwise, limited: rad,
-        right positive."""
+        """Return the bank of the coordinated turn, atan(w V/g) with the yaw rate w, limited to
+        `max_bank`: rad, right positive."""
         airspeed = to.motion.true_airspeed(self.airspeed(to.motion.airspeed))
         most = self._facts.max_bank
         return min(max(atan(steer.yaw_rate * airspeed / GRAVITY), -most), most)
@@ -252,11 +256,11 @@ def turn_in(message: Message) -> float | None:
         return float(message.yaw_rate)
     if kind != "POSITION_TARGET_LOCAL_NED" or mask & VELOCITY_IGNORED:
         return None
-    # ArduCopter reports no yaw rate, but the velocity and our feed-forward acceleration: a = V w to
-    # the right of the velocity. After a timeout of our setpoints both are 0, which means straight
-    # flight.
+    # ArduCopter reports no yaw rate, but the velocity and our feed-forward acceleration, which is
+    # V*w to the right of the velocity. After a timeout of our setpoints velocity and acceleration
+    # are 0, which is read as straight flight.
     speed2 = message.vx**2 + message.vy**2
-    # Speed, m/s, below which a reported velocity has no direction.
+    # 0.3: speed, m/s, below which the direction of a reported velocity is not used.
     return (
         float((message.vx * message.afy - message.vy * message.afx) / speed2)
         if speed2 > 0.3**2
@@ -306,8 +310,8 @@ def attitude(
 
 
 def tilt(steer: Steer, push: tuple[float, float], most: float) -> tuple[float, float]:
-    """Return roll and pitch, rad, of a copter that is pushed and turns in coordination. Both are 0
-    at speed 0.
+    """Return roll and pitch, rad, of a copter that accelerates by `push` and banks into its turn.
+    Both angles are 0 at a commanded speed of 0.
 
     push: acceleration by the thrust, forward and to the left, m/s^2. most: limit of both angles,
     rad.

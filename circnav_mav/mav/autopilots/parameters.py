@@ -12,13 +12,15 @@ PASS = Grade.PASS
 WARN = Grade.WARN
 FAIL = Grade.FAIL
 SHORT_TIMEOUT = 0.5
+"""Least setpoint timeout without a warning, s. A shorter timeout expires in a short link outage."""
 LONG_TIMEOUT = 5.0
-"""Bounds of a good setpoint timeout, s. A shorter one reacts to a link hiccup, a longer one flies
-blind for long."""
+"""Largest setpoint timeout without a warning, s. During a longer timeout the vehicle flies on
+without control."""
 SPEED_NEAR = 0.05
+"""Largest difference between the autopilot's and the mission's airspeed that gives PASS, as a
+fraction."""
 SPEED_FAR = 0.2
-"""Largest fraction by which the autopilot's speed may differ from the mission's for PASS, and for
-WARN."""
+"""Largest such difference that gives WARN. A larger difference gives FAIL."""
 COMMON_WIND = 8.0
 """Common wind for copter flights, m/s. A lean limit too small for this wind gives a warning."""
 
@@ -29,8 +31,8 @@ class Context:
 
     speed: m/s, max_turn_rate_deg: deg/s, max_bank_deg: deg, tick: s, all from the mission.
     system: id of the vehicle.
-    values: all parameters read.
-    circle_turn_rate: on the smallest circle, rad/s.
+    values: all parameters read from the vehicle, by name.
+    circle_turn_rate: turn rate on the smallest circle of the mission, rad/s.
     """
 
     speed: float
@@ -50,11 +52,13 @@ Judge = Callable[[float, Context], Verdict]
 class Rule:
     """Rule for one parameter.
 
-    names: parameter names of different versions, newest first, each with its factor to `unit`.
-    optional: True if some vehicles lack it; a missing one gives no line.
+    names: parameter names in different firmware versions, newest first, each with its factor to
+        `unit`.
+    optional: True if some vehicles lack the parameter. A missing optional parameter gives no
+        result.
     unit: unit of the value for `judge`.
-    advised: function from the context to the recommended value in that unit, an int if the
-        parameter is one; None if it depends on airframe or operator.
+    advised: function from the context to the recommended value in `unit`, an int for an integer
+        parameter. None if the right value depends on airframe or operator.
     """
 
     names: tuple[tuple[str, float], ...]
@@ -64,8 +68,8 @@ class Rule:
     advised: Callable[[Context], float] | None = None
 
     def check(self, context: Context) -> Check | None:
-        """Return the result for the parameter: a warning if it is missing, or None if it is also
-        optional."""
+        """Return the result for the parameter. A missing parameter gives a warning, or None if it
+        is optional."""
         for name, factor in self.names:
             if name in context.values:
                 value = context.values[name]
@@ -118,23 +122,23 @@ def enough_speed(usual: float) -> Callable[[Context], float]:
 
 
 def below(value: float, other: float) -> bool:
-    """True if a value is below another by more than the rounding of 32 bits and of unit
+    """True if `value` is below `other` by more than the rounding of single precision and unit
     conversion."""
-    # Largest difference between a vehicle's value in 32 bits and the same mission value, as a
-    # fraction.
+    # 1e-6: largest rounding error of a vehicle's 32-bit value, as a fraction.
     return value < other - 1e-6 * abs(other)
 
 
 def one_of(special: Mapping[int, Verdict], otherwise: Verdict) -> Judge:
-    """Return a judge with a verdict per integer value, and one for all other values."""
+    """Return a judge with one verdict for each listed integer value, and `otherwise` for all other
+    values."""
     return lambda value, context: special.get(int(value), otherwise)
 
 
 def at_least(
     wanted: Callable[[Context], float], fits: str, lacks: str, grade: Grade = FAIL
 ) -> Judge:
-    """Return a judge of a value that must reach the mission's. {:g} in the texts is the mission's
-    value."""
+    """Return a judge of a parameter that must be at least `wanted`, a value from the mission. {:g}
+    in the texts is replaced by this value."""
 
     def judge(value: float, context: Context) -> Verdict:
         number = wanted(context)
@@ -170,7 +174,7 @@ def held_airspeed(value: float, context: Context) -> Verdict:
 
 
 def least_airspeed(value: float, context: Context) -> Verdict:
-    """Judge the least airspeed (stall protection), m/s."""
+    """Judge the autopilot's least airspeed (stall protection), m/s."""
     bound = f"the mission's {context.speed:g} m/s"
     return (FAIL, f"above {bound}") if below(context.speed, value) else (PASS, f"below {bound}")
 
@@ -188,8 +192,8 @@ COPTER_DRAG = 0.3
 
 
 def lean_limit(degrees_: float, context: Context) -> Verdict:
-    """Judge the lean limit of a copter, deg. A copter leans against the airflow at V plus wind, and
-    into its circle."""
+    """Judge the lean limit of a copter, deg. A copter leans against the drag of the airflow, at
+    most V plus wind, and toward the center of its circle."""
     push = GRAVITY * tan(radians(min(max(degrees_, 0.0), 80.0)))
     inward = context.speed * context.circle_turn_rate
     wind = sqrt(max(push**2 - inward**2, 0.0)) / COPTER_DRAG - context.speed

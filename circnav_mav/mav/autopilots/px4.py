@@ -1,9 +1,9 @@
-"""Common parts of PX4's vehicles, and of those flown in OFFBOARD.
+"""Common parts of PX4's vehicles, and parameter rules for the vehicles flown in OFFBOARD.
 
 Signs, masks and timeouts were tested on PX4 main (2026-03) in its simulator. PX4 acknowledges a
-mode change before it decides, so the mode is read from HEARTBEAT and CURRENT_MODE only. It returns
-to OFFBOARD by itself when setpoints resume, so circnav always commands another mode to return
-control.
+mode change before it accepts or rejects the change, so the mode is read from HEARTBEAT and
+CURRENT_MODE only. PX4 returns to OFFBOARD by itself when setpoints resume, so circnav always ends a
+flight by commanding another mode.
 """
 
 from types import MappingProxyType
@@ -28,7 +28,7 @@ POSCTL = 3
 AUTO = 4
 OFFBOARD = 6
 ALT_CRUISE = 11
-"""Main modes (PX4's px4_custom_mode.h)."""
+"""Numbers of PX4's main modes (px4_custom_mode.h)."""
 
 
 def custom_mode(main: int, sub: int = 0) -> int:

@@ -59,11 +59,11 @@ class PX4Copter(PX4Vehicle):
     """OFFBOARD (6): body velocity and yaw rate. circnav holds the height by the climb rate.
 
     SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8; PX4 drops 7, 9, 12 and 20), mask 0x407: all
-    three velocities and accelerations must be used, because one mask bit masks all three of its
-    kind. Without feed-forward acceleration the ground speed drops and the course lags the nose by
-    10 to 40 degrees (guidance.velocity_loop). vz = 0 does not hold height (drift of 15 m), so vz =
-    gain (altitude - height), down positive. The turn rate is accurate to 1 %. Without setpoints for
-    COM_OF_LOSS_T (1 s): failsafe, RTL without RC.
+    three velocities and all three accelerations must be used, because one ignored axis makes PX4
+    ignore all three. Without feed-forward acceleration the ground speed drops and the course lags
+    the nose by 10 to 40 degrees (guidance.velocity_loop). vz = 0 does not hold the height (drift of
+    15 m), so vz = gain (altitude - height), down positive. The turn rate is accurate to 1 %. After
+    COM_OF_LOSS_T (1 s) without setpoints PX4 enters its failsafe: RTL without a transmitter.
     """
 
     MASK = 0x407
@@ -88,25 +88,25 @@ class PX4Copter(PX4Vehicle):
         """Return the setpoint of forward speed, yaw rate and climb rate, with the feed-forward
         acceleration."""
         push, right = self.velocity_loop.fed(steer.speed, steer.yaw_rate, to.drag)
-        # PX4 rotates velocities by the yaw alone, accelerations by the whole attitude: 10 % error
-        # at 26 deg of tilt
+        # PX4 rotates velocities by the yaw alone, but accelerations by the whole attitude. Without
+        # `body_from_level` the feed-forward has an error of 10 % at 26 deg of tilt.
         fed = body_from_level(push, right, to.motion.roll or 0.0, to.motion.pitch or 0.0)
         return body_velocity(self.MASK, to, now, steer, down=self._down(to), fed=fed)
 
     def _down(self, to: SetpointContext) -> float:
-        """Return the descent rate that corrects the height, m/s; 0 if one of the two heights is
-        unknown."""
+        """Return the descent rate that corrects the height, m/s; 0 if the present or the held
+        altitude is unknown."""
         altitude = to.motion.altitude
         if altitude is None or to.height is None:
             return 0.0
-        # Climb rate, m/s, per m of height error, tuned on PX4's simulated copter.
+        # 0.5: climb rate, m/s, per m of height error, tuned on PX4's simulated copter.
         return min(max(0.5 * (altitude - to.height), -MAX_CLIMB), MAX_CLIMB)
 
 
 FULL_YAW = 150.0
 """Yaw rate at full stick, deg/s: the default of MPC_MAN_Y_MAX."""
 DEADZONE = 0.1
-"""Default of MAN_DEADZONE: share of the yaw stick round its center without effect."""
+"""Share of the yaw stick around its center without effect: the default of MAN_DEADZONE."""
 CUBIC = 0.6
 """Cubic share of the yaw stick's curve (PX4, Sticks::getYawExpo)."""
 _BY_STICK = "the setpoint assumes {:g}: set it"
@@ -125,8 +125,8 @@ def yaw_stick(yaw_rate: float) -> float:
     """Return the yaw stick of MANUAL_CONTROL, thousandths to the right, for a yaw rate, rad/s
     clockwise.
 
-    PX4 removes a dead zone, then bends the deflection x to (1 - CUBIC) x + CUBIC x^3. This is the
-    inverse.
+    PX4 removes a dead zone, then maps the deflection x to (1 - CUBIC) x + CUBIC x^3. This function
+    is the inverse.
     """
     share = min(abs(yaw_rate) / radians(FULL_YAW), 1.0)
     x = share
@@ -137,7 +137,7 @@ def yaw_stick(yaw_rate: float) -> float:
 
 
 def _equals(wanted: float) -> Judge:
-    """Return a judge of a parameter that scales the sticks."""
+    """Return a judge of a parameter that scales the sticks and must equal `wanted`."""
 
     def judge(value: float, context: Context) -> Verdict:
         if abs(value / wanted - 1) > 0.02:
@@ -151,10 +151,11 @@ class PX4CopterStick(PX4Vehicle):
     """ALTCTL (2): all sticks by MANUAL_CONTROL, for flights without any position. PX4 holds the
     height.
 
-    MANUAL_CONTROL: x (forward) and y (right) command a horizontal push of the thrust, full stick is
-    that of MPC_MAN_TILT_MAX. z = 500 holds the height, r commands a yaw rate. The wind carries the
-    copter. After a silence of COM_RC_LOSS_T PX4 counts the sticks as lost: without a position it
-    descends where it is. LOITER and RTL require a position.
+    MANUAL_CONTROL: x (forward) and y (right) command a horizontal acceleration by tilting the
+    thrust. Full stick is a tilt of MPC_MAN_TILT_MAX. z = 500 holds the height, r commands a yaw
+    rate. The copter drifts with the wind. After COM_RC_LOSS_T without stick messages PX4 treats the
+    sticks as lost: without a position the copter descends where it is. LOITER and RTL require a
+    position.
     """
 
     name = "px4 copter by stick"
@@ -181,12 +182,12 @@ class PX4CopterStick(PX4Vehicle):
     )
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
-        """True in AUTO modes, which ignore the sticks; manual modes follow them. PX4 rejects ALTCTL
-        without sticks."""
+        """True in AUTO modes, which ignore the sticks. Manual modes would follow them. PX4 rejects
+        ALTCTL without a stream of stick messages."""
         return mode is not None and main_and_sub(mode)[0] == AUTO
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
-        """Return the sticks of the coordinated turn at the held airspeed."""
+        """Return the sticks that turn in coordination and hold the airspeed."""
         forward, left = to.push if steer.speed > 0 else (0.0, 0.0)
         most = GRAVITY * tan(self._facts.max_bank)
         right = min(max(steer.yaw_rate * steer.speed - left, -most), most)

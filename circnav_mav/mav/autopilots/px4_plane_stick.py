@@ -30,7 +30,7 @@ _STOPS_MOTORS = {5: "terminates the flight", 6: "disarms"}
 _STOCK_STICK_LOSS = 2.0
 """Default of NAV_RCL_ACT: RTL."""
 _HOLD_EXCEPTED = 2
-"""Bit 1 of COM_RCL_EXCEPT: Hold."""
+"""Bit 1 of COM_RCL_EXCEPT: in Hold, PX4 ignores lost manual control."""
 _NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
 _OUR_STICKS = (
     PASS,
@@ -52,7 +52,7 @@ def _stick_loss(value: float, context: Context) -> Verdict:
 def _stick_loss_action(value: float, context: Context) -> Verdict:
     """Judge NAV_RCL_ACT: PX4's action when our stick messages end.
 
-    PX4 then reports lost manual control in any mode, because it has received stick messages before.
+    PX4 then detects lost manual control in any mode, because it has received stick messages before.
     """
     when = (
         "when our stick messages end (takeover, exit action), in any mode but those of"
@@ -89,7 +89,7 @@ def _stick_loss_exceptions(value: float, context: Context) -> Verdict:
 
 
 def _stick_bank(value: float, context: Context) -> Verdict:
-    # Largest permitted difference between the bank at full stick and FULL_STICK, deg.
+    # 0.5: largest permitted difference between the bank at full stick and FULL_STICK, deg.
     if abs(value - FULL_STICK) > 0.5:
         return (
             FAIL,
@@ -105,10 +105,10 @@ class PX4PlaneStick(PX4Vehicle):
     """ALTCTL (2): roll stick by MANUAL_CONTROL. PX4 holds height and speed. Needs no position.
 
     MANUAL_CONTROL: y = 1000 roll/FW_R_LIM (right positive), x = 0 holds height, z = 500 is trim
-    speed, r = 0 (PX4 coordinates turns). Set COM_RC_IN_MODE so that PX4 accepts it. The pilot's own
-    sticks then have no effect until the pilot takes over by changing the mode. After a silence of
-    COM_RC_LOSS_T, in any mode not listed in COM_RCL_EXCEPT: Hold, then NAV_RCL_ACT (RTL). PX4 does
-    not go back to ALTCTL by itself.
+    speed, r = 0 (PX4 coordinates turns). Set COM_RC_IN_MODE to 1, so that PX4 accepts these sticks.
+    The pilot's own sticks then have no effect until the pilot takes over by changing the mode.
+    After COM_RC_LOSS_T without stick messages, in any mode not listed in COM_RCL_EXCEPT, PX4 enters
+    Hold and then executes NAV_RCL_ACT (RTL). PX4 does not return to ALTCTL by itself.
     """
 
     name = "px4 plane"
@@ -138,8 +138,8 @@ class PX4PlaneStick(PX4Vehicle):
     )
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
-        """True in AUTO modes, which ignore the stick; manual modes follow it. PX4 rejects ALTCTL
-        without a stick."""
+        """True in AUTO modes, which ignore the stick. Manual modes would follow it. PX4 rejects
+        ALTCTL without a stream of stick messages."""
         return mode is not None and main_and_sub(mode)[0] == AUTO
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:

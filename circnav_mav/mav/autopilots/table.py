@@ -17,7 +17,7 @@ AUTOPILOTS: dict[tuple[str, str], type[Autopilot]] = {
     ("px4", "copter stick"): PX4CopterStick,
     ("px4", "plane"): PX4PlaneStick,
 }
-"""Vehicles that can be flown without position, or with the autopilot's velocity estimate."""
+"""Vehicles that can be flown, by autopilot and kind. A kind may contain a steering method."""
 
 REFUSED: dict[tuple[str, str], str] = {
     ("px4", "rover"): (
@@ -30,7 +30,7 @@ REFUSED: dict[tuple[str, str], str] = {
 
 
 DEFAULT_METHODS = {"plane": "stick"}
-"""Default steering method of a kind, which a mission may name or omit."""
+"""Default steering method by kind. A mission may name or omit it."""
 _KEYS = (*AUTOPILOTS, *REFUSED)
 MISSION_AUTOPILOTS = (*dict.fromkeys(autopilot for autopilot, _ in _KEYS), "auto")
 MISSION_KINDS = tuple(dict.fromkeys(kind.split()[0] for _, kind in _KEYS))
@@ -51,8 +51,8 @@ def table_key(autopilot: str, kind: str, method: str | None) -> tuple[str, str]:
 
 
 def allowed(autopilot: str, kind: str | None) -> dict[tuple[str, str], type[Autopilot]]:
-    """Return the rows that a mission allows. `auto` allows all autopilots. Without a kind, all
-    default methods."""
+    """Return the rows of AUTOPILOTS that a mission allows. `auto` allows all autopilots. Without a
+    kind, all kinds are allowed with their default methods."""
     return {
         (whose, what): vehicle
         for (whose, what), vehicle in AUTOPILOTS.items()

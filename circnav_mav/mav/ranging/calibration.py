@@ -19,7 +19,7 @@ class Calibration:
     """Measured error of a radio.
 
     reported = `scale` * true + `bias` (m). If `points` are given, straight lines through them
-    replace this. delay: age of a range at the time of its stamp, s.
+    replace `scale` and `bias`. delay: age of a range at the time of its stamp, s.
     """
 
     scale: float = 1.0
@@ -38,14 +38,14 @@ class Calibration:
         return y0 + slope * (true - x0)
 
     def true(self, reported: float) -> tuple[float, float]:
-        """Return the true range of a reported one, m, and the slope true/reported, which scales the
-        noise."""
+        """Return the true range for a reported range, m, and the slope d(true)/d(reported), which
+        scales the noise."""
         (x0, y0), slope = self._segment([y for _, y in self.points], reported)
         return x0 + (reported - y0) / slope, 1 / slope
 
     def _segment(self, ends: Sequence[float], value: float) -> tuple[Point, float]:
-        """Return the start and the slope of the line for a value. The outer lines extend beyond the
-        ends."""
+        """Return the start and the slope of the line for a value. The first and the last line
+        extend beyond the points."""
         if not self.points:
             return (0.0, self.bias), self.scale
         at = min(max(bisect_right(ends, value) - 1, 0), len(self.points) - 2)
@@ -67,6 +67,6 @@ def rising(points: Sequence[Sequence[float]]) -> bool:
     """True if there are at least two points, and true and reported range increase from each point
     to the next.
 
-    Then each reported range has one true range.
+    Then each reported range belongs to a single true range.
     """
     return len(points) >= 2 and all(a[0] < b[0] and a[1] < b[1] for a, b in pairwise(points))

@@ -11,16 +11,17 @@ from circnav_mav.mav.ranging.interface import (
 )
 
 DOWNWARD = 25
-"""MAV_SENSOR_ROTATION_PITCH_270: a height sensor, never a ranging radio."""
+"""MAV_SENSOR_ROTATION_PITCH_270, downward: a height sensor, never a ranging radio."""
 UNKNOWN_VARIANCE = (0, 255)
-"""Covariances that mean unknown: 255 in the message definition, 0 as ArduPilot always sends."""
+"""Covariances that mean "unknown": 255 by the message definition, and 0, which ArduPilot always
+sends."""
 
 
 def _read(message: Message) -> Reading | Reject | None:
-    """Return the reading of a message, which has cm, a covariance in cm^2, and quality 1 for
-    invalid.
+    """Return the reading of a message, which contains a distance in cm, a covariance in cm^2, and
+    signal quality 1 for an invalid range.
 
-    At or beyond max_distance autopilots send a placeholder, not a range.
+    Without a measurement, autopilots send a placeholder at or beyond max_distance.
     """
     if message.orientation == DOWNWARD:
         return None

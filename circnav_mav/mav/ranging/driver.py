@@ -11,10 +11,10 @@ MOST_BEACON = 65535
 """Largest beacon id: 16 bits, as in RANGING_BEACON."""
 GROUP = "circnav.ranging"
 TRANSPORTS = ("udp", "udpin", "udpout", "tcp", "tcpout", "serial", "sim")
-"""Prefixes of endpoints without a driver name."""
+"""Prefixes of MAVLink endpoints, which cannot be names of drivers."""
 FAILURES = (Exception, SystemExit)
-"""Exceptions that a driver may raise. A driver that calls sys.exit() must not end the flight
-without a safe setpoint.
+"""Exceptions of drivers that circnav handles. Even a driver that calls sys.exit() must not end the
+flight without a safe setpoint.
 """
 ATTRIBUTES: dict[str, Any] = {
     "baud": int,
@@ -30,7 +30,7 @@ class RadioReading:
     """One measured range.
 
     range: slant range, m; a value that is not finite or not above 0 means no measurement.
-    beacon: id of the other radio.
+    beacon: id of the radio at the far end of the measured range.
     sigma: standard deviation, m, None if the radio reports none.
     stamp: measurement time, s of the radio's own clock, None for the arrival time.
     """
@@ -63,7 +63,7 @@ class Driver(Protocol):
 
     def receive(self, data: bytes, now: float) -> Sequence[RadioReading]:
         """Return the readings that these bytes complete. A message may arrive in any number of
-        pieces, also over UDP."""
+        pieces, even over UDP."""
         ...
 
     def ask(self, now: float) -> bytes:

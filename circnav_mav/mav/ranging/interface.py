@@ -42,7 +42,8 @@ OTHERS = frozenset({Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value})
 EXPLAINED = frozenset({Reject.AMBIGUOUS.value, Reject.NO_HEIGHT.value})
 """Reasons that are shown to the operator with their remedy while they apply."""
 RATE_SIGMA = 0.3
-"""Standard deviation of a measured range rate, m/s, until it is measured in flight."""
+"""Assumed standard deviation of a measured range rate, m/s, until the noise is measured in
+flight."""
 _CLOCK = frozenset({Reject.STAMP_JUMP.value, Reject.CLOCK.value})
 
 
@@ -61,15 +62,16 @@ class RangingSettings:
     other sections.
 
     message: mission name of the message.
-    beacon_id, sensor_id, orientation, name: its filters.
-    system_id, component_id: the sender, None for the first that fits.
-    sigma_m: standard deviation if the message carries none.
-    max_age: oldest accepted sample, s.
-    stamp: time to use, the message's own ("sensor") or that of its arrival ("arrival").
-    rate_hz: measurement rate of the sensor.
+    beacon_id, sensor_id, orientation, name: required values of the message's fields, None for any.
+    system_id, component_id: ids of the sender, None for the first sender that fits.
+    sigma_m: standard deviation of a range whose message contains none, m.
+    max_age: largest age of an accepted sample, s.
+    stamp: time of a range: "sensor" for the stamp in the message, "arrival" for the arrival time.
+    rate_hz: measurement rate of the sensor, Hz.
     max_sigma: largest usable standard deviation, reported or measured, m.
     rate_name: name of the NAMED_VALUE_FLOAT with the range rate, or None.
-    rate_sign: "opening" if it is positive away from the target, "closing" if positive towards it.
+    rate_sign: "opening" if the rate is positive away from the target, "closing" if it is positive
+        toward the target.
     listens: False to steer without first waiting for a second source.
     calibration: error of the radio, removed from each reading.
     """
@@ -93,8 +95,13 @@ class RangingSettings:
 
 
 class Reading(NamedTuple):
-    """Content of one message in SI units. stamp: None without a usable time. sequence: None if not
-    carried."""
+    """Content of one message in SI units.
+
+    slant: measured (slant) range, m.
+    sigma: standard deviation, m, None if the message contains none.
+    stamp: time of the sender's clock, s, None if the message contains no usable time.
+    sequence: sequence number, None if the message contains none.
+    """
 
     slant: float
     sigma: float | None
@@ -112,14 +119,16 @@ class Reading(NamedTuple):
 class RangingMessage:
     """A message type that can carry the range.
 
-    type, id: in MAVLink.
-    read: returns the reading, or None if the message is not from a ranging radio.
-    farthest: longest range, m.
+    type, id: name and id of the message in MAVLink.
+    read: returns the reading, the reason for a rejection, or None if the message is not from a
+        ranging radio.
+    farthest: longest plausible range, m.
     stamp_wrap: period of its time stamps, s, None if they do not wrap.
     marks: fields that select the sensor, with their mission keys.
     forwarded: True if autopilots forward it.
-    for_anything: True if it carries values of any kind, so that only a selected one is a range.
-    why_never: human-readable reason why settings select nothing.
+    for_anything: True if the message type is used for values of any kind, so that only a message
+        that the mission selects is a range.
+    why_never: returns the human-readable reason why the settings can select no message, or empty.
     """
 
     type: str

@@ -8,8 +8,8 @@ UNKNOWN = (0, 0xFFFFFFFF)
 
 
 def _read(message: Message) -> Reading | Reject:
-    """Return the reading of a message, which has range and 1 sigma in mm, and status bit 0 for a
-    poor signal."""
+    """Return the reading of a message, which contains range and standard deviation in mm, and
+    status bit 0 for a poor signal."""
     if message.range in UNKNOWN:
         return Reject.NO_RANGE
     if message.status & 1:

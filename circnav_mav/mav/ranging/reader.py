@@ -31,11 +31,12 @@ from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.timers import Since
 
 FUTURE = 0.15
+"""Largest lead of a stamp over the estimate of the sensor's clock, s. A smaller lead is link
+jitter. A larger lead indicates another clock or a shorter link delay: such a stamp is accepted only
+when ranges of the old clock have stopped."""
 KNOWN_AFTER = 100
-"""Largest lead of a stamp over the sensor's clock, s, after this number of ranges has shown the
-shortest delay. Before, the limit is JUMP. A smaller lead is link jitter. A larger one is another
-clock or a shorter delay: such a stamp is accepted only when ranges of the old clock have
-stopped."""
+"""Number of accepted ranges after which the shortest link delay is known and FUTURE applies.
+Before, the limit of the lead is JUMP."""
 
 
 class RangeReader:
@@ -104,13 +105,13 @@ class RangeReader:
     ) -> RangeSample | None:
         """Return the sample that a message carries, or None. A rejection is counted in `rejected`.
 
-        height: vehicle above the target, m, None to take ranges as horizontal.
+        height: height of the vehicle above the target, m, None to take ranges as horizontal.
         other_vehicles: system ids of other vehicles, with the addresses of their autopilots. Their
             ranges are rejected unless the mission specifies that system id.
-        one_way: least delay of this link, s, which stamps alone do not show.
+        one_way: least one-way delay of this link, s. Stamps alone do not show it.
         source: address of the sender.
-        vehicle: address of the vehicle, or None. Ranges that the autopilot forwards come from this
-            address even if it changes.
+        vehicle: address of the vehicle, or None. Ranges that the autopilot forwards arrive from
+            this address, even after the vehicle has changed it.
         """
         self.restarted = False
         self.stepped = 0.0
@@ -131,7 +132,8 @@ class RangeReader:
 
     @property
     def unexplained(self) -> int:
-        """Number of `refused` ranges with a reason that is not shown to the operator elsewhere."""
+        """Number of `refused` ranges, without the reasons that are shown to the operator elsewhere
+        (EXPLAINED)."""
         return self.refused - sum(self.rejected[reason] for reason in EXPLAINED)
 
     def one_source(self, now: float) -> bool:
@@ -139,7 +141,7 @@ class RangeReader:
         return self.sender_stays or (self.sources.listened(now) and not self._ambiguous(now))
 
     def reject(self, reason: Reject, count: int = 1) -> None:
-        """Count rejections, including those decided later (gate, stall)."""
+        """Count rejections, including later rejections by the gate or after a stall."""
         self.rejected[reason.value] += count
 
     def _judge(
@@ -174,7 +176,8 @@ class RangeReader:
             return Reject.NO_RANGE
         if reading.slant > self._kind.farthest:
             return Reject.ABOVE_MAX
-        # Before the engagement a second source may be the intended one. In flight it has no effect.
+        # Before the engagement, a second source may be the intended source. In flight a second
+        # source has no effect.
         if self._ambiguous(now):
             return Reject.AMBIGUOUS
         if self.trusted is not None and (sender, sensor) != (self.trusted, self._source):
@@ -198,7 +201,7 @@ class RangeReader:
         """Store the range of the trusted radio to another beacon, such as a member of a fleet."""
         trusted = self._source
         beacon = sensor.keys.get("beacon_id")
-        # Largest number of other beacons: any sender in an unsigned network can invent them.
+        # 256: limit of stored beacon ids. In an unsigned network any sender can invent ids.
         if trusted is None or sensor[:2] != trusted[:2] or not isinstance(beacon, int):
             return
         if beacon in self.other_beacons or len(self.other_beacons) < 256:
@@ -241,7 +244,7 @@ class RangeReader:
         ):
             return False
         # Ranges of another vehicle's autopilot may have been accepted before its first heartbeat,
-        # which comes from the same address. A heartbeat from another address only imitates the
+        # which arrives from the same address. A heartbeat from another address only imitates the
         # radio's system: rejecting the radio because of it would end the flight.
         its_own = (
             sender.component == AUTOPILOT_COMPONENT
@@ -251,11 +254,11 @@ class RangeReader:
         return settings.system_id is not None or sender.system not in other_vehicles or stays
 
     def _counts(self, sender: Sender, sensor: RangeSource, now: float, *, picked: bool) -> bool:
-        """True if ranges of this sensor are used: it is the trusted one, or the trusted one is
-        silent.
+        """True if ranges of this sensor are used: it is the trusted sensor, or the trusted sensor
+        is silent.
 
-        picked: True for a range that the mission selects. From another address it indicates a
-        second sender.
+        picked: True for a range that the mission selects. Such a range from another address
+        indicates a second sender.
         """
         if self.trusted is None or (sender, sensor) == (self.trusted, self._source):
             return True
@@ -274,9 +277,8 @@ class RangeReader:
         most_ahead = FUTURE if self._taken > KNOWN_AFTER else JUMP
         if most_ahead < clock.ahead(stamp, now) <= JUMP:
             self._since_ahead.restart(now)
-        # A looped route repeats old frames while the sensor still sends. A new clock is followed
-        # only after the old one has stopped.
-        # 2.5: range periods without a stamp of the old clock, after which a new clock is followed.
+        # A looped route repeats old frames while the sensor still sends. So a new clock is followed
+        # only after 2.5 range periods without a stamp of the old clock.
         order = clock.order(
             stamp, now, most_ahead=most_ahead, steady=JUMP, patience=2.5 / settings.rate_hz
         )
@@ -285,8 +287,9 @@ class RangeReader:
             return None
         if order is Order.JUMPED:
             return Reject.STAMP_JUMP
-        # Time, s, after a stamp with a lead above FUTURE, in which stamps of the old clock are
-        # rejected too. If the link has become faster, they are older than they seem.
+        # 0.5: time after a stamp with a lead above FUTURE, s, in which all further stamps are
+        # rejected too. If the link has become faster, these ranges are older than the clock
+        # estimate shows.
         if self._since_ahead.age(now) < 0.5:
             clock.newest_at = now
             return Reject.CLOCK
@@ -297,8 +300,9 @@ class RangeReader:
             and reading.sequence == self._sequence
             and now - clock.newest_at < 10
         )
-        # ArduPilot sends its own rangefinder's last value under new stamps until the next
-        # measurement. A radio of coarse resolution measures equal values.
+        # ArduPilot repeats the last range of its rangefinder with new stamps until the next
+        # measurement. A radio of coarse resolution may measure equal ranges: those are not
+        # rejected.
         resent = (
             sender.component == AUTOPILOT_COMPONENT
             and reading.slant == self.slant
@@ -331,7 +335,7 @@ class RangeRateReader:
         self._settings = settings
         self._ranging = ranging
         self._noise = noise
-        # Largest plausible range rate in units of V.
+        # 3.0: largest plausible range rate in units of V.
         self._most = 3.0 * speed
         self._check = RateCheck()
         self._stamp: float | None = None
@@ -361,8 +365,8 @@ class RangeRateReader:
     def read(
         self, message: Message, now: float, *, height: float | None = None, source: Hashable = None
     ) -> RateSample | None:
-        """Return the sample of a rate message, or None if it is rejected. height: above the target,
-        m."""
+        """Return the sample of a rate message, or None if it is rejected. height: height of the
+        vehicle above the target, m."""
         settings = self._settings
         ranging = self._ranging
         if (

@@ -1,9 +1,9 @@
-"""Range sensors that are received, and detection of several that fit the mission.
+"""Received range sensors, and detection of several sensors that fit the mission.
 
 A source is a component together with the fields that distinguish sensors in a message
-(`RangingMessage.marks`). Two sensors may range to two targets, and a mixture of their ranges fits
-neither. So only one source is used, and none while several fit the mission, because the order in
-which they are received is chance.
+(`RangingMessage.marks`). Two sensors may measure ranges to two targets, and a mixture of their
+ranges fits neither target. So only a single source is used. While several sources fit the mission,
+none is used, because the order of their arrival is chance.
 """
 
 from collections import deque
@@ -15,22 +15,26 @@ from circnav_mav.mav.ranging.interface import RangingMessage, RangingSettings
 from circnav_mav.mav.statustext import plain_text
 
 SOURCE_SILENT = 5.0
-"""Silence of a source, s, after which another one may replace it."""
+"""Silence of a source, s, after which another source may replace it."""
 LISTEN = 1.0
+"""Time after the first range in which circnav waits for a second source before it steers, s."""
 LISTEN_PERIODS = 2.5
-"""Time after the first range, s, or in periods of the radio if longer, within which a second source
-may appear."""
+"""The same time in ranging periods. The longer of the two times applies."""
 MOST_SOURCES = 16
+"""Largest number of sources that are stored."""
 MOST_NAMED = 4
-"""Largest number of sources that are kept, and largest number listed in one message."""
+"""Largest number of sources that are listed in one message."""
 JUDGED = 8
+"""Number of newest ranges of an autopilot that are compared with a radio's ranges. If at least half
+of them are repetitions, the autopilot is an echo of the radio. Some originals may be lost on the
+link."""
 JUDGED_LEAST = 3
-"""Largest and smallest number of newest ranges of a suspected echo that are compared. Half of them
-must be repetitions, because some originals may be lost on the link."""
+"""Least number of compared ranges before an autopilot is taken as an echo."""
 
 
 class RangeSource(NamedTuple):
-    """One range sensor: its component, and (mission key, value) of each mark of its messages."""
+    """One range sensor: ids of its component, and (mission key, value) of each field that marks its
+    messages."""
 
     system: int
     component: int
@@ -59,15 +63,16 @@ class _Received:
         self.at = 0.0
         self.picked = False
         self.slant: float | None = None
-        # Newest ranges of a source that are kept to recognize its echo: a quarter of a second at 1
-        # kHz.
+        # 256: number of newest ranges that are kept to recognize an echo of this source, a quarter
+        # of a second at 1 kHz.
         self.slants: deque[float] = deque(maxlen=256)
         self.repeats: deque[bool] = deque(maxlen=JUDGED)
-        """For an autopilot: True for each of its newest ranges that repeats one of a radio."""
+        """Autopilots only: for each of its newest ranges, True if it repeats a range of a radio."""
 
 
 class RangeSources:
-    """Sources of the mission's message type, selected by the mission or not."""
+    """All received sources of the mission's message type, including sources that the mission does
+    not select."""
 
     def __init__(self, kind: RangingMessage, settings: RangingSettings) -> None:
         self._kind = kind
@@ -164,7 +169,7 @@ class RangeSources:
             and other.component != AUTOPILOT_COMPONENT
             and received.picked
         )
-        # Largest difference between a range and its echo, m. PX4 truncates the conversion to
+        # 0.015: largest difference between a range and its echo, m. PX4 truncates ranges to
         # centimeters.
         return any(
             abs(slant - one) <= 0.015 for received in radios for one in reversed(received.slants)
