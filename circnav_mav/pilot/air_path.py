@@ -16,8 +16,8 @@ class AirPath:
 
     own: newest motion through the air, or None before an attitude was received.
     implausible_airspeed: measured airspeed (m/s) that is ignored, or None while it is plausible.
-    scale_fit, wind: airspeed scale of the accelerometer, and wind, learned while a copter holds its
-    speed over the ground.
+    scale_fit, wind: ratio of the true airspeed to the airspeed measured by the accelerometer, and
+    wind. Both are learned while a copter holds its speed over the ground.
     """
 
     def __init__(self, session: Session, tracker: RangeTracker, controller: Controller) -> None:
@@ -56,10 +56,11 @@ class AirPath:
             self.scale_fit.follow(own, self.air)
             if steering and controller.vehicle.at_speed:
                 self.wind = self.wind.follow(own, self.air, self.scale_fit.scale)
-        # ArduPilot's copters and rovers hold the commanded speed over ground. Their accelerations
-        # show how the velocity follows the nose. Guidance would compensate this as drift: the
-        # emulated copter swung until its gains were lowered. For PX4's copter, the model of its
-        # velocity loop (below) computes how the velocity follows.
+        # ArduPilot's copters and rovers hold the commanded speed over ground. Their measured
+        # accelerations are not used: they contain the lag of the velocity behind the nose. Guidance
+        # would compensate this lag as drift, which made the emulated copter oscillate until its
+        # gains were lowered. For PX4's copter, the model of its velocity loop (below) computes the
+        # lag.
         holds_ground_speed = not adapter.measures_airspeed and not adapter.airspeed_from_drag
         if holds_ground_speed and adapter.velocity_loop is None:
             own = own._replace(acceleration=None)
@@ -71,24 +72,25 @@ class AirPath:
         self.own = own
         controller.vehicle.on_motion(own, nose)
         # A vehicle without an airspeed sensor has the commanded airspeed while it follows its
-        # commands. In a dry run another program commands it: assume this speed while it turns as
-        # our commands would turn it.
+        # commands. In a dry run another program commands the vehicle: assume the commanded airspeed
+        # while the vehicle turns as our commands would turn it.
         follows = controller.vehicle.at_speed if flies else controller.vehicle.followed
         if not holds_ground_speed or (steering and follows):
             self._tracker.estimator.move(own)
 
     def _through_air(self, own: OwnMotion, *, steering: bool) -> OwnMotion:
         """Return the motion of a copter flown by attitude, as the accelerometer measures it, and
-        update the hold of its airspeed."""
+        update the controller that holds its airspeed."""
         controller = self._controller
         if own.drag is not None and steering:
             controller.airspeed_hold.follow(self.air, controller.speed, self._tracker.trusted_scale)
-        # The tilt balances the drag. It is no evidence of a lean limit.
+        # The tilt balances the drag, so it is no evidence of a lean limit.
         own = own._replace(push=None)
         return own if own.drag is None else self.air.motion(own)
 
     def _airspeed(self, now: float) -> float:
-        """Return the true airspeed, m/s: measured where possible, else the commanded speed."""
+        """Return the true airspeed, m/s: the measured airspeed if a plausible one is available,
+        else the commanded speed."""
         adapter = self._session.adapter
         motion = self._session.motion.at(now)
         measured = motion.airspeed if adapter.measures_airspeed else None

@@ -14,7 +14,8 @@ from circnav_mav.timers import Since
 
 GIVEN_AFTER = 1.5
 """Time, s, for which all reports must show the guided mode before circnav takes control again. A
-mode switch may pass through that mode, and older reports may arrive late over another link."""
+mode switch may pass through the guided mode, and older reports may arrive late over another
+link."""
 TAKEN_OVER = "taken over"
 """First words of all STATUSTEXTs about a takeover. Charts use them to mark the event."""
 SILENT = 1.5
@@ -58,7 +59,7 @@ class Authority:
         self._stepped: float | None = None
         self._backlog_until = float("-inf")
         self._stall = 0.0
-        """Length of the newest gap between two steps, s, and time since its end."""
+        """Length of the newest gap between two steps, s. `_since_stall`: time since its end."""
         self._since_stall = Since()
         self._confirmed = True
         """True if the vehicle has reported its mode since the last gap between steps."""
@@ -107,7 +108,7 @@ class Authority:
 
     @property
     def _came_at_our_request(self) -> bool:
-        """True if the guided mode, should the vehicle be in it, is a result of our request."""
+        """True if a vehicle that is in the guided mode now has entered it at our request."""
         return self._asked_in is not None and not self._operator_chose
 
     def may_send_last_frames(self) -> bool:
@@ -161,9 +162,9 @@ class Authority:
         contested = "" if self._mission.begun else self._session.contested(now)
         slow = "" if over_slow_link else self._slow_link(now)
         silent = unreported(self._session, now) or unwatched(self._settings, self._session, now)
-        # Beyond a bound, an engagement would only command the exit action: a vehicle that its
-        # operator has parked too far away would land or fly home. A flight that resumes after a
-        # lost link is ours, and ends so.
+        # Do not engage outside a bound: an engagement would command the exit action at once, and a
+        # vehicle that hovers too far away would land or fly home. A flight that resumes after a
+        # lost link is under our control and ends by the exit action.
         outside = "" if self._goes_on or not self.broken_bound else f"[bounds]: {self.broken_bound}"
         return disputed or contested or slow or silent or outside or self._not_flying(now)
 
@@ -191,9 +192,8 @@ class Authority:
             return "the vehicle is on the ground"
         if not vehicle.armed:
             return "the vehicle is not armed"
-        # Some vehicles do not report whether they fly. Wait for the report for a moment, except
+        # Some vehicles do not report whether they fly. Wait at most 1.5 s for this report, except
         # when a flight resumes after a lost link.
-        # Longest wait, s, for the vehicle's report that it flies, before the first engagement.
         silent = (
             vehicle.on_ground is None and not self._goes_on and now - session.identity.since < 1.5
         )
@@ -205,10 +205,10 @@ class Authority:
         return self._mission.begun and self._mission.phase is Phase.READY
 
     def _streams_first(self, now: float) -> bool:
-        """True if setpoints are sent before the engagement. Never after a takeover, on the ground
+        """True if setpoints are sent before the engagement. False after a takeover, on the ground
         or without required telemetry."""
-        # PX4 enters OFFBOARD only while it receives setpoints, and does not fly them in other
-        # modes. Over a slow link no setpoints are sent, so that PX4 rejects OFFBOARD.
+        # PX4 enters OFFBOARD only while it receives setpoints, and ignores them in other modes.
+        # Over a slow link no setpoints are sent, so that PX4 rejects OFFBOARD.
         session = self._session
         if self._mission.phase is not Phase.READY or not session.adapter.wants_setpoints_in(
             session.vehicle.mode
@@ -253,8 +253,8 @@ class Authority:
         """Return a takeover detected in this step, as STATUSTEXT and as outcome, or None."""
         session = self._session
         vehicle = self._session.vehicle
-        # We keep the control while the link is lost, and after the operator has given it back but
-        # the vehicle cannot be steered yet.
+        # circnav keeps the control while the link is lost. It also has the control if the operator
+        # has given it back but the vehicle cannot be steered yet.
         ours = self.holder is Holder.US or self._mission.phase not in (
             Phase.WAIT_LINK,
             Phase.YIELDED,
@@ -281,8 +281,8 @@ class Authority:
         if self.rebooted or left_for is None:
             what = f"{TAKEN_OVER}, {'autopilot rebooted' if self.rebooted else 'vehicle disarmed'}"
             return what, Outcome(Ending.ABORTED, what)
-        # The heartbeat does not show who changed the mode. `report.html` has the autopilot's
-        # message about a failsafe.
+        # The heartbeat does not show the cause of a mode change. `report.html` contains the
+        # autopilot's message about a failsafe.
         flown = now - (self._mission.engaged_at or now)
         reason = f"pilot or failsafe switched to {left_for} after {flown:.0f} s"
         return f"{TAKEN_OVER}, {session.adapter.guided_name} left for {left_for}", Outcome(
@@ -290,8 +290,8 @@ class Authority:
         )
 
     def _watch_return(self, *, left: bool, in_mode: bool) -> None:
-        """Detect that the operator gives control back: the guided mode is left, entered again, and
-        lasts for GIVEN_AFTER."""
+        """Detect that the operator gives control back: the vehicle leaves the guided mode, enters
+        it again and stays in it for GIVEN_AFTER."""
         reported_at = self._session.vehicle.received_at
         if left and self.holder is Holder.OPERATOR_IN_MODE:
             self.holder = Holder.OPERATOR
@@ -314,8 +314,8 @@ class Authority:
         heartbeats = self._session.vehicle.heartbeats
         backlog = self.may_be_backlog(now)
         if self._stepped is not None and self._stood_still(now):
-            # Time after a gap between two steps, s, in which received data may still be stale:
-            # reading the backlog takes a few steps.
+            # 0.2: time after a gap between two steps, s, in which received data may still be stale,
+            # because reading the backlog takes a few steps.
             self._backlog_until = now + 0.2
             self._stall = now - self._stepped
             self._since_stall.restart(now)
@@ -329,8 +329,8 @@ class Authority:
         return backlog
 
     def stalled(self, now: float) -> float:
-        """Return the length of a gap between two steps, s, while rates and ages still show its
-        effects, else 0."""
+        """Return the length of the newest gap between two steps, s, for 4 s after it, because rates
+        and ages still show its effects. Then return 0."""
         return self._stall if self._since_stall.age(now) < 4.0 else 0.0
 
     def may_be_backlog(self, now: float) -> bool:
@@ -338,7 +338,8 @@ class Authority:
         return now < self._backlog_until or self._stood_still(now)
 
     def _stood_still(self, now: float) -> bool:
-        # Gap between two steps, s, above which data received during the gap is considered stale.
+        # 0.5: gap between two steps, s, above which data received during the gap is treated as
+        # stale.
         return self._stepped is not None and now - self._stepped > 0.5
 
 

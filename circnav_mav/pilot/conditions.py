@@ -20,7 +20,8 @@ from circnav_mav.pilot.mission_state import NO_FAILURE, Phase
 from circnav_mav.pilot.step_view import StepView
 
 MOST_REJECTED = 0.5
-"""Share of rejected ranges above which an alarm is raised."""
+"""An alarm is raised if more than this share of the ranges is rejected, and accepted ranges arrive
+at less than this share of `ranging.rate_hz`."""
 LOST = {
     "attitude": (
         "NO ATTITUDE from the vehicle: steered by ranges alone, no check that it follows turn"
@@ -41,8 +42,8 @@ FEW_ATTITUDES = (
 class Active:
     """An active condition.
 
-    short: STATUSTEXT at the beginning, at most 41 characters, empty for none.
-    long: text of the alarm on display, page and verdict, empty if the condition is no alarm.
+    short: STATUSTEXT at the beginning of the condition, at most 41 characters, empty for none.
+    long: text of the alarm on display, live page and verdict, empty if the condition is no alarm.
     key: `short` is sent again when this value changes.
     """
 
@@ -57,8 +58,8 @@ class Condition:
 
     name: stable key, also in summary.json.
     find: returns the texts of the condition, or None while it is not active.
-    over: STATUSTEXT at the end.
-    severity: of the STATUSTEXT at the beginning.
+    over: STATUSTEXT at the end of the condition.
+    severity: severity of the STATUSTEXT at the beginning.
     once: True to send the texts once per flight.
     steering: True if the condition exists only while the vehicle is steered. The end of steering
         then ends the condition without a text.
@@ -82,7 +83,7 @@ class Conditions:
         self._say = announcer.say
         self._active: dict[str, Active] = {}
         self._sent: dict[str, object] = {}
-        """Key of the condition when its text was last sent, by name."""
+        """`Active.key` at the time when the text was last sent, by name of the condition."""
 
     @property
     def alarms(self) -> dict[str, str]:
@@ -238,8 +239,8 @@ def _range_rate_dropped(view: StepView) -> Active | None:
 
 def _most_ranges_rejected(view: StepView) -> Active | None:
     rates = view.full_rates
-    # If a link delivers every range three times, two thirds are rejected as duplicates, but none
-    # is lost.
+    # No alarm while enough ranges are accepted. A link that delivers every range three times causes
+    # two thirds of rejections, but loses no range.
     if (
         rates is None
         or rates.refused <= MOST_REJECTED * rates.ranges
@@ -305,7 +306,7 @@ def _not_following(view: StepView) -> Active | None:
 
 
 def limit_cycle_alarm(share: float) -> str:
-    """Return the alarm for a limit cycle. share: share of the gains that is left."""
+    """Return the alarm for a limit cycle. share: present gains over the original gains."""
     return f"LIMIT CYCLE: the turn command oscillates, gains reduced to {100 * share:.0f} %"
 
 
@@ -345,7 +346,7 @@ def _airspeed_sensor(view: StepView) -> Active | None:
 
 def _drift_too_strong(view: StepView) -> Active | None:
     alarm = view.drift_alarm
-    # A wrong airspeed and wrong ranges look like a drift.
+    # A wrong airspeed or wrong ranges look like a drift, and have alarms of their own.
     if not alarm.on or view.airspeed_alarm.on or view.lap_alarm.on:
         return None
     drift = f"{alarm.drift:.1f} m/s"
@@ -391,7 +392,8 @@ def _bound_not_watched(view: StepView) -> Active | None:
 
 
 def clock_alarm(speed: float) -> str:
-    """Return the alarm for an autopilot whose clock has another speed. speed: times ours."""
+    """Return the alarm for an autopilot clock with a wrong speed. speed: autopilot seconds per
+    second of our clock."""
     return (
         f"CLOCK: autopilot time runs {speed:.2g} times as fast as ours: for a simulator set"
         ' link.clock = "autopilot"'
@@ -452,8 +454,8 @@ def _altitude_jumped(view: StepView) -> Active | None:
 def _few_setpoints(view: StepView) -> Active | None:
     rates = view.steered_rates
     wanted = 1 / view.settings.timing.tick
-    # Share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too few
-    # setpoints.
+    # 0.5: share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too
+    # few setpoints.
     if not view.flies or rates is None or rates.setpoints >= 0.5 * wanted:
         return None
     return Active(
@@ -469,7 +471,7 @@ def _airspeed_implausible(view: StepView) -> Active | None:
 
 
 def _bank_limit(view: StepView) -> Active | None:
-    # A plane that banks as far as the mission allows has shown no limit of its own.
+    # A plane that banks by more than 0.95 of the mission's limit has shown no limit of its own.
     if not view.bank_limit or view.bank_limit > 0.95 * view.settings.facts.max_bank:
         return None
     return Active(f"vehicle banks {degrees(view.bank_limit):.0f} deg at most")

@@ -16,8 +16,8 @@ from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
 from circnav_mav.timers import Every
 
 GPS_HEALTH_RATE = 4.0
-"""Rate, Hz, of the messages that show a loss of GPS: the flags of the estimator fall 0.8 s before
-the failsafe acts."""
+"""Requested rate, Hz, of the messages that show a loss of GPS. ArduCopter clears its estimator
+flags only 0.8 s before its failsafe acts."""
 
 
 class Connection:
@@ -26,8 +26,8 @@ class Connection:
     def __init__(
         self, settings: PilotSettings, signing: Signing | None, also: Iterable[int] = ()
     ) -> None:
-        """signing: signs sent frames and authenticates received ones, or None. also: further
-        message ids to decode."""
+        """signing: signs sent frames and authenticates received ones, or None. also: ids of further
+        messages to decode."""
         self.ranging_message = RANGING_MESSAGES[settings.ranging.message]
         self.more_streams: dict[int, float] = {}
         """Streams to request in addition to the adapter's, message id -> Hz: the autopilot's
@@ -35,8 +35,8 @@ class Connection:
         if settings.ranging.component_id == AUTOPILOT_COMPONENT and not settings.ranging_apart:
             self.more_streams[self.ranging_message.id] = settings.ranging.rate_hz
         if settings.height.target_above_home is not None:
-            # Rate, Hz, of HOME_POSITION if the height is relative to home. Home may be changed
-            # until the engagement.
+            # HOME_POSITION at 1 Hz, if the height is relative to home. Home may change until the
+            # engagement.
             self.more_streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = 1.0
         if settings.flies_without_gps:
             for ident in (
@@ -69,8 +69,9 @@ class Connection:
         """Yield the messages of a datagram (or chunk of a stream) that arrived at `now` from
         `source` on a link.
 
-        Each message comes with two flags: True if the session's vehicle sent it, and True if it may
-        be a range, that is, the mission's ranging message on the ranging link.
+        Each message is yielded with two flags. The first is True if the session's vehicle sent the
+        message. The second is True if the message may be a range: the mission's ranging message on
+        the ranging link.
         """
         decoder = self.decoders[link]
         for message in decoder.decode(data):
@@ -84,6 +85,6 @@ class Connection:
             self.session.identity.say_hello(source, now)
 
     def hello(self, now: float) -> bytes:
-        """Return the frames for a separate ranging link: a heartbeat, because routers forward only
-        to known senders."""
+        """Return the frames for a separate ranging link: a heartbeat, because routers forward
+        messages only to senders that they have received."""
         return self.session.encode(self.session.heartbeat()) if self._hello_timer.due(now) else b""

@@ -34,7 +34,7 @@ from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.settings import PilotSettings
 
 RELATIVE = ("auto", "drift")
-"""Estimators of the relative motion."""
+"""Names of the estimators that estimate the relative motion."""
 FlownCommands = Callable[[float], YawRate | None]
 """Function from a time (s) to the yaw rate that a recorded flight had sent last."""
 
@@ -75,8 +75,8 @@ class Controller:
         )
         self._height: float | None = None
         self.flown: FlownCommands | None = None
-        """In a replay with another law or estimator: the commands of the flight. The recorded
-        vehicle responded to these, not to the replayed ones."""
+        """Commands of the recorded flight, in a replay with another law or estimator. The recorded
+        vehicle responded to these commands, not to the replayed commands."""
         self._airspeed = orbit.speed
         """Airspeed that the autopilot was last commanded to hold, m/s."""
         self._wind = 0.0
@@ -105,9 +105,9 @@ class Controller:
     def command(
         self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None, now: float
     ) -> TurnCommand | None:
-        """Return the turn command: the law's while engaged, the circle's turn rate while holding,
-        else None. round_trip: delay of the link in both directions, s."""
-        # Largest delay of the link, s, that the gains are tuned for.
+        """Return the turn command: the command of the law while engaged, the circle's turn rate
+        while holding, else None. round_trip: delay of the link in both directions, s."""
+        # 2.0: largest link delay, s, that the gains are tuned for.
         self.vehicle.link = min(
             self._settings.timing.tick if round_trip is None else round_trip, 2.0
         )
@@ -123,7 +123,8 @@ class Controller:
     def change_circle(self, request: CircleRequest, now: float) -> str:
         """Fly another circle from now on. Return the reason if it cannot be flown, else an empty
         string."""
-        # Spacing and other changes have separate timers, so that a fleet never delays the operator.
+        # Spacing in a fleet and other changes of the circle have separate timers, so that spacing
+        # never delays a change by the operator.
         changed_at = self._spaced_at if request.spaces else self._changed_at
         if now - changed_at < MIN_INTERVAL - SAME_TIME:
             ago = f"{now - changed_at:.2f} s ago"
@@ -181,8 +182,8 @@ class Controller:
         return message, steer.yaw_rate
 
     def _command_airspeed(self, session: Session) -> None:
-        """Queue the command for another airspeed, if the setpoint does not carry the speed. A newer
-        command replaces one that waits for its answer."""
+        """Queue the command for a new airspeed, if the autopilot holds the airspeed by such a
+        command. A newer command replaces an older command without an answer."""
         if self.speed == self._airspeed:
             return
         self._airspeed = self.speed
@@ -205,8 +206,7 @@ class Controller:
         )
 
     def hold_airspeed(self, scale: float) -> None:
-        """Hold the airspeed from now on, where the autopilot held the speed over the ground
-        before."""
+        """Hold the airspeed from now on. Before, the autopilot held the speed over the ground."""
         self.airspeed_hold.reset(scale)
         self.vehicle.lean_limit = LeanLimit()
 
@@ -218,8 +218,8 @@ class Controller:
         self.airspeed_hold.reset(self.airspeed_hold.scale)
 
     def _state(self, session: Session, now: float, *, engaged: bool) -> SetpointContext:
-        """Return the context of a setpoint for the adapter. The height to hold is that of the
-        engagement."""
+        """Return the context of a setpoint for the adapter. The height to hold is the altitude at
+        the engagement."""
         motion = session.motion.at(now)
         if engaged and self._height is None:
             self._height = motion.altitude

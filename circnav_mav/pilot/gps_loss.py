@@ -1,9 +1,10 @@
-"""Loss of GPS in flight: a copter that circles in GUIDED goes on by attitude setpoints, without a
+"""Loss of GPS in flight: a copter that circles in GUIDED continues by attitude setpoints, without a
 position.
 
-ArduCopter lands 8 s after the loss, because GUIDED requires a position. The loss is read from the
-fix type of the receivers (GPS_RAW_INT, GPS2_RAW), and from the flags of EKF_STATUS_REPORT, which
-fall 7 s after the loss. Positions and velocities in these messages are never read.
+ArduCopter lands 8 s after the loss, because GUIDED requires a position. The loss is detected from
+the fix type of the receivers (GPS_RAW_INT, GPS2_RAW), and from the position flags of
+EKF_STATUS_REPORT, which ArduCopter clears 7 s after the loss. Positions and velocities in these
+messages are never read.
 """
 
 from pymavlink.dialects.v20 import all as dialect
@@ -27,8 +28,8 @@ POSITION_FLAGS = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_A
 class GpsLoss:
     """Detects the loss of GPS, and changes the steering method once.
 
-    changed_at: time of the change, s, or None. failure: reason why the vehicle refused the mode,
-    human-readable.
+    changed_at: time of the change, s, or None before it.
+    failure: human-readable reason why the vehicle refused the new mode, or empty.
     """
 
     def __init__(
@@ -58,8 +59,8 @@ class GpsLoss:
         kind = message.get_type()
         if kind in RECEIVERS:
             if not self._fixes and self._settings.flies_without_gps:
-                # Many vehicles have no second receiver, so its stream is requested once, and not
-                # checked.
+                # Many vehicles have no second receiver. So its stream is requested once, without a
+                # check that it arrives.
                 second = dialect.MAVLINK_MSG_ID_GPS2_RAW, 1e6 / GPS_HEALTH_RATE
                 self._session.commands.send(Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, second))
             had_fix = any(self._fixes.values())
@@ -76,8 +77,8 @@ class GpsLoss:
     def _is_lost(self, now: float) -> bool:
         """True if the vehicle loses its position now, or soon."""
         since = self._without_fix_since
-        # Time, s, without a fix of any receiver that counts as a loss. The estimator bridges
-        # shorter ones.
+        # 1.0: time without a fix of any receiver, s, after which the GPS is treated as lost. The
+        # autopilot's estimator bridges shorter gaps.
         return self._position_lost or (since is not None and now - since >= 1.0)
 
     def step(self, now: float) -> str:

@@ -9,10 +9,11 @@ from circnav_mav.mav.own_motion import AIR_MAX_AGE, MOST_ALTITUDE
 from circnav_mav.pilot.settings import HeightSettings
 
 MOST_CLIMB = 20.0
-"""Climb or sink rate, m/s, above that of all supported vehicles. A faster change means a reset
-altitude estimate."""
+"""Largest plausible climb or sink rate, m/s, more than any supported vehicle has. A faster change
+of the altitude is a reset of the autopilot's altitude estimate."""
 BUNCHED = 0.25
-"""Least interval, s, assumed between two altitudes: a link may deliver several at once."""
+"""Least time, s, assumed between two altitude measurements, because a link may deliver several at
+once."""
 
 READ = frozenset({"VFR_HUD", "HOME_POSITION"})
 """Types of the messages that determine the height."""
@@ -21,8 +22,8 @@ READ = frozenset({"VFR_HUD", "HOME_POSITION"})
 class Height:
     """Height above the target.
 
-    Before the engagement it is computed from the mission and the newest altitude. From then on it
-    changes with the altitude alone, and is held while no altitude is received.
+    Before the engagement it is computed from the mission and the newest altitude. From then on the
+    height changes with the altitude alone. While no altitude is received, the last height is kept.
     """
 
     def __init__(self, settings: HeightSettings) -> None:
@@ -44,7 +45,8 @@ class Height:
         self._engaged = True
 
     def receive(self, message: Message, altitude: float | None, now: float) -> None:
-        """Process a message of the vehicle. altitude: as accepted from VFR_HUD, m, or None."""
+        """Process a message of the vehicle. altitude: plausible altitude from VFR_HUD, m, or
+        None."""
         above_home = self._settings.target_above_home
         if message.get_type() == "HOME_POSITION" and above_home is not None and not self._engaged:
             home = message.altitude / 1000
@@ -57,7 +59,7 @@ class Height:
         self._received_at = now
         if (
             not self._engaged
-        ):  # setting home late legitimately changes the altitude by hundreds of meters
+        ):  # a home set late changes the altitude by hundreds of meters, which is no jump
             return
         if self._zero is None:
             self._zero = altitude if self._settings.above_target is not None else None
@@ -66,17 +68,17 @@ class Height:
         if before is None or abs(change) <= MOST_CLIMB * waited:
             self._forgive(altitude, now)
             return
-        # The zero of the altitude has moved, not the vehicle. A glitch that appears and disappears
-        # has no effect.
+        # The zero of the altitude has moved, not the vehicle: move `_zero` by the same amount. A
+        # glitch that appears and disappears has no net effect.
         began, origin, so_far = self._doubt or (now, before, 0.0)
         self._doubt = began, origin, so_far + change
         self._zero += change
         self._jumped += change
 
     def _forgive(self, altitude: float, now: float) -> None:
-        """Restore the zero if the altitude has gradually returned since its jump."""
-        # Time, s, within which the altitude may return gradually after a jump, as ArduPlane's does
-        # in turbulence.
+        """Restore the zero if the altitude has gradually returned to its value before the jump."""
+        # 3.0: time after a jump, s, in which the altitude may return gradually, as ArduPlane's
+        # altitude does in turbulence.
         if self._doubt is None or now - self._doubt[0] < 3.0:
             return
         (_, origin, jump), self._doubt = self._doubt, None
@@ -97,7 +99,7 @@ class Height:
         return self.at(self._received_at)
 
     def set(self, height: float, now: float) -> str:
-        """Use another height above the target from now on, m. Return the reason if impossible, else
+        """Set the present height above the target, m. Return the reason if this is impossible, else
         an empty string."""
         if self._altitude is None or now - self._received_at > AIR_MAX_AGE:
             return "no altitude (VFR_HUD.alt)"

@@ -1,4 +1,4 @@
-"""A step of a flight's loop, as recorded and read back."""
+"""A step of the loop of a flight, and its entries in steps.csv."""
 
 import json
 from collections.abc import Hashable
@@ -10,18 +10,18 @@ from circnav_mav.guidance.types import Direction
 STEPS = "steps.csv"
 """File of the steps in a run folder."""
 HELD_BACK = "held"
-"""Entry of steps.csv in place of a count of frames: the frames were not sent."""
+"""Entry of steps.csv instead of the number of sent frames, if the frames were not sent."""
 
 
 @dataclass(slots=True)
 class LoopStep:
     """One step of the loop.
 
-    received: (link, source, whole frames) of each datagram.
+    received: (link, source, complete frames) of each datagram.
     sent: frames sent to the vehicle.
     hello: frames sent to the ranging link.
     attached: frames that onlookers sent to the vehicle.
-    requests: requests from outside of the pilot for another circle.
+    requests: requests for another circle from callers outside `Pilot`.
     interrupt: reason why the flight was ended from outside in this step.
     held_back: True if nothing was sent because the step took too long.
     exchanged: frames between onlookers and systems other than the vehicle, such as the members of a

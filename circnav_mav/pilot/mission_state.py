@@ -34,7 +34,7 @@ class Event(Enum):
 STEERING = frozenset({Phase.ENGAGED, Phase.HOLDING})
 """The only phases in which steering setpoints are sent."""
 IN_REACH = STEERING | {Phase.WAIT_RANGING, Phase.READY}
-"""Phases in which a vehicle that was engaged may still be in the guided mode."""
+"""Phases in which a vehicle that was engaged may be in the guided mode and reachable."""
 NOT_OURS = frozenset({Phase.WAIT_LINK, Phase.YIELDED, Phase.ENDED})
 """Phases in which nothing more is sent to a vehicle that was engaged."""
 
@@ -92,11 +92,12 @@ class Timing:
 
     duration: time from the engagement to the end of the flight.
     wait_link, wait_ranging: longest waits before the first engagement.
-    stale: age of the newest range up to which the prediction steers.
-    hold: longest time after that for which the circle's turn rate is held.
-    unfollowed: longest time without following turn commands before the exit action.
+    stale: largest age of the newest range at which the estimator's prediction steers.
+    hold: longest time in the phase HOLDING, in which the circle's turn rate is commanded without
+        ranges.
+    unfollowed: longest time in which the vehicle may ignore turn commands before the exit action.
     outage: longest time from the loss of the link until the vehicle is steered again.
-    round_trip: largest round trip with which the vehicle is engaged.
+    round_trip: largest round-trip time of the link at which the vehicle is engaged.
     tick: period of the steps without fresh ranges.
     """
 
@@ -161,8 +162,8 @@ class MissionState:
         self.happened(Event.LINK_LOST, now)
 
     def finish(self, outcome: Outcome, now: float, *, ours: bool) -> bool:
-        """End the mission. Return True for the first reason, which becomes the outcome. ours: True
-        if the exit action must be requested."""
+        """End the mission. Return True at the first call, which sets the outcome. ours: True if the
+        exit action must be requested."""
         first = self.outcome is None
         self.outcome = self.outcome or outcome
         self.happened(Event.FINISH_OURS if ours else Event.FINISH, now)

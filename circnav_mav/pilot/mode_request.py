@@ -5,8 +5,8 @@ from circnav_mav.mav.commands import once
 from circnav_mav.mav.session import Session
 
 PATIENCE = 12.0
-"""Longest time, s, for the exit action. After this time the stream of setpoints ends without the
-action."""
+"""Longest time, s, until the exit action takes effect. After this time the stream of setpoints
+ends, even if the exit action had no effect."""
 STOP_SENDING = "stop"
 
 
@@ -38,12 +38,12 @@ class ModeRequest:
         self._dropped = session.mode_requests_dropped
         if now < self._due or session.vehicle.mode == mode:
             return None
-        # Number of requests before a mode request counts as failed; chosen.
+        # 3: number of unsuccessful requests after which the mode request has failed.
         if self._tries == 3:
             return f"acknowledged, but the vehicle stays in {session.vehicle.mode_name}{report}"
         self._tries = self._tries + 1
-        # Longest time, s, until an accepted request appears in the vehicle's heartbeat (PX4 sends
-        # one a second).
+        # 3.0: longest time, s, until the vehicle's heartbeat shows the mode of an accepted request
+        # (PX4 sends one heartbeat per second).
         self._due = now + 3.0
         session.commands.send(session.adapter.request_mode(mode))
         return None
@@ -58,8 +58,8 @@ class ExitAction:
         default."""
         self.action = action
         self._request = ModeRequest()
-        # Number of safe setpoints sent before the stream ends by the exit action `stop`: a datagram
-        # can be lost.
+        # Number of safe setpoints that the exit action `stop` sends before the stream ends. More
+        # than one, because a datagram can be lost.
         self._safe_left = 3
         self.failure: str | None = None
         """Reason why the exit action had no effect."""
@@ -80,7 +80,7 @@ class ExitAction:
 
     def wait_to_send(self, since: float, now: float) -> bool:
         """Wait while nothing may be sent: after a stall, or while the vehicle's identity is
-        unconfirmed. Return True if this takes too long."""
+        unconfirmed. Return True after PATIENCE seconds."""
         if now - since <= PATIENCE:
             return False
         self.failure = "exit action not requested: no report of the vehicle's mode"

@@ -16,8 +16,8 @@ from circnav_mav.pilot.range_tracker import RangeTracker
 
 DIRECTIONS = {1.0: Direction.CLOCKWISE, -1.0: Direction.COUNTERCLOCKWISE}
 LONGEST_HOLD = 600.0
-"""Largest time, s, that may be set for holding the turn rate without ranges: the circle then drifts
-with the wind."""
+"""Largest value of CN_HOLD, s: the time for which the turn rate is held without ranges. The circle
+drifts with the wind during this time."""
 BY = "ground station"
 
 
@@ -43,7 +43,8 @@ def flight_parameters(
         if value < 0:
             return f"{value:g} m is below 0: give the height above the target"
         slant = tracker.ranging.slant
-        # All ranges would be rejected, and the flight would end without a range.
+        # With a height above the slant range all ranges would be rejected, and the flight would
+        # end.
         if slant and horizontal(slant, 1.0, value) is None:
             return f"{value:g} m leaves no circle at the measured range, {slant:.0f} m"
         return tracker.height.set(value, now)

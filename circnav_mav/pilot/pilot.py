@@ -2,9 +2,9 @@
 
     pilot.receive(data, now); pilot.step(now, send)
 
-The step after a fresh range steers by this range. Between ranges, a prediction steers at every
-tick. Without ranges the circle's turn rate is held, and after a time limit the flight ends. The
-operator always has priority: see `authority`.
+A fresh range causes a step that steers by this range. Between ranges, a step at each tick steers by
+a prediction. While ranges are missing, the circle's turn rate is commanded. After a time limit
+(`Timing.hold`) the flight ends. The operator always has priority: see `authority`.
 """
 
 from collections import Counter
@@ -99,10 +99,11 @@ class Pilot:
         self.allowance = Allowance()
         self.second_controller = SecondController(session, self.mission)
         self._since_unanswered = Since()
+        """Since the newest step in which answers to TIMESYNC were missing."""
         self._since_circling = Since()
-        """Since TIMESYNC was last not answered."""
+        """Since the newest step in which the vehicle kept its circle (`_keeps_circle`)."""
         self._since_silent = Since()
-        """Since the newest mode report was last older than SILENT."""
+        """Since the newest step in which the vehicle's last mode report was older than SILENT."""
         self._lost_reports: tuple[str, ...] = ()
         """Names of telemetry that is missing or too rare. Unchanged while the vehicle is completely
         silent."""
@@ -129,8 +130,8 @@ class Pilot:
         if not self._worth_reading(source, len(data), now, link):
             return
         if self._authority.may_be_backlog(now):
-            # The vehicle flew on without us, and its reports waited for this computer: they show
-            # neither the delay of the link nor the response to commands.
+            # The vehicle flew on without commands, and its reports waited for this computer. These
+            # reports show neither the delay of the link nor the response to commands.
             self.session.timesync.forget_requests()
             self.controller.vehicle.reset()
         for message, of_vehicle, of_ranging in self.connection.receive(data, now, source, link):
@@ -153,18 +154,18 @@ class Pilot:
         self.scheduler.at_once()
 
     def request_circle(self, request: CircleRequest, now: float) -> str:
-        """Fly another circle, if vehicle, bounds and rate of change allow it. Return the reason if
-        not, else an empty string."""
+        """Fly another circle, if the vehicle can fly it and the limits of circle changes permit it.
+        Return the reason for a refusal, else an empty string."""
         why = self.controller.change_circle(request, now)
-        # Spacing is requested twice a second: the same refusal is reported once.
+        # A fleet requests spacing twice a second: report the same refusal only once.
         if why and not (request.spaces and why == self._spacing_refused):
             self._say("circle refused", why, severity=MAV_SEVERITY_WARNING)
         self._spacing_refused = why if request.spaces else self._spacing_refused
         return why
 
     def abandon(self, reason: str) -> None:
-        """End the flight as aborted because of an internal error, even if it had another
-        outcome."""
+        """End the flight as aborted because of an internal error, even if the mission already has
+        another outcome."""
         self.mission.outcome = Outcome(Ending.ABORTED, reason)
 
     def _worth_reading(self, source: Hashable, size: int, now: float, link: str) -> bool:
@@ -325,20 +326,21 @@ class Pilot:
             self._finish(Outcome(Ending.ABORTED, broken), now)
 
     def _watch_following(self, estimate: RangeEstimate | None, now: float) -> None:
-        """End the flight if the vehicle does not follow turn commands for too long. A vehicle with
-        badly tuned steering may follow them poorly, and yet keep its circle."""
+        """End the flight if the vehicle has not followed turn commands for too long, unless it
+        keeps its circle. A vehicle with badly tuned steering may follow commands poorly and still
+        keep its circle."""
         session = self.session
         vehicle = self.controller.vehicle
         obedience = vehicle.obedience
         most = self.settings.timing.unfollowed
-        # A vehicle that does not receive setpoints cannot follow them. This is an outage of the
-        # link, which the flight survives: do not judge the turns without answers to TIMESYNC, and
-        # start again after the outage. A plane that flies straight back to the circle then needs
-        # time to show that it follows again.
+        # A vehicle that does not receive setpoints cannot follow them. Such an outage of the uplink
+        # must not end the flight: while answers to TIMESYNC are missing, do not judge the turns.
+        # After the outage start the judgment again, because a plane that flies straight back to the
+        # circle needs time to show that it follows.
         if session.timesync.silent(now, UNANSWERED):
             self._since_unanswered.restart(now)
-        # Time, s, from the first TIMESYNC answer after an outage of the uplink until the vehicle
-        # follows commands again.
+        # 3.0: time, s, from the first TIMESYNC answer after an outage of the uplink until the turns
+        # are judged again.
         if self._since_unanswered.age(now) < 3.0:
             vehicle.judge_again()
             self.conditions.forget(NOT_FOLLOWING)
@@ -372,8 +374,8 @@ class Pilot:
             or not self._authority.certain
         ):
             return
-        # A dry run always engages. Obstacles are not checked while steering: a slow link or a
-        # landing ends no flight.
+        # A dry run always engages. While the vehicle is steered, obstacles are not checked: a slow
+        # link or a landing does not end the flight.
         engages = not self.flies or not self._authority.obstacle(now)
         if engages and self.mission.phase is Phase.YIELDED:
             self.mission.happened(Event.MODE_OURS, now)
@@ -453,8 +455,8 @@ class Pilot:
     def _housekeeping(
         self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float
     ) -> list[Message]:
-        """Return heartbeat, commands, stream requests, texts and plot values, and the farewell at
-        the end."""
+        """Return the due heartbeat, commands, stream requests, texts and plot values. At the end of
+        the mission, add the farewell."""
         plots = self.session.announcer.plots(
             plot_values(self.controller.circle, estimate, command), now
         )
@@ -487,7 +489,7 @@ class Pilot:
         estimation = self.settings.tuning.estimation
         if self.gps_loss.changed_at is not None:
             estimation = self.settings.estimation_without_gps
-        # Three standard deviations of the airspeed.
+        # Tolerance of the lap alarm: three standard deviations of the airspeed scale.
         tolerance = max(3 * estimation.scale_sigma, 0.1)
         self._lap_alarm = watch_lap(self._lap_alarm, estimate if engaged else None, tolerance)
         if command is not None and (
@@ -497,7 +499,7 @@ class Pilot:
             self._why = command.why
         if self.session.heartbeat_age(now) > SILENT:
             self._since_silent.restart(now)
-        # Time, s, after a silence until all telemetry streams are received again.
+        # 3.0: time, s, after a silence until all telemetry streams are received again.
         if self._since_silent.age(now) > 3.0:
             seldom = ("attitude",) if self.session.motion.seldom(now) else ()
             self._lost_reports = (*seldom, *self.session.missing(now))
@@ -515,8 +517,8 @@ class Pilot:
         controller = self.controller
         vehicle = session.adapter.name if session.up else "no vehicle yet"
         lateral = controller.vehicle.bank_limit.bank * (self.own.airspeed if self.own else inf)
-        # Time, s, without an answer of a steered vehicle to TIMESYNC, after which an alarm is
-        # raised. Requests are sent once a second and repeated if lost.
+        # uplink_silent, 2.0: time without an answer to TIMESYNC, s, after which an alarm is raised.
+        # Requests are sent once a second and repeated if lost.
         return StepView(
             tick=tick,
             settings=self.settings,

@@ -29,8 +29,8 @@ from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 TICK = 0.05
 """Time between two steps, s, as in a flight."""
 SETTLE = 2.0
-"""Time, s, from finding the vehicle to the start of the measurement: the requested streams start
-meanwhile."""
+"""Time, s, from finding the vehicle to the start of the measurement. In this time the requested
+streams start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +38,8 @@ class ReceivedRange:
     """One accepted range.
 
     stamp: time of measurement on the sensor's clock, s.
-    time: the same on our clock, s.
-    arrival: on our clock, s.
+    time: time of measurement on our clock, s.
+    arrival: time of arrival on our clock, s.
     r: slant range, m.
     sigma: standard deviation of r, m.
     """
@@ -79,8 +79,8 @@ class PreflightListener:
         self.carriers: Counter[str] = Counter()
         """Number of ranging messages by sender and by their identifying fields."""
         self.other_ranging: Counter[str] = Counter()
-        """Number of messages that could carry ranges, but are not the mission's, by type and
-        sender."""
+        """Number of messages that could contain ranges, but are not selected by the mission, by
+        type and sender."""
         self.height = Height(settings.height)
         self.kind = ""
         """Autopilot and type of the vehicle, human-readable."""
@@ -169,7 +169,7 @@ class PreflightListener:
             return now - self._began > self._settings.timing.wait_link
         end = self._found + SETTLE + self._listens
         answered = self._parameters is None or self._parameters.done
-        # Longest time, s, for which the listener waits for missing parameters after the
+        # 10.0: longest time, s, for which the listener waits for missing parameters after the
         # measurement.
         return now >= (end if answered else end + 10.0)
 

@@ -20,10 +20,11 @@ from circnav_mav.pilot.settings import PilotSettings
 from circnav_mav.timers import Since
 
 FRESH = 0.6
-"""Age of a range, as a share of `stale`, below which steering resumes at once after ranges were
-stale."""
+"""After ranges were stale, steering resumes at once if the age of the newest range is below this
+share of `stale`."""
 JUMPED_FOR = 1.0
-"""Time, s, after which a jump of the ranges is reported. Outliers are shorter."""
+"""Time, s, for which ranges must stay at a new value before a jump is reported. Outliers are
+shorter."""
 
 
 class RangeTracker:
@@ -45,14 +46,16 @@ class RangeTracker:
             settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed
         )
         self.estimator = ESTIMATORS[settings.estimator](settings.tuning.estimation)
-        # Least time between two ranges added to the estimator, in ticks. Ranges in between are
-        # merged. Each added range causes a setpoint and takes 1 to 2 ms of processor time.
+        # 0.75: least time between two ranges that are added to the estimator, in ticks. Ranges in
+        # between are merged, because each added range causes a setpoint and takes 1 to 2 ms of
+        # processor time.
         self._thinning = Thinning(0.75 * settings.timing.tick)
-        # Smallest jump of the range, as a share of the radius, that is rejected. Noise of this size
-        # is rejected, too.
+        # 0.5: smallest jump of the range that is rejected, as a share of the radius. Noise of this
+        # size is rejected, too.
         self.jumps = JumpGate(speed, 0.5 * settings.orbit.radius)
         self.newest: RangeSample | None = None
-        # Number of newest ranges kept: as many as one datagram of a slow link may hold.
+        # 64: number of newest ranges that are stored, as many as one datagram of a slow link may
+        # contain.
         self.recent: deque[RangeSample] = deque(maxlen=64)
         """Newest ranges added to the estimator."""
         self.newest_rate: RateSample | None = None
@@ -129,11 +132,11 @@ class RangeTracker:
         return True
 
     def _reference(self) -> RangeSample | None:
-        """Return the newest accepted range with the median of the newest three as its value, or
-        None unless steering.
+        """Return the newest accepted range, with its value replaced by the median of the newest
+        three ranges. Return None unless the vehicle is steered.
 
-        One of the three may be an outlier. Ranges from before an outage are not used: the vehicle
-        has moved since.
+        The median rejects a single outlier. Ranges from before an outage are not used, because the
+        vehicle has moved since.
         """
         if not self.ranging.moving or self.newest is None:
             return None
@@ -162,15 +165,15 @@ class RangeTracker:
         """True if the current estimate may steer: the estimator is ready and the newest range is
         not stale.
 
-        holding: True while steering is suspended. To resume, the range must be clearly fresh, or no
-        range may have been stale for a while.
+        holding: True while steering is suspended. Steering resumes if the newest range is fresh
+        (FRESH), or if no range was stale for 1 s.
         """
         age = self.age(now)
         if age is None or age > self._stale + SAME_TIME:
             self._since_stale.restart(now)
             return False
-        # Time, s, without stale ranges after which steering resumes even if the range is older than
-        # FRESH. Without this wait, ranges with ages near `stale` would start and stop steering
+        # 1.0: time, s, without stale ranges after which steering resumes even if the range is older
+        # than FRESH. Without this wait, ranges with ages near `stale` would start and stop steering
         # again and again.
         fresh = not holding or age <= FRESH * self._stale or self._since_stale.age(now) > 1.0
         return (
@@ -183,19 +186,19 @@ class RangeTracker:
 
 
 class JumpGate:
-    """Rejects ranges that jump farther than the vehicle can have flown, and ranges that continue
-    from a rejected one.
+    """Rejects ranges that jump farther than the vehicle can have flown, and later ranges that
+    continue from a rejected range.
 
-    A radio sends such a series if it changes its unit, ranges to another anchor or reaches its
-    limit. The estimator would accept the series after a second, and the vehicle would follow it off
-    its circle. A rejected series counts as missing ranges: the circle's turn rate is held until the
-    ranges jump back or the flight ends.
+    A radio sends such a series if it changes its unit, measures the range to another anchor or
+    reaches its limit. The estimator would accept the series after a second, and the vehicle would
+    follow it off its circle. While a series is rejected, ranges are missing: the circle's turn rate
+    is held until the ranges jump back or the flight ends.
     """
 
     def __init__(self, speed: float, least: float) -> None:
         """speed: V, m/s. least: smallest jump that is rejected, m."""
-        # Largest change of the range per time, in units of the vehicle's speed V: wind and target
-        # motion add to V.
+        # 2.0: largest rate of change of the range, in units of the vehicle's speed V, because wind
+        # and target motion add to V.
         self._speed = 2.0 * speed
         self._least = least
         self._first: RangeSample | None = None
@@ -215,7 +218,7 @@ class JumpGate:
         None."""
         before = self._newest
         # The distance that the vehicle can have flown grows with time until it covers the jump.
-        # While ranges continue from a rejected one, this does not make them acceptable.
+        # Ranges that continue from a rejected range remain rejected nevertheless.
         goes_on = before is not None and self._gap(sample, before) <= self._least / 2
         if (
             accepted is None
@@ -236,8 +239,8 @@ class JumpGate:
 
 
 class Thinning:
-    """Merges ranges that arrive faster than estimator and vehicle need them. A range that arrives a
-    period or more after the last one passes unchanged and without delay."""
+    """Merges ranges that arrive faster than estimator and vehicle need them. A range that was
+    measured a period or more after the last passed range passes unchanged and without delay."""
 
     def __init__(self, period: float) -> None:
         """period: least time between two ranges that pass, s."""
@@ -246,31 +249,32 @@ class Thinning:
         self._held: list[RangeSample] = []
 
     def reset(self) -> None:
-        """Drop the held ranges, because the sensor's clock has changed."""
+        """Drop the stored ranges. Call after a change of the sensor's clock."""
         self._held = []
         self._passed_at = float("-inf")
 
     def take(self, sample: RangeSample) -> tuple[RangeSample, int] | None:
         """Return the merged range and the number of ranges that it replaces, or None while ranges
-        are held.
+        are collected.
 
-        Periods are counted by the times of measurement, so that ranges of a slow radio remain
+        Periods are measured by the times of measurement, so that ranges of a slow radio remain
         separate if a link delivers several at once.
         """
         self._held.append(sample)
-        # Largest number of ranges that are merged into one range.
+        # 1000: largest number of ranges that are merged into one range.
         if 0 <= sample.time - self._passed_at < self.period - SAME_TIME and len(self._held) < 1000:
             return None
-        # drop ranges held since before a silence of the radio
+        # drop ranges from before a silence of the radio
         held = [one for one in self._held if sample.time - one.time <= self.period]
         count = len(self._held)
         self._held = []
         self._passed_at = sample.time
         if len(held) == 1:
             return sample, count
-        # The median rejects outliers, which the estimator's gate cannot detect after merging. Its
-        # time is halfway between first and last, because the range changes in between. The standard
-        # deviation of a median of n is sqrt(pi/2n) sigma.
+        # The median rejects outliers, which the estimator's gate cannot detect after merging. The
+        # time of the merged range is halfway between the first and the last range, because the
+        # range changes in between. The standard deviation of a median of n ranges is sqrt(pi/(2 n))
+        # sigma.
         first = held[0]
         r = median(one.r for one in held)
         sigma = median(one.sigma for one in held) * min(sqrt(pi / 2 / len(held)), 1.0)

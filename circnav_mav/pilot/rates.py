@@ -8,8 +8,13 @@ RATE_SPAN = 3.0
 
 
 class Rates(NamedTuple):
-    """Frames received, ranges accepted, ranges rejected without an alarm of their own, and
-    setpoints sent, per second."""
+    """Rates per second.
+
+    frames: received frames.
+    taken: accepted ranges.
+    refused: rejected ranges, without the reasons that have an alarm of their own.
+    setpoints: sent setpoints.
+    """
 
     frames: float
     taken: float
@@ -26,8 +31,8 @@ class RateMeter:
     """Converts counts to rates.
 
     newest: rates since the oldest kept count, None before the second count.
-    whole: these rates, but None until they cover `RATE_SPAN`.
-    while_steering: these rates, but None until the vehicle was steered for `RATE_SPAN`.
+    whole: newest rates, None until they cover `RATE_SPAN`.
+    while_steering: newest rates, None unless the vehicle was steered during the whole `RATE_SPAN`.
     """
 
     def __init__(self) -> None:
@@ -35,7 +40,7 @@ class RateMeter:
         self.whole: Rates | None = None
         self.while_steering: Rates | None = None
         self._counts: deque[tuple[float, Rates, bool]] = deque()
-        """Time, counts, and True if the vehicle was steered then."""
+        """Time, s, counts at this time, and True if the vehicle was steered."""
 
     def take(self, now: float, counts: Rates, *, steering: bool) -> None:
         """Add the current counts."""

@@ -126,8 +126,8 @@ def tick_record(
 ) -> TickRecord:
     """Return the record of a step.
 
-    sent: yaw rate in its setpoint, or None.
-    circle: of the mission, or of the newest accepted request.
+    sent: yaw rate in the setpoint of this step, rad/s, or None.
+    circle: circle of the mission, or of the newest accepted request.
     law: chosen law.
     """
     link_age = session.heartbeat_age(now)

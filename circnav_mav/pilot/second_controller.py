@@ -13,13 +13,14 @@ from circnav_mav.timers import Since
 GAP = 0.5
 """Time without a setpoint, s, after which the next setpoint starts a new stream."""
 SLACK = 0.03
+"""Constant part of the tolerated difference between reported and sent turn, rad/s or rad.
+Autopilots report turns with a resolution of 0.001."""
 SHARE = 0.1
-"""Tolerated difference of a reported turn: rad/s or rad, plus a share of the sent turn. Autopilots
-report turns with a resolution of 0.001."""
+"""Further part of the tolerated difference, as a share of the sent turn."""
 MANY = 4
+"""Number of differing reports within WITHIN that are evidence of another program."""
 WITHIN = 5.0
-"""Number of differing reports that count as evidence, and time, s, within which these reports must
-arrive."""
+"""Time in which differing reports are counted, s."""
 
 
 class EchoWatch:
@@ -40,17 +41,17 @@ class EchoWatch:
         self._sent.append((now, turn))
 
     def reported(self, turn: float | None, now: float, round_trip: float, *, limited: bool) -> None:
-        """Record the turn in a report of the flown setpoint, None if the setpoint has no turn.
-        limited: True if the autopilot may reduce setpoints (banks). Any reported turn between 0 and
-        the sent turn may then be ours."""
-        # Time, s, in addition to the round trip, for which the vehicle may still report a sent
-        # setpoint. In a shorter, unnoticed outage of the uplink, the vehicle flies the last
-        # setpoint that it received.
+        """Record the turn in the vehicle's report of its setpoint, None if that setpoint has no
+        turn. limited: True if the autopilot may reduce the sent turn (banks). Then any reported
+        turn between 0 and the sent turn is accepted as ours."""
+        # 3.0: time, s, in addition to the round trip, for which the vehicle may still report a sent
+        # setpoint. In an outage of the uplink that is too short to be detected, the vehicle flies
+        # the last setpoint that it received.
         oldest = now - 3.0 - round_trip
         while len(self._sent) > 1 and self._sent[1][0] <= oldest:
             self._sent.popleft()
-        # Time since the start of a stream, s, after which the vehicle is expected to report its
-        # setpoints.
+        # 2.0: time since the start of a stream of setpoints, s, after which the vehicle is expected
+        # to report them.
         if (
             not self._sent
             or now - self._sent[-1][0] > GAP
@@ -64,8 +65,8 @@ class EchoWatch:
             self._others.append((now, turn, min(max(turn or 0.0, least), most)))
 
     def other(self, now: float) -> tuple[float | None, float] | None:
-        """Return the newest reported turn that was not sent (None for another kind of setpoint) and
-        the nearest one sent. Return None if too few reports differ."""
+        """Return the newest reported turn that was not sent (None for another kind of setpoint),
+        and the nearest sent turn. Return None if too few reports differ."""
         if len(self._others) < MANY or now - self._others[0][0] > WITHIN:
             return None
         return self._others[-1][1:]
@@ -90,8 +91,7 @@ class SecondController:
         not answer TIMESYNC: it may then lack our setpoints and fly setpoints of its own."""
         adapter = self._session.adapter
         timesync = self._session.timesync
-        # Time without an answer to TIMESYNC, s, after which the vehicle may lack our setpoints and
-        # fly its own setpoints.
+        # 3.0: time without an answer to TIMESYNC, s, after which reports are ignored.
         if message.get_msgId() == adapter.echo and not timesync.silent(now, 3.0):
             self._echo.reported(turn_in(message), now, timesync.worst or 0.0, limited=adapter.banks)
 

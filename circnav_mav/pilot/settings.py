@@ -14,7 +14,7 @@ from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.pilot.mission_state import Timing
 
 VEHICLE, RANGING = LINKS = ("vehicle", "ranging")
-"""Links: to the vehicle, and to a ranging radio with a separate endpoint."""
+"""Names of the links: to the vehicle, and to a ranging radio with a separate endpoint."""
 
 
 class OutputMode(Enum):
@@ -54,21 +54,21 @@ class PilotSettings:
     """Settings of a mission, in SI units and radians.
 
     tuning: law, with its gain for any circle.
-    autopilot, kind: keys of the adapter table ("auto", None: as reported).
+    autopilot, kind: keys of the adapter table. "auto" and None: any, as the vehicle reports.
     turn_gain: ratio of realized to commanded turn rate, None to learn it in flight.
-    request_mode: request the guided mode (else wait until the operator enters it).
-    end_on_takeover: a takeover ends the mission (else it waits until the operator gives control
-        back).
+    request_mode: True to request the guided mode, False to wait until the operator enters it.
+    end_on_takeover: True if a takeover ends the mission. False: the mission waits until the
+        operator gives control back.
     exit: name of the exit action, None for the autopilot's default.
-    ranging_apart: the radio has a separate link.
+    ranging_apart: True if the radio has a separate link.
     stream_links: links that are byte streams (TCP, serial), not datagrams.
     unsigned_links: links on which unsigned frames are accepted despite a signing key.
     height: height above the target.
     circle_limits: limits of a change of the circle.
-    unsigned_parameters: accept PARAM_SET on a link that is not signed.
+    unsigned_parameters: True to accept PARAM_SET on a link that is not signed.
 
-    flies_without_gps: continue by attitude setpoints if the GPS is lost.
-    estimation_without_gps: settings of the estimator from then on.
+    flies_without_gps: True to continue by attitude setpoints if the GPS is lost.
+    estimation_without_gps: settings of the estimator after this loss.
     """
 
     orbit: Orbit

@@ -46,7 +46,7 @@ class StepView:
     stalled: float
     """Length of a gap between two steps, s, for some seconds after it, else 0."""
     clock_speed: float | None
-    """Speed of the autopilot's clock over ours, None unless it differs."""
+    """Autopilot seconds per second of our clock, None while the two clocks agree."""
 
     # counts
     setpoints: int
@@ -61,7 +61,7 @@ class StepView:
 
     # ranges
     one_way: float
-    """Least delay of ranges on the vehicle's link, s."""
+    """Least one-way delay of ranges on the vehicle's link, s."""
     frozen_for: float
     """Time for which the sensor has repeated its value, s, 0 if it is not frozen."""
     jumped_by: float
@@ -74,17 +74,17 @@ class StepView:
     """Reason why range rates are not used."""
     sensor_clock_doubted: bool
     source_choice: str
-    """Mission key that selects one of several range sources."""
+    """Text with the mission key that selects one of several range sources."""
 
     # motion
     lost_reports: tuple[str, ...]
     """Telemetry that is missing or too rare."""
     heading_jump: float
-    """Jump of the heading that does not count as a turn, rad."""
+    """Sum of the heading jumps that are not treated as turns, rad."""
     height_held: bool
     """True if the height is held because no altitude is received."""
     altitude_jump: float
-    """Jump of the altitude that does not change the height, m, or 0."""
+    """Sum of the altitude jumps that are not applied to the height, m, or 0."""
     implausible_airspeed: float | None
     """Measured airspeed that is ignored, m/s."""
     unchecked_bound: str
@@ -110,9 +110,9 @@ class StepView:
     lean_share: float
     """Share of the mission's speed that the lean limit allows."""
     lean_limit: float
-    """Lean limit, rad, as far as found."""
+    """Lean limit found in flight, rad."""
     bank_limit: float | None
-    """Bank limit, rad, None while none is found."""
+    """Bank limit found in flight, rad, or None."""
 
     @property
     def flies(self) -> bool:

@@ -11,7 +11,7 @@ class TickScheduler:
     def __init__(self, tick: float) -> None:
         """tick: period of the steps, s."""
         self._tick = tick
-        # Number of newest gaps between ranges: their median predicts the next range.
+        # 9: number of newest gaps between ranges. Their median predicts the next range.
         self._gaps: deque[float] = deque(maxlen=9)
         self._received_at: float | None = None
         self.due = float("-inf")
@@ -25,8 +25,9 @@ class TickScheduler:
     def stepped(self, now: float) -> None:
         """Record a step of the pilot, and schedule the next one."""
         due = now + self._tick
-        # Longest wait for an expected range, as a share of a tick. Without this wait, each range of
-        # a 9.98 Hz radio would arrive just after a tick and cause a second setpoint at once.
+        # 0.25: longest wait for an expected range, as a share of a tick. Without this wait, each
+        # range of a 9.98 Hz radio would arrive just after a tick and cause a second setpoint at
+        # once.
         wait = 0.25 * self._tick
         # time of the next range, by the median gap between ranges
         expected = (
@@ -34,8 +35,8 @@ class TickScheduler:
             if self._received_at is None or not self._gaps
             else self._received_at + median(self._gaps)
         )
-        # Time, s, between expected range and tick below which there is no wait: the range has
-        # arrived or is lost.
+        # 1e-5: if the expected time of the range and the tick differ by less, s, do not wait: the
+        # range has arrived or is lost.
         self.due = expected + wait if 1e-5 < abs(due - expected) <= wait else due
 
     def at_once(self) -> None:
