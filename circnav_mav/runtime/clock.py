@@ -5,16 +5,16 @@ from collections import deque
 from collections.abc import Callable
 
 OUT_OF_STEP = 1.0
-"""Difference between elapsed boot time and expected time, s, beyond which the boot time jumped: a
-reboot, a pause or a wrap."""
+"""Difference between the elapsed and the expected boot time of the autopilot, s, beyond which the
+boot time has jumped: by a reboot, a pause or a wrap."""
 SPAN = 2.0
+"""Newest real time over which the autopilot's clock speed is measured, s."""
 SHORTEST_SPAN = 0.25
-"""Real time, s, over which the autopilot's clock speed is measured, and the shortest such time,
-s."""
+"""Shortest real time from which the autopilot's clock speed is computed, s."""
 SLOWEST = 0.01
 FASTEST = 1000.0
-"""Bounds of the autopilot's clock speed, as a ratio to real time. Beyond them a timestamp is wrong.
-Chosen."""
+"""Bounds of the autopilot's clock speed, autopilot seconds per real second. A measured speed beyond
+them is caused by a wrong timestamp and is limited."""
 _THROUGH_SLEEP: int | None = getattr(time, "CLOCK_BOOTTIME", None)
 
 
@@ -31,8 +31,8 @@ class Clock:
     uses the same times."""
 
     longest_wait = 0.05
-    """Longest single wait, real s. Meanwhile a link may reconnect, or the autopilot's clock may
-    become faster."""
+    """Longest single wait of the loop, real s. During a wait a link may reconnect, or the
+    autopilot's clock may become faster."""
 
     def __init__(self, speed: float = 1.0) -> None:
         self.speed = speed
@@ -50,8 +50,8 @@ class Clock:
         return max((moment - self.now()) / self.speed, 0.0)
 
     def advance(self, moment: float) -> None:
-        """Advance simulated time to the next event, or to `moment` if earlier. In real time, do
-        nothing."""
+        """Do nothing: real time advances by itself. A simulated clock (`Lockstep`) advances to its
+        next event, or to `moment` if that is earlier."""
 
     def real(self) -> float:
         """Return monotonic real seconds, for measuring execution time."""

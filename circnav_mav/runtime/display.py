@@ -1,6 +1,6 @@
 """Display during a flight: a live picture on a terminal, one plain line a second elsewhere. A
-separate thread draws, so that a stopped terminal (Ctrl-S), a closed one or a slow pipe never delays
-a tick."""
+separate thread draws, so that a stopped terminal (Ctrl-S), a closed terminal or a slow pipe never
+delays a tick."""
 
 import threading
 from collections import deque
@@ -20,13 +20,13 @@ from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import NewAlarms, Status, StatusSource, kind, shown
 
 PATIENCE = 1.0
-"""Timeout for a stuck terminal at the end of the flight, s."""
+"""Longest wait for a stuck terminal at the end of the flight, s."""
 
 
 class PlainScreen:
     """Prints one line for each status. Further lines report each new alarm, changed lines of
-    onlookers, and, after engaging, the trusted vehicle. A condition that steering waits for is
-    reported if it lasts for two draws."""
+    onlookers, and, after engaging, the trusted vehicle. The reason why the vehicle is not steered
+    is reported if it lasts for two draws."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -37,8 +37,8 @@ class PlainScreen:
 
     def draw(self, status: Status) -> None:
         """Print the lines of a status."""
-        # After the end, handing back the vehicle may take long: print no more status lines
-        # meanwhile, only new facts.
+        # After the end of the flight, the extra `handback` may run for a long time: print only new
+        # facts, no more status lines.
         ended = self._ended
         self._ended = status.tick.phase is Phase.ENDED
         if not (ended and self._ended):
@@ -97,8 +97,8 @@ class Display(Onlooker):
     def __init__(
         self, screen: Screen, pilot: Pilot, onlookers: Onlookers, period: float, *, last: bool
     ) -> None:
-        """period: run time between two refreshes, s. last: draw the end of the flight even if no
-        refresh is due."""
+        """period: run time between two refreshes, s. last: True to draw the end of the flight even
+        if no refresh is due."""
         self._screen = screen
         self._pilot = pilot
         self._period = period
@@ -116,7 +116,8 @@ class Display(Onlooker):
     def on_step(
         self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
     ) -> Sequence[bytes]:
-        """Queue a status if a refresh is due. It replaces one that is still waiting."""
+        """Queue a status if a refresh is due. The new status replaces an older status that is not
+        drawn yet."""
         now = step.time
         if newest is None or (now < self._due and not (self._last and self._pilot.done)):
             return ()
@@ -160,7 +161,7 @@ def display_for(
         screen: Screen = LiveScreen(
             console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only)
         )
-        # Refreshes of the live picture per real second. Chosen: more cannot be read.
+        # 4: refreshes of the live picture per real second. More cannot be read.
         return Display(screen, pilot, onlookers, speed / 4, last=True)
     return Display(PlainScreen(console), pilot, onlookers, speed, last=False)
 

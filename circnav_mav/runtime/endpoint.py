@@ -17,8 +17,8 @@ REMEDIES: dict[int | None, str] = {
 
 
 class LinkError(Exception):
-    """An endpoint that cannot be opened. The message is one line. no_peer: True if a TCP peer could
-    not be reached."""
+    """An endpoint that cannot be opened. The message is one line. no_peer: True if the peer of a
+    TCP endpoint could not be reached."""
 
     def __init__(self, text: str, *, no_peer: bool = False) -> None:
         super().__init__(text)
@@ -27,8 +27,12 @@ class LinkError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """Parsed endpoint. kind: `udpin`, `udpout`, `tcp` or `serial`. port: for a serial line, the
-    baud rate."""
+    """Parsed endpoint.
+
+    kind: `udpin`, `udpout`, `tcp` or `serial`.
+    host: host name or address; path of the device for a serial line.
+    port: port number; baud rate for a serial line.
+    """
 
     kind: str
     host: str

@@ -11,9 +11,10 @@ from circnav_mav.mav.signing import KEY_LENGTH, LATEST, SECOND, Signing
 from circnav_mav.runtime.clock import unix_time
 
 RESERVE = 10 * SECOND
-"""Lead of a stored timestamp over the one in use, in steps of 10 us: 10 s. After a kill, the next
-process resumes later than any frame that was signed or accepted. Its timestamps are then ahead of
-other clocks, but by far less than the minute from which frames are rejected."""
+"""Lead of the stored timestamp over the timestamp in use, in steps of 10 us: 10 s. After this
+process is killed, the next process resumes with a later timestamp than any signed or accepted
+frame. Its timestamps are then up to 10 s ahead of other clocks. Frames are rejected only from one
+minute on."""
 MAX_KEY_FILE = 4096
 """Maximum size of a key file and of its timestamp file, bytes."""
 TEXT = frozenset(range(32, 127))
@@ -25,8 +26,8 @@ class KeyFileError(Exception):
 
 
 def read_key(path: Path) -> bytes:
-    """Return the 32-byte key of a file: raw bytes or 64 hex digits. Raises KeyFileError, also if
-    other users can read the file."""
+    """Return the 32-byte key of a file: raw bytes or 64 hex digits. Raises KeyFileError, for
+    example if other users can read the file."""
     try:
         mode = path.stat().st_mode
         data = read_bytes(path, MAX_KEY_FILE).removeprefix(BOM_UTF8)  # added by Windows editors
@@ -85,7 +86,7 @@ class SigningTime:
             self._writer.submit(self._write, self._reserved)
 
     def close(self) -> None:
-        """Store the timestamp that was last used, without the reserve."""
+        """Store the timestamp in use without the reserve."""
         self._writer.submit(self._write, self._signing.timestamp)
         self._writer.shutdown()
 

@@ -16,27 +16,29 @@ from circnav_mav.mav.identity import address_text
 from circnav_mav.runtime.endpoint import Endpoint, LinkError, explain, parse_endpoint, resolve
 
 MOST_BYTES = 1 << 15
-"""Bytes after which one call stops reading (UDP: at the end of a datagram). The rest stays in the
-socket for the next step, which follows at once. In 50 ms a radio sends 1 % of this, a simulator at
-20 times real time about 20 kB. Decoding this many bytes takes 5 ms, or 0.05 s for frames made to be
-slow. A stall would be 0.5 s without a step."""
+"""Number of bytes after which one call of `receive` stops reading (UDP: at the end of a datagram).
+The rest stays in the socket for the next step, which follows at once. In 50 ms a radio sends 1 % of
+this number, a simulator at 20 times real time about 20 kB. Decoding MOST_BYTES takes 5 ms, and 50
+ms for frames built to slow the decoder. Only a step of 0.5 s would be treated as a stall."""
 MOST_DATAGRAMS = 512
-"""Datagrams read in one call, so that a flood cannot delay a tick."""
+"""Largest number of datagrams read in one call of `receive`, so that a flood cannot delay a
+tick."""
 LONGEST = 8192
-"""Longest datagram that is accepted, bytes: five times the size to which routers fill one. Longer
-ones are ignored."""
+"""Longest datagram that is accepted, bytes: five times the size of the datagrams that routers send.
+Longer datagrams are ignored."""
 RECEIVE_BUFFER = 1 << 18
 """Receive buffer of the socket, bytes (Linux doubles this number, and counts overhead in the
 buffer). The buffer holds 600 short datagrams: 0.2 s of a simulator at 20 times real time. A flood
 loses data in any case, and a longer queue only adds delay: with 1 MB, ranges and a takeover were
 received 1 s late."""
 MOST_TROUBLES = 4
+"""Largest number of different error messages that are counted separately. Further messages are
+counted under one common text."""
 FROM_OTHERS = "ignored: from other senders"
-"""Number of different troubles beyond which further ones are counted under one text, and this text
-for UDP."""
+"""This common text for UDP."""
 LOCAL_PORT = 14691
-"""Local port for `udpout`. PX4 keeps sending to the first client port it received from, so a
-restart must reuse it."""
+"""Local port for `udpout`. PX4 keeps sending to the port of its first client, so a restarted
+circnav must use the same port."""
 RETRY = 1.0
 """Time between two attempts to reopen a link, s."""
 LOST = (OSError, ValueError, termios.error)
@@ -45,7 +47,8 @@ OSError, but while opening a port, pyserial passes on `termios.error`, which is 
 MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO)
 """Errors of a serial device that is not there, or that vanishes while it is opened."""
 HALF_OPEN = 3.0
-"""Time without acknowledgement, s, after which a TCP connection is closed."""
+"""Time for which sent data may remain unacknowledged before the system closes a TCP connection, s
+(Linux)."""
 
 
 class Link(Protocol):
@@ -61,8 +64,8 @@ class Link(Protocol):
         """Return the received data, each item with its source."""
 
     def send(self, data: bytes, to: Hashable) -> None:
-        """Send to a source from which data was received. to: None for the peer that the endpoint
-        names, if any."""
+        """Send data. to: source from which data was received, or None for the peer in the endpoint,
+        if any."""
 
     def close(self) -> None:
         """Close the endpoint."""
@@ -92,16 +95,16 @@ def open_link(text: str, peers: Iterable[str] = ()) -> Link:
 
 class UdpLink:
     """UDP socket. `udpin` binds a port and sends to the source that the pilot selected. `udpout`
-    exchanges datagrams with one address only, because another vehicle may still send to
-    LOCAL_PORT."""
+    exchanges datagrams only with the address in the endpoint, because another vehicle may still
+    send to LOCAL_PORT."""
 
     def __init__(self, endpoint: Endpoint, peers: Iterable[str]) -> None:
         """peers: addresses and networks that `udpin` accepts, empty for all. Raises OSError,
         UnicodeError."""
         self.troubles: Counter[str] = Counter()
         networks = [ip_network(peer, strict=False) for peer in peers]
-        # Hosts for which the peer check is cached. Bounds the memory that a flood of addresses can
-        # use.
+        # 256: number of hosts for which the peer check is cached. Bounds the memory that a flood of
+        # addresses can use.
         self._accepts = lru_cache(256)(
             lambda host: not networks or any(_ip(host) in one for one in networks)
         )
@@ -183,8 +186,8 @@ def _ip(host: str) -> Any:
 
 def _same(peer: Any, source: Any) -> bool:
     """True if both are the same address."""
-    # This computer replies from 127.0.0.1 if a client sent to 0.0.0.0 or to its host name, which
-    # many systems resolve to 127.0.1.1.
+    # A server on this computer replies from 127.0.0.1 if the client sent to 0.0.0.0 or to the host
+    # name, which many systems resolve to 127.0.1.1.
     return bool(peer[1] == source[1]) and (
         peer[0] == source[0] or (_is_here(peer[0]) and _is_here(source[0]))
     )
@@ -195,8 +198,8 @@ def _is_here(host: str) -> bool:
 
 
 class StreamLink:
-    """TCP socket or pyserial port. After an error, or if the other side closed it, reopening is
-    tried once a second."""
+    """TCP socket or pyserial port. After an error, or after the peer has closed the connection, the
+    link tries to reopen it once a second."""
 
     def __init__(
         self, source: Hashable, port: Any, reopen: Callable[[], Any], read: Callable[[Any], bytes]
@@ -252,7 +255,7 @@ def _open_tcp(endpoint: Endpoint) -> StreamLink:
     """Connect to a TCP server (SITL: port 5760). Raises OSError, UnicodeError."""
     family, address = resolve(endpoint)  # resolve only once: a lookup may block or fail
     connection = socket.socket(family, socket.SOCK_STREAM)
-    # Timeout for connecting to a TCP peer, s. Chosen.
+    # Timeout for connecting to a TCP peer, s.
     connection.settimeout(5.0)
     try:
         connection.connect(address)
@@ -276,8 +279,8 @@ def _connect(family: socket.AddressFamily, address: Any) -> socket.socket:
 def _prepare(connection: socket.socket) -> None:
     """Disable blocking and Nagle's algorithm, so that a setpoint is sent at once, and set the
     timeout HALF_OPEN."""
-    # We send every second. A peer that vanished without closing is detected by the missing
-    # acknowledgements.
+    # circnav sends at least once a second. A peer that has vanished without closing the connection
+    # is detected by missing acknowledgments.
     connection.setblocking(False)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
@@ -295,8 +298,8 @@ def _received(connection: socket.socket) -> bytes:
 
 
 def _open_serial(endpoint: Endpoint) -> StreamLink:
-    """Open a serial line with pyserial. A missing device is opened once it appears. Raises LOST,
-    ImportError."""
+    """Open a serial line with pyserial. A missing device is opened after it has appeared. Raises
+    LOST, ImportError."""
     from serial import Serial  # another package named `serial` lacks this class
 
     def open_port() -> Any:

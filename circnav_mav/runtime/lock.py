@@ -5,8 +5,8 @@ from typing import IO, Any
 
 
 def lock(file: IO[Any]) -> bool:
-    """Lock an open file until it is closed. Return False if another process holds the lock. On a
-    system or disk without locks, return True."""
+    """Lock an open file until it is closed. Return False if another process holds the lock. Return
+    True on a system or disk without locks."""
     try:
         import fcntl  # not on Windows
 

@@ -1,6 +1,6 @@
-"""Simulated time: a vehicle in this process and the pilot alternate and exchange MAVLink bytes.
-Time advances only when both are done, so a flight is bit-identical on any computer. A finite speed
-only adds waits."""
+"""Simulated time: an emulated vehicle in this process and `Pilot` alternate and exchange MAVLink
+bytes. Simulated time advances only when both have processed their data, so a flight is
+bit-identical on any computer. A finite simulation speed only adds waits."""
 
 from collections import Counter
 from collections.abc import Hashable
@@ -16,15 +16,16 @@ RADIO = "ranging"
 """Link names of the emulated vehicle."""
 SOURCE = "sim"
 ON_TIME = 1e-3
-"""Run time, s, by which a wait may end early and still count as complete."""
+"""Simulated time, s, by which a wait may end early. A wait that ends earlier was interrupted by a
+signal."""
 
 
 class Vehicle(Protocol):
-    """Interface of the emulator."""
+    """Interface of the emulated vehicle."""
 
     @property
     def next_event(self) -> float:
-        """Simulated time of its next event, s."""
+        """Simulated time of the next event of the vehicle, s."""
 
     def advance(self, until: float) -> None:
         """Simulate up to this time, s."""
@@ -43,16 +44,16 @@ class Lockstep(Clock):
 
     def __init__(self, vehicle: Vehicle, speed: float = inf, *, others: bool = False) -> None:
         """speed: simulated seconds per real second, infinite for as fast as possible. others: True
-        if there are real links too, such as a radio. Then simulated time follows real time, also
-        across a pause."""
+        if there are real links too, such as a radio. Then simulated time follows real time, even
+        across a pause of this process."""
         super().__init__(speed)
         self._vehicle = vehicle
         self._others = others
         self._now = 0.0
 
     def links(self, *, ranging_apart: bool) -> dict[str, Link]:
-        """Return the vehicle's links by the pilot's names. ranging_apart: include the separate
-        ranging link."""
+        """Return the links of the vehicle, by the names that `Pilot` uses. ranging_apart: include
+        the separate ranging link."""
         names = {VEHICLE: MAIN} | ({RANGING: RADIO} if ranging_apart else {})
         return {ours: VehicleLink(self._vehicle, theirs) for ours, theirs in names.items()}
 
@@ -61,7 +62,8 @@ class Lockstep(Clock):
         return self._now
 
     real = now
-    """Execution time, in simulated seconds: a step of a simulated flight takes no time."""
+    """Clock for measuring execution time. It returns simulated time, so a step of a simulated
+    flight takes no time."""
 
     def until(self, moment: float) -> float:
         """Return the real seconds until the next event, or until `moment` if earlier; 0 if the
@@ -74,9 +76,10 @@ class Lockstep(Clock):
 
     def advance(self, moment: float) -> None:
         """Advance to the next event, or to `moment` if earlier. With real links, advance to the
-        paced time instead.
+        paced time instead (real time multiplied by the speed).
 
-        At a finite speed, do not pass the paced time: a signal may have ended the wait early.
+        At a finite speed, do not advance beyond the paced time: a signal may have ended the wait
+        early.
         """
         due = self.next_event(moment)
         if self._others:
@@ -85,13 +88,11 @@ class Lockstep(Clock):
             early = due - self._paced()
             if early > ON_TIME:
                 due = max(due - early, self._now)
-            # Longest delay that a paced run makes up for, in real time, s. The rest of a longer
-            # delay is skipped.
+            # 0.5: longest delay that the run catches up, s of real time. The rest of a longer delay
+            # is skipped.
             self._start += max(-early / self.speed - 0.5, 0.0)
         micros = ceil(due * 1e6)
-        micros += (
-            micros / 1e6 < due
-        )  # rounded down, the time would stay before the due tick forever
+        micros += micros / 1e6 < due  # a time rounded down would stay before the due tick forever
         self._now = micros / 1e6
         self._vehicle.advance(self._now)
 
@@ -100,12 +101,12 @@ class Lockstep(Clock):
         return max(min(self._vehicle.next_event, moment), self._now)
 
     def _paced(self) -> float:
-        """Return the simulated time that corresponds to the real time."""
+        """Return the paced time: real time since the start, multiplied by the speed, s."""
         return (steady() - self._start) * self.speed
 
 
 class VehicleLink:
-    """Pilot's end of a link of the vehicle."""
+    """End of a link to the emulated vehicle, on the side of `Pilot`."""
 
     def __init__(self, vehicle: Vehicle, name: str) -> None:
         self.troubles: Counter[str] = Counter()

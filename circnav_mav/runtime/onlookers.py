@@ -18,8 +18,11 @@ from circnav_mav.pilot.loop_step import LoopStep
 
 
 class OtherVehicle(NamedTuple):
-    """Another vehicle as known to an onlooker, for the live page. place: east and north of the
-    target, m, None if unknown. words: its state."""
+    """Another vehicle as known to an onlooker, for the live page.
+
+    place: position east and north of the target, m, None if unknown.
+    words: human-readable state of the vehicle.
+    """
 
     name: str
     place: tuple[float, float] | None
@@ -29,12 +32,12 @@ class OtherVehicle(NamedTuple):
 class Onlooker:
     """Base class of onlookers: every method does nothing.
 
-    name: for messages about the onlooker.
-    pace: simulation speed that the onlooker needs with the bundled vehicle, times real time, None
-        for any.
+    name: name of the onlooker in messages.
+    pace: simulation speed of the bundled vehicle that the onlooker needs, times real time, None for
+        any.
     busy: True to keep the loop running after guidance has ended.
     called_off: True after a signal to end the program.
-    problem: failure, in one line.
+    problem: description of a failure in one line, or None.
     """
 
     name = "onlooker"
@@ -54,8 +57,8 @@ class Onlooker:
         return ()
 
     def take_exchanged(self) -> Sequence[bytes]:
-        """Return frames exchanged with other systems since the last step: recorded, never sent to
-        the vehicle."""
+        """Return the frames exchanged with other systems since the last step. They are recorded,
+        and never sent to the vehicle."""
         return ()
 
     def circle_requests(self, now: float) -> Sequence[CircleRequest]:
@@ -89,8 +92,8 @@ class Onlooker:
 
 @dataclass(frozen=True, slots=True)
 class OnlookerSettings:
-    """Inputs of an onlooker. options: of `circnav fly`, by name. others: all onlookers of the
-    flight."""
+    """Inputs of an onlooker. options: options of `circnav fly`, by name. others: all onlookers of
+    the flight."""
 
     mission: Mission
     pilot: Pilot
@@ -101,8 +104,8 @@ class OnlookerSettings:
 
 @dataclass(slots=True)
 class Onlookers:
-    """Onlookers of a flight. One that fails receives no more steps. problems: failures, one line
-    each."""
+    """Onlookers of a flight. An onlooker that fails receives no more steps. problems: failures, one
+    line each."""
 
     attached: list[Onlooker] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -207,7 +210,7 @@ class Onlookers:
     def _guarded(
         self, onlooker: Onlooker, when: str, call: Callable[..., Any], *arguments: Any
     ) -> Any:
-        """Return the result of a call, or None if it raised. After that the onlooker receives no
+        """Return the result of a call, or None if it raised. An onlooker that raised receives no
         more steps."""
         try:
             return call(*arguments)

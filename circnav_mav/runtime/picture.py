@@ -1,5 +1,5 @@
-"""Live picture of a flight on a terminal: at least 80 columns, about 20 rows. Colors only repeat
-the words."""
+"""Live picture of a flight on a terminal: at least 80 columns, about 20 rows. Colors add no
+information to the words."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -26,15 +26,16 @@ NARROWEST = 80
 WIDEST = 160
 """Width limits of the picture, columns: the usual width of a terminal, and twice that."""
 CELLS = 30
+"""Number of cells of the sparkline in the narrowest picture."""
 CELL = 2.0
-"""Cells of the sparkline in the narrowest picture, and the time that each covers, s: a minute in
-total."""
+"""Time that a cell of the sparkline shows, s."""
 ALARM = "ALARM"
+"""Label of an alarm."""
 LABEL = 12
-"""Label of an alarm, and width of each label, columns."""
+"""Width of a label, columns."""
 MOST_ALARMS = 3
 MOST_REASONS = 3
-"""Alarms, and reasons for rejected ranges, that fit into the picture."""
+"""Largest number of alarms, and of reasons for rejected ranges, that the picture shows."""
 HOW_TO_STOP = "Ctrl-C ends the flight. In any other flight mode, circnav stops sending."
 
 
@@ -68,7 +69,7 @@ class Picture:
 
     def draw(self, status: Status, columns: int = NARROWEST) -> Panel:
         """Return the picture of a status: a panel of texts and bars. Alarms are near the top,
-        because a terminal with few rows shows only the first ones.
+        because a terminal with few rows shows only the first rows.
 
         columns: width of the terminal. The panel is at least NARROWEST and at most WIDEST wide.
         """
@@ -135,10 +136,11 @@ class Picture:
         ]
 
     def _bar(self, share: float | None) -> str:
-        """Return a bar from -1 to 1 with a mark at `share`. A value beyond is marked at the end,
-        None is not marked."""
+        """Return a bar from -1 to 1 with a mark at `share`. A value outside this range is marked at
+        the end of the bar. None has no mark."""
         signs = self._signs
-        # Cells of a bar in the narrowest picture. Odd, so that it has a middle cell.
+        # 41: cells of a bar in the narrowest picture, an odd number, so that the bar has a middle
+        # cell.
         half = (41 + self._width - NARROWEST) // 2
         cells = [signs.line] * (2 * half + 1)
         cells[half] = signs.middle

@@ -23,30 +23,31 @@ from circnav_mav.runtime.links import Link, note, open_link
 
 SYSTEM = 1
 COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
-"""MAVLink ids of a driver's readings in the log: those of a radio on the companion computer in
-docs/own-vehicle.md."""
+"""MAVLink ids of the frames with a driver's readings. docs/own-vehicle.md uses the same ids for a
+radio on the companion computer."""
 UNKNOWN = 0xFFFFFFFF
+"""UINT32_MAX: unknown range, sigma or altitude in RANGING_BEACON."""
 NO_PLACE = 0x7FFFFFFF
-"""Values of RANGING_BEACON that mean unknown: UINT32_MAX and INT32_MAX."""
+"""INT32_MAX: unknown latitude or longitude in RANGING_BEACON."""
 MOST_WORDS = 200
-"""Maximum number of characters kept of a driver's error, which may quote the whole input of the
-driver."""
+"""Largest number of characters that are kept of a driver's error message, which may quote the whole
+input."""
 WATCHED = 2.0
+"""Time without a reading, s, after which the received bytes are examined."""
 MANY = 64
-"""Time without a reading, s, and number of undecoded bytes in that time, from which a wrong baud
-rate is reported."""
+"""Number of undecoded bytes in this time from which a wrong baud rate is reported."""
 
 
 IN_A_ROW = 10
+"""Number of failures in a row after which a method of a driver is called only once per PAUSE. A
+single damaged frame causes no pause. A driver with an error in its code fails 50 times a second."""
 PAUSE = 1.0
-"""Number of failures in a row after which a driver's method is called only once per pause, s.
-Chosen: a single damaged frame causes no pause, and a driver with an error in its code fails 50
-times a second."""
+"""Time between two calls of a method that fails, s."""
 
 
 class _Method:
-    """Method of a driver that may fail. After IN_A_ROW failures it is due once per PAUSE, until it
-    succeeds."""
+    """Method of a driver that may fail. After IN_A_ROW failures the method is due once per PAUSE,
+    until it succeeds."""
 
     def __init__(self) -> None:
         self._failures = 0
@@ -73,7 +74,8 @@ class RadioLink:
         self._name = name
         self._driver = driver
         self._drivers: dict[Hashable, Driver] = {}
-        """Driver of each sender. Parts of lines from two senders must not be joined."""
+        """Driver of each sender. Each sender has a driver of its own, because parts of lines from
+        two senders must not be joined."""
         self._link = link
         self._encoder = Encoder(SYSTEM, COMPONENT)
         self._sequence = 0
@@ -105,8 +107,8 @@ class RadioLink:
                 self._asking.succeeded()
             except FAILURES as error:
                 self._failed(error, self._asking, now)
-        # Read even if `ask` raised: bytes left in the socket would wake the loop at once, again and
-        # again.
+        # Read even if `ask` raised: bytes that remain in the socket would wake the loop again at
+        # once.
         for data, source in self._link.receive(now):
             if not self._reading.is_due(now):
                 continue
@@ -127,7 +129,7 @@ class RadioLink:
         if source in self._drivers:
             return self._drivers[source]
         driver = type(self._driver)() if self._drivers else self._driver
-        # Largest number of senders with a driver of their own.
+        # 8: largest number of senders with a stored driver.
         if len(self._drivers) < 8:
             self._drivers[source] = driver
         return driver
@@ -144,8 +146,8 @@ class RadioLink:
         note(self.troubles, f"{failed}: {error!r:.{MOST_WORDS}}", f"{failed} with other errors")
 
     def _watch(self, received: bool, now: float) -> None:
-        """Count a trouble if bytes arrive but no range: probably a wrong baud rate or driver, or
-        text in another form."""
+        """Count a trouble if bytes arrive without a range. The cause is probably a wrong baud rate,
+        a wrong driver or another text format."""
         if not received and self._since is not None:
             if now - self._since < WATCHED:
                 return
@@ -165,7 +167,7 @@ class RadioLink:
     def _frame(self, reading: RadioReading) -> bytes:
         self._sequence = (self._sequence + 1) % 256
         stamp = reading.stamp
-        # Largest timestamp that is forwarded, s. A larger one is invalid.
+        # 1e12: largest timestamp that is forwarded, s. A larger timestamp is invalid.
         return self._encoder.encode(
             dialect.MAVLink_ranging_beacon_message(
                 round(stamp * 1e6) if stamp is not None and 0 < stamp < 1e12 else 0,
@@ -188,8 +190,9 @@ class RadioLink:
 
 
 def _text(data: bytes) -> tuple[str, bool]:
-    """Return the newest complete line of some bytes, or all if no line ends, and True if one ends.
-    Empty for bytes that are no text, and for the beginning of a line."""
+    """Return the newest complete line of the bytes and True. Without a line end, return all bytes
+    and False. The text is empty for bytes that are no text, and for less than MANY bytes without a
+    line end."""
     *lines, rest = re.split(rb"[\r\n]+", data)
     has_end = bool(lines)
     line = (lines[-1] if has_end else rest).decode("latin-1")
@@ -207,7 +210,7 @@ def _millimetres(metres: float | None) -> int:
 
 def radio_port(endpoint: str) -> tuple[str, Driver, str]:
     """Return driver name, driver and link endpoint of an endpoint such as `linktrack:/dev/ttyUSB0`.
-    A device without a baud rate uses the driver's. Raises LinkError."""
+    A device without a baud rate uses the baud rate of the driver. Raises LinkError."""
     name, port = split_driver(endpoint)
     if name is None:
         raise LinkError(f"endpoint {endpoint!r}: has no driver, write it as linktrack:/dev/ttyUSB0")

@@ -2,13 +2,15 @@
 that a slow disk never delays a tick.
 
 A tlog is a sequence of records, each a timestamp (big-endian microseconds since 1970) and a raw
-frame. Mission Planner, MAVExplorer and MAVProxy open it. steps.csv holds what a tlog cannot: the
-time of each step of the loop, the link and source of its frames, and how many of them circnav sent.
-With both, a replay is exact. Signatures are removed, as MAVLink's guide recommends, so that a
-replay needs no key. Files are flushed: a killed process loses only what waits for the disk.
+frame. Mission Planner, MAVExplorer and MAVProxy open it. steps.csv contains the data that have no
+place in a tlog: the time of each step of the loop, the link and source of its frames, and the
+number of frames that circnav sent. With both files, a replay is exact. Signatures are removed, as
+MAVLink's guide recommends, so that a replay needs no key. Files are flushed: if the process is
+killed, only queued items are lost.
 
 The size of a run folder is bounded. At FRAMES_SHARE of the bound, recording of frames stops:
-flight.tlog and steps.csv then hold a complete, shorter flight. The rest is reserved for ticks.
+flight.tlog and steps.csv then contain a complete, shorter flight. The rest of the bound is reserved
+for ticks.
 """
 
 import csv
@@ -30,12 +32,13 @@ FRAMES_SHARE = 0.75
 """Fraction of the size bound at which recording of frames stops, so that the ticks of a long flight
 fit."""
 MOST_WAITING = 20_000
-"""Queue length (steps and ticks, some minutes of flight) beyond which new items are dropped on a
-slow disk."""
+"""Largest number of queued steps and ticks, some minutes of flight. If a slow disk lets the queue
+grow beyond, new items are dropped."""
 MOST_SOURCES = 1000
-"""Maximum number of senders with a number of their own in steps.csv."""
+"""Largest number of senders with a number of their own in steps.csv. Further senders share one
+number."""
 CLOSE_PATIENCE = 10.0
-"""Timeout for a slow disk at the end, s."""
+"""Longest wait for a slow disk at the end of the flight, s."""
 TICK_COLUMNS = TickRecord._fields
 STEP_COLUMNS = (
     "time_us",
@@ -49,12 +52,16 @@ STEP_COLUMNS = (
 )
 """Columns of steps.csv. The tlog holds the frames of a step in this order.
 
-received: received datagrams, each as link initial, source number and count of whole frames, as in
-`v0*2 r1*1`. sent, hello: number of frames sent to the vehicle and to the ranging link. sent =
-HELD_BACK: commands were not sent. interrupt: signal that ended the flight. attached: number of
-frames of onlookers.
-requests: requests for another circle, JSON. exchanged: number of frames between onlookers and other
-systems."""
+time_us: time of the step, us.
+received: received datagrams, each as initial of the link, number of the source and number of
+    complete frames, as in `v0*2 r1*1`.
+sent: number of frames sent to the vehicle, or HELD_BACK if they were not sent.
+hello: number of frames sent to the ranging link.
+interrupt: signal that ended the flight.
+attached: number of frames of onlookers.
+requests: requests for another circle, JSON.
+exchanged: number of frames between onlookers and other systems.
+"""
 
 
 class RecorderError(Exception):
@@ -116,7 +123,7 @@ class Recorder:
             self._put(record)
 
     def close(self) -> None:
-        """Write the queue and close the files. Report a problem if that takes longer than
+        """Write the queue and close the files. Report a problem if the disk takes longer than
         CLOSE_PATIENCE."""
         self._queue.put(None)
         if self._at_once:

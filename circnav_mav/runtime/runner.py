@@ -19,8 +19,8 @@ from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
-"""Signals that end a flight safely: Ctrl-C, a stopped service, and Ctrl-\\, which is easily typed
-instead of Ctrl-C."""
+"""Signals that end a flight safely: SIGINT (Ctrl-C), SIGTERM (a stopped service) and SIGQUIT
+(Ctrl-\\, which is easily typed instead of Ctrl-C)."""
 
 
 class StopRequest:
@@ -33,14 +33,14 @@ class StopRequest:
         self.claim()
 
     def claim(self) -> None:
-        """Install the handlers. Call again after loading another package: rospy, for example,
-        installs its own."""
+        """Install the signal handlers. Call again after loading a package that may install handlers
+        of its own, such as rospy."""
         for number in ENDING:
             signal.signal(number, self._on_signal)
 
     def release(self) -> None:
-        """Restore the default handlers, so that a signal ends a process in which a driver left a
-        thread running."""
+        """Restore the default handlers. A signal then ends the process, even if a thread of a
+        driver still runs."""
         for number in ENDING:
             signal.signal(number, signal.SIG_DFL)
 
@@ -144,8 +144,8 @@ def run_step(
     """
     began = clock.real()
     received = [(name, *one) for name, link in links.items() for one in link.receive(before)]
-    # Read the clock after receiving. If the process was stopped, ranges that arrived meanwhile
-    # would otherwise be dated before they were sent.
+    # Read the clock after receiving. If the process was stopped while receiving, an earlier clock
+    # reading would date ranges before their transmission.
     now = clock.now()
     step = LoopStep(now)
     for name, data, source in received:
@@ -159,8 +159,8 @@ def run_step(
         pilot.interrupt(now, signal_name)
 
     def is_late() -> bool:
-        # Real duration of a step, s, after which it sends nothing more: the process was probably
-        # stopped meanwhile, and the operator may have taken over. The pilot detects a stall between
+        # 0.5: real duration of a step, s, after which the step sends nothing more. The process was
+        # probably stopped, and the operator may have taken over. `Pilot` detects a stall between
         # two steps.
         return clock.real() - began > 0.5
 

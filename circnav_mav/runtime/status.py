@@ -14,8 +14,9 @@ from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 from circnav_mav.timers import Every
 
 LOOK = 1.0
+"""Interval of the check for new alarms, s."""
 MOST_ALARMS = 1000
-"""Interval of the check for new alarms, s, and maximum number of recorded alarms."""
+"""Largest number of recorded alarms."""
 SILENCED = {
     OutputMode.DRY_RUN: "DRY RUN: no setpoint and no mode request is sent",
     OutputMode.SHADOW: "SHADOW: no setpoint and no mode request is sent",
@@ -28,14 +29,14 @@ class Status:
 
     time: run time, s.
     view: newest step.
-    tick: its record, with None as range if the range is too old for holding.
-    flown: time since engaging, s, None before.
+    tick: record of this step, with None as range if the newest range is too old for holding.
+    flown: time since the first engagement, s, None before it.
     phase: name of the phase.
     why: reason for the active law.
-    target: bearing and drift.
+    target: bearing of the target, and drift.
     conditions: alarms by name of condition.
     rejected: rejected ranges by reason.
-    others: ranges of other senders, ignored.
+    others: number of ignored ranges of other sensors.
     added: lines of onlookers, by label.
     """
 
@@ -67,7 +68,7 @@ class StatusSource:
     def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
         """Return the status.
 
-        tick: the newest.
+        tick: newest tick.
         now: run time, s.
         problem: recording problem, or None.
         """
@@ -79,9 +80,9 @@ class StatusSource:
         stale = view.settings.timing.stale
         lost = stale if tick.x is None else stale + view.hold
         if tick.range_age is not None and tick.range_age > lost:
-            # Without relative motion, the prediction continues straight while the vehicle turns:
-            # show no range. With it, the prediction follows the vehicle for as long as the turn is
-            # held.
+            # Without an estimate of the relative motion, the predicted range continues linearly
+            # while the vehicle turns: show no range. With this estimate, the prediction follows the
+            # vehicle during HOLDING.
             tick = tick._replace(r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
         return Status(
             time=now,
@@ -148,13 +149,13 @@ def shown(value: float | None, form: str) -> str:
 
 def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, str]:
     """Return the facts of a status as texts, by label. Unknown values are "-". A text that does not
-    apply is empty: `flown` before engaging, `waiting` while steering waits for nothing.
+    apply is empty: `flown` before engaging, `waiting` while the vehicle is steered.
     most_reasons: maximum number of rejection reasons listed, None for all."""
     tick = status.tick
     view = status.view
     timing = view.settings.timing
     orbit = view.settings.orbit
-    # Rates end with the flight: their parts of the texts are left out then.
+    # After the flight there are no rates. The texts then omit them.
     frames, accepted, _, setpoints = (
         "" if rate is None else f"{rate:.1f}/s" for rate in view.rates or (None,) * 4
     )
@@ -220,7 +221,8 @@ def _with_sigma(value: float | None, sigma: float | None, form: str, unit: str) 
 
 
 def _target(tick: TickRecord) -> str:
-    """Return bearing of the target and drift, both clockwise from north, as far as estimated."""
+    """Return the bearing of the target and the direction of the drift, both clockwise from north,
+    if they are estimated."""
     if tick.x is None or tick.y is None or tick.drift_x is None or tick.drift_y is None:
         return "bearing unknown"
     bearing = degrees(compass_from_vector(-tick.x, -tick.y))

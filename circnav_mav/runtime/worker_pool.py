@@ -1,9 +1,9 @@
 """Worker processes that can be terminated at once.
 
-Each has its own pipe and thread, so that one terminated in the middle of a message does not affect
-the others. `ProcessPoolExecutor` has one pipe for all results and blocks forever on an incomplete
-result. `multiprocessing.Pool` blocks forever on the job of a process that died. loky 3.7 replaces
-processes that have grown by 300 MB.
+Each process has its own pipe and thread, so that the end of one process in the middle of a message
+does not affect the others. `ProcessPoolExecutor` has one pipe for all results and blocks forever on
+an incomplete result. `multiprocessing.Pool` blocks forever on the job of a process that died. loky
+3.7 replaces processes after their memory has grown by 300 MB.
 """
 
 import multiprocessing
@@ -28,8 +28,8 @@ class WorkerDiedError(Exception):
 
 @contextmanager
 def workers(count: int) -> Iterator[Submit]:
-    """Context with `count` worker processes. It yields a function that submits jobs. Its end
-    terminates all processes.
+    """Context with `count` worker processes. It yields a function that submits jobs. The end of the
+    context terminates all processes.
 
     A job raises WorkerDiedError if its process died.
     """
@@ -68,9 +68,9 @@ def _terminate(processes: list[BaseProcess]) -> None:
 
 def _start_worker(processes: list[BaseProcess]) -> Connection:
     """Start a worker and return our end of its pipe."""
-    # Ctrl-C goes to all processes of the terminal. A worker must not receive it, not even while it
-    # imports. The signal is blocked in this thread, and the worker inherits that; the main thread
-    # still receives it.
+    # Ctrl-C is sent to all processes of the terminal. A worker must not receive it, not even while
+    # it imports. So the signal is blocked in this thread, and the worker inherits the block. The
+    # main thread still receives the signal.
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()
@@ -82,8 +82,8 @@ def _start_worker(processes: list[BaseProcess]) -> Connection:
 
 
 def _work(pipe: Connection) -> None:
-    """Run jobs in a worker. It ignores Ctrl-C, which the parent handles, and ends with the
-    parent."""
+    """Run jobs in a worker process. The worker ignores Ctrl-C, which the parent handles, and ends
+    with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
     with suppress(EOFError, ConnectionError):
