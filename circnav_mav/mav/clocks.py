@@ -33,7 +33,7 @@ of the step that a slower link may explain. Above it the clock estimate ignores 
 
 Slower = Callable[[float, float], float]
 """Function (since, now) that returns an upper bound of the increase of the link delay since a time,
-s; infinite while the delay is not measured."""
+s. The bound is infinite while the delay is not measured."""
 
 
 def no_link_delay(since: float, now: float) -> float:
@@ -119,7 +119,7 @@ class StampFilter:
     # --- the order of stamps ---
 
     def unwrapped(self, stamp: float) -> float:
-        """Return a stamp without wraps, near the newest one, s."""
+        """Return a stamp, s, unwrapped: the value nearest to the newest stamp."""
         if not self._wrap or self.newest is None:
             return stamp
         return stamp + self._wrap * round((self.newest - stamp) / self._wrap)
@@ -214,7 +214,7 @@ class StampFilter:
                 self._raised.popleft()
 
     def _begin(self, arrival: float) -> None:
-        """Start the raised samples with the newest one."""
+        """Restart the raised samples with the newest sample."""
         self._raised = deque([(arrival, self._lag)])
         self._by_link = False
 
@@ -233,7 +233,8 @@ class StampFilter:
             self._offset += self.followed
             self._candidate = self._offset
             self._count = 0
-            # start over: if the link was slow meanwhile, only later lags show the rest of the step
+            # start over: if the link was slow during the step, only later lags show the rest of the
+            # step
             self._begin(arrival)
 
 
@@ -270,7 +271,7 @@ with a filling buffer causes less deviation, or deviation for a shorter time."""
 ALIKE = 0.1
 """Largest difference between the clock speeds of windows that agree, as a fraction."""
 WINDOWS = 3
-"""Consecutive windows that must agree; chosen."""
+"""Number of consecutive windows that must agree."""
 Moment = tuple[float, float]
 """(local time, remote time), s."""
 Span = tuple[Moment, Moment]
@@ -425,7 +426,7 @@ class Timesync:
         return bool(self.trips) or (self._began is not None and now - self._began > PATIENCE)
 
     def poll(self, now: float) -> list[Message]:
-        """Return a request when one is due."""
+        """Return a request if it is due."""
         overdue = self._overdue(now)
         if now < self._next and not overdue:
             return []

@@ -25,9 +25,9 @@ steer by it."""
 _NEVER_LOGGED = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 """SETUP_SIGNING is not recorded: it contains a secret key."""
 _MOST_FAILURES = 64
-"""Invalid frame starts after which the rest of a datagram is skipped: bounds the work that a
-hostile datagram causes. Starts with an invalid header count too, because each search for the next
-start takes time."""
+"""Invalid frame starts after which the rest of a datagram is skipped: this bounds the work that a
+hostile datagram causes. An invalid header is also counted, because each search for the next start
+takes time."""
 
 
 def ids(message: Message) -> Ids:
@@ -96,8 +96,9 @@ class Decoder:
         signing: Signing | None = None,
         accept_unsigned: bool = False,
     ) -> None:
-        """wanted: message ids to decode, None for all. Others are only checked and counted.
-        signing: authentication of the frames, None accepts all.
+        """wanted: message ids to decode, None for all. Frames with other ids are only checked and
+        counted.
+        signing: authentication of the frames. None: all frames are accepted.
         accept_unsigned: accept unsigned frames beside the signed ones.
         """
         if dialect.MAVLINK_IGNORE_CRC:

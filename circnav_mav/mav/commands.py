@@ -58,7 +58,7 @@ RESULT_NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A MAV_CMD number with its parameters (unset ones are 0)."""
+    """A MAV_CMD number with its parameters. Missing parameters are 0."""
 
     number: int
     params: tuple[float, ...] = ()
@@ -100,7 +100,7 @@ class _Pending:
 
 
 class CommandSender:
-    """Sender of commands, at most one per command number at a time.
+    """Sender of commands. At most one command of each number is pending at a time.
 
     An answer contains only the command number. The next command of that number waits until the
     previous command is finished and late answers to it can no longer arrive.
@@ -122,8 +122,8 @@ class CommandSender:
         """Count the answers expected for a command that is sent. PX4 answers a mode change
         twice."""
         answers = 2 if number == dialect.MAV_CMD_DO_SET_MODE else 1
-        # Limit of the unanswered commands counted per command number: more than are sent while a
-        # link is lost.
+        # 64: limit of the expected answers per command number, more than the commands that are sent
+        # while a link is lost.
         self._owed[number] = min(self._owed[number] + answers, 64)
 
     def answered_unasked(self, now: float) -> bool:
@@ -144,8 +144,8 @@ class CommandSender:
         self._held.clear()
 
     def drop(self, number: int) -> bool:
-        """Drop the commands of this number and do not wait for late answers. Return True if there
-        were any."""
+        """Drop the commands of this number and do not wait for late answers. Return True if any
+        command was dropped."""
         waited = [command for command in self._queue if command.number == number]
         self._queue = [command for command in self._queue if command.number != number]
         self._held.pop(number, None)
@@ -178,10 +178,10 @@ class CommandSender:
             return
         if ack.result != dialect.MAV_RESULT_IN_PROGRESS:
             self._end(pending, ack.result, now)
-        # Limit of IN_PROGRESS answers per command; chosen, so that no vehicle can keep one pending
-        # forever.
+        # 3: limit of IN_PROGRESS answers per command, so that a vehicle cannot keep a command
+        # pending forever.
         elif pending.in_progress < 3:
-            # Time, s, for which an IN_PROGRESS answer extends the wait; chosen, three heartbeats.
+            # 3.0: time, s, for which an IN_PROGRESS answer extends the wait (three heartbeats).
             pending.due = now + 3.0
             pending.sent = 1 + RETRIES
             pending.in_progress += 1
@@ -201,7 +201,7 @@ class CommandSender:
                 self._pending[command.number] = _Pending(command, now, now, now)
         due = [pending for pending in self._pending.values() if now >= pending.due]
         for pending in due:
-            # Time, s, until an unanswered command is repeated (as in MAVSDK).
+            # 0.5: time, s, until an unanswered command is repeated (as in MAVSDK).
             pending.due = now + 0.5
             pending.last = now
             pending.sent = pending.sent + 1
@@ -317,7 +317,8 @@ class StreamRequests:
             return self._requests([ident for ident in self._streams if ident not in USUAL])
         elapsed = now - self._since
         first = self._is_first_check
-        # Duration, s, of the first measurement, which looks for the streams in USUAL.
+        # 0.6: duration, s, of the first measurement, which checks whether the streams in USUAL
+        # already arrive.
         if elapsed < (0.6 if first else CHECK_EVERY):
             return []
         self._since = now

@@ -1,4 +1,5 @@
-"""Finding and checking MAVLink frames in bytes, by https://mavlink.io/en/guide/serialization.html.
+"""Search and check of MAVLink frames in bytes, according to
+https://mavlink.io/en/guide/serialization.html.
 
 pymavlink's stream parser skips the whole claimed length of a bad frame, and loses the valid frames
 inside. This module skips one byte after a bad start, so that a stray byte loses no frame.
@@ -88,7 +89,7 @@ def frame_at(buffer: bytes, at: int) -> Frame | None:
         return Frame(at, at + _HEADER_1.size + length + CRC, ident, system, component)
     length, flags, system, component, low, high = _HEADER_2.unpack_from(buffer, at)
     # The flags 0x02 and 0x04 of pymavlink (2026) append 32-bit ids to the header. The layout for
-    # other flags is unknown: the ordinary one is tried.
+    # other flags is unknown: the ordinary layout is tried.
     extension = (3 if flags & 0x02 else 0) + (4 if flags & 0x04 else 0)
     signed = bool(flags & SIGNED)
     end = at + _HEADER_2.size + extension + length + CRC + (SIGNATURE if signed else 0)
@@ -123,8 +124,8 @@ def is_good(buffer: bytes, frame: Frame) -> bool:
         )
     if not frame.understood or (frame.end < len(buffer) and buffer[frame.end] not in MAGICS):
         return False
-    # in a flood of unknown ids most time is spent here: the pattern skips bytes that start no
-    # header, at little cost
+    # In a flood of unknown ids, this search takes most of the time. The pattern quickly skips bytes
+    # that cannot start a known header.
     starts = _KNOWN_START.finditer(buffer, frame.start + 1, frame.end + _HEADER_2.size - 1)
     inside = (frame_at(buffer, found.start()) for found in starts if found.start() < frame.end)
     return not any(one is not None and is_good(buffer, one) for one in inside)

@@ -80,8 +80,8 @@ class SecondSenders:
 
     def recent(self, now: float) -> list[str]:
         """Return one line per identity for the operator."""
-        # Time, s, for which a second sender is reported: longer than heartbeat gaps on a lossy
-        # link.
+        # 5.0: time, s, for which a second sender is reported after its last message, longer than
+        # heartbeat gaps on a lossy link.
         return [
             f"{name} has a second sender: {rival} is rejected, {trusted} is used"
             for name, (rival, trusted, at) in self._newest.items()
@@ -120,14 +120,14 @@ class Identity:
     rejected.
 
     While messages of the vehicle's system arrive from its address, no other address is accepted.
-    After a silence the vehicle may send from another address if its time since boot is the expected
-    one. Before the flight a lost vehicle is found again without this proof: it may have been
+    After a silence the vehicle may send from another address if its time since boot is as expected.
+    Before the flight, a lost vehicle is accepted again without this proof, because it may have been
     switched off.
     """
 
     def __init__(self, settings: LinkSettings, adapters: tuple[Autopilot, ...]) -> None:
-        """adapters: adapters of the vehicles that the mission allows. The pinned vehicle selects
-        one."""
+        """adapters: adapters of the vehicles that the mission allows. The first vehicle that fits
+        (the pinned vehicle) selects its adapter."""
         self._settings = settings
         self._adapters = adapters
         self.adapter = adapters[0]
@@ -236,8 +236,8 @@ class Identity:
             return False
         address, at = self._proven
         found_again = self.peer is None and not self.stays
-        # Time, s, for which a proof of the vehicle's identity is valid: two heartbeat intervals of
-        # PX4.
+        # 2.0: time, s, for which a proof of the vehicle's identity is valid, two heartbeat
+        # intervals of PX4.
         return found_again or (source == address and now - at <= 2.0)
 
     def _consider(self, heartbeat: Message, who: Sender, now: float) -> None:
@@ -266,7 +266,8 @@ class Identity:
     def _misfit(
         self, heartbeat: Message, who: Sender, adapter: Autopilot | None, now: float
     ) -> str:
-        """Return the reason why this sender is not our vehicle, human-readable; empty if it is."""
+        """Return the human-readable reason why this sender is not our vehicle. Empty for our
+        vehicle."""
         wanted = self._settings.system_id
         system = f"system {who.system}"
         if who.system == 0:  # 0 is the broadcast address

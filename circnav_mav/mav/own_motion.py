@@ -77,10 +77,10 @@ class Motion(NamedTuple):
     climb: float | None = None
 
     def true_airspeed(self, indicated: float) -> float:
-        """Return the true airspeed for an indicated one, m/s, from the standard atmosphere's
+        """Return the true airspeed for an indicated airspeed, m/s, from the standard atmosphere's
         density (ISO 2533).
 
-        Without an altitude it is the indicated airspeed.
+        Without an altitude, return the indicated airspeed.
         """
         if self.altitude is None:
             return indicated
@@ -199,14 +199,14 @@ class OwnMotionSensor:
         step = now - self._received[-1]
         if before is not None and body.time > before.time:
             step = body.time - before.time
-        # Longest time, s, over which a yaw is predicted for this comparison.
+        # 0.5: longest time, s, over which a yaw is predicted for this comparison.
         if before is None or not self.keeps_heading or step > 0.5:
             return
         carried = before.yaw + (before.yaw_rate + body.yaw_rate) / 2 * step
         jump = remainder(body.yaw - self.jumped - carried, tau)
-        # Difference between the reported and the predicted yaw, rad, above which the autopilot has
-        # reset its yaw. Real turns stay far below: a yaw rate that changes by 90 deg/s within 0.1 s
-        # gives 0.08 rad.
+        # 0.35: difference between the reported and the predicted yaw, rad, above which the
+        # autopilot has reset its yaw. Real turns stay far below: a yaw rate that changes by 90
+        # deg/s within 0.1 s gives 0.08 rad.
         if abs(jump) > 0.35:
             self.jumped = remainder(self.jumped + jump, tau)
 
@@ -234,8 +234,8 @@ class OwnMotionSensor:
     def own(self, now: float, airspeed: float, *, banks: bool = False) -> OwnMotion | None:
         """Return the motion in guidance's frame, or None without an attitude.
 
-        airspeed: true, m/s, chosen by the caller. banks: True if the vehicle banks to turn.
-        Otherwise its tilt accelerates it.
+        airspeed: true airspeed, m/s, measured or commanded. banks: True for a vehicle that banks to
+        turn. False: the tilt of the vehicle accelerates it.
         """
         body = self._attitude(now)
         if body is None:
@@ -284,7 +284,8 @@ def _angles(message: Message) -> tuple[float, float, float] | None:
     if message.get_type() != "ATTITUDE_QUATERNION":
         return None
     q = message.q1, message.q2, message.q3, message.q4
-    # Largest deviation of a quaternion's norm from 1. A quaternion beyond it is discarded.
+    # 0.1: largest deviation of the norm of a quaternion from 1. A quaternion with a larger
+    # deviation is discarded.
     return euler_from_quaternion(q) if abs(hypot(*q) - 1) < 0.1 else (nan, nan, nan)
 
 
@@ -313,7 +314,7 @@ class Accelerations:
     def receive(self, message: Message, attitude: Attitude | None, now: float) -> None:
         """Process one message of the vehicle. Messages without accelerations are ignored."""
         kind = message.get_type()
-        # Silence of one IMU message type, s, after which another type is used.
+        # 2.0: silence of the IMU message type in use, s, after which another type is used.
         if kind not in ACCELERATIONS or (
             kind != self._type and self._since_received.age(now) < 2.0
         ):
@@ -351,15 +352,15 @@ class Accelerations:
         return self._across if self._since_received.age(now) <= ATTITUDE_MAX_AGE else None
 
     def _smooth(self, force: tuple[float, float, float], step: float, *, sound: bool) -> None:
-        """Update `across_thrust` by a measurement `step` s after the one before."""
+        """Update `across_thrust` with a measurement `step` s after the previous measurement."""
         before = self._across
         if not sound:
             self._across = None
         elif before is None:
             self._across = force[:2]
         else:
-            # Time constant of the low-pass on the specific force, s: vibration between two
-            # attitudes is averaged.
+            # 0.1: time constant of the low-pass on the specific force, s, which averages vibration
+            # between two attitudes.
             share = 1 - exp(-step / 0.1)
             self._across = (
                 before[0] + (force[0] - before[0]) * share,

@@ -1,8 +1,8 @@
 """Reader of the vehicle's parameters by name: PARAM_REQUEST_READ with retries, never a write.
 
-ArduPilot 4.6 and PX4 do not answer for an unknown name, so an unanswered name counts as unknown.
-Their request queues are short (ArduPilot: 20 requests, 5 answers), so few requests are pending at a
-time.
+ArduPilot 4.6 and PX4 do not answer requests of an unknown name, so an unanswered name is treated as
+unknown. The request queues of autopilots are short (ArduPilot: 20 requests, 5 answers), so few
+requests are pending at a time.
 """
 
 import struct
@@ -48,7 +48,7 @@ class ParameterReader:
         self._waiting = list(dict.fromkeys(names))
         self._names = frozenset(self._waiting)
         self._asked: dict[str, tuple[int, float]] = {}
-        """Number of tries and time of the next one, s, by pending name."""
+        """Number of tries so far and time of the next try, s, by pending name."""
         self.values: dict[str, float] = {}
 
     @property
@@ -66,19 +66,20 @@ class ParameterReader:
             self._waiting = [other for other in self._waiting if other != name]
 
     def poll(self, target: Ids, now: float) -> list[Message]:
-        """Return the requests due now: repeats first, then new ones up to the limit."""
+        """Return the requests due now: first repeated requests, then new requests up to the limit
+        of pending requests."""
         due = [name for name, (_, when) in self._asked.items() if now >= when]
-        # Number of requests per parameter; chosen.
+        # 3: largest number of requests per parameter.
         for name in [name for name in due if self._asked[name][0] >= 3]:
             del self._asked[name]
-        # Limit of pending requests: keeps the queue in a slow radio short.
+        # 5: limit of pending requests, which keeps the queue in a slow radio short.
         room = 5 - len(self._asked)
         new = self._waiting[:room]
         self._waiting = self._waiting[room:]
         names = [name for name in due if name in self._asked] + new
         for name in names:
             tries, _ = self._asked.get(name, (0, now))
-            # Time, s, until a request is repeated; chosen.
+            # 0.7: time, s, until an unanswered request is repeated.
             self._asked[name] = tries + 1, now + 0.7
         # -1: param_index of a request by name (MAVLink).
         return [

@@ -53,7 +53,8 @@ class Session:
         more_streams: Mapping[int, float] | None = None,
         signing: Signing | None = None,
     ) -> None:
-        """adapters: one for each allowed vehicle; the identified vehicle selects one.
+        """adapters: one adapter for each vehicle that the mission allows. The identified vehicle
+        selects its adapter.
         more_streams: further message ids with their requested rates, Hz.
         """
         self._component = settings.component_id
@@ -104,7 +105,7 @@ class Session:
 
     @property
     def vehicle_ids(self) -> Ids:
-        """(system, component) of the vehicle; (0, 0) without one."""
+        """(system, component) of the vehicle, (0, 0) without a vehicle."""
         return self.peer.ids if self.peer else (0, 0)
 
     @property
@@ -127,9 +128,9 @@ class Session:
         received = self._twin_received
         if received and now - received[-1] <= TWIN_WITHIN:
             return f"another companion sends with our ids {self.us[0]}/{self.us[1]}"
-        # Time, s, from the vehicle's first heartbeat in which another companion with our ids is
-        # received before the vehicle is steered: the period of its heartbeats and of its TIMESYNC
-        # requests.
+        # 1.0: time, s, from the vehicle's first heartbeat in which circnav listens for another
+        # companion with our ids. Such a companion sends a heartbeat and a TIMESYNC request in each
+        # second.
         return "listening for other companions" if now - self.identity.since < 1.0 else ""
 
     def missing(self, now: float) -> list[str]:
@@ -161,7 +162,7 @@ class Session:
             self.commands.acknowledge(message, self.us, now)
         elif message.get_type() == "TIMESYNC" and message.tc1:
             self.timesync.received(message.ts1, now)
-        # Largest number of TIMESYNC answers in one step: a flood of requests is not answered.
+        # 4: largest number of TIMESYNC answers in one step. A flood of requests is not answered.
         elif message.get_type() == "TIMESYNC" and len(self._replies) < 4:
             # answer a request (tc1 = 0) with our clock in ns and the mirrored time of its sender
             self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
@@ -193,7 +194,7 @@ class Session:
             self.ignored["echo"] += 1
         elif source == peer.source:
             self.ignored["twin"] += 1
-            # A second circnav must not end the flight of the first one. Once the vehicle is
+            # A second circnav must not end the flight of the first circnav. Once the vehicle is
             # steered, only the heartbeats of a companion that may steer too are counted.
             waits = message.get_type() != "HEARTBEAT" or message.system_status == WAITING
             if not (self.identity.stays and waits):
@@ -265,8 +266,8 @@ class Session:
         return results
 
     def drop_mode_requests(self) -> None:
-        """Drop mode requests: the mode was reached, or the operator has chosen another mode, or may
-        have done so."""
+        """Drop mode requests. Call after the mode was reached, or after the operator has chosen
+        another mode or may have done so."""
         self.mode_requests_dropped += self.commands.drop(dialect.MAV_CMD_DO_SET_MODE)
         self._mode_results.clear()
 

@@ -14,7 +14,8 @@ from circnav_mav.mav.frames import YawRate, euler_from_quaternion
 SLACK = 1 + 1e-6
 """Factor on limits for the rounding of single precision."""
 MAX_CLIMB = 1.0
-"""Limit of the climb rate of a velocity setpoint, m/s. Height is held, not changed."""
+"""Limit of the climb rate of a velocity setpoint, m/s. circnav holds the height, so it needs only
+small climb rates."""
 BODY_NED = dialect.MAV_FRAME_BODY_NED
 
 
@@ -90,8 +91,7 @@ class SetpointGuard:
         return message
 
 
-# --- limits of the speeds, rates and angles in each message, as far as its mask does not ignore
-# them
+# --- checks of the speeds, rates and angles that the mask of a message does not ignore
 
 
 def _velocity_within(message: Message, limits: Limits) -> bool:

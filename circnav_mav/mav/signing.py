@@ -3,7 +3,7 @@
     signature = first 6 bytes of sha256(key + header + payload + CRC + link id + timestamp)
 
 Timestamps count 10 us since 2015. A timestamp is stored only after its signature was verified, so
-that forged frames cannot lock out the real sender (pymavlink 2.4.50 stores the timestamp first).
+that forged frames cannot lock out the real sender. (pymavlink 2.4.50 stores the timestamp first.)
 Source of the rules: mavlink.io/en/guide/message_signing.html, and mavlink_signature_check of the C
 library, which autopilots use.
 """
@@ -46,12 +46,12 @@ class Refusal(Enum):
 
 
 class Signing:
-    """One key with its timestamps: that of our newest frame, and the newest of each received
-    stream.
+    """One key with its timestamps: the timestamp of our newest frame, and the newest timestamp of
+    each received stream.
 
-    `timestamp` follows the clock (`advance`), our own frames and received ones, and never
-    decreases. It is at least the timestamp of every accepted frame. Kept across a restart
-    (`resume`), it is enough to reject all replayed frames.
+    `timestamp` never decreases, except by `follow`. It follows the clock (`advance`), our own
+    frames and received frames. It is at least the timestamp of every accepted frame. Kept across a
+    restart (`resume`), it is enough to reject all replayed frames.
     """
 
     def __init__(self, key: bytes, *, link_id: int = 0, timestamp: int = 0) -> None:
@@ -111,9 +111,9 @@ class Signing:
         stream = (frame[5], frame[6], frame[-SIGNATURE])
         timestamp = int.from_bytes(frame[1 - SIGNATURE : -_HASH], "little")
         newest = self._newest.get(stream)
-        # A recorded frame is not newer than the end of the run that received it. A real sender with
-        # a clock behind that time is rejected too, until its clock has passed it or it has adopted
-        # the timestamp of our frames.
+        # A replayed frame is not newer than the end of the run that received it. A real sender with
+        # a clock behind the end of that run is rejected, too. It is accepted after its clock has
+        # passed that time, or after it has adopted the timestamp of our frames.
         if newest is None and timestamp < max(self.timestamp - MINUTE, self._resumed_at + 1):
             return Refusal.BEHIND
         if newest is not None and timestamp <= newest:

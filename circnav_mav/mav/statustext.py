@@ -33,8 +33,8 @@ class Announcer:
         """Return the messages that may be sent now."""
         messages = []
         for kind in list(self._waiting):
-            # Least time, s, between two texts of the same kind; chosen for a ground station's
-            # message list.
+            # 2.0: least time, s, between two texts of the same kind, so that they do not fill a
+            # ground station's message list.
             if now - self._last_text.get(kind, float("-inf")) >= 2.0:
                 self._last_text[kind] = now
                 messages += self._chunks(*self._waiting.pop(kind))
@@ -58,11 +58,11 @@ class Announcer:
 
         Names have at most 9 characters: PX4 cuts the tenth.
         """
-        # Least time, s, between two sets of NAMED_VALUE_FLOAT; chosen, 4 Hz gives a usable curve.
+        # 0.25: least time, s, between two sets of NAMED_VALUE_FLOAT. 4 Hz gives a usable curve.
         if self._since_plot.age(now) < 0.25 or not values:
             return []
         self._since_plot.restart(now)
-        # Largest plotted magnitude. Larger numbers do not fit into single precision.
+        # 1e38: largest plotted magnitude. Larger numbers do not fit into single precision.
         return [
             dialect.MAVLink_named_value_float_message(our_boot_ms(now), name.encode(), value)
             for name, value in values.items()
@@ -87,8 +87,8 @@ class TextReader:
         ident, number, before = self._newest.get(sender, (0, 0, ""))
         continues = message.id != 0 and (message.id, message.chunk_seq) == (ident, number + 1)
         text = (before if continues else "") + plain_text(message.text)
-        # Limit of senders whose chunks are reassembled: bounds the memory that a hostile link can
-        # fill.
+        # 16: limit of the senders for which chunks are reassembled. It bounds the memory that a
+        # hostile link can fill.
         if sender in self._newest or len(self._newest) < 16:
             self._newest[sender] = (message.id, message.chunk_seq, text)
         return text, before if continues else None

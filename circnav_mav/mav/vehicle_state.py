@@ -48,7 +48,8 @@ class VehicleState:
     def __init__(self, adapter: Autopilot) -> None:
         self._adapter = adapter
         self.boot = StampFilter(wrap=BOOT_WRAP)
-        """Filter of the vehicle's times since boot. Its `newest` is None until one is reported."""
+        """Filter of the vehicle's times since boot. Its `newest` is None until the vehicle has
+        reported a time since boot."""
         self._lost_ours = False
         self._sequence: int | None = None
         self._late = False
@@ -164,7 +165,8 @@ class VehicleState:
             self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
 
     def _overtaken(self, sequence: int) -> bool:
-        """True if a frame of the vehicle was sent before one that has already arrived."""
+        """True if a frame is reordered: the vehicle sent it before a frame that has already
+        arrived."""
         behind = 0 if self._sequence is None else (self._sequence - sequence) % 256
         # 64: largest backward step of the sequence number that is taken as reordering, half a
         # second or more of frames. A frame with a larger step is taken as new: frames were lost, or
@@ -177,8 +179,8 @@ class VehicleState:
     def _is_late_heartbeat(self, sequence: int, now: float) -> bool:
         """True if a heartbeat is reordered."""
         # Some senders number their heartbeats separately, or number only their heartbeats. Then
-        # every heartbeat looks reordered. Accept one if the previous one looked reordered too and
-        # both arrive at heartbeat rate.
+        # every heartbeat looks reordered. A heartbeat that looks reordered is accepted if the
+        # previous heartbeat looked reordered too and both arrive at heartbeat rate.
         before = self._late_heartbeat
         if not self._late:
             self._late_heartbeat = None
@@ -191,7 +193,7 @@ class VehicleState:
         """Store the mode and armed state, and count a departure from the guided mode."""
         self.received_at = now
         # A reordered report may end our control, but never start it: the operator may have taken
-        # over meanwhile.
+        # over after the report was sent.
         if self._late and not self.in_our_mode and armed and mode in self._adapter.our_modes:
             return
         was_ours = self.in_our_mode or self._lost_ours

@@ -72,7 +72,7 @@ class Authority:
         self._operator_chose = False
         """True if the operator, or a failsafe, has changed the mode since that request."""
 
-    # --- what may be sent
+    # --- setpoints that may be sent
     # ------------------------------------------------------------
 
     def allowed(self, now: float) -> Allowed:
@@ -223,7 +223,7 @@ class Authority:
 
     def ask_for_mode(self, now: float) -> str | None:
         """Request the guided mode if only the mode is missing for the first engagement. Return the
-        reason if the autopilot refused the mode for good, else None."""
+        reason if the autopilot has finally refused the mode, else None."""
         session = self._session
         adapter = self._session.adapter
         mission = self._mission

@@ -94,7 +94,7 @@ class Controller:
 
     @property
     def law(self) -> str:
-        """Name of the chosen law."""
+        """Name of the law: from the mission, or changed by the operator."""
         return self._tuning.law
 
     @property

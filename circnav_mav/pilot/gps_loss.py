@@ -3,8 +3,8 @@ position.
 
 ArduCopter lands 8 s after the loss, because GUIDED requires a position. The loss is detected from
 the fix type of the receivers (GPS_RAW_INT, GPS2_RAW), and from the position flags of
-EKF_STATUS_REPORT, which ArduCopter clears 7 s after the loss. Positions and velocities in these
-messages are never read.
+EKF_STATUS_REPORT. ArduCopter clears these flags 7 s after the loss. Positions and velocities in
+these messages are never read.
 """
 
 from pymavlink.dialects.v20 import all as dialect

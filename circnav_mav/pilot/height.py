@@ -1,4 +1,4 @@
-"""Height above the target, used to convert slant ranges to horizontal ones.
+"""Height above the target, used to convert slant ranges to horizontal ranges.
 
 The height is computed from VFR_HUD.alt and the altitude of HOME_POSITION. Latitude, longitude and
 local position are never read.

@@ -24,7 +24,7 @@ class ModeRequest:
         return now < self._due
 
     def ask(self, session: Session, mode: int, now: float) -> str | None:
-        """Send a request if one is due. Return the reason if the mode request has failed for good,
+        """Send a request if one is due. Return the reason if the mode request has finally failed,
         else None."""
         report = f', the vehicle reports "{session.texts[-1]}"' if session.texts else ""
         refusals = [result for result in session.take_mode_results() if not result.accepted]

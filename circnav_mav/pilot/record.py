@@ -128,7 +128,7 @@ def tick_record(
 
     sent: yaw rate in the setpoint of this step, rad/s, or None.
     circle: circle of the mission, or of the newest accepted request.
-    law: chosen law.
+    law: name of the law (`Controller.law`).
     """
     link_age = session.heartbeat_age(now)
     motion = session.motion.at(now)

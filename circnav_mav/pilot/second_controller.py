@@ -74,7 +74,7 @@ class EchoWatch:
 
 class SecondController:
     """Compares the setpoints that the vehicle reports, and the commands that it acknowledges, with
-    the sent ones."""
+    the setpoints and commands that circnav has sent."""
 
     def __init__(self, session: Session, mission: MissionState) -> None:
         self._session = session
@@ -88,7 +88,7 @@ class SecondController:
 
     def receive(self, message: Message, now: float) -> None:
         """Process a message of the vehicle. Reported setpoints are ignored while the vehicle does
-        not answer TIMESYNC: it may then lack our setpoints and fly setpoints of its own."""
+        not answer TIMESYNC: without our setpoints, a vehicle may fly setpoints of its own."""
         adapter = self._session.adapter
         timesync = self._session.timesync
         # 3.0: time without an answer to TIMESYNC, s, after which reports are ignored.

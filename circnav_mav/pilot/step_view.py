@@ -40,7 +40,7 @@ class StepView:
     second_controller: str
     """Evidence that another program steers the vehicle."""
     flood: float
-    """Dropped data of unknown senders, kB, 0 while none is dropped."""
+    """Total of the dropped data of unknown senders, kB, 0 while no data are dropped."""
     uplink_silent: bool
     """True if the vehicle does not answer TIMESYNC."""
     stalled: float
@@ -67,9 +67,11 @@ class StepView:
     jumped_by: float
     """Jump of the rejected ranges, m, or 0."""
     noise_found: tuple[float, float] | None
-    """Reported and measured sigma of a range whose reported sigma was too small, m."""
+    """Reported and measured standard deviation of the ranges, m, if the reported value was too
+    small."""
     noise_lowered: tuple[float, float] | None
-    """Reported and used sigma of a range whose reported sigma was too large, m."""
+    """Reported and used standard deviation of the ranges, m, if the reported value was too
+    large."""
     range_rate_trouble: str
     """Reason why range rates are not used."""
     sensor_clock_doubted: bool

@@ -23,7 +23,7 @@ class TickScheduler:
         self._received_at = now
 
     def stepped(self, now: float) -> None:
-        """Record a step of the pilot, and schedule the next one."""
+        """Record a step of `Pilot`, and schedule the next step."""
         due = now + self._tick
         # 0.25: longest wait for an expected range, as a share of a tick. Without this wait, each
         # range of a 9.98 Hz radio would arrive just after a tick and cause a second setpoint at

@@ -122,5 +122,6 @@ def utc_minute() -> str:
 
 
 def local_time_name(unix: float | None = None) -> str:
-    """Return the current local time, or that of a Unix time in s, as a folder name."""
+    """Return a folder name with the local time of a Unix time, s, or with the current local
+    time."""
     return time.strftime("%Y%m%d-%H%M%S", time.localtime(unix))

@@ -45,7 +45,7 @@ LOST = (OSError, ValueError, termios.error)
 """Exceptions of a failed link, such as an unplugged serial device. The exception of pyserial is an
 OSError, but while opening a port, pyserial passes on `termios.error`, which is not an OSError."""
 MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO)
-"""Errors of a serial device that is not there, or that vanishes while it is opened."""
+"""Errors of a missing serial device, and of a device that vanishes while it is opened."""
 HALF_OPEN = 3.0
 """Time for which sent data may remain unacknowledged before the system closes a TCP connection, s
 (Linux)."""

@@ -113,8 +113,8 @@ class Onlookers:
 
     @property
     def pace(self) -> float | None:
-        """Lowest of the simulation speeds that onlookers need with the bundled vehicle, times real
-        time; None for any."""
+        """Lowest simulation speed of the bundled vehicle that an onlooker needs, times real time,
+        None for any speed."""
         return min(
             (onlooker.pace for onlooker in self.attached if onlooker.pace is not None), default=None
         )

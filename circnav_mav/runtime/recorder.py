@@ -144,7 +144,8 @@ class Recorder:
             )
 
     def _note(self, problem: str) -> None:
-        """Keep the first problem, which causes the later ones."""
+        """Store a problem, unless an earlier problem is stored: the first problem causes the later
+        problems."""
         self.problem = self.problem or problem
 
     def _drain(self) -> None:

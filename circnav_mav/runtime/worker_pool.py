@@ -1,9 +1,9 @@
 """Worker processes that can be terminated at once.
 
-Each process has its own pipe and thread, so that the end of one process in the middle of a message
-does not affect the others. `ProcessPoolExecutor` has one pipe for all results and blocks forever on
-an incomplete result. `multiprocessing.Pool` blocks forever on the job of a process that died. loky
-3.7 replaces processes after their memory has grown by 300 MB.
+Each process has its own pipe and thread. If one process ends in the middle of a message, the other
+processes continue. `ProcessPoolExecutor` has one pipe for all results and blocks forever on an
+incomplete result. `multiprocessing.Pool` blocks forever on the job of a process that died. loky 3.7
+replaces processes after their memory has grown by 300 MB.
 """
 
 import multiprocessing

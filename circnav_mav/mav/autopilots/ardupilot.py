@@ -22,7 +22,7 @@ ARDUPILOT = Firmware(
     streams={
         dialect.MAVLINK_MSG_ID_HEARTBEAT: (
             4.0
-        ),  # for early detection of a takeover; ArduPilot permits this rate
+        ),  # more often than 1 Hz, for early detection of a takeover
         dialect.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
         dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
         dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,

@@ -85,7 +85,8 @@ def _acceleration(value: float, context: Context) -> Verdict:
     """Judge WP_ACC, m/s^2: it must suffice for turns at the mission's turn-rate limit.
 
     With a lower WP_ACC settling takes longer. With 2.5 m/s^2 at 5 m/s, flights settled on the
-    circle after 16 to 68 s at a limit of 45 deg/s, and after 14 to 31 s at 30 deg/s.
+    circle after 16 to 68 s at a turn-rate limit of 45 deg/s. At 30 deg/s they settled after 14 to
+    31 s.
     """
     asked = radians(context.max_turn_rate_deg) * context.speed
     words = f"turns at the mission's turn-rate limit need {asked:.1f} m/s^2"
@@ -177,7 +178,7 @@ class ArduCopterAttitude(Autopilot):
     def __init__(self, facts: VehicleFacts) -> None:
         super().__init__(facts)
         self._yaw: float | None = None
-        """Target of the yaw, rad, NED; None before the first setpoint."""
+        """Yaw target, rad, NED, None before the first setpoint."""
         self._sent_at = float("-inf")
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:

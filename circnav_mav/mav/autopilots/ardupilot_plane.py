@@ -32,9 +32,9 @@ class ArduPlane(Autopilot):
     and 2 ignore pitch and yaw. Bit 6 ignores throttle (TECS controls it). Bit 7 (attitude ignore)
     is SET: if it were clear, the message would command pitch and rudder as well. Body rates are
     never used. The roll of a coordinated turn is atan(w V/g). The airframe achieves 0.70 to 1.0 of
-    that turn rate w, which the turn-rate gain compensates. After 3 s without setpoints (a constant
-    in 4.6, GUID_TIMEOUT in later versions) the plane banks hard at once and loiters around the
-    point where GUIDED was entered.
+    that turn rate w, which the turn-rate gain compensates. After 3 s without setpoints the plane
+    banks hard at once and loiters around the point where it entered GUIDED. This time is a constant
+    in 4.6, GUID_TIMEOUT in later versions.
     """
 
     MASK = 0xC6

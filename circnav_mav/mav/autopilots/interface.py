@@ -139,8 +139,8 @@ class Autopilot(ABC):
     exits: ClassVar[Mapping[str, int]]
     """Exit action -> commanded custom_mode."""
     default_exit: ClassVar[str] = "loiter"
-    """Exit action if the mission specifies none. "stop" keeps the mode and only ends the
-    setpoints."""
+    """Exit action if the mission does not specify an exit action. "stop" keeps the mode and only
+    ends the setpoints."""
     why_no_stop: ClassVar[str] = ""
     """Human-readable reason why the exit action "stop" is not permitted, or empty."""
     shapes: ClassVar[frozenset[tuple[str, int | None]]]
@@ -159,10 +159,11 @@ class Autopilot(ABC):
     """True for a copter flown by attitude: circnav holds its airspeed, which the accelerometer
     measures. The mission must limit the tilt (vehicle.max_bank_deg)."""
     measures_airspeed: ClassVar[bool] = False
-    """True if VFR_HUD.airspeed is measured. A copter without a sensor sends its ground speed
-    there."""
+    """True if VFR_HUD.airspeed is measured. A copter without an airspeed sensor sends its ground
+    speed in this field."""
     cruises: ClassVar[bool] = False
-    """True if the autopilot holds the airspeed of its own parameter and ignores the mission's."""
+    """True if the autopilot holds the airspeed of a parameter and ignores the speed of the
+    mission."""
     airspeed_command: ClassVar[int | None] = None
     """MAV_CMD that changes the airspeed that the autopilot holds, or None."""
     ground_speed_sigma: ClassVar[float | None] = None
@@ -217,8 +218,8 @@ class Autopilot(ABC):
         return self.setpoint(Steer(YawRate(0.0), 0.0), to, now)
 
     def airspeed(self, measured: float | None) -> float:
-        """Return the indicated airspeed to use, m/s: the measured one, or the commanded one if the
-        measured one is implausible.
+        """Return the indicated airspeed to use, m/s: the measured airspeed if it is plausible, else
+        the commanded airspeed.
 
         Repeated calls with the same measurement give the same result.
         """
@@ -241,8 +242,8 @@ class Autopilot(ABC):
 
 
 def turn_in(message: Message) -> float | None:
-    """Return the turn command in a setpoint or in the vehicle's report of its setpoint; None for
-    other messages.
+    """Return the turn command in a setpoint or in the vehicle's report of its setpoint. Return None
+    for other messages.
 
     Right positive: yaw rate (rad/s), or bank (rad) for attitude setpoints.
     """

@@ -1,5 +1,5 @@
-"""Rules that judge autopilot parameters for a flight. The rules of each vehicle are in its own
-file."""
+"""Rules that judge autopilot parameters for a flight. The rules of each vehicle are in the file of
+its adapter."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

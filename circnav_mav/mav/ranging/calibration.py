@@ -1,8 +1,8 @@
-"""Calibration of a ranging radio: conversion of the reported range to the true one.
+"""Calibration of a ranging radio: conversion of the reported range to the true range.
 
-`circnav ranging calibrate` measures the error of a radio, and the mission file contains it. This
-module removes the error once from each reading, before any other use. The calibration never changes
-in flight.
+`circnav ranging calibrate` measures the error of a radio, and the mission file contains this error.
+This module removes the error once from each reading, before any other use. The calibration never
+changes in flight.
 """
 
 from bisect import bisect_right

@@ -1,4 +1,4 @@
-"""DISTANCE_SENSOR (132): forwarded by ArduPilot and PX4; cm, ms since boot."""
+"""DISTANCE_SENSOR (132), forwarded by ArduPilot and PX4: range in cm, stamp in ms since boot."""
 
 from circnav_mav.mav.clocks import BOOT_WRAP
 from circnav_mav.mav.codec import Message

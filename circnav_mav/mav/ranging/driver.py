@@ -67,8 +67,8 @@ class Driver(Protocol):
         ...
 
     def ask(self, now: float) -> bytes:
-        """Return the bytes to send to the radio now, possibly none. Called at least 20 times a
-        second."""
+        """Return the bytes to send to the radio now, possibly none. The link calls this method at
+        least 20 times a second."""
         return b""
 
 

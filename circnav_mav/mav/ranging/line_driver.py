@@ -26,8 +26,9 @@ class LineDriver(Driver):
         """Return the readings in a line, None if the line is not valid."""
 
     def receive(self, data: bytes, now: float) -> list[RadioReading]:
-        # "3.4" may be the end of "123.4". Discard the input before the first line end, and the rest
-        # of a line that was interrupted for more than 1.0 s, for example by an unplugged cable.
+        # "3.4" may be the end of "123.4". So the input before the first line end is discarded. A
+        # line that pauses for more than 1.0 s is discarded, too, because its end may be lost, for
+        # example by an unplugged cable.
         if self._rest and self._since_received.age(now) > 1.0:
             self._rest = b""
             self._whole = False

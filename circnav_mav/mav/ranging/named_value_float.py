@@ -1,4 +1,5 @@
-"""NAMED_VALUE_FLOAT (251): range in meters under an agreed name, ms since boot."""
+"""NAMED_VALUE_FLOAT (251): range in meters under the name `ranging.name`, stamp in ms since
+boot."""
 
 from math import isfinite
 

@@ -1,4 +1,5 @@
-"""RANGING_BEACON (513, development.xml): designed for ranging radios; mm, us, a sequence number."""
+"""RANGING_BEACON (513, development.xml), designed for ranging radios: range in mm, stamp in us,
+sequence number."""
 
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.interface import RangingMessage, Reading, Reject

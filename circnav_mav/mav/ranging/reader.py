@@ -77,12 +77,12 @@ class RangeReader:
         self.restarted = False
         """True if the newest message showed a reset of the sensor's clock."""
         self.stepped = 0.0
-        """Pause of the sensor's clock that the newest message showed, s; 0 for none."""
+        """Pause of the sensor's clock that the newest message showed, s, or 0."""
         self.moving = False
         """True if the vehicle certainly moves, so that its range cannot stay constant."""
         self.sender_stays = False
-        """True if no other sender may replace a silent one, because the vehicle is steered by its
-        ranges."""
+        """True if no other sender may replace a silent trusted sender, because the vehicle is
+        steered by its ranges."""
         self.rejected: Counter[str] = Counter()
         self.other_beacons: dict[int, tuple[float, float]] = {}
         """Time, s, and newest slant range, m, of the radio's other beacons, by id."""
@@ -269,7 +269,8 @@ class RangeReader:
         return silent and not self.sender_stays
 
     def _order(self, reading: Reading, stamp: float, now: float, sender: Sender) -> Reject | None:
-        """Return the reason why a reading is not newer than the last one, or None."""
+        """Return the reason to reject a reading by its stamp, or None if it is newer than the last
+        reading."""
         clock = self.clock
         settings = self._settings
         if clock.newest is None:

@@ -113,7 +113,8 @@ class RangeSources:
         return len(self._received) > 1 and len(self._fitting(now)) > 1
 
     def choice(self, now: float) -> str:
-        """Return the sources that fit the mission, their ranges and the keys that select one.
+        """Return the sources that fit the mission, their ranges and the mission keys that select
+        one of them.
 
         Empty for fewer than two sources.
         """
