@@ -18,8 +18,8 @@ BOOT_WRAP = 2**32 / 1000
 """Time after which time_boot_ms wraps to 0, s: 49.7 days."""
 
 WINDOW = 100
-"""Number of samples after which the least lag (arrival - stamp) is replaced by that of the newest
-samples. So the clock estimate follows a drifting clock."""
+"""Number of samples after which older samples no longer determine the least lag (arrival - stamp).
+So the clock estimate follows a drifting clock."""
 STEP = 0.15
 """Smallest step of a remote clock that is detected, s. Most links have less jitter, and harmful
 clock pauses are longer."""
@@ -29,7 +29,8 @@ STEADY_SAMPLES = 3
 """Number of samples at the new level before the clock estimate follows the step."""
 SPREAD = 0.5
 """Largest difference between the lags after a step, as a share of the step. Also the largest share
-of the step that a slower link may explain. Above it the clock estimate ignores the step."""
+of the step that a slower link may explain. If the link explains a larger share, the clock estimate
+ignores the step."""
 
 Slower = Callable[[float, float], float]
 """Function (since, now) that returns an upper bound of the increase of the link delay since a time,
@@ -96,7 +97,7 @@ class StampFilter:
     def reset(self) -> None:
         """Discard all state: the clock was reset or replaced."""
         self.newest: float | None = None
-        """Newest accepted stamp, unwrapped, s. newest_at: its arrival time."""
+        """Newest accepted stamp, unwrapped, s. newest_at: arrival time of this stamp, s."""
         self.newest_at = -inf
         self._jumped: tuple[float, float] | None = None
         self._offset = self._candidate = self._lag = inf
@@ -194,7 +195,8 @@ class StampFilter:
         return min(stamp + self._offset, arrival)
 
     def _watch(self, lag: float, arrival: float) -> None:
-        """Collect the samples since the lag has risen in one step, as long as it stays high."""
+        """Collect the samples since the lag has risen in one step, as long as the lag stays
+        high."""
         late = lag - self._offset
         rise = lag - self._lag
         self._lag = lag
@@ -226,7 +228,7 @@ class StampFilter:
         """Apply the part of a lasting step that the link does not explain."""
         step = min(lag for _, lag in self._raised) - self._offset
         by_link = self._slower(self._raised[0][0], arrival)
-        if by_link < inf:  # infinite: not measured yet, so the last result stays
+        if by_link < inf:  # infinite: not measured yet, so keep the last result
             self._by_link = SPREAD * step < by_link
         if by_link <= SPREAD * step:
             self.followed = step - by_link
@@ -297,7 +299,7 @@ class ClockSpeed:
         if self._began is None or boot < self._began[1]:
             self._began = (now, boot)
             self._speeds.clear()
-        # Time over which a clock speed is measured, s.
+        # 3.0: length of the window over which a clock speed is measured, s.
         if now - self._began[0] < 3.0:
             return
         speed = span_speed((self._began, (now, boot)))
@@ -341,7 +343,7 @@ LATER_EVERY = 1.0
 """Time between two requests, s, after KEPT round trips are measured."""
 UNANSWERED = 3.0
 """Time without an answer, s, after which our frames may be lost on the way to the vehicle: three
-requests were lost."""
+requests in a row are unanswered."""
 AGAIN = 0.2
 """Least wait, s, before an unanswered request is repeated early. The request was lost or the link
 has become slow: in both cases the delay must be measured soon."""
@@ -384,8 +386,8 @@ class Timesync:
         return max(self.trips, default=None)
 
     def silent(self, now: float, within: float) -> bool:
-        """True if the vehicle has answered before, but not within this time, s. Our frames may be
-        lost."""
+        """True if the vehicle has answered before, but not within the last `within` seconds. Our
+        frames may then be lost."""
         return bool(self._answers) and now - self._answers[-1][0] > within
 
     @property

@@ -184,13 +184,14 @@ class Decoder:
         counts.zero_key += zero_key
         if not frame.known:
             counts.unknown += 1
-        # Limit of the senders that are listed: bounds the memory that a hostile link can fill.
+        # 32: limit of the listed senders, which bounds the memory that a hostile link can fill.
         elif len(counts.systems) < 32:
             counts.systems.add((frame.system, frame.component))
 
 
 class Encoder:
-    """Encoder of MAVLink 2 frames with our ids and sequence number. With a key it signs them."""
+    """Encoder of MAVLink 2 frames with our ids and sequence number. With a key, the encoder signs
+    the frames."""
 
     def __init__(self, system: int, component: int, signing: Signing | None = None) -> None:
         self.system = system

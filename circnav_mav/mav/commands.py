@@ -35,7 +35,7 @@ USUAL = frozenset(
 )
 """Streams that a ground station often requests, at 2 to 4 Hz. They are requested only if the first
 measurement does not find them: each request costs an acknowledgment, which MAVProxy prints. All
-others are requested at once."""
+other streams are requested at once."""
 LOW = 0.5
 """Fraction of the requested rate below which a stream is requested again."""
 GROUPS = {
@@ -210,9 +210,9 @@ class CommandSender:
     def _end(self, pending: _Pending, result: int | None, now: float) -> None:
         number = pending.command.number
         del self._pending[number]
-        # After repeats, the answer may belong to any of the tries, and answers to the remaining
-        # tries may follow. After a single try this time is 0. 1.2: time in which late answers to
-        # repeats may arrive, as a fraction of the time between first and last try.
+        # After repeats, this answer may belong to any of the tries, and answers to the remaining
+        # tries may follow. They may arrive within 1.2 times the time between the first and the last
+        # try (0 after a single try).
         self._held[number] = now + 1.2 * (pending.last - pending.began)
         self._results.append(CommandResult(pending.command, result))
 
@@ -278,15 +278,15 @@ class StreamRequests:
     def denied(self, result: CommandResult) -> None:
         """Stop requesting a stream that the vehicle denied, to save bandwidth.
 
-        If it does not support SET_MESSAGE_INTERVAL, group requests are used instead.
+        If the vehicle does not support SET_MESSAGE_INTERVAL, group requests are used instead.
         """
         if stream := self._streams.get(int(result.command.params[0])):
             stream.denied = True
             self.by_group |= result.result == dialect.MAV_RESULT_UNSUPPORTED
 
     def group_requests(self, target: Ids, now: float) -> list[Message]:
-        """Return the REQUEST_DATA_STREAM messages due now, for groups with a missing stream. They
-        get no answer."""
+        """Return the REQUEST_DATA_STREAM messages due now, for groups with a missing stream. The
+        vehicle does not acknowledge these messages."""
         if not self.by_group or now < self._group_due:
             return []
         missing = {

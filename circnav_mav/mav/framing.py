@@ -33,8 +33,8 @@ def _one_of(numbers: Iterable[int]) -> bytes:
 
 
 def _known_start() -> re.Pattern[bytes]:
-    """Return a pattern for the start of a header with a known id. Its lookahead permits overlapping
-    matches."""
+    """Return a pattern for the start of a header with a known id. The lookahead in the pattern
+    permits overlapping matches."""
     pages = groupby(sorted(_EXTRA), key=lambda ident: ident >> 8)
     idents = (
         _one_of(ident & 0xFF for ident in page) + re.escape(high.to_bytes(2, "little"))

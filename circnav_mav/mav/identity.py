@@ -26,7 +26,7 @@ UNKNOWN_RATE = 64_000.0
 other vehicles send less. Untrusted senders at this limit use 2 % of the processor time, and the
 socket still receives the vehicle's frames."""
 UNKNOWN_BURST = 32_000.0
-"""Limit of the bytes at once from untrusted senders."""
+"""Limit of the bytes that untrusted senders may send at once after a pause."""
 VEHICLE_NAME = "the vehicle"
 OUR_NAME = "circnav"
 RADIO_NAME = "the ranging radio"
@@ -181,8 +181,8 @@ class Identity:
         *,
         continues: Callable[[Message, float], bool],
     ) -> bool:
-        """Return True if a message is from our vehicle. Only a HEARTBEAT pins it, or moves it to
-        another address.
+        """Return True if a message is from our vehicle. Only a HEARTBEAT pins the vehicle, or moves
+        it to another address.
 
         Heartbeats of other vehicles and messages of second senders with the vehicle's ids are
         counted. continues: True if a message carries the expected time since boot.
@@ -200,7 +200,7 @@ class Identity:
             and who.component == AUTOPILOT_COMPONENT
             and message.autopilot not in NO_AUTOPILOT
         ):
-            self.vehicles[who.system] = source  # a radio's heartbeat is no vehicle
+            self.vehicles[who.system] = source  # not for heartbeats of radios
         if home is not None and (who.system, source) == (home.system, home.source):
             self._since_received.restart(now)
         silent = self._since_received.age(now) > MOVES_AFTER
@@ -251,8 +251,8 @@ class Identity:
         adapter = next((one for one in self._adapters if _fits(one, heartbeat)), None)
         reason = self._misfit(heartbeat, who, adapter, now)
         if reason or adapter is None:
-            # Rejected senders kept for the operator's message: bounds the memory that a hostile
-            # link can fill.
+            # 16: limit of the rejected senders in the operator's message, which bounds the memory
+            # that a hostile link can fill.
             if len(self.misfits) < 16:
                 self.misfits[who.ids] = reason
             return

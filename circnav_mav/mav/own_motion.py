@@ -42,11 +42,11 @@ MOST_ALTITUDE = 1e5
 """Largest plausible angle (rad), body rate (rad/s), airspeed and climb rate (m/s), and altitude
 (m). Larger values are discarded."""
 FLOWN_ALTITUDES = -500.0, 6_000.0
-"""Lowest and highest altitude, m, for which airspeed is corrected for air density. Others are
-clipped."""
+"""Lowest and highest altitude, m, for which airspeed is corrected for air density. Altitudes
+outside are limited to these bounds."""
 FEWEST = 4
 """Least number of attitudes within FEWEST_WITHIN that suffices to follow the vehicle's turns.
-circnav requests 20 per second."""
+circnav requests 20 attitudes per second."""
 FEWEST_WITHIN = 3.0
 """Time in which attitudes are counted, s."""
 REPEATED = 0.2
@@ -153,12 +153,12 @@ class OwnMotionSensor:
         self._accelerations = Accelerations()
         # 0.5: backward step of the vehicle's clock, s, that is taken as a clock reset. After a
         # stamp that is wrongly ahead by less, later stamps look older and are rejected for up to
-        # this time. It must not exceed ATTITUDE_MAX_AGE.
+        # this time. So this step must not exceed ATTITUDE_MAX_AGE.
         self._clock = StampFilter(slower, wrap=BOOT_WRAP, jump=0.5)
 
     def receive(self, message: Message, now: float) -> bool:
         """Process one message of the pinned vehicle. Return True if it was a usable attitude, newer
-        than all before."""
+        than all earlier attitudes."""
         if message.get_type() == "VFR_HUD":
             self._air = Motion(
                 airspeed=_real(message.airspeed, MOST_AIRSPEED, above=0.0),
@@ -212,7 +212,7 @@ class OwnMotionSensor:
 
     def _measured(self, stamp_ms: int, now: float) -> float | None:
         """Return the local time at which an attitude was measured, s, or None if it is not newer
-        than the newest."""
+        than the newest attitude."""
         clock = self._clock
         stamp = clock.unwrapped(stamp_ms / 1000)
         order = clock.order(stamp, now)
@@ -300,8 +300,8 @@ class Accelerations:
     in the body frame).
 
     The newest attitude is extrapolated to the time of the measurement: an attitude error of 1 deg
-    is 0.17 m/s^2. After a gap or an implausible value the integral restarts. `acceleration` holds
-    its start time.
+    causes an acceleration error of 0.17 m/s^2. After a gap or an implausible value the integral
+    restarts. `acceleration` contains the start time of the integral.
     """
 
     def __init__(self) -> None:

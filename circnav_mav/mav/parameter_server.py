@@ -1,5 +1,5 @@
 """Server of the MAVLink parameter protocol: a ground station's editor lists, reads and sets a few
-of our values.
+values of circnav.
 
 Every value is a MAV_PARAM_TYPE_REAL32. ArduPilot and PX4 encode integers differently in
 PARAM_VALUE, but not floats.
@@ -26,7 +26,7 @@ link."""
 
 
 class Parameter(NamedTuple):
-    """One value.
+    """One parameter.
 
     name: at most 16 characters.
     read: returns the value in the parameter's unit.

@@ -26,7 +26,7 @@ _FORMATS = {
 
 def parameter_value(message: Message, *, bytewise: bool) -> float:
     """Return the number in a PARAM_VALUE. bytewise: False for ArduPilot, which casts integers to
-    float (C cast). True for PX4, which sends their bytes in place of the float.
+    float (C cast). True for PX4, which sends the bytes of an integer in place of the float.
 
     The bytes are read from the frame itself, after its header. Read as a float, an integer's bytes
     may be a signaling NaN, which Python changes. (pymavlink's `get_payload` uses a wrong offset in

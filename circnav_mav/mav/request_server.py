@@ -40,8 +40,8 @@ class RequestServer:
     def _answer(self, message: Message, sender: Ids, us: Ids, now: float) -> Message | None:
         """Return the answer to a message, None if it is not for us."""
         if message.get_type() == "TIMESYNC":
-            # An autopilot that receives our answer to its request would follow our clock. The
-            # vehicle's own requests are answered by the session.
+            # Answer ground stations only: the autopilot of another vehicle would follow our clock.
+            # The session answers the requests of our own vehicle.
             is_request = message.tc1 == 0 and sender in self._stations
             clock = int(now * 1e9) or 1
             return dialect.MAVLink_timesync_message(clock, message.ts1) if is_request else None

@@ -29,8 +29,8 @@ Another companion sends at least one heartbeat per second. Fewer frames are stra
 TWIN_WITHIN = 10.0
 """Time in which foreign frames with our ids are counted, s."""
 WAITING = dialect.MAV_STATE_BOOT
-"""State in circnav's heartbeat until it steers the vehicle. A circnav that steers already ignores
-heartbeats with this state of a second circnav."""
+"""State in circnav's heartbeat until it steers the vehicle. A circnav that already steers ignores
+heartbeats with this state from a second circnav."""
 ECHO_RATE = 4.0
 """Requested rate of the vehicle's setpoint reports, Hz."""
 GPS_HEALTH = ("GPS_RAW_INT", "GPS2_RAW", "EKF_STATUS_REPORT")
@@ -40,7 +40,7 @@ HANDLED = frozenset(
     getattr(dialect, f"MAVLINK_MSG_ID_{name}")
     for name in (*READ, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *ACCELERATIONS, *ECHOES, *GPS_HEALTH)
 )
-"""Ids of the messages that the session, the motion sensor or the pilot reads."""
+"""Ids of the messages that the session, the motion sensor or `Pilot` reads."""
 
 
 class Session:

@@ -103,7 +103,7 @@ class Authority:
 
     def may_be_ours(self, now: float) -> bool:
         """True if the mission must end with the exit action: the vehicle is under our control, or
-        its next heartbeat may confirm a mode request of ours."""
+        its next heartbeat may confirm our mode request."""
         return self.in_our_hands or (self._came_at_our_request and self._request.pending(now))
 
     @property

@@ -63,8 +63,8 @@ class Condition:
     once: True to send the texts once per flight.
     steering: True if the condition exists only while the vehicle is steered. The end of steering
         then ends the condition without a text.
-    by_stall: True if a stall of this computer causes the condition too. It is then hidden, because
-        the stall itself is reported.
+    by_stall: True if a stall of this computer causes the condition too. The condition is then
+        hidden, because the stall itself is reported.
     """
 
     name: str
@@ -541,4 +541,4 @@ TABLE = (
     Condition("next_circle", _next_circle, severity=NOTICE),
     Condition("law", _law, severity=NOTICE),
 )
-"""All conditions that the pilot itself detects, the worst first."""
+"""All conditions that `Pilot` itself detects, the worst first."""

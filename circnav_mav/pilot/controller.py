@@ -36,7 +36,7 @@ from circnav_mav.pilot.settings import PilotSettings
 RELATIVE = ("auto", "drift")
 """Names of the estimators that estimate the relative motion."""
 FlownCommands = Callable[[float], YawRate | None]
-"""Function from a time (s) to the yaw rate that a recorded flight had sent last."""
+"""Function from a time (s) to the last yaw rate that a recorded flight had sent by this time."""
 
 
 class Controller:
@@ -214,7 +214,7 @@ class Controller:
         """End the stream of setpoints. The next setpoint starts a new stream, at a new height."""
         self._loop.reset()
         self._height = None
-        self._airspeed = self._settings.orbit.speed  # a change of the mode restores it
+        self._airspeed = self._settings.orbit.speed  # a mode change restores this airspeed
         self.airspeed_hold.reset(self.airspeed_hold.scale)
 
     def _state(self, session: Session, now: float, *, engaged: bool) -> SetpointContext:

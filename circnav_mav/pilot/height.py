@@ -35,7 +35,7 @@ class Height:
         self._received_at = float("-inf")
         self._engaged = False
         self._jumped = 0.0
-        """Sum of the altitude jumps since the engagement, m. They do not change the height."""
+        """Sum of the altitude jumps since the engagement, m. Jumps do not change the height."""
         self._doubt: tuple[float, float, float] | None = None
         """Time of the first recent jump (s), the altitude before it (m), and the sum of the recent
         jumps (m)."""

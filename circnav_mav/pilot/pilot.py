@@ -306,7 +306,7 @@ class Pilot:
 
     def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
         """End the flight if a bound is violated while steering, or if another companion uses our
-        MAVLink ids. A bound that is violated before prevents the engagement."""
+        MAVLink ids. A bound that is violated before the engagement prevents it."""
         session = self.session
         if session.doubled:
             ids = f"{session.encoder.system}/{self.settings.link.component_id}"
@@ -353,8 +353,8 @@ class Pilot:
             )
 
     def _keeps_circle(self, estimate: RangeEstimate | None) -> bool:
-        """True if the vehicle is near its circle, and turns as on it. In wind, the turn rate varies
-        along the circle."""
+        """True if the vehicle is near its circle, and turns in the circle's direction at more than
+        a third of the circle's turn rate. In wind, the turn rate varies along the circle."""
         circle = self.controller.orbit
         if estimate is None or abs(estimate.r - circle.radius) > 0.1 * circle.radius:
             return False

@@ -153,7 +153,8 @@ class RangeTracker:
 
     @property
     def one_way(self) -> float:
-        """Least delay of ranges on the vehicle's link, s, or 0 on a separate ranging link."""
+        """Least one-way delay of ranges on the vehicle's link, s, or 0 on a separate ranging
+        link."""
         return 0.0 if self._apart else self._session.timesync.one_way
 
     def measured_rate(self, now: float) -> float | None:

@@ -42,7 +42,8 @@ class Column(NamedTuple):
 class TickRecord(NamedTuple):
     """One step: a row of ticks.csv. None means "unknown" or "not sent".
 
-    Turn rates are counterclockwise positive, except `yaw_rate_sent`, which is MAVLink's.
+    Turn rates are counterclockwise positive, except `yaw_rate_sent`, which is clockwise positive as
+    in MAVLink.
     """
 
     # Each column is declared here once. Header, schema and documentation are derived from it.

@@ -1,4 +1,4 @@
-"""Settings of a pilot, fixed before the flight."""
+"""Settings of `Pilot`, fixed before the flight."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -18,7 +18,7 @@ VEHICLE, RANGING = LINKS = ("vehicle", "ranging")
 
 
 class OutputMode(Enum):
-    """Messages that a pilot may send.
+    """Messages that `Pilot` may send.
 
     FLY: all.
     DRY_RUN: all but setpoints and mode requests.

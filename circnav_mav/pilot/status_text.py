@@ -20,7 +20,7 @@ _NEEDS = {
 
 @dataclass(frozen=True)
 class StatusText:
-    """Texts about the state of a pilot's parts."""
+    """Texts about the state of the parts of `Pilot`."""
 
     settings: PilotSettings
     connection: Connection

@@ -1,4 +1,4 @@
-"""State of the pilot after a step, as conditions, display and live page read it."""
+"""State of `Pilot` after a step, for conditions, display and live page."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepView:
-    """One step: its record, and the state of the pilot that is not recorded. Texts are
+    """One step: its record, and the state of `Pilot` that is not recorded. Texts are
     human-readable, and empty if they do not apply."""
 
     tick: TickRecord

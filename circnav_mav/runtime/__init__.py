@@ -1,1 +1,1 @@
-"""Environment of the pilot: sockets, clock, files and screen."""
+"""Environment of `Pilot`: sockets, clock, files and screen."""

@@ -94,7 +94,7 @@ def open_link(text: str, peers: Iterable[str] = ()) -> Link:
 
 
 class UdpLink:
-    """UDP socket. `udpin` binds a port and sends to the source that the pilot selected. `udpout`
+    """UDP socket. `udpin` binds a port and sends to the source that `Pilot` selected. `udpout`
     exchanges datagrams only with the address in the endpoint, because another vehicle may still
     send to LOCAL_PORT."""
 

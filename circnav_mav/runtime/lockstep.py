@@ -117,7 +117,7 @@ class VehicleLink:
         """Return None: no descriptor to wait for."""
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
-        """Return the whole frames that the vehicle has sent, one per datagram."""
+        """Return the complete frames that the vehicle has sent, one per datagram."""
         return [(frame, SOURCE) for frame in self._vehicle.outgoing(self._name)]
 
     def send(self, data: bytes, to: Hashable) -> None:

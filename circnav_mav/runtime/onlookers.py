@@ -1,8 +1,8 @@
 """Interface for extras that observe a flight: the live page, the survey and others.
 
-An onlooker receives every step of the loop, and an error in it never ends the flight. Its only
-influence on the pilot is a request for another circle, which the pilot checks. An import contract
-denies such requests to extras that use positions.
+An onlooker receives every step of the loop, and an error in it never ends the flight. The only
+influence of an onlooker on `Pilot` is a request for another circle, which `Pilot` checks. An import
+contract denies such requests to extras that use positions.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -50,7 +50,7 @@ class StopRequest:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.signal_name = signal.Signals(number).name
-        with suppress(BlockingIOError):  # the pipe is full of signals, so the loop wakes anyway
+        with suppress(BlockingIOError):  # the socket is full of signals, so the loop wakes anyway
             self._writer.send(b"!")
 
 
@@ -63,7 +63,7 @@ def run(
     stop: StopRequest,
     signing_time: SigningTime | None = None,
 ) -> None:
-    """Fly until the pilot is done and no onlooker is busy. Record every step and tick."""
+    """Fly until `Pilot` is done and no onlooker is busy. Record every step and tick."""
     loop = Loop(pilot, links, clock, recorder, onlookers)
     while not loop.over:
         wait(links, stop, min(clock.until(loop.due), clock.longest_wait))
@@ -94,7 +94,7 @@ class Loop:
 
     @property
     def over(self) -> bool:
-        """True once the pilot is done and no onlooker is busy."""
+        """True if `Pilot` is done and no onlooker is busy."""
         return self._pilot.done and not self._onlookers.busy
 
     @property

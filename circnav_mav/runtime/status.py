@@ -59,7 +59,7 @@ class Status:
 
 
 class StatusSource:
-    """Source of statuses of a pilot and its onlookers."""
+    """Source of statuses of `Pilot` and its onlookers."""
 
     def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
         self._pilot = pilot

@@ -57,7 +57,7 @@ def workers(count: int) -> Iterator[Submit]:
         pool.shutdown(wait=False, cancel_futures=True)
         _terminate(processes)
         pool.shutdown()
-        _terminate(processes)  # those started in the meantime
+        _terminate(processes)  # processes started in the meantime
 
 
 def _terminate(processes: list[BaseProcess]) -> None:

@@ -35,7 +35,8 @@ ARDUPILOT = Firmware(
 
 
 def gcs_failsafe(what_follows: str) -> Judge:
-    """Return a judge of FS_GCS_ENABLE."""
+    """Return a judge of FS_GCS_ENABLE. what_follows: action of the vehicle after the loss of the
+    ground station."""
     lost = (
         f"without a ground station's heartbeat {what_follows}; ours does not count, so keep the"
         " station connected"
@@ -44,7 +45,8 @@ def gcs_failsafe(what_follows: str) -> Judge:
 
 
 def ekf_action(what_follows: str) -> Judge:
-    """Return a judge of FS_EKF_ACTION."""
+    """Return a judge of FS_EKF_ACTION. what_follows: action of the vehicle after it has left
+    GUIDED."""
     none = (
         "no action when the position estimate fails: the flight may continue without a speed"
         " estimate"

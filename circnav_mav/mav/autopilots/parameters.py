@@ -46,6 +46,7 @@ class Context:
 
 Verdict = tuple[Grade, str]
 Judge = Callable[[float, Context], Verdict]
+"""Function that grades the value of a parameter, with a text for the operator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +151,8 @@ def at_least(
 
 
 def timeout(what_follows: str) -> Judge:
-    """Return a judge of the setpoint timeout, s."""
+    """Return a judge of the setpoint timeout, s. what_follows: action of the vehicle after the
+    timeout."""
 
     def judge(seconds: float, context: Context) -> Verdict:
         words = f"{seconds:g} s after the last setpoint the vehicle {what_follows}"

@@ -61,7 +61,7 @@ PX4 = Firmware(
 
 
 class PX4Vehicle(Autopilot):
-    """Modes and exits of PX4, and its requirement for setpoints before OFFBOARD."""
+    """Modes and exit actions of PX4, and its requirement for setpoints before OFFBOARD."""
 
     firmware = PX4
     mode_names = MappingProxyType(

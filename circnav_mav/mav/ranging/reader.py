@@ -57,7 +57,7 @@ class RangeReader:
         self.clock = StampFilter(
             slower, wrap=self._kind.stamp_wrap if settings.stamp == "sensor" else None
         )
-        """The sensor's clock, also used by its range rates."""
+        """The sensor's clock, also used for the range rates of the sensor."""
         self.sources = RangeSources(self._kind, settings)
         self.trusted: Sender | None = None
         """Sender and address of the ranges in use."""
@@ -244,8 +244,9 @@ class RangeReader:
         ):
             return False
         # Ranges of another vehicle's autopilot may have been accepted before its first heartbeat,
-        # which arrives from the same address. A heartbeat from another address only imitates the
-        # radio's system: rejecting the radio because of it would end the flight.
+        # which arrives from the same address. A heartbeat with the radio's system id from another
+        # address may be an imitation. Rejecting the radio because of such a heartbeat would end the
+        # flight.
         its_own = (
             sender.component == AUTOPILOT_COMPONENT
             and other_vehicles.get(sender.system) == sender.source
