@@ -242,8 +242,8 @@ class StreamRequests:
     """
 
     def __init__(self, wanted: Mapping[int, float], maybe: Container[int] = ()) -> None:
-        """wanted: message id -> Hz. maybe: ids that the vehicle may lack. They are requested again
-        only if they have been received before."""
+        """wanted: message id -> Hz. maybe: ids of streams that the vehicle may lack. These streams
+        are requested again only if they have been received before."""
         self._streams = {message_id: _Stream(rate) for message_id, rate in wanted.items()}
         self._since: float | None = None
         self._is_first_check = True

@@ -46,8 +46,8 @@ def _known_start() -> re.Pattern[bytes]:
 
 
 _crc: Callable[[bytes], int] = dialect.mcrf4xx or (lambda data: int(dialect.x25crc(data).crc))
-"""MAVLink's CRC function: the compiled one of the package fastcrc, or pymavlink's own if fastcrc is
-missing."""
+"""MAVLink's CRC function: the compiled function of the package fastcrc, or pymavlink's function if
+fastcrc is missing."""
 _START = re.compile(_one_of(MAGICS))
 _KNOWN_START = _known_start()
 

@@ -114,7 +114,7 @@ class Pilot:
         self.gps_loss = GpsLoss(settings, session, self.tracker, self.controller, self._path)
         self.conditions = Conditions(session.announcer)
         self.view: StepView | None = None
-        """Newest step, None before the first one."""
+        """Newest step, None before the first step."""
         self.estimate: RangeEstimate | None = None
         """Estimate used by the newest step."""
         self._spacing_refused = ""

@@ -64,7 +64,7 @@ class RangingSettings:
     message: mission name of the message.
     beacon_id, sensor_id, orientation, name: required values of the message's fields, None for any.
     system_id, component_id: ids of the sender, None for the first sender that fits.
-    sigma_m: standard deviation of a range whose message contains none, m.
+    sigma_m: standard deviation of a range, m, if the message contains none.
     max_age: largest age of an accepted sample, s.
     stamp: time of a range: "sensor" for the stamp in the message, "arrival" for the arrival time.
     rate_hz: measurement rate of the sensor, Hz.
@@ -109,8 +109,8 @@ class Reading(NamedTuple):
     sequence: int | None = None
 
     def calibrated(self, calibration: Calibration) -> "Reading":
-        """Return the reading with the true range instead of the reported one, m. The range may be
-        negative."""
+        """Return the reading with the true range instead of the reported range, m. The true range
+        may be negative."""
         slant, slope = calibration.true(self.slant)
         return self._replace(slant=slant, sigma=None if self.sigma is None else self.sigma * slope)
 

@@ -289,7 +289,7 @@ class RangeReader:
             return None
         if order is Order.JUMPED:
             return Reject.STAMP_JUMP
-        # 0.5: time after a stamp with a lead above FUTURE, s, in which all further stamps are
+        # 0.5: time after a stamp with a lead above FUTURE, s, in which stamps of the old clock are
         # rejected too. If the link has become faster, these ranges are older than the clock
         # estimate shows.
         if self._since_ahead.age(now) < 0.5:
