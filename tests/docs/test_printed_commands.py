@@ -49,7 +49,7 @@ NOT_RUN = {
     r"circnav locate (runs/|flight\.)": "an earlier flight; tests/extras/locate/test_logs.py",
     r"circnav bench": "minutes to an hour; cells of it: tests/extras/bench/test_command.py",
 }
-SHORTER = {"fly": "--duration 3", "campaign": "--runs 2 --processes 1", "watch": "--seconds 1"}
+SHORTER = {"fly": "--duration 3", "campaign": "--runs 1 --processes 1", "watch": "--seconds 1"}
 
 
 def blocks(page: Path):

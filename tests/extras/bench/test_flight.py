@@ -129,6 +129,7 @@ def test_auto_filter_is_consistent_in_gusts():
     assert np.nanmean(nees < 7.378) > 0.8
 
 
+@pytest.mark.nightly
 def test_accelerations_reduce_the_error_in_gusts():
     gusts = Situation("gusts", wind=5.0, gust=1.5, start=(80.0, 150.0), duration=110.0)
 

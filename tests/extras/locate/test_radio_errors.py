@@ -200,6 +200,7 @@ def test_calibrate_prints_plots_and_writes_keys(tmp_path, capsys):
     assert "# MAVLink message that carries the range" in mission.read_text()
 
 
+@pytest.mark.nightly
 def test_calibrated_plane_flies_true_circle(tmp_path):
     table = (
         "sim.ranging.table_m=[[0, 4.4], [50, 57.6], [100, 103], [150, 148], [200, 201], [250, 253]]"

@@ -40,4 +40,4 @@ def test_pure_noise_and_constant_range_are_not_located():
 
 @pytest.mark.parametrize("kind", ["straight", "noise", "constant", "half a lap"])
 def test_undetermined_logs_give_no_wrong_place(kind):
-    assert "WRONG" not in {judged(kind, seed) for seed in range(4)}
+    assert "WRONG" not in {judged(kind, seed) for seed in range(2)}

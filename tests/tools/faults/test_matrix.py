@@ -65,7 +65,10 @@ def test_vehicle_survives_full_matrix(scenario: Scenario, profile: str) -> None:
         ("F2", "60 s both", "arduplane", 60.0, 35.0, "recovery", 32.0),
         # with its high gains, a design for the vehicle's lag alone swung by 14 % of the radius at
         # 500 ms; with the known delay, only the onset of the fault remains
-        ("F3", "500 ms, stale_s 1.5", "arducopter", 40.0, 10.0, "rms", 0.06),
+        pytest.param(
+            *("F3", "500 ms, stale_s 1.5", "arducopter", 40.0, 10.0, "rms", 0.06),
+            marks=pytest.mark.nightly,
+        ),
     ],
 )
 def test_auto_law_stays_within_its_bounds(fault, level, profile, lasts, after, figure, most):
@@ -76,6 +79,7 @@ def test_auto_law_stays_within_its_bounds(fault, level, profile, lasts, after, f
     assert getattr(verdict, figure) <= most
 
 
+@pytest.mark.nightly
 def test_uplink_outage_ends_without_oscillation():
     """It once took 46 s, and another seed swung by 15 % about the circle: during the outage a wrong
     turn response was learned. More seeds: tests.tools.faults.uplink."""

@@ -11,7 +11,12 @@ STORED = stored(FLIGHTS)
 
 
 @pytest.mark.parametrize(
-    "row", ["Plane, wind 8", "PX4 copter, wind 3", "PX4 plane by stick, wind 2"]
+    "row",
+    [
+        "Plane, wind 8",
+        "PX4 copter, wind 3",
+        pytest.param("PX4 plane by stick, wind 2", marks=pytest.mark.nightly),
+    ],
 )
 def test_emulator_accuracy_matches_firmware(row: str) -> None:
     """A single lap agrees within a factor of two."""
