@@ -24,10 +24,10 @@ from circnav_mav.guidance.forgetting_fit import ForgettingFit
 from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 
 EQUAL_DRAG_SPEED = 8.0
-"""v_2, m/s."""
+"""v_2, m/s: speed at which the quadratic drag equals the linear drag."""
 MAX_SLIP = 0.6
-"""Bound of the side-slip, rad. A larger one occurs only near standstill, where it has no
-meaning."""
+"""Largest side-slip angle, rad; a larger measured angle is clipped. Such angles occur only near
+standstill, where they have no meaning."""
 
 
 def drag_force(speed: float, coefficient: float) -> float:
@@ -56,8 +56,7 @@ class AirVelocity(NamedTuple):
     """Measured velocity through the air after a report.
 
     time: of the report, s.
-    forward: speed along the nose, m/s, at an airspeed scale of 1.
-    left: speed to the left, m/s.
+    forward, left: speeds along the nose and to the left, m/s, for an airspeed scale of 1.
     """
 
     time: float = float("-inf")
@@ -73,10 +72,10 @@ class AirVelocity(NamedTuple):
         step = own.time - self.time
         if not 0 <= step <= LONGEST_REPORT_GAP:
             return AirVelocity(own.time, forward, left)
-        # Time constant of the low-pass on the speed along the nose, s. Below it, gusts and
-        # vibration dominate.
-        # 1.0: time constant of the low-pass on the speed to the left, s. It is longer, because this
-        # speed changes the heading of the path, and so the turn command.
+        # 0.5: time constant of the low-pass on the speed along the nose, s. A shorter one would
+        # pass gusts and vibration.
+        # 1.0: time constant of the low-pass on the speed to the left, s. The low-pass is slower,
+        # because this speed changes the heading of the path, and so the turn command.
         return AirVelocity(
             own.time,
             forward + (self.forward - forward) * exp(-step / 0.5),
@@ -84,19 +83,21 @@ class AirVelocity(NamedTuple):
         )
 
     def motion(self, own: OwnMotion) -> OwnMotion:
-        """Return own motion along the path through the air: its direction as heading, and the
-        measured airspeed."""
+        """Return own motion along the path through the air. The heading is the direction of this
+        path, and the airspeed is measured."""
         slip = atan2(self.left, max(self.forward, 1e-3))
         slip = min(max(slip, -MAX_SLIP), MAX_SLIP)
         return own._replace(heading=own.heading + slip, airspeed=hypot(self.forward, self.left))
 
 
 PRIOR_WEIGHT = 20.0
-"""Weight of the scale 1 in the least squares, m^2/s: as much as 10 s of a circle at 2 m/s."""
+"""Weight of the prior, a scale of 1, in `ScaleFit`, m^2/s. Flying a circle at 2 m/s adds the same
+weight in 10 s."""
 SCALE_BOUNDS = (0.5, 2.0)
-"""Bounds of the airspeed scale: the drag of copters per mass is 0.2 to 1/s."""
+"""Bounds of the learned airspeed scale, which is clipped to them. The drag coefficients of copters
+are between 0.2/s and 1/s."""
 SCALE_SIGMA = 0.25
-"""Standard deviation of the scale before it is learned."""
+"""Standard deviation of the airspeed scale before it is learned."""
 
 
 class ScaleFit:
@@ -121,11 +122,11 @@ class ScaleFit:
         """Newest integrated acceleration, and newest measured air velocity at a scale of 1, m/s."""
         self._velocity = 0j
         self._measured = 0j
-        """The same two after the high-pass, m/s."""
+        """Integrated acceleration, and measured air velocity, after the high-pass, m/s."""
 
     @property
     def scale(self) -> float:
-        """True over measured airspeed."""
+        """Airspeed scale: true over measured airspeed."""
         square = self._fit.xx + PRIOR_WEIGHT
         product = self._fit.xy.real + PRIOR_WEIGHT
         scale = square / max(product, 1e-6)
@@ -133,7 +134,7 @@ class ScaleFit:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of the scale."""
+        """Standard deviation of the airspeed scale."""
         return float(max(SCALE_SIGMA * PRIOR_WEIGHT / (self._fit.xx + PRIOR_WEIGHT), 0.03))
 
     def follow(self, own: OwnMotion, air: AirVelocity) -> None:
@@ -168,7 +169,7 @@ class MeanWind(NamedTuple):
 
     time: of the report, s.
     x, y: wind, m/s.
-    share: 0 before the first report, 1 after many.
+    share: weight of the reports in the mean. 0: no report yet, 1: many reports.
     """
 
     time: float = float("-inf")
@@ -179,7 +180,7 @@ class MeanWind(NamedTuple):
     @property
     def sigma(self) -> float:
         """Standard deviation of each component, m/s."""
-        # Standard deviation of each component of a learned wind, m/s.
+        # 0.4: standard deviation of each component of a learned wind, m/s.
         # 4.0: standard deviation of each component of the wind before it is learned, m/s.
         return hypot(0.4, 4.0 * (1 - self.share))
 
@@ -195,7 +196,7 @@ class MeanWind(NamedTuple):
             return self._replace(time=own.time)
         ground = rect(own.airspeed, own.heading)
         wind = ground - scale * complex(air.forward, air.left) * rect(1.0, own.heading)
-        # Time constant of the mean of the wind, s: half a lap.
+        # Time constant of the mean of the wind, s: about half a lap.
         kept = exp(-step / 20.0)
         share = 1 - (1 - self.share) * kept
         weight = (1 - kept) / share
@@ -205,16 +206,17 @@ class MeanWind(NamedTuple):
 
 
 MAX_TRIM = 1.5
-"""Bound of each integral, m/s^2: 9 degrees of error of the attitude estimate."""
+"""Bound of each integral (forward and left) of `AirspeedHold`, m/s^2. This push corrects an
+attitude estimate that is wrong by 9 deg."""
 
 
 class AirspeedHold:
-    """Push of the thrust that holds an airspeed against the drag, without side-slip.
+    """Push (horizontal acceleration by the thrust) that holds an airspeed without side-slip.
 
-    The push of the drag at this airspeed is commanded at once. Without GPS, the attitude estimate
-    is wrong by some degrees in turns. An integral of the missing drag corrects the forward push,
-    and one of the side-slip the push to the left. Without it, the path through the air turned by up
-    to 1.7 deg/s more or less than the nose.
+    The push that balances the drag at this airspeed is commanded at once. Without GPS, the attitude
+    estimate is wrong by some degrees in turns. An integral of the missing drag corrects the forward
+    push. An integral of the side-slip corrects the push to the left. Without the second integral,
+    the path through the air turned by up to 1.7 deg/s more or less than the nose.
     """
 
     def __init__(self, coefficient: float) -> None:
@@ -237,7 +239,7 @@ class AirspeedHold:
         if speed <= 0:
             return 0.0, 0.0
         forward = drag_force(speed / self.scale, self._coefficient) + self._forward_trim
-        # Push against a side-slip per speed to the left, 1/s.
+        # 0.4: push to the right per speed to the left, 1/s. It reduces the side-slip.
         return forward, self._left_trim - 0.4 * self._slip_speed
 
     def follow(self, air: AirVelocity, speed: float, scale: float | None) -> None:
@@ -257,14 +259,14 @@ class AirspeedHold:
         wanted = drag_force(speed / self.scale, self._coefficient)
         missing = wanted - drag_force(air.forward, self._coefficient)
         self._slip_speed = 0.0
-        # Missing share of the drag above which the copter still accelerates: no sign of a wrong
-        # attitude.
+        # If more than this share of the drag is missing, the copter still accelerates to the
+        # airspeed. Such a difference does not show a wrong attitude, so the integrals wait.
         if abs(missing) < 0.4 * wanted:
             self._slip_speed = min(max(air.left, -2.0), 2.0)
-            # Rate of the forward integral of `AirspeedHold`, 1/s: slower than the drag (0.25 to
-            # 0.5/s), so that it does not swing.
+            # Rate of the forward integral, 1/s. The integral is slower than the response of the
+            # airspeed by the drag (0.25 to 0.5/s), so that the airspeed does not oscillate.
             self._forward_trim = _bounded(self._forward_trim + 0.15 * missing * step)
-            # Push against a side-slip per integral of the speed to the left, 1/s^2.
+            # Push to the right per integral of the speed to the left, 1/s^2.
             self._left_trim = _bounded(self._left_trim - 0.15 * self._slip_speed * step)
 
 

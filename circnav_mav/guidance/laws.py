@@ -49,7 +49,7 @@ def reached_radius(r_d: float, k: float) -> float:
 
 
 def corrected_radius(r_d: float, k: float) -> float:
-    """Radius to feed law 1 so that it settles on r_d exactly, m (eq. `tilde_r_d`).
+    """Input radius with which law 1 settles on r_d exactly, m (eq. `tilde_r_d`).
 
     Raises ValueError unless |k| > 1/(2 r_d^2).
     """
@@ -72,8 +72,8 @@ def rate_gain(V: float, r_d: float, lag: float) -> float:
     """Return the largest gain k on the range rate, rad/m, for a loop with this lag (course +
     filter, s): k V lag = 0.5.
 
-    Above about 0.5 the laws have limit cycles, as flown on real autopilots. Above 6/r_d a gain has
-    no benefit.
+    With k V lag above about 0.5, real autopilots flew limit cycles. A gain above 6/r_d has no
+    benefit.
     """
     return min(0.5 / (V * lag), 6 / r_d)
 
@@ -82,8 +82,8 @@ def tolerated_drift(V: float, r_d: float, max_turn_rate: float) -> float:
     """Return the largest drift W (m/s, below V) in which the circle can be held; negative if not
     even in still air.
 
-    (V + W)^2/(V omega_max) <= r_d: at the most downwind point the ground speed is V + W, and the
-    turn of the course is V/(V + W) times that of the nose. max_turn_rate: reached by the vehicle,
+    (V + W)^2/(V omega_max) <= r_d: where the drift is a tailwind, the ground speed is V + W, and
+    the course turns V/(V + W) times as fast as the nose. max_turn_rate: reached by the vehicle,
     rad/s. This condition is derived, and is necessary for every law.
     """
     return min(sqrt(r_d * V * max_turn_rate) - V, 0.99 * V)
@@ -127,8 +127,8 @@ class Law:
 
     default_gain: (V, r_d, lag of the loop in s) -> magnitude of k.
     gain_bound: (V, r_d) -> bound that the magnitude of k must exceed.
-    reached_radius: (V, r_d, k) -> radius flown when fed r_d.
-    fed_radius: (V, r_d, k) -> radius to feed so that r_d is flown.
+    reached_radius: (V, r_d, k) -> radius on which the vehicle settles if the law's input is r_d, m.
+    fed_radius: (V, r_d, k) -> input of the law with which the vehicle settles on r_d, m.
     """
 
     name: str

@@ -24,14 +24,16 @@ from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 MEMORY = 60.0
 """Time constant of the drag's least squares, s: more than a lap, to separate wind from drag."""
 FIRST_DRAG = 0.3
+"""Prior of the drag, 1/s: that of a bare quadrotor."""
 PRIOR = 10.0
-"""Prior of the drag, 1/s (a bare quadrotor), and its weight, m^2/s."""
+"""Weight of this prior in the least squares, m^2/s."""
 MOST_FED = 5.0
-"""Bound of the feedforward against drag, m/s^2: 27 deg of tilt."""
+"""Upper bound of the acceleration feedforward against drag, m/s^2. It requires a tilt of 27 deg."""
 TILT = 0.25
 """Time constant of the tilt, s, as flown."""
 SLOW = 0.3
-"""Share of the airspeed below which the direction of the velocity is not used."""
+"""Modeled speed, as a share of the commanded speed, below which the direction of the velocity is
+not used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +68,8 @@ class CopterMotion:
         self.stop()
 
     def stop(self) -> None:
-        """Start again at rest with the learned drag. Call while the copter is not controlled from
-        here: it is handed over hovering, and how it accelerates shows the drag."""
+        """Start again at rest with the learned drag. Call while circnav does not control the
+        copter. At a handover the copter hovers, and its acceleration then shows the drag."""
         self._time: float | None = None
         self._v = 0j
         """Velocity, m/s."""
@@ -117,7 +119,7 @@ class CopterMotion:
         fit = self._fit
         fit.add(self._v, complex(*own.push) - acceleration, step, step)
         drag = (fit.product().real + PRIOR * FIRST_DRAG) / (fit.spread() + PRIOR)
-        # Bound of the learned drag, 1/s: seven times a bare quadrotor's; chosen.
+        # Upper bound of the learned drag, 1/s: seven times that of a bare quadrotor, by choice.
         self.drag = min(max(drag, 0.0), 2.0)
 
     def _as_motion(self, own: OwnMotion, course_rate: float) -> OwnMotion:
