@@ -21,14 +21,13 @@ class EstimatorSettings:
     speed: V, m/s.
     max_turn_rate: rad/s.
     gate: innovation gate in standard deviations.
-    restart_after: consecutive samples outside the gate, consistent with each other, that restart
-        the filter.
+    restart_after: number of consecutive samples outside the gate, but consistent with each other,
+        after which the filter restarts.
     min_samples: fewest samples before the estimate may steer.
-    drift_sigma: typical drift, as a share of V. The drift of a vehicle that holds its ground speed
-        is the target's motion alone.
-
-    scale_sigma: standard deviation of true over measured airspeed.
-    scale_bounds: its bounds.
+    drift_sigma: typical drift, as a share of V. If a vehicle holds its ground speed, the drift is
+        the target's motion alone.
+    scale_sigma: standard deviation of the airspeed scale (true over measured airspeed).
+    scale_bounds: lower and upper bound of the airspeed scale.
     acceleration_bias: standard deviation of the lasting error of measured accelerations, m/s^2.
     """
 
@@ -48,11 +47,11 @@ class MethodChange:
     """Change of the reported motion of a copter from motion over the ground to motion through the
     air.
 
-    wind: of the air over the ground, m/s, x and y.
-    wind_sigma: its standard deviation, m/s.
+    wind: velocity of the air over the ground, x and y, m/s.
+    wind_sigma: standard deviation of each component of the wind, m/s.
     scale: true over measured airspeed from now on.
-    scale_sigma: its standard deviation.
-    settings: of the vehicle from now on.
+    scale_sigma: standard deviation of `scale`.
+    settings: estimator settings from now on.
     """
 
     wind: tuple[float, float]
@@ -72,7 +71,7 @@ class Estimator(Protocol):
 
     @property
     def nis(self) -> float | None:
-        """Normalized innovation squared of the newest sample, or None before the second."""
+        """Normalized innovation squared of the newest sample, or None before the second sample."""
 
     def observe(self, sample: RangeSample) -> Fused:
         """Add a sample, with its range rate if it has one, or reject it."""
@@ -90,8 +89,8 @@ class Estimator(Protocol):
         sample."""
 
     def fly_through_air(self, change: "MethodChange") -> None:
-        """Continue with own motion through the air, where it was over the ground before. Estimators
-        without own motion ignore it."""
+        """Continue with own motion through the air. Until now, own motion was over the ground.
+        Estimators that do not use own motion ignore the change."""
         return
 
     def restamp(self) -> None:
