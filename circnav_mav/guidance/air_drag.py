@@ -1,16 +1,16 @@
-"""Airspeed and side-slip of a multicopter from its accelerometer, and the forward push that holds
-the airspeed.
+"""Airspeed and side-slip of a multicopter from its accelerometer, and the horizontal acceleration
+by the thrust ("push") that holds the airspeed.
 
 The thrust of a multicopter has no component along its forward and left axes. So the accelerometers
-of these axes measure the drag of the air alone, straight and turning, whatever the attitude
-estimate says:
+of these axes measure the drag of the air alone, in straight flight and in turns. They do not depend
+on the attitude estimate:
 
     force = -c v (1 + |v|/v_2)        for each of the two axes
 
 v: speed through the air along the axis. c: drag coefficient, from the mission. v_2: speed at which
-the quadratic drag of the airframe equals the linear drag of the rotors. The ratio of the true
-airspeed to the measured one is the airspeed scale. The relative-motion estimator learns it from the
-ranges, `ScaleFit` from a flight with GPS.
+the quadratic drag of the airframe equals the linear drag of the rotors. The ratio of the true to
+the measured airspeed is the airspeed scale. The relative-motion estimator learns this scale from
+the ranges. `ScaleFit` learns the scale from accelerations, while GPS is available.
 
 Source: Martin and Salaun, "The true role of accelerometer feedback in quadrotor control" (2010).
 v_2 was measured on ArduCopter's simulated quadrotor, straight and in turns.
@@ -47,8 +47,8 @@ def speed_of_drag(force: float, coefficient: float) -> float:
 
 
 def coefficient_at(ratio: float, speed: float) -> float:
-    """Return the coefficient c, 1/s, of a copter whose drag per mass over airspeed is `ratio`, 1/s,
-    at a speed, m/s."""
+    """Return the drag coefficient c, 1/s. ratio: drag per mass over airspeed, 1/s, as measured at
+    the airspeed `speed`, m/s."""
     return ratio / (1 + speed / EQUAL_DRAG_SPEED)
 
 
@@ -64,7 +64,8 @@ class AirVelocity(NamedTuple):
     left: float = 0.0
 
     def follow(self, own: OwnMotion, coefficient: float) -> "AirVelocity":
-        """Return the state after a report of own motion that contains the measured drag."""
+        """Return the velocity after a report of own motion. It is unchanged if the report has no
+        measured drag. coefficient: c, 1/s."""
         if own.drag is None:
             return self
         forward = speed_of_drag(-own.drag[0], coefficient)
@@ -101,11 +102,11 @@ SCALE_SIGMA = 0.25
 
 
 class ScaleFit:
-    """Least squares of the airspeed scale from accelerations, while GPS keeps the attitude of the
-    autopilot exact.
+    """Least squares of the airspeed scale from accelerations. The fit is valid while GPS keeps the
+    attitude estimate of the autopilot exact.
 
-    In a few seconds the wind is constant, so the velocity through the air changes as the integrated
-    acceleration:
+    Within a few seconds the wind is constant, so the velocity through the air changes by the
+    integrated acceleration:
 
         change of measured air velocity = change of velocity / scale
 
@@ -179,13 +180,13 @@ class MeanWind(NamedTuple):
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of each component, m/s."""
+        """Standard deviation of each component of the mean wind, m/s."""
         # 0.4: standard deviation of each component of a learned wind, m/s.
         # 4.0: standard deviation of each component of the wind before it is learned, m/s.
         return hypot(0.4, 4.0 * (1 - self.share))
 
     def follow(self, own: OwnMotion, air: AirVelocity, scale: float) -> "MeanWind":
-        """Return the state after a report.
+        """Return the mean wind after a report.
 
         own: heading and speed over the ground.
         air: velocity through the air.
@@ -227,7 +228,7 @@ class AirspeedHold:
     def reset(self, scale: float = 1.0) -> None:
         """Set the integrals to 0, and the airspeed scale to a known value."""
         self.scale = scale
-        """True over measured airspeed, followed slowly."""
+        """Airspeed scale in use. It follows the estimated scale slowly."""
         self._forward_trim = 0.0
         self._left_trim = 0.0
         self._slip_speed = 0.0
@@ -243,7 +244,7 @@ class AirspeedHold:
         return forward, self._left_trim - 0.4 * self._slip_speed
 
     def follow(self, air: AirVelocity, speed: float, scale: float | None) -> None:
-        """Update after a report in which the copter was steered.
+        """Update the integrals and the airspeed scale with a report, while circnav steers.
 
         air: measured velocity through the air.
         speed: true airspeed to hold, m/s.

@@ -21,11 +21,12 @@ speed. Up to this difference the mission's checks remain approximately valid."""
 class CircleRequest(NamedTuple):
     """A request for another circle. None leaves a value unchanged.
 
-    radius: m.
-    speed: m/s.
+    radius: requested radius, m.
+    direction: requested sense of rotation.
+    speed: requested speed, m/s.
     by: requester, for messages and the log.
-    offset: spacing of a fleet: added to the radius, m, outward positive.
-    pace: spacing of a fleet: factor on the speed.
+    offset: offset of the radius that spaces a fleet, m, outward positive.
+    pace: factor on the speed that spaces a fleet.
 
     The corrections by offset and pace are small and frequent. They do not change the circle of the
     mission.
@@ -40,12 +41,13 @@ class CircleRequest(NamedTuple):
 
     @property
     def spaces(self) -> bool:
-        """True if only spacing is requested."""
+        """True if the request has no radius, direction and speed, but only the spacing of a fleet:
+        offset or pace."""
         return self.radius is None and self.direction is None and self.speed is None
 
     def circle(self, orbit: Orbit) -> Orbit:
-        """Return the requested circle, without spacing; `orbit` itself if only spacing is
-        requested."""
+        """Return the requested circle without offset and pace. It is `orbit` itself if the request
+        has only offset or pace."""
         if self.spaces:
             return orbit
         return replace(
@@ -56,7 +58,7 @@ class CircleRequest(NamedTuple):
         )
 
     def applied(self, orbit: Orbit) -> Orbit:
-        """Return the orbit to fly: the requested circle with its spacing."""
+        """Return the orbit to fly: the requested circle with offset and pace."""
         circle = self.circle(orbit)
         offset = self.offset or 0.0
         pace = 1.0 if self.pace is None else self.pace
@@ -128,5 +130,6 @@ def obstacle(
 
 
 def _least_radius(orbit: Orbit, wind: float, most_turn: float) -> float:
-    """Return the least radius that can be held in wind, m (laws.tolerated_drift)."""
+    """Return the least radius that can be held in wind, m, by the condition of
+    `laws.tolerated_drift`."""
     return (orbit.speed + wind) ** 2 / (orbit.speed * most_turn)

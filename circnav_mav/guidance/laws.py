@@ -16,7 +16,7 @@ from typing import Any
 from circnav_mav.guidance.own_code import NameTable, checked
 
 LEAST = 1.2
-"""Least ratio of a default gain to the paper's bound."""
+"""Least ratio of the default gain of law 1 or 2 to the paper's bound on this gain."""
 LawFunction = Callable[..., Any]
 """The equation of a law: (r, r_dot, *, V, r_d, k) in the paper's symbols -> turn rate. For a
 user-defined law: `Orbit` -> `OwnLaw`."""
@@ -127,8 +127,8 @@ class Law:
 
     default_gain: (V, r_d, lag of the loop in s) -> magnitude of k.
     gain_bound: (V, r_d) -> bound that the magnitude of k must exceed.
-    reached_radius: (V, r_d, k) -> radius on which the vehicle settles if the law's input is r_d, m.
-    fed_radius: (V, r_d, k) -> input of the law with which the vehicle settles on r_d, m.
+    reached_radius: (V, r_d, k) -> radius on which the vehicle settles if the law receives r_d, m.
+    fed_radius: (V, r_d, k) -> radius that the law must receive for the vehicle to settle on r_d, m.
     """
 
     name: str
@@ -164,8 +164,8 @@ def feedforward(r: float, r_dot: float, *, V: float, r_d: float, k: float) -> fl
 
 
 def _smooth_gain(V: float, r_d: float, lag: float) -> float:
-    """Return twice the bound, as in the paper's example, or less if the loop would oscillate with
-    this lag (s)."""
+    """Return the default gain of law 1: twice its bound, as in the paper's example, or less if the
+    loop would oscillate with this lag (s)."""
     bound = smooth_gain_bound(r_d)
     # Largest loop gain 2 k r_d V lag of law 1. From about 0.45 on, vehicles have limit cycles.
     return max(LEAST * bound, min(2 * bound, 0.35 / (2 * r_d * V * lag)))

@@ -1,7 +1,7 @@
 """Limits of an autopilot below those of the mission: the bank of a plane, the lean of a copter.
 
-Both are found from the flight alone. A vehicle at its limit banks or leans less than the command
-requires, and holds that angle.
+Both limits are found in flight. A vehicle at its limit banks or leans less than the command
+requires, and keeps this smaller angle.
 """
 
 from cmath import rect
@@ -22,7 +22,8 @@ GRAVITY = 9.80665
 
 
 class BankLimit:
-    """Bank limit of a plane's autopilot: the bank stays constant below the commanded one.
+    """Bank limit of a plane's autopilot. At the limit the bank stays constant, below the commanded
+    bank.
 
     short: True if the plane banks less than commanded now.
     bank: coordinated turn rate at the limit, rad/s; inf while unknown.
@@ -33,7 +34,7 @@ class BankLimit:
     """Largest difference of a steady bank from its mean over 1 s, as a share of this mean."""
     AVERAGED = 20.0
     """Time constant, s, of the averaged turn rates of bank and nose at the bank limit. An error of
-    1 % in them costs 0.3 m of radius."""
+    1 % in these turn rates causes 0.3 m of radius error."""
 
     def __init__(self) -> None:
         self.short = False
@@ -100,7 +101,7 @@ class LeanLimit:
     and has hardly leaned more before.
 
     found: push at the limit, m/s^2; inf while unknown.
-    share: allowed share of the speed.
+    share: factor on the commanded speed. It is lowered each time that the lean is at its limit.
     """
 
     MEMORY = 60.0
@@ -133,7 +134,7 @@ class LeanLimit:
         self._required = 0.0
         """Magnitudes of push and required push, smoothed, m/s^2."""
         self._most = 0.0
-        """Largest lean, rad."""
+        """Largest smoothed lean so far, rad."""
         self._steady_since = inf
         self._lowered_at = -inf
         self._stood: tuple[float, float] | None = None

@@ -1,8 +1,8 @@
 """Stability margin of the drift law's loop on a circle, computed before the flight.
 
-The loop is linearized about the circle at the most critical point, where the drift is a tailwind:
-the ground speed v = V + W is highest there, and a turn of the nose moves the course by V/v of it.
-e: radius error, m. psi: heading error, rad. c: command.
+The loop is linearized about the circle at the most critical point, where the drift is a tailwind.
+There the ground speed v = V + W is highest, and the course turns by V/v times the turn of the nose.
+e: radius error, m. psi: heading error, rad. c: commanded turn rate, rad/s.
 
     e = -V P c/(s^2 + (v/r_d)^2),   psi = s P c/(s^2 + (v/r_d)^2),   pending = (1 - M) c/s
     M = e^(-s dead)/(lag s + 1)
@@ -113,8 +113,8 @@ def _loop(
 def drift_with_margin(
     V: float, r_d: float, most: float, delay: float, late: float, limit: float
 ) -> float:
-    """Return the largest drift up to `most`, m/s, in which a circle keeps its margin; negative if
-    none."""
+    """Return the largest drift up to `most`, m/s, in which a circle keeps its margin. The value is
+    negative if the margin is missing even in still air."""
 
     def sound(W: float) -> bool:
         return sensitivity(V, r_d, W, delay, late, limit) <= MOST_SENSITIVITY

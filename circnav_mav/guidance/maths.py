@@ -60,8 +60,13 @@ def radius_sensitivity(radius: float, height: float) -> str:
 def horizontal_rate(
     slant: float, rate: float, sigma: float, height: float
 ) -> tuple[float, float] | None:
-    """Return horizontal range rate and its standard deviation, m/s, from a slant range (m), its
-    rate and the sigma of this rate (m/s), in level flight: rho' = slant slant'/rho. None as for
-    `horizontal`."""
+    """Return horizontal range rate and its standard deviation, m/s, in level flight.
+
+    slant: slant range, m.
+    rate: rate of the slant range, m/s.
+    sigma: standard deviation of `rate`, m/s.
+
+    rho' = slant slant'/rho. None if the target is (nearly) below the vehicle.
+    """
     flat = horizontal(slant, sigma, height)
     return None if flat is None else (rate * slant / flat[0], flat[1])

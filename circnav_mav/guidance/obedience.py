@@ -1,8 +1,9 @@
-"""Obedience of a vehicle: does it follow turn commands, and do the commands swing in a limit cycle?
+"""Two verdicts on a vehicle's turns: does the vehicle follow turn commands, and is the loop in a
+limit cycle?
 
-Both are judged on bins of 0.2 s: commanded turn rate, flown turn rate (of a plane: that of its
-bank), and the prediction of each candidate of `turn_response`. Ranges are not used, so a wrong
-range raises no alarm.
+Both verdicts use bins of 0.2 s with the commanded turn rate, the flown turn rate, and the
+prediction of each candidate of `turn_response`. For a plane, the flown turn rate is that of its
+bank. Ranges are not used, so a wrong range raises no alarm.
 
 Following: least squares of the flown on the predicted turns. A vehicle that follows has a gain of a
 third or more at one of the candidate delays. Otherwise the flown turns fit better to a constant
@@ -67,16 +68,17 @@ REVERSES = -0.75
 LOWERED = 0.7
 """Factor on the gains after each limit cycle."""
 LEAST = 0.15
-"""Lower bound of the product of these factors. A vehicle whose own turn loop has a damping of 0.06
-stops oscillating at a third of the gains. With a damping of 0.05 at 3 rad/s it stops at a sixth.
-With a tenth of the gains, a vehicle in wind was 71 m away from its circle of 60 m radius."""
+"""Lower bound of the factor on the gains after several limit cycles. If the vehicle's own turn loop
+has a damping of 0.06, the oscillation stops at a third of the gains. With a damping of 0.05 at 3
+rad/s it stops at a sixth. With a tenth of the gains, a vehicle in wind was 71 m away from its
+circle of 60 m radius."""
 
 
 class Obedience:
     """Judges whether the vehicle follows turn commands.
 
     follows: False while the vehicle does not follow turn commands.
-    since: time of that verdict, s; inf if the vehicle follows.
+    since: time at which the vehicle was found not to follow, s; inf if the vehicle follows.
     """
 
     def __init__(self) -> None:
@@ -149,16 +151,15 @@ class LimitCycle:
         # also occur during the acquisition of the target: its excitation has a period of 6 s, and
         # turns from one hypothesis to the next take 4.4 to 5 s.
         swings = self._swings(turns[:, -SWING_WINDOW:], 18)
-        # All turns flown on the located target: the longer this stretch, the slower a cycle that it
-        # can show.
+        # Use all turns since the target was located: a longer window can show a longer period.
         size = min(len(self._turns), self._located)
         if size > SWING_WINDOW and not swings:
-            # Longest period of a limit cycle as a share of the lap. In wind, turns repeat with
-            # every lap, and twice in a lap.
+            # 0.4: longest period of a limit cycle as a share of the lap. In wind, turns without a
+            # limit cycle repeat once or twice per lap.
             longest = min(SLOWEST_PERIOD, int(0.4 * self.lap / BIN))
             swings = self._swings(turns[:, -size:], longest)
         self._regular = self._regular + 1 if swings else 0
-        # Consecutive bins in which the oscillation must be regular.
+        # 5: consecutive bins in which the oscillation must be regular.
         if self._regular >= 5:
             self.share = max(self.share * LOWERED, LEAST)
             # Turns flown with the previous gains do not show the effect of the new ones.

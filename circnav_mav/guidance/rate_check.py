@@ -21,13 +21,13 @@ APART = 0.1
 GAP = 1.0
 """Gap between rates, s, after which their integral restarts."""
 SURE = 4.0
-"""Smallest significant slope, in standard deviations. It is large because slopes are tested ten
-times a second, for hours."""
+"""A slope of z above this number of standard deviations shows a wrong rate. The number is large
+because slopes are tested ten times a second, for hours."""
 RETRY = 10.0
 """Time, s, for which a rejected rate must agree with the ranges before the rate is trusted again.
 The time doubles with each rejection."""
 LONGEST_RETRY = 160.0
-"""Upper bound of this time, s."""
+"""Upper bound of the doubled time of RETRY, s."""
 
 
 class RateCheck:
@@ -103,7 +103,7 @@ class RateCheck:
         """Return the slope over a span (s), or None if the ranges do not cover it."""
         kept = [one for one in self._ranges if one[0] >= now - span - 1e-3]
         half = len(kept) // 2
-        # Least number of pairs for a slope.
+        # 4: least number of pairs for a slope.
         if half < 4 or kept[0][0] > now - 0.8 * span:
             return None
         pairs = list(zip(kept, kept[-half:], strict=False))
@@ -112,8 +112,8 @@ class RateCheck:
             median((after[i] - before[i]) / (after[0] - before[0]) for before, after in pairs)
             for i in (1, 2)
         )
-        # Share of a range's variance that does not average out over a span: radios also have slow
-        # errors.
+        # 0.1: share of a range's variance that does not average out over a span, because radios
+        # also have slow errors.
         return _Slope(
             -off, sigma * sqrt(2 * (1.57 / half + 0.1)) / apart, change
         )  # 1.57: median over mean

@@ -141,7 +141,8 @@ class Inputs(NamedTuple):
 
 
 class ActiveLaw(IntEnum):
-    """Law that steers."""
+    """Law that steers. TRIAL: the drift law with the most likely hypothesis of the target
+    position."""
 
     FEEDFORWARD = 0
     TRIAL = 1
@@ -159,9 +160,9 @@ class Handover(NamedTuple):
     """State of the handover between laws.
 
     flies: law that steered last; None before the first step.
-    most_likely: number of the hypothesis flown last; None: none.
+    most_likely: number of the hypothesis flown last; None if no hypothesis was flown.
     command: last command, rad/s.
-    offset: decaying rest of the command's step at the last change, rad/s.
+    offset: rest of the step in the command at the last change of the law, rad/s. It decays to 0.
     untrusted: time since the target position was last trusted, s.
     about: side to which a vehicle that flies away from the target turns back. +1: left, -1: right,
         0: the vehicle does not fly away.
@@ -206,7 +207,7 @@ def next_handover(
     else:
         untrusted = before.untrusted + dt
         searched = before.searched + dt
-        # Time of acquisition, s, before its most likely hypothesis is flown.
+        # 1.0: duration of acquisition, s, after which its most likely hypothesis is flown.
         if most_likely is not None and untrusted >= 1.0 - SAME_TIME:
             flies = ActiveLaw.TRIAL
             wanted = drift_turn
@@ -320,7 +321,7 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> int | No
         return None
     near = abs(inputs.r - settings.r_d) < NEAR * settings.r_d
     circling = near and abs(inputs.r_dot) < ALONG * settings.V
-    # Time, s, for which acquisition on the circle flies no hypothesis.
+    # 10.0: duration of acquisition on the circle, s, before a hypothesis is flown.
     patient = before.searched < 10.0 - SAME_TIME
     if relative.drift_remembered and circling and patient:
         return None
@@ -382,7 +383,7 @@ def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> Tu
 
 
 def limited(demanded: float, limit: float) -> TurnCommand:
-    """Return the demand limited to +-limit, both in rad/s."""
+    """Return the command for a demanded turn rate, limited to +-limit (both in rad/s)."""
     turn = clip(demanded, -limit, limit)
     return TurnCommand(TurnRate(turn), TurnRate(demanded), turn != demanded)
 

@@ -60,7 +60,7 @@ LEAST_SLOPE = 0.4
 """Lower bound of the slope of flown over predicted turns, for turns to be used. Vehicles that
 follow have slopes of 0.65 to 1.2."""
 MOST_SLOPE = 1.6
-"""Upper bound of this slope."""
+"""Upper bound of the slope of flown over predicted turns, for turns to be used."""
 
 
 class Response(NamedTuple):

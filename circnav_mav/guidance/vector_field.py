@@ -1,13 +1,13 @@
-"""`drift`: guidance on the relative motion (position relative to the target, and drift), not only
-on range.
+"""Law `drift`: guidance by the relative motion (position relative to the target, and drift), not by
+range alone.
 
-A vector field of ground courses, with the drift compensated by the wind triangle (Lyapunov vector
-fields: Lawrence, Frew, Pisano 2008; wind: Frew 2007). The rotation of the field is the feedforward.
-Unlike exact linearization of r it has no singular heading, and it never demands a closing speed
-that the wind makes impossible.
+The law follows a vector field of ground courses. The wind triangle compensates the drift (Lyapunov
+vector fields: Lawrence, Frew, Pisano 2008; wind: Frew 2007). The rotation of the field is the
+feedforward. Unlike exact linearization of r, the law has no singular heading, and never demands a
+closing speed that the wind makes impossible.
 
-All functions assume a counter-clockwise orbit, omega > 0 to the left. `mirrored` converts the
-clockwise one.
+All functions assume a counter-clockwise orbit, omega > 0 to the left. `mirrored` converts a
+clockwise orbit.
 """
 
 from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt

@@ -172,7 +172,7 @@ class VehicleModel:
         self._commanded: float | None = None
         self._commanded_at = -inf
         self._started_at = -inf
-        """Time of the first report, or of the first one after a gap, s."""
+        """Time of the first report, or of the first report after a gap, s."""
         self._followed_at = -inf
         self._unresponsive_at = -inf
         self._snapshots: deque[Snapshot] = deque()
@@ -190,7 +190,7 @@ class VehicleModel:
 
     @property
     def response(self) -> Response:
-        """Delay and lag, as used now."""
+        """Response of the vehicle, as used now."""
         return self._learner.response(self.link)
 
     @property

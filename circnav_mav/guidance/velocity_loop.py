@@ -26,7 +26,7 @@ MEMORY = 60.0
 FIRST_DRAG = 0.3
 """Prior of the drag, 1/s: that of a bare quadrotor."""
 PRIOR = 10.0
-"""Weight of this prior in the least squares, m^2/s."""
+"""Weight of the prior FIRST_DRAG in the least squares of the drag, m^2/s."""
 MOST_FED = 5.0
 """Upper bound of the acceleration feedforward against drag, m/s^2. It requires a tilt of 27 deg."""
 TILT = 0.25

@@ -64,7 +64,8 @@ def bulk_sigma(residuals: Sequence[float]) -> float:
 
 
 class WhiteNoise:
-    """Newest residuals. count: number of residuals so far."""
+    """Stores the newest residuals, and estimates the white noise. count: number of residuals so
+    far."""
 
     def __init__(self, kept: int, share: float) -> None:
         """kept: number of residuals kept. share: quantile of their magnitudes, 0 to 1, that gives

@@ -24,8 +24,8 @@ NOISE_NEAR = 1.5
 is multiplied by 1 + 1/sqrt(n). If the assumption of 0.5 m is correct, the check does not pass in 3
 of 1000 preflights with 10 ranges, and in none of 20,000 with 50 ranges."""
 NOISE_FAR = 4.0
-"""Ratio of measured to assumed noise above which the noise check fails, multiplied by the same
-factor."""
+"""Ratio of measured to assumed noise above which the noise check fails. For n residuals the bound
+is multiplied by 1 + 1/sqrt(n)."""
 
 
 def judge_ranging(mission: Mission, listener: PreflightListener) -> Iterator[Check]:

@@ -1,4 +1,4 @@
-"""Interface of the estimators of range rate."""
+"""Interface of the estimators of range, range rate and relative motion."""
 
 from dataclasses import dataclass
 from enum import Enum

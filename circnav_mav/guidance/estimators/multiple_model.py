@@ -53,7 +53,7 @@ discarded and the filter searches again."""
 MISSED = 0.6
 """Share of recent samples outside the gate above which the filter searches again."""
 RECENT = 3.0
-"""Time constant of this share, s."""
+"""Time constant of the share of recent samples outside the gate, s."""
 MODELS = (
     (1e-7, 0, 0, 0, 1, 0),  # steady drift
     (1e-7, 0, 0, 0, 0.4, 0.9),

@@ -15,7 +15,7 @@ WIDTH = 0.25
 ROUGH = 40
 """Number of stored residuals, from which the white part of the noise is measured."""
 ROUGH_ENOUGH = 16
-"""Fewest residuals for such a measurement."""
+"""Fewest residuals from which the white part of the noise is measured."""
 
 
 class Sample(NamedTuple):

@@ -2,8 +2,8 @@
 
 State (r, r') in m and m/s, driven by an unknown acceleration that is constant over a sample
 interval. Its standard deviation is a third of the physical bound |r''| <= V^2/r + V omega_max. The
-first sample starts the filter with r' = 0 and variance V^2/2: that of -V cos(theta_b) for an
-unknown bearing theta_b.
+first sample starts the filter with r' = 0 and a variance of r' of V^2/2. This is the variance of
+-V cos(theta_b) for an unknown bearing theta_b.
 """
 
 from dataclasses import dataclass
@@ -40,8 +40,8 @@ def motion_model(h: float, q: float) -> tuple[Array, Array]:
 
 
 class KalmanRangeRate(Estimator):
-    """The filter in flight. The time step is the difference of two sensor timestamps, so transport
-    jitter has no effect."""
+    """Kalman filter of range and range rate. Its time step is the difference of two sensor
+    timestamps, so transport jitter has no effect."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
         self._settings = settings
@@ -78,7 +78,7 @@ class KalmanRangeRate(Estimator):
         """
         h = (
             0.0 if self._newest is None else max(sample.stamp - self._newest.stamp, 0.0)
-        )  # 0 if a later rate came first
+        )  # 0 if a newer range rate was received before
         accepted = self._samples > 0 and self._measure(RANGE, h, sample.r, sample.sigma)
         if accepted:
             self._samples = self._samples + 1

@@ -15,7 +15,7 @@ Frame: the paper's, rotated by the constant error of the compass. V: measured ai
 vector of the heading psi.
 
     p' = v = kappa V u(psi) + d + g + e
-    d' = white noise,   g' = -g/tau_g + white noise,   b' likewise
+    d' = white noise,   g' = -g/tau_g + white noise,   b' = -b/tau_b + white noise
     z = r + b + white noise,   measured acceleration = v' + (f, l) turned by psi + white noise
 
 The acceleration measures changes of d + g + e independently of the heading. It reveals a gust, and
@@ -23,10 +23,10 @@ a vehicle that slips or lags, earlier than the range does. Without it, e is 0.
 
 The state is polar because the measurement is then linear. A Cartesian filter linearizes each range
 along a new bearing, which gives it false information on the bearing. In gusts its NEES (normalized
-estimation error squared) reaches hundreds; here it stays near 2. The motion is exact (its input is
-the chord of the air path) and linearized about the mean. Source: extended Kalman filter in polar
-coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates for bearings-only
-tracking" (1983).
+estimation error squared) reaches hundreds. The NEES of the polar filter stays near 2. The motion is
+exact (its input is the chord of the air path) and linearized about the mean. Source: extended
+Kalman filter in polar coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates
+for bearings-only tracking" (1983).
 """
 
 from math import exp
