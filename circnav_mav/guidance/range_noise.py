@@ -46,11 +46,11 @@ class NoiseCheck:
         self._patience = patience
         self._newest: deque[tuple[float, float]] = deque(maxlen=256)
         self._still = WhiteNoise(KEPT, QUARTILE)
-        """Residuals minus the largest effect of motion."""
+        """Residuals of consecutive samples, minus the largest contribution of motion."""
         self._raw = WhiteNoise(KEPT, QUARTILE)
-        """Unchanged residuals."""
+        """Residuals of consecutive samples, motion included."""
         self._wide = WhiteNoise(KEPT_WIDE, QUARTILE)
-        """Wide residuals."""
+        """Residuals of samples that are WIDE apart."""
         self._step = inf
         self._same_since = 0.0
         self._same = 0
@@ -128,8 +128,8 @@ class NoiseCheck:
             self._wide.add(residual(begin, halfway, now))
 
     def _resolve(self, difference: float) -> None:
-        """Update the sensor's resolution: differences and second differences are multiples of
-        it."""
+        """Update the estimated resolution of the sensor. Differences and second differences of its
+        values are multiples of the resolution."""
         # Largest difference that is a rounding error.
         if difference > 1e-6:
             self._step = min(self._step, difference)

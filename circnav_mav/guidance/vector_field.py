@@ -24,8 +24,8 @@ REACHABLE = 0.98
 makes the course impossible: then the nose points nearly across the course."""
 RADIAL_SHARE = 0.4
 """Gain of the radius loop over gain of the heading loop. At the margins of `drift_gains`, 0.4
-suppresses slow errors best. On ArduPlane 4.6.3, wind and turbulence disturbed the radius below 0.4
-rad/s."""
+suppresses slow errors best. On ArduPlane 4.6.3, wind and turbulence disturbed the radius at
+frequencies below 0.4 rad/s."""
 OUTWARD = 0.5 * pi
 """Preference for a turn away from the target, rad. The vehicle turns away from the target if this
 turn is at most half a turn plus this angle. Otherwise the vehicle turns toward the target."""
@@ -34,7 +34,7 @@ turn is at most half a turn plus this angle. Otherwise the vehicle turns toward 
 class DriftGains(NamedTuple):
     """Gains of the drift law.
 
-    heading: on the heading error, 1/s.
+    heading: gain on the heading error, 1/s.
     radial: slope of the inward course angle at the circle, rad/m.
     """
 
@@ -43,10 +43,10 @@ class DriftGains(NamedTuple):
 
 
 def drift_gains(V: float, delay: float, settles: float, share: float = 1.0) -> DriftGains:
-    """Return the gains.
+    """Return the gains of the drift law.
 
     V: speed, m/s.
-    delay: total of link, autopilot and airframe, s.
+    delay: total delay of link, autopilot and airframe, s.
     settles: settling rate of the response, 1/s.
     share: factor on the gains, below 1 after limit cycles.
     """
@@ -192,10 +192,10 @@ def mirrored_pair(pair: Vector, sense: float) -> Vector:
 def mirrored(
     p: Vector, d: Vector, psi: float, pending: Pending, sense: float
 ) -> tuple[Vector, Vector, float, Pending]:
-    """Return the situation mirrored to a counter-clockwise orbit. sense: +1 counter-clockwise, -1
-    clockwise.
+    """Return position, drift, heading and pending turn, mirrored to a counter-clockwise orbit.
 
-    Multiply the resulting turn rate by sense.
+    sense: of the orbit that is flown: +1 counter-clockwise, -1 clockwise. The turn rate that a law
+        computes from the mirrored values must be multiplied by it.
     """
     return (
         mirrored_pair(p, sense),

@@ -246,7 +246,8 @@ class VehicleModel:
         self._nose += remainder(nose.heading - self._nose, 2 * pi)
         turned = self._nose if nose.bank_turn is None else self._turned
         new = self._nose_bins.add(nose.time, turned, self.link)
-        # The vehicle first finishes its previous maneuver.
+        # After the first command, the vehicle first finishes its previous maneuver. Do not judge
+        # these turns.
         if new is not None and new.time - self._candidates.begun >= BEGINS:
             self.limit_cycle.judge(new.time, new.flown, self._commanded)
             self.obedience.judge(new)

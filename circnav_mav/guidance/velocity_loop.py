@@ -49,9 +49,9 @@ class VelocityLoop:
         """Return the acceleration feedforward (m/s^2), forward and to the left, that keeps the
         velocity along the nose.
 
-        speed: m/s.
-        turn_rate: rad/s.
-        drag: 1/s.
+        speed: commanded speed, m/s.
+        turn_rate: turn rate of the nose, rad/s.
+        drag: drag coefficient, 1/s.
         """
         return min(drag * speed, MOST_FED), (1 + self.derivative) * speed * turn_rate
 
@@ -113,7 +113,8 @@ class CopterMotion:
         self._q += loop.integral * error * h
 
     def _learn(self, own: OwnMotion, acceleration: complex, step: float) -> None:
-        """Fit push minus acceleration to the velocity. The intercept is the wind."""
+        """Learn the drag: push minus acceleration is linear in the velocity. The wind changes only
+        the intercept of this line."""
         if own.push is None:
             return
         fit = self._fit

@@ -199,8 +199,8 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
 
 
 def fastest_turn(mission: Mission) -> float:
-    """Return the turn rate that the acceleration limits of the vehicles allow by default, rad/s, at
-    the mission's speed."""
+    """Return the turn rate, rad/s, that the vehicles' default acceleration limits allow at the
+    mission's speed."""
     emulated = (mission.file.sim or {}).get("vehicle", {})
     if mission.flies_sim and emulated.get("dynamics") != "realistic":
         return inf  # the emulator's ideal copters have no limit

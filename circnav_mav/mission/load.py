@@ -167,8 +167,8 @@ def put(table: Any, keys: list[str], value: Any, source: str) -> None:
 
 
 def _make_absolute(table: Any, folder: Path) -> None:
-    """Make the key file paths of a mission, its bundled vehicle and its extras absolute. They are
-    relative to the folder of the file, or begin with `~`."""
+    """Make the key file paths of a mission, its bundled vehicle and its extras absolute. In the
+    file, these paths are relative to the folder of the file, or begin with `~`."""
     sim = table.get("sim")
     tables = {**table, "sim.signing": sim.get("signing") if isinstance(sim, Mapping) else None}
     for place in tables.values():

@@ -82,12 +82,12 @@ class Mission:
 
     @property
     def law(self) -> LawChoice:
-        """Law with its gain: the file's, or the default."""
+        """Law with its gain. The gain is that of the file, or the default of the law."""
         return self.tuning.choice(self.orbit)
 
     @property
     def estimator(self) -> str:
-        """Name of the estimator: the file's, or the law's default."""
+        """Name of the estimator: that of the file, or the default of the law."""
         return self.file.guidance.estimator or default_estimator(self.file.guidance.law)
 
     @property

@@ -97,7 +97,7 @@ class VehicleTable(Table):
     method: Literal[MISSION_METHODS] | None = None  # type: ignore[valid-type]
     speed_mps: Positive
     max_turn_rate_deg_s: Positive | None = None
-    # At 75 a level turn pulls 3.9 g
+    # 75: at this bank a level turn has a load of 3.9 g.
     max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None
     # 10.0: longest delay from a command to its turn, s. A larger value was probably meant in ms.
     turn_lag_s: Annotated[float, Field(ge=0, le=10.0)] = 0.4
@@ -151,7 +151,7 @@ class RangingTable(Table):
     beacon_id: Annotated[int, Field(ge=0, le=65535)] | None = None
     sensor_id: Annotated[int, Field(ge=0, le=255)] | None = None
     orientation: Annotated[int, Field(ge=0, le=100)] | None = None
-    # 10: limit of NAMED_VALUE_FLOAT
+    # 10: largest number of characters in the name of a NAMED_VALUE_FLOAT.
     name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"
     rate_name: Annotated[str, Field(min_length=1, max_length=10)] | None = None
     rate_sign: Literal["opening", "closing"] = "opening"
@@ -184,7 +184,7 @@ class LinkTable(Table):
 
     endpoint: Name
     peer: Addresses | None = None
-    # MAV_COMP_ID_ONBOARD_COMPUTER to MAV_COMP_ID_ONBOARD_COMPUTER4
+    # 191 to 194: MAV_COMP_ID_ONBOARD_COMPUTER to MAV_COMP_ID_ONBOARD_COMPUTER4
     component_id: Annotated[int, Field(ge=191, le=194)] = 191
     wait_s: Positive = 30.0
     unsigned_parameters: bool = False

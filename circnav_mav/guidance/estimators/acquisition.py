@@ -1,4 +1,5 @@
-"""Acquisition of the target: hypotheses in all directions, until a single one fits the ranges.
+"""Acquisition of the target: hypotheses in all directions, until only one hypothesis fits the
+ranges.
 
 Kalman filters started on a circle of bearings are overconfident: each filter linearizes along its
 own tangent, although the target may be in any direction. The search instead stores a window of
@@ -157,12 +158,12 @@ class Acquisition:
         if cost < g.cost[self.most_likely] - 0.5:
             self.most_likely = best
         filled = bins.z.size
-        # Fewest filled bins before a solution is accepted.
+        # 8: fewest filled bins before a solution is accepted.
         if filled < 8:
             return None
         # Accept a solution if it is precise, its drift is plausible and no hypothesis at another
-        # position fits nearly as well. `scale` (the reduced chi-square) raises covariance and
-        # margin if the ranges are noisier than assumed.
+        # position fits nearly as well. If the ranges are noisier than assumed, `scale` (the reduced
+        # chi-square) increases the covariance and the required advantage over other positions.
         scale = max(1.0, 2 * cost / (filled - UNKNOWNS + 1))
         x = g.x[best]
         P = covariance(x, bins, self._prior) * scale

@@ -16,10 +16,10 @@ class Fused(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:
-    """Properties of the vehicle and the sensor.
+    """Settings of an estimator: properties of the vehicle and the sensor.
 
-    speed: V, m/s.
-    max_turn_rate: rad/s.
+    speed: speed V of the vehicle, m/s.
+    max_turn_rate: limit of the turn rate, rad/s.
     gate: innovation gate in standard deviations.
     restart_after: number of consecutive samples outside the gate, but consistent with each other,
         after which the filter restarts.
@@ -77,11 +77,11 @@ class Estimator(Protocol):
         """Add a sample, with its range rate if it has one, or reject it."""
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Add a measured range rate, which may arrive between ranges. It is used only in addition
-        to ranges."""
+        """Add a measured range rate, which may arrive between ranges. Range rates are used only in
+        addition to ranges."""
 
     def move(self, motion: OwnMotion) -> None:
-        """Add own motion, which may arrive between ranges. Some estimators ignore it."""
+        """Add own motion, which may arrive between ranges. Some estimators ignore own motion."""
         return
 
     def at(self, time: float) -> RangeEstimate | None:
@@ -94,7 +94,8 @@ class Estimator(Protocol):
         return
 
     def restamp(self) -> None:
-        """Handle a jump of the sensor's clock. Estimators that use its timestamps start again."""
+        """Handle a jump of the sensor's clock. Estimators that use the sensor's timestamps start
+        again."""
         return
 
     def reset(self) -> None:

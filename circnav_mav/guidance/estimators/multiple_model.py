@@ -2,7 +2,7 @@
 models.
 
 SEARCH: hypotheses in all directions at the newest range, fitted to a window of the last seconds.
-When exactly one of them explains the ranges, the filter changes to TRACKING.
+When only one hypothesis explains the ranges, the filter changes to TRACKING.
 
 TRACKING: one Kalman filter per noise model (drift from steady to gusty, range error from white to
 drifting), weighted by its likelihood. A model of negligible weight restarts from the mixture of its
@@ -34,7 +34,7 @@ from circnav_mav.guidance.maths import Vector
 
 
 class Stage(IntEnum):
-    """Stage of the estimate."""
+    """Stage of the estimate. EMPTY: no range since the start, or since a track was lost."""
 
     EMPTY = 0
     SEARCH = 1
@@ -69,11 +69,12 @@ MODELS = (
 acceleration_weight, white, drifting, as in `Noise`. Only models with a steady or slowly changing
 drift have a drifting range error: with other drifts it cannot be observed."""
 LEAST_SIGMA = 1e-3
-"""Lower bound of the standard deviation of a range, m; a smaller value is raised to it. The error
-of the motion between samples is larger. Rounding errors would spoil a covariance."""
+"""Lower bound of the standard deviation of a range, m; a smaller value is raised to it. With a
+smaller value, rounding errors spoil a covariance. The motion between samples has a larger error
+anyway."""
 MOST_SIGMA = 1e3
-"""Upper bound of the standard deviation of a range, m; a larger value is lowered to it. Such a
-range contains no information. Rounding errors would spoil a covariance."""
+"""Upper bound of the standard deviation of a range, m; a larger value is lowered to it. With a
+larger value, rounding errors spoil a covariance. Such a range contains no information anyway."""
 FORGOTTEN = -12.0
 """Log weight below which a model restarts from the mixture. The heaviest model has 0."""
 REVIVED = -6.0
@@ -97,7 +98,7 @@ class MultipleModelFilter:
     """Multiple-model filter. Input: `step`, or `observe` and `search`.
 
     mean (12,), covariance (12, 12): the estimate.
-    stage: of the estimate.
+    stage: stage of the estimate.
     nis: normalized innovation squared of the most likely noise model; None before the first update.
     missed: share of recent samples outside the gate.
     refused: True if the last sample was rejected.

@@ -56,8 +56,8 @@ class KalmanRangeRate(Estimator):
 
     @property
     def ready(self) -> bool:
-        """True if the estimate may steer: enough samples, and the standard deviation of r' below
-        V/2."""
+        """True if the estimate may steer. There must be enough samples, and the standard deviation
+        of r' must be below V/2."""
         settings = self._settings
         return self._samples >= settings.min_samples and bool(
             self._filter.P[1, 1] < settings.speed**2 / 4

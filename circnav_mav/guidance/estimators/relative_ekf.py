@@ -8,7 +8,7 @@ hypotheses:
                 side-slip, a turning target), e independent in each step (noise of heading and
                 airspeed)
     kappa       true over measured airspeed
-    b           slowly drifting error of the range (m)
+    b           slowly drifting error of the range (m), with time constant tau_b
     f, l        error of the measured acceleration, forward and to the left (m/s^2)
 
 Frame: the paper's, rotated by the constant error of the compass. V: measured airspeed. u(psi): unit
