@@ -148,13 +148,15 @@ class Law:
 
 
 def feedforward(r: float, r_dot: float, *, V: float, r_d: float, k: float) -> float:
-    """omega = sqrt(V^2 - r'^2)/max(r, 0.43 r_d) + |k| (r' + chi), chi = v* tanh(gamma e/v*).
+    """Law without radius bias, derived for this product:
+    omega = sqrt(V^2 - r'^2)/max(r, 0.43 r_d) + |k| (r' + chi), chi = v* tanh(gamma e/v*).
 
-    For k < 0 (counter-clockwise); the mirror image for k > 0. e = r - r_d; |k| in rad/m. The first
-    term is the turn of the circle through the present point, so the radius has no bias for any k.
-    With v* = 0.55 V the approach is flyable in a wind of 0.3 V. gamma = |k| V/6; condition:
-    gamma <= |k| V/4 (damping at least 1) and |k| V (course lag + filter lag) below about 0.5.
-    Derived for this product.
+    The equation holds for k < 0 (counter-clockwise), its mirror image for k > 0. e = r - r_d. |k|
+    is in rad/m. The first term is the turn of the circle through the present point, so the radius
+    has no bias for any k. With v* = 0.55 V the approach can be flown in a wind of 0.3 V.
+
+    gamma = |k| V/6 satisfies the condition gamma <= |k| V/4 (damping of at least 1). A second
+    condition is that |k| V (course lag + filter lag) is below about 0.5.
     """
     gamma = abs(k) * V / 6
     v_star = 0.55 * V

@@ -115,9 +115,9 @@ class LeanLimit:
     """Least time, s, from the first steady lean to a steady lean at the same angle that confirms a
     limit."""
     NEAR_MOST = 0.93
-    """A lean at its limit is at least this share of the largest lean so far. With 0.8, a copter on
-    a circle of 10 m radius in wind seemed to be limited to 11 deg, although it had leaned 12 deg
-    one lap before."""
+    """A lean at its limit is at least this share of the largest lean so far. With 0.8, a limit of
+    11 deg was found on a circle of 10 m radius in wind. The copter had leaned 12 deg one lap
+    before."""
     LOWERED = 0.95
     """Factor on the speed each time that the lean is at its limit."""
     EVERY = 2.0

@@ -228,15 +228,18 @@ def _without_worst(errors: Array) -> float:
 
 
 def _swings(turns: Array, least: float, longest: int) -> bool:
-    """Return True if binned turn rates (rad/s) repeat as in a limit cycle with a period of at most
-    `longest` bins, and the RMS of their fast part is at least `least`, rad/s. A parabola removes
-    the slow part: wind and approach."""
+    """Return True if binned turn rates (rad/s) repeat as in a limit cycle.
+
+    least: least RMS of the fast part of the turn rates, rad/s. The slow part (wind and approach) is
+        removed by a parabola.
+    longest: longest period, bins.
+    """
     place = np.linspace(-1.0, 1.0, turns.size)
     fast = turns - np.polyval(np.polyfit(place, turns, 2), place)
     if sqrt(float(np.mean(fast**2))) < least:
         return False
-    # Least number of periods in the window. The alternating turns of an approach, and gusts that
-    # repeat by chance, have fewer periods.
+    # 4.0: least number of periods in the window. The alternating turns of an approach, and gusts
+    # that repeat by chance, have fewer periods.
     longest = min(longest + 1, int(turns.size / 4.0))
     correlation = np.array([_correlation(fast[:-lag], fast[lag:]) for lag in range(1, longest + 1)])
     negative = np.flatnonzero(correlation < 0)

@@ -1,8 +1,8 @@
 """Default gains of all range-only laws, for the mission check, the pilot and the benchmark.
 
-A gain depends on the circle and on one delay. The delay is the sum of the turn lag, from the
-mission, and the lag of the range-rate filter, from the radio's noise and rate. (The heading loop of
-`drift` and `auto` is tuned in flight from the measured response: see `vector_field.drift_gains`.)
+A gain depends on the circle and on one delay. The delay is the sum of two lags. The turn lag is
+given in the mission. The lag of the range-rate filter follows from the radio's noise and rate. (The
+heading loop of `drift` and `auto` is tuned in flight by `vector_field.drift_gains`.)
 """
 
 from dataclasses import dataclass

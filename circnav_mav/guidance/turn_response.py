@@ -2,9 +2,9 @@
 turns.
 
 Each candidate is a dead time and a response of first order (a lag) or of second order (a frequency
-and a damping). The candidates cover the measured range of real firmware (ArduPilot, PX4). They are
-weighted by least squares of the turned angle in short bins, with a prior centered on the mission's
-`turn_lag_s`. `vehicle_model` combines the response with the gain.
+and a damping). The candidates cover the measured range of real firmware (ArduPilot, PX4). Their
+weights follow from least squares of the turned angle in short bins. The prior is centered on the
+mission's `turn_lag_s`. `vehicle_model` combines the response with the gain.
 """
 
 from collections import deque

@@ -24,9 +24,9 @@ from circnav_mav.guidance.turn_response import (
 from circnav_mav.guidance.types import SAME_TIME, OwnMotion
 
 MEASUREMENT_DELAY = 0.4
-"""Delay of a plane's turn of the nose, which is reported, behind its bank, s. A plane that begins
-to turn slips first. With a delay of 0.2 s, ArduPlane 4.6.3 flew a limit cycle in a wind of 8
-m/s."""
+"""Delay of the turn of a plane's nose behind its bank, s. The reported turn rate is that of the
+nose, and a plane that begins to turn slips first. With a delay of 0.2 s, ArduPlane 4.6.3 flew a
+limit cycle in a wind of 8 m/s."""
 OBEYS_AFTER = 2.0
 """Time, s, for which an unresponsive vehicle must turn as commanded before learning resumes. After
 this time the response model no longer contains commands that the vehicle did not receive."""

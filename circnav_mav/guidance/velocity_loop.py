@@ -6,10 +6,10 @@
 v: velocity. a: acceleration by the tilt. u: commanded velocity. q: integrator. f: acceleration
 feedforward. c: drag.
 
-Without f a turning copter flies slower than commanded and crabs: by 9 % and 11 deg with PX4's gains
-and a drag of 1/s at 5 m/s and 0.1 rad/s. Its course follows the nose 2 s late. With f = (1 + D) u'
-+ c u the velocity follows u as fast as the tilt. The drag c is learned from the tilt: the
-horizontal thrust minus the acceleration is the drag force.
+Without f a turning copter flies slower than commanded, and crabs. With PX4's gains and a drag of
+1/s, at 5 m/s and 0.1 rad/s, it is slower by 9 % and crabs by 11 deg. Its course follows the nose 2
+s late. With f = (1 + D) u' + c u the velocity follows u as fast as the tilt. The drag c is learned
+from the tilt: the horizontal thrust minus the acceleration is the drag force.
 Source: PX4 PositionControl (MPC_XY_VEL_P_ACC, _I_ACC, _D_ACC); compared with PX4's own flights in
 simulation.
 """

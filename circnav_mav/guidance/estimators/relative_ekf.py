@@ -298,15 +298,18 @@ def wandered(steady: Array, gusty: Array, dt: float) -> Array:
 
 
 def range_measurement(h: Hypotheses, noise: Noise, z: float, sigma: float) -> Measurement:
-    """Return the measurement of a range z with its standard deviation, m."""
+    """Return a range z (m) with standard deviation sigma (m) as a measurement for each
+    hypothesis."""
     cross = h.P[:, R] + h.P[:, B]
     variance = np.maximum(cross[R] + cross[B], 0.0) + (noise.white * sigma) ** 2
     return Measurement(z - h.x[R] - h.x[B], cross, variance, OUTLIER_SPREAD)
 
 
 def rate_measurement(h: Hypotheses, r_dot: float, sigma: float, air: Vector) -> Measurement:
-    """Return the measurement of a range rate with its standard deviation, m/s: n.(kappa V u(psi) +
-    d + g + e) + white noise, n = unit vector of p.
+    """Return a range rate (m/s) with standard deviation sigma (m/s) as a measurement for each
+    hypothesis.
+
+    The range rate is n.(kappa V u(psi) + d + g + e) + white noise, with the unit vector n of p.
 
     air: velocity through the air V u(psi) at the same time, with the measured airspeed, m/s.
     """
@@ -333,7 +336,8 @@ is True for each hypothesis that accepted the measurement."""
 
 
 def update(h: Hypotheses, noise: Noise, measured: Measurement, gate: float) -> Updated:
-    """Add a measurement. Each hypothesis has its own gate."""
+    """Return the hypotheses after a measurement. Each hypothesis accepts or rejects the measurement
+    by its own innovation. gate: in standard deviations."""
     innovation, cross, variance, spread = measured
     nis = innovation**2 / variance
     accepted = nis < gate**2
@@ -361,8 +365,8 @@ def mixture(h: Hypotheses) -> tuple[Array, Array]:
 
 
 def polar(p: Array, P: Array) -> tuple[Array, Array]:
-    """Return a Cartesian state (p_x, p_y, ...), (12,), and its covariance (12, 12) as (r, theta,
-    ...)."""
+    """Convert a Cartesian state (p_x, p_y, ...), (12,), and its covariance (12, 12) to the polar
+    state (r, theta, ...)."""
     r = max(float(np.hypot(p[0], p[1])), CLOSEST)
     east, north = p[:2] / r
     T = np.eye(STATES)
@@ -380,5 +384,5 @@ def position(x: Array) -> Array:
 
 
 def drift(x: Array) -> Array:
-    """Return d + g + e (2, ...), m/s."""
+    """Return the total drift d + g + e (2, ...), m/s."""
     return x[DX : DY + 1] + x[GX : GY + 1] + x[EX : EY + 1]

@@ -35,7 +35,7 @@ ranges. A newer estimate may already be affected by the cause of the gap."""
 REMEMBERED = 0.03
 """Standard deviation of the stored drift, as a share of V."""
 FORGOTTEN = 1e-3
-"""Growth of the variance of the stored drift, m^2/s^3."""
+"""Growth rate of the variance of the stored drift with its age, m^2/s^3."""
 
 
 class DriftEstimator(Estimator):
@@ -64,7 +64,8 @@ class DriftEstimator(Estimator):
 
     @property
     def ready(self) -> bool:
-        """True if the estimate is trusted and includes the newest range."""
+        """True if the estimate is trusted, and own motion is known at the time of the newest
+        range."""
         return self.filter.trusted and not self._astray
 
     @property
@@ -260,8 +261,8 @@ class AutoEstimator(Estimator):
         self.drift.fly_through_air(change)
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Add a sample. Reject the sample only if both estimators reject it. While the position of
-        `drift` is wrong, `drift` rejects correct ranges."""
+        """Add a sample. It is accepted if `drift` is ready and accepts it. Otherwise `kalman`
+        decides, because `drift` rejects correct ranges while its position is wrong."""
         by_drift = self.drift.observe(sample)
         by_range = self.kalman.observe(sample)
         return by_range if by_drift is Fused.GATED or not self.drift.ready else by_drift
@@ -271,8 +272,8 @@ class AutoEstimator(Estimator):
         self.kalman.observe_rate(sample)
 
     def at(self, time: float) -> RangeEstimate | None:
-        """Return the estimate predicted to a time (s), with the relative motion if available,
-        trusted or not."""
+        """Return the estimate predicted to a time (s). It contains the relative motion if `drift`
+        has one, even if this is not trusted."""
         by_drift = self.drift.at(time)
         if by_drift is not None and by_drift.relative is not None and by_drift.relative.trusted:
             return by_drift
