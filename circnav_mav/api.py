@@ -1,9 +1,9 @@
 """Guidance for your own control loop (a ROS node, a notebook): ranges and own motion in, turn rates
 out. No MAVLink.
 
-Stable names: those in `circnav_mav.__all__`; import them from `circnav_mav`. SI units, radians, x
-right, y up, turn rates and headings counter-clockwise positive. Time is an argument: any clock, in
-seconds.
+The names in `circnav_mav.__all__` are stable: import them from `circnav_mav`. SI units, radians.
+Frame: x right, y up, turn rates and headings counter-clockwise positive. Time is an argument, in
+seconds of any clock.
 """
 
 from collections.abc import Iterable
@@ -31,7 +31,8 @@ from circnav_mav.guidance.types import (
 from circnav_mav.guidance.vehicle_model import VehicleModel
 
 LONGEST_GAP = 60.0
-"""Longest gap, s, over which an estimate is predicted. A longer gap starts the estimate again."""
+"""Longest gap between ranges, s, over which an estimate is predicted. After a longer gap the
+estimate starts again."""
 LONGEST_LAG = 10.0
 """Longest delay of a vehicle's turn, s, as in missions. A larger value was probably meant in ms."""
 
@@ -74,11 +75,11 @@ class Guidance:
         turn_lag: float = 0.4,
         stale: float = 0.5,
     ) -> None:
-        """law: name, result of `tune`, or your function. A user-defined law is named by an
-            entry point or `module:name`.
-        estimator: name, or your object; None: default of the law.
+        """law: name, result of `tune`, or your function. The name of a user-defined law is an entry
+            point or `module:name`.
+        estimator: name, or your object. None: the default estimator of the law.
         turn_lag: delay from a command to its turn, s.
-        stale: age above which the newest range no longer steers, s.
+        stale: age of the newest range, s, above which no turn rate is commanded.
 
         Raises ValueError for an unknown name, and for a value that is impossible for a vehicle.
         """
@@ -123,8 +124,8 @@ class Guidance:
         return True
 
     def move(self, own: OwnMotion) -> bool:
-        """Add own motion, at any rate. Without it only range-only laws work. Return False, and
-        ignore the report, if a value is not finite."""
+        """Add a report of own motion. Reports may have any rate. Without reports only range-only
+        laws work. Return False, and ignore the report, if a value is not finite."""
         vectors = (own.push or (), own.acceleration or (), own.drag or ())
         if not _are_plausible((*own[:4], own.bank_turn or 0.0, *chain(*vectors))):
             return False
@@ -136,8 +137,8 @@ class Guidance:
         return True
 
     def estimate(self, now: float) -> RangeEstimate | None:
-        """Return range and range rate now, and in `relative` the relative motion if the estimator
-        has it; None before the first range, and a minute after the newest one."""
+        """Return range and range rate now. `relative` is the relative motion if the estimator has
+        one. Return None before the first range, and a minute after the newest range."""
         return None if self._is_far(now) else self._estimator.at(now)
 
     def command(self, now: float) -> TurnCommand | None:
@@ -147,7 +148,7 @@ class Guidance:
         returns no finite number.
         """
         estimate = self.estimate(now)
-        # abs: a range stamped ahead of this clock would otherwise steer until its time has come.
+        # abs: a range with a timestamp in the future would otherwise steer until that time.
         age = inf if self._newest is None else abs(now - self._newest.time)
         fresh = age <= self._stale + SAME_TIME
         if estimate is None or not fresh or not self._estimator.ready:
@@ -165,16 +166,17 @@ class Guidance:
         return self._newest is not None and not abs(time - self._newest.time) <= LONGEST_GAP
 
     def _restart(self) -> None:
-        """Start the estimate again. A computer without a battery-backed clock, or a simulator
-        before its first clock message, steps its clock by years. No prediction survives that."""
+        """Start the estimate again. The clock of a computer without a battery-backed clock, or of a
+        simulator before its first clock message, jumps by years. No estimate can be predicted over
+        such a jump."""
         self._estimator.reset()
         self._loop.reset()
         self._newest = None
 
 
 def _are_plausible(numbers: Iterable[float]) -> bool:
-    """True if no number is NaN, infinite, or so large that its square overflows: drivers report
-    the largest double for an unknown value."""
+    """True if no number is NaN, infinite, or so large that its square overflows. Some drivers
+    report the largest double for an unknown value."""
     return all(abs(number) < 1e12 for number in numbers)
 
 

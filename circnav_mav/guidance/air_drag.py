@@ -1,16 +1,16 @@
-"""Airspeed and side-slip of a multicopter from its accelerometer, and the forward push that holds
-the airspeed.
+"""Airspeed and side-slip of a multicopter from its accelerometer, and the horizontal acceleration
+by the thrust ("push") that holds the airspeed.
 
 The thrust of a multicopter has no component along its forward and left axes. So the accelerometers
-of these axes measure the drag of the air alone, straight and turning, whatever the attitude
-estimate says:
+of these axes measure the drag of the air alone, in straight flight and in turns. They do not depend
+on the attitude estimate:
 
     force = -c v (1 + |v|/v_2)        for each of the two axes
 
 v: speed through the air along the axis. c: drag coefficient, from the mission. v_2: speed at which
-the quadratic drag of the airframe equals the linear drag of the rotors. The ratio of the true
-airspeed to the measured one is the airspeed scale. The relative-motion estimator learns it from the
-ranges, `ScaleFit` from a flight with GPS.
+the quadratic drag of the airframe equals the linear drag of the rotors. The ratio of the true to
+the measured airspeed is the airspeed scale. The relative-motion estimator learns this scale from
+the ranges. `ScaleFit` learns the scale from accelerations, while GPS is available.
 
 Source: Martin and Salaun, "The true role of accelerometer feedback in quadrotor control" (2010).
 v_2 was measured on ArduCopter's simulated quadrotor, straight and in turns.
@@ -24,10 +24,10 @@ from circnav_mav.guidance.forgetting_fit import ForgettingFit
 from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 
 EQUAL_DRAG_SPEED = 8.0
-"""v_2, m/s."""
+"""v_2, m/s: speed at which the quadratic drag equals the linear drag."""
 MAX_SLIP = 0.6
-"""Bound of the side-slip, rad. A larger one occurs only near standstill, where it has no
-meaning."""
+"""Largest side-slip angle, rad; a larger measured angle is clipped. Such angles occur only near
+standstill, where they have no meaning."""
 
 
 def drag_force(speed: float, coefficient: float) -> float:
@@ -47,8 +47,8 @@ def speed_of_drag(force: float, coefficient: float) -> float:
 
 
 def coefficient_at(ratio: float, speed: float) -> float:
-    """Return the coefficient c, 1/s, of a copter whose drag per mass over airspeed is `ratio`, 1/s,
-    at a speed, m/s."""
+    """Return the drag coefficient c, 1/s. ratio: drag per mass over airspeed, 1/s, as measured at
+    the airspeed `speed`, m/s."""
     return ratio / (1 + speed / EQUAL_DRAG_SPEED)
 
 
@@ -56,8 +56,7 @@ class AirVelocity(NamedTuple):
     """Measured velocity through the air after a report.
 
     time: of the report, s.
-    forward: speed along the nose, m/s, at an airspeed scale of 1.
-    left: speed to the left, m/s.
+    forward, left: speeds along the nose and to the left, m/s, for an airspeed scale of 1.
     """
 
     time: float = float("-inf")
@@ -65,7 +64,8 @@ class AirVelocity(NamedTuple):
     left: float = 0.0
 
     def follow(self, own: OwnMotion, coefficient: float) -> "AirVelocity":
-        """Return the state after a report of own motion that contains the measured drag."""
+        """Return the velocity after a report of own motion. It is unchanged if the report has no
+        measured drag. coefficient: c, 1/s."""
         if own.drag is None:
             return self
         forward = speed_of_drag(-own.drag[0], coefficient)
@@ -73,10 +73,10 @@ class AirVelocity(NamedTuple):
         step = own.time - self.time
         if not 0 <= step <= LONGEST_REPORT_GAP:
             return AirVelocity(own.time, forward, left)
-        # Time constant of the low-pass on the speed along the nose, s. Below it, gusts and
-        # vibration dominate.
-        # 1.0: time constant of the low-pass on the speed to the left, s. It is longer, because this
-        # speed changes the heading of the path, and so the turn command.
+        # 0.5: time constant of the low-pass on the speed along the nose, s. A shorter one would
+        # pass gusts and vibration.
+        # 1.0: time constant of the low-pass on the speed to the left, s. The low-pass is slower,
+        # because this speed changes the heading of the path, and so the turn command.
         return AirVelocity(
             own.time,
             forward + (self.forward - forward) * exp(-step / 0.5),
@@ -84,27 +84,29 @@ class AirVelocity(NamedTuple):
         )
 
     def motion(self, own: OwnMotion) -> OwnMotion:
-        """Return own motion along the path through the air: its direction as heading, and the
-        measured airspeed."""
+        """Return own motion along the path through the air. The heading is the direction of this
+        path, and the airspeed is measured."""
         slip = atan2(self.left, max(self.forward, 1e-3))
         slip = min(max(slip, -MAX_SLIP), MAX_SLIP)
         return own._replace(heading=own.heading + slip, airspeed=hypot(self.forward, self.left))
 
 
 PRIOR_WEIGHT = 20.0
-"""Weight of the scale 1 in the least squares, m^2/s: as much as 10 s of a circle at 2 m/s."""
+"""Weight of the prior, a scale of 1, in `ScaleFit`, m^2/s. Flying a circle at 2 m/s adds the same
+weight in 10 s."""
 SCALE_BOUNDS = (0.5, 2.0)
-"""Bounds of the airspeed scale: the drag of copters per mass is 0.2 to 1/s."""
+"""Bounds of the learned airspeed scale, which is clipped to them. The drag coefficients of copters
+are between 0.2/s and 1/s."""
 SCALE_SIGMA = 0.25
-"""Standard deviation of the scale before it is learned."""
+"""Standard deviation of the airspeed scale before it is learned."""
 
 
 class ScaleFit:
-    """Least squares of the airspeed scale from accelerations, while GPS keeps the attitude of the
-    autopilot exact.
+    """Least squares of the airspeed scale from accelerations. The fit is valid while GPS keeps the
+    attitude estimate of the autopilot exact.
 
-    In a few seconds the wind is constant, so the velocity through the air changes as the integrated
-    acceleration:
+    Within a few seconds the wind is constant, so the velocity through the air changes by the
+    integrated acceleration:
 
         change of measured air velocity = change of velocity / scale
 
@@ -121,11 +123,11 @@ class ScaleFit:
         """Newest integrated acceleration, and newest measured air velocity at a scale of 1, m/s."""
         self._velocity = 0j
         self._measured = 0j
-        """The same two after the high-pass, m/s."""
+        """Integrated acceleration, and measured air velocity, after the high-pass, m/s."""
 
     @property
     def scale(self) -> float:
-        """True over measured airspeed."""
+        """Airspeed scale: true over measured airspeed."""
         square = self._fit.xx + PRIOR_WEIGHT
         product = self._fit.xy.real + PRIOR_WEIGHT
         scale = square / max(product, 1e-6)
@@ -133,7 +135,7 @@ class ScaleFit:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of the scale."""
+        """Standard deviation of the airspeed scale."""
         return float(max(SCALE_SIGMA * PRIOR_WEIGHT / (self._fit.xx + PRIOR_WEIGHT), 0.03))
 
     def follow(self, own: OwnMotion, air: AirVelocity) -> None:
@@ -168,7 +170,7 @@ class MeanWind(NamedTuple):
 
     time: of the report, s.
     x, y: wind, m/s.
-    share: 0 before the first report, 1 after many.
+    share: weight of the reports in the mean. 0: no report yet, 1: many reports.
     """
 
     time: float = float("-inf")
@@ -178,13 +180,13 @@ class MeanWind(NamedTuple):
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of each component, m/s."""
-        # Standard deviation of each component of a learned wind, m/s.
+        """Standard deviation of each component of the mean wind, m/s."""
+        # 0.4: standard deviation of each component of a learned wind, m/s.
         # 4.0: standard deviation of each component of the wind before it is learned, m/s.
         return hypot(0.4, 4.0 * (1 - self.share))
 
     def follow(self, own: OwnMotion, air: AirVelocity, scale: float) -> "MeanWind":
-        """Return the state after a report.
+        """Return the mean wind after a report.
 
         own: heading and speed over the ground.
         air: velocity through the air.
@@ -195,7 +197,7 @@ class MeanWind(NamedTuple):
             return self._replace(time=own.time)
         ground = rect(own.airspeed, own.heading)
         wind = ground - scale * complex(air.forward, air.left) * rect(1.0, own.heading)
-        # Time constant of the mean of the wind, s: half a lap.
+        # Time constant of the mean of the wind, s: about half a lap.
         kept = exp(-step / 20.0)
         share = 1 - (1 - self.share) * kept
         weight = (1 - kept) / share
@@ -205,16 +207,17 @@ class MeanWind(NamedTuple):
 
 
 MAX_TRIM = 1.5
-"""Bound of each integral, m/s^2: 9 degrees of error of the attitude estimate."""
+"""Bound of each integral (forward and left) of `AirspeedHold`, m/s^2. This push corrects an
+attitude estimate that is wrong by 9 deg."""
 
 
 class AirspeedHold:
-    """Push of the thrust that holds an airspeed against the drag, without side-slip.
+    """Push (horizontal acceleration by the thrust) that holds an airspeed without side-slip.
 
-    The push of the drag at this airspeed is commanded at once. Without GPS, the attitude estimate
-    is wrong by some degrees in turns. An integral of the missing drag corrects the forward push,
-    and one of the side-slip the push to the left. Without it, the path through the air turned by up
-    to 1.7 deg/s more or less than the nose.
+    The push that balances the drag at this airspeed is commanded at once. Without GPS, the attitude
+    estimate is wrong by some degrees in turns. An integral of the missing drag corrects the forward
+    push. An integral of the side-slip corrects the push to the left. Without the second integral,
+    the path through the air turned by up to 1.7 deg/s more or less than the nose.
     """
 
     def __init__(self, coefficient: float) -> None:
@@ -225,7 +228,7 @@ class AirspeedHold:
     def reset(self, scale: float = 1.0) -> None:
         """Set the integrals to 0, and the airspeed scale to a known value."""
         self.scale = scale
-        """True over measured airspeed, followed slowly."""
+        """Airspeed scale in use. It follows the estimated scale slowly."""
         self._forward_trim = 0.0
         self._left_trim = 0.0
         self._slip_speed = 0.0
@@ -237,11 +240,11 @@ class AirspeedHold:
         if speed <= 0:
             return 0.0, 0.0
         forward = drag_force(speed / self.scale, self._coefficient) + self._forward_trim
-        # Push against a side-slip per speed to the left, 1/s.
+        # 0.4: push to the right per speed to the left, 1/s. It reduces the side-slip.
         return forward, self._left_trim - 0.4 * self._slip_speed
 
     def follow(self, air: AirVelocity, speed: float, scale: float | None) -> None:
-        """Update after a report in which the copter was steered.
+        """Update the integrals and the airspeed scale with a report, while circnav steers.
 
         air: measured velocity through the air.
         speed: true airspeed to hold, m/s.
@@ -257,14 +260,14 @@ class AirspeedHold:
         wanted = drag_force(speed / self.scale, self._coefficient)
         missing = wanted - drag_force(air.forward, self._coefficient)
         self._slip_speed = 0.0
-        # Missing share of the drag above which the copter still accelerates: no sign of a wrong
-        # attitude.
+        # If more than this share of the drag is missing, the copter still accelerates to the
+        # airspeed. Such a difference does not show a wrong attitude, so the integrals wait.
         if abs(missing) < 0.4 * wanted:
             self._slip_speed = min(max(air.left, -2.0), 2.0)
-            # Rate of the forward integral of `AirspeedHold`, 1/s: slower than the drag (0.25 to
-            # 0.5/s), so that it does not swing.
+            # Rate of the forward integral, 1/s. The integral is slower than the response of the
+            # airspeed by the drag (0.25 to 0.5/s), so that the airspeed does not oscillate.
             self._forward_trim = _bounded(self._forward_trim + 0.15 * missing * step)
-            # Push against a side-slip per integral of the speed to the left, 1/s^2.
+            # Push to the right per integral of the speed to the left, 1/s^2.
             self._left_trim = _bounded(self._left_trim - 0.15 * self._slip_speed * step)
 
 

@@ -11,20 +11,25 @@ from typing import NamedTuple
 from circnav_mav.guidance.types import Direction, Orbit
 
 MIN_INTERVAL = 0.1
-"""Shortest time between two requests, s: a fleet adjusts its spacing at most half as often."""
+"""Shortest time between two requests, s. An earlier request is rejected. A fleet requests spacing
+at most half as often."""
 SPEED_SHARE = 0.2
-"""Largest change of the mission's speed, as a share of it. Within it, the mission's checks remain
-about valid."""
+"""Largest difference between a requested speed and the mission's speed, as a share of the mission's
+speed. Up to this difference the mission's checks remain approximately valid."""
 
 
 class CircleRequest(NamedTuple):
-    """A request for another circle; None keeps a value.
+    """A request for another circle. None leaves a value unchanged.
 
-    radius: m.
-    speed: m/s.
-    by: requester, for messages and the log. offset (m, outward), pace (factor on the speed):
-        spacing of a fleet. These small and frequent corrections do not change the circle of the
-        mission.
+    radius: requested radius, m.
+    direction: requested sense of rotation.
+    speed: requested speed, m/s.
+    by: requester, for messages and the log.
+    offset: offset of the radius that spaces a fleet, m, outward positive.
+    pace: factor on the speed that spaces a fleet.
+
+    The corrections by offset and pace are small and frequent. They do not change the circle of the
+    mission.
     """
 
     radius: float | None = None
@@ -36,12 +41,13 @@ class CircleRequest(NamedTuple):
 
     @property
     def spaces(self) -> bool:
-        """True if only spacing is requested."""
+        """True if the request has no radius, direction and speed, but only the spacing of a fleet:
+        offset or pace."""
         return self.radius is None and self.direction is None and self.speed is None
 
     def circle(self, orbit: Orbit) -> Orbit:
-        """Return the requested circle, without spacing; `orbit` itself if only spacing is
-        requested."""
+        """Return the requested circle without offset and pace. It is `orbit` itself if the request
+        has only offset or pace."""
         if self.spaces:
             return orbit
         return replace(
@@ -52,7 +58,7 @@ class CircleRequest(NamedTuple):
         )
 
     def applied(self, orbit: Orbit) -> Orbit:
-        """Return the orbit to fly: the requested circle with its spacing."""
+        """Return the orbit to fly: the requested circle with offset and pace."""
         circle = self.circle(orbit)
         offset = self.offset or 0.0
         pace = 1.0 if self.pace is None else self.pace
@@ -65,7 +71,8 @@ class CircleLimits:
 
     nearest, farthest: bounds of the range, m.
     speed: of the mission, m/s.
-    keeps_speed: True if the autopilot uses its own airspeed setpoint.
+    keeps_speed: True if the autopilot uses its own airspeed setpoint: then no other speed can be
+        requested.
     turn_gain: least expected ratio of flown to commanded turn rate.
     """
 
@@ -83,15 +90,14 @@ def obstacle(
     wind: float = 0.0,
     most_turn: float = inf,
 ) -> str:
-    """Return why a requested circle cannot replace `orbit`: value and limit, short enough for a
-    STATUSTEXT; empty if it can.
+    """Return the reason why a requested circle cannot replace `orbit`, or an empty string. The text
+    contains value and limit, and is short enough for a STATUSTEXT.
 
     wind: estimated drift, m/s, 0 while unknown.
     most_turn: learned turn rate that the vehicle reaches, rad/s.
     """
     wanted = request.applied(orbit)
-    # Largest offset from the circle, in units of its radius: the spacing of a fleet, not another
-    # circle.
+    # Largest spacing offset, in units of the radius. A larger offset would be another circle.
     most = 0.3 * request.circle(orbit).radius
     if request.offset is not None and not abs(request.offset) <= most:
         return f"spacing offset {request.offset:+.1f} m, limit {most:.1f} m"
@@ -107,14 +113,15 @@ def obstacle(
         least = wanted.speed / able
         return f"radius {wanted.radius:g} m: min {least:.0f} m by turn rate"
     most_turn = min(most_turn, wanted.max_turn_rate)
-    # As for the drift alarm. A change toward a circle that the wind forbids less is accepted.
+    # Least radius in this wind, by the condition of the drift alarm. If the present circle is
+    # already too small, accept a circle that is nearer to its least radius.
     least = _least_radius(wanted, wind, most_turn)
     present = orbit.radius / _least_radius(orbit, wind, most_turn)
     if not request.spaces and wanted.radius / least < min(present, 1.0):
         return f"radius {wanted.radius:g} m: min {ceil(least)} m in wind {wind:.0f} m/s"
     if wanted.direction is not orbit.direction:
-        # The vehicle turns outward at its limit. The wind carries it during this half turn, and the
-        # turn begins up to 1 s late.
+        # To reverse its direction, the vehicle turns outward by half a circle at its turn-rate
+        # limit. The wind moves the vehicle during this turn, and the turn begins up to 1 s late.
         V = wanted.speed
         reach = wanted.radius + (2 + pi * wind / V) * V / most_turn + V + wind
         if reach > limits.farthest:
@@ -123,5 +130,6 @@ def obstacle(
 
 
 def _least_radius(orbit: Orbit, wind: float, most_turn: float) -> float:
-    """Return the least radius that can be held in wind, m (laws.tolerated_drift)."""
+    """Return the least radius that can be held in wind, m, by the condition of
+    `laws.tolerated_drift`."""
     return (orbit.speed + wind) ** 2 / (orbit.speed * most_turn)

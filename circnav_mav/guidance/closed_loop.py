@@ -1,9 +1,9 @@
-"""Control loop of one vehicle, from an estimate to a commanded turn rate. For the pilot and
+"""Control loop of one vehicle, from an estimate to a commanded turn rate. Used by the pilot and by
 `circnav_mav.Guidance`.
 
-The turn rate comes from the law, or is the steady turn of the circle while ranges are missing.
-Corrections: pending turn and turn gain. `VehicleModel` learns the response of the
-vehicle and monitors it.
+The law computes the turn rate. While ranges are missing, the steady turn of the circle replaces the
+law. The turn rate is corrected for the pending turn and for the turn gain. `VehicleModel` learns
+the response of the vehicle and monitors it.
 """
 
 from math import pi

@@ -1,13 +1,13 @@
-"""Least squares of a line with exponential forgetting, for all that is learned in flight."""
+"""Least squares of a line with exponential forgetting, for all quantities learned in flight."""
 
 from math import exp
 from typing import Any
 
 
 class ForgettingFit:
-    """Sums of y = slope x + offset, in which older pairs weigh less.
+    """Weighted sums for the fit y = slope x + offset. Older pairs have a smaller weight.
 
-    x, y: floats, complex numbers (vectors in the plane), or x an array of candidates.
+    x, y: floats or complex numbers (vectors in the plane). x may be an array of candidates.
     n, x, y, xx, xy, yy: weighted sums of 1, x, y, |x|^2, conj(x) y and |y|^2.
     Source: Ljung, System Identification (1999), section 11.2.
     """

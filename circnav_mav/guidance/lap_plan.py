@@ -1,8 +1,9 @@
 """Least-RMS lap when the circle demands more turn rate downwind than the vehicle has.
 
-Without a plan the drift moves the vehicle outside, where it stays until the drift is a headwind
-again. The planned lap turns at the limit earlier. Its radius error is small everywhere: outside
-before and after, inside in between.
+Without a plan the drift moves the vehicle outside the circle, where it stays until the drift is a
+headwind again. On the planned lap the vehicle begins to turn at the limit earlier. The radius error
+is then small everywhere. The lap is inside the circle where the drift is a tailwind, and outside
+the circle before and after.
 
     turn of the nose = t - (t (e + e'') + t' e')/r_d <= limit,   t = v_g^2/(r_d V cos(crab))
 
@@ -26,11 +27,13 @@ from circnav_mav.guidance.maths import Vector, wrap
 ANGLES = 72
 """Number of points of a lap: more points change the radius error by less than 2 %."""
 DRIFT_STEP = 1 / 200
+"""Grid step of planned laps in the drift, in units of V. One lap is planned for each cell of drift
+and turn-rate limit, because the estimates vary by more than a cell."""
 LIMIT_STEP = 1 / 400
-"""Grid of planned laps: drift in units of V, turn-rate limit in units of V/r_d. The estimates vary
-more than a cell."""
+"""Grid step of planned laps in the turn-rate limit, in units of V/r_d."""
 MOST_OFFSET = 0.2
-"""Bound of e in units of the radius: beyond it the linear equation is invalid."""
+"""Bound of the planned radius error e, in units of the radius; e is clipped to it. For a larger e
+the linear inequality is invalid."""
 _SPACING = 2 * pi / ANGLES
 """Angle between two points of a lap, rad."""
 
@@ -39,7 +42,8 @@ class Lap(NamedTuple):
     """Planned lap on a counter-clockwise circle.
 
     downwind: angle about the target with the highest ground speed, rad.
-    table: e/r_d and its slope, starting half a lap before that angle, (ANGLES + 1, 2).
+    table: e/r_d and its derivative by the angle, (ANGLES + 1, 2). The first row is half a lap
+        before `downwind`.
     radius: r_d, m.
     """
 
@@ -57,13 +61,14 @@ class Lap(NamedTuple):
 
 
 def plan(d: Vector, *, V: float, r_d: float, limit: float) -> Lap | None:
-    """Return the lap in drift d, m/s, at true airspeed V, m/s. limit: of the turn rate, rad/s. None
-    if the vehicle can fly the circle within the limit."""
+    """Return the planned lap in drift d (m/s) at true airspeed V (m/s), or None if the vehicle can
+    fly the circle itself. limit: of the turn rate, rad/s."""
     # Largest drift for which a lap is planned, in units of V.
     drift = min(hypot(d[0], d[1]) / V, 0.9)
     # Share of the turn-rate limit that a lap uses. The estimates of limit, drift and airspeed have
-    # a joint error of 1 %. A lap that demands too much ends farther outside: the worst of three
-    # ArduPlane flights was off by 1.50 m with 1, by 1.06 m with 0.99.
+    # a joint error of 1 %. A lap that demands more turn rate than the vehicle has ends farther
+    # outside. With a share of 1, the worst of three ArduPlane flights had a radius error of 1.50 m,
+    # with 0.99 of 1.06 m.
     share = 0.99 * limit * r_d / V
     if (1 + drift) ** 2 <= share:
         return None

@@ -16,7 +16,7 @@ from typing import Any
 from circnav_mav.guidance.own_code import NameTable, checked
 
 LEAST = 1.2
-"""Least ratio of a default gain to the paper's bound."""
+"""Least ratio of the default gain of law 1 or 2 to the paper's bound on this gain."""
 LawFunction = Callable[..., Any]
 """The equation of a law: (r, r_dot, *, V, r_d, k) in the paper's symbols -> turn rate. For a
 user-defined law: `Orbit` -> `OwnLaw`."""
@@ -49,7 +49,7 @@ def reached_radius(r_d: float, k: float) -> float:
 
 
 def corrected_radius(r_d: float, k: float) -> float:
-    """Radius to feed law 1 so that it settles on r_d exactly, m (eq. `tilde_r_d`).
+    """Input radius with which law 1 settles on r_d exactly, m (eq. `tilde_r_d`).
 
     Raises ValueError unless |k| > 1/(2 r_d^2).
     """
@@ -72,8 +72,8 @@ def rate_gain(V: float, r_d: float, lag: float) -> float:
     """Return the largest gain k on the range rate, rad/m, for a loop with this lag (course +
     filter, s): k V lag = 0.5.
 
-    Above about 0.5 the laws have limit cycles, as flown on real autopilots. Above 6/r_d a gain has
-    no benefit.
+    With k V lag above about 0.5, real autopilots flew limit cycles. A gain above 6/r_d has no
+    benefit.
     """
     return min(0.5 / (V * lag), 6 / r_d)
 
@@ -82,8 +82,8 @@ def tolerated_drift(V: float, r_d: float, max_turn_rate: float) -> float:
     """Return the largest drift W (m/s, below V) in which the circle can be held; negative if not
     even in still air.
 
-    (V + W)^2/(V omega_max) <= r_d: at the most downwind point the ground speed is V + W, and the
-    turn of the course is V/(V + W) times that of the nose. max_turn_rate: reached by the vehicle,
+    (V + W)^2/(V omega_max) <= r_d: where the drift is a tailwind, the ground speed is V + W, and
+    the course turns V/(V + W) times as fast as the nose. max_turn_rate: reached by the vehicle,
     rad/s. This condition is derived, and is necessary for every law.
     """
     return min(sqrt(r_d * V * max_turn_rate) - V, 0.99 * V)
@@ -127,8 +127,8 @@ class Law:
 
     default_gain: (V, r_d, lag of the loop in s) -> magnitude of k.
     gain_bound: (V, r_d) -> bound that the magnitude of k must exceed.
-    reached_radius: (V, r_d, k) -> radius flown when fed r_d.
-    fed_radius: (V, r_d, k) -> radius to feed so that r_d is flown.
+    reached_radius: (V, r_d, k) -> radius on which the vehicle settles if the law receives r_d, m.
+    fed_radius: (V, r_d, k) -> radius that the law must receive for the vehicle to settle on r_d, m.
     """
 
     name: str
@@ -148,13 +148,15 @@ class Law:
 
 
 def feedforward(r: float, r_dot: float, *, V: float, r_d: float, k: float) -> float:
-    """omega = sqrt(V^2 - r'^2)/max(r, 0.43 r_d) + |k| (r' + chi), chi = v* tanh(gamma e/v*).
+    """Law without radius bias, derived for this product:
+    omega = sqrt(V^2 - r'^2)/max(r, 0.43 r_d) + |k| (r' + chi), chi = v* tanh(gamma e/v*).
 
-    For k < 0 (counter-clockwise); the mirror image for k > 0. e = r - r_d; |k| in rad/m. The first
-    term is the turn of the circle through the present point, so the radius has no bias for any k.
-    With v* = 0.55 V the approach is flyable in a wind of 0.3 V. gamma = |k| V/6; condition:
-    gamma <= |k| V/4 (damping at least 1) and |k| V (course lag + filter lag) below about 0.5.
-    Derived for this product.
+    The equation holds for k < 0 (counter-clockwise), its mirror image for k > 0. e = r - r_d. |k|
+    is in rad/m. The first term is the turn of the circle through the present point, so the radius
+    has no bias for any k. With v* = 0.55 V the approach can be flown in a wind of 0.3 V.
+
+    gamma = |k| V/6 satisfies the condition gamma <= |k| V/4 (damping of at least 1). A second
+    condition is that |k| V (course lag + filter lag) is below about 0.5.
     """
     gamma = abs(k) * V / 6
     v_star = 0.55 * V
@@ -164,8 +166,8 @@ def feedforward(r: float, r_dot: float, *, V: float, r_d: float, k: float) -> fl
 
 
 def _smooth_gain(V: float, r_d: float, lag: float) -> float:
-    """Return twice the bound, as in the paper's example, or less if the loop would oscillate with
-    this lag (s)."""
+    """Return the default gain of law 1: twice its bound, as in the paper's example, or less if the
+    loop would oscillate with this lag (s)."""
     bound = smooth_gain_bound(r_d)
     # Largest loop gain 2 k r_d V lag of law 1. From about 0.45 on, vehicles have limit cycles.
     return max(LEAST * bound, min(2 * bound, 0.35 / (2 * r_d * V * lag)))

@@ -1,7 +1,7 @@
 """Limits of an autopilot below those of the mission: the bank of a plane, the lean of a copter.
 
-Both are found from the flight alone. A vehicle at its limit banks or leans less than the command
-requires, and holds that angle.
+Both limits are found in flight. A vehicle at its limit banks or leans less than the command
+requires, and keeps this smaller angle.
 """
 
 from cmath import rect
@@ -11,16 +11,19 @@ from circnav_mav.guidance.forgetting_fit import ForgettingFit
 from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 
 SHORT = 0.95
-"""Share of the commanded turn or required push below which a vehicle counts as limited, smoothed
-over 1 s. A smaller reduction matters less than the lag, and the error of the fit in turns."""
+"""A plane is limited if it turns less than this share of the commanded turn. A copter is limited if
+its push is below this share of the required push. Both are smoothed over 1 s. A smaller deficit
+may result from the response lag, or from the error of the fit in turns."""
 STEADY_FOR = 1.0
-"""Least duration of a steady bank or lean, s. A rolling vehicle has no steady bank."""
+"""Least duration, s, for which a bank or lean must be steady before it can be a limit. A bank that
+still changes is no limit."""
 GRAVITY = 9.80665
 """Standard gravity, m/s^2."""
 
 
 class BankLimit:
-    """Bank limit of a plane's autopilot: the bank stays constant below the commanded one.
+    """Bank limit of a plane's autopilot. At the limit the bank stays constant, below the commanded
+    bank.
 
     short: True if the plane banks less than commanded now.
     bank: coordinated turn rate at the limit, rad/s; inf while unknown.
@@ -28,10 +31,10 @@ class BankLimit:
     """
 
     STEADY = 0.03
-    """Largest difference of a steady bank from its mean over 1 s, as a share."""
+    """Largest difference of a steady bank from its mean over 1 s, as a share of this mean."""
     AVERAGED = 20.0
     """Time constant, s, of the averaged turn rates of bank and nose at the bank limit. An error of
-    1 % in them costs 0.3 m of radius."""
+    1 % in these turn rates causes 0.3 m of radius error."""
 
     def __init__(self) -> None:
         self.short = False
@@ -45,7 +48,8 @@ class BankLimit:
         """Time at the limit, s."""
         self._banked = 0.0
         self._turned = 0.0
-        """Turn of bank and nose during that time, rad."""
+        """Turn that belongs to the bank, and turn of the nose, during the time at the limit,
+        rad."""
 
     @property
     def bank(self) -> float:
@@ -56,8 +60,11 @@ class BankLimit:
         return self._turned / self._stood if self._stood >= 0.5 else inf
 
     def follow(self, own: OwnMotion, commanded: float, banked: float) -> None:
-        """Update with a report. commanded, banked: turn rates of the command and of the bank, both
-        smoothed over 1 s, rad/s."""
+        """Update with a report.
+
+        commanded: commanded turn rate, smoothed over 1 s, rad/s.
+        banked: coordinated turn rate of the bank, smoothed over 1 s, rad/s.
+        """
         bank_turn = own.bank_turn or 0.0
         step = own.time - self._time
         turned = abs(remainder(own.heading - self._heading, 2 * pi))
@@ -68,7 +75,8 @@ class BankLimit:
         if not (self.short and banked * commanded > 0 and is_steady):
             self._steady_since = own.time
         self._steady_since = min(self._steady_since, own.time)
-        # Commands may exceed the found limit. A bank above it shows that it was found too low.
+        # Commands may exceed the found limit. A bank above the found limit shows that this limit
+        # is too low: search for it again.
         if abs(banked) > (1 + self.STEADY) * self.bank:
             self._forget()
         elif own.time - self._steady_since >= STEADY_FOR and 0 < step <= LONGEST_REPORT_GAP:
@@ -82,37 +90,39 @@ class LeanLimit:
     """Lean limit of a copter's autopilot, and the share of the speed that it allows.
 
     A copter leans against the air that it flies through: at ground speed V against a wind W it
-    needs the lean for V + W. If its autopilot allows less, the ground speed drops there. The
-    heading does not show this.
+    needs the lean for V + W. If its autopilot allows less, the ground speed drops on the upwind
+    part of the circle. The heading does not show this.
 
         push = kappa v + b + v',   least squares of kappa and b (complex; earth frame)
 
     push: horizontal acceleration by the lean. v: velocity that the copter should have. kappa: drag
     (1/s); its imaginary part is a push fixed to the nose (a trimmed attitude). b: push of the wind.
-    The lean is at its limit if the copter leans less than the fit requires, holds that lean, and
-    has never leaned more.
+    The lean is at its limit if the copter leans less than the fit requires, keeps this lean steady,
+    and has hardly leaned more before.
 
     found: push at the limit, m/s^2; inf while unknown.
-    share: allowed share of the speed.
+    share: factor on the commanded speed. It is lowered each time that the lean is at its limit.
     """
 
     MEMORY = 60.0
     """Time constant of the least squares, s: more than a lap, to separate wind from drag."""
     SMOOTHING = 1.0
-    """Time constant of the low-pass on the lean, s. It suppresses single gusts."""
+    """Time constant of the low-pass on the lean, s. The low-pass suppresses single gusts."""
     STEADY = radians(1.5)
     """Largest difference of a steady lean from its mean over a second, rad. PX4's estimate of the
     lean varies by 1 deg RMS within seconds."""
     AGAIN = 3.0
-    """Time, s, from the first steady lean. After it, the lean must still, or again, be steady at
-    the same angle."""
+    """Least time, s, from the first steady lean to a steady lean at the same angle that confirms a
+    limit."""
     NEAR_MOST = 0.93
-    """Least share of the largest lean so far for a lean at its limit. With 0.8, a copter on a
-    circle of 10 m in wind counted as limited to 11 deg, below its 12 deg of the lap before."""
+    """A lean at its limit is at least this share of the largest lean so far. With 0.8, a limit of
+    11 deg was found on a circle of 10 m radius in wind. The copter had leaned 12 deg one lap
+    before."""
     LOWERED = 0.95
+    """Factor on the speed each time that the lean is at its limit."""
     EVERY = 2.0
-    """Factor on the speed at the limit, and least time between two reductions, s. The velocity loop
-    needs 1 to 2 s to use the lean that a reduction makes available."""
+    """Least time between two reductions of the speed, s. The velocity loop needs 1 to 2 s to use
+    the lean that a reduction makes available."""
 
     def __init__(self) -> None:
         self.found = inf
@@ -124,7 +134,7 @@ class LeanLimit:
         self._required = 0.0
         """Magnitudes of push and required push, smoothed, m/s^2."""
         self._most = 0.0
-        """Largest lean, rad."""
+        """Largest smoothed lean so far, rad."""
         self._steady_since = inf
         self._lowered_at = -inf
         self._stood: tuple[float, float] | None = None
@@ -151,7 +161,7 @@ class LeanLimit:
         self._push = abs(push) + keep * (self._push - abs(push))
         required = abs(self._straight_push(v) + turn)
         self._required = required + keep * (self._required - required)
-        # Half a lap cannot separate drag from wind.
+        # Before a full turn the fit cannot separate drag from wind.
         short = self._turned >= 2 * pi and self._push < SHORT * self._required
         lean = atan(self._push / GRAVITY)
         is_steady = abs(atan(abs(push) / GRAVITY) - lean) < self.STEADY
@@ -169,8 +179,8 @@ class LeanLimit:
         """Lower the speed if the lean stays at its limit."""
         if now - self._steady_since < STEADY_FOR or now - self._lowered_at < self.EVERY:
             return
-        # In gusts a lean may be steady once by chance. At a limit it is steady again at the same
-        # angle, or stays steady.
+        # In gusts a lean may be steady once by chance. At a limit the lean stays steady, or becomes
+        # steady again at the same angle.
         if self._stood is None or abs(lean - self._stood[0]) > self.STEADY:
             self._stood = (lean, now)
         elif now - self._stood[1] >= self.AGAIN:

@@ -1,8 +1,8 @@
 """Stability margin of the drift law's loop on a circle, computed before the flight.
 
-The loop is linearized about the circle at the most critical point, where the drift is a tailwind:
-the ground speed v = V + W is highest there, and a turn of the nose moves the course by V/v of it.
-e: radius error, m. psi: heading error, rad. c: command.
+The loop is linearized about the circle at the most critical point, where the drift is a tailwind.
+There the ground speed v = V + W is highest, and the course turns by V/v times the turn of the nose.
+e: radius error, m. psi: heading error, rad. c: commanded turn rate, rad/s.
 
     e = -V P c/(s^2 + (v/r_d)^2),   psi = s P c/(s^2 + (v/r_d)^2),   pending = (1 - M) c/s
     M = e^(-s dead)/(lag s + 1)
@@ -30,33 +30,35 @@ from circnav_mav.guidance.vector_field import drift, drift_gains
 LINK = 0.05
 """Delay of link and control period, s, in addition to the vehicle's delay."""
 DEAD_SHARES = (0.3, 0.7)
+"""Family of vehicles: share of the dead time in the delay."""
 DAMPINGS = (0.3, 0.6, None)
+"""Family of vehicles: damping of the response. None: response of first order."""
 KNOWN = (0.8, 1.0, 1.2)
-"""Family of vehicles: share of the dead time in the delay, damping of the response (None: first
-order), and modeled over true delay."""
+"""Family of vehicles: delay in the guidance's model over true delay."""
 MOST_SENSITIVITY = 2.3
-"""Largest sensitivity |1/(1 + L)| that counts as a margin: 25 deg and 5 dB at least. Large circles
-have 2.1 at most. On firmware, a plane on 60 m at 15 m/s in 5 m/s of wind (2.6) oscillated; one on
-150 m at 22 m/s (1.8) did not."""
+"""Largest sensitivity |1/(1 + L)| of a loop with sufficient margin. The phase margin is then at
+least 25 deg, and the gain margin at least 5 dB. Large circles have a sensitivity of 2.1 at most.
+On firmware, a plane at 15 m/s on a radius of 60 m in 5 m/s of wind (sensitivity 2.6) oscillated. A
+plane at 22 m/s on a radius of 150 m (1.8) did not."""
 DESIGN_DRIFT = 1 / 3
-"""Drift, in units of V, in which a circle should keep its margin if its geometry allows this
-drift."""
+"""Drift, in units of V, in which a circle should keep its margin. If the turn rate allows less
+drift on this circle, that smaller drift is used instead."""
 LARGEST = 20.0
 """Upper end of the search for a radius with margin, in units of the given radius."""
 _S = 1j * np.logspace(-1.3, 1.4, 300)
-"""Frequencies, rad/s: from a slow lap to far beyond any crossover."""
+"""Frequencies times j, rad/s: from a slow lap to far beyond any crossover."""
 Complex = NDArray[Any]
 """Frequency response at the frequencies `_S`."""
 
 
 @lru_cache(maxsize=1024)
 def sensitivity(V: float, r_d: float, W: float, delay: float, late: float, limit: float) -> float:
-    """Return the largest sensitivity over the family.
+    """Return the largest sensitivity over the family of vehicles.
 
     V: speed, m/s.
     W: drift, m/s.
     delay: of the vehicle's turn, s.
-    late: delay of the reported turn, s; the gains use the sum.
+    late: delay of the reported turn, s. The gains use the sum of `delay`, LINK and `late`.
     limit: of the turn rate, rad/s.
     """
     worst = 0.0
@@ -111,8 +113,8 @@ def _loop(
 def drift_with_margin(
     V: float, r_d: float, most: float, delay: float, late: float, limit: float
 ) -> float:
-    """Return the largest drift up to `most`, m/s, in which a circle keeps its margin; negative if
-    none."""
+    """Return the largest drift up to `most`, m/s, in which a circle keeps its margin. The value is
+    negative if the margin is missing even in still air."""
 
     def sound(W: float) -> bool:
         return sensitivity(V, r_d, W, delay, late, limit) <= MOST_SENSITIVITY

@@ -5,8 +5,8 @@ import math
 Vector = tuple[float, float]
 """Components x and y."""
 MAX_SIGMA_GROWTH = 5.0
-"""Largest growth of the noise from slant to horizontal range, at 78 deg of elevation. Above it a
-sample is useless."""
+"""Largest ratio of the noise of the horizontal range to the noise of the slant range. It is reached
+at an elevation of 78 deg. Samples with a larger ratio are rejected."""
 
 
 def clip(value: float, low: float, high: float) -> float:
@@ -23,8 +23,8 @@ def chord(V: float, psi: float, turn: float, dt: float) -> Vector:
     """Return the exact displacement (m) in dt (s) at V (m/s), turning steadily by `turn` (rad) from
     heading psi (rad).
 
-    Its length is V dt sin(turn/2)/(turn/2) and its direction psi + turn/2. An Euler step instead
-    causes -0.3 m of radius error.
+    Its length is V dt sin(turn/2)/(turn/2) and its direction psi + turn/2. An Euler step would
+    cause a radius error of -0.3 m.
     """
     half = turn / 2
     length = V * dt * (math.sin(half) / half if half else 1.0)
@@ -46,7 +46,7 @@ def horizontal(slant: float, sigma: float, height: float) -> tuple[float, float]
 
 
 def radius_sensitivity(radius: float, height: float) -> str:
-    """Return the radius errors due to errors of height and ranges, as text. radius, height: m.
+    """Return a text: radius error per error of height and of ranges. radius, height: m.
 
     rho^2 = slant^2 - height^2, so that d rho = slant/rho d slant - height/rho dh.
     """
@@ -60,8 +60,13 @@ def radius_sensitivity(radius: float, height: float) -> str:
 def horizontal_rate(
     slant: float, rate: float, sigma: float, height: float
 ) -> tuple[float, float] | None:
-    """Return horizontal range rate and its standard deviation, m/s, from a slant range (m), its
-    rate and the sigma of this rate (m/s), in level flight: rho' = slant slant'/rho. None as for
-    `horizontal`."""
+    """Return horizontal range rate and its standard deviation, m/s, in level flight.
+
+    slant: slant range, m.
+    rate: rate of the slant range, m/s.
+    sigma: standard deviation of `rate`, m/s.
+
+    rho' = slant slant'/rho. None if the target is (nearly) below the vehicle.
+    """
     flat = horizontal(slant, sigma, height)
     return None if flat is None else (rate * slant / flat[0], flat[1])

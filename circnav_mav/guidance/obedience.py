@@ -1,8 +1,9 @@
-"""Obedience of a vehicle: does it follow turn commands, and do the commands swing in a limit cycle?
+"""Two verdicts on a vehicle's turns: does the vehicle follow turn commands, and is the loop in a
+limit cycle?
 
-Both are judged on bins of 0.2 s: commanded turn rate, flown turn rate (of a plane: that of its
-bank), and the prediction of each candidate of `turn_response`. Ranges are not used, so a wrong
-range raises no alarm.
+Both verdicts use bins of 0.2 s with the commanded turn rate, the flown turn rate, and the
+prediction of each candidate of `turn_response`. For a plane, the flown turn rate is that of its
+bank. Ranges are not used, so a wrong range raises no alarm.
 
 Following: least squares of the flown on the predicted turns. A vehicle that follows has a gain of a
 third or more at one of the candidate delays. Otherwise the flown turns fit better to a constant
@@ -30,47 +31,54 @@ BEGINS = 1.6
 previous maneuver."""
 
 LEAST_GAIN = 1 / 3
+"""Lowest gain (flown over predicted turns) of a vehicle that follows. A plane with a bank limit
+below the mission's limit has such a low gain."""
 MOST_GAIN = 1.6
-"""Gains of a vehicle that follows. A plane with a bank limit below the mission's has a gain down to
-a third."""
+"""Highest gain of a vehicle that follows."""
 WEAK_GAIN = 0.2
+"""Highest gain of a vehicle that does not follow. Between this gain and LEAST_GAIN there is no
+verdict."""
 REVERSED_GAIN = -1.6
-"""Gains of a vehicle that does not follow. Between a fifth and a third the verdict is open."""
+"""Lowest gain of a vehicle that does not follow: it turns opposite to the commands."""
 WINDOWS = 12, 20, 50
-"""Lengths of the windows, bins: 2.4 s of hard turns are enough, small turns need 10 s."""
+"""Lengths of the windows, bins. Hard turns are judged within 2.4 s, small turns need 10 s."""
 BETTER = 0.3
-"""Largest ratio of the better model's squared error to that of the other model. Gusts that turn the
-nose, 0.1 rad/s on the emulated vehicles, leave a ratio above 0.5."""
+"""A model is chosen if its squared error is below this share of the other model's squared error.
+Gusts that turn the nose at 0.1 rad/s left a ratio above 0.5 on the emulated vehicles."""
 IN_A_ROW = 2
 """Consecutive bins that must agree before the verdict changes."""
 
 SWING_WINDOW = 72
+"""Longest window for a limit cycle while the target is not located, bins. Its 14.4 s contain four
+periods of 3.6 s, the slowest limit cycle in this case."""
 LEAST_SWING_WINDOW = 36
-"""Longest and shortest window for a limit cycle, bins: 14.4 s contain four periods of the slowest
-cycle, 7.2 s four periods of 1.8 s."""
+"""Shortest window for a limit cycle, bins. Its 7.2 s contain four periods of 1.8 s."""
 SLOW_WINDOW = 160
+"""Longest window for a limit cycle while the law uses the estimated target position, bins. Its 32 s
+contain four periods of 8 s."""
 SLOWEST_PERIOD = 40
-"""Window and longest period, bins, of a limit cycle while the law uses the estimated target
-position: 32 s contain four periods of 8 s. A copter at its acceleration limit swung with periods of
-5 to 6 s."""
+"""Longest period of a limit cycle while the law uses the estimated target position, bins (8 s). A
+copter at its acceleration limit oscillated with periods of 5 to 6 s."""
 REPEATS = 0.8
+"""Least autocorrelation of a limit cycle after one period. On the emulated vehicles, limit cycles
+reach magnitudes of 0.9 and more. Stable loops in gusts of 3 m/s reach 0.6, approaches and
+acquisition at most 0.71."""
 REVERSES = -0.75
-"""Autocorrelation of a limit cycle: lower bound after one period, upper bound half a period before.
-On the emulated vehicles, limit cycles have magnitudes of 0.9 and more. Stable loops in gusts of 3
-m/s have 0.6, approaches and acquisition at most 0.71."""
+"""Largest (least negative) autocorrelation of a limit cycle after half a period."""
 LOWERED = 0.7
+"""Factor on the gains after each limit cycle."""
 LEAST = 0.15
-"""Factor on the gains after each limit cycle, and least share of the gains. A vehicle whose own
-turn loop has a damping of 0.06 stops oscillating at a third of the gains. With a damping of 0.05 at
-3 rad/s it stops at a sixth. A tenth of the gains did not hold a circle of 60 m in wind: the vehicle
-was 71 m off."""
+"""Lower bound of the factor on the gains after several limit cycles. If the vehicle's own turn loop
+has a damping of 0.06, the oscillation stops at a third of the gains. With a damping of 0.05 at 3
+rad/s it stops at a sixth. With a tenth of the gains, a vehicle in wind was 71 m away from its
+circle of 60 m radius."""
 
 
 class Obedience:
     """Judges whether the vehicle follows turn commands.
 
     follows: False while the vehicle does not follow turn commands.
-    since: time of that verdict, s; inf if the vehicle follows.
+    since: time at which the vehicle was found not to follow, s; inf if the vehicle follows.
     """
 
     def __init__(self) -> None:
@@ -143,16 +151,15 @@ class LimitCycle:
         # also occur during the acquisition of the target: its excitation has a period of 6 s, and
         # turns from one hypothesis to the next take 4.4 to 5 s.
         swings = self._swings(turns[:, -SWING_WINDOW:], 18)
-        # All turns flown on the located target: the longer this stretch, the slower a cycle that it
-        # can show.
+        # Use all turns since the target was located: a longer window can show a longer period.
         size = min(len(self._turns), self._located)
         if size > SWING_WINDOW and not swings:
-            # Longest period of a limit cycle as a share of the lap. In wind, turns repeat with
-            # every lap, and twice in a lap.
+            # 0.4: longest period of a limit cycle as a share of the lap. In wind, turns without a
+            # limit cycle repeat once or twice per lap.
             longest = min(SLOWEST_PERIOD, int(0.4 * self.lap / BIN))
             swings = self._swings(turns[:, -size:], longest)
         self._regular = self._regular + 1 if swings else 0
-        # Consecutive bins in which the oscillation must be regular.
+        # 5: consecutive bins in which the oscillation must be regular.
         if self._regular >= 5:
             self.share = max(self.share * LOWERED, LEAST)
             # Turns flown with the previous gains do not show the effect of the new ones.
@@ -170,9 +177,13 @@ class LimitCycle:
 
 
 def _evidence(bins: deque[TurnBin], width: int) -> int:
-    """Return -1 if the newest bins show that the vehicle does not follow, +1 if they show that it
-    does, else 0. A constant turn never gives +1: it may be independent of the commands. In the
-    direction of larger commands it gives 0: the vehicle may turn at a limit of its own."""
+    """Return -1 if the newest bins show that the vehicle does not follow, +1 if they show that the
+    vehicle follows, else 0.
+
+    A constant turn never gives +1, because the vehicle may turn independently of the commands. If
+    the commands have the same direction and are larger, a constant turn gives 0, because the
+    vehicle may turn at a limit of its own.
+    """
     newest = list(bins)[-width:]
     flown = np.array([one.flown for one in newest])
     predicted = np.array([one.predicted.ravel() for one in newest])
@@ -183,15 +194,15 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
         gain = np.clip(product / np.maximum(square, 1e-9), least, most)
         return np.asarray((flown[:, None] - gain * predicted) ** 2)
 
-    # Ignore the worst bin: a late attitude or a lost setpoint makes one bin wrong, a vehicle that
-    # does not follow many.
+    # Ignore the worst bin. A late attitude or a lost setpoint makes one bin wrong. A vehicle that
+    # does not follow makes many bins wrong.
     followed = errors(LEAST_GAIN, MOST_GAIN)
     following = _without_worst(followed)
     weak = float(errors(REVERSED_GAIN, WEAK_GAIN).sum(0).min())
     other = min(weak, float(flown @ flown) - float(flown.sum()) ** 2 / width)
-    # Least difference of both models' squared errors, integrated over time, rad^2/s: 0.05 rad/s (3
-    # deg/s) not flown for 2.4 s, or 0.025 rad/s for 10 s. A bank error of 3 deg is 0.023 rad/s at
-    # 22 m/s.
+    # Least difference of both models' squared errors, integrated over time, rad^2/s, for a verdict.
+    # It is reached if the vehicle does not fly a command of 0.05 rad/s (3 deg/s) for 2.4 s, or of
+    # 0.025 rad/s for 10 s. For comparison, a bank error of 3 deg at 22 m/s is 0.023 rad/s.
     if abs(following - other) * BIN < 0.0007:
         return 0
     if other < BETTER * min(following, _limited(flown, predicted)):
@@ -200,9 +211,9 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
 
 
 def _limited(flown: Array, predicted: Array) -> float:
-    """Return the squared error of a vehicle that flies the command up to a limit of its own, such
-    as a bank limit. The limit is a quantile of the flown turns, because a bank overshoots at first,
-    and at least a third of the command."""
+    """Return the squared error of a model that flies the command up to a limit of its own, such as
+    a bank limit. The limit is a quantile of the flown turns, because a bank overshoots at first.
+    The limit is at least a third of the largest command."""
     least = LEAST_GAIN * np.abs(predicted).max(0)
     limits = (np.maximum(limit, least) for limit in np.quantile(np.abs(flown), (0.5, 0.75, 1.0)))
     return min(
@@ -217,15 +228,18 @@ def _without_worst(errors: Array) -> float:
 
 
 def _swings(turns: Array, least: float, longest: int) -> bool:
-    """Return True if binned turn rates (rad/s) repeat as in a limit cycle with a period of at most
-    `longest` bins, and the RMS of their fast part is at least `least`, rad/s. A parabola removes
-    the slow part: wind and approach."""
+    """Return True if binned turn rates (rad/s) repeat as in a limit cycle.
+
+    least: least RMS of the fast part of the turn rates, rad/s. The slow part (wind and approach) is
+        removed by a parabola.
+    longest: longest period, bins.
+    """
     place = np.linspace(-1.0, 1.0, turns.size)
     fast = turns - np.polyval(np.polyfit(place, turns, 2), place)
     if sqrt(float(np.mean(fast**2))) < least:
         return False
-    # Least number of periods in the window. The alternating turns of an approach, and gusts that
-    # repeat by chance, have fewer periods.
+    # 4.0: least number of periods in the window. The alternating turns of an approach, and gusts
+    # that repeat by chance, have fewer periods.
     longest = min(longest + 1, int(turns.size / 4.0))
     correlation = np.array([_correlation(fast[:-lag], fast[lag:]) for lag in range(1, longest + 1)])
     negative = np.flatnonzero(correlation < 0)

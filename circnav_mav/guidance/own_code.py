@@ -59,7 +59,8 @@ class NameTable(dict[str, T]):
 
 
 def checked(name: str, make: Any, form: str, fits: Callable[[Any], bool]) -> Callable[[Any], Any]:
-    """Return `make` with its result checked. It raises OwnCodeError with the required form."""
+    """Return `make` with a check of its result. If `make` fails, or `fits` rejects its result, an
+    OwnCodeError with the required form is raised."""
 
     def made_by(argument: Any) -> Any:
         try:

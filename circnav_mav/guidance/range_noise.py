@@ -1,6 +1,7 @@
-"""Check of the standard deviation that a sensor reports with its ranges, or range rates.
+"""Check of the standard deviation (sigma) that a sensor reports with its ranges, or range rates.
 
-Drivers fill in 1 cm, or any other number. `white_noise` measures the true standard deviation.
+Many drivers report an arbitrary constant, such as 1 cm. `white_noise` measures the true sigma from
+residuals: deviations of a value from the line through its neighbors.
 """
 
 from collections import deque
@@ -11,22 +12,25 @@ from circnav_mav.guidance.laws import max_range_acceleration
 from circnav_mav.guidance.white_noise import WhiteNoise, is_even, residual
 
 KEPT = 60
+"""Number of residuals of consecutive samples that are stored."""
 ENOUGH = 20
+"""Fewest residuals of consecutive samples for a measured sigma."""
 QUARTILE = 0.25
-"""Residuals from sample to sample: number kept, fewest for a result, and the quantile used."""
+"""Quantile of the magnitudes of residuals that gives the measured sigma."""
 WIDE = 0.4
+"""Spacing, s, of the samples of wide residuals. A reported sigma is lowered only if these
+residuals are small, too."""
 KEPT_WIDE = 200
-"""Widely spaced residuals, which must be small before a sigma is lowered: spacing, s, and number
-(20 s at 10 Hz)."""
+"""Number of wide residuals that are stored, and needed to lower a sigma: 20 s at 10 Hz."""
 TOO_LITTLE = 3.5
+"""A reported sigma above this factor times the measured sigma is lowered."""
 MARGIN = 2.0
-"""A reported sigma above the first factor times the measured one is lowered to the second factor
-times the measured one. The margin covers the slow part of a radio's error (UWB: a third), which
-residuals hardly show."""
+"""A lowered sigma is this factor times the measured sigma. The margin covers the slow part of a
+radio's error (a third for UWB), which residuals hardly show."""
 FEW = 3
+"""From this number of equal values in a row on, the values are not used for the wide residuals."""
 REPEATS = 10
-"""Numbers of equal values in a row. From FEW on, these values are not used for the noise. A frozen
-sensor repeats its value at least REPEATS times."""
+"""Fewest equal values in a row of a frozen sensor."""
 
 
 class NoiseCheck:
@@ -34,17 +38,19 @@ class NoiseCheck:
     instance per flight."""
 
     def __init__(self, bend: Callable[[float], float], patience: float) -> None:
-        """bend: returns, for a value, the largest second derivative (per s^2) that motion can
-        cause. patience: time of equal values, s, after which the sensor counts as frozen."""
+        """bend: function from a value to the largest second derivative (per s^2) that motion can
+            cause.
+        patience: duration of equal values, s, after which the sensor counts as frozen.
+        """
         self._bend_of = bend
         self._patience = patience
         self._newest: deque[tuple[float, float]] = deque(maxlen=256)
         self._still = WhiteNoise(KEPT, QUARTILE)
-        """Residuals minus the largest effect of motion."""
+        """Residuals of consecutive samples, minus the largest contribution of motion."""
         self._raw = WhiteNoise(KEPT, QUARTILE)
-        """Unchanged residuals."""
+        """Residuals of consecutive samples, motion included."""
         self._wide = WhiteNoise(KEPT_WIDE, QUARTILE)
-        """Residuals of a wider spacing."""
+        """Residuals of samples that are WIDE apart."""
         self._step = inf
         self._same_since = 0.0
         self._same = 0
@@ -65,7 +71,8 @@ class NoiseCheck:
     @classmethod
     def of_rates(cls, speed: float, max_turn_rate: float) -> "NoiseCheck":
         """Return the check for range rates (m/s)."""
-        # Time, s, in which a turn builds up. It bounds the change of the range acceleration.
+        # 0.4: time, s, in which a turn builds up. It bounds the rate of change of the range
+        # acceleration.
         most = max_range_acceleration(speed, max_turn_rate, 0.0) / 0.4
         return cls(lambda rate: most, patience=2.0)
 
@@ -85,16 +92,16 @@ class NoiseCheck:
             if measured > 3.0 * sigma:
                 self.found = self.found or (sigma, measured)
                 return measured
-        # At uneven intervals there are no residuals.
+        # Without enough residuals (there are none at uneven intervals), use the reported sigma.
         if self._wide.count < KEPT_WIDE or self._raw.count < ENOUGH:
             return sigma
-        # 0.29: standard deviation of rounding, in steps of the resolution. The quantiles of coarse
-        # values may be 0.
+        # 0.29: standard deviation of rounding, in steps of the resolution. Without this term, the
+        # measured sigma of coarsely rounded values may be 0.
         rounding = 0.0 if self._step == inf else 0.29 * self._step
         measured = max(self._raw.sigma, self._wide.sigma, rounding)
         if self.lowered is None and sigma <= TOO_LITTLE * measured:
             return sigma
-        # Lower bound of a lowered sigma, m or m/s: DISTANCE_SENSOR has a resolution of 1 cm.
+        # 0.01: lower bound of a lowered sigma, m or m/s: DISTANCE_SENSOR has a resolution of 1 cm.
         lower = min(max(MARGIN * measured, 0.01), sigma)
         self.lowered = self.lowered or (sigma, lower)
         return lower
@@ -121,8 +128,8 @@ class NoiseCheck:
             self._wide.add(residual(begin, halfway, now))
 
     def _resolve(self, difference: float) -> None:
-        """Update the sensor's resolution: differences and second differences are multiples of
-        it."""
+        """Update the estimated resolution of the sensor. Differences and second differences of its
+        values are multiples of the resolution."""
         # Largest difference that is a rounding error.
         if difference > 1e-6:
             self._step = min(self._step, difference)

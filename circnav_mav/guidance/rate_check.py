@@ -1,9 +1,10 @@
 """Consistency check of measured range rates with the ranges: z = r - (integral of the rate) must
 stay constant.
 
-A wrong sign, a wrong scale, a frozen value or a bias all make z diverge. While z stays constant,
-they are harmless. The slope of z over some seconds is the error of the rate. It is the median over
-pairs half the span apart (as in the Theil-Sen estimator), which is robust to outliers.
+A rate with a wrong sign, a wrong scale, a frozen value or a bias makes z diverge. While z stays
+constant, such an error is harmless. The slope of z over some seconds is the error of the rate. The
+slope is the median over pairs of ranges half the span apart, as in the Theil-Sen estimator. The
+median is robust to outliers.
 """
 
 from collections import deque
@@ -12,19 +13,21 @@ from statistics import median
 from typing import NamedTuple
 
 QUICK = 2.5
+"""Span of the slope that shows large errors, s."""
 SLOW = 15.0
-"""Spans of the slope, s: the first shows large errors, the second a bias."""
+"""Span of the slope that shows a bias, s."""
 APART = 0.1
 """Shortest time between two stored ranges, s."""
 GAP = 1.0
 """Gap between rates, s, after which their integral restarts."""
 SURE = 4.0
-"""Smallest significant slope, in standard deviations. It is large because slopes are tested ten
-times a second, for hours."""
+"""A slope of z above this number of standard deviations shows a wrong rate. The number is large
+because slopes are tested ten times a second, for hours."""
 RETRY = 10.0
+"""Time, s, for which a rejected rate must agree with the ranges before the rate is trusted again.
+The time doubles with each rejection."""
 LONGEST_RETRY = 160.0
-"""Time, s, for which a rejected rate must agree with the ranges before it is trusted again, and its
-upper bound. The time doubles with each rejection."""
+"""Upper bound of the doubled time of RETRY, s."""
 
 
 class RateCheck:
@@ -76,7 +79,7 @@ class RateCheck:
         slopes = [
             slope for span in (QUICK, SLOW) if (slope := self._slope(now, span, sigma)) is not None
         ]
-        # Additional tolerance, in standard deviations of the rate.
+        # 2.0: additional tolerance, in standard deviations of the rate.
         wrong = next((s for s in slopes if abs(s.off) > SURE * s.sigma + 2.0 * rate_sigma), None)
         step = now - self._judged_at
         self._judged_at = now
@@ -100,7 +103,7 @@ class RateCheck:
         """Return the slope over a span (s), or None if the ranges do not cover it."""
         kept = [one for one in self._ranges if one[0] >= now - span - 1e-3]
         half = len(kept) // 2
-        # Least number of pairs for a slope.
+        # 4: least number of pairs for a slope.
         if half < 4 or kept[0][0] > now - 0.8 * span:
             return None
         pairs = list(zip(kept, kept[-half:], strict=False))
@@ -109,8 +112,8 @@ class RateCheck:
             median((after[i] - before[i]) / (after[0] - before[0]) for before, after in pairs)
             for i in (1, 2)
         )
-        # Share of a range's variance that does not average out over a span: radios also have slow
-        # errors.
+        # 0.1: share of a range's variance that does not average out over a span, because radios
+        # also have slow errors.
         return _Slope(
             -off, sigma * sqrt(2 * (1.57 / half + 0.1)) / apart, change
         )  # 1.57: median over mean
@@ -119,7 +122,7 @@ class RateCheck:
 class _Slope(NamedTuple):
     """Slopes over a span, m/s.
 
-    off: error of the rates.
+    off: error of the rates: minus the slope of z.
     sigma: standard deviation of `off`.
     change: slope of the ranges.
     """

@@ -2,10 +2,10 @@
 
 `auto` starts with feedforward on range and range rate. It changes to the drift law once the
 relative motion is trusted. During acquisition it flies the most likely hypothesis of the target
-position: measurements contradict a wrong one within seconds, but the straight approach of a
-range-only law would not separate the hypotheses. If they stay ambiguous, the approach adds a
-sinusoidal excitation. A vehicle that flies away from the target meanwhile turns at its limit. Every
-change is bumpless: the step in the command decays to 0.
+position. Ranges then contradict a wrong hypothesis within seconds. The straight approach of a
+range-only law would not separate the hypotheses. If the hypotheses stay ambiguous, a sinusoidal
+excitation is added to the turn rate. A vehicle that flies away from the target during acquisition
+turns at its limit. Every change of the law is bumpless: the step in the command decays to 0.
 """
 
 from dataclasses import dataclass
@@ -38,39 +38,41 @@ LONGEST_STEP = 0.5
 """Longest time step, s. A longer gap between two commands counts as a step of this length, so that
 no state builds up over the gap."""
 AT_LIMIT = 0.99
-"""Share of the limit from which a command counts as saturated: in a handover a command only
-approaches the limit."""
+"""A command above this share of the turn-rate limit is reported as saturated. In a handover a
+command only approaches the limit."""
 NEAR = 0.3
+"""Largest radius error, in units of the radius, of a vehicle that is already on its circle."""
 ALONG = 0.4
-"""Bounds for a vehicle already on its circle: radius error in units of the radius, range rate in
-units of V."""
+"""Largest range rate, in units of V, of a vehicle that is already on its circle."""
 CHANGE_TIME = 1.3
-"""Time constant of the filter on the estimated drift, s. A few bad ranges in a row move the
-estimate by 1 m/s for a moment. With a shorter time constant this error would count as a change of
-the wind."""
+"""Time constant of the filter on the estimated drift, s. A few bad ranges in a row change the
+estimated drift by 1 m/s for a moment. With a shorter time constant this error would be taken for a
+change of the wind."""
 PATIENCE = 6.0
 """Time, s, without a trusted target position after which the excitation starts."""
 EXCITATION_SHARE = 0.7
+"""Amplitude of the excitation, in units of the turn-rate limit. The heading oscillates by about 30
+deg."""
 EXCITATION_PERIOD = 6.0
-"""Excitation: amplitude in units of the turn-rate limit, and period, s. The heading swings by about
-30 deg."""
+"""Period of the excitation, s."""
 FADE = 0.2
-"""Time constant of a handover, s."""
+"""Time constant, s, with which the step in the command decays after a change of the law."""
 LEAVES = 0.2
+"""Range rate, in units of V, above which the vehicle flies away from the target. From here to
+LEAVES_FAST the command is blended into a turn at the limit. Both bounds apply outside the circle
+while the target position is not trusted."""
 LEAVES_FAST = 0.4
-"""Range rates, in units of V, between which the command is blended towards the turn-rate limit, to
-turn back a vehicle that flies away from the target. Both apply outside the circle while the target
-position is not trusted."""
+"""Range rate, in units of V, above which the command is a turn at the limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class LawChoice:
-    """A law by name.
+    """A law with its gain.
 
     name: of the law in `LAWS`.
     gain: magnitude of its gain.
     correct_radius: True if the law's radius bias is compensated.
-    lag: of the vehicle's turn, s; sets the gains of the drift law.
+    lag: delay from a command to its turn, s; sets the gains of the drift law.
     """
 
     name: str
@@ -87,7 +89,7 @@ class StepSettings:
     sense: +1 counter-clockwise, -1 clockwise.
     V: speed, m/s.
     r_d: radius of the circle, m.
-    fed: radius that the law is fed, m.
+    fed: input radius of the law, m. It differs from r_d if the radius bias is compensated.
     k: signed gain. As in the paper, k > 0 flies clockwise.
     limit: limit of the turn rate, rad/s.
     """
@@ -102,8 +104,8 @@ class StepSettings:
 
     @classmethod
     def of(cls, orbit: Orbit, choice: LawChoice) -> "StepSettings":
-        """Return the settings for a circle and a law. Raises ValueError if this gain is not above
-        0, or has no radius correction."""
+        """Return the settings for a circle and a law. Raises ValueError if the gain is not above 0,
+        or is too small for a correction of the radius."""
         if not 0 < choice.gain < inf:
             raise ValueError(
                 f"gain: must be a finite number above 0, not {choice.gain:g}: the direction of the"
@@ -139,7 +141,8 @@ class Inputs(NamedTuple):
 
 
 class ActiveLaw(IntEnum):
-    """Law that steers."""
+    """Law that steers. TRIAL: the drift law with the most likely hypothesis of the target
+    position."""
 
     FEEDFORWARD = 0
     TRIAL = 1
@@ -157,13 +160,13 @@ class Handover(NamedTuple):
     """State of the handover between laws.
 
     flies: law that steered last; None before the first step.
-    most_likely: number of the hypothesis flown last; None: none.
+    most_likely: number of the hypothesis flown last; None if no hypothesis was flown.
     command: last command, rad/s.
-    offset: decaying rest of the command's step at the last change, rad/s.
+    offset: rest of the step in the command at the last change of the law, rad/s. It decays to 0.
     untrusted: time since the target position was last trusted, s.
     about: side to which a vehicle that flies away from the target turns back. +1: left, -1: right,
         0: the vehicle does not fly away.
-    searched: duration of the present search, s.
+    searched: duration of the present acquisition, s.
     """
 
     flies: ActiveLaw | None = None
@@ -204,7 +207,7 @@ def next_handover(
     else:
         untrusted = before.untrusted + dt
         searched = before.searched + dt
-        # Time of acquisition, s, before its most likely hypothesis is flown.
+        # 1.0: duration of acquisition, s, after which its most likely hypothesis is flown.
         if most_likely is not None and untrusted >= 1.0 - SAME_TIME:
             flies = ActiveLaw.TRIAL
             wanted = drift_turn
@@ -216,8 +219,9 @@ def next_handover(
     on_trial = most_likely if flies is ActiveLaw.TRIAL else None
     wanted = clip(wanted, -limit, limit)
     # A vehicle that flies away from the target turns back by a half circle, to either side. The
-    # tightest half circle costs the least distance. Keep the side: hypotheses and excitation change
-    # the sign of the command, and alternating turns would lead straight away from the target.
+    # tightest half circle costs the least distance. Keep the chosen side, because hypotheses and
+    # excitation change the sign of the command. Alternating turns would lead straight away from the
+    # target.
     about = 0.0
     if leaves > 0:
         keeps = before.about != 0 and untrusted > PATIENCE + SAME_TIME
@@ -236,7 +240,7 @@ class StepState(NamedTuple):
     """State between steps.
 
     time: time of the last command, s.
-    handover: of the laws.
+    handover: state of the handover between laws.
     drift_x, drift_y: smoothed drift, m/s.
     """
 
@@ -274,9 +278,9 @@ def _with_relative_motion(
     if before.time > -inf:
         dt = clip(inputs.time - before.time, 0.0, LONGEST_STEP)
     if relative is None:
-        # Without relative motion there is no search. A vehicle without an airspeed sensor has none
-        # while it does not follow its commands: its path is unknown. The search begins when the
-        # vehicle follows again.
+        # Without relative motion there is no acquisition. For a vehicle without an airspeed sensor,
+        # the relative motion is unknown while the vehicle does not follow its commands. Acquisition
+        # begins when the vehicle follows again.
         last = last._replace(searched=0.0)
         drift_x = before.drift_x
         drift_y = before.drift_y
@@ -309,15 +313,15 @@ def _with_relative_motion(
 
 
 def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> int | None:
-    """Number of the hypothesis to fly, or None."""
-    # On the circle with a remembered drift, wait. Circling alone soon separates the hypotheses, and
-    # flying a wrong one would leave the circle.
+    """Return the number of the hypothesis to fly, or None."""
+    # If the vehicle is on the circle and the drift is remembered, wait. Circling alone soon
+    # separates the hypotheses. A vehicle that flies to a wrong hypothesis would leave the circle.
     relative = inputs.relative
     if relative is None or settings.law.kind is not Kind.AUTO:
         return None
     near = abs(inputs.r - settings.r_d) < NEAR * settings.r_d
     circling = near and abs(inputs.r_dot) < ALONG * settings.V
-    # Time, s, for which acquisition on the circle flies no hypothesis.
+    # 10.0: duration of acquisition on the circle, s, before a hypothesis is flown.
     patient = before.searched < 10.0 - SAME_TIME
     if relative.drift_remembered and circling and patient:
         return None
@@ -325,8 +329,8 @@ def _tried(before: Handover, settings: StepSettings, inputs: Inputs) -> int | No
 
 
 def _leaves(settings: StepSettings, inputs: Inputs) -> float:
-    """Degree of flying away from the target. 0: not at all, or the law is not `auto`. 1: at
-    LEAVES_FAST or faster."""
+    """Return the degree of flying away from the target. 0: not at all, or the law is not `auto`. 1:
+    at LEAVES_FAST or faster."""
     if settings.law.kind is not Kind.AUTO or inputs.r <= settings.r_d:
         return 0.0
     return clip((inputs.r_dot / settings.V - LEAVES) / (LEAVES_FAST - LEAVES), 0.0, 1.0)
@@ -335,8 +339,8 @@ def _leaves(settings: StepSettings, inputs: Inputs) -> float:
 def _by_drift(
     settings: StepSettings, relative: RelativeMotion, change: tuple[float, float], inputs: Inputs
 ) -> float:
-    """Return the turn rate (rad/s) of the drift law, for the counter-clockwise orbit. change: of
-    the drift, m/s^2."""
+    """Return the turn rate (rad/s) of the drift law, for the counter-clockwise orbit. change: rate
+    of change of the drift, m/s^2."""
     pending = inputs.pending
     p, d, psi, pending = mirrored(
         (relative.x, relative.y),
@@ -362,8 +366,8 @@ def _by_drift(
 
 
 def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> TurnCommand:
-    """Return the steady turn of the circle, without any range: V/r_d, or from drift and heading if
-    they are trusted and finite.
+    """Return the steady turn of the circle without any range. If drift and heading are trusted and
+    finite, the turn follows from them, else it is V/r_d.
 
     pending: commanded turn not flown yet; it predicts the heading.
     """
@@ -379,7 +383,7 @@ def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> Tu
 
 
 def limited(demanded: float, limit: float) -> TurnCommand:
-    """Return the demand limited to +-limit, both in rad/s."""
+    """Return the command for a demanded turn rate, limited to +-limit (both in rad/s)."""
     turn = clip(demanded, -limit, limit)
     return TurnCommand(TurnRate(turn), TurnRate(demanded), turn != demanded)
 
@@ -395,8 +399,8 @@ class Steering:
     flight."""
 
     def __init__(self, orbit: Orbit, law: LawChoice | OwnLaw) -> None:
-        """Set the circle and the law. Raises ValueError if this gain is not above 0, or has no
-        radius correction, and if a user-defined law does not fit."""
+        """Set the circle and the law. Raises ValueError as `StepSettings.of`, and if a user-defined
+        law does not fit."""
         self._state = StepState()
         self._own = None if isinstance(law, LawChoice) else law
         self._limit = orbit.max_turn_rate
@@ -414,8 +418,12 @@ class Steering:
     def __call__(
         self, estimate: RangeEstimate, pending: Pending | None = None, share: float = 1.0
     ) -> TurnCommand:
-        """Return the command. pending: commanded turn not flown yet; None: no such turn, and the
-        lag of the law choice. share: factor on the gains."""
+        """Return the command.
+
+        pending: commanded turn not flown yet. None: there is no such turn, and the delay is the lag
+            of the law choice.
+        share: factor on the gains.
+        """
         if self._own is not None:
             return limited(float(self._own(estimate)), self._limit)
         inputs = Inputs(

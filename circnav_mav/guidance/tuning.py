@@ -1,8 +1,8 @@
-"""Default gains of all laws on range, for the mission check, the pilot and the benchmark.
+"""Default gains of all range-only laws, for the mission check, the pilot and the benchmark.
 
-A gain depends on the circle and on one delay. The delay is the sum of the turn lag, from the
-mission, and the lag of the range-rate filter, from the radio's noise and rate. (The heading loop of
-`drift` and `auto` is tuned in flight from the measured response: see `vector_field.drift_gains`.)
+A gain depends on the circle and on one delay. The delay is the sum of two lags. The turn lag is
+given in the mission. The lag of the range-rate filter follows from the radio's noise and rate. (The
+heading loop of `drift` and `auto` is tuned in flight by `vector_field.drift_gains`.)
 """
 
 from dataclasses import dataclass
@@ -23,6 +23,7 @@ class LawTuning:
     turn_lag: delay from a command to its turn, s.
     sigma, period: noise (m) and period (s) of the ranges.
     gain: gain of the mission; None if the law's rule computes it.
+    correct_radius: True if the law's radius bias is compensated.
     rate_sigma: noise of a measured range rate that the law uses directly, m/s; None if a filter
         estimates the rate.
     """

@@ -2,9 +2,9 @@
 turns.
 
 Each candidate is a dead time and a response of first order (a lag) or of second order (a frequency
-and a damping). The candidates cover the measured range of real firmware (ArduPilot, PX4). They are
-weighted by least squares of the turned angle in short bins, with a prior centered on the mission's
-`turn_lag_s`. `vehicle_model` combines the response with the gain.
+and a damping). The candidates cover the measured range of real firmware (ArduPilot, PX4). Their
+weights follow from least squares of the turned angle in short bins. The prior is centered on the
+mission's `turn_lag_s`. `vehicle_model` combines the response with the gain.
 """
 
 from collections import deque
@@ -54,20 +54,22 @@ STEADY = -RESIDUES / POLES
 PRIOR_SIGMA = 0.6
 """Standard deviation of the logarithm of dead time plus lag about the mission's value."""
 EXPLAINED = 0.6
+"""Least share of the flown turns' variance that the commands explain. With less, the flown turns
+are not used to learn the response. Vehicles that follow have a share of 0.8 and more."""
 LEAST_SLOPE = 0.4
+"""Lower bound of the slope of flown over predicted turns, for turns to be used. Vehicles that
+follow have slopes of 0.65 to 1.2."""
 MOST_SLOPE = 1.6
-"""Conditions for turns to count as responses: least share of their variance explained by the
-commands, and bounds of their slope over the predicted turns. Vehicles that follow have a share of
-0.8 and more, and slopes of 0.65 to 1.2."""
+"""Upper bound of the slope of flown over predicted turns, for turns to be used."""
 
 
 class Response(NamedTuple):
     """Delays of the response.
 
     dead: dead time without the link, s.
-    lag: mean delay of the response, s.
+    lag: mean delay of the response after the dead time, s.
     settles: settling rate, 1/s.
-    link: round trip, s.
+    link: round-trip delay of the link, s.
     """
 
     dead: float
@@ -109,8 +111,8 @@ class CandidateTurns:
         self._turned.clear()
 
     def at(self, time: float) -> Array | None:
-        """Return the angles at a time, (deads, lags), or None if the commands do not cover the dead
-        times yet."""
+        """Return the angles at a time (s), as an array (deads, lags), or None if the commands do
+        not cover the dead times yet."""
         if time - DEADS[-1] < self._turned[0][0]:
             return None
         self._advance(time)
@@ -130,13 +132,13 @@ class CandidateTurns:
         mode = steady + (self._mode - steady) * np.exp(POLES * step)
         self._turned.append((time, angle + 2 * ((mode - self._mode) / POLES + steady * step).real))
         self._mode = mode
-        # Time for which commands are kept, s: the longest dead time and link delay.
+        # Time for which commands are stored, s: the longest dead time plus the longest link delay.
         while len(self._turned) > 2 and self._turned[1][0] < time - 4.0:
             self._turned.popleft()
 
 
 class TurnBin(NamedTuple):
-    """Mean turn rates of a short time.
+    """Mean turn rates over a short time.
 
     time: end of the bin, s.
     width: duration, s.
@@ -160,7 +162,7 @@ class TurnBins:
 
     def add(self, time: float, turned: float, link: float) -> TurnBin | None:
         """Add the turned angle (rad, unwrapped, any origin) at a time (s). Return the completed
-        bin, or None. link: round trip, s."""
+        bin, or None. link: round-trip delay of the link, s."""
         if self._candidates.commanded is None:
             return None
         if self._begin is not None and time - self._begin[0] < BIN:
@@ -172,9 +174,9 @@ class TurnBins:
             return None
         began, turned_before, link_before, angles_before = begin
         if link != link_before:
-            # The estimated link delay jumps with a late reply. Use one delay for both ends of a
-            # bin. Otherwise the predicted turn covers a longer or shorter time than the flown one:
-            # a vehicle on its circle once seemed to be commanded the other way.
+            # The estimated link delay jumps with a late reply. Use the same delay for both ends of
+            # a bin. Otherwise the predicted turn covers a longer or shorter time than the flown
+            # turn. On a circle this once gave a predicted turn of the wrong sign.
             angles_before = self._candidates.at(began - link)
         if angles is None or angles_before is None:
             return None
@@ -207,29 +209,29 @@ class ResponseLearner:
 
     @property
     def knowledge(self) -> tuple[Any, ...]:
-        """All that was learned, to be restored later."""
+        """Copy of the learned state, for `restore`."""
         return copy(self._fit), self._best, self._response
 
     def restore(self, knowledge: tuple[Any, ...]) -> None:
-        """Return to earlier knowledge."""
+        """Return to an earlier learned state."""
         self._fit, self._best, self._response = knowledge
         self._fit = copy(self._fit)
 
     def response(self, link: float) -> Response:
-        """Return the response as learned so far. link: round trip, s."""
+        """Return the response as learned so far. link: round-trip delay of the link, s."""
         return self._response._replace(link=link)
 
     def learn(self, new: TurnBin) -> None:
         """Learn from a bin."""
         predicted = new.predicted
         share = 1.0
-        # A step that saturates the roll rate has a longer delay than any other. With full weight,
-        # one such step would affect the fit for more than a minute on the circle.
+        # A large step in the command saturates the roll rate, and so has a longer delay than small
+        # steps. With full weight, one such step would affect the fit for more than a minute on the
+        # circle.
         if self._best is not None:
             best, slope, offset, noise = self._best
             residual = float(abs(new.flown - slope * predicted[best] - offset))
-            # Residual of a bin, in standard deviations, above which the weight of the bin
-            # decreases.
+            # 2.0: residual of a bin, in standard deviations, above which its weight decreases.
             share = min(1.0, (2.0 * noise / max(residual, 1e-9)) ** 2)
         fit = self._fit
         fit.add(predicted, new.flown, new.width, share)
@@ -273,11 +275,11 @@ class ResponseLearner:
 class Pending(NamedTuple):
     """Commanded turn that is not flown yet.
 
-    turn: rad.
+    turn: pending turn, rad.
     ahead: delay of the response, s.
     settles: settling rate of the response, 1/s.
     measurement_delay: delay of the reported turn rate, s.
-    most: turn rate that the vehicle reaches, rad/s.
+    most: largest turn rate that the vehicle reaches, rad/s.
     """
 
     turn: float
@@ -311,8 +313,8 @@ class PendingTurn:
         self._rate = None
 
     def at(self, now: float, response: Response, turn_rate: float) -> Pending:
-        """Return the pending turn. turn_rate: of the vehicle now, rad/s; the model starts from it
-        after a reset."""
+        """Return the pending turn. turn_rate: turn rate of the vehicle now, rad/s, from which the
+        model starts after a reset."""
         dead = response.dead + response.link
         if not self._commands:
             return Pending(0.0, response.delay, response.settles)

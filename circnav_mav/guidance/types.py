@@ -60,8 +60,8 @@ class RangeSample(NamedTuple):
 
 
 class RateSample(NamedTuple):
-    """One measured range rate, m/s, horizontal, positive away from the target. Other fields as in
-    RangeSample."""
+    """One measured horizontal range rate, m/s, positive away from the target. The other fields are
+    those of RangeSample."""
 
     stamp: float
     time: float
@@ -70,8 +70,7 @@ class RateSample(NamedTuple):
 
 
 class IntegratedAcceleration(NamedTuple):
-    """Integral (x, y) of the measured horizontal acceleration, m/s, beginning at the time `since`,
-    s."""
+    """Integral (x, y) of the measured horizontal acceleration, m/s, since the time `since`, s."""
 
     x: float
     y: float
@@ -90,8 +89,8 @@ class OwnMotion(NamedTuple):
         bank to turn.
     push: horizontal acceleration (x, y) by the tilt of the thrust, m/s^2, or None.
     acceleration: integrated accelerometer measurement, or None.
-    drag: specific force (forward, left) along the horizontal axes of a copter without the part of
-        its thrust, m/s^2, or None.
+    drag: specific force (forward, left) by the drag of a copter, m/s^2, along its horizontal axes,
+        or None. The thrust is not included.
     """
 
     time: float

@@ -1,13 +1,13 @@
-"""`drift`: guidance on the relative motion (position relative to the target, and drift), not only
-on range.
+"""Law `drift`: guidance by the relative motion (position relative to the target, and drift), not by
+range alone.
 
-A vector field of ground courses, with the drift compensated by the wind triangle (Lyapunov vector
-fields: Lawrence, Frew, Pisano 2008; wind: Frew 2007). The rotation of the field is the feedforward.
-Unlike exact linearization of r it has no singular heading, and it never demands a closing speed
-that the wind makes impossible.
+The law follows a vector field of ground courses. The wind triangle compensates the drift (Lyapunov
+vector fields: Lawrence, Frew, Pisano 2008; wind: Frew 2007). The rotation of the field is the
+feedforward. Unlike exact linearization of r, the law has no singular heading, and never demands a
+closing speed that the wind makes impossible.
 
-All functions assume a counter-clockwise orbit, omega > 0 to the left. `mirrored` converts the
-clockwise one.
+All functions assume a counter-clockwise orbit, omega > 0 to the left. `mirrored` converts a
+clockwise orbit.
 """
 
 from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
@@ -20,20 +20,21 @@ from circnav_mav.guidance.turn_response import Pending
 STEP = 0.05
 """Half the interval of the central difference of the field along the path, s."""
 REACHABLE = 0.98
-"""Largest sine of the drift angle: above it the ground course cannot be held, and the nose points
-nearly across it."""
+"""Largest sine of the angle between heading and ground course. A wind that requires a larger angle
+makes the course impossible: then the nose points nearly across the course."""
 RADIAL_SHARE = 0.4
-"""Radius loop over heading loop. At these margins, two fifths suppress slow errors best: wind and
-turbulence act on the radius below 0.4 rad/s, as flown on ArduPlane 4.6.3."""
+"""Gain of the radius loop over gain of the heading loop. At the margins of `drift_gains`, 0.4
+suppresses slow errors best. On ArduPlane 4.6.3, wind and turbulence disturbed the radius at
+frequencies below 0.4 rad/s."""
 OUTWARD = 0.5 * pi
-"""Preference for a turn away from the target: it may be longer by this angle, rad, than the turn
-past the target."""
+"""Preference for a turn away from the target, rad. The vehicle turns away from the target if this
+turn is at most half a turn plus this angle. Otherwise the vehicle turns toward the target."""
 
 
 class DriftGains(NamedTuple):
     """Gains of the drift law.
 
-    heading: on the heading error, 1/s.
+    heading: gain on the heading error, 1/s.
     radial: slope of the inward course angle at the circle, rad/m.
     """
 
@@ -42,25 +43,25 @@ class DriftGains(NamedTuple):
 
 
 def drift_gains(V: float, delay: float, settles: float, share: float = 1.0) -> DriftGains:
-    """Return the gains.
+    """Return the gains of the drift law.
 
     V: speed, m/s.
-    delay: total of link, autopilot and airframe, s.
+    delay: total delay of link, autopilot and airframe, s.
     settles: settling rate of the response, 1/s.
     share: factor on the gains, below 1 after limit cycles.
     """
-    # Highest crossover in units of the settling rate of the vehicle's response: a poorly damped
-    # inner loop has a resonance that its delay does not show.
-    # 1.8: highest crossover, rad/s: a faster radius loop follows the noise of ranges (0.5 m at 10
+    # 0.95: highest crossover in units of the settling rate of the vehicle's response. A poorly
+    # damped inner loop has a resonance that its delay does not show.
+    # 1.8: highest crossover, rad/s. A faster radius loop follows the noise of ranges (0.5 m at 10
     # Hz).
     most = min(0.95 * settles, 1.8)
-    # Crossover of the heading loop times the whole delay. The pending turn is subtracted, so that
-    # only the error of the delay model remains in the loop. For models of real vehicles with 20 %
-    # delay error, the gain margin is above 6 dB and the phase margin above 45 deg
+    # 0.85: crossover of the heading loop times the whole delay. The pending turn is subtracted, so
+    # that only the error of the delay model remains in the loop. For models of real vehicles with
+    # 20 % delay error, the gain margin is above 6 dB and the phase margin above 45 deg
     # (tests/guidance/test_margins.py).
     crossover = share * min(0.85 / max(delay, 1e-3), most)
-    # The feedforward (rotation of the field ahead) adds radial V (1 + heading delay) to the heading
-    # loop.
+    # The feedforward (rotation of the field ahead) adds radial V (1 + heading delay) to the gain of
+    # the heading loop.
     heading = crossover / (1 + 1.5 * RADIAL_SHARE)
     return DriftGains(heading, RADIAL_SHARE * heading / V)
 
@@ -93,7 +94,7 @@ def field_heading(
     d: drift, m/s.
     V: true airspeed, m/s.
     k: as in `inward_angle`, rad/m.
-    lap: replaces the circle.
+    lap: planned lap that replaces the circle, or None.
     """
     r = hypot(p[0], p[1])
     angle = atan2(p[1], p[0])
@@ -129,7 +130,7 @@ def drift(
     psi: heading, rad.
     pending: commanded turn not flown yet.
     V: true airspeed, m/s.
-    change: of d, m/s^2.
+    change: rate of change of d, m/s^2.
 
     Condition: W = |d| < V, and r_d >= (V + W)^2/(V max_turn_rate) unless `lap` is given.
     """
@@ -157,9 +158,12 @@ def drift(
 
 
 def _outward(r: float, turn_radius: float, r_d: float) -> float:
-    """Return the preference for a left turn, away from the target, over a right turn, rad. It is
-    full where half a turn to the right ends inside the circle, 0 from one turn radius farther out,
-    and always 0 inside 0.9 r_d."""
+    """Return the preference, rad, for a left turn (away from the target) over a right turn.
+
+    The preference is OUTWARD where half a turn to the right may end inside the circle: from r_d to
+    two turn radii outside. From there it decreases to 0 at three turn radii outside. It also
+    decreases to 0 from r_d to 0.9 r_d.
+    """
     beyond = clip((r_d + 3 * turn_radius - r) / turn_radius, 0.0, 1.0)
     outside = clip((r - 0.9 * r_d) / (0.1 * r_d), 0.0, 1.0)
     return OUTWARD * beyond * outside
@@ -188,10 +192,10 @@ def mirrored_pair(pair: Vector, sense: float) -> Vector:
 def mirrored(
     p: Vector, d: Vector, psi: float, pending: Pending, sense: float
 ) -> tuple[Vector, Vector, float, Pending]:
-    """Return the situation mirrored to a counter-clockwise orbit. sense: +1 counter-clockwise, -1
-    clockwise.
+    """Return position, drift, heading and pending turn, mirrored to a counter-clockwise orbit.
 
-    Multiply the resulting turn rate by sense.
+    sense: of the orbit that is flown: +1 counter-clockwise, -1 clockwise. The turn rate that a law
+        computes from the mirrored values must be multiplied by it.
     """
     return (
         mirrored_pair(p, sense),

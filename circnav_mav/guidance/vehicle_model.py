@@ -1,8 +1,8 @@
 """Model of one vehicle's response to turn commands, learned in flight.
 
-`VehicleModel` is the one place that knows how the vehicle turns: gain and delay from a command to
-its turn, the commanded turn that is still to come, limits of bank and lean, whether the vehicle
-follows its commands, and whether the commands swing in a limit cycle.
+`VehicleModel` contains all that is learned of the vehicle's turns: gain and delay from a command to
+its turn, the commanded turn that is not flown yet, and limits of bank and lean. It also judges
+whether the vehicle follows its commands, and whether the loop is in a limit cycle.
 """
 
 from collections import deque
@@ -24,23 +24,24 @@ from circnav_mav.guidance.turn_response import (
 from circnav_mav.guidance.types import SAME_TIME, OwnMotion
 
 MEASUREMENT_DELAY = 0.4
-"""Delay of a plane's nose, whose turn is reported, behind its bank, s: it slips at first. With 0.2
-s, ArduPlane 4.6.3 swung in a limit cycle in a wind of 8 m/s."""
+"""Delay of the turn of a plane's nose behind its bank, s. The reported turn rate is that of the
+nose, and a plane that begins to turn slips first. With a delay of 0.2 s, ArduPlane 4.6.3 flew a
+limit cycle in a wind of 8 m/s."""
 OBEYS_AFTER = 2.0
-"""Time of turning as commanded, s, after which learning resumes. After this time the response model
-no longer contains commands that the vehicle did not receive."""
+"""Time, s, for which an unresponsive vehicle must turn as commanded before learning resumes. After
+this time the response model no longer contains commands that the vehicle did not receive."""
 PAUSE = 1.0
 """Pause of the commands, or gap between two reports of own motion, s, after which the vehicle may
-have stopped: autopilots then brake, hover or loiter."""
+have stopped. Without commands, autopilots brake, hover or loiter."""
 
 
 class TurnGain:
     """Ratio of flown to commanded turn rate, learned in flight.
 
-    Real vehicles fly 0.70 to 1.05 of the commanded turn rate (a plane that banks for a coordinated
-    turn and slips: 0.73). A remaining error of 1 % is 0.2 to 0.3 m of radius. Method: least squares
-    of the heading's rate on the commanded rate. Both pass the same low-pass, so that the vehicle's
-    lag does not bias the ratio.
+    Real vehicles fly 0.70 to 1.05 of the commanded turn rate. A plane that banks for a coordinated
+    turn and slips flies 0.73. A remaining error of 1 % causes 0.2 to 0.3 m of radius error. Method:
+    least squares of the heading's rate on the commanded rate. The commanded rate is delayed like
+    the vehicle's turn, and both rates pass the same low-pass. So the lag does not bias the ratio.
 
     gain: flown over commanded turn rate.
     time: time of the newest heading, s; -inf at the start.
@@ -50,13 +51,15 @@ class TurnGain:
     """
 
     SMOOTHING = 1.0
+    """Time constant of the low-pass, s."""
     MEMORY = 15.0
-    """Time constants of the low-pass and of the least squares, s."""
+    """Time constant of the least squares, s."""
     PRIOR = 0.01
-    """Weight of the initial gain 1, (rad/s)^2 s."""
+    """Weight of the prior, a gain of 1, in the least squares, (rad/s)^2 s."""
     LOWEST = 0.6
+    """Lower bound of the learned gain."""
     HIGHEST = 1.25
-    """Bounds of the gain."""
+    """Upper bound of the learned gain."""
 
     def __init__(self, gain: float = 1.0) -> None:
         self.gain = gain
@@ -76,11 +79,11 @@ class TurnGain:
 
     @property
     def knowledge(self) -> tuple[Any, ...]:
-        """All that was learned, to be restored later."""
+        """Copy of the learned state, for `restore`."""
         return self.gain, copy(self._fit)
 
     def restore(self, knowledge: tuple[Any, ...]) -> None:
-        """Return to earlier knowledge."""
+        """Return to an earlier learned state."""
         self.gain, fit = knowledge
         self._fit = copy(fit)
 
@@ -111,8 +114,8 @@ class TurnGain:
         self.command += (self._lagged - self.command) * smooth
         self.rate += (turned / step - self.rate) * smooth
         self._follows_for = self._follows_for + step if self.followed else 0.0
-        # Earlier, the low-pass still contains its initial value, or turns from before the vehicle
-        # followed.
+        # Before this time, the low-pass still contains its initial value, or turns from before the
+        # vehicle followed.
         if self._follows_for >= 4 * self.SMOOTHING - SAME_TIME:
             fit = self._fit
             fit.add(self.command, self.rate, step, step)
@@ -121,7 +124,7 @@ class TurnGain:
 
 
 class Snapshot(NamedTuple):
-    """Knowledge at a time, s."""
+    """Learned state of gain and response at a time (s)."""
 
     time: float
     gain: tuple[Any, ...]
@@ -136,8 +139,8 @@ class VehicleModel:
     bank_gain: flown turn rate over the coordinated turn rate of the bank; None until a commanded
         vehicle has reported a bank.
     bank_limit, lean_limit: limits of the autopilot, as found in flight.
-    obedience: whether the vehicle follows turn commands, the verdict that ends a flight.
-    limit_cycle: factor on the gains.
+    obedience: verdict whether the vehicle follows turn commands.
+    limit_cycle: detection of limit cycles, and the factor on the law's gains.
     """
 
     def __init__(
@@ -169,11 +172,11 @@ class VehicleModel:
         self._commanded: float | None = None
         self._commanded_at = -inf
         self._started_at = -inf
-        """Time of the first report, or of the first one after a gap, s."""
+        """Time of the first report, or of the first report after a gap, s."""
         self._followed_at = -inf
         self._unresponsive_at = -inf
         self._snapshots: deque[Snapshot] = deque()
-        """Knowledge at each of the last seconds."""
+        """Learned states of the last 5 s, one per second."""
 
     @property
     def gain(self) -> float:
@@ -187,7 +190,7 @@ class VehicleModel:
 
     @property
     def response(self) -> Response:
-        """Delay and lag, as used now."""
+        """Response of the vehicle, as used now."""
         return self._learner.response(self.link)
 
     @property
@@ -201,12 +204,12 @@ class VehicleModel:
         speed."""
         now = self.command_gain.time
         slow_at = max(self._started_at, self._unresponsive_at)
-        # Time without turning as commanded, s, after which the estimators do not receive the motion
-        # of a vehicle without airspeed sensor. When a turn is reversed, commanded and flown turn
-        # differ for this long.
-        # 2.5: time, s, of turning as commanded after which the vehicle is assumed to have the
-        # commanded speed. A multicopter needs this time to accelerate from 0 to 5 m/s. The
-        # estimator would mistake the lower speed for a drift.
+        # A vehicle without airspeed sensor is assumed to have the commanded speed. The estimators
+        # would mistake a lower speed for a drift, so they receive its motion only at this speed.
+        # 0.7: longest time, s, without turning as commanded. When a turn is reversed, commanded and
+        # flown turn differ for this time.
+        # 2.5: time, s, of turning as commanded after which the vehicle has the commanded speed. A
+        # multicopter needs this time to accelerate from 0 to 5 m/s.
         return now - self._followed_at <= 0.7 and now - slow_at >= 2.5 - SAME_TIME
 
     def pending(self, now: float, turn_rate: float) -> Pending:
@@ -233,7 +236,7 @@ class VehicleModel:
         own: motion along the path through the air, by the model of a copter's velocity.
         nose: motion as the autopilot reports it.
 
-        While circnav does not command the vehicle, only the turn is summed up.
+        While circnav does not command the vehicle, only the turned angle is summed up.
         """
         self._sum_up(own)
         if self._commanded is None:
@@ -243,7 +246,8 @@ class VehicleModel:
         self._nose += remainder(nose.heading - self._nose, 2 * pi)
         turned = self._nose if nose.bank_turn is None else self._turned
         new = self._nose_bins.add(nose.time, turned, self.link)
-        # The vehicle first finishes its previous maneuver.
+        # After the first command, the vehicle first finishes its previous maneuver. Do not judge
+        # these turns.
         if new is not None and new.time - self._candidates.begun >= BEGINS:
             self.limit_cycle.judge(new.time, new.flown, self._commanded)
             self.obedience.judge(new)
@@ -269,8 +273,8 @@ class VehicleModel:
             self._started_at = own.time
             self._followed_at = own.time
         if own.bank_turn is not None:
-            # Use the reported bank, not the commanded one: a lower bank limit of the autopilot must
-            # not lower the gain.
+            # Use the reported bank, not the commanded bank: a bank limit of the autopilot below the
+            # command must not lower the gain.
             self.bank_gain = self.bank_gain or TurnGain()
             self.bank_gain.learn(own.time, own.heading, own.bank_turn)
         # Use the learned delay. With the lag of the mission, a copter with a faster response looked
@@ -283,8 +287,8 @@ class VehicleModel:
             self.lean_limit.follow(own)
 
     def _watch(self, own: OwnMotion) -> None:
-        """Discard recent learning if the vehicle turned out unresponsive: over a dead uplink its
-        turns mean nothing."""
+        """Discard recent learning if the vehicle turned out unresponsive: if the uplink is dead,
+        its turns are no response to commands."""
         now = own.time
         if self.followed or self._followed_at == -inf:
             self._followed_at = now
@@ -302,15 +306,15 @@ class VehicleModel:
             if not self._snapshots or now - self._snapshots[-1].time >= 1.0:
                 gain = self.command_gain.knowledge
                 self._snapshots.append(Snapshot(now, gain, self._learner.knowledge))
-            # Time span, s, that ends when a vehicle is found unresponsive. What was learned in it
-            # is discarded. After a loss of the uplink, ArduPilot keeps flying the last command for
-            # 3 s. While the commands do not change, this looks like following.
+            # Span of the snapshots, s. If the vehicle is found unresponsive, all that was learned
+            # in this span is discarded. After a loss of the uplink, ArduPilot flies the last
+            # command for another 3 s. While the commands do not change, this looks like following.
             while now - self._snapshots[0].time > 5.0:
                 self._snapshots.popleft()
 
     def reset(self) -> None:
-        """Stop learning and forget the commands. Call when the vehicle is no longer controlled from
-        here."""
+        """Stop learning and forget the commands. Call when circnav no longer controls the
+        vehicle."""
         self._commanded = None
         self._followed_at = -inf
         self._unresponsive_at = -inf
@@ -322,6 +326,6 @@ class VehicleModel:
         self.judge_again()
 
     def judge_again(self) -> None:
-        """Restart the judgement of the turns, with the gains as they are."""
+        """Restart the judgement of the turns. Learned and lowered gains do not change."""
         self.obedience.reset()
         self.limit_cycle.reset()

@@ -6,10 +6,10 @@
 v: velocity. a: acceleration by the tilt. u: commanded velocity. q: integrator. f: acceleration
 feedforward. c: drag.
 
-Without f a turning copter flies slower than commanded and crabs: by 9 % and 11 deg with PX4's gains
-and a drag of 1/s at 5 m/s and 0.1 rad/s. Its course follows the nose 2 s late. With f = (1 + D) u'
-+ c u the velocity follows u as fast as the tilt. The drag c is learned from the tilt: the
-horizontal thrust minus the acceleration is the drag force.
+Without f a turning copter flies slower than commanded, and crabs. With PX4's gains and a drag of
+1/s, at 5 m/s and 0.1 rad/s, it is slower by 9 % and crabs by 11 deg. Its course follows the nose 2
+s late. With f = (1 + D) u' + c u the velocity follows u as fast as the tilt. The drag c is learned
+from the tilt: the horizontal thrust minus the acceleration is the drag force.
 Source: PX4 PositionControl (MPC_XY_VEL_P_ACC, _I_ACC, _D_ACC); compared with PX4's own flights in
 simulation.
 """
@@ -24,14 +24,16 @@ from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 MEMORY = 60.0
 """Time constant of the drag's least squares, s: more than a lap, to separate wind from drag."""
 FIRST_DRAG = 0.3
+"""Prior of the drag, 1/s: that of a bare quadrotor."""
 PRIOR = 10.0
-"""Prior of the drag, 1/s (a bare quadrotor), and its weight, m^2/s."""
+"""Weight of the prior FIRST_DRAG in the least squares of the drag, m^2/s."""
 MOST_FED = 5.0
-"""Bound of the feedforward against drag, m/s^2: 27 deg of tilt."""
+"""Upper bound of the acceleration feedforward against drag, m/s^2. It requires a tilt of 27 deg."""
 TILT = 0.25
 """Time constant of the tilt, s, as flown."""
 SLOW = 0.3
-"""Share of the airspeed below which the direction of the velocity is not used."""
+"""Modeled speed, as a share of the commanded speed, below which the direction of the velocity is
+not used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +49,9 @@ class VelocityLoop:
         """Return the acceleration feedforward (m/s^2), forward and to the left, that keeps the
         velocity along the nose.
 
-        speed: m/s.
-        turn_rate: rad/s.
-        drag: 1/s.
+        speed: commanded speed, m/s.
+        turn_rate: turn rate of the nose, rad/s.
+        drag: drag coefficient, 1/s.
         """
         return min(drag * speed, MOST_FED), (1 + self.derivative) * speed * turn_rate
 
@@ -66,8 +68,8 @@ class CopterMotion:
         self.stop()
 
     def stop(self) -> None:
-        """Start again at rest with the learned drag. Call while the copter is not controlled from
-        here: it is handed over hovering, and how it accelerates shows the drag."""
+        """Start again at rest with the learned drag. Call while circnav does not control the
+        copter. At a handover the copter hovers, and its acceleration then shows the drag."""
         self._time: float | None = None
         self._v = 0j
         """Velocity, m/s."""
@@ -111,13 +113,14 @@ class CopterMotion:
         self._q += loop.integral * error * h
 
     def _learn(self, own: OwnMotion, acceleration: complex, step: float) -> None:
-        """Fit push minus acceleration to the velocity. The intercept is the wind."""
+        """Learn the drag: push minus acceleration is linear in the velocity. The wind changes only
+        the intercept of this line."""
         if own.push is None:
             return
         fit = self._fit
         fit.add(self._v, complex(*own.push) - acceleration, step, step)
         drag = (fit.product().real + PRIOR * FIRST_DRAG) / (fit.spread() + PRIOR)
-        # Bound of the learned drag, 1/s: seven times a bare quadrotor's; chosen.
+        # Upper bound of the learned drag, 1/s: seven times that of a bare quadrotor, by choice.
         self.drag = min(max(drag, 0.0), 2.0)
 
     def _as_motion(self, own: OwnMotion, course_rate: float) -> OwnMotion:

@@ -1,5 +1,5 @@
-"""Monitors beside the law: mission bounds, alarms for too strong a drift, for a wrong airspeed, for
-no way made, and for ranges that contradict the turns."""
+"""Monitors beside the law: violated mission bounds, too strong a drift, an airspeed error that
+changes, a vehicle that does not come nearer, and ranges that contradict the turns."""
 
 from cmath import rect
 from dataclasses import dataclass
@@ -13,8 +13,12 @@ from circnav_mav.guidance.types import Orbit, RangeEstimate
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Bounds of the mission, or None. Ranges in m, altitudes in m above sea level, battery in
-    percent."""
+    """Bounds of the mission. None: no bound.
+
+    closest, farthest: bounds of the range, m.
+    lowest, highest: bounds of the altitude above sea level, m.
+    battery: least remaining charge, percent.
+    """
 
     closest: float | None = None
     farthest: float | None = None
@@ -67,25 +71,25 @@ def watch_drift(
     V = max(motion.airspeed, 0.1 * orbit.speed)
     allowed = max(tolerated_drift(V, orbit.radius, most_turn), 0.0)
     drift = motion.drift
-    # Share of the allowed drift below which the alarm ends.
+    # 0.9: share of the allowed drift below which a raised alarm ends.
     if not drift > allowed * (0.9 if alarm.on else 1.0):
         return DriftAlarm(False, None, drift, allowed)
     since = estimate.time if alarm.since is None else alarm.since
-    # Time, s, for which the drift must be too strong to raise the alarm: the estimate follows
-    # single gusts.
+    # 3.0: time, s, for which the drift must be too strong to raise the alarm. Single gusts also
+    # change the estimated drift.
     return DriftAlarm(alarm.on or estimate.time - since >= 3.0, since, drift, allowed)
 
 
 class AirspeedAlarm(NamedTuple):
     """Alarm for an airspeed sensor whose error changes in flight.
 
-    The estimator takes such an error as a drift that turns with the nose. A wind does not turn:
-    along the nose, it cancels over a lap. A constant error of the airspeed cannot be distinguished
-    from one of the ranges: see `LapAlarm`.
+    The estimator mistakes such an error for a drift that turns with the nose. A wind does not turn:
+    its component along the nose averages to 0 over a lap. A constant error of the airspeed cannot
+    be distinguished from an error of the ranges: see `LapAlarm`.
 
     on: True while raised.
     excess: measured minus true airspeed, averaged over about a lap, m/s.
-    usual: the same after the first lap, None before.
+    usual: `excess` at the end of the first lap, None before.
     drift: mean drift, m/s, as a complex number.
     since: start of the average, s, or None.
     time: of the newest estimate, s.
@@ -115,7 +119,7 @@ def watch_airspeed(
         return AirspeedAlarm(since=estimate.time, time=estimate.time)
     lap = 2 * pi * orbit.radius / orbit.speed
     step = max(estimate.time - alarm.time, 0.0)
-    # In the first lap: the plain average since its start.
+    # In the first lap, average over the time since the start of the average.
     keep = exp(-step / min(max(estimate.time - alarm.since, 0.1), lap))
     drift = complex(motion.drift_x, motion.drift_y)
     along = (drift * rect(1.0, -motion.heading)).real
@@ -126,7 +130,8 @@ def watch_airspeed(
     if usual is None and estimate.time - alarm.since > lap:
         usual = excess
     new = AirspeedAlarm(alarm.on, excess, usual, drift, alarm.since, estimate.time)
-    # A vehicle flies longer against the wind than with it, and within a lap the average varies.
+    # Tolerance of the change, m/s. In wind the average along the nose is not exactly 0, because the
+    # vehicle flies longer against the wind than with it. It also varies within a lap.
     W = abs(drift)
     most = 0.12 * orbit.speed + W**2 / orbit.speed + W / 6
     return new._replace(on=abs(new.change) > most * (0.9 if alarm.on else 1.0))
@@ -135,10 +140,10 @@ def watch_airspeed(
 class WayAlarm(NamedTuple):
     """Alarm for a vehicle that does not come nearer, for example in wind above its airspeed.
 
-    blocks: number of consecutive blocks of 25 s without way. The first one may contain the turn
-        toward the target.
+    blocks: number of consecutive blocks of 25 s in which the vehicle did not come nearer. The first
+        block may contain the turn toward the target, so the alarm needs two.
     since: start of the present block, s, or None.
-    r: range at that time, m.
+    r: range at the start of the present block, m.
     drift: wind minus target motion, m/s, or None while it is unknown.
     airspeed: m/s.
     """
@@ -156,8 +161,8 @@ class WayAlarm(NamedTuple):
 
 
 def watch_way(alarm: WayAlarm, estimate: RangeEstimate | None, orbit: Orbit) -> WayAlarm:
-    """Return the alarm after an estimate, None while the vehicle is not engaged. Far outside the
-    circle, a vehicle must come nearer by 5 % of its speed."""
+    """Return the alarm after an estimate. estimate: None while the vehicle is not engaged. Far
+    outside the circle, a vehicle must come nearer at 5 % of its speed at least."""
     if estimate is None or estimate.r < 2 * orbit.radius:
         return WayAlarm()
     if alarm.since is None:
@@ -178,9 +183,10 @@ class LapAlarm(NamedTuple):
 
     newest: newest estimate, None while the vehicle is not engaged.
     turned: turn of the heading since the beginning of the lap, rad.
-    path: way through the air since then, m.
-    least, most: bounds of the range since then, m.
-    by_ranges, by_turns: radius of the newest lap by ranges, and by airspeed and turns, m.
+    path: path length through the air since the beginning of the lap, m.
+    least, most: smallest and largest range since the beginning of the lap, m.
+    by_ranges: radius of the newest complete lap by the ranges, m.
+    by_turns: radius of the newest complete lap by airspeed and turns, m.
     on: True while raised.
     """
 
@@ -195,10 +201,13 @@ class LapAlarm(NamedTuple):
 
 
 def watch_lap(alarm: LapAlarm, estimate: RangeEstimate | None, tolerance: float) -> LapAlarm:
-    """Return the alarm after an estimate, None while the vehicle is not engaged.
+    """Return the alarm after an estimate.
 
-    An offset of the radio or an error of the height changes the flown radius, which the ranges do
-    not show. The airspeed and the time of a lap do. tolerance: share of the radius.
+    estimate: None while the vehicle is not engaged.
+    tolerance: largest difference of the two radii, as a share of the radius.
+
+    A range offset of the radio or an error of the height changes the flown radius. The ranges do
+    not show this error, but the airspeed and the duration of a lap show it.
     """
     if estimate is None:
         return LapAlarm()
@@ -209,19 +218,19 @@ def watch_lap(alarm: LapAlarm, estimate: RangeEstimate | None, tolerance: float)
     lap = LapAlarm(estimate, by_ranges=alarm.by_ranges, by_turns=alarm.by_turns, on=alarm.on)
     if before is None or before.relative is None or estimate.time - before.time > 5.0:
         return lap
-    # The estimated scale of the airspeed adapts to wrong ranges. The measured airspeed does not.
+    # Use the measured airspeed: the estimated airspeed scale adapts to wrong ranges.
     airspeed = motion.airspeed / motion.scale
     turned = alarm.turned + wrap(motion.heading - before.relative.heading)
     path = alarm.path + airspeed * (estimate.time - before.time)
     least = min(alarm.least, estimate.r)
     most = max(alarm.most, estimate.r)
-    # A vehicle whose range changes during a full turn does not circle the target.
+    # If the range changes during a full turn, the vehicle does not circle the target.
     if most - least > 0.1 * least:
         return lap
     if abs(turned) < 2 * pi:
         return lap._replace(turned=turned, path=path, least=least, most=most)
-    # Mean time of a lap in a drift that is a share w of the airspeed: (1 - w^2/4)/(1 - w^2) times
-    # the time in still air, up to terms of fourth order.
+    # w: drift over airspeed. In this drift the mean duration of a lap is (1 - w^2/4)/(1 - w^2)
+    # times that in still air, up to terms of fourth order.
     w = min(motion.drift / airspeed, 0.9) if motion.trusted else 0.0
     by_turns = path / (2 * pi) * (1 - w**2) / (1 - w**2 / 4)
     if most - least > 0.1 * by_turns:

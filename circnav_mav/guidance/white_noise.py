@@ -1,9 +1,9 @@
 """White noise of measured values, from second differences, which motion hardly affects.
 
-A residual is the difference of the middle one of three values from the line through its neighbors.
-It is scaled so that white noise of standard deviation sigma gives residuals of standard deviation
-sigma. An outlier spoils three residuals. A quantile of many magnitudes tolerates some spoiled
-residuals: the lower quartile tolerates more than the median, but the median scatters less.
+A residual is the difference of the middle of three values from the line through its neighbors.
+The residual is scaled so that white noise of standard deviation sigma gives residuals of standard
+deviation sigma. An outlier spoils three residuals. A quantile of many magnitudes tolerates some
+spoiled residuals: the lower quartile tolerates more than the median, but the median scatters less.
 """
 
 from collections import deque
@@ -12,10 +12,11 @@ from math import ceil, nan, sqrt
 from statistics import NormalDist
 
 FAR = 5.0
+"""Magnitude of a residual above which the first pass discards it as an outlier, in standard
+deviations by the median of all residuals."""
 BULK = 3.5
-"""Magnitudes above which a residual is an outlier, in standard deviations. The first pass estimates
-the standard deviation by the median of all residuals, the second pass by the median of the
-residuals below the first bound."""
+"""Magnitude of a residual above which the second pass discards it, in standard deviations by the
+median of the residuals that are left."""
 Moment = tuple[float, float]
 """Time and value."""
 
@@ -24,8 +25,8 @@ def is_even(before: Moment, middle: Moment, after: Moment) -> bool:
     """Return True if the steps between the times are equal."""
     first = middle[0] - before[0]
     last = after[0] - middle[0]
-    # Largest relative difference of two time steps that count as equal. A lost sample causes a much
-    # larger difference.
+    # 0.19: largest relative difference of two equal time steps. A lost sample causes a much larger
+    # difference.
     return abs(last - first) < 0.19 * first
 
 
@@ -51,19 +52,20 @@ def quantile(values: Sequence[float], share: float) -> float:
 
 
 def bulk_sigma(residuals: Sequence[float]) -> float:
-    """Return the standard deviation of residuals without outliers. The root mean square of the bulk
-    scatters less than its median: 14 instead of 20 % at fifty values."""
+    """Return the standard deviation of residuals without outliers. For fifty values, the root mean
+    square of the bulk scatters by 14 %, a result from its median by 20 %."""
     sizes = [abs(one) for one in residuals]
     bulk = sizes
     for reach in (FAR, BULK):
-        # Ratio of standard deviation to median magnitude of normal noise.
+        # 1.4826: ratio of standard deviation to median magnitude of normal noise.
         most = reach * 1.4826 * quantile(bulk, 0.5)
         bulk = [size for size in sizes if size <= most]
     return sqrt(sum(size**2 for size in bulk) / len(bulk))
 
 
 class WhiteNoise:
-    """Newest residuals. count: number of residuals so far."""
+    """Stores the newest residuals, and estimates the white noise. count: number of residuals so
+    far."""
 
     def __init__(self, kept: int, share: float) -> None:
         """kept: number of residuals kept. share: quantile of their magnitudes, 0 to 1, that gives

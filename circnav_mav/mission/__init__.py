@@ -1,2 +1,2 @@
-"""Mission files: TOML in, one frozen and validated `Mission` out, and the lines of `check` about
-it."""
+"""Mission files: TOML in, one frozen and validated `Mission` out. Also the checks of a mission
+before the flight."""

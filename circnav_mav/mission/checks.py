@@ -17,11 +17,11 @@ from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
 
 TILT_USED = 0.8
-"""Share of the tilt limit that the airspeed may need: the drag is known within a quarter before a
-flight."""
+"""Share of the tilt limit above which `check` warns, for the tilt that airspeed or turns need.
+Before a flight the drag is known within a quarter only."""
 TURN_USED = 0.7
-"""Share of the vehicle's turn rate that the circle may need. The remaining share is for wind and
-the approach."""
+"""Share of the vehicle's turn rate above which `check` warns, for the turn rate that the circle
+needs. The remaining share is for wind and the approach."""
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 """Hosts of endpoints that only this computer can reach."""
 DRIFT_LAWS = frozenset({"auto", "drift"})
@@ -137,7 +137,7 @@ def _gain(mission: Mission) -> Iterator[Check]:
     orbit = mission.orbit
     bound = law.gain_bound(orbit.speed, orbit.radius)
     default = mission.tuning.default_gain(orbit)
-    # Share of the default gain below which a law hardly turns the vehicle.
+    # 0.1: share of the default gain below which a law hardly turns the vehicle.
     grade = FAIL if gain <= bound else WARN if gain < 0.1 * default else PASS
     weak = (
         f"; the default is {default:.4g}, with this gain the vehicle hardly turns"
@@ -163,8 +163,8 @@ def _radius(mission: Mission) -> Iterator[Check]:
         else orbit.radius
     )
     reached = law.reached_radius(orbit.speed, fed, gain)
-    # Steady radius error of a law from which `check` warns, as a share of the radius: less than the
-    # ranges scatter.
+    # 0.01: steady radius error of a law from which `check` warns, as a share of the radius. A
+    # smaller error is below the noise of the ranges.
     beside = abs(reached / orbit.radius - 1) >= 0.01
     advice = "; set guidance.correct_radius = true to correct it" if beside else ""
     words = f"steady radius {reached:.3f} m, desired {orbit.radius:g} m{advice}"
@@ -199,8 +199,8 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
 
 
 def fastest_turn(mission: Mission) -> float:
-    """Return the turn rate that the acceleration limits of the vehicles allow by default, rad/s, at
-    the mission's speed."""
+    """Return the turn rate, rad/s, that the vehicles' default acceleration limits allow at the
+    mission's speed."""
     emulated = (mission.file.sim or {}).get("vehicle", {})
     if mission.flies_sim and emulated.get("dynamics") != "realistic":
         return inf  # the emulator's ideal copters have no limit
@@ -209,9 +209,12 @@ def fastest_turn(mission: Mission) -> float:
 
 
 def _acceleration(mission: Mission) -> Iterator[Check]:
-    """Warn of a turn-rate limit beyond the acceleration limit. The path then does not follow the
-    nose, and the estimator takes the difference for drift: an emulated flight swung about the
-    circle without end. On firmware the same mission settled 3 s later than with a lower limit."""
+    """Warn if turns at the turn-rate limit need more than the vehicle's acceleration limit.
+
+    The path then does not follow the nose, and the estimator mistakes the difference for a drift.
+    An emulated flight oscillated about the circle without end. On firmware the same mission settled
+    3 s later than with a lower turn-rate limit.
+    """
     orbit = mission.orbit
     most = fastest_turn(mission)
     if orbit.max_turn_rate <= most:
@@ -234,7 +237,7 @@ def _acceleration(mission: Mission) -> Iterator[Check]:
 
 def drift_allowed(mission: Mission) -> float:
     """Return the largest drift (wind minus target velocity), m/s, in which the circle can be held.
-    Not positive if the circle cannot be held in still air."""
+    The value is 0 or negative if the circle cannot be held even in still air."""
     orbit = mission.orbit
     return tolerated_drift(
         orbit.speed, mission.orbit.radius, orbit.max_turn_rate * mission.least_turn_gain
@@ -274,8 +277,8 @@ def _drift(mission: Mission) -> Iterator[Check]:
 
 def drift_with_loop_margin(mission: Mission, most: float) -> float | None:
     """Return the largest drift up to `most`, m/s, in which the turn loop keeps its stability
-    margin. Negative if the margin is missing even in still air. None for a law without this
-    loop."""
+    margin. The value is negative if the margin is missing even in still air, and None for a law
+    without this loop."""
     orbit = mission.orbit
     allowed_drift = drift_allowed(mission)
     delay = mission.file.vehicle.turn_lag_s

@@ -9,12 +9,14 @@ from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.mission import Mission
 
 LOOP_BOUND = 0.4
-"""Bound on the loop gain V |d omega/d r'| (turn lag + filter lag), with turn rate omega and range
-rate r'. Above about 0.45 the laws oscillate in a limit cycle."""
+"""Loop gain V |d omega/d r'| (turn lag + filter lag) above which `check` warns, with turn rate
+omega and range rate r'. Above about 0.45 the laws fly a limit cycle."""
 REACH = 0.8
-"""Largest range on the circle, as a share of the maximum range."""
+"""Largest slant range on the circle, as a share of the largest range that the message can
+report."""
 ROOM = 0.1
-"""Least distance between the circle and the bounds of the range, as a share of the radius."""
+"""Distance between the circle and the bounds of the range below which `check` warns, as a share of
+the radius."""
 
 
 def check_ranging(mission: Mission) -> list[Check]:

@@ -20,8 +20,7 @@ from circnav_mav.mission.schema import MissionFile
 
 
 class MissionError(Exception):
-    """Error of a mission that cannot be flown as written. Its message is one line for the author of
-    the file."""
+    """Error in a mission file. The message is one line for the author of the file."""
 
 
 def load_mission(path: str | Path, overrides: Iterable[str] = ()) -> Mission:
@@ -56,8 +55,9 @@ def parse_mission(
 ) -> Mission:
     """Validate the text of a mission file. Raises MissionError.
 
-    where: name of the file in errors. folder: base of its relative paths. They become absolute, so
-    that the file as flown can be flown again from its run folder.
+    where: name of the file in errors.
+    folder: base of the relative paths in the file. They become absolute, so that the recorded file
+        can be flown again from its run folder.
     """
     table = read_toml(text, where)
     changes = [(*_override(override), override) for override in overrides]
@@ -88,9 +88,9 @@ def _written(
     folder: Path | None,
     table: dict[str, Any],
 ) -> str:
-    """Return the file as flown, with overrides. Its comments are kept unless tomlkit misplaces an
-    override, for example among dotted keys."""
-    import tomlkit  # imported here because it is slow, and most files are flown without overrides
+    """Return the text of the file with overrides and absolute paths. Its comments are kept unless
+    tomlkit misplaces an override, for example among dotted keys."""
+    import tomlkit  # imported here because its import is slow, and most flights have no overrides
 
     document = tomlkit.parse(text)
     _change(document, changes, folder)
@@ -103,8 +103,11 @@ def _written(
 
 
 def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
-    """Validate the parsed table of a mission file. where: name of the file in errors. text: file as
-    flown, if it will be recorded. Raises MissionError."""
+    """Validate the parsed table of a mission file. Raises MissionError.
+
+    where: name of the file in errors.
+    text: text to record with the flight, or empty.
+    """
     if "mission" in table and "vary" in table:
         raise MissionError(f"{where}: is a campaign file, fly it with: circnav campaign {where}")
     try:
@@ -122,13 +125,13 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
 def whole_schema() -> type[MissionFile]:
     """Return the schema of a mission file with the tables of the extras that are installed."""
     tables: dict[str, Any] = {name: (model, model()) for name, model in table_models().items()}
-    doc = "The whole file. `sim` belongs to the bundled vehicle, which checks it itself."
+    doc = "A mission file. The table `sim` is validated by the bundled vehicle."
     return create_model("MissionFile", __base__=MissionFile, __doc__=doc, **tables)
 
 
 def _check_numbers(mission: Mission, where: str) -> None:
-    """Check that the derived settings can be computed: noise of 1e-308 m, for example, overflows.
-    Raises MissionError."""
+    """Check that the derived settings can be computed. With a noise of 1e-308 m, for example, they
+    overflow. Raises MissionError."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             mission.pilot_settings()
@@ -164,8 +167,8 @@ def put(table: Any, keys: list[str], value: Any, source: str) -> None:
 
 
 def _make_absolute(table: Any, folder: Path) -> None:
-    """Make the key file paths of a mission, its bundled vehicle and its extras absolute. They are
-    relative to the folder of the file, or begin with `~`."""
+    """Make the key file paths of a mission, its bundled vehicle and its extras absolute. In the
+    file, these paths are relative to the folder of the file, or begin with `~`."""
     sim = table.get("sim")
     tables = {**table, "sim.signing": sim.get("signing") if isinstance(sim, Mapping) else None}
     for place in tables.values():

@@ -1,5 +1,5 @@
-"""A mission for the flight: values of its file in SI units and radians, and values derived from
-them."""
+"""A mission as the flight uses it: the values of its file in SI units and radians, and values
+derived from them."""
 
 from dataclasses import dataclass, replace
 from math import inf, radians, tan
@@ -25,13 +25,15 @@ from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.settings import HeightSettings
 
 STALE_PERIODS = 2.5
+"""Default of `limits.stale_s`, in periods of the ranging radio. With it, a single lost range does
+not interrupt steering."""
 LEAST_STALE = 0.5
-"""Default of `limits.stale_s`, in periods of the radio, and its minimum, s. A single lost range
-does not interrupt steering."""
+"""Lower bound of the default of `limits.stale_s`, s."""
 END_SHARE = 0.975
+"""Default of `bounds.max_range_m`, as a share of the largest range that the ranging message can
+report."""
 CARRIES_FAR = 1000.0
-"""Default of `bounds.max_range_m`, as a share of the largest range that the message can carry. Only
-messages whose largest range is below the second value, m, have this default."""
+"""`bounds.max_range_m` has no default for messages that can report at least this range, m."""
 SIM = "sim"
 """Endpoint of the bundled vehicle."""
 
@@ -40,8 +42,9 @@ SIM = "sim"
 class Mission:
     """A validated mission.
 
-    file: values of the mission file, with units in the names, and with the tables of extras, which
-    the core does not read. text: the file as flown.
+    file: values of the mission file, with units in the names. The core does not read the tables of
+        extras in it.
+    text: text of the file with overrides and absolute paths, to record with the flight.
     """
 
     file: MissionFile
@@ -79,12 +82,12 @@ class Mission:
 
     @property
     def law(self) -> LawChoice:
-        """Law with its gain: the file's, or the default."""
+        """Law with its gain. The gain is that of the file, or the default of the law."""
         return self.tuning.choice(self.orbit)
 
     @property
     def estimator(self) -> str:
-        """Name of the estimator: the file's, or the law's default."""
+        """Name of the estimator: that of the file, or the default of the law."""
         return self.file.guidance.estimator or default_estimator(self.file.guidance.law)
 
     @property
@@ -113,8 +116,8 @@ class Mission:
     @property
     def _estimation_by_drag(self) -> EstimatorSettings:
         """Settings of the estimator for a copter whose accelerometer measures its airspeed."""
-        # Error of the accelerations of a copter without GPS, m/s^2: its attitude is wrong by 3
-        # degrees in turns.
+        # 0.5: error of the measured accelerations of a copter without GPS, m/s^2. In turns its
+        # estimated attitude is wrong by 3 deg.
         return EstimatorSettings(
             self.orbit.speed,
             self.orbit.max_turn_rate,
@@ -138,29 +141,28 @@ class Mission:
 
     @property
     def max_range(self) -> float:
-        """Largest range that the message can carry, m."""
+        """Largest range that the ranging message can report, m."""
         return RANGING_MESSAGES[self.file.ranging.message].farthest
 
     @property
     def farthest(self) -> float | None:
-        """Horizontal range at which the flight ends, m, or None: the file's bound, or slightly less
-        than the largest range of a message with a short limit."""
+        """Horizontal range at which the flight ends, m, or None: the file's bound, or END_SHARE of
+        the largest range if the ranging message has a short one."""
         end = self.max_range
         return self.file.bounds.max_range_m or (END_SHARE * end if end < CARRIES_FAR else None)
 
     @property
     def stale(self) -> float:
-        """Age of the newest range up to which it may steer, s: the file's, or a default that
-        tolerates one lost range."""
+        """Largest age of the newest range with which the vehicle is steered, s: the file's value,
+        or a default that tolerates one lost range."""
         usual = min(max(STALE_PERIODS / self.file.ranging.rate_hz, LEAST_STALE), MOST_STALE)
         return self.file.limits.stale_s or usual
 
     @property
     def slowest_answer(self) -> float:
-        """Round trip of the link above which the vehicle is not engaged, s. Half of the round trip
-        adds to the age of each range."""
-        # Largest round trip of the link with which the vehicle is engaged, as a multiple of
-        # `limits.stale_s`.
+        """Largest round trip of the link with which the vehicle is engaged, s. Half of the round
+        trip adds to the age of each range."""
+        # 1.2: this round trip as a multiple of `limits.stale_s`.
         return 1.2 * self.stale
 
     @property
@@ -174,9 +176,13 @@ class Mission:
         return self.file.link.endpoint == SIM
 
     def run_speed(self, speed: float | None = None, pace: float | None = None) -> float:
-        """Return the speed of the run relative to real time, infinite for the fastest possible.
-        speed: requested by the user. pace: requested by an onlooker. A separate ranging radio
-        requires real time."""
+        """Return the speed of the run relative to real time. Infinity: as fast as possible.
+
+        speed: requested by the user.
+        pace: requested by an onlooker.
+
+        A real vehicle or a separate ranging radio requires real time.
+        """
         if not self.flies_sim:
             return 1.0
         if speed is not None:
@@ -208,11 +214,11 @@ class Mission:
         )
 
     def pilot_settings(self, output_mode: OutputMode = OutputMode.FLY) -> PilotSettings:
-        """Return the settings of the pilot. Raises ValueError if the gain has no radius
-        correction."""
+        """Return the settings of the pilot. Raises ValueError if the gain is too small for a
+        correction of the radius."""
         file = self.file
-        # Time, s, after the loss of the link at which the mission ends unless the vehicle is
-        # steered again. A longer `limits.hold_s` is used instead.
+        # 60.0 (outage): time after the loss of the link, s, at which the mission ends unless the
+        # vehicle is steered again. If `limits.hold_s` is longer, it is used instead.
         return PilotSettings(
             orbit=self.orbit,
             estimator=self.estimator,
@@ -289,7 +295,7 @@ class Mission:
     def _ranging(self) -> RangingSettings:
         calibration = {"scale", "bias_m", "delay_s", "points_m"}
         given = self.file.ranging.model_dump(exclude={"endpoint", *calibration})
-        # Largest useful standard deviation of a range, as a share of the radius.
+        # 0.5: largest useful standard deviation of a range, as a share of the radius.
         most = max(0.5 * self.orbit.radius, 3 * self.file.ranging.sigma_m)
         return RangingSettings(
             **given, max_age=self.stale, max_sigma=most, calibration=self.file.ranging.calibration

@@ -1,5 +1,5 @@
-"""Preflight checks of the vehicle and the ranging: the data of a `PreflightListener` in, lines
-out."""
+"""Preflight checks of the vehicle and the ranging: from the data of a `PreflightListener` to check
+lines."""
 
 from collections.abc import Iterator, Mapping
 from math import degrees, isnan
@@ -17,15 +17,15 @@ from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.preflight_listener import PreflightListener
 
 SILENT = 2.0
-"""Age of the newest heartbeat, s, above which at least one heartbeat was lost: autopilots send one
-a second."""
+"""Age of the newest heartbeat at the end of preflight, s, above which the check fails. Autopilots
+send one heartbeat a second."""
 TROUBLE = ("prearm", "arm:", "failsafe", "failed", "error", "unhealthy", "denied", "variance")
-"""Words by which preflight selects the STATUSTEXTs that it repeats."""
+"""Preflight repeats each STATUSTEXT that contains one of these words."""
 
 
 def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.0) -> list[Check]:
     """Return all lines of a completed preflight. clock_speed: speed of the run's clock relative to
-    real time, if the run follows the autopilot's clock."""
+    real time. It differs from 1 only if the run follows the autopilot's clock."""
     if not listener.session.up:
         misfits = "; ".join(listener.session.misfits.values())
         why = misfits or f"no autopilot heartbeat, {listener.connection.counts[VEHICLE].describe()}"
@@ -190,7 +190,7 @@ def _streams(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
         words = f"{name} {measured:.1f} Hz, requested {wanted:g} Hz"
         if measured >= FULL_RATE * wanted:
             yield Check(PASS, "stream", words)
-        # Share of the requested rate below which a stream counts as missing.
+        # 0.5: share of the requested rate below which a stream is treated as missing.
         elif measured >= 0.5 * wanted:
             yield Check(WARN, "stream", words)
         else:
@@ -282,7 +282,7 @@ def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) ->
     if reboots:
         yield Check(FAIL, "clock", f"the autopilot rebooted {reboots} times during preflight")
     follows = mission.file.link.clock == "autopilot"
-    # Least time, s, in which the speed of a clock can be measured within a few percent.
+    # 1.0: least time, s, in which the speed of a clock can be measured within a few percent.
     if boot is None or boot[1][0] - boot[0][0] < 1.0:
         words = (
             "no boot time of the autopilot (SYSTEM_TIME, ATTITUDE): a reboot would not be detected"
@@ -301,9 +301,9 @@ def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) ->
                 "clock",
                 f'{words}: set link.clock = "autopilot" to fly a simulator at this speed',
             )
-        # Difference that arises between two clocks during the measurement, s, above which preflight
-        # warns. PX4's simulator ran at 0.985 of real time: ranges were rejected as too old, and one
-        # flight of five ended with RANGE STALE.
+        # 0.08: difference between the two clocks during the measurement, s, above which preflight
+        # warns. PX4's simulator once ran at 0.985 of real time. Then ranges were rejected as too
+        # old, and one flight of five ended with RANGE STALE.
         elif abs(speed - 1) * (boot[1][0] - boot[0][0]) > 0.08:
             yield Check(
                 WARN,
@@ -314,8 +314,8 @@ def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) ->
             yield Check(PASS, "clock", words)
     if trip is not None:
         most = mission.slowest_answer
-        # Round trip to the autopilot, s, above which the delay is no longer small compared to a
-        # turn lag of 0.4 s.
+        # 0.1: round trip to the autopilot, s, above which the delay is no longer small compared to
+        # a turn lag of 0.4 s.
         grade = PASS if trip < 0.1 else WARN if trip <= most else FAIL
         words = f"{1000 * trip:.0f} ms (TIMESYNC), at most {1000 * most:.0f} ms"
         yield Check(grade, "round trip", words)

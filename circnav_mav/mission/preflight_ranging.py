@@ -14,16 +14,18 @@ from circnav_mav.pilot import RANGING, VEHICLE
 from circnav_mav.pilot.preflight_listener import PreflightListener, ReceivedRange
 
 FULL_RATE = 0.8
-"""Share of the expected rate (`ranging.rate_hz`, or of a requested stream) from which a measured
-rate passes."""
+"""A measured rate passes from this share of the expected rate on. Expected is `ranging.rate_hz`, or
+the requested rate of a stream."""
 SPEED_OFF = 0.03
-"""Largest relative difference between the speeds of another clock and of ours. A larger one means a
-simulator at another speed, or a wrong clock."""
+"""Largest relative difference between the speeds of another clock and of this computer's clock. A
+larger difference means a simulator at another speed, or a wrong clock."""
 NOISE_NEAR = 1.5
-NOISE_FAR = 4.0
-"""Ratio of measured to assumed noise: PASS up to the first, FAIL above the second. For n residuals
-both bounds are multiplied by 1 + 1/sqrt(n). A correct assumption of 0.5 m then fails to pass in 3
+"""Ratio of measured to assumed noise up to which the noise check passes. For n residuals the bound
+is multiplied by 1 + 1/sqrt(n). If the assumption of 0.5 m is correct, the check does not pass in 3
 of 1000 preflights with 10 ranges, and in none of 20,000 with 50 ranges."""
+NOISE_FAR = 4.0
+"""Ratio of measured to assumed noise above which the noise check fails. For n residuals the bound
+is multiplied by 1 + 1/sqrt(n)."""
 
 
 def judge_ranging(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
@@ -32,7 +34,7 @@ def judge_ranging(mission: Mission, listener: PreflightListener) -> Iterator[Che
     height = listener.height.at(listener.end)
     yield from _height(mission, listener, height)
     if choice := listener.ranging.sources.choice(listener.end):
-        # noise, age and distance of ranges to two targets have no meaning
+        # For ranges to two targets, the checks of noise, age and distance have no meaning.
         yield Check(FAIL, "ranging", f"{choice}. A flight would not engage the vehicle")
         return
     yield _received(mission, listener)
@@ -74,13 +76,13 @@ def _received(mission: Mission, listener: PreflightListener) -> Check:
 
 
 def _rejected(mission: Mission, listener: PreflightListener) -> Check:
-    """Check the share of rejected ranges. Messages of other sources do not count: only one source
-    is used."""
+    """Check the share of rejected ranges. Only one source is used, so rejected messages of other
+    sources are not included in the share."""
     rejected = listener.ranging.rejected
     counts = {reason: count for reason, count in rejected.items() if reason not in OTHERS}
     words = describe_rejected(dict(sorted(rejected.items())))
     share = sum(counts.values()) / max(sum(counts.values()) + len(listener.ranges), 1)
-    # Share of rejected ranges above which preflight warns; chosen.
+    # 0.1: share of rejected ranges above which preflight warns (chosen, not measured).
     return Check(WARN if share > 0.1 else PASS, "rejected", words)
 
 
@@ -141,7 +143,7 @@ def _noise(mission: Mission, ranges: Sequence[ReceivedRange]) -> Iterator[Check]
     gate = mission.estimation.gate * assumed
     share = outliers_among(residuals, gate)
     words = f"about {100 * share:.0f} % of the ranges are outliers, wrong by more than {gate:.1f} m"
-    # Share of outliers above which preflight warns. Chosen: half of the benchmark's share.
+    # 0.05: share of outliers above which preflight warns: half of the benchmark's share.
     yield Check(PASS if share <= 0.05 else WARN, "outliers", words)
 
 
@@ -166,7 +168,7 @@ def _age(mission: Mission, listener: PreflightListener) -> Check:
     delays = sorted(one.arrival - one.time for one in listener.ranges)
     late = delays[int(0.95 * (len(delays) - 1))]
     stale = mission.stale
-    # Delay of a range on the link, s, above which preflight warns; chosen, two ticks.
+    # 0.1: delay of a range on the link, s, above which preflight warns: two ticks.
     grade = FAIL if age > stale else WARN if late > 0.1 else PASS
     words = (
         f"95 % arrive within {1000 * late:.0f} ms of the fastest (a constant delay cannot be"
@@ -176,8 +178,8 @@ def _age(mission: Mission, listener: PreflightListener) -> Check:
 
 
 def _stamps(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
-    """Check the speed of the sensor's clock. No line if it is wrong by the same factor as the speed
-    of the autopilot's clock, which is checked separately."""
+    """Check the speed of the sensor's clock. If the autopilot's clock is wrong by the same factor,
+    there is no line here, because `preflight` checks the autopilot's clock."""
     ranges = listener.ranges
     boot = listener.boot
     if mission.file.ranging.stamp == "arrival":
@@ -202,8 +204,8 @@ def _stamps(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
 
 
 def _height(mission: Mission, listener: PreflightListener, height: float | None) -> Iterator[Check]:
-    """Check a height that is computed from the vehicle's altitude. `check` covers a height given in
-    the mission."""
+    """Check the height if it is computed from the vehicle's altitude. A height given in the mission
+    is checked by `circnav check`."""
     if unknown := listener.height.why_unknown(listener.end):
         yield Check(FAIL, "height", unknown)
     elif mission.height.needs_altitude and height is not None:

@@ -8,14 +8,15 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 MOST_PROBLEMS = 8
+"""Largest number of problems in one line."""
 MOST_SHOWN = 60
-"""Largest number of problems in one line, and of characters shown of a wrong value."""
+"""Largest number of characters shown of a wrong value."""
 _BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
 
 def in_words(error: ValidationError, schema: type[BaseModel]) -> str:
-    """Return the problems of a file of this schema as one line. Unknown keys come first, because a
-    misspelled key is also a missing one."""
+    """Return the problems of a file of this schema as one line. Unknown keys are listed first,
+    because a misspelled key often explains a missing key."""
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     missing = [
         ".".join(map(str, problem["loc"])) for problem in problems if problem["type"] == "missing"
@@ -62,13 +63,13 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
 
 
 def _shown(given: Any) -> str:
-    """Return a value as Python writes it, shortened if it is long."""
+    """Return the Python notation of a value, shortened if it is long."""
     return repr(given)[:MOST_SHOWN]
 
 
 def _remedy(kind: str, given: Any) -> str:
-    """Return the remedy for a value that TOML writes differently: `.5`, `1.`, a number in quotes,
-    yes or True."""
+    """Return the remedy for a value in a notation that TOML does not have, such as `.5`, `1.`, a
+    number in quotes, yes or True."""
     if kind == "bool_type":
         return ": write true or false"
     if kind not in ("float_type", "int_type") or not isinstance(given, str):
@@ -98,7 +99,7 @@ def _table(schema: type[BaseModel], place: list[str]) -> type[BaseModel]:
 
 
 def _inner(table: type[BaseModel], name: str) -> type[BaseModel] | None:
-    """Return the model of a key that holds a table, or None."""
+    """Return the model of a key if its value is a table, else None."""
     annotation = table.model_fields[name].annotation
     kinds = [kind for kind in (annotation, *get_args(annotation)) if isinstance(kind, type)]
     return next((kind for kind in kinds if issubclass(kind, BaseModel)), None)

@@ -1,7 +1,7 @@
-"""Tables and keys of a mission file, with units in their names, and their bounds.
+"""Tables and keys of a mission file, with units in their names, and the bounds of their values.
 
 The bounds reject implausible values (a tick of 1 kHz, a bank of 80 deg). `checks` reports whether a
-mission is flyable.
+mission can be flown.
 """
 
 from ipaddress import ip_network
@@ -31,14 +31,15 @@ from circnav_mav.mav.ranging.calibration import Calibration, rising
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
 FAR = 1e9
-"""Largest value of a number. Products of a few larger ones may overflow."""
+"""Largest value of a number. A product of a few larger numbers may overflow."""
 MOST_PORT = 65535
 """Largest port (16 bits)."""
 MOST_STALE = 5.0
-"""Largest age of a range, s, that may steer."""
+"""Largest value of `limits.stale_s`, s: age of the newest range up to which the vehicle is
+steered."""
 MAX_PATIENCE = 3600.0
-"""Longest time, s, that a flight continues without ranges, or while turn commands are not followed.
-Larger values were probably meant in ms, and would disable the exit action."""
+"""Largest value of `limits.hold_s` and `limits.unfollowed_s`, s. A larger value was probably meant
+in ms, and would disable the exit action."""
 MAX_NAME = 100
 """Largest number of characters in a mission's name. The name of the run folder consists of a time
 and this name."""
@@ -83,22 +84,22 @@ def _rising(points: list[list[float]]) -> list[list[float]]:
 
 class Table(BaseModel):
     """A table that rejects unknown keys, silent conversions, NaN and infinity. TOML allows NaN and
-    infinity, but a bound with such a value would act never, or always."""
+    infinity, but a bound with such a value would be violated never, or always."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 class VehicleTable(Table):
-    """[vehicle]"""
+    """[vehicle]: autopilot, speed, limits of bank and turn rate, and response of the vehicle."""
 
     autopilot: Literal[MISSION_AUTOPILOTS]  # type: ignore[valid-type]
     kind: Literal[MISSION_KINDS]  # type: ignore[valid-type]
     method: Literal[MISSION_METHODS] | None = None  # type: ignore[valid-type]
     speed_mps: Positive
     max_turn_rate_deg_s: Positive | None = None
-    # At 75 a level turn pulls 3.9 g
+    # 75: at this bank a level turn has a load of 3.9 g.
     max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None
-    # Longest delay of a vehicle's turn, s. Larger values were probably meant in ms.
+    # 10.0: longest delay from a command to its turn, s. A larger value was probably meant in ms.
     turn_lag_s: Annotated[float, Field(ge=0, le=10.0)] = 0.4
     drag_per_s: Annotated[float, Field(ge=0.05, le=2.0)] = 0.35
     turn_gain: Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)] = "learn"
@@ -106,7 +107,7 @@ class VehicleTable(Table):
 
 
 class OrbitTable(Table):
-    """[orbit]"""
+    """[orbit]: radius and direction of the circle, and height above the target."""
 
     radius_m: Positive
     direction: Literal["clockwise", "counterclockwise"]
@@ -131,7 +132,7 @@ def _named(table: NameTable[Any]) -> Any:
 
 
 class GuidanceTable(Table):
-    """[guidance]"""
+    """[guidance]: guidance law and estimator."""
 
     law: _named(LAWS) = "auto"  # type: ignore[valid-type]
     gain: Positive | None = None
@@ -141,7 +142,7 @@ class GuidanceTable(Table):
 
 
 class RangingTable(Table):
-    """[ranging]"""
+    """[ranging]: ranging message, its rate, noise, source and calibration."""
 
     message: Literal[tuple(RANGING_MESSAGES)]  # type: ignore[valid-type]
     rate_hz: Positive
@@ -150,7 +151,7 @@ class RangingTable(Table):
     beacon_id: Annotated[int, Field(ge=0, le=65535)] | None = None
     sensor_id: Annotated[int, Field(ge=0, le=255)] | None = None
     orientation: Annotated[int, Field(ge=0, le=100)] | None = None
-    # 10: limit of NAMED_VALUE_FLOAT
+    # 10: largest number of characters in the name of a NAMED_VALUE_FLOAT.
     name: Annotated[str, Field(min_length=1, max_length=10)] = "RANGE"
     rate_name: Annotated[str, Field(min_length=1, max_length=10)] | None = None
     rate_sign: Literal["opening", "closing"] = "opening"
@@ -179,11 +180,11 @@ class RangingTable(Table):
 
 
 class LinkTable(Table):
-    """[link]"""
+    """[link]: connection to the autopilot."""
 
     endpoint: Name
     peer: Addresses | None = None
-    # MAV_COMP_ID_ONBOARD_COMPUTER to MAV_COMP_ID_ONBOARD_COMPUTER4
+    # 191 to 194: MAV_COMP_ID_ONBOARD_COMPUTER to MAV_COMP_ID_ONBOARD_COMPUTER4
     component_id: Annotated[int, Field(ge=191, le=194)] = 191
     wait_s: Positive = 30.0
     unsigned_parameters: bool = False
@@ -191,14 +192,15 @@ class LinkTable(Table):
 
 
 class SigningTable(Table):
-    """[signing]: MAVLink 2 message signing. key_file is relative to the mission file's folder."""
+    """[signing]: MAVLink 2 message signing. key_file: path of the key, relative to the folder of
+    the mission file."""
 
     key_file: Name
     accept_unsigned: Literal[False, True, "ranging"] = False
 
 
 class EngageTable(Table):
-    """[engage]"""
+    """[engage]: start of the steering, and reactions to a takeover and to a loss of GPS."""
 
     request_mode: bool = False
     on_takeover: Literal["end", "wait"] = "end"
@@ -206,7 +208,7 @@ class EngageTable(Table):
 
 
 class LimitsTable(Table):
-    """[limits]"""
+    """[limits]: time limits of the flight, and rate of the setpoints."""
 
     duration_s: Positive
     stale_s: Annotated[float, Field(gt=0, le=MOST_STALE)] | None = None
@@ -216,25 +218,25 @@ class LimitsTable(Table):
 
 
 class ExitTable(Table):
-    """[exit]"""
+    """[exit]: mode that is commanded at the end of the flight."""
 
     action: Literal[MISSION_EXITS] | None = None  # type: ignore[valid-type]
 
 
 class BoundsTable(Table):
-    """[bounds]"""
+    """[bounds]: bounds of range, altitude and battery charge at which the flight ends."""
 
     min_range_m: Positive | None = None
     max_range_m: Positive | None = None
     min_altitude_m: Height | None = None
     max_altitude_m: Height | None = None
-    # Values below 1 were probably meant as a fraction
+    # A value below 1 was probably meant as a fraction.
     min_battery_percent: Annotated[float, Field(ge=1, le=100)] | None = None
 
 
 class MissionFile(Table):
-    """The complete file, without the tables of extras. The bundled vehicle validates `sim`
-    itself."""
+    """A mission file without the tables of extras. The table `sim` is validated by the bundled
+    vehicle."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$", max_length=MAX_NAME)]
     vehicle: VehicleTable

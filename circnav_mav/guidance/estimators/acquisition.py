@@ -1,10 +1,12 @@
-"""Acquisition of the target: hypotheses in all directions, until a single one fits the ranges.
+"""Acquisition of the target: hypotheses in all directions, until only one hypothesis fits the
+ranges.
 
-Kalman filters started on a ring of bearings are overconfident: each linearizes along its own
-tangent although the target may be in any direction. The search instead keeps a window of ranges and
-the air path flown. It improves M hypotheses of (p, d, kappa) by Levenberg-Marquardt on all bins.
-Hypotheses that fit the data equally well remain separate. Source: multi-start nonlinear least
-squares, Nocedal and Wright (2006), ch. 10.
+Kalman filters started on a circle of bearings are overconfident: each filter linearizes along its
+own tangent, although the target may be in any direction. The search instead stores a window of
+ranges and the flown air path. It improves M hypotheses of (p, d, kappa): position relative to the
+target, drift, airspeed scale. The method is Levenberg-Marquardt on all bins. Hypotheses that fit
+the data equally well remain separate. Source: multi-start nonlinear least squares, Nocedal and
+Wright (2006), ch. 10.
 
 Arrays have the axes M hypotheses, N bins. Frame and symbols as in `relative_ekf`.
 """
@@ -22,30 +24,35 @@ from circnav_mav.guidance.maths import Vector
 
 Array = NDArray[np.float64]
 UNKNOWNS = 5
-"""Position (2), drift (2) and airspeed scale."""
+"""Number of unknowns of a hypothesis: position (2), drift (2) and airspeed scale."""
 CANDIDATES = 32
 """Initial hypotheses of a search, equally spaced in bearing on a circle with the radius of the
 first range."""
 MOST_DAMPING = 1e6
+"""Upper bound of the Levenberg-Marquardt damping: the step is almost 0."""
 LEAST_DAMPING = 1e-4
-"""Bounds of the Levenberg-Marquardt damping: almost no step, and almost Gauss-Newton; chosen."""
+"""Lower bound of the Levenberg-Marquardt damping: the step is almost a Gauss-Newton step."""
 ROBUST = 4.0
-"""Scale of the robust (Cauchy) weight, in standard deviations: the weight of larger residuals
-decreases."""
+"""Scale of the robust (Cauchy) weight, in standard deviations of a residual. A residual of this
+size has half the weight of a small residual."""
 APART = 0.25
 """Distance, as a share of the range, above which two hypotheses are different solutions."""
 DRIFT_MOST = 0.85
-"""Largest plausible drift, as a share of V."""
+"""Largest plausible drift, as a share of V. A solution with a larger drift is rejected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Values before the first range: drift (dx, dy) +- drift, m/s, and airspeed scale `scale` +-
-    kappa.
+    """Prior of drift and airspeed scale.
 
-    The drift has a heavy-tailed (Cauchy) distribution: most targets are stationary, and moving ones
-    may be fast. With a normal distribution, the hypotheses for a stationary target had several m/s
-    of drift.
+    drift: scale of the drift's distribution about (dx, dy), m/s.
+    kappa: standard deviation of the airspeed scale.
+    dx, dy: most probable drift, m/s.
+    scale: mean of the airspeed scale.
+
+    The drift has a heavy-tailed (Cauchy) distribution, because most targets are stationary, but a
+    moving target may be fast. With a normal distribution, the hypotheses for a stationary target
+    had several m/s of drift.
     """
 
     drift: float
@@ -85,7 +92,7 @@ class Candidates(NamedTuple):
 
     x: current p, d, kappa, (M, 5).
     cost: negative log likelihood, (M,).
-    damping: of the next Levenberg-Marquardt iteration, (M,).
+    damping: damping of the next Levenberg-Marquardt iteration, (M,).
     """
 
     x: Array
@@ -101,7 +108,7 @@ class Solution(NamedTuple):
 
 
 class Acquisition:
-    """Search for the target. The window stores ranges before the search as well.
+    """Search for the target. The window also stores ranges while no search is running.
 
     most_likely: number of the most likely hypothesis; None without a search.
     remembers: True if the search has a prior of the drift.
@@ -115,12 +122,12 @@ class Acquisition:
         self.remembers = known is not None
         self.most_likely: int | None = None
         self._candidates: Candidates
-        """Hypotheses of the present search, at the time and path of `_carried`."""
+        """Hypotheses of the present search, predicted to the time and path in `_carried`."""
         self._carried: tuple[float, Vector] = (0.0, (0.0, 0.0))
 
     def observe(self, dt: float, chord: Vector, z: float | None, sigma: float) -> bool:
-        """Advance time and path, and add a range unless it is None. Return True if a bin was
-        closed: an iteration of the search is due."""
+        """Advance time by dt (s) and path by chord (m), and add the range z (m) unless it is None.
+        Return True if a bin was closed: then an iteration of the search is due."""
         return self._window.add(dt, chord, z, sigma)
 
     def forget(self) -> None:
@@ -140,32 +147,33 @@ class Acquisition:
         self._carry()
         bins = self._window.bins(sigma)
         g = self._candidates
-        # Least-squares iterations per bin.
+        # 2: least-squares iterations for each closed bin.
         for _ in range(2):
             g = improve(g, bins, self._prior)
         self._candidates = g
         best = int(g.cost.argmin())
         cost = float(g.cost[best])
-        # Advantage in log likelihood that another hypothesis needs to replace the most likely one.
+        # 0.5: advantage in log likelihood with which another hypothesis replaces the most likely
+        # hypothesis.
         if cost < g.cost[self.most_likely] - 0.5:
             self.most_likely = best
         filled = bins.z.size
-        # Fewest filled bins before a solution is accepted.
+        # 8: fewest filled bins before a solution is accepted.
         if filled < 8:
             return None
         # Accept a solution if it is precise, its drift is plausible and no hypothesis at another
-        # position fits nearly as well. `scale` (the reduced chi-square) raises covariance and
-        # margin if the ranges are noisier than assumed.
+        # position fits nearly as well. If the ranges are noisier than assumed, `scale` (the reduced
+        # chi-square) increases the covariance and the required advantage over other positions.
         scale = max(1.0, 2 * cost / (filled - UNKNOWNS + 1))
         x = g.x[best]
         P = covariance(x, bins, self._prior) * scale
         r = hypot(x[0], x[1])
-        # Largest standard deviation of the position, as a share of the range, of an accepted
-        # solution.
+        # 0.12: largest standard deviation of the position of an accepted solution, as a share of
+        # the range.
         precise = sqrt(P[0, 0] + P[1, 1]) < 0.12 * r
         plausible = hypot(x[2], x[3]) < DRIFT_MOST * self._settings.speed
         elsewhere = np.hypot(g.x[:, 0] - x[0], g.x[:, 1] - x[1]) > APART * r
-        # Advantage in log likelihood over every other position that an accepted solution needs.
+        # 5.0: least advantage in log likelihood of an accepted solution over every other position.
         unique = g.cost[elsewhere].min(initial=np.inf) - cost > 5.0 * scale
         if not (precise and plausible and unique):
             return None
@@ -184,7 +192,7 @@ class Acquisition:
         return Prior(self._settings.drift_sigma * self._settings.speed, self._settings.scale_sigma)
 
     def _carry(self) -> None:
-        """Predict the hypotheses to now, along the path flown since."""
+        """Predict the hypotheses to now, along the path flown since the last prediction."""
         then, before = self._carried
         now = self._window.now
         path = self._window.path
@@ -205,8 +213,8 @@ def on_circle(r: float, prior: Prior) -> Candidates:
 
 
 def improve(g: Candidates, bins: Bins, prior: Prior) -> Candidates:
-    """Return the hypotheses after one Levenberg-Marquardt iteration. A step that does not lower the
-    cost is undone, and its damping raised."""
+    """Return the hypotheses after one Levenberg-Marquardt iteration. If a step does not lower the
+    cost of a hypothesis, the step is undone and the damping increased."""
     cost, A, b = _normal_equations(g.x, bins, prior)
     diagonal = np.einsum("mii->mi", A)
     damped = A + (g.damping[:, None] * diagonal + 1e-9)[:, None] * np.eye(UNKNOWNS)

@@ -16,22 +16,24 @@ from circnav_mav.guidance.maths import Vector, chord, wrap
 from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
 
 EXTRAPOLATED = 0.5
+"""Longest time, s, over which the newest report is extrapolated by its turn rate."""
 RARE = 1.6
-"""Longest time over which the newest report is extrapolated by its turn rate: s, or for rare
-reports in units of their interval and in s."""
+"""Longest time over which the newest report is extrapolated if reports are rare: this factor times
+the interval of the reports, but at most this number of seconds."""
 HOLE = 3.0
-"""Longest gap between reports, s, in a continuous path. After a longer one the displacement is
-unknown."""
+"""Longest gap between reports, s, within a piece of path. After a longer gap the displacement is
+unknown, and a new piece begins."""
 
 
 class PathPoint(NamedTuple):
-    """A point of the path: own motion there, and the path (x, y) integrated so far, m, at the
-    measured airspeed.
+    """A point of the path.
 
+    motion: own motion at this point.
+    x, y: path integrated so far, m, at the measured airspeed.
     piece: number of gaps before this point.
     nose_x, nose_y: integral of the unit vector of the heading, s.
-    report: the newest report that an extrapolated point is based on. It supplies the accelerations,
-        which are not extrapolated.
+    report: newest report, from which a point is extrapolated; None for other points. It supplies
+        the accelerations, which are not extrapolated.
     """
 
     motion: OwnMotion
@@ -45,8 +47,12 @@ class PathPoint(NamedTuple):
     def carried(
         self, motion: OwnMotion, airspeed: float, turned: float, step: float
     ) -> "PathPoint":
-        """Return the point with this motion, `step` seconds later, after an arc that turns by
-        `turned` (rad)."""
+        """Return the point `step` seconds later, at the end of an arc.
+
+        motion: own motion at the new point.
+        airspeed: mean airspeed on the arc, m/s.
+        turned: turn of the arc, rad.
+        """
         heading = self.motion.heading
         x, y = chord(airspeed, heading, turned, step)
         nose_x, nose_y = _along(heading + turned / 2, step)  # midpoint rule
@@ -75,11 +81,12 @@ class PathPoint(NamedTuple):
 
 
 class FlownPath:
-    """Integrates arcs between reports. Drops late and repeated reports. A gap starts a new piece of
-    path."""
+    """Integrates arcs between reports. Late and repeated reports are ignored. A gap starts a new
+    piece of path."""
 
     def __init__(self) -> None:
-        # Reports kept: more than 1 s at the highest rate. Ranges are newer than that.
+        # Number of points: more than 1 s at the highest rate of the reports. Ranges arrive with
+        # less delay.
         self._points: deque[PathPoint] = deque(maxlen=64)
         self._longest = EXTRAPOLATED
 
@@ -101,8 +108,8 @@ class FlownPath:
             )
 
     def at(self, time: float) -> PathPoint | None:
-        """Return the point of the path at a time (s), interpolated or extrapolated, or None outside
-        of the path."""
+        """Return the point of the path at a time (s), interpolated or extrapolated. Return None
+        before the oldest point, in a gap, and beyond the longest extrapolation."""
         if not self._points:
             return None
         newest = self._points[-1]
@@ -153,11 +160,16 @@ def _along(angle: float, length: float) -> tuple[float, float]:
 
 
 class Prediction(NamedTuple):
-    """Predicted p = vehicle - target = (x, y), m, at range r (m).
+    """Predicted relative motion.
 
-    drift: m/s.
-    airspeed: true, m/s.
-    r_dot: m/s. Variances of r (m^2), of the direction (rad^2) and of r_dot (m^2/s^2).
+    r: range, m.
+    x, y: vehicle minus target, m.
+    drift: wind minus target velocity, m/s.
+    airspeed: true airspeed, m/s.
+    r_dot: range rate, m/s.
+    r_variance: variance of r, m^2.
+    direction_variance: variance of the direction from target to vehicle, rad^2.
+    r_dot_variance: variance of r_dot, m^2/s^2.
     """
 
     r: float
@@ -184,8 +196,8 @@ def predict_mixture(
     """Return the estimate predicted by dt (s) along an air path (m, at the measured airspeed).
 
     mean (12,), covariance (12, 12): of the state of `relative_ekf`.
-    assumed (3,): drift_psd (m^2/s^3), gust (m/s) and acceleration_weight (0 to 1), averages of the
-        noise models.
+    assumed (3,): averages of the noise models: drift_psd (m^2/s^3), gust (m/s) and
+        acceleration_weight (0 to 1).
     heading (rad) and measured airspeed (m/s): at the end of the path.
     change: measured accelerations, from `PathPoint.velocity_change_since`.
     """
@@ -200,8 +212,8 @@ def predict_mixture(
     v = (kappa * air[0] + d[0], kappa * air[1] + d[1])
     across = t[0] * v[0] + t[1] * v[1]
     ahead = n[0] * air[0] + n[1] * air[1]
-    # Derivatives of range, direction and range rate by the state: r' = n.v, and a direction error
-    # rotates n.
+    # Rows: derivatives of range, direction and range rate by the state. The range rate is n.v, and
+    # a direction error rotates n.
     rows = np.empty((3, ekf.STATES))
     rows[0] = place.real
     rows[1] = place.imag / r
@@ -234,8 +246,8 @@ def predict_mixture(
 def _drift(
     mean: Sequence[float], dt: float, weight: float, change: ekf.VelocityChange | None
 ) -> Vector:
-    """Return the drift after dt, m/s. The measured change of velocity replaces the assumed decay of
-    gusts, weighted by the probability of the noise models that use accelerations (`weight`)."""
+    """Return the drift after dt (s), m/s. The measured change of velocity replaces the assumed
+    decay of gusts. weight: probability of the noise models that use accelerations, 0 to 1."""
     _, _, dx, dy, kappa, _, gx, gy, forward, left, ex, ey = mean
     calm = exp(-dt / ekf.GUST_TIME)
     if change is None:

@@ -1,4 +1,4 @@
-"""Interface of the estimators of range rate."""
+"""Interface of the estimators of range, range rate and relative motion."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -16,19 +16,18 @@ class Fused(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:
-    """Properties of the vehicle and the sensor.
+    """Settings of an estimator: properties of the vehicle and the sensor.
 
-    speed: V, m/s.
-    max_turn_rate: rad/s.
+    speed: speed V of the vehicle, m/s.
+    max_turn_rate: limit of the turn rate, rad/s.
     gate: innovation gate in standard deviations.
-    restart_after: consecutive samples outside the gate, consistent with each other, that restart
-        the filter.
+    restart_after: number of consecutive samples outside the gate, but consistent with each other,
+        after which the filter restarts.
     min_samples: fewest samples before the estimate may steer.
-    drift_sigma: typical drift, as a share of V. The drift of a vehicle that holds its ground speed
-        is the target's motion alone.
-
-    scale_sigma: standard deviation of true over measured airspeed.
-    scale_bounds: its bounds.
+    drift_sigma: typical drift, as a share of V. If a vehicle holds its ground speed, the drift is
+        the target's motion alone.
+    scale_sigma: standard deviation of the airspeed scale (true over measured airspeed).
+    scale_bounds: lower and upper bound of the airspeed scale.
     acceleration_bias: standard deviation of the lasting error of measured accelerations, m/s^2.
     """
 
@@ -48,11 +47,11 @@ class MethodChange:
     """Change of the reported motion of a copter from motion over the ground to motion through the
     air.
 
-    wind: of the air over the ground, m/s, x and y.
-    wind_sigma: its standard deviation, m/s.
+    wind: velocity of the air over the ground, x and y, m/s.
+    wind_sigma: standard deviation of each component of the wind, m/s.
     scale: true over measured airspeed from now on.
-    scale_sigma: its standard deviation.
-    settings: of the vehicle from now on.
+    scale_sigma: standard deviation of `scale`.
+    settings: estimator settings from now on.
     """
 
     wind: tuple[float, float]
@@ -72,17 +71,17 @@ class Estimator(Protocol):
 
     @property
     def nis(self) -> float | None:
-        """Normalized innovation squared of the newest sample, or None before the second."""
+        """Normalized innovation squared of the newest sample, or None before the second sample."""
 
     def observe(self, sample: RangeSample) -> Fused:
         """Add a sample, with its range rate if it has one, or reject it."""
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Add a measured range rate, which may arrive between ranges. It is used only in addition
-        to ranges."""
+        """Add a measured range rate, which may arrive between ranges. Range rates are used only in
+        addition to ranges."""
 
     def move(self, motion: OwnMotion) -> None:
-        """Add own motion, which may arrive between ranges. Some estimators ignore it."""
+        """Add own motion, which may arrive between ranges. Some estimators ignore own motion."""
         return
 
     def at(self, time: float) -> RangeEstimate | None:
@@ -90,12 +89,13 @@ class Estimator(Protocol):
         sample."""
 
     def fly_through_air(self, change: "MethodChange") -> None:
-        """Continue with own motion through the air, where it was over the ground before. Estimators
-        without own motion ignore it."""
+        """Continue with own motion through the air. Until now, own motion was over the ground.
+        Estimators that do not use own motion ignore the change."""
         return
 
     def restamp(self) -> None:
-        """Handle a jump of the sensor's clock. Estimators that use its timestamps start again."""
+        """Handle a jump of the sensor's clock. Estimators that use the sensor's timestamps start
+        again."""
         return
 
     def reset(self) -> None:

@@ -2,12 +2,12 @@
 models.
 
 SEARCH: hypotheses in all directions at the newest range, fitted to a window of the last seconds.
-When exactly one of them explains the ranges, the filter changes to TRACKING.
+When only one hypothesis explains the ranges, the filter changes to TRACKING.
 
 TRACKING: one Kalman filter per noise model (drift from steady to gusty, range error from white to
 drifting), weighted by its likelihood. A model of negligible weight restarts from the mixture of its
-kind: the models that use accelerations, or those that do not. If the samples keep falling outside
-the gate, the filter searches again at once, with the existing window.
+kind. There are two kinds: models that use accelerations, and models that do not. If most samples
+are outside the gate, the filter searches again at once, with the existing window.
 """
 
 from enum import IntEnum
@@ -34,7 +34,7 @@ from circnav_mav.guidance.maths import Vector
 
 
 class Stage(IntEnum):
-    """Stage of the estimate."""
+    """Stage of the estimate. EMPTY: no range since the start, or since a track was lost."""
 
     EMPTY = 0
     SEARCH = 1
@@ -42,14 +42,18 @@ class Stage(IntEnum):
 
 
 TRUSTED = 0.25
+"""Standard deviation of the position, as a share of the range, below which an estimate begins to
+steer."""
 KEPT = 0.5
+"""Standard deviation of the position, as a share of the range, above which a steering estimate
+stops steering."""
 LOST = 0.6
-"""Bounds of the position's standard deviation, as a share of the range: an estimate may steer below
-TRUSTED, and until it exceeds KEPT. Above LOST it is discarded."""
+"""Standard deviation of the position, as a share of the range, above which the estimate is
+discarded and the filter searches again."""
 MISSED = 0.6
+"""Share of recent samples outside the gate above which the filter searches again."""
 RECENT = 3.0
-"""Share of recent samples outside the gate above which the filter searches again, and time constant
-of this share, s."""
+"""Time constant of the share of recent samples outside the gate, s."""
 MODELS = (
     (1e-7, 0, 0, 0, 1, 0),  # steady drift
     (1e-7, 0, 0, 0, 0.4, 0.9),
@@ -61,25 +65,28 @@ MODELS = (
     (1e-7, 0.02, 0, 0, 1, 0),  # weak gusts, or a heading that is wrong by 1 deg for seconds
     (3e-4, 0.2, 0.03, 1, 1, 0),  # gusts and a veering wind, measured by the accelerometers
 )
-"""Noise models: drift_psd (m^2/s^3), gust (as a share of V), nose (as a share of V),
-acceleration_weight, white, drifting, as in `Noise`. A drifting range error can be observed only
-while the drift is steady or changes slowly."""
+"""Noise models. Columns: drift_psd (m^2/s^3), gust (as a share of V), nose (as a share of V),
+acceleration_weight, white, drifting, as in `Noise`. Only models with a steady or slowly changing
+drift have a drifting range error: with other drifts it cannot be observed."""
 LEAST_SIGMA = 1e-3
+"""Lower bound of the standard deviation of a range, m; a smaller value is raised to it. With a
+smaller value, rounding errors spoil a covariance. The motion between samples has a larger error
+anyway."""
 MOST_SIGMA = 1e3
-"""Bounds of the standard deviation of a range, m. A lower value would be below the error of the
-motion between samples; a range with a higher one carries no information. Beyond these bounds,
-rounding errors spoil a covariance."""
+"""Upper bound of the standard deviation of a range, m; a larger value is lowered to it. With a
+larger value, rounding errors spoil a covariance. Such a range contains no information anyway."""
 FORGOTTEN = -12.0
+"""Log weight below which a model restarts from the mixture. The heaviest model has 0."""
 REVIVED = -6.0
-"""Log weight below which a model restarts from the mixture, and its log weight afterwards."""
+"""Log weight of a model after its restart."""
 
 
 class Rate(NamedTuple):
     """Measured range rate.
 
-    r_dot: m/s.
-    sigma: its standard deviation, m/s.
-    air: V u(psi) at the same time and the measured airspeed, m/s.
+    r_dot: range rate, m/s.
+    sigma: standard deviation of r_dot, m/s.
+    air: velocity through the air V u(psi) at the same time, with the measured airspeed V, m/s.
     """
 
     r_dot: float
@@ -91,8 +98,8 @@ class MultipleModelFilter:
     """Multiple-model filter. Input: `step`, or `observe` and `search`.
 
     mean (12,), covariance (12, 12): the estimate.
-    stage: of acquisition.
-    nis: normalized innovation squared of the most likely hypothesis; None before the first.
+    stage: stage of the estimate.
+    nis: normalized innovation squared of the most likely noise model; None before the first update.
     missed: share of recent samples outside the gate.
     refused: True if the last sample was rejected.
     spread: standard deviation of the position as a share of the range; infinite before the target
@@ -140,8 +147,8 @@ class MultipleModelFilter:
         return self._search.remembers
 
     def tracked_from(self, before: "MultipleModelFilter", change: MethodChange) -> None:
-        """Continue the track of another filter, whose own motion was over the ground, with motion
-        through the air."""
+        """Continue the track of another filter with own motion through the air. The other filter
+        used own motion over the ground."""
         mean = before.mean.copy()
         covariance = before.covariance.copy()
         mean[ekf.DX] += change.wind[0]
@@ -186,7 +193,8 @@ class MultipleModelFilter:
         """Predict by dt (s) along a chord (m), and add the range z (m) unless it is None. sigma:
         standard deviation of ranges, m.
 
-        acceleration: measured during dt. rate: range rate measured at its end.
+        acceleration: measured during dt.
+        rate: range rate measured at the end of dt.
         """
         self.search()
         sigma = min(max(sigma, LEAST_SIGMA), MOST_SIGMA)
@@ -205,7 +213,7 @@ class MultipleModelFilter:
             self._update_most_likely()  # during a search, the most likely hypothesis steers
 
     def search(self) -> None:
-        """Continue the search. The result is used from the next estimate on."""
+        """Run an iteration of the search if one is due. The next estimate uses the result."""
         if self._due is None:
             return
         sigma = self._due
@@ -246,9 +254,9 @@ class MultipleModelFilter:
         self.covariance = covariance
         variance = covariance[R, R] / max(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
         self.spread = sqrt(max(variance, 0.0))
-        # Hysteresis: an estimate that steers is used until it is much worse. A law on range alone
-        # holds the circle worse still, and a single bound would switch the law whenever the spread
-        # fluctuates around it.
+        # Hysteresis: an estimate that steers is used until it is much worse. Even then it holds the
+        # circle better than a range-only law. A single bound would switch the law whenever the
+        # spread fluctuates around this bound.
         self.trusted = self.spread < (KEPT if self.trusted else TRUSTED)
         self.assumed = self._assumptions @ self._tracks.weight
 
@@ -260,7 +268,7 @@ class MultipleModelFilter:
         self.missed += (self.refused - self.missed) * weight
 
     def _lose(self) -> None:
-        """Search again if the track is inconsistent."""
+        """Discard the track, so that the filter searches again, if the track is inconsistent."""
         drift = hypot(*ekf.drift(self.mean))
         sound = bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
         if (
@@ -321,12 +329,15 @@ def _revive(
 ) -> Hypotheses:
     """Return the hypotheses with the models of negligible weight restarted.
 
-    uses_accelerations (M,): by model. Each model restarts from the mixture of its own kind. If no
-    model of this kind is left, it restarts from the mixture of all, mean (12,) and covariance (12,
-    12).
+    uses_accelerations: for each model, (M,).
+    mean (12,), covariance (12, 12): mixture of all models.
+
+    Each model restarts from the mixture of its own kind. If no model of this kind is left, the
+    model restarts from the mixture of all models.
 
     Models that use accelerations can mistake a wrong airspeed for a gust that turns with the
-    heading. The other models reveal this error only if they do not restart from it.
+    heading. The other models reveal this error only if they do not restart from an estimate with
+    this error.
     """
     forgotten = h.log_weight < FORGOTTEN
     if not forgotten.any():

@@ -11,15 +11,20 @@ from circnav_mav.guidance.maths import Vector
 from circnav_mav.guidance.white_noise import WhiteNoise, is_even, quantile, residual
 
 WIDTH = 0.25
-"""Width of a bin, s: within it the range deviates from a straight line by centimeters only."""
+"""Width of a bin, s. Within a bin the range deviates from a straight line by centimeters only."""
 ROUGH = 40
+"""Number of stored residuals, from which the white part of the noise is measured."""
 ROUGH_ENOUGH = 16
-"""Residuals kept to measure the white part of the noise, and fewest that are used."""
+"""Fewest residuals from which the white part of the noise is measured."""
 
 
 class Sample(NamedTuple):
-    """A range z (m), and the time (s) and the path flown (m) since the start of the window. In a
-    bin: means of the samples."""
+    """One range, or the means of the samples of a bin.
+
+    time: time since the start of the window, s.
+    x, y: path flown since the start of the window, m.
+    z: range, m.
+    """
 
     time: float
     x: float
@@ -30,10 +35,10 @@ class Sample(NamedTuple):
 class Bins(NamedTuple):
     """N averaged ranges, newest last, without empty bins.
 
-    age: (N,), s.
-    path: flown since, (2, N), m.
+    age: time since each range, (N,), s.
+    path: path flown since each range, (2, N), m.
     z: range, (N,), m.
-    variance: of the range, (N,), m^2.
+    variance: variance of the range, (N,), m^2.
     """
 
     age: NDArray[np.float64]
@@ -47,10 +52,11 @@ class RangeWindow:
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
-        # Samples kept per bin. More would hardly improve the average.
+        # 8: largest number of samples in a bin. More samples would hardly improve the average.
         self._open: deque[Sample] = deque(maxlen=8)
         self._opened = 0.0
-        # Bins kept: 16 s, more than a turn needs to distinguish all directions.
+        # 64: number of stored bins. They cover 16 s, longer than a turn that distinguishes all
+        # directions.
         self._bins: deque[tuple[Sample, int] | None] = deque(maxlen=64)
         """Mean and number of the samples of each bin. None: empty bin."""
         self._noise = WhiteNoise(ROUGH, 0.5)
@@ -75,8 +81,8 @@ class RangeWindow:
         return due
 
     def white(self, sigma: float) -> float:
-        """Return the standard deviation of the white part of the noise, m: sigma until enough was
-        measured."""
+        """Return the standard deviation of the white part of the noise, m. It is at most sigma, and
+        equals sigma while there are too few residuals."""
         if self._noise.count < ROUGH_ENOUGH:
             return sigma
         return min(self._noise.sigma, sigma)
@@ -89,10 +95,10 @@ class RangeWindow:
         age = self.now - t
         white = self.white(sigma)
         drifting = max(sigma**2 - 2 * white**2, 0.0)
-        # A drifting error is common to the bins of about 2 BIAS_TIME. A slow radio leaves some of
-        # them empty.
+        # A drifting error is common to the bins within about 2 BIAS_TIME. `common` is their number,
+        # without the bins that a slow radio leaves empty.
         common = len(filled) / max(len(self._bins), 1) * 2 * BIAS_TIME / WIDTH
-        # Process noise of the drift, m^2/s^3.
+        # 0.01: process noise of the drift, m^2/s^3.
         variance = white**2 / count + drifting * common + 0.01 * age**3 / 3
         path = np.array((self.path[0] - x, self.path[1] - y))
         return Bins(age, path, z, np.maximum(variance, 1e-4))

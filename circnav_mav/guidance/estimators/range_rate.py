@@ -2,8 +2,8 @@
 
 State (r, r') in m and m/s, driven by an unknown acceleration that is constant over a sample
 interval. Its standard deviation is a third of the physical bound |r''| <= V^2/r + V omega_max. The
-first sample starts the filter with r' = 0 and variance V^2/2: that of -V cos(theta_b) for an
-unknown bearing theta_b.
+first sample starts the filter with r' = 0 and a variance of r' of V^2/2. This is the variance of
+-V cos(theta_b) for an unknown bearing theta_b.
 """
 
 from dataclasses import dataclass
@@ -21,13 +21,14 @@ from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 Array = NDArray[np.float64]
 RANGE = 0
+"""Index of the range in the state."""
 RATE = 1
-"""Measured component of the state."""
+"""Index of the range rate in the state."""
 
 
 def acceleration_variance(settings: EstimatorSettings, r: float) -> float:
     """Return the variance of the unknown acceleration at range r (m), m^2/s^4."""
-    # Physical bound on |r''|, in standard deviations of the process noise.
+    # 3.0: physical bound on |r''|, in standard deviations of the process noise.
     return (max_range_acceleration(settings.speed, settings.max_turn_rate, r) / 3.0) ** 2
 
 
@@ -39,8 +40,8 @@ def motion_model(h: float, q: float) -> tuple[Array, Array]:
 
 
 class KalmanRangeRate(Estimator):
-    """The filter in flight. The time step is the difference of two sensor timestamps, so transport
-    jitter has no effect."""
+    """Kalman filter of range and range rate. Its time step is the difference of two sensor
+    timestamps, so transport jitter has no effect."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
         self._settings = settings
@@ -55,8 +56,8 @@ class KalmanRangeRate(Estimator):
 
     @property
     def ready(self) -> bool:
-        """True if the estimate may steer: enough samples, and the standard deviation of r' below
-        V/2."""
+        """True if the estimate may steer. There must be enough samples, and the standard deviation
+        of r' must be below V/2."""
         settings = self._settings
         return self._samples >= settings.min_samples and bool(
             self._filter.P[1, 1] < settings.speed**2 / 4
@@ -72,12 +73,12 @@ class KalmanRangeRate(Estimator):
     def observe(self, sample: RangeSample) -> Fused:
         """Add a sample, or reject it at the gate. Timestamps must increase from call to call.
 
-        Consecutive samples outside the gate that agree with each other show that the filter is
-        wrong. It restarts.
+        If several consecutive samples are outside the gate but agree with each other, the filter is
+        wrong, and restarts.
         """
         h = (
             0.0 if self._newest is None else max(sample.stamp - self._newest.stamp, 0.0)
-        )  # 0 if a later rate came first
+        )  # 0 if a newer range rate was received before
         accepted = self._samples > 0 and self._measure(RANGE, h, sample.r, sample.sigma)
         if accepted:
             self._samples = self._samples + 1
@@ -92,8 +93,8 @@ class KalmanRangeRate(Estimator):
         return Fused.GATED if self._refused else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
-        """Add a range rate, unless it is older than the newest sample. Outside the gate it is
-        ignored: the ranges decide whether the filter or the rate is wrong."""
+        """Add a range rate, unless it is older than the newest sample. A rate outside the gate is
+        ignored. Whether the filter or the rate is wrong is decided by the ranges."""
         if self._newest is None or sample.stamp < self._newest.stamp:
             return
         self._measure(RATE, sample.stamp - self._newest.stamp, sample.r_dot, sample.sigma)
@@ -138,8 +139,8 @@ class KalmanRangeRate(Estimator):
         return motion_model(h, acceleration_variance(self._settings, float(self._filter.x[0, 0])))
 
     def _agrees(self, sample: RangeSample, h: float) -> bool:
-        """True if a rejected sample and the one before it fit a single motion: the ranges differ by
-        no more than twice the speed times the interval, plus noise."""
+        """True if a rejected sample and the rejected sample before it fit a single motion. Then the
+        ranges differ by no more than twice the speed times the interval, plus noise."""
         before = self._refused_range
         settings = self._settings
         if before is None or self._refused == 0:
@@ -157,8 +158,11 @@ class KalmanRangeRate(Estimator):
 
 @dataclass(frozen=True, slots=True)
 class SteadyState:
-    """r_dot_sigma: standard deviation of the estimated range rate, m/s. lag: its delay under
-    acceleration, s."""
+    """Steady state of the filter.
+
+    r_dot_sigma: standard deviation of the estimated range rate, m/s.
+    lag: delay of the estimated range rate under constant acceleration, s.
+    """
 
     r_dot_sigma: float
     lag: float

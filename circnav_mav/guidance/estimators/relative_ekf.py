@@ -8,14 +8,14 @@ hypotheses:
                 side-slip, a turning target), e independent in each step (noise of heading and
                 airspeed)
     kappa       true over measured airspeed
-    b           slowly drifting error of the range (m)
+    b           slowly drifting error of the range (m), with time constant tau_b
     f, l        error of the measured acceleration, forward and to the left (m/s^2)
 
 Frame: the paper's, rotated by the constant error of the compass. V: measured airspeed. u(psi): unit
 vector of the heading psi.
 
     p' = v = kappa V u(psi) + d + g + e
-    d' = white noise,   g' = -g/tau_g + white noise,   b' likewise
+    d' = white noise,   g' = -g/tau_g + white noise,   b' = -b/tau_b + white noise
     z = r + b + white noise,   measured acceleration = v' + (f, l) turned by psi + white noise
 
 The acceleration measures changes of d + g + e independently of the heading. It reveals a gust, and
@@ -23,10 +23,10 @@ a vehicle that slips or lags, earlier than the range does. Without it, e is 0.
 
 The state is polar because the measurement is then linear. A Cartesian filter linearizes each range
 along a new bearing, which gives it false information on the bearing. In gusts its NEES (normalized
-estimation error squared) reaches hundreds; here it stays near 2. The motion is exact (its input is
-the chord of the air path) and linearized about the mean. Source: extended Kalman filter in polar
-coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates for bearings-only
-tracking" (1983).
+estimation error squared) reaches hundreds. The NEES of the polar filter stays near 2. The motion is
+exact (its input is the chord of the air path) and linearized about the mean. Source: extended
+Kalman filter in polar coordinates, as Aidala and Hammel, "Utilization of modified polar coordinates
+for bearings-only tracking" (1983).
 """
 
 from math import exp
@@ -40,32 +40,33 @@ from circnav_mav.guidance.maths import Vector
 Array = NDArray[np.float64]
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
-"""Rows of the state: range, direction, drift, airspeed scale, range error, gust, acceleration
-error, heading noise."""
+"""Number of states. Rows of the state: range, direction, drift, airspeed scale, range error, gust,
+acceleration error, heading noise."""
 DRIFT = np.zeros((2, STATES))
 DRIFT[0, [DX, GX, EX]] = 1.0
 DRIFT[1, [DY, GY, EY]] = 1.0
-"""Sum of the states that are a drift, along x and y: matrix of d + g + e."""
+"""Matrix from the state to the total drift d + g + e, along x and y."""
 BIAS_TIME = 2.0
-"""Correlation time of the drifting range error, s: UWB and LoRa radios show 1 to 3 s."""
+"""Correlation time of the drifting range error, s. UWB and LoRa radios show 1 to 3 s."""
 GUST_TIME = 10.0
-"""Correlation time of gusts, s: their length scale near the ground, 150 to 200 m, divided by a
-small UAV's speed."""
+"""Correlation time of gusts, s: the length scale of gusts near the ground (150 to 200 m), divided
+by the speed of a small UAV."""
 CLOSEST = 1.0
-"""Smallest range of the state, m: the bearing is singular at the target."""
+"""Lower bound of the range in the state, m. At the target the direction is singular."""
 POSITION_PSD = 1e-4
+"""Process noise of the position, m^2/s, for effects that are not modeled."""
 KAPPA_PSD = 1e-7
-"""Process noise of the position (m^2/s) and of kappa (1/s), for effects that are not modeled."""
+"""Process noise of kappa, 1/s, for effects that are not modeled."""
 ACCELERATION_PSD = 1e-2
-"""White noise of the measured acceleration, m^2/s^3: 0.3 m/s^2 in a mean over 0.1 s, from vibration
-and delayed attitudes."""
+"""White noise of the measured acceleration, m^2/s^3, from vibration and delayed attitudes. The mean
+over 0.1 s has a noise of 0.3 m/s^2."""
 ACCELERATION_BIAS_TIME = 4000.0
 """Time, s, in which the error of the measured acceleration changes by its own standard
 deviation."""
 OUTLIER_SHARE = 0.05
+"""Probability that a range or range rate is an outlier."""
 OUTLIER_SPREAD = 100.0
-"""Probability that a range is an outlier, and width of the interval over which outliers are
-uniform, m."""
+"""Width of the interval over which outliers of the range are uniformly distributed, m."""
 
 
 class Noise(NamedTuple):
@@ -73,10 +74,11 @@ class Noise(NamedTuple):
 
     drift_psd: spectral density of d', m^2/s^3.
     gust: standard deviation of each component of g, m/s.
-    white, drifting: the two parts of the range error, in units of the sample's sigma.
+    white, drifting: standard deviations of the white and of the drifting range error, in units of
+        the sample's sigma.
     nose: standard deviation of each component of e, m/s.
     acceleration_weight: 1 if the model uses the measured acceleration, else 0.
-    scale_bounds: bounds of kappa. An unbounded filter can lock on to a wrong mode.
+    scale_bounds: bounds of kappa. Without bounds a filter can converge to a wrong solution.
     acceleration_bias: standard deviation of f and l, m/s^2.
     """
 
@@ -93,10 +95,10 @@ class Noise(NamedTuple):
 class VelocityChange(NamedTuple):
     """Measured acceleration over a step.
 
-    change: its integral, m/s.
-    air: change of V u(psi) at the measured airspeed, m/s.
+    change: integral of the measured acceleration, m/s.
+    air: change of the velocity through the air V u(psi), with the measured airspeed, m/s.
     nose: integral of u(psi), s.
-    across: airspeed times turn rate, m/s^2.
+    across: airspeed times turn rate, m/s^2: acceleration across the nose in a turn.
     """
 
     change: Vector
@@ -106,7 +108,12 @@ class VelocityChange(NamedTuple):
 
 
 class Hypotheses(NamedTuple):
-    """M filters: x (12, M), P (12, 12, M), log_weight (M,) with maximum 0."""
+    """M filters.
+
+    x: states, (12, M).
+    P: covariances, (12, 12, M).
+    log_weight: logarithms of the unnormalized probabilities, (M,). The largest is 0.
+    """
 
     x: Array
     P: Array
@@ -120,12 +127,13 @@ class Hypotheses(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """A scalar measurement as seen by M hypotheses.
+    """A scalar measurement with the prediction of each of M hypotheses.
 
     innovation: measured minus predicted value, (M,).
     cross: covariance of the state and the predicted value, (12, M).
-    variance: of the innovation, (M,).
-    outlier_spread: width of the interval over which outliers are uniform, in the unit of the value.
+    variance: variance of the innovation, (M,).
+    outlier_spread: width of the interval over which outliers are uniformly distributed, in the unit
+        of the value.
     """
 
     innovation: Array
@@ -145,7 +153,8 @@ def predict(
     """Return the hypotheses predicted by dt (s) along an air path with this chord, m, at the
     measured airspeed.
 
-    sigma: standard deviation of the ranges, m. acceleration: measured during dt, if any.
+    sigma: standard deviation of the ranges, m.
+    acceleration: measured during dt, or None.
     """
     r, theta, place = motion(h.x, dt, chord)
     keep = decay(dt)
@@ -170,7 +179,8 @@ def predict(
         S = np.einsum("ak,kjm,bj->abm", H, h.P, H) + np.einsum("ajm,bj->abm", added, DRIFT)
         S[[0, 1], [0, 1]] += ACCELERATION_PSD * dt
         _correct(x, P, noise, cross, S, innovation)
-    # Time, s, in which the evidence for a hypothesis decays to 1/e.
+    # 20.0: time, s, in which the log weight of a hypothesis decays to 1/e: older evidence has less
+    # weight.
     return Hypotheses(x, P, h.log_weight * exp(-dt / 20.0))
 
 
@@ -214,8 +224,8 @@ def _acceleration_matrix(acceleration: VelocityChange, gust_keep: float) -> Arra
     """
     c, s = acceleration.nose
     H = np.zeros((2, STATES))
-    # kappa is estimated from the turn rate of the gyros: the heading noise in `air` would bias it
-    # low
+    # Estimate kappa from the turn rate of the gyros. The heading noise in `air` would bias kappa to
+    # smaller values.
     H[:, KAPPA] = (-acceleration.across * s, acceleration.across * c)
     H[0, GX] = H[1, GY] = gust_keep - 1
     H[:, FORWARD] = (c, s)
@@ -225,7 +235,8 @@ def _acceleration_matrix(acceleration: VelocityChange, gust_keep: float) -> Arra
 
 
 def _correct(x: Array, P: Array, noise: Noise, cross: Array, S: Array, innovation: Array) -> None:
-    """Correct x and P in place by two measurements, for the models that use them.
+    """Correct x and P in place by the two components of the measured acceleration, for the models
+    that use it.
 
     cross (2, 12, M): covariance of measurements and state. S (2, 2, M): covariance of the
     innovation (2, M).
@@ -254,8 +265,8 @@ def motion(x: Array, dt: float, chord: Vector) -> tuple[Array, Array, NDArray[np
     the shape of x: one state (12,) or M states (12, M).
 
     The Jacobian's real part is the derivative of the range. Its imaginary part is the derivative of
-    the direction, times the range. Complex numbers hold east and north. Multiplying by conj(u)
-    converts them to along and across the line of sight u.
+    the direction, times the range. Complex numbers contain east and north components. Multiplying
+    by conj(u) converts them to the components along and across the line of sight u.
     """
     towards = np.exp(-1j * x[THETA])
     path = complex(*chord)
@@ -281,23 +292,26 @@ def steps(drift_psd: Array, gust: Array, dt: float) -> tuple[Array, Array]:
 
 
 def wandered(steady: Array, gusty: Array, dt: float) -> Array:
-    """Return the process noise of the position in dt, m^2, from the growth `steady` and `gusty` of
-    the drift."""
+    """Return the process noise of the position in dt, m^2. steady, gusty: growth of the variances
+    of d and g, from `steps`."""
     return (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
 
 
 def range_measurement(h: Hypotheses, noise: Noise, z: float, sigma: float) -> Measurement:
-    """Return the measurement of a range z with its standard deviation, m."""
+    """Return a range z (m) with standard deviation sigma (m) as a measurement for each
+    hypothesis."""
     cross = h.P[:, R] + h.P[:, B]
     variance = np.maximum(cross[R] + cross[B], 0.0) + (noise.white * sigma) ** 2
     return Measurement(z - h.x[R] - h.x[B], cross, variance, OUTLIER_SPREAD)
 
 
 def rate_measurement(h: Hypotheses, r_dot: float, sigma: float, air: Vector) -> Measurement:
-    """Return the measurement of a range rate with its standard deviation, m/s: n.(kappa V u(psi) +
-    d + g + e) + white noise, n = unit vector of p.
+    """Return a range rate (m/s) with standard deviation sigma (m/s) as a measurement for each
+    hypothesis.
 
-    air: V u(psi) at the same time and the measured airspeed, m/s.
+    The range rate is n.(kappa V u(psi) + d + g + e) + white noise, with the unit vector n of p.
+
+    air: velocity through the air V u(psi) at the same time, with the measured airspeed, m/s.
     """
     n = np.array((np.cos(h.x[THETA]), np.sin(h.x[THETA])))
     v = np.outer(air, h.x[KAPPA]) + drift(h.x)
@@ -305,23 +319,25 @@ def rate_measurement(h: Hypotheses, r_dot: float, sigma: float, air: Vector) -> 
     H[THETA] = n[0] * v[1] - n[1] * v[0]
     H[KAPPA] = n[0] * air[0] + n[1] * air[1]
     cross = np.einsum("jkm,km->jm", h.P, H)
-    # with accelerations, the noise of the heading is a state: e
     # 0.1: added uncertainty of a measured range rate, as a share of V, if no accelerations are
-    # used. A fifth is noise of heading and airspeed. The rest keeps the filter consistent in gusts
-    # (mean NEES 2.4, without it 10).
+    # used. (With accelerations, the noise of heading and airspeed is the state e.) A fifth of this
+    # uncertainty is noise of heading and airspeed. The rest keeps the filter consistent in gusts:
+    # the mean NEES is 2.4 with it, and 10 without it.
     nose = np.where(h.P[EX, EX] > 0, 0.0, 0.1 * np.hypot(*air)) ** 2
     variance = np.maximum((H * cross).sum(axis=0), 0.0) + sigma**2 + nose
-    # Width of the interval over which outliers of the range rate are uniform, m/s.
+    # 10.0: width of the interval over which outliers of the range rate are uniformly distributed,
+    # m/s.
     return Measurement(r_dot - (n * v).sum(axis=0), cross, variance, 10.0)
 
 
 Updated = tuple[Hypotheses, Array, NDArray[np.bool_]]
-"""Hypotheses after a measurement, their normalized innovation squared (M,), and True (M,) where it
-was accepted."""
+"""Hypotheses after a measurement, their normalized innovations squared (M,), and an array (M,) that
+is True for each hypothesis that accepted the measurement."""
 
 
 def update(h: Hypotheses, noise: Noise, measured: Measurement, gate: float) -> Updated:
-    """Add a measurement. Each hypothesis has its own gate."""
+    """Return the hypotheses after a measurement. Each hypothesis accepts or rejects the measurement
+    by its own innovation. gate: in standard deviations."""
     innovation, cross, variance, spread = measured
     nis = innovation**2 / variance
     accepted = nis < gate**2
@@ -338,7 +354,7 @@ def update(h: Hypotheses, noise: Noise, measured: Measurement, gate: float) -> U
 def mixture(h: Hypotheses) -> tuple[Array, Array]:
     """Return mean (12,) and covariance (12, 12) of the weighted hypotheses.
 
-    Directions are averaged about the most likely hypothesis's direction."""
+    Directions are averaged as differences from the direction of the most likely hypothesis."""
     weight = h.weight
     direction = h.x[THETA, h.log_weight.argmax()]
     x = h.x.copy()
@@ -349,8 +365,8 @@ def mixture(h: Hypotheses) -> tuple[Array, Array]:
 
 
 def polar(p: Array, P: Array) -> tuple[Array, Array]:
-    """Return a Cartesian state (p_x, p_y, ...), (12,), and its covariance (12, 12) as (r, theta,
-    ...)."""
+    """Convert a Cartesian state (p_x, p_y, ...), (12,), and its covariance (12, 12) to the polar
+    state (r, theta, ...)."""
     r = max(float(np.hypot(p[0], p[1])), CLOSEST)
     east, north = p[:2] / r
     T = np.eye(STATES)
@@ -368,5 +384,5 @@ def position(x: Array) -> Array:
 
 
 def drift(x: Array) -> Array:
-    """Return d + g + e (2, ...), m/s."""
+    """Return the total drift d + g + e (2, ...), m/s."""
     return x[DX : DY + 1] + x[GX : GY + 1] + x[EX : EY + 1]

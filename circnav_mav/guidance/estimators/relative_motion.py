@@ -1,5 +1,5 @@
-"""`drift` and `auto`: the relative-motion filters in flight, updated by ranges and own motion in
-order of arrival."""
+"""Estimators `drift` and `auto`. They update the relative-motion filters with ranges and own motion
+in order of arrival."""
 
 from dataclasses import replace
 from math import cos, hypot, sin, sqrt
@@ -30,20 +30,20 @@ from circnav_mav.guidance.types import (
 )
 
 MEMORY = 10.0
-"""Least age, s, of the drift estimate that is kept for a restart after a gap without ranges. A
-newer estimate may already be affected by the cause of the gap."""
+"""Least age, s, of the stored drift estimate from which the search restarts after a gap without
+ranges. A newer estimate may already be affected by the cause of the gap."""
 REMEMBERED = 0.03
+"""Standard deviation of the stored drift, as a share of V."""
 FORGOTTEN = 1e-3
-"""Standard deviation of the kept drift, as a share of V, and growth of its variance, m^2/s^3: the
-search assumes that wind and target velocity change by about 0.8 m/s in a minute."""
+"""Growth rate of the variance of the stored drift with its age, m^2/s^3."""
 
 
 class DriftEstimator(Estimator):
     """Estimates position relative to the target and drift from range, heading, turn rate and
     airspeed.
 
-    The estimator is ready only if own motion covers the times of the ranges and the estimate is
-    trusted. Late, repeated and reordered samples are rejected.
+    The estimator is ready only if own motion is known at the time of the newest range and the
+    estimate is trusted. Late, repeated and reordered samples are rejected.
     """
 
     def __init__(self, settings: EstimatorSettings) -> None:
@@ -64,7 +64,8 @@ class DriftEstimator(Estimator):
 
     @property
     def ready(self) -> bool:
-        """True if the estimate is trusted and includes the newest range."""
+        """True if the estimate is trusted, and own motion is known at the time of the newest
+        range."""
         return self.filter.trusted and not self._astray
 
     @property
@@ -94,10 +95,11 @@ class DriftEstimator(Estimator):
         point = self._path.at(sample.time)
         before = self._used
         if point is None:
-            # A range without own motion: the vehicle may not follow its commands
+            # Own motion is unknown at the time of this range: the vehicle may not follow its
+            # commands.
             self._astray = True
             return Fused.ACCEPTED
-        # Longest time without ranges, s. After a longer one the filters restart.
+        # 20.0: longest gap between ranges, s. After a longer gap the filters restart.
         if before is not None and (
             point.piece != before.piece or sample.time - before.motion.time > 20.0
         ):
@@ -165,9 +167,9 @@ class DriftEstimator(Estimator):
         at = predict_mixture(
             mean, covariance, assumed, dt, chord, own.heading, own.airspeed, change
         )
-        # without ranges, the uncertainty of the prediction grows
-        # 1.1: largest uncertainty of a prediction that may steer, relative to the estimate's
-        # uncertainty at the newest range.
+        # Without ranges, the uncertainty of the prediction grows.
+        # 1.1: largest uncertainty of a prediction that may steer, relative to the uncertainty of
+        # the estimate at the newest range.
         bound = max(TRUSTED, 1.1 * self.filter.spread)
         steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
         relative = RelativeMotion(
@@ -200,11 +202,12 @@ class DriftEstimator(Estimator):
         )  # fmt: skip
 
     def _restart(self, now: float) -> None:
-        """Restart the search. The kept drift is its prior: wind and target velocity have probably
-        changed little."""
+        """Restart the search. The stored drift is the prior, because wind and target velocity have
+        probably changed little."""
         known = None
-        # Widen the prior to the change of drift estimated since it was stored. If the vehicle
-        # turned out not to follow its commands, its own motion was wrong: ignore that change.
+        # If the estimated drift has changed since the prior was stored, widen the prior to this
+        # change. If the vehicle turned out not to follow its commands, its own motion was wrong:
+        # ignore the change.
         if self._before is not None:
             time, known = self._before
             sigma = sqrt(known.drift**2 + FORGOTTEN * (now - time))
@@ -227,8 +230,8 @@ class DriftEstimator(Estimator):
 
 
 class AutoEstimator(Estimator):
-    """`auto`: range and range rate by `kalman` from the first samples on, everything by `drift`
-    once it is trusted."""
+    """Estimator `auto`. From the first samples on, `kalman` estimates range and range rate. As soon
+    as the estimate of `drift` is trusted, `drift` replaces `kalman`."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
         self.kalman = KalmanRangeRate(settings)
@@ -258,8 +261,8 @@ class AutoEstimator(Estimator):
         self.drift.fly_through_air(change)
 
     def observe(self, sample: RangeSample) -> Fused:
-        """Add a sample. Reject the sample only if it fits neither estimator: while the position of
-        `drift` is wrong, `drift` rejects correct ranges."""
+        """Add a sample. It is accepted if `drift` is ready and accepts it. Otherwise `kalman`
+        decides, because `drift` rejects correct ranges while its position is wrong."""
         by_drift = self.drift.observe(sample)
         by_range = self.kalman.observe(sample)
         return by_range if by_drift is Fused.GATED or not self.drift.ready else by_drift
@@ -269,8 +272,8 @@ class AutoEstimator(Estimator):
         self.kalman.observe_rate(sample)
 
     def at(self, time: float) -> RangeEstimate | None:
-        """Return the estimate predicted to a time (s), with the relative motion if available,
-        trusted or not."""
+        """Return the estimate predicted to a time (s). It contains the relative motion if `drift`
+        has one, even if this is not trusted."""
         by_drift = self.drift.at(time)
         if by_drift is not None and by_drift.relative is not None and by_drift.relative.trusted:
             return by_drift

@@ -10,7 +10,8 @@ from circnav_mav.guidance.own_code import NameTable, checked
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
 APART = 0.25
-"""Longest time, s, between the newest range and the newest rate with which both may steer."""
+"""Longest time, s, between the newest range and the newest range rate. If they are farther apart,
+they do not steer."""
 
 
 class MeasuredRate(Estimator):
