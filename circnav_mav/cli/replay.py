@@ -1,4 +1,4 @@
-"""`circnav replay`: runs a recorded flight through the pilot."""
+"""`circnav replay`: feeds a recorded flight to the guidance loop."""
 
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -41,7 +41,7 @@ UNITS = {
 }
 TICKS = "ticks.csv"
 PICTURE = "replay.png"
-"""Files that a replay writes."""
+"""Names of the files that a replay writes."""
 
 
 def replay_log(
@@ -82,9 +82,9 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
     own = str(run.folder / "mission.toml")
     parse = partial(load_mission, other) if other else partial(parse_mission, run.mission_text, own)
     mission = _mission(other or own, parse, overrides)
-    if (
-        other or overrides
-    ):  # a mission as flown is not checked: an older version may have had other checks
+    # Check only a changed mission. The mission as flown may fail checks that an older version did
+    # not have.
+    if other or overrides:
         refuse_failing(other or own, mission, shown=())
     try:
         output_mode = OutputMode(run.output_mode)
@@ -265,8 +265,8 @@ def _say_ticks(done: ReplayResult, pilot: Pilot, was: Ticks | None) -> None:
 def _write(
     log: str, out: str | None, done: ReplayResult, was: Ticks | None, mission: Mission
 ) -> None:
-    """Write picture and ticks if `out` is given. The picture comes first: it marks the ticks as
-    replayed."""
+    """Write picture and ticks if `out` is given. Write the picture first: `_check_out` takes a
+    folder with ticks but no picture for a recorded flight."""
     if out is None:
         return
     folder = Path(out)

@@ -71,11 +71,12 @@ def known_track(ticks: Ticks, truth: Truth | None) -> Track | None:
 
 
 def steady_command(ticks: Ticks, orbit: Orbit) -> Column | None:
-    """Return the command that turns the vehicle at the rate of the desired circle, rad/s. None if
-    the vehicle turns as commanded at the end of the flight, so that both are equal there."""
+    """Return the turn-rate command at which the vehicle turns at the rate of the desired circle,
+    rad/s: that rate divided by the turn gain. None if the turn gain at the end of the flight is
+    about 1, so that command and turn rate are equal."""
     gain = ticks.numbers["turn_gain"]
-    # Deviation of the turn gain from 1 above which the command of the steady circle is drawn beside
-    # its turn rate. Chosen: less is not visible.
+    # Smallest deviation of the turn gain from 1 for which the command is drawn beside the turn
+    # rate. Chosen: a smaller difference is not visible in the chart.
     if not np.any(np.abs(gain[-1:] - 1) > 0.02):
         return None
     return np.asarray(ticks.steady_turn(orbit) / gain)
@@ -89,7 +90,7 @@ value."""
 def chart_data(
     ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str, str], **flight: Any
 ) -> dict[str, Any]:
-    """Return all data of the charts. names: display names of phases. flight: further values and
+    """Return all data of the charts. names: displayed names of phases. flight: further values and
     words that charts.js uses."""
     span = (float(ticks.time[0]), float(ticks.time[-1]))
     phases = [names.get(phase, phase) for phase in ticks.words["phase"]]
@@ -169,7 +170,8 @@ def _columns(
     if truth is None:
         received = time[new]
         measured = numbers["measured"][new]
-        before = np.searchsorted(received, received - 1.0)  # about a second
+        # Compute the rate from the range 1 s earlier.
+        before = np.searchsorted(received, received - 1.0)
         with np.errstate(invalid="ignore", divide="ignore"):
             rate = (measured - measured[before]) / (received - received[before])
         return found | {"differenced": _line(received, np.where(np.isfinite(rate), rate, np.nan))}
@@ -194,8 +196,8 @@ def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Col
 
 
 def peaks(values: Column, stretches: int = STRETCHES) -> NDArray[np.intp]:
-    """Return the indices of at most two samples per stretch, which preserve every peak, and one per
-    gap."""
+    """Return the indices of the samples to draw: the smallest and the largest value of each
+    stretch, so that every peak is kept, and one NaN of each stretch with a gap."""
     if len(values) <= 2 * stretches:
         return np.arange(len(values))
     keep: list[int] = []
@@ -220,7 +222,8 @@ def _line(time: Column, values: Column) -> tuple[Column, Column]:
 
 
 def _dots(time: Column, values: Column) -> tuple[Column, Column]:
-    """Return the peaks and every n-th sample, so that the density of dots is preserved."""
+    """Return the samples of `peaks` and every n-th sample, so that the density of dots is
+    preserved."""
     # Maximum number of evenly spaced dots that are drawn in addition to the smallest and largest of
     # each stretch.
     keep = np.union1d(peaks(values), np.arange(0, len(values), max(1, -(-len(values) // 4000))))

@@ -92,7 +92,8 @@ def open_run(folder: Path) -> Run:
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
     manifest = _table(folder / "manifest.json")
     summary = dict[str, Any]()
-    with suppress(RunError):  # its figures can be computed again
+    # The figures of summary.json can be computed again.
+    with suppress(RunError):
         summary = _table(folder / "summary.json")
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     # Start of 2100, microseconds since 1970. A later start time means a damaged manifest.

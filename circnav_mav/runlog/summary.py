@@ -20,7 +20,7 @@ NOT_OURS = frozenset(
 """Phases in which circnav does not control the vehicle."""
 FIGURES = ("settled_s", "radius_mean_m", "radius_rms_error_m")
 UNRECORDED = 1.0
-"""Longest unrecorded time at the end of a flight that is not reported, s."""
+"""The summary reports an unrecorded end of a flight that is longer than this, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +75,12 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     )
     begun = newest["begun_s"]
     known &= ticks.time >= begun
-    # ticks in which circnav did not steer: the operator flew, or no link. Unrecorded time counts as
-    # steered.
+    # Ticks in which circnav did not steer, because the operator flew or there was no link.
+    # Unrecorded time is assumed to be steered.
     without = (
         flown[:-1] & np.array([phase in NOT_OURS for phase in ticks.words["phase"]], bool)[:-1]
     )
-    # smoothness of the turn command, over the ticks by which the radius is judged
+    # Smoothness of the turn command, over the ticks over which the radius is judged.
     turn = late_figures(
         ticks.time[known],
         ticks.numbers["turn_rate"][known],
@@ -89,8 +89,8 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     )
     height = ticks.numbers["height"][flown & steered]
     height = height[~np.isnan(height)]
-    # sense of most of the commanded turning in the last third of the newest circle: turns on the
-    # way to the circle do not count
+    # Sense of the commanded turn, summed over the last third of the newest circle. Turns on the way
+    # to the circle are left out.
     lately = flown & steered & (ticks.time >= begun)
     turned = np.nansum(metrics.last_part(ticks.time[lately], ticks.numbers["turn_rate"][lately]))
     commanded = (
@@ -141,8 +141,8 @@ def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float)
 def _circles(
     ticks: Ticks, known: NDArray[np.bool_], first: Orbit, start: float
 ) -> list[dict[str, Any]]:
-    """Return the figures of each circle that was begun, in order, each from its start to the start
-    of the next one."""
+    """Return the figures of each circle that was begun, in order. Each circle ends where the next
+    one begins."""
     desired = ticks.desired(first.radius)
     directions = np.array([word or first.direction.value for word in ticks.words["direction"]])
     at = np.flatnonzero(known)
@@ -169,8 +169,8 @@ def _circle(
 
 
 def _vehicle(ticks: Ticks, steered: NDArray[np.bool_]) -> dict[str, float | int | None]:
-    """Return turn gain and delay of the vehicle at the end, the share of the gains left after
-    oscillations, and the number of law changes."""
+    """Return turn gain and turn delay at the end, the remaining fraction of the law's gain after
+    oscillations reduced it, and the number of law changes."""
     figures: dict[str, float | int | None] = {}
     for name, column in (
         ("turn_gain", "turn_gain"),

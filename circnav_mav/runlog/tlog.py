@@ -122,9 +122,8 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
                 return
             if searching:
                 found = RECORD.search(data, at)
-                start = (
-                    found.start() if found else max(at, len(data) - STAMP)
-                )  # keep a possible partial timestamp
+                # Keep the last bytes: they may be the begin of a timestamp.
+                start = found.start() if found else max(at, len(data) - STAMP)
                 if start > at:
                     at = start
                     continue
@@ -134,8 +133,8 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
                 searching = True
                 continue
             if searching and not any_read and end == len(data):
-                # May be chance: in a file of frames without timestamps, the last one can look like
-                # a record.
+                # May be a coincidence: in a file of frames without timestamps, the last frame can
+                # look like a record.
                 return
             yield base + at, int.from_bytes(data[at : at + STAMP], "big"), data[at + STAMP : end]
             at = end
@@ -147,14 +146,14 @@ def _end(data: bytes, at: int) -> int | None:
     """Return the end of the record that may begin at `at`, or None if none begins there or it is
     incomplete."""
     start = at + STAMP
-    # Largest second byte of a timestamp after a first byte of 0: a time before 2105.
+    # 14: largest second byte of a timestamp after a first byte of 0, for a time before October
+    # 2103.
     if len(data) < start + 3 or data[at] or data[at + 1] > 14:
         return None
     magic = data[start]
     flags = data[start + 2]
-    if (
-        magic == V2 and not flags & ~SIGNED
-    ):  # not with `frame_at`, for speed: a long log is read several times
+    # Do not call `frame_at` here: a long log is read several times, so speed matters.
+    if magic == V2 and not flags & ~SIGNED:
         end = start + data[start + 1] + (25 if flags else 12)
     elif magic == V1:
         end = start + data[start + 1] + 8
