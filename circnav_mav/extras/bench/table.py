@@ -13,9 +13,9 @@ from circnav_mav.extras.bench.situations import SITUATIONS
 from circnav_mav.runlog.atomic_write import atomic_write
 
 OWN = "auto"
-"""Law with a separate table that has all figures."""
+"""Law for which the results have a separate table with all figures."""
 LOST = 300.0
-"""Smallest median RMS radius error, m, that the tables give as "lost"."""
+"""From this median RMS radius error on, m, the tables show "lost" instead of the number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
         lambda cell: f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %"
     ),
 }
-"""Columns of the table of OWN."""
+"""Columns of the table of the law OWN: value of a cell, by the heading of the column."""
 
 
 def markdown(cells: Sequence[Cell]) -> str:

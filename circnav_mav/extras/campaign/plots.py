@@ -33,7 +33,7 @@ def plot_campaign(
     title: str,
     form: str = "png",
 ) -> tuple[list[Path], list[str]]:
-    """Draw the pictures. Return their files, and a line for each that could not be drawn or
+    """Draw the pictures. Return their files, and a line for each picture that could not be drawn or
     written."""
     done: list[Path] = []
     problems: list[str] = []
@@ -237,8 +237,8 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
 
 
 def _binned(x: Any, exact: bool) -> tuple[Any, list[Any]]:
-    """Return positions and the flights at each: every value of a grid, or bins of equally many
-    flights."""
+    """Return positions on the axis and the flights at each position: every value of a grid, or bins
+    with equal numbers of flights."""
     if exact or len(np.unique(x)) <= BINS:
         spots = np.unique(x)
         return spots, [x == spot for spot in spots]

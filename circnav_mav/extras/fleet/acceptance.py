@@ -31,21 +31,22 @@ the network."""
 MOST_MEMBERS = 32
 """Largest number of members in the table."""
 PHASE_RATE_TOLERANCE = 0.1
-"""Growth rate of the phase tolerance on the circle, rad/s: changes of the commanded radius change
-the phase rate."""
+"""Growth rate of the phase tolerance while both reports are from the circle, rad/s: changes of the
+commanded radius change the phase rate."""
 CONFIRMED_AFTER = 2.0
 """Time, s, for which a phase must be consistent after a jump before it is accepted."""
 ALARM_COUNT = 3
+"""Number of rejections for one reason within ALARM_TIME that raises an alarm. Single rejections are
+normal: a lossy network repeats and reorders frames."""
 ALARM_TIME = 5.0
-"""Number of rejections for one reason, and time, s, within which they raise an alarm. Single
-rejections are normal: a lossy network repeats and reorders frames."""
+"""Time within which the rejections must occur, and for which the alarm lasts, s."""
 _ROUNDING = 1e-6
 """Relative tolerance of the bounds: fields are rounded to 32 bits."""
 
 MAX_DRIFT = 100.0
+"""Largest drift in a report, per axis, m/s. Chosen: beyond any flight."""
 MAX_VARIANCE = 1e4
-"""Largest drift, m/s, and largest variance of the drift, (m/s)^2, in a report; chosen, beyond any
-flight."""
+"""Largest variance of the drift in a report, (m/s)^2. Chosen: beyond any flight."""
 BOUNDS: dict[str, tuple[float, float]] = {
     "phase": (0.0, tau),
     "phase_sigma": (1e-6, 10.0),
@@ -62,8 +63,8 @@ BOUNDS: dict[str, tuple[float, float]] = {
 
 
 class Rejection(Enum):
-    """Reason for rejecting a datagram. value: remedy or effect for the alarm, empty for no
-    alarm."""
+    """Reason for rejecting a datagram. The value is the text of the alarm, with the remedy or the
+    effect. Reasons with an empty value raise no alarm."""
 
     MALFORMED = "frames are not complete MAVLink 2 reports: give each program its own port"
     OTHER_MESSAGE = ""
@@ -127,7 +128,7 @@ def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
     on_circle = before.state is State.ON_CIRCLE and report.state is State.ON_CIRCLE
     rate = PHASE_RATE_TOLERANCE if on_circle else max(tau / report.lap_period, PHASE_RATE_TOLERANCE)
     sigmas = 3 * hypot(before.phase_sigma, report.phase_sigma)
-    # Tolerance, rad, between a phase and its extrapolation, in addition to three standard
+    # 0.35: tolerance between a phase and its extrapolation, rad, in addition to three standard
     # deviations.
     return 0.35 + sigmas + rate * (report.stamp - before.stamp)
 
@@ -184,15 +185,15 @@ class Acceptance:
     def remember(self, frame: bytes, now: float) -> None:
         """Store a frame, to recognize its copies."""
         self._seen[frame] = now
-        # Number of newest frames kept to recognize copies: 13 s of 255 members at 5 Hz, 18 min of
-        # 3.
+        # 16_384: number of newest frames that are stored to recognize copies. They cover 13 s of
+        # 255 members at 5 Hz, or 18 min of 3 members.
         if len(self._seen) > 16_384:
             del self._seen[next(iter(self._seen))]
 
     def take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
         """Return the report in a datagram, None if it is rejected. now: Unix time, s."""
-        # After this member's clock was set back, reports that are right now look older than those
-        # accepted before.
+        # After this member's clock was set back, new reports look older than the stored ones.
+        # Discard the stored ones.
         if now < self._newest - 1.0:
             self.members.clear()
         self._newest = now
@@ -210,7 +211,7 @@ class Acceptance:
         noted.detail = detail
 
     def alarms(self, now: float) -> list[str]:
-        """Return a line for each reason that repeated recently."""
+        """Return a line for each reason with repeated rejections in the last ALARM_TIME."""
         lines = []
         for reason, noted in self._reasons.items():
             needed = 1 if reason is Rejection.FLOOD else ALARM_COUNT
@@ -289,12 +290,13 @@ class Acceptance:
             raise RejectedError(Rejection.UNSIGNED, f"id {data[5]}")
         if not is_signed_with(key, data):
             raise RejectedError(Rejection.WRONG_KEY, f"id {data[5]}")
-        # Bytes of the hash in a MAVLink 2 signature.
+        # Time of the signature relative to this member's clock, s: the bytes between link id and
+        # the 6 bytes of the hash.
         ahead = (
             int.from_bytes(data[1 - SIGNATURE : -6], "little") / SECOND + EPOCH - max(now, EPOCH)
         )
         if ahead > max(60.0, self._tolerance):
-            # A copy of this frame must not be accepted when its time has come.
+            # Store the frame: a copy of it must not be accepted later, when its timestamp is valid.
             self.remember(data, now)
             raise RejectedError(Rejection.CLOCKS_DISAGREE, f"id {data[5]} is {ahead:.0f} s ahead")
 
@@ -335,8 +337,8 @@ class Acceptance:
             raise RejectedError(
                 Rejection.REPLAYED, f"id {report.member}, {-newer_by:.1f} s older than its newest"
             )
-        # Shortest time, s, between two reports of one member: half the interval at the highest
-        # rate.
+        # 0.1: shortest accepted time between two reports of one member, s: half the interval at the
+        # highest rate.
         if newer_by < 0.1:
             raise RejectedError(
                 Rejection.TOO_OFTEN, f"id {report.member}, reports {newer_by:.3f} s apart"
@@ -344,8 +346,8 @@ class Acceptance:
         self._check_phase(known, report, now)
 
     def _check_phase(self, known: Member, report: MemberReport, now: float) -> None:
-        """Raise RejectedError if a phase contradicts its extrapolation and was not consistent for
-        CONFIRMED_AFTER."""
+        """Raise RejectedError if a phase contradicts its extrapolation. After a jump, accept phases
+        that were consistent for CONFIRMED_AFTER."""
         error = phase_error(known.report, report)
         tolerance = phase_tolerance(known.report, report)
         if error <= tolerance:
@@ -367,7 +369,7 @@ class Acceptance:
     def _forget(self, now: float) -> None:
         """Remove silent members, and members with reception times in the future after the clock was
         set back."""
-        # Silence, s, after which a member leaves the table.
+        # 60.0: silence after which a member is removed from the table, s.
         for ident in [
             one for one, member in self.members.items() if abs(now - member.received_at) > 60.0
         ]:
