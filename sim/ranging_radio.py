@@ -135,8 +135,8 @@ def named_value(config: Ranging, sample: Sample) -> Message:
 
 
 def named_rate(config: Ranging, sample: Sample) -> Message:
-    """Return a NAMED_VALUE_FLOAT with the range rate, named `config.rate_name`. Its timestamp is
-    that of the range that is sent next."""
+    """Return a NAMED_VALUE_FLOAT with the range rate, named `config.rate_name`. Its timestamp
+    equals the timestamp of the range that is sent next."""
     rate = sample.rate if config.rate_sign == "opening" else -sample.rate
     name = config.rate_name or ""
     return mavlink.MAVLink_named_value_float_message(_stamp_ms(config, sample), name.encode(), rate)

@@ -65,7 +65,7 @@ def _fly(
     stopped: Callable[[], bool], say: Callable[[str], None],
 ) -> None:  # fmt: skip
     started = quiet_until = time.monotonic()
-    lost = 0.0  # time by which the simulation has fallen behind for good, s
+    lost = 0.0  # lag that the simulation does not make up, s
     while not stopped():
         wall = time.monotonic()
         simulated = (wall - started) * speed

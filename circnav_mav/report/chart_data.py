@@ -188,7 +188,7 @@ def _columns(
 def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Column, Column]:
     """Return the growth of a count per second in equal bins, with a final NaN that ends the last
     bin."""
-    # Maximum number of bars of a chart. Each covers at least 1 s.
+    # 240: maximum number of bars of a chart. Each bar covers at least 1 s.
     bins = int(min(240, max(1, span[1] - span[0])))
     grown = np.clip(np.nan_to_num(np.diff(counted, prepend=0.0)), 0, None)
     heights, edges = np.histogram(time, bins=bins, range=span, weights=grown)

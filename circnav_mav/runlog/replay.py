@@ -31,9 +31,11 @@ Sent = list[tuple[float, bytes]]
 class ReplayResult:
     """Result of a replay.
 
+    ticks: ticks of the replay.
     sent, was_sent: (time, frame) sent in the replay and in the log, in order.
+    steps, frames: number of replayed steps and frames.
     until: time of the last step, s.
-    ended: time when the pilot was done, s, or None; later steps are ignored.
+    ended: time when the pilot was done, s, or None. Later steps are ignored.
     """
 
     ticks: list[TickRecord] = field(default_factory=list)
@@ -128,8 +130,8 @@ def flown_commands(
 
     def sent_at(now: float) -> YawRate | None:
         newest = bisect_right(times, now + SAME_TIME) - 1
-        # Largest age of the command that the flight had sent, s. Ticks of the replay may lie
-        # between those of the flight, which sends commands more often than this.
+        # Largest age of the command that the flight had sent, s. A tick of the replay may lie
+        # between two ticks of the flight. The flight sends commands more often than this.
         if newest < 0 or now - times[newest] > 0.5:
             return None
         return YawRate(rates[newest])

@@ -1,4 +1,4 @@
-"""Contents of summary.json of a run. Its keys are stable, because users' scripts read them."""
+"""Contents of summary.json of a run. The keys are stable, because users' scripts read them."""
 
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
@@ -25,11 +25,11 @@ UNRECORDED = 1.0
 
 @dataclass(frozen=True, slots=True)
 class FlightFacts:
-    """Facts known at the end of a flight. The summary holds them under the same names, except orbit
+    """Facts known at the end of a flight. The summary has them under the same names, except orbit
     and the last three.
 
-    engaged_s, until_s: run time of engaging and of the last tick, s, recorded or not; None: take
-        them from the recorded ticks.
+    engaged_s: run time of the engagement, s; None: take it from the recorded ticks.
+    until_s: run time of the last tick, recorded or not, s; None: take it from the recorded ticks.
     clock_speed: speed of the autopilot's clock if it differed from real time.
     orbit: first circle.
     """
@@ -55,9 +55,9 @@ class FlightFacts:
 def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
     """Return the summary as plain values.
 
-    The figures of the circle cover the last circle that was begun, and are null if the flight never
-    engaged. They use recorded ticks that steered by a fresh range, because predictions in an outage
-    are not measurements. If parts were not recorded, `recording_problem` reports it.
+    The figures of the circle cover the last circle that was begun. They are null if the flight
+    never engaged. They use only recorded ticks that steered by a fresh range, because predictions
+    in an outage are not measurements. If parts were not recorded, `recording_problem` reports it.
     """
     start = ticks.engaged_at if facts.engaged_s is None else facts.engaged_s
     end = (

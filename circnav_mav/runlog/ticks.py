@@ -54,7 +54,8 @@ class Ticks:
         return np.asarray(signs * orbit.speed / self.desired(orbit.radius))
 
     def radii(self, otherwise: float) -> list[float]:
-        """Return the radii of the flown circles, in order, m. otherwise: as in `desired`."""
+        """Return the radii of the flown circles, in order, m. otherwise: radius if no tick has one,
+        m."""
         desired = self.desired(otherwise)
         return (
             [otherwise]

@@ -27,12 +27,13 @@ RECORD = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 class Damage:
     """Damage of a tlog.
 
-    byte: first unreadable byte.
-    size: of the file, bytes.
-    places, lost: number of unreadable stretches, and bytes in them.
-    until, newest: newest timestamp before the first stretch, and in the whole file, microseconds
-        since 1970, 0 if none.
-    cut: True if nothing after the first stretch is readable.
+    byte: position of the first unreadable byte in the file.
+    size: size of the file, bytes.
+    places: number of unreadable stretches.
+    lost: number of bytes in all unreadable stretches.
+    until: newest timestamp before the first unreadable stretch, us since 1970, 0 if none.
+    newest: newest timestamp in the whole file, us since 1970, 0 if none.
+    cut: True if nothing after the first unreadable stretch is readable.
     """
 
     byte: int
@@ -106,7 +107,7 @@ def message_id(frame: bytes) -> int:
 def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
     """Yield (position in the file, timestamp, frame) of each whole record. Raises OSError."""
     with open_file(path) as file:
-        # base: position of the data in the file
+        # TRAIL position of the data in the file
         data = b""
         base = 0
         at = 0

@@ -52,10 +52,14 @@ def message_ids(text: str) -> frozenset[int]:
 
 
 class Command(NamedTuple):
-    """A COMMAND_LONG or COMMAND_INT. x, y: degrees, as in COMMAND_LONG.
+    """A COMMAND_LONG or COMMAND_INT.
 
-    frame: MAV_FRAME of x, y and z. COMMAND_LONG has none; ArduPilot reads its altitude as above
-    home.
+    params: param1 to param4.
+    x, y: latitude and longitude, degrees, as in COMMAND_LONG.
+    z: altitude, m.
+    sender: system and component id.
+    frame: MAV_FRAME of x, y and z. A COMMAND_LONG has no frame. ArduPilot reads the altitude of a
+        COMMAND_LONG as above home.
     """
 
     number: int

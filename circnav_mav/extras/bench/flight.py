@@ -69,8 +69,8 @@ class Track:
     rows: arrays (steps,) by the names of ROWS. The estimates are NaN before the last LAST seconds.
     time: (steps,), s.
     sense: +1 counter-clockwise, -1 clockwise.
-    start: vehicle minus target at the start, m.
-    heading: at the start, rad.
+    start: vehicle minus target position at the start, m.
+    heading: heading at the start, rad.
     """
 
     rows: dict[str, NDArray[np.float32]]

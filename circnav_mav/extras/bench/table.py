@@ -138,7 +138,7 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
 
 
 def markdown(cells: Sequence[Cell]) -> str:
-    """Return the table of `auto`, then that of the other laws, as far as they were flown.
+    """Return the table of `auto`, and then the table of the other laws that were flown.
 
     A cell of the second table has the median RMS radius error, the number of flights that kept the
     circle (in brackets, unless all kept it), and the standard deviation of the turn command.

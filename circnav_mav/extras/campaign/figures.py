@@ -96,8 +96,8 @@ Rows = Sequence[dict[str, str]]
 
 
 def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
-    """Return the figures of some rows of the table. In the intervals, flights with the same draws
-    and noise count as one.
+    """Return the figures of some rows of the table. For the intervals, flights with the same draws
+    and noise are counted as one flight.
 
     points: number of grid points. In each pass over the grid, all points have the same draws.
     failed: number of runs that could not be flown.
@@ -192,8 +192,8 @@ def _paired(before: Rows, after: Rows, others: Sequence[str], points: int) -> di
 def wilson(share: float, worlds: int) -> Interval:
     """Return Wilson's score interval of a share, over a number of independent worlds.
 
-    Flights in one world may all have the same result, so they count as one. If their results
-    differ, the interval is wider than necessary.
+    Flights in one world are counted as one flight, because they may all have the same result. If
+    their results differ, the interval is wider than necessary.
     """
     if worlds == 0:
         return None, None

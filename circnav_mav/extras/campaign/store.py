@@ -25,7 +25,8 @@ SOURCE = "campaign.toml"
 
 
 class Store:
-    """The table of a campaign. It stays readable and can be resumed after any interruption.
+    """The table of a campaign. After any interruption, the table is readable and the campaign can
+    be resumed.
 
     One process at a time uses the folder. Files of other campaigns are not overwritten.
     """

@@ -1,9 +1,9 @@
 """Acceptance of frames from the fleet link, without sockets and without a clock.
 
-A datagram is accepted if it is one complete report of another member of the same group. It must be
-authentic, new, finite and within bounds. Its timestamp must agree with this member's own clock, and
-its phase with the sender's earlier reports. Rejections are counted by reason. Repeated rejections
-raise an alarm for the operator.
+A datagram is accepted if it is one complete report of another member of the same group. The report
+must be authentic, new, finite and within bounds. Its timestamp must agree with this member's own
+clock, and its phase with the sender's earlier reports. Rejections are counted by reason. Repeated
+rejections raise an alarm for the operator.
 """
 
 from collections import Counter, deque
@@ -26,8 +26,8 @@ from circnav_mav.mav.identity import address_text
 from circnav_mav.mav.signing import EPOCH, SECOND, is_signed, is_signed_with
 
 CLOCK_TOLERANCE = 0.5
-"""Largest difference, s, between a timestamp and this member's own clock. It includes the delay of
-the network."""
+"""Largest difference between a report's timestamp and this member's own clock, s. The delay of the
+network is part of this difference."""
 MOST_MEMBERS = 32
 """Largest number of members in the table."""
 PHASE_RATE_TOLERANCE = 0.1
@@ -165,8 +165,8 @@ class Acceptance:
         tolerance: float = CLOCK_TOLERANCE,
     ) -> None:
         """group, member: ids of this member.
-        key: of the fleet, None for unsigned frames.
-        hosts: accepted senders; None: all.
+        key: signing key of the fleet, None for unsigned frames.
+        hosts: addresses of accepted senders, None for all senders.
         tolerance: largest difference between a stamp and this member's clock, s.
         """
         self.members: dict[int, Member] = {}

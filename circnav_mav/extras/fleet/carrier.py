@@ -2,8 +2,8 @@
 an autopilot.
 
 Transport: UDP multicast, or a list of peers. An open carrier never blocks and never raises: a
-network failure raises an alarm and is retried. Time comes from the stamp of this member's report
-and from the `now` of `received`.
+network failure raises an alarm and is retried. The carrier reads no clock: it uses the stamp of
+this member's report, and the argument `now` of `received`.
 """
 
 import socket
@@ -232,7 +232,7 @@ class UdpPort:
         return datagrams
 
     def close(self) -> None:
-        """Close the socket for good."""
+        """Close the socket. It is not opened again."""
         self._close(inf)
 
     def _opened(self, now: float) -> socket.socket | None:

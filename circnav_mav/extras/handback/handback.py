@@ -2,8 +2,8 @@
 its position.
 
 No position is sent while the autopilot has an absolute position, or while its status is not
-reported. Sending stops for good if the autopilot does not answer, does not support the command,
-gives an unexpected answer, or accepts positions without effect.
+reported. Sending stops for the rest of the flight if the autopilot does not answer, does not
+support the command, gives an unexpected answer, or accepts positions without effect.
 """
 
 from cmath import phase, rect
@@ -44,7 +44,8 @@ LOOK_AFTER = 0.5
 """Time from the acceptance of a position to the check of its effect, s."""
 EFFECT = 30.0
 """Smallest distance from our estimate to the position that the autopilot reports, m, that shows a
-position without effect. It is larger for an uncertain estimate."""
+position without effect. For an uncertain estimate, five standard deviations are used if they are
+larger."""
 MOST_WITHOUT = 3
 """Number of consecutive positions without effect after which the hand-back stops."""
 LEAST_SIGMA = 1.0
@@ -55,8 +56,8 @@ autopilot's own position was several km off."""
 MOST_GIVEN = 10_000
 """Number of newest positions kept for handback.csv: 2.7 hours at 1 Hz."""
 COMPASS_SIGMA = 0.03
-"""Standard deviation of the estimated compass bias, rad. It is three times larger before the bias
-is estimated."""
+"""Standard deviation of the estimated compass bias, rad. Before the bias is estimated, three times
+this value is used."""
 WIND_SIGMA = 0.3
 """Error of the wind in dead reckoning, standard deviation, m/s."""
 STRAYS = 0.6
@@ -303,7 +304,8 @@ def _at_distance(r: float, target: Place, here: PositionEstimate) -> PositionEst
 
 
 class HandBack:
-    """Decides when a position is sent, and when to stop for good."""
+    """Hand-back: decides when a position is sent, and when sending stops for the rest of the
+    flight."""
 
     def __init__(self) -> None:
         self.given: list[SentPosition] = []
@@ -313,7 +315,7 @@ class HandBack:
         self.ended = "the position was not lost"
         """Human-readable reason why no position is sent."""
         self.over = False
-        """True if the hand-back has stopped for good."""
+        """True if the hand-back has stopped for the rest of the flight."""
         self._lost_since: float | None = None
         self._lacks = ""
         """Human-readable reason why no position is available."""

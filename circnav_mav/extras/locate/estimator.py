@@ -2,11 +2,11 @@
 flights and logs.
 
 States: the place, its height, its velocity if it moves, the radio's bias and scale, the delay of
-positions relative to ranges, and the error of the positions on three axes. This error is a
-first-order Gauss-Markov process, linear between nodes. It is needed for a realistic covariance: GPS
-errors are correlated, and a lap averages little of them. Without the vertical error, an altitude
-that wandered by 1 m was mistaken: a beacon at the height of the track was fitted 40 m too high,
-with a bias of 6 m.
+positions relative to ranges, and the error of the positions on three axes. The error of the
+positions is a first-order Gauss-Markov process, linear between nodes. A realistic covariance needs
+these states: GPS errors are correlated, and a lap averages little of them. Without the vertical
+error, an altitude that wandered by 1 m gave a wrong height: a beacon at the height of the track was
+fitted 40 m too high, with a bias of 6 m.
 """
 
 from collections.abc import Iterator
@@ -83,14 +83,15 @@ class Ranges:
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Prior knowledge about target, GPS and radio. Each `*_sigma` is a standard deviation.
+    """Prior knowledge about target, GPS and radio. Names that end in `_sigma` are standard
+    deviations.
 
     up: height of the target, m.
-    up_sigma: of this height, m.
-    gps_sigma: of a position, per axis, m.
-    bias_sigma: of the radio's bias, m.
-    scale_sigma: of the radio's scale error.
-    delay_sigma: of the delay between positions and ranges, s.
+    up_sigma: standard deviation of this height, m.
+    gps_sigma: standard deviation of a position, per axis, m.
+    bias_sigma: standard deviation of the radio's bias, m.
+    scale_sigma: standard deviation of the radio's scale error.
+    delay_sigma: standard deviation of the delay between positions and ranges, s.
     sigma_known: True if the sigmas of the ranges are measured or reported.
     """
 

@@ -141,7 +141,7 @@ class Locator:
         if kind == "GPS_RAW_INT":
             reported = (
                 message.h_acc / 1000 / 1.414 if message.h_acc else 0.0
-            )  # per axis, m; 0 if not reported
+            )  # standard deviation per axis, m; 0 if not reported
             self._gps_sigma = max(self._settings.gps_sigma, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
             us = self._encoder.system, self._settings.component
@@ -161,8 +161,8 @@ class Locator:
 
     @property
     def newest_position(self) -> tuple[float, float, float, float] | None:
-        """Newest position used for the estimate: time, s; east, north and altitude, m. None before
-        the first one."""
+        """Newest position used for the estimate: time (s), east, north and altitude (m). None
+        before the first position."""
         return self._track[-1] if self._track else None
 
     def _position(self, message: Message, now: float) -> None:

@@ -26,8 +26,8 @@ class EmptyLogError(RunError):
 class RangeLog:
     """One vehicle of a log.
 
-    ranges: by tag.
-    vehicle: its name in the log, empty if the log has only one.
+    ranges: ranges by tag.
+    vehicle: name of the vehicle in the log, empty if the log has only one vehicle.
     notes: assumptions and removed values, one line each.
     names: other values in the log that may be ranges, by the name that --range-name takes.
     """

@@ -47,7 +47,7 @@ def export_mcap(runs: Mapping[str, Run], path: Path) -> dict[str, int]:
     """Write the complete file or none. Return the number of messages per topic. Raises RunError,
     OSError.
 
-    runs: by the prefix of their topics, which is empty for a single vehicle.
+    runs: runs by the prefix of their topics. The prefix is empty for a single vehicle.
     """
     counts: Counter[str] = Counter()
     with atomic_write(path.resolve()) as fresh, fresh.open("wb") as file:

@@ -240,7 +240,7 @@ def turning(tracks: Tracks) -> Batch:
 
 def entries(r: Batch, r_d: float) -> Batch:
     """Return the number of entries of each track into the circle. A lemma of the paper allows at
-    most one. A start inside counts as one entry."""
+    most one. A start inside the circle is one entry."""
     # 1e-3: depth inside the circle that is not yet an entry, as a fraction of r_d. The switching
     # law chatters by V STEP.
     inside = r < r_d * (1 - 1e-3)

@@ -155,8 +155,9 @@ def survey_sigma(mission: Mission, seconds: float) -> float | None:
 
 
 def recommended(found: Sequence[Candidate]) -> tuple[Candidate, str]:
-    """Return the recommended circle and the reason. It is the circle with the shortest lap of those
-    that pass all checks, or else the one with the fewest problems."""
+    """Return the recommended circle and the reason. Of the circles that pass all checks, the one
+    with the shortest lap is recommended. If no circle passes, the circle with the fewest problems
+    is recommended."""
     sound = [one for one in found if one.sound]
     if sound:
         best = min(sound, key=lambda one: one.lap)

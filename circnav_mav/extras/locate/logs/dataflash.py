@@ -23,8 +23,8 @@ BEACONS = ("D0", "D1", "D2", "D3")
 NO_READINGS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")
 """Messages that contain no measurements: they describe the log or the autopilot."""
 LIKE_RANGES = ("dist", "range", "rng", "slant")
-"""Prefixes of field names that may hold a range. They are suggested if no known message has a
-range."""
+"""Prefixes of field names that may hold a range. If no known message has a range, these fields are
+suggested to the user."""
 Message = Any
 
 
