@@ -11,8 +11,9 @@ DAMPING = 0.45  # damping ratio of this loop
 # random walk
 TILT_NOISE = 0.57
 HARD_IRON = math.radians(0.2)  # amplitude of the compass error that repeats once per full turn
-UNAIDED = 0.12  # rad/s: bandwidth with which an estimator without GPS assumes a vehicle at rest
-QUADRATIC_DRAG = 0.125  # s/m: quadratic over linear drag of a multicopter
+# bandwidth of an estimator without GPS, which assumes a vehicle at rest, rad/s
+UNAIDED = 0.12
+QUADRATIC_DRAG = 0.125  # quadratic over linear drag of a multicopter, s/m
 
 Vector = tuple[float, float, float]
 Line = tuple[tuple[float, float], ...]
@@ -48,8 +49,12 @@ class EstimateError(NamedTuple):
     def after(
         self, dt: float, roll: float, wander: float, heading: float, rng: Random
     ) -> "EstimateError":
-        """Return the error dt later. roll, wander: rms of roll and heading error, rad. heading:
-        true heading, rad."""
+        """Return the error dt later.
+
+        roll: RMS roll error, rad.
+        wander: RMS of the slowly varying heading error, rad.
+        heading: true heading, rad.
+        """
         noise = roll * TILT_NOISE * math.sqrt(dt)
         right, forward = rng.gauss(0.0, noise), rng.gauss(0.0, noise / 2)
         fresh = to_earth(forward, right, heading)
@@ -84,8 +89,8 @@ class EstimateError(NamedTuple):
 def _standing(
     place: float, velocity: float, lean: float, acceleration: float, dt: float
 ) -> tuple[float, float, float]:
-    """Return place, velocity and error of the lean of an observer that measures "place = 0", dt
-    later."""
+    """Return place, velocity and error of the lean after dt, for an estimator that measures "place
+    = 0"."""
     measured = acceleration + GRAVITY * lean
     return (
         place + (velocity - 2 * UNAIDED * place) * dt,
@@ -129,8 +134,8 @@ class Body(NamedTuple):
     pitch: float = 0.0
     roll_rate: float = 0.0  # rate of the roll angle, rad/s
     pitch_rate: float = 0.0
-    turn_acceleration: float = 0.0  # inside the yaw loop, rad/s^2
-    course_rate: float = 0.0  # inside the velocity loop, rad/s
+    turn_acceleration: float = 0.0  # state of the yaw loop, rad/s^2
+    course_rate: float = 0.0  # state of the velocity loop, rad/s
     course_feed: float = 0.0  # filtered feedforward of the velocity loop, rad/s
     push_north: float = 0.0  # integrators of the velocity loop, m/s^2
     push_east: float = 0.0

@@ -13,7 +13,7 @@ class BodyVelocity(NamedTuple):
 
 
 class EarthVelocity(NamedTuple):
-    """Velocity over the ground, independent of the heading; accelerations are fed forward."""
+    """Velocity over the ground, independent of the heading. The acceleration is a feedforward."""
 
     north: float
     east: float

@@ -1,4 +1,4 @@
-"""The ranging sensor: true slant range in, measured range out."""
+"""The ranging sensor: it converts a true slant range to a measured range."""
 
 import math
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ class Character:
     seconds, fractions."""
 
     white: float | None = None  # replaces noise_m
-    drift: float = 0.0  # rms of the slow error
+    drift: float = 0.0  # RMS of the slow error, m
     drift_time: float = 2.0
     loss: float = 0.0
-    near_bias: float = 0.0  # bias at zero range; it falls to 0 at `near`
+    near_bias: float = 0.0  # bias at zero range, m; it falls to 0 at the range `near`
     near: float = 30.0
     gap_rate: float = 0.0  # gaps per second beyond 0.85 of the maximum range
     gap: float = 2.0  # length of a gap, s

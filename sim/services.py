@@ -1,7 +1,7 @@
 """MAVLink services: commands, parameters, missions, time synchronization, requests and message
 streams.
 
-Commands about streams are answered here. All others go to the autopilot.
+Commands about streams are answered here. All other commands are passed to the autopilot.
 """
 
 from functools import partial

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from .schema import ConfigError
 
-EPOCH_S = 1_420_070_400  # 2015 in unix time
+EPOCH_S = 1_420_070_400  # Unix time of the start of 2015, s
 TICKS_PER_S = 100_000
 MOST_STREAMS = 16  # MAVLINK_MAX_SIGNING_STREAMS
 UNSIGNED_BY_ARDUPILOT = frozenset({109, 166})  # RADIO_STATUS, RADIO

@@ -17,7 +17,7 @@ MOST_PEERS = 32
 
 
 class EndpointError(ValueError):
-    """An endpoint that cannot be used; the message is one line."""
+    """An endpoint that cannot be used. The message is one line."""
 
 
 class Endpoint(NamedTuple):

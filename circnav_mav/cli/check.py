@@ -78,8 +78,8 @@ def all_checks(mission: Mission) -> list[Check]:
 def refuse_failing(
     path: str, mission: Mission, shown: Collection[Grade] = tuple(Grade)
 ) -> list[Check]:
-    """Print the check lines of these grades, or all if one fails. Return all. Raises Refused if one
-    fails."""
+    """Print the check lines of these grades, or all lines if any line fails. Return all lines.
+    Raises Refused if any line fails."""
     lines = all_checks(mission)
     failed = any(line.grade is Grade.FAIL for line in lines)
     show_checks([line for line in lines if failed or line.grade in shown])
@@ -129,8 +129,8 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
         )
         return
     cruise = config.vehicle.cruise_speed_mps or CRUISE_MPS.get(profile, wanted.speed_mps)
-    # Largest accepted difference of the bundled plane's cruise speed from the mission's speed, as a
-    # fraction of that speed.
+    # 0.05: largest accepted difference of the bundled plane's cruise speed from the mission's
+    # speed, as a fraction of the mission's speed.
     if (
         any(vehicle.cruises for vehicle in mission.vehicles)
         and abs(cruise / wanted.speed_mps - 1) > 0.05

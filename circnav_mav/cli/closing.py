@@ -74,7 +74,8 @@ def close_flight(
     """Write summary.json and the end of manifest.json. Return the summary and the exit code, which
     is NOT_RECORDED instead of DONE if the recording has gaps."""
     folder = recorder.folder
-    # Read this first: _summary adds problems of reading the files, which are no gaps.
+    # Read the recorder's problem before `_summary` is called: it adds problems of reading the
+    # files, which are no gaps in the recording.
     gaps = recorder.problem is not None
     summary = _summary(pilot, recorder, mission, epoch_us)
     summary["notes"] = []

@@ -108,7 +108,8 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
 
 
 def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str | None) -> None:
-    """Replay a plain tlog: as a dry run, with added ticks, and without timeouts."""
+    """Replay a plain tlog as a dry run. Ticks are added when they are due, and timeouts are
+    disabled."""
     if path is None:
         raise Refused(
             f"{Path(log)}: a plain tlog needs --mission, a mission with its vehicle, circle and"
@@ -200,7 +201,8 @@ def _check_steered(name: Path, pilot: Pilot) -> None:
 
 
 def _say_damage(run: Run, done: ReplayResult, pilot: Pilot) -> bool:
-    """Print warnings about missing or damaged parts of the log. Return True if it is complete."""
+    """Print warnings about missing or damaged parts of the log. Return True if the log is
+    complete."""
     end = float(run.ticks.time[-1]) if len(run.ticks.time) else 0.0
     short = end - done.until > UNRECORDED
     spoilt = pilot.connection.counts[VEHICLE].bad
@@ -242,7 +244,7 @@ def _say_ticks(done: ReplayResult, pilot: Pilot, was: Ticks | None) -> None:
         for gap in differences(was, would):
             name, unit = UNITS[gap.column]
             far = f"differs by {gap.rms:.4g} {unit} RMS, at most {gap.largest:.4g} {unit}"
-            # Resolution of numbers in ticks.csv. Smaller differences are rounding.
+            # 1e-6: resolution of numbers in ticks.csv. Smaller differences are rounding errors.
             difference = far if gap.largest > 1e-6 else "the same"
             say(f"  {name:<16} {difference}, in {gap.ticks} ticks")
     steered = sum(phase == "engaged" for phase in would.words["phase"])

@@ -133,12 +133,12 @@ def _figures(run: Run, mission: Mission) -> dict[str, Any]:
     """Return a summary computed from the ticks, the truth and the manifest, as if summary.json were
     missing.
 
-    Only the time of engagement and the time flown come from summary.json, if it has them.
+    Only the time of engagement and the time flown are taken from summary.json, if it has them.
     """
     manifest = run.manifest
     counts = run.ticks.numbers
     engaged, flown = map(run.summary.get, ("engaged_s", "flown_s"))
-    # newest value of an increasing count
+    # These counts only increase, so the largest value is the newest one.
     accepted, rejected = (
         int(np.nanmax(counts[name], initial=0)) for name in ("accepted", "rejected")
     )

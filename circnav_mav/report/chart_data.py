@@ -20,7 +20,8 @@ def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
     interrupted there."""
     steps = np.diff(time)
     rising = steps[steps > 0]
-    # Gap between two samples at which a line is interrupted, as a multiple of the median step.
+    # 5.0: smallest gap between two samples at which a line is interrupted, as a multiple of the
+    # median step.
     pauses = (
         np.flatnonzero(steps > 5.0 * np.median(rising)) + 1 if len(rising) else np.array([], int)
     )
@@ -83,8 +84,8 @@ def steady_command(ticks: Ticks, orbit: Orbit) -> Column | None:
 
 
 STRETCHES = 1500
-"""Number of stretches into which a long line is divided. Each is drawn by its smallest and largest
-value."""
+"""Number of stretches into which a long line is divided. Each stretch is drawn by its smallest and
+its largest value."""
 
 
 def chart_data(
@@ -127,8 +128,8 @@ def alarms(happened: list[Event]) -> list[tuple[float, str]]:
     alarm."""
     severe = [event for event in happened if event.severe]
     begun = np.array([event.time for event in severe if event.kind == ALARM])
-    # Longest time between an alarm and its STATUSTEXT, s. At most one text of a kind is sent every
-    # 2 s.
+    # 2.5: longest time between an alarm and its STATUSTEXT, s. At most one text of a kind is sent
+    # every 2 s.
     again = [
         event.kind == OURS and bool(np.any(np.abs(begun - event.time) < 2.5)) for event in severe
     ]
@@ -186,7 +187,7 @@ def _columns(
 
 
 def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Column, Column]:
-    """Return the growth of a count per second in equal bins, with a final NaN that ends the last
+    """Return the growth of a count per second in equal bins of time. A final NaN ends the last
     bin."""
     # 240: maximum number of bars of a chart. Each bar covers at least 1 s.
     bins = int(min(240, max(1, span[1] - span[0])))
@@ -224,8 +225,8 @@ def _line(time: Column, values: Column) -> tuple[Column, Column]:
 def _dots(time: Column, values: Column) -> tuple[Column, Column]:
     """Return the samples of `peaks` and every n-th sample, so that the density of dots is
     preserved."""
-    # Maximum number of evenly spaced dots that are drawn in addition to the smallest and largest of
-    # each stretch.
+    # 4000: maximum number of evenly spaced dots that are drawn in addition to the smallest and
+    # largest value of each stretch.
     keep = np.union1d(peaks(values), np.arange(0, len(values), max(1, -(-len(values) // 4000))))
     return time[keep], values[keep]
 
@@ -239,7 +240,9 @@ def _way(track: Track) -> dict[str, Any]:
     name, colour = ("true", "true") if track.true else ("estimated", "estimate")
     points = len(track.time)
     keep = np.unique(np.linspace(0, points - 1, min(points, 2 * STRETCHES)).astype(int))
-    keep = np.union1d(keep, np.flatnonzero(~np.isfinite(track.east)))  # keep the gaps
+    keep = np.union1d(
+        keep, np.flatnonzero(~np.isfinite(track.east))
+    )  # keep the points without a position, which interrupt the track
     times, easts = _plain(track.time[keep], track.east[keep])
     _, norths = _plain(track.time[keep], track.north[keep])
     return {"name": name, "colour": colour, "times": times, "east": easts, "north": norths}

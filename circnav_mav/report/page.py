@@ -23,7 +23,7 @@ half of this number are listed."""
 LABEL = 13
 """Width of the labels of a verdict, characters."""
 OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn", "ENDED": "neutral"}
-"""Color class of an outcome. All others are "bad"."""
+"""Color class of an outcome. All other outcomes are "bad"."""
 PAGE = Path(__file__).with_name("report.template.html")
 
 

@@ -23,8 +23,8 @@ SENDING_COMPONENT = 6
 
 
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
-    """Yield the steps of a run folder, up to the first damage or the end of either file. Raises
-    OSError."""
+    """Yield the steps of a run folder, up to the first damage or to the end of steps.csv or
+    flight.tlog. Raises OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
     with closing(read_lines(folder / STEPS, errors="replace")) as lines:
         rows = csv.reader(lines)

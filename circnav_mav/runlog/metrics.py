@@ -25,8 +25,8 @@ judged."""
 def settling_time(
     time: Column, radius: Column, desired: float, tolerance: float = TOLERANCE
 ) -> float | None:
-    """Return the time from the first sample to the last entry into the band, s. None if the flight
-    ends outside."""
+    """Return the time from the first sample to the last entry of the radius into the band, s. The
+    band is `desired` ± `tolerance` * `desired`. None if the flight ends outside the band."""
     outside = np.flatnonzero(~(np.abs(radius - desired) <= tolerance * desired))
     if not len(radius) or (len(outside) and outside[-1] == len(radius) - 1):
         return None
@@ -81,10 +81,10 @@ variation, and keeps oscillations with periods up to about 10 s."""
 class TurnFigures:
     """Figures of the turn command.
 
-    turn_std_deg_s: standard deviation, deg/s.
-    turn_at_limit: fraction of samples at the vehicle's limit.
-    turn_variation_rad_s2: total variation per second, rad/s^2.
-    turn_limit_cycle: see `cycles`.
+    turn_std_deg_s: standard deviation of the command, deg/s.
+    turn_at_limit: fraction of samples at the vehicle's turn-rate limit.
+    turn_variation_rad_s2: sum of all absolute changes of the command, divided by the time, rad/s^2.
+    turn_limit_cycle: True if the command shows a limit cycle (see `cycles`).
     """
 
     turn_std_deg_s: float
@@ -133,10 +133,12 @@ def late_figures(time: Column, command: Column, cut: Any, orbit: Orbit) -> TurnF
 
 
 def cycles(time: Column, command: Column, *, limit: float, lap: float) -> bool:
-    """True if the turn command (rad/s) shows a limit cycle. Its fast part, without the moving mean
-    over a quarter of a lap, is large and periodic, or alternates between the limits.
+    """True if the turn command (rad/s) shows a limit cycle. The fast part of the command, without
+    the moving mean over a quarter of a lap, is then large and periodic, or alternates between the
+    limits. False for samples of less than half a lap, which are too short to judge.
 
-    limit: rad/s. lap: s. False for less than half a lap, which is too short to judge.
+    limit: turn-rate limit, rad/s.
+    lap: duration of a lap, s.
     """
     if time[-1] - time[0] < 2 * SLOW * lap:
         return False

@@ -73,7 +73,7 @@ def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) ->
     that does not contain all steps."""
     done = ReplayResult()
     for step in steps:
-        # Longest time for which ticks continue in a gap of a plain tlog, s.
+        # 10.0: longest time for which ticks continue in a gap of a plain tlog, s.
         received_until = min(step.time, done.until + 10.0)
         while ticking and done.steps and pilot.scheduler.due < received_until and not pilot.done:
             _step(pilot, pilot.scheduler.due, done)

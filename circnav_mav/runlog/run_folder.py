@@ -21,8 +21,9 @@ class RunError(Exception):
 class Run:
     """Run folder.
 
-    summary: empty if damaged, or missing because the process was killed.
-    manifest: empty if missing.
+    mission_text: contents of mission.toml.
+    manifest: contents of manifest.json, empty if missing.
+    summary: contents of summary.json, empty if damaged, or missing because the process was killed.
     epoch_us: Unix time of run time zero, us.
     """
 
@@ -108,8 +109,8 @@ def open_run(folder: Path) -> Run:
 
 
 def _table(path: Path) -> dict[str, Any]:
-    """Return the table of a JSON file. Empty without the file, or without a table in it. Raises
-    RunError."""
+    """Return the table of a JSON file. Empty if the file does not exist or does not contain a
+    table. Raises RunError."""
     with _refusing(path):
         table = read_json(path) if path.exists() else {}
         return table if isinstance(table, dict) else {}

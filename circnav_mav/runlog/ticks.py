@@ -54,8 +54,8 @@ class Ticks:
         return np.asarray(signs * orbit.speed / self.desired(orbit.radius))
 
     def radii(self, otherwise: float) -> list[float]:
-        """Return the radii of the flown circles, in order, m. otherwise: radius if no tick has one,
-        m."""
+        """Return the radii of the flown circles, in order, m. otherwise: radius of ticks that have
+        none, and of a run without ticks, m."""
         desired = self.desired(otherwise)
         return (
             [otherwise]

@@ -107,7 +107,7 @@ def message_id(frame: bytes) -> int:
 def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
     """Yield (position in the file, timestamp, frame) of each whole record. Raises OSError."""
     with open_file(path) as file:
-        # TRAIL position of the data in the file
+        # base: position of `data` in the file, bytes.
         data = b""
         base = 0
         at = 0
@@ -164,8 +164,8 @@ def _end(data: bytes, at: int) -> int | None:
 
 
 def _is_record(data: bytes, at: int, end: int, searching: bool) -> bool:
-    """True if this is a record. It has two signs: a valid checksum, and another record or the end
-    of the file after it. At the expected place, one sign is enough. In a search, both are
+    """True if this is a record. A record has two signs: a valid checksum, and another record or the
+    end of the file after it. At the expected place, one sign is enough. In a search, both signs are
     required."""
     framed = end == len(data) or _end(data, end) is not None
     if framed is not searching:

@@ -11,8 +11,8 @@ from .multicopter import DRAG, DraggedCopter, Multicopter, YawLoop
 from .unicycle import Unicycle
 
 STEP = 0.025  # longest integration step, s
-TILT_LAG = 0.12  # s
-YAW_LAG = 0.15  # s
+TILT_LAG = 0.12  # lag of roll and pitch, s
+YAW_LAG = 0.15  # lag of the turn rate, s
 YAW_GAIN = 4.5  # turn rate per heading error, 1/s
 MOST_TILT = math.radians(80)  # largest roll and pitch with body-rate setpoints
 HOVER_THRUST = 0.485  # share of full thrust in hover

@@ -9,10 +9,10 @@ from ..config import Airframe
 from ..demands import Bank
 
 STEP = 0.02  # longest integration step, s
-SPEED_LAG = 3.0  # s
+SPEED_LAG = 3.0  # lag of the airspeed, s
 HEIGHT_LAG = 2.0  # climb rate is height error divided by this time, s
 CLIMB_LAG = 1.0  # lag of the climb angle, s
-MOST_CLIMB = 3.0  # m/s
+MOST_CLIMB = 3.0  # largest climb rate, m/s
 MOST_ROLL_RATE = math.radians(100)
 NOSE_DAMPING = 0.7  # damping ratio with which the tail fin turns the nose into the airflow
 # Share of an error of the estimated bank that becomes side-slip instead of a turn; fitted to PX4's

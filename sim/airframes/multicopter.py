@@ -33,7 +33,7 @@ PROPORTIONAL = 1.8
 INTEGRAL = 0.4
 DERIVATIVE = 0.2
 SINKING = 0.06  # sink rate with a vertical velocity setpoint of 0, m/s
-CLIMB_LAG = 0.3  # s
+CLIMB_LAG = 0.3  # lag of the climb rate, s
 
 
 @dataclass(frozen=True)

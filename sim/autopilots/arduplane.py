@@ -67,7 +67,7 @@ class ArduPlane(ArduPilot):
         self._height = start.down
         self._loiter = Loiter(start.north, start.east, self.params["WP_LOITER_RAD"])
         self._forced: Forced | None = None
-        self._heading: tuple[float, float] | None = None  # of command 43002: heading, bank limit
+        self._heading: tuple[float, float] | None = None  # heading and bank limit of command 43002
         self._since = 0
         self._sticks = Sticks(vehicle.system_id)
         self._bank = 0.0

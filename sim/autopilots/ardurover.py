@@ -1,4 +1,5 @@
-"""Rover 4.6.3: GUIDED drives a speed and a turn rate for 3 s, in every coordinate frame."""
+"""Rover 4.6.3. GUIDED drives a commanded speed and turn rate for at most 3 s, in every coordinate
+frame."""
 
 import math
 from typing import ClassVar
@@ -29,8 +30,8 @@ THROTTLE_BIT = 0x40
 YAW_RATE_BIT = 0x04
 TIMEOUT_US = 3_000_000
 DECIDE_US = 100_000
-TURN_LAG = 0.12  # s
-SPEED_LAG = 0.4  # s
+TURN_LAG = 0.12  # lag of the turn rate, s
+SPEED_LAG = 0.4  # lag of the speed, s
 TURN_GAIN = 0.985  # realized over commanded turn rate
 TIGHTEST = 0.9  # smallest turn radius of an Ackermann rover, m
 HOMING = 0.8  # turn rate per heading error, 1/s

@@ -27,7 +27,7 @@ RATES = 0x07
 THROTTLE = 0x40
 ATTITUDE = 0x80
 THRUST_AS_THRUST = 8  # GUID_OPTIONS bit 3
-NEARNESS = 0.5  # 1/s: speed per remaining distance
+NEARNESS = 0.5  # speed per remaining distance, 1/s
 
 
 class GoTo(NamedTuple):

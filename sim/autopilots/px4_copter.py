@@ -19,7 +19,7 @@ from .tables import px4_identity, px4_parameters
 
 DECIDE_US = 20_000
 IDLE_US = 500_000
-MOST_YAW_RATE = 2.25  # rad/s, as flown with MC_YAWRATE_MAX 200 deg/s
+MOST_YAW_RATE = 2.25  # as flown with MC_YAWRATE_MAX 200 deg/s, rad/s
 POSITION_GAIN = 0.95  # velocity per position error, 1/s
 YAW_GAIN = 2.8  # turn rate per heading error, 1/s
 HEIGHT_GAIN = 1.0  # climb rate per height error, 1/s

@@ -7,8 +7,9 @@ from math import hypot, radians
 from circnav_mav.guidance.types import Direction, Orbit
 
 ORBIT = Orbit(100.0, Direction.COUNTERCLOCKWISE, 15.0, radians(20.0))
+"""Circle of config/quickstart.toml, flown in both directions."""
 TURN_LAG = 0.4
-"""Circle ORBIT (flown in both directions) and turn lag (s) of config/quickstart.toml."""
+"""Turn lag of config/quickstart.toml, s."""
 V = ORBIT.speed
 LAST = 100.0
 """Length of the evaluated last part of a flight, s."""

@@ -183,7 +183,7 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     figure = Figure(figsize=(PAGE, 5.0), layout="constrained")
     figure.suptitle(f"{title}: error against {literal(key)}")
     error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    # Largest number of values of a key for which a picture has a line for each value; chosen.
+    # 8: largest number of values of a key for which a picture has a line for each value; chosen.
     others = [other for other in swept if other != key and len({row[other] for row in rows}) <= 8]
     values = [_json_or_text(row[key]) for row in rows]
     numeric = all(

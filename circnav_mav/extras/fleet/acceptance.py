@@ -29,7 +29,7 @@ CLOCK_TOLERANCE = 0.5
 """Largest difference between a report's timestamp and this member's own clock, s. The delay of the
 network is part of this difference."""
 MOST_MEMBERS = 32
-"""Largest number of members in the table."""
+"""Largest number of other members that are accepted at a time."""
 PHASE_RATE_TOLERANCE = 0.1
 """Growth rate of the phase tolerance while both reports are from the circle, rad/s: changes of the
 commanded radius change the phase rate."""
@@ -135,8 +135,13 @@ def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
 
 @dataclass(slots=True)
 class Member:
-    """Accepted state of another member. jumped: first and newest report after a jump of its
-    phase."""
+    """Accepted state of another member.
+
+    report: newest accepted report.
+    address: address of the sender.
+    received_at: Unix time of reception, s.
+    jumped: first and newest report after a jump of the member's phase.
+    """
 
     report: MemberReport
     address: Hashable
@@ -146,7 +151,11 @@ class Member:
 
 @dataclass(slots=True)
 class _Reason:
-    """Newest rejections for one reason: times, s, and the newest detail."""
+    """Newest rejections for one reason.
+
+    times: Unix times of the rejections, s.
+    detail: details of the newest rejection.
+    """
 
     times: deque[float]
     detail: str = ""
@@ -312,7 +321,7 @@ class Acceptance:
             )
 
     def _check_member(self, report: MemberReport, address: Hashable, now: float) -> None:
-        """Raise RejectedError if a report contradicts earlier ones of its member."""
+        """Raise RejectedError if a report contradicts earlier reports of the same member."""
         self._forget(now)
         known = self.members.get(report.member)
         if known is None:

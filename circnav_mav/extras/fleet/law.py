@@ -120,8 +120,10 @@ class SpacingSettings:
 class OwnState:
     """State of this member at one time.
 
-    phase, phase_sigma: temporal phase, rad; None if unknown.
-    range: m.
+    phase: temporal phase, rad, None if unknown.
+    phase_sigma: standard deviation of the phase, rad.
+    range: range to the target, m.
+    leaving: True if the member leaves the circle.
     shares_layer: True if a member with priority is in the same height layer.
     """
 
@@ -136,7 +138,8 @@ class OwnState:
 class Adjustment:
     """Result of a step.
 
-    offset: m outward from the circle.
+    state: state to report.
+    offset: change of the radius, outward, m.
     speed: factor of the speed.
     error: smoothed lag u, rad, None while not on the circle.
     counted: phases of the members on the circle including this one, rad, by id.
@@ -215,8 +218,8 @@ class Spacing:
         return self._adjustment(state, counted, own)
 
     def _state(self, now: float, own: OwnState, others: Mapping[int, float]) -> State:
-        """Return the state of this member. Enter the circle as soon as the member is near it: the
-        height layers separate it from the others, and all make room at once."""
+        """Return the state of this member. The member enters the circle as soon as it is near the
+        circle: height layers separate the members, and all of them make room at the same time."""
         settings = self.settings
         if own.leaving:
             return State.LEAVING

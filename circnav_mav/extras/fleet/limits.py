@@ -15,7 +15,7 @@ from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mission.mission import Mission
 
 COMPASS_SIGMA = radians(2.0)
-"""Typical error of a calibrated compass, rad."""
+"""Standard deviation of the error of a typical calibrated compass, rad."""
 LEAST_GAP = 25.0
 """Smallest distance of neighbors on the circle at which they are separate without height layers,
 m."""
@@ -54,8 +54,8 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
 
 
 def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
-    """Yield checks of the law, the fleet size, the evenness, the time to reach it, and the ranges
-    per second."""
+    """Yield checks of the law, the fleet size, the evenness, the time to reach this evenness, and
+    the ranges per second."""
     assert table.id is not None
     if mission.file.guidance.law not in AUTO_LAWS:
         words = (

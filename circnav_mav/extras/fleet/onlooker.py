@@ -416,8 +416,8 @@ class FleetOnlooker(Onlooker):
         return mission.engaged_at is not None and now - mission.engaged_at > self._duration - 15.0
 
     def _shares_layer(self, now: float) -> bool:
-        """True if another member is in the same height layer and has priority: it is on the circle
-        or has the lower id."""
+        """True if another member is in the same height layer and has priority: the other member is
+        on the circle or has the lower id."""
         height = self._pilot.height(now)
         if height is None or not self._flies:
             return False

@@ -38,7 +38,7 @@ COMMANDS = frozenset(
     {dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE}
 )
 GONE = 10.0
-"""Age of the newest heartbeat, s, after which no position is handed back."""
+"""Age of the vehicle's newest heartbeat, s, above which no position is handed back."""
 
 
 class Companion:

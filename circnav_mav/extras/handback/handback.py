@@ -147,7 +147,7 @@ class RunningMean:
         self._at = float("-inf")
         self.value: complex = 0j
         self.over = 0.0
-        """Time span of the mean, s."""
+        """Time span of the averaged values, at most the time constant, s."""
 
     def learn(self, value: complex, now: float) -> None:
         """Add a value. The first value sets the mean."""

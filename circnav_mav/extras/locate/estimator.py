@@ -1,12 +1,14 @@
 """Target place by batch least squares over vehicle positions and ranges. The same estimator serves
 flights and logs.
 
-States: the place, its height, its velocity if it moves, the radio's bias and scale, the delay of
-positions relative to ranges, and the error of the positions on three axes. The error of the
-positions is a first-order Gauss-Markov process, linear between nodes. A realistic covariance needs
-these states: GPS errors are correlated, and a lap averages little of them. Without the vertical
-error, an altitude that wandered by 1 m gave a wrong height: a beacon at the height of the track was
-fitted 40 m too high, with a bias of 6 m.
+States of the target: the place, its height, and its velocity if it moves. States of the radio:
+bias, scale, and the delay of positions relative to ranges. Further states are the errors of the
+positions on three axes.
+
+The error of the positions is a first-order Gauss-Markov process, linear between nodes. A realistic
+covariance needs these states: GPS errors are correlated, and a lap averages little of them. Without
+the vertical error, an altitude that wandered by 1 m gave a wrong height: a beacon at the height of
+the track was fitted 40 m too high, with a bias of 6 m.
 """
 
 from collections.abc import Iterator

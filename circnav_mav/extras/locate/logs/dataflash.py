@@ -68,7 +68,7 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
         reader, {"POS", "ORGN", "XKF1", "GPS", "RFND", "BCN", *with_names, named}
     ):
         kind = message.get_type()
-        # ORGN.Type of the estimator's origin (ArduPilot's LogOriginType).
+        # In ORGN, Type 0 is the origin of the estimator (ArduPilot's LogOriginType).
         match kind:
             case "GPS":
                 # The field U marks the primary receiver, which the filter uses. Without a fix of

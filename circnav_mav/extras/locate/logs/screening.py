@@ -1,5 +1,5 @@
-"""Removes values that are not measurements: positions before the fix, and repeated values of a
-receiver or radio."""
+"""Screening of a log: removes values that are not measurements, such as positions before the fix,
+and repeated values of a receiver or radio."""
 
 from collections.abc import Sequence
 from itertools import groupby

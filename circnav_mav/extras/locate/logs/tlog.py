@@ -110,7 +110,8 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
 
 
 def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[RangeLog]:
-    """Pair the ranges of each radio with the positions of the vehicle that carries it."""
+    """Return one log per vehicle: pair the ranges of each radio with the positions of the vehicle
+    on which the radio is mounted."""
     systems = sorted({system for system, _ in senders})
     tracks = {system: track for system in systems if (track := _track(senders, system))}
     chosen = tracks
@@ -131,7 +132,7 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
         if not sender.ranges or (system in tracks and system not in logs):
             continue
         # A radio with its own system id belongs to the only vehicle. With several vehicles, the
-        # carrier is unknown.
+        # vehicle of such a radio is unknown.
         carrier = logs.get(system, only)
         if carrier is None:
             unmatched.append(f"{system}/{component}")
