@@ -124,7 +124,8 @@ class Ranging(Table):
     """[ranging]: errors of the ranging radio, its message, and its route to the receiver.
 
     scale, bias_m: a range is reported as scale times its length plus bias_m.
-    table_m: replaces both by straight lines through points, each [true, reported], rising.
+    table_m: replaces scale and bias_m by straight lines through points, each [true, reported],
+        rising.
     rate_name: also send the range rate, as a NAMED_VALUE_FLOAT of this name.
     rate_noise_mps: white noise of the range rate.
     rate_bias_mps: RMS of the range-rate bias from the carrier's frequency offset, which changes

@@ -53,7 +53,7 @@ def serve(
 
 
 def stop_signals() -> Callable[[], bool]:
-    """Catch SIGINT and SIGTERM. Return a function that is True once one of them was received."""
+    """Catch SIGINT and SIGTERM. Return a function that is True after either signal was received."""
     caught: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: caught.append(received))

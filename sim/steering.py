@@ -1,8 +1,8 @@
 """Fault of an autopilot: it stays in its mode, and ignores or changes the turns of its setpoints.
 
-Real causes are a setpoint that a mode accepts and does not fly (PX4's plane in OFFBOARD by
-velocity), a disconnected servo, a reversed channel, and a rate controller without gain. The fault
-replaces each setpoint by one of the same type.
+A real cause is a setpoint that a mode accepts and does not fly (PX4's plane in OFFBOARD by
+velocity). Others are a disconnected servo, a reversed channel, and a rate controller without gain.
+The fault replaces each setpoint by one of the same type.
 """
 
 import math

@@ -223,7 +223,8 @@ def nav_controller_output(flight: Flight) -> Message | None:
 def position_target_local_ned(flight: Flight) -> Message | None:
     """Velocity setpoint that a copter flies, earth frame.
 
-    ArduCopter 4.6 also reports the acceleration feedforward, but no yaw rate. PX4 reports both.
+    ArduCopter 4.6 also reports the acceleration feedforward, but no yaw rate. PX4 reports
+    feedforward and yaw rate.
     """
     flown = flight.autopilot.flown()
     pilot = flight.autopilot

@@ -1,5 +1,5 @@
-"""Airframe of copters. One model flies velocity setpoints, the other one attitude setpoints. Each
-step uses the model for the present setpoint."""
+"""Airframe of copters. One model flies velocity setpoints, another model flies attitude setpoints.
+Each step uses the model for the present setpoint."""
 
 import math
 from dataclasses import dataclass

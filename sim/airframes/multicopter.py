@@ -80,11 +80,12 @@ class Multicopter:
     """ArduCopter 4.6.3. It compensates a steady wind. A gust displaces the copter until the
     velocity loop has compensated the gust.
 
-    After a step of the commanded yaw rate, the turn rate has a dead time of 0.2 s, reaches half its
+    A step of the commanded yaw rate acts after a dead time of 0.2 s. The turn rate reaches half its
     value after 0.35 s and overshoots by 20 %. The turn is then 1 to 6 % faster than commanded,
-    increasing with the turn rate. The direction of the velocity lags behind the nose by 5 deg at 3
-    m/s and 0.2 rad/s, and by 10 deg at 5 m/s and 0.3 rad/s. A setpoint with centripetal
-    acceleration removes this lag.
+    increasing with the turn rate.
+
+    The direction of the velocity lags behind the nose: by 5 deg at 3 m/s and 0.2 rad/s, by 10 deg
+    at 5 m/s and 0.3 rad/s. A setpoint with centripetal acceleration removes this lag.
     """
 
     yaw_loop: YawLoop
@@ -245,13 +246,14 @@ def _displaced(moved: Body, before: Body, down: float, h: float) -> Body:
 
 @dataclass(frozen=True)
 class DraggedCopter:
-    """PX4's copter: a velocity loop in NED against drag (1/s). Its lag makes a turning copter slow
-    down and crab.
+    """PX4's copter: a velocity loop in NED against drag (1/s). The lag of the loop makes a turning
+    copter slow down and crab.
 
     The gains are MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4 and MPC_XY_VEL_D_ACC 0.2. For a
-    velocity setpoint that turns at w without feedforward, drag d gives the transfer function (1.8
-    jw + 0.4) / (-1.2 w^2 + (1.8 + d) jw + 0.4). With d = 1/s, 5 m/s and 0.3 rad/s it predicts 3.78
-    m/s and a lag of 17 deg. PX4 flew 3.76 m/s and 16 deg.
+    velocity setpoint that turns at w without feedforward, and drag d, the transfer function is
+    (1.8 jw + 0.4) / (-1.2 w^2 + (1.8 + d) jw + 0.4).
+    With d = 1/s, 5 m/s and 0.3 rad/s it predicts 3.78 m/s and a lag of 17 deg. PX4 flew 3.76 m/s
+    and 16 deg.
     """
 
     yaw_loop: YawLoop

@@ -145,8 +145,9 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
 def markdown(cells: Sequence[Cell]) -> str:
     """Return the table of `auto`, and then the table of the other laws that were flown.
 
-    A cell of the second table has the median RMS radius error, the number of flights that kept the
-    circle (in brackets, unless all kept it), and the standard deviation of the turn command.
+    A cell of the second table has three figures: the median RMS radius error, the number of flights
+    that kept the circle, and the standard deviation of the turn command. The number (in brackets)
+    is left out if all flights kept the circle.
     """
     own, others = (
         [cell for cell in cells if (cell.policy == OWN) is mine] for mine in (True, False)

@@ -100,8 +100,8 @@ class SpacingSettings:
 
     @property
     def radius_share(self) -> float:
-        """Largest relative change of the radius, inward and outward. It is the same for both so
-        that the changes in a fleet sum to 0."""
+        """Largest relative change of the radius. The limit is the same inward and outward, so that
+        the changes in a fleet sum to 0."""
         room = min(MAX_RADIUS_CHANGE, self.inward, self.outward)
         return min(room / self.radius, MAX_RADIUS_SHARE)
 

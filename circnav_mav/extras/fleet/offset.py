@@ -15,11 +15,11 @@ from circnav_mav.extras.fleet.phase import Drift, PhaseMap, wrapped
 PRIOR = radians(3.0)
 """Standard deviation of the phase difference of two members caused by their compasses, rad."""
 MOST_BY_DRIFT = radians(10.0)
-"""Largest offset computed from the directions of two drifts, rad. A larger difference is partly
-caused by gusts and by wind shear between the height layers."""
+"""Limit of the offset computed from the directions of two drifts, rad. Gusts and wind shear between
+the height layers also change these directions."""
 MOST_BY_RANGE = radians(30.0)
-"""Largest offset computed from the distance of two members, rad. With a larger one, the other
-member was assumed on the wrong side."""
+"""Largest offset computed from the distance of two members, rad. A larger one is discarded: the
+other member was then assumed on the wrong side."""
 LEAST_DRIFT = 1.0
 """Smallest reported drift from which an offset is computed, m/s. The direction of a slower drift is
 too uncertain."""

@@ -2,8 +2,8 @@
 its position.
 
 No position is sent while the autopilot has an absolute position, or while its status is not
-reported. Sending stops for the rest of the flight if the autopilot does not answer, does not
-support the command, gives an unexpected answer, or accepts positions without effect.
+reported. Sending stops for the rest of the flight in four cases: no answer, command not supported,
+unexpected answer, or positions that are accepted without effect.
 """
 
 from cmath import phase, rect

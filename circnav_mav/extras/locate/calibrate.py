@@ -33,7 +33,7 @@ BIAS = 10.0
 """Standard deviation of the bias of an uncalibrated radio, m."""
 CLOCKS = 0.1
 """Standard deviation of the delay of ranges relative to positions, s. It is small because one
-recorder stamps both."""
+recorder stamps ranges and positions."""
 BINS = 8
 """Number of bins of range in which the range error is averaged."""
 
@@ -175,14 +175,14 @@ def measure(
     if max(off, default=0.0) <= 2.0 * known.gps_sigma:
         return straight
     # The radio is not linear. The place fitted with a straight line is slightly off, and so is a
-    # table made with this place. Each round improves both, because a circle gives the place for any
-    # constant error. Do not estimate the delay again: on a straight approach it looks like a bias
-    # of the far ranges, and estimating both diverges.
+    # table made with this place. Each round improves place and table, because a circle gives the
+    # place for any constant error. Do not estimate the delay again: on a straight approach it looks
+    # like a bias of the far ranges, and estimating delay and bias together diverges.
     track = replace(track, time=track.time - place.delay)
     settled = replace(known, bias_sigma=1.0, scale_sigma=CALIBRATED, delay_sigma=0.001)
     curved = straight
-    # 4: number of refinements of the table and of the place. Each one changes both less than the
-    # one before.
+    # 4: number of refinements of the table and of the place. Each refinement changes table and
+    # place less than the one before.
     for _ in range(4):
         points = tuple((round(one.true, 1), round(one.true + one.error, 2)) for one in bins)
         if not rising(points):
