@@ -25,12 +25,12 @@ def emulate(
         ConfigError,
         load_vehicle,
         parse_vehicle,
-    )  # slow imports, not needed for --help
+    )  # slow imports, which --help does not need
     from .server import serve, stop_signals
 
     if not 0 < speed <= 100:
         raise ConfigError(f"--speed: must be above 0 and at most 100, not {speed:g}")
-    # a flight needs this setting if the vehicle does not run in real time
+    # A flight needs this setting if the vehicle does not run in real time.
     how = (
         ""
         if speed == 1

@@ -5,18 +5,20 @@ from random import Random
 from typing import NamedTuple
 
 GRAVITY = 9.80665  # m/s^2
-# GPS correction of the estimate: rad/s, damping ratio
-FREQUENCY = 0.32
-DAMPING = 0.45
-# random walk of roll, rad/sqrt(s), per rad of RMS roll error that it causes; pitch has half of it
+FREQUENCY = 0.32  # loop in which GPS corrects the estimate of tilt and velocity, rad/s
+DAMPING = 0.45  # damping ratio of this loop
+# random walk of roll, rad/sqrt(s), per rad of RMS roll error that it causes; pitch has half of this
+# random walk
 TILT_NOISE = 0.57
-HARD_IRON = math.radians(0.2)  # amplitude of the heading error, one period per full turn
-UNAIDED = 0.12  # rad/s: bandwidth with which an estimator without GPS assumes a vehicle at rest
-QUADRATIC_DRAG = 0.125  # s/m: quadratic over linear drag of a multicopter
+HARD_IRON = math.radians(0.2)  # amplitude of the compass error that repeats once per full turn
+# bandwidth of an estimator without GPS, which assumes a vehicle at rest, rad/s
+UNAIDED = 0.12
+QUADRATIC_DRAG = 0.125  # quadratic over linear drag of a multicopter, s/m
 
 Vector = tuple[float, float, float]
 Line = tuple[tuple[float, float], ...]
-"""Delayed commands, each as (seconds until it takes effect, value). The first one is in effect."""
+"""Delayed commands, each as (seconds until it takes effect, value). The first entry is in
+effect."""
 
 
 class EstimateError(NamedTuple):
@@ -24,10 +26,10 @@ class EstimateError(NamedTuple):
     heading rad.
 
     Noisy gyros tilt the estimate. Gravity then looks like a horizontal acceleration. The GPS
-    corrects the errors of tilt and velocity within seconds. PX4's simulator SIH has 1 deg rms of
-    roll error, which behaves like an oscillator of 0.32 rad/s. It also has errors of 0.2 m/s in the
-    velocity along the nose and of 1.1 deg in the heading. ArduPlane has 0.17 deg of roll error, 0.1
-    deg of heading error, and another 0.2 deg that depends on the heading.
+    corrects the errors of tilt and velocity within seconds. PX4's simulator SIH has 1 deg RMS of
+    roll error, which behaves like an oscillator of 0.32 rad/s. SIH also has errors of 0.2 m/s in
+    the velocity along the nose and of 1.1 deg in the heading. ArduPlane has 0.17 deg of roll error,
+    0.1 deg of heading error, and another 0.2 deg that depends on the heading.
     """
 
     velocity: tuple[float, float] = (0.0, 0.0)
@@ -37,7 +39,7 @@ class EstimateError(NamedTuple):
     place: tuple[float, float] = (
         0.0,
         0.0,
-    )  # position of an estimator without GPS, relative to where it stands still
+    )  # error of the position of an estimator without GPS
 
     def tilt(self, heading: float) -> tuple[float, float]:
         """Return the errors of roll and pitch, rad."""
@@ -47,12 +49,16 @@ class EstimateError(NamedTuple):
     def after(
         self, dt: float, roll: float, wander: float, heading: float, rng: Random
     ) -> "EstimateError":
-        """Return the error dt later. roll, wander: rms of roll and heading error, rad. heading:
-        true heading, rad."""
+        """Return the error dt later.
+
+        roll: RMS roll error, rad.
+        wander: RMS of the slowly varying heading error, rad.
+        heading: true heading, rad.
+        """
         noise = roll * TILT_NOISE * math.sqrt(dt)
         right, forward = rng.gauss(0.0, noise), rng.gauss(0.0, noise / 2)
         fresh = to_earth(forward, right, heading)
-        # Correlation time of the heading error, s
+        # 12.0: correlation time of the heading error, s.
         kept = math.exp(-dt / 12.0)
         turned = kept * self.wander + rng.gauss(0.0, wander * math.sqrt(1 - kept * kept))
         moved = tuple(
@@ -63,26 +69,28 @@ class EstimateError(NamedTuple):
         return EstimateError((north, east), (lean_north, lean_east), off, turned)
 
     def unaided(self, dt: float, acceleration: tuple[float, float]) -> "EstimateError":
-        """Return the error dt later without GPS, as ArduPilot's EKF3 has it.
+        """Return the error dt later without GPS, as in ArduPilot's EKF3.
 
         The estimator assumes that the vehicle stays in place (within EK3_NOAID_M_NSE, 10 m). A
-        lasting acceleration, north and east in m/s^2, looks like gravity: its estimate of the tilt
-        is wrong by 1 to 3 deg in turns. The compass then measures the wrong heading.
+        lasting acceleration, north and east in m/s^2, looks like gravity, so that the estimated
+        tilt is wrong by 1 to 3 deg in turns. With the wrong tilt, the compass gives a wrong
+        heading.
         """
         north, east = (
             _standing(*one, dt)
             for one in zip(self.place, self.velocity, self.lean, acceleration, strict=True)
         )
         lean = north[2], east[2]
-        # Tangent of the magnetic inclination: heading error per error of the tilt to the east
+        # 2.1: tangent of the magnetic inclination, that is, the heading error per tilt error to the
+        # east.
         return EstimateError((north[1], east[1]), lean, 2.1 * lean[1], 0.0, (north[0], east[0]))
 
 
 def _standing(
     place: float, velocity: float, lean: float, acceleration: float, dt: float
 ) -> tuple[float, float, float]:
-    """Return place, velocity and error of the lean of an observer that measures "place = 0", dt
-    later."""
+    """Return place, velocity and error of the lean after dt, for an estimator that measures "place
+    = 0"."""
     measured = acceleration + GRAVITY * lean
     return (
         place + (velocity - 2 * UNAIDED * place) * dt,
@@ -94,8 +102,8 @@ def _standing(
 def air_drag(coefficient: float, air: tuple[float, float], heading: float) -> tuple[float, float]:
     """Return the drag of a multicopter per mass against the air (north, east), m/s^2.
 
-    coefficient: of the linear part, 1/s. The drag acts along each body axis, as in ArduPilot's
-    simulator.
+    coefficient: linear part of the drag, 1/s. The quadratic part is computed for each body axis
+        separately, as in ArduPilot's simulator.
     """
     cos, sin = math.cos(heading), math.sin(heading)
     forward, right = air[0] * cos + air[1] * sin, air[1] * cos - air[0] * sin
@@ -126,8 +134,8 @@ class Body(NamedTuple):
     pitch: float = 0.0
     roll_rate: float = 0.0  # rate of the roll angle, rad/s
     pitch_rate: float = 0.0
-    turn_acceleration: float = 0.0  # inside the yaw loop, rad/s^2
-    course_rate: float = 0.0  # inside the velocity loop, rad/s
+    turn_acceleration: float = 0.0  # state of the yaw loop, rad/s^2
+    course_rate: float = 0.0  # state of the velocity loop, rad/s
     course_feed: float = 0.0  # filtered feedforward of the velocity loop, rad/s
     push_north: float = 0.0  # integrators of the velocity loop, m/s^2
     push_east: float = 0.0
@@ -139,10 +147,10 @@ class Body(NamedTuple):
     trimmed_wind: tuple[float, float] = (
         0.0,
         0.0,
-    )  # wind that the vehicle is trimmed for; the rest is a gust
+    )  # wind that the vehicle has compensated; the rest is a gust
     error: EstimateError = (
         EstimateError()
-    )  # contained in the reports and in the inputs of the control loops
+    )  # affects the reports and the inputs of the control loops
     on_the_way: Line = ()  # commands within the dead time (see through_line)
 
     @property
@@ -155,7 +163,7 @@ class Body(NamedTuple):
 
     @property
     def course(self) -> float:
-        """Direction of travel over the ground; the heading at standstill."""
+        """Direction of travel over the ground, rad. At standstill it is the heading."""
         if self.ground_speed < 1e-6:
             return self.heading
         return math.atan2(self.velocity_east, self.velocity_north)
@@ -266,7 +274,7 @@ def pieces(dt: float, longest: float) -> list[float]:
 
 
 def through_line(line: Line, command: float, dead_time: float, h: float) -> Line:
-    """Return the delay line `h` seconds later with a new command. The value of its first entry is
+    """Return the delay line `h` seconds later, with a new command. The value of its first entry is
     in effect."""
     line = tuple((left - h, value) for left, value in line)
     if not line or line[-1][1] != command:

@@ -37,15 +37,18 @@ class Airframe(Table):
     """[vehicle]: autopilot and dynamics. A default of None depends on the profile.
 
     dynamics: "unicycle" (default of arducopter) is ideal and holds its speed over the ground.
-    "airborne" holds it through the air and drifts with the wind. "realistic" (default of the
-    others) has the measured dynamics. boot_age_s: time since the autopilot's boot at time zero (its
-    32-bit milliseconds wrap at 4294967.296 s). odometry: velocity without GPS (optical flow, wheel
-    encoders), valid once an origin is set (message 48). drag_per_s: drag of copters; default:
-    px4_copter 1.0, arducopter 0.24 (linear part).
-    max_lean_deg: ANGLE_MAX (default 30), MPC_TILTMAX_AIR (default 45). turn_frequency_rad_s,
-    turn_damping: override the measured turn or roll loop; a damping below 0.3 rings. steering:
-    "straight", "frozen" (repeats the last command), "turning" (12 deg/s) and "hovering" ignore turn
-    commands. "reversed" and "weak" (a tenth) change them.
+        "airborne" is ideal, holds its speed through the air, and drifts with the wind. "realistic"
+        (default of the others) has the measured dynamics.
+    boot_age_s: time since the autopilot's boot at time zero (its 32-bit milliseconds wrap at
+        4294967.296 s).
+    odometry: velocity without GPS (optical flow, wheel encoders), valid once an origin is set
+        (message 48).
+    drag_per_s: drag of copters; default: px4_copter 1.0, arducopter 0.24 (linear part).
+    max_lean_deg: ANGLE_MAX (default 30) or MPC_TILTMAX_AIR (default 45).
+    turn_frequency_rad_s, turn_damping: replace the measured turn or roll loop; a damping below 0.3
+        oscillates.
+    steering: "straight", "frozen" (repeats the last command), "turning" (12 deg/s) and "hovering"
+        ignore turn commands. "reversed" and "weak" (a tenth) change turn commands.
     """
 
     profile: Literal[PROFILES] = "arducopter"  # type: ignore[valid-type]
@@ -73,8 +76,8 @@ class Airframe(Table):
 
 
 class RandomStart(Table):
-    """[start.random]: bounds of random values, drawn by the seed. A key that is not given stays as
-    in [start]."""
+    """[start.random]: bounds of random values, drawn with the seed. A key that is not given keeps
+    its value of [start]."""
 
     north_m: Interval | None = None
     east_m: Interval | None = None
@@ -84,7 +87,7 @@ class RandomStart(Table):
 
 
 class Start(Table):
-    """[start]: the vehicle at time zero; north and east of home, height above home."""
+    """[start]: the vehicle at time zero: position north and east of home, height above home."""
 
     north_m: float = -200.0
     east_m: float = 0.0
@@ -109,7 +112,7 @@ class Target(Table):
 
 
 class Wind(Table):
-    """[wind]: speed, and the direction that it comes from, as in weather reports."""
+    """[wind]: speed, gusts, and the direction from which the wind blows, as in weather reports."""
 
     speed_mps: float = Field(default=0.0, ge=0.0, le=100.0)
     from_deg: float = 0.0
@@ -120,10 +123,13 @@ class Wind(Table):
 class Ranging(Table):
     """[ranging]: errors of the ranging radio, its message, and its route to the receiver.
 
-    scale, bias_m: a range is reported as scale times its length plus bias_m. table_m: instead, by
-    straight lines through points, each [true, reported], rising. rate_name: also send the range
-    rate, as a NAMED_VALUE_FLOAT of this name. rate_noise_mps: white noise. rate_bias_mps: rms of
-    the carrier's offset, which changes within a minute.
+    scale, bias_m: a range is reported as scale times its length plus bias_m.
+    table_m: replaces scale and bias_m by straight lines through points, each [true, reported],
+        rising.
+    rate_name: also send the range rate, as a NAMED_VALUE_FLOAT of this name.
+    rate_noise_mps: white noise of the range rate.
+    rate_bias_mps: RMS of the range-rate bias from the carrier's frequency offset, which changes
+        within a minute.
     """
 
     message: Literal["distance_sensor", "ranging_beacon", "named_value_float"] = "distance_sensor"
@@ -154,8 +160,8 @@ class Ranging(Table):
 
 
 class TruthStream(Table):
-    """[truth]: rate of the messages that carry the true state, beside the autopilot's own; 0 turns
-    them off."""
+    """[truth]: rate of the messages with the true state, sent in addition to the autopilot's own
+    messages; 0: not sent."""
 
     rate_hz: float = Field(default=10.0, ge=0.0, le=100.0)
 
@@ -163,15 +169,16 @@ class TruthStream(Table):
 class Sensors(Table):
     """[sensors]: errors of the reported values.
 
-    accel_noise_mps2, gyro_noise_deg_s: rms noise; default: 0.2 and 0, for a realistic px4_* the
-    noise of PX4's SIH. accel_bias_mps2: constant bias with random signs; default: drawn from 0.05
-    to 0.1.
+    accel_noise_mps2, gyro_noise_deg_s: RMS noise; default: 0.2 and 0, for a realistic px4_* the
+        noise of PX4's SIH.
+    accel_bias_mps2: constant bias with random signs; default: drawn from 0.05 to 0.1.
     imu: "frozen" repeats its last reading, "clipped" saturates at 8 m/s^2, "rotated" is mounted 90
-    deg to the right. attitude_error_deg: rms error of the estimated roll, with the matching errors
-    of velocity and heading (EstimateError); default: realistic px4_* 1.0, arduplane 0.15, else 0.
-    gps_error_m: standard deviation of the reported position per axis, first order with
-    gps_error_time_s. dead_reckoning_mps: standard deviation of the position drift without GPS, per
-    axis.
+        deg to the right.
+    attitude_error_deg: RMS error of the estimated roll, with the matching errors of velocity and
+        heading (EstimateError); default: realistic px4_* 1.0, arduplane 0.15, else 0.
+    gps_error_m: standard deviation of the reported position per axis, a first-order process with
+        gps_error_time_s.
+    dead_reckoning_mps: standard deviation of the position drift without GPS, per axis.
     """
 
     heading_bias_deg: float = Field(default=0.0, ge=-180.0, le=180.0)
@@ -197,10 +204,11 @@ class Battery(Table):
 
 
 class Signing(Table):
-    """[signing]: key file of vehicle and radio (64 hex digits or 32 bytes); None: no signing, all
-    senders are accepted.
+    """[signing]: signing of the vehicle and the radio.
 
-    accept_unsigned: as on ArduPilot's USB port.
+    key_file: file of the key (64 hex digits or 32 bytes); None: no signing, and all senders are
+        accepted.
+    accept_unsigned: accept unsigned frames, as on ArduPilot's USB port.
     """
 
     key_file: str | None = None
@@ -253,7 +261,8 @@ class VehicleConfig(Table):
         return math.radians(default if given is None else given)
 
     def rebooted(self) -> "VehicleConfig":
-        """Return the configuration after a reset of the autopilot: disarmed, in its first mode."""
+        """Return the configuration after a restart of the autopilot: disarmed, in its first
+        mode."""
         first = next(iter(MODES[self.vehicle.profile]))
         return self.changed(start=self.start.changed(armed=False, mode=first, speed_mps=None))
 
@@ -272,8 +281,8 @@ def _checked(config: VehicleConfig, where: str) -> VehicleConfig:
 
 
 def load_vehicle(path: str | Path) -> VehicleConfig:
-    """Read a vehicle file or the [sim] table of a mission file. A key file's path is relative to
-    that file's folder."""
+    """Read a vehicle file or the [sim] table of a mission file. The path of a key file is relative
+    to the folder of the file that names it."""
     try:
         table = tomllib.loads(Path(path).read_text("utf-8-sig"))
     except OSError as error:

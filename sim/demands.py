@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class BodyVelocity(NamedTuple):
-    """Velocity in body axes. On a unicycle it turns with the nose."""
+    """Velocity in body axes. On a unicycle, the velocity turns with the nose."""
 
     forward: float
     right: float = 0.0
@@ -13,7 +13,7 @@ class BodyVelocity(NamedTuple):
 
 
 class EarthVelocity(NamedTuple):
-    """Velocity over the ground, independent of the heading; accelerations are fed forward."""
+    """Velocity over the ground, independent of the heading. The acceleration is a feedforward."""
 
     north: float
     east: float
@@ -31,7 +31,7 @@ class Brake(NamedTuple):
 
 
 class Tilt(NamedTuple):
-    """Attitude. The nose turns to `heading`, if given; `yaw_rate` is added to that turn.
+    """Attitude. The nose turns to `heading`, if given, and `yaw_rate` is added to this turn.
 
     The autopilot flies the climb rate `climb`. With a raw `thrust` (0 to 1), the sender has to
     control the height.
@@ -46,7 +46,7 @@ class Tilt(NamedTuple):
 
 
 class Spin(NamedTuple):
-    """Body rates p, q, r; height as with Tilt."""
+    """Body rates p, q, r, rad/s. The height is controlled as with Tilt."""
 
     roll_rate: float
     pitch_rate: float

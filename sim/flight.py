@@ -33,9 +33,10 @@ AUTOPILOTS: dict[str, Callable[[VehicleConfig, Say, Body], Autopilot]] = {
 
 
 class Truth(NamedTuple):
-    """True state. NED meters from home, radians, m/s; angles and rates clockwise seen from above.
+    """True state. NED meters from home, radians, m/s. Angles and rates are clockwise seen from
+    above.
 
-    SIM_TRUTH sends north to wind_east in this order.
+    SIM_TRUTH sends the fields from north to wind_east in this order.
     """
 
     time: float
@@ -68,7 +69,7 @@ class Flight:
         self._say = say
         self.air = Air(config.wind, config.seed)
         self.target = partial(target_at, config.target)
-        # Newest sample of the rangefinder driver and its time
+        # Time and newest sample of the rangefinder driver
         self._ranged: tuple[int, Sample] | None = None
         self.instruments = Instruments(config.sensors, config.seed, config.sih)
         self.battery = config.battery.percent
@@ -105,7 +106,8 @@ class Flight:
             self.now = to
             trail = self._velocities
             trail.append((to, self.body.velocity))
-            # Averaging time of the accelerometers: autopilots filter at 20 to 30 Hz
+            # 20_000: averaging time of the accelerometers, us. Autopilots filter accelerations at
+            # 20 to 30 Hz.
             while trail[1][0] <= to - 20_000:
                 trail.popleft()
 
@@ -167,12 +169,12 @@ class Flight:
         )
 
     def receive_range(self, sample: Sample) -> None:
-        """Store a sample in the autopilot's rangefinder driver, until the next one arrives or it is
-        too old."""
+        """Store a sample in the autopilot's rangefinder driver. It is valid until the next sample
+        arrives or the sample is too old."""
         self._ranged = self.now, sample
 
     def latest_range(self) -> Sample | None:
-        """Return the sample in the rangefinder driver, or None if there is none or it is too
+        """Return the sample in the rangefinder driver. None if there is none or the sample is too
         old."""
         return (
             self._ranged[1]

@@ -6,7 +6,7 @@ from random import Random
 from .body import Body, Vector, within
 from .config import Sensors
 
-# rms noise of sent values, m/s^2, rad/s
+# RMS noise of the sent values of PX4's SIH per axis, m/s^2 and rad/s
 ACCEL_OF_SIH = (0.36, 1.15, 0.99)
 GYRO_OF_SIH = (0.084, 0.042, 0.0185)
 PHASES = (0.0, 2.1, 4.2)  # phases of the vibration in the three axes, rad
@@ -69,7 +69,7 @@ class Instruments:
         if self.imu_state == "frozen" and self._last_imu is not None:
             return self._last_imu
         (p, q, r), shaken = self.rates(true), self._config.accel_vibration_mps2
-        # Vibration of a motor; a stream of 50 Hz contains its alias
+        # Vibration of a motor. A stream of 50 Hz contains the alias of this vibration.
         x, y, z = (
             value
             + bias
@@ -82,7 +82,8 @@ class Instruments:
         if self.imu_state == "rotated":
             x, y, p, q = y, -x, q, -p
         if self.imu_state == "clipped":
-            # Below 1 g, so that the vertical axis clips in level flight
+            # 8.0: limit of a clipped axis, m/s^2. It is below 1 g, so that the vertical axis clips
+            # in level flight.
             x, y, z = (within(value, 8.0) for value in (x, y, z))
         self._last_imu = (x, y, z), (p, q, r)
         return self._last_imu

@@ -42,8 +42,8 @@ class Link:
         self.silent = False
 
     def messages(self, data: bytes, *, stream: bool) -> list[Message]:
-        """Parse bytes. A datagram resets the parser: a stray byte must not consume later frames. A
-        stream does not."""
+        """Return the messages in bytes. A datagram resets the parser, so that a stray byte does not
+        consume later frames. A piece of a stream does not reset it."""
         if not stream:
             self._in.buf = bytearray()
             self._in.buf_index = 0
@@ -51,15 +51,15 @@ class Link:
         return [message for message in self._in.parse_buffer(data) or [] if self._readable(message)]
 
     def _readable(self, message: Message) -> bool:
-        """True if the frame is intact and of a known id, and not MAVLink 2 on a MAVLink 1
-        autopilot."""
+        """True if the frame is intact and has a known id. A MAVLink 1 autopilot reads no MAVLink 2
+        frames."""
         return message.get_msgId() >= 0 and (
             self._version == 2 or message.get_msgbuf()[0] != V2_MARKER
         )
 
     def frame(self, message: Message) -> bytes | None:
-        """Pack the next frame of this sender. Return None if this MAVLink version or a field cannot
-        carry it."""
+        """Return the next frame of this sender. None if the message does not exist in this MAVLink
+        version, or a value does not fit its field."""
         if self._version == 1 and message.get_msgId() > V1_LARGEST_ID:
             return None
         self._signing.prepare(self._out)
@@ -68,7 +68,8 @@ class Link:
         except (
             struct.error,
             OverflowError,
-        ):  # the vehicle is so far away that a value does not fit its field
+        ):
+            # The vehicle is so far away that a value does not fit its field.
             return None
         self._out.seq = (self._out.seq + 1) % 256
         return data
@@ -91,8 +92,8 @@ class Link:
 
 
 class Router:
-    """Learns the links of senders and forwards messages. A component gets messages only after it
-    has sent one."""
+    """Router: learns the link of each sender and forwards messages. A component receives messages
+    only after it has sent one."""
 
     def __init__(self, own: Address, unknown_ids: frozenset[int], adopts_strays: bool) -> None:
         self._own = own

@@ -1,4 +1,4 @@
-"""The few parameters that matter to a companion, under their real names, and the protocol that
+"""The few parameters that a companion computer uses, under their real names, and the protocol that
 reads and sets them."""
 
 import math
@@ -14,7 +14,7 @@ INT16 = 4
 INT32 = 6
 REAL32 = 9
 NOT_IN_LIST = 65535
-LARGEST = 1e6  # no real setting is larger; NaN is rejected as well
+LARGEST = 1e6  # largest value of a parameter; NaN is rejected as well
 RANGES = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1)}
 
 
@@ -50,7 +50,7 @@ class Parameters(dict[str, float]):
         return self._message(found, NOT_IN_LIST) if found else None
 
     def write(self, name: str, wire_value: float) -> Message | None:
-        """Set a parameter from its wire value. Return the message with its value now; None if the
+        """Set a parameter from its wire value. Return the message with the new value. None if the
         name is unknown."""
         found = self._find(name)
         if found is None:

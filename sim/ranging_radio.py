@@ -1,7 +1,8 @@
-"""The ranging radio: samples at its rate and sends each sample as one of three messages. It can be
-muted.
+"""The ranging radio: it samples at its rate, and sends each sample as one of three messages.
+Scripted events can mute it.
 
-The messages carry centimeters, millimeters or meters as a float, with the time of the measurement.
+The messages contain centimeters, millimeters or meters as a float, with the time of the
+measurement.
 """
 
 import math
@@ -26,8 +27,8 @@ RADAR = 3
 
 
 class RangingRadio:
-    """Messages go to `send`. A radio on the autopilot's own rangefinder port passes its samples to
-    `driver`."""
+    """The ranging radio. It sends messages by `send`. A radio on the autopilot's own rangefinder
+    port passes its samples to `driver`."""
 
     def __init__(
         self, config: VehicleConfig, agenda: Agenda, flight: Flight,
@@ -81,7 +82,7 @@ class RangingRadio:
             self._send(MESSAGES[self._config.message](self._config, sample))
 
     def range_node(self, node: int, distance: float) -> None:
-        """Send a range to another radio, without errors but the white noise."""
+        """Send a range to another radio. Its only error is the white noise."""
         if self.muted or self._config.message != "ranging_beacon":
             return
         reading = distance + self._nodes_noise.gauss(0.0, self._config.noise_m)
@@ -134,8 +135,8 @@ def named_value(config: Ranging, sample: Sample) -> Message:
 
 
 def named_rate(config: Ranging, sample: Sample) -> Message:
-    """Return a NAMED_VALUE_FLOAT with the range rate, named `config.rate_name`. Its timestamp is
-    that of the range that is sent next."""
+    """Return a NAMED_VALUE_FLOAT with the range rate, named `config.rate_name`. Its timestamp
+    equals the timestamp of the range that is sent next."""
     rate = sample.rate if config.rate_sign == "opening" else -sample.rate
     name = config.rate_name or ""
     return mavlink.MAVLink_named_value_float_message(_stamp_ms(config, sample), name.encode(), rate)
@@ -146,7 +147,8 @@ def _stamp_ms(config: Ranging, sample: Sample) -> int:
 
 
 def _stamp_us(config: Ranging, sample: Sample) -> int:
-    """Return the timestamp by the radio's own clock, which may be ahead of other clocks."""
+    """Return the timestamp of the radio's own clock, us. This clock may be ahead of other
+    clocks."""
     return sample.taken_us + round(config.clock_offset_s * 1e6)
 
 

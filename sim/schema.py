@@ -60,7 +60,7 @@ def read_table(kind: type[Section], table: object, where: str) -> Section:
     try:
         return kind.model_validate(table)
     except ValidationError as error:
-        # a misspelled key first: it may have caused the other errors
+        # Report a misspelled key first: it may have caused the other errors.
         wrong = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
     here = where
     parts = wrong["loc"]

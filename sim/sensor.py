@@ -1,4 +1,4 @@
-"""The ranging sensor: true slant range in, measured range out."""
+"""The ranging sensor: it converts a true slant range to a measured range."""
 
 import math
 from dataclasses import dataclass
@@ -10,19 +10,20 @@ from .config import Ranging
 
 @dataclass(frozen=True)
 class Character:
-    """Errors of a type of radio beyond the white noise of the file: meters, seconds, fractions."""
+    """Errors of a type of radio in addition to the white noise of the vehicle file: meters,
+    seconds, fractions."""
 
     white: float | None = None  # replaces noise_m
-    drift: float = 0.0  # rms of the slow error
+    drift: float = 0.0  # RMS of the slow error, m
     drift_time: float = 2.0
     loss: float = 0.0
-    near_bias: float = 0.0  # bias at zero range; it falls to 0 at `near`
+    near_bias: float = 0.0  # bias at zero range, m; it falls to 0 at the range `near`
     near: float = 30.0
     gap_rate: float = 0.0  # gaps per second beyond 0.85 of the maximum range
     gap: float = 2.0  # length of a gap, s
 
 
-# From guidance literature on ultra-wideband and on 2.4 GHz LoRa ranging (SX1280).
+# Values from the literature on guidance with ultra-wideband and 2.4 GHz LoRa ranging (SX1280).
 CHARACTERS = {
     "gaussian": Character(),
     "uwb": Character(white=0.02, drift=0.15, drift_time=3.0, gap_rate=0.2),
@@ -41,8 +42,8 @@ class Sample(NamedTuple):
 
 
 class RangeSensor:
-    """Noise, drift, bias, outliers, dropouts, gaps and maximum range. Random draws do not depend on
-    the settings."""
+    """Ranging sensor with noise, drift, bias, outliers, dropouts, gaps and maximum range. Random
+    draws do not depend on the settings."""
 
     def __init__(self, config: Ranging, seed: int) -> None:
         self._config = config
@@ -93,8 +94,8 @@ class RangeSensor:
 
 
 class DopplerSensor:
-    """Range rate from the carrier's Doppler shift, with white noise and a slowly varying oscillator
-    offset."""
+    """Sensor of the range rate by the carrier's Doppler shift, with white noise and a slowly
+    varying bias from the oscillator's frequency offset."""
 
     OFFSET_TIME = 60.0  # correlation time of the offset, s
 

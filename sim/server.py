@@ -10,10 +10,10 @@ from .config import VehicleConfig
 from .vehicle import MAIN, RANGING, Vehicle
 from .wires import EndpointError, Wire, open_wire, parse_endpoint
 
-# s of wall time: largest delay until a signal or the end of the flight is noticed
+# largest delay until a signal or the end of the flight is noticed, s of wall time
 LONGEST_SLEEP = 0.25
 LATE = 0.2  # lag of the simulated time above which it is reported, s
-MAX_CATCH_UP = 0.5  # most simulated time that is made up in one step, s
+MAX_CATCH_UP = 0.5  # largest lag that the simulation makes up, s; with a larger lag it slows down
 
 
 def serve(
@@ -26,10 +26,11 @@ def serve(
     stopped: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda line: None,
 ) -> None:
-    """Fly until `duration` (simulated s) is over or `stopped()` returns True.
+    """Fly until `duration` (simulated s) is over or `stopped()` returns True. Raises EndpointError
+    if a port cannot be opened or the ranging endpoint is missing.
 
-    `ready` is called with one line when the ports are open, `say` when this computer cannot keep
-    up. Raises EndpointError if a port cannot be opened or the ranging endpoint is missing.
+    ready: called with one line when the ports are open.
+    say: called with one line when this computer cannot simulate fast enough.
     """
     if config.ranging.via == "direct" and not ranging_endpoint:
         raise EndpointError(
@@ -52,7 +53,7 @@ def serve(
 
 
 def stop_signals() -> Callable[[], bool]:
-    """Catch SIGINT and SIGTERM. Return a function that is True once one of them was received."""
+    """Catch SIGINT and SIGTERM. Return a function that is True after either signal was received."""
     caught: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: caught.append(received))
@@ -64,7 +65,7 @@ def _fly(
     stopped: Callable[[], bool], say: Callable[[str], None],
 ) -> None:  # fmt: skip
     started = quiet_until = time.monotonic()
-    lost = 0.0  # time by which the simulation has fallen behind for good, s
+    lost = 0.0  # lag that the simulation does not make up, s
     while not stopped():
         wall = time.monotonic()
         simulated = (wall - started) * speed
@@ -72,23 +73,24 @@ def _fly(
             return
         behind = simulated - vehicle.time
         if behind > LATE and wall >= quiet_until:
-            # Wall time between two reports of the lag, s
+            # 10.0: wall time between two reports of the lag, s.
             quiet_until = wall + 10.0
             say(
                 f"sim: this computer cannot keep up: simulated time is {lost + behind:.1f} s behind"
             )
-        # The computer cannot keep up. Long steps would delay received setpoints until the
-        # autopilot's timeouts expire, so the simulation slows down instead.
+        # The computer cannot simulate fast enough. Long steps would delay received setpoints until
+        # the autopilot's timeouts expire, so the simulation slows down instead.
         if behind > MAX_CATCH_UP:
             started += (behind - MAX_CATCH_UP) / speed
             lost += behind - MAX_CATCH_UP
             simulated -= behind - MAX_CATCH_UP
         vehicle.set_time(time.time())
         vehicle.advance(simulated)
+        # Receive after `advance`, so that messages take effect now, not at the previous step.
         for (
             name,
             wire,
-        ) in wires.items():  # after advance: messages take effect now, not at the previous step
+        ) in wires.items():
             for link, data in wire.receive():
                 vehicle.receive(data, RANGING if name == RANGING else link, stream=wire.stream)
         _send(vehicle, wires)
@@ -96,8 +98,8 @@ def _fly(
 
 
 def _send(vehicle: Vehicle, wires: dict[str, Wire]) -> None:
-    """Send the vehicle's frames. Links are named after their wire: main, main-2. Ranging links get
-    the same frames."""
+    """Send the vehicle's frames. Links have the name of their wire: main, main-2. All ranging links
+    send the same frames."""
     ranging = vehicle.outgoing(RANGING) if RANGING in wires else []
     for link in vehicle.links:
         if link != RANGING:

@@ -1,7 +1,7 @@
 """MAVLink services: commands, parameters, missions, time synchronization, requests and message
 streams.
 
-Commands about streams are answered here. All others go to the autopilot.
+Commands about streams are answered here. All other commands are passed to the autopilot.
 """
 
 from functools import partial
@@ -91,9 +91,8 @@ class Streams:
     def run(self, link: Link, number: int, interval: int) -> None:
         link.intervals[number] = interval
         on_update = number == DISTANCE_SENSOR and self._flight.autopilot.identity.ranges_on_update
-        if (
-            number in BUILDERS and not on_update
-        ):  # the interval of a message that this vehicle lacks is only stored
+        # For a message that this vehicle lacks, the interval is only stored.
+        if number in BUILDERS and not on_update:
             send = partial(self.send_once, link, number)
             first = self._flight.now + interval
             self._agenda.every(("stream", link.name, number), interval, first, send)
@@ -126,7 +125,8 @@ class Streams:
 
 
 class Services:
-    """Handlers of service messages. Each answers on the link that the message came from."""
+    """Handlers of service messages. Each handler answers on the link on which the message was
+    received."""
 
     def __init__(self, flight: Flight, streams: Streams, say: Say) -> None:
         self._flight = flight
@@ -229,8 +229,8 @@ class Services:
             link.send(mavlink.MAVLink_timesync_message(self._flight.boot_us * 1000, message.ts1))
 
     def _file_transfer(self, message: Message, link: Link) -> None:
-        """Answer "file not found" to every request: without an answer a ground station waits for
-        its timeouts."""
+        """Answer "file not found" to every request. Without an answer, a ground station would wait
+        for its timeouts."""
         asked = message.payload
         sequence = (asked[0] | asked[1] << 8) + 1 & 0xFFFF
         header = [sequence & 0xFF, sequence >> 8, asked[2], FTP_REFUSED, 1, asked[3], *[0] * 6]

@@ -1,4 +1,4 @@
-"""Message signing of autopilots. pymavlink signs frames. Received ones are checked as in the
+"""Message signing of autopilots. pymavlink signs sent frames. Received frames are checked as in the
 autopilots' C library.
 
 Source: mavlink_signature_check (mavlink_helpers.h), ArduPilot's GCS_Signing.cpp, PX4's
@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from .schema import ConfigError
 
-EPOCH_S = 1_420_070_400  # 2015 in unix time
+EPOCH_S = 1_420_070_400  # Unix time of the start of 2015, s
 TICKS_PER_S = 100_000
 MOST_STREAMS = 16  # MAVLINK_MAX_SIGNING_STREAMS
 UNSIGNED_BY_ARDUPILOT = frozenset({109, 166})  # RADIO_STATUS, RADIO
@@ -34,7 +34,8 @@ class FrameSigning:
         self.refused = 0
 
     def set_time(self, unix: float) -> None:
-        """Set the timestamp from GPS or a clock, s since 1970. It never decreases."""
+        """Set the timestamp from a Unix time of GPS or a clock, s. The timestamp never
+        decreases."""
         self.timestamp = max(self.timestamp, round((unix - EPOCH_S) * TICKS_PER_S))
 
     def reboot(self) -> None:
@@ -53,7 +54,7 @@ class FrameSigning:
     def accepts(self, message: mavlink.MAVLink_message) -> bool:
         """True if the autopilot accepts a message.
 
-        A valid signature always advances the timestamp, even on a message that needs no signature
+        A valid signature always advances the timestamp, even on a message that may be unsigned
         (mavlink_helpers.h, accept_unsigned_callback).
         """
         if self._key is None:

@@ -1,4 +1,4 @@
-"""Initial state of the vehicle, with the random parts drawn by the seed."""
+"""Initial state of the vehicle. Its random parts are drawn with the seed."""
 
 import math
 from random import Random
@@ -15,8 +15,8 @@ air density twice."""
 
 
 def starting_body(config: VehicleConfig, wind: tuple[float, float]) -> Body:
-    """Return the initial state. start.speed_mps is over the ground for copters, through the air for
-    fixed wings."""
+    """Return the initial state. start.speed_mps is the speed over the ground for copters, and
+    through the air for fixed wings."""
     north, east, heading = _drawn(config)
     profile = config.vehicle.profile
     start = config.start
@@ -46,7 +46,8 @@ def starting_body(config: VehicleConfig, wind: tuple[float, float]) -> Body:
 
 
 def _drawn(config: VehicleConfig) -> tuple[float, float, float]:
-    """Draw north, east and heading. Range and bearing are horizontal and seen from the target."""
+    """Return north, east (m) and heading (rad), drawn with the seed. Range and bearing are
+    horizontal and seen from the target."""
     start = config.start
     target = config.target
     bounds = config.start.random

@@ -1,8 +1,8 @@
-"""An autopilot that stays in its mode and ignores or changes the turns of its setpoints.
+"""Fault of an autopilot: it stays in its mode, and ignores or changes the turns of its setpoints.
 
-Real causes are a setpoint that a mode accepts and does not fly (PX4's plane in OFFBOARD by
-velocity), a disconnected servo, a reversed channel, and a rate controller without gain. The fault
-replaces each setpoint by one of the same type.
+A real cause is a setpoint that a mode accepts and does not fly (PX4's plane in OFFBOARD by
+velocity). Others are a disconnected servo, a reversed channel, and a rate controller without gain.
+The fault replaces each setpoint by one of the same type.
 """
 
 import math
@@ -11,11 +11,10 @@ from copy import copy
 from .body import GRAVITY, euler
 from .links import Message
 
-TURNING = math.radians(12)  # rad/s
-WEAK = 0.1
-# speed to convert turn rate to bank, m/s; bank at full stick
-PLANE_SPEED = 15.0
-FULL_STICK = math.radians(50)
+TURNING = math.radians(12)  # turn rate of the state "turning", rad/s
+WEAK = 0.1  # share of the commanded turn in the state "weak"
+PLANE_SPEED = 15.0  # speed with which a turn rate is converted to a bank, m/s
+FULL_STICK = math.radians(50)  # bank at full stick
 
 
 class Steering:
@@ -43,8 +42,8 @@ class Steering:
         return garbled
 
     def _turn(self, turn: float, own: float) -> float:
-        """Return the turn rate or bank that replaces a commanded one. own: the value for the state
-        "turning"."""
+        """Return the turn rate or bank that replaces a commanded one. own: turn rate or bank of the
+        state "turning"."""
         share = {"reversed": -1.0, "weak": WEAK}.get(self.state)
         return own * (self.state == "turning") if share is None else share * turn
 

@@ -1,7 +1,7 @@
-"""The autopilot's own messages and those that carry the true state. Each function has the name of
+"""The autopilot's own messages, and the messages with the true state. Each function has the name of
 its message.
 
-Units and frames are MAVLink's.
+Units and frames are those of MAVLink.
 """
 
 import math
@@ -16,12 +16,11 @@ from .links import Message
 from .ranging_radio import centimeters
 from .world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degrees
 
-# SYSTEM_TIME's wall clock at simulated time zero: fixed, so that runs repeat
+# Unix time of SYSTEM_TIME at simulated time zero, us. It is fixed, so that runs are repeatable.
 EPOCH_US = 1_750_000_000_000_000
-# the last one: dead reckoning, no absolute position
 EKF_GOOD = 0x33F
 EKF_NO_POSITION = 0xA7
-EKF_RECKONS = 0x12F
+EKF_RECKONS = 0x12F  # dead reckoning, no absolute position
 GPS_FIX_RTK = 6
 GPS_NO_FIX = 1
 UNKNOWN_VOLTAGE = 65535
@@ -32,7 +31,7 @@ GPS_SENSOR = 0x20
 FENCE_KEPT = 0x100000
 SENSORS = (
     0x1 | 0x2 | 0x4 | 0x8 | GPS_SENSOR | 0x200000 | 0x2000000 | 0x10000000
-)  # gyro to GPS, AHRS, battery, pre-arm
+)  # gyro to GPS, AHRS, battery, pre-arm check
 
 
 def heartbeat(flight: Flight) -> Message:
@@ -157,17 +156,16 @@ def extended_sys_state(flight: Flight) -> Message:
 
 
 def distance_sensor(flight: Flight) -> Message | None:
-    """Range in the rangefinder driver. ArduPilot repeats the last range, stamped at sending, until
-    it is 0.45 s old."""
+    """Range in the rangefinder driver. ArduPilot repeats the last range until it is 0.45 s old,
+    each time with the time of sending."""
     sample = flight.latest_range()
     if sample is None:
         return None
     config = flight.config.ranging
     stamp = flight.boot_ms
     number = 0
-    if (
-        flight.autopilot.identity.ranges_on_update
-    ):  # PX4: sensor ids from 1, time of the measurement
+    # PX4 counts sensors from 1 and sends the time of the measurement.
+    if flight.autopilot.identity.ranges_on_update:
         stamp = (sample.taken_us - flight.booted) // 1000 & 0xFFFFFFFF
         number = 1
     most = centimeters(config.max_range_m)
@@ -213,7 +211,7 @@ def timesync(flight: Flight) -> Message:
 
 
 def nav_controller_output(flight: Flight) -> Message | None:
-    """Commanded bank of a plane, already limited."""
+    """Commanded bank of a plane, after the limit."""
     roll = flight.autopilot.commanded_roll()
     if roll is None:
         return None
@@ -225,8 +223,8 @@ def nav_controller_output(flight: Flight) -> Message | None:
 def position_target_local_ned(flight: Flight) -> Message | None:
     """Velocity setpoint that a copter flies, earth frame.
 
-    ArduCopter 4.6 also reports the acceleration that is fed forward, but no yaw rate. PX4 reports
-    both.
+    ArduCopter 4.6 also reports the acceleration feedforward, but no yaw rate. PX4 reports
+    feedforward and yaw rate.
     """
     flown = flight.autopilot.flown()
     pilot = flight.autopilot
@@ -262,8 +260,8 @@ def attitude_target(flight: Flight) -> Message | None:
 
 
 def wind(flight: Flight) -> Message | None:
-    """Wind speed, and direction that it comes from, degrees. Only vehicles that control their
-    airspeed send it."""
+    """Wind speed, m/s, and the direction from which the wind blows, degrees. Only vehicles that
+    control their airspeed send it."""
     if flight.body.air_speed == 0:
         return None
     north, east = flight.air.velocity

@@ -1,5 +1,5 @@
-"""The vehicle: bytes in, bytes out, simulated time advanced by the caller. No sockets, no clock, no
-threads."""
+"""The vehicle: it receives and sends bytes, and the caller advances its simulated time. No sockets,
+no clock, no threads."""
 
 import itertools
 from collections import deque
@@ -69,8 +69,7 @@ class Vehicle:
             "radio", ranging.system_id, ranging.component_id, version, self._signing
         )
         # The router forwards broadcasts to every component that has sent a message, also to the
-        # radio. The radio reads no messages, and the queue of its frames would fill the memory in a
-        # long flight.
+        # radio. The radio reads no messages, so its queue would grow in a long flight.
         self._radio_wire.silent = True
         if ranging.via == "direct":
             self._link(RANGING)
@@ -88,7 +87,7 @@ class Vehicle:
                 self._handle(message, source)
 
     def set_time(self, unix: float) -> None:
-        """Set the time of the GPS, s since 1970. Signatures use it."""
+        """Set the time of the GPS, s since 1970. The timestamps of signatures use this time."""
         self._signing.set_time(unix)
 
     def range_node(self, node: int, distance: float) -> None:
@@ -178,7 +177,7 @@ class Vehicle:
         return [link for link in self._links.values() if link.name != RANGING]
 
     def _say(self, severity: int, text: str) -> None:
-        """Send a STATUSTEXT; a long text in numbered chunks with one id."""
+        """Send a STATUSTEXT. A long text is sent in numbered chunks with the same id."""
         data = text.encode()
         number = 0 if len(data) <= TEXT_LENGTH else next(self._text_ids)
         starts = range(
@@ -241,8 +240,8 @@ class Vehicle:
             flight.autopilot.on_event(event, flight.now)
 
     def _reboot(self, seconds: float) -> None:
-        """Stop for `seconds`, then restart the autopilot: clock at zero, no routes, only the
-        default streams."""
+        """Stop for `seconds`, then restart the autopilot. Its clock starts at zero, without routes
+        and with only the default streams."""
         self._rebooting = True
         self._flight.reboot()
         self._signing.reboot()

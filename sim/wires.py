@@ -1,7 +1,7 @@
 """Endpoints and their sockets. Every peer address or connection is a link, as on an autopilot's
 ports.
 
-udpin:HOST:PORT, udpout:HOST:PORT or tcpin:HOST:PORT, with or without slashes.
+Forms of an endpoint: udpin:HOST:PORT, udpout:HOST:PORT or tcpin:HOST:PORT, with or without slashes.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ MOST_PEERS = 32
 
 
 class EndpointError(ValueError):
-    """An endpoint that cannot be used; the message is one line."""
+    """An endpoint that cannot be used. The message is one line."""
 
 
 class Endpoint(NamedTuple):
@@ -45,8 +45,8 @@ def parse_endpoint(text: str) -> Endpoint:
 
 
 class UdpWire:
-    """A UDP port (udpin: sends to every peer that has sent to it) or a fixed peer (udpout: sends
-    first).
+    """A UDP port. With udpin, it sends to every peer that has sent to it. With udpout, it sends to
+    a fixed peer and sends first.
 
     Links are named `first`, then `first-2`, `first-3`, in the order of their first datagrams.
     """
@@ -135,7 +135,7 @@ class TcpWire:
         try:
             connection.sendall(b"".join(frames))
         except OSError:
-            self._drop(link)  # closed, or so slow that a frame was cut: the peer has to reconnect
+            self._drop(link)  # closed, or so slow that a frame was cut; the peer has to reconnect
 
     def links(self) -> list[str]:
         return list(self._open)

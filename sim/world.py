@@ -18,8 +18,8 @@ M_PER_LONGITUDE = (
 
 
 def to_degrees(north: float, east: float) -> tuple[float, float]:
-    """Return latitude and longitude in degrees (error: centimeters at a few kilometers from
-    home)."""
+    """Return latitude and longitude, degrees. The error is centimeters at a few kilometers from
+    home."""
     return HOME_LATITUDE_DEG + north / M_PER_LATITUDE, HOME_LONGITUDE_DEG + east / M_PER_LONGITUDE
 
 
@@ -73,13 +73,14 @@ class Air:
         return self._config.gust_rms_mps > 0
 
     def blow(self, speed: float) -> None:
-        """Set the speed of the steady part. The direction stays as configured."""
+        """Set the speed of the steady wind, m/s. The direction stays as configured."""
         towards = math.radians(self._config.from_deg) + math.pi
         self._steady = (speed * math.cos(towards), speed * math.sin(towards))
         self._add()
 
     def gust(self) -> None:
-        """Advance the gusts by 0.1 s: correlation time gust_time_s, rms gust_rms_mps per axis."""
+        """Advance the gusts by 0.1 s. They have the correlation time gust_time_s and the RMS
+        gust_rms_mps per axis."""
         kept = math.exp(-self.GUST_STEP_US * 1e-6 / self._config.gust_time_s)
         fresh = self._config.gust_rms_mps * math.sqrt(1 - kept * kept)
         north, east = self._gust

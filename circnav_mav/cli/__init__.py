@@ -1,8 +1,8 @@
-"""The command line: commands, printing, exit codes. Only the display of a flight prints elsewhere,
-and nothing else exits.
+"""Command line: commands, printing and exit codes. Elsewhere only the display of a flight prints,
+and no other code ends the process.
 
-The commands are described here and carried out in modules of their own, loaded when a command runs,
-so that `circnav --help` does not wait for numpy and filterpy.
+This file declares the commands. The code of each command is a module of its own, imported when the
+command runs, so that `circnav --help` does not wait for numpy and filterpy.
 """
 
 import io
@@ -46,8 +46,8 @@ SPEED_HELP = (
     "Speed of the bundled vehicle, times real time. [default: as fast as possible, or 6 with --web]"
 )
 YEAR_2100 = 4_102_444_800
-"""Upper bound of the computer's clock, s since 1970. Later timestamps in a tlog would be read as
-damage."""
+"""Commands are refused if this computer's clock is at or after this time, s since 1970: in a tlog,
+timestamps after 2103 look like damage."""
 
 
 class Commands(click.Group):
@@ -328,12 +328,11 @@ def schema() -> None:
 
 def main() -> None:
     """Entry point of the `circnav` command."""
-    os.environ.pop(
-        "MPLBACKEND", None
-    )  # set by a notebook that started us, but our plots need no window
-    warnings.filterwarnings(
-        "ignore", message="Glyph .* missing from"
-    )  # for names with characters that no font has
+    # A notebook that starts circnav sets this variable for its own plots. The plots of circnav need
+    # no window.
+    os.environ.pop("MPLBACKEND", None)
+    # Mission names may contain characters that no font has.
+    warnings.filterwarnings("ignore", message="Glyph .* missing from")
     mind_output()
     try:
         if not 0 < unix_time() < YEAR_2100:

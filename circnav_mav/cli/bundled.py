@@ -24,16 +24,16 @@ def names(kind: str) -> list[str]:
 
 
 def bundled(kind: str, name: str) -> Path | None:
-    """Return the bundled file of a name, or None. Examples: `px4-plane`, or `plane` for
-    ArduPilot."""
+    """Return the path of the bundled file with this name, or None. Examples of names: `px4-plane`,
+    or `plane` for ArduPilot."""
     wanted = name.lower().replace("-", "_")
     paths = (FOLDERS[kind] / f"{start}{wanted}.toml" for start in ("", "ardu"))
     return next(filter(Path.is_file, paths), None)
 
 
 class FileOrName(click.ParamType):  # type: ignore[type-arg]
-    """Parameter type: a file, or the name of a bundled one. A file of that name in the current
-    folder has priority."""
+    """Type of a command-line parameter: the path of a file, or the name of a bundled file. A file
+    in the current folder has priority over a bundled file of the same name."""
 
     def __init__(self, kind: str) -> None:
         self.kind = self.name = kind
@@ -73,7 +73,7 @@ class FileOrName(click.ParamType):  # type: ignore[type-arg]
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[Any]:
-        """Return completions. Files come first, because the shell's list of files replaces earlier
-        entries."""
+        """Return shell completions. The file entry must be the first: the shell's list of files
+        replaces all entries before it."""
         fits = [name for name in names(self.kind) if name.startswith(incomplete)]
         return [CompletionItem(incomplete, type="file"), *map(CompletionItem, fits)]

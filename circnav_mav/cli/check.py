@@ -1,4 +1,4 @@
-"""`circnav check`: checks of the mission, and of the bundled vehicle against it."""
+"""`circnav check`: checks of a mission file, and of its [sim] table against the mission."""
 
 import shutil
 import sys
@@ -30,7 +30,7 @@ FLIES = {
 }
 """Autopilot and vehicle kind that each profile of the bundled vehicle emulates."""
 INDENT = 20
-"""Columns of grade and subject before the text of a check line."""
+"""Width of grade and subject before the text of a check line, characters."""
 
 
 def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
@@ -58,7 +58,8 @@ def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
 
 
 def _with_options(error: str, path: str, overrides: tuple[str, ...]) -> str:
-    """Return an error that names the options --set that it is about, instead of the file."""
+    """Return the error text of a mission. If the error is about keys that --set changed, the text
+    names these options instead of the file."""
     given = [one for one in overrides if one.partition("=")[0].strip() in error]
     if not given or error.startswith("--set"):
         return error
@@ -77,8 +78,8 @@ def all_checks(mission: Mission) -> list[Check]:
 def refuse_failing(
     path: str, mission: Mission, shown: Collection[Grade] = tuple(Grade)
 ) -> list[Check]:
-    """Print the check lines of these grades, or all if one fails. Return all. Raises Refused if one
-    fails."""
+    """Print the check lines of these grades, or all lines if any line fails. Return all lines.
+    Raises Refused if any line fails."""
     lines = all_checks(mission)
     failed = any(line.grade is Grade.FAIL for line in lines)
     show_checks([line for line in lines if failed or line.grade in shown])
@@ -128,8 +129,8 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
         )
         return
     cruise = config.vehicle.cruise_speed_mps or CRUISE_MPS.get(profile, wanted.speed_mps)
-    # Largest accepted difference of the bundled plane's cruise speed from the mission's speed, as a
-    # fraction of that speed.
+    # 0.05: largest accepted difference of the bundled plane's cruise speed from the mission's
+    # speed, as a fraction of the mission's speed.
     if (
         any(vehicle.cruises for vehicle in mission.vehicles)
         and abs(cruise / wanted.speed_mps - 1) > 0.05
@@ -145,8 +146,8 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
 
 
 def _drift(config: VehicleConfig, *, in_air: bool) -> float:
-    """Return the speed of wind minus target motion at the start, m/s. Wind is 0 for a vehicle that
-    holds ground speed."""
+    """Return the speed of wind minus target motion at the start, m/s. For a vehicle that holds its
+    speed over ground, the wind is 0."""
     wind = config.wind.speed_mps if in_air or config.vehicle.dynamics == "airborne" else 0.0
     towards = radians(config.wind.from_deg + 180.0)
     north = wind * cos(towards) - config.target.velocity_north_mps

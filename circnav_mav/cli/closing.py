@@ -1,4 +1,5 @@
-"""Files written at the end of a flight. If one cannot be written, the others still are."""
+"""Files written at the end of a flight. If one file cannot be written, the other files still
+are."""
 
 import platform
 from collections.abc import Callable
@@ -22,19 +23,21 @@ from circnav_mav.runtime.recorder import Recorder
 OUTCOMES = {
     ending: ending.value for ending in (Ending.COMPLETED, Ending.INTERRUPTED, Ending.TAKEN_OVER)
 }
-"""Outcome in summary.json. All other endings are "aborted"."""
+"""Value of `outcome` in summary.json for each ending. For an ending that is not listed, it is
+"aborted"."""
 LIBRARIES = ("pymavlink", "numpy", "filterpy")
-"""Packages whose versions the manifest holds, besides circnav and Python."""
+"""Packages whose versions are written to the manifest, besides circnav and Python."""
 
 
 def write_manifest(
     folder: Path, mission: Mission, pilot: Pilot, epoch_us: int, **end: object
 ) -> None:
-    """Write manifest.json, the description of a run folder. end: outcome, reason, exit. Raises
-    OSError.
+    """Write manifest.json, the description of a run folder. Raises OSError.
 
-    Written before the first step of the loop, so that the run of a killed process can be opened,
-    and again at the end.
+    The file is written before the first step of the loop, so that the run of a killed process can
+    be opened, and again at the end.
+
+    end: outcome, reason and exit code, known only at the end.
     """
     versions: dict[str, str | None] = {"circnav": __version__, "python": platform.python_version()}
     for library in LIBRARIES:
@@ -71,7 +74,8 @@ def close_flight(
     """Write summary.json and the end of manifest.json. Return the summary and the exit code, which
     is NOT_RECORDED instead of DONE if the recording has gaps."""
     folder = recorder.folder
-    # Read this first: _summary adds problems of reading the files, which are no gaps.
+    # Read the recorder's problem before `_summary` is called: it adds problems of reading the
+    # files, which are no gaps in the recording.
     gaps = recorder.problem is not None
     summary = _summary(pilot, recorder, mission, epoch_us)
     summary["notes"] = []
@@ -90,8 +94,8 @@ def close_flight(
 
 
 def _written(summary: dict[str, Any], name: str, write: Callable[[], None]) -> bool:
-    """Write a file. Return True on success, else store the first problem, which causes the later
-    ones."""
+    """Write a file. Return True on success. On failure, store the problem in the summary if no
+    earlier problem is stored: the first one usually causes the later ones."""
     try:
         write()
     except OSError as error:
@@ -102,7 +106,7 @@ def _written(summary: dict[str, Any], name: str, write: Callable[[], None]) -> b
 
 
 def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) -> dict[str, Any]:
-    """Return the summary, with null for figures that cannot be computed."""
+    """Return the contents of summary.json, with null for figures that cannot be computed."""
     outcome = pilot.mission.outcome
     assert outcome is not None
     ticks, truth = _recorded(recorder, epoch_us, pilot.session.vehicle_ids[0] or None)
@@ -134,8 +138,8 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) 
 
 
 def _recorded(recorder: Recorder, epoch_us: int, system: int | None) -> tuple[Ticks, Truth | None]:
-    """Return ticks and truth as far as they can be read. A disk that was full from the first line
-    leaves none."""
+    """Return ticks and truth as far as they can be read. If the disk was full from the start, there
+    are no ticks and no truth."""
     ticks = NO_TICKS
     truth = None
     try:

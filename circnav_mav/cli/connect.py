@@ -1,4 +1,4 @@
-"""Resources of `fly` and `preflight`: links, key and clock of a mission, and the bundled
+"""Resources that `fly` and `preflight` open: links, signing key, onlookers, clock, and the bundled
 vehicle."""
 
 from collections.abc import Iterator, Mapping
@@ -42,7 +42,7 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
 
 
 def link_troubles(links: dict[str, Link], mission: Mission) -> Iterator[str]:
-    """Yield the errors of each endpoint as one line."""
+    """Yield one line for each endpoint with errors."""
     for name, link in links.items():
         endpoint = mission.file.ranging.endpoint if name == RANGING else mission.file.link.endpoint
         if link.troubles:
@@ -77,7 +77,7 @@ def open_onlookers(
     options: Mapping[str, Any],
     open_things: ExitStack,
 ) -> Onlookers:
-    """Open the onlookers of extensions. options: of `circnav fly`. Raises Refused."""
+    """Open the onlookers of extensions. options: options of `circnav fly`. Raises Refused."""
     onlookers = Onlookers()
     open_things.callback(onlookers.close)
     settings = OnlookerSettings(mission, pilot, signing, options, onlookers)
@@ -97,13 +97,18 @@ def start_clock(
     speed: float | None = None,
     pace: float | None = None,
 ) -> Clock:
-    """Start the clock of a mission: simulated time with the bundled vehicle, whose links are added
-    to `links`. speed, pace: requested by the user and by an onlooker, times real time."""
+    """Start the clock of a mission. With the bundled vehicle, the clock is simulated time, and the
+    vehicle's links are added to `links`.
+
+    speed: simulation speed that the user requests, times real time.
+    pace: simulation speed that an onlooker requests, times real time.
+    """
     if mission.flies_sim and mission.file.sim is not None:
         vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
         clock = Lockstep(vehicle, mission.run_speed(speed, pace), others=bool(links))
-        # Set the vehicle's Unix time only once. If it followed fast simulated time, the timestamps
-        # of signatures, including the one stored with our key, would run far ahead.
+        # Set the vehicle's Unix time only once. A Unix time that followed fast simulated time would
+        # advance the timestamps of signatures far beyond real time, also the one stored with the
+        # signing key.
         vehicle.set_time(clock.epoch_us / 1e6)
         links.update(clock.links(ranging_apart=mission.file.ranging.endpoint == SIM))
         return clock

@@ -12,9 +12,9 @@ import circnav_mav
 class Drawing:
     """Process that draws flight.png and report.html of a run folder.
 
-    The flight's process never loads the plotting packages, and a signal to it does not interrupt
-    the drawing. The process starts at once and draws on request. If the flight's process is killed,
-    it exits too.
+    The flight's process never loads the plotting packages, and a signal to the flight's process
+    does not interrupt the drawing. The drawing process starts at once and draws on request. If the
+    flight's process is killed, the drawing process exits too.
     """
 
     def __init__(self, folder: Path) -> None:

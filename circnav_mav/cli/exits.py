@@ -57,12 +57,16 @@ def in_one_line(error: BaseException) -> str:
 
 @contextmanager
 def refusing(place: str | Path, *kinds: type[Exception]) -> Iterator[None]:
-    """Convert errors of these kinds, and any OSError, to Refused. The exit code is NOTHING_RECEIVED
-    if the vehicle or radio is not there (attribute `no_peer`), else USAGE. place: name of the file
-    if an OSError has none."""
+    """Convert errors of these kinds, and any OSError, to Refused. place: name of the file if an
+    OSError has none.
+
+    The exit code is NOTHING_RECEIVED for an error with the attribute `no_peer` (vehicle or radio
+    not found), else USAGE.
+    """
     try:
         yield
-    # The reader of our output closed it, as `| head` does. Click ends the process quietly.
+    # The program that reads the output has closed it, as `| head` does. Click ends the process
+    # quietly.
     except BrokenPipeError:
         raise
     except kinds as error:
@@ -106,9 +110,8 @@ class _RaisingErrors(io.FileIO):
 
     def write(self, data: Any, /) -> int:
         try:
-            return (
-                len(data) if self._reported or not data else super().write(data)
-            )  # click tests with an empty write
+            # Click checks the stream with an empty write.
+            return len(data) if self._reported or not data else super().write(data)
         except BrokenPipeError:
             raise
         except OSError as error:

@@ -44,13 +44,14 @@ EXITS = {
     Ending.INTERRUPTED: Exit.INTERRUPTED,
 }
 MOST_WATCHED = 10.0
-"""Simulation speed, times real time, up to which the display is refreshed at a constant rate in
-real time. Above it, the rate is constant in run time."""
+"""Simulation speed, times real time, up to which the display is refreshed a constant number of
+times per real second. Above it, the display is refreshed a constant number of times per simulated
+second."""
 CLOCK_BEHIND = 60.0
-"""Difference between the autopilot's UTC and this computer's clock, s, from which a folder is
-renamed."""
+"""The run folder is renamed by the autopilot's UTC if this computer's clock is later than this
+behind the autopilot's UTC, s."""
 RECORDED = ("flight.tlog", STEPS, "ticks.csv", "summary.json", "manifest.json")
-"""Files by which a folder is recognized as a recorded flight."""
+"""Files that mark a folder as a recorded flight."""
 
 
 def fly_mission(
@@ -65,8 +66,8 @@ def fly_mission(
     shadow: bool,
     **options: Any,
 ) -> int:
-    """Fly a mission with the options of `fly`, and return the exit code. options: of extensions.
-    Raises Refused before the flight begins, or after a crash of the loop."""
+    """Fly a mission with the options of `fly`, and return the exit code. options: options that
+    extensions add. Raises Refused before the flight begins, or after a crash of the loop."""
     if (instead := flown_by(options)) is not None:
         return int(
             instead(
@@ -82,7 +83,8 @@ def fly_mission(
             )
         )
     outlive_terminal()
-    stop = StopRequest()  # from now on a signal ends the flight, not the process
+    # From now on, a signal ends the flight, not the process.
+    stop = StopRequest()
     output_mode = OutputMode.SHADOW if shadow else OutputMode.DRY_RUN if dry_run else OutputMode.FLY
     quoted = None if endpoint is None else f'"{endpoint}"'
     values = {"link.endpoint": quoted, "limits.duration_s": duration}
@@ -94,7 +96,8 @@ def fly_mission(
             f" {mission.file.link.endpoint}"
         )
     refuse_failing(path, mission, shown=[Grade.WARN])
-    _run_folder(out, mission)  # refuse a bad folder before opening anything
+    # Refuse a bad folder before anything is opened.
+    _run_folder(out, mission)
     with ExitStack() as watched_open:
         with ExitStack() as open_things:
             signing, signing_time = open_signing(mission, open_things)
@@ -162,10 +165,12 @@ def _run_folder(out: str | None, mission: Mission) -> Path:
 
 
 def _dated(folder: Path, name: str, clock: Clock, unix_zero: float | None) -> Path:
-    """Rename a folder by the autopilot's UTC if this computer's clock is behind it, as without
-    network and battery. unix_zero: Unix time of run time zero by the autopilot, s. Return the
-    folder's name."""
-    # An autopilot whose time is earlier has no UTC from GPS, or is emulated.
+    """Return the name of the run folder. Rename the folder by the autopilot's UTC if this
+    computer's clock is behind, as on a computer without network and clock battery.
+
+    unix_zero: autopilot's Unix time at run time zero, s.
+    """
+    # If the autopilot's time is the earlier one, the autopilot has no UTC from GPS, or is emulated.
     if unix_zero is None or unix_zero - clock.epoch_us / 1e6 < CLOCK_BEHIND:
         return folder
     dated = new_folder(name, unix_zero)
@@ -175,8 +180,8 @@ def _dated(folder: Path, name: str, clock: Clock, unix_zero: float | None) -> Pa
 
 
 def new_folder(name: str, unix: float | None = None) -> Path:
-    """Return a folder in runs/ that does not exist, named by a time and a name. unix: Unix time, s,
-    None for now."""
+    """Return the path of a new folder in runs/, named by time and mission. unix: Unix time, s, None
+    for now."""
     base = f"{local_time_name(unix)}-{name}"
     names = chain((base,), (f"{base}-{number}" for number in count(2)))
     return next(folder for one in names if not (folder := Path("runs") / one).exists())
@@ -202,7 +207,7 @@ def _crash_of(
     try:
         loop()
     except BaseException as error:  # includes sys.exit() in another package
-        # first, because writing to the disk may block or fail
+        # Send first, because writing to the disk may block or fail.
         links[VEHICLE].send(pilot.last_frames(clock.now()), pilot.session.reply_to)
         cause = in_one_line(error)
         pilot.abandon(cause)

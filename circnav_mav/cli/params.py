@@ -13,14 +13,14 @@ from circnav_mav.mission.preflight import parameter_context
 INT16 = 4
 INT32 = 6
 REAL32 = 9
-"""Values of MAV_PARAM_TYPE. QGroundControl ignores a line of the file if its type differs from the
-type that the vehicle reports for this parameter."""
+"""MAV_PARAM_TYPE of 16-bit integers, 32-bit integers and floats. QGroundControl ignores a line of
+the file if its type differs from the type that the vehicle reports for this parameter."""
 INTEGERS = {"ANGLE_MAX": INT16, "LIM_ROLL_CD": INT16, "TRIM_ARSPD_CM": INT32}
 """Parameters that ArduPilot stores as integers. The others are floats."""
 
 
 def print_parameters(path: str, format: str | None, overrides: tuple[str, ...]) -> int:
-    """Print the parameter file. format: pairs or qgroundcontrol, None for the one of the
+    """Print the parameter file. format: pairs or qgroundcontrol, None for the format of the
     autopilot's usual ground station. Raises Refused if the mission does not name one vehicle."""
     mission = read_mission(path, overrides)
     if len(mission.vehicles) != 1:

@@ -13,7 +13,7 @@ from circnav_mav.runtime.clock import AutopilotClock
 from circnav_mav.runtime.runner import StopRequest, listen
 
 MEASURED = frozenset({"vehicle", "mode", "ranging", "distance"})
-"""Lines that are printed although they pass."""
+"""Subjects of check lines that are printed even if they pass: they contain measured values."""
 
 
 def preflight_file(

@@ -1,4 +1,4 @@
-"""`circnav replay`: runs a recorded flight through the pilot."""
+"""`circnav replay`: feeds a recorded flight to the guidance loop."""
 
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -41,7 +41,7 @@ UNITS = {
 }
 TICKS = "ticks.csv"
 PICTURE = "replay.png"
-"""Files that a replay writes."""
+"""Names of the files that a replay writes."""
 
 
 def replay_log(
@@ -82,9 +82,9 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
     own = str(run.folder / "mission.toml")
     parse = partial(load_mission, other) if other else partial(parse_mission, run.mission_text, own)
     mission = _mission(other or own, parse, overrides)
-    if (
-        other or overrides
-    ):  # a mission as flown is not checked: an older version may have had other checks
+    # Check only a changed mission. The mission as flown may fail checks that an older version did
+    # not have.
+    if other or overrides:
         refuse_failing(other or own, mission, shown=())
     try:
         output_mode = OutputMode(run.output_mode)
@@ -108,7 +108,8 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
 
 
 def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str | None) -> None:
-    """Replay a plain tlog: as a dry run, with added ticks, and without timeouts."""
+    """Replay a plain tlog as a dry run. Ticks are added when they are due, and timeouts are
+    disabled."""
     if path is None:
         raise Refused(
             f"{Path(log)}: a plain tlog needs --mission, a mission with its vehicle, circle and"
@@ -200,7 +201,8 @@ def _check_steered(name: Path, pilot: Pilot) -> None:
 
 
 def _say_damage(run: Run, done: ReplayResult, pilot: Pilot) -> bool:
-    """Print warnings about missing or damaged parts of the log. Return True if it is complete."""
+    """Print warnings about missing or damaged parts of the log. Return True if the log is
+    complete."""
     end = float(run.ticks.time[-1]) if len(run.ticks.time) else 0.0
     short = end - done.until > UNRECORDED
     spoilt = pilot.connection.counts[VEHICLE].bad
@@ -242,7 +244,7 @@ def _say_ticks(done: ReplayResult, pilot: Pilot, was: Ticks | None) -> None:
         for gap in differences(was, would):
             name, unit = UNITS[gap.column]
             far = f"differs by {gap.rms:.4g} {unit} RMS, at most {gap.largest:.4g} {unit}"
-            # Resolution of numbers in ticks.csv. Smaller differences are rounding.
+            # 1e-6: resolution of numbers in ticks.csv. Smaller differences are rounding errors.
             difference = far if gap.largest > 1e-6 else "the same"
             say(f"  {name:<16} {difference}, in {gap.ticks} ticks")
     steered = sum(phase == "engaged" for phase in would.words["phase"])
@@ -265,8 +267,8 @@ def _say_ticks(done: ReplayResult, pilot: Pilot, was: Ticks | None) -> None:
 def _write(
     log: str, out: str | None, done: ReplayResult, was: Ticks | None, mission: Mission
 ) -> None:
-    """Write picture and ticks if `out` is given. The picture comes first: it marks the ticks as
-    replayed."""
+    """Write picture and ticks if `out` is given. Write the picture first: `_check_out` takes a
+    folder with ticks but no picture for a recorded flight."""
     if out is None:
         return
     folder = Path(out)

@@ -27,8 +27,11 @@ the ticks."""
 
 
 def report_run(folder: str, after_flight: bool) -> int:
-    """Write report.html and flight.png into a run folder. Raises Refused. after_flight: wait for a
-    line on standard input, then draw, and only print a line for a file that fails."""
+    """Write report.html and flight.png into a run folder. Raises Refused.
+
+    after_flight: wait for a line on standard input before drawing, and print only the files that
+        cannot be made.
+    """
     if after_flight:
         return _report_flight(folder) if sys.stdin.readline() else Exit.DONE
     with refusing(folder, RunError, MissionError):
@@ -43,7 +46,8 @@ def report_run(folder: str, after_flight: bool) -> int:
         if run.damage_text is not None:
             say(f"  WARNING    {run.damage_text}")
         _picture(run, mission)
-        _page(run, mission)  # after the picture, which it contains
+        # The page contains the picture, so draw the page last.
+        _page(run, mission)
         say(f"{run.folder / 'report.html'}\n{run.folder / 'flight.png'}")
     return Exit.DONE
 
@@ -97,8 +101,8 @@ def _page(run: Run, mission: Mission) -> None:
 
 
 def _added(run: Run) -> str:
-    """Return the sections of extensions as HTML. One that fails is left out, and a line reports
-    it."""
+    """Return the sections of extensions as HTML. A section that fails is left out, and a printed
+    line names it."""
     sections = []
     for reference in (one.report_section for one in extensions() if one.report_section):
         try:
@@ -109,8 +113,7 @@ def _added(run: Run) -> str:
 
 
 def _settings(mission: Mission) -> dict[str, str]:
-    """Return all values of the mission by key, including defaults, without the bundled
-    vehicle's."""
+    """Return all values of the mission by key, with defaults, without the [sim] table."""
     values = dict(_flat(mission.file.model_dump(exclude={"sim"}, exclude_none=True)))
     gain = "" if mission.law.name in mission.own_code else f", k = {mission.law.gain:.4g}"
     return values | {"law as flown": f"{mission.law.name}{gain}"}
@@ -130,12 +133,12 @@ def _figures(run: Run, mission: Mission) -> dict[str, Any]:
     """Return a summary computed from the ticks, the truth and the manifest, as if summary.json were
     missing.
 
-    Only the time of engagement and the time flown come from summary.json, if it has them.
+    Only the time of engagement and the time flown are taken from summary.json, if it has them.
     """
     manifest = run.manifest
     counts = run.ticks.numbers
     engaged, flown = map(run.summary.get, ("engaged_s", "flown_s"))
-    # newest value of an increasing count
+    # These counts only increase, so the largest value is the newest one.
     accepted, rejected = (
         int(np.nanmax(counts[name], initial=0)) for name in ("accepted", "rejected")
     )

@@ -8,7 +8,7 @@ from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
 from circnav_mav.pilot.conditions import clock_alarm, limit_cycle_alarm
 
 NOTABLE = 1.0
-"""Time not steered by circnav, s, above which the steered time is reported."""
+"""The steered time is printed if circnav did not steer for longer than this, s."""
 
 
 def verdict(summary: dict[str, Any], folder: Path) -> str:
@@ -40,8 +40,8 @@ def verdict(summary: dict[str, Any], folder: Path) -> str:
 
 
 def _refused(rejected: dict[str, int]) -> str:
-    """Return the counts of rejected ranges, and separately of ranges of other senders, which are
-    harmless."""
+    """Return the counts of rejected ranges as text. Ranges of other senders are harmless and
+    counted separately."""
     own = {reason: count for reason, count in sorted(rejected.items()) if reason not in OTHERS}
     others = sum(rejected.values()) - sum(own.values())
     ignored = f"; {others} of other senders ignored" if others else ""
@@ -82,7 +82,8 @@ def _circle(summary: dict[str, Any]) -> list[str]:
 
 
 def _basis(radius: float, height: float | None) -> str:
-    """Return the values that the estimated radius cannot reveal as wrong."""
+    """Return text with the inputs on which the estimated radius depends. Errors of these inputs do
+    not show in the estimate."""
     given = "no height, ranges taken as horizontal" if height is None else f"height {height:.1f} m"
     return f"the radio, and {given}; {radius_sensitivity(radius, height or 0.0)}"
 

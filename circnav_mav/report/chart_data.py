@@ -20,7 +20,8 @@ def broken(time: Column, *columns: Column) -> tuple[Column, ...]:
     interrupted there."""
     steps = np.diff(time)
     rising = steps[steps > 0]
-    # Gap between two samples at which a line is interrupted, as a multiple of the median step.
+    # 5.0: smallest gap between two samples at which a line is interrupted, as a multiple of the
+    # median step.
     pauses = (
         np.flatnonzero(steps > 5.0 * np.median(rising)) + 1 if len(rising) else np.array([], int)
     )
@@ -71,25 +72,26 @@ def known_track(ticks: Ticks, truth: Truth | None) -> Track | None:
 
 
 def steady_command(ticks: Ticks, orbit: Orbit) -> Column | None:
-    """Return the command that turns the vehicle at the rate of the desired circle, rad/s. None if
-    the vehicle turns as commanded at the end of the flight, so that both are equal there."""
+    """Return the turn-rate command at which the vehicle turns at the rate of the desired circle,
+    rad/s: that rate divided by the turn gain. None if the turn gain at the end of the flight is
+    about 1, so that command and turn rate are equal."""
     gain = ticks.numbers["turn_gain"]
-    # Deviation of the turn gain from 1 above which the command of the steady circle is drawn beside
-    # its turn rate. Chosen: less is not visible.
+    # Smallest deviation of the turn gain from 1 for which the command is drawn beside the turn
+    # rate. Chosen: a smaller difference is not visible in the chart.
     if not np.any(np.abs(gain[-1:] - 1) > 0.02):
         return None
     return np.asarray(ticks.steady_turn(orbit) / gain)
 
 
 STRETCHES = 1500
-"""Number of stretches into which a long line is divided. Each is drawn by its smallest and largest
-value."""
+"""Number of stretches into which a long line is divided. Each stretch is drawn by its smallest and
+its largest value."""
 
 
 def chart_data(
     ticks: Ticks, truth: Truth | None, orbit: Orbit, names: dict[str, str], **flight: Any
 ) -> dict[str, Any]:
-    """Return all data of the charts. names: display names of phases. flight: further values and
+    """Return all data of the charts. names: displayed names of phases. flight: further values and
     words that charts.js uses."""
     span = (float(ticks.time[0]), float(ticks.time[-1]))
     phases = [names.get(phase, phase) for phase in ticks.words["phase"]]
@@ -126,8 +128,8 @@ def alarms(happened: list[Event]) -> list[tuple[float, str]]:
     alarm."""
     severe = [event for event in happened if event.severe]
     begun = np.array([event.time for event in severe if event.kind == ALARM])
-    # Longest time between an alarm and its STATUSTEXT, s. At most one text of a kind is sent every
-    # 2 s.
+    # 2.5: longest time between an alarm and its STATUSTEXT, s. At most one text of a kind is sent
+    # every 2 s.
     again = [
         event.kind == OURS and bool(np.any(np.abs(begun - event.time) < 2.5)) for event in severe
     ]
@@ -169,7 +171,8 @@ def _columns(
     if truth is None:
         received = time[new]
         measured = numbers["measured"][new]
-        before = np.searchsorted(received, received - 1.0)  # about a second
+        # Compute the rate from the range 1 s earlier.
+        before = np.searchsorted(received, received - 1.0)
         with np.errstate(invalid="ignore", divide="ignore"):
             rate = (measured - measured[before]) / (received - received[before])
         return found | {"differenced": _line(received, np.where(np.isfinite(rate), rate, np.nan))}
@@ -184,9 +187,9 @@ def _columns(
 
 
 def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Column, Column]:
-    """Return the growth of a count per second in equal bins, with a final NaN that ends the last
+    """Return the growth of a count per second in equal bins of time. A final NaN ends the last
     bin."""
-    # Maximum number of bars of a chart. Each covers at least 1 s.
+    # 240: maximum number of bars of a chart. Each bar covers at least 1 s.
     bins = int(min(240, max(1, span[1] - span[0])))
     grown = np.clip(np.nan_to_num(np.diff(counted, prepend=0.0)), 0, None)
     heights, edges = np.histogram(time, bins=bins, range=span, weights=grown)
@@ -194,8 +197,8 @@ def _rate(time: Column, counted: Column, span: tuple[float, float]) -> tuple[Col
 
 
 def peaks(values: Column, stretches: int = STRETCHES) -> NDArray[np.intp]:
-    """Return the indices of at most two samples per stretch, which preserve every peak, and one per
-    gap."""
+    """Return the indices of the samples to draw: the smallest and the largest value of each
+    stretch, so that every peak is kept, and one NaN of each stretch with a gap."""
     if len(values) <= 2 * stretches:
         return np.arange(len(values))
     keep: list[int] = []
@@ -220,9 +223,10 @@ def _line(time: Column, values: Column) -> tuple[Column, Column]:
 
 
 def _dots(time: Column, values: Column) -> tuple[Column, Column]:
-    """Return the peaks and every n-th sample, so that the density of dots is preserved."""
-    # Maximum number of evenly spaced dots that are drawn in addition to the smallest and largest of
-    # each stretch.
+    """Return the samples of `peaks` and every n-th sample, so that the density of dots is
+    preserved."""
+    # 4000: maximum number of evenly spaced dots that are drawn in addition to the smallest and
+    # largest value of each stretch.
     keep = np.union1d(peaks(values), np.arange(0, len(values), max(1, -(-len(values) // 4000))))
     return time[keep], values[keep]
 
@@ -236,7 +240,9 @@ def _way(track: Track) -> dict[str, Any]:
     name, colour = ("true", "true") if track.true else ("estimated", "estimate")
     points = len(track.time)
     keep = np.unique(np.linspace(0, points - 1, min(points, 2 * STRETCHES)).astype(int))
-    keep = np.union1d(keep, np.flatnonzero(~np.isfinite(track.east)))  # keep the gaps
+    keep = np.union1d(
+        keep, np.flatnonzero(~np.isfinite(track.east))
+    )  # keep the points without a position, which interrupt the track
     times, easts = _plain(track.time[keep], track.east[keep])
     _, norths = _plain(track.time[keep], track.north[keep])
     return {"name": name, "colour": colour, "times": times, "east": easts, "north": norths}

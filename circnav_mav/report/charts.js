@@ -1,5 +1,5 @@
 "use strict";
-// Charts of a flight, shared by the report and the live page. Each is drawn as SVG from columns of samples:
+// Charts of a flight, shared by the report and the live page. Each chart is an SVG of columns of samples:
 // columns[name] = [times, values], null for an unknown value. Colors are classes in charts.css.
 const Charts = (() => {
   const LEFT = 54, RIGHT = 12, TOP = 8, BOTTOM = 20, BAND = 56, FAR = 1e4, DEGREES = 180 / Math.PI;
@@ -130,7 +130,7 @@ const Charts = (() => {
     }).join("");
   }
 
-  // Texts over time: each stretch in the color of its text, labeled where there is room.
+  // Texts over time: each stretch has the color of its text, and the text as a label if there is room.
   function band(spans, view, width) {
     const wide = width - LEFT - RIGHT, x = time => wide * (time - view[0]) / (view[1] - view[0]);
     const words = spans.map(span => span[2]);
@@ -149,11 +149,11 @@ const Charts = (() => {
     held: ["holding", "would hold"], away: ["yielded"], over: ["ended"],
   }).flatMap(([colour, words]) => words.map(word => [word, colour])));
 
-  // Known words have the same color on every page. Others get colors in order of appearance.
+  // Known words have the same color on every page. Other words get colors in order of appearance.
   const colour = (word, words = []) => KNOWN.get(word) ?? `other${[...new Set(words)].filter(one => one && !KNOWN.has(one)).indexOf(word) % 4}`;
 
   // --- the track: ways = [{ name, colour, times, east, north }], relative to the target, north up ---
-  // others = [[name, [east, north]]]: places of other vehicles now.
+  // others = [[name, [east, north]]]: present positions of other vehicles.
   function track(ways, radii, side, { view = [-Infinity, Infinity], marked = [], at = null, heading = null, drift = null, others = [] } = {}) {
     const here = ways.map(way => ({ ...way, known: way.times.flatMap((t, i) => way.east[i] != null && t >= view[0] && t <= view[1] ? [i] : []) }))
       .filter(way => way.known.length);
@@ -192,7 +192,7 @@ const Charts = (() => {
     return parts.join("");
   }
 
-  // Drift of the vehicle past the target, [east, north] in m/s: an arrow in the corner, because it has no position.
+  // Drift of the vehicle past the target, [east, north] in m/s: an arrow in the corner, because the drift belongs to no place.
   function driftArrow([east, north], side) {
     const speed = Math.hypot(east, north), turn = Math.atan2(east, north) * DEGREES;
     const sign = speed < .05 ? "" : `<path d="M0,14V-14l-5,9m5,-9l5,9" transform="rotate(${px(turn)})" class="axis drift"/>`;
@@ -263,7 +263,7 @@ const Charts = (() => {
         : '<p class="none">No track: range alone does not tell where it flies.</p>';
     }
 
-    // The newest value of a column at a time, null if unknown.
+    // Value of a column's last sample at or before a time, null if unknown.
     function newest(name, time) {
       const [times, values] = model.columns[name] ?? [[], []], i = time === null ? -1 : find(times, time);
       return i < 0 ? null : values[i];

@@ -18,12 +18,12 @@ from circnav_mav.runlog.events import Event, events
 from circnav_mav.runlog.run_folder import Run
 
 MOST_EVENTS = 60
-"""Maximum number of events listed on the page. Of more events, the first and the last ones are
-listed, half each. Chosen."""
+"""Maximum number of events listed on the page (chosen). Of more events, the first half and the last
+half of this number are listed."""
 LABEL = 13
 """Width of the labels of a verdict, characters."""
 OUTCOMES = {"COMPLETED": "good", "INTERRUPTED": "warn", "ENDED": "neutral"}
-"""Color class of an outcome. All others are "bad"."""
+"""Color class of an outcome. All other outcomes are "bad"."""
 PAGE = Path(__file__).with_name("report.template.html")
 
 
@@ -39,7 +39,7 @@ def write_report(
     """Write report.html of a run with at least two ticks into its folder, atomically. Raises
     RunError, OSError.
 
-    circles: description.
+    circles: description of the circles.
     gate: innovation gate, standard deviations.
     verdict: text with the outcome in its first line.
     settings: values by key.
@@ -47,9 +47,8 @@ def write_report(
     """
     mode = next((mode for mode in OutputMode if mode.value == run.output_mode), OutputMode.FLY)
     happened = events(run)
-    names = {
-        phase.value: phase_name(phase, mode) for phase in Phase
-    }  # other names if nothing was sent
+    # The names differ if no setpoint was sent.
+    names = {phase.value: phase_name(phase, mode) for phase in Phase}
     commanded = "commanded" if run.output_mode == OutputMode.FLY.value else "would command"
     data = chart_data(run.ticks, run.truth, orbit, names, gate=gate, commanded=commanded)
     outcome, _, figures = verdict.partition("\n")
@@ -92,7 +91,7 @@ def _figure(line: str) -> str:
 def _vehicle(run: Run) -> str:
     """Return date, autopilot and firmware of the flight."""
     autopilot = run.manifest.get("autopilot") or {}
-    # A computer without network and battery starts with an earlier time.
+    # The clock of a computer without network and clock battery starts at an earlier time.
     epoch_us = max(run.epoch_us, run.manifest.get("utc_epoch_us") or 0)
     when = datetime.fromtimestamp(epoch_us / 1e6, UTC)
     firmware = autopilot.get("firmware") or run.summary.get("firmware")
@@ -128,8 +127,8 @@ def picture(path: Path, alt: str, style: str = "") -> str:
 
 
 def _events(happened: list[Event], names: dict[str, str]) -> str:
-    """Return the table rows of events, without rejected ranges and laws. Of many, the first and the
-    last."""
+    """Return HTML table rows of the events, without rejected ranges and changes of law. Above
+    MOST_EVENTS, only the first and the last events are listed."""
     listed = [event for event in happened if event.kind not in ("rejected", "law")]
     rows = [
         f"<tr><td>{event.time:.1f} s</td><td>{escape(event.kind)}</td>"

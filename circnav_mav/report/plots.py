@@ -23,8 +23,8 @@ PAGE = 7.16
 
 
 def literal(text: str) -> str:
-    """Return a text that matplotlib draws literally. In names of files and missions, "$" does not
-    enclose a formula."""
+    """Return a text that matplotlib draws literally: a "$" in the name of a file or mission does
+    not begin a formula."""
     return text.replace("$", r"\$")
 
 
@@ -82,7 +82,8 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
         labels = "range, m", "range - radius, m", "turn rate, deg/s\n(left positive)"
         for axis, label in zip(axes, labels, strict=True):
             axis.set_ylabel(label)
-            if holding.any():  # intervals without ranges, in which the vehicle held its turn
+            # Mark intervals without ranges, in which the vehicle kept its turn.
+            if holding.any():
                 limits = axis.get_ylim()
                 label = "no range, holding"
                 axis.fill_between(
@@ -137,7 +138,7 @@ def _track(axis: Any, track: Track, radii: list[float]) -> None:
         label_once = None if at else "desired"
         axis.plot(
             *circle, "--", color=DESIRED, lw=1.5, label=label_once, zorder=3
-        )  # above the track
+        )  # draw the circle above the track
     axis.plot(track.east, track.north, color=colour, lw=1.0, label=label)
     east, north = track.east[track.known], track.north[track.known]
     begins = (

@@ -20,7 +20,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
         with suppress(OSError):
             fresh.unlink(missing_ok=True)
         if isinstance(error, OSError) and str(error.filename or fresh) == str(fresh):
-            # report the name that the user knows
+            # Report the name of the final file, not of the temporary one.
             error.filename = str(path)
             error.filename2 = None
         raise

@@ -18,8 +18,8 @@ OUR_COMPONENTS = range(191, 195)
 OURS = "circnav message"
 ALARM = "alarm"
 SEVERE = {"vehicle message": 3, OURS: 4}
-"""Largest MAV_SEVERITY that counts as severe, by kind of event: ERROR and WARNING. A smaller number
-is more severe."""
+"""Largest MAV_SEVERITY of a severe message, by kind of event: ERROR for the vehicle, WARNING for
+circnav. A smaller number is more severe."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,8 +23,8 @@ SENDING_COMPONENT = 6
 
 
 def recorded_steps(folder: Path) -> Iterator[LoopStep]:
-    """Yield the steps of a run folder, up to the first damage or the end of either file. Raises
-    OSError."""
+    """Yield the steps of a run folder, up to the first damage or to the end of steps.csv or
+    flight.tlog. Raises OSError."""
     frames = (frame for _, frame in read_unbroken(folder / "flight.tlog"))
     with closing(read_lines(folder / STEPS, errors="replace")) as lines:
         rows = csv.reader(lines)
@@ -33,8 +33,8 @@ def recorded_steps(folder: Path) -> Iterator[LoopStep]:
             for row in rows:
                 yield _step(row, frames)
         except (ValueError, TypeError, KeyError, csv.Error):
-            # Frames are assigned to steps by their count. After a damaged line, the assignment is
-            # unknown.
+            # Each row of steps.csv holds only the number of its frames. After a damaged row, the
+            # frames of later rows are unknown.
             return
 
 
@@ -75,10 +75,10 @@ def check_tlog(path: Path) -> None:
             raise RunError(
                 f"{path}: has MAVLink 1 frames: only a tlog of MAVLink 2 can be replayed"
             )
-        # Largest step back of a timestamp, us, that counts as disorder of a logger's two threads,
-        # not as another clock.
-        # 3_600_000_000: longest gap in a log, us. A larger step forward means that the clock was
-        # set, such as from 1970 to now.
+        # -100_000: largest accepted step back of a timestamp, us. The two threads of a logger write
+        # frames slightly out of order. A larger step back means another clock.
+        # 3_600_000_000: largest accepted gap, us. A larger step forward means that the clock was
+        # set, for example from 1970 to the present.
         if newest is not None and not -100_000 <= stamp - newest <= 3_600_000_000:
             jump = (stamp - newest) / 1e6
             raise RunError(

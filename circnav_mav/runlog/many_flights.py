@@ -1,4 +1,5 @@
-"""Figures of many flights, one number per flight. Tracks have shape (N, B); SI units.
+"""Figures of many flights, one number per flight. Tracks have shape (N, B) for N samples of B
+flights. SI units.
 
 See `circnav_mav.runlog.metrics` for a single recorded flight and for the commands.
 """
@@ -22,8 +23,8 @@ def rms(values: Batch) -> Batch:
 
 
 def last_exit(time: Batch, r: Batch, r_d: float, within: float) -> Batch:
-    """Return the time (B,) after which |r - r_d| stays below `within` (m); infinite if the flight
-    ends outside."""
+    """Return the time (B,) after which |r - r_d| stays below `within` (m), s. Infinite if the
+    flight ends outside."""
     outside = np.abs(r - r_d) > within
     step = time[1] - time[0]
     newest = len(time) - 1 - outside[::-1].argmax(axis=0)
@@ -32,10 +33,10 @@ def last_exit(time: Batch, r: Batch, r_d: float, within: float) -> Batch:
 
 
 def overshoot(r: Batch, r_d: float) -> Batch:
-    """Return the distance (B,) by which a flight crossed the circle after first reaching it, m; 0
-    if it did not.
+    """Return the overshoot (B,), m: the largest distance beyond the circle after first reaching it.
+    0 if the flight did not reach or cross the circle.
 
-    For starts outside this is the depth inside, for starts inside the distance outside.
+    "Beyond" is inside the circle for a start outside, and outside the circle for a start inside.
     """
     outside = r[0] > r_d
     e = np.where(outside, r_d - r, r - r_d)
@@ -50,7 +51,8 @@ def swept(angle: Batch) -> Batch:
 
 
 def right_way(angle: Batch, sense: Batch) -> Batch:
-    """True if the flight went round in the required sense. Ranges alone cannot show it."""
+    """True if the flight went round in the required sense. Needs the angle round the target: ranges
+    do not show the sense."""
     return np.asarray(np.sign(swept(angle)) == sense)
 
 
@@ -63,13 +65,13 @@ def went_round(angle: Batch) -> Batch:
 def tangent_time(
     p: Batch, psi: Batch, sense: Batch, *, V: float, r_d: float, max_turn_rate: float
 ) -> Batch:
-    """Return the time (B,) to the tangent point, s: one turn at the limit, then the tangent to the
-    circle.
+    """Return the time (B,) of the shortest path from the start to the circle in still air, s. The
+    path is a turn at `max_turn_rate`, then a straight tangent to the circle (Dubins). It is the
+    reference for the settling time. Only for starts outside the circle.
 
-    This Dubins path in still air is the reference for the settling time.
-
-    For starts outside, p = vehicle - target (2, B), heading psi (B,). sense: +1 counter-clockwise,
-    -1 clockwise.
+    p: vehicle minus target position (2, B), m.
+    psi: heading (B,), rad.
+    sense: +1 counter-clockwise, -1 clockwise.
     """
     rho = V / max_turn_rate
     best = np.full(np.shape(psi), np.inf)
@@ -91,15 +93,15 @@ def tangent_time(
 
 
 def median_interval(ordered: Any, worlds: int) -> Interval:
-    """Return an interval of the median for any distribution: ranks n/2 ± z n / (2 sqrt(worlds)),
-    rounded outwards.
+    """Return the 95 % confidence interval of the median, valid for any distribution: the values at
+    ranks n/2 ± z n / (2 sqrt(worlds)), rounded outwards.
 
-    Below six worlds, even the smallest and the largest value enclose the median with less than 95
-    %: no interval.
+    ordered: the n values, sorted.
+    worlds: number of independent draws among them. Below six, even the smallest and the largest
+        value enclose the median with less than 95 %: (None, None).
     """
     n = len(ordered)
-    # Smallest number of worlds (draws) whose values enclose the median with 95 %: 1 - 2/2^6 is 97
-    # %, 1 - 2/2^5 is 94 %.
+    # 1 - 2/2^6 is 97 %, but 1 - 2/2^5 is only 94 %.
     if worlds < 6:
         return None, None
     half = Z * n / (2 * sqrt(worlds))

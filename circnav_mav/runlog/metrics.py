@@ -15,17 +15,18 @@ from circnav_mav.guidance.types import Direction, Orbit
 Column = NDArray[np.float64]
 
 TOLERANCE = 0.05
-"""Half width of the band in which the radius counts as settled, as a fraction of the desired
-radius."""
+"""Half width of the band round the desired radius, as a fraction of the desired radius. A radius in
+the band is settled."""
 LAST = 1 / 3
-"""Final fraction of the flight over which the circle is judged."""
+"""Final fraction of the flight, over which radius error, sense of rotation and turn command are
+judged."""
 
 
 def settling_time(
     time: Column, radius: Column, desired: float, tolerance: float = TOLERANCE
 ) -> float | None:
-    """Return the time from the first sample to the last entry into the band, s. None if the flight
-    ends outside."""
+    """Return the time from the first sample to the last entry of the radius into the band, s. The
+    band is `desired` ± `tolerance` * `desired`. None if the flight ends outside the band."""
     outside = np.flatnonzero(~(np.abs(radius - desired) <= tolerance * desired))
     if not len(radius) or (len(outside) and outside[-1] == len(radius) - 1):
         return None
@@ -34,15 +35,15 @@ def settling_time(
 
 
 def settled(time: Column, radius: Column, desired: float) -> float | None:
-    """Return the settling time, s, or None if the radius left the band in the part that is
-    judged."""
+    """Return the settling time, s. None if the radius was last outside the band in the final part
+    of the flight."""
     # A flight that leaves the band on every lap also has a last entry, but it has not settled.
     first = settling_time(time, radius, desired)
     return None if first is None or first > (1 - LAST) * (time[-1] - time[0]) else first
 
 
 def last_part(time: Column, values: Column) -> Column:
-    """Return the values of the final part, over which the circle is judged."""
+    """Return the values of the final part of the flight (fraction LAST)."""
     return values[time >= time[-1] - LAST * (time[-1] - time[0])] if len(time) else values
 
 
@@ -71,19 +72,19 @@ def direction_of(swept: float) -> Direction | None:
 
 
 SLOW = 0.25
-"""Window of the moving mean, as a fraction of a lap. Wind and a moving target require turn rates
-that vary once or twice a lap. Subtracting the mean removes most of that, and leaves oscillations
-with periods up to about 10 s."""
+"""Window of the moving mean of the turn command, as a fraction of a lap. Wind and a moving target
+require turn rates that vary once or twice a lap. Subtracting the mean removes most of this
+variation, and keeps oscillations with periods up to about 10 s."""
 
 
 @dataclass(frozen=True, slots=True)
 class TurnFigures:
     """Figures of the turn command.
 
-    turn_std_deg_s: standard deviation, deg/s.
-    turn_at_limit: fraction of samples at the vehicle's limit.
-    turn_variation_rad_s2: total variation per second, rad/s^2.
-    turn_limit_cycle: see `cycles`.
+    turn_std_deg_s: standard deviation of the command, deg/s.
+    turn_at_limit: fraction of samples at the vehicle's turn-rate limit.
+    turn_variation_rad_s2: sum of all absolute changes of the command, divided by the time, rad/s^2.
+    turn_limit_cycle: True if the command shows a limit cycle (see `cycles`).
     """
 
     turn_std_deg_s: float
@@ -102,9 +103,9 @@ def turn_figures(
     """Return the figures of commanded turn rates (rad/s, NaN where none) at times (s). None without
     a command.
 
-    at_limit: nonzero where the limit cut the command; by default, where the command is at the
-    limit. Pass it for a vehicle that turns faster than commanded: its commands stay below the
-    limit.
+    at_limit: nonzero where the limit cut the command. Default: nonzero where the command is at the
+        limit. A vehicle that turns faster than commanded needs the argument, because its commands
+        stay below the limit.
     """
     known = np.isfinite(command)
     if not known.any():
@@ -126,16 +127,18 @@ def turn_figures(
 
 
 def late_figures(time: Column, command: Column, cut: Any, orbit: Orbit) -> TurnFigures | None:
-    """Return `turn_figures` of the final part of a flight, over which its radius is judged too."""
+    """Return `turn_figures` of the final part of a flight (fraction LAST)."""
     late = slice(len(time) - len(last_part(time, time)), None)
     return turn_figures(time[late], command[late], orbit, at_limit=cut[late])
 
 
 def cycles(time: Column, command: Column, *, limit: float, lap: float) -> bool:
-    """True if the turn command (rad/s) shows a limit cycle. Its fast part, without the moving mean
-    over a quarter of a lap, is large and periodic, or alternates between the limits.
+    """True if the turn command (rad/s) shows a limit cycle. The fast part of the command, without
+    the moving mean over a quarter of a lap, is then large and periodic, or alternates between the
+    limits. False for samples of less than half a lap, which are too short to judge.
 
-    limit: rad/s. lap: s. False for less than half a lap, which is too short to judge.
+    limit: turn-rate limit, rad/s.
+    lap: duration of a lap, s.
     """
     if time[-1] - time[0] < 2 * SLOW * lap:
         return False
@@ -146,14 +149,13 @@ def cycles(time: Column, command: Column, *, limit: float, lap: float) -> bool:
         return False
     fast = _without_mean(even, width)
     swing = float(np.sqrt(np.mean(fast**2)))
-    # RMS of the fast part (turn command minus its moving mean), as a fraction of the turn-rate
-    # limit, below which there is no limit cycle.
-    # 0.35: autocorrelation of the fast part at one period, from which it counts as periodic.
-    # Benchmark plant: noise and gusts reach 0.2, a loop with 0.25 s dead time 0.7 to 0.9, one with
-    # 0.5 s in wind 0.5.
-    # 0.6: RMS of the fast part, as a fraction of the limit, that only a command alternating between
-    # both limits reaches (sine 0.71, square wave 1). Gusts make such a loop irregular
-    # (autocorrelation 0.1 to 0.3), but it keeps 0.67. A stable loop in gusts has 0.44.
+    # Both branches judge the fast part: the turn command minus its moving mean.
+    # 0.1: least RMS of a limit cycle, as a fraction of the turn-rate limit.
+    # 0.35: least autocorrelation at one period of a periodic fast part. Benchmark plant: noise and
+    # gusts reach 0.2, a loop with 0.25 s dead time 0.7 to 0.9, a loop with 0.5 s in wind 0.5.
+    # 0.6: least RMS, as a fraction of the limit, of a command that alternates between both limits
+    # (sine 0.71, square wave 1). Gusts make such a loop irregular (autocorrelation 0.1 to 0.3), but
+    # its RMS stays at 0.67. A stable loop in gusts has 0.44.
     return swing >= 0.6 * limit or (
         swing >= 0.1 * limit and _autocorrelation_peak(fast, width) >= 0.35
     )

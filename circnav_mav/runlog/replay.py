@@ -31,9 +31,11 @@ Sent = list[tuple[float, bytes]]
 class ReplayResult:
     """Result of a replay.
 
+    ticks: ticks of the replay.
     sent, was_sent: (time, frame) sent in the replay and in the log, in order.
+    steps, frames: number of replayed steps and frames.
     until: time of the last step, s.
-    ended: time when the pilot was done, s, or None; later steps are ignored.
+    ended: time when the pilot was done, s, or None. Later steps are ignored.
     """
 
     ticks: list[TickRecord] = field(default_factory=list)
@@ -67,11 +69,11 @@ class ReplayResult:
 
 
 def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) -> ReplayResult:
-    """Feed steps to a pilot at their times. ticking: add ticks when due, for logs without all
-    steps."""
+    """Feed steps to a pilot at their times. ticking: also run ticks when they are due, for a log
+    that does not contain all steps."""
     done = ReplayResult()
     for step in steps:
-        # Longest time for which ticks continue in a gap of a plain tlog, s.
+        # 10.0: longest time for which ticks continue in a gap of a plain tlog, s.
         received_until = min(step.time, done.until + 10.0)
         while ticking and done.steps and pilot.scheduler.due < received_until and not pilot.done:
             _step(pilot, pilot.scheduler.due, done)
@@ -116,8 +118,8 @@ def without_timeouts(settings: PilotSettings) -> PilotSettings:
 def flown_commands(
     settings: PilotSettings, flown: PilotSettings, was: Ticks
 ) -> FlownCommands | None:
-    """Return the commands of the flight, or None if the replay steers as in the flight, or the
-    flight was a dry run."""
+    """Return the commands of the flight. None if the replay steers by the same settings as the
+    flight, or if the flight was a dry run."""
     same = all(getattr(settings, name) == getattr(flown, name) for name in STEERING)
     if same or settings.output_mode is not OutputMode.FLY:
         return None
@@ -128,7 +130,8 @@ def flown_commands(
 
     def sent_at(now: float) -> YawRate | None:
         newest = bisect_right(times, now + SAME_TIME) - 1
-        # The ticks of the replay may be at other times. A flight sends its commands more often.
+        # Largest age of the command that the flight had sent, s. A tick of the replay may lie
+        # between two ticks of the flight. The flight sends commands more often than this.
         if newest < 0 or now - times[newest] > 0.5:
             return None
         return YawRate(rates[newest])

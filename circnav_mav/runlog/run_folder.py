@@ -21,8 +21,9 @@ class RunError(Exception):
 class Run:
     """Run folder.
 
-    summary: empty if damaged, or missing because the process was killed.
-    manifest: empty if missing.
+    mission_text: contents of mission.toml.
+    manifest: contents of manifest.json, empty if missing.
+    summary: contents of summary.json, empty if damaged, or missing because the process was killed.
     epoch_us: Unix time of run time zero, us.
     """
 
@@ -92,7 +93,8 @@ def open_run(folder: Path) -> Run:
         raise RunError(f"{folder}: is not a run folder: flight.tlog or mission.toml is missing")
     manifest = _table(folder / "manifest.json")
     summary = dict[str, Any]()
-    with suppress(RunError):  # its figures can be computed again
+    # The figures of summary.json can be computed again.
+    with suppress(RunError):
         summary = _table(folder / "summary.json")
     epoch = manifest.get("epoch_us") or summary.get("epoch_us")
     # Start of 2100, microseconds since 1970. A later start time means a damaged manifest.
@@ -107,8 +109,8 @@ def open_run(folder: Path) -> Run:
 
 
 def _table(path: Path) -> dict[str, Any]:
-    """Return the table of a JSON file. Empty without the file, or without a table in it. Raises
-    RunError."""
+    """Return the table of a JSON file. Empty if the file does not exist or does not contain a
+    table. Raises RunError."""
     with _refusing(path):
         table = read_json(path) if path.exists() else {}
         return table if isinstance(table, dict) else {}

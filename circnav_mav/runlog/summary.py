@@ -1,4 +1,4 @@
-"""Contents of summary.json of a run. Its keys are stable, because users' scripts read them."""
+"""Contents of summary.json of a run. The keys are stable, because users' scripts read them."""
 
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
@@ -20,16 +20,16 @@ NOT_OURS = frozenset(
 """Phases in which circnav does not control the vehicle."""
 FIGURES = ("settled_s", "radius_mean_m", "radius_rms_error_m")
 UNRECORDED = 1.0
-"""Longest unrecorded time at the end of a flight that is not reported, s."""
+"""The summary reports an unrecorded end of a flight that is longer than this, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightFacts:
-    """Facts known at the end of a flight. The summary holds them under the same names, except orbit
+    """Facts known at the end of a flight. The summary has them under the same names, except orbit
     and the last three.
 
-    engaged_s, until_s: run time of engaging and of the last tick, s, recorded or not; None: take
-        them from the recorded ticks.
+    engaged_s: run time of the engagement, s; None: take it from the recorded ticks.
+    until_s: run time of the last tick, recorded or not, s; None: take it from the recorded ticks.
     clock_speed: speed of the autopilot's clock if it differed from real time.
     orbit: first circle.
     """
@@ -55,9 +55,9 @@ class FlightFacts:
 def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str, Any]:
     """Return the summary as plain values.
 
-    The figures of the circle cover the last circle that was begun, and are null if the flight never
-    engaged. They use recorded ticks that steered by a fresh range, because predictions in an outage
-    are not measurements. If parts were not recorded, `recording_problem` reports it.
+    The figures of the circle cover the last circle that was begun. They are null if the flight
+    never engaged. They use only recorded ticks that steered by a fresh range, because predictions
+    in an outage are not measurements. If parts were not recorded, `recording_problem` reports it.
     """
     start = ticks.engaged_at if facts.engaged_s is None else facts.engaged_s
     end = (
@@ -75,12 +75,12 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     )
     begun = newest["begun_s"]
     known &= ticks.time >= begun
-    # ticks in which circnav did not steer: the operator flew, or no link. Unrecorded time counts as
-    # steered.
+    # Ticks in which circnav did not steer, because the operator flew or there was no link.
+    # Unrecorded time is assumed to be steered.
     without = (
         flown[:-1] & np.array([phase in NOT_OURS for phase in ticks.words["phase"]], bool)[:-1]
     )
-    # smoothness of the turn command, over the ticks by which the radius is judged
+    # Smoothness of the turn command, over the ticks over which the radius is judged.
     turn = late_figures(
         ticks.time[known],
         ticks.numbers["turn_rate"][known],
@@ -89,8 +89,8 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     )
     height = ticks.numbers["height"][flown & steered]
     height = height[~np.isnan(height)]
-    # sense of most of the commanded turning in the last third of the newest circle: turns on the
-    # way to the circle do not count
+    # Sense of the commanded turn, summed over the last third of the newest circle. Turns on the way
+    # to the circle are left out.
     lately = flown & steered & (ticks.time >= begun)
     turned = np.nansum(metrics.last_part(ticks.time[lately], ticks.numbers["turn_rate"][lately]))
     commanded = (
@@ -141,8 +141,8 @@ def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float)
 def _circles(
     ticks: Ticks, known: NDArray[np.bool_], first: Orbit, start: float
 ) -> list[dict[str, Any]]:
-    """Return the figures of each circle that was begun, in order, each from its start to the start
-    of the next one."""
+    """Return the figures of each circle that was begun, in order. Each circle ends where the next
+    one begins."""
     desired = ticks.desired(first.radius)
     directions = np.array([word or first.direction.value for word in ticks.words["direction"]])
     at = np.flatnonzero(known)
@@ -169,8 +169,8 @@ def _circle(
 
 
 def _vehicle(ticks: Ticks, steered: NDArray[np.bool_]) -> dict[str, float | int | None]:
-    """Return turn gain and delay of the vehicle at the end, the share of the gains left after
-    oscillations, and the number of law changes."""
+    """Return turn gain and turn delay at the end, the remaining fraction of the law's gain after
+    oscillations reduced it, and the number of law changes."""
     figures: dict[str, float | int | None] = {}
     for name, column in (
         ("turn_gain", "turn_gain"),

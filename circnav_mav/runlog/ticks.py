@@ -25,7 +25,7 @@ NAMES = frozenset(TickRecord._fields)
 WORDS = frozenset(name for name, kind in get_type_hints(TickRecord).items() if kind in (str, Phase))
 """Columns of ticks.csv that hold text."""
 MOST = 1e30
-"""Upper bound of the size of a number. A larger one is read as NaN."""
+"""Largest absolute value of a number in ticks.csv. A larger number is read as NaN."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,18 +42,20 @@ class Ticks:
         return self.numbers["time"]
 
     def desired(self, otherwise: float) -> Column:
-        """Return the desired radius of each tick, m. otherwise: value where the tick holds none."""
+        """Return the desired radius of each tick, m. otherwise: radius for ticks that have none,
+        m."""
         return np.where(np.isnan(self.numbers["desired"]), otherwise, self.numbers["desired"])
 
     def steady_turn(self, orbit: Orbit) -> Column:
-        """Return the turn rate of the desired circle at each tick, rad/s. orbit: of a tick that
-        holds no radius or direction."""
+        """Return the turn rate of the desired circle at each tick, rad/s. orbit: radius and
+        direction for ticks that have none."""
         words = self.words["direction"]
         signs = np.array([Direction(one or orbit.direction.value).turn_sign for one in words])
         return np.asarray(signs * orbit.speed / self.desired(orbit.radius))
 
     def radii(self, otherwise: float) -> list[float]:
-        """Return the radii of the flown circles, in order, m. otherwise: as in `desired`."""
+        """Return the radii of the flown circles, in order, m. otherwise: radius of ticks that have
+        none, and of a run without ticks, m."""
         desired = self.desired(otherwise)
         return (
             [otherwise]
@@ -126,7 +128,7 @@ def read_ticks(folder: Path) -> Ticks:
                         raise ValueError(
                             f"line {line}: {name}: {cell[:40]!r} is not a number"
                         ) from None
-                # Upper bound of a run time, s. A larger one means a damaged file.
+                # Upper bound of a run time, s. A larger time means a damaged file.
                 if not 0 <= times[-1] < 1e9:
                     raise ValueError(
                         f"line {line}: time: must be seconds of the run, not {times[-1]:g}"
@@ -160,9 +162,8 @@ def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth 
         numbers = read_truth_frame(frame)
         if numbers is None or not all(map(isfinite, numbers)):
             continue
-        system = (
-            frame[5] if system is None else system
-        )  # byte 5 of a MAVLink 2 frame, the only version with truth
+        # Byte 5 of a MAVLink 2 frame is the system id. Truth is sent only in MAVLink 2.
+        system = frame[5] if system is None else system
         if frame[5] == system:
             rows.extend(((stamp - epoch_us) / 1e6, *numbers))
     if not rows:

@@ -27,12 +27,13 @@ RECORD = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 class Damage:
     """Damage of a tlog.
 
-    byte: first unreadable byte.
-    size: of the file, bytes.
-    places, lost: number of unreadable stretches, and bytes in them.
-    until, newest: newest timestamp before the first stretch, and in the whole file, microseconds
-        since 1970, 0 if none.
-    cut: True if nothing after the first stretch is readable.
+    byte: position of the first unreadable byte in the file.
+    size: size of the file, bytes.
+    places: number of unreadable stretches.
+    lost: number of bytes in all unreadable stretches.
+    until: newest timestamp before the first unreadable stretch, us since 1970, 0 if none.
+    newest: newest timestamp in the whole file, us since 1970, 0 if none.
+    cut: True if nothing after the first unreadable stretch is readable.
     """
 
     byte: int
@@ -106,7 +107,7 @@ def message_id(frame: bytes) -> int:
 def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
     """Yield (position in the file, timestamp, frame) of each whole record. Raises OSError."""
     with open_file(path) as file:
-        # base: position of the data in the file
+        # base: position of `data` in the file, bytes.
         data = b""
         base = 0
         at = 0
@@ -122,9 +123,8 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
                 return
             if searching:
                 found = RECORD.search(data, at)
-                start = (
-                    found.start() if found else max(at, len(data) - STAMP)
-                )  # keep a possible partial timestamp
+                # Keep the last bytes: they may be the begin of a timestamp.
+                start = found.start() if found else max(at, len(data) - STAMP)
                 if start > at:
                     at = start
                     continue
@@ -134,8 +134,8 @@ def _records(path: Path) -> Iterator[tuple[int, int, bytes]]:
                 searching = True
                 continue
             if searching and not any_read and end == len(data):
-                # May be chance: in a file of frames without timestamps, the last one can look like
-                # a record.
+                # May be a coincidence: in a file of frames without timestamps, the last frame can
+                # look like a record.
                 return
             yield base + at, int.from_bytes(data[at : at + STAMP], "big"), data[at + STAMP : end]
             at = end
@@ -147,14 +147,14 @@ def _end(data: bytes, at: int) -> int | None:
     """Return the end of the record that may begin at `at`, or None if none begins there or it is
     incomplete."""
     start = at + STAMP
-    # Largest second byte of a timestamp after a first byte of 0: a time before 2105.
+    # 14: largest second byte of a timestamp after a first byte of 0, for a time before October
+    # 2103.
     if len(data) < start + 3 or data[at] or data[at + 1] > 14:
         return None
     magic = data[start]
     flags = data[start + 2]
-    if (
-        magic == V2 and not flags & ~SIGNED
-    ):  # not with `frame_at`, for speed: a long log is read several times
+    # Do not call `frame_at` here: a long log is read several times, so speed matters.
+    if magic == V2 and not flags & ~SIGNED:
         end = start + data[start + 1] + (25 if flags else 12)
     elif magic == V1:
         end = start + data[start + 1] + 8
@@ -164,8 +164,8 @@ def _end(data: bytes, at: int) -> int | None:
 
 
 def _is_record(data: bytes, at: int, end: int, searching: bool) -> bool:
-    """True if this is a record. It has two signs: a valid checksum, and another record or the end
-    of the file after it. At the expected place, one sign is enough. In a search, both are
+    """True if this is a record. A record has two signs: a valid checksum, and another record or the
+    end of the file after it. At the expected place, one sign is enough. In a search, both signs are
     required."""
     framed = end == len(data) or _end(data, end) is not None
     if framed is not searching:

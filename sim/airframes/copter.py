@@ -1,5 +1,5 @@
-"""Airframe of copters: one model flies velocity setpoints, another one attitude setpoints. Each
-step uses the model of its setpoint."""
+"""Airframe of copters. One model flies velocity setpoints, another model flies attitude setpoints.
+Each step uses the model for the present setpoint."""
 
 import math
 from dataclasses import dataclass
@@ -10,26 +10,24 @@ from ..demands import BodyVelocity, Demand, EarthVelocity, Spin, Tilt
 from .multicopter import DRAG, DraggedCopter, Multicopter, YawLoop
 from .unicycle import Unicycle
 
-STEP = 0.025
-# s
-TILT_LAG = 0.12
-YAW_LAG = 0.15
-YAW_GAIN = 4.5  # 1/s
-MOST_TILT = math.radians(80)
-HOVER_THRUST = 0.485  # share of full thrust
-# defaults of ANGLE_MAX and MPC_TILTMAX_AIR
-ARDUPILOT_LEAN_DEG = 30.0
-PX4_LEAN_DEG = 45.0
+STEP = 0.025  # longest integration step, s
+TILT_LAG = 0.12  # lag of roll and pitch, s
+YAW_LAG = 0.15  # lag of the turn rate, s
+YAW_GAIN = 4.5  # turn rate per heading error, 1/s
+MOST_TILT = math.radians(80)  # largest roll and pitch with body-rate setpoints
+HOVER_THRUST = 0.485  # share of full thrust in hover
+ARDUPILOT_LEAN_DEG = 30.0  # default of ANGLE_MAX
+PX4_LEAN_DEG = 45.0  # default of MPC_TILTMAX_AIR
 
 
 @dataclass(frozen=True)
 class TiltingCopter:
-    """A multicopter flown by attitude setpoints. Its tilt accelerates it until drag balances (10
-    deg: 4.6 m/s).
+    """A multicopter flown by attitude setpoints. With a constant tilt, it accelerates until the
+    drag balances the thrust: 10 deg give 4.6 m/s.
 
     max_turn_rate: rad/s.
     drag: linear part of the drag, 1/s.
-    quadratic: True if the drag grows with the speed.
+    quadratic: True if a quadratic part is added to the drag.
     """
 
     max_turn_rate: float
@@ -118,10 +116,12 @@ def _spin(body: Body, demand: Spin, h: float) -> Body:
 
 @dataclass(frozen=True)
 class CopterAirframe:
-    """A copter. by_velocity: model for velocity demands. by_attitude: model for attitude demands.
+    """A copter.
 
+    by_velocity: model for velocity demands.
+    by_attitude: model for attitude demands.
     carried: True if velocities in body axes are relative to the air, False if relative to the
-    ground.
+        ground.
     """
 
     by_velocity: Unicycle | Multicopter | DraggedCopter
@@ -139,7 +139,7 @@ class CopterAirframe:
             return self._through_air(body, demand, dt, wind)
         if isinstance(self.by_velocity, Unicycle):
             return self.by_velocity.step(body, demand, dt)
-        if isinstance(demand, BodyVelocity):  # rotate it by the present heading
+        if isinstance(demand, BodyVelocity):  # rotate the velocity by the present heading
             north, east = to_earth(demand.forward, demand.right, body.heading)
             demand = EarthVelocity(north, east, demand.down, demand.yaw_rate)
         return self.by_velocity.step(body, demand, dt, wind)
@@ -163,8 +163,8 @@ def _seen_from(body: Body, velocity: tuple[float, float]) -> Body:
 def copter_airframe(config: Airframe) -> CopterAirframe:
     limit = math.radians(config.max_turn_rate_deg_s)
     ideal = Unicycle(limit, config.turn_lag_s, config.speed_lag_s)
-    # Measured on ArduCopter: for yaw-rate commands of ±45 deg/s at 1 Hz the turn rate reaches 1.19
-    # times the command. The acceleration limit prevents a larger one.
+    # Limit the acceleration of the turn. On ArduCopter, yaw-rate commands of ±45 deg/s at 1 Hz gave
+    # 1.19 times the commanded turn rate. Without the limit, the model would give more.
     yaw_loop = YawLoop(
         limit, dead_time=0.18, frequency=7.5, damping=0.46, most_acceleration=3.5
     ).configured(config)

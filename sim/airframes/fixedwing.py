@@ -8,17 +8,18 @@ from ..body import GRAVITY, Body, pieces, second_order, through_line, within
 from ..config import Airframe
 from ..demands import Bank
 
-STEP = 0.02
-# s
-SPEED_LAG = 3.0
-HEIGHT_LAG = 2.0
-CLIMB_LAG = 1.0
-MOST_CLIMB = 3.0  # m/s
+STEP = 0.02  # longest integration step, s
+SPEED_LAG = 3.0  # lag of the airspeed, s
+HEIGHT_LAG = 2.0  # climb rate is height error divided by this time, s
+CLIMB_LAG = 1.0  # lag of the climb angle, s
+MOST_CLIMB = 3.0  # largest climb rate, m/s
 MOST_ROLL_RATE = math.radians(100)
-NOSE_DAMPING = 0.7  # damping ratio of the tail fin, which turns the nose into the airflow
-# Share of a bank error that becomes side-slip instead of a turn; fitted to PX4's SIH
+NOSE_DAMPING = 0.7  # damping ratio with which the tail fin turns the nose into the airflow
+# Share of an error of the estimated bank that becomes side-slip instead of a turn; fitted to PX4's
+# SIH
 HELD_BY_RUDDER = 0.7
-# 1/s: path turn rate per side-slip (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per rad)
+# turn rate of the path per side-slip of a gust, 1/s (ArduPilot's SITL plane at 22 m/s: 65 m/s^2 per
+# rad)
 SIDE_FORCE = 3.0
 
 
@@ -26,18 +27,23 @@ SIDE_FORCE = 3.0
 class FixedWing:
     """A fixed wing.
 
-    effectiveness: turn rate divided by that of a coordinated turn. The bank follows its command
-    after dead_time (s) in a second-order loop with roll_frequency (rad/s). If that is 0, it follows
-    with a first-order roll_lag (s).
+    The bank follows its command after dead_time in a second-order loop with roll_frequency. If
+    roll_frequency is 0, the bank follows with a first-order lag, roll_lag.
 
-    A bank turns the path at once. The tail fin turns the nose after it with nose_frequency (rad/s),
-    so a turn begins with side-slip. A gust changes airspeed and side-slip, not the ground velocity.
-    Then the fin turns the nose into it and the side force accelerates the plane. With
-    nose_frequency 0 the nose turns with the path, and the plane moves with a gust at once.
+    A bank turns the path at once. The tail fin then turns the nose with nose_frequency, so a turn
+    begins with side-slip. A gust changes airspeed and side-slip, not the velocity over the ground.
+    Then the fin turns the nose into the gust, and the side force accelerates the plane. With
+    nose_frequency 0, the nose turns with the path, and the plane moves with a gust at once.
 
-    pitch: pitch above the path in level flight, and its increase with tan(bank), rad. In a bank
-    this pitch is also a yaw angle between nose and path. fin: further part of that yaw angle, in
-    the same form.
+    effectiveness: turn rate divided by that of a coordinated turn.
+    roll_lag: s.
+    roll_frequency: rad/s.
+    roll_damping: damping ratio of the bank loop.
+    dead_time: s.
+    nose_frequency: rad/s.
+    pitch: pitch above the path in level flight, and increase of this pitch with tan(bank), rad. In
+        a bank this pitch is also a yaw angle between nose and path.
+    fin: further part of that yaw angle, in the same form.
     """
 
     effectiveness: float
@@ -120,7 +126,7 @@ class FixedWing:
         turning = shaped.roll + HELD_BY_RUDDER * shaped.error.tilt(shaped.heading)[0]
         bend = self.effectiveness * GRAVITY * math.tan(turning) / max(3.0, shaped.air_speed)
         bend -= SIDE_FORCE * before.gust_slip
-        course = before.heading + before.slip  # through the air
+        course = before.heading + before.slip  # course through the air
         after = course + bend * h
         rate = bend
         if self.nose_frequency > 0:
@@ -131,7 +137,7 @@ class FixedWing:
             rate = second_order(side, before.turn_rate, self.nose_frequency, NOSE_DAMPING, h)
         heading = before.heading + rate * h
         sink = -shaped.air_speed * math.sin(shaped.climb_angle)
-        # 1/s: rate at which the tail fin removes the side-slip of a gust
+        # 5.4: rate at which the tail fin removes the side-slip of a gust, 1/s.
         return shaped._replace(
             north=before.north + (flat * math.cos(course + bend * h / 2) + wind[0]) * h,
             east=before.east + (flat * math.sin(course + bend * h / 2) + wind[1]) * h,
@@ -163,7 +169,7 @@ def falling(body: Body, dt: float) -> Body:
 
 
 class Loiter(NamedTuple):
-    """A circle that is flown clockwise, meters."""
+    """A circle that is flown clockwise: center and radius, m."""
 
     north: float
     east: float
@@ -177,12 +183,11 @@ def bank_on_loiter(body: Body, circle: Loiter, limit: float, effectiveness: floa
     radius = max(5.0, abs(circle.radius))
     outwards = math.atan2(east, north)
     outside = distance / radius - 1
-    wanted = (
-        outwards + math.pi / 2 + math.atan(2.0 * outside)
-    )  # clockwise, bent inwards when outside
+    # Course along a clockwise circle, bent inwards outside the circle.
+    wanted = outwards + math.pi / 2 + math.atan(2.0 * outside)
     error = math.remainder(wanted - body.course, math.tau)
     speed = max(3.0, body.ground_speed)
     along = speed / max(distance, radius) if abs(outside) < 0.5 else 0.0
-    # Course loop in loiter, rad/s per rad
+    # 1.0: gain of the course loop in loiter, rad/s per rad.
     rate = along + 1.0 * error
     return within(math.atan(speed * rate / (GRAVITY * effectiveness)), limit)

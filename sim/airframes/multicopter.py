@@ -17,30 +17,35 @@ from ..body import (
 from ..config import Airframe
 from ..demands import Brake, EarthVelocity
 
-STEP = 0.02
+STEP = 0.02  # longest integration step, s
 YAW_EXCESS = 0.23  # relative excess of the turn rate per g of centripetal acceleration
-# acceleration feedforward: effective share, lag in s
-FEED_SHARE = 0.9
-FEED_LAG = 0.8
-COURSE_LAG = 0.3  # s, course rate behind its command: the time to bank
-SPEED_LAG = 0.5  # s
-MOST_ACCELERATION = 2.5  # m/s^2, WPNAV_ACCEL
-SLOW = 0.5  # m/s: below this speed the course is undefined
-DRAG = 0.24  # 1/s, linear part: 10 deg of pitch hold 4.6 m/s
-TRIM_TIME = 2.0  # time constant in which the integrator (PSC_VELXY_P / I) compensates a new wind, s
+FEED_SHARE = 0.9  # effective share of the acceleration feedforward
+FEED_LAG = 0.8  # lag of the acceleration feedforward, s
+COURSE_LAG = 0.3  # lag of the course rate behind its command, s: the time to bank
+SPEED_LAG = 0.5  # lag of the speed, s
+MOST_ACCELERATION = 2.5  # WPNAV_ACCEL, m/s^2
+SLOW = 0.5  # speed below which the course is undefined, m/s
+DRAG = 0.24  # linear part of the drag, 1/s: 10 deg of pitch give 4.6 m/s
+TRIM_TIME = 2.0  # time in which the integrator (PSC_VELXY_P / I) compensates a new wind, s
 
-# PX4's loop
+# PX4's velocity loop
 PROPORTIONAL = 1.8
 INTEGRAL = 0.4
 DERIVATIVE = 0.2
 SINKING = 0.06  # sink rate with a vertical velocity setpoint of 0, m/s
-CLIMB_LAG = 0.3
+CLIMB_LAG = 0.3  # lag of the climb rate, s
 
 
 @dataclass(frozen=True)
 class YawLoop:
-    """A copter's turn rate: limit in rad/s, dead time in s, frequency in rad/s, acceleration limit
-    in rad/s^2."""
+    """Second-order loop of a copter's turn rate.
+
+    limit: largest turn rate, rad/s.
+    dead_time: s.
+    frequency: rad/s.
+    damping: damping ratio.
+    most_acceleration: largest change of the turn rate, rad/s^2.
+    """
 
     limit: float
     dead_time: float
@@ -72,13 +77,15 @@ class YawLoop:
 
 @dataclass(frozen=True)
 class Multicopter:
-    """ArduCopter 4.6.3. It compensates a steady wind. A gust displaces the copter until the loop
-    has compensated it.
+    """ArduCopter 4.6.3. It compensates a steady wind. A gust displaces the copter until the
+    velocity loop has compensated the gust.
 
-    A yaw-rate step has a dead time of 0.2 s, reaches half its value after 0.35 s and overshoots by
-    20 %. The turn is then 1 to 6 % faster than commanded, increasing with the turn rate. The
-    velocity follows behind the nose, by 5 deg at 3 m/s and 0.2 rad/s and by 10 deg at 5 m/s and 0.3
-    rad/s, unless the centripetal acceleration is fed forward.
+    A step of the commanded yaw rate acts after a dead time of 0.2 s. The turn rate reaches half its
+    value after 0.35 s and overshoots by 20 %. The turn is then 1 to 6 % faster than commanded,
+    increasing with the turn rate.
+
+    The direction of the velocity lags behind the nose: by 5 deg at 3 m/s and 0.2 rad/s, by 10 deg
+    at 5 m/s and 0.3 rad/s. A setpoint with centripetal acceleration removes this lag.
     """
 
     yaw_loop: YawLoop
@@ -99,7 +106,7 @@ class Multicopter:
         command = within(wanted.yaw_rate, self.yaw_loop.limit)
         command *= 1 + YAW_EXCESS * abs(body.ground_speed * command) / GRAVITY
         turned = self.yaw_loop.turn(body, command, h)
-        # m/s: below this speed the velocity loop takes over from braking
+        # 0.1: speed below which the velocity loop takes over from braking, m/s.
         if isinstance(demand, Brake) and turned.ground_speed > 0.1:
             moved = _brake(turned, demand.deceleration, h)
         elif min(math.hypot(wanted.north, wanted.east), body.ground_speed) < SLOW:
@@ -110,8 +117,8 @@ class Multicopter:
         return self._tilted(_displaced(moved, body, wanted.down, h), body, h)
 
     def _pushed(self, body: Body, wind: tuple[float, float], h: float) -> Body:
-        """Apply the drag that a change of the wind causes. The loop compensates it within
-        TRIM_TIME."""
+        """Apply the drag that a change of the wind causes. The velocity loop compensates this drag
+        within TRIM_TIME."""
         gust_north = wind[0] - body.trimmed_wind[0]
         gust_east = wind[1] - body.trimmed_wind[1]
         share = h / TRIM_TIME
@@ -127,16 +134,16 @@ class Multicopter:
         )
 
     def _thrust(self, moved: Body, before: Body, h: float) -> tuple[float, float]:
-        """Return the horizontal acceleration by thrust: that of the flown step, plus drag in the
-        trimmed wind."""
+        """Return the horizontal acceleration by thrust, m/s^2: the acceleration flown in this step,
+        plus the drag in the wind that the loop has compensated."""
         drag_north, drag_east = self._drag(before)
         north = (moved.velocity_north - before.velocity_north) / h + drag_north
         east = (moved.velocity_east - before.velocity_east) / h + drag_east
         return north, east
 
     def _leant(self, moved: Body, before: Body, wanted: EarthVelocity, h: float) -> Body:
-        """Apply the lean limit: acceleration across the path first, the rest along it (AP_Math
-        limit_accel_xy)."""
+        """Apply the lean limit. Acceleration across the path has priority over acceleration along
+        the path (AP_Math limit_accel_xy)."""
         north, east = self._thrust(moved, before, h)
         most = GRAVITY * math.tan(self.most_lean)
         if math.hypot(north, east) <= most:
@@ -174,8 +181,8 @@ class Multicopter:
 
 
 def _follow(body: Body, wanted: EarthVelocity, h: float) -> Body:
-    """Move speed and course towards the setpoint. The course follows its error and the acceleration
-    fed forward."""
+    """Move speed and course towards the setpoint. The course follows the course error and the
+    acceleration feedforward."""
     goal = math.hypot(wanted.north, wanted.east)
     speed = body.ground_speed
     feed = (
@@ -186,8 +193,8 @@ def _follow(body: Body, wanted: EarthVelocity, h: float) -> Body:
     fed = body.course_feed + (feed - body.course_feed) * (1 - math.exp(-h / FEED_LAG))
     error = math.remainder(math.atan2(wanted.east, wanted.north) - body.course, math.tau)
     sideways = min(MOST_ACCELERATION, abs(speed * wanted.yaw_rate))
-    correction_time = 0.3 + 0.2 * sideways  # s: the harder the turn, the more it slips
-    # The limit holds for the correction alone: ArduCopter adds the fed-forward acceleration after
+    correction_time = 0.3 + 0.2 * sideways  # s; longer in a hard turn
+    # The limit applies only to the correction: ArduCopter adds the acceleration feedforward after
     # limiting.
     command = fed + within(error / correction_time, 1.4 * MOST_ACCELERATION / speed)
     course_rate = body.course_rate + (command - body.course_rate) * (1 - math.exp(-h / COURSE_LAG))
@@ -239,13 +246,14 @@ def _displaced(moved: Body, before: Body, down: float, h: float) -> Body:
 
 @dataclass(frozen=True)
 class DraggedCopter:
-    """PX4's copter: a velocity loop in NED against drag (1/s), so that a turning copter slows down
-    and crabs.
+    """PX4's copter: a velocity loop in NED against drag (1/s). The lag of the loop makes a turning
+    copter slow down and crab.
 
     The gains are MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4 and MPC_XY_VEL_D_ACC 0.2. For a
-    velocity setpoint that turns at w without feedforward, drag d gives the transfer function (1.8
-    jw + 0.4) / (-1.2 w^2 + (1.8 + d) jw + 0.4). With d = 1/s, 5 m/s and 0.3 rad/s it predicts 3.78
-    m/s and a lag of 17 deg; 3.76 m/s and 16 deg were flown.
+    velocity setpoint that turns at w without feedforward, and drag d, the transfer function is
+    (1.8 jw + 0.4) / (-1.2 w^2 + (1.8 + d) jw + 0.4).
+    With d = 1/s, 5 m/s and 0.3 rad/s it predicts 3.78 m/s and a lag of 17 deg. PX4 flew 3.76 m/s
+    and 16 deg.
     """
 
     yaw_loop: YawLoop
@@ -265,8 +273,8 @@ class DraggedCopter:
     def _small_step(
         self, body: Body, wanted: EarthVelocity, h: float, wind: tuple[float, float]
     ) -> Body:
-        # The loop controls the estimate, so the true velocity differs from the setpoint by the
-        # estimate's error.
+        # The velocity loop controls the estimated velocity, so the true velocity differs from the
+        # setpoint by the error of the estimate.
         (error_north, error_east), (lean_north, lean_east) = body.error.velocity, body.error.lean
         missing_north = wanted.north - body.velocity_north - error_north
         missing_east = wanted.east - body.velocity_east - error_east
@@ -279,7 +287,7 @@ class DraggedCopter:
         limited = math.hypot(north, east) >= most * 0.999
         north, east = north - GRAVITY * lean_north, east - GRAVITY * lean_east
         drag_north, drag_east = (self.drag * speed for speed in body.through_air(wind))
-        # the derivative term subtracts DERIVATIVE times the resulting acceleration
+        # The derivative term subtracts DERIVATIVE times the resulting acceleration.
         north_rate = (north - drag_north) / (1 + DERIVATIVE)
         east_rate = (east - drag_east) / (1 + DERIVATIVE)
         velocity_north = body.velocity_north + north_rate * h

@@ -1,4 +1,4 @@
-"""A rover with ringing steering: a second-order turn-rate loop instead of the well-tuned
+"""A rover whose steering oscillates: a second-order turn-rate loop instead of the well-tuned
 first-order one."""
 
 import math
@@ -13,7 +13,7 @@ STEP = 0.02
 
 @dataclass(frozen=True)
 class RingingRover:
-    """A rover that moves along its nose. Its speed follows with a lag in s."""
+    """A rover that moves along its nose. speed_lag: first-order lag of the speed, s."""
 
     yaw_loop: YawLoop
     speed_lag: float

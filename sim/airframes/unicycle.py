@@ -92,7 +92,8 @@ class Unicycle:
 
 
 class _Lagged:
-    """A value that moves from `start` to `goal` with a first-order lag; with lag 0 at once."""
+    """A value that approaches `goal` from `start` with a first-order lag. With lag 0, it changes at
+    once."""
 
     def __init__(self, start: float, goal: float, lag: float) -> None:
         self.goal = goal

@@ -1,2 +1,2 @@
-"""One module per vehicle: the messages that it obeys or ignores, and its reaction when they
-stop."""
+"""One module per vehicle: the messages that its autopilot obeys or ignores, and its reaction when
+setpoints stop."""

@@ -1,5 +1,5 @@
-"""ArduCopter 4.6.3: GUIDED flies velocities, GUIDED and GUIDED_NOGPS fly attitudes, each for 3
-s."""
+"""ArduCopter 4.6.3. GUIDED flies velocity and attitude setpoints, GUIDED_NOGPS attitude setpoints,
+each for at most 3 s."""
 
 from typing import ClassVar
 
@@ -32,16 +32,16 @@ GUIDED_NOGPS = 20
 SMART_RTL = 21
 TAKEOFF = 22
 DO_CHANGE_SPEED = 178
-LEG_US = 100_000
-FALL = Brake(deceleration=1.0, down=10.0)  # no effect on the ground
+LEG_US = 100_000  # time between two decisions on a flight to a point
+FALL = Brake(deceleration=1.0, down=10.0)  # descent after disarming; no effect on the ground
 LEVEL = Tilt(0.0, 0.0)
-SINKING = Tilt(0.0, 0.0, climb=-0.62)  # 5 m in 8 s
+SINKING = Tilt(0.0, 0.0, climb=-0.62)  # sinks 5 m in 8 s
 
 Target = BodyVelocity | EarthVelocity | GoTo | Tilt | Spin
 
 
 class ArduCopter(ArduPilot):
-    """Flight modes of the copter. GUIDED flies one target until it times out."""
+    """Flight modes of the copter. GUIDED flies one target until a timeout."""
 
     NEEDS_POSITION = frozenset({3, 4, 5, 6, 7, 11, 16, 17, 21})
     NOT_ARMABLE = frozenset({3, 6, 9, 14, 15, 17, 19, 21})
@@ -86,9 +86,8 @@ class ArduCopter(ArduPilot):
             self._decide_at = now + LEG_US
             self._demand = self._leg()
         elif self.armed and now >= self._target_until():
-            self._rest(
-                LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake()
-            )  # same mode, no STATUSTEXT
+            # The mode stays the same, and no STATUSTEXT is sent.
+            self._rest(LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake())
 
     def _on_a_leg(self) -> bool:
         guided_leg = self.mode == GUIDED and (
@@ -164,7 +163,7 @@ class ArduCopter(ArduPilot):
         return self._take_off(command, now) if command.number == TAKEOFF else Ack.UNSUPPORTED
 
     def _change_speed(self, command: Command) -> int:
-        """Set the speed of legs, until the next DO_CHANGE_SPEED."""
+        """Set the speed of flights to points, until the next DO_CHANGE_SPEED."""
         kind, speed = command.params[:2]
         names = {0: "WPNAV_SPEED", 1: "WPNAV_SPEED", 2: "WPNAV_SPEED_UP", 3: "WPNAV_SPEED_DN"}
         if kind not in names or not 0 < speed < 100:
@@ -212,8 +211,8 @@ class ArduCopter(ArduPilot):
         return LANDING if self.mode == LAND else IN_AIR
 
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
-        """Return the airspeed of the sensor. Without one: the ground speed if there is a position
-        estimate, else 0."""
+        """Return the airspeed of the sensor, m/s. Without a sensor, return the ground speed if
+        there is a position estimate, else 0."""
         if self._airspeed_sensor:
             return shown.airspeed(wind)
         return shown.ground_speed if self.position else 0.0

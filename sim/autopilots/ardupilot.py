@@ -1,5 +1,5 @@
-"""Common part of the ArduPilot vehicles: modes, arming, failsafes for a lost ground station or
-position estimate."""
+"""Common part of the ArduPilot vehicles: modes, arming, and failsafes for a lost ground station or
+a lost position estimate."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -27,11 +27,11 @@ STABILIZED = 16
 DO_SET_MODE = 176
 ARM_DISARM = 400
 DO_REPOSITION = 192
-# MAV_FRAMEs with this altitude reference
+# MAV_FRAMEs with altitudes above sea level, and above home
 SEA_LEVEL = (0, 5)
 ABOVE_HOME = (3, 6)
 
-# REQUEST_DATA_STREAM groups (GCS_Mavlink.cpp of the vehicles).
+# Message ids by group of REQUEST_DATA_STREAM (GCS_Mavlink.cpp of the vehicles).
 STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
     1: (27, 116),
     2: (1, 24, 62),
@@ -44,9 +44,9 @@ STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
 
 
 class ArduPilot(Autopilot):
-    """Modes, arming and failsafes. A vehicle defines the properties of its modes in a few sets."""
+    """Modes, arming and failsafes. Each vehicle lists its modes with special properties in sets."""
 
-    POSITION_LOSS_US = 8_000_000  # until "EKF variance"
+    POSITION_LOSS_US = 8_000_000  # from the loss of GPS to the text "EKF variance"
     NEEDS_POSITION: frozenset[int] = frozenset()
     NOT_ARMABLE: frozenset[int]
     MANUAL_MODES: frozenset[int]
@@ -60,9 +60,8 @@ class ArduPilot(Autopilot):
         super().__init__(identity, params, config, say, body)
         self._odometry = config.vehicle.odometry
         self.failsafe = False
-        self._gcs_switch = (
-            "FS_GCS_ENABLE" if "FS_GCS_ENABLE" in params else "FS_GCS_ENABL"
-        )  # the plane's name
+        # The parameter has a shorter name on a plane.
+        self._gcs_switch = "FS_GCS_ENABLE" if "FS_GCS_ENABLE" in params else "FS_GCS_ENABL"
         self._gcs_heartbeat_at: int | None = None
 
     @abstractmethod
@@ -76,8 +75,8 @@ class ArduPilot(Autopilot):
     def ground_station_lost(self, now: int) -> None: ...
 
     def estimator_lost(self, now: int) -> None:
-        """React to the loss of the position estimate. A plane never loses it: its estimator
-        continues with airspeed."""
+        """React to the loss of the position estimate. A plane never loses its estimate, because the
+        estimator continues with airspeed."""
 
     @abstractmethod
     def go_to(self, north: float, east: float, down: float, now: int) -> None:
@@ -200,7 +199,7 @@ class ArduPilot(Autopilot):
     def _gcs_deadline(self) -> int:
         if self._gcs_heartbeat_at is None or not self.armed or self.params[self._gcs_switch] == 0:
             return NEVER
-        once_more = self.params.get("FS_TIMEOUT", 0.0)  # the rover waits for this, too
+        once_more = self.params.get("FS_TIMEOUT", 0.0)  # the rover waits for this time in addition
         return self._gcs_heartbeat_at + round((self.params["FS_GCS_TIMEOUT"] + once_more) * 1e6)
 
     def base_mode(self) -> int:

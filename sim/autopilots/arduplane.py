@@ -1,4 +1,5 @@
-"""ArduPlane 4.6.3: GUIDED flies a bank for 3 s; the autopilot controls height and airspeed."""
+"""ArduPlane 4.6.3. GUIDED flies a commanded bank for at most 3 s. The autopilot controls height and
+airspeed."""
 
 import math
 from typing import ClassVar, NamedTuple
@@ -37,8 +38,8 @@ LOOP_US = 20_000
 TIMEOUT_US = 3_000_000
 HEADING_GAIN = 2.0
 CIRCLE_BANK = math.radians(20)
-# Measured: half of a bank after 0.36 to 0.5 s, overshoot 15 %; side-slip 1 deg at 14 deg of bank,
-# 2.2 at 26, 3.7 at 42.
+# Fitted to measurements. A bank reaches half its value after 0.36 to 0.5 s and overshoots by 15 %.
+# The side-slip is 1 deg at 14 deg of bank, 2.2 deg at 26 deg, and 3.7 deg at 42 deg.
 LIFT = (-0.067, 0.044)
 FIN = (0.0173, -0.0346)
 AIRFRAME = FixedWing(
@@ -47,7 +48,7 @@ AIRFRAME = FixedWing(
 
 
 class ArduPlane(ArduPilot):
-    """Flight modes of the plane. Each gives a bank, a height and an airspeed."""
+    """Flight modes of the plane. Each mode gives a bank, a height and an airspeed."""
 
     FIRST_MODE = "LOITER"
     POSITION_LOSS_US = 10_000_000  # NavEKF3's posRetryTimeUseVel_ms
@@ -66,7 +67,7 @@ class ArduPlane(ArduPilot):
         self._height = start.down
         self._loiter = Loiter(start.north, start.east, self.params["WP_LOITER_RAD"])
         self._forced: Forced | None = None
-        self._heading: tuple[float, float] | None = None  # of command 43002: heading, bank limit
+        self._heading: tuple[float, float] | None = None  # heading and bank limit of command 43002
         self._since = 0
         self._sticks = Sticks(vehicle.system_id)
         self._bank = 0.0
@@ -82,7 +83,7 @@ class ArduPlane(ArduPilot):
         super().wake(now)
         self._decide_at = now + DECIDE_US
         if self._forced is not None and now - self._since >= TIMEOUT_US:
-            self._forced = None  # back to loiter, no STATUSTEXT
+            self._forced = None  # the plane loiters again, without a STATUSTEXT
         self._bank = self._bank_command(now)
 
     def _bank_command(self, now: int) -> float:
@@ -157,9 +158,8 @@ class ArduPlane(ArduPilot):
     def _change_speed(self, command: Command) -> int:
         kind = command.params[0]
         speed = command.params[1]
-        mission = (
-            command.number == DO_CHANGE_SPEED
-        )  # a mission item: accepted in all modes without pilot input
+        # This mission item is accepted in all modes without pilot input.
+        mission = command.number == DO_CHANGE_SPEED
         if self.mode != GUIDED and not (mission and self.mode in self.GUIDED_MODES):
             return Ack.FAILED
         if kind != 0 or not self.params["AIRSPEED_MIN"] <= speed <= self.params["AIRSPEED_MAX"]:
@@ -208,7 +208,7 @@ class ArduPlane(ArduPilot):
 
 
 class Forced(NamedTuple):
-    """Values forced by a companion; None: controlled by the autopilot."""
+    """Values forced by a companion computer. None: controlled by the autopilot."""
 
     roll: float | None
     pitch: float | None

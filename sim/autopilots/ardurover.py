@@ -1,4 +1,5 @@
-"""Rover 4.6.3: GUIDED drives a speed and a turn rate for 3 s, in every coordinate frame."""
+"""Rover 4.6.3. GUIDED drives a commanded speed and turn rate for at most 3 s, in every coordinate
+frame."""
 
 import math
 from typing import ClassVar
@@ -29,14 +30,13 @@ THROTTLE_BIT = 0x40
 YAW_RATE_BIT = 0x04
 TIMEOUT_US = 3_000_000
 DECIDE_US = 100_000
-TURN_LAG = 0.12
-SPEED_LAG = 0.4
-TURN_GAIN = 0.985
+TURN_LAG = 0.12  # lag of the turn rate, s
+SPEED_LAG = 0.4  # lag of the speed, s
+TURN_GAIN = 0.985  # realized over commanded turn rate
 TIGHTEST = 0.9  # smallest turn radius of an Ackermann rover, m
-# heading gain, 1/s; speed per remaining distance, 1/s; arrival radius, m
-HOMING = 0.8
-NEARNESS = 0.4
-AT_PLACE = 2.0
+HOMING = 0.8  # turn rate per heading error, 1/s
+NEARNESS = 0.4  # speed per remaining distance, 1/s
+AT_PLACE = 2.0  # arrival radius, m
 
 
 class ArduRover(ArduPilot):
@@ -128,7 +128,7 @@ class ArduRover(ArduPilot):
         self._decide_at = now
 
     def own_command(self, command: Command, now: int) -> int:
-        """Handle DO_CHANGE_SPEED. It is refused except on a leg to a place, because a setpoint has
+        """Handle DO_CHANGE_SPEED. It is accepted only on a leg to a place, because a setpoint has
         its own speed."""
         if command.number != DO_CHANGE_SPEED:
             return Ack.UNSUPPORTED

@@ -52,10 +52,14 @@ def message_ids(text: str) -> frozenset[int]:
 
 
 class Command(NamedTuple):
-    """A COMMAND_LONG or COMMAND_INT. x, y: degrees, as in COMMAND_LONG.
+    """A COMMAND_LONG or COMMAND_INT.
 
-    frame: MAV_FRAME of x, y and z. COMMAND_LONG has none; ArduPilot reads its altitude as above
-    home.
+    params: param1 to param4.
+    x, y: latitude and longitude, degrees, as in COMMAND_LONG.
+    z: altitude, m.
+    sender: system and component id.
+    frame: MAV_FRAME of x, y and z. A COMMAND_LONG has no frame. ArduPilot reads the altitude of a
+        COMMAND_LONG as above home.
     """
 
     number: int
@@ -81,7 +85,8 @@ class Identity:
     unknown_ids: frozenset[int]
     default_streams: Mapping[int, int] = field(default_factory=dict)
     interval_refusal: Ack = Ack.DENIED
-    # Handles messages to a component of its system that has never sent a message
+    # True if the autopilot handles messages to a component of its system that has never sent a
+    # message
     adopts_strays: bool = True
     mode_refusal: str = "Mode change to {name} failed: {reason}"
     texts_for_gcs_only: bool = False  # STATUSTEXT only on links with a ground station's heartbeat
@@ -89,8 +94,8 @@ class Identity:
 
 
 class Autopilot(ABC):
-    """Computes the demands on the airframe. Times are simulated microseconds; acks are MAV_RESULT
-    values.
+    """Interface of an autopilot, which computes the demands on the airframe. Times are simulated
+    microseconds. Acks are MAV_RESULT values.
 
     body: the vehicle's state; the caller of `fly` stores it.
     gps: True if the receiver has a fix.
@@ -116,8 +121,8 @@ class Autopilot(ABC):
         self._external_position: tuple[float, float] | None = None
 
     def take_external_position(self) -> tuple[float, float] | None:
-        """Return an external position (north, east in m) once; None if there is none or this
-        autopilot ignores it."""
+        """Return an external position (north, east in m) and clear it. None if there is none or
+        this autopilot ignores it."""
         placed = self._external_position
         self._external_position = None
         return placed
@@ -163,9 +168,8 @@ class Autopilot(ABC):
     def on_message(self, message: Message, now: int) -> None:
         """Handle any other message for the autopilot (a mode, a ground station's heartbeat,
         sticks)."""
-        if (
-            message.get_type() == "SET_MODE" and message.base_mode & CUSTOM_MODE_ENABLED
-        ):  # obeyed, but has no ack
+        # SET_MODE is obeyed, but has no ack.
+        if message.get_type() == "SET_MODE" and message.base_mode & CUSTOM_MODE_ENABLED:
             self.change_mode(message.custom_mode, now)
 
     def on_event(self, event: Event, now: int) -> None:
@@ -210,7 +214,7 @@ class Autopilot(ABC):
 
     @abstractmethod
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
-        """Return VFR_HUD.airspeed, which may differ from the true airspeed."""
+        """Return the value of VFR_HUD.airspeed, m/s. It may differ from the true airspeed."""
 
     def flown(self) -> Demand | Bank | None:
         """Return the setpoint being flown, if this vehicle reports it (POSITION_TARGET_LOCAL_NED,

@@ -1,7 +1,7 @@
-"""Targets of ArduCopter 4.6.3 (GCS_Mavlink.cpp), and its legs without pilot input: to a point, up,
-home, down.
+"""Targets of ArduCopter 4.6.3 (GCS_Mavlink.cpp), and its flights without pilot input: to a point,
+up, home, down.
 
-In SET_POSITION_TARGET_LOCAL_NED any ignore bit of a group of three ignores the whole group. An
+In SET_POSITION_TARGET_LOCAL_NED, any ignore bit of a group of three ignores the whole group. An
 unknown combination stops the vehicle.
 """
 
@@ -27,11 +27,11 @@ RATES = 0x07
 THROTTLE = 0x40
 ATTITUDE = 0x80
 THRUST_AS_THRUST = 8  # GUID_OPTIONS bit 3
-NEARNESS = 0.5  # 1/s: speed per remaining distance
+NEARNESS = 0.5  # speed per remaining distance, 1/s
 
 
 class GoTo(NamedTuple):
-    """Fly to a place and stay there."""
+    """Target that flies to a place and stays there; NED, m."""
 
     north: float
     east: float
@@ -39,12 +39,13 @@ class GoTo(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """Stop the vehicle, as ArduCopter does for an unsupported target: mode_guided.init(true)."""
+    """Target that stops the vehicle. ArduCopter stops for an unsupported target:
+    mode_guided.init(true)."""
 
 
 class NotFinite(NamedTuple):
-    """A yaw rate or acceleration that is not finite: ArduCopter does not check it and passes it to
-    the controllers."""
+    """Target with a yaw rate or acceleration that is not finite. ArduCopter does not check these
+    values and passes them to the controllers."""
 
 
 Target = BodyVelocity | EarthVelocity | GoTo | Stop | NotFinite
@@ -68,7 +69,7 @@ def read_local_target(message: Message, body: Body, turns_with_nose: bool) -> Ta
 
 def _velocity(message: Message, body: Body, turns_with_nose: bool) -> Target:
     wanted = (message.vx, message.vy, message.vz)
-    # m/s, as in ArduCopter's sane_vel_or_acc_vector
+    # 1000.0: largest velocity, m/s, as in ArduCopter's sane_vel_or_acc_vector.
     if any(math.isnan(v) or abs(v) > 1000.0 for v in wanted):
         return Stop()
     yaw_rate = 0.0 if message.type_mask & YAW_RATE else message.yaw_rate
@@ -103,7 +104,8 @@ def _position(message: Message, body: Body) -> Target:
 def read_attitude_target(
     message: Message, params: Parameters
 ) -> Tilt | Spin | Stop | NotFinite | None:
-    """Return the demand, Stop if the message is invalid, or None if it is silently dropped."""
+    """Return the target, Stop if the message is invalid, or None if the message is silently
+    dropped."""
     mask = message.type_mask
     if mask & THROTTLE:
         return None
@@ -139,7 +141,8 @@ def _lift(thrust: float, params: Parameters) -> tuple[float, float | None]:
 
 
 Speeds = ChainMap[str, float]
-"""Speeds in cm/s: those set by DO_CHANGE_SPEED, else the parameters."""
+"""Speeds of flights to points, cm/s, by parameter name. A speed set by DO_CHANGE_SPEED replaces the
+parameter."""
 
 
 def to_point(body: Body, goal: GoTo, params: Speeds) -> Demand:
@@ -164,7 +167,7 @@ def climb_out(body: Body, down: float, params: Speeds) -> Demand | None:
 
 def way_home(body: Body, params: Speeds) -> Demand | None:
     """Climb to RTL_ALT, fly home, descend. Return None after landing."""
-    # Arrival radius, m
+    # 2.0: arrival radius, m.
     if math.hypot(body.north, body.east) <= 2.0:
         return descent(body, params)
     cruise = min(body.down, -params["RTL_ALT"] / 100)

@@ -35,28 +35,29 @@ DO_CHANGE_SPEED = 178
 DO_REPOSITION = 192
 TAKEOFF_COMMAND = 22
 MODE_COMMANDS = {20: RTL, 21: LAND, 17: LOITER}
-NOT_GIVEN = (2**31 - 1) * 1e-7  # degrees: "not given" in a COMMAND_INT; NaN in a COMMAND_LONG
+NOT_GIVEN = (2**31 - 1) * 1e-7  # degrees, "not given" in a COMMAND_INT; in a COMMAND_LONG it is NaN
 LOSS_DELAY_US = 50_000
 LOSS_ACTIONS = {
     3: RTL,
     4: LAND,
     5: LOITER,
-}  # COM_OBL_RC_ACT; without sticks any other value means RTL
+}  # mode by COM_OBL_RC_ACT; without sticks, any other value means RTL
 STICK_LOSS_ACTIONS = {
     1: LOITER,
     2: RTL,
     3: LAND,
-}  # NAV_RCL_ACT; 5 (terminate) and 6 (disarm) stop the motors
+}  # mode by NAV_RCL_ACT; 5 (terminate) and 6 (disarm) stop the motors
 STICK_LOSS_EXCEPTIONS = {
     MODES["MISSION"]: 1,
     LOITER: 2,
     TAKEOFF: 2,
     OFFBOARD: 4,
-}  # bits of COM_RCL_EXCEPT
+}  # bit of COM_RCL_EXCEPT by mode: no failsafe for lost sticks
 
 
 class Px4(Autopilot):
-    """Commander: the intended mode, the flown mode, and the watchdogs that change between them."""
+    """PX4's Commander: the intended mode, the flown mode, and the watchdogs that change the flown
+    mode."""
 
     FIRST_MODE = "LOITER"
     POSITION_LOSS_US = 5_000_000
@@ -77,7 +78,7 @@ class Px4(Autopilot):
 
     @abstractmethod
     def hold_at(self, place: tuple[float, float] | None, down: float | None) -> None:
-        """Hold at a place (north, east) and a height; None: the present one."""
+        """Hold at a place (north, east) and a height (down), m. None: the present one."""
 
     def needs_velocity(self) -> bool:
         """True if the setpoint in OFFBOARD requires a velocity estimate."""
@@ -88,8 +89,8 @@ class Px4(Autopilot):
         return self._sticks_lost or self.mode != self.intended
 
     def setpoint(self, message: Message, now: int) -> bool:
-        """Handle a setpoint. An accepted one feeds the watchdog and returns to OFFBOARD if that is
-        still intended."""
+        """Handle a setpoint. An accepted setpoint feeds the watchdog, and returns to OFFBOARD if
+        OFFBOARD is still intended."""
         if message.get_type() == "MANUAL_CONTROL":
             return self.sticks.receive(message, now, None)
         taken = read_setpoint(message, self.body)
@@ -104,8 +105,8 @@ class Px4(Autopilot):
         return True
 
     def _return_to_offboard(self, now: int) -> None:
-        """Return to OFFBOARD after its own failsafe. After the failsafe of lost sticks PX4 does not
-        return."""
+        """Return to OFFBOARD after the failsafe of OFFBOARD. After the failsafe of lost sticks, PX4
+        does not return."""
         fell_out = self.mode != self.intended and not self._sticks_lost
         if fell_out and self.intended == OFFBOARD and self._obstacle(OFFBOARD, now) is None:
             self._fly_mode(OFFBOARD, now)
@@ -131,8 +132,8 @@ class Px4(Autopilot):
             self._fail_to(STICK_LOSS_ACTIONS.get(int(self.params["NAV_RCL_ACT"]), LOITER), now)
 
     def _lose_sticks(self, now: int) -> None:
-        """Hold, so that a pilot can select a mode. Later do the action of NAV_RCL_ACT, even if the
-        sticks return."""
+        """Hold, so that a pilot can select a mode. After COM_FAIL_ACT_T, do the action of
+        NAV_RCL_ACT, even if the sticks have returned."""
         self._missed = self.sticks.last
         number = int(self.params["NAV_RCL_ACT"])
         delay = self.params["COM_FAIL_ACT_T"]
@@ -141,9 +142,8 @@ class Px4(Autopilot):
             if number in (5, 6):
                 self.set_armed(False, now)
         elif action == RTL and self.intended == LAND:
-            self.say(
-                Severity.CRITICAL, "Failsafe activated"
-            )  # a warning only: it is landing already
+            # Only warn: the vehicle is landing already.
+            self.say(Severity.CRITICAL, "Failsafe activated")
         else:
             self._sticks_lost = True
             self._act_at = now + round(delay * 1e6)
@@ -159,8 +159,8 @@ class Px4(Autopilot):
         return self._setpoint_at + self.params.microseconds("COM_OF_LOSS_T") + LOSS_DELAY_US
 
     def _sticks_deadline(self) -> int:
-        """Return the time at which silent sticks count as lost: once per loss, not in the modes of
-        COM_RCL_EXCEPT."""
+        """Return the time at which silent sticks are treated as lost. Sticks are lost once per
+        silence, and never in the modes of COM_RCL_EXCEPT."""
         last = self.sticks.last
         excepted = int(self.params["COM_RCL_EXCEPT"]) & STICK_LOSS_EXCEPTIONS.get(self.intended, 0)
         if not self.armed or self.failsafe or last is None or last == self._missed or excepted:
@@ -206,9 +206,8 @@ class Px4(Autopilot):
 
     def command(self, command: Command, now: int) -> tuple[int, ...]:
         number = command.number
-        if (
-            number == DO_SET_MODE
-        ):  # the receiver accepts every request, then Commander sends its own ack
+        # The receiver accepts every request. Then Commander sends its own ack.
+        if number == DO_SET_MODE:
             return (Ack.ACCEPTED, self._set_mode(command, now))
         if number == ARM_DISARM:
             return (self._arm(command.params[0], command.params[1] == FORCE, now),)
@@ -223,11 +222,11 @@ class Px4(Autopilot):
         return (Ack.UNSUPPORTED if mode is None else self.change_mode(mode, now),)
 
     def _reposition(self, command: Command, now: int) -> int:
-        """Hold at a place in degrees and meters above sea level; values that are not given stay as
-        they are.
+        """Hold at a place (degrees, meters above sea level). Values that are not given stay the
+        same.
 
-        A real vehicle also accepts it on the ground and stays there. Here that is refused, as is an
-        invalid place.
+        A real vehicle also accepts this command on the ground and stays there. Here it is refused,
+        as is an invalid place.
         """
         given = [abs(degrees) < NOT_GIVEN for degrees in (command.x, command.y)]
         place = abs(command.x) <= 90 and abs(command.y) <= 180
@@ -285,7 +284,7 @@ class Px4(Autopilot):
         return Ack.ACCEPTED
 
     def set_armed(self, armed: bool, now: int) -> None:
-        """Arm or disarm. Sticks that are silent at arming can count as lost only after they have
+        """Arm or disarm. Sticks that are silent at arming are treated as lost only after they have
         sent again."""
         self.armed = armed
         self._sticks_lost = False

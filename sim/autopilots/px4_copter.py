@@ -1,5 +1,5 @@
-"""PX4 multicopter: OFFBOARD flies velocities or attitudes for 1 s; a new setpoint returns to
-OFFBOARD."""
+"""PX4 multicopter. OFFBOARD flies velocity and attitude setpoints, each for at most 1 s. After a
+timeout, a new setpoint returns the vehicle to OFFBOARD."""
 
 import math
 
@@ -19,18 +19,16 @@ from .tables import px4_identity, px4_parameters
 
 DECIDE_US = 20_000
 IDLE_US = 500_000
-MOST_YAW_RATE = 2.25  # rad/s, as flown with MC_YAWRATE_MAX 200 deg/s
-POSITION_GAIN = 0.95
-YAW_GAIN = 2.8
-HEIGHT_GAIN = 1.0
-# m/s, MPC_XY_VEL_MAX and the vertical limits
-FASTEST = 12.0
-CLIMB = 3.0
-SINK = 1.5
-# of the yaw stick: MAN_DEADZONE, and the cubic share of its curve
-DEADZONE = 0.1
-CUBIC = 0.6
-UNHELD_SINK = 0.7  # m/s: ALTCTL without sticks or position, as flown
+MOST_YAW_RATE = 2.25  # as flown with MC_YAWRATE_MAX 200 deg/s, rad/s
+POSITION_GAIN = 0.95  # velocity per position error, 1/s
+YAW_GAIN = 2.8  # turn rate per heading error, 1/s
+HEIGHT_GAIN = 1.0  # climb rate per height error, 1/s
+FASTEST = 12.0  # MPC_XY_VEL_MAX, m/s
+CLIMB = 3.0  # largest climb rate, m/s
+SINK = 1.5  # largest sink rate, m/s
+DEADZONE = 0.1  # MAN_DEADZONE of the yaw stick
+CUBIC = 0.6  # cubic share of the curve of the yaw stick
+UNHELD_SINK = 0.7  # sink rate in ALTCTL without sticks or position, as flown, m/s
 IDENTITY = px4_identity(mav_type=2)
 
 
@@ -53,9 +51,8 @@ class Px4Copter(Px4):
         limit = min(MOST_YAW_RATE, math.radians(vehicle.max_turn_rate_deg_s))
         drag = 1.0 if vehicle.drag_per_s is None else vehicle.drag_per_s
         lean = vehicle.max_lean_deg or PX4_LEAN_DEG
-        yaw_loop = YawLoop(
-            limit, dead_time=0.12, frequency=5.0, damping=0.7
-        )  # 63 % of a step after 0.45 to 0.5 s
+        # Measured: 63 % of a step after 0.45 to 0.5 s.
+        yaw_loop = YawLoop(limit, dead_time=0.12, frequency=5.0, damping=0.7)
         real = DraggedCopter(yaw_loop.configured(vehicle), drag, math.radians(lean))
         ideal = Unicycle(limit, vehicle.turn_lag_s, vehicle.speed_lag_s)
         by_velocity = ideal if vehicle.dynamics == "unicycle" else real
@@ -105,8 +102,8 @@ class Px4Copter(Px4):
         return _towards(body, *self._hold, min(FASTEST, self.cruise or FASTEST))
 
     def _by_sticks(self, now: int) -> Tilt:
-        """Return the tilt of ALTCTL: the sticks push the copter horizontally, the height is
-        held."""
+        """Return the tilt in ALTCTL. The sticks tilt the copter, and the autopilot holds the
+        height."""
         timeout = self.params.microseconds("COM_RC_LOSS_T")
         most = math.tan(math.radians(self.params["MPC_MAN_TILT_MAX"]))
         forward, right = at_most(
@@ -121,8 +118,8 @@ class Px4Copter(Px4):
         return Tilt(roll, pitch, yaw_rate=yaw_rate)
 
     def _from_trajectory(self, setpoint: Trajectory | None) -> Demand:
-        """Return the demand: velocities plus the output of the position loop. With an incomplete
-        setpoint, brake."""
+        """Return the demand: the setpoint's velocity plus the output of the position loop. With an
+        incomplete setpoint, brake."""
         body = self.body
         if setpoint is None:
             return _towards(body, *self._hold)

@@ -1,4 +1,4 @@
-"""PX4 fixed wing: ALTCTL flies sticks and holds height and airspeed; OFFBOARD flies to
+"""PX4 fixed wing. ALTCTL flies the sticks, and holds height and airspeed. OFFBOARD flies to
 positions."""
 
 import math
@@ -16,16 +16,18 @@ from .px4_targets import Trajectory
 from .tables import px4_identity, px4_parameters
 
 DECIDE_US = 50_000
-# Measured: 63 % of a bank after 0.6 to 0.7 s; turn rate 0.14 s behind the course rate.
+# Fitted to measurements: 63 % of a bank after 0.6 to 0.7 s. The rate of the heading lags 0.14 s
+# behind the rate of the course.
 AIRFRAME = FixedWing(1.0, roll_frequency=4.5, roll_damping=1.0, dead_time=0.12, nose_frequency=10.0)
-COURSE_GAIN = 0.835  # rad/s: turn rate towards a position setpoint, per sine of the angle to it
+# turn rate towards a position setpoint, rad/s per sine of the angle to the position
+COURSE_GAIN = 0.835
 BANKED_BY_STICKS = frozenset({ALTCTL, POSCTL, MODES["ALT_CRUISE"]})
 IDENTITY = px4_identity(mav_type=1)
 
 
 class Px4Plane(Px4):
-    """PX4's fixed wing: a bank with held height and airspeed. Attitude setpoints are accepted, but
-    not flown."""
+    """PX4's fixed wing: it flies a bank, and holds height and airspeed. Attitude setpoints are
+    accepted, but not flown."""
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle

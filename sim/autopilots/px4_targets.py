@@ -34,7 +34,7 @@ class Rejected(NamedTuple):
 
 
 class Trajectory(NamedTuple):
-    """Setpoint per axis: NED meters, m/s and m/s^2; None: not controlled."""
+    """Setpoint per axis: NED, m, m/s and m/s^2, rad and rad/s. None: not controlled."""
 
     position: tuple[Axis, Axis, Axis]
     velocity: tuple[Axis, Axis, Axis]
@@ -82,8 +82,8 @@ def read_local_target(message: Message, body: Body) -> Trajectory | Rejected:
 
 
 def _masked_in(mask: int, frame: int) -> bool:
-    """True if the mask selects an axis, even one that is not finite. Such a setpoint is accepted
-    but not flown."""
+    """True if the mask selects at least one axis, even one with a value that is not finite. Such a
+    setpoint is accepted but not flown."""
     if frame == BODY_NED:
         return not mask & 0x038 or not mask & ACCELERATION
     return mask & 0x1FF != 0x1FF
@@ -102,7 +102,8 @@ def _rotated(vector: tuple[Axis, Axis, Axis], heading: float) -> tuple[Axis, Axi
 
 
 def _by_attitude(vector: tuple[Axis, Axis, Axis], body: Body) -> tuple[Axis, Axis, Axis]:
-    """Rotate an acceleration by the whole attitude; velocities are rotated by the heading only."""
+    """Return an acceleration rotated by the whole attitude. (Velocities are rotated by the heading
+    only.)"""
     x, y, z = vector
     if x is None or y is None or z is None:
         return NOTHING
@@ -119,8 +120,8 @@ def _finite(value: float) -> Axis:
 
 
 def read_attitude_target(message: Message) -> Tilt | Spin | None:
-    """Return the attitude; if masked, body rates (roll and pitch rate required). A masked throttle
-    gives thrust 0."""
+    """Return the attitude or, if the attitude is masked, the body rates. Roll and pitch rate are
+    then required. A masked throttle gives thrust 0."""
     mask = message.type_mask
     none = mask & THROTTLE or not math.isfinite(message.thrust)
     thrust = 0.0 if none else max(0.0, min(1.0, message.thrust))

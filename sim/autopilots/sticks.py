@@ -18,8 +18,8 @@ class Sticks:
         self.last: int | None = None
 
     def receive(self, message: Message, now: int, pilot: int | None) -> bool:
-        """Read a message. Return True if it moved the stick. pilot: the only accepted system id;
-        None: all."""
+        """Read a message. Return True if it moved a stick. pilot: the only accepted system id, None
+        for all."""
         if pilot is not None and message.get_srcSystem() != pilot:
             return False
         kind = message.get_type()
@@ -41,16 +41,18 @@ class Sticks:
         return False
 
     def roll(self, now: int, timeout: int) -> float:
-        """Return the deflection, -1 to 1, right positive; 0 if the last message is older than
+        """Return the roll stick, -1 to 1, right positive. 0 if the last message is older than
         `timeout` (us)."""
         return self._roll if self.alive(now, timeout) else 0.0
 
     def forward(self, now: int, timeout: int) -> float:
-        """Return the pitch stick, -1 to 1, forward positive; 0 as in `roll`."""
+        """Return the pitch stick, -1 to 1, forward positive. 0 if the last message is older than
+        `timeout` (us)."""
         return self._forward if self.alive(now, timeout) else 0.0
 
     def yaw(self, now: int, timeout: int) -> float:
-        """Return the yaw stick, -1 to 1, right positive; 0 as in `roll`."""
+        """Return the yaw stick, -1 to 1, right positive. 0 if the last message is older than
+        `timeout` (us)."""
         return self._yaw if self.alive(now, timeout) else 0.0
 
     def alive(self, now: int, timeout: int) -> bool:

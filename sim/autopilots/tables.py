@@ -1,4 +1,5 @@
-"""Identities of the autopilots, their streams, and the parameters that matter to a companion."""
+"""Identities of the autopilots, their streams, and the parameters that a companion computer
+uses."""
 
 from dataclasses import replace
 
@@ -15,8 +16,8 @@ VERSION_4_6_3 = 0x040603FF
 CAPABILITIES = 1 | 2 | 4 | 8 | 64 | 2048 | 4096 | 8192 | 16384 | 32768
 SET_LOCAL_POSITION = 128 | 256
 
-# Message ids that are not in ArduPilot 4.6's dialect: its parser drops them, so they are neither
-# obeyed nor forwarded.
+# Message ids that are not in ArduPilot 4.6's dialect. Its parser drops these messages, so they are
+# neither obeyed nor forwarded.
 UNKNOWN_IDS = message_ids(
     "53 220-224 420 435-437 441 513 516 517 8002-8016 17000 17150-17158 60000-60053"
 )
@@ -30,7 +31,7 @@ STREAMABLE = message_ids(
 )
 TIMESYNC_EVERY = {111: 10_000_000}
 
-# Sent by plane and rover without a request: these at 1 Hz, and TIMESYNC. A copter sends only
+# Interval, us, of messages that plane and rover send without a request. A copter sends only
 # TIMESYNC.
 UNASKED = (
     dict.fromkeys((1, 2, 24, 27, 30, 33, 62, 65, 74, 116, 147, 193), 1_000_000) | TIMESYNC_EVERY
@@ -50,7 +51,7 @@ COPTER = Identity(
 SLOWER = replace(COPTER, fastest_us=25_000, default_streams=UNASKED)  # loop rate 50 Hz
 PLANE = replace(
     SLOWER, mav_type=1, capabilities=CAPABILITIES, modes=modes.PLANE
-)  # takes no local position targets
+)  # does not accept local position targets
 ROVER = replace(SLOWER, mav_type=10, modes=modes.ROVER, mode_refusal="Flight mode change failed")
 
 
@@ -113,7 +114,7 @@ def _parameters(config: VehicleConfig, gcs_switch: str, *own: Parameter) -> Para
     return Parameters(table, bytewise=False)
 
 
-# Message ids in pymavlink's "all" but not in PX4's dialect.
+# Message ids that are in pymavlink's dialect "all" but not in PX4's dialect.
 _UNKNOWN = (
     "53 150-158 160 161 163-186 191 193-195 200 201 214-224 226 420 441 513 516 517 8002-8016"
     " 10001-10008 10151 11000-11005 11010 11011 11020 11030-11044 11060 17000 17150-17158 42000"
@@ -121,7 +122,8 @@ _UNKNOWN = (
 )
 PX4_UNKNOWN_IDS = message_ids(_UNKNOWN)
 
-# As measured, without ODOMETRY, which is not used here.
+# Rate of PX4's default streams by message id, Hz, as measured. ODOMETRY is left out, because it is
+# not used here.
 _RATES_HZ = {
     30: 100,
     31: 50,

@@ -52,7 +52,7 @@ def run(
         for at, cell in enumerate(cells):
             if jobs:
                 flown = [job.result() for job in jobs[at]]
-                jobs[at] = []  # frees the memory of the tracks
+                jobs[at] = []  # free the memory of the tracks
             else:
                 flown = [fly_one(*cell, seed, number) for number in range(flights)]
             seconds = sum(one for _, one in flown)
@@ -127,7 +127,7 @@ def evaluate(
     nees = end("nees")
     known = np.isfinite(nees)
     in_band = (nees >= 0.0506) & (nees <= 7.378)
-    # RMS radius error, m, of a flight that is kept: a tenth of the benchmark's radius; chosen.
+    # 10.0: largest RMS radius error of a kept flight, m. Chosen: a tenth of the benchmark's radius.
     return Cell(
         situation=situation.name,
         policy=policy,
@@ -164,6 +164,6 @@ def evaluate(
 
 
 def _percentile(values: NDArray[Any], q: float) -> float:
-    """Return a percentile. It is an element of the values, because a number and infinity have no
-    mean."""
+    """Return a percentile that is one of the values. An interpolation between a number and infinity
+    (never settled) would be infinite."""
     return float(np.percentile(values, q, method="higher")) if len(values) else float("nan")

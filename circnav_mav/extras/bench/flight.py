@@ -37,10 +37,11 @@ POLICIES: dict[str, tuple[str, str]] = {
 }
 """Policies of the benchmark: law and estimator."""
 GUST_TIME = 10.0
-"""Correlation time of the gusts, s: the longitudinal Dryden spectrum at constant airspeed."""
+"""Correlation time of the gusts, s, as in the longitudinal Dryden spectrum at constant airspeed."""
 VEER_TIME = 10.0
+"""Duration of a change of the wind direction, s."""
 VEER_EVERY = 50.0
-"""Duration of a turn of the wind, and its period, s."""
+"""Time from the start of a change of the wind direction to the start of the next one, s."""
 GAUSS = ((0.5 - sqrt(15) / 10, 5 / 18), (0.5, 8 / 18), (0.5 + sqrt(15) / 10, 5 / 18))
 """Gauss-Legendre rule with three points on 0 to 1: place and weight."""
 ROWS = ("r", "r_dot", "angle", "command", "r_hat", "r_dot_hat", "nees")
@@ -68,8 +69,8 @@ class Track:
     rows: arrays (steps,) by the names of ROWS. The estimates are NaN before the last LAST seconds.
     time: (steps,), s.
     sense: +1 counter-clockwise, -1 clockwise.
-    start: vehicle minus target at the start, m.
-    heading: at the start, rad.
+    start: vehicle minus target position at the start, m.
+    heading: heading at the start, rad.
     """
 
     rows: dict[str, NDArray[np.float32]]
@@ -80,8 +81,11 @@ class Track:
 
 
 class World:
-    """Vehicle, wind and target. x, y: vehicle minus target, m. heading, turn_rate: of the
-    vehicle."""
+    """Vehicle, wind and target.
+
+    x, y: vehicle minus target position, m.
+    heading, turn_rate: heading and turn rate of the vehicle, rad and rad/s.
+    """
 
     def __init__(
         self, situation: Situation, draws: NDArray[np.float64], random: np.random.Generator
@@ -266,7 +270,8 @@ class MotionSensors:
         return own._replace(acceleration=self._acceleration)
 
     def _integrate(self, world: World, white: float, turned: float) -> None:
-        """Add the velocity change since the last step. The errors are in the axes of the body."""
+        """Add the measured change of velocity since the last step. Noise and bias act forward and
+        to the left."""
         velocity = world.velocity
         if self._before is not None:
             before, heading = self._before
@@ -283,7 +288,7 @@ class MotionSensors:
 
 
 class FullInformation(Estimator):
-    """The truth instead of an estimate, as a reference. It is a user-defined estimator of
+    """Estimator that returns the truth, as a reference. It is a user-defined estimator of
     `Guidance`."""
 
     ready = True
@@ -320,8 +325,8 @@ class FullInformation(Estimator):
 
 
 def fly(situation: Situation, policy: str, seed: int, flight: int) -> Track:
-    """Fly one flight. Situation, seed and flight number determine all random numbers: they are the
-    same for every policy."""
+    """Fly one flight. All random numbers depend on situation, seed and flight number alone, so they
+    are the same for every policy."""
     streams = [np.random.default_rng([seed, flight, part]) for part in range(4)]
     draws = streams[3].random(10)
     world = World(situation, draws, streams[0])

@@ -19,9 +19,10 @@ def bounded(orbit: Orbit, lag: float = LAG) -> OwnLaw:
     """omega = k [r' + V sqrt(1 - (r_s/r)^2)] outside r_s = sqrt(r_d^2 - 1/k^2), and
     k [r' - V sqrt(1 - (r/r_s)^2)] inside.
 
-    k > 1/r_d, in 1/m; exact radius, |omega| <= 2 k V. Source: Cao, "UAV circumnavigating an unknown
-    target under a GPS-denied environment with range-only measurements", Automatica 55 (2015);
-    inside r_s, the law's two-sided form.
+    k > 1/r_d, in 1/m. The vehicle settles on the exact radius, and |omega| <= 2 k V.
+
+    Source: Cao, "UAV circumnavigating an unknown target under a GPS-denied environment with
+    range-only measurements", Automatica 55 (2015). Inside r_s, the law's two-sided form is used.
     """
     V = orbit.speed
     k = max(0.5 * rate_gain(V, orbit.radius, lag), 1.5 / orbit.radius)
@@ -82,10 +83,12 @@ def pd(orbit: Orbit, lag: float = LAG) -> OwnLaw:
 def pi(orbit: Orbit, lag: float = LAG) -> OwnLaw:
     """s = r' + c tanh(e/delta); omega = k s + k_i int s. A law with a state: the integral, m.
 
-    c = V/2; delta = r_d/2; k_i = k V/r_d: it acts ten times slower than the turn. The steady state
-    of the integral is V/(r_d k_i). Its limit is twice that value, which prevents windup while the
-    turn saturates. Source: Dong, You, Wang, isoline tracking with PI control, for any field that
-    decreases with range.
+    c = V/2, delta = r_d/2, and k_i = k V/r_d, with which the integral acts ten times slower than
+    the turn. The steady state of the integral is V/(r_d k_i). The limit of the integral is twice
+    that value, which prevents windup while the turn saturates.
+
+    Source: Dong, You, Wang, isoline tracking with PI control, for any field that decreases with
+    range.
     """
     V = orbit.speed
     r_d = orbit.radius

@@ -7,8 +7,9 @@ from math import hypot, radians
 from circnav_mav.guidance.types import Direction, Orbit
 
 ORBIT = Orbit(100.0, Direction.COUNTERCLOCKWISE, 15.0, radians(20.0))
+"""Circle of config/quickstart.toml, flown in both directions."""
 TURN_LAG = 0.4
-"""Circle ORBIT (flown in both directions) and turn lag (s) of config/quickstart.toml."""
+"""Turn lag of config/quickstart.toml, s."""
 V = ORBIT.speed
 LAST = 100.0
 """Length of the evaluated last part of a flight, s."""
@@ -24,8 +25,8 @@ class Ranging:
     loss: fraction of lost samples.
     outlier_share: fraction of samples with an error of up to ±outlier.
     outlier: largest error of an outlier, m.
-    near_bias: bias at zero range, m. It falls to 0 at `near`.
-    near: range from which there is no such bias, m.
+    near_bias: bias at zero range, m. It falls linearly to 0 at the range `near`.
+    near: range from which `near_bias` does not act, m.
     outage: time without samples in every minute, s.
     every: simulation steps per sample.
     """
@@ -55,8 +56,9 @@ LORA = Ranging(white=1.0, drifting=2.0, drift_time=5.0, every=2, loss=0.1, near_
 class RateNoise:
     """Standard deviations of measured range rates, m/s.
 
-    white: independent from sample to sample. bias: the carrier's offset, with correlation time
-    bias_time, s.
+    white: noise, independent from sample to sample.
+    bias: slowly varying bias, from the frequency offset of the carrier.
+    bias_time: correlation time of the bias, s.
     """
 
     white: float = 0.3
@@ -72,11 +74,11 @@ class RateNoise:
 @dataclass(frozen=True, slots=True)
 class MotionNoise:
     """Standard deviations of an autopilot's reports of its own motion, independent from step to
-    step.
+    step. The defaults are those of real autopilots in calm air.
 
     heading: rad.
     turn_rate: rad/s.
-    airspeed: m/s. The defaults are those of real autopilots in calm air.
+    airspeed: m/s.
     """
 
     heading: float = 0.02
@@ -88,8 +90,9 @@ class MotionNoise:
 class ImuNoise:
     """Standard deviations of measured accelerations, m/s^2.
 
-    white: independent from step to step. bias: constant in a flight, forward and to the left; it
-    contains the attitude error in the compensation of gravity.
+    white: noise, independent from step to step.
+    bias: constant in a flight, forward and to the left. Includes the effect of the attitude error
+        on the compensation of gravity.
     """
 
     white: float = 0.2
@@ -98,16 +101,18 @@ class ImuNoise:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """One row of the benchmark. Directions are random, and signs where they matter.
+    """One row of the benchmark. The directions of wind and target motion are random, and so are the
+    signs of turns and biases.
 
-    required: largest median RMS radius error of `auto`, m; None: only reported.
+    required: largest median RMS radius error of `auto`, m; None: no requirement.
     wind: steady wind, m/s.
     gust: standard deviation of each component of a Gauss-Markov process, m/s.
     target: speed of the target, m/s.
-    target_turn: turn rate of its course, rad/s.
-    target_walk: random walk of its velocity, limited to its initial speed, m/s per sqrt(s).
-    veer: angle by which the wind turns in 10 s, once in 50 s, rad.
-    stands: time for which the target moves and then stops, in turn, s; 0: it never stops.
+    target_turn: turn rate of the target's course, rad/s.
+    target_walk: random walk of the target's velocity, m/s per sqrt(s). The speed is limited to the
+        initial speed.
+    veer: angle by which the wind direction changes in 10 s, once in 50 s, rad.
+    stands: the target moves for this time, then stops for this time, in turn, s; 0: never stops.
     compass_bias: rad.
     compass_drift: rad/s.
     airspeed_error: measured over true airspeed, minus 1.

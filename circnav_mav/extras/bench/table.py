@@ -13,29 +13,34 @@ from circnav_mav.extras.bench.situations import SITUATIONS
 from circnav_mav.runlog.atomic_write import atomic_write
 
 OWN = "auto"
-"""Law with a separate table that has all figures."""
+"""Law for which the results have a separate table with all figures."""
 LOST = 300.0
-"""Smallest median RMS radius error, m, that the tables give as "lost"."""
+"""From this median RMS radius error on, m, the tables show "lost" instead of the number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One law in one situation. Lengths in m, times in s; p95: 95th percentile over the flights.
+    """One law in one situation. Lengths in m, times in s. *_p95, *_p99: 95th and 99th percentile
+    over the flights.
 
-    kept: flights that kept the circle.
-    rms, peak: RMS and largest radius error over the last 100 s.
-    settled10, settled2: time of the last exit from ±10 % and ±2 % of the radius, divided by the
-        Dubins time to the tangent point, for starts outside 1.3 radii.
+    kept: number of flights that kept the circle.
+    rms_*: RMS radius error over the last 100 s.
+    peak_median: median of the largest radius error over the last 100 s.
+    mean_error: mean radius error over the last 100 s.
+    settled10_*, settled2_*: time of the last exit from ±10 % and ±2 % of the radius, divided by the
+    Dubins time to the tangent point, for starts outside 1.3 radii.
     closest_outside: 1st percentile of the closest approach to the target, for starts outside.
-    wrong_way: flights that swept at least a quarter turn the wrong way.
+    overshoot_inside: median overshoot of starts inside the circle.
+    wrong_way: number of flights that swept at least a quarter turn the wrong way.
     turn_*: medians of the figures of the turn command over the last 100 s.
-    limit_cycles: flights with a limit cycle (see `TurnFigures`).
+    limit_cycles: number of flights with a limit cycle (see `TurnFigures`).
     range_rmse, rate_rmse: RMS error of the estimated range (m) and range rate (m/s) over the last
         100 s.
     nees_mean: mean normalized estimation error squared (NEES) of (r, theta).
     nees_in_band: fraction of steps with this NEES in its 95 % band.
-    difference_*: RMS radius error minus that of the situation's first policy in the same world:
-        median, and its 95 % interval (NaN below six flights).
+    difference_*: RMS radius error minus the RMS error of the situation's first policy in the same
+    world: median, and its 95 % interval (NaN below six flights).
+    seconds: processor time of all flights.
     """
 
     situation: str
@@ -134,14 +139,15 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
         lambda cell: f"{cell.nees_mean:.1f} / {100 * cell.nees_in_band:.0f} %"
     ),
 }
-"""Columns of the table of OWN."""
+"""Columns of the table of the law OWN: value of a cell, by the heading of the column."""
 
 
 def markdown(cells: Sequence[Cell]) -> str:
-    """Return the table of `auto`, then that of the other laws, as far as they were flown.
+    """Return the table of `auto`, and then the table of the other laws that were flown.
 
-    A cell of the second table has the median RMS radius error, the number of flights that kept the
-    circle (in brackets, unless all kept it), and the standard deviation of the turn command.
+    A cell of the second table has three figures: the median RMS radius error, the number of flights
+    that kept the circle, and the standard deviation of the turn command. The number (in brackets)
+    is left out if all flights kept the circle.
     """
     own, others = (
         [cell for cell in cells if (cell.policy == OWN) is mine] for mine in (True, False)
@@ -186,7 +192,7 @@ def draw(cells: Sequence[Cell], path: Path) -> None:
     values = np.full((len(rows), len(columns)), np.nan)
     scale = LogNorm(0.05, 50)
     with mpl.rc_context(PAPER | {"axes.grid": False, "font.size": 7}):
-        # The names of the situations take 1.9 inches, the scale 0.8.
+        # 2.7: width of the names of the situations (1.9) and of the color scale (0.8), inches.
         width = min(max(COLUMN, 2.7 + 0.5 * len(columns)), PAGE)
         figure = Figure(figsize=(width, max(2.2, 1.3 + 0.22 * len(rows))), layout="constrained")
         axes = figure.subplots()

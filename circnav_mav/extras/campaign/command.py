@@ -52,9 +52,8 @@ def fly_campaign(
             raise Refused("--resume: name the folder of the campaign to continue: --out DIR")
         name = Path(file).stem
         folder = Path(out) if out else Path("campaigns") / f"{local_time_name()}-{name}"
-        signal.signal(
-            signal.SIGTERM, signal.default_int_handler
-        )  # as Ctrl-C: keep and print the results
+        # Let SIGTERM act as Ctrl-C: the results are kept and printed.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
         with closing(Store(folder, campaign, resume=resume)) as store:
             say(f"{campaign.where}: {campaign.runs} flights")
             interrupted = _fly(campaign, store, scheduler, processes)

@@ -16,15 +16,15 @@ from circnav_mav.runtime.worker_pool import Submit, WorkerDiedError, workers
 
 Rows = Generator[Row, None, None]
 SERVER_FIRST = ("", "tcp")
-"""Schemes of addresses at which a Dask scheduler sends the first byte. At the others it waits for
-the client."""
+"""Schemes of addresses at which a Dask scheduler sends the first byte. With other schemes, the
+scheduler waits for the client."""
 SCHEMES = (*SERVER_FIRST, "tls", "ws", "wss")
 CONNECT_TIMEOUT = 5.0
 """Time, s, within which a scheduler must accept the connection and answer."""
 
 AHEAD = 1000
 """Largest number of jobs that are submitted and not finished: more than a cluster has workers, and
-few enough for the memory."""
+few enough for the memory of this process."""
 
 
 def cores() -> int:
@@ -77,10 +77,11 @@ def on_scheduler(campaign: Campaign, runs: Iterable[int], address: str) -> Rows:
         raise CampaignError(
             f"--scheduler {address}: {scheme} needs the certificates named in Dask's configuration"
         )
+    # Dask sets the log level of `distributed.client` separately.
     for name in (
         "distributed",
         "distributed.client",
-    ):  # Dask sets the level of the second one separately
+    ):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client: Any = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]

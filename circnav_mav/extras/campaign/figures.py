@@ -44,10 +44,8 @@ def columns(campaign: Campaign) -> list[str]:
 
 
 def row(run: Run, result: FlightResult) -> dict[str, Any]:
-    """Return the row of a flight. The sense of rotation comes from the last third of the true path.
-
-    It is None below a quarter turn.
-    """
+    """Return the row of a flight. The sense of rotation is that of the last third of the true path,
+    and None below a quarter turn."""
     orbit = run.mission.orbit
     r = np.hypot(result.east, result.north)
     east, north, heading = result.start
@@ -71,8 +69,8 @@ def row(run: Run, result: FlightResult) -> dict[str, Any]:
     rms = metrics.rms_error(late, orbit.radius)
     assert rms is not None
     turn = late_figures(result.turn_time, result.turn, result.turn_cut, orbit)
-    # A flight is kept if it was completed, went round in the required sense, and the RMS radius
-    # error of its last third is below this fraction of the radius.
+    # Condition of a kept flight: completed, in the required sense, and with an RMS radius error
+    # below 10 % of the radius in its last third.
     kept = result.outcome == COMPLETED and sense is orbit.direction and rms < 0.1 * orbit.radius
     return known | {
         "flown_s": float(result.time[-1]),
@@ -98,16 +96,20 @@ Rows = Sequence[dict[str, str]]
 
 
 def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
-    """Return the figures of some rows of the table. points: number of grid points, which share
-    their draws in a pass.
+    """Return the figures of some rows of the table. For the intervals, flights with the same draws
+    and noise are counted as one flight.
 
-    failed: could not be flown. not_engaged: ended before the engagement. Flights of both kinds have
-    no RMS error and no settling time, so these figures cover the other flights. wrong_way: went
-    round in the wrong sense. rms_*: RMS radius error of the last third, m. settled_*: time from the
-    engagement until the error stays within 5 %, s; None: never. closest: closest approach of all
-    flights, m. worlds: number of different draws; in the intervals, flights with the same draws and
-    noise count as one. turn_*: medians of the figures of the turn command (see `TurnFigures`).
-    limit_cycles: flights with a limit cycle.
+    points: number of grid points. In each pass over the grid, all points have the same draws.
+    failed: number of runs that could not be flown.
+    not_engaged: number of flights that ended before the engagement. Like failed runs, they have no
+        RMS error and no settling time, so these figures cover the other flights.
+    wrong_way: number of flights in the wrong sense.
+    rms_*: RMS radius error of the last third, m.
+    settled_*: time from the engagement until the error stays within 5 %, s; None: never.
+    closest: closest approach of all flights, m.
+    worlds: number of different draws.
+    turn_*: medians of the figures of the turn command (see `TurnFigures`).
+    limit_cycles: number of flights with a limit cycle.
     """
     flown = [row for row in rows if row["rms_m"]]
     worlds, worlds_flown = (
@@ -143,10 +145,10 @@ def known(rows: Rows, name: str) -> Any:
 
 
 def summarize(rows: Rows, swept: Mapping[str, Sized]) -> dict[str, Any]:
-    """Return the contents of summary.json: "all", and "by" swept key and value. swept: values of
-    the grid by key.
+    """Return the contents of summary.json: figures of all rows ("all"), and of the rows of each
+    swept key and value ("by"). swept: values of the grid by key.
 
-    Every value except the first one also has its differences from the first, flight by flight.
+    Each value except the first also has the paired differences from the first value.
     """
     points = prod(len(values) for values in swept.values())
     by: dict[str, dict[str, Any]] = {}
@@ -163,8 +165,11 @@ def summarize(rows: Rows, swept: Mapping[str, Sized]) -> dict[str, Any]:
 
 
 def _paired(before: Rows, after: Rows, others: Sequence[str], points: int) -> dict[str, Any]:
-    """Return the differences of the RMS error (m) between flights with the same draws and noise and
-    the same other values of the grid. pairs: flights of which both have this error."""
+    """Return the differences of the RMS error (m) between flights with the same draws, the same
+    noise and the same other values of the grid.
+
+    pairs: number of pairs in which both flights have this error.
+    """
 
     def errors(rows: Rows) -> dict[tuple[Any, ...], float]:
         return {
@@ -187,8 +192,8 @@ def _paired(before: Rows, after: Rows, others: Sequence[str], points: int) -> di
 def wilson(share: float, worlds: int) -> Interval:
     """Return Wilson's score interval of a share, over a number of independent worlds.
 
-    Flights in one world may all have the same result and then count as one. If they do not, the
-    interval is wider than necessary.
+    Flights in one world are counted as one flight, because they may all have the same result. If
+    their results differ, the interval is wider than necessary.
     """
     if worlds == 0:
         return None, None
@@ -199,7 +204,7 @@ def wilson(share: float, worlds: int) -> Interval:
 
 
 def percentile(ordered: Any, q: float) -> float | None:
-    """Return a percentile that is one of the values, since a number and "never" have no mean; None:
-    never or empty."""
+    """Return a percentile that is one of the values: an interpolation between a number and "never"
+    (infinity) would be infinite. None: never, or no values."""
     value = float(np.percentile(ordered, q, method="higher")) if len(ordered) else float("inf")
     return value if isfinite(value) else None

@@ -1,5 +1,5 @@
-"""Flights of a campaign: run numbers in, rows of the table out. Each flight is the real pilot
-against the emulated vehicle, step by step (lockstep)."""
+"""Flights of a campaign: they convert run numbers to rows of the table. Each flight is the real
+pilot against the emulated vehicle, step by step (lockstep)."""
 
 import traceback
 from typing import Any

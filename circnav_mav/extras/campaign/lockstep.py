@@ -22,12 +22,15 @@ EXIT_TIME = 60.0
 class FlightResult:
     """Result of a flight: the true path under control, relative to the target, and the outcome.
 
-    start: east, north (m) of the target and heading (rad, clockwise from north) at time zero.
-    engaged: time of the engagement, s; None if it never engaged.
-    time: time since the engagement, s.
+    start: position east and north (m) of the target and heading (rad, clockwise from north) at time
+        zero.
+    engaged: time of the engagement, s, or None.
+    time: time since the engagement for each point of the path, s.
+    east, north: path relative to the target, m.
     outcome: "completed", or the reason of another end.
-    turn_time, turn, turn_cut: of every command the time since the engagement (s), the turn rate
-        (rad/s), and True if the limit cut it.
+    turn_time: time since the engagement for each turn command, s.
+    turn: commanded turn rate, rad/s.
+    turn_cut: True for each command that the turn-rate limit cut.
     """
 
     start: tuple[float, float, float]
@@ -42,7 +45,7 @@ class FlightResult:
 
 
 class Flight:
-    """A running flight. ticks: the ticks that commanded a turn."""
+    """A running flight. ticks: ticks with a turn command."""
 
     def __init__(self, run: Run) -> None:
         self.pilot = Pilot(run.mission.pilot_settings())

@@ -51,7 +51,7 @@ DRAWS: dict[str, Callable[..., Any]] = {
     "choice": lambda rng, *values: values[rng.integers(len(values))],
 }
 MOST = 1e300
-"""Largest bound of a draw: the sum of two such numbers is still finite."""
+"""Largest bound of a draw. The sum of two such numbers is still finite."""
 FORMS = (
     "a list, {uniform=[low, high]}, {log_uniform=[low, high]}, {normal=[mean, sigma]} or"
     " {choice=[...]}"
@@ -112,12 +112,13 @@ START = {
     f"start.{name}": f"sim.start.random.{name}"
     for name in ("range_m", "bearing_deg", "heading_deg")
 }
-"""Keys of the start relative to the target. A vehicle file gives this start only as bounds of
-random values."""
+"""Keys of [vary] for the start relative to the target, and the keys of the vehicle file that they
+set. The vehicle file has this start only as bounds of random values."""
 LEAST_TRIED = 32
+"""Smallest number of runs tried before a value is refused."""
 MOST_TRIED = 256
-"""Bounds of the number of runs tried before a value is refused. Within them: one per grid point of
-the other keys."""
+"""Largest number of runs tried before a value is refused. Between both bounds, one run is tried for
+each grid point of the other keys."""
 
 
 @dataclass(frozen=True)
@@ -218,7 +219,8 @@ def _specs(vary: Mapping[str, Any], where: str) -> dict[str, Spec]:
     """Return the specs by dotted key. The file may write keys in quotes or as nested tables."""
     specs: dict[str, Spec] = {}
 
-    def names_a_distribution(table: Mapping[str, Any]) -> bool:  # or nearly: reported as misspelled
+    # True also for a misspelled name, so that the misspelling is reported.
+    def names_a_distribution(table: Mapping[str, Any]) -> bool:
         return any(get_close_matches(name, DRAWS, n=1, cutoff=0.75) for name in table)
 
     for key, value in flat(vary, whole=names_a_distribution):
@@ -276,8 +278,8 @@ def prepare(campaign: Campaign, number: int) -> Run:
 
 
 def unflyable_value(campaign: Campaign) -> str | None:
-    """Return why a listed value cannot be flown with any other values, or why no run can be flown;
-    None if all can."""
+    """Return the reason why a listed value cannot be flown with any other values, or why no run can
+    be flown. None if all values can be flown."""
     stride = 1
     points = [(1, 1, 0)]
     for values in campaign.swept.values():
@@ -287,11 +289,13 @@ def unflyable_value(campaign: Campaign) -> str | None:
 
 
 def _why_not(campaign: Campaign, stride: int, values: int, which: int) -> str | None:
-    """Return the reason why no run with value number `which` of a key can be flown; None if one of
-    a sample can.
+    """Return the reason why no run with value number `which` of a key can be flown. None if one run
+    of a sample can be flown.
 
-    The sample is taken from the grid and the draws. stride: step in the number of the grid point
-    from one value of the key to the next. values: number of values of the key.
+    The sample is taken from the grid and the draws.
+
+    stride: step in the number of the grid point from one value of the key to the next.
+    values: number of values of the key.
     """
     first = None
     others = campaign.cells // values

@@ -33,7 +33,7 @@ def plot_campaign(
     title: str,
     form: str = "png",
 ) -> tuple[list[Path], list[str]]:
-    """Draw the pictures. Return their files, and a line for each that could not be drawn or
+    """Draw the pictures. Return their files, and a line for each picture that could not be drawn or
     written."""
     done: list[Path] = []
     problems: list[str] = []
@@ -183,7 +183,7 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     figure = Figure(figsize=(PAGE, 5.0), layout="constrained")
     figure.suptitle(f"{title}: error against {literal(key)}")
     error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    # Largest number of values of a key for which a picture has a line for each value; chosen.
+    # 8: largest number of values of a key for which a picture has a line for each value; chosen.
     others = [other for other in swept if other != key and len({row[other] for row in rows}) <= 8]
     values = [_json_or_text(row[key]) for row in rows]
     numeric = all(
@@ -237,8 +237,8 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
 
 
 def _binned(x: Any, exact: bool) -> tuple[Any, list[Any]]:
-    """Return positions and the flights at each: every value of a grid, or bins of equally many
-    flights."""
+    """Return positions on the axis and the flights at each position: every value of a grid, or bins
+    with equal numbers of flights."""
     if exact or len(np.unique(x)) <= BINS:
         spots = np.unique(x)
         return spots, [x == spot for spot in spots]

@@ -1,5 +1,5 @@
-"""The folder of a campaign: its table, written row by row, and its input files, so that it can be
-resumed."""
+"""Folder of a campaign: its table, written row by row, and its input files, so that the campaign
+can be resumed."""
 
 import csv
 import errno
@@ -25,7 +25,8 @@ SOURCE = "campaign.toml"
 
 
 class Store:
-    """The table of a campaign. It stays readable and can be resumed after any interruption.
+    """The table of a campaign. After any interruption, the table is readable and the campaign can
+    be resumed.
 
     One process at a time uses the folder. Files of other campaigns are not overwritten.
     """
@@ -205,8 +206,8 @@ def _cell(name: str, value: Any) -> str:
     if value is None or isinstance(value, str):
         return " ".join(value.splitlines()) if value else ""
     if isinstance(value, float) and name in FIGURES:
-        # Decimals of a length in m in the table.
-        # 4: decimals of the figures of the turn command, for the same reason.
+        # 5: decimals of a length in m. 4: decimals of the figures of the turn command. Later digits
+        # depend on the order in which numpy adds.
         decimals = 5 if name.endswith("_m") else 4 if name.startswith("turn_") else None
         return f"{value if decimals is None else round(value, decimals) + 0.0:.6g}"
     return json.dumps(value)

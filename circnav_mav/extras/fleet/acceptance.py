@@ -1,9 +1,9 @@
 """Acceptance of frames from the fleet link, without sockets and without a clock.
 
-A datagram is accepted if it is one complete report of another member of the same group. It must be
-authentic, new, finite and within bounds. Its timestamp must agree with this member's own clock, and
-its phase with the sender's earlier reports. Rejections are counted by reason. Repeated rejections
-raise an alarm for the operator.
+A datagram is accepted if it is one complete report of another member of the same group. The report
+must be authentic, new, finite and within bounds. Its timestamp must agree with this member's own
+clock, and its phase with the sender's earlier reports. Rejections are counted by reason. Repeated
+rejections raise an alarm for the operator.
 """
 
 from collections import Counter, deque
@@ -26,26 +26,27 @@ from circnav_mav.mav.identity import address_text
 from circnav_mav.mav.signing import EPOCH, SECOND, is_signed, is_signed_with
 
 CLOCK_TOLERANCE = 0.5
-"""Largest difference, s, between a timestamp and this member's own clock. It includes the delay of
-the network."""
+"""Largest difference between a report's timestamp and this member's own clock, s. The delay of the
+network is part of this difference."""
 MOST_MEMBERS = 32
-"""Largest number of members in the table."""
+"""Largest number of other members that are accepted at a time."""
 PHASE_RATE_TOLERANCE = 0.1
-"""Growth rate of the phase tolerance on the circle, rad/s: changes of the commanded radius change
-the phase rate."""
+"""Growth rate of the phase tolerance while both reports are from the circle, rad/s: changes of the
+commanded radius change the phase rate."""
 CONFIRMED_AFTER = 2.0
 """Time, s, for which a phase must be consistent after a jump before it is accepted."""
 ALARM_COUNT = 3
+"""Number of rejections for one reason within ALARM_TIME that raises an alarm. Single rejections are
+normal: a lossy network repeats and reorders frames."""
 ALARM_TIME = 5.0
-"""Number of rejections for one reason, and time, s, within which they raise an alarm. Single
-rejections are normal: a lossy network repeats and reorders frames."""
+"""Time within which the rejections must occur, and for which the alarm lasts, s."""
 _ROUNDING = 1e-6
 """Relative tolerance of the bounds: fields are rounded to 32 bits."""
 
 MAX_DRIFT = 100.0
+"""Largest drift in a report, per axis, m/s. Chosen: beyond any flight."""
 MAX_VARIANCE = 1e4
-"""Largest drift, m/s, and largest variance of the drift, (m/s)^2, in a report; chosen, beyond any
-flight."""
+"""Largest variance of the drift in a report, (m/s)^2. Chosen: beyond any flight."""
 BOUNDS: dict[str, tuple[float, float]] = {
     "phase": (0.0, tau),
     "phase_sigma": (1e-6, 10.0),
@@ -62,8 +63,8 @@ BOUNDS: dict[str, tuple[float, float]] = {
 
 
 class Rejection(Enum):
-    """Reason for rejecting a datagram. value: remedy or effect for the alarm, empty for no
-    alarm."""
+    """Reason for rejecting a datagram. The value is the text of the alarm, with the remedy or the
+    effect. Reasons with an empty value raise no alarm."""
 
     MALFORMED = "frames are not complete MAVLink 2 reports: give each program its own port"
     OTHER_MESSAGE = ""
@@ -127,15 +128,20 @@ def phase_tolerance(before: MemberReport, report: MemberReport) -> float:
     on_circle = before.state is State.ON_CIRCLE and report.state is State.ON_CIRCLE
     rate = PHASE_RATE_TOLERANCE if on_circle else max(tau / report.lap_period, PHASE_RATE_TOLERANCE)
     sigmas = 3 * hypot(before.phase_sigma, report.phase_sigma)
-    # Tolerance, rad, between a phase and its extrapolation, in addition to three standard
+    # 0.35: tolerance between a phase and its extrapolation, rad, in addition to three standard
     # deviations.
     return 0.35 + sigmas + rate * (report.stamp - before.stamp)
 
 
 @dataclass(slots=True)
 class Member:
-    """Accepted state of another member. jumped: first and newest report after a jump of its
-    phase."""
+    """Accepted state of another member.
+
+    report: newest accepted report.
+    address: address of the sender.
+    received_at: Unix time of reception, s.
+    jumped: first and newest report after a jump of the member's phase.
+    """
 
     report: MemberReport
     address: Hashable
@@ -145,7 +151,11 @@ class Member:
 
 @dataclass(slots=True)
 class _Reason:
-    """Newest rejections for one reason: times, s, and the newest detail."""
+    """Newest rejections for one reason.
+
+    times: Unix times of the rejections, s.
+    detail: details of the newest rejection.
+    """
 
     times: deque[float]
     detail: str = ""
@@ -164,8 +174,8 @@ class Acceptance:
         tolerance: float = CLOCK_TOLERANCE,
     ) -> None:
         """group, member: ids of this member.
-        key: of the fleet, None for unsigned frames.
-        hosts: accepted senders; None: all.
+        key: signing key of the fleet, None for unsigned frames.
+        hosts: addresses of accepted senders, None for all senders.
         tolerance: largest difference between a stamp and this member's clock, s.
         """
         self.members: dict[int, Member] = {}
@@ -184,15 +194,15 @@ class Acceptance:
     def remember(self, frame: bytes, now: float) -> None:
         """Store a frame, to recognize its copies."""
         self._seen[frame] = now
-        # Number of newest frames kept to recognize copies: 13 s of 255 members at 5 Hz, 18 min of
-        # 3.
+        # 16_384: number of newest frames that are stored to recognize copies. They cover 13 s of
+        # 255 members at 5 Hz, or 18 min of 3 members.
         if len(self._seen) > 16_384:
             del self._seen[next(iter(self._seen))]
 
     def take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
         """Return the report in a datagram, None if it is rejected. now: Unix time, s."""
-        # After this member's clock was set back, reports that are right now look older than those
-        # accepted before.
+        # After this member's clock was set back, new reports look older than the stored ones.
+        # Discard the stored ones.
         if now < self._newest - 1.0:
             self.members.clear()
         self._newest = now
@@ -210,7 +220,7 @@ class Acceptance:
         noted.detail = detail
 
     def alarms(self, now: float) -> list[str]:
-        """Return a line for each reason that repeated recently."""
+        """Return a line for each reason with repeated rejections in the last ALARM_TIME."""
         lines = []
         for reason, noted in self._reasons.items():
             needed = 1 if reason is Rejection.FLOOD else ALARM_COUNT
@@ -289,12 +299,13 @@ class Acceptance:
             raise RejectedError(Rejection.UNSIGNED, f"id {data[5]}")
         if not is_signed_with(key, data):
             raise RejectedError(Rejection.WRONG_KEY, f"id {data[5]}")
-        # Bytes of the hash in a MAVLink 2 signature.
+        # Time of the signature relative to this member's clock, s: the bytes between link id and
+        # the 6 bytes of the hash.
         ahead = (
             int.from_bytes(data[1 - SIGNATURE : -6], "little") / SECOND + EPOCH - max(now, EPOCH)
         )
         if ahead > max(60.0, self._tolerance):
-            # A copy of this frame must not be accepted when its time has come.
+            # Store the frame: a copy of it must not be accepted later, when its timestamp is valid.
             self.remember(data, now)
             raise RejectedError(Rejection.CLOCKS_DISAGREE, f"id {data[5]} is {ahead:.0f} s ahead")
 
@@ -310,7 +321,7 @@ class Acceptance:
             )
 
     def _check_member(self, report: MemberReport, address: Hashable, now: float) -> None:
-        """Raise RejectedError if a report contradicts earlier ones of its member."""
+        """Raise RejectedError if a report contradicts earlier reports of the same member."""
         self._forget(now)
         known = self.members.get(report.member)
         if known is None:
@@ -335,8 +346,8 @@ class Acceptance:
             raise RejectedError(
                 Rejection.REPLAYED, f"id {report.member}, {-newer_by:.1f} s older than its newest"
             )
-        # Shortest time, s, between two reports of one member: half the interval at the highest
-        # rate.
+        # 0.1: shortest accepted time between two reports of one member, s: half the interval at the
+        # highest rate.
         if newer_by < 0.1:
             raise RejectedError(
                 Rejection.TOO_OFTEN, f"id {report.member}, reports {newer_by:.3f} s apart"
@@ -344,8 +355,8 @@ class Acceptance:
         self._check_phase(known, report, now)
 
     def _check_phase(self, known: Member, report: MemberReport, now: float) -> None:
-        """Raise RejectedError if a phase contradicts its extrapolation and was not consistent for
-        CONFIRMED_AFTER."""
+        """Raise RejectedError if a phase contradicts its extrapolation. After a jump, accept phases
+        that were consistent for CONFIRMED_AFTER."""
         error = phase_error(known.report, report)
         tolerance = phase_tolerance(known.report, report)
         if error <= tolerance:
@@ -367,7 +378,7 @@ class Acceptance:
     def _forget(self, now: float) -> None:
         """Remove silent members, and members with reception times in the future after the clock was
         set back."""
-        # Silence, s, after which a member leaves the table.
+        # 60.0: silence after which a member is removed from the table, s.
         for ident in [
             one for one, member in self.members.items() if abs(now - member.received_at) > 60.0
         ]:

@@ -2,8 +2,8 @@
 an autopilot.
 
 Transport: UDP multicast, or a list of peers. An open carrier never blocks and never raises: a
-network failure raises an alarm and is retried. Time comes from the stamp of this member's report
-and from the `now` of `received`.
+network failure raises an alarm and is retried. The carrier reads no clock: it uses the stamp of
+this member's report, and the argument `now` of `received`.
 """
 
 import socket
@@ -30,14 +30,15 @@ from circnav_mav.mav.signing import Signing, without_signature
 from circnav_mav.runtime.endpoint import LinkError, explain, parse_endpoint, resolve
 
 MULTICAST = "239.255.145.51"
+"""Multicast group of the fleet."""
 PORT = 14560
-"""Multicast group and UDP port of the fleet. The port is next to those of the usual ground
-stations."""
+"""UDP port of the fleet, next to the usual ports of ground stations."""
 MOST_DATAGRAMS = 64
-"""Largest number of datagrams read in one step. 255 members at 5 Hz send this many in 50 ms."""
+"""Largest number of datagrams read in one step. At 5 Hz each, 255 members send this many in 50
+ms."""
 RECEIVE_BUFFER = 1 << 16
-"""Receive buffer of the socket, bytes. Linux doubles it: about 170 reports. A longer queue only
-delays reports."""
+"""Receive buffer of the socket, bytes. Linux doubles it, so that it holds about 170 reports. A
+longer queue would only delay reports."""
 RETRY = 2.0
 """Time, s, between two attempts to open the socket."""
 PROBLEM_LASTS = 5.0
@@ -79,10 +80,11 @@ class FrameCarrier:
     def send(self, report: MemberReport) -> None:
         """Send a report, unless the last one was sent less than 0.2 s ago."""
         now = report.stamp
-        # abs(): after the clock was set back, reports must not stop until it has caught up.
-        # 0.2: shortest time, s, between two reports of this member: 5 Hz.
-        # 0.01: time, s, by which a report may be early: the interval is not a multiple of the loop
-        # step.
+        # abs(): if the clock was set back, the last sending lies in the future, and sending must
+        # not stop until then.
+        # 0.2: shortest time between two reports of this member, s (5 Hz).
+        # 0.01: time by which a report may be early, s, because the interval is not a multiple of
+        # the loop step.
         if abs(now - self._sent_at) < 0.2 - 0.01:
             return
         try:
@@ -99,7 +101,8 @@ class FrameCarrier:
         if self._signing is not None:
             self._signing.follow(now)
         frame = self._encoder.encode(to_message(report))
-        self.acceptance.remember(frame, now)  # multicast returns it
+        # Multicast sends this frame back to this member.
+        self.acceptance.remember(frame, now)
         if problem := self._port.send(frame, now):
             self._note(problem, now)
         else:
@@ -107,7 +110,7 @@ class FrameCarrier:
             self._record(frame)
 
     def received(self, now: float) -> list[MemberReport]:
-        """Return the reports accepted since the last call. now: Unix time, or in lockstep the
+        """Return the reports accepted since the last call. now: Unix time, s; in lockstep the
         simulated time, s."""
         datagrams = self._port.receive(MOST_DATAGRAMS, now)
         if len(datagrams) == MOST_DATAGRAMS:
@@ -151,7 +154,7 @@ class FrameCarrier:
         self._port.close()
 
     def _record(self, frame: bytes) -> None:
-        # Largest number of frames waiting to be recorded.
+        # 4096: largest number of frames that wait for the recorder. Later frames are not recorded.
         if len(self._frames) < 4096:
             self._frames.append(without_signature(frame))
 
@@ -166,8 +169,11 @@ class UdpPort:
 
     def __init__(self, port: int = PORT, interface: str = "", peers: Sequence[str] = ()) -> None:
         """interface: name or IPv4 address of the network interface for multicast, empty for the
-        default route. peers: HOST:PORT of every other member. With peers, multicast is not used.
-        Raises LinkError if an endpoint is invalid or in use. A missing network is not an error."""
+        default route.
+        peers: HOST:PORT of every other member. With peers, multicast is not used.
+
+        Raises LinkError if an endpoint is invalid or in use. A missing network is not an error.
+        """
         self._port = port
         self._interface = interface
         self._peers = [_peer(text) for text in peers]
@@ -175,7 +181,7 @@ class UdpPort:
             raise LinkError(
                 f"fleet peers {', '.join(peers)}: use either IPv4 or IPv6 for all of them"
             )
-        # hosts: allowed senders, None for all.
+        # Addresses of allowed senders, None for all senders.
         self.hosts = frozenset(address[0] for _, address in self._peers) if self._peers else None
         self._socket: socket.socket | None = None
         self._retry_at = self._received_at = -inf
@@ -213,20 +219,20 @@ class UdpPort:
                 datagrams.append(opened.recvfrom(LONGEST_FRAME + 1))
             except BlockingIOError:
                 break
-            except OSError as error:  # a peer without a socket on its port replies by ICMP
+            except OSError as error:  # a peer without a socket on its port is reported by ICMP
                 self._problem = self._explain(error)
         if datagrams or self._received_at == -inf:
             self._received_at = now
-        # Time, s, without any datagram after which a multicast socket is reopened. It also receives
-        # this member's datagrams, so silence is a fault: unplugging an interface ends the group
-        # membership without an error.
+        # 5.0: time without any datagram after which a multicast socket is reopened, s. The socket
+        # also receives this member's own datagrams, so silence is a fault: unplugging an interface
+        # ends the group membership without an error.
         elif not self._peers and abs(now - self._received_at) > 5.0:
             self._received_at = now
             self._close(now - RETRY)
         return datagrams
 
     def close(self) -> None:
-        """Close the socket for good."""
+        """Close the socket. It is not opened again."""
         self._close(inf)
 
     def _opened(self, now: float) -> socket.socket | None:
@@ -264,12 +270,12 @@ class UdpPort:
         return opened
 
     def _join(self, opened: socket.socket) -> None:
-        """Bind to the group and join it. Datagrams to other addresses of this computer are then not
-        received."""
+        """Bind the socket to the group and join the group. Datagrams to other addresses of this
+        computer are then not received."""
         membership = _membership(self._interface)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind((MULTICAST, self._port))
-        # Time to live of a multicast datagram: no router passes it on.
+        # Time to live 1: no router forwards the datagram.
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
         # Without this option, Linux also delivers datagrams from interfaces on which another
@@ -291,11 +297,11 @@ class UdpPort:
 
 
 class LocalNetwork:
-    """Network within one process, for fleets in lockstep. It drops and delays frames, reproducibly
-    for each seed."""
+    """Simulated network of a fleet in lockstep, within one process. It drops and delays frames,
+    reproducibly for each seed."""
 
     def __init__(self, loss: float = 0.0, delay: float = 0.0, seed: int = 0) -> None:
-        """loss: share of frames lost at each receiver. delay: s."""
+        """loss: share of frames lost at each receiver. delay: delay of each frame, s."""
         self.cut: set[Hashable] = set()
         """Addresses that neither send nor receive."""
         self._loss = loss

@@ -28,7 +28,7 @@ def even_from(time: ArrayLike, errors: ArrayLike, since: float) -> float | None:
     """Return the first time, s, not before `since`, from which all gap errors stay within EVEN for
     LASTS; or None.
 
-    errors: gap errors at these times, rad; nan counts as uneven.
+    errors: gap errors at these times, rad. The fleet is uneven where the error is nan.
     """
     times = np.asarray(time, float)
     good = np.asarray(errors, float) <= EVEN

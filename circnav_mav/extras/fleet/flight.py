@@ -30,8 +30,8 @@ from circnav_mav.runtime.runner import Loop
 from circnav_mav.runtime.status import AlarmLog
 
 START_APART_DEG = 12.0
-"""Angle between the starts of two members, seen from the target, deg: they start from one
-airfield."""
+"""Angle between the starts of successive members, seen from the target, deg. It is small because
+the fleet starts from one airfield."""
 SAMPLE_EVERY = 0.2
 """Time between two samples of the true tracks, s."""
 
@@ -43,8 +43,8 @@ def member_overrides(
     size: int = 6,
     compass: float = 0.0,
 ) -> list[str]:
-    """Return the overrides of a member's mission: those of the whole fleet, then id, height layer,
-    seed and start. compass: standard deviation of its compass error, deg."""
+    """Return the overrides of a member's mission: the overrides of the whole fleet, then id, height
+    layer, seed and start. compass: standard deviation of the members' compass errors, deg."""
     mission = load_mission(path, overrides)
     file = mission.file
     sim = mission.file.sim or {}
@@ -93,10 +93,11 @@ class Tracks:
     """True tracks.
 
     time: s.
-    east, north, height: of every member relative to the target, m.
-    state, flying: of every member; flying is True if steered.
-    drift: true, east and north, m/s.
-    radius, sense, speed: of the mission.
+    east, north, height: position of every member relative to the target, m.
+    state: state of every member.
+    flying: True for each member that circnav steers.
+    drift: true drift, east and north, m/s.
+    radius, sense, speed: circle of the mission, m and m/s.
     """
 
     radius: float
@@ -233,8 +234,8 @@ def bare_fleet(
     delay: float = 0.0,
     seed: int = 0,
 ) -> FleetFlight:
-    """Return a fleet without run folders, for tests and benchmarks. each: further overrides of a
-    member, by id."""
+    """Return a fleet without run folders, for tests and benchmarks. each(member): further overrides
+    of a member."""
     network = LocalNetwork(loss, delay, seed)
 
     def members() -> Iterator[Member]:

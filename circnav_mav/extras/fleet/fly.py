@@ -143,10 +143,10 @@ def _start(member: Member, epoch_us: int) -> None:
 
 
 def _watch(pace: float | None, stop: StopRequest) -> Callable[[FleetFlight], None]:
-    """Return a function to call after each sample: it prints progress lines, and waits to keep the
-    pace.
+    """Return a function to call after each sample: it prints progress lines, and waits to limit the
+    simulation speed.
 
-    pace: simulated seconds per real second, None for any.
+    pace: largest simulated seconds per real second, None for no limit.
     """
     began = steady()
 
@@ -160,7 +160,7 @@ def _watch(pace: float | None, stop: StopRequest) -> Callable[[FleetFlight], Non
 
 def _show_progress(flight: FleetFlight) -> None:
     tracks = flight.tracks
-    # Simulated time between two progress lines, s.
+    # 20.0: simulated time between two progress lines, s.
     if tracks.time[-1] % 20.0 < 1e-6:
         words = "  ".join(
             f"{state.name.lower().replace('_', ' '):9s}" for state in tracks.state[-1]
@@ -205,7 +205,7 @@ def _row(member: Member, code: Exit) -> dict[str, Any]:
 
 
 def _show(found: FleetFigures, radius: float, members: Sequence[dict[str, Any]]) -> None:
-    """Print the results of the fleet. radius: of the circle, m."""
+    """Print the results of the fleet. radius: radius of the circle, m."""
 
     def shown(value: float | None, unit: str, unknown: str = "unknown") -> str:
         return unknown if value is None else f"{value:.1f} {unit}"

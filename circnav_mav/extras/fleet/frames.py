@@ -27,9 +27,9 @@ _SENSES = {1.0: 1, -1.0: -1}
 def to_message(report: MemberReport) -> Message:
     """Return a report as a message. The sender's ids are set by its encoder."""
     numbers = _numbers(report)
-    # Latest timestamp sent in `time_usec`, s: below the limit of 64 bits.
+    # 1e13: latest timestamp that is sent, s: below the limit of the 64 bits of `time_usec`.
     stamp_us = round(min(max(report.stamp, 0.0), 1e13) * 1e6)
-    # Floats in DEBUG_FLOAT_ARRAY.
+    # 58: number of floats in DEBUG_FLOAT_ARRAY.
     data = [*numbers, *[0.0] * (58 - len(numbers))]
     return dialect.MAVLink_debug_float_array_message(stamp_us, NAME.encode(), report.group, data)
 
@@ -62,8 +62,8 @@ def from_message(message: Message) -> MemberReport:
 
 
 def _numbers(report: MemberReport) -> list[float]:
-    """Return the fields in the order of the format. The height is last: if it is 0, its bytes are
-    not sent."""
+    """Return the fields in the order of the format. The height is last, because MAVLink 2 does not
+    send trailing zeros: a height of 0 shortens the frame."""
     return [
         float(report.state),
         float(report.sense),

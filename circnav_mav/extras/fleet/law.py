@@ -23,33 +23,36 @@ from circnav_mav.extras.fleet.phase import LAP
 from circnav_mav.extras.fleet.report import MemberReport, State
 
 SILENT = 10.0
-"""Age of a report, s, up to which the member's phase is extrapolated. Later the other members close
-the gap."""
+"""Age of a report, s, up to which the member's phase is extrapolated. Later, the other members
+close the gap of the silent member."""
 GAIN = 0.6
-"""Relative change of the angular rate per slot error (1/rad)."""
+"""Relative change of the angular rate on the circle per slot error, 1/rad."""
 LEAD = 4.0
-"""Time in which the radius follows a command, s: 3 s inward and 6 s outward for a plane at 15
+"""Lag of the radius behind its command, s: about 3 s inward and 6 s outward for a plane at 15
 m/s."""
 MAX_TRIM = 0.08
-"""Largest value of the integral, as a share of the angular rate."""
+"""Largest value of the integral of the slot error, as a share of the angular rate."""
 FORGET = 300.0
+"""Decay time of the integral in a ring, s. The decay removes the part that is common to all
+members."""
 FORGET_ALONE = 30.0
-"""Decay time of the integral, s, in a ring and alone. In a ring, decay removes the part common to
-all members."""
+"""Decay time of the integral without other members on the circle, s."""
 SMOOTHING = 2.0
 """Time constant of the filter on the slot error, s."""
 MAX_RADIUS_CHANGE = 20.0
+"""Largest change of the radius for the spacing, m."""
 MAX_RADIUS_SHARE = 0.2
+"""Largest change of the radius for the spacing, as a share of the radius."""
 MAX_SPEED_SHARE = 0.15
-"""Limits of the changes that space the members: radius in m, radius as a share, speed as a
-share."""
+"""Largest change of the speed for the spacing, as a share of the speed."""
 LANE = 25.0
+"""Distance of the outer lane from the circle, m."""
 LANE_SHARE = 0.25
-"""Distance of the outer lane from the circle, m, and its limit as a share of the radius."""
+"""Largest distance of the outer lane from the circle, as a share of the radius."""
 
 
 def slot_errors(phases: Mapping[int, float]) -> dict[int, float]:
-    """Return u of every member by id: its phase lag behind its slot, rad.
+    """Return the phase lag u of every member behind its slot, rad, by id.
 
     The result does not depend on which member is first in the ring.
     """
@@ -59,8 +62,8 @@ def slot_errors(phases: Mapping[int, float]) -> dict[int, float]:
         for i in range(n - 1):
             one = ring[i]
             other = ring[i + 1]
-            # Phase difference, rad, below which two members are ordered by id: noise would swap
-            # them repeatedly.
+            # 0.035: phase difference, rad, below which two members are ordered by id. Ordered by
+            # phase, noise would swap them repeatedly.
             if one > other and phases[other] % LAP - phases[one] % LAP < 0.035:
                 ring[i], ring[i + 1] = other, one
     behind = [phases[member] % LAP - LAP * rank / n for rank, member in enumerate(ring)]
@@ -80,10 +83,11 @@ def gaps(phases: Iterable[float]) -> list[float]:
 class SpacingSettings:
     """Settings of one member.
 
-    radius, speed: of the circle, m, m/s.
+    radius: radius of the circle, m.
+    speed: speed on the circle, m/s.
     sense: +1 counter-clockwise, -1 clockwise.
     speed_share: largest relative change of the speed, 0 if the speed cannot be commanded.
-    inward, outward: room beside the circle allowed by the mission, m.
+    inward, outward: room on both sides of the circle allowed by the mission, m.
     """
 
     member: int
@@ -96,8 +100,8 @@ class SpacingSettings:
 
     @property
     def radius_share(self) -> float:
-        """Largest relative change of the radius, equal for both signs so that the changes in a
-        fleet sum to 0."""
+        """Largest relative change of the radius. The limit is the same inward and outward, so that
+        the changes in a fleet sum to 0."""
         room = min(MAX_RADIUS_CHANGE, self.inward, self.outward)
         return min(room / self.radius, MAX_RADIUS_SHARE)
 
@@ -116,8 +120,10 @@ class SpacingSettings:
 class OwnState:
     """State of this member at one time.
 
-    phase, phase_sigma: temporal phase, rad; None if unknown.
-    range: m.
+    phase: temporal phase, rad, None if unknown.
+    phase_sigma: standard deviation of the phase, rad.
+    range: range to the target, m.
+    leaving: True if the member leaves the circle.
     shares_layer: True if a member with priority is in the same height layer.
     """
 
@@ -132,7 +138,8 @@ class OwnState:
 class Adjustment:
     """Result of a step.
 
-    offset: m outward from the circle.
+    state: state to report.
+    offset: change of the radius, outward, m.
     speed: factor of the speed.
     error: smoothed lag u, rad, None while not on the circle.
     counted: phases of the members on the circle including this one, rad, by id.
@@ -146,8 +153,8 @@ class Adjustment:
 
 
 class Spacing:
-    """Fleet law of one member: reports and its phase in, changes of radius and speed out. Times: s,
-    on one clock."""
+    """Fleet law of one member. Input: reports of the other members and this member's phase. Output:
+    changes of radius and speed. All times are of one clock, s."""
 
     def __init__(self, settings: SpacingSettings) -> None:
         self.settings = settings
@@ -189,7 +196,7 @@ class Spacing:
         return {m: (r.phase_at(now) + self.offsets.get(m, 0.0)) % LAP for m, r in sure.items()}
 
     def step(self, now: float, own: OwnState) -> Adjustment:
-        """Return the adjustment to fly now."""
+        """Return the changes of radius and speed for this time."""
         dt = 0.0 if self._before is None else min(max(now - self._before, 0.0), 1.0)
         self._before = now
         others = self.phases(now)
@@ -203,15 +210,16 @@ class Spacing:
         counted = others | {self.settings.member: own.phase}
         error = slot_errors(counted)[self.settings.member]
         before = error if self._error is None else self._error
-        # A change of ranks moves the slot by a step: let the smoothed error follow without delay.
+        # A change of ranks makes the slot jump. Let the smoothed error follow the jump without
+        # delay.
         jumped = abs(error - before) > pi / len(counted)
         self._error = error if jumped else before + (error - before) * dt / (SMOOTHING + dt)
         self._integrate(dt, alone=not others)
         return self._adjustment(state, counted, own)
 
     def _state(self, now: float, own: OwnState, others: Mapping[int, float]) -> State:
-        """Return the state of this member. Enter the circle as soon as the member is near it: the
-        height layers separate it from the others, and all make room at once."""
+        """Return the state of this member. The member enters the circle as soon as it is near the
+        circle: height layers separate the members, and all of them make room at the same time."""
         settings = self.settings
         if own.leaving:
             return State.LEAVING
@@ -219,7 +227,8 @@ class Spacing:
             self._entered &= now - self._known_at <= SILENT
             return State.SEARCH
         self._known_at = now
-        # Only the layers separate members that pass each other: do not enter a layer that is taken.
+        # Members that pass each other are separated only by their height layers: do not enter the
+        # circle in an occupied layer.
         if not own.shares_layer and own.phase_sigma <= pi / (len(others) + 1):
             self._entered |= own.range <= settings.radius + settings.lane
         return State.ON_CIRCLE if self._entered else State.PHASE_KNOWN
@@ -228,25 +237,26 @@ class Spacing:
         assert self._error is not None
         settings = self.settings
         self._decay(dt, FORGET_ALONE if alone else FORGET)
-        # Largest slot error, rad, for which the integral runs. If it ran at larger errors, the
+        # 0.15: slot error up to which the integral runs, rad. If it ran at larger errors, the
         # member would overshoot.
         if abs(self._error) <= 0.15 and not alone:
-            # Rate of the integral, in units of GAIN^2 times the angular rate: below 0.25 the loop
-            # does not overshoot.
+            # 0.2: rate of the integral, in units of GAIN^2 times the angular rate. Below 0.25 the
+            # loop does not overshoot.
             rate = 0.2 * GAIN**2 * settings.speed / settings.radius
             self.trim = min(max(self.trim + rate * self._error * dt, -MAX_TRIM), MAX_TRIM)
 
     def _closing(self, range_: float) -> float:
-        """Return the part of the error that the present radius removes within LEAD, rad.
+        """Return the part of the error, rad, that the present difference of the radius removes
+        within LEAD.
 
         The error u changes at -w x, with the angular rate w and the relative reduction x of the
         radius. The radius follows a command K u with the lag T: T x' + x = K u. This loop
         overshoots for T > 1 / (4 K w). The command K (u - w T x) cancels the lag: the poles become
-        -1 / T and -K w, as if the radius followed at once. K is GAIN, T is LEAD.
+        -1 / T and -K w, as if the radius had no lag. K is GAIN, T is LEAD.
         """
         settings = self.settings
-        # Without speed commands the integral changes the radius. This compensates a different
-        # airspeed and does not change the error.
+        # Without speed commands, the integral changes the radius. This part of the radius
+        # compensates a different airspeed and does not reduce the error.
         lasting = 0.0 if settings.speed_share else self.trim
         inward = (settings.radius - range_) / settings.radius - lasting
         most = settings.radius_share
@@ -256,7 +266,8 @@ class Spacing:
         self.trim *= exp(-dt / time)
 
     def _adjustment(self, state: State, counted: dict[int, float], own: OwnState) -> Adjustment:
-        """Return the changes for the error: of the speed first, and of the radius for the rest."""
+        """Return the changes that reduce the error: first of the speed, and of the radius for the
+        remainder."""
         assert self._error is not None
         settings = self.settings
         quick = GAIN * (self._error - self._closing(own.range)) + self.trim
@@ -266,10 +277,10 @@ class Spacing:
 
 
 def least_time_to_even(n: int, angular_rate: float, most: float) -> float:
-    """Return the shortest time, s, to space n members from one place evenly: the time that the
-    outermost members need.
+    """Return the shortest time to space n members evenly from one place, s. The outermost members
+    need the longest time.
 
-    angular_rate: rad/s.
+    angular_rate: angular rate on the circle, rad/s.
     most: largest relative change of this rate.
     """
     outermost = (n - 1) / 2 * LAP / n
@@ -277,8 +288,8 @@ def least_time_to_even(n: int, angular_rate: float, most: float) -> float:
 
 
 def evenness_floor(n: int, sigma: float) -> float:
-    """Return the expected largest of n gap errors, rad. sigma: unobservable error of each phase,
-    rad.
+    """Return the expected largest of n gap errors, rad. sigma: standard deviation of the error of
+    each phase, which cannot be observed, rad.
 
     A gap has the errors of two members. The largest of n normal variables is near sqrt(2 ln n)
     standard deviations.

@@ -15,9 +15,10 @@ from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mission.mission import Mission
 
 COMPASS_SIGMA = radians(2.0)
-"""Typical error of a calibrated compass, rad."""
+"""Standard deviation of the error of a typical calibrated compass, rad."""
 LEAST_GAP = 25.0
-"""Smallest distance of neighbors on the circle, m, that separates them without height layers."""
+"""Smallest distance of neighbors on the circle at which they are separate without height layers,
+m."""
 AUTO_LAWS = ("auto", "drift")
 
 
@@ -26,8 +27,8 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
     changes."""
     orbit = mission.orbit
     limits = mission.pilot_settings().circle_limits
-    # Room beside the circle, inward and outward, that the mission allows, m.
-    # 25: largest room beside the circle that the fleet law uses, m.
+    # Room on both sides of the circle that the mission allows, m.
+    # 25: largest room that the fleet law uses, m.
     inward, outward = (
         max(
             (
@@ -45,15 +46,16 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
         speed=orbit.speed,
         sense=orbit.direction.turn_sign,
         speed_share=0.0 if limits.keeps_speed else MAX_SPEED_SHARE,
-        # A copter spaces itself by speed alone: that is enough, and it keeps its circle.
+        # A copter changes only its speed for the spacing: the speed is enough, and the circle stays
+        # the same.
         inward=0.0 if mission.file.vehicle.kind == "copter" else inward,
         outward=outward,
     )
 
 
 def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
-    """Yield checks of the law, the fleet size, the evenness, the time to reach it, and the ranges
-    per second."""
+    """Yield checks of the law, the fleet size, the evenness, the time to reach this evenness, and
+    the ranges per second."""
     assert table.id is not None
     if mission.file.guidance.law not in AUTO_LAWS:
         words = (
@@ -65,7 +67,7 @@ def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
     n = table.size
     settings = spacing_settings(mission, table.id)
     by_distance = int(2 * pi * orbit.radius / LEAST_GAP)
-    # Smallest even gap between two members, in units of the expected largest gap error.
+    # 4.0: smallest gap of an even ring, in units of the expected largest gap error.
     too_many = (m for m in range(2, 256) if 2 * pi / m < 4.0 * evenness_floor(m, COMPASS_SIGMA))
     by_phase = next(too_many, 256) - 1
     why = "because of compass errors" if by_phase < by_distance else f"{LEAST_GAP:g} m apart"
@@ -96,7 +98,7 @@ def fleet_limits(mission: Mission, table: FleetTable) -> Iterator[Check]:
     )
     if table.ranging is not None:
         yield _member_ranging(mission, table.ranging)
-    # Smallest number of ranges per second of one member, Hz, for estimating the relative motion.
+    # 1.0: smallest rate of ranges of one member, Hz, for estimating the relative motion.
     grade = WARN if rate / n < 1.0 else PASS
     yield Check(grade, "fleet ranging", f"{words}: set ranging.rate_hz to the rate of one member")
 

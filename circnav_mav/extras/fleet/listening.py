@@ -14,8 +14,9 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.runtime.clock import steady, unix_time
 
 LISTEN = 3.0
+"""Time to listen in preflight, s: 15 reports of each member."""
 LISTEN_AT_START = 1.0
-"""Time to listen in preflight and before a flight, s: 15 and 5 reports of each member."""
+"""Time to listen before a flight, s: 5 reports of each member."""
 REFUSED = (Rejection.SAME_ID, Rejection.CLOCKS_DISAGREE, Rejection.WRONG_KEY, Rejection.UNSIGNED)
 """Rejections that fail the preflight. Other rejections give a warning."""
 
@@ -30,7 +31,7 @@ def listen_to_fleet(mission: Mission, table: FleetTable) -> Iterator[Check]:
 def refuse_taken(mission: Mission, table: FleetTable) -> None:
     """Receive reports for a moment. Raises Refused if this member's id or height layer is taken."""
     newest, rejected, _ = _listen(table, LISTEN_AT_START)
-    # Other rejections do not prevent the start: one member with a wrong clock would otherwise
+    # Other rejections do not prevent the start. Otherwise one member with a wrong clock would
     # ground all members.
     relevant: dict[Rejection, int] = {
         reason: count for reason, count in rejected.items() if reason is Rejection.SAME_ID
@@ -45,7 +46,7 @@ def _listen(
 ) -> tuple[dict[int, MemberReport], dict[Rejection, int], list[str]]:
     """Return the newest report of each member, the counts of rejections and the problems. Raises
     Refused."""
-    # The stamps are UTC by the autopilots, which this computer does not know yet.
+    # The stamps are UTC of the autopilots. Before the flight, this computer cannot check them.
     carrier = mission_carrier(table, inf if table.clock == "autopilot" else CLOCK_TOLERANCE)
     newest: dict[int, MemberReport] = {}
     until = steady() + seconds

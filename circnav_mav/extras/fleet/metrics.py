@@ -12,9 +12,11 @@ from circnav_mav.extras.fleet.phase import LAP, PhaseMap
 from circnav_mav.extras.fleet.report import State
 
 NEAR_ABOVE = 10.0
+"""Vertical distance below which two members are too near each other, m, if they are also within
+NEAR_BESIDE."""
 NEAR_BESIDE = 25.0
-"""Vertical and horizontal distance, m. Two members are too near each other if both of their
-distances are smaller."""
+"""Horizontal distance below which two members are too near each other, m, if they are also within
+NEAR_ABOVE."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,11 +24,11 @@ class FleetFigures:
     """Figures of one fleet.
 
     all_on_circle_s: time from the start until every member flew on the circle.
-    even_after_s: from then to the start of the first 20 s with all gap errors within 5 deg.
-    worst_gap_deg: rms of the worst gap error from that start (never even: in the last third of the
-        time on the circle).
-    radius_rms_m: rms radius error of all members in the same time.
-    smallest_horizontal_m, smallest_vertical_m: between any two members.
+    even_after_s: time from then to the start of the first 20 s with all gap errors within 5 deg.
+    worst_gap_deg: RMS of the worst gap error after the fleet became even. If the fleet never became
+        even, over the last third of the time on the circle.
+    radius_rms_m: RMS radius error of all members over the same time.
+    smallest_horizontal_m, smallest_vertical_m: smallest distances of any two members.
     too_near: number of pairs that were within 10 m vertically and 25 m horizontally.
     """
 
@@ -55,7 +57,7 @@ def true_phases(tracks: Tracks) -> Array:
     phase_map = None
     mapped = (inf, inf)
     for i, drift in enumerate(tracks.drift):
-        # Change of the true drift, m/s, that requires a new map of the true phase.
+        # 0.5: change of the true drift, m/s, after which the map of the phase is computed again.
         if phase_map is None or np.hypot(drift[0] - mapped[0], drift[1] - mapped[1]) > 0.5:
             phase_map = PhaseMap.of(tracks.speed, drift, tracks.sense)
             mapped = drift

@@ -1,9 +1,9 @@
-"""Difference of two members' phases that comes from their compasses.
+"""Difference of two members' phases that is caused by their compasses.
 
 A heading error turns both the bearing to the beacon and the estimated drift of a member by the same
-angle. All members share the true drift, so the directions of two reported drifts differ by the
-difference of the heading errors. A range between two members gives their true gap, and with it the
-same difference, also in calm air.
+angle. All members are in the same true drift, so the directions of two reported drifts differ by
+the difference of the heading errors. The measured distance of two members gives their true gap, and
+with it the same difference, also in calm air.
 """
 
 from collections.abc import Iterable
@@ -13,18 +13,20 @@ from math import acos, atan2, exp, hypot, inf, radians, sin, sqrt
 from circnav_mav.extras.fleet.phase import Drift, PhaseMap, wrapped
 
 PRIOR = radians(3.0)
-"""Expected difference of two phases by their compasses, standard deviation, rad."""
+"""Standard deviation of the phase difference of two members caused by their compasses, rad."""
 MOST_BY_DRIFT = radians(10.0)
+"""Limit of the offset computed from the directions of two drifts, rad. Gusts and wind shear between
+the height layers also change these directions."""
 MOST_BY_RANGE = radians(30.0)
-"""Largest offset by the drift, rad: gusts and wind shear between the height layers turn it, too.
-Largest offset by a range, rad: with a larger one, the other member was assumed on the wrong
-side."""
+"""Largest offset computed from the distance of two members, rad. A larger one is discarded: the
+other member was then assumed on the wrong side."""
 LEAST_DRIFT = 1.0
-"""Speed, m/s, from which the direction of a reported drift gives an offset. The direction of a
-slower drift is too uncertain."""
+"""Smallest reported drift from which an offset is computed, m/s. The direction of a slower drift is
+too uncertain."""
 MEMORY = 60.0
+"""Time constant with which old observations lose weight, s."""
 CORRELATION = 15.0
-"""Time constant of forgetting, s, and correlation time of the error of an estimated drift, s."""
+"""Correlation time of the error of an estimated drift, s."""
 
 
 @dataclass(slots=True)
@@ -40,22 +42,25 @@ class PhaseOffset:
         return self._sum / (self._weight + 1 / PRIOR**2)
 
     def observe(self, seen: Iterable[tuple[float, float]], dt: float) -> None:
-        """Take observations with their standard deviations, rad, `dt` seconds after those
-        before."""
+        """Add observations of the offset, each with its standard deviation, rad. dt: time since the
+        previous observations, s."""
         keep = exp(-dt / MEMORY)
         self._sum *= keep
         self._weight *= keep
         for offset, sigma in seen:
-            # 0.01: least error of a direction, rad, however small the reported covariance is.
+            # 0.01: smallest standard deviation of a direction, rad. A reported covariance may be
+            # too small.
             weight = dt / CORRELATION / max(sigma, 0.01) ** 2
             self._sum += weight * offset
             self._weight += weight
 
 
 def offset_by_drift(own: Drift, other: Drift, sense: int, rate: float) -> tuple[float, float]:
-    """Return the offset by the directions of two drifts and its standard deviation, rad.
+    """Return the offset computed from the directions of two drifts, and its standard deviation,
+    rad.
 
-    rate: derivative of the phase at angle 0, from where both count their phases.
+    rate: derivative of the phase with respect to the angle at angle 0, from which both members
+        count their phases.
     """
     if min(hypot(*own.mean), hypot(*other.mean)) < LEAST_DRIFT:
         return 0.0, inf
@@ -74,26 +79,27 @@ def offset_by_range(
     phase: float,
     phases: PhaseMap,
 ) -> tuple[float, float]:
-    """Return the offset by the range to another member and its standard deviation, rad.
+    """Return the offset computed from the range to another member, and its standard deviation, rad.
 
-    distance: measured, m.
-    height: difference of the heights, m.
+    distance: measured distance of the members, m.
+    height: difference of the members' heights, m.
     radii: distances of both members from the beacon, m.
-    angle: place of this member on its circle, rad.
+    angle: position of this member on its circle, rad.
     ahead: reported phase of the other member relative to this one, rad; only its sign is used.
-    phase: of the other member as reported, rad.
-    phases: phase of this member by its angle.
+    phase: reported phase of the other member, rad.
+    phases: phase of this member as a function of its angle.
     """
     one, other = radii
     flat = sqrt(max(distance**2 - height**2, 0.0))
     cosine = (one**2 + other**2 - flat**2) / (2 * one * other)
-    # Opposite each other, or one above the other, the distance hardly depends on the gap.
+    # If the members are on opposite sides of the circle, or one is above the other, the distance
+    # hardly depends on the gap.
     if not -0.9 < cosine < 0.9:
         return 0.0, inf
     gap = acos(cosine)
     found, rate = phases.at(angle + (gap if ahead >= 0 else -gap))
     offset = wrapped(found - phase)
-    # 1.0: error of the distance and of the radii together, standard deviation, m.
+    # 1.0: standard deviation of the distance and of the radii together, m.
     sigma = 1.0 * distance / (one * other * sin(gap)) * rate
     return (offset, sigma) if abs(offset) <= MOST_BY_RANGE else (0.0, inf)
 

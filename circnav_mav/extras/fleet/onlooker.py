@@ -1,9 +1,9 @@
 """Onlooker of a fleet member: sends and receives reports, and requests changes that space the fleet
 evenly.
 
-It uses the relative motion estimated by the pilot. It requests only changes of radius and speed
-within narrow limits. Without reports from other members it requests nothing, and the vehicle flies
-as a single vehicle.
+The onlooker uses the relative motion estimated by the pilot. It requests only changes of radius and
+speed within narrow limits. Without reports from other members it requests nothing, and the vehicle
+flies as a single vehicle.
 """
 
 import io
@@ -36,26 +36,30 @@ from circnav_mav.runtime.keys import KeyFileError, read_key
 from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings, OtherVehicle
 
 REQUEST_EVERY = 0.5
+"""Shortest time between two requests of the circle, s."""
 LEAST_OFFSET = 0.1
+"""Smallest requested change of the radius, m."""
 LEAST_PACE = 0.002
-"""Shortest time between two requests, s, and smallest requested changes: of radius, m, and as a
-share of speed."""
+"""Smallest requested change of the speed, as a share of the speed."""
 LAYER_SHARE = 0.5
 """Height difference, as a share of the layer distance, below which two members are in the same
 layer."""
 UNKNOWN_VARIANCE = 1e4
-"""Variance of an unknown drift, (m/s)^2."""
+"""Variance that is reported for an unknown drift, (m/s)^2."""
 COLUMNS = (
     "time,state,phase_deg,phase_sigma_deg,error_deg,offset_m,pace,present,counted,ring,"
     "compass,ranges"
 )
-"""Columns of fleet.csv. Lists of `id:value`: ring, phase of each member on the circle, deg;
-compass, correction of each phase, deg; ranges, to each member, m."""
+"""Columns of fleet.csv. Three columns are lists of `id:value`. ring: phase of each member on the
+circle, deg. compass: correction of each member's phase, deg. ranges: distance to each member, m."""
 
 
 def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
-    """Return a line for each pair of members in the same height layer. heights: above the target,
-    m, by id. layer: distance of the layers, m."""
+    """Return a line for each pair of members in the same height layer.
+
+    heights: heights above the target by id, m.
+    layer: distance of the layers, m.
+    """
     known = sorted((member, height) for member, height in heights.items() if isfinite(height))
     return [
         f"fleet: members {one} and {other} are {abs(a - b):.0f} m apart in height, but the height"
@@ -94,8 +98,9 @@ class FleetOnlooker(Onlooker):
         *,
         lockstep: bool,
     ) -> None:
-        """carrier: None for a member without a fleet link. lockstep: True if timestamps are
-        simulated time."""
+        """carrier: carrier of the reports, None without a fleet link.
+        lockstep: True if timestamps are simulated time.
+        """
         assert table.id is not None
         self.spacing = Spacing(spacing_settings(mission, table.id))
         self.carrier = carrier
@@ -123,14 +128,15 @@ class FleetOnlooker(Onlooker):
         self._now = 0.0
         self._log = io.StringIO()
         self._gap_errors: list[tuple[float, float]] = []
-        """Time and largest gap error of the ring, s, rad, while this member is on the circle."""
+        """Time, s, and largest gap error of the ring, rad, for each step with this member on the
+        circle."""
         self._nearest_layer = self._nearest = inf
 
     @property
     def busy(self) -> bool:  # type: ignore[override]
         """True for a short time after the end, while the departure is still reported."""
-        # Time after the end, s, for which a member still reports that it leaves: some reports may
-        # be lost.
+        # 1.0: time after the end for which a member still reports that it leaves, s. Some of these
+        # reports may be lost.
         return self._over_at is not None and self._now - self._over_at < 1.0
 
     def start(self, epoch_us: int) -> None:
@@ -138,7 +144,8 @@ class FleetOnlooker(Onlooker):
 
     @property
     def _epoch(self) -> float:
-        """Stamp of run time zero, s: UTC by the autopilot, else by this computer."""
+        """Stamp of run time zero, s: UTC of the autopilot if known and configured, else of this
+        computer."""
         utc = self._pilot.session.vehicle.utc.offset
         by_computer = self._lockstep or self._table.clock == "computer"
         return self._started if by_computer or utc is None else utc
@@ -152,7 +159,7 @@ class FleetOnlooker(Onlooker):
             self._over_at = now
         if self.carrier is not None:
             self.spacing.take(self.carrier.received(self._epoch + now))
-        # Shortest time between two steps of the fleet law, s.
+        # 0.1: shortest time between two steps of the fleet law, s.
         if now - self._stepped_at < 0.1 - 1e-6:
             return ()
         dt = min(now - self._stepped_at, 1.0)
@@ -213,8 +220,8 @@ class FleetOnlooker(Onlooker):
         return {"fleet": words}
 
     def vehicles(self, now: float) -> Sequence[OtherVehicle]:
-        """Return the other members for the live page. The phase map gives their places from their
-        phases."""
+        """Return the other members for the live page. Their positions follow from their phases by
+        the phase map."""
         if self._map is None:
             return ()
         ring = self.spacing.phases(self._epoch + now)
@@ -241,7 +248,7 @@ class FleetOnlooker(Onlooker):
         heights = {member: report.height for member, report in present.items()}
         if (height := self._pilot.height(now)) is not None:
             heights[self.spacing.settings.member] = height
-        # Every member raises the alarm.
+        # Every member of the fleet raises this alarm, not only the two in the same layer.
         if self._flies and (lines := layer_lines(heights, self._table.layer_m)):
             found["fleet_layer"] = "; ".join(lines)
         near = [
@@ -309,15 +316,16 @@ class FleetOnlooker(Onlooker):
         self._follow(relative, now, dt)
         assert self._map is not None
         phase, rate = self._map.at(circle_angle(relative.x, relative.y, self._sense))
-        # The estimate is valid at the pilot's last step. Extrapolate the phase to now.
+        # The estimate is for the time of the pilot's last step. Extrapolate the phase to the
+        # present time.
         phase += LAP * (now - estimate.time) / self._lap_period()
         sigma = relative.sigma / max(estimate.r, 1.0) * rate
         self._own = OwnState(phase % LAP, sigma, estimate.r, leaving, shares)
 
     def _follow(self, relative: RelativeMotion, now: float, dt: float) -> None:
         """Smooth the drift and the airspeed, and update the phase map every second."""
-        # Time constant of the filter on the drift for the phase map, s. It removes gusts, which do
-        # not change the lap.
+        # 10.0: time constant of the filter on the drift for the phase map, s. The filter removes
+        # gusts, which do not change the lap.
         share = dt / (10.0 + dt)
         before = self._drift or (relative.drift_x, relative.drift_y)
         self._drift = (
@@ -326,7 +334,7 @@ class FleetOnlooker(Onlooker):
         )
         self._covariance = relative.drift_covariance or (UNKNOWN_VARIANCE, 0.0, UNKNOWN_VARIANCE)
         self._airspeed += share * (relative.airspeed - self._airspeed)
-        # Time between two updates of the phase map, s.
+        # 1.0: time between two updates of the phase map, s.
         if self._map is None or now - self._map_at >= 1.0:
             self._map = PhaseMap.of(self._airspeed, self._own_drift().mean, self._sense)
             self._map_at = now
@@ -336,7 +344,7 @@ class FleetOnlooker(Onlooker):
         first = self._table.ranging
         if first is None:
             return {}
-        # Oldest range to a member that is used, s.
+        # 1.0: largest age of a range to a member that is used, s.
         return {
             beacon - first: distance
             for beacon, (time, distance) in self._pilot.tracker.ranging.other_beacons.items()
@@ -344,7 +352,8 @@ class FleetOnlooker(Onlooker):
         }
 
     def _compare_phases(self, now: float) -> None:
-        """Update the correction of every member's phase by its drift and the range to it."""
+        """Update the correction of every member's phase, from the member's drift and from the range
+        to the member."""
         if self._own.phase is None or self._map is None:
             return
         ranges = self._ranges(now)
@@ -364,7 +373,8 @@ class FleetOnlooker(Onlooker):
     def _offset_by_range(
         self, report: MemberReport, distance: float, now: float
     ) -> tuple[float, float]:
-        """Return the correction of a member's phase by the range to it, and its sigma, rad."""
+        """Return the correction of a member's phase computed from the range to the member, and its
+        sigma, rad."""
         assert self._map is not None and self._own.phase is not None
         height = self._pilot.height(now)
         if self._flies and (height is None or isnan(report.height)):
@@ -402,12 +412,12 @@ class FleetOnlooker(Onlooker):
         mission = self._pilot.mission
         if mission.phase in (Phase.YIELDED, Phase.LEAVING, Phase.ENDED):
             return True
-        # Time before the end of the flight, s, at which a member announces that it leaves.
+        # 15.0: time before the end of the flight at which a member reports that it leaves, s.
         return mission.engaged_at is not None and now - mission.engaged_at > self._duration - 15.0
 
     def _shares_layer(self, now: float) -> bool:
-        """True if another member is in the same height layer and has priority: it is on the circle
-        or has the lower id."""
+        """True if another member is in the same height layer and has priority: the other member is
+        on the circle or has the lower id."""
         height = self._pilot.height(now)
         if height is None or not self._flies:
             return False
@@ -459,8 +469,8 @@ def _cell(values: Mapping[int, float]) -> str:
 
 
 def mission_carrier(table: FleetTable, tolerance: float = CLOCK_TOLERANCE) -> FrameCarrier:
-    """Open the carrier configured in a mission, with the signing key of the fleet. tolerance: of
-    clocks, s. Raises Refused."""
+    """Open the carrier configured in a mission, with the signing key of the fleet. tolerance:
+    largest accepted difference of clocks, s. Raises Refused."""
     assert table.id is not None
     try:
         key = None if table.key_file is None else read_key(Path(table.key_file))
@@ -473,8 +483,8 @@ def mission_carrier(table: FleetTable, tolerance: float = CLOCK_TOLERANCE) -> Fr
 def join_fleet(given: OnlookerSettings) -> FleetOnlooker:
     """Return the onlooker of a fleet member. Raises Refused.
 
-    In simulated time only `circnav fly --fleet` provides a carrier: a real network is slower than
-    the simulation.
+    With the bundled vehicle, only `circnav fly --fleet` provides a carrier: a real network is
+    slower than simulated time.
     """
     mission = given.mission
     table = table_of(given.mission)

@@ -1,9 +1,9 @@
-"""Temporal phase: progress of a vehicle on its lap, measured in time, so that it has a constant
-rate in any wind.
+"""Temporal phase: progress of a vehicle on its lap, measured in time. Its rate is constant in any
+wind.
 
-A vehicle with constant airspeed is slow against the drift and fast along it. Members that are even
-in time are therefore uneven in angle. Angles count from east in the sense of rotation: every circle
-is counter-clockwise here.
+A vehicle with constant airspeed is slow over the ground against the drift and fast along it.
+Members that are evenly spaced in time are therefore unevenly spaced in angle. Angles are counted
+from east in the sense of rotation, so that every circle is counter-clockwise here.
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,11 @@ Pair = tuple[float, float]
 
 
 class Drift(NamedTuple):
-    """Estimate of wind minus target velocity: east, north, m/s, and its covariance ee, en, nn,
-    (m/s)^2."""
+    """Estimate of wind minus target velocity.
+
+    mean: east and north, m/s.
+    covariance: ee, en and nn, (m/s)^2.
+    """
 
     mean: Pair
     covariance: tuple[float, float, float]
@@ -30,9 +33,12 @@ class Drift(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PhaseMap:
-    """Map from the angle on the circle to the temporal phase, for one drift. phase, rate: phase and
-    its derivative with respect to the angle, at the table points. lap_time: duration of a lap of
-    radius 1 m, s."""
+    """Map from the angle on the circle to the temporal phase, for one drift.
+
+    phase: phase at the table points, rad.
+    rate: derivative of the phase with respect to the angle at the table points.
+    lap_time: duration of a lap of radius 1 m, s.
+    """
 
     rate: np.ndarray
     phase: np.ndarray
@@ -43,8 +49,8 @@ class PhaseMap:
         """Return the map at an airspeed (m/s) and drift. sense: +1 counter-clockwise, -1
         clockwise."""
         east, north = drift[0], sense * drift[1]
-        # Largest drift of the map, as a share of the airspeed. In a faster drift no circle can be
-        # flown.
+        # 0.9: largest drift of the map, as a share of the airspeed. In a faster drift no circle can
+        # be flown.
         excess = hypot(east, north) / (0.9 * airspeed)
         if excess > 1:
             east, north = east / excess, north / excess
@@ -73,8 +79,8 @@ class PhaseMap:
 
 
 def circle_angle(x: float, y: float, sense: int) -> float:
-    """Return the angle on the circle, rad, in the sense of rotation. x, y: east and north of the
-    target, m."""
+    """Return the angle on the circle, rad, in the sense of rotation. x, y: position east and north
+    of the target, m."""
     return atan2(sense * y, x) % LAP
 
 

@@ -18,10 +18,11 @@ from circnav_mav.extras.fleet.section import COLORS
 def draw_fleet(tracks: Tracks, path: Path) -> None:
     """Write the picture: a strip of snapshots, and gap errors over time. Raises OSError."""
     figure = Figure(figsize=(13.0, 4.4), layout="constrained")
-    # Number of snapshots; chosen.
+    # 6: number of snapshots; chosen.
     grid = figure.add_gridspec(2, 6, height_ratios=(1.0, 0.8))
     first, last = _flown(tracks)
-    # Most changes happen at the start: the snapshots are closer together there.
+    # Times of the snapshots, as shares of the flight. They are closer together at the start, where
+    # most changes happen.
     share = np.array([0.0, 0.08, 0.2, 0.34, 0.52, 0.95])
     for place, index in enumerate((first + share * (last - first)).astype(int)):
         _frame(figure.add_subplot(grid[0, place]), tracks, int(index), is_first=place == 0)
@@ -43,7 +44,8 @@ def animate_fleet(tracks: Tracks, path: Path) -> None:
 
 
 def _flown(tracks: Tracks) -> tuple[int, int]:
-    """Return the first and last sample with a member on the circle, else of the record."""
+    """Return the index of the first and the last sample with a member on the circle. Without any,
+    return the first and last sample of the record."""
     on = np.flatnonzero([State.ON_CIRCLE in states for states in tracks.state])
     return (int(on[0]), int(on[-1])) if len(on) else (0, len(tracks.time) - 1)
 
@@ -56,7 +58,7 @@ def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
     """Draw one snapshot with the fading trail of each member. The first snapshot has a scale bar
     and a drift arrow."""
     east, north = np.array(tracks.east), np.array(tracks.north)
-    # Length of the trails, s.
+    # 15.0: length of the trails, s.
     since = max(index - round(15.0 / SAMPLE_EVERY), 0)
     angle = np.linspace(0.0, LAP, 200)
     axes.plot(
@@ -90,7 +92,7 @@ def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
         axes.plot([low, low + tracks.radius], [low, low], color="0.3", lw=1.2)
         axes.text(low, low, f"{tracks.radius:g} m", fontsize=7, color="0.3", va="bottom")
         drift = np.array(tracks.drift[index])
-        # Smallest drift that is drawn, m/s.
+        # 0.3: smallest drift that is drawn, m/s.
         if (speed := float(np.hypot(*drift))) > 0.3:
             tail = np.array([0.0, 0.35]) * extent
             tip = 0.5 * extent * drift / speed

@@ -18,16 +18,16 @@ class State(IntEnum):
 class MemberReport:
     """State of one member at one time.
 
-    group: 0 to 255.
+    group: group of the fleet, 0 to 255.
     member: id within the group, 1 to 255.
-    stamp: Unix time of the sender's companion computer, s; in lockstep the simulated time.
+    stamp: Unix time of the sender, s; in lockstep the simulated time.
     phase: temporal phase in the sense of rotation, rad, 0 to 2 pi.
-    phase_sigma: its standard deviation, rad.
-    lap_period: s.
-    radius: as commanded, m.
-    height: above the target, m, nan if unknown.
+    phase_sigma: standard deviation of the phase, rad.
+    lap_period: duration of a lap, s.
+    radius: commanded radius, m.
+    height: height above the target, m, nan if unknown.
     sense: +1 counter-clockwise, -1 clockwise.
-    drift: east, north, m/s.
+    drift: estimated drift, east and north, m/s.
     drift_covariance: ee, en, nn, (m/s)^2.
     """
 
@@ -45,6 +45,6 @@ class MemberReport:
     drift_covariance: tuple[float, float, float]
 
     def phase_at(self, stamp: float) -> float:
-        """Return the phase extrapolated to another time, rad, not wrapped. Its rate is constant in
-        any wind."""
+        """Return the phase extrapolated to another time, rad, not wrapped. The phase rate is
+        constant in any wind."""
         return self.phase + tau * (stamp - self.stamp) / self.lap_period

@@ -18,7 +18,7 @@ from circnav_mav.report.page import rows
 from circnav_mav.runlog.run_folder import Run
 
 COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
-"""Paul Tol's bright scheme: distinct for color-blind readers."""
+"""Line colors: Paul Tol's bright scheme, distinct for color-blind readers."""
 
 Ring = dict[str, float]
 """Phases of the members on the circle, deg, by id."""
@@ -58,7 +58,7 @@ def _rings(path: Path) -> list[tuple[float, Ring]]:
     found: list[tuple[float, Ring]] = []
     for row in csv.DictReader(read_lines(path)):
         time = float(row["time"])
-        # Smallest time between two drawn samples, s.
+        # 0.5: smallest time between two drawn samples, s.
         if not found or time >= found[-1][0] + 0.5:
             pairs = (pair.split(":") for pair in (row.get("ring") or "").split())
             found.append((time, {str(int(member)): float(phase) for member, phase in pairs}))

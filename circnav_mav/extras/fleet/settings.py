@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from circnav_mav.extras.fleet.onlooker import FleetOnlooker
 
 LEAST_LAYER = 15.0
-"""Smallest distance of two height layers, m: twice the barometer error in a turn, plus the size of
-the vehicles."""
+"""Smallest distance of two height layers, m: twice the error of a barometer in a turn, plus the
+size of the vehicles."""
 PORT = 14560
 """UDP port of the reports."""
 
@@ -56,7 +56,7 @@ def check_fleet(mission: Mission) -> Iterator[Check]:
 
 
 def preflight_fleet(mission: Mission) -> Iterator[Check]:
-    """Listen for the other members, if the mission has a fleet."""
+    """Yield the checks of the other members' reports, if the mission has a fleet."""
     table = table_of(mission)
     if table.id is not None and not mission.flies_sim:
         from circnav_mav.extras.fleet.listening import listen_to_fleet

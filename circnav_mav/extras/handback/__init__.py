@@ -1,7 +1,7 @@
 """Hand-back of a position to an autopilot that has lost its own.
 
-The package does not steer: the core cannot import it. It uses the place that the extra `locate`
-estimates.
+The package does not steer: the core cannot import it. The position is computed from the beacon's
+place that the extra `locate` estimates.
 """
 
 from circnav_mav.extension import Extension

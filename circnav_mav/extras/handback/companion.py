@@ -1,8 +1,8 @@
-"""MAVLink component of the hand-back: reports of the autopilot in, positions out. No socket, no
-clock.
+"""MAVLink component of the hand-back. Input: reports of the autopilot. Output: positions. It has no
+socket and no clock.
 
-It sends as a separate component, so the frames of pilot and survey stay the same, byte for byte. It
-sends only the message types in `SENT_TYPES`: none of them moves the vehicle.
+It sends as a separate component, so the frames of the pilot and of the survey stay the same, byte
+for byte. It sends only the message types in `SENT_TYPES`: none of them moves the vehicle.
 """
 
 from cmath import phase, rect
@@ -24,25 +24,26 @@ from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot import OutputMode, Pilot
 
 SECOND = dialect.MAVLINK_MSG_ID_GPS2_RAW
-"""Report of a second GPS receiver, which not every vehicle has."""
+"""Message id of the report of a second GPS receiver. Not every vehicle has one."""
 WANTED = frozenset({
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT, SECOND,
     dialect.MAVLINK_MSG_ID_COMMAND_ACK, *REPORTS.values(),
 })  # fmt: skip
 AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0}
-"""Streams for dead reckoning after the pilot has released its own streams: message id -> Hz."""
+"""Streams that dead reckoning needs after the pilot has released its own streams: rate in Hz, by
+message id."""
 SENT_TYPES = frozenset({"COMMAND_LONG", "COMMAND_INT"})
 """Message types that the hand-back may send. Commands are limited to COMMANDS."""
 COMMANDS = frozenset(
     {dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE}
 )
 GONE = 10.0
-"""Age of the newest heartbeat, s, after which no position is handed back."""
+"""Age of the vehicle's newest heartbeat, s, above which no position is handed back."""
 
 
 class Companion:
-    """Receives the same frames as the pilot, after the pilot and the survey, and changes
-    neither."""
+    """Hand-back component. It receives the same frames as the pilot, after the pilot and the
+    survey, and changes neither."""
 
     def __init__(
         self,
@@ -63,7 +64,7 @@ class Companion:
         self.reckoning = DeadReckoning()
         self._given = None if settings.place is None else Plane(*settings.place)
         self._compared_to = float("-inf")
-        """Time of the newest position that the compass was compared with, s."""
+        """Time of the newest position with which the compass was compared, s."""
         self._alone = False
         """True after guidance has ended while positions are handed back."""
         self._ended = False
@@ -73,16 +74,16 @@ class Companion:
 
     @property
     def plane(self) -> Plane | None:
-        """Plane of all positions in m. None before the survey has a position, if the mission gives
-        no place."""
+        """Plane in which all positions are expressed. None if the mission gives no place and the
+        survey has no position yet."""
         return self._given or self._survey.plane
 
     # --- in
     # ------------------------------------------------------------
 
     def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
-        """Handle complete, trusted frames once the pilot and the survey have handled them. now:
-        s."""
+        """Process complete, trusted frames after the pilot and the survey have processed them. now:
+        run time, s."""
         for ident, frame in vehicle_frames(self._pilot.session, link, source, frames):
             if self._streams is not None:
                 self._streams.received(ident)
@@ -103,8 +104,8 @@ class Companion:
             self.handback.reported(east, north, self.reckoning.where, now)
 
     def _compare_compass(self, now: float) -> None:
-        """Compare the bearings of the surveyed place by compass and by the newest position with a
-        GPS fix."""
+        """Compare two bearings of the surveyed place: by the compass, and by the newest position
+        with a GPS fix."""
         place = self._survey.place
         position = self._survey.newest_position
         newest = self._pilot.tracker.newest
@@ -167,7 +168,8 @@ class Companion:
         session = self._pilot.session
         done = self._pilot.done
         if self._streams is None or (done and not self._alone and self._gives):
-            self._alone = done  # after guidance, pilot and survey have released their own streams
+            # After guidance, pilot and survey have released their own streams.
+            self._alone = done
             health = {REPORTS[session.adapter.firmware.key]: 2.0, SECOND: 2.0}
             self._streams = StreamRequests(
                 health | (STREAMS | AFTER if done else {}), maybe={SECOND}
@@ -182,8 +184,8 @@ class Companion:
         return [once(request, target) for request in self._streams.give_back()]
 
     def _place(self, now: float) -> Place | None:
-        """Return the target's place: as given by the mission, else as surveyed. None if it is
-        unknown."""
+        """Return the target's place: the place given by the mission, else the surveyed place. None
+        if it is unknown."""
         if self._given is not None:
             return Place(
                 now, self._given, 0.0, 0.0, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False
@@ -197,7 +199,7 @@ class Companion:
         tracker = self._pilot.tracker
         if self.plane is None:
             return []
-        # Largest age, s, of the newest range for which the range filter is used.
+        # 2.0: largest age of the newest range with which the range filter is used, s.
         fresh = tracker.newest is not None and now - tracker.newest.time < 2.0
         self.reckoning.step(
             now, self._own(now), self._place(now), tracker.estimator.at(now) if fresh else None

@@ -2,8 +2,8 @@
 its position.
 
 No position is sent while the autopilot has an absolute position, or while its status is not
-reported. Sending stops for good if the autopilot does not answer, does not support the command,
-gives an unexpected answer, or accepts positions without effect.
+reported. Sending stops for the rest of the flight in four cases: no answer, command not supported,
+unexpected answer, or positions that are accepted without effect.
 """
 
 from cmath import phase, rect
@@ -23,64 +23,71 @@ FUSES = {
     "EKF_STATUS_REPORT": dialect.EKF_POS_HORIZ_ABS,
     "ESTIMATOR_STATUS": dialect.ESTIMATOR_PRED_POS_HORIZ_ABS,
 }
-"""Estimator flag that an absolute position is fused, by message. ArduPilot clears it 10 s after the
-last GPS, vision or beacon measurement (NavEKF3's posTimeout), and a handed-back position does not
-set it. PX4 keeps its absolute flag set in dead reckoning by airspeed. So PX4's predicted flag is
-used: it needs GNSS or an auxiliary position and is cleared after 7 s."""
+"""Flag of the estimator's report that marks a fused absolute position, by message.
+
+ArduPilot clears its flag 10 s after the last GPS, vision or beacon measurement (NavEKF3's
+posTimeout), and a handed-back position does not set it. PX4 keeps its flag of an absolute position
+set in dead reckoning by airspeed. Therefore PX4's flag of a predicted position is used: it needs
+GNSS or an auxiliary position, and is cleared after 7 s.
+"""
 REPORTS = {
     "ardupilot": dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
     "px4": dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
 }
 """Message id of the estimator report, by firmware."""
 ANSWER_PATIENCE = 2.0
+"""Time to wait for the answer to a position, s. Without an answer, the next position is sent after
+the same time again, because the answer may be late."""
 MOST_SILENT = 3
-"""Time, s, to wait for an answer. If none comes, the next position is sent after the same time
-again: the answer may be late. Number of consecutive unanswered positions after which the hand-back
-stops."""
+"""Number of consecutive unanswered positions after which the hand-back stops."""
 LOOK_AFTER = 0.5
+"""Time from the acceptance of a position to the check of its effect, s."""
 EFFECT = 30.0
+"""Smallest distance from our estimate to the position that the autopilot reports, m, that shows a
+position without effect. For an uncertain estimate, five standard deviations are used if they are
+larger."""
 MOST_WITHOUT = 3
-"""Effect of a position on the autopilot: time of the check after acceptance, s; distance from our
-estimate to the reported position, m, above which the sent position had no effect; number of
-consecutive positions without effect after which the hand-back stops."""
+"""Number of consecutive positions without effect after which the hand-back stops."""
 LEAST_SIGMA = 1.0
+"""Smallest standard deviation that is sent, m. With a smaller one, PX4 makes a hard reset."""
 MOST_SIGMA = 300.0
-"""Smallest standard deviation that is sent, m: with a smaller one, PX4 makes a hard reset. Largest
-standard deviation with which a position is still sent, m: without hand-back, the autopilot's own
-position was several km off."""
+"""Largest standard deviation with which a position is still sent, m. Without hand-back, the
+autopilot's own position was several km off."""
 MOST_GIVEN = 10_000
 """Number of newest positions kept for handback.csv: 2.7 hours at 1 Hz."""
 COMPASS_SIGMA = 0.03
-"""Standard deviation of the estimated compass bias, rad. It is three times larger before the bias
-is estimated."""
+"""Standard deviation of the estimated compass bias, rad. Before the bias is estimated, three times
+this value is used."""
 WIND_SIGMA = 0.3
+"""Error of the wind in dead reckoning, standard deviation, m/s."""
 STRAYS = 0.6
-"""Velocity errors of dead reckoning, m/s: the error of the wind alone, and the error of wind, gusts
-and airspeed."""
+"""Error of the velocity in dead reckoning from wind, gusts and airspeed together, standard
+deviation, m/s."""
 WIND_MEMORY = 40.0
+"""Averaging time of the wind, s: about a lap. The unfiltered drift contains gusts and sideslip: an
+error of 0.7 m/s put a plane 190 m off on its way home."""
 SCALE_MEMORY = 300.0
-"""Averaging times, s, of the wind (about a lap) and of the airspeed scale, which hardly changes.
-The unfiltered drift contains gusts and sideslip: an error of 0.7 m/s put a plane 190 m off on its
-way home."""
+"""Averaging time of the airspeed scale, s. The scale hardly changes."""
 WIND_CHANGED = 3.0
+"""Smallest change of the drift, m/s, that is a new wind instead of a gust if it lasts for
+CHANGED_FOR."""
 CHANGED_FOR = 10.0
-"""Change of the drift, m/s, and its duration, s, from which the change counts as a new wind instead
-of a gust."""
+"""Smallest duration of a changed drift that is a new wind, s."""
 AGREE = 3.0
 """Largest difference between two position estimates that agree, in standard deviations."""
 RECKON_EVERY = 0.1
+"""Shortest time between two steps of dead reckoning, s."""
 LONGEST_STEP = 1.0
-"""Shortest time between two steps of dead reckoning, s. Longest step, s, over which the heading is
-still valid."""
+"""Longest step of dead reckoning over which the heading is still valid, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class SentPosition:
     """Position sent to the autopilot.
 
-    by: "ranges" or "dead reckoning".
+    by: source of the position: "ranges" or "dead reckoning".
     answer: autopilot's answer.
-    off: distance, m, from our estimate to the position that the vehicle reported after acceptance.
+    off: distance from our estimate to the position that the vehicle reported after acceptance, m.
     """
 
     time: float
@@ -94,10 +101,13 @@ class SentPosition:
 
 @dataclass(frozen=True, slots=True)
 class PositionEstimate:
-    """Estimated position of the vehicle. east, north, sigma: m on the plane. wind: m/s, east + j
-    north.
+    """Estimated position of the vehicle.
 
-    scale: true over measured airspeed. by_ranges: True if ranges were used.
+    east, north: position on the plane, m.
+    sigma: standard deviation of the position, m.
+    wind: east + j north, m/s.
+    scale: true over measured airspeed.
+    by_ranges: True if ranges were used.
     """
 
     time: float
@@ -137,7 +147,7 @@ class RunningMean:
         self._at = float("-inf")
         self.value: complex = 0j
         self.over = 0.0
-        """Time span of the mean, s."""
+        """Time span of the averaged values, at most the time constant, s."""
 
     def learn(self, value: complex, now: float) -> None:
         """Add a value. The first value sets the mean."""
@@ -148,25 +158,26 @@ class RunningMean:
 
 
 class CompassBias(RunningMean):
-    """Mean difference between bearings by compass and by GPS, as unit vectors. Updated while GPS is
-    available."""
+    """Mean difference between bearings by compass and bearings by GPS, as a unit vector. Updated
+    while GPS is available."""
 
     def __init__(self) -> None:
-        # Averaging time of the compass bias, s.
+        # 60.0: averaging time of the compass bias, s.
         super().__init__(60.0)
 
     @property
     def bias(self) -> tuple[float, float]:
-        """Compass bias (bearing by compass minus by GPS, counter-clockwise positive) and its
-        standard deviation, rad.
+        """Compass bias (bearing by compass minus bearing by GPS, counter-clockwise positive) and
+        its standard deviation, rad.
 
-        The bias counts as 0 until 10 s of GPS data were averaged.
+        The bias is 0 until 10 s of GPS data were averaged.
         """
         return (phase(self.value), COMPASS_SIGMA) if self.over > 10.0 else (0.0, 3 * COMPASS_SIGMA)
 
 
 class Wind(RunningMean):
-    """Mean wind from the filter's drift, m/s, east + j north. Restarts after a lasting change."""
+    """Mean wind, m/s, east + j north, from the drift of the range filter. The mean restarts after a
+    lasting change."""
 
     def __init__(self) -> None:
         super().__init__(WIND_MEMORY)
@@ -185,8 +196,8 @@ class Wind(RunningMean):
 
 
 class DeadReckoning:
-    """Vehicle position from the target's place, ranges and compass. Without ranges: from airspeed,
-    heading and wind."""
+    """Estimator of the vehicle's position. With ranges: from the target's place, the ranges and the
+    compass. Without ranges: from airspeed, heading and wind."""
 
     def __init__(self) -> None:
         self.where: PositionEstimate | None = None
@@ -194,10 +205,10 @@ class DeadReckoning:
         self._wind = Wind()
         self._scale = RunningMean(SCALE_MEMORY)
         self._air: complex = 0j
-        """Last known velocity through the air, m/s, east + j north."""
+        """Newest known velocity through the air, m/s, east + j north."""
         self._strayed = 0.0
-        """Position error, m (standard deviation), accumulated in dead reckoning since the filter
-        was last used."""
+        """Standard deviation of the position error that dead reckoning has accumulated since the
+        range filter was last used, m."""
         self._stepped_at = float("-inf")
 
     def step(
@@ -207,19 +218,20 @@ class DeadReckoning:
         target: Place | None,
         estimate: RangeEstimate | None,
     ) -> None:
-        """Use the range filter's position if it is trusted, else dead reckoning.
+        """Use the range filter's position if it is accurate enough, else dead reckoning.
 
-        now: s.
-        own: None if stale.
-        estimate: of the range filter, None without fresh ranges.
+        now: run time, s.
+        own: own motion, None if stale.
+        target: place of the target, None if unknown.
+        estimate: estimate of the range filter, None without fresh ranges.
         """
         if now - self._stepped_at < RECKON_EVERY:
             return
         self._stepped_at = now
         flown = None if self.where is None else self._flown(now, self.where, own)
-        # Largest standard deviation of the target's place, m, with which the vehicle's position is
-        # computed from this place and the ranges. With a larger one, dead reckoning continues.
-        # Chosen.
+        # 15.0: largest standard deviation of the target's place, m, with which the vehicle's
+        # position is computed from this place and the ranges. With a larger one, dead reckoning
+        # continues. Chosen.
         if target is None or target.sigma > 15.0 or estimate is None:
             self.where = flown
             return
@@ -232,8 +244,8 @@ class DeadReckoning:
     def _accepts(
         self, relative: RelativeMotion, target: Place, flown: PositionEstimate | None
     ) -> bool:
-        """True if the filter's position is better than dead reckoning."""
-        # On a straight flight away from the target, ranges give no bearing: the filter then
+        """True if the range filter's position is better than dead reckoning."""
+        # On a straight flight away from the target, ranges give no bearing: the range filter then
         # extrapolates with the last drift. Prefer dead reckoning, unless both positions differ by
         # so much that the wind must have changed.
         if flown is None or relative.sigma <= self._strayed:
@@ -261,8 +273,8 @@ class DeadReckoning:
     def _flown(
         self, now: float, before: PositionEstimate, own: OwnMotion | None
     ) -> PositionEstimate:
-        """Return the position by dead reckoning. Without own motion it assumes a straight flight
-        and a large error."""
+        """Return the position by dead reckoning. Without own motion, the flight is assumed
+        straight, and the error large."""
         bias, bias_sigma = self.compass.bias
         dt = now - before.time
         if own is not None:
@@ -282,8 +294,8 @@ def _from(target: Place, here: PositionEstimate) -> complex:
 
 
 def _at_distance(r: float, target: Place, here: PositionEstimate) -> PositionEstimate:
-    """Return the position, moved along the line to the target to the measured distance r (m) if r
-    is plausible."""
+    """Return the position, moved along the line through the target until its distance to the target
+    is the measured range r (m). Return it unchanged if r is implausible."""
     way = _from(target, here)
     if not 0 < abs(r - abs(way)) < AGREE * here.sigma or abs(way) < 1.0:
         return here
@@ -292,7 +304,8 @@ def _at_distance(r: float, target: Place, here: PositionEstimate) -> PositionEst
 
 
 class HandBack:
-    """Decides when a position is sent, and when to stop for good."""
+    """Hand-back: decides when a position is sent, and when sending stops for the rest of the
+    flight."""
 
     def __init__(self) -> None:
         self.given: list[SentPosition] = []
@@ -302,14 +315,14 @@ class HandBack:
         self.ended = "the position was not lost"
         """Human-readable reason why no position is sent."""
         self.over = False
-        """True if the hand-back has stopped for good."""
+        """True if the hand-back has stopped for the rest of the flight."""
         self._lost_since: float | None = None
         self._lacks = ""
         """Human-readable reason why no position is available."""
         self._due = 0.0
         self._waits = self._open = False
-        """True while waiting for an answer; True while an answer can still belong to the newest
-        position."""
+        """_waits: True while waiting for an answer. _open: True while an answer may still belong to
+        the newest position."""
         self._silent = self._without = 0
         self._look_at: float | None = None
 
@@ -347,9 +360,13 @@ class HandBack:
         plane: Plane,
         target: tuple[int, int],
     ) -> Message | None:
-        """Return the command to send now. good: True if the autopilot has a position, None if
-        unknown. target: the autopilot's system and component id."""
-        # An unknown status counts as a valid position: never send a position to an autopilot that
+        """Return the command to send now, or None.
+
+        good: True if the autopilot has a position, None if unknown.
+        where: estimated position, None if unknown.
+        target: system and component id of the autopilot.
+        """
+        # Treat an unknown status as a valid position: never send a position to an autopilot that
         # may still have its own.
         if good is None or good:
             self._lost_since = None
@@ -372,7 +389,8 @@ class HandBack:
             )
             if self._silent >= MOST_SILENT:
                 self._end("the autopilot does not answer")
-        # Time, s, for which the autopilot must lack a position before the first one is handed back.
+        # 2.0: time for which the autopilot must lack a position before the first one is handed
+        # back, s.
         if self.over or self._waits or now - self._lost_since < 2.0 or now < self._due:
             return None
         if where is None or where.sigma > MOST_SIGMA:
@@ -382,7 +400,7 @@ class HandBack:
                 else "the last usable range is too old"
             )
             return None
-        # Time between two handed-back positions, s.
+        # 1.0: time between two handed-back positions, s.
         self._due = now + 1.0
         self._waits = True
         self._open = True
@@ -414,8 +432,9 @@ class HandBack:
             case dialect.MAV_RESULT_ACCEPTED:
                 self._look_at, self.accepted = now + LOOK_AFTER, self.accepted + 1
             case dialect.MAV_RESULT_FAILED | dialect.MAV_RESULT_TEMPORARILY_REJECTED:
-                # Time, s, until the next position after the answer FAILED or TEMPORARILY_REJECTED.
-                # FAILED: the autopilot has a position after all, or has none that it could reset.
+                # 10.0: time until the next position after the answer FAILED or
+                # TEMPORARILY_REJECTED, s. FAILED means that the autopilot has a position after all,
+                # or has none that it could reset.
                 self._due = max(self._due, now + 10.0)
             case _:
                 self._end(f"the autopilot answered: {answer}")
@@ -423,8 +442,8 @@ class HandBack:
     def reported(
         self, east: float, north: float, here: PositionEstimate | None, now: float
     ) -> None:
-        """Process a position reported by the vehicle (m). After an acceptance it must be near our
-        estimate `here`."""
+        """Process a position reported by the vehicle, m. After an acceptance, the reported position
+        must be near our estimate `here`."""
         if self._look_at is None or here is None or now < self._look_at:
             return
         self._look_at = None
@@ -446,8 +465,9 @@ class HandBack:
 def position_estimate(
     latitude: float, longitude: float, sigma: float, target: tuple[int, int], now: float, age: float
 ) -> Message:
-    """Return MAV_CMD_EXTERNAL_POSITION_ESTIMATE. param1: time of sending, s; param2: age of the
-    estimate, s; param3: standard deviation, m. ArduPilot requires z = NaN and the frame GLOBAL."""
+    """Return MAV_CMD_EXTERNAL_POSITION_ESTIMATE. Its parameters are the time of sending (s), the
+    age of the estimate (s) and the standard deviation (m). ArduPilot requires z = NaN and the frame
+    GLOBAL."""
     return dialect.MAVLink_command_int_message(
         *target, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0,
         now % 10_000.0, age, sigma, 0.0, round(latitude * 1e7), round(longitude * 1e7), nan,

@@ -14,8 +14,8 @@ COLUMNS = "time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_off_m"
 
 
 class HandBackOnlooker(Onlooker):
-    """Runs a `Companion`. If the survey fails, the hand-back continues with the last place of the
-    target."""
+    """Onlooker that runs a `Companion`. If the survey fails, the hand-back continues with the last
+    place of the target."""
 
     name = "hand-back"
 
@@ -31,8 +31,8 @@ class HandBackOnlooker(Onlooker):
     def on_step(
         self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
     ) -> Sequence[bytes]:
-        """Process the frames of a step. Return the frames to send now; none if the pilot's frames
-        were held back."""
+        """Process the frames of a step. Return the frames to send now: no frame if the pilot's
+        frames were held back."""
         self.companion.called_off = self.called_off
         for link, source, received in step.received:
             self.companion.on_frames(link, source, received, step.time)

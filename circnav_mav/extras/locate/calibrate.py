@@ -30,11 +30,12 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
 
 BIAS = 10.0
+"""Standard deviation of the bias of an uncalibrated radio, m."""
 CLOCKS = 0.1
-"""Standard deviation of an uncalibrated radio's bias, m. Standard deviation of its delay, s: small,
-because one recorder stamps ranges and positions."""
+"""Standard deviation of the delay of ranges relative to positions, s. It is small because one
+recorder stamps ranges and positions."""
 BINS = 8
-"""Number of bins of the error over range."""
+"""Number of bins of range in which the range error is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +58,10 @@ class Bin:
 class CalibrationFit:
     """Error of a radio.
 
-    place: of the beacon.
+    place: place of the beacon.
+    calibration: correction of the error.
     true: length of each range, m.
-    error: reported minus true length, m.
+    error: reported minus true length of each range, m.
     scale_sigma: standard deviation of the scale when estimated together with the bias.
     """
 
@@ -94,7 +96,8 @@ def calibrate_radio(
         (ranges, sigma_known) = log.of(tag, sigma)
         if mission is not None:
             with refusing(mission, MissionError):
-                flown = load_mission(Path(mission))  # the flight corrects ranges with its height
+                # The flight corrects its ranges with the height of this mission.
+                flown = load_mission(Path(mission))
         up, up_sigma = _target_height(track, altitude, flown)
         known = Knowledge(
             up=up,
@@ -137,12 +140,14 @@ def measure(
     place = free = locate_as_it_shows(plane, track, ranges, known)
     if isinstance(free, NotLocated):
         return free
-    if not free.scale_found:  # on one radius every scale fits with a suitable bias
+    # On a single radius, every scale fits with a suitable bias.
+    if not free.scale_found:
         place = locate_as_it_shows(plane, track, ranges, replace(known, scale_sigma=CALIBRATED))
         if isinstance(place, NotLocated):
             return place
     assert isinstance(place, Place)
-    # A large offset of the radio is otherwise fitted as a height, a scale and a delay.
+    # Refuse an implausible height: a large offset of the radio can be fitted as a height, a scale
+    # and a delay.
     if not is_plausible(place, known):
         return NotLocated(
             f"the ranges fit only a beacon at altitude {place.up:.0f} m: measure the radio's"
@@ -150,7 +155,7 @@ def measure(
         )
     # A range is never measured after its timestamp. A negative delay has another cause: late
     # positions, or a radio that is not linear.
-    # 0.05: smallest delay that is corrected, s. At 15 m/s a smaller delay changes a range by less
+    # 0.05: smallest delay that is corrected, s. At 15 m/s, a smaller delay changes a range by less
     # than the GPS error.
     delay = round(-place.delay, 3) if -place.delay > max(3 * place.delay_sigma, 0.05) else 0.0
     scale, bias = (
@@ -165,19 +170,19 @@ def measure(
         abs(one.error - (linear.reported(one.true) - one.true)) - 3 * one.spread / one.count**0.5
         for one in bins
     ]
-    # Deviation of a bin from scale and bias (a straight line), in GPS sigmas, above which a table
-    # of points is used.
+    # 2.0: largest deviation of a bin from the straight line of scale and bias, in GPS sigmas. Above
+    # it, a table of points replaces the line.
     if max(off, default=0.0) <= 2.0 * known.gps_sigma:
         return straight
     # The radio is not linear. The place fitted with a straight line is slightly off, and so is a
-    # table made with this place. Each round improves both, because a circle gives the place for any
-    # constant error. The delay is kept: on a straight approach it is indistinguishable from a bias
-    # of the far ranges, and estimating both diverges.
+    # table made with this place. Each round improves place and table, because a circle gives the
+    # place for any constant error. Do not estimate the delay again: on a straight approach it looks
+    # like a bias of the far ranges, and estimating delay and bias together diverges.
     track = replace(track, time=track.time - place.delay)
     settled = replace(known, bias_sigma=1.0, scale_sigma=CALIBRATED, delay_sigma=0.001)
     curved = straight
-    # Number of refinements of the table and of the place. Each refinement changes both less than
-    # the one before.
+    # 4: number of refinements of the table and of the place. Each refinement changes table and
+    # place less than the one before.
     for _ in range(4):
         points = tuple((round(one.true, 1), round(one.true + one.error, 2)) for one in bins)
         if not rising(points):
@@ -201,7 +206,7 @@ def write_into(file: Path, calibration: Calibration) -> None:
     with refusing(file, MissionError):
         load_mission(file)
         document = tomlkit.parse(read_text(file))
-    table: Any = document["ranging"]  # also an inline table, or dotted keys
+    table: Any = document["ranging"]  # also works for an inline table and for dotted keys
     for key in ("scale", "bias_m", "delay_s", "points_m"):
         table.pop(key, None)
     for key, value in keys_of(calibration).items():
@@ -221,7 +226,7 @@ def keys_of(calibration: Calibration) -> dict[str, float | list[list[float]]]:
 
 
 def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[RangeLog, str]:
-    """Return the one radio to calibrate, with its log. Raises Refused."""
+    """Return the radio to calibrate, with its log. Raises Refused unless there is exactly one."""
     radios = [(log, name) for log in logs if len(log.positions) > 1 for name in log.ranges]
     chosen = [(log, name) for log, name in radios if tag in (None, name)]
     if len(chosen) != 1:
@@ -233,8 +238,8 @@ def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[Ran
 def _target_height(
     track: Track, altitude: float | None, mission: Mission | None
 ) -> tuple[float, float]:
-    """Return the beacon's altitude (given, else by the mission, else the track's lowest point) and
-    its sigma, m."""
+    """Return the beacon's altitude and its standard deviation, m. The altitude is the given one,
+    else that of the mission, else the track's lowest point."""
     if altitude is None and mission is not None:
         above = mission.height.above_target
         altitude = mission.height.target_altitude
@@ -243,15 +248,15 @@ def _target_height(
             if altitude is None and above is not None
             else altitude
         )
-    # Standard deviation of the mission's height, m: small, because the flight corrects its ranges
-    # with the same height. An error of the height changes the calibration, but the circle still has
-    # the true radius.
+    # 0.1: standard deviation of the mission's height, m. It is small because the flight corrects
+    # its ranges with the same height. An error of the height changes the calibration, but the flown
+    # circle still has the true radius.
     return (float(track.up.min()), 50.0) if altitude is None else (altitude, 0.1)
 
 
 def _errors(place: Place, track: Track, ranges: Ranges) -> tuple[Array, Array]:
-    """Return the true length of each range by positions, and the reported minus the true length,
-    m."""
+    """Return the true length of each range, computed from positions, and the reported minus the
+    true length, m."""
     inside = (ranges.time >= track.time[0]) & (ranges.time <= track.time[-1])
     time = ranges.time[inside] + place.delay
     way = [np.interp(time, track.time, part) for part in (track.east, track.north, track.up)]
@@ -262,14 +267,14 @@ def _errors(place: Place, track: Track, ranges: Ranges) -> tuple[Array, Array]:
 
 
 def _bins(true: Array, error: Array) -> list[Bin]:
-    """Return the error over range in bins of equal width. Medians, because outliers are
-    included."""
+    """Return the range error in bins of equal width. The bins use medians, because the ranges
+    include outliers."""
     width = max(float(np.ptp(true)), 1e-3) / BINS
     at = np.minimum(((true - true.min()) / width).astype(int), BINS - 1)
     found = []
     for one in range(BINS):
         these = at == one
-        # Smallest number of ranges in a bin.
+        # 10: smallest number of ranges in a bin.
         if these.sum() >= 10:
             middle = float(np.median(error[these]))
             spread = 1.4826 * float(np.median(np.abs(error[these] - middle)))
@@ -293,7 +298,7 @@ def _say(tag: str, found: CalibrationFit) -> None:
     elif place.scale_found:
         scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}"
         say(f"  radio      {scale}, bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m")
-    # Standard deviation below which a scale counts as observed: 1 m at 100 m.
+    # 0.01: largest standard deviation of an observed scale: 1 m at 100 m.
     elif found.scale_sigma < 0.01:
         say(f"  radio      {error}; scale 1 ±{found.scale_sigma:.4f}")
     else:

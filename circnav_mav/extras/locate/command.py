@@ -27,8 +27,9 @@ from circnav_mav.runlog.atomic_write import write_text
 from circnav_mav.runlog.run_folder import RunError
 
 MIXED = 0.25
+"""Share of outliers above which the ranges probably mix two tags."""
 POOR = 0.05
-"""Share of outliers, and noise over range, above which the ranges probably mix two tags."""
+"""Noise divided by the median range, above which the ranges probably mix two tags."""
 
 
 def locate_log(
@@ -80,8 +81,8 @@ def locate_log(
             if tags and tag not in tags:
                 continue
             ground = float(log.track(log.plane()).up.min())
-            # Standard deviation, s, of the offset between the clocks of positions and ranges: they
-            # are not synchronized.
+            # 0.5: standard deviation of the offset between the clocks of positions and ranges, s:
+            # these clocks are not synchronized.
             known = Knowledge(
                 up=ground if altitude is None else altitude,
                 up_sigma=50.0 if altitude is None else 1.0,
@@ -119,14 +120,14 @@ def mission_of(source: Path) -> Mission | None:
 
 
 def name_of(given: str | None, mission: Mission | None) -> str:
-    """Return the name of the messages with the ranges: as given, else of the mission, else the
-    default."""
+    """Return the name of the messages with the ranges: the given name, else the name in the
+    mission, else the default."""
     return given or (ReadOptions().range_name if mission is None else mission.file.ranging.name)
 
 
 def output(out: str | None, source: Path, kind: str) -> Path:
-    """Return the path of the results of a log, without suffix: in the folder `out`, else beside the
-    log."""
+    """Return the path of the results of a log, without suffix: in the folder `out` if given, else
+    beside the log."""
     folder = Path(out) if out else source if source.is_dir() else source.parent
     folder.mkdir(parents=True, exist_ok=True)
     return folder / (kind if source.is_dir() else f"{source.stem}.{kind}")
@@ -216,8 +217,8 @@ def _say(place: Place, known: Knowledge) -> None:
             f"  WARNING    the ranges fit only a target at altitude {place.up:.0f} m: are they"
             " slant ranges in meters?"
         )
-    # A wrong place can hide in the delay, for example if the first positions are a receiver's last
-    # fix.
+    # Warn about a large delay: it can make a wrong place fit, for example if the first positions
+    # are a receiver's last fix.
     if abs(place.delay) > 10 * known.delay_sigma:
         say(
             f"  WARNING    the ranges fit only if the clocks differ by {place.delay:+.1f} s: do"

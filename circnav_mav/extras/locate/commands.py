@@ -6,7 +6,7 @@ import click
 from circnav_mav.cli.describe import Finite, Folder, command
 
 ERROR = Finite(0.001, 1000)
-"""Standard deviation, m."""
+"""Parameter type: standard deviation, m."""
 VEHICLE = click.option(
     "--vehicle",
     type=click.IntRange(1, 255),

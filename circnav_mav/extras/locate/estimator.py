@@ -1,11 +1,14 @@
 """Target place by batch least squares over vehicle positions and ranges. The same estimator serves
 flights and logs.
 
-States: the place, its height, its velocity if it moves, the radio's bias and scale, the delay of
-positions relative to ranges, and the error of the positions on three axes. This error is a
-first-order Gauss-Markov process, linear between nodes. It is needed for a realistic covariance: GPS
-errors are correlated, and a lap averages little of them. Without the vertical one, an altitude that
-wanders by 1 m was fitted as a beacon level with the track, 40 m too high, and a bias of 6 m.
+States of the target: the place, its height, and its velocity if it moves. States of the radio:
+bias, scale, and the delay of positions relative to ranges. Further states are the errors of the
+positions on three axes.
+
+The error of the positions is a first-order Gauss-Markov process, linear between nodes. A realistic
+covariance needs these states: GPS errors are correlated, and a lap averages little of them. Without
+the vertical error, an altitude that wandered by 1 m gave a wrong height: a beacon at the height of
+the track was fitted 40 m too high, with a bias of 6 m.
 """
 
 from collections.abc import Iterator
@@ -21,31 +24,32 @@ from circnav_mav.extras.locate.place import SIGNIFICANT, Array, Place, Plane
 LEAST = 20
 """Smallest number of ranges for an estimate."""
 MOST = 1000
-"""Largest number of ranges used. A larger number is thinned evenly."""
+"""Largest number of ranges used. Of more ranges, evenly distributed ones are used."""
 GPS_TIME = 100.0
+"""Correlation time of the GPS error, s."""
 SPEED_SIGMA = 10.0
-"""Correlation time of the GPS error, s. Standard deviation of the target's velocity, per axis,
-m/s."""
+"""Prior standard deviation of the target's velocity, per axis, m/s."""
 NODES = 8
+"""Number of nodes of the GPS error per correlation time. With too few nodes, the error between them
+is fitted as a height: with 2 per correlation time, heights were 20 m off after one lap."""
 MOST_NODES = 40
-"""Nodes of the GPS error per correlation time, and their largest number. With too few nodes, the
-error between them is fitted as a height: with 2 per correlation time, heights were 20 m off after
-one lap."""
+"""Largest number of nodes of the GPS error."""
 HUBER = 2.0
+"""Residual from which the loss of the robust fit is linear, in standard deviations."""
 OUTLIER = 4.0
-"""Residuals, in standard deviations, from which the loss is linear and from which a range is
-excluded at the end."""
+"""Residual above which a range is excluded from the final fit, in standard deviations."""
 SAME = 3.0
+"""Distance up to which two fits are the same place, in standard deviations."""
 AMBIGUOUS = 12.0
-"""Distance, in standard deviations, within which two places count as the same. Difference in
-chi-squared (p = 0.002) below which the second-best place may be the right one."""
+"""Difference in chi-squared below which the second-best place may be the right one (p = 0.002)."""
 MOVING = 18.0
-"""Chi-squared of the velocity (two degrees of freedom, p = 1e-4) from which a target counts as
-moving."""
+"""Chi-squared of the velocity above which a target is treated as moving (two degrees of freedom, p
+= 1e-4)."""
 CALIBRATED = 0.0003
+"""Standard deviation of the scale error of a calibrated radio. A quartz clock errs by 20 ppm. Air
+slows radio waves by 300 ppm, which many radios do not correct."""
 UNCALIBRATED = 0.1
-"""Standard deviation of a radio's scale error, calibrated and uncalibrated. A quartz clock errs by
-20 ppm. Air slows radio waves by 300 ppm, which many radios do not correct."""
+"""Standard deviation of the scale error of an uncalibrated radio."""
 OFFSET = 300.0
 """Standard deviation of the bias of a radio whose antenna delay was never set, m."""
 ROUGH = 0.25
@@ -57,7 +61,8 @@ Fit = Any
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Reported vehicle positions, arrays (n,). time: s, increasing. east, north, up: m."""
+    """Reported vehicle positions, arrays (n,). time: s, increasing. east, north, up: coordinates,
+    m."""
 
     time: Array
     east: Array
@@ -67,7 +72,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Ranges:
-    """Slant ranges, arrays (n,). time: s. r, sigma: m."""
+    """Slant ranges, arrays (n,). time: s. r: range, m. sigma: standard deviation, m."""
 
     time: Array
     r: Array
@@ -80,11 +85,15 @@ class Ranges:
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Prior knowledge; standard deviations in m and s.
+    """Prior knowledge about target, GPS and radio. Names that end in `_sigma` are standard
+    deviations.
 
-    gps_sigma: of a position, per axis.
     up: height of the target, m.
-    scale_sigma: of the radio's scale error.
+    up_sigma: standard deviation of this height, m.
+    gps_sigma: standard deviation of a position, per axis, m.
+    bias_sigma: standard deviation of the radio's bias, m.
+    scale_sigma: standard deviation of the radio's scale error.
+    delay_sigma: standard deviation of the delay between positions and ranges, s.
     sigma_known: True if the sigmas of the ranges are measured or reported.
     """
 
@@ -99,7 +108,7 @@ class Knowledge:
 
 @dataclass(frozen=True, slots=True)
 class NotLocated:
-    """No place could be estimated.
+    """Result if no place could be estimated.
 
     why: human-readable reason.
     range_error: error of the ranges if it is the reason, m, else 0.
@@ -124,23 +133,24 @@ def locate(
         return place
     if not _explains(place, ranges, known) or abs(place.bias) >= SIGNIFICANT * place.bias_sigma:
         # Most radios measure true meters, and a free scale that is hardly observable makes the
-        # place less certain. So the scale is free only if the ranges contradict 1. Residuals cannot
-        # decide: a scale error looks like noise.
+        # place less certain. Therefore, the scale is estimated only if the ranges contradict a
+        # scale of 1. Residuals cannot decide this: a scale error looks like noise.
         free = _locate(plane, track, ranges, replace(known, scale_sigma=UNCALIBRATED), near)
         if isinstance(free, Place) and free.scale_found:
             place = free
     moves = isinstance(place, Place) and place.moves
     if isinstance(place, Place) and not moves and abs(place.scale) < UNCALIBRATED:
         return place
-    # A radio whose antenna delay was never set measures up to 155 m too long. Such an offset is
-    # fitted as a scale, a height and a delay, as a moving target, or fits no place.
+    # A radio whose antenna delay was never set measures up to 155 m too long. Without a free bias,
+    # this offset is fitted as a scale, a height and a delay, as a moving target, or fits no place.
     offset = _locate(plane, track, ranges, replace(known, bias_sigma=OFFSET), near)
     if isinstance(offset, Place) and isinstance(place, NotLocated):
         found = abs(offset.bias) > SIGNIFICANT * offset.bias_sigma
         return _miscalibrated(offset) if found else place
     if isinstance(offset, Place) or not offset.range_error:
         return place
-    # Largest ratio of the noise of a stationary target with an offset to that of a moving one.
+    # 1.3: largest ratio of two noises: of a stationary target with an offset, and of a moving
+    # target. Above it, the target moves.
     if isinstance(place, Place) and moves and offset.noise > 1.3 * place.noise:
         return place
     return offset
@@ -150,9 +160,8 @@ def _locate(
     plane: Plane, track: Track, ranges: Ranges, known: Knowledge, near: Place | None
 ) -> Place | NotLocated:
     """Return the place for fixed prior knowledge."""
-    kept = (
-        np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3
-    )  # drop repeated and late positions
+    # Drop repeated and late positions.
+    kept = np.diff(np.maximum.accumulate(track.time), prepend=-np.inf) > 1e-3
     track = Track(track.time[kept], track.east[kept], track.north[kept], track.up[kept])
     received = ranges
     ranges = _covered(track, received)
@@ -162,12 +171,12 @@ def _locate(
             f" needed{_time_spans(track, received)}"
         )
     problem = Problem(track, ranges, known)
-    # On a straight track, only the errors of the positions distinguish the sides. With an unknown
-    # height, every place on a ring around the track fits.
+    # A straight track does not determine the side of the target, except by the errors of the
+    # positions. With an unknown height, every place on a ring around the track fits.
     if problem.straight:
         return STRAIGHT
     still = _best(problem, plane, near)
-    # Window of ranges, s, for a moving target: its velocity is not constant for longer.
+    # 120.0: window of ranges for a moving target, s. Its velocity is not constant for longer.
     newest = ranges.take(ranges.time >= ranges.time[-1] - 120.0)
     if len(newest.r) < LEAST or known.bias_sigma >= OFFSET:
         return still
@@ -179,14 +188,14 @@ def _locate(
     place = _decided(moving, found, plane)
     if not isinstance(place, Place):
         return still
-    # A moving model always fits at least as well as a stationary one. Accept it only if it fits
-    # much better and the velocity exceeds the drift of the GPS error.
+    # The model of a moving target always fits at least as well as that of a stationary one. Accept
+    # it only if it fits much better and the velocity exceeds the drift of the GPS error.
     if isinstance(still, Place):
         at_rest = Problem(track, newest, known).fit(np.array([still.east, still.north]))
         better = at_rest is None or at_rest.cost - min(fit.cost for fit in found)
         if better < MOVING / 2 * max(1.0, place.noise / float(np.median(newest.sigma))) ** 2:
             return still
-    # Speed, m/s, below which a target counts as stationary: the GPS error drifts as fast.
+    # 0.15: smallest speed of a moving target, m/s. The GPS error drifts as fast.
     if place.speed > max(np.sqrt(MOVING) * (place.velocity_sigma or 0.0), 0.15):
         return place
     return still
@@ -195,7 +204,7 @@ def _locate(
 def locate_as_it_shows(
     plane: Plane, track: Track, ranges: Ranges, known: Knowledge
 ) -> Place | NotLocated:
-    """Return the place. If the range noise is unknown, take it from a first fit with sigmas ten
+    """Return the place. If the range noise is unknown, measure it by a first fit with sigmas ten
     times larger."""
     if not known.sigma_known:
         rough = locate(plane, track, replace(ranges, sigma=ranges.sigma * 10), known)
@@ -208,17 +217,18 @@ def _explains(place: Place | NotLocated, ranges: Ranges, known: Knowledge) -> Ty
     """True if a place explains the ranges: their noise is about the known sigma."""
     if not isinstance(place, Place) or not known.sigma_known:
         return False
-    # Largest ratio of the noise found to the reported sigma with which a stationary target explains
-    # the ranges.
+    # 1.3: largest ratio of the residual noise to the reported sigma with which a stationary target
+    # explains the ranges.
     return place.noise < 1.3 * float(np.median(ranges.sigma))
 
 
 def _time_spans(track: Track, ranges: Ranges) -> str:
-    """Return a hint that clocks or time units may differ, with both time spans. Empty for few
-    ranges or positions."""
+    """Return text with both time spans, as a hint that clocks or time units may differ. Empty for
+    few ranges or positions."""
     if len(ranges.r) < LEAST or len(track.time) < 2:
         return ""
-    # From the first range: the digits of a time of day or of 1970 would hide the difference.
+    # Count the times from the first range: the digits of a time of day or of 1970 would hide the
+    # difference.
     of_ranges, of_positions = (
         f"{time[0] - ranges.time[0]:.6g} to {time[-1] - ranges.time[0]:.6g} s"
         for time in (ranges.time, track.time)
@@ -230,11 +240,11 @@ def _time_spans(track: Track, ranges: Ranges) -> str:
 def _moving_starts(
     track: Track, ranges: Ranges, still: Place | NotLocated, near: Place | None
 ) -> Iterator[Array]:
-    """Yield starting points: the previous place, the stationary result, and a line fitted to the
-    vehicle's track.
+    """Yield starting points for the fit of a moving target: the previous place, the stationary
+    result, and a line fitted to the vehicle's track.
 
-    The line assumes that the vehicle circles the target: the mean motion of the vehicle is then the
-    target's.
+    The line assumes that the vehicle circles the target. Then the mean motion of the vehicle is the
+    target's motion.
     """
     if near is not None:
         there = near.at(float(ranges.time[-1]))
@@ -264,7 +274,7 @@ def _best(problem: "Problem", plane: Plane, near: Place | None) -> Place | NotLo
         place = _decided(problem, [] if fit is None else [fit], plane)
         if isinstance(place, Place) and place.noise < 3 * max(near.noise, 0.1):
             return place
-    # Number of ranges used to compare the starting points.
+    # 150: number of ranges with which the starting points are compared.
     every = max(1, len(ranges.r) // 150)
     thin = ranges.take(np.arange(0, len(ranges.r), every))
     rough = Problem(track, thin, problem.known, nodes=1)
@@ -272,7 +282,8 @@ def _best(problem: "Problem", plane: Plane, near: Place | None) -> Place | NotLo
         (fit for start in _starts(track, rough.ranges) if (fit := rough.fit(start))),
         key=lambda fit: fit.cost,
     )
-    # Keep one fit of each place, the two best places. The mirrored place is tried in any case.
+    # Refine the two best fits of different places. The place mirrored at the track is tried later
+    # in any case.
     near_by = 0.05 * float(np.median(ranges.r))
     others = [fit for fit in found if _apart(fit.x, found[0].x) > near_by]
     refined = [problem.fit(fit.x[:2]) for fit in found[:1] + others[:1]]
@@ -280,8 +291,8 @@ def _best(problem: "Problem", plane: Plane, near: Place | None) -> Place | NotLo
 
 
 def _decided(problem: "Problem", fits: list[Fit], plane: Plane) -> Place | NotLocated:
-    """Return the place of the best fit, or `NotLocated` if it is poor or another place fits as
-    well."""
+    """Return the place of the best fit. Return `NotLocated` if the fit is poor or another place
+    fits as well."""
     if not fits:
         return NotLocated("no place fits the ranges")
     if problem.straight:
@@ -293,8 +304,8 @@ def _decided(problem: "Problem", fits: list[Fit], plane: Plane) -> Place | NotLo
         return NotLocated("the track does not determine the target's place yet: fly a turn")
     if contradiction := _contradiction(place, settled.problem):
         return contradiction
-    # A straight track fits the place mirrored at the track as well. The chi-squared of two places
-    # is comparable only if both are refined, with the noise that the ranges show.
+    # On a straight track, the place mirrored at the track fits as well. The chi-squared of two
+    # places is comparable only if both are refined, with the noise that the ranges show.
     starts = [fit.x[: problem.own] for fit in fits if fit is not best]
     for start in [*starts, problem.mirrored(settled.fit.x)]:
         other = settled.problem.fit(start)
@@ -334,15 +345,15 @@ def _contradiction(place: Place, problem: "Problem") -> NotLocated | None:
     far = np.hypot(east, north)
     one_side = np.hypot(np.mean(east / far), np.mean(north / far))
     around = one_side < 0.85 and np.ptp(np.percentile(far, [10, 90])) < 0.15 * np.median(far)
-    # Ratio of the noise around a place to the spread of the ranges above which a constant fits as
-    # well.
+    # 0.9: largest ratio of the noise around a place to the spread of the ranges. Above it, a
+    # constant range fits as well as the place.
     if place.noise > 0.9 * spread and not around:
         return constant
     return None
 
 
 def _miscalibrated(place: Place) -> NotLocated:
-    """Return the error of the ranges as the reason against a place."""
+    """Return `NotLocated` with the error of the ranges as the reason."""
     return NotLocated(
         f"for the place that fits best, the ranges are {place.range_error_words()}: does the target"
         " move, or is the radio not calibrated?",
@@ -371,13 +382,13 @@ def _covered(track: Track, ranges: Ranges) -> Ranges:
         return ranges.take(np.array([], int))
     after = np.clip(np.searchsorted(track.time, ranges.time), 1, len(track.time) - 1)
     inside = (ranges.time >= track.time[0]) & (ranges.time <= track.time[-1])
-    # Longest time, s, between the two positions around a range.
+    # 3.0: longest time between the two positions around a range, s.
     kept = np.flatnonzero(inside & (track.time[after] - track.time[after - 1] <= 3.0))
     return ranges.take(kept[:: max(1, -(-len(kept) // MOST))])
 
 
 class Problem:
-    """Residuals of the ranges and of the priors, in standard deviations."""
+    """Least-squares problem: residuals of the ranges and of the priors, in standard deviations."""
 
     def __init__(
         self,
@@ -403,7 +414,7 @@ class Problem:
             SPEED_SIGMA,
         )
         self._expected_sigma = np.array(sigmas[: self.own - U])
-        self._expected = np.zeros(self.own - U)  # of all states except east and north
+        self._expected = np.zeros(self.own - U)  # prior means of all states except east and north
         self._expected[0] = known.up
         span = self.end - float(ranges.time[0])
         count = int(min(nodes, 1 + np.ceil(NODES * span / GPS_TIME)))
@@ -413,12 +424,14 @@ class Problem:
         )
         kernel = known.gps_sigma**2 * np.exp(-np.abs(places[:, None] - places) / GPS_TIME)
         self._whiten = np.linalg.inv(np.linalg.cholesky(kernel))
-        # velocity of the vehicle: a delay moves the position along it
+        # Velocity of the vehicle. A delay shifts the positions along it.
         self._rates = [np.gradient(way, track.time) for way in (track.east, track.north, track.up)]
 
     def fit(self, start: Array) -> Fit | None:
-        """Return the robust fit, or None. start: east, north[, velocity], or all states except the
-        nodes."""
+        """Return the robust fit, or None if it fails.
+
+        start: east, north and, for a moving target, velocity; or all states except the nodes.
+        """
         x = np.zeros(self.own + 3 * self._between.shape[1])
         # Start below the track. At the vehicle's own height, the derivative of the range with
         # respect to the height is zero, and the fit would stay there.
@@ -449,8 +462,8 @@ class Problem:
         return found if np.isfinite(found.cost) else None
 
     def _loss(self, z: Array) -> Array:
-        """Return the loss and its derivatives: Huber for ranges, quadratic for priors. z: squared
-        residuals (scipy)."""
+        """Return the loss and its two derivatives for scipy: Huber for ranges, quadratic for
+        priors. z: squared residuals."""
         far = z > 1
         far[len(self.ranges.r) :] = False
         root = np.sqrt(np.where(far, z, 1.0))
@@ -459,7 +472,8 @@ class Problem:
         )
 
     def settle(self, fit: Fit) -> "_Settled | None":
-        """Repeat a fit without outliers and with the measured noise. None if nothing fits."""
+        """Fit again without outliers and with the measured noise. None if too few ranges remain or
+        the fit fails."""
         count = len(self.ranges.r)
         off = fit.fun[:count]
         scale = 1.4826 * float(np.median(np.abs(off)))
@@ -488,13 +502,13 @@ class Problem:
 
     @property
     def straight(self) -> bool:
-        """True if the track leaves a line by no more than the error of its positions."""
+        """True if the RMS distance of the track from a straight line is within the error of its
+        positions."""
         along, across = self._line()[2]
         return bool(across < min(2 * self.known.gps_sigma, 0.15 * along))
 
     def mirrored(self, x: Array) -> Array:
-        """Return the states with the place, and its velocity, mirrored at the line fitted to the
-        track."""
+        """Return the states with place and velocity mirrored at the line fitted to the track."""
         middle, line, _ = self._line()
         flip = 2 * np.outer(line, line) - np.eye(2)
         mirror = x[: self.own].copy()
@@ -532,15 +546,15 @@ class Problem:
         radio = x[both]
         radio_covariance = covariance[np.ix_(both, both)]
         nearest, farthest = np.percentile(kept.r, [5, 95])
-        # Smallest change of the target's distance that makes the clock offset observable, in units
-        # of range noise plus GPS sigma. With a smaller change, variations of the GPS error would be
+        # 5.0: smallest spread of the ranges that makes the clock offset observable, in units of
+        # range noise plus GPS sigma. With a smaller spread, variations of the GPS error would be
         # fitted as an offset.
         if farthest - nearest < 5.0 * (noise + self.known.gps_sigma):
             sd[DELAY] = (
                 self.known.delay_sigma
-            )  # on a circle around the target every clock offset fits
+            )  # on a circle around the target, every clock offset fits
             radio, radio_covariance = self._at_median_range(radio, radio_covariance, float(x[U]))
-        # Standard deviation of the height, m, above which it counts as not observed.
+        # 2.0: largest standard deviation of an observed height, m.
         return Place(
             time=self.end, plane=plane, east=float(x[E]), north=float(x[N]), up=float(x[U]),
             covariance=covariance[:2, :2], up_sigma=float(sd[U]),
@@ -554,17 +568,18 @@ class Problem:
         )  # fmt: skip
 
     def _at_median_range(self, radio: Array, covariance: Array, up: float) -> tuple[Array, Array]:
-        """Return bias and scale of the radio with their covariance, for nearly equal ranges: from
-        the prior, and from the range error at the median range. up: fitted height, m."""
+        """Return bias and scale of the radio with their covariance, for nearly equal ranges. They
+        follow from the prior and from the range error at the median range. up: fitted height, m."""
         # On a circle around the target, the computed lengths change only by the GPS error, which
-        # the ranges do not contain. The fit mistakes it for a slope: with a free bias, a true scale
-        # of 1.07 was fitted as 0.80 ±0.06.
+        # the ranges do not contain. The fit mistakes this error for a slope of the ranges: with a
+        # free bias, a true scale of 1.07 was fitted as 0.80 ±0.06.
         length = (float(np.median(self.ranges.r)) - radio[0]) / (1 + radio[1])
         slope = np.array([1.0, length])
         prior = np.diag([self.known.bias_sigma**2, self.known.scale_sigma**2])
         variance = slope @ covariance @ slope
-        # Any height fits the circle with another range error. An error beyond the bound of a place
-        # stays, because it shows that the place is wrong.
+        # With another range error, any height fits the circle, so add the uncertainty of the
+        # height. An implausibly large range error is kept, because it shows that the place is
+        # wrong.
         plausible = abs(slope @ radio) <= ROUGH * float(np.median(self.ranges.r))
         if self.known.up_sigma > 10 and plausible:
             above = float(np.median(self.track.up)) - np.array([
@@ -579,11 +594,11 @@ class Problem:
     def covariance(self, fit: Fit) -> Array:
         """Return the covariance of the states. Raises LinAlgError."""
         covariance: Array = np.linalg.inv(fit.jac.T @ fit.jac).astype(float)
-        # For a target level with the vehicle, the derivative of a range with respect to the height
+        # For a target at the vehicle's height, the derivative of a range with respect to the height
         # is zero. The covariance then ignores that a height error changes the ranges as a bias and
         # a scale do. The range depends on the square of the height difference. The root of the
-        # standard deviation of this square is the smallest observable difference. Below it, use the
-        # slope at this smallest difference instead of the derivative.
+        # standard deviation of this square is the smallest observable height difference. Below it,
+        # use the slope at this difference instead of the derivative.
         count = len(self.ranges.r)
         (far, _, _) = self._line_of_sight(fit.x)
         off = float(
@@ -594,7 +609,8 @@ class Problem:
         if off > self.known.up_sigma:
             return covariance
         table = fit.jac.copy()
-        # The bias column holds the weight of each range, which is reduced for outliers.
+        # The column of the bias holds the weight of each range. The weights of outliers are
+        # reduced.
         slope = table[:count, BIAS] * (1 + fit.x[SCALE]) / np.maximum(far, 1e-3)
         table[:count, U] = self.known.up_sigma * slope
         wide: Array = np.linalg.inv(table.T @ table).astype(float)
@@ -605,11 +621,11 @@ class Problem:
         return np.linalg.inv(table.T @ table).astype(float)
 
     def one_sided(self, fit: Fit, sigma: float) -> bool:
-        """True if the ranges or the prior reject the height mirrored at the track. sigma: of the
-        height, m."""
-        # A level track fits a target as far above it as below it. Near the level of the track the
-        # linear covariance is too small: a UWB radio on a cart once gave -1.5 ±0.7 m for a true
-        # +0.9 m.
+        """True if the ranges or the prior reject the height mirrored at the track. sigma: standard
+        deviation of the height, m."""
+        # From a level track, a target fits equally well above and below the track. Near the height
+        # of the track, the linear covariance is too small: a UWB radio on a cart once gave -1.5
+        # ±0.7 m for a true height of +0.9 m.
         known = self.known
         start = fit.x[: self.own].copy()
         mirror = 2 * float(np.median(self.track.up)) - float(fit.x[U])
@@ -624,8 +640,8 @@ class Problem:
         return bool(2 * (other.cost - fit.cost) + off**2 > AMBIGUOUS)
 
     def _line_of_sight(self, x: Array) -> tuple[Array, list[Array], Array]:
-        """Return the distances (m), their direction (east, north, up) and the times of the
-        positions (s)."""
+        """Return the distances from the target to the vehicle (m), their directions (east, north,
+        up), and the times of the positions (s)."""
         time = self.ranges.time + x[DELAY]
         ways = (self.track.east, self.track.north, self.track.up)
         east, north, up = (np.interp(time, self.track.time, way) for way in ways)
@@ -674,8 +690,12 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class _Settled:
-    """Fit without outliers. problem: with the measured noise. spread: of the residuals, in stated
-    sigmas."""
+    """Fit without outliers.
+
+    problem: problem with the measured noise.
+    fit: result of the fit.
+    spread: standard deviation of the residuals, in reported sigmas.
+    """
 
     problem: Problem
     fit: Fit
@@ -683,10 +703,11 @@ class _Settled:
 
 
 def _correlation(residuals: Array) -> float:
-    """Return the number of consecutive residuals that carry as much information as one independent
-    residual.
+    """Return the number of consecutive residuals that together give as much information as one
+    independent residual.
 
-    This is 1 + 2 * sum of the autocorrelation, up to the lag where it is noise.
+    The number is 1 + 2 * the sum of the autocorrelation, up to the lag where the autocorrelation is
+    noise.
     """
     count = len(residuals)
     variance = float(np.mean(residuals**2))

@@ -1,6 +1,7 @@
-"""Export of the place: MAVLink messages, GeoJSON (RFC 7946), KML 2.2.
+"""Export of the place as MAVLink messages, GeoJSON (RFC 7946) and KML 2.2.
 
-Map coordinates carry no height: GeoJSON counts it from the ellipsoid, a vehicle from sea level.
+Map coordinates are exported without height: GeoJSON counts heights from the ellipsoid, a vehicle
+counts them from sea level.
 """
 
 import json
@@ -56,7 +57,8 @@ def orbit_status(place: Place, orbit: Orbit, now: float) -> Message:
 
 
 CORNERS = 72
-"""Corners of the drawn ellipse, one every 5 deg: chords deviate by at most 0.1 % of the radius."""
+"""Number of corners of the drawn ellipse, one every 5 deg. The chords deviate from the ellipse by
+at most 0.1 % of the radius."""
 
 
 def ring(place: Place) -> list[list[float]]:

@@ -26,15 +26,15 @@ def survey_sigma(mission: Mission, seconds: float) -> float | None:
         angle = 2 * pi * time / lap
         return orbit.radius * np.cos(angle), orbit.radius * np.sin(angle)
 
-    # Time between two positions, s, as requested in flight.
+    # 0.25: time between two positions, s, as requested in flight.
     positions = np.arange(0.0, seconds + 1.0, 0.25)
     times = np.arange(0.0, seconds, 1 / ranging.rate_hz)
     track = Track(positions, *at(positions), np.full(positions.size, height or 0.0))
     slant = np.full(times.size, float(np.hypot(orbit.radius, height or 0.0)))
     ranges = Ranges(times, slant, np.full(times.size, ranging.sigma_m))
     known = Knowledge(up=0.0, up_sigma=HEIGHT_SIGMA, gps_sigma=table_of(mission).gps_sigma_m)
-    # `locate` would also decide whether these ranges determine the place, and the plan's figures
-    # would jump at the limits of its decisions.
+    # Do not call `locate` here: it also decides if these ranges determine the place, and the plan's
+    # figures would jump at the limits of its decisions.
     problem = Problem(track, ranges, known)
     fit = problem.fit(np.zeros(2))
     if fit is None:

@@ -1,5 +1,5 @@
-"""Live target localization: vehicle positions and ranges in, target estimate and its messages out.
-No socket, no clock.
+"""Live target localization. Input: vehicle positions and ranges. Output: target estimate and its
+messages. No socket, no clock.
 
 The survey sends as a separate MAVLink component, so the pilot's frames stay the same, byte for
 byte. It sends only the message types in `SENT_TYPES`: none of them moves the vehicle.
@@ -45,22 +45,24 @@ SENT_TYPES = frozenset(
 WINDOW = 600.0
 """Length, s, of the window of positions and ranges used for the estimate."""
 SOLVE_EVERY = 1.0
+"""Shortest time between two estimates, s; chosen."""
 MESSAGES_EVERY = 1.0
+"""Shortest time between two updates of the map in the ground station, s; chosen."""
 TEXT_EVERY = 30.0
-"""Shortest time, s, between two estimates, two map updates and two texts to the ground station;
-chosen."""
+"""Shortest time between two texts to the ground station, s; chosen."""
 HEIGHT_SIGMA = 5.0
-"""Standard deviation, m, of a height given by the mission: drift of the barometer and error of the
+"""Standard deviation of a height that the mission gives, m: drift of the barometer and error of the
 operator's value."""
 CALIBRATE = "Calibrate the radio: circnav ranging calibrate RUN"
 HOME_SIGMA = 50.0
-"""Standard deviation, m, of the target's altitude if the mission gives no height and the altitude
-of home is used."""
+"""Standard deviation of the target's altitude, m, if the mission gives no height. The altitude of
+home is then assumed."""
 MIN_COMPARED = 20
+"""Smallest number of positions and of ranges in the newest lap with which the radius by ranges is
+compared with the radius by positions."""
 SETTLED = 0.05
-"""Comparison of the radius by ranges with the radius by positions over the newest lap. Smallest
-number of positions and of ranges in it. Largest deviation of 90 % of the ranges from the range on
-the circle, as a share of the radius: during the approach the mean distance is not a radius."""
+"""Largest deviation of 90 % of the ranges from the range on the circle, as a share of the radius,
+with which both radii are compared. During the approach, the mean distance is not a radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,8 @@ class LocateSettings:
 
 
 class Locator:
-    """Receives the same frames as the pilot, after the pilot, and does not change the pilot."""
+    """Survey of the target. It receives the same frames as the pilot, after the pilot, and does not
+    change the pilot."""
 
     def __init__(
         self, settings: LocateSettings, pilot: Pilot, signing: Signing | None = None
@@ -106,18 +109,20 @@ class Locator:
         self._announced: Place | None = None
         self._ended = False
         self.true_radius: float | None = None
-        """Mean distance from the place over the newest lap, by positions, m."""
+        """Mean horizontal distance from the place over the newest lap, computed from positions,
+        m."""
         self.radius_alarm = ""
         """Human-readable error of the ranges on the circle, and the true radius. Empty if no error
         was found."""
         self.radius_remedy = ""
-        """Human-readable remedy: the radio or, if it explains the error as well, the height."""
+        """Human-readable remedy: calibrate the radio, and the other height that would also explain
+        the error."""
 
     # --- in
     # ------------------------------------------------------------
 
     def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
-        """Handle complete, trusted frames once the pilot has handled them. now: s."""
+        """Process complete, trusted frames after the pilot has processed them. now: run time, s."""
         for ident, frame in vehicle_frames(self._pilot.session, link, source, frames):
             if self._streams is not None:
                 self._streams.received(ident)
@@ -136,7 +141,7 @@ class Locator:
         if kind == "GPS_RAW_INT":
             reported = (
                 message.h_acc / 1000 / 1.414 if message.h_acc else 0.0
-            )  # per axis, m; 0 if not reported
+            )  # standard deviation per axis, m; 0 if not reported
             self._gps_sigma = max(self._settings.gps_sigma, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
             us = self._encoder.system, self._settings.component
@@ -156,8 +161,8 @@ class Locator:
 
     @property
     def newest_position(self) -> tuple[float, float, float, float] | None:
-        """Newest position used for the estimate: time, s; east, north and altitude, m. None before
-        the first one."""
+        """Newest position used for the estimate: time (s), east, north and altitude (m). None
+        before the first position."""
         return self._track[-1] if self._track else None
 
     def _position(self, message: Message, now: float) -> None:
@@ -172,11 +177,12 @@ class Locator:
         east, north = self.plane.to_metres(latitude, longitude)
         self._home = up - message.relative_alt / 1000
         if not fix:
-            return  # without a GPS fix the position is the autopilot's own dead reckoning
-        # Use the vehicle's timestamp: with the arrival time, a delay of the link is a position
-        # error of meters.
+            return  # without a GPS fix, the position is the autopilot's own dead reckoning
+        # Use the vehicle's timestamp. With the time of reception, a delay of the link would be a
+        # position error of meters.
         stamp = self._clock.unwrapped(message.time_boot_ms / 1000)
-        # Largest time, s, by which a vehicle's timestamp may be ahead of the estimate of its clock.
+        # 5.0: largest time by which a vehicle's timestamp may be ahead of the estimate of the
+        # vehicle's clock, s.
         order = self._clock.order(stamp, now, most_ahead=5.0)
         if order in (Order.OLDER, Order.JUMPED):
             return
@@ -196,9 +202,9 @@ class Locator:
         )
         while self._ranges and now - self._ranges[0][0] > WINDOW:
             self._ranges.popleft()
-        # Largest number of ranges kept. Above it, every second one is dropped: the pilot misses a
-        # tick when thousands are passed to the process that runs `locate`.
-        if len(self._ranges) > 2000:  # keep every second range
+        # 2000: largest number of ranges kept. Above it, every second one is dropped. Passing
+        # thousands of ranges to the process of `locate` takes so long that the pilot misses a tick.
+        if len(self._ranges) > 2000:
             self._ranges = deque(islice(self._ranges, 0, None, 2))
 
     # --- the estimate
@@ -213,8 +219,8 @@ class Locator:
         if now < self._solve_at or self.plane is None or len(self._track) < 2 or not self._ranges:
             return None
         newest = self._track[-1][0]
-        # Shortest time between two estimates, as a share of the time span of the positions. An
-        # estimate takes up to 0.5 s, and one more second of data adds little to a long track.
+        # 0.03: shortest time between two estimates, as a share of the time span of the positions.
+        # An estimate takes up to 0.5 s, and one more second of data adds little to a long track.
         self._solve_at = now + max(SOLVE_EVERY, 0.03 * (newest - self._track[0][0]))
         if newest == self._solved_to:
             return None
@@ -251,8 +257,8 @@ class Locator:
             self._announcer.say("radius", self.radius_alarm, severity=dialect.MAV_SEVERITY_WARNING)
 
     def _compare_radius(self, place: Place) -> None:
-        """Compare the radius by ranges with the radius by positions. The vehicle keeps flying the
-        radius by ranges."""
+        """Compare the mean range on the circle with the mean distance computed from positions. Only
+        report a difference: the vehicle keeps flying the radius by ranges."""
         time, east, north, _ = np.array(self._track).reshape(-1, 4).T
         ahead = time - place.time
         ways = np.array([
@@ -261,7 +267,8 @@ class Locator:
         ])  # fmt: skip
         # A whole lap around the place gives the radius from positions alone, without the height or
         # the radio's scale and bias. An error of the place or of the GPS shifts the circle but does
-        # not change its radius. The lap of a wrong radius may take much longer than the desired.
+        # not change its radius. A lap of a wrong radius may take much longer than a lap of the
+        # desired one.
         around = np.unwrap(np.arctan2(*ways))
         whole = np.flatnonzero(np.abs(around - around[-1:]) >= 2 * pi)
         if not len(whole):
@@ -279,8 +286,8 @@ class Locator:
         self.true_radius = true
         length = hypot(true, height)
         off = max(measured**2 - height**2, 0.0) ** 0.5 - true
-        # Difference between the radius by ranges and by positions that raises an alarm, as a share
-        # of the radius. The difference must also exceed the GPS error.
+        # 0.02: largest difference between the radius by ranges and the radius by positions, as a
+        # share of the radius. A larger difference raises an alarm if it also exceeds the GPS error.
         if abs(off) <= max(0.02 * radius, self._gps_sigma):
             return
         share = f"{100 * abs(measured / length - 1):.0f} %"
@@ -322,8 +329,8 @@ class Locator:
         return messages
 
     def _requests(self, target: tuple[int, int], now: float) -> list[Message]:
-        """Return the stream requests that are due, at the end those that restore the vehicle's own
-        rates."""
+        """Return the stream requests that are due. At the end, return the requests that restore the
+        vehicle's own rates."""
         if self._streams is None:
             self._streams = StreamRequests(STREAMS)
         farewell: list[Message] = []
@@ -339,7 +346,8 @@ class Locator:
         return farewell + self._commands.poll(target, now)
 
     def _say(self, place: Place | None, now: float) -> None:
-        """Queue STATUSTEXT messages: the place when found or moved."""
+        """Queue a STATUSTEXT message with the place when it is first found, and when it has
+        moved."""
         if place is None or self._since_announced.age(now) < TEXT_EVERY:
             return
         if self._announced is None or place.distance(self._announced) > max(place.sigma, 1.0) / 2:
@@ -349,7 +357,7 @@ class Locator:
             self._announcer.say(
                 "place", f"target {place.latitude:.6f} {place.longitude:.6f} {sigma} m"
             )
-            if place.up_known:  # a second message: the first one has the maximum length
+            if place.up_known:  # a second message, because the first one has the maximum length
                 self._announcer.say(
                     "altitude", f"target at {place.up:.1f} m AMSL, sigma {place.up_sigma:.1f} m"
                 )
@@ -377,8 +385,7 @@ def vehicle_frames(
     if link != VEHICLE or session.peer is None or source != session.peer.source:
         return
     for frame in frames:
-        header = frame_at(
-            frame, 0
-        )  # most frames are not needed: checking the header is cheaper than decoding
+        # Check the header first: most frames are not needed, and decoding them costs more.
+        header = frame_at(frame, 0)
         if header is not None and (header.system, header.component) == session.vehicle_ids:
             yield header.ident, frame

@@ -16,7 +16,7 @@ TARGET = "#d55e00"
 
 
 def plot_map(path: Path, table: str, title: str) -> None:
-    """Draw the features of `export.geojson`: once with the track, once zoomed to the ellipses.
+    """Draw the features of `export.geojson` twice: with the track, and zoomed to the ellipses.
     Raises OSError."""
     features = json.loads(table)["features"]
     points = [feature for feature in features if feature["geometry"]["type"] == "Point"]

@@ -17,23 +17,24 @@ from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings
 
 
 class LocateOnlooker(Onlooker):
-    """Runs a `Locator`. The estimator has its own process, because an estimate takes longer than a
-    tick. A thread would hold the interpreter lock and delay setpoints."""
+    """Onlooker that runs a `Locator`. The estimator has its own process, because an estimate takes
+    longer than a tick. A thread would hold the interpreter lock and delay setpoints."""
 
     name = "survey"
 
     def __init__(self, locator: Locator, *, waits: bool) -> None:
-        """waits: True to wait for every estimate, so that simulated flights are reproducible."""
+        """waits: True to wait for the result of every estimate, so that simulated flights are
+        reproducible."""
         self.locator = locator
         self._waits = waits
-        self._pool = start_solver()  # start it before the flight
+        self._pool = start_solver()  # start the process before the flight
         self._under_way: Future[Place | NotLocated] | None = None
 
     def on_step(
         self, newest: TickRecord | None, step: LoopStep, recording_problem: str | None
     ) -> Sequence[bytes]:
-        """Process the frames of a step. Return the frames to send now; none if the pilot's frames
-        were held back."""
+        """Process the frames of a step. Return the frames to send now: no frame if the pilot's
+        frames were held back."""
         for link, source, received in step.received:
             self.locator.on_frames(link, source, received, step.time)
         if step.held_back:

@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 SEMI_MAJOR = 6378137.0
+"""Semi-major axis of the WGS 84 ellipsoid, m."""
 ECCENTRICITY_SQUARED = 6.69437999014e-3
-"""WGS 84 ellipsoid: semi-major axis, m, and first eccentricity squared."""
+"""First eccentricity squared of the WGS 84 ellipsoid."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """Plane tangent to the ellipsoid at latitude, longitude (degrees). Coordinates: m east, m
-    north."""
+    """Plane tangent to the ellipsoid at a latitude and longitude (degrees). Coordinates on the
+    plane: east and north, m."""
 
     latitude: float
     longitude: float
@@ -28,13 +29,14 @@ class Plane:
         return SEMI_MAJOR / w**0.5 * cos(phi), SEMI_MAJOR * (1 - ECCENTRICITY_SQUARED) / w**1.5
 
     def to_metres(self, latitude: Any, longitude: Any) -> tuple[Any, Any]:
-        """Return east and north (m) of numbers or arrays in degrees."""
+        """Return east and north (m) of a latitude and longitude (degrees), numbers or arrays."""
         east, north = self._metres_per_radian()
         around = (longitude - self.longitude + 180) % 360 - 180
         return around * radians(east), (latitude - self.latitude) * radians(north)
 
     def to_degrees(self, east: Any, north: Any) -> tuple[Any, Any]:
-        """Return latitude and longitude (degrees) of numbers or arrays in m."""
+        """Return latitude and longitude (degrees) of coordinates on the plane (m), numbers or
+        arrays."""
         per_east, per_north = self._metres_per_radian()
         longitude = self.longitude + degrees(1 / per_east) * east
         return self.latitude + degrees(1 / per_north) * north, (longitude + 180) % 360 - 180
@@ -42,16 +44,17 @@ class Plane:
 
 Array = NDArray[np.float64]
 CHI95 = 2.4477
-"""Semi-axes of the 95 % ellipse, in standard deviations: square root of chi-squared, two degrees of
-freedom."""
+"""Ratio of the semi-axes of the 95 % ellipse to the standard deviations: square root of
+chi-squared, two degrees of freedom."""
 SIGNIFICANT = 3.0
-"""Standard deviations from zero at which the bias or scale of a radio counts as found."""
+"""Smallest distance of a radio's bias or scale error from zero, in standard deviations, that shows
+an error of the radio."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ellipse:
-    """95 % ellipse. major, minor: semi-axes, m. azimuth: of the major axis, degrees clockwise from
-    north."""
+    """95 % ellipse. major, minor: semi-axes, m. azimuth: direction of the major axis, degrees
+    clockwise from north."""
 
     major: float
     minor: float
@@ -60,20 +63,21 @@ class Ellipse:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Place of the target at a time (s). east, north: m on the plane. up: m above sea level, as
-    vehicle altitudes.
+    """Place of the target at a time (s).
 
+    east, north: coordinates on the plane, m.
+    up: height above sea level, as vehicle altitudes, m.
     covariance: (2, 2) of east and north, m^2, including the vehicle's position error.
-    up_sigma: m.
+    up_sigma: standard deviation of the height, m.
     up_known: True if the height is observed or given, False if `up` is only the prior.
-    velocity: m/s east and north, zero for a target that appears stationary; velocity_sigma is None
-        then.
-    bias, scale: a range is measured too long by bias (m) + scale times its length.
+    velocity: east and north, m/s, zero for a target that appears stationary.
+    velocity_sigma: standard deviation of the velocity per axis, m/s, None for a stationary target.
+    bias, scale: a measured range is too long by bias (m) + scale times its length.
     radio_covariance: (2, 2) of bias and scale.
     bias_prior: prior standard deviation of the bias, m.
     delay: time, s, by which positions are older than ranges with the same timestamp.
     noise: standard deviation of the range residuals, m.
-    used, outliers: numbers of ranges.
+    used, outliers: numbers of used ranges and of outliers.
     range_scale: median range, m.
     """
 
@@ -119,7 +123,7 @@ class Place:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation along the major axis, m."""
+        """Standard deviation along the major axis of the ellipse, m."""
         return self.ellipse.major / CHI95
 
     @property
@@ -189,7 +193,8 @@ class Place:
         return replace(self, time=time, east=east, north=north, covariance=covariance)
 
     def plain(self) -> dict[str, Any]:
-        """Return the fields for summary.json and GeoJSON. Their names carry the units."""
+        """Return the fields for summary.json and GeoJSON. The names of the fields contain the
+        units."""
         ellipse = self.ellipse
         return {
             "latitude_deg": round(self.latitude, 8),

@@ -1,4 +1,4 @@
-"""Input of the estimator from a log: one vehicle, its positions and the ranges measured on
+"""Input of the estimator from a log: the positions of one vehicle and the ranges measured on
 board."""
 
 from collections.abc import Sequence
@@ -26,8 +26,8 @@ class EmptyLogError(RunError):
 class RangeLog:
     """One vehicle of a log.
 
-    ranges: by tag.
-    vehicle: its name in the log, empty if the log has only one.
+    ranges: ranges by tag.
+    vehicle: name of the vehicle in the log, empty if the log has only one vehicle.
     notes: assumptions and removed values, one line each.
     names: other values in the log that may be ranges, by the name that --range-name takes.
     """
@@ -60,8 +60,10 @@ class RangeLog:
         return Track(time, *plane.to_metres(latitude, longitude), up)
 
     def of(self, tag: str, sigma: float | None) -> tuple[Ranges, bool]:
-        """Return the ranges of a tag, and True if their sigmas are known. sigma: m, for ranges
-        without one in the log, or None if unknown."""
+        """Return the ranges of a tag, and True if their sigmas are known.
+
+        sigma: standard deviation for ranges without one in the log, m, or None if unknown.
+        """
         table = np.array(sorted(self.ranges[tag]))
         known = np.isfinite(table[:, 2])
         filled = np.where(known, table[:, 2], 1.0 if sigma is None else sigma)
@@ -69,7 +71,8 @@ class RangeLog:
 
 
 def corrected(ranges: Ranges, calibration: Calibration) -> Ranges:
-    """Return reported ranges corrected as in flight: true lengths at the times of measurement."""
+    """Return the reported ranges corrected as in flight: true lengths, at the times of
+    measurement."""
     if not calibration.is_set:
         return ranges
     true, slope = np.array([calibration.true(reported) for reported in ranges.r]).reshape(-1, 2).T

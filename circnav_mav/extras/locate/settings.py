@@ -10,12 +10,12 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import Table
 
 COMPANIONS = (194, 193, 191)
-"""Component ids of onboard computers (MAV_COMP_ID_ONBOARD_COMPUTER4, 3 and 1), preferred ones
-first. 192 is left to a ranging radio."""
+"""Component ids that circnav may use, in order of preference (MAV_COMP_ID_ONBOARD_COMPUTER4, 3 and
+1). 192 is reserved for a ranging radio."""
 
 
 class LocateTable(Table):
-    """[locate]: where the target is on the map. Nothing of it steers."""
+    """[locate]: place of the target on the map. No value of this table affects the steering."""
 
     enabled: bool = False
     gps_sigma_m: Annotated[float, Field(ge=0.01, le=1000)] = 1.5

@@ -1,4 +1,4 @@
-"""Process of the survey's estimator. This module imports little, so that the process starts
+"""Process of the survey's estimator. This module imports few modules, so that the process starts
 quickly."""
 
 import multiprocessing
@@ -19,5 +19,5 @@ def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "sched_setscheduler"):  # do not inherit the flight's real-time priority
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    # Niceness of the solver, so that the flight's process has priority; chosen.
+    # 5: niceness of the solver, so that the flight's process has priority; chosen.
     os.nice(5)

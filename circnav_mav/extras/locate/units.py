@@ -1,5 +1,5 @@
-"""Finds the likely unit of ranges whose scale is far from 1: ranges in feet are 3.28 times too long
-for the track."""
+"""Search for the likely unit of ranges with a scale far from 1. Ranges in feet, for example, are
+3.28 times too long for the track."""
 
 from dataclasses import replace
 
@@ -20,10 +20,10 @@ def likely_unit(
 ) -> str | None:
     """Return the unit in which the ranges fit the track much better than in meters, or None.
 
-    place: by ranges in meters, None if they fit no place.
+    place: place found with ranges in meters, None if they fit no place.
     """
-    # Largest noise, as a share of the range, with which meters are accepted. A wrong unit leaves
-    # more noise, except on a perfect circle.
+    # 0.005: largest noise with which meters are accepted, as a share of the range. A wrong unit
+    # leaves more noise, except on a perfect circle.
     if (
         place is not None
         and is_plausible(place, known)
@@ -31,7 +31,8 @@ def likely_unit(
         and place.outliers < place.used / 4
     ):
         return None
-    # A radio 7 % long also fits better in yards, 9 % long, than in meters.
+    # If the scale error is small, return a unit only if it explains the scale error. Ranges that a
+    # radio measures 7 % too long also fit better in yards (9 % longer) than in meters.
     if place is not None and place.scale_found and abs(place.scale) < 0.15:
         return next(
             (
@@ -46,8 +47,8 @@ def likely_unit(
     for unit, meters in METERS.items():
         r = thin.r * meters
         sigma = np.full(len(r), max(0.01 * float(np.median(r)), 0.01)) if len(r) else r
-        # `locate` may also estimate the scale of the radio. The ranges would then fit in every
-        # unit.
+        # Do not call `locate` here: it may also estimate the scale of the radio, and the ranges
+        # would fit in every unit.
         fit = _locate(
             plane, track, Ranges(thin.time, r, sigma), replace(known, sigma_known=False), None
         )
@@ -58,13 +59,13 @@ def likely_unit(
     # On a circle around the target the range is constant. Several units then fit, each with a
     # different target height. Report the unit with the most likely height.
     least = min(map(_noise, found.values()))
-    # Largest ratio of a unit's noise to the smallest noise of all units, for units that fit equally
-    # well.
+    # 1.25: largest ratio of a unit's noise to the smallest noise of all units, for units that fit
+    # equally well.
     alike = [unit for unit, fit in found.items() if _noise(fit) <= 1.25 * least]
     unit = min(alike, key=lambda one: abs(found[one].up - known.up))
     in_meters = found.get("m")
-    # Smallest ratio of the noise in meters to the noise in another unit with which the other unit
-    # is reported.
+    # 2.0: smallest ratio of the noise in meters to the noise in another unit with which the other
+    # unit is reported.
     if unit == "m" or (in_meters is not None and _noise(in_meters) < 2.0 * _noise(found[unit])):
         return None
     return unit

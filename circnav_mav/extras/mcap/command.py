@@ -37,8 +37,8 @@ def export_run(folder: str, mcap: str | None) -> int:
 
 
 def _runs(folder: Path) -> dict[str, Run]:
-    """Return the run in a folder, or those in its subfolders, by the prefix of their topics. Raises
-    RunError, OSError.
+    """Return the run in a folder, or the runs in its subfolders, by the prefix of their topics.
+    Raises RunError, OSError.
 
     A fleet folder holds one run folder for each vehicle.
     """
@@ -49,7 +49,7 @@ def _runs(folder: Path) -> dict[str, Run]:
 
 
 def _check_place(path: Path) -> None:
-    """Refuse to overwrite anything except an earlier export. Raises Refused, OSError."""
+    """Check that `path` does not exist or is an earlier export. Raises Refused, OSError."""
     if path.is_file():
         with open_file(path) as file:
             begin = file.read(len(MAGIC))

@@ -1,9 +1,9 @@
 """Export of a run as one MCAP file for Foxglove and PlotJuggler.
 
 The file contains ticks and truth as JSON, and Foxglove's own messages (poses, scene, log and fixes
-for the 3D, log and map panels). The export needs the extra [mcap]. Times are wall-clock times of
-the flight. Unknown values are left out of messages. Frame "beacon": x east, y north, z up, m; its
-origin is the beacon and moves with it.
+for the 3D, log and map panels). The export needs the optional dependencies [mcap]. Times are
+wall-clock times of the flight. Unknown values are left out of messages. Positions are in the frame
+"beacon": x east, y north, z up, m. Its origin is the beacon and moves with the beacon.
 """
 
 import json
@@ -47,7 +47,7 @@ def export_mcap(runs: Mapping[str, Run], path: Path) -> dict[str, int]:
     """Write the complete file or none. Return the number of messages per topic. Raises RunError,
     OSError.
 
-    runs: by the prefix of their topics, which is empty for a single vehicle.
+    runs: runs by the prefix of their topics. The prefix is empty for a single vehicle.
     """
     counts: Counter[str] = Counter()
     with atomic_write(path.resolve()) as fresh, fresh.open("wb") as file:
@@ -112,29 +112,29 @@ def _add_run(writer: Writer, prefix: str, run: Run) -> Counter[str]:
 
 
 def _tick_rows(table: Ticks) -> Iterator[dict[str, Any]]:
-    """Yield the known values at each time."""
+    """Yield the known values of each tick, by column."""
     names = [*table.numbers, *table.words]
     columns = [*(column.tolist() for column in table.numbers.values()), *table.words.values()]
     for values in zip(*columns, strict=True):
         yield {
             name: value for name, value in zip(names, values, strict=True) if value == value
-        }  # not NaN
+        }  # a NaN differs from itself
 
 
 MAP = "map"
 BEACON = "beacon"
 POSITION = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 PIECE = 1.0
-"""Length of a piece of the drawn track, and interval of the range rings, s."""
+"""Duration of a piece of the drawn track, and time between two drawn range rings, s."""
 CORNERS = 90
 """Corners of a drawn circle, every 4 deg: a chord is within 0.1 % of the radius."""
 BLUE = (0.0, 0.45, 0.7, 1.0)
 GREEN = (0.0, 0.62, 0.45, 1.0)
 GRAY = (0.6, 0.6, 0.6, 0.6)
 ORANGE = (0.84, 0.37, 0.0, 1.0)
-"""From Okabe and Ito's palette for color-blind readers."""
+"""Colors (red, green, blue, opacity) from Okabe and Ito's palette for color-blind readers."""
 Entry = tuple[str, float, Any]
-"""Topic, run time (s), message."""
+"""Topic, run time (s) and message of an entry of the file."""
 
 
 def _ns(run: Run, time: float) -> int:
@@ -143,7 +143,8 @@ def _ns(run: Run, time: float) -> int:
 
 
 def foxglove_messages(run: Run) -> Iterator[Entry]:
-    """Yield all messages, topic by topic, without timestamps. Raises RunError, OSError."""
+    """Yield all Foxglove messages, topic by topic. Their timestamps are not set. Raises RunError,
+    OSError."""
     ticks = run.ticks
     truth = run.truth
     numbers = run.ticks.numbers
@@ -182,8 +183,8 @@ def _poses(topic: str, times: Column, places: Column, headings: Column) -> Itera
 
 
 def _transforms(run: Run) -> Iterator[Entry]:
-    """Yield the beacon's place on the map: its true place once per piece, or the origin if no truth
-    is recorded."""
+    """Yield the transforms from the map to the beacon: the true place once per PIECE seconds, or
+    the origin if no truth is recorded."""
     truth = run.truth
     rows = [(float(run.ticks.time[0]), [0.0, 0.0, 0.0])]
     if truth is not None:
@@ -201,8 +202,8 @@ def _transforms(run: Run) -> Iterator[Entry]:
 
 
 def _scene(run: Run, times: Column, places: Column) -> Iterator[Entry]:
-    """Yield beacon and desired circle once, then piece by piece the track and the range as a
-    ring."""
+    """Yield the drawn scene: beacon and desired circle once, then the track and the range ring once
+    per PIECE seconds."""
     ticks = run.ticks
     begins = float(run.ticks.time[0])
     height = np.nan_to_num(ticks.numbers["height"])
@@ -233,7 +234,8 @@ def _scene(run: Run, times: Column, places: Column) -> Iterator[Entry]:
 
 
 def _desired_radii(run: Run) -> list[float]:
-    """Return the radii of the mission, which also a run without a summary has."""
+    """Return the desired radii from the mission, which every run folder has, even one without a
+    summary."""
     try:
         given = tomllib.loads(run.mission_text)["orbit"]["radius_m"]
         return [float(radius) for radius in (given if isinstance(given, list) else [given])]
@@ -242,8 +244,8 @@ def _desired_radii(run: Run) -> list[float]:
 
 
 def _fixes(run: Run) -> Iterator[Entry]:
-    """Yield the positions that the vehicle reports (GLOBAL_POSITION_INT), for the map. They never
-    steer."""
+    """Yield the positions that the vehicle reports (GLOBAL_POSITION_INT), for the map panel.
+    Guidance does not use these positions."""
     system = (run.manifest.get("autopilot") or {}).get("system") or None
     for stamp, message in read_messages(run.folder / "flight.tlog", {POSITION}):
         if system in (None, message.get_srcSystem()) and (message.lat or message.lon):

@@ -26,16 +26,18 @@ from circnav_mav.runlog import many_flights
 Batch = NDArray[Any]
 """Array over starts, or over steps and starts."""
 V = 1.0
+"""Speed of the vehicle in the paper's examples (units of the paper)."""
 TARGET = (0.0, -10.0)
+"""Position of the target in the paper's examples."""
 R_D = 10.0
-"""Speed, place of the target and radius of the paper's examples (its units)."""
+"""Desired radius in the paper's examples."""
 SECONDS = 200.0
-"""Duration of a flight, s: longer than any flight in the paper needs to settle."""
+"""Duration of a flight, s. It is longer than any flight of the paper needs to settle."""
 MIRRORED = 40
-"""Number of starts that are also flown mirrored, to show that one law flies both senses of
-rotation."""
+"""Number of starts that are also flown mirrored, to check that a law with negative gain flies the
+other sense of rotation."""
 STEP = 0.02
-"""Step of the simulation, s, in which the turn rate is held: a 500th of r_d/V."""
+"""Step of the simulation with a constant turn rate, s: a 500th of r_d/V."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +60,12 @@ class Starts:
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """Recorded flights. time (steps,); x, y, r, theta_b (steps, starts); theta_b (see `polar`) in
-    [0, 2 pi)."""
+    """Recorded flights.
+
+    time: (steps,), s.
+    x, y, r: position and range (steps, starts).
+    theta_b: angle from the line of sight to the heading (steps, starts), in [0, 2 pi); see `polar`.
+    """
 
     time: Batch
     x: Batch
@@ -118,8 +124,9 @@ def lyapunov(r: Batch, theta_b: Batch, *, r_d: float, r_a: float, k: float) -> B
     """Return the paper's Lyapunov function of its law 1 (`smooth`), for r >= r_d, with the integral
     in closed form.
 
-    It is 1 - sin(theta_b) + integral from r_a to r of (-1/z + 2 k z cos asin(r_d/z)) dz. r_a:
-    radius that is reached.
+    The function is 1 - sin(theta_b) + integral from r_a to r of (-1/z + 2 k z cos asin(r_d/z)) dz.
+
+    r_a: radius on which the vehicle settles.
     """
 
     def integral(z: Batch) -> Batch:
@@ -133,9 +140,9 @@ def lyapunov(r: Batch, theta_b: Batch, *, r_d: float, r_a: float, k: float) -> B
 class Example:
     """One example of the paper.
 
-    law: name in mission files.
+    law: name of the law in mission files.
     k: gain.
-    fed: radius given to the law.
+    fed: radius given to the law, which may differ from the desired one.
     """
 
     number: int
@@ -145,7 +152,7 @@ class Example:
 
     @property
     def predicted(self) -> float:
-        """Radius that is reached according to theory."""
+        """Radius on which the vehicle settles according to theory."""
         return LAWS[self.law].reached_radius(V, self.fed, self.k)
 
     def fly(self, starts: Starts, seconds: float, sign: int = 1) -> Tracks:
@@ -165,11 +172,16 @@ EXAMPLES = (
 class Findings:
     """Results of an example.
 
+    reached: smallest and largest final radius of all starts.
     settling: time to the band round the predicted radius for each start, s (inf: never).
     outside: for each start, True if the track stays outside the circle (r >= r_d).
+    clockwise: number of starts that end clockwise.
+    most_entries: largest number of entries into the circle of a track.
+    bearings: smallest and largest final theta_b, rad.
     rise: largest rise of the Lyapunov function in a step; None if the paper gives no function.
     mirror: largest distance between the track of a mirrored start and the mirror image of the
-        original track, m.
+        original track.
+    mirrored_counterclockwise: number of mirrored starts that end counter-clockwise.
     """
 
     example: Example
@@ -193,7 +205,7 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
     apart = np.hypot(
         mirror.x + tracks.x[:, :MIRRORED] - 2 * TARGET[0], mirror.y - tracks.y[:, :MIRRORED]
     )
-    # Largest distance of a settled flight from the predicted radius, as a fraction of r_d.
+    # 0.05: largest distance of a settled flight from the predicted radius, as a fraction of r_d.
     findings = Findings(
         example,
         len(starts.x),
@@ -211,8 +223,8 @@ def study(example: Example, starts: Starts, seconds: float = SECONDS) -> tuple[F
 
 
 def shown_start(found: list[Findings]) -> int:
-    """Return the first start that shows what the paper says of its first example: r >= r_d, and the
-    smooth law settles before the switching one. 0 if there is none."""
+    """Return the number of the first start that shows the statements of the paper about its first
+    example: r >= r_d, and the smooth law settles before the switching one. 0 if no start does."""
     smooth, *_, switching = found
     return int((smooth.outside & (smooth.settling < switching.settling)).argmax())
 
@@ -227,10 +239,10 @@ def turning(tracks: Tracks) -> Batch:
 
 
 def entries(r: Batch, r_d: float) -> Batch:
-    """Return how often each track enters the circle (lemma: at most once). A start inside counts as
-    one."""
-    # Depth inside the circle, as a fraction of r_d, that is not counted as entry. The switching law
-    # chatters by V STEP.
+    """Return the number of entries of each track into the circle. A lemma of the paper allows at
+    most one. A start inside the circle is one entry."""
+    # 1e-3: depth inside the circle that is not yet an entry, as a fraction of r_d. The switching
+    # law chatters by V STEP.
     inside = r < r_d * (1 - 1e-3)
     return np.asarray(inside[0] + (inside[1:] & ~inside[:-1]).sum(axis=0))
 

@@ -20,8 +20,8 @@ from circnav_mav.mission.checks import (
 from circnav_mav.mission.mission import Mission
 
 MOST_USED = 0.9
-"""Share of the turn rate that the smallest circle uses in wind and gusts. The rest corrects errors;
-chosen."""
+"""Largest share of the vehicle's turn rate that a circle may need in wind and gusts. The rest
+corrects errors; chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +29,8 @@ class Site:
     """Conditions of a plan.
 
     smallest, largest: bounds of the radius, m.
-    wind: m/s.
-    gusts: RMS per axis, m/s.
+    wind: steady wind, m/s.
+    gusts: RMS of the gusts per axis, m/s.
     laps: number of laps of the survey.
     """
 
@@ -43,7 +43,7 @@ class Site:
     @property
     def strongest(self) -> float:
         """Wind with gusts, m/s."""
-        # Gusts, in standard deviations, that are added to the wind.
+        # 2.0: strength of the gusts that are added to the wind, in standard deviations.
         return self.wind + 2.0 * self.gusts
 
 
@@ -98,12 +98,12 @@ def smallest_radius(mission: Mission, wind: float) -> float:
 def radii(least: float, site: Site) -> Sequence[float]:
     """Return the radii of the candidates, m, rounded up to whole meters."""
     low = max(least, site.smallest)
-    # Largest radius of the candidates, as a multiple of the smallest one, if the site does not
+    # 6.0: largest radius of the candidates, as a multiple of the smallest one, if the site does not
     # limit the radius.
     high = min(site.largest, ceil(6.0 * low))
-    # A radius that would be rounded up above the largest radius becomes the largest radius. So at
-    # least one candidate remains if the smallest and the largest radius are less than a meter
-    # apart.
+    # Replace a radius that would be rounded up above the largest radius by the largest radius. Then
+    # at least one candidate remains, even if the smallest and the largest radius are less than a
+    # meter apart.
     # 7: number of candidates; chosen.
     return sorted({min(float(ceil(one)), high) for one in np.geomspace(low, max(high, low), 7)})
 
@@ -120,7 +120,7 @@ def candidate(mission: Mission, site: Site) -> Candidate:
     most = None if still else max(allowed if kept is None else kept, 0.0)
     wind = 0.0 if still else site.strongest
     banked = mission.file.vehicle.kind != "rover"
-    # A vehicle that slips in turns needs more bank than in a coordinated turn.
+    # A vehicle that slips in turns (turn gain below 1) needs more bank than in a coordinated turn.
     bank = degrees(atan(orbit.speed**2 / (orbit.radius * GRAVITY * gain))) if banked else None
     failing = [line.subject for line in check_mission(mission) if line.grade is not PASS]
     if most is not None and most < wind:
@@ -155,8 +155,9 @@ def survey_sigma(mission: Mission, seconds: float) -> float | None:
 
 
 def recommended(found: Sequence[Candidate]) -> tuple[Candidate, str]:
-    """Return the recommended circle and the reason: the shortest lap that passes all checks, else
-    fewest problems."""
+    """Return the recommended circle and the reason. Of the circles that pass all checks, the one
+    with the shortest lap is recommended. If no circle passes, the circle with the fewest problems
+    is recommended."""
     sound = [one for one in found if one.sound]
     if sound:
         best = min(sound, key=lambda one: one.lap)

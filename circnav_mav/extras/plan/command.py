@@ -44,7 +44,7 @@ def print_plan(
     if mission is not None and os.path.lexists(mission):
         raise Refused(f"--write {mission}: is there already, name another file")
     changes = list(_changes(height, sigma, rate))
-    # Default turbulence as a share of the wind. MIL-F-8785C gives 0.14 at a height of 100 m.
+    # 0.15: default gusts as a share of the wind. MIL-F-8785C gives 0.14 at a height of 100 m.
     site = Site(
         smallest or 1.0, largest or inf, wind, 0.15 * wind if gusts is None else gusts, laps
     )
@@ -114,7 +114,7 @@ def _with_radius(path: str, changes: list[str], radius: float) -> Mission:
 
 
 def _radii(start: Mission, site: Site) -> list[float]:
-    """Return the radii to try. Raises Refused if none fits the site."""
+    """Return the radii of the candidates, m. Raises Refused if no radius fits the site."""
     wind = 0.0 if holds_ground_speed(start) else site.strongest
     V = start.orbit.speed
     least = smallest_radius(start, wind)

@@ -70,7 +70,7 @@ def plot_plan(
             axis.axvline(best.radius, color=DESIRED, lw=1.5, alpha=0.6)
             axis.set_ylim(
                 0.0, 1.08 * axis.get_ylim()[1]
-            )  # room for the marker of the largest value
+            )  # leave room for the marker of the largest value
             axis.legend(loc="best", fontsize=8)
         bank.set_xlabel("radius, m")
         save(figure, path)

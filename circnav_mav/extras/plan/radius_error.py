@@ -1,18 +1,25 @@
-"""Expected RMS error of the radius: range noise and steady errors, and gusts by a linear model near
-the circle.
+"""Expected RMS error of the radius, from range noise, steady errors, and gusts. The effect of the
+gusts is computed with a linear model near the circle.
 
     e' = u + g,   u' = h (c - u),   c = -(b e_hat + g_hat),   z = e + white noise
 
-e: radius error, m. z: measurement of e. u: radial speed caused by the heading, m/s. c: commanded u.
+e: radius error, m.
+z: measurement of e, m.
+u: radial speed caused by the heading, m/s.
+c: commanded u, m/s.
 g: radial gust, m/s, first order with the emulator's correlation time (the first-order form of the
-Dryden model). b: gain `radial` of the drift law (`vector_field.drift_gains`) times the speed, 1/s.
-h: its gain `heading`, 1/s. e_hat, g_hat: steady-state Kalman filter of (e, g) with the range noise.
+    Dryden model).
+b: gain `radial` of the drift law (`vector_field.drift_gains`) times the speed, 1/s.
+h: gain `heading` of the drift law, 1/s.
+e_hat, g_hat: estimates of a steady-state Kalman filter of (e, g) with the range noise.
+
 The RMS follows from the Lyapunov equation of the closed loop (linear-quadratic-Gaussian control;
 Anderson and Moore, "Optimal Control", 1990).
 
-The five coefficients are fitted to 110 random missions of `tests.tools.bench.bench_plan`, law
-`auto`: planes 15 to 27 m/s, copters 3 to 8 m/s and rovers 1.5 to 5 m/s, ranges of 0.1 to 2 m at 4
-to 20 Hz, gusts up to 2 m/s.
+The five coefficients of this file are fitted to 110 random missions of
+`tests.tools.bench.bench_plan` with the law `auto`. The missions have planes (15 to 27 m/s), copters
+(3 to 8 m/s) and rovers (1.5 to 5 m/s). Ranges have a noise of 0.1 to 2 m at 4 to 20 Hz. Gusts are
+up to 2 m/s.
 """
 
 from math import hypot, sqrt
@@ -28,13 +35,15 @@ from circnav_mav.mission.mission import Mission
 GUST_TIME = 3.0
 """Correlation time of gusts, s: default of the emulator."""
 STEADY = 0.0055
+"""Steady radius error divided by the speed, s, of vehicles that do not bank. It is caused by errors
+of heading and airspeed."""
 STEADY_BANKED = 0.0091
-"""Steady radius error divided by the speed, s, due to errors of heading and airspeed; the second
-for planes, which also side-slip."""
+"""Steady radius error divided by the speed, s, of vehicles that bank: they also side-slip."""
 ACTS = 0.46
+"""Share of a gust that acts on the radius. It is below 1, because accelerometers measure the onset
+of a gust."""
 ACTS_ON_HELD = 0.049
-"""Share of a gust that acts on the radius: below 1, because accelerometers measure the onset of a
-gust. The second is for vehicles whose autopilot holds the speed over the ground."""
+"""Share of a gust that acts on the radius if the autopilot holds the speed over the ground."""
 
 
 def radius_rms(mission: Mission, gust: float) -> float:
@@ -46,16 +55,15 @@ def radius_rms(mission: Mission, gust: float) -> float:
     banks = any(one.banks for one in mission.vehicles)
     holds_ground_speed = any(one.ground_speed_sigma is not None for one in mission.vehicles)
     noise = ranging.sigma_m**2 / ranging.rate_hz
-    # Bandwidth of the radius error in calm air, 1/s: variance of this error over power density of
-    # the range noise.
+    # 0.147: effective bandwidth of the radius error in calm air, 1/s: variance of this error
+    # divided by the power density of the range noise.
     calm = 0.147 * noise + ((STEADY_BANKED if banks else STEADY) * orbit.speed) ** 2
     felt = (
         0.0
         if mission.file.vehicle.kind == "rover"
         else gust * (ACTS_ON_HELD if holds_ground_speed else ACTS)
     )
-    # Gust, m/s, below which the gust is ignored, because the linear model is singular without
-    # gusts.
+    # 1e-4: gust below which gusts are ignored, m/s: without gusts the linear model is singular.
     if felt <= 1e-4:
         return sqrt(calm)
     gains = drift_gains(

@@ -1,5 +1,5 @@
-"""Drivers of ranging radios: bytes in, readings out, without I/O. docs/radios.md shows how to write
-a driver."""
+"""Drivers of ranging radios: they convert received bytes to readings, without I/O. docs/radios.md
+shows how to write a driver."""
 
 from circnav_mav.extension import Extension
 

@@ -16,12 +16,14 @@ from circnav_mav.runtime.radio_link import RadioLink, open_radio
 from circnav_mav.runtime.runner import StopRequest, wait
 
 PERIOD = 1.0
+"""Time between two printed lines of a beacon, s."""
 SPAN = 10.0
-"""Time between two lines, s, and time span that each line summarizes, s."""
+"""Time span that each line summarizes, s."""
 MOST_KEPT = 20_000
-MOST_BEACONS = 32
-"""Largest numbers of ranges per beacon and of beacons. They bound the memory: the link is not
+"""Largest number of ranges stored per beacon. It bounds the memory, because the link is not
 authenticated."""
+MOST_BEACONS = 32
+"""Largest number of beacons shown. It bounds the memory, too."""
 FEW = 5
 """Smallest number of ranges for which scatter, outliers, and speed and jitter of the radio's clock
 are computed."""
@@ -90,7 +92,7 @@ def _describe(beacon: int, ranges: list[ReceivedRange], now: float) -> str:
         return "  ".join([*words, f"longest gap {gap:.2f} s"])
     residuals = residuals_of(ranges)
     scatter = bulk_sigma(residuals)
-    # Residual, in standard deviations, from which a range is an outlier: the default of the
+    # 5.0: residual from which a range is an outlier, in standard deviations: the default of the
     # mission's gate.
     share = outliers_among(residuals, 5.0 * scatter)
     words += [

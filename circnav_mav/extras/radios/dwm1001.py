@@ -18,14 +18,15 @@ LES = re.compile(r"([0-9A-F]{4})\[[^\]]*\]=(\d+\.\d\d)(?= |$)")
 SHELL = re.compile(r"^(dwm>.*|POS,.*|le[cs]|DWM1001.*|Copyright.*|License.*|Compiled.*|Help.*)$")
 """Lines of the shell without ranges."""
 PATIENCE = 2.0
-"""Time, s, to wait for data from the radio, and between two commands to it."""
+"""Time to wait for data from the radio before it is asked to start, and between two commands to it,
+s."""
 WAKE = b"\r\r"
 LIST = b"lec\r"
 
 
 class Dwm1001(LineDriver):
-    """Ranges to all anchors in sight, by 16-bit id. `lec` is sent to a radio that is silent at the
-    start."""
+    """Driver of the DWM1001: ranges to all anchors in sight, by 16-bit id. It sends `lec` to a
+    radio that is silent at the start."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -43,8 +44,8 @@ class Dwm1001(LineDriver):
         return [RadioReading(float(metres), beacon=int(ident, 16)) for ident, metres in found]
 
     def ask(self, now: float) -> bytes:
-        """Return the bytes that start a silent radio: first two Enter characters, which open the
-        shell, later `lec`."""
+        """Return the next bytes that start a silent radio: in turn, two Enter characters, which
+        open the shell, and the command `lec`."""
         if self._started or now < self._next:
             return b""
         first = self._next == float("-inf")

@@ -12,10 +12,12 @@ from circnav_mav.mav.ranging.driver import Driver, RadioReading
 
 
 class _Layout(NamedTuple):
-    """fixed: bytes before the nodes; the last one is the number of nodes.
-    node: bytes per node.
-    stamped: True if each node has the network time of its measurement, ms, at byte 7. Otherwise the
-        frame has the radio's time, ms, at byte 6.
+    """Layout of a frame.
+
+    fixed: number of bytes before the nodes; the last of them is the number of nodes.
+    node: number of bytes per node.
+    stamped: True if each node has the network time of its measurement, ms, at byte 7 of the node.
+        Otherwise the frame has the radio's time, ms, at byte 6.
     """
 
     fixed: int
@@ -28,7 +30,7 @@ LAYOUTS = {0x04: _Layout(119, 13, True), 0x05: _Layout(21, 7, False), 0x07: _Lay
 
 
 class LinkTrack(Driver):
-    """Ranges to all nodes in sight, by node id."""
+    """Driver of LinkTrack: ranges to all nodes in sight, by node id."""
 
     baud = 921600
 
@@ -56,10 +58,10 @@ def _frame_size(buffer: bytes, at: int) -> int | None:
     """Return the size of the frame at an offset, bytes. 0: no frame begins there. None: more bytes
     are needed."""
     left = len(buffer) - at
-    # First byte of every frame (Nooploop's protocol).
+    # 0x55: first byte of every frame (Nooploop's protocol).
     if buffer[at] != 0x55 or (left > 1 and buffer[at + 1] not in LAYOUTS):
         return 0
-    # Number of bytes with header, kind and length of a frame.
+    # 4: number of bytes with header, kind and length of a frame.
     if left < 4 or left < (layout := LAYOUTS[buffer[at + 1]]).fixed:
         return None
     size = layout.fixed + layout.node * buffer[at + layout.fixed - 1] + 1
@@ -69,8 +71,8 @@ def _frame_size(buffer: bytes, at: int) -> int | None:
 
 
 def _read(frame: bytes) -> list[RadioReading]:
-    """Return the readings of a frame. Node: role, id, range in mm (24 bits, signed), two signal
-    strengths, more."""
+    """Return the readings of a frame. A node consists of role, id, range in mm (24 bits, signed),
+    two signal strengths, and more."""
     layout = LAYOUTS[frame[1]]
     readings = []
     for at in range(layout.fixed, len(frame) - 1, layout.node):

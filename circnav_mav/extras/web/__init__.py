@@ -1,4 +1,4 @@
-"""Live page of a flight: a server in a separate process, with a pipe that never blocks the
+"""Live page of a flight: a server in a separate process. A pipe to this process never blocks the
 flight."""
 
 from circnav_mav.extension import Extension

@@ -1,7 +1,7 @@
 """Server of the live page, started by the flight: `python -m circnav_mav.extras.web FD AWAY`. FD is
-a listening socket, and stdin carries the feed. The server prints "ready". After the flight it
+a listening socket, and stdin is the feed. The server prints "ready". After the flight, the server
 closes stdout. It then serves the page and the report until no browser has shown them for AWAY
-seconds, or LONGEST_STAY is over."""
+seconds, or until LONGEST_STAY is over."""
 
 import asyncio
 import json
@@ -33,11 +33,11 @@ LONGEST_STAY = 3600.0
 keep a process."""
 LONGEST_LINE = 1 << 16
 MOST_POINTS = 3000
-"""Maximum number of points of a chart. Beyond it, every second point is dropped, and new points are
-kept half as often."""
+"""Maximum number of points of a chart. When it is exceeded, every second point is dropped, and of
+later points half as many are stored."""
 NEWEST = 100
-"""Newest ticks that are kept completely. A browser that is further behind gets the whole history
-again."""
+"""Number of newest ticks that are stored completely. A browser that has missed more ticks receives
+the whole history again."""
 COLUMNS = (
     "time",
     "measured",
@@ -57,7 +57,7 @@ COLUMNS = (
     "desired",
     "turn_gain",
 )
-"""Values of a tick that a point holds."""
+"""Values of a tick that are stored in a point of the charts."""
 PAGE = with_charts(Path(__file__).with_name("page.html"))
 HEADERS = {
     "Cache-Control": "no-store",
@@ -81,7 +81,8 @@ class History:
         self.closed = False
         """True when the server stops."""
         self.seen = -inf
-        """Time at which the last event stream ended, s; infinity while one is open."""
+        """Time at which the last event stream to a browser ended, s; infinity while a stream is
+        open."""
         self._flight: dict[str, Any] = {}
         self._end: dict[str, Any] = {"verdict": None}
         self._points: list[list[float | str | None]] = []
@@ -118,8 +119,8 @@ class History:
 
     @property
     def end(self) -> str:
-        """Event at the end of the flight, with the verdict, or null if the flight's process was
-        killed."""
+        """Event at the end of the flight, with the verdict. The verdict is null if the flight's
+        process was killed."""
         return _event("end", json.dumps(self._end))
 
     @property
@@ -146,8 +147,10 @@ def _event(kind: str, data: str) -> str:
 
 def application(history: History) -> Starlette:
     """Return the web application: the page, its event stream and the report, all read-only.
+
     Requests for a host name other than 127.0.0.1 or localhost are rejected, so that no other page
-    in the browser can read it."""
+    in the browser can read the flight.
+    """
 
     async def page(request: Request) -> Response:
         return HTMLResponse(PAGE, headers=HEADERS)
@@ -216,9 +219,9 @@ async def serve(listener: socket.socket, away: float) -> None:
     async for line in reader:
         history.take(line)
     history.over = True
-    # Time for the last event to reach the browsers, s.
+    # 0.5: time for the last event to reach the browsers, s.
     await asyncio.sleep(0.5)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # closes stdout: the flight stops waiting
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # close stdout: the flight then stops waiting
     await stay(history, away)
     history.closed = server.should_exit = True
     await serving
@@ -232,6 +235,6 @@ async def stay(history: History, away: float) -> None:
 
 
 if __name__ == "__main__":
-    # Niceness of the server process, so that the flight has priority on a busy processor.
+    # 10: niceness of the server process, so that the flight has priority on a busy processor.
     os.nice(10)
     asyncio.run(serve(socket.socket(fileno=int(sys.argv[1])), float(sys.argv[2])))

@@ -1,6 +1,6 @@
 """Feed of the live page: its contents, and the pipe to the server's process. The pipe is the only
-queue. A line that does not fit is dropped, so that a slow, stopped or dead server never delays a
-tick. The page cannot influence the flight."""
+queue. A line that does not fit into the pipe is dropped, so that a slow, stopped or dead server
+never delays a tick. The page cannot influence the flight."""
 
 import getpass
 import importlib.util
@@ -33,11 +33,12 @@ HOST = "127.0.0.1"
 LINES_A_SECOND = 10
 """Updates of the page per real second. Chosen."""
 START_PATIENCE = 10.0
+"""Longest time to wait until the server's process is ready, s. Chosen."""
 STOP_PATIENCE = 3.0
-"""Timeouts for starting and ending the server's process, s. Chosen."""
+"""Longest time to wait at the end, for room in the pipe and for the server's process, s. Chosen."""
 AWAY = 30.0
-"""Time without a browser, s, after which the page of a finished flight is no longer served. Chosen:
-enough to reload it or to reconnect a tunnel."""
+"""Time without a browser after which the page of a finished flight is no longer served, s. Chosen:
+long enough to reload the page or to reconnect a tunnel."""
 LONGEST_TEXT = 300
 """Maximum length of a text on the page, characters. Chosen: only external names are longer."""
 NEEDED = ("starlette", "uvicorn")
@@ -66,8 +67,8 @@ class LivePage(Onlooker):
         speed: float,
         truth: bool = False,
     ) -> None:
-        """port: 0 for any free one.
-        tolerance: half width of the band around the radius, m.
+        """port: TCP port of the page, 0 for any free port.
+        tolerance: half width of the drawn band around the radius, m.
         speed: run seconds per real second.
         truth: True to show truth frames. Only the bundled vehicle sends genuine ones.
 
@@ -106,12 +107,12 @@ class LivePage(Onlooker):
         place = relative_truth(self._truth) if self._truth else None
         if place is not None and all(
             map(isfinite, place)
-        ):  # any sender may have made a frame with NaN
+        ):  # any sender may send a truth frame with NaN
             self._place = place
         status = self._watch.status(newest, step.time, recording_problem)
         (east, north) = map(_plain, self._place)
-        # Maximum number of other vehicles on the page: a line of the feed must fit into PIPE_BUF
-        # bytes.
+        # 20: maximum number of other vehicles on the page. A line of the feed must fit into
+        # PIPE_BUF bytes.
         others = self._onlookers.vehicles(step.time)[:20]
         tick = _tick(status) | {
             "east": east,
@@ -135,8 +136,8 @@ class LivePage(Onlooker):
             )
 
     def close(self) -> None:
-        """End the feed. A server that closes its stdout may keep running for a browser; one that
-        does not is killed."""
+        """End the feed. Kill the server if it does not close its stdout within STOP_PATIENCE. A
+        server that does may keep running for a browser."""
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
@@ -152,8 +153,8 @@ class LivePage(Onlooker):
         process.poll()
 
     def _queue_event(self, what: dict[str, Any]) -> None:
-        """Write a line to the pipe, or drop it. Up to PIPE_BUF bytes are written atomically, so no
-        line is partial."""
+        """Write a line to the pipe, or drop it if the pipe is full. Up to PIPE_BUF bytes are
+        written atomically, so no line is partial."""
         line = json.dumps(what, allow_nan=False).encode() + b"\n"
         if self._pipe is None or len(line) > select.PIPE_BUF:
             return
@@ -187,7 +188,8 @@ def open_onlooker(given: OnlookerSettings) -> LivePage | None:
         )
     page.pace = PAGE_SPEED
     say(f"live page at {page.url}")
-    # In a session over SSH, the page is on the remote computer, and the operator's browser is not.
+    # In an SSH session, the page is served on the remote computer, but the operator's browser runs
+    # on another one. Print the command for a tunnel.
     if len(connection := os.environ.get("SSH_CONNECTION", "").split()) == 4:
         tunnel = page.url.removeprefix("http://").rstrip("/")
         say(
@@ -198,8 +200,8 @@ def open_onlooker(given: OnlookerSettings) -> LivePage | None:
 
 
 def _listener(port: int) -> socket.socket:
-    """Return a socket that listens on the loopback interface. Opened before the flight. Raises
-    WebError."""
+    """Return a socket that listens on the loopback interface. It is opened before the flight.
+    Raises WebError."""
     try:
         return socket.create_server((HOST, port))
     except OSError as error:

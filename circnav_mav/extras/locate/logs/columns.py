@@ -36,14 +36,15 @@ HEADER = (
 )
 ONE_TAG = "target"
 LEAST_SIGMA = 1e-3
-"""Smallest standard deviation accepted, m: tables contain zero for an unknown one."""
+"""Smallest standard deviation that is used, m. Some tables contain zero for an unknown one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
     """Column in use.
 
-    index: of its cells in a row. factor: from its numbers to s, degrees or m.
+    index: position of its cells in a row.
+    factor: factor from its numbers to s, degrees or m.
     """
 
     index: int
@@ -81,7 +82,8 @@ class _Row:
         return value
 
     def time(self) -> float:
-        """Return the time, s. ISO 8601 counts from 1970, without a zone in UTC. Raises RunError."""
+        """Return the time, s. A time in ISO 8601 is counted from 1970, and is UTC without a zone.
+        Raises RunError."""
         cell = self.text("time")
         if not cell:
             raise self.error("time", "is missing")
@@ -89,8 +91,8 @@ class _Row:
             value = self._float(cell) * self.columns["time"].factor
         except ValueError:
             return self._moment(cell)
-        # Latest time accepted, s. It is past the year 5000: a larger number is in milliseconds or
-        # microseconds.
+        # 1e11: latest accepted time, s. It is past the year 5000, so a larger number is in
+        # milliseconds or microseconds.
         if not abs(value) <= 1e11:
             raise self.error(
                 "time", f"{value:g} is not a time in s: name its unit, time_ms or time_us"
@@ -137,9 +139,9 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
                 dropped += _add(log, _Row(cells, rows.line_num, columns, semicolons))
             except RunError as error:
                 damaged.append(error)
-    except (csv.Error, ValueError) as error:  # a line without an end
+    except (csv.Error, ValueError) as error:  # for example a quoted text without an end
         raise RunError(f"is not a CSV: {error}") from None
-    # A wrong unit or column damages every row. Single ones are defects of the file.
+    # A wrong unit or column damages every row. A few damaged rows are defects of the file.
     # 0.02: largest share of rows with an unreadable cell. With more, the table is refused.
     if len(damaged) > 0.02 * read:
         raise damaged[0]
@@ -170,8 +172,8 @@ def _columns(header: Sequence[str], options: ReadOptions) -> dict[str, Column]:
 
 
 def _add(log: RangeLog, row: _Row) -> bool:
-    """Add the position and the range of a row. Return True if the range is no distance. Raises
-    RunError."""
+    """Add the position and the range of a row. Return True if the range is not a valid distance.
+    Raises RunError."""
     time = row.time()
     latitude = row.number("latitude")
     longitude = row.number("longitude")
@@ -181,7 +183,9 @@ def _add(log: RangeLog, row: _Row) -> bool:
                 f"line {row.line}: {latitude:g} {longitude:g} is not a position: in degrees?"
             )
         altitude = row.number("altitude")
-        if not isnan(altitude) and not -1000 <= altitude <= 1e5:  # -9999: a mark for unknown
+        if (
+            not isnan(altitude) and not -1000 <= altitude <= 1e5
+        ):  # some tables mark an unknown altitude by -9999
             raise row.error("altitude", f"{altitude:g} m is none: leave an unknown one empty")
         log.positions.append((time, latitude, (longitude + 180) % 360 - 180, altitude))
     slant = row.number("range")

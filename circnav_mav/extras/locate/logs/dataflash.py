@@ -21,11 +21,10 @@ GOOD = 4
 """Value of RangeFinder::Status with a valid distance."""
 BEACONS = ("D0", "D1", "D2", "D3")
 NO_READINGS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")
-"""Messages that describe the log or the autopilot. PARM has names and values that are not
-measured."""
+"""Messages that contain no measurements: they describe the log or the autopilot."""
 LIKE_RANGES = ("dist", "range", "rng", "slant")
-"""Prefixes of field names that may hold a range. They are suggested if no known message has a
-range."""
+"""Prefixes of field names that may hold a range. If no known message has a range, these fields are
+suggested to the user."""
 Message = Any
 
 
@@ -69,11 +68,12 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
         reader, {"POS", "ORGN", "XKF1", "GPS", "RFND", "BCN", *with_names, named}
     ):
         kind = message.get_type()
-        # ORGN.Type of the estimator's origin (ArduPilot's LogOriginType).
+        # In ORGN, Type 0 is the origin of the estimator (ArduPilot's LogOriginType).
         match kind:
             case "GPS":
-                # U marks the receiver in use, the primary. Without a fix of it, the filter's
-                # position is dead reckoning. Logs without I have one receiver.
+                # The field U marks the primary receiver, which the filter uses. Without a fix of
+                # this receiver, the filter's position is dead reckoning. Logs without the field I
+                # have one receiver.
                 number = getattr(message, "I", 0)
                 receivers[number] = message.Status >= FIX_3D
                 if getattr(message, "U", number == 0):
@@ -102,7 +102,8 @@ def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
             if "Id" in fields[kind]:  # one message for several beacons
                 tag += f" of {message.Id}"
             _add(log, tag, time, getattr(message, field), options)
-    # Prefer the filter's position, as telemetry does. The GPS receiver's position comes last.
+    # Prefer the position of the autopilot's filter, as telemetry does, to the position of the GPS
+    # receiver.
     log.positions = next(
         (track for rows in tracks.values() if len(track := with_fix(rows)) > 1), []
     )

@@ -33,9 +33,9 @@ FIX_3D = 3
 class ReadOptions:
     """Options of the user for reading a log.
 
-    range_name: NAMED_VALUE, debug key or MESSAGE.FIELD that is the range.
-    unit: length of the ranges' unit, m, None for the unit named in the log.
-    vehicle: system id of the only vehicle to read, None for all.
+    range_name: name of the range in the log: NAMED_VALUE, debug key or MESSAGE.FIELD.
+    unit: unit of the ranges, m per unit, None for the unit named in the log.
+    vehicle: system id of the only vehicle to read, None for all vehicles.
     """
 
     range_name: str = RangingSettings().name
@@ -44,7 +44,7 @@ class ReadOptions:
 
     @property
     def meters(self) -> float:
-        """Length of the ranges' unit, m. It is 1 if no unit is given: for log formats that define
+        """Unit of the ranges, m per unit. It is 1 if no unit is given, for log formats that define
         meters."""
         return 1.0 if self.unit is None else self.unit
 
@@ -52,8 +52,9 @@ class ReadOptions:
 class Format(NamedTuple):
     """Readable log format.
 
-    matches: True if the first bytes of a file are of this format. ranges, positions: messages or
-    fields with them.
+    matches(head): True if the first bytes of a file are of this format.
+    read: reader of a file of this format.
+    ranges, positions: names of the messages or fields with ranges and with positions.
     """
 
     name: str
@@ -71,8 +72,8 @@ def listed(names: Iterable[str]) -> str:
 
 
 def meters_in(unit: str) -> float | None:
-    """Return the length of a unit, m. unit: its name, or its length in m as text. None if it is
-    neither."""
+    """Return the length of a unit, m. None if `unit` is neither the name of a unit nor a length in
+    m."""
     if unit in METERS:
         return METERS[unit]
     try:
@@ -83,8 +84,10 @@ def meters_in(unit: str) -> float | None:
 
 
 def with_fix(rows: Sequence[tuple[Position, bool | None]]) -> list[Position]:
-    """Return the positions with a fix. rows: position; True if the receiver has a fix, None before
-    its first report."""
+    """Return the positions with a fix.
+
+    rows: pairs of position and fix. The fix is None before the receiver's first report.
+    """
     # Autopilots send positions before the GPS has a fix: near 0,0, or the place where they were
     # switched off. If the log has the receiver's state, keep only positions with a fix. Otherwise
     # keep all.

@@ -1,5 +1,5 @@
-"""Removes values that are not measurements: positions before the fix, and repeated values of a
-receiver or radio."""
+"""Screening of a log: removes values that are not measurements, such as positions before the fix,
+and repeated values of a receiver or radio."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -10,22 +10,23 @@ from circnav_mav.extras.locate.place import Plane
 from circnav_mav.extras.locate.range_log import Position, Range, RangeLog
 
 FROZEN_FOR = 3.0
+"""Smallest duration of a frozen stretch, s. In a frozen stretch, a receiver or radio repeats a
+value without measuring."""
 FROZEN_COUNT = 6
-"""Smallest duration, s, and smallest number of equal values, of a frozen stretch: values repeated
-without measuring."""
+"""Smallest number of equal values of a frozen stretch."""
 
 
 def screen(log: RangeLog) -> None:
     """Remove values that are not measurements, and add notes."""
-    # Largest latitude and longitude, degrees, of a receiver without a fix: 1.1 km around 0 N 0 E,
-    # in the sea.
+    # 0.01: largest latitude and longitude of a receiver without a fix, degrees: 1.1 km around 0 N 0
+    # E, in the sea.
     kept = [row for row in log.positions if max(abs(row[1]), abs(row[2])) > 0.01]
     if len(kept) < len(log.positions):
         log.note(
             f"{len(log.positions) - len(kept)} positions near 0 N 0 E, before a fix, are left out"
         )
-    # Reordered rows step back by seconds, and a logger that was restarted, or a second log
-    # appended, by minutes: positions of both are then mixed in time.
+    # Reordered rows step back in time by seconds. A restarted logger, or a second log appended to
+    # the first, steps back by minutes. Then positions of two logs are mixed in time.
     back = -float(np.diff([row[0] for row in kept]).min(initial=0.0))
     if back > 10.0:
         log.note(f"the times step back by {back:.0f} s: if the file has several logs, split it")
@@ -47,8 +48,8 @@ def _moving(log: RangeLog, positions: Sequence[Position]) -> list[Position]:
         if after is not None and last[0] - first[0] > FROZEN_FOR:
             here, there = (np.array(plane.to_metres(*row[1:3])) for row in (last, after[0]))
             jump = float(np.hypot(*(there - here)))
-        # Jump of the position, m, after a frozen stretch, above which the vehicle has moved during
-        # the stretch.
+        # 5.0: smallest jump of the position after a frozen stretch, m, that shows that the vehicle
+        # has moved during the stretch.
         if jump > 5.0:
             log.note(
                 f"positions do not change from {first[0] - rows[0][0]:.1f} to"
@@ -67,7 +68,7 @@ def _measured(log: RangeLog, tag: str, rows: Sequence[Range]) -> list[Range]:
     runs = [list(run) for _, run in groupby(rows, key=lambda row: row[1])]
     steps = np.abs(np.diff([run[0][1] for run in runs]))
     # Coarse ranges, such as whole meters, stay equal for a while and then change by one unit of
-    # resolution: they are measurements. After a repeated range, the next one differs by many units.
+    # resolution. They are measurements. After a repeated range, the next one differs by many units.
     # 3.0: largest median step between different ranges, in units of the smallest step, of a radio
     # with coarse resolution.
     if len(steps) < 3 or np.median(steps) <= 3.0 * steps.min():
@@ -76,7 +77,8 @@ def _measured(log: RangeLog, tag: str, rows: Sequence[Range]) -> list[Range]:
     kept = list[list[Range]]()
     frozen = list[list[Range]]()
     for run in runs:
-        # Smallest length of a frozen stretch, relative to the usual run of equal values.
+        # 4.0: smallest number of equal values of a frozen stretch, in units of the usual number of
+        # equal values.
         long = run[-1][0] - run[0][0] > FROZEN_FOR and len(run) >= max(FROZEN_COUNT, 4.0 * usual)
         frozen += [run] if long else []
         kept.append(run[:1] if long else run)
@@ -92,7 +94,7 @@ def _measured(log: RangeLog, tag: str, rows: Sequence[Range]) -> list[Range]:
             " last value"
         )
     equal = sum(len(run) - 1 for run in kept)
-    # Share of repeated values from which ranges are sent more often than measured.
+    # 0.5: share of repeated values above which the ranges are sent more often than measured.
     if equal > 0.5 * sum(map(len, kept)):
         log.note(f"{tag}: each range is sent {usual:.0f} times; the first one is used")
         kept = [run[:1] for run in kept]

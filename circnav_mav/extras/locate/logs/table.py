@@ -25,7 +25,7 @@ def read_logs(path: Path, options: ReadOptions | None = None) -> list[RangeLog]:
     if not file.exists():
         raise RunError(f"{file}: no such file")
     with open_file(file) as opened:
-        # Number of bytes used to recognize a format.
+        # 4096: number of bytes used to recognize a format.
         head = opened.read(4096)
     try:
         known = recognize(head)

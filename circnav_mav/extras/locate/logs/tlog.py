@@ -16,7 +16,8 @@ from circnav_mav.runlog.run_folder import RunError
 from circnav_mav.runlog.tlog import read_messages
 
 OURS = "CN_TEAST"
-"""NAMED_VALUE_FLOAT that identifies the survey of circnav. Its values are not ranges."""
+"""Name of the NAMED_VALUE_FLOAT by which the survey of circnav is recognized. Values of the survey
+are not ranges."""
 NOT_VEHICLES = {
     dialect.MAV_TYPE_ANTENNA_TRACKER,
     dialect.MAV_TYPE_GCS,
@@ -36,7 +37,7 @@ NOT_VEHICLES = {
     dialect.MAV_TYPE_GPS,
     dialect.MAV_TYPE_WINCH,
 }
-"""Sender types that may report a position but do not carry the ranging radio."""
+"""Types of senders that may report a position but have no ranging radio."""
 NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT")
 KINDS = {kind.id: kind for kind in RANGING_MESSAGES.values()}
 WANTED = {
@@ -50,8 +51,9 @@ WANTED = {
 class _Sender:
     """One MAVLink sender.
 
-    vehicle: None before its first HEARTBEAT.
-    fixes: by receiver, empty before the first report.
+    vehicle: True for a vehicle, None before the first HEARTBEAT.
+    fixes: True for each receiver with a fix, empty before the first report.
+    positions: positions of the autopilot's filter, each with the fix at its time.
     raw: positions of the receivers, by message.
     """
 
@@ -108,7 +110,8 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
 
 
 def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[RangeLog]:
-    """Pair the ranges of each radio with the positions of the vehicle that carries it."""
+    """Return one log per vehicle: pair the ranges of each radio with the positions of the vehicle
+    on which the radio is mounted."""
     systems = sorted({system for system, _ in senders})
     tracks = {system: track for system in systems if (track := _track(senders, system))}
     chosen = tracks
@@ -129,7 +132,7 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
         if not sender.ranges or (system in tracks and system not in logs):
             continue
         # A radio with its own system id belongs to the only vehicle. With several vehicles, the
-        # carrier is unknown.
+        # vehicle of such a radio is unknown.
         carrier = logs.get(system, only)
         if carrier is None:
             unmatched.append(f"{system}/{component}")
@@ -159,14 +162,14 @@ def _track(senders: dict[Ids, _Sender], system: int) -> list[Position]:
     parts = {component: sender for (other, component), sender in senders.items() if other == system}
     reported = [sender.vehicle for sender in parts.values() if sender.vehicle is not None]
     if reported and not any(reported):
-        return []  # an antenna tracker, a ground station
-    # Companions repeat the autopilot's position. Prefer component 1 (the autopilot), then the
-    # lowest id.
+        return []  # for example an antenna tracker or a ground station
+    # Onboard computers repeat the autopilot's position. Prefer component 1 (the autopilot), then
+    # the lowest id.
     ordered = sorted(
         parts, key=lambda component: (component != dialect.MAV_COMP_ID_AUTOPILOT1, component)
     )
-    # The filter's position comes first, then that of a receiver: an autopilot without
-    # a filter sends GPS_RAW_INT alone.
+    # Prefer the position of the autopilot's filter to that of a receiver. An autopilot without a
+    # filter sends only GPS_RAW_INT.
     filtered = [parts[component].positions for component in ordered]
     raw = [parts[component].raw.get(kind, []) for component in ordered for kind in RECEIVERS]
     return next((track for rows in filtered + raw if len(track := with_fix(rows)) > 1), [])
@@ -181,7 +184,7 @@ def _reading(message: Message) -> Reading | None:
 
 
 def _tag(message: Message, wanted: str) -> str | None:
-    """Return the name of a range's source, None for a value with another name."""
+    """Return the name of the source of a range, None for a value that is not a range."""
     sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
     match message.get_type():
         case "DISTANCE_SENSOR":

@@ -81,7 +81,7 @@ def _positions(fused: dict[str, Array] | None, gps: dict[str, Array] | None) -> 
         latitude = gps["latitude_deg"]
         longitude = gps["longitude_deg"]
         altitude = gps["altitude_msl_m"]
-    else:  # PX4 before 1.14: degrees times ten million, mm
+    else:  # PX4 before 1.14 logs degrees times ten million, and mm
         latitude = gps["lat"] / 1e7
         longitude = gps["lon"] / 1e7
         altitude = gps["alt"] / 1e3
