@@ -201,8 +201,9 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     weak = float(errors(REVERSED_GAIN, WEAK_GAIN).sum(0).min())
     other = min(weak, float(flown @ flown) - float(flown.sum()) ** 2 / width)
     # Least difference of both models' squared errors, integrated over time, rad^2/s, for a verdict.
-    # It is reached if the vehicle does not fly a command of 0.05 rad/s (3 deg/s) for 2.4 s, or of
-    # 0.025 rad/s for 10 s. For comparison, a bank error of 3 deg at 22 m/s is 0.023 rad/s.
+    # A model that follows may fly a third of the command. So the bound is reached if the vehicle
+    # does not fly a command of 0.05 rad/s (3 deg/s) for 2.4 s, or of 0.025 rad/s for 10 s. For
+    # comparison, a bank error of 3 deg at 22 m/s is 0.023 rad/s.
     if abs(following - other) * BIN < 0.0007:
         return 0
     if other < BETTER * min(following, _limited(flown, predicted)):

@@ -260,7 +260,7 @@ const Charts = (() => {
       const keys = drawn && [...model.ways.map(way => key(way.name, way.colour)), key("desired", "desired"), ...other].join("");
       map.innerHTML = drawn ? `<figcaption><b>track</b> <span class="unit">relative to the target</span>${keys}</figcaption>`
         + `<svg viewBox="0 0 ${side} ${side}" class="track" role="img" aria-label="track">${drawn}</svg>`
-        : '<p class="none">No track: range alone does not tell where it flies.</p>';
+        : '<p class="none">No track: ranges alone do not determine the path.</p>';
     }
 
     // Value of a column's last sample at or before a time, null if unknown.
