@@ -6,7 +6,8 @@
 The node subscribes to `range` (sensor_msgs/Range, horizontal, m) and `odom` (nav_msgs/Odometry:
 yaw, yaw rate, speed; not the position), also from best-effort publishers such as MAVROS. It
 publishes `cmd_vel` (geometry_msgs/Twist) at 20 Hz, but not before the first estimate and not while
-ranges are missing. If commands are missing, the bridge to the autopilot must return control to the autopilot.
+ranges are missing. If commands are missing, the bridge to the autopilot must return control to the
+autopilot.
 """
 
 from contextlib import suppress
