@@ -1,10 +1,10 @@
-"""Plays a ranging radio for a simulator that has none: python docs/beacon.py URL --north 60 --east
+"""Simulate a ranging radio for a simulator without one: python docs/beacon.py URL --north 60 --east
 0
 
-It listens to GLOBAL_POSITION_INT on a link of its own (mavutil spellings: tcp:127.0.0.1:5762,
-udpin:0.0.0.0:14550) and answers with the range from there to a beacon on the ground, as
-DISTANCE_SENSOR 1/192, which the autopilot forwards to circnav. It stands for the sensor: circnav
-itself never sees a position. Works at any speed of the simulator.
+The program receives GLOBAL_POSITION_INT on a separate link to the autopilot (as mavutil writes it:
+tcp:127.0.0.1:5762, udpin:0.0.0.0:14550). It sends the range from this position to a beacon on the
+ground, as DISTANCE_SENSOR from component 1/192. The autopilot forwards the message to circnav.
+circnav receives no position. The simulator may run at any speed.
 """
 
 import argparse
@@ -24,13 +24,17 @@ HEARTBEAT_PERIOD = 0.5
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[1])
-    parser.add_argument("url", help="a link of the autopilot that circnav does not use")
-    parser.add_argument("--north", type=float, default=60.0, help="of where the vehicle is now, m")
-    parser.add_argument("--east", type=float, default=0.0)
-    parser.add_argument("--noise", type=float, default=0.5, help="standard deviation, m")
-    parser.add_argument("--rate", type=float, default=10.0, help="Hz, of the vehicle's own time")
+    parser.add_argument("url", help="link to the autopilot that circnav does not use")
+    parser.add_argument("--north", type=float, default=60.0, help="beacon north of the vehicle, m")
+    parser.add_argument("--east", type=float, default=0.0, help="beacon east of the vehicle, m")
     parser.add_argument(
-        "--seed", type=int, help="of the noise; another at every start if not given"
+        "--noise", type=float, default=0.5, help="standard deviation of the ranges, m"
+    )
+    parser.add_argument(
+        "--rate", type=float, default=10.0, help="ranges per second of the vehicle's time"
+    )
+    parser.add_argument(
+        "--seed", type=int, help="seed of the noise; default: another one at every start"
     )
     options = parser.parse_args()
     noise = random.Random(options.seed)
@@ -68,7 +72,7 @@ def main() -> None:
 
 
 def say_hello(link: mavutil.mavfile, rate: float) -> None:
-    """A heartbeat, and a request for positions at this rate."""
+    """Send a heartbeat, and a request for positions at this rate (Hz)."""
     link.mav.heartbeat_send(
         common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, 0, 0, 4
     )

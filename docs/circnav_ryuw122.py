@@ -1,4 +1,4 @@
-"""A driver of the Reyax RYUW122 for circnav (docs/radios.md)."""
+"""Driver of the Reyax RYUW122 for circnav (docs/radios.md)."""
 
 import re
 
@@ -10,14 +10,14 @@ PERIOD = 0.1
 
 
 class Ryuw122(LineDriver):
-    """Reyax RYUW122 as anchor, which requests the range of the tag DAVID123 ten times a second."""
+    """Reyax RYUW122 as anchor. The driver requests the range to tag DAVID123 ten times a second."""
 
     def __init__(self) -> None:
         super().__init__()
         self.asked_at = float("-inf")
 
     def read_line(self, line: str) -> list[RadioReading] | None:
-        """Return the range in an answer, or None for an unknown line."""
+        """Return the range of an answer, [] for other answers, None for an unknown line."""
         if answer := ANSWER.fullmatch(line):
             return [RadioReading(int(answer[1]) / 100)]
         return [] if line.startswith("+") else None

@@ -1,5 +1,5 @@
-"""These pages as a site: pip install '.[docs]', then sphinx-build -c docs . site. Needs no
-network."""
+"""Configuration of the site of these pages: pip install '.[docs]', then sphinx-build -c docs .
+site. The build needs no network."""
 
 import re
 

@@ -1,13 +1,13 @@
-"""A ROS 2 node over the guidance: ranges and odometry in, a velocity command out.
+"""ROS 2 node that uses the guidance: ranges and odometry in, velocity commands out.
 
     python3 examples/ros2_node.py --ros-args -p radius:=80 -p speed:=12 -p clockwise:=true \\
         -r odom:=/mavros/local_position/odom
 
-It reads `range` (sensor_msgs/Range, horizontal, m) and `odom` (nav_msgs/Odometry: yaw, yaw rate,
-speed; the position is not used), both also from best-effort publishers such as MAVROS. It publishes
-`cmd_vel` (geometry_msgs/Twist) at 20 Hz. Before the first estimate and while ranges are missing it
-publishes nothing: the bridge to the autopilot must treat a missing command as "give the vehicle
-back".
+The node subscribes to `range` (sensor_msgs/Range, horizontal, m) and `odom` (nav_msgs/Odometry:
+yaw, yaw rate, speed; not the position), also from best-effort publishers such as MAVROS. It
+publishes `cmd_vel` (geometry_msgs/Twist) at 20 Hz, but not before the first estimate and not while
+ranges are missing. If commands are missing, the bridge to the autopilot must return control to the
+autopilot.
 """
 
 from contextlib import suppress
@@ -33,13 +33,13 @@ def seconds(stamp):
 
 
 def yaw_of(q):
-    """Return the yaw of a quaternion, rad, counter-clockwise positive, as the guidance and ROS (REP
-    103) have it."""
+    """Return the yaw of a quaternion, rad, counter-clockwise positive, as in the guidance and in
+    ROS (REP 103)."""
     return atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
 
 
 class Circle(Node):
-    """Circles the beacon that the ranges are measured to."""
+    """Node that circles the beacon of the ranges."""
 
     def __init__(self):
         super().__init__("circnav")
@@ -50,7 +50,7 @@ class Circle(Node):
             "max_turn_rate": 0.4,
             "range_sigma": 0.5,
         }
-        # dynamic typing: `radius:=80` is an integer for ROS
+        # Dynamic typing, because ROS reads `radius:=80` as an integer.
         any_type = ParameterDescriptor(dynamic_typing=True)
         values = {
             name: type(value)(self.declare_parameter(name, value, any_type).value)
@@ -83,7 +83,7 @@ class Circle(Node):
         self.guidance.move(OwnMotion(self.now(), yaw, twist.angular.z, airspeed=twist.linear.x))
 
     def on_timer(self):
-        """Publish the command, if there is one."""
+        """Publish the turn command, if the guidance returns one."""
         command = self.guidance.command(self.now())
         if command is None:
             return

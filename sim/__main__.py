@@ -57,10 +57,12 @@ def emulate(
     "--endpoint",
     default="udpout:127.0.0.1:14550",
     metavar="URL",
-    help="udpin:, udpout: or tcpin:HOST:PORT.",
+    help="Link to the ground station or client: udpin:, udpout: or tcpin:HOST:PORT.",
 )
 @option(
-    "--ranging-endpoint", metavar="URL", help='Endpoint of the radio, for ranging via = "direct".'
+    "--ranging-endpoint",
+    metavar="URL",
+    help='Link of the emulated radio, if its key via is "direct".',
 )
 @option("--speed", type=float, default=1.0, metavar="N", help="Simulation speed, times real time.")
 @option(
@@ -70,7 +72,7 @@ def emulate(
     "--duration",
     type=click.FloatRange(0, min_open=True),
     metavar="S",
-    help="Simulated time of the end, s.",
+    help="Simulated time at which the emulator stops, s. [default: runs until Ctrl-C]",
 )
 def main(**options: Any) -> None:
     """Emulate a MAVLink vehicle and its ranging radio, configured by VEHICLE.toml or a mission

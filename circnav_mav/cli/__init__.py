@@ -38,12 +38,13 @@ ENDPOINT = click.option(
     "--endpoint",
     metavar="URL",
     help=(
-        "Address of the vehicle: udpin:, udpout: or tcp:HOST:PORT, serial:PATH:BAUD. [default:"
-        " link.endpoint]"
+        "Link to the vehicle: udpin:, udpout: or tcp:HOST:PORT, serial:PATH:BAUD. [default:"
+        " link.endpoint of the mission]"
     ),
 )
 SPEED_HELP = (
-    "Speed of the bundled vehicle, times real time. [default: as fast as possible, or 6 with --web]"
+    "Simulation speed of the bundled vehicle, times real time. [default: as fast as possible, or 6"
+    " with --web]"
 )
 YEAR_2100 = 4_102_444_800
 """Commands are refused if this computer's clock is at or after this time, s since 1970: in a tlog,
@@ -93,17 +94,17 @@ def circnav() -> None:
         circnav preflight copter.toml --endpoint udpin:0.0.0.0:14550
         circnav fly copter.toml --endpoint udpin:0.0.0.0:14550
 
-    To stop: switch to any other flight mode, or Ctrl-C.
+    To stop: switch the vehicle to any other flight mode, or press Ctrl-C.
 
     \b
     Exit codes:
-        0    flown to its end (check, preflight: no FAIL)
+        0    flight completed (check, preflight: no FAIL)
         1    internal error
         2    bad usage or mission file
         3    no vehicle or no ranging received
-        4    ended by a safety rule or by the operator (preflight: a FAIL)
-        5    flown to its end, but the recording is incomplete (disk full or too slow, or 2000 MB)
-        130  interrupted (after a safe setpoint)
+        4    flight ended by a safety rule or by the operator (preflight: a FAIL)
+        5    flight completed, recording incomplete (disk full, disk too slow, or 2000 MB written)
+        130  interrupted by Ctrl-C or SIGTERM (a flight: after the exit action)
     """
     context = click.get_current_context()
     if context.invoked_subcommand is None:
@@ -130,7 +131,7 @@ def _options_of_extensions(function: Callable[..., None]) -> Callable[..., None]
     "--duration",
     type=Finite(0, min_open=True),
     metavar="S",
-    help="Flight time after engaging, s.",
+    help="Flight time after guidance engages, s. [default: limits.duration_s of the mission]",
 )
 @click.option(
     "--out", type=Folder(), metavar="DIR", help="Run folder. [default: runs/<time>-<name>]"
@@ -143,7 +144,8 @@ def _options_of_extensions(function: Callable[..., None]) -> Callable[..., None]
 @click.option(
     "--shadow",
     is_flag=True,
-    help="As --dry-run, and send only circnav's heartbeat and the plot values.",
+    help="As --dry-run, but also request no streams: send only heartbeats and the values that a"
+    " ground station plots.",
 )
 @_options_of_extensions
 def fly() -> None:
@@ -153,8 +155,8 @@ def fly() -> None:
     home-copter, copter-nogps (ArduPilot); px4-copter, px4-copter-nogps, px4-plane; paper-example-1,
     -2, -3; campaign-mission, vehicle-udp.
 
-    Switch to any other flight mode and circnav stops sending immediately. Ctrl-C ends the flight
-    safely.
+    If the operator switches to any other flight mode, circnav immediately stops sending setpoints.
+    Ctrl-C ends the flight with a safe setpoint and the exit action.
 
     \b
     Examples:
@@ -170,8 +172,8 @@ def fly() -> None:
 @click.argument("vehicle", required=False, metavar="VEHICLE")
 @click.argument("file", required=False, type=click.Path())
 def init() -> None:
-    """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] It flies on the
-    bundled emulator at once. An existing file is never overwritten.
+    """Write a commented mission for VEHICLE to FILE. [default: VEHICLE.toml] `circnav fly` can fly
+    the mission on the bundled emulator at once. An existing file is never overwritten.
 
     VEHICLE is copter, plane or rover (ArduPilot), px4-copter, px4-plane; without GPS copter-nogps,
     px4-copter-nogps, home (plane), home-copter; or any other bundled mission.
@@ -187,8 +189,8 @@ def init() -> None:
 @MISSION
 @SET
 def check() -> None:
-    """Check MISSION without flying it. Prints PASS, WARN or FAIL for each point, with the number
-    and its limit.
+    """Check MISSION without flying it. Prints PASS, WARN or FAIL for each requirement, with the
+    value and its limit.
 
     \b
     Example:
@@ -203,14 +205,14 @@ def check() -> None:
 @MISSION
 @ENDPOINT
 @SET
-@click.option("--seconds", type=float, default=10.0, metavar="N", help="Duration, s.")
-@click.option("-v", "--verbose", is_flag=True, help="Print every line that passes, too.")
+@click.option("--seconds", type=float, default=10.0, metavar="N", help="Listening time, s.")
+@click.option("-v", "--verbose", is_flag=True, help="Also print the checks that pass.")
 def preflight() -> None:
-    """Check vehicle and ranging of MISSION; send no command. Prints what it measured, and WARN or
-    FAIL for each point that does not pass.
+    """Check the connected vehicle and its ranging against MISSION; send no command. Prints the
+    measured values, and WARN or FAIL for each check that does not pass.
 
     Checks identity, mode, streams, range noise and age, clocks, and the autopilot's parameters.
-    Exit codes: 0 no FAIL, 2 bad mission, 3 no vehicle received, 4 at least one FAIL.
+    Exit codes: 0 no FAIL, 2 bad mission, 3 no message of a vehicle received, 4 at least one FAIL.
 
     \b
     Example:
@@ -227,8 +229,8 @@ def preflight() -> None:
     help="Wait for a line on standard input, then draw.",
 )
 def report() -> None:
-    """Draw the report of RUN, a run folder, again: report.html (one page, opens offline, prints)
-    and flight.png. `fly` draws both after the flight.
+    """Draw the report of RUN, a run folder, again: report.html (one page, readable offline,
+    printable) and flight.png. `circnav fly` draws both after each flight.
 
     \b
     Example:
@@ -242,19 +244,20 @@ def report() -> None:
     "--mission",
     type=FileOrName("mission"),
     metavar="FILE",
-    help="Another mission. Required for a plain tlog.",
+    help="Replay with this mission instead of the recorded one. Required for a plain tlog.",
 )
 @SET
-@click.option("--estimator", metavar="NAME", help="Another estimator: guidance.estimator.")
-@click.option("--law", metavar="NAME", help="Another law: guidance.law.")
+@click.option("--estimator", metavar="NAME", help="Override guidance.estimator.")
+@click.option("--law", metavar="NAME", help="Override guidance.law.")
 @click.option(
-    "--out", type=Folder(), metavar="DIR", help="Write the replay's ticks.csv and replay.png there."
+    "--out", type=Folder(), metavar="DIR", help="Folder for the replay's ticks.csv and replay.png."
 )
 def replay() -> None:
-    """Replay a recorded flight, and compare estimates and commands with the flight.
+    """Run the guidance on the messages of a recorded flight, and compare its estimates and commands
+    with the recorded ones.
 
-    RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy with ranging telemetry in
-    it (which needs --mission, and is replayed as a dry run). The vehicle's path stays as recorded.
+    RUN_OR_TLOG is a run folder, or a tlog of Mission Planner or MAVProxy that contains the ranges.
+    Such a tlog needs --mission, and is replayed as a dry run. The vehicle's path stays as recorded.
     Exit codes: 0 replayed, 2 bad usage, 3 the replay never steered.
 
     \b
@@ -274,11 +277,11 @@ def emulate() -> None:
     """Run the bundled simulated vehicle alone, in real time. Any ground station or client may
     connect; Ctrl-C ends it.
 
-    VEHICLE is a vehicle file, or a mission (file or name) with a [sim] table; without it, a copter
-    hovers.
+    VEHICLE is a vehicle file, or a mission (file or name) with a [sim] table. [default: a hovering
+    copter]
 
     \b
-    Example, in two terminals (at --speed 8 the flight needs --set 'link.clock="autopilot"', too):
+    Example, in two terminals (if --speed is not 1, add --set 'link.clock="autopilot"' to fly):
         circnav emulate quickstart --endpoint udpout:127.0.0.1:14550
         circnav fly quickstart --endpoint udpin:0.0.0.0:14550
     """
@@ -297,9 +300,9 @@ def emulate() -> None:
 )
 @SET
 def params() -> None:
-    """Print the parameter file for the autopilot of MISSION: the values that preflight checks, each
-    with its reason. Parameters of the airframe and of the operator (stall speed, fence, failsafes)
-    are listed, not set.
+    """Print a parameter file for the autopilot of MISSION: the values that `circnav preflight`
+    checks, each with its reason. Parameters that depend on the airframe or on the operator's choice
+    (stall speed, fence, failsafes) are printed as comments, without a value.
 
     \b
     Examples, then load it with Mission Planner, MAVProxy (param load) or QGroundControl:

@@ -47,39 +47,60 @@ class TickRecord(NamedTuple):
     """
 
     # Each column is declared here once. Header, schema and documentation are derived from it.
-    time: Annotated[float, Column("since the run began", "s")]
+    time: Annotated[float, Column("time since the run began", "s")]
     phase: Annotated[Phase, Column(", ".join(phase.value for phase in Phase))]
     measured: Annotated[Number, Column("last accepted range", "m")]
     r: Annotated[Number, Column("estimated range", "m")]
     r_dot: Annotated[Number, Column("estimated range rate, positive away from the beacon", "m/s")]
     r_sigma: Annotated[Number, Column("standard deviation of `r`", "m")]
     r_dot_sigma: Annotated[Number, Column("standard deviation of `r_dot`", "m/s")]
-    nis: Annotated[Number, Column("squared innovation over its variance; rejected above 25")]
+    nis: Annotated[
+        Number,
+        Column(
+            "squared innovation of the range divided by its variance; a range is rejected above 25"
+        ),
+    ]
     demanded: Annotated[Number, Column("turn rate demanded by the law", "rad/s")]
     turn_rate: Annotated[
-        Number, Column("commanded turn rate: `demanded` over `turn_gain`", "rad/s")
+        Number, Column("commanded turn rate: `demanded` divided by `turn_gain`", "rad/s")
     ]
     saturated: Annotated[bool, Column("1 if `turn_rate` was reduced by the limit")]
     yaw_rate_sent: Annotated[
         Number, Column("yaw rate in the setpoint, **right positive**", "rad/s")
     ]
-    turn_gain: Annotated[float, Column("actual over commanded turn rate")]
-    turn_delay: Annotated[float, Column("from a command to the turn", "s")]
+    turn_gain: Annotated[float, Column("estimated ratio of actual to commanded turn rate")]
+    turn_delay: Annotated[float, Column("estimated delay from a turn command to the turn", "s")]
     gain_share: Annotated[float, Column("factor on the law's gains; below 1 after a limit cycle")]
-    law: Annotated[str, Column("active law; `trial`: `auto` flies to the most likely place")]
-    x: Annotated[Number, Column("vehicle minus beacon, east, if certain", "m")]
-    y: Annotated[Number, Column("vehicle minus beacon, north, if certain", "m")]
-    drift_x: Annotated[Number, Column("wind minus beacon velocity, east, if certain", "m/s")]
-    drift_y: Annotated[Number, Column("wind minus beacon velocity, north, if certain", "m/s")]
-    airspeed_scale: Annotated[Number, Column("true over measured airspeed, if certain")]
-    acceleration_weight: Annotated[Number, Column("weight of the measured accelerations, 0 to 1")]
-    heading: Annotated[Number, Column("clockwise from north", "rad")]
-    airspeed: Annotated[Number, Column("as in VFR_HUD", "m/s")]
-    altitude: Annotated[Number, Column("as in VFR_HUD", "m")]
-    height: Annotated[Number, Column("above the target, used to convert slant ranges", "m")]
-    range_age: Annotated[Number, Column("age of the last range", "s")]
+    law: Annotated[
+        str, Column("active law; `trial`: `auto` flies to the most likely place of the beacon")
+    ]
+    x: Annotated[
+        Number, Column("estimated position, vehicle minus beacon, east; empty if uncertain", "m")
+    ]
+    y: Annotated[
+        Number, Column("estimated position, vehicle minus beacon, north; empty if uncertain", "m")
+    ]
+    drift_x: Annotated[
+        Number, Column("estimated wind minus beacon velocity, east; empty if uncertain", "m/s")
+    ]
+    drift_y: Annotated[
+        Number, Column("estimated wind minus beacon velocity, north; empty if uncertain", "m/s")
+    ]
+    airspeed_scale: Annotated[
+        Number, Column("estimated ratio of true to measured airspeed; empty if uncertain")
+    ]
+    acceleration_weight: Annotated[
+        Number, Column("weight of the measured accelerations in the estimate, 0 to 1")
+    ]
+    heading: Annotated[Number, Column("heading of the vehicle, clockwise from north", "rad")]
+    airspeed: Annotated[Number, Column("VFR_HUD.airspeed", "m/s")]
+    altitude: Annotated[Number, Column("VFR_HUD.alt", "m")]
+    height: Annotated[
+        Number, Column("height of the vehicle above the target, used to convert slant ranges", "m")
+    ]
+    range_age: Annotated[Number, Column("age of the last accepted range", "s")]
     link_age: Annotated[Number, Column("age of the vehicle's last mode report", "s")]
-    mode: Annotated[str, Column("mode of the vehicle")]
+    mode: Annotated[str, Column("flight mode of the vehicle")]
     accepted: Annotated[int, Column("number of accepted ranges so far")]
     rejected: Annotated[int, Column("number of rejected ranges so far")]
     measured_rate: Annotated[

@@ -8,20 +8,26 @@ from circnav_mav.cli.describe import FORMAT, Folder, command
 @command(
     "circnav_mav.extras.bench.command:fly_bench", short_help="Compare the laws over many flights."
 )
-@click.option("--flights", type=click.IntRange(1), default=4, metavar="N", help="Flights per cell.")
+@click.option(
+    "--flights",
+    type=click.IntRange(1),
+    default=4,
+    metavar="N",
+    help="Flights per law and situation.",
+)
 @click.option(
     "--law",
     "laws",
     multiple=True,
     metavar="NAME",
-    help="Only this law, or law+estimator, also of your own (module:name). May be repeated.",
+    help="Fly only this law, or law+estimator. Your own: module:name. May be repeated.",
 )
 @click.option(
     "--situation",
     "situations",
     multiple=True,
     metavar="NAME",
-    help="Only this situation. May be repeated.",
+    help="Fly only this situation. May be repeated. A wrong name lists the situations.",
 )
 @click.option(
     "--seed", type=click.IntRange(0), default=1, metavar="N", help="Seed of all random numbers."
@@ -31,8 +37,8 @@ from circnav_mav.cli.describe import FORMAT, Folder, command
 )
 @FORMAT
 def bench() -> None:
-    """Compare the laws over many flights, with wind, gusts, moving targets and bad sensors. The
-    result is a table.
+    """Compare the laws over many simulated flights, with wind, gusts, moving targets and bad
+    sensors. Prints a table.
 
     \b
     Examples:

@@ -18,19 +18,24 @@ from circnav_mav.cli.describe import FORMAT, Folder, command
     help="Number of flights. [default: as in the file]",
 )
 @click.option(
-    "--out", type=Folder(), metavar="DIR", help="Folder. [default: campaigns/<time>-<name>]"
+    "--out", type=Folder(), metavar="DIR", help="Output folder. [default: campaigns/<time>-<name>]"
 )
-@click.option("--resume", is_flag=True, help="Continue the campaign in DIR.")
+@click.option("--resume", is_flag=True, help="Continue the campaign in the folder of --out.")
 @click.option(
-    "--processes", type=click.IntRange(1), metavar="N", help="Processes. [default: all cores]"
+    "--processes",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Parallel processes. [default: one per core]",
 )
 @click.option(
-    "--scheduler", metavar="ADDR", help="Fly on a Dask scheduler's workers, e.g. tcp://host:8786."
+    "--scheduler",
+    metavar="ADDR",
+    help="Fly on the workers of this Dask scheduler, e.g. tcp://host:8786.",
 )
 @FORMAT
 def campaign() -> None:
-    """Fly a mission many times with varied values. CAMPAIGN is a file or the name of a bundled one.
-    The results are a table, a summary and plots.
+    """Fly a mission many times on the bundled vehicle, with varied values. CAMPAIGN is a file or
+    the name of a bundled campaign. Writes a table, a summary and plots.
 
     \b
     Examples:

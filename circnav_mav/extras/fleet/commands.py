@@ -14,14 +14,17 @@ LOSS = click.option(
     "--fleet-loss",
     type=Finite(0, 1),
     metavar="P",
-    help="Share of the fleet's reports that is lost.",
+    help="Simulated share of lost reports between the vehicles of --fleet.",
 )
 COMPASS = click.option(
     "--fleet-compass",
     type=click.FloatRange(0, 45),
     metavar="DEG",
-    help="Standard deviation of the members' compass errors.",
+    help="Simulated compass errors of the vehicles of --fleet, standard deviation.",
 )
 DELAY = click.option(
-    "--fleet-delay", type=Finite(0, 60), metavar="S", help="Delay of the fleet's reports."
+    "--fleet-delay",
+    type=Finite(0, 60),
+    metavar="S",
+    help="Simulated delay of the reports between the vehicles of --fleet.",
 )

@@ -11,21 +11,21 @@ VEHICLE = click.option(
     "--vehicle",
     type=click.IntRange(1, 255),
     metavar="ID",
-    help="Only this vehicle of a tlog (system id).",
+    help="Read only the vehicle with this system id (of a tlog with several).",
 )
 RANGE_NAME = click.option(
     "--range-name",
     metavar="NAME",
-    help="NAMED_VALUE, debug key or MESSAGE.FIELD that is the range.",
+    help="Source of the range: name of a NAMED_VALUE_FLOAT, debug key, or MESSAGE.FIELD.",
 )
 SIGMA = click.option(
     "--sigma",
     type=ERROR,
     metavar="M",
-    help="Noise of the ranges, if the log has none. [default: as measured]",
+    help="Standard deviation of the ranges, if the log has none. [default: estimated]",
 )
 GPS_SIGMA = click.option(
-    "--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Error of the positions."
+    "--gps-sigma", type=ERROR, default=1.5, metavar="M", help="Standard deviation of the positions."
 )
 OUT = click.option(
     "--out", type=Folder(), metavar="DIR", help="Output folder. [default: beside the log]"
@@ -39,7 +39,7 @@ OUT = click.option(
     "tags",
     multiple=True,
     metavar="ID",
-    help="Only this tag. May be repeated. [default: all]",
+    help="Locate only the target with this tag. May be repeated. [default: all]",
 )
 @VEHICLE
 @RANGE_NAME
@@ -55,23 +55,26 @@ OUT = click.option(
     type=ERROR,
     default=2.0,
     metavar="M",
-    help="Standard deviation of a common error of all ranges.",
+    help="Standard deviation of a constant error that all ranges share.",
 )
 @click.option(
     "--altitude",
     type=Finite(-1e6, 1e6),
     metavar="M",
-    help="Altitude of the target, if known, with the log's reference.",
+    help="Altitude of the target, if known, above the same reference as the log's altitudes.",
 )
 @click.option(
-    "--params", type=click.Choice(["px4", "ardupilot"]), help="Also print the places as parameters."
+    "--params",
+    type=click.Choice(["px4", "ardupilot"]),
+    help="Also print the places as parameters of this autopilot.",
 )
 @OUT
 def locate() -> None:
-    """Locate the targets of a log. Writes GeoJSON, KML and a picture.
+    """Locate the targets of a log by its positions and ranges. Writes GeoJSON, KML and a picture.
 
     A log is a run folder, a tlog, an ArduPilot .BIN, a PX4 .ulg, or a CSV with the header time,
-    latitude, longitude, range, and optionally altitude, sigma, tag; a unit is a suffix: range_ft.
+    latitude, longitude, range, and optionally altitude, sigma, tag. A suffix gives another unit:
+    range_ft.
     Exit codes: 0 located, 2 bad usage, 3 no target located.
 
     \b
@@ -84,10 +87,12 @@ def locate() -> None:
 
 @command(
     "circnav_mav.extras.locate.calibrate:calibrate_radio",
-    short_help="Measure the error of a radio by a flight with GPS.",
+    short_help="Measure the errors of a radio by a flight with GPS.",
 )
 @click.argument("path", type=click.Path(), metavar="RUN|LOG")
-@click.option("--tag", metavar="ID", help="Id of the radio, if the log has several radios.")
+@click.option(
+    "--tag", metavar="ID", help="Calibrate the radio with this id (of a log with several)."
+)
 @VEHICLE
 @RANGE_NAME
 @SIGMA
@@ -96,19 +101,19 @@ def locate() -> None:
     "--altitude",
     type=Finite(-1e6, 1e6),
     metavar="M",
-    help="Altitude of the beacon, with the log's reference.",
+    help="Altitude of the beacon, above the same reference as the log's altitudes.",
 )
 @click.option(
-    "--mission", type=click.Path(), metavar="FILE", help="Also write the keys into this mission."
+    "--mission", type=click.Path(), metavar="FILE", help="Also write the result into this mission."
 )
 @OUT
 def calibrate() -> None:
-    """Measure the error of a radio over its range by a flight with GPS, and write it for the
-    mission.
+    """Measure the errors of a radio as a function of the range, by a flight with GPS, and write
+    them as mission keys.
 
     Prints and plots the error, and writes ranging.scale, ranging.bias_m and ranging.delay_s, or
-    ranging.points_m for a radio that is not linear. The beacon need not be surveyed. Fly to the
-    circle from afar, or on two radii, because one radius gives only a bias. Exit codes: 0
+    ranging.points_m for a radio that is not linear. The place of the beacon may be unknown. Fly to
+    the circle from afar, or fly two radii: one radius shows a bias, but no scale. Exit codes: 0
     calibrated, 2 bad usage, 3 nothing to calibrate.
 
     \b

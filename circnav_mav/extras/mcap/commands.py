@@ -16,11 +16,11 @@ from circnav_mav.cli.describe import command
     is_flag=False,
     flag_value="",
     metavar="[FILE]",
-    help="Write MCAP. [default: RUN/flight.mcap]",
+    help="Write an MCAP file. [default: RUN/flight.mcap]",
 )
 def export() -> None:
-    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file holds ticks, truth and
-    events. Of a fleet folder, it holds all vehicles, with topics such as /01/ticks.
+    """Convert RUN, a run folder, for Foxglove or PlotJuggler. The file contains ticks, truth and
+    events. From a fleet folder, the file contains all vehicles, with topics such as /01/ticks.
 
     \b
     Example:

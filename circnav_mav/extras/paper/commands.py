@@ -18,9 +18,9 @@ from circnav_mav.cli.describe import FORMAT, Folder, command
 )
 @FORMAT
 def paper() -> None:
-    """Reproduce the three examples of the paper, as six figures and a table of predicted and
-    reached radius. The figures show the first start from which example 1 stays outside the circle
-    and settles before example 3.
+    """Reproduce the three examples of the paper: six figures, and a table of predicted and reached
+    radius. The figures show one start for all examples: the first from which example 1 stays
+    outside the circle and settles before example 3.
 
     \b
     Example:

@@ -8,7 +8,7 @@ WEB = click.option(
     flag_value="8080",
     metavar="[PORT]",
     help=(
-        "Also show the flight in a browser on this computer, at http://127.0.0.1:PORT. [default"
-        " port: 8080]"
+        "Also serve a live page of the flight to browsers on this computer, at"
+        " http://127.0.0.1:PORT. [default port: 8080]"
     ),
 )
