@@ -117,7 +117,7 @@ def test_dry_run_is_labeled_and_names_are_escaped(page_of, with_manifest):
         assert "<h1>&lt;script&gt;alert(1)&lt;/script&gt;@EVENTS@</h1>" in page
 
 
-def test_estimated_track_breaks_where_unknown(page_of, run):
+def test_estimated_track_has_gaps_without_trusted_estimate(page_of, run):
     """The estimate is trusted from 10 s to 12 s, and from 14 s on. The log has no truth."""
     frames = list(read_tlog(run / "flight.tlog"))
     kept = [
@@ -140,9 +140,9 @@ def test_estimated_track_breaks_where_unknown(page_of, run):
     assert not [time for time in known if 12 <= time < 14]
 
 
-def test_charts_break_at_gaps_and_repeat_no_range(page_of, run):
-    """The chart of an estimate has a gap for a stall of 1.5 s at 15 s, without a connecting line.
-    In every ten seconds, the first second has its own ranges and the others repeat the last one."""
+def test_charts_have_gaps_and_draw_each_range_once(page_of, run):
+    """The program stalls for 1.5 s at 15 s: the estimate's chart has a gap there. In every 10 s,
+    the first second has new ranges, and the other ticks repeat the last range."""
     last = {}
 
     def seldom(time, row):
@@ -213,7 +213,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("damage", "code", "error"), REFUSED.values(), ids=REFUSED)
-def test_impossible_report_is_one_line(circnav, run, damage, code, error):
+def test_impossible_report_is_refused_in_one_line(circnav, run, damage, code, error):
     damage(run)
     ran = circnav("report", run)
     assert ran.code == code
@@ -227,7 +227,7 @@ def test_impossible_report_is_one_line(circnav, run, damage, code, error):
         ("plot_flight", "flight.png", "report.html", 1000),
     ],
 )
-def test_failed_picture_after_flight_costs_one_line(
+def test_failed_picture_after_flight_prints_one_line(
     circnav, run, monkeypatch, maker, lost, left, size
 ):
     def broken(*arguments):
@@ -243,8 +243,8 @@ def test_failed_picture_after_flight_costs_one_line(
 
 
 def test_browser_zooms_charts_and_shows_values(browser, page_of, run):
-    """On a phone and a desktop. Dragging over one chart zooms all of them, and pointing at it shows
-    the values there."""
+    """Tested in the window sizes of a phone and a desktop. Dragging over one chart zooms all
+    charts, and pointing at a chart shows the values there."""
     _, data = page_of()
     for width in (390, 1100):
         browser.open((run / "report.html").as_uri(), width=width, dark=True)

@@ -64,7 +64,7 @@ def test_own_law_and_estimator_keep_circle_in_benchmark(policy, flight):
         ("wrong:number", "must be a function from the circle to a law.*returns 1.0"),
     ],
 )
-def test_unusable_law_is_explained(name, error, circnav):
+def test_unusable_law_is_refused_with_reason(name, error, circnav):
     with pytest.raises(OwnCodeError, match=error):
         Guidance(ORBIT, name)
     ran = circnav("check", "quickstart", "--set", f"guidance.law={name}")
@@ -74,13 +74,13 @@ def test_unusable_law_is_explained(name, error, circnav):
 @pytest.mark.parametrize(
     "name", ["./mine.py:law", "/tmp/mine:law", "mine.py", "mine:law.__globals__"]
 )
-def test_mission_names_modules_only(name):
+def test_mission_refuses_law_that_names_no_module(name):
     with pytest.raises(MissionError, match="is not one of 'smooth'"):
         parse_mission(small_mission.TEXT, "small.toml", [f"guidance.law={name}"])
 
 
-def test_own_code_steers_vehicle_only_with_permission():
-    """The module does not exist: its code is not imported to read a mission."""
+def test_user_code_steers_vehicle_only_with_permission():
+    """The named module does not exist, because reading a mission must not import user code."""
     own = ["guidance.law=absent:law", "guidance.estimator=absent:Filter"]
     with pytest.raises(MissionError, match=r"own_code_on_vehicle = true"):
         parse_mission(small_mission.TEXT, "small.toml", own)

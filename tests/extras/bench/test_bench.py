@@ -107,8 +107,9 @@ def test_picture_of_single_law_shows_scale_and_lost_cells(cell, monkeypatch):
     assert [text.get_text() for text in figure.axes[0].texts] == ["299", "lost"]
 
 
-def test_cells_finish_in_order_until_output_closes():
-    """As in `circnav bench | head`. The last cells would take very long."""
+def test_benchmark_stops_remaining_cells_when_output_closes():
+    """The output closes after two cells, as in `circnav bench | head`. The other 100 cells would
+    take very long."""
 
     def show(line):
         shown.append(line)

@@ -113,7 +113,7 @@ def test_auto_keeps_circle_in_strong_wind_in_commanded_direction():
         assert np.sign(np.unwrap(track.rows["angle"][end])[[0, -1]] @ [-1, 1]) == track.sense
 
 
-def test_no_start_departs_farther_than_the_tightest_circle():
+def test_auto_search_departs_less_than_diameter_of_tightest_turn():
     """The diameter at the turn-rate limit is 2 V/limit = 86 m."""
     outside = Situation("outside", start=(250.0, 250.0), duration=15.0)
     for flight in range(12):
