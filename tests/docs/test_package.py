@@ -53,8 +53,7 @@ def test_package_data_patterns_match_data_files():
 
 
 def test_imported_packages_are_in_this_repository():
-    """Editable and regular installs find the files in the same way, which requires a package in
-    each folder."""
+    """Editable and regular installs find the same files only if each folder is a package."""
     for name in contents():
         assert files(name).is_dir(), name
 

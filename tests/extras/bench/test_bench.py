@@ -77,8 +77,8 @@ def cell():
 
 
 def test_cell_figures_match_hand_calculation(cell):
-    """Kept: below 10 m and in the right direction. Straight on from 200 m, the tangent point is
-    about 12 s away."""
+    """A flight is kept if its RMS error is below 10 m and its direction is right. The straight
+    flight from 200 m to the tangent point takes about 12 s."""
     assert (cell.flights, cell.kept, cell.wrong_way, cell.limit_cycles) == (5, 2, 1, 0)
     assert (cell.rms_median, cell.rms_p95, cell.rms_max, cell.mean_error) == pytest.approx(
         (1.0, 300.0, 300.0, 64.2)

@@ -69,7 +69,7 @@ def test_impossible_bounds_are_refused(write, values):
         ('"orbit.radius_m.x" = [80]', "vary: orbit.radius_m.x: radius_m is a value, not a table"),
     ],
 )
-def test_impossible_listed_value_is_refused_before_flight(write, vary, error):
+def test_unflyable_listed_value_is_refused_before_flight(write, vary, error):
     path = write(vary)
     reason = unflyable_value(load_campaign(path))
     assert reason.startswith(f"{path}: ")
@@ -92,11 +92,11 @@ def test_impossible_listed_value_is_refused_before_flight(write, vary, error):
         "one of the messages can be sent again, of 240 points",
     ],
 )
-def test_values_possible_in_some_combinations_are_accepted(write, vary):
+def test_values_flyable_in_some_combinations_are_accepted(write, vary):
     assert unflyable_value(load_campaign(write(vary))) is None
 
 
-def test_mission_file_is_named_as_such():
+def test_campaign_refuses_mission_file_with_correct_command():
     path = CONFIG / "campaign_mission.toml"
     assert refusal(path) == f"{path}: is a mission file, fly it with: circnav fly {path}"
 

@@ -23,9 +23,11 @@ PLACE_TIME = 2.0
 
 @dataclass
 class World:
-    """Conditions of a fleet flight. drift: east, north, m/s. loss: share of reports. delay: s.
-    report_every: s. compass: bias of each member, rad. speeds: airspeed factor of each.
-    speed_share: limit of the speed changes. speed_lag: s. room: inside of the circle, m."""
+    """Conditions of a fleet flight. drift: east, north, m/s. loss: share of lost reports. delay: of
+    the reports, s. report_every: period of the reports, s. compass: heading bias of each member,
+    rad. speeds: airspeed factor of each member. speed_share: largest speed change as a share of the
+    airspeed. speed_lag: time constant of the airspeed, s. room: usable width inside the circle,
+    m."""
 
     n: int = 6
     speed: float = 15.0
@@ -45,8 +47,8 @@ class World:
 
 
 class Fleet:
-    """The fleet under way. phases, radii: true temporal phase (rad) and range (m) of each member by
-    time step."""
+    """State and history of the flying fleet. phases, radii: true temporal phase (rad) and range (m)
+    of each member by time step."""
 
     def __init__(self, world: World) -> None:
         self.world = world

@@ -1,5 +1,5 @@
-"""The program that compares the plan with random flights: its missions pass their checks, and a
-number gives the same mission."""
+"""tests/tools/bench/bench_plan.py, which compares the plan with random flights. Each drawn mission
+passes its checks and depends only on its number."""
 
 import pytest
 

@@ -54,7 +54,8 @@ DESIRED_ON_TOP = """
 
 
 def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
-    """A radio that is silent for 2 s gives one alarm, even if the number in its text changes."""
+    """A radio that is silent for 2 s gives one alarm, although the age in the alarm's text
+    changes."""
     silent = 'sim.events=[{at_s=7.0, action="mute_ranging"}, {at_s=9.0, action="unmute_ranging"}]'
     options = (
         "--web",
@@ -84,7 +85,7 @@ def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
         )
         drawn = browser.value(f"{lines}.map({longest})")
         assert len(drawn) == 4
-        assert min(drawn) > 300  # px of line in every chart
+        assert min(drawn) > 300  # every chart contains a line of at least 300 pixels
         assert browser.value("document.getElementById('link').innerText") == "live"
         assert browser.value(DESIRED_ON_TOP)
         assert re.fullmatch(
@@ -109,7 +110,7 @@ def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
             "m horizontal, desired 100.0 m"
         )
         flown.communicate(timeout=PATIENCE)
-        # the flight is over: a reload works, and the report is one click away
+        # after the flight the page can be reloaded and has a link to the report
         browser.open(address.split()[-1])
         browser.until("document.querySelector('#report a')")
         assert browser.value("document.getElementById('outcome').innerText").startswith("COMPLETED")
