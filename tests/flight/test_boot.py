@@ -16,7 +16,7 @@ HEARTBEAT = mavlink.MAVLink_heartbeat_message(
 )
 
 
-def test_fly_opens_serial_autopilot_that_appears_later(tmp_path: Path) -> None:
+def test_fly_opens_serial_device_that_appears_after_start(tmp_path: Path) -> None:
     pytest.importorskip("serial")
     device = tmp_path / "tty"
     endpoint = f"serial:{device}:57600"

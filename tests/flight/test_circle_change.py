@@ -15,7 +15,7 @@ def radii(flown, since):
 
 
 def moved(flown, after, speed):
-    """Request another radius on the circle, and check the way to it."""
+    """Request another radius on the circle, and check the transition to the new circle."""
     begins = flown.now
     before = flown.pilot.controller.orbit.radius
     assert flown.pilot.request_circle(CircleRequest(radius=after, by="test"), begins) == ""
@@ -64,7 +64,7 @@ def test_smaller_circle_and_reversed_direction_are_flown():
     )
 
 
-def test_circle_that_wind_forbids_is_refused_with_least_radius():
+def test_small_circle_in_wind_is_refused_with_least_radius():
     flown = flight(
         "arduplane",
         "orbit.radius_m=150",
@@ -81,7 +81,7 @@ def test_circle_that_wind_forbids_is_refused_with_least_radius():
 
 
 @pytest.mark.parametrize("begins", [60.0, 68.0, 76.0, 84.0])
-def test_reversal_stays_within_announced_reach(begins):
+def test_direction_reversal_stays_within_announced_distance(begins):
     flown = flight(
         "arduplane",
         "orbit.radius_m=150",

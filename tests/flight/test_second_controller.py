@@ -1,5 +1,5 @@
-"""Another program steers the same vehicle and is not received here: detected from the vehicle's
-reports and answers."""
+"""Another program steers the same vehicle over a link of its own. circnav detects it by the
+vehicle's reports and answers."""
 
 import pytest
 
@@ -15,7 +15,8 @@ BEGINS = 30.0
 
 
 def turning_the_other_way(frame: bytes) -> bytes:
-    """Return our setpoint as a program that flies the circle in the other sense would send it."""
+    """Return our setpoint with the opposite turn, as a program that circles in the other direction
+    would send it."""
     message = read(frame)
     if message.get_msgId() == 84:
         message.yaw_rate = -message.yaw_rate
@@ -61,7 +62,7 @@ def test_setpoints_of_another_program_raise_an_alarm(mission):
 
 
 @pytest.mark.parametrize("mission", ["ardurover", "px4_plane"])
-def test_vehicle_without_setpoint_report_shows_no_controller(mission):
+def test_second_controller_is_undetected_without_setpoint_report(mission):
     """A limit documented in docs/safety.md."""
     assert flown_with_another(mission, until=BEGINS + 4.0)[1] == {}
 
