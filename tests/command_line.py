@@ -117,9 +117,8 @@ def with_manifest(run: Path) -> Callable[..., None]:
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write reports without flight.png, which takes most of their time to draw."""
-    module = importlib.import_module(
-        "circnav_mav.cli.report"
-    )  # the package's `report` is the command
+    # the package's `report` is the command
+    module = importlib.import_module("circnav_mav.cli.report")
     monkeypatch.setattr(module, "plot_flight", lambda path, *what: path.write_bytes(b"a picture"))
 
 

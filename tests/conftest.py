@@ -12,9 +12,8 @@ from hypothesis import settings
 
 from tests.process import reserved_port
 
-os.environ.setdefault(
-    "OPENBLAS_NUM_THREADS", "1"
-)  # before numpy: its threads would wait for each other's cores
+# before numpy: its threads would wait for each other's cores
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("seeded", derandomize=True, deadline=None, database=None)
 settings.load_profile("seeded")
 

@@ -60,6 +60,7 @@ def test_beacon_program_supplies_ranges_to_simulator(
     assert {subject: lines[subject].grade for subject in ("ranging", "noise", "stamps")} == {
         "ranging": Grade.PASS, "noise": Grade.PASS, "stamps": Grade.PASS,
     }  # fmt: skip
+    # drift, noise
     assert float(lines["distance"].text.split()[0]) == pytest.approx(
         (50**2 + 15**2) ** 0.5, abs=4.0
-    )  # drift, noise
+    )

@@ -1,8 +1,8 @@
 """Helpers of the guidance tests.
 
-Unless stated otherwise, a vehicle flies at 15 m/s, 100 m east of a target whose position is
-estimated and trusted. `hypothesis` builds a single hypothesis for the multiple-model filter.
-`Circling` turns steadily in wind, and estimators observe its ranges and motion.
+By default a vehicle flies at 15 m/s, 100 m east of the target, and its relative motion is trusted.
+`hypothesis` builds a single hypothesis for the multiple-model filter. `Circling` turns steadily in
+wind, and estimators receive its ranges and motion.
 """
 
 from copy import deepcopy

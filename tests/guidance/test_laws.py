@@ -154,13 +154,8 @@ def test_default_gain_meets_bound_and_falls_with_lag(law, V, r_d, lag):
 @pytest.mark.parametrize(
     ("law", "V", "r_d", "lag", "gain"),
     [
-        (
-            "smooth",
-            1.0,
-            10.0,
-            0.1,
-            0.01,
-        ),  # examples 1 and 2 of the paper: a loop without lag
+        # examples 1 and 2 of the paper: a loop without lag
+        ("smooth", 1.0, 10.0, 0.1, 0.01),
         ("switching", 1.0, 10.0, 0.1, 0.12),  # example 3
         *((law, 15.0, 100.0, 1.0, 0.5 / 15) for law in ("feedforward", "drift", "auto")),
     ],

@@ -63,9 +63,8 @@ def flight(seed, count):
     """Return a random generator, and times (s) and true ranges (m) of a vehicle that passes a
     target. The time steps are uneven, about 0.1 s."""
     rng = np.random.default_rng(seed)
-    t = (
-        np.round(np.cumsum(rng.uniform(0.05, 0.15, count)) * 1024) / 1024
-    )  # multiples of 1/1024 s are exact at any clock offset
+    # multiples of 1/1024 s are exact at any clock offset
+    t = np.round(np.cumsum(rng.uniform(0.05, 0.15, count)) * 1024) / 1024
     return rng, t, np.hypot(-400 + V * t, 120 + 10 * np.sin(t / 5))
 
 
@@ -85,9 +84,8 @@ def test_range_rate_filter_matches_filterpy_with_uneven_steps(rates):
         False,
     )
     reference = MatrixKalman(z, 1.0)
-    reference.expects(
-        kalman.at(now)
-    )  # prior variance of r': E[V^2 cos^2(theta_b)] over all bearings is V^2/2
+    # prior variance of r': E[V^2 cos^2(theta_b)] over all bearings is V^2/2
+    reference.expects(kalman.at(now))
     for now, step, true, r_dot in zip(
         t[1:], np.diff(t), r[1:], np.diff(r) / np.diff(t), strict=True
     ):
@@ -103,9 +101,8 @@ def test_range_rate_filter_matches_filterpy_with_uneven_steps(rates):
         reference.expects(kalman.at(now))
     before = kalman.at(now).r_dot
     kalman.observe_rate(RateSample(EPOCH + now, now, before + 40.0, 0.3))  # an outlier
-    kalman.observe_rate(
-        RateSample(EPOCH + now - 0.05, now - 0.05, before + 0.5, 0.3)
-    )  # older than the newest sample
+    # older than the newest sample
+    kalman.observe_rate(RateSample(EPOCH + now - 0.05, now - 0.05, before + 0.5, 0.3))
     assert kalman.at(now).r_dot == before
     reference.step(0.4, 0.0, 1e9)  # prediction by 0.4 s: a measurement of infinite sigma
     reference.expects(kalman.at(now + 0.4))

@@ -247,9 +247,8 @@ def test_filter_separates_wrong_airspeed_from_gust():
     noise = estimator.filter.noise
     nose = OMEGA * 40.0
     acceleration_weight = noise.acceleration_weight > 0
-    wrong = acceleration_weight | (
-        noise.drift_psd < 1e-3
-    )  # models with accelerations, and models initialized from them
+    # models with accelerations, and models initialized from them
+    wrong = acceleration_weight | (noise.drift_psd < 1e-3)
     tracks.x[KAPPA, wrong] = scale - 0.025
     tracks.x[GX, wrong], tracks.x[GY, wrong] = (
         0.025 * reported * cos(nose),

@@ -30,18 +30,12 @@ def estimate(r, r_dot=0.0, time=0.0, relative=None):
 @pytest.mark.parametrize(
     ("choice", "r", "demanded"),
     [
-        (
-            LawChoice("smooth", 0.01),
-            10.0,
-            -0.1,
-        ),  # example 2: commanded radius 8.66025404, settled radius 10
+        # example 2: commanded radius 8.66025404, settled radius 10
+        (LawChoice("smooth", 0.01), 10.0, -0.1),
         (LawChoice("smooth", 0.01), 8.6602, 0.0),
         (LawChoice("smooth", 0.01, correct_radius=False), 9.99, 0.0),
-        (
-            LawChoice("smooth", 0.01, correct_radius=False),
-            10.98684113,
-            -1 / 10.98684113,
-        ),  # example 1
+        # example 1
+        (LawChoice("smooth", 0.01, correct_radius=False), 10.98684113, -1 / 10.98684113),
         (LawChoice("switching", 0.12), 10.9, -0.12),  # example 3
     ],
 )
@@ -248,9 +242,8 @@ def test_holding_turns_at_v_over_r_without_trusted_motion(direction, not_known):
     assert not held.saturated
 
 
-@pytest.mark.parametrize(
-    "motion", [None, known(drift_y=-9.0, heading=-pi / 2)]
-)  # downwind, at 24 m/s
+# downwind, at 24 m/s
+@pytest.mark.parametrize("motion", [None, known(drift_y=-9.0, heading=-pi / 2)])
 def test_holding_saturates_at_turn_limit(motion):
     held = holding(Orbit(R_D, Direction.CLOCKWISE, V, 0.1), motion, AT_REST)
     assert (held.turn_rate, held.saturated) == (-0.1, True)

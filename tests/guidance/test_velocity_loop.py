@@ -41,9 +41,8 @@ def flown(turn_rate, drag, wind=(0.0, 0.0), seconds=150.0, tilts=True):
 @pytest.mark.parametrize("turn_rate", [0.1, -0.3])
 def test_copter_motion_matches_velocity_loop_response_in_steady_turn(drag, turn_rate):
     _, own, response = flown(turn_rate, drag)
-    assert own.airspeed == pytest.approx(
-        abs(response) * V, rel=0.025
-    )  # the learned drag has an error of some percent
+    # the learned drag has an error of some percent
+    assert own.airspeed == pytest.approx(abs(response) * V, rel=0.025)
     lag = degrees(remainder(turn_rate * own.time - own.heading, tau))
     assert lag == pytest.approx(-degrees(phase(response)), abs=1.0)
     assert own.turn_rate == pytest.approx(turn_rate, rel=0.02)

@@ -77,12 +77,8 @@ class Vehicle:
     ("before", "silence", "earliest", "latest"),
     [
         ([], 0.0, SPEED_UP - STEP, SPEED_UP + 2 * STEP),
-        (
-            [(10.0, COMMANDED), (UNRESPONSIVE_BELOW + 3.0, 0.0)],
-            0.0,
-            SPEED_UP,
-            9.0,
-        ),  # it must follow again first
+        # it must follow again first
+        ([(10.0, COMMANDED), (UNRESPONSIVE_BELOW + 3.0, 0.0)], 0.0, SPEED_UP, 9.0),
         ([(10.0, COMMANDED)], GAP + 0.1, SPEED_UP - 2 * STEP, SPEED_UP + 2 * STEP),
     ],
     ids=[
@@ -175,12 +171,8 @@ def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_
         (COPTER, KEPT, {"rate": 0.35}, {"rate": 0.3501}),
         (COPTER, KEPT, {"rate": -0.35}, {"rate": -0.3501}),
         (COPTER, KEPT, {"speed": 15.0}, {"speed": 15.01}),
-        (
-            COPTER,
-            CHANGES,
-            {"speed": 18.0},
-            {"speed": 18.01},
-        ),  # a fifth more: the most that may be requested in flight
+        # a fifth more: the most that may be requested in flight
+        (COPTER, CHANGES, {"speed": 18.0}, {"speed": 18.01}),
         (COPTER, CHANGES, {"speed": 0.0}, {"speed": -0.01}),
         (PLANE, KEPT, {"rate": 0.35}, {"rate": 0.35, "adapters_bank": 0.42}),
         (PLANE, KEPT, {"rate": -0.35}, {"rate": -0.35, "adapters_bank": 0.42}),

@@ -152,9 +152,8 @@ def taken(how: str, *, end: bool) -> tuple[Rig, float]:
     and the time before it."""
     rig = Rig(end_on_takeover=end, request_mode=True, exit="rtl")
     takeover = TAKEOVERS[how]
-    if (
-        "pending" in how
-    ):  # its acknowledgement was lost: a repeat would take the vehicle from the operator
+    # its acknowledgement was lost: a repeat would take the vehicle from the operator
+    if "pending" in how:
         while not rig.commands(SET_MODE):
             rig.run(0.05, mode=LOITER)
         assert rig.run(0.6, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED

@@ -98,9 +98,10 @@ def test_mavsdk_reads_and_moves_ardupilot(connect: Callable[[str], Any]):
     until(lambda: telemetry.position().relative_altitude_m == pytest.approx(50.0, abs=0.1))
     here = telemetry.position()
     action.set_current_speed(8.0)
+    # 11 m
     action.goto_location(
         here.latitude_deg + 1e-4, here.longitude_deg, here.absolute_altitude_m, 0.0
-    )  # 11 m
+    )
     until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)  # GUIDED
     until(
         lambda: (

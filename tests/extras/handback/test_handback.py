@@ -115,10 +115,8 @@ def test_positions_are_sent_only_while_autopilot_position_is_lost():
     back, times = give(
         [True] * 50 + [False] * 40 + [None] * 100 + [True] * 100, mavlink.MAV_RESULT_ACCEPTED
     )
-    assert times == [
-        7.0,
-        8.0,
-    ]  # the autopilot loses its position at 5 s; positions are sent from 7 s on
+    # the autopilot loses its position at 5 s; positions are sent from 7 s on
+    assert times == [7.0, 8.0]
     assert back.ended == "the autopilot has a position again"
 
 

@@ -93,9 +93,8 @@ def write_ulog(file: Path, rows: list[tuple[str, int, tuple]]) -> Path:
         for number, (name, instance) in enumerate(series):
             put(b"A", struct.pack("<BH", instance, number) + name.encode())
         for name, instance, values in rows:
-            layout = TOPICS[name][0][
-                :-2
-            ]  # a ULog message omits the padding at the end of its last field
+            # a ULog message omits the padding at the end of its last field
+            layout = TOPICS[name][0][:-2]
             put(
                 b"D",
                 struct.pack("<H", series.index((name, instance)))

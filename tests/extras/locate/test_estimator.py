@@ -37,9 +37,8 @@ def test_place_covariance_is_consistent_with_gps_error():
         place = found(track, ranges)
         error = np.array([place.east, place.north]) - target
         squares.append(error @ np.linalg.solve(place.covariance, error))
-    assert (
-        np.mean(np.array(squares) < 5.99) >= 0.86
-    )  # 2 sigma below the expected 0.95, by the binomial distribution of 24 flights
+    # 2 sigma below the expected 0.95, by the binomial distribution of 24 flights
+    assert np.mean(np.array(squares) < 5.99) >= 0.86
     assert 0.7 < np.median(squares) < 2.5
 
 

@@ -339,9 +339,8 @@ def test_ulg_without_pyulog_names_the_package(tmp_path, monkeypatch):
 @pytest.mark.parametrize("unit", ["cm", "ft", "nmi"])
 def test_wrong_range_unit_is_identified(unit):
     track, ranges, target = circles(noise=0.3, target=(30.0, -20.0))
-    shifted = replace(
-        track, east=track.east + 15.0
-    )  # shift the circle away from the target, so that the range changes
+    # shift the circle away from the target, so that the range changes
+    shifted = replace(track, east=track.east + 15.0)
     east, north = (
         np.interp(ranges.time, shifted.time, way) for way in (shifted.east, shifted.north)
     )
@@ -561,9 +560,8 @@ def test_tlog_reads_any_field_by_name(tmp_path):
     position = mavlink.MAVLink_global_position_int_message(0, 1, 1, 584000, 0, 0, 0, 0, 0)
     records = [(n, 1, 1, one) for n in range(3) for one in (altitude, position)]
     file = write.write_tlog(tmp_path / "field.tlog", records)
-    with pytest.raises(
-        EmptyLogError, match="no positions"
-    ):  # every position is near 0 N 0 E, as before a GPS fix
+    # every position is near 0 N 0 E, as before a GPS fix
+    with pytest.raises(EmptyLogError, match="no positions"):
         read_logs(file, ReadOptions("ALTITUDE.altitude_terrain"))
 
 

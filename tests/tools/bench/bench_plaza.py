@@ -198,9 +198,8 @@ def particles(beacon: Beacon) -> Estimate:
     for at, (place, reading) in enumerate(zip(beacon.places, beacon.ranges.r, strict=True)):
         model = Reported(ndim_state=4, mapping=(0, 1), noise_covar=np.array([[(2 * NOISE) ** 2]]))
         model.place = place
-        when = began + timedelta(
-            seconds=at + 1
-        )  # equal steps: the random walk is per range, not per second
+        # equal steps: the random walk is per range, not per second
+        when = began + timedelta(seconds=at + 1)
         detection = Detection(StateVector([reading]), timestamp=when, measurement_model=model)
         state = updater.update(
             SingleHypothesis(predictor.predict(state, timestamp=when), detection)
