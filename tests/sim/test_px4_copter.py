@@ -61,9 +61,7 @@ def test_px4_copter_mode_requires_setpoints_or_sticks():
         (5.0, 0.3, 5.27, 0.298, -12.0, {"drag_per_s": 0.1}),
     ],
 )
-def test_px4_copter_loses_speed_but_no_turn_by_drag(
-    speed, rate, flown, turned, crab, vehicle
-):
+def test_px4_copter_loses_speed_but_no_turn_by_drag(speed, rate, flown, turned, crab, vehicle):
     companion = offboard(vehicle=vehicle)
     companion.fly(30.0, speed, rate)
     truth = companion.truth
