@@ -21,7 +21,8 @@ OPTIONS = (
 
 
 class Browser:
-    """One page. complaints: texts of its console and of its uncaught errors."""
+    """A headless browser with one page. complaints: texts of the page's console and of its uncaught
+    errors."""
 
     def __init__(self, profile: Path) -> None:
         assert CHROMIUM is not None

@@ -152,7 +152,7 @@ def test_internal_error_sends_safe_setpoint_and_is_recorded(
 @pytest.mark.usefixtures("undrawn")
 def test_sigint_ends_flight_when_other_handlers_are_installed(circnav, monkeypatch, tmp_path):
     """rospy and rclpy install their own signal handlers."""
-    fly = import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
+    fly = import_module("circnav_mav.cli.fly")  # the attribute `cli.fly` is a command
     opened = fly.open_links
     flown = fly.run
 

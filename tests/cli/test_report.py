@@ -17,7 +17,7 @@ from circnav_mav.runlog.tlog import message_id, read_tlog
 from tests.flight.recorded import recorded_flight
 from tests.runlog.conftest import rewrite_ticks
 
-# the package's `report` is the command
+# import the module by name, because the attribute `report` of the package is the command
 cli_report = importlib.import_module("circnav_mav.cli.report")
 pytestmark = pytest.mark.usefixtures("no_pictures")
 CHARTS = [

@@ -38,7 +38,7 @@ def test_quick_commands_load_no_slow_modules():
 WATCHED = """
 import importlib, signal
 from circnav_mav.pilot import Pilot
-fly = importlib.import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
+fly = importlib.import_module("circnav_mav.cli.fly")  # the attribute `cli.fly` is a command
 loaded, receive = [], Pilot.receive
 
 def receive_watched(pilot, *arguments):

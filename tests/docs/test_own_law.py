@@ -47,7 +47,7 @@ def modules(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("flight", [0, 1])
 @pytest.mark.parametrize("policy", ["mine:law", "mine:law+mine:Observer", "spiral+auto"])
-def test_own_law_and_estimator_keep_circle_in_benchmark(policy, flight):
+def test_user_law_and_estimator_keep_circle_in_benchmark(policy, flight):
     calm = replace(SITUATIONS["calm"], start=(80.0, 160.0), duration=110.0)
     track = fly(calm, policy, 1, flight)
     end = track.time > 80
@@ -90,7 +90,7 @@ def test_user_code_steers_vehicle_only_with_permission():
     assert permitted.own_code == ["absent:law", "absent:Filter"]
 
 
-def test_campaign_varies_own_laws_and_refuses_missing_ones(modules, circnav):
+def test_campaign_varies_user_laws_and_refuses_missing_ones(modules, circnav):
     file = modules / "laws.toml"
     text = f'mission = "{ROOT}/config/campaign_mission.toml"\nruns = 2\n[vary]\n"guidance.law" = '
     file.write_text(f'{text}["smooth", "mine:law"]')

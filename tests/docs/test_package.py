@@ -30,7 +30,7 @@ def contents():
     return found
 
 
-def test_package_list_is_complete():
+def test_package_list_of_pyproject_is_complete():
     assert {name: folder for name, folder in FOLDERS.items() if name != folder} == SETUPTOOLS[
         "package-dir"
     ]

@@ -32,7 +32,7 @@ def moved(flown, after, speed):
     assert flown.pilot.controller.orbit.radius == after
 
 
-def test_larger_circle_is_reached_without_overshoot():
+def test_requested_larger_circle_is_reached_without_overshoot():
     moved(
         flight("arduplane", "orbit.radius_m=110", "limits.duration_s=400", law="auto").fly(40.0),
         150.0,
@@ -40,7 +40,7 @@ def test_larger_circle_is_reached_without_overshoot():
     )
 
 
-def test_smaller_circle_and_reversed_direction_are_flown():
+def test_requested_smaller_circle_and_reversed_direction_are_flown():
     flown = flight(
         "arducopter",
         "orbit.radius_m=40",

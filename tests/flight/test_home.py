@@ -27,7 +27,7 @@ def test_time_of_straight_flight_accounts_for_wind() -> None:
     assert straight_way((0.0, -100.0), (12.0, 0.0), 20.0) == pytest.approx(100.0 / 16.0)
 
 
-def test_calibration_of_mission_matches_bundled_radio() -> None:
+def test_calibration_of_home_mission_matches_emulated_radio() -> None:
     mission = load_mission(CONFIG / "home.toml", ())
     assert mission.file.sim is not None and mission.file.ranging.points_m is not None
     assert [list(point) for point in mission.file.ranging.points_m] == mission.file.sim["ranging"][

@@ -106,7 +106,7 @@ def test_autopilot_timeout_acts_when_application_is_killed(mission: str) -> None
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
-def test_exit_action_commands_the_mode_of_the_mission(mission: str) -> None:
+def test_exit_action_commands_mode_of_mission(mission: str) -> None:
     flown = flight(mission, "limits.duration_s=8.0", 'exit.action="rtl"').fly(60)
     adapter = flown.pilot.session.adapter
     assert flown.pilot.done

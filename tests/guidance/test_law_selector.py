@@ -79,7 +79,7 @@ def test_departure_keeps_its_turn_side_during_excitation():
     )
 
 
-def test_inconclusive_trial_adds_excitation_of_6_s():
+def test_inconclusive_trial_adds_excitation_with_period_of_6_s():
     """After 6 s an excitation is added to the command of the most likely hypothesis: amplitude 0.7
     times the turn limit, period 6 s."""
     for n, step in enumerate(go_on(Handover(), 24.0, most_likely=3), 1):

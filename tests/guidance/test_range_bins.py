@@ -20,7 +20,7 @@ def window_of(steps, ranges, path=(0.0, 0.0)):
 
 
 @pytest.mark.parametrize(("sigma", "every"), [(0.1, 1), (0.2, 2)])
-def test_window_measures_white_noise_of_drifting_moving_range(sigma, every):
+def test_range_window_measures_white_noise_despite_drift_and_motion(sigma, every):
     """The ranges have white noise and a slow error, and the vehicle moves. Every range or every
     second range is received."""
     chance = np.random.default_rng(4)
@@ -30,13 +30,13 @@ def test_window_measures_white_noise_of_drifting_moving_range(sigma, every):
     assert window_of([0.05] * 400, received).white(SIGMA) == pytest.approx(sigma, rel=0.35)
 
 
-def test_window_keeps_newest_16_s():
+def test_range_window_keeps_newest_16_s():
     bins = window_of([0.05] * 400, [100.0] * 400).bins(SIGMA)
     assert bins.z.shape == (64,)
     assert bins.age == pytest.approx(0.25 * np.arange(63, -1, -1) + 0.15, abs=0.051)
 
 
-def test_window_bounds_white_noise_by_reported_sigma():
+def test_range_window_bounds_white_noise_by_reported_sigma():
     ranges = np.random.default_rng(4).normal(100, 5.0, 400).tolist()
     assert window_of([0.05] * 10, ranges[:10]).white(SIGMA) == SIGMA
     assert window_of([0.05] * 400, ranges).white(SIGMA) == SIGMA

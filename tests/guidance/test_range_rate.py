@@ -208,7 +208,7 @@ def test_range_rate_filter_reset_discards_state():
 
 
 @pytest.mark.parametrize(("sigma", "period"), [(0.5, 0.1), (2.0, 0.2), (0.001, 0.05)])
-def test_steady_state_matches_settled_filter_and_its_delay(sigma, period):
+def test_computed_steady_state_matches_settled_range_rate_filter(sigma, period):
     """At a constant r'' of 2 m/s^2 far from the target, the estimated rate lags the true rate by
     the filter's lag times 2 m/s^2."""
     kalman, _ = settled(r_dot=0.0, sigma=sigma, count=200, period=period)

@@ -100,7 +100,7 @@ def process_noise(x):
     return T @ Q @ T.T
 
 
-def test_one_hypothesis_matches_filterpy_extended_kalman_filter():
+def test_filter_with_one_hypothesis_matches_filterpy_ekf():
     rng = np.random.default_rng(4)
     P = np.diag([4.0, 0.05, 9.0, 9.0, 2.5e-3, 0.2, 1.0, 1.0, 0.04, 0.04, 0.1, 0.1])
     reference = ExtendedKalmanFilter(dim_x=STATES, dim_z=1)
@@ -124,14 +124,14 @@ def test_one_hypothesis_matches_filterpy_extended_kalman_filter():
     assert ours.P[:, :, 0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
 
 
-def test_update_rejects_outlier_without_state_change():
+def test_filter_update_rejects_outlier_without_state_change():
     before = hypothesis([100.0, 0, 0, 0, 1, *[0] * 7], 0.01 * np.eye(STATES))
     after, _, accepted = update(before, NOISE, range_measurement(before, NOISE, 120.0, SIGMA), 5.0)
     assert not accepted[0]
     assert np.array_equal(after.x, before.x)
 
 
-def test_range_rate_update_uses_derivatives_of_its_equation():
+def test_range_rate_update_matches_textbook_with_numerical_jacobian():
     """Reference: h(x) = n.(kappa V u + d + g + e) with its Jacobian by differences, and the
     textbook update in full matrices."""
     rng = np.random.default_rng(3)
@@ -152,7 +152,7 @@ def test_range_rate_update_uses_derivatives_of_its_equation():
     assert after.P[:, :, 0] == pytest.approx(P - np.outer(P @ H, H @ P) / S, abs=1e-7)
 
 
-def test_mixture_averages_directions_across_pi():
+def test_mixture_of_hypotheses_averages_directions_across_pi():
     x = np.zeros((STATES, 2))
     x[0] = 100.0
     x[1] = np.pi - 0.01, -np.pi + 0.01
@@ -161,7 +161,7 @@ def test_mixture_averages_directions_across_pi():
     assert P[1, 1] == pytest.approx(1e-4, rel=1e-6)
 
 
-def test_polar_converts_position_and_covariance():
+def test_polar_state_matches_converted_position_and_covariance():
     p = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])
     P = np.diag([4.0, 4.0, *[1] * 10])
     x, polar_P = polar(p, P)

@@ -248,7 +248,7 @@ def test_mode_request_contains_mode_numbers() -> None:
         (("px4", "plane"), None, False),
     ],
 )
-def test_early_setpoints_are_sent_only_in_harmless_modes(key, mode, wanted):
+def test_setpoints_before_engagement_are_sent_only_in_harmless_modes(key, mode, wanted):
     assert AUTOPILOTS[key](FACTS).wants_setpoints_in(mode) == wanted
 
 

@@ -88,7 +88,7 @@ def test_datagram_with_junk_loses_no_good_frame(data):
     data=st.lists(st.sampled_from([BEAT, STUMP, b"\xfe", b"\x00", unknown_frame()]), max_size=20),
     places=PLACES,
 )
-def test_damaged_stream_decodes_alike_in_any_chunks(data, places):
+def test_damaged_stream_gives_same_messages_in_any_chunks(data, places):
     whole = b"".join(data) + bytes(600)
     assert decoded(Decoder(stream=True), cut(whole, places)) == decoded(
         Decoder(stream=True), [whole]
@@ -102,7 +102,7 @@ quiet_junk = st.binary(max_size=40).map(
 
 
 @given(junk=st.lists(quiet_junk, min_size=12, max_size=12), places=PLACES)
-def test_junk_between_frames_loses_none_in_any_chunks(junk, places):
+def test_junk_between_frames_loses_no_frame_in_any_chunks(junk, places):
     data = b"".join(noise + frame for noise, frame in zip(junk, GOOD, strict=True))
     decoder = Decoder()
     assert decoded(decoder, [data]) == GOOD
@@ -111,7 +111,7 @@ def test_junk_between_frames_loses_none_in_any_chunks(junk, places):
 
 
 @pytest.mark.parametrize("start", [b"\xfd", b"\xfe", b"\xfd\xff\x00\x00", STUMP])
-def test_false_start_in_stream_costs_no_frame(start):
+def test_false_start_in_stream_loses_no_frame(start):
     first = [BEAT, *GOOD]
     late = frames(40)
     got = decoded(Decoder(stream=True), [start + b"".join(first), *late])
@@ -129,7 +129,7 @@ def test_unknown_frame_in_stream_needs_following_frame():
 
 
 @given(index=st.integers(0, 11), at=st.integers(0, 200), bit=st.integers(0, 7))
-def test_flipped_bit_costs_one_frame(index, at, bit):
+def test_flipped_bit_loses_only_one_frame(index, at, bit):
     broken = bytearray(GOOD[index])
     broken[at % len(broken)] ^= 1 << bit
     others = GOOD[:index] + GOOD[index + 1 :]
@@ -148,7 +148,7 @@ def test_decoder_never_raises(data, stream):
     assert decoder.counts.bytes == 2 * len(data)
 
 
-def test_incomplete_datagram_does_not_affect_the_next():
+def test_incomplete_datagram_does_not_affect_next_datagram():
     """An incomplete frame at the end of a datagram is lost."""
     decoder = Decoder()
     assert decoded(decoder, [GOOD[0] + GOOD[1][:10]]) == [GOOD[0]]

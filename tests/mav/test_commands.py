@@ -113,7 +113,7 @@ def test_in_progress_extends_waiting_three_times(sender):
     assert sender.take_results()[0].answer == "no answer"
 
 
-def test_commands_of_one_number_are_sent_in_turn():
+def test_commands_with_same_number_are_sent_one_by_one():
     sender = CommandSender()
     first = Command(SET_INTERVAL, (30, 1e5))
     second = Command(SET_INTERVAL, (74, 1e5))
@@ -152,7 +152,7 @@ def test_late_and_doubled_answers_match_their_commands(trip, doubled):
     ]
 
 
-def test_same_command_is_queued_once(sender):
+def test_identical_command_is_queued_only_once(sender):
     sender.send(GUIDED)
     sender.poll(TARGET, 0.0)
     sender.send(GUIDED)
@@ -211,7 +211,7 @@ def test_stream_below_half_its_rate_is_requested_again(streams, rate, again):
     assert requested(streams.give_back()) == [(ATTITUDE, 0), (TIME, 0)]
 
 
-def test_stream_requested_by_ground_station_is_left_alone(streams):
+def test_stream_kept_fast_by_ground_station_is_not_requested(streams):
     """MAVProxy sets all streams to 4 Hz every 15 s, and prints each acknowledgment of another
     request."""
     assert requested(streams.poll(0.0)) == [(ATTITUDE, 100_000)]

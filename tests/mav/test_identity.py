@@ -101,7 +101,7 @@ SIGNS_OF_LIFE = {
 
 @pytest.mark.parametrize("seconds", [1.8, 4.0], ids=["two heartbeats lost", "link lost"])
 @pytest.mark.parametrize("sign", SIGNS_OF_LIFE.values(), ids=SIGNS_OF_LIFE.keys())
-def test_address_stays_while_vehicle_sends_anything(flying, sign, seconds):
+def test_reply_address_is_kept_while_vehicle_sends(flying, sign, seconds):
     """The other sender receives the link, so it imitates the vehicle's ids and its time since
     boot."""
     rig = flying
@@ -122,7 +122,7 @@ def test_address_stays_while_vehicle_sends_anything(flying, sign, seconds):
     assert len(rig.run(1.0).setpoints(since)) >= 15
 
 
-def test_address_changes_before_flight_after_full_silence(rig):
+def test_reply_address_changes_before_flight_after_full_silence(rig):
     rig.run(1.0, mode=LOITER).receive(boot_time(1000.0))
     for seconds, alive, address in ((5.0, True, "vehicle"), (5.0, False, "elsewhere")):
         rig.run(seconds, speaks=False, ranges=alive).receive(heartbeat(LOITER), source="elsewhere")
@@ -137,7 +137,7 @@ def test_address_changes_before_flight_after_full_silence(rig):
 @pytest.mark.parametrize(
     "offset", [5000.0, 30.0, -30.0, None], ids=["+5000", "+30", "-30", "the time reported last"]
 )
-def test_twin_vehicle_gets_no_setpoints(flying, offset, seconds):
+def test_vehicle_with_duplicate_ids_gets_no_setpoints(flying, offset, seconds):
     """The twin uses the vehicle's ids and also reports GUIDED. Only its time since boot differs."""
     rig = flying
     twin = Voice(1, 1)
@@ -183,7 +183,7 @@ def test_heartbeat_pause_alone_does_not_stop_setpoints(flying):
 
 
 @pytest.mark.parametrize("source", ["vehicle", "elsewhere"])
-def test_link_counts_as_lost_until_identity_is_confirmed(make_rig, source):
+def test_link_is_treated_as_lost_until_identity_is_confirmed(make_rig, source):
     rig = make_rig(timing=timing(outage=20.0)).engage()
     rig.receive(boot_time(1000.0 + rig.now))
     rig.run(5.0, speaks=False, ranges=False)
@@ -203,7 +203,7 @@ def test_link_counts_as_lost_until_identity_is_confirmed(make_rig, source):
     assert rig.setpoints(since) == []
 
 
-def test_exit_action_without_confirmed_vehicle_is_reported(make_rig):
+def test_missing_exit_action_for_unconfirmed_vehicle_is_reported(make_rig):
     """The vehicle has moved to another address, and only one message confirms its identity. Two are
     required, so the exit action is not sent."""
     rig = make_rig(exit="brake").engage()
@@ -346,7 +346,7 @@ def test_forged_frames_with_our_ids_cause_only_warning(make_rig):
     ],
     ids=lambda message: message.get_type(),
 )
-def test_frames_in_vehicle_name_from_elsewhere_are_rejected(rig, message):
+def test_frames_with_vehicle_ids_from_other_address_are_rejected(rig, message):
     session = rig.engage().pilot.session
     message = rig.vehicle.message(message)
     assert session.receive(message, rig.now, "elsewhere") is False
@@ -372,7 +372,7 @@ def test_unknown_senders_are_read_up_to_a_limit(rig):
     assert received.bytes - before == 1000
 
 
-def test_radio_address_stays_in_flight(rig):
+def test_accepted_address_of_radio_is_kept_in_flight(rig):
     """In flight the radio's ranges are accepted only from its first address. Only the vehicle may
     change its address."""
     radio = Voice(1, 192)

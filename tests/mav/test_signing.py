@@ -188,7 +188,7 @@ def test_radio_status_needs_no_signature():
     assert decoder.decode(bytes(status.pack(peer(OTHER)))) == []
 
 
-def test_unsigned_frames_are_accepted_by_mission_key():
+def test_unsigned_frames_are_accepted_with_accept_unsigned():
     frames = packed(peer()) + packed(peer(OTHER)) + packed(peer(None))
     decoder = Decoder()
     assert len(decoder.decode(frames)) == 3

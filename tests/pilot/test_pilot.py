@@ -15,7 +15,7 @@ from tests.rig import ORBIT, Rig, Voice, attitude, decode, heartbeat, timing
 GUIDED = 4
 LOITER = 5
 STEADY = 15.0 / 100.0
-"""V/r_d of the bench's mission, rad/s."""
+"""V/r_d of the rig's mission, rad/s."""
 SAFE_THREE_TIMES = [(0.0, 0.0)] * 3
 """Speed and yaw rate of the three safe setpoints at the end of a mission."""
 
@@ -171,7 +171,7 @@ def test_fresh_range_gets_setpoint_in_next_step(rig):
 @pytest.mark.parametrize(
     ("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)]
 )
-def test_constant_range_turns_outside_circle_and_not_inside(direction, sign):
+def test_law_turns_at_constant_range_only_outside_circle(direction, sign):
     """Outside the circle a constant range means flight across the line of sight, so the law turns.
     Clockwise is to the right, positive in MAVLink."""
     orbit = replace(ORBIT, direction=direction)

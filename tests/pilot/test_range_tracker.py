@@ -16,7 +16,7 @@ LOITER = 5
 
 
 def ranging(**changes):
-    """Return the ranging of the bench's mission, with changes."""
+    """Return the ranging of the rig's mission, with changes."""
     return replace(MISSION.ranging, **changes)
 
 

@@ -37,7 +37,7 @@ def column(*values):
         ([94.9, 95, 95, 95, 95], 1.0),
     ],
 )
-def test_settling_is_last_entry_into_five_percent(radius, settled):
+def test_settling_time_is_last_entry_into_5_percent_band(radius, settled):
     """At r_d = 100 m the band is 95 to 105 m, both included. The settling time is measured from the
     first sample."""
     assert metrics.settling_time(column(10, 11, 12, 13, 14), column(*radius), 100.0) == settled

@@ -53,7 +53,7 @@ def showing(display):
     )
 
 
-def test_blocked_terminal_delays_no_tick():
+def test_blocked_terminal_does_not_delay_ticks():
     """The terminal blocks while the first picture is drawn, as after Ctrl-S."""
     flown = flight("quickstart")
     screen = Screen()
@@ -78,7 +78,7 @@ def test_blocked_terminal_delays_no_tick():
     ],
     ids=["a terminal that has gone", "a screen that fails"],
 )
-def test_failing_screen_ends_no_flight(fails, problem):
+def test_failing_screen_does_not_end_flight(fails, problem):
     flown = flight("quickstart")
     screen = Screen(fails)
     display = Display(screen, flown.pilot, Onlookers(), 0.0, last=True)
@@ -122,7 +122,7 @@ def test_picture_is_drawn_only_on_capable_terminal(monkeypatch):
         assert type(display._screen) is screen
 
 
-def test_plain_lines_appear_once_a_second():
+def test_plain_status_lines_are_printed_once_per_second():
     flown = flight("quickstart", "limits.duration_s=7.5")
     console = Console(record=True, width=300, file=io.StringIO())
     display = display_for(console, flown.pilot, Onlookers(), "small", 1.0)
@@ -160,7 +160,7 @@ def test_plain_output_shows_each_alarm_once(statuses):
     assert waiting.count("  WAITING") <= 2
 
 
-def test_plain_lines_end_with_the_flight():
+def test_plain_status_lines_end_with_flight():
     flown = flight("quickstart", "limits.duration_s=2.0").fly(40.0)
     out = io.StringIO()
     screen = PlainScreen(Console(file=out, width=200))

@@ -26,7 +26,7 @@ def test_rover_circle_is_one_percent_wide_in_any_frame(speed, rate, radius, fram
     assert truth.down == 0.0
 
 
-def test_rover_clips_speed_and_drives_in_reverse():
+def test_rover_limits_speed_and_drives_in_reverse():
     companion = rover()
     companion.velocity(3.0, 0.1, mask=0x407)
     assert companion.vehicle.setpoint_log == []

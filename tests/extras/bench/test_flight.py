@@ -17,7 +17,7 @@ def world(situation=STILL, seed=0):
     return World(situation, random.random(10), random)
 
 
-def test_motion_is_exact_for_any_step():
+def test_benchmark_motion_is_exact_for_any_time_step():
     whole = world()
     pieces = world()
     whole.step(0.05, -0.3)
@@ -29,13 +29,13 @@ def test_motion_is_exact_for_any_step():
     )
 
 
-def test_turn_reaches_command_with_first_order_lag():
+def test_benchmark_turn_follows_command_with_first_order_lag():
     rate, angle = turn_step(0.0, 0.3, 0.4)
     assert rate == pytest.approx(0.3 * (1 - np.exp(-1)))
     assert angle == pytest.approx(0.3 * 0.4 * np.exp(-1))
 
 
-def test_gusts_have_standard_deviation_and_correlation_time():
+def test_benchmark_gusts_have_given_sigma_and_correlation_time():
     air = world(Situation("gusts", gust=1.5))
     gusts = []
     for _ in range(40_000):
@@ -97,7 +97,7 @@ def test_sensors_report_noise_and_measured_velocity_change():
     assert measured == pytest.approx(np.array(velocities) - velocities[0], abs=1e-9)
 
 
-def test_flight_depends_on_seed_and_number_alone():
+def test_benchmark_flight_depends_only_on_seed_and_number():
     short = Situation("windy", wind=5.0, duration=5.0)
     first, again, other = (fly(short, "feedforward", *seeds) for seeds in ((9, 1), (9, 1), (9, 2)))
     assert np.array_equal(first.rows["r"], again.rows["r"])
@@ -129,7 +129,7 @@ def test_auto_filter_is_consistent_in_gusts():
     assert np.nanmean(nees < 7.378) > 0.8
 
 
-def test_accelerations_reduce_the_error_in_gusts():
+def test_measured_accelerations_reduce_radius_error_in_gusts():
     gusts = Situation("gusts", wind=5.0, gust=1.5, start=(80.0, 150.0), duration=110.0)
 
     def error(situation):

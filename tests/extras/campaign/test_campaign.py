@@ -124,7 +124,7 @@ def test_campaign_detects_wrong_direction_on_true_track(write, monkeypatch):
     assert wrong["rms_m"] < 1.0
 
 
-def test_command_flies_summarizes_draws_and_resumes(circnav, write, tmp_path):
+def test_campaign_command_flies_summarizes_draws_and_resumes(circnav, write, tmp_path):
     """A picture that cannot be drawn gives a warning. Resuming a complete campaign does not contact
     the scheduler."""
     path = write(SHORT + '"sim.wind.speed_mps" = {uniform = [0, 2]}')
@@ -164,7 +164,7 @@ def test_command_flies_summarizes_draws_and_resumes(circnav, write, tmp_path):
     ).read_text().count("\n") == 11
 
 
-def test_documented_command_flies_a_single_row():
+def test_documented_command_flies_single_row_of_campaign():
     """The test runs the command of docs/campaigns.md with the values and keys of its example."""
     page = (CONFIG.parent / "docs" / "campaigns.md").read_text()
     command = shlex.split(

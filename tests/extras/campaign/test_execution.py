@@ -117,6 +117,6 @@ def test_lost_scheduler_prints_resume_command(refusal, distributed, monkeypatch)
     )
 
 
-def test_missing_dask_names_the_package(refusal, monkeypatch):
+def test_error_without_dask_names_package_to_install(refusal, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert "pip install distributed" in refusal("tcp://127.0.0.1:9")

@@ -106,7 +106,7 @@ def test_second_process_in_folder_is_refused(campaign, other, tmp_path, resume):
         Store(tmp_path / "out", campaign, resume=resume)
 
 
-def test_killed_process_leaves_no_lock(campaign, other, tmp_path):
+def test_killed_process_leaves_no_lock_on_campaign_folder(campaign, other, tmp_path):
     other.kill()
     other.communicate()
     Store(tmp_path / "out", campaign).close()
@@ -120,7 +120,7 @@ def test_resume_refuses_fewer_runs_than_flown(write, tmp_path):
         Store(tmp_path / "out", load_campaign(write(VARY, "runs = 24"), runs=12), resume=True)
 
 
-def test_another_campaign_neither_overwrites_nor_resumes(write, tmp_path):
+def test_another_campaign_can_neither_overwrite_nor_resume_folder(write, tmp_path):
     campaign = load_campaign(write(VARY))
     begin(tmp_path / "out", campaign, 0)
     with pytest.raises(

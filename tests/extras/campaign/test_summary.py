@@ -37,7 +37,7 @@ def rows_of(kept, rms, points=1):
     ]
 
 
-def test_intervals_match_the_textbook():
+def test_confidence_intervals_match_textbook():
     """Wilson (1927) for 8 of 10. Ranks 40 and 61 of 100 contain the median with 95 % (binomial)."""
     assert wilson(0.8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
     assert median_interval(list(range(1, 101)), 100) == (40.0, 61.0)
@@ -48,7 +48,7 @@ def test_interval_of_share_0_or_1_reaches_end():
         assert (wilson(0.0, worlds)[0], wilson(1.0, worlds)[1]) == (0.0, 1.0)
 
 
-def test_intervals_of_shared_worlds_have_stated_coverage():
+def test_confidence_intervals_of_shared_worlds_have_stated_coverage():
     """The four grid points of one world give equal results, so the 100 rows of 25 worlds contain 25
     independent samples. The true share kept is 0.7, and the true median is 0."""
     chance = np.random.default_rng(5)

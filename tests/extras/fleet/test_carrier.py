@@ -81,7 +81,7 @@ def _between(name: str) -> st.SearchStrategy:
     variances=st.tuples(_between("drift variance east"), _between("drift variance north")),
     correlation=st.floats(-1.0, 1.0),
 )
-def test_report_fields_survive_the_frame(
+def test_report_fields_are_preserved_in_frame(
     stamp, state, sense, phase, numbers, variances, correlation
 ):
     """Encoding keeps stamps to 1 us, phases to 1 urad and other values to 7 digits. A phase stays
@@ -115,7 +115,7 @@ def test_report_fields_survive_the_frame(
     check_numbers(back)
 
 
-def test_unknown_height_stays_unknown():
+def test_unknown_height_in_report_stays_unknown():
     assert isnan(from_message(decoded(frame(report(2, NOON, height=nan)))).height)
 
 
@@ -157,7 +157,7 @@ def test_multicast_stays_in_local_network():
 
 
 @pytest.mark.parametrize("start", [0.0, NOON])
-def test_reports_are_sent_at_5_hz(start):
+def test_carrier_sends_reports_at_5_hz(start):
     network = LocalNetwork()
     sender, receiver = (FrameCarrier(network.port(one), GROUP, one, KEY) for one in (1, 2))
     stamps = []

@@ -124,7 +124,7 @@ def test_members_too_close_to_each_other_raise_alarms():
         assert re.search(rf"member {other} is \d+ m away, limit 18 m", alarm)
 
 
-def test_reports_are_stamped_by_the_autopilot():
+def test_fleet_reports_are_stamped_by_autopilot_clock():
     mission = load_mission(COPTER, ("fleet.id=1",))
     pilot = Pilot(mission.pilot_settings())
     one = FleetOnlooker(mission, pilot, table_of(mission), None, lockstep=False)

@@ -85,7 +85,7 @@ def test_flight_is_refused_without_free_id_and_layer(monkeypatch):
         listening.refuse_taken(own, table_of(own))
 
 
-def test_layers_below_15_m_are_refused():
+def test_height_layers_closer_than_15_m_are_refused():
     with pytest.raises(MissionError, match=r"fleet\.layer_m: must be at least 15, not 5"):
         mission("fleet.layer_m=5.0")
 

@@ -1,4 +1,4 @@
-"""The hand-back beside a pilot on a bench: received frames, requests, output and failures."""
+"""The hand-back beside a pilot in a rig: received frames, requests, output and failures."""
 
 from cmath import phase
 from math import pi

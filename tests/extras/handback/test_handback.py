@@ -160,7 +160,7 @@ LOST = {
 
 
 @pytest.mark.parametrize(("values", "good"), LOST.values(), ids=LOST)
-def test_position_is_lost_by_gps_and_estimator_reports(values, good):
+def test_position_loss_is_detected_from_gps_and_estimator_reports(values, good):
     health = Health()
     for ident, value in values.items():
         message = mavlink.mavlink_map[ident]

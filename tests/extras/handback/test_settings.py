@@ -43,7 +43,7 @@ def test_handback_has_its_own_component_id(ours, component):
     assert handback_settings(mission()) is None
 
 
-def test_handback_is_opened_after_the_survey():
+def test_handback_starts_after_survey():
     flown = mission(*ON)
     with ExitStack() as open_things:
         opened = open_onlookers(

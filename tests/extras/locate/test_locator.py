@@ -1,4 +1,4 @@
-"""The survey beside a pilot on a bench: received frames and failures."""
+"""The survey beside a pilot in a rig: received frames and failures."""
 
 from concurrent.futures import Future
 from types import SimpleNamespace

@@ -329,7 +329,7 @@ def test_unreadable_log_is_refused_in_one_line(tmp_path, name, head, error):
     assert str(refusal.value).startswith(str(tmp_path / name)) and "\n" not in str(refusal.value)
 
 
-def test_ulg_without_pyulog_names_the_package(tmp_path, monkeypatch):
+def test_error_without_pyulog_names_package_to_install(tmp_path, monkeypatch):
     (tmp_path / "a.ulg").write_bytes(b"ULog\x01\x12\x35\x01")
     monkeypatch.setattr("circnav_mav.extras.locate.logs.ulog.find_spec", lambda name: None)
     with pytest.raises(RunError, match=r"pip install 'circnav-mav\[ulog\]'"):

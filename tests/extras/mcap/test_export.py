@@ -214,7 +214,7 @@ def test_export_overwrites_only_earlier_exports(circnav, run, monkeypatch):
     assert contents(run) == before
 
 
-def test_wrong_usage_is_one_line(circnav):
+def test_wrong_usage_of_export_prints_one_error_line(circnav):
     assert circnav("export", "nowhere", "--mcap").refused.startswith("nowhere: no such run folder")
     assert circnav("export", "nowhere").refused.startswith("export: name the output format: --mcap")
 

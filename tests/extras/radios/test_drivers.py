@@ -136,7 +136,7 @@ STREAMS = {
 @pytest.mark.parametrize("make", STREAMS)
 @given(cuts=st.lists(st.integers(0, 700), max_size=12))
 @settings(max_examples=30, deadline=None)
-def test_readings_are_independent_of_stream_cuts(make, cuts):
+def test_driver_readings_are_independent_of_chunks(make, cuts):
     stream = STREAMS[make]
     places = [0, *sorted(cuts), len(stream)]
     whole = make()

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 @pytest.mark.parametrize("options", ["mission.toml --web eighty", "mission.toml --web 65536",
                                      "--web mission.toml mission.toml"])  # fmt: skip
-def test_invalid_port_is_refused(circnav, mission, options):
+def test_invalid_web_port_is_refused(circnav, mission, options):
     line = circnav("fly", *options.split()).refused
     port = options.partition("--web ")[2].split()[0]
     assert line == f"--web {port}: is not a port; write: circnav fly MISSION --web [PORT]"
@@ -30,7 +30,7 @@ def test_page_address_is_printed_before_the_flight(circnav, mission):
     assert re.search(r"live page at http://127\.0\.0\.1:\d+/\n", ran.out)
 
 
-def test_ssh_session_gets_the_tunnel_command(circnav, mission, monkeypatch):
+def test_ssh_session_prints_tunnel_command(circnav, mission, monkeypatch):
     monkeypatch.setenv("SSH_CONNECTION", "10.0.0.2 50000 192.168.2.2 22")
     monkeypatch.setenv("LOGNAME", "pi")
     ran = circnav("fly", mission, "--web", 0)
@@ -39,7 +39,7 @@ def test_ssh_session_gets_the_tunnel_command(circnav, mission, monkeypatch):
     )
 
 
-def test_port_in_use_is_refused_before_flight(circnav, mission, tmp_path):
+def test_web_port_in_use_is_refused_before_flight(circnav, mission, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         line = circnav("fly", mission, "--web", port, "--out", tmp_path / "out").refused
