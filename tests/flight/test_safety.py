@@ -1,4 +1,4 @@
-"""Whole flights in lockstep with failing sensors, streams and ranges, and with a stalled
+"""Complete flights in lockstep with failing sensors, streams and ranges, and with a stalled
 computer."""
 
 import itertools

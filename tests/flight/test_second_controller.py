@@ -11,7 +11,7 @@ from tests.tools.fault_link.frames import frames, message_id, write
 
 OTHER = (1, 193)
 BEGINS = 30.0
-"""Time at which the other program starts to send, s; every vehicle turns by then."""
+"""Time at which the other program starts to send, s. At this time every vehicle is turning."""
 
 
 def turning_the_other_way(frame: bytes) -> bytes:
@@ -69,7 +69,8 @@ def test_second_controller_is_undetected_without_setpoint_report(mission):
 
 @pytest.mark.parametrize("mission", ["arducopter", "px4_copter"])
 def test_second_circnav_refuses_itself_while_first_steers(mission):
-    """A router forwards the frames of each circnav to the other one. Both have the same ids."""
+    """Two circnav programs have the same ids. A router forwards the frames of each program to the
+    other program."""
     first = flight(mission, "limits.duration_s=1000.0")
     second = flight(mission, "limits.duration_s=1000.0")
     received: list[bytes] = []

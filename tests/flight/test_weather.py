@@ -1,6 +1,6 @@
-"""`auto` through MAVLink in the situations of the benchmark, each on the emulated plane or copter;
-over a slow link, with a radio that reports too little noise, and with less bank than the mission
-assumes.
+"""The law `auto` over MAVLink, on the emulated plane and copter, in the situations of the
+benchmark. Also over a slow link, with a radio that reports too small a sigma, and with less bank
+than the mission assumes.
 
 Wind and target speeds are shares of the vehicle's speed. The copter's autopilot holds its speed
 over ground, so the wind does not reach the guidance there.

@@ -112,5 +112,5 @@ def move_only(estimator, world, start, end):
 
 
 def still():
-    """Return a world without wind whose vehicle is on its circle, at constant range."""
+    """Return a world without wind. Its vehicle is on the circle, at constant range."""
     return Circling(target=(0.0, RADIUS), wind=(0.0, 0.0))

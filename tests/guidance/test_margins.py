@@ -67,8 +67,8 @@ def loop(P, dead, lag, settles):
 
 
 def margins(L):
-    """Return gain margin (dB) and phase margin (deg) of a loop whose phase at low frequency is -180
-    deg."""
+    """Return gain margin (dB) and phase margin (deg) of a loop with a phase of -180 deg at low
+    frequency."""
     gain = np.abs(L)
     phase = np.unwrap(np.angle(L))
     phase -= 2 * np.pi * np.round((phase[0] + np.pi) / (2 * np.pi))

@@ -70,8 +70,8 @@ def test_turn_limit_bounds_command_after_gain_compensation(gain, demanded, first
 
 
 def test_steering_applies_vehicle_limit_after_law():
-    """Law 1 has no bound of its own: 200 m outside the circle and flying tangentially, it demands
-    40 times the limit."""
+    """The equation of law 1 has no bound. In tangential flight 200 m outside the circle, the law
+    demands 40 times the turn limit."""
     command = Steering(Orbit(10.0, Direction.CLOCKWISE, 1.0, 0.1), LawChoice("smooth", 0.01))(
         estimate(200.0)
     )

@@ -92,8 +92,8 @@ def test_inward_angle_matches_hand_calculation_far_from_circle(r, sharpest, inwa
 
 def flown(sense, start, psi, d, seconds, dt=0.05):
     """Fly a point mass with a turn lag by the law, with exact relative motion. Return the ranges,
-    the last position (2,), and the angular momentum about the target, whose sign is the direction
-    of rotation."""
+    the last position (2,), and the angular momentum about the target. The sign of the momentum
+    gives the direction of rotation."""
     p = np.array(start, float)
     d = np.array(d, float)
     omega = 0.0

@@ -1,4 +1,4 @@
-"""The table of conditions, whose rows give the texts of display, STATUSTEXT and documentation.
+"""The table of conditions, which contains the texts of display, STATUSTEXT and documentation.
 Requests of missing streams."""
 
 from dataclasses import replace

@@ -184,8 +184,8 @@ def test_law_turns_at_constant_range_only_outside_circle(direction, sign):
 
 
 def test_setpoints_stay_within_turn_limit(rig):
-    """Law 1 has no bound of its own: approaching at a range of 600 m, it demands much more than
-    0.35 rad/s."""
+    """The equation of law 1 has no bound. In an approach at 600 m, the law demands much more than
+    the limit of 0.35 rad/s."""
     rig.engage(range_cm=59000)
     assert max(abs(message.yaw_rate) for message in rig.setpoints()) == pytest.approx(0.35)
     assert rig.pilot.take_records()[-1].saturated
@@ -305,7 +305,7 @@ def fails(rig):
     ids=["holding", "timeout", "interrupt", "law fails"],
 )
 def test_flight_ends_with_three_safe_setpoints(happens, ending, reason):
-    """The default stream rates of the vehicle are restored too."""
+    """The end of the flight also restores the default stream rates of the vehicle."""
     rig = Rig(timing=timing(duration=15.0)).engage()
     happens(rig)
     since = rig.now

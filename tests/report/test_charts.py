@@ -190,8 +190,8 @@ DISARMED = "ABORTED: taken over, vehicle disarmed"
             [(9, TAKEN_OVER), (9.1, "OPERATOR HAS THE VEHICLE, mode LOITER")],
             [[9, 12, "takeover"]],
         ),
-        # an alarm about an outage has no mark beside that of its phase; without a phase it has its
-        # own
+        # an outage with a phase is marked once, although it also raises an alarm; an outage without
+        # a phase is marked by its alarm
         (
             [(9, 12, "holding"), (12, 40, "engaged")],
             [(9, "range lost, holding"), (9.1, "RANGE STALE 0.6 s"), (20, "vehicle silent")],

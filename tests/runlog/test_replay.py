@@ -53,8 +53,8 @@ def gaps(folder, done):
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """20 s of the quickstart under the paper's first law, whose estimator does not use the
-    commands."""
+    """20 s of the quickstart under the paper's first law. The estimator of this law does not use
+    the commands."""
     folder = tmp_path_factory.mktemp("flown")
     recorded_flight(folder, "quickstart", "limits.duration_s=20", *PLAIN).fly(30).recorder.close()
     return folder

@@ -120,7 +120,7 @@ def test_flight_without_engagement_has_no_figures(summary):
 
 
 def test_flight_time_continues_after_end_of_recording(summary):
-    """The flight lasted until 500 s. Recorded are 300 s, or nothing."""
+    """The flight lasted until 500 s. The recording contains 300 s or is empty."""
     flown = replace(FACTS, engaged_s=10.0, until_s=500.0, recording_problem="full")
     made = summary(facts=flown)
     assert made["flown_s"] == 490.0

@@ -9,8 +9,9 @@ def straight_way(
 ) -> float:
     """Return the time, s, of a straight flight that ends at a distance from a place.
 
-    to: place as seen from the vehicle, north and east, m. wind: the velocity of the air, north and
-    east, m/s. airspeed: true, m/s, faster than the wind. short_of: m.
+    to: position of the place relative to the vehicle, north and east, m. wind: velocity of the air,
+    north and east, m/s. airspeed: true airspeed, m/s; must exceed the wind speed. short_of:
+    distance from the place at the end, m.
     """
     away = hypot(*to)
     north, east = to[0] / away, to[1] / away

@@ -1,6 +1,6 @@
-"""Kinematic fleet: turn-rate limit and lag of the vehicles, the product's drift law, and own
-positions with 1 m of error. It has no MAVLink and no estimator: an upper bound for the quality of
-the fleet law."""
+"""Kinematic fleet: vehicles with a turn-rate limit and lag, the product's drift law, and own
+positions with 1 m of error. Without MAVLink and estimator, the results are an upper bound of the
+fleet law's quality."""
 
 from dataclasses import dataclass, field
 from math import atan2, cos, exp, hypot, inf, pi, sin, sqrt
@@ -116,7 +116,7 @@ class Fleet:
         c = cos(self.compass[i])
         s = sin(self.compass[i])
         x, y = self.x[i] + self.wrong[0, i], self.y[i] + self.wrong[1, i]
-        x, y = c * x - s * y, s * x + c * y  # all its estimates are rotated by the compass bias
+        x, y = c * x - s * y, s * x + c * y  # the compass bias rotates all estimates of the member
         drift = c * world.drift[0] - s * world.drift[1], s * world.drift[0] + c * world.drift[1]
         phase, rate = PhaseMap.of(world.speed, drift, 1).at(circle_angle(x, y, 1))
         sigma = PLACE_SIGMA / world.radius * rate

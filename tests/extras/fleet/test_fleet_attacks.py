@@ -64,8 +64,8 @@ def sends_report(member: int, *, key: bytes | None = None, ahead: float = 0.0, *
 
 
 def patched(index: int, value: float) -> Attack:
-    """A report of a new id in which one of the 32-bit numbers was replaced, unlike any honest
-    encoder."""
+    """Return an attack: a report of a new member in which a 32-bit number is replaced by a value
+    that no honest encoder sends."""
 
     def attack(air: Air) -> list[bytes]:
         message = to_message(report(9, air.now))
@@ -80,7 +80,7 @@ def half(air: Air) -> list[bytes]:
 
 
 def changed(air: Air) -> list[bytes]:
-    """The newest frame with another phase, a right CRC, and its old signature."""
+    """Return member 2's newest frame with another phase, a right CRC, and the old signature."""
     return [
         frame(report(2, air.now, phase=0.1), OTHER_KEY)[:-13] + one[-13:]
         for one in air.captured[-1:]

@@ -66,7 +66,8 @@ def three_copters():
 
 def test_three_copters_space_evenly_despite_takeover_and_lost_reports():
     flight, seen = three_copters()
-    # the late member 3 enters at once, then all are evenly spaced with estimated drift
+    # member 3, which joins late, enters the circle at once. Then all members are evenly spaced with
+    # estimated drift.
     found = figures(flight.tracks)
     assert found.even_after_s < 60.0
     assert all(state is State.ON_CIRCLE for state, *_ in seen[BEFORE])

@@ -83,8 +83,8 @@ def surveyed(mission: str, *overrides: str, law: str | None = None, **settings: 
 
 @dataclass
 class Taped(Surveyed):
-    """A flight that keeps the received frames. Its survey requests positions, but computes
-    nothing."""
+    """A flight that keeps the received frames. Its survey requests positions, but computes no
+    place."""
 
     solve_from: float = 1e9
     tape: list[tuple[float, bytes]] = field(default_factory=list)

@@ -58,8 +58,8 @@ def as_csv(folder, track, *tags, names=("",), header=HEADER):
 
 
 def as_tlog(file, track, ranges, say=lambda ms, r: distances(ms, r)):
-    """Write a tlog of system 3. say: (component, message) pairs for a range, from its radio or
-    others."""
+    """Write a tlog of system 3. say: function of stamp (ms) and range (m) that returns (component,
+    message) pairs, from the radio or from other components."""
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
     records = []
     for time, lat, lon, up in zip(track.time, latitude, longitude, track.up, strict=True):
@@ -91,7 +91,8 @@ def distances(ms, r):
 
 
 def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
-    """Write a run folder whose radio has a given name, with our survey's messages beside it."""
+    """Write a run folder with a radio that sends ranges under a name, and with messages of
+    circnav's survey."""
 
     def say(ms, r):
         yield 1, mavlink.MAVLink_named_value_float_message(ms, b"UWB", r)

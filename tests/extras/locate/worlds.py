@@ -38,8 +38,8 @@ def circles(
     outliers: float = 0.0,
     delay: float = 0.0,
 ) -> tuple[Track, Ranges, np.ndarray]:
-    """Return laps around a target at 15 m/s, one radius after the other, and the target's final
-    position, east and north. delay: added to the stamps of the positions, s."""
+    """Return a track of laps around a target at 15 m/s, with each radius in turn, and the target's
+    final position (east, north, m). delay: delay added to the stamps of the positions, s."""
     rng = np.random.default_rng(seed)
     time = [0.0]
     around = [0.0]

@@ -107,8 +107,8 @@ def test_run_without_truth_is_exported(exported, run):
 
 
 def test_foxglove_topics_use_published_schemas(exported):
-    """The fixture decodes messages by the schema in the file. This schema must equal that of the
-    foxglove package byte for byte."""
+    """The fixture decodes messages by the schema in the file. This schema must be equal to the
+    schema of the foxglove package."""
     found = exported()
     for topic in set(found) - OURS:
         schema = found[topic][0][2]

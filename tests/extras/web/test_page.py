@@ -1,4 +1,4 @@
-"""`circnav fly --web`: the live page of a real flight, in a browser too."""
+"""`circnav fly --web`: the live page of a real flight, also in a browser."""
 
 import re
 import socket
@@ -104,7 +104,7 @@ def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
             r"100 m .*\. 2\d+-\d\d-\d\d \d\d:\d\d UTC\. ardupilot copter, firmware 4.6.3", circle
         )
         assert "waiting" not in browser.value("document.getElementById('figures').innerText"), (
-            "nothing is waited for"
+            "the finished flight shows no reason for waiting"
         )
         assert browser.value("document.querySelector('[data-fact=range]').innerText").endswith(
             "m horizontal, desired 100.0 m"

@@ -1,10 +1,10 @@
 """python -m tests.tools.bench.ablation --results FILE [--seconds T] [--table]: the benefit of each
 layer on the turn.
 
-One layer at a time is disabled by replacing its function, in flights of the emulated vehicles (rows
-of docs/measured.md) and in rows of the benchmark, with the same seeds. FILE keeps a line for each
-flight or row, which is not flown again. A run ends after T seconds. `--table` prints the table from
-FILE.
+One layer at a time is disabled by replacing its function. Flights of the emulated vehicles (rows of
+docs/measured.md) and rows of the benchmark are flown with and without the layer, with the same
+seeds. FILE keeps a line for each flight or row, which is not flown again. A run ends after T
+seconds. `--table` prints the table from FILE.
 
 In a flight with all layers, each result of a layer is compared with the result without this layer.
 If they never differ, the layer does not change this flight, so the flight without the layer is not

@@ -37,8 +37,8 @@ SPEED = 15.0
 
 @dataclass(frozen=True)
 class Homing:
-    """One line of the output. Angles in degrees from north: the direction that the wind comes from,
-    the bearing of the start from the beacon, and the plane's heading."""
+    """One line of the output. Angles are in degrees from north: direction from which the wind
+    blows, bearing of the start from the beacon, and heading of the plane."""
 
     seed: int
     wind_from: float

@@ -1,5 +1,5 @@
-"""Processor cost of the loop, beside a bare pymavlink loop in the same run. Prints figures without
-asserting.
+"""Processor cost of the loop, compared with a bare pymavlink loop in the same run. Prints figures
+without asserting.
 
     python -m tests.tools.bench.bench_loop [--seconds 120]
 

@@ -1,4 +1,4 @@
-"""Figures of `circnav plan` beside those of random missions, flown in lockstep on the bundled
+"""Figures of `circnav plan`, compared with flights of random missions in lockstep on the bundled
 vehicles.
 
     python -m tests.tools.bench.bench_plan --fly flown.jsonl --seconds 240

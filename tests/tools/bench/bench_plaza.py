@@ -1,5 +1,5 @@
-"""Localization of a beacon by one vehicle, on real ranges: circnav beside GTSAM, a particle filter
-and least squares.
+"""Localization of a beacon by one vehicle from real ranges: circnav compared with GTSAM, a particle
+filter and least squares.
 
     pip install -e '.[survey-bench]'
     python -m tests.tools.bench.bench_plaza

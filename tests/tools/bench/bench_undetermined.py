@@ -5,8 +5,8 @@ without a warning.
 
 Kinds: a straight track; ranges of pure noise; a constant range; half a lap with 5 m of noise. The
 vehicle's height above the target is 0 to 40 m, GPS errors are 1.5 m. A place is wrong if its error
-is larger than 4 of its standard deviations in the direction of the error, or if the log has no true
-place.
+exceeds 4 times its standard deviation in the direction of the error. A place from a log without a
+true place is wrong, too.
 """
 
 import argparse

@@ -103,7 +103,7 @@ class Verdict:
 
 
 def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
-    """Fly a cell by one of the laws and judge it."""
+    """Fly a cell by a law and evaluate the pass criteria."""
     overrides = (f'guidance.law="{law}"', *scenario.overrides)
     make = Course if scenario.fresh else on_the_circle
     course = make(profile, overrides, stream=scenario.stream, keys=scenario.keys)

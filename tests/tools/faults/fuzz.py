@@ -2,7 +2,7 @@
 
 random and damaged bytes sent to an engaged pilot.
 
-Between the hostile frames a good vehicle keeps sending, so that the pilot flies. `receive` and
+Between these bytes a good vehicle sends its frames, so that the pilot stays engaged. `receive` and
 `step` must not raise, every setpoint must be finite and within the limits, and memory must not
 grow.
 """
@@ -59,7 +59,7 @@ Hostile = Callable[[Random, list[bytes]], bytes]
 
 
 class Target:
-    """A pilot, and a minimal good vehicle whose frames keep it engaged."""
+    """A pilot, and a minimal good vehicle that keeps the pilot engaged."""
 
     def __init__(self, profile: str, ranging: str) -> None:
         self.profile = profile

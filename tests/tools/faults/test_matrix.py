@@ -80,9 +80,9 @@ def test_law_auto_passes_cell_with_tighter_bounds(
 
 
 def test_circle_is_regained_after_uplink_outage_without_oscillation():
-    """When a wrong turn response was learned during the outage, regaining the circle took 46 s, and
-    with another seed the radius error oscillated by 15 %. tests.tools.faults.uplink flies more
-    seeds."""
+    """A wrong turn response was once learned during the outage. Regaining the circle then took 46
+    s, or the radius error oscillated by 15 % with another seed. tests.tools.faults.uplink flies
+    more seeds."""
     one = uplink.fly("arducopter", 6)
     assert one.passed, one
 

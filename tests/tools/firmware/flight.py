@@ -172,7 +172,7 @@ OF_THE_VEHICLE = {
     "altitude": "m above home",
     "duration": "s after engaging",
 }
-"""Fields whose default depends on the vehicle."""
+"""Fields with a default that depends on the vehicle."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

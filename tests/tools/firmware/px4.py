@@ -152,8 +152,8 @@ class Px4(Firmware):
         bench.rest(15)
 
     def weather(self, bench: Bench) -> None:
-        """Start the weather. SIH adds its wind to the velocity over ground, so its vector points to
-        where the wind comes from."""
+        """Start the wind. SIH computes the air velocity as ground velocity plus SIH_WIND, so
+        SIH_WIND points in the direction from which the wind blows."""
         if self._flight.turbulence:
             note("  SIH has no turbulence")
         if self._flight.wind:

@@ -121,8 +121,9 @@ def test_own_position_error_covers_circle_and_way_home(
     tmp_path: Path,
 ) -> None:
     """The reports have an error of 5 m on the circle, 50 m and 3 deg on the way home, and one
-    velocity step of 0.4 m/s. Their times are between two samples of the truth, which must be
-    interpolated: with the nearest sample, a turn of 3.2 m/s^2 would look like a velocity step."""
+    velocity step of 0.4 m/s. The report times are between samples of the truth, so the truth must
+    be interpolated. With the nearest sample, a turn of 3.2 m/s^2 would look like a velocity
+    step."""
     flight = replace(PLANE, gps_off=20.0, home_s=60.0)
     track = approach_and_circle(PLANE, 150.0, clockwise=True, seconds=130.0)
     times = np.arange(20.0, 129.0, 0.21)

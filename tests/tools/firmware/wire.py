@@ -17,7 +17,7 @@ POSITIONS = frozenset({24, 32, 33, 49, 63, 104, 108, 113, 114, 115, 124, 164, 17
 """Messages with the vehicle's measured or estimated position or ground velocity. The bench does not
 forward them to circnav."""
 GPS_HEALTH = frozenset({24, 124})
-"""GPS_RAW_INT and GPS2_RAW, whose fix type shows a loss of GPS."""
+"""GPS_RAW_INT and GPS2_RAW. Their fix type shows a loss of GPS."""
 SETPOINTS = (
     "SET_ATTITUDE_TARGET",
     "SET_POSITION_TARGET_LOCAL_NED",
