@@ -81,7 +81,7 @@ class Browser:
             " }; look(); })"
         )
         said = "" if self.value(asked) else self.value("document.body.innerText")
-        assert not said, f"never became true: {condition}; the page says: {said}"
+        assert not said, f"condition stays false: {condition}; messages of the page: {said}"
 
     def mouse(self, what: str, x: float, y: float) -> None:
         """Send a mousePressed, mouseMoved or mouseReleased at a position in the window."""
@@ -114,7 +114,7 @@ class Browser:
     def _read(self) -> dict[str, Any]:
         while b"\0" not in self._tail:
             data = os.read(self._in.fileno(), 1 << 16)
-            assert data, "the browser has gone"
+            assert data, "the browser process has ended"
             self._tail += data
         line, _, self._tail = self._tail.partition(b"\0")
         message: dict[str, Any] = json.loads(line)

@@ -117,7 +117,7 @@ def with_manifest(run: Path) -> Callable[..., None]:
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write reports without flight.png, which takes most of their time to draw."""
-    # importlib, because the attribute `report` of the package is the command
+    # import by name, because the attribute `report` of the package is the command
     module = importlib.import_module("circnav_mav.cli.report")
     monkeypatch.setattr(module, "plot_flight", lambda path, *what: path.write_bytes(b"a picture"))
 
@@ -125,7 +125,7 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fly without pictures, because a separate process needs 1 s to draw them."""
-    # importlib, because the attribute `fly` of the package is the command
+    # import by name, because the attribute `fly` of the package is the command
     fly = importlib.import_module("circnav_mav.cli.fly")
     monkeypatch.setattr(fly, "Drawing", lambda folder: SimpleNamespace(draw=list))
 

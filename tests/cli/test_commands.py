@@ -40,7 +40,9 @@ def test_help_lists_commands_and_exit_codes(circnav, flag):
         assert f"    circnav {command} " in out
         within = out.partition("Commands:\n")[2].splitlines()
         assert within or command not in ("ranging", "runs")
-        assert not [line for line in within if line.endswith("...")], "cut off at 80 columns"
+        assert not [line for line in within if line.endswith("...")], (
+            "a help text is cut off at 80 columns"
+        )
     assert circnav().done == circnav(flag).done
     assert circnav("--version").done == f"circnav, version {__version__}\n"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -100,7 +102,7 @@ def test_check_wraps_long_lines_at_words(monkeypatch):
         ("copter", ["sim.wind.speed_mps=30"], []),  # the copter holds its speed over ground
         ("plane", ["sim.vehicle.profile=arducopter", "link.endpoint=udpin:0.0.0.0:14550"], []),
         (
-            "plane",  # the target moves with the wind
+            "plane",  # the target drifts with the wind
             ["sim.wind.speed_mps=30", "sim.wind.from_deg=0", "sim.target.velocity_north_mps=-30"],
             [],
         ),

@@ -64,14 +64,18 @@ def test_report_is_complete_and_self_contained(page_of, run):
     )
     assert set(columns.split()) <= set(data["columns"])
     assert '<dt class="warning">WARNING</dt>' in page
-    assert '<div class="outcome bad">UNFINISHED: ' in page, "the outcome in words and colour, first"
+    assert '<div class="outcome bad">UNFINISHED: ' in page, (
+        "the page begins with the outcome in words and color"
+    )
     sent = sum(
         row["yaw_rate_sent"] != ""
         for row in csv.DictReader((run / "ticks.csv").read_text().splitlines())
     )
     assert f"<span>{sent} sent</span>" in page
     assert "2026-09-21 14:13 UTC, vehicle unknown" in page
-    assert page.index("<noscript><img") < page.index('id="charts"'), "the flight without a script"
+    assert page.index("<noscript><img") < page.index('id="charts"'), (
+        "without scripts the page shows the picture of the flight"
+    )
     for part in (
         "UNFINISHED",
         "The simulator's truth",
@@ -268,7 +272,9 @@ def test_browser_zooms_charts_and_shows_values(browser, page_of, run):
         f"[...document.querySelectorAll('svg.strip')].map(one => {seconds.format('one')})"
     )
     assert len(axes) == len(CHARTS)
-    assert all(8 < min(axis) < max(axis) < 20 for axis in axes), "of 30 s, the middle"
+    assert all(8 < min(axis) < max(axis) < 20 for axis in axes), (
+        "every time axis shows the middle of the 30 s"
+    )
     time = float(browser.value("document.querySelector('#tools output').textContent").split()[0])
     shown = browser.value("document.querySelectorAll('figcaption')[2].innerText")
     estimated = np.interp(time, *(np.array(column, float) for column in data["columns"]["r"]))

@@ -127,7 +127,7 @@ def test_emulator_oscillates_with_gains_that_oscillate_on_firmware(
     # frequency of the oscillation over the last 20 s (400 ticks of 50 ms)
     rates = [tick.turn_rate for tick in flown.ticks[-400:] if tick.turn_rate is not None]
     crossings = np.count_nonzero(np.diff(np.sign(np.array(rates) - np.mean(rates))))
-    assert crossings / 40 == pytest.approx(1.0, abs=0.2)  # Hz
+    assert crossings / 40 == pytest.approx(1.0, abs=0.2)  # frequency of the oscillation, Hz
 
 
 @pytest.mark.parametrize(

@@ -157,7 +157,7 @@ def test_autopilot_auto_recognizes_arduplane() -> None:
 
 def test_plane_without_vfr_hud_gets_no_setpoint() -> None:
     flown = flight("arduplane", "link.wait_s=5.0")
-    flown.hears = lambda frame, now: frame[7] != 74  # no VFR_HUD
+    flown.hears = lambda frame, now: frame[7] != 74  # VFR_HUD is lost
     flown.fly(30)
     assert flown.setpoint_times == []
     assert flown.outcome.ending is Ending.NOTHING_RECEIVED

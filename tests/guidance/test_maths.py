@@ -39,6 +39,7 @@ def test_horizontal_range_and_rate_invert_slant_geometry(rho, height, sigma, rat
 
 @pytest.mark.parametrize("slant", [29.9, 30.0, 30.5])
 def test_target_overhead_has_no_horizontal_range(slant):
-    """The slant correction multiplies the noise by slant/rho, at most 5. At a slant range of 30.5 m
-    and a height of 30 m the factor is 30.5/sqrt(30.5^2 - 30^2) = 5.55."""
+    """The slant correction multiplies the noise by slant/rho, and a factor above 5 gives no range.
+    At a slant range of 30.5 m and a height of 30 m the factor is 30.5/sqrt(30.5^2 - 30^2) =
+    5.55."""
     assert horizontal(slant, 0.5, 30.0) is None

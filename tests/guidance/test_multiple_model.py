@@ -114,7 +114,9 @@ def test_filter_state_stays_finite_and_covariance_valid(tracking, sequence):
         P = np.moveaxis(tracker._tracks.P, -1, 0)
         assert np.array_equal(P, P.swapaxes(1, 2))
         deviation = np.sqrt(np.einsum("nii->ni", P))
-        deviation[deviation == 0] = 1.0  # noise of the nose, in models that use no acceleration
+        deviation[deviation == 0] = (
+            1.0  # a variance is 0 in models without accelerations: the accelerometer's error
+        )
         assert (
             np.linalg.eigvalsh(P / deviation[:, :, None] / deviation[:, None, :]).min() > -ROUNDING
         )

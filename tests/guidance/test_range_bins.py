@@ -53,7 +53,7 @@ def test_range_bin_is_mean_of_quarter_second():
     assert bins.age == pytest.approx([12.5 * 0.05, 8 * 0.05, 3 * 0.05])
     assert bins.path[0] == pytest.approx([12.5 * 0.5, 8 * 0.5, 3 * 0.5])
     assert bins.path[1] == pytest.approx([12.5 * -0.25, 8 * -0.25, 3 * -0.25])
-    # variance of the mean, plus 0.01 age^3/3 for a drift that changes by 0.01 m^2/s^3
+    # variance of the mean, plus 0.01 age^3/3 for a random walk of the drift (0.01 m^2/s^3)
     variance = [
         SIGMA**2 / 4 + 0.625**3 / 300,
         SIGMA**2 / 5 + 0.4**3 / 300,

@@ -130,7 +130,7 @@ def test_auto_delays_trial_on_circle_while_drift_is_remembered(r, r_dot, remembe
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
     candidate = untrusted(x=r, drift_remembered=remembered)
     flown = [steer(estimate(r, r_dot, t, candidate)).flies for t in np.arange(0.0, 15.0, 0.5)]
-    assert flown[4] == flown[19] == flies  # at 2 s and at 9.5 s
+    assert flown[4] == flown[19] == flies  # the active law at 2 s and at 9.5 s
     assert flown[-1] == "trial"
 
 
@@ -242,7 +242,7 @@ def test_holding_turns_at_v_over_r_without_trusted_motion(direction, not_known):
     assert not held.saturated
 
 
-# downwind, at 24 m/s
+# flight downwind: ground speed 24 m/s
 @pytest.mark.parametrize("motion", [None, known(drift_y=-9.0, heading=-pi / 2)])
 def test_holding_saturates_at_turn_limit(motion):
     held = holding(Orbit(R_D, Direction.CLOCKWISE, V, 0.1), motion, AT_REST)

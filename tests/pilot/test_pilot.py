@@ -357,7 +357,7 @@ def test_safe_setpoints_begin_immediately_one_tick_apart(
     rig.now += 0.001
     rig.step()
     assert [message.vx for message in rig.setpoints(since)] == [0.0], (
-        "immediately after the last setpoint"
+        "the first safe setpoint does not wait for the next tick"
     )
     for _ in range(40):
         rig.now = round(rig.now + 0.005, 6)

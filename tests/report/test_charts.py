@@ -296,5 +296,5 @@ def test_alarms_and_warnings_are_marked_once():
     ]
     assert alarms([failsafe, *seen, hello, *messages]) == found
     assert alarms([failsafe, hello, *messages]) == [found[0], (9.5, "LEAN LIMIT: on"), found[3]], (
-        "of a killed flight"
+        "a killed flight has no summary, so its messages are used"
     )

@@ -124,7 +124,7 @@ def test_flooded_udp_socket_keeps_short_queue(udp, udpin):
         ("127.0.0.1", ["10.0.0.5", "127.0.0.2", "fe80::/10"], False),
         ("[::1]", ["::1"], True),
         ("[::1]", ["::2", "127.0.0.1"], False),
-        ("[::]", ["127.0.0.1"], True),  # IPv4 on a socket of both
+        ("[::]", ["127.0.0.1"], True),  # an IPv4 peer on a socket for IPv4 and IPv6
     ],
 )
 def test_udpin_accepts_only_addresses_of_the_mission(host, peers, received):

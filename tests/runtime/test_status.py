@@ -92,7 +92,7 @@ def test_status_of_normal_flight_has_rates_and_no_alarm(statuses):
     seen = statuses(12.0)
     assert [status.alarms for status in seen if status.alarms] == []
     last = seen[-1]
-    assert 9 < last.view.rates.taken <= 11  # 10 Hz
+    assert 9 < last.view.rates.taken <= 11  # ranges at 10 Hz
     assert 40 < last.view.rates.frames < 100
     assert last.view.rates.setpoints > 9
     assert "law         smooth" in "\n".join(drawn(last))

@@ -102,7 +102,7 @@ def test_plane_sends_streams_once_per_second_by_default():
     assert {kind: len(companion.listen(kind)) for kind in ("ATTITUDE", "VFR_HUD", "RAW_IMU")} == {
         "ATTITUDE": 10, "VFR_HUD": 10, "RAW_IMU": 10
     }  # fmt: skip
-    # a stream at the loop rate of 50 Hz is refused; the limit is 40 Hz
+    # a stream at 100 Hz is refused: the limit is 40 Hz, because the main loop runs at 50 Hz
     assert companion.stream(30, 10_000) == [2]
 
 

@@ -1,5 +1,5 @@
 """The emulated PX4 plane, with figures from flights of PX4. By stick it holds height and speed; by
-attitude and thrust it holds neither."""
+attitude and thrust at which the plane keeps its airspeed it holds neither."""
 
 import math
 

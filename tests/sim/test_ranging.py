@@ -123,7 +123,7 @@ def test_radio_presets_have_documented_errors(preset, slow, loss):
     vehicle.advance(1000.0)
     received = [m.range / 1000 - 200.0 for m in Station(vehicle, link="ranging").listen()]
     assert len(received) == pytest.approx(10_000 * (1 - loss), rel=0.02)
-    # over a second
+    # means over one second of ranges
     means = [statistics.fmean(received[i : i + 10]) for i in range(0, len(received) - 10, 10)]
     assert statistics.pstdev(means) == pytest.approx(slow, abs=0.25 * slow + 0.2)
 

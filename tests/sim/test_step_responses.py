@@ -99,7 +99,7 @@ def test_plane_ground_track_turns_before_its_nose():
     nose = measured([truth.turn_rate for truth in truths])
     assert path.half == pytest.approx(roll.half, abs=0.03)
     assert 0.15 <= nose.half - path.half <= 0.28 and 0.15 <= nose.nearly - path.nearly <= 0.28
-    # at the begin of the turn the slip angle is larger
+    # during the change of bank the slip angle differs from its steady value by more than 2 deg
     assert max(abs(lead(truth) - lead(truths[-1])) for truth in truths) > 2.0
 
 

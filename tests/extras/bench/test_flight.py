@@ -76,7 +76,7 @@ def test_losses_outliers_and_outages_have_the_given_shares():
     assert len(arrived) / 48_000 == pytest.approx(0.25 * 0.5 * 50 / 60, rel=0.1)
     wild = np.abs(np.array(arrived) - 300.0) > 10.0
     assert wild.mean() == pytest.approx(0.1 / 2, rel=0.15), (
-        "up to 20 m, either way: half of them beyond 10"
+        "outliers are uniform in +-20 m, so half of them exceed 10 m"
     )
 
 

@@ -130,11 +130,11 @@ def test_another_campaign_can_neither_overwrite_nor_resume_folder(write, tmp_pat
     with pytest.raises(CampaignError, match=r"cannot resume: campaign\.toml has changed"):
         Store(tmp_path / "out", load_campaign(write(VARY, "runs = 8\nseed = 4")), resume=True)
     Store(tmp_path / "out", campaign, resume=True).close()
-    assert kept.value is not None  # and its traceback with all the objects in it
+    assert kept.value is not None  # kept alive, so that no lock depends on garbage collection
 
 
 def test_full_disk_keeps_rows_that_can_be_resumed(campaign, tmp_path):
-    """There is space for 3 rows and a part of the next."""
+    """The disk has space for 3 rows and a part of the fourth row."""
     rows = [{"run": run, "rms_m": 1.0} for run in range(8)]
     store = Store(tmp_path / "out", campaign)
     store.add(rows[:3])

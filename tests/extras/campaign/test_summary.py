@@ -38,7 +38,8 @@ def rows_of(kept, rms, points=1):
 
 
 def test_confidence_intervals_match_textbook():
-    """Wilson (1927) for 8 of 10. Ranks 40 and 61 of 100 contain the median with 95 % (binomial)."""
+    """Wilson's interval (1927) for 8 of 10 flights. By the binomial distribution, the values of
+    rank 40 and 61 of 100 enclose the median with 95 % confidence."""
     assert wilson(0.8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
     assert median_interval(list(range(1, 101)), 100) == (40.0, 61.0)
 
@@ -61,7 +62,8 @@ def test_confidence_intervals_of_shared_worlds_have_stated_coverage():
         shares += found["kept_interval"][0] <= 0.7 <= found["kept_interval"][1]
         medians += found["rms_interval"][0] <= 0 <= found["rms_interval"][1]
     assert found["worlds"] == 25
-    assert shares / 400 > 0.9  # 92 % by the binomial law; counting each row separately gives 62 %
+    # 92 % expected by the binomial distribution; treating all rows as independent would give 62 %
+    assert shares / 400 > 0.9
     assert medians / 400 > 0.93
 
 

@@ -251,8 +251,8 @@ def test_lost_multicast_membership_is_renewed(members):
 
 
 def test_flood_of_datagrams_costs_bounded_step_time(members):
-    """The loopback interface sends 1000 datagrams of noise to every member, and the socket buffer
-    keeps a part of them."""
+    """Each member receives 1000 random datagrams on the loopback interface, of which the socket
+    buffer keeps a part."""
     port = members[0]._port._port
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
         attacker.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(LOOPBACK))

@@ -1,4 +1,4 @@
-"""Positions sent back to an autopilot that has lost its own: whole flights of the emulated
+"""Positions sent to an autopilot that has lost its own position: complete flights of the emulated
 plane."""
 
 from math import hypot, pi
@@ -88,7 +88,9 @@ def test_target_position_of_mission_replaces_survey():
     assert commands(flown)[0][0] < 45.0
     assert own_error(flown) < 10.0
     asked = [one.param1 for _, one in flown.given_messages if one.get_type() == "COMMAND_LONG"]
-    assert sorted(asked) == [GPS2, EKF], "streams of the survey, or of a missing receiver again"
+    assert sorted(asked) == [GPS2, EKF], (
+        "no streams of the survey, and no second request for a missing receiver"
+    )
 
 
 def give(goods, result, off=0.0, until=1e9):

@@ -37,7 +37,7 @@ def patient():
 
 
 def open_page(pilot, port=0, *, truth=False):
-    # every tick is sent
+    # send every tick to the page
     return LivePage(pilot, Onlookers(), port, name="small", tolerance=5.0, speed=0.0, truth=truth)
 
 

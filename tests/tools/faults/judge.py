@@ -77,7 +77,8 @@ def _demands(message: Any, allowed: Allowed) -> dict[str, tuple[float, float]]:
             "forward": (message.vx, allowed.speed),
             "sideways": (message.vy, 0.0),
             "climb": (message.vz, allowed.climb),
-            # acceleration: half of g against drag, and 1.2 times that of the turn for PX4
+            # acceleration: half of g against drag, and 1.25 times that of the turn (PX4 damps a
+            # fifth)
             "fed": (
                 hypot(message.afx, message.afy, message.afz),
                 hypot(5.0, 1.25 * allowed.speed * allowed.yaw_rate),

@@ -1,4 +1,4 @@
-"""The fault matrix: one cell of each fault in every run, the others nightly.
+"""The fault matrix: one cell of each fault in every test run, all cells in nightly runs.
 
 tests.tools.faults.matrix prints the table.
 """
