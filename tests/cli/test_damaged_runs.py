@@ -53,9 +53,9 @@ NO_TIME = "time: must be seconds of the run, not"
             "is not a text file in UTF-8",
         ),
     ],
-    ids=["empty first", "last at 0", "all equal", "a word", "UTF-16"],
+    ids=["empty first time", "last time 0", "equal times", "time is a word", "UTF-16"],
 )
-def test_report_refuses_invalid_ticks_with_line_number(printed_by, run, command, spoil, error):
+def test_invalid_ticks_are_refused_with_line_number(printed_by, run, command, spoil, error):
     spoil(run)
     line = printed_by(command).refused
     assert line.startswith(f"{run / 'ticks.csv'}: ")

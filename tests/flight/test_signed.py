@@ -44,7 +44,7 @@ APART = ('ranging.endpoint="sim"', 'sim.ranging.via="direct"')
 @pytest.mark.parametrize(
     ("mission", "overrides", "clock"),
     [("px4_copter", (), 0.0), ("arducopter", APART, 0.0), ("arducopter", (), None)],
-    ids=["px4, before and in offboard", "ranging apart", "no clock"],
+    ids=["PX4 before and in OFFBOARD", "separate ranging link", "vehicle without clock"],
 )
 def test_vehicle_with_matching_key_is_flown(mission, overrides, clock, tmp_path):
     """Without GPS an autopilot has no clock (None) and takes the time from our first frame. F22 of
@@ -61,7 +61,7 @@ def test_vehicle_with_matching_key_is_flown(mission, overrides, clock, tmp_path)
         (KEY, None, APART, "unsigned", "every frame received is unsigned or wrongly signed"),
         (None, KEY, (), None, "set signing.key_file"),
     ],
-    ids=["ranging apart", "we have no key"],
+    ids=["vehicle without key", "circnav without key"],
 )
 def test_vehicle_without_matching_key_is_not_flown(
     ours, theirs, overrides, refusal, reason, tmp_path

@@ -248,9 +248,9 @@ def test_clock_speed_is_found_after_three_windows(speed):
         lambda t: t + min(max(0.15 * (t - 5.0), 0.0), 1.05),
     ],
     ids=[
-        "2 s of silence, then all at once",
-        "a link a second slower",
-        "a radio's buffer that fills for 7 s",
+        "messages of 2 s arrive at once",
+        "link delay grows by 1 s",
+        "radio buffer fills for 7 s",
     ],
 )
 def test_message_delays_do_not_change_clock_speed(arrival):

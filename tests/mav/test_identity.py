@@ -73,9 +73,11 @@ def test_vehicle_of_another_kind_is_rejected_after_silence(make_rig, source):
 
 @pytest.mark.parametrize(("version", "system"), [(1, 1), (2, 1), (1, 2), (2, 2)])
 @pytest.mark.parametrize(
-    "seconds", [0.0, 2.0, 5.0], ids=["", "mode not reported for 2 s", "for 5 s"]
+    "seconds",
+    [0.0, 2.0, 5.0],
+    ids=["mode reported", "mode not reported for 2 s", "mode not reported for 5 s"],
 )
-@pytest.mark.parametrize("alive", [True, False], ids=["ranges go on", "all silent"])
+@pytest.mark.parametrize("alive", [True, False], ids=["ranges continue", "all messages lost"])
 def test_rejected_heartbeat_never_changes_reply_address(flying, version, system, seconds, alive):
     """The vehicle's first message after the silence is CURRENT_MODE, as PX4 may send it."""
     rig = flying
@@ -135,7 +137,7 @@ def test_reply_address_changes_before_flight_after_full_silence(rig):
 
 @pytest.mark.parametrize("seconds", [2.0, 5.0])
 @pytest.mark.parametrize(
-    "offset", [5000.0, 30.0, -30.0, None], ids=["+5000", "+30", "-30", "the time reported last"]
+    "offset", [5000.0, 30.0, -30.0, None], ids=["+5000", "+30", "-30", "last reported time"]
 )
 def test_vehicle_with_duplicate_ids_gets_no_setpoints(flying, offset, seconds):
     """The twin uses the vehicle's ids and also reports GUIDED. Only its time since boot differs."""

@@ -191,7 +191,7 @@ def test_vehicle_accepts_setpoints_when_armed_in_guided(line, mode, armed, ours,
         ([2**32 - 200, 2**32 - 100, 0, 100], 0),  # the wrap of 32-bit milliseconds after 49.7 days
         ([500_000, 3_000, 3_100, 3_200], 1),
     ],
-    ids=["late", "by another way", "wrap", "reboot"],
+    ids=["late", "over another path", "wrap", "reboot"],
 )
 def test_boot_time_step_back_is_counted_as_reboot(here, carrier, times, reboots):
     here.answer_all(0.0)

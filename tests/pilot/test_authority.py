@@ -162,7 +162,7 @@ def test_interrupt_before_engagement_sends_no_setpoint(output_mode, mode):
 
 
 @pytest.mark.parametrize(
-    "apart", [False, True], ids=["of a router", "of the greeting of a ranging link"]
+    "apart", [False, True], ids=["frames echoed by router", "first frame echoed on ranging link"]
 )
 def test_echo_of_own_frames_is_not_another_companion(apart):
     rig = Rig(ranging_apart=apart)

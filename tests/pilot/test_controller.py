@@ -84,7 +84,7 @@ class Vehicle:
     ],
     ids=[
         "initially",
-        "after disobedience",
+        "after unfollowed turns",
         "after a gap in reports",
     ],
 )

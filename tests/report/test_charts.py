@@ -94,9 +94,9 @@ def test_chart_line_is_clipped_by_its_frame():
         ),
     ],
     ids=[
-        "a gap lifts the pen",
+        "line with gap",
         "dots",
-        "dots beyond are triangles at the edge that point there",
+        "dots outside the frame are triangles at its edge",
         "bars",
     ],
 )

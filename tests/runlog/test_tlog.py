@@ -66,7 +66,7 @@ def test_file_of_other_format_contains_no_tlog_records(log, records):
         assert log(data) == [], data[:9]
 
 
-@pytest.mark.parametrize("chunk", [600, 1 << 20], ids=["a small window", "a large one"])
+@pytest.mark.parametrize("chunk", [600, 1 << 20], ids=["small window", "large window"])
 def test_tlog_reader_continues_after_damage(log, records, tmp_path, monkeypatch, chunk):
     monkeypatch.setattr(tlog, "CHUNK", chunk)
     rng = random.Random(3)

@@ -15,7 +15,7 @@ from circnav_mav.runtime.clock import AutopilotClock, Clock, local_time_name
 from circnav_mav.runtime.lockstep import Lockstep
 
 BOTH = pytest.mark.parametrize(
-    "make", [Clock, lambda: AutopilotClock(lambda: None)], ids=["ours", "the autopilot's"]
+    "make", [Clock, lambda: AutopilotClock(lambda: None)], ids=["local clock", "autopilot clock"]
 )
 WRAP = 2**32 / 1000
 
@@ -198,7 +198,7 @@ def changes_places(autopilot):
     ids=[
         "reboot",
         "reboot before the speed is known",
-        "the wrap of 32 bits of milliseconds",
+        "wrap of 32-bit milliseconds",
         "pause",
         "disorder",
     ],
@@ -274,9 +274,9 @@ def test_paced_lockstep_clock_waits_in_real_time(ticking):
     ("others", "passed", "goes_on"),
     [(False, 0.005, 0.005), (True, 0.3, 0.3), (False, 3600.0, 0.02)],
     ids=[
-        "a wait cut short by a signal does not run ahead",
-        "beside a real radio it keeps up, also after a pause",
-        "after a night of sleep it does not race",
+        "wait interrupted by signal",
+        "real radio and pause",
+        "suspended for a night",
     ],
 )
 def test_paced_lockstep_clock_follows_real_time(ticking, others, passed, goes_on):

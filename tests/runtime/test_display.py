@@ -76,7 +76,7 @@ def test_blocked_terminal_does_not_delay_ticks():
         (BrokenPipeError(), None),
         (ZeroDivisionError("why"), "display: stopped: ZeroDivisionError('why')"),
     ],
-    ids=["a terminal that has gone", "a screen that fails"],
+    ids=["closed terminal", "failing screen"],
 )
 def test_failing_screen_does_not_end_flight(fails, problem):
     flown = flight("quickstart")

@@ -124,7 +124,13 @@ def test_recorded_data_are_flushed_at_once(recorder):
         ("{tmp}/mission.toml", "No space left on device"),
         ("{tmp}/ticks.csv", "No space left on device"),
     ],
-    ids=["no folder", "in a file", "a file in its way", "full", "full for the ticks"],
+    ids=[
+        "missing parent folder",
+        "parent is a file",
+        "folder is a file",
+        "full",
+        "full for the ticks",
+    ],
 )
 def test_folder_that_cannot_be_written_is_refused(tmp_path, place, why):
     folder = Path(place.format(tmp=tmp_path))

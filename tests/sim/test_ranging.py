@@ -50,10 +50,10 @@ def test_distance_sensor_is_slant_range_in_centimeters():
         ({"max_range_m": 200.0}, 2.0, []),
     ],
     ids=[
-        "too far for the field",
-        "still under way",
-        "late under the stamp of its measuring",
-        "beyond its range",
+        "range too large for field",
+        "measurement not sent yet",
+        "late, stamped at measurement",
+        "beyond range of radio",
     ],
 )
 def test_distance_sensor_of_far_and_late_ranges(radio, after, expected):

@@ -88,8 +88,8 @@ def test_unflyable_listed_value_is_refused_before_flight(write, vary, error):
         ),
     ],
     ids=[
-        "drawn radii below 0 are not the wind's fault",
-        "one of the messages can be sent again, of 240 points",
+        "drawn radii below 0",
+        "240 points with one unflyable message",
     ],
 )
 def test_values_flyable_in_some_combinations_are_accepted(write, vary):

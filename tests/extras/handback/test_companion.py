@@ -102,7 +102,9 @@ def test_handback_continues_when_survey_fails(lost, monkeypatch, broken):
 
 
 @pytest.mark.parametrize(
-    ("fix", "is_given"), [(3, False), (1, True)], ids=["has a fix", "has none"]
+    ("fix", "is_given"),
+    [(3, False), (1, True)],
+    ids=["second GPS with fix", "second GPS without fix"],
 )
 def test_handback_stops_when_second_gps_has_fix(lost, fix, is_given):
     second = mavlink.MAVLink_gps2_raw_message(

@@ -346,7 +346,7 @@ def test_dead_reckoning_ignores_impossible_distance_from_target():
         (77, 0.0, 1, "the autopilot answered: result 77"),
         (mavlink.MAV_RESULT_ACCEPTED, 400.0, 3, "positions are accepted, but have no effect"),
     ],
-    ids=["unknown", "denied", "not understood", "accepted without effect, as where DCM flies"],
+    ids=["unknown", "denied", "not understood", "accepted without effect"],
 )
 def test_refusing_autopilot_gets_no_more_positions(result, off, times, ended):
     back, given = give([False] * 600, result, off=off)

@@ -249,7 +249,7 @@ def truth_frame(north, east):
     return bytes(message.pack(mavlink.MAVLink(None, srcSystem=7)))
 
 
-@pytest.mark.parametrize("bundled", [True, False], ids=["the bundled vehicle", "any other"])
+@pytest.mark.parametrize("bundled", [True, False], ids=["bundled vehicle", "another vehicle"])
 def test_truth_of_flown_vehicle_is_sent(flown, monkeypatch, bundled):
     assert [feed._plain(value) for value in (nan, inf, 1.000001)] == [None, None, 1.0]
     queued = []
