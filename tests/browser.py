@@ -1,4 +1,5 @@
-"""A headless Chromium, driven over its DevTools pipe: no package, no port."""
+"""A headless Chromium, controlled over its DevTools pipe, so that the tests need no package and no
+port."""
 
 import base64
 import json

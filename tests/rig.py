@@ -214,7 +214,7 @@ class Rig:
         return self
 
     def pass_time(self, seconds: float) -> None:
-        """Advance the clock alone."""
+        """Advance the time without messages and without a step of the pilot."""
         self.tick += round(seconds / TICK)
         self.now = round(self.tick * TICK, 6)
 

@@ -1,5 +1,5 @@
-"""The end of a flight: all recorded data are kept, also when pictures or figures fail or the
-terminal is gone."""
+"""The end of a flight: all recorded data are kept, even if pictures or figures fail or the terminal
+has closed."""
 
 import csv
 import json
@@ -19,7 +19,8 @@ from tests.process import ROOT, python, until
 
 
 def strict(path):
-    """Return the content of a JSON file, read strictly by the standard."""
+    """Return the content of a JSON file. NaN and other values outside the JSON standard raise an
+    error."""
     return json.loads(path.read_text(), parse_constant=pytest.fail)
 
 

@@ -50,7 +50,8 @@ def test_flight_without_vehicle_is_recorded_with_exit_3(circnav, mission, port, 
 
 
 PATIENTLY = "--set", "link.wait_s=1.5"
-"""A sender at 50 Hz is received even if this process stops for 1 s."""
+"""Time that circnav waits for a vehicle. It is long enough to receive a sender at 50 Hz even if the
+test process is stopped for 1 s."""
 
 
 @contextmanager

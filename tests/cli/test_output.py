@@ -1,5 +1,5 @@
-"""A full standard output or disk is named as such, and a reader that closes its pipe is no
-error."""
+"""A full standard output or a full disk is reported as such. A reader that closes its pipe causes
+no error."""
 
 import json
 import os

@@ -74,7 +74,7 @@ KINDS = {
 
 
 def keeps_to(schema, value, root) -> None:
-    """Check a value against a schema, for the part of JSON schema in use."""
+    """Check a value against a schema, by the JSON schema keywords that circnav uses."""
     if "$ref" in schema:
         schema = root["definitions"][schema["$ref"].rsplit("/", 1)[1]] | schema
     kinds = tuple(KINDS.get(one.get("type"), object) for one in schema.get("anyOf", [schema]))

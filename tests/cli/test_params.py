@@ -38,8 +38,8 @@ def test_printed_parameters_pass_preflight(name, change):
 
 
 def load(vehicle, lines, bytewise):
-    """Set the values like a ground station that loads the file. PX4 sends the bytes of an integer
-    in the float."""
+    """Set the parameters as a ground station that loads the file does. For PX4, the float field
+    contains the bytes of an integer."""
     for line in lines:
         if line.startswith("#"):
             continue

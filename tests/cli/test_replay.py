@@ -122,7 +122,8 @@ def test_replay_refuses_gain_of_another_law(circnav, tmp_path):
 
 @pytest.fixture(scope="session")
 def records(flown):
-    """The (stamp, frame) pairs of the flight as in a plain tlog, including our own frames."""
+    """The (stamp, frame) pairs of the flight as in a plain tlog, including frames sent by
+    circnav."""
     return list(read_tlog(flown / "flight.tlog"))
 
 

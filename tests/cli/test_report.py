@@ -1,5 +1,5 @@
-"""`circnav report`: one page without network that shows the flight, also in a real browser, and one
-line for bad runs."""
+"""`circnav report`: one self-contained page of the flight, also checked in a real browser, and one
+error line for unusable runs."""
 
 import csv
 import importlib

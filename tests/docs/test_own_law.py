@@ -1,4 +1,5 @@
-"""Law and estimator of docs/own-law.md: by name in the benchmark, in missions and on a vehicle."""
+"""The user-defined law and estimator of docs/own-law.md, selected by name in the benchmark, in
+missions and on a vehicle."""
 
 import sys
 from dataclasses import replace

@@ -79,7 +79,7 @@ def test_shipped_schemas_match_core_and_extras(kind):
 def test_long_description_is_readme_without_relative_links(
     monkeypatch,
 ):
-    """The package index does not have the other files of the repository."""
+    """The package index has no other file of the repository, so relative links would be dead."""
     given = {}
     monkeypatch.setattr(setuptools, "setup", given.update)
     runpy.run_path(str(ROOT / "setup.py"))

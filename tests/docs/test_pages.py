@@ -121,7 +121,7 @@ def test_vehicle_page_has_each_parameter_of_preflight(key):
 
 
 def test_logs_page_has_each_phase_and_summary_key():
-    """Columns and reasons to reject: tests/runlog/test_ticks.py."""
+    """tests/runlog/test_ticks.py checks the columns and the rejection reasons on the page."""
     orbit = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
     facts = FlightFacts("m", "completed", "", orbit, 0, {}, 0, None, "", 0, None)
     text = (DOCS / "logs.md").read_text()

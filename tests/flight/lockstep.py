@@ -28,7 +28,7 @@ copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,
 
 CONFIG = Path(__file__).parents[2] / "config"
 UNIX = 1_790_000_000.0
-"""Wall-clock time at second 0."""
+"""Unix time at the start of a flight, s."""
 SETPOINT_IDS = {84, 82, 69}  # SET_POSITION_TARGET_LOCAL_NED, SET_ATTITUDE_TARGET, MANUAL_CONTROL
 
 

@@ -1,4 +1,4 @@
-"""`circnav fly` at boot, before the serial device of the autopilot is there."""
+"""`circnav fly` at boot, before the serial device of the autopilot exists."""
 
 import os
 import pty

@@ -1,5 +1,5 @@
-"""Homing to one beacon: `config/home.toml`, the SX1280's error and rate, wind of a third of V, GPS
-lost at 2 km."""
+"""The mission `config/home.toml`: a plane flies home to one beacon. The radio has the error and the
+rate of an SX1280, the wind is V/3, and GPS is lost at 2 km."""
 
 import re
 from math import hypot

@@ -1,4 +1,4 @@
-"""Whole flights over MAVLink with a radio that measures the range rate, and with one that
+"""Complete flights over MAVLink with a radio that measures the range rate, and with a radio that
 freezes."""
 
 import numpy as np

@@ -63,7 +63,8 @@ def test_setpoints_of_another_program_raise_an_alarm(mission):
 
 @pytest.mark.parametrize("mission", ["ardurover", "px4_plane"])
 def test_second_controller_is_undetected_without_setpoint_report(mission):
-    """A limit documented in docs/safety.md."""
+    """A vehicle that does not report its setpoint does not show a second controller: a limit
+    documented in docs/safety.md."""
     assert flown_with_another(mission, until=BEGINS + 4.0)[1] == {}
 
 

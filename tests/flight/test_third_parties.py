@@ -16,7 +16,7 @@ MAVPROXY = "MAVProxy==1.8.75"
 
 
 class Stage:
-    """An emulator on its own port, and circnav flying it."""
+    """An emulator on a separate port, and circnav as a process that flies its vehicle."""
 
     def __init__(self, mission: str, folder: Path, open_things: contextlib.ExitStack) -> None:
         self.port = open_things.enter_context(reserved_port())

@@ -162,7 +162,7 @@ def test_flight_without_gps_replays_identically() -> None:
 
 
 class Recorded(Flight):
-    """A flight that keeps its steps."""
+    """A flight that records its steps."""
 
     @classmethod
     def start(cls, overrides: tuple[str, ...]) -> "Recorded":

@@ -118,8 +118,8 @@ def test_airspeed_hold_reaches_speed_despite_wrong_attitude(
 
 
 def test_airspeed_hold_uses_estimated_scale() -> None:
-    """A copter with less drag than the mission assumes: its true airspeed is 1.25 times the
-    measured one."""
+    """The copter has less drag than the mission assumes, so its true airspeed is 1.25 times the
+    measured airspeed."""
     hold = AirspeedHold(0.25)
     speed = 0.0
     for tick in range(2000):

@@ -111,7 +111,8 @@ def test_law_1_matches_equation_of_paper(outside, r_dot, k):
     ids=["across", "departing", "closing", "tangent"],
 )
 def test_law_2_turns_clockwise_unless_closing_at_tangent_rate(r_dot, turn):
-    """Example 3, k = 0.12. At r = 20 the tangent rate is -sqrt(3)/2."""
+    """Example 3 of the paper, k = 0.12. At r = 20, flight along the tangent to the circle has r' =
+    -sqrt(3)/2."""
     assert float(switching(20.0, r_dot, **EXAMPLE, k=0.12)) == turn
 
 

@@ -1,4 +1,5 @@
-"""The maximum lean of a copter, found from its lean, heading and commanded speed alone."""
+"""The maximum lean of a copter, which is estimated from its lean, heading and commanded speed
+alone."""
 
 from cmath import phase, rect
 from math import atan, degrees, pi, radians, tan

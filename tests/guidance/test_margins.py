@@ -157,7 +157,8 @@ def test_response_learner_learns_nothing_from_steady_circle():
 
 @pytest.mark.parametrize("delay", [0.3, 0.5, 1.0])
 def test_sensitivity_of_large_circle_matches_loop_equations(delay):
-    """`check` linearizes the law's own code numerically. This test uses the equations."""
+    """`check` computes the sensitivity from a numerical linearization of the law's code. This test
+    computes it from the equations of the loop."""
     worst = 0.0
     for known, share, damping in product((0.8, 1.0, 1.2), (0.3, 0.7), (None, 0.3, 0.6)):
         dead = share * delay

@@ -34,8 +34,8 @@ def observe(kalman, last, values):
 
 
 class MatrixKalman:
-    """filterpy's general filter: predict with F, Q and update with H, R. The deviation of the
-    acceleration is one third of V^2/r + V w."""
+    """filterpy's general filter: predict with F, Q and update with H, R. The standard deviation of
+    the acceleration is one third of V^2/r + V w."""
 
     def __init__(self, first, sigma):
         self.filter = KalmanFilter(dim_x=2, dim_z=1)
@@ -191,8 +191,8 @@ def test_range_rate_filter_is_ready_after_five_informative_samples(sigma, ready)
 
 
 def test_range_rate_filter_predicts_no_negative_range():
-    """Without ranges for 20 s, a vehicle that closes at 6 m/s from 10 m would have a range of -110
-    m."""
+    """The vehicle approaches at 6 m/s from 10 m. Without a bound, the prediction after 20 s without
+    ranges would be -110 m."""
     kalman, last = settled(r=46.0)
     assert [round(kalman.at(last + t).r) for t in (0.0, 1.0, 3.0, 20.0)] == [11, 5, 7, 109]
     assert kalman.at(last + 1.0).r_dot == pytest.approx(-6.0, abs=0.1)

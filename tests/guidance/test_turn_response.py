@@ -1,4 +1,5 @@
-"""The learned response to turn commands: accepted and rejected evidence."""
+"""The learned response to turn commands: data from which it is learned, and data that are
+rejected."""
 
 from math import sin
 

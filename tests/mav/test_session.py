@@ -14,7 +14,7 @@ REQUEST_MESSAGE = 512
 
 
 class Line:
-    """A session and the senders on its line."""
+    """A session and the senders on its link."""
 
     def __init__(self, session):
         self.session = session
@@ -48,7 +48,7 @@ def line(make_session):
 
 @pytest.fixture
 def here(line):
-    """A line on which the vehicle was received, armed in GUIDED."""
+    """A session that has received its vehicle, armed in GUIDED."""
     here = line()
     here.beat()
     return here

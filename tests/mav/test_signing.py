@@ -37,7 +37,7 @@ keys = st.binary(min_size=32, max_size=32).filter(any)
 
 
 def peer(key=KEY, *, timestamp=NOW, **ids):
-    """pymavlink with a key."""
+    """Return a pymavlink sender with a signing key."""
     return voice(key, timestamp, **ids)
 
 

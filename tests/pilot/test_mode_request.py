@@ -35,7 +35,7 @@ def modes(rig: Rig, since: float) -> list[float]:
 
 
 def safe(rig: Rig, since: float) -> bool:
-    """True if setpoints were sent since a time, and only the safe one."""
+    """Return True if setpoints were sent since a time, and all of them were safe setpoints."""
     return {message.vx for message in rig.setpoints(since)} == {0.0}
 
 

@@ -109,8 +109,8 @@ def test_setpoint_is_sent_alone_before_other_messages(rig):
 
 
 def sent(rig, accepts=True):
-    """Return the data that a step of the pilot passes to its `send`, which accepts or rejects
-    it."""
+    """Run a step of the pilot and return the data that it passes to `send`. accepts: result of
+    `send`, True if the data are sent."""
     out = []
     rig.pilot.step(rig.now, lambda data: out.append(data) or accepts)
     return out

@@ -1,4 +1,4 @@
-"""Endpoints: both spellings, and one line for each mistake."""
+"""Endpoints: both spellings of an endpoint, and one error line for each mistake."""
 
 import socket
 import sys

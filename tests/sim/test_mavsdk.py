@@ -2,7 +2,7 @@
 where supported.
 
 ArduPilot sends no streams without a request, so the rates are requested first. MAVSDK's offboard
-mode is PX4's.
+mode is supported only with PX4.
 """
 
 import contextlib

@@ -82,7 +82,7 @@ def test_random_starts_stay_within_bounds_and_repeat_with_seed():
 
 
 def test_vehicle_file_of_readme_flies():
-    """The README's example contains exactly the keys of the schema."""
+    """The example of sim/README.md flies, and the page names every key of the schema."""
     text = (Path(__file__).parents[2] / "sim" / "README.md").read_text()
     example = tomllib.loads(text.split("```toml")[1].split("```")[0])
     vehicle = Vehicle(parse_vehicle(example, "README.md"))

@@ -53,8 +53,9 @@ def test_benchmark_separates_laws_in_wind(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def cell():
-    """Results of five synthetic flights from 200 m to their circle in 40 s, counter-clockwise.
-    Three have 0, 1 and 20 m of error, one flies in the wrong direction, and one is blown away."""
+    """Results of five synthetic flights from 200 m to a counter-clockwise circle in 40 s. Three
+    flights have errors of 0, 1 and 20 m, one flies in the wrong direction, and one is lost in the
+    wind."""
     time = np.arange(0.0, 400.0, 0.5)
     e = np.broadcast_to([0.0, 1.0, 20.0, 0.0, 300.0], (800, 5))
     r = np.where(time[:, None] < 40.0, 200.0, 100.0 + e)

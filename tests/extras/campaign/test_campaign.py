@@ -31,7 +31,7 @@ def flown(store, results):
 
 @pytest.fixture
 def table(write, tmp_path):
-    """Table of SHORT, flown in this process."""
+    """The campaign table of SHORT, flown in this process."""
     campaign = load_campaign(write(SHORT))
     return flown(Store(tmp_path / "here", campaign), on_cores(campaign, range(8), 1))
 

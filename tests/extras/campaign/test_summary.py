@@ -1,4 +1,5 @@
-"""Confidence intervals with their stated coverage, against the textbook and in simulation."""
+"""Summary of a campaign: confidence intervals with their stated coverage, against textbook values
+and in simulation, and pictures."""
 
 import json
 

@@ -163,14 +163,14 @@ class Fleet:
                     self.mail.append((self.time + world.delay, other, report))
 
     def gap_errors(self) -> np.ndarray:
-        """Largest gap error of the members on the circle at every step, deg; nan for fewer than
-        two."""
+        """Return the largest gap error of the members on the circle at every step, deg; nan if
+        fewer than two members are on the circle."""
         pairs = zip(np.array(self.phases), np.array(self.ring), strict=True)
         return np.degrees([gap_error(phases[ring].tolist()) for phases, ring in pairs])
 
 
 def time_to_even(errors: np.ndarray, since: float = 0.0) -> float:
-    """Time since `since`, s, until all gaps are within 5 deg for 20 s; infinite if they never
-    are."""
+    """Return the time from `since` until all gap errors are below 5 deg for 20 s, s; infinite if
+    this never happens."""
     found = even_from(STEP * np.arange(len(errors)), np.radians(errors), since)
     return inf if found is None else found - since

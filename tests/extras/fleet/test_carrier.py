@@ -223,8 +223,8 @@ def members():
 
 
 def accepted_steps(members):
-    """Let the members exchange reports for 10 s. Return the steps in which the first one received a
-    report."""
+    """Let the members exchange reports for 10 s. Return the steps in which the first member
+    received a report."""
     accepted = []
     for step in range(50):
         now = NOON + 0.2 * step

@@ -49,7 +49,7 @@ Attack = Callable[[Air], list[bytes]]
 
 
 def sends_report(member: int, *, key: bytes | None = None, ahead: float = 0.0, **changes) -> Attack:
-    """A report at every step of 0.2 s, with changes."""
+    """Return an attack: a report with these changes at every step of 0.2 s."""
 
     def attack(air: Air) -> list[bytes]:
         if round(air.since() / STEP) % 4 != 1:
@@ -88,7 +88,7 @@ def changed(air: Air) -> list[bytes]:
 
 
 def replayed(delay: float) -> Attack:
-    """Frames of member 2 that were captured some time ago."""
+    """Return an attack: frames of member 2 that were captured some time ago."""
     return lambda air: (
         air.captured[-1 - round(delay * 5) :][:1] if len(air.captured) > delay * 5 else []
     )
@@ -129,7 +129,7 @@ def other_version(air: Air) -> list[bytes]:
 
 
 def wandering(air: Air) -> list[bytes]:
-    """A phase that jumps by half a circle each time, under a new id."""
+    """Reports of an invented member with a phase that jumps by half a circle each time."""
     step = round(air.since() / STEP)
     return [frame(report(9, air.now, phase=pi * (step // 4 % 2)), air.key)] if step % 4 == 1 else []
 

@@ -33,8 +33,8 @@ AFTER = TAKEN + 4.0
 
 
 def three_copters():
-    """Three copters. Member 3 arrives late. The operator takes member 2 over at TAKEN. From SILENT
-    on no member receives a report."""
+    """Fly three copters. Member 3 joins late. At TAKEN the operator takes over member 2. From
+    SILENT on no member receives reports."""
     takeover = (f'sim.events=[{{at_s={TAKEN}, action="mode", mode="LOITER"}}]',)
     far = ("sim.start.north_m=200", "sim.start.east_m=-20")
     flight = bare_fleet(

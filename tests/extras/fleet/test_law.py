@@ -1,5 +1,5 @@
-"""The fleet law on kinematic vehicles: performance figures of the design, and the members that each
-member counts."""
+"""The fleet law on kinematic vehicles: performance figures of the design, and selection of the
+members that the law uses."""
 
 from math import cos, degrees, hypot, nan, pi, radians, sin
 

@@ -64,7 +64,7 @@ def test_handback_keeps_autopilot_position_without_changing_guidance():
 
 
 def lost_early(kind, law, until, **settings):
-    """Return a flight whose GPS is lost before the target could be located."""
+    """Return a flight that loses its GPS before the target can be located."""
     lost = 'sim.events=[{at_s=10.0, action="gps_off"}]'
     flown = kind(
         "arduplane",
@@ -262,8 +262,8 @@ TARGET = Place(0.0, ON_PLANE, 0.0, 0.0, 0.0, np.eye(2), up_sigma=1.0, up_known=T
 
 
 def by_ranges(time, east, north, drift=5 + 0j, sigma=2.0, r=None):
-    """Estimate of the filter at a position, heading north at 20 m/s through the air, with a
-    drift."""
+    """Return the filter's estimate for a vehicle at a position that flies north at 20 m/s through
+    the air, in a drift."""
     motion = RelativeMotion(
         east, north, sigma, drift.real, drift.imag, pi / 2, 0.0, 20.0, 1.0, True
     )

@@ -107,12 +107,12 @@ def taped(mission: str, *overrides: str, law: str | None = None) -> Taped:
 
 
 def laps(truths: Sequence[Truth]) -> float:
-    """Number of laps flown around the true target."""
+    """Return the number of laps flown around the true target."""
     angles = [atan2(one.north - one.target_north, one.east - one.target_east) for one in truths]
     return abs(float(np.unwrap(angles)[-1]) - angles[0]) / (2 * pi) if angles else 0.0
 
 
 def nees(flown: Surveyed, place: Place) -> float:
-    """Squared error in units of the place's covariance."""
+    """Return the squared error of a place in units of its covariance (NEES)."""
     error = flown.error(place)
     return float(error @ np.linalg.solve(place.at(flown.now).covariance, error))

@@ -1,4 +1,5 @@
-"""`circnav locate` on foreign logs, against an independent filter and synthetic worlds."""
+"""`circnav locate` on logs of other programs, against an independent filter and synthetic
+worlds."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""Logs from practice: cases reduced from public bug reports, and formats written by hand."""
+"""Log formats: cases reduced from public bug reports, and logs written from the specifications."""
 
 import os
 import pty

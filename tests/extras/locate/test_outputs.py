@@ -92,7 +92,7 @@ def test_error_ellipse_follows_covariance():
 
 
 def test_geojson_is_valid():
-    """RFC 7946, sections 3.1.1, 3.1.6."""
+    """Positions and rings follow RFC 7946, sections 3.1.1 and 3.1.6."""
     table = geojson.loads(export.geojson({"target": PLACE}, [(-35.0, 149.0), (-35.001, 149.001)]))
     assert isinstance(table, geojson.FeatureCollection) and table.is_valid, table.errors()
     point, area, track = (feature.geometry for feature in table.features)

@@ -17,7 +17,7 @@ from tests.process import PATIENCE, QUICKSTART, circnav
 
 
 def test_flight_with_survey_locates_target_and_replays(tmp_path: Path) -> None:
-    """The emulator's target is at its home by default."""
+    """By default the emulator's target is at the home position."""
     run = tmp_path / "run"
     survey = ("--set", "locate.enabled=true")
     printed, errors = circnav(

@@ -1,5 +1,4 @@
-"""A radio with errors: estimated errors, undetermined ones, and the output of `ranging
-calibrate`."""
+"""A radio with errors: estimated and undetermined errors, and the output of `ranging calibrate`."""
 
 import re
 from dataclasses import replace

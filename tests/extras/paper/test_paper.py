@@ -49,8 +49,8 @@ def test_simulated_laws_satisfy_lemmas_and_negative_gain_mirrors_track(studied, 
 
 
 def test_simulated_arc_is_exact():
-    """A quarter of a circle of radius 2, to the left: from the origin heading right to (2, 2)
-    heading up."""
+    """A quarter of a circle of radius 2 to the left leads from (0, 0) with heading 0 to (2, 2) with
+    heading pi/2."""
     x, y, heading = arc(np.zeros(1), np.zeros(1), np.zeros(1), 1.0, np.array([0.5]), np.pi)
     assert (x[0], y[0], heading[0]) == pytest.approx((2.0, 2.0, np.pi / 2))
     x, y, heading = arc(np.zeros(1), np.zeros(1), np.zeros(1), 3.0, np.zeros(1), 2.0)

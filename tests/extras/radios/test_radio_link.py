@@ -193,7 +193,7 @@ def test_failing_driver_does_not_end_flight():
 
 
 class Bare:
-    """A driver without the attributes of the interface."""
+    """A driver that lacks the attributes of the driver interface."""
 
     def receive(self, data, now):
         return []

@@ -35,7 +35,7 @@ SETTLING = 90.0
 
 
 class Bench:
-    """Records of the application's output, with times of this process."""
+    """Records of the application's output. Times are from the clock of this process."""
 
     def __init__(self) -> None:
         self.sent = 0

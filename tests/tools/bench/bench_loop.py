@@ -81,7 +81,8 @@ def recorded(law: str, seconds: float, *overrides: str) -> list[tuple[float, byt
 
 @dataclass
 class Listener:
-    """A process that receives the flight and answers: its socket here, and its answer times, s."""
+    """A process that receives the flight and answers. Contains the socket to it, and the times of
+    its answers, s."""
 
     name: str
     flight: list[tuple[float, bytes]]

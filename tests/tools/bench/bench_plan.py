@@ -153,7 +153,7 @@ def fly(drawn: Drawn) -> dict[str, object]:
 
 
 def _on_circle(flown: Surveyed, radius: float) -> bool:
-    """True if the vehicle was within a tenth of the radius for the last 20 s."""
+    """Return True if the radius error was below a tenth of the radius for the last 20 s."""
     late = [one for one in flown.truths if one.time >= flown.now - 20.0]
     return all(
         abs(hypot(t.north - t.target_north, t.east - t.target_east) / radius - 1) < 0.1
@@ -167,7 +167,7 @@ def lines_of(path: Path) -> list[dict[str, Any]]:
 
 
 def fly_all(path: Path, numbers: Iterator[int], seconds: float) -> None:
-    """Fly missions that are not in the file until the time is over."""
+    """Fly missions that are not in the file, until the given time has passed."""
     until = time.monotonic() + seconds
     done = {line["drawn"]["number"] for line in lines_of(path)}
     for number in numbers:
@@ -190,7 +190,8 @@ def planned(drawn: Drawn) -> tuple[float, float | None]:
 
 
 def compare(path: Path) -> None:
-    """Print a line per flight, and the shares within WITHIN of the plan."""
+    """Print a line per flight, and the share of flights for which the error of the plan is below
+    WITHIN."""
     rms = []
     survey = []
     errors = []

@@ -134,7 +134,7 @@ def whole_vehicle(course: Course, now: float, n: int) -> list[bytes]:
 
 
 def twin_of_another_time(course: Course, now: float, n: int) -> list[bytes]:
-    """Return messages of a vehicle with our vehicle's ids and mode, but another time since boot."""
+    """Return messages with the vehicle's ids and mode, but another time since boot."""
     mode = course.pilot.session.adapter.guided_mode
     messages = (
         mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3),
@@ -144,7 +144,7 @@ def twin_of_another_time(course: Course, now: float, n: int) -> list[bytes]:
 
 
 def guided(course: Course, now: float, n: int, *, version_1: bool = False) -> list[bytes]:
-    """Return the vehicle's heartbeat, in our mode."""
+    """Return the vehicle's heartbeat in the guided mode."""
     mode = course.pilot.session.adapter.guided_mode
     beat = mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3)
     return [bytes(beat.pack(mavlink.MAVLink(None, *VEHICLE), force_mavlink1=version_1))]

@@ -187,7 +187,7 @@ def _begin(course: Course, scenario: Scenario, seed: int) -> None:
 
 
 def _finish(course: Course) -> None:
-    """End the fault. Frames under way still arrive."""
+    """End the fault. Frames that were already delayed by the link still arrive."""
     course.link.impair()
     course.link.tampers.clear()
     course.link.intruders.clear()

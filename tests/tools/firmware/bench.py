@@ -180,7 +180,8 @@ class Bench:
 
     @property
     def now(self) -> float:
-        """Simulated time, s, extrapolated by our own clock between the autopilot's messages."""
+        """Simulated time, s, extrapolated by the computer's clock between the autopilot's
+        messages."""
         return self._boot + min((time.monotonic() - self._boot_at) * self.speedup, 0.2)
 
     @property
@@ -253,8 +254,8 @@ class Bench:
                 self._relay.sendto(data, (LOOPBACK, self.app_port))
 
     def _attitude_due(self, number: int) -> bool:
-        """Return False for an ATTITUDE above the flight's rate, as if stream requests had been
-        refused."""
+        """Return False for an ATTITUDE that exceeds the flight's rate, to simulate an autopilot
+        that refuses stream requests."""
         if number != mavlink.MAVLINK_MSG_ID_ATTITUDE:
             return True
         if self.now - self._attitude_at < 1.0 / self.flight.attitude_hz:

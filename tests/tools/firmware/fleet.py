@@ -193,7 +193,8 @@ def _columns(path: Path, names: tuple[str, ...]) -> dict[str, Array]:
 
 
 def _states(run: Path) -> tuple[Array, NDArray[np.bool_]]:
-    """Return Unix times and True where circnav reports that it is on the circle."""
+    """Return Unix times, and for each time True if circnav reports that the vehicle is on the
+    circle."""
     epoch = json.loads((run / "manifest.json").read_text())["epoch_us"] / 1e6
     with (run / "fleet.csv").open() as file:
         rows = list(csv.DictReader(file))

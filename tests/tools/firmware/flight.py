@@ -140,7 +140,7 @@ class Flight:
 
     @property
     def window(self) -> float:
-        """Scored time, s: the last two laps."""
+        """Evaluated time, s: the last two laps."""
         return 2 * 2 * pi * self.radius / self.speed
 
     @property

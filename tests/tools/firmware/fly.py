@@ -150,8 +150,8 @@ def _start_circnav(flown: Flight, bench: Bench, folder: Path, home: float) -> fl
 
 
 def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) -> dict[str, Any]:
-    """Write the vehicle's mission file as an operator would fill it in. The operator has the height
-    of the beacon, m above sea level, to 0.1 m."""
+    """Write the vehicle's mission file as an operator would do. The operator enters the altitude of
+    the beacon above sea level, m, rounded to 0.1 m."""
     mission = tomlkit.parse((Path(flown.config) / f"{flown.what.mission}.toml").read_text())
     mission.pop("sim", None)
     mission["link"]["endpoint"] = f"udpin:{LOOPBACK}:{port}"
@@ -181,7 +181,7 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
 
 
 def _loop(flown: Flight, bench: Bench, began: float) -> None:
-    """Run until circnav has ended or the time is over."""
+    """Run until circnav has ended or the time limit has passed."""
     todo = sorted(_events(flown, bench), key=lambda event: event[0])
     sticks = 0.0
     longest = (

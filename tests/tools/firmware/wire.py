@@ -94,7 +94,7 @@ def _roll(message: Any) -> float | None:
 
 
 def parser() -> mavlink.MAVLink:
-    """Return a parser that skips bad bytes."""
+    """Return a MAVLink parser that skips invalid bytes."""
     one = mavlink.MAVLink(None)
     one.robust_parsing = True
     return one
