@@ -359,7 +359,7 @@ def test_frames_with_vehicle_ids_from_other_address_are_rejected(rig, message):
 
 
 def test_unknown_senders_are_read_up_to_a_limit(rig):
-    """Of unknown senders, 32 datagrams per second are read. All frames of the vehicle are read."""
+    """Of 500 datagrams of an unknown sender, 32 are read. All datagrams of the vehicle are read."""
     rig.engage()
     received = rig.pilot.connection.counts[VEHICLE]
     junk = bytes(1000)

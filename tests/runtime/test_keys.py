@@ -110,8 +110,8 @@ def test_signing_timestamp_continues_after_restart(path: Path) -> None:
 
 @pytest.mark.parametrize("seconds", [0.0, 9.9, 15.0, 61.7])
 def test_killed_process_never_repeats_a_timestamp(path, seconds, monkeypatch):
-    """The process is killed before it can save its last timestamp, and the wall clock is set back
-    before the restart."""
+    """The killed process does not close the timestamp file, and the wall clock is set back before
+    the restart."""
     writes = []
     replace = os.replace
     monkeypatch.setattr(os, "replace", lambda *names: writes.append(names) or replace(*names))

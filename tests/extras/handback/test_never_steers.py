@@ -1,6 +1,6 @@
-"""Positions never steer: the pilot sends the same bytes with survey and hand-back or without.
+"""Positions never steer: with and without survey and hand-back, the pilot sends the same bytes.
 
-A whole flight: test_handback.py.
+test_handback.py tests a complete flight.
 """
 
 from collections.abc import Callable
