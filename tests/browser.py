@@ -1,4 +1,5 @@
-"""A headless Chromium, driven over its DevTools pipe: no package, no port."""
+"""A headless Chromium, controlled over its DevTools pipe, so that the tests need no package and no
+port."""
 
 import base64
 import json
@@ -21,7 +22,8 @@ OPTIONS = (
 
 
 class Browser:
-    """One page. complaints: texts of its console and of its uncaught errors."""
+    """A headless browser with one page. complaints: texts of the page's console and of its uncaught
+    errors."""
 
     def __init__(self, profile: Path) -> None:
         assert CHROMIUM is not None
@@ -80,7 +82,7 @@ class Browser:
             " }; look(); })"
         )
         said = "" if self.value(asked) else self.value("document.body.innerText")
-        assert not said, f"never became true: {condition}; the page says: {said}"
+        assert not said, f"condition stays false: {condition}; messages of the page: {said}"
 
     def mouse(self, what: str, x: float, y: float) -> None:
         """Send a mousePressed, mouseMoved or mouseReleased at a position in the window."""
@@ -113,7 +115,7 @@ class Browser:
     def _read(self) -> dict[str, Any]:
         while b"\0" not in self._tail:
             data = os.read(self._in.fileno(), 1 << 16)
-            assert data, "the browser has gone"
+            assert data, "the browser process has ended"
             self._tail += data
         line, _, self._tail = self._tail.partition(b"\0")
         message: dict[str, Any] = json.loads(line)

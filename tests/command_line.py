@@ -43,7 +43,7 @@ class Ran:
 
     @property
     def line(self) -> str:
-        """Error message for a person: one line, no traceback."""
+        """The error message, which must be one line without a traceback."""
         lines = self.err.strip().splitlines()
         assert len(lines) == 1, self.err
         assert "Traceback" not in self.out + self.err
@@ -51,7 +51,7 @@ class Ran:
 
     @property
     def refused(self) -> str:
-        """Error line of a wrong use."""
+        """The error line of a command that ended with the exit code of a wrong use."""
         before, _, told = self.line.partition("circnav: ")
         assert (self.code, before) == (2, "")
         return told
@@ -80,7 +80,7 @@ def circnav(
 
 @pytest.fixture
 def mission(tmp_path: Path) -> Path:
-    """A mission file for a real vehicle that does not answer; it waits for 0.3 s."""
+    """A mission file for a real vehicle that does not answer. The flight waits for 0.3 s."""
     path = tmp_path / "mission.toml"
     path.write_text(
         small_mission.TEXT.replace('127.0.0.1:14550"', '127.0.0.1:0"\nwait_s = 0.3'),
@@ -91,8 +91,8 @@ def mission(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run folder of 10 s of the quickstart, without summary.json, as after a killed process. Read
-    only."""
+    """Run folder of 10 s of the quickstart without summary.json, as a killed process leaves it.
+    Tests must not change it."""
     folder = tmp_path_factory.mktemp("flown")
     recorded_flight(folder, "quickstart", "limits.duration_s=10").fly(20).recorder.close()
     return folder
@@ -117,16 +117,16 @@ def with_manifest(run: Path) -> Callable[..., None]:
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write reports without flight.png, which takes most of their time to draw."""
-    module = importlib.import_module(
-        "circnav_mav.cli.report"
-    )  # the package's `report` is the command
+    # import by name, because the attribute `report` of the package is the command
+    module = importlib.import_module("circnav_mav.cli.report")
     monkeypatch.setattr(module, "plot_flight", lambda path, *what: path.write_bytes(b"a picture"))
 
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """End flights without their pictures, which take a separate process 1 s to draw."""
-    fly = importlib.import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
+    """Fly without pictures, because a separate process needs 1 s to draw them."""
+    # import by name, because the attribute `fly` of the package is the command
+    fly = importlib.import_module("circnav_mav.cli.fly")
     monkeypatch.setattr(fly, "Drawing", lambda folder: SimpleNamespace(draw=list))
 
 
@@ -140,7 +140,7 @@ def busy_port() -> Iterator[int]:
 
 @pytest.fixture(scope="session")
 def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """A browser for all tests, because it takes seconds to start."""
+    """One browser for all tests, because a browser takes seconds to start."""
     if CHROMIUM is None:
         pytest.skip("no Chromium here")
     with closing(Browser(tmp_path_factory.mktemp("profile"))) as browser:
@@ -149,7 +149,7 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 @pytest.fixture
 def browser(chromium: Browser) -> Browser:
-    """A page without errors so far."""
+    """The browser, whose page had no errors before this test."""
     chromium.open("about:blank")
     chromium.complaints.clear()
     return chromium
@@ -164,8 +164,8 @@ def ended(
     limit="-f unlimited",
     **environment,
 ):
-    """Run `circnav COMMAND` under a limit of `ulimit`. For the kernel, a limited file size (-f, kB)
-    is a full disk. No bytecode is written, because it would be cut off too."""
+    """Run `circnav COMMAND` under a limit of `ulimit`. A limited file size (-f, kB) simulates a
+    full disk. No bytecode is written, because the limit would truncate it too."""
     program = ["-c", UNDRAWN] if command.startswith("fly") else ["-m", "circnav_mav"]
     words = [sys.executable, "-B", *program, *command.split()]
     return subprocess.run(
@@ -182,7 +182,7 @@ def ended(
 
 @pytest.fixture
 def full() -> Iterator[IO[str]]:
-    """A file on a disk that is full."""
+    """A file on a full disk."""
     if not Path("/dev/full").exists():
         pytest.skip("needs /dev/full")
     with Path("/dev/full").open("w") as file:

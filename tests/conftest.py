@@ -1,7 +1,7 @@
 """Settings of all tests.
 
-Property tests draw the same examples on every machine, and a slow machine is no failure. No two
-tests share a port. Each process computes on one core.
+Property tests draw the same examples on every machine and have no time limit. No two tests share a
+port. Each process computes on one core.
 """
 
 import os
@@ -12,16 +12,15 @@ from hypothesis import settings
 
 from tests.process import reserved_port
 
-os.environ.setdefault(
-    "OPENBLAS_NUM_THREADS", "1"
-)  # before numpy: its threads would wait for each other's cores
+# set before numpy is imported: threads of several processes would wait for the same cores
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("seeded", derandomize=True, deadline=None, database=None)
 settings.load_profile("seeded")
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One worker more than processors: while one waits for a process or a socket, another
-    computes."""
+    """Return one worker more than processors: while one worker waits for a process or a socket,
+    another one computes."""
     return (os.cpu_count() or 1) + 1
 
 

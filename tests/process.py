@@ -15,13 +15,13 @@ ROOT = Path(__file__).parents[1]
 QUICKSTART = str(ROOT / "config" / "quickstart.toml")
 COPTER = str(ROOT / "config" / "arducopter.toml")
 PATIENCE = 300.0
-"""Time, s, after which a process counts as hanging. Tests do not judge its duration on a busy
-machine."""
+"""Time, s, after which a process is regarded as hanging. It is long, because the test machine may
+be busy."""
 
 
 UNHURRIED = ("--set", "limits.stale_s=4.0")
-"""Accept data of a vehicle or radio that stopped for a moment, in tests that do not judge
-delays."""
+"""Mission override for tests that do not check delays: accepts data of a vehicle or radio that was
+stopped for a short time by a busy machine."""
 
 
 UNDRAWN = """
@@ -34,15 +34,15 @@ main()
 
 
 def circnav(*arguments: str, drawn: bool = True) -> subprocess.Popen[str]:
-    """Start circnav with readable output and errors. drawn: end a flight with its pictures, which
-    take a process some seconds."""
+    """Start circnav with readable output and errors. drawn: True to draw the pictures of a flight,
+    which takes some seconds."""
     return python(*(("-m", "circnav_mav") if drawn else ("-c", UNDRAWN)), *arguments)
 
 
 def python(
     *arguments: str, stdin: int | None = None, stderr: int = subprocess.PIPE, **environment: str
 ) -> subprocess.Popen[str]:
-    """Start any Python program in the same way, from the project's folder."""
+    """Start a Python program in the same way, from the folder of the repository."""
     return subprocess.Popen(
         [sys.executable, *arguments],
         stdin=stdin,
@@ -56,7 +56,7 @@ def python(
 
 @contextmanager
 def running(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
-    """End a process when the block ends, also by an exception."""
+    """Context manager that ends a process at the end of the block, also after an exception."""
     try:
         yield process
     finally:
@@ -65,7 +65,7 @@ def running(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
 
 
 def read_until(process: subprocess.Popen[str], words: str) -> str:
-    """Return the output of a process up to some words. Fails if it ends without them."""
+    """Return the output of a process up to these words. Fails if the process ends without them."""
     assert process.stdout is not None
     said = ""
     for line in process.stdout:
@@ -85,15 +85,15 @@ def until(condition: Callable[[], bool]) -> None:
 
 FIRST = 10_000
 COUNT = 2_000
-"""Below the automatic ports of the kernels (Linux from 32768, gVisor from 16000, macOS from
-49152)."""
+"""First port and number of the reserved ports. They are below the ports that kernels assign
+automatically (Linux from 32768, gVisor from 16000, macOS from 49152)."""
 _turns = itertools.count(os.getpid())
 
 
 @contextmanager
 def reserved_port() -> Iterator[int]:
-    """Reserve a port of this machine that is free on UDP and TCP. The process that has bound TCP
-    port + COUNT owns it, and the kernel frees that when the process ends in any way."""
+    """Reserve a port of this machine that is free on UDP and TCP. A process owns a port while it
+    has bound TCP port + COUNT, which the kernel frees when the process ends."""
     while True:
         port = FIRST + next(_turns) % COUNT
         with socket.socket() as claim:

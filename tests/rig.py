@@ -1,5 +1,5 @@
-"""The other side of the link, from pymavlink alone: a vehicle's messages, and a pilot that receives
-them tick by tick."""
+"""A test rig: a vehicle's messages, made by pymavlink alone, and a pilot that receives them tick by
+tick."""
 
 from collections.abc import Callable, Hashable
 from dataclasses import replace
@@ -46,7 +46,7 @@ MISSION = PilotSettings(
 
 
 class Voice:
-    """A MAVLink sender: packs messages as one component would, in MAVLink 2 by default."""
+    """A MAVLink sender that packs messages as one component does, in MAVLink 2 by default."""
 
     def __init__(self, system: int = 1, component: int = 1, *, version: int = 2) -> None:
         self._mavlink = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -58,7 +58,7 @@ class Voice:
         return frame
 
     def message(self, message: Any) -> Any:
-        """Return the message as a receiver gets it: packed and unpacked."""
+        """Return the message as a receiver decodes it: packed and unpacked."""
         return mavlink.MAVLink(None).decode(bytearray(self.pack(message)))
 
 
@@ -82,7 +82,7 @@ def distance(cm: int, stamp_ms: int, **rest: Any) -> Any:
 
 
 def scattering(cm: int, stamp_ms: int, **rest: Any) -> Any:
-    """A range of a radio that is not frozen: it alternates by 1 cm."""
+    """Return a range message that alternates by 1 cm, so that the radio does not look frozen."""
     return distance(cm + stamp_ms // 100 % 2 if 0 < cm < 60000 else cm, stamp_ms, **rest)
 
 
@@ -108,19 +108,19 @@ def beacon(mm: int, stamp_us: int, sequence: int, **rest: Any) -> Any:
 
 
 def timing(**changes: float) -> Timing:
-    """Return the timing of the bench's mission, with changes."""
+    """Return the timing of the rig's mission, with changes."""
     return replace(MISSION.timing, **changes)
 
 
 def decode(data: bytes) -> list[Any]:
-    """Decode all of our output by pymavlink's parser."""
+    """Return all messages in the output of the pilot, decoded by pymavlink."""
     parser = mavlink.MAVLink(None)
     return parser.parse_buffer(bytearray(data)) or []
 
 
 class Rig:
-    """A pilot on a bench. Every 0.05 s the vehicle may send (heartbeat at 4 Hz, range at 10 Hz) and
-    the pilot steps."""
+    """A pilot without links, and the messages of its vehicle. Every 0.05 s the vehicle sends what
+    is due (heartbeats at 4 Hz, ranges at 10 Hz), then the pilot makes a step."""
 
     def __init__(self, **changes: Any) -> None:
         self.pilot = Pilot(replace(MISSION, **changes))
@@ -132,7 +132,7 @@ class Rig:
         self.speaks = True
         self.ranges = True
         self.round_trip: float | None = 0.0
-        """Time, s, that an answer to TIMESYNC takes; None: no answer."""
+        """Round-trip time of TIMESYNC, s. None: TIMESYNC is not answered."""
         self.answers: list[tuple[float, int]] = []
         self.range_cm = 15000
         self.tick = 0
@@ -148,7 +148,7 @@ class Rig:
         link: str = VEHICLE,
         source: Hashable = None,
     ) -> None:
-        """Pass a message to the pilot now."""
+        """Pass a message to the pilot at the present time."""
         self.pilot.receive(
             (voice or self.vehicle).pack(message), self.now, source or self.source, link
         )
@@ -192,8 +192,8 @@ class Rig:
         return self
 
     def run(self, seconds: float, also: Callable[[], object] = lambda: None, **state: Any) -> "Rig":
-        """Let time pass. also: called before each tick. state: changes of the vehicle from now
-        on."""
+        """Let time pass, s. also: function called before each tick. state: changes of the vehicle
+        from now on."""
         self.now_is(**state)
         for _ in range(round(seconds / TICK)):
             also()
@@ -208,13 +208,13 @@ class Rig:
         return self
 
     def engage(self, **state: Any) -> "Rig":
-        """Fly until engaged, and some time longer."""
+        """Run until the pilot is engaged, and some time longer."""
         self.run(3.0, **state)
         assert self.pilot.mission.phase.name == "ENGAGED"
         return self
 
     def pass_time(self, seconds: float) -> None:
-        """Advance the clock alone."""
+        """Advance the time without messages and without a step of the pilot."""
         self.tick += round(seconds / TICK)
         self.now = round(self.tick * TICK, 6)
 
@@ -260,7 +260,7 @@ def make_session(copter: Any) -> Callable[..., Session]:
 
 
 def x25(data: bytes) -> int:
-    """Checksum of MAVLink, CRC-16/MCRF4XX, bit by bit and without a library."""
+    """Return the checksum of MAVLink, CRC-16/MCRF4XX, computed bit by bit without a library."""
     crc = 0xFFFF
     for byte in data:
         crc ^= byte
@@ -270,16 +270,17 @@ def x25(data: bytes) -> int:
 
 
 def attitude(ms: int, yaw: float = 0.0, **rest: float) -> Any:
-    """ATTITUDE at some ms since boot, in rad and rad/s; other fields are 0."""
+    """Return ATTITUDE at a time since boot (ms), with angles in rad and rates in rad/s. Other
+    fields are 0."""
     fields = dict.fromkeys(("roll", "pitch", "rollspeed", "pitchspeed", "yawspeed"), 0.0) | rest
     return mavlink.MAVLink_attitude_message(time_boot_ms=ms, yaw=yaw, **fields)
 
 
 def vfr_hud(altitude: float, airspeed: float = 15.0) -> Any:
-    """VFR_HUD of a vehicle at an altitude, m, and an airspeed, m/s."""
+    """Return VFR_HUD with an altitude, m, and an airspeed, m/s."""
     return mavlink.MAVLink_vfr_hud_message(airspeed, 15.0, 0, 50, altitude, 0.0)
 
 
 def boot_time(seconds: float) -> Any:
-    """SYSTEM_TIME with the time since boot, s."""
+    """Return SYSTEM_TIME with a time since boot, s."""
     return mavlink.MAVLink_system_time_message(0, round(1000 * seconds))

@@ -1,5 +1,5 @@
-"""The end of a flight: all recorded data are kept, also when pictures or figures fail or the
-terminal is gone."""
+"""The end of a flight: all recorded data are kept, even if pictures or figures fail or the terminal
+has closed."""
 
 import csv
 import json
@@ -19,7 +19,8 @@ from tests.process import ROOT, python, until
 
 
 def strict(path):
-    """Return the content of a JSON file, read strictly by the standard."""
+    """Return the content of a JSON file. NaN and other values outside the JSON standard raise an
+    error."""
     return json.loads(path.read_text(), parse_constant=pytest.fail)
 
 
@@ -42,15 +43,15 @@ def fly(circnav, tmp_path):
     return fly
 
 
-def test_failed_picture_costs_one_line(fly, tmp_path):
+def test_failed_picture_prints_one_line_after_flight(fly, tmp_path):
     (tmp_path / "run" / "report.html").mkdir(parents=True)
     out, _ = fly()
     assert "report.html: could not be made: " in out
     assert (tmp_path / "run" / "flight.png").is_file()
 
 
-def test_drawing_loads_after_a_real_flight(circnav, mission, monkeypatch):
-    """On a companion computer, setpoints come first."""
+def test_drawing_library_loads_after_real_flight(circnav, mission, monkeypatch):
+    """Loading takes processor time that a companion computer needs for setpoints."""
     fly = import_module("circnav_mav.cli.fly")
     happened = []
 
@@ -74,7 +75,7 @@ def test_drawing_loads_after_a_real_flight(circnav, mission, monkeypatch):
     assert happened == ["flown", "loads", "draws"]
 
 
-def test_drawing_process_ends_with_a_killed_flight():
+def test_drawing_process_ends_when_flight_is_killed():
     words = "from circnav_mav.cli.drawing import *; import time; one = Drawing(Path('run')); "
     flight = python("-c", words + "print(one._process.pid, flush=True); time.sleep(900)")
     drawing = int(flight.stdout.readline())
@@ -85,7 +86,7 @@ def test_drawing_process_ends_with_a_killed_flight():
 
 
 def is_there(process):
-    """True if the process runs. One that has ended may still wait to be reaped."""
+    """True if the process runs. A zombie process has ended."""
     try:
         with open(f"/proc/{process}/stat") as file:
             return file.read().rpartition(")")[2].split()[0] != "Z"
@@ -94,7 +95,7 @@ def is_there(process):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_every_alarm_is_kept_for_the_report(circnav, tmp_path, monkeypatch):
+def test_summary_lists_alarms_beyond_recording_limit(circnav, tmp_path, monkeypatch):
     monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_MB", 0.16)
     silence = 'sim.events=[{at_s=6, action="mute_ranging"}, {at_s=9, action="unmute_ranging"}]'
     circnav("fly", "quickstart", "--duration", 12, "--set", silence, "--out", "run")
@@ -108,7 +109,7 @@ def test_every_alarm_is_kept_for_the_report(circnav, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_failing_display_costs_one_line(fly, monkeypatch):
+def test_failing_display_prints_one_line(fly, monkeypatch):
     monkeypatch.setattr("circnav_mav.runtime.display.Display.on_step", fails)
     assert "display: stopped at " in fly()[0]
 
@@ -117,7 +118,7 @@ def test_failing_display_costs_one_line(fly, monkeypatch):
 @pytest.mark.parametrize(
     "what", ["cli.closing.read_truth", "cli.closing.read_ticks", "runlog.summary._truth"]
 )
-def test_unreadable_truth_or_ticks_cost_their_figures(fly, monkeypatch, what):
+def test_unreadable_truth_or_ticks_omit_their_figures(fly, monkeypatch, what):
     monkeypatch.setattr(f"circnav_mav.{what}", fails)
     _, summary = fly()
     assert "list index out of range" in summary["recording_problem"]
@@ -150,9 +151,9 @@ def test_internal_error_sends_safe_setpoint_and_is_recorded(
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_signal_ends_flight_despite_foreign_handlers(circnav, monkeypatch, tmp_path):
-    """rospy and rclpy install their own handlers."""
-    fly = import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
+def test_sigint_ends_flight_when_other_handlers_are_installed(circnav, monkeypatch, tmp_path):
+    """rospy and rclpy install their own signal handlers."""
+    fly = import_module("circnav_mav.cli.fly")  # the attribute `cli.fly` is a command
     opened = fly.open_links
     flown = fly.run
 
@@ -187,9 +188,9 @@ def moments(folder, *phases):
         return [float(row["time"]) for row in csv.DictReader(file) if row["phase"] in phases]
 
 
-def test_flight_continues_without_its_terminal(tmp_path):
-    """A real terminal is closed while the circle is flown: the kernel signals the session, and all
-    later writes fail."""
+def test_flight_continues_when_terminal_closes(tmp_path):
+    """A real terminal is closed while the vehicle circles. The kernel sends SIGHUP, and all later
+    writes to the terminal fail."""
     folder = tmp_path / "run"
     engaged = Phase.ENGAGED.value.encode()
     process, terminal = pty.fork()

@@ -40,7 +40,9 @@ def test_help_lists_commands_and_exit_codes(circnav, flag):
         assert f"    circnav {command} " in out
         within = out.partition("Commands:\n")[2].splitlines()
         assert within or command not in ("ranging", "runs")
-        assert not [line for line in within if line.endswith("...")], "cut off at 80 columns"
+        assert not [line for line in within if line.endswith("...")], (
+            "a help text is cut off at 80 columns"
+        )
     assert circnav().done == circnav(flag).done
     assert circnav("--version").done == f"circnav, version {__version__}\n"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -71,7 +73,7 @@ def test_check_grades_lines_and_fails_impossible_gain(circnav, mission):
 
 
 def test_check_wraps_long_lines_at_words(monkeypatch):
-    """Emulators of terminals break a line at any letter."""
+    """A terminal breaks a long line inside a word."""
     text = (
         "1 m of error in the height above the target (60.0 m) changes the radius by 0.40 m (WARN"
         " above 0.3)"
@@ -97,16 +99,16 @@ def test_check_wraps_long_lines_at_words(monkeypatch):
         ("plane", ["sim.wind.speed_mps=30"], ["WARN"]),
         ("copter", ["sim.target.velocity_east_mps=30"], ["WARN"]),
         ("plane", ["vehicle.speed_mps=18"], ["WARN"]),
-        ("copter", ["sim.wind.speed_mps=30"], []),  # it holds its speed over ground
+        ("copter", ["sim.wind.speed_mps=30"], []),  # the copter holds its speed over ground
         ("plane", ["sim.vehicle.profile=arducopter", "link.endpoint=udpin:0.0.0.0:14550"], []),
         (
-            "plane",  # the target moves with the wind
+            "plane",  # the target drifts with the wind
             ["sim.wind.speed_mps=30", "sim.wind.from_deg=0", "sim.target.velocity_north_mps=-30"],
             [],
         ),
     ],
 )
-def test_bundled_vehicle_must_match_the_mission(circnav, name, overrides, grades):
+def test_check_compares_emulated_vehicle_with_mission(circnav, name, overrides, grades):
     out = circnav("check", name, *(part for key in overrides for part in ("--set", key))).out
     assert [line[:4] for line in out.splitlines() if line[6:].startswith("sim ")] == grades
 
@@ -131,7 +133,7 @@ def test_preflight_of_bundled_vehicle_passes(circnav):
      ("--endpoint udpin:127.0.0.1:{port} --set link.wait_s=1", 3, "0 bytes received")],
     ids=["a failing line", "silence"],
 )  # fmt: skip
-def test_failing_preflight_has_its_exit_code(circnav, port, options, code, part):
+def test_preflight_exit_code_follows_kind_of_failure(circnav, port, options, code, part):
     ran = circnav("preflight", "copter", *options.format(port=port).split())
     assert (ran.code, part in ran.out) == (code, True)
 
@@ -162,7 +164,7 @@ def test_preflight_follows_clock_of_fast_simulator(circnav, port):
         ("emulate --endpoint udpout:127.0.0.1:{port}", signal.SIGTERM, 0),
     ],
 )
-def test_signal_ends_listening_command(port, command, number, code):
+def test_sigint_ends_listening_command(port, command, number, code):
     with process_of(*command.format(port=port).split()) as process:
         try:
             assert any("listening" in line or "udpout" in line for line in process.stdout)
@@ -174,7 +176,7 @@ def test_signal_ends_listening_command(port, command, number, code):
     assert (process.returncode, err) == (code, "circnav: stopped by SIGINT\n" if code else "")
 
 
-def test_fast_emulator_prints_clock_setting(circnav, busy_port, monkeypatch):
+def test_emulator_above_real_time_prints_clock_setting(circnav, busy_port, monkeypatch):
     monkeypatch.setattr("circnav_sim.server._fly", lambda *_arguments: None)
     emulate = ("emulate", "--endpoint", f"udpout:127.0.0.1:{busy_port}")
     _, how = circnav(*emulate, "--speed", "8").done.splitlines()

@@ -53,16 +53,16 @@ NO_TIME = "time: must be seconds of the run, not"
             "is not a text file in UTF-8",
         ),
     ],
-    ids=["empty first", "last at 0", "all equal", "a word", "UTF-16"],
+    ids=["empty first time", "last time 0", "equal times", "time is a word", "UTF-16"],
 )
-def test_invalid_ticks_are_refused_with_their_line(printed_by, run, command, spoil, error):
+def test_invalid_ticks_are_refused_with_line_number(printed_by, run, command, spoil, error):
     spoil(run)
     line = printed_by(command).refused
     assert line.startswith(f"{run / 'ticks.csv'}: ")
     assert error in line
 
 
-def test_implausible_numbers_are_unknown(printed_by, run):
+def test_report_accepts_implausible_and_non_finite_ticks(printed_by, run):
     too_large = dict.fromkeys(
         ("accepted", "rejected", "r", "measured", "nis", "turn_rate"), "1e308"
     )
@@ -72,13 +72,13 @@ def test_implausible_numbers_are_unknown(printed_by, run):
 
 
 def page_with(printed_by, run, summary):
-    """Return the report from its outcome on, for a given summary."""
+    """Return the part of the report that begins with the outcome, for a given summary."""
     (run / "summary.json").write_text(summary)
     assert printed_by("report").done
     return (run / "report.html").read_text().partition('<div class="outcome')[2]
 
 
-def test_incomplete_summary_is_replaced_by_recorded_ticks(printed_by, run):
+def test_report_uses_ticks_when_summary_is_incomplete(printed_by, run):
     for text in ("", "{", "[]", "{}", "null"):
         assert (
             "summary.json is missing or incomplete: figures from the recorded ticks"
@@ -86,13 +86,13 @@ def test_incomplete_summary_is_replaced_by_recorded_ticks(printed_by, run):
         ), text[:9]
 
 
-def test_invalid_start_time_is_refused(printed_by, with_manifest):
+def test_report_refuses_invalid_start_time(printed_by, with_manifest):
     for epoch in (-1, 2**63, 10**30, 0, "now", None, 1.5, True):
         with_manifest(epoch_us=epoch)
         assert "has the start time of the run (epoch_us)" in printed_by("report").refused, epoch
 
 
-# --- a damaged log: read up to the damage, which is reported ---
+# --- damaged logs: replayed up to the damage, which is reported ---
 
 
 def records(log):
@@ -120,7 +120,7 @@ def spoil_check(log):
     spoil(log, records(log)[received] + 8 + 10, b"\xaa\x55")
 
 
-def test_cut_log_is_replayed_to_the_cut(printed_by, run):
+def test_truncated_log_is_replayed_to_its_end(printed_by, run):
     log = run / "flight.tlog"
     third = records(log)[len(records(log)) // 3]
     log.write_bytes(log.read_bytes()[: third + 10])
@@ -131,7 +131,7 @@ def test_cut_log_is_replayed_to_the_cut(printed_by, run):
     assert "cut off or damaged at byte" in (run / "report.html").read_text()
 
 
-def test_damaged_log_is_reported_with_its_place(printed_by, run):
+def test_replay_reports_position_of_log_damage(printed_by, run):
     newest = read_truth(run, EPOCH_US).time[-1]
     middle = records(run / "flight.tlog")[len(records(run / "flight.tlog")) // 2]
     spoil(run / "flight.tlog", middle, bytes(64))
@@ -146,7 +146,7 @@ def test_damaged_log_is_reported_with_its_place(printed_by, run):
     assert read_truth(run, EPOCH_US).time[-1] == newest
 
 
-def test_frames_with_wrong_checksum_are_counted(printed_by, run):
+def test_replay_counts_frames_with_wrong_checksum(printed_by, run):
     spoil_check(run / "flight.tlog")
     assert "flight.tlog: 1 damaged frames left out\n" in printed_by("replay").done
 

@@ -1,5 +1,5 @@
-"""The core with two extras of this test: command, option, table, check, onlooker, files and report
-section. An onlooker that fails in flight ends nothing."""
+"""The core with two extras that this test writes: command, option, mission table, check, onlooker,
+files and report section. An onlooker that fails in flight does not end the flight."""
 
 import json
 import re

@@ -50,7 +50,8 @@ def test_flight_without_vehicle_is_recorded_with_exit_3(circnav, mission, port, 
 
 
 PATIENTLY = "--set", "link.wait_s=1.5"
-"""A sender at 50 Hz is received even if this process stops for 1 s."""
+"""Time that circnav waits for a vehicle. It is long enough to receive a sender at 50 Hz even if the
+test process is stopped for 1 s."""
 
 
 @contextmanager
@@ -105,7 +106,7 @@ YEAR_2060 = 2_842_000_000
 @pytest.mark.parametrize(
     ("unix", "is_later"), [(YEAR_2060, True), (0, False), (1_000_000_000, False)]
 )
-def test_run_folder_is_named_by_later_utc_of_autopilot(
+def test_run_folder_is_named_by_autopilot_utc_if_later(
     circnav, mission, port, tmp_path, unix, is_later
 ):
     endpoint = ("--endpoint", f"udpin:127.0.0.1:{port}", *PATIENTLY)
@@ -121,7 +122,7 @@ def test_run_folder_is_named_by_later_utc_of_autopilot(
 @pytest.mark.parametrize(
     ("command", "prefix"), [("fly", "WARNING    "), ("preflight", "WARN  endpoint      ")]
 )
-def test_ignored_senders_are_reported(circnav, mission, port, command, prefix):
+def test_flight_reports_ignored_senders(circnav, mission, port, command, prefix):
     endpoint = f"udpin:127.0.0.1:{port}"
     with speaking(port, heartbeat()):
         ran = circnav(
@@ -133,7 +134,7 @@ def test_ignored_senders_are_reported(circnav, mission, port, command, prefix):
     )
 
 
-def test_sigterm_ends_with_130_and_complete_files(mission, tmp_path):
+def test_sigterm_ends_flight_with_130_and_complete_files(mission, tmp_path):
     folder = tmp_path / "out"
     with process_of(
         "fly", str(mission), "--set", "link.wait_s=30.0", "--out", str(folder)
@@ -176,7 +177,7 @@ def unsigned(circnav, mission, key, port):
     return unsigned
 
 
-def test_damaged_timestamp_and_readable_key_are_refused(circnav, mission, key):
+def test_flight_refuses_damaged_timestamp_and_world_readable_key(circnav, mission, key):
     key.with_name("drone.key.timestamp").write_text("yesterday")
     assert "drone.key.timestamp: is not a timestamp" in circnav("fly", mission).refused
     key.chmod(0o644)

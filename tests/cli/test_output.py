@@ -1,5 +1,5 @@
-"""A full standard output or disk is named as such, and a reader that closes its pipe is no
-error."""
+"""A full standard output or a full disk is reported as such. A reader that closes its pipe causes
+no error."""
 
 import json
 import os
@@ -23,18 +23,18 @@ def ran_with(run):
 
 
 @pytest.mark.parametrize("command", ["replay run", "--help", "emulate"])
-def test_full_output_is_reported_in_one_line(ran_with, full, command):
+def test_full_stdout_is_reported_in_one_line(ran_with, full, command):
     assert ran_with(command, full) == (2, FULL)
 
 
-def test_full_output_is_reported_without_buffering(ran_with, full):
+def test_full_unbuffered_stdout_is_reported_in_one_line(ran_with, full):
     assert ran_with("check quickstart", full, PYTHONUNBUFFERED="1") == (2, FULL)
     assert ran_with("report nowhere", None, full) == (2, None)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_closed_pipe_ends_the_command_silently(ran_with, command):
-    """Example: `| head -1`. The other commands refuse in the same place as these."""
+def test_closed_stdout_pipe_ends_command_silently(ran_with, command):
+    """Example: `circnav check quickstart | head -1`. All commands share this code."""
     ours, theirs = os.pipe()
     os.close(ours)
     result = ran_with(command, theirs)
@@ -53,7 +53,7 @@ def test_closed_pipe_ends_the_command_silently(ran_with, command):
         ("replay run --out .", "replay.png"),
     ],
 )
-def test_full_disk_keeps_the_previous_file(run, command, name):
+def test_full_disk_keeps_previous_file(run, command, name):
     """An incomplete mission would block the next `init` as "exists already"."""
     path = run.parent / name
     if not command.startswith("init"):

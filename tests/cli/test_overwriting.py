@@ -48,7 +48,7 @@ def test_existing_files_prevent_a_flight(circnav, mission, tmp_path, name, obsta
 
 
 def test_concurrent_flights_cannot_share_a_folder(tmp_path):
-    """Both have checked the folder and found it free."""
+    """Both flights find the folder free before either one creates it."""
     Recorder(tmp_path / "run", "name = 'x'\n")
     with pytest.raises(TakenError, match=r"holds flight\.tlog already"):
         Recorder(tmp_path / "run", "name = 'y'\n")
@@ -62,7 +62,7 @@ def test_simultaneous_flights_have_separate_folders(circnav, mission, tmp_path, 
         assert json.loads((tmp_path / "runs" / name / "summary.json").read_text())
 
 
-def test_home_folder_is_expanded(circnav, mission, tmp_path, monkeypatch):
+def test_tilde_in_output_path_is_expanded(circnav, mission, tmp_path, monkeypatch):
     """A shell does not expand `~` in `--out=~/run`. A folder of that name would invite `rm -r
     ~`."""
     monkeypatch.setenv("HOME", str(tmp_path / "home"))

@@ -12,7 +12,7 @@ SCHEMA = "mission.schema.json"
 TOML = [*CONFIG.glob("*.toml"), *(CONFIG / "campaigns").glob("*.toml")]
 
 
-def test_bundled_names_work_in_any_folder(circnav, tmp_path):
+def test_bundled_missions_are_found_from_any_folder(circnav, tmp_path):
     for name in ("quickstart", "px4-copter", "px4_copter", "plane", "ArduPlane"):
         assert circnav("check", name).done
     (tmp_path / "quickstart").write_text("name = 3")
@@ -31,11 +31,11 @@ def test_init_writes_a_flyable_commented_mission(circnav, tmp_path, vehicle):
     assert circnav("check", "mine.toml").done
 
 
-def test_init_without_vehicle_lists_vehicles(circnav):
+def test_init_without_argument_lists_vehicles(circnav):
     assert circnav("init").refused.startswith("init: name a vehicle: one of ")
 
 
-def test_init_overwrites_nothing(circnav, tmp_path):
+def test_init_refuses_existing_file(circnav, tmp_path):
     (tmp_path / "plane.toml").write_text("mine")
     (tmp_path / "mission.schema.json").write_text("mine too")
     line = circnav("init", "plane").refused
@@ -74,7 +74,7 @@ KINDS = {
 
 
 def keeps_to(schema, value, root) -> None:
-    """Check a value against a schema, for the part of JSON schema in use."""
+    """Check a value against a schema, by the JSON schema keywords that circnav uses."""
     if "$ref" in schema:
         schema = root["definitions"][schema["$ref"].rsplit("/", 1)[1]] | schema
     kinds = tuple(KINDS.get(one.get("type"), object) for one in schema.get("anyOf", [schema]))

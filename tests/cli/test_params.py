@@ -38,8 +38,8 @@ def test_printed_parameters_pass_preflight(name, change):
 
 
 def load(vehicle, lines, bytewise):
-    """Set the values like a ground station that loads the file. PX4 sends the bytes of an integer
-    in the float."""
+    """Set the parameters as a ground station that loads the file does. For PX4, the float field
+    contains the bytes of an integer."""
     for line in lines:
         if line.startswith("#"):
             continue
@@ -85,7 +85,7 @@ def test_pairs_load_with_pymavlink_and_columns_with_qgroundcontrol(name, circnav
     assert all(row[4] == "4" for row in rows if row[2] == "ANGLE_MAX")
 
 
-def test_operator_parameters_are_named_but_not_set():
+def test_parameter_file_names_operator_parameters_without_value():
     mission = load_mission(bundled("mission", "arduplane"))
     lines = list(parameter_lines(mission, mission.vehicles[0]))
     assert "AIRSPEED_MIN" in lines[-1] and "FENCE_ENABLE" in lines[-1]
@@ -94,6 +94,6 @@ def test_operator_parameters_are_named_but_not_set():
     )
 
 
-def test_params_needs_one_autopilot(circnav):
+def test_params_refuses_mission_with_autopilot_auto(circnav):
     ran = circnav("params", "arducopter", "--set", "vehicle.autopilot=auto")
     assert ran.code == 2 and "vehicle.autopilot: choose one" in ran.err

@@ -35,7 +35,7 @@ def test_replay_of_another_law_differs(circnav, flown, tmp_path):
 
 
 def late(folder, column):
-    """Mean of a column of ticks.csv from second 45 to 55, on the circle."""
+    """Return the mean of a column of ticks.csv from 45 to 55 s, on the circle."""
     with (folder / "ticks.csv").open(newline="") as file:
         return mean(
             float(row[column])
@@ -65,7 +65,7 @@ def test_replay_with_learned_gain_uses_flown_commands(circnav, tmp_path):
     assert re.search(r"turn rate        differs by 0.0\d+ rad/s RMS", out)
 
 
-def test_what_if_with_another_estimator_reaches_the_end(circnav, tmp_path):
+def test_replay_with_another_estimator_reaches_end_of_flight(circnav, tmp_path):
     """The recorded vehicle follows the commands of the flight, not those of the replay."""
     recorded_flight(tmp_path, "quickstart", "limits.duration_s=25").fly(30).recorder.close()
     assert (
@@ -106,13 +106,13 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("make", "options", "code", "error"), REFUSED.values(), ids=REFUSED)
-def test_impossible_replay_is_one_line(circnav, run, make, options, code, error):
+def test_impossible_replay_is_refused_in_one_line(circnav, run, make, options, code, error):
     ran = circnav("replay", make(run), *options.split())
     assert ran.code == code
     assert error in ran.line
 
 
-def test_gain_of_another_law_is_refused(circnav, tmp_path):
+def test_replay_refuses_gain_of_another_law(circnav, tmp_path):
     recorded_flight(tmp_path, "paper_example_1", "limits.duration_s=2").fly(5).recorder.close()
     assert "belongs to the law smooth" in circnav("replay", tmp_path, "--law", "switching").refused
 
@@ -122,7 +122,8 @@ def test_gain_of_another_law_is_refused(circnav, tmp_path):
 
 @pytest.fixture(scope="session")
 def records(flown):
-    """The (stamp, frame) pairs of the flight as in a plain tlog, including our own frames."""
+    """The (stamp, frame) pairs of the flight as in a plain tlog, including frames sent by
+    circnav."""
     return list(read_tlog(flown / "flight.tlog"))
 
 
@@ -148,11 +149,11 @@ def steering(out):
     return int(re.search(r"(\d+) of them steering", out)[1])
 
 
-def test_plain_tlog_steers_by_its_ranges(replay, records):
+def test_replay_of_plain_tlog_steers_by_its_ranges(replay, records):
     assert steering(replay(records).done) > 100
 
 
-def test_plain_tlog_with_bad_timestamps_is_refused(replay, records):
+def test_replay_refuses_plain_tlog_with_bad_timestamps(replay, records):
     for stamp in (0, 1_790_000_000_000_000):
         ran = replay((stamp, frame) for _, frame in records)
         assert (ran.code, "its timestamps do not increase" in ran.line) == (3, True)
@@ -163,8 +164,7 @@ def test_plain_tlog_with_bad_timestamps_is_refused(replay, records):
 
 
 def test_replay_that_never_steers_exits_with_3(circnav, replay, tmp_path):
-    """No range ever comes: flight and replay end without a received range, in both forms of
-    replay."""
+    """The log contains no range. Tested with a run folder and with a plain tlog."""
     short = ("limits.duration_s=5", "link.wait_s=2", "ranging.sensor_id=9")
     recorded_flight(tmp_path / "run", "quickstart", *short).fly(20).recorder.close()
     folder = circnav("replay", tmp_path / "run")

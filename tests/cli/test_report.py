@@ -1,5 +1,5 @@
-"""`circnav report`: one page without network that shows the flight, also in a real browser, and one
-line for bad runs."""
+"""`circnav report`: one self-contained page of the flight, also checked in a real browser, and one
+error line for unusable runs."""
 
 import csv
 import importlib
@@ -17,7 +17,7 @@ from circnav_mav.runlog.tlog import message_id, read_tlog
 from tests.flight.recorded import recorded_flight
 from tests.runlog.conftest import rewrite_ticks
 
-# the package's `report` is the command
+# import the module by name, because the attribute `report` of the package is the command
 cli_report = importlib.import_module("circnav_mav.cli.report")
 pytestmark = pytest.mark.usefixtures("no_pictures")
 CHARTS = [
@@ -64,14 +64,18 @@ def test_report_is_complete_and_self_contained(page_of, run):
     )
     assert set(columns.split()) <= set(data["columns"])
     assert '<dt class="warning">WARNING</dt>' in page
-    assert '<div class="outcome bad">UNFINISHED: ' in page, "the outcome in words and colour, first"
+    assert '<div class="outcome bad">UNFINISHED: ' in page, (
+        "the page begins with the outcome in words and color"
+    )
     sent = sum(
         row["yaw_rate_sent"] != ""
         for row in csv.DictReader((run / "ticks.csv").read_text().splitlines())
     )
     assert f"<span>{sent} sent</span>" in page
     assert "2026-09-21 14:13 UTC, vehicle unknown" in page
-    assert page.index("<noscript><img") < page.index('id="charts"'), "the flight without a script"
+    assert page.index("<noscript><img") < page.index('id="charts"'), (
+        "without scripts the page shows the picture of the flight"
+    )
     for part in (
         "UNFINISHED",
         "The simulator's truth",
@@ -117,7 +121,7 @@ def test_dry_run_is_labeled_and_names_are_escaped(page_of, with_manifest):
         assert "<h1>&lt;script&gt;alert(1)&lt;/script&gt;@EVENTS@</h1>" in page
 
 
-def test_estimated_track_breaks_where_unknown(page_of, run):
+def test_estimated_track_has_gaps_without_trusted_estimate(page_of, run):
     """The estimate is trusted from 10 s to 12 s, and from 14 s on. The log has no truth."""
     frames = list(read_tlog(run / "flight.tlog"))
     kept = [
@@ -140,9 +144,9 @@ def test_estimated_track_breaks_where_unknown(page_of, run):
     assert not [time for time in known if 12 <= time < 14]
 
 
-def test_charts_break_at_gaps_and_repeat_no_range(page_of, run):
-    """The chart of an estimate has a gap for a stall of 1.5 s at 15 s, without a connecting line.
-    In every ten seconds, the first second has its own ranges and the others repeat the last one."""
+def test_charts_have_gaps_and_draw_each_range_once(page_of, run):
+    """The program stalls for 1.5 s at 15 s: the estimate's chart has a gap there. In every 10 s,
+    the first second has new ranges, and the other ticks repeat the last range."""
     last = {}
 
     def seldom(time, row):
@@ -213,7 +217,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("damage", "code", "error"), REFUSED.values(), ids=REFUSED)
-def test_impossible_report_is_one_line(circnav, run, damage, code, error):
+def test_impossible_report_is_refused_in_one_line(circnav, run, damage, code, error):
     damage(run)
     ran = circnav("report", run)
     assert ran.code == code
@@ -227,7 +231,7 @@ def test_impossible_report_is_one_line(circnav, run, damage, code, error):
         ("plot_flight", "flight.png", "report.html", 1000),
     ],
 )
-def test_failed_picture_after_flight_costs_one_line(
+def test_failed_picture_after_flight_prints_one_line(
     circnav, run, monkeypatch, maker, lost, left, size
 ):
     def broken(*arguments):
@@ -243,8 +247,8 @@ def test_failed_picture_after_flight_costs_one_line(
 
 
 def test_browser_zooms_charts_and_shows_values(browser, page_of, run):
-    """On a phone and a desktop. Dragging over one chart zooms all of them, and pointing at it shows
-    the values there."""
+    """Tested in the window sizes of a phone and a desktop. Dragging over one chart zooms all
+    charts, and pointing at a chart shows the values there."""
     _, data = page_of()
     for width in (390, 1100):
         browser.open((run / "report.html").as_uri(), width=width, dark=True)
@@ -268,7 +272,9 @@ def test_browser_zooms_charts_and_shows_values(browser, page_of, run):
         f"[...document.querySelectorAll('svg.strip')].map(one => {seconds.format('one')})"
     )
     assert len(axes) == len(CHARTS)
-    assert all(8 < min(axis) < max(axis) < 20 for axis in axes), "of 30 s, the middle"
+    assert all(8 < min(axis) < max(axis) < 20 for axis in axes), (
+        "every time axis shows the middle of the 30 s"
+    )
     time = float(browser.value("document.querySelector('#tools output').textContent").split()[0])
     shown = browser.value("document.querySelectorAll('figcaption')[2].innerText")
     estimated = np.interp(time, *(np.array(column, float) for column in data["columns"]["r"]))

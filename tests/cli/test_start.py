@@ -1,4 +1,4 @@
-"""Modules loaded by each command: only the necessary ones, and slow ones before they are needed."""
+"""Modules loaded by each command: only the necessary ones, and slow ones before they are used."""
 
 import json
 import subprocess
@@ -38,7 +38,7 @@ def test_quick_commands_load_no_slow_modules():
 WATCHED = """
 import importlib, signal
 from circnav_mav.pilot import Pilot
-fly = importlib.import_module("circnav_mav.cli.fly")  # the package's `fly` is the command
+fly = importlib.import_module("circnav_mav.cli.fly")  # the attribute `cli.fly` is a command
 loaded, receive = [], Pilot.receive
 
 def receive_watched(pilot, *arguments):
@@ -56,8 +56,8 @@ Pilot.receive, fly.Drawing = receive_watched, Drawing
 
 
 def test_flight_loads_optimizer_first_and_pictures_last(tmp_path):
-    """A signal during the drawing of pictures does not change the exit code of the flight.
-    scipy.optimize plans laps."""
+    """scipy.optimize, which plans laps, is loaded before the flight, and matplotlib after it. A
+    signal while pictures are drawn does not change the exit code."""
     arguments = ["fly", "quickstart", "--duration", "3", "--out", str(tmp_path / "run")]
     code, loaded = result_of(arguments, "[code, loaded]", WATCHED)
     assert code == 0
@@ -83,5 +83,5 @@ assert parts and all(part.__spec__ is not None and part.__file__ for part in par
 """
 
 
-def test_filterpy_stays_complete():
+def test_filterpy_is_complete_after_circnav_import():
     subprocess.run([sys.executable, "-c", FILTERPY], check=True)

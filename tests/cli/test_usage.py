@@ -51,7 +51,9 @@ import pytest
         ("replay x --out=", "--out: is empty, give it a name"),
     ],
 )
-def test_wrong_usage_is_one_line_and_writes_nothing(circnav, mission, busy_port, command, error):
+def test_wrong_usage_prints_one_error_line_without_writing(
+    circnav, mission, busy_port, command, error
+):
     command, error = (
         text.replace("BUSY", str(busy_port)).replace("LONG", 300 * "x") for text in (command, error)
     )

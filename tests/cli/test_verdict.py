@@ -105,7 +105,7 @@ def verdict_of(**changes: Any) -> str:
         ),
     ],
 )
-def test_verdict_contains_figures(changes: dict[str, Any], words: str) -> None:
+def test_verdict_text_follows_summary_values(changes: dict[str, Any], words: str) -> None:
     assert words in verdict_of(**changes)
 
 

@@ -115,7 +115,7 @@ def test_guidance_finds_target_in_wind_and_compensates_turn_gain():
 @pytest.mark.parametrize(
     ("name", "direction"), [("own", Direction.COUNTERCLOCKWISE), ("bold", Direction.CLOCKWISE)]
 )
-def test_own_law_and_own_gain_reach_circle(name, direction):
+def test_guidance_with_user_law_and_gain_reaches_circle(name, direction):
     world = World(12.0)
     world.fly(examples()[name], 150.0)
     assert world.radius == pytest.approx(60.0, rel=0.05)
@@ -224,7 +224,7 @@ def test_guidance_commands_only_finite_turn_rates():
 
 
 @pytest.mark.parametrize("law", ["auto", "feedforward", "smooth", "switching"])
-def test_tune_matches_gain_of_mission(law):
+def test_tune_returns_gain_of_mission(law):
     overrides = (
         f"guidance.law={law}",
         "vehicle.turn_lag_s=0.9",
@@ -277,7 +277,7 @@ def test_tune_matches_gain_of_mission(law):
         (lambda: tune(ORBIT, rate=0.0), "rate: must be a finite number above 0, not 0"),
     ],
 )
-def test_invalid_argument_is_named(make, words):
+def test_guidance_error_names_invalid_argument(make, words):
     with pytest.raises(ValueError, match=words):
         make()
 

@@ -87,9 +87,8 @@ def test_driver_of_radios_page_is_found_and_prints_page(tmp_path, module):
     entry = re.search(
         r"\[project.entry-points.\"(.+)\"\]\n(.+)", block("radios", "toml", "entry-points")
     )
-    installed = (
-        tmp_path / "circnav_ryuw122-0.1.0.dist-info"
-    )  # as pip generates it from pyproject.toml
+    # as pip generates it from pyproject.toml
+    installed = tmp_path / "circnav_ryuw122-0.1.0.dist-info"
     installed.mkdir()
     (installed / "METADATA").write_text(
         "Metadata-Version: 2.1\nName: circnav-ryuw122\nVersion: 0.1.0\n"

@@ -1,4 +1,5 @@
-"""Law and estimator of docs/own-law.md: by name in the benchmark, in missions and on a vehicle."""
+"""The user-defined law and estimator of docs/own-law.md, selected by name in the benchmark, in
+missions and on a vehicle."""
 
 import sys
 from dataclasses import replace
@@ -47,7 +48,7 @@ def modules(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("flight", [0, 1])
 @pytest.mark.parametrize("policy", ["mine:law", "mine:law+mine:Observer", "spiral+auto"])
-def test_own_law_and_estimator_keep_circle_in_benchmark(policy, flight):
+def test_user_law_and_estimator_keep_circle_in_benchmark(policy, flight):
     calm = replace(SITUATIONS["calm"], start=(80.0, 160.0), duration=110.0)
     track = fly(calm, policy, 1, flight)
     end = track.time > 80
@@ -64,7 +65,7 @@ def test_own_law_and_estimator_keep_circle_in_benchmark(policy, flight):
         ("wrong:number", "must be a function from the circle to a law.*returns 1.0"),
     ],
 )
-def test_unusable_law_is_explained(name, error, circnav):
+def test_unusable_law_is_refused_with_reason(name, error, circnav):
     with pytest.raises(OwnCodeError, match=error):
         Guidance(ORBIT, name)
     ran = circnav("check", "quickstart", "--set", f"guidance.law={name}")
@@ -74,13 +75,13 @@ def test_unusable_law_is_explained(name, error, circnav):
 @pytest.mark.parametrize(
     "name", ["./mine.py:law", "/tmp/mine:law", "mine.py", "mine:law.__globals__"]
 )
-def test_mission_names_modules_only(name):
+def test_mission_refuses_law_that_names_no_module(name):
     with pytest.raises(MissionError, match="is not one of 'smooth'"):
         parse_mission(small_mission.TEXT, "small.toml", [f"guidance.law={name}"])
 
 
-def test_own_code_steers_vehicle_only_with_permission():
-    """The module does not exist: its code is not imported to read a mission."""
+def test_user_code_steers_vehicle_only_with_permission():
+    """The named module does not exist, because reading a mission must not import user code."""
     own = ["guidance.law=absent:law", "guidance.estimator=absent:Filter"]
     with pytest.raises(MissionError, match=r"own_code_on_vehicle = true"):
         parse_mission(small_mission.TEXT, "small.toml", own)
@@ -90,7 +91,7 @@ def test_own_code_steers_vehicle_only_with_permission():
     assert permitted.own_code == ["absent:law", "absent:Filter"]
 
 
-def test_campaign_varies_own_laws_and_refuses_missing_ones(modules, circnav):
+def test_campaign_varies_user_laws_and_refuses_missing_ones(modules, circnav):
     file = modules / "laws.toml"
     text = f'mission = "{ROOT}/config/campaign_mission.toml"\nruns = 2\n[vary]\n"guidance.law" = '
     file.write_text(f'{text}["smooth", "mine:law"]')

@@ -30,7 +30,7 @@ def contents():
     return found
 
 
-def test_package_list_is_complete():
+def test_package_list_of_pyproject_is_complete():
     assert {name: folder for name, folder in FOLDERS.items() if name != folder} == SETUPTOOLS[
         "package-dir"
     ]
@@ -53,8 +53,7 @@ def test_package_data_patterns_match_data_files():
 
 
 def test_imported_packages_are_in_this_repository():
-    """Editable and regular installs find the files in the same way, which requires a package in
-    each folder."""
+    """Editable and regular installs find the same files only if each folder is a package."""
     for name in contents():
         assert files(name).is_dir(), name
 
@@ -66,7 +65,7 @@ def test_imported_packages_are_in_this_repository():
         *PROJECT["project"]["entry-points"]["circnav.ranging"].values(),
     ],
 )
-def test_each_entry_point_resolves(reference):
+def test_each_entry_point_can_be_imported(reference):
     assert callable(resolve_name(reference))
 
 
@@ -80,7 +79,7 @@ def test_shipped_schemas_match_core_and_extras(kind):
 def test_long_description_is_readme_without_relative_links(
     monkeypatch,
 ):
-    """The package index does not have the other files of the repository."""
+    """The package index has no other file of the repository, so relative links would be dead."""
     given = {}
     monkeypatch.setattr(setuptools, "setup", given.update)
     runpy.run_path(str(ROOT / "setup.py"))

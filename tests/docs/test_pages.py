@@ -43,7 +43,7 @@ def anchor(heading: str) -> str:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_resolve(page):
+def test_links_in_documents_have_targets(page):
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
         if "://" in target:
             continue
@@ -55,8 +55,8 @@ def test_links_resolve(page):
             assert place in map(anchor, headings), target
 
 
-def test_container_user_owns_missions_folder():
-    """WORKDIR creates a missing folder with owner root."""
+def test_docker_user_owns_missions_folder():
+    """WORKDIR in a Dockerfile creates a missing folder with owner root."""
     before, _, after = (ROOT / "deploy" / "Containerfile").read_text().partition("USER circnav\n")
     assert "mkdir /missions && chown circnav: /missions" in before
     assert "WORKDIR /missions" in after
@@ -91,7 +91,7 @@ def is_table(annotation) -> bool:
 
 
 WORKED_OUT = ("bounds.max_range_m", "limits.stale_s")
-"""Keys with a default computed from other keys: the page describes it in words."""
+"""Keys with a default that is computed from other keys. The page describes the computation."""
 
 
 def test_mission_page_has_each_key_with_default():
@@ -121,7 +121,7 @@ def test_vehicle_page_has_each_parameter_of_preflight(key):
 
 
 def test_logs_page_has_each_phase_and_summary_key():
-    """Columns and reasons to reject: tests/runlog/test_ticks.py."""
+    """tests/runlog/test_ticks.py checks the columns and the rejection reasons on the page."""
     orbit = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
     facts = FlightFacts("m", "completed", "", orbit, 0, {}, 0, None, "", 0, None)
     text = (DOCS / "logs.md").read_text()

@@ -103,7 +103,7 @@ KEPT = [
 
 
 @pytest.mark.parametrize("page", RUN, ids=lambda page: page.name)
-def test_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch, port):
+def test_commands_printed_in_documents_run(page, circnav, undrawn, tmp_path, monkeypatch, port):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.syspath_prepend(tmp_path)
     write_modules(page, tmp_path)
@@ -145,7 +145,7 @@ def test_printed_commands_run(page, circnav, undrawn, tmp_path, monkeypatch, por
     dict.fromkeys(command for _, command in KEPT if command.startswith("circnav")),
     ids=str,
 )
-def test_printed_command_has_valid_arguments(command, circnav, tmp_path):
+def test_command_printed_in_documents_has_valid_arguments(command, circnav, tmp_path):
     for name in ("my.toml", "vehicle.toml", "home.toml"):
         (tmp_path / name).write_bytes((ROOT / "config" / "quickstart.toml").read_bytes())
     named = cli
@@ -164,7 +164,7 @@ for _, one in KEPT:
 
 
 @pytest.mark.parametrize("program", OPTIONS)
-def test_program_has_printed_options(program):
+def test_program_has_options_printed_in_documents(program):
     output, _ = python(*program.removeprefix("python ").split(), "--help").communicate(
         timeout=PATIENCE
     )
@@ -173,7 +173,7 @@ def test_program_has_printed_options(program):
     ] == []
 
 
-def test_each_excluded_command_is_printed():
+def test_each_excluded_command_is_printed_in_documents():
     every = [command for commands in COMMANDS.values() for command in commands]
     assert len(every) > 60
     assert [

@@ -14,9 +14,9 @@ SPEED = 12.0
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("clockwise", [True, False])
-def test_ros2_node_circles_beacon_and_ends_by_signal(clockwise):
+def test_ros2_node_circles_beacon_until_signal(clockwise):
     """The test integrates the vehicle's motion from the published commands. The beacon is at (0,
-    0). Publishers are best effort, as those of MAVROS."""
+    0). The test publishes with best-effort QoS, as MAVROS does."""
     rclpy = pytest.importorskip("rclpy", reason="rclpy is not installed (.ci/nightly installs it)")
     from geometry_msgs.msg import Twist
     from nav_msgs.msg import Odometry

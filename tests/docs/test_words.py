@@ -24,8 +24,8 @@ TALK = (
 TALKS = re.compile(
     rf"\b({TALK.replace(' ', '|')}|say|thinks?|knows?|whoever|stands? still)\b|\+-$", re.IGNORECASE
 )
-"""Words that must not occur in messages: software that talks or believes, and an ASCII plus-minus
-before a number."""
+"""Patterns that must not occur in messages: verbs of speech and belief, and "+-" before a
+number."""
 NAMED = {
     *TALK.split(),
     "greet",
@@ -107,7 +107,7 @@ def test_names_and_messages_avoid_banned_words(path: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_pages_write_plain_numbers(page: Path) -> None:
+def test_pages_contain_no_odd_number_formats(page: Path) -> None:
     text = re.sub(
         r"^```.*?^```|^    .*?$|`[^`\n]*`",
         "",

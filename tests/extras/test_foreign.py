@@ -43,7 +43,7 @@ def test_printable_escapes_control_characters():
     assert printable("a\x1b[31m\nb\udcff") == r"a\x1b[31m\nb\udcff"
 
 
-def test_escape_codes_in_input_reach_no_terminal(circnav, tmp_path):
+def test_escape_codes_in_input_are_not_printed(circnav, tmp_path):
     (tmp_path / "collar.csv").write_text(circle_log(ESCAPE))
     ran = circnav("locate", "collar.csv")
     assert "200 ranges" in ran.done
@@ -66,7 +66,7 @@ def test_escape_codes_in_input_reach_no_terminal(circnav, tmp_path):
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_escape_codes_in_runs_reach_no_report(circnav, run, with_manifest):
+def test_report_omits_escape_codes_of_run_folder(circnav, run, with_manifest):
     with_manifest(
         mission=ESCAPE,
         outcome=ESCAPE,
@@ -126,7 +126,8 @@ READERS = {
     ("command", "name"), [(one, name) for one, names in READERS.items() for name in names.split()]
 )
 def test_endless_file_is_refused_in_one_line(circnav, run, command, name, make):
-    """A pipe without a writer, a link to /dev/zero, and a line of a gigabyte."""
+    """Tested with a pipe without a writer, a link to /dev/zero, and a file with a line of a
+    gigabyte."""
     if make is long_line and name.endswith("tlog"):
         pytest.skip("a long log is read piece by piece")
     (run / "good.key").write_bytes(bytes(range(32)))
@@ -158,7 +159,7 @@ def test_windows_mission_file_is_read(circnav, tmp_path):
 @pytest.mark.parametrize(
     "command", ["fly mission.toml", "replay x", "locate x", "bench", "campaign wind", "paper"]
 )
-def test_root_and_links_are_not_written(circnav, mission, tmp_path, command):
+def test_output_refuses_root_folder_and_links(circnav, mission, tmp_path, command):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").write_text("x")
     (tmp_path / "link").symlink_to(tmp_path / "mine")
@@ -176,8 +177,9 @@ def test_root_and_links_are_not_written(circnav, mission, tmp_path, command):
 # --- missions of extreme size ---
 
 
-def test_longest_mission_name_fits_live_page():
-    """A line that does not fit into the pipe in one piece is dropped."""
+def test_live_page_shows_longest_mission_name():
+    """The page's server receives each state as a line over a pipe. A line longer than PIPE_BUF
+    would be dropped."""
     pilot = Pilot(parse_mission(small_mission.TEXT, "x").pilot_settings())
     assert len(json.dumps(_facts(pilot, "x" * MAX_NAME, 1.0))) < select.PIPE_BUF
 
@@ -193,7 +195,7 @@ def test_longest_mission_name_fits_live_page():
         ("-v 60000", "check quickstart"),
     ],
 )
-def test_computer_without_resources_gives_one_line(tmp_path, limit, command):
+def test_command_without_memory_or_files_prints_one_line(tmp_path, limit, command):
     (tmp_path / "x.csv").write_text(circle_log("a"))
     ran = ended(tmp_path, command, limit=limit, OPENBLAS_NUM_THREADS="1")
     assert ran.returncode in (1, 2)
@@ -201,13 +203,13 @@ def test_computer_without_resources_gives_one_line(tmp_path, limit, command):
 
 
 @pytest.mark.parametrize("year", [1947, 2120])
-def test_unset_clock_is_refused(circnav, monkeypatch, year):
+def test_computer_with_unset_clock_is_refused(circnav, monkeypatch, year):
     monkeypatch.setattr(time, "time", lambda: (year - 1970) * 31_556_952.0)
     refused = circnav("fly", "quickstart").refused
     assert refused == "the clock of this computer is not between 1970 and 2100: set the clock"
 
 
-def test_unexpected_exception_is_one_line(circnav, monkeypatch):
+def test_unexpected_exception_prints_one_line(circnav, monkeypatch):
     for failure, code, error in (
         (MemoryError(), 1, "out of memory"),
         (RuntimeError("can't start new thread"), 1, "out of memory"),
@@ -219,7 +221,7 @@ def test_unexpected_exception_is_one_line(circnav, monkeypatch):
         assert ran.line.startswith(f"circnav: {error}")
 
 
-def test_notebook_backend_does_not_affect_pictures(tmp_path):
+def test_pictures_ignore_matplotlib_backend_of_notebook(tmp_path):
     (tmp_path / "x.csv").write_text(circle_log("a"))
     ran = ended(tmp_path, "locate x.csv", MPLBACKEND="module://matplotlib_inline.backend_inline")
     assert (ran.returncode, ran.stderr) == (0, "")

@@ -1,4 +1,4 @@
-"""A ground station on its own link: the emulator receives it, the pilot does not."""
+"""A ground station on its own link: only the emulator receives its messages, not the pilot."""
 
 import struct
 

@@ -23,20 +23,20 @@ from circnav_mav.runtime.runner import run_step
 from tests.tools.fault_link.frames import frames, message_id
 from tests.tools.fault_link.pipe import Pipe
 
-# lets a flight be copied
+# makes deepcopy of a flight possible
 copyreg.pickle(struct.Struct, lambda unpacker: (struct.Struct, (unpacker.format,)))
 
 CONFIG = Path(__file__).parents[2] / "config"
 UNIX = 1_790_000_000.0
-"""Wall-clock time at second 0."""
+"""Unix time at the start of a flight, s."""
 SETPOINT_IDS = {84, 82, 69}  # SET_POSITION_TARGET_LOCAL_NED, SET_ATTITUDE_TARGET, MANUAL_CONTROL
 
 
 @dataclass
 class Flight:
-    """A running flight in the product's lockstep, with its records. down, up: effect of the link on
-    received and sent frames; None: no delay and no loss. signing: of the pilot. vehicle_clock:
-    error of the vehicle's wall clock, s; None: it has no clock."""
+    """A running flight in the product's lockstep, with its records. down, up: link impairment of
+    received and sent frames; None: no delay and no loss. signing: signing state of the pilot.
+    vehicle_clock: error of the vehicle's wall clock, s; None: the vehicle has no clock."""
 
     pilot: Pilot
     vehicle: Vehicle
@@ -139,9 +139,9 @@ def flight(
     mission: str, *overrides: str, law: str | None = None, output: OutputMode = OutputMode.FLY
 ) -> Flight:
     """Return a flight of a file in config/, ready to start. If the mission's law is "auto" and
-    `law` is None, it flies `smooth`: such a test does not depend on the law."""
-    # The pilot ignores the messages of the true state, and the test reads it from the vehicle
-    # itself.
+    `law` is None, the flight uses the law `smooth`, because such a test does not depend on the
+    law."""
+    # The emulator need not send its true state: the pilot ignores it, and tests read the vehicle.
     overrides = ("sim.truth.rate_hz=0", *overrides)
     loaded = load_mission(CONFIG / f"{mission}.toml", overrides)
     if law is not None or loaded.file.guidance.law == "auto":

@@ -20,8 +20,8 @@ EPOCH_US = 1_790_000_000_000_000
 
 @dataclass
 class RecordedFlight(Flight):
-    """A flight whose steps and ticks are recorded. `interrupt_at`: time of the operator's Ctrl-C.
-    `slow_at`: time from which steps are too slow to send a setpoint, until one held back a
+    """A flight with a recorder. `interrupt_at`: time of the operator's Ctrl-C, s. `slow_at`: time,
+    s, from which every step is too slow. The slow steps end when one of them has withheld a
     setpoint."""
 
     recorder: Recorder | None = None

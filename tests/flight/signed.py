@@ -1,4 +1,4 @@
-"""Lockstep flights of a signing pilot and a signing vehicle, with one clock for both, as from
+"""Lockstep flights of a signing pilot and a signing vehicle, with one common wall clock, as from
 GPS."""
 
 from pathlib import Path
@@ -41,8 +41,8 @@ def signed_flight(
     theirs: bytes | None = KEY,
     vehicle_clock: float | None = 0.0,
 ) -> Flight:
-    """Return a flight of a file in config/, ready to start. ours, theirs: key of the pilot, and of
-    vehicle and radio; None: none."""
+    """Return a flight of a file in config/, ready to start. ours: key of the pilot. theirs: key of
+    vehicle and radio. None: no key."""
     if theirs is not None:
         overrides = (*overrides, f"sim.signing.key_file={key_file(folder, theirs, 'vehicle.key')}")
     made = flight(mission, *overrides)

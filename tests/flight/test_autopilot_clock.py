@@ -12,14 +12,14 @@ from tests.frames import output
 from tests.tools.fault_link.frames import message_id
 
 SPEED = 3
-# DISTANCE_SENSOR, SET_POSITION_TARGET_LOCAL_NED
+# message ids of DISTANCE_SENSOR and SET_POSITION_TARGET_LOCAL_NED
 RANGE = 132
 SETPOINT = 84
 
 
-def test_fast_simulator_is_flown_in_its_own_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The test advances the computer's clock by 5 ms per step. Over sockets:
-    tests/cli/test_commands.py."""
+def test_fast_simulator_is_flown_by_autopilot_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test advances the computer's clock by 5 ms per step. tests/cli/test_commands.py does the
+    same over sockets."""
     real = [0.0]
     monkeypatch.setattr(clock_module, "steady", lambda: real[0])
     flown = flight("arducopter", "limits.duration_s=12")
@@ -45,9 +45,9 @@ def test_fast_simulator_is_flown_in_its_own_time(monkeypatch: pytest.MonkeyPatch
         [time for time in times if began + 1.0 <= time < began + 11.0]
         for times in (ranges, setpoints)
     ]
-    # the radio's 10 Hz, in the run's seconds
+    # the radio sends at 10 Hz in the time of the simulator
     assert len(on_the_circle[0]) == pytest.approx(100, abs=2)
-    assert len(on_the_circle[1]) == pytest.approx(200, rel=0.2)  # a tick after each range
+    assert len(on_the_circle[1]) == pytest.approx(200, rel=0.2)  # each range triggers one more tick
 
 
 @pytest.mark.parametrize(("speed", "noticed"), [(1.0, None), (1.05, None), (0.5, 0.5), (8.0, 8.0)])

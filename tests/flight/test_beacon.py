@@ -16,12 +16,12 @@ from tests.process import ROOT
 
 
 class SurveyedError(Exception):
-    """Raised when the survey has finished, to end the program."""
+    """Raised when the preflight has finished, to end docs/beacon.py."""
 
 
 class Wire:
-    """The program's own link, with the interface of `mavutil`, to a vehicle that the survey
-    advances in lockstep."""
+    """Link of docs/beacon.py to the emulated vehicle, with the interface of `mavutil`. Receiving
+    advances vehicle and preflight in lockstep."""
 
     def __init__(self, bench: Bench) -> None:
         self.mav = mavlink.MAVLink(self, 1, 192)
@@ -60,6 +60,7 @@ def test_beacon_program_supplies_ranges_to_simulator(
     assert {subject: lines[subject].grade for subject in ("ranging", "noise", "stamps")} == {
         "ranging": Grade.PASS, "noise": Grade.PASS, "stamps": Grade.PASS,
     }  # fmt: skip
+    # tolerance for drift and noise, m
     assert float(lines["distance"].text.split()[0]) == pytest.approx(
         (50**2 + 15**2) ** 0.5, abs=4.0
-    )  # drift, noise
+    )

@@ -1,4 +1,4 @@
-"""`circnav fly` at boot, before the serial device of the autopilot is there."""
+"""`circnav fly` at boot, before the serial device of the autopilot exists."""
 
 import os
 import pty
@@ -16,7 +16,7 @@ HEARTBEAT = mavlink.MAVLink_heartbeat_message(
 )
 
 
-def test_fly_opens_serial_autopilot_that_appears_later(tmp_path: Path) -> None:
+def test_fly_opens_serial_device_that_appears_after_start(tmp_path: Path) -> None:
     pytest.importorskip("serial")
     device = tmp_path / "tty"
     endpoint = f"serial:{device}:57600"
@@ -34,4 +34,4 @@ def test_fly_opens_serial_autopilot_that_appears_later(tmp_path: Path) -> None:
     process.send_signal(signal.SIGTERM)
     printed, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
-    assert "no such device" not in printed, "it has appeared"
+    assert "no such device" not in printed, "no warning at the end about a device that has appeared"

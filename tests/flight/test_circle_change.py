@@ -15,7 +15,7 @@ def radii(flown, since):
 
 
 def moved(flown, after, speed):
-    """Request another radius on the circle, and check the way to it."""
+    """Request another radius on the circle, and check the transition to the new circle."""
     begins = flown.now
     before = flown.pilot.controller.orbit.radius
     assert flown.pilot.request_circle(CircleRequest(radius=after, by="test"), begins) == ""
@@ -32,7 +32,7 @@ def moved(flown, after, speed):
     assert flown.pilot.controller.orbit.radius == after
 
 
-def test_larger_circle_is_reached_without_overshoot():
+def test_requested_larger_circle_is_reached_without_overshoot():
     moved(
         flight("arduplane", "orbit.radius_m=110", "limits.duration_s=400", law="auto").fly(40.0),
         150.0,
@@ -40,7 +40,7 @@ def test_larger_circle_is_reached_without_overshoot():
     )
 
 
-def test_smaller_circle_and_reversed_direction_are_flown():
+def test_requested_smaller_circle_and_reversed_direction_are_flown():
     flown = flight(
         "arducopter",
         "orbit.radius_m=40",
@@ -64,7 +64,7 @@ def test_smaller_circle_and_reversed_direction_are_flown():
     )
 
 
-def test_circle_that_wind_forbids_is_refused_with_least_radius():
+def test_small_circle_in_wind_is_refused_with_least_radius():
     flown = flight(
         "arduplane",
         "orbit.radius_m=150",
@@ -81,7 +81,7 @@ def test_circle_that_wind_forbids_is_refused_with_least_radius():
 
 
 @pytest.mark.parametrize("begins", [60.0, pytest.param(76.0, marks=pytest.mark.nightly)])
-def test_reversal_stays_within_announced_reach(begins):
+def test_direction_reversal_stays_within_announced_distance(begins):
     flown = flight(
         "arduplane",
         "orbit.radius_m=150",

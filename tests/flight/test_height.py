@@ -1,4 +1,4 @@
-"""The circle on the map does not depend on the vehicle's height: the slant correction follows its
+"""The horizontal radius does not depend on the vehicle's height: the slant correction follows the
 altitude."""
 
 import re
@@ -17,7 +17,7 @@ HOME_POSITION = b"\xf2\x00\x00"
 
 
 def flight_with_height(mission: str, key: str, *overrides: str) -> Flight:
-    """Return a flight of a file in config/ with another key for the height."""
+    """Return a flight of a file in config/ whose mission gives the height by another key."""
     text, count = re.subn(
         r"(?m)^height_above_target_m = .*$", key, (CONFIG / f"{mission}.toml").read_text()
     )
@@ -27,8 +27,9 @@ def flight_with_height(mission: str, key: str, *overrides: str) -> Flight:
     return Flight(Pilot(loaded.pilot_settings()), Vehicle(parse_vehicle(loaded.file.sim, mission)))
 
 
-def test_radius_is_constant_while_plane_climbs() -> None:
-    """With the configured height of 60 m, ranges of a circle of 150 m would be flown at 140.4 m."""
+def test_horizontal_radius_is_constant_while_plane_climbs() -> None:
+    """With the constant height of 60 m, the plane would fly a radius of 140.4 m instead of 150 m
+    after its climb."""
     flown = flight("arduplane", "limits.duration_s=120.0", law="auto").fly(50)
     Operator(flown.vehicle).change_altitude(80.0)
     flown.fly(200)
@@ -45,7 +46,7 @@ def test_radius_is_constant_while_plane_climbs() -> None:
         ("px4_copter", 50.0, 30.0, "target_above_home_m = 5.0"),
     ],
 )
-def test_radius_uses_height_from_home_or_sea_level(
+def test_slant_correction_uses_height_from_home_or_sea_level(
     mission: str, radius: float, flies: float, key: str
 ) -> None:
     placed = (

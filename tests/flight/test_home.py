@@ -1,5 +1,5 @@
-"""Homing to one beacon: `config/home.toml`, the SX1280's error and rate, wind of a third of V, GPS
-lost at 2 km."""
+"""The mission `config/home.toml`: a plane flies home to one beacon. The radio has the error and the
+rate of an SX1280, the wind is V/3, and GPS is lost at 2 km."""
 
 import re
 from math import hypot
@@ -16,10 +16,10 @@ from tests.tools.straight_way import straight_way
 STOPS = 'sim.events=[{{at_s=1.0, action="gps_off"}}, {{at_s={}, action="mute_ranging"}}]'.format
 STALE = 3.0
 HOLD = 60.0
-"""`limits.stale_s` and `limits.hold_s` of the mission, s."""
+"""`limits.stale_s` (STALE) and `limits.hold_s` (HOLD) of the mission, s."""
 
 
-def test_straight_way_accounts_for_the_wind() -> None:
+def test_time_of_straight_flight_accounts_for_wind() -> None:
     assert straight_way((100.0, 0.0), (0.0, 0.0), 20.0) == pytest.approx(5.0)
     assert straight_way((100.0, 0.0), (-5.0, 0.0), 20.0, short_of=40.0) == pytest.approx(
         60.0 / 15.0
@@ -27,7 +27,7 @@ def test_straight_way_accounts_for_the_wind() -> None:
     assert straight_way((0.0, -100.0), (12.0, 0.0), 20.0) == pytest.approx(100.0 / 16.0)
 
 
-def test_calibration_of_mission_matches_bundled_radio() -> None:
+def test_calibration_of_home_mission_matches_emulated_radio() -> None:
     mission = load_mission(CONFIG / "home.toml", ())
     assert mission.file.sim is not None and mission.file.ranging.points_m is not None
     assert [list(point) for point in mission.file.ranging.points_m] == mission.file.sim["ranging"][
@@ -44,8 +44,8 @@ def test_plane_without_gps_flies_home_and_circles() -> None:
 
 
 @pytest.mark.parametrize(("wind", "raised"), [(12.0, False), (16.0, True), (18.0, True)])
-def test_home_alarms_no_way_made_within_a_minute(wind: float, raised: bool) -> None:
-    """The plane flies at 15.4 m/s against the wind."""
+def test_home_raises_no_way_made_alarm_in_strong_wind(wind: float, raised: bool) -> None:
+    """The plane's true airspeed is 15.4 m/s, so it cannot reach home against a wind of 16 m/s."""
     flown = flight("home", f"sim.wind.speed_mps={wind}", law="auto").fly(61.0)
     alarm = flown.pilot.conditions.alarms.get("no_way_made", "")
     named = re.search(rf"\(wind {wind:.0f}, airspeed 1[56] m/s\)", alarm)
@@ -54,8 +54,8 @@ def test_home_alarms_no_way_made_within_a_minute(wind: float, raised: bool) -> N
 
 
 def lost(seed: int, at: float, away: float) -> tuple[Flight, list[Truth], float]:
-    """Fly until the beacon stops at a time, s, and on to the end. Return the flight, its track
-    after that time and the time of the alarm."""
+    """Fly to the end; the beacon stops at the time `at`, s. Return the flight, its track after that
+    time, and the time of the alarm."""
     flown, _ = prepared(seed, STOPS(at), away=away)
     alarmed: list[float] = []
 
@@ -67,7 +67,7 @@ def lost(seed: int, at: float, away: float) -> tuple[Flight, list[Truth], float]
     return flown, [truth for truth in flown.truths if truth.time > at], alarmed[0]
 
 
-def test_lost_beacon_on_circle_holds_by_drift_until_exit() -> None:
+def test_lost_beacon_on_circle_is_circled_until_exit() -> None:
     flown, since, alarmed = lost(11, 60.0, 250.0)
     assert alarmed - 60.0 < 5.0
     assert flown.outcome.ending is Ending.ABORTED
@@ -77,7 +77,7 @@ def test_lost_beacon_on_circle_holds_by_drift_until_exit() -> None:
     assert flown.vehicle.truth.mode == flown.pilot.session.adapter.exits["loiter"]
 
 
-def test_lost_beacon_underway_holds_a_local_circle() -> None:
+def test_lost_beacon_underway_gives_local_circle_until_exit() -> None:
     flown, since, alarmed = lost(11, 60.0, 2000.0)
     assert alarmed - 60.0 < 5.0
     held = [truth for truth in since if alarmed < truth.time < 60.0 + HOLD]

@@ -1,5 +1,5 @@
-"""A vehicle that stays in its mode and does not fly the commanded turns: detected in 5 s, handed
-back after a while."""
+"""A vehicle that stays in its mode but does not fly the commanded turns: reported within 5 s. After
+`limits.unfollowed_s` the exit action follows."""
 
 import copy
 
@@ -30,12 +30,15 @@ NEVER = [
     ("arduplane", "reversed"), ("arduplane", "weak"), ("px4_plane", "weak"),
     ("arducopter", "hovering"), ("px4_copter", "hovering"),
 ]  # fmt: skip
-"""Every vehicle with a fault, every fault with two vehicles."""
+"""Pairs of mission and steering fault. Every vehicle has a fault, and every fault occurs on two
+vehicles."""
 
 
 @pytest.mark.parametrize(("mission", "steering"), NEVER)
-def test_vehicle_that_never_turns_is_returned(mission: str, steering: str) -> None:
-    """It starts by flying away from the target, so that a turn is commanded."""
+def test_guidance_ends_when_vehicle_never_follows_turn_commands(
+    mission: str, steering: str
+) -> None:
+    """The vehicle starts on a heading away from the target, so that the law commands a turn."""
     fault = f'sim.vehicle.steering="{steering}"'
     flown = flight(mission, fault, FAR, AWAY, "limits.unfollowed_s=4.0", law="auto").fly(60)
     assert alarmed_at(flown) - engaged_at(flown) < 5.0
@@ -54,9 +57,10 @@ def test_vehicle_that_never_turns_is_returned(mission: str, steering: str) -> No
         ("arduplane", ["straight", "weak"]),
     ],
 )
-def test_vehicle_that_stops_turning_raises_an_alarm(mission: str, faults: list[str]) -> None:
-    """If its turn happens to match the circle, it may stay on it for several seconds more. A plane
-    that turns below larger commands looks like one at its bank limit."""
+def test_vehicle_that_stops_following_raises_alarm(mission: str, faults: list[str]) -> None:
+    """A vehicle that continues with the turn rate of the circle stays on it for some seconds, so
+    the alarm comes later. A plane with this fault looks like a plane at its bank limit, so
+    "turning" is tested only on the copter."""
     circling = flight(mission, FAR, law="auto").fly(50)
     for steering in faults:
         flown = copy.deepcopy(circling)
@@ -69,7 +73,7 @@ def test_vehicle_that_stops_turning_raises_an_alarm(mission: str, faults: list[s
         assert stays or "did not follow" in flown.outcome.reason, steering
 
 
-def test_vehicle_that_follows_again_is_flown_on() -> None:
+def test_flight_continues_when_vehicle_follows_again() -> None:
     events = (
         'sim.events=[{at_s=30.0, action="steering_straight"}, {at_s=38.0, action="steering_good"}]'
     )
@@ -80,7 +84,7 @@ def test_vehicle_that_follows_again_is_flown_on() -> None:
     assert abs(flown.ticks[-1].r - 30.0) < 3.0
 
 
-def test_uplink_outage_is_no_disobedience() -> None:
+def test_uplink_outage_is_not_reported_as_unfollowed_commands() -> None:
     """The copter stops at its setpoint timeout and then follows no command. Unanswered TIMESYNC
     requests show the outage."""
     flown = flight("arducopter", FAR, "limits.duration_s=75.0", law="auto").fly(30)

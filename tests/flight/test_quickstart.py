@@ -1,5 +1,5 @@
-"""The quickstart mission in lockstep: another law, a ranging link of its own, and the paper's
-examples 1 and 3 through real MAVLink bytes."""
+"""The quickstart mission with a separate ranging link, and the paper's examples 1 and 3, in
+lockstep over real MAVLink bytes."""
 
 import itertools
 
@@ -20,8 +20,9 @@ BEACON = (
 )  # fmt: skip
 
 
-def test_beacon_on_its_own_link_flies_the_circle() -> None:
-    """NAMED_VALUE_FLOAT: test_range_rate.py; DISTANCE_SENSOR: all others."""
+def test_quickstart_circles_with_ranging_beacon_on_separate_link() -> None:
+    """Ranges as RANGING_BEACON. test_range_rate.py flies with NAMED_VALUE_FLOAT, all other flights
+    with DISTANCE_SENSOR."""
     flown = flight(
         "quickstart", 'orbit.direction="clockwise"', "limits.duration_s=80", *BEACON
     ).fly(90)
@@ -31,12 +32,13 @@ def test_beacon_on_its_own_link_flies_the_circle() -> None:
 
 
 @pytest.mark.parametrize(("example", "radius", "tolerance"), [(1, 10.987, 0.02), (3, 10.0, 0.05)])
-def test_paper_examples_reach_their_radius(example, radius, tolerance):
-    """From one start. From 60 and 2,000 starts, without MAVLink: tests/extras, `circnav paper`."""
+def test_paper_examples_reach_radius_of_paper(example, radius, tolerance):
+    """One start. tests/extras/paper and `circnav paper` simulate 60 and 2,000 starts without
+    MAVLink."""
     flown = flight(f"paper_example_{example}", "limits.duration_s=120", "sim.seed=1").fly(130)
     assert flown.outcome.ending.value == "completed"
     assert mean_radius(last_third(flown)) == pytest.approx(radius, abs=tolerance)
     assert clockwise_turns(last_third(flown)) > 0.5
-    if example == 1:  # lemma in_C_d_once
+    if example == 1:  # the paper's lemma in_C_d_once: the circle is entered at most once
         inside = [true_radius(truth) < 10.0 for truth in flown.truths if truth.time > 2]
         assert sum(now and not before for before, now in itertools.pairwise(inside)) <= 1

@@ -1,4 +1,4 @@
-"""Whole flights over MAVLink with a radio that measures the range rate, and with one that
+"""Complete flights over MAVLink with a radio that measures the range rate, and with a radio that
 freezes."""
 
 import numpy as np
@@ -26,8 +26,8 @@ RADIO = (
 
 
 def flown(until, *overrides, law="smooth"):
-    """Return a quickstart flight with such a radio, and the time of each alarm, by its first
-    words."""
+    """Return a quickstart flight with a radio that measures the range rate, and the time of each
+    alarm by its first words."""
     under_way = flight("quickstart", *RADIO, *overrides, law=law)
     alarms = {}
     watch = StatusSource(under_way.pilot, Onlookers())
@@ -59,7 +59,7 @@ def test_measured_range_rate_flies_the_circle_without_filter():
     assert np.mean(measured[-400:].astype(float)) == pytest.approx(0.0, abs=0.15)
 
 
-def test_frozen_radio_counts_as_lost():
+def test_frozen_radio_is_treated_as_lost_range():
     events = (
         'sim.events=[{at_s=30.0,action="freeze_ranging"},{at_s=44.0,action="unfreeze_ranging"}]'
     )

@@ -1,5 +1,5 @@
-"""The emulated plane and copter swing where the real vehicles swing, and are quiet where the real
-vehicles are quiet.
+"""The emulated plane and copter oscillate with the gains with which the real firmware oscillates,
+and only with these.
 
 Real firmware, flown with the gains below as `flown` (DISTANCE_SENSOR 0.5 m at 10 Hz, calm air, 11
 to 21 ms of round-trip delay, last two laps): ArduPlane 4.6.3 at R 150, V 22: radius RMS 0.8 to 1.7
@@ -32,12 +32,12 @@ from tests.tools.fault_link.pipe import Impairment, Pipe
 RADIUS = {"arduplane": 150.0, "arducopter": 30.0}
 SPEED = {"arduplane": 22.0, "arducopter": 5.0}
 APPROACH = 50.0
-LAG = {"arduplane": 0.5, "arducopter": 0.7}  # turn_lag_s of the missions flown
+LAG = {"arduplane": 0.5, "arducopter": 0.7}  # turn_lag_s of the missions flown on firmware, s
 
 
 def as_shipped(mission: str) -> Callable[..., float]:
-    """Return the law as first flown on firmware: designed for a pure first-order lag, with a full
-    lead."""
+    """Return the law as first flown on firmware. It is designed for a pure first-order lag without
+    dead time, and its lead compensates the whole lag."""
 
     before = {"psi": 0.0, "time": -inf, "rate": 0.0}
 
@@ -113,7 +113,8 @@ def last_laps(
 def test_emulator_oscillates_with_gains_that_oscillate_on_firmware(
     mission, least, most, monkeypatch
 ):
-    """least, most: limits of the standard deviation of the commanded turn rate, deg/s."""
+    """least, most: bounds of the standard deviation of the commanded turn rate, deg/s, from the
+    firmware flights above."""
     monkeypatch.setattr(step, "_by_drift", as_shipped(mission))
     flown = laps(mission, 1)
     rms, sd, turns, rolls = last_laps(flown, mission, 1)
@@ -123,18 +124,21 @@ def test_emulator_oscillates_with_gains_that_oscillate_on_firmware(
         assert 0.8 / 1.5 < rms < 1.7 * 1.5
         assert rolls[0] < -25 and rolls[1] > 45
         return
-    # 20 s of 50 ms ticks
+    # frequency of the oscillation over the last 20 s (400 ticks of 50 ms)
     rates = [tick.turn_rate for tick in flown.ticks[-400:] if tick.turn_rate is not None]
     crossings = np.count_nonzero(np.diff(np.sign(np.array(rates) - np.mean(rates))))
-    assert crossings / 40 == pytest.approx(1.0, abs=0.2)  # Hz
+    assert crossings / 40 == pytest.approx(1.0, abs=0.2)  # frequency of the oscillation, Hz
 
 
 @pytest.mark.parametrize(
     ("mission", "count", "judged", "most"), [("arduplane", 1, 1, 0.32), ("arducopter", 2, 1, 0.12)]
 )
-def test_default_gains_fly_quietly(mission: str, count: int, judged: int, most: float) -> None:
-    """Turn standard deviation on firmware: 0.2 deg/s for both. A filter without a hypothesis of
-    constant drift has a radius RMS of 0.8 m and 0.15 m."""
+def test_default_gains_fly_circle_without_oscillation(
+    mission: str, count: int, judged: int, most: float
+) -> None:
+    """On firmware the commanded turn has a standard deviation of 0.2 deg/s on both vehicles.
+    `most`: largest radius RMS, m. Without the hypothesis of constant drift, the filter reached 0.8
+    m (plane) and 0.15 m (copter)."""
     flown = laps(mission, count)
     rms, sd, turns, _ = last_laps(flown, mission, judged)
     assert sd < 0.55 and rms < most
@@ -149,7 +153,8 @@ TIGHT = (
     "sim.vehicle.cruise_speed_mps=15.0",
     "sim.wind.speed_mps=5.0",
 )
-# mission, overrides, frequency (rad/s), damping, latest detection (s), quiet (deg/s), radius error
+# mission, overrides, frequency (rad/s) and damping of the turn, latest alarm (s), then largest turn
+# standard deviation (deg/s) and radius error (share) at the end
 RINGING = {
     "rover, steering badly tuned": ("ardurover", (), 4.0, 0.1, 20.0, 2.0, 0.1),
     "plane, roll rings on a tight circle in wind": (
@@ -165,9 +170,9 @@ RINGING = {
 
 
 @pytest.mark.parametrize("name", RINGING)
-def test_ringing_vehicle_is_flown_with_lower_gains(name: str) -> None:
-    """Before the detection the plane swings at 0.7 Hz between -4 and 48 deg of bank. Its own turn
-    is 18 deg/s on average and 10 to 32 deg/s during a lap."""
+def test_limit_cycle_lowers_gains_on_oscillating_vehicle(name: str) -> None:
+    """Before the detection the plane's bank oscillates at 0.7 Hz between -4 and 48 deg. In this
+    wind the circle itself requires 10 to 32 deg/s of turn during a lap, on average 18 deg/s."""
     mission, overrides, frequency, damping, at, quiet, off = RINGING[name]
     loop = (f"sim.vehicle.turn_frequency_rad_s={frequency}", f"sim.vehicle.turn_damping={damping}")
     flown = flight(mission, *overrides, *loop, "limits.duration_s=100.0", law="auto").fly(130)
@@ -178,10 +183,10 @@ def test_ringing_vehicle_is_flown_with_lower_gains(name: str) -> None:
     assert max(abs(true_radius(truth) / radius - 1) for truth in last_third(flown)) < off
 
 
-def test_slow_oscillation_is_found_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A copter at its acceleration limit that adds only a part of the acceleration fed forward, so
-    that it swings with periods of 5 to 6 s. With full gains the radius error is 4 m, and the turn's
-    standard deviation 17 deg/s."""
+def test_limit_cycle_of_5_s_is_found_and_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A copter at its acceleration limit that executes only 0.4 of the feedforward acceleration:
+    its turn oscillates with periods of 5 to 6 s. With full gains the radius error is 4 m, and the
+    standard deviation of the turn 17 deg/s."""
     monkeypatch.setattr(multicopter, "FEED_SHARE", 0.4)
     fast = "vehicle.speed_mps=7.0", "vehicle.max_turn_rate_deg_s=30.0", "orbit.radius_m=45.0"
     radio = (

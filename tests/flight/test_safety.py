@@ -1,5 +1,5 @@
-"""Whole flights in lockstep: the operator always takes over, and a loss of range or link has a
-defined reaction."""
+"""Complete flights in lockstep with failing sensors, streams and ranges, and with a stalled
+computer."""
 
 import itertools
 from dataclasses import replace
@@ -18,8 +18,8 @@ def is_ranging(frame: bytes) -> bool:
 
 
 @pytest.mark.parametrize("law", ["auto", "drift"])
-def test_setpoints_continue_without_own_motion(law: str) -> None:
-    """The autopilot stops sending its attitude; ranges continue."""
+def test_setpoints_continue_when_attitude_stops(law: str) -> None:
+    """The autopilot stops sending ATTITUDE, so own motion is unknown. The ranges continue."""
     flown = flight("arduplane", law=law).fly(20)
     flown.hears = lambda frame, now: message_ids(frame) != [30]
     flown.fly(32)
@@ -29,7 +29,7 @@ def test_setpoints_continue_without_own_motion(law: str) -> None:
     assert flown.pilot.mission.phase in STEERING
 
 
-def test_stuck_airspeed_sensor_is_named_by_alarm() -> None:
+def test_stuck_airspeed_sensor_raises_airspeed_alarm() -> None:
     flown = flight("arduplane", "limits.duration_s=200", law="auto").fly(90)
     flown.vehicle._flight.instruments.airspeed = lambda shown: 27.0  # type: ignore[method-assign]
     flown.fly(180)
@@ -37,8 +37,8 @@ def test_stuck_airspeed_sensor_is_named_by_alarm() -> None:
     assert rms_error(flown.truths[-200:], 150.0) < 8.0
 
 
-def test_circle_is_kept_with_one_attitude_per_second() -> None:
-    """The autopilot refuses stream requests."""
+def test_plane_keeps_circle_with_one_attitude_per_second() -> None:
+    """Example: an autopilot that refuses the request for a faster ATTITUDE stream."""
     flown = flight("arduplane", "sim.wind.speed_mps=5.0", "limits.duration_s=150", law="auto")
     flown.hears = lambda frame, now: message_ids(frame) != [30] or now % 1.0 < 0.051
     flown.fly(130)
@@ -46,7 +46,7 @@ def test_circle_is_kept_with_one_attitude_per_second() -> None:
     assert sum(b"attitude rarer than" in data for _, data in flown.sent) == 1
 
 
-def test_dry_run_beside_another_pilot_shows_the_law() -> None:
+def test_dry_run_beside_steering_pilot_reports_drift_law() -> None:
     flown = flight("arducopter", law="auto")
     settings = replace(flown.pilot.settings, output_mode=OutputMode.DRY_RUN)
     dry = Pilot(settings)
@@ -61,23 +61,23 @@ def test_dry_run_beside_another_pilot_shows_the_law() -> None:
     assert laws.count("drift") > 0.9 * len(laws)
 
 
-def test_range_outage_holds_then_returns_to_the_circle() -> None:
+def test_range_outage_is_held_then_circle_is_kept() -> None:
     flown = flight("quickstart", "limits.hold_s=20", "limits.duration_s=65")
     flown.hears = lambda frame, now: not (is_ranging(frame) and 30 < now < 36)
     phases = []
     flown.fly(90, lambda f: phases.append((f.now, f.pilot.mission.phase)))
     holding = [now for now, phase in phases if phase is Phase.HOLDING]
     assert 30.3 < holding[0] < 30.8
-    assert 35.9 < holding[-1] < 37.0  # the first range after it is at 36.0
+    assert 35.9 < holding[-1] < 37.0  # the first range after the outage arrives at 36.0 s
     steady = [tick.turn_rate for tick in flown.ticks if tick.phase is Phase.HOLDING]
-    # from the learned turn-rate gain
+    # V/r_d; 1 % for the error of the learned turn gain
     assert steady == pytest.approx([-15.0 / 100.0] * len(steady), rel=0.01)
     assert rms_error(last_third(flown), 100.0) < 2.0
 
 
 @pytest.mark.parametrize("pause", [1.0, 3.0, 6.0])
 def test_stall_of_computer_raises_one_alarm(pause: float) -> None:
-    """The vehicle's messages of the pause arrive at its end."""
+    """The messages that the vehicle sends during the stall arrive at its end."""
     flown = flight("arduplane", "limits.duration_s=1000.0").fly(60.0)
     before = len(flown.sent)
     resumed = flown.now + pause

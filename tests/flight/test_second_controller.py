@@ -1,5 +1,5 @@
-"""Another program steers the same vehicle and is not received here: detected from the vehicle's
-reports and answers."""
+"""Another program steers the same vehicle over a link of its own. circnav detects it by the
+vehicle's reports and answers."""
 
 import pytest
 
@@ -11,11 +11,12 @@ from tests.tools.fault_link.frames import frames, message_id, write
 
 OTHER = (1, 193)
 BEGINS = 30.0
-"""Time at which the other program starts to send, s; every vehicle turns by then."""
+"""Time at which the other program starts to send, s. At this time every vehicle is turning."""
 
 
 def turning_the_other_way(frame: bytes) -> bytes:
-    """Return our setpoint as a program that flies the circle in the other sense would send it."""
+    """Return our setpoint with the opposite turn, as a program that circles in the other direction
+    would send it."""
     message = read(frame)
     if message.get_msgId() == 84:
         message.yaw_rate = -message.yaw_rate
@@ -61,14 +62,16 @@ def test_setpoints_of_another_program_raise_an_alarm(mission):
 
 
 @pytest.mark.parametrize("mission", ["ardurover", "px4_plane"])
-def test_vehicle_without_setpoint_report_shows_no_controller(mission):
-    """A limit documented in docs/safety.md."""
+def test_second_controller_is_undetected_without_setpoint_report(mission):
+    """A vehicle that does not report its setpoint does not show a second controller: a limit
+    documented in docs/safety.md."""
     assert flown_with_another(mission, until=BEGINS + 4.0)[1] == {}
 
 
 @pytest.mark.parametrize("mission", ["arducopter", "px4_copter"])
 def test_second_circnav_refuses_itself_while_first_steers(mission):
-    """A router forwards the frames of each circnav to the other one. Both have the same ids."""
+    """Two circnav programs have the same ids. A router forwards the frames of each program to the
+    other program."""
     first = flight(mission, "limits.duration_s=1000.0")
     second = flight(mission, "limits.duration_s=1000.0")
     received: list[bytes] = []

@@ -44,11 +44,11 @@ APART = ('ranging.endpoint="sim"', 'sim.ranging.via="direct"')
 @pytest.mark.parametrize(
     ("mission", "overrides", "clock"),
     [("px4_copter", (), 0.0), ("arducopter", APART, 0.0), ("arducopter", (), None)],
-    ids=["px4, before and in offboard", "ranging apart", "no clock"],
+    ids=["PX4 before and in OFFBOARD", "separate ranging link", "vehicle without clock"],
 )
 def test_vehicle_with_matching_key_is_flown(mission, overrides, clock, tmp_path):
-    """Without GPS an autopilot has no clock and takes the time from our first frame. A wrong clock
-    and unknown keys on one link: the fault matrix, F22."""
+    """Without GPS an autopilot has no clock (None) and takes the time from our first frame. F22 of
+    the fault matrix covers a wrong clock and unknown keys on one link."""
     flown = signed_flight(mission, tmp_path, *overrides, vehicle_clock=clock).fly(15)
     assert flown.pilot.mission.phase is Phase.ENGAGED
     assert len(flown.vehicle.setpoint_log) > 200
@@ -61,7 +61,7 @@ def test_vehicle_with_matching_key_is_flown(mission, overrides, clock, tmp_path)
         (KEY, None, APART, "unsigned", "every frame received is unsigned or wrongly signed"),
         (None, KEY, (), None, "set signing.key_file"),
     ],
-    ids=["ranging apart", "we have no key"],
+    ids=["vehicle without key", "circnav without key"],
 )
 def test_vehicle_without_matching_key_is_not_flown(
     ours, theirs, overrides, refusal, reason, tmp_path
@@ -84,7 +84,7 @@ def test_rebooted_autopilot_is_authenticated_and_ends_the_mission(tmp_path: Path
     flown = signed_flight("arducopter", tmp_path).fly(30)
     flown.vehicle._run_event(Event(action="reboot", value=2.0))
     flown.fly(60)
-    # the initial mode
+    # STABILIZE is the mode after the reboot
     assert flown.outcome.reason.startswith("pilot or failsafe switched to STABILIZE after ")
     assert flown.now < 35
     assert flown.pilot.frames_refused() == {}
@@ -127,11 +127,11 @@ def test_operator_with_key_takes_over(tmp_path: Path) -> None:
     assert "pilot or failsafe switched to LOITER" in flown.outcome.reason
 
 
-# --- the command ---
+# --- the command `circnav fly` ---
 
 
 def test_signed_run_replays_without_its_key(tmp_path: Path) -> None:
-    """The run folder contains neither key nor signature. The circle itself is tested above."""
+    """The run folder contains neither key nor signature."""
     key = key_file(tmp_path, KEY)
     folder = tmp_path / "out"
     process = circnav(
@@ -169,8 +169,8 @@ def assert_nothing_secret_is_kept(folder: Path) -> None:
 
 
 def test_pymavlink_with_passphrase_commands_signing_emulator(port: int, tmp_path: Path) -> None:
-    """mavutil with `setup_signing`, which MAVProxy also uses with a passphrase. Without it the
-    vehicle ignores the command."""
+    """The command is sent by pymavlink's mavutil with `setup_signing`, as MAVProxy does. Without
+    signing the vehicle ignores the command."""
     passphrase = "open sesame"
     made = subprocess.run(
         ["sh", "-c", f"printf %s '{passphrase}' | sha256sum | cut -c1-64 > drone.key"],

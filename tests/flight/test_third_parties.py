@@ -1,5 +1,5 @@
-"""Real ground stations beside circnav on the emulator: they see the vehicle, and their commands
-take it over."""
+"""Real ground stations beside circnav on the emulator: they change the radius of the circle and
+take over the vehicle."""
 
 import contextlib
 import json
@@ -16,7 +16,7 @@ MAVPROXY = "MAVProxy==1.8.75"
 
 
 class Stage:
-    """An emulator on its own port, and circnav flying it."""
+    """An emulator on a separate port, and circnav as a process that flies its vehicle."""
 
     def __init__(self, mission: str, folder: Path, open_things: contextlib.ExitStack) -> None:
         self.port = open_things.enter_context(reserved_port())
@@ -114,18 +114,18 @@ def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
         "--default-modules=mode,param,link,misc,wp,cmdlong",
         PYTHONPATH=str(mavproxy),
     )
-    # its parameters: it has read vehicle, mode and armed state
+    # MAVProxy has read vehicle, mode, armed state and parameters
     printed = read_until(station, "Received")
     assert "Detected vehicle 1:1" in printed
     assert "ARMED" in printed
     assert "GUIDED> Mode GUIDED" in printed
-    # its parameter editor lists our values, and another radius is flown
+    # MAVProxy lists circnav's parameters, and circnav flies the radius set there
     type_in(station, "vehicle 1:191")
     type_in(station, "param fetch")
     read_until(station, "Received 7 parameters")
     type_in(station, "param set CN_RADIUS 40")
     read_until(station, "circnav: next circle, 40 m clockwise")
-    # a command and a request of a mission plan are answered
+    # the vehicle answers a command and a request of its mission plan
     type_in(station, "long DO_SET_HOME 1")
     read_until(station, "DO_SET_HOME: UNSUPPORTED")
     type_in(station, "wp list")

@@ -18,7 +18,7 @@ from tests.flight.lockstep import (
     unrest,
 )
 
-# mission -> a mode that the operator selects
+# by mission: the custom mode that the operator selects for the takeover
 ARDUPILOT = {"arducopter": 5, "arduplane": 7, "ardurover": 4}
 PX4 = ("px4_copter", "px4_plane")
 VEHICLES = (*ARDUPILOT, *PX4)
@@ -40,9 +40,10 @@ def begun(mission: str) -> Flight:
     return flown
 
 
-def test_copter_holds_counterclockwise_circle_within_two_percent() -> None:
-    """The turn itself is 10 deg/s. The PX4 plane and the rover: test_weather.py; the other
-    vehicles: tests/tools/firmware/test_emulated.py; clockwise: test_ringing.py."""
+def test_copter_keeps_counterclockwise_circle_within_two_percent() -> None:
+    """The circle's own turn rate is 10 deg/s. The rover circles in test_weather.py, the other
+    vehicles in tests/tools/firmware/test_emulated.py, and clockwise circles are in
+    test_ringing.py."""
     flown = flight(
         "arducopter", 'orbit.direction="counterclockwise"', "limits.duration_s=120.0", law="auto"
     ).fly(200)
@@ -53,8 +54,8 @@ def test_copter_holds_counterclockwise_circle_within_two_percent() -> None:
 
 
 def test_plane_with_low_turn_gain_holds_its_radius() -> None:
-    """22.0 m/s indicated is 23.4 m/s true on the emulated plane, so the assumed coordinated turn
-    rate is 6 % too high. The mean radius is correct all the same."""
+    """The emulated plane's airspeed of 22.0 m/s is 23.4 m/s true, so the assumed coordinated turn
+    rate is 6 % too high. The learned turn gain corrects this."""
     flown = flight(
         "arduplane",
         "sim.vehicle.turn_effectiveness=0.73",
@@ -69,7 +70,7 @@ def test_plane_with_low_turn_gain_holds_its_radius() -> None:
 
 @pytest.mark.parametrize("mission", VEHICLES)
 def test_no_setpoint_follows_an_operator_takeover(mission: str) -> None:
-    """1,000 random ticks: the fault matrix, F16."""
+    """F16 of the fault matrix repeats the takeover at 1,000 random ticks."""
     chance = random.Random(3)
     for _ in range(5):
         flown = copy.deepcopy(begun(mission))
@@ -105,7 +106,7 @@ def test_autopilot_timeout_acts_when_application_is_killed(mission: str) -> None
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
-def test_exit_action_commands_the_mode_of_the_mission(mission: str) -> None:
+def test_exit_action_commands_mode_of_mission(mission: str) -> None:
     flown = flight(mission, "limits.duration_s=8.0", 'exit.action="rtl"').fly(60)
     adapter = flown.pilot.session.adapter
     assert flown.pilot.done
@@ -115,11 +116,11 @@ def test_exit_action_commands_the_mode_of_the_mission(mission: str) -> None:
 
 @pytest.mark.parametrize("taken_over", [False, True])
 @pytest.mark.parametrize(("excepted", "in_the_end"), [(0, "rtl"), (2, "loiter")])
-def test_px4_plane_exit_without_sticks_follows_its_exception(
+def test_px4_plane_after_exit_follows_stick_loss_exception(
     excepted: int, in_the_end: str, taken_over: bool
 ) -> None:
-    """Our stick counts as manual control. When it ends, PX4 reports manual control lost, even if
-    the operator has taken over."""
+    """PX4 treats circnav's MANUAL_CONTROL as the sticks. When it ends, PX4 reacts to the loss of
+    manual control, even after a takeover. COM_RCL_EXCEPT excepts modes from this reaction."""
     flown = flight("px4_plane", "limits.duration_s=8.0")
     operator = Operator(flown.vehicle)
     operator.set_px4_integer("COM_RCL_EXCEPT", excepted)
@@ -137,7 +138,7 @@ def test_px4_plane_exit_without_sticks_follows_its_exception(
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
-def test_lost_ranging_ends_with_the_exit_mode(mission: str) -> None:
+def test_lost_ranging_ends_flight_with_exit_mode(mission: str) -> None:
     flown = copy.deepcopy(begun(mission))
     flown.hears = lambda frame, now: frame[7:10] != b"\x84\x00\x00"
     flown.fly(40)
@@ -148,7 +149,7 @@ def test_lost_ranging_ends_with_the_exit_mode(mission: str) -> None:
     )
 
 
-def test_autopilot_auto_recognizes_the_vehicle() -> None:
+def test_autopilot_auto_recognizes_arduplane() -> None:
     flown = flight("arduplane", 'vehicle.autopilot="auto"', "limits.duration_s=5.0").fly(20)
     assert flown.pilot.session.adapter.name == "ardupilot plane"
     assert flown.setpoint_times != []
@@ -156,14 +157,14 @@ def test_autopilot_auto_recognizes_the_vehicle() -> None:
 
 def test_plane_without_vfr_hud_gets_no_setpoint() -> None:
     flown = flight("arduplane", "link.wait_s=5.0")
-    flown.hears = lambda frame, now: frame[7] != 74  # no VFR_HUD
+    flown.hears = lambda frame, now: frame[7] != 74  # VFR_HUD is lost
     flown.fly(30)
     assert flown.setpoint_times == []
     assert flown.outcome.ending is Ending.NOTHING_RECEIVED
     assert "no airspeed in VFR_HUD" in flown.outcome.reason
 
 
-def test_plane_circles_on_without_gps() -> None:
+def test_plane_continues_circle_when_gps_is_lost() -> None:
     lost = 'sim.events=[{at_s=40.0, action="gps_off"}]'
     flown = flight("arduplane", lost, "limits.duration_s=100.0", law="auto").fly(400)
     assert flown.outcome.ending is Ending.COMPLETED
@@ -176,9 +177,10 @@ def test_px4_copter_holds_its_height() -> None:
     assert max(heights) - min(heights) < 1.0
 
 
-def test_px4_copter_follows_command_through_zero() -> None:
-    """It answers within 0.5 s. With the configured 1.3 s it was classified as not following: its
-    path was ignored, and the search for the target restarted on its circle."""
+def test_px4_copter_keeps_drift_law_when_turn_changes_sign() -> None:
+    """The copter follows a turn command within 0.5 s. When 1.3 s was assumed, it was once
+    classified as not following: its path was ignored, and the search for the target restarted on
+    the circle."""
     flown = flight("px4_copter", "sim.wind.speed_mps=3.0", "sim.seed=4", law="auto").fly(90)
     laws = [tick.law for tick in flown.ticks if tick.time > 40]
     assert laws.count("drift") > 0.95 * len(laws)

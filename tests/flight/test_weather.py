@@ -1,6 +1,6 @@
-"""`auto` through MAVLink in the situations of the benchmark, each on the emulated plane or copter;
-over a slow link, with a radio that reports too little noise, and with less bank than the mission
-assumes.
+"""The law `auto` over MAVLink, on the emulated plane and copter, in the situations of the
+benchmark. Also over a slow link, with a radio that reports too small a sigma, and with less bank
+than the mission assumes.
 
 Wind and target speeds are shares of the vehicle's speed. The copter's autopilot holds its speed
 over ground, so the wind does not reach the guidance there.
@@ -15,9 +15,9 @@ from tests.tools.fault_link.pipe import Impairment, Pipe
 SPEED = {"arduplane": 22.0, "arducopter": 5.0}
 DURATION = 80.0
 JUDGED = 45.0
-"""Length of a flight and of its judged end, s."""
+"""Duration of a flight (DURATION), and of its evaluated last part (JUDGED), s."""
 LATE = ("plane, wind 0.53 V", "plane, target 0.2 V, wind 0.2 V")
-"""Situations in which the circle is true later or a lap takes longer."""
+"""Situations that need a longer flight, because the radius settles later or a lap takes longer."""
 
 
 def wind(share: float) -> str:
@@ -62,7 +62,7 @@ NIGHTLY = ("plane, 4000 m above the sea", "plane, lora")
         for name in SITUATIONS
     ],
 )
-def test_auto_law_holds_the_circle_in_weather(name: str) -> None:
+def test_auto_law_keeps_circle_in_weather(name: str) -> None:
     overrides, most = SITUATIONS[name]
     first = name.partition(",")[0]
     mission = MISSIONS.get(first, first)
@@ -76,7 +76,7 @@ def test_auto_law_holds_the_circle_in_weather(name: str) -> None:
     assert "drift" in {tick.law for tick in flown.ticks[-40:]}
 
 
-def test_underestimated_range_noise_is_reported_and_flown() -> None:
+def test_circle_is_kept_when_mission_underestimates_range_noise() -> None:
     flown = flight("quickstart", "limits.duration_s=75.0", "ranging.sigma_m=0.02", law="auto").fly(
         100.0
     )
@@ -89,9 +89,10 @@ def test_underestimated_range_noise_is_reported_and_flown() -> None:
 
 
 @pytest.mark.parametrize(("mission", "most"), [("arduplane", 1.5), ("ardurover", 4.0)])
-def test_slow_link_does_not_oscillate(mission: str, most: float) -> None:
-    """0.05 to 0.15 s of delay each way, as on a busy companion computer or a fast radio. most:
-    standard deviation of the turn command, deg/s; the turn itself is 8 deg/s."""
+def test_auto_law_does_not_oscillate_on_slow_link(mission: str, most: float) -> None:
+    """The link delays frames by 0.05 to 0.15 s each way, as a busy companion computer or a fast
+    telemetry radio does. most: largest standard deviation of the turn command, deg/s; the circle
+    itself requires 8 deg/s."""
     flown = flight(mission, "sim.truth.rate_hz=10", "limits.duration_s=120", law="auto")
     flown.down, flown.up = (
         Pipe(Impairment(delay=0.05, jitter=0.1, in_order=True), seed) for seed in (1, 2)
@@ -104,14 +105,15 @@ def test_slow_link_does_not_oscillate(mission: str, most: float) -> None:
 
 EFFECTIVENESS = 0.747
 AIRSPEED_SCALE = 1.065 / 1.033
-"""Emulated plane: actual over coordinated turn rate, and true airspeed over the standard
-atmosphere's."""
+"""Emulated plane. EFFECTIVENESS: actual over coordinated turn rate. AIRSPEED_SCALE: true airspeed
+over the true airspeed that circnav computes from the standard atmosphere."""
 
 
 def test_bank_limit_below_mission_is_learned_and_planned():
-    """ROLL_LIMIT_DEG 35 instead of 45 deg: downwind in 5 m/s the circle requires more. With the
-    commanded bank instead of the measured one, the turn gain came out too low. Without a planned
-    lap the circle is held within 2.6 m."""
+    """The plane banks at most 35 deg (ROLL_LIMIT_DEG), and the mission assumes 45 deg. Downwind in
+    5 m/s of wind the circle requires more than 35 deg. Without a planned lap the radius RMS is 2.6
+    m. The turn gain must be learned from the measured bank, because the commanded bank gives a too
+    low gain."""
     flown = flight(
         "arduplane",
         "sim.vehicle.max_bank_deg=35.0",

@@ -32,7 +32,7 @@ WIND = "sim.wind.speed_mps=2.0"
 
 
 @pytest.mark.parametrize("direction", ["clockwise", "counterclockwise"])
-def test_attitude_copter_holds_circle_in_wind(direction: str) -> None:
+def test_copter_without_gps_keeps_circle_in_wind(direction: str) -> None:
     flown = flight(
         "arducopter_nogps", f'orbit.direction="{direction}"', "limits.duration_s=120.0", law="auto"
     ).fly(160)
@@ -43,9 +43,9 @@ def test_attitude_copter_holds_circle_in_wind(direction: str) -> None:
     assert flown.vehicle.truth.mode == ALT_HOLD
 
 
-def test_attitude_copter_learns_its_drag() -> None:
-    """The mission assumes 1.5 times the drag of the emulated copter: its true airspeed begins too
-    high."""
+def test_copter_without_gps_learns_its_drag() -> None:
+    """The mission assumes 1.5 times the drag of the emulated copter, so the copter first flies
+    faster than V."""
     flown = flight(
         "arducopter_nogps", "vehicle.drag_per_s=0.58", "limits.duration_s=150.0", law="auto"
     ).fly(180)
@@ -54,7 +54,7 @@ def test_attitude_copter_learns_its_drag() -> None:
     assert sum(speeds) / len(speeds) == pytest.approx(5.0, rel=0.1)
 
 
-def test_px4_stick_copter_holds_circle_without_gps() -> None:
+def test_px4_copter_without_gps_keeps_circle_by_stick() -> None:
     flown = flight("px4_copter_nogps", "limits.duration_s=150.0", law="auto").fly(190)
     assert flown.outcome.ending is Ending.COMPLETED
     assert rms_error(last_third(flown), 50.0) < 2.5
@@ -73,7 +73,7 @@ def lost() -> Flight:
     return copy.deepcopy(_lost())
 
 
-def test_gps_loss_changes_method_and_keeps_the_circle() -> None:
+def test_gps_loss_changes_mode_and_keeps_circle() -> None:
     flown = lost().fly(200)
     changed_at = flown.pilot.gps_loss.changed_at
     assert changed_at is not None
@@ -89,7 +89,7 @@ def test_gps_loss_changes_method_and_keeps_the_circle() -> None:
     assert flown.vehicle.truth.mode == LAND
 
 
-def test_gps_loss_keeps_target_and_wind() -> None:
+def test_gps_loss_keeps_estimates_of_target_and_wind() -> None:
     flown = lost()
     tick = flown.ticks[-1]
     assert "land" in flown.pilot.conditions.alarms["gps_lost"]
@@ -100,7 +100,7 @@ def test_gps_loss_keeps_target_and_wind() -> None:
 
 @pytest.mark.parametrize("mode", [GUIDED, LAND, ALT_HOLD])
 def test_operator_takes_over_copter_without_gps(mode: int) -> None:
-    """GUIDED, too: circnav left it at the loss of GPS."""
+    """A return to GUIDED is a takeover too, because circnav left this mode at the loss of GPS."""
     flown = lost()
     Operator(flown.vehicle).set_mode(mode)
     while flown.pilot.session.vehicle.mode == GUIDED_NOGPS:
@@ -125,7 +125,7 @@ def test_operator_takes_over_during_switch_to_guided_nogps() -> None:
     assert flown.vehicle.truth.mode == ALT_HOLD
 
 
-def test_returning_gps_changes_nothing() -> None:
+def test_returning_gps_does_not_change_guided_nogps() -> None:
     events = (
         f'sim.events=[{{at_s={LOST_AT},action="gps_off"}},{{at_s={LOST_AT + 10},action="gps_on"}}]'
     )
@@ -136,14 +136,14 @@ def test_returning_gps_changes_nothing() -> None:
     assert flown.pilot.mission.steering
 
 
-def test_short_gps_loss_changes_nothing() -> None:
+def test_short_gps_loss_does_not_change_guided() -> None:
     events = 'sim.events=[{at_s=20.0,action="gps_off"},{at_s=20.6,action="gps_on"}]'
     flown = flight("arducopter", events, law="auto").fly(30)
     assert flown.pilot.gps_loss.changed_at is None
     assert flown.vehicle.truth.mode == GUIDED
 
 
-def test_exit_on_gps_loss_leaves_copter_to_failsafe() -> None:
+def test_on_gps_loss_exit_leaves_copter_to_failsafe() -> None:
     flown = flight(
         "arducopter", 'engage.on_gps_loss="exit"', 'sim.events=[{at_s=20.0,action="gps_off"}]'
     ).fly(40)
@@ -152,7 +152,7 @@ def test_exit_on_gps_loss_leaves_copter_to_failsafe() -> None:
 
 
 def test_flight_without_gps_replays_identically() -> None:
-    """The pilot reads no more than the recorded frames."""
+    """The recorded frames must be sufficient to reproduce the switch to GUIDED_NOGPS."""
     overrides = (GPS_LOST, WIND, "limits.duration_s=75.0", 'guidance.law="auto"')
     flown = Recorded.start(overrides)
     flown.fly(90)
@@ -162,7 +162,7 @@ def test_flight_without_gps_replays_identically() -> None:
 
 
 class Recorded(Flight):
-    """A flight that keeps its steps."""
+    """A flight that records its steps."""
 
     @classmethod
     def start(cls, overrides: tuple[str, ...]) -> "Recorded":

@@ -1,8 +1,8 @@
 """Helpers of the guidance tests.
 
-Unless stated otherwise, a vehicle flies at 15 m/s, 100 m east of a target whose position is
-estimated and trusted. `hypothesis` builds a single hypothesis for the multiple-model filter.
-`Circling` turns steadily in wind, and estimators observe its ranges and motion.
+By default a vehicle flies at 15 m/s, 100 m east of the target, and its relative motion is trusted.
+`hypothesis` builds a single hypothesis for the multiple-model filter. `Circling` turns steadily in
+wind, and estimators receive its ranges and motion.
 """
 
 from copy import deepcopy
@@ -40,20 +40,20 @@ untrusted = partial(known, trusted=False, trial=4)
 
 
 def hypothesis(x, P):
-    """One hypothesis: state (12,) and covariance (12, 12)."""
+    """Return a filter state of one hypothesis, with mean (12,) and covariance (12, 12)."""
     return Hypotheses(np.array(x)[:, None], P[:, :, None], np.zeros(1))
 
 
 def noise(psd, gust, white, drifting, nose=0.0, acceleration_weight=0.0):
-    """Noise assumed by one hypothesis."""
+    """Return the noise that one hypothesis assumes."""
     values = (psd, gust, white, drifting, nose, acceleration_weight)
     return Noise(*(np.array([value]) for value in values))
 
 
 @dataclass
 class Circling:
-    """A vehicle that turns steadily and drifts with the wind, not around the target. The target can
-    jump."""
+    """A vehicle that turns at a constant rate and drifts with the wind, so its circle is not around
+    the target. A test may move the target at once."""
 
     target: tuple[float, float] = (150.0, 80.0)
     wind: tuple[float, float] = WIND
@@ -75,8 +75,8 @@ class Circling:
 
 
 def observe(estimator, world, start, end, every=0.05, motion_every=0.05, motion_delay=0.0):
-    """Observe ranges and own motion until `end`, each at its own rate. Own motion arrives
-    motion_delay seconds late."""
+    """Pass ranges and own motion to the estimator until `end` (s), each at its own rate. Own motion
+    arrives `motion_delay` s late."""
     events = [(t, "range") for t in np.arange(start, end, every)]
     events += [(t + motion_delay, "motion") for t in np.arange(start, end, motion_every)]
     for t, kind in sorted(events, key=lambda event: (event[0], event[1] == "range")):
@@ -112,5 +112,5 @@ def move_only(estimator, world, start, end):
 
 
 def still():
-    """Return a world without wind whose vehicle is on its circle, at constant range."""
+    """Return a world without wind. Its vehicle is on the circle, at constant range."""
     return Circling(target=(0.0, RADIUS), wind=(0.0, 0.0))

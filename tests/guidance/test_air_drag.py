@@ -18,13 +18,13 @@ from circnav_mav.guidance.air_drag import (
 from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
 
 FLOWN = ((2.68, -0.88), (4.81, -1.89), (6.37, -2.74), (7.68, -3.48))
-"""Airspeed, m/s, and specific force forward, m/s^2, of ArduCopter 4.6.3 at pitches of 5 to 20 deg,
-GPS off."""
+"""Airspeed, m/s, and forward specific force, m/s^2, of ArduCopter 4.6.3 in SITL at pitch angles of
+5 to 20 deg without GPS."""
 STEP = 0.05
 
 
 @pytest.mark.parametrize(("airspeed", "force"), FLOWN)
-def test_speed_of_drag_agrees_with_flown_airspeeds(airspeed: float, force: float) -> None:
+def test_drag_model_agrees_with_flown_airspeeds(airspeed: float, force: float) -> None:
     coefficient = coefficient_at(1.89 / 4.81, 4.81)
     assert speed_of_drag(-force, coefficient) == pytest.approx(airspeed, rel=0.04)
 
@@ -34,9 +34,9 @@ def test_speed_of_drag_inverts_drag_force(speed: float) -> None:
     assert speed_of_drag(drag_force(speed, 0.25), 0.25) == pytest.approx(speed, abs=1e-9)
 
 
-def test_air_velocity_turns_heading_by_side_slip() -> None:
-    """The copter moves forward and to the right: its drag points backward and to the left, its path
-    to the right."""
+def test_air_velocity_corrects_heading_by_side_slip() -> None:
+    """The copter moves through the air forward and to the right of its nose, so its drag points
+    backward and to the left."""
     drag = -drag_force(5.0, 0.25), drag_force(0.5, 0.25)
     air = AirVelocity()
     for tick in range(200):
@@ -53,8 +53,8 @@ def test_air_velocity_keeps_state_without_measurement() -> None:
 
 
 def circle(seconds: float, true_scale: float, wind: complex) -> tuple[ScaleFit, MeanWind]:
-    """Fly a circle of 30 m at 5 m/s over the ground, with a drag that differs from the mission's by
-    `true_scale`."""
+    """Fly a circle of 30 m at a ground speed of 5 m/s. The true airspeed is `true_scale` times the
+    airspeed that the drag of the mission gives."""
     fit = ScaleFit()
     mean = MeanWind()
     air = AirVelocity()
@@ -75,7 +75,7 @@ def circle(seconds: float, true_scale: float, wind: complex) -> tuple[ScaleFit, 
 
 
 @pytest.mark.parametrize("true_scale", [0.7, 1.0, 1.5])
-def test_scale_fit_and_mean_wind_converge_in_two_laps(true_scale: float) -> None:
+def test_airspeed_scale_and_mean_wind_converge_in_two_laps(true_scale: float) -> None:
     fit, mean = circle(76.0, true_scale, wind=2.0 - 1.0j)
     assert fit.scale == pytest.approx(true_scale, rel=0.06)
     assert complex(mean.x, mean.y) == pytest.approx(2.0 - 1.0j, abs=0.5)
@@ -83,9 +83,9 @@ def test_scale_fit_and_mean_wind_converge_in_two_laps(true_scale: float) -> None
     assert fit.sigma < 0.06
 
 
-def test_scale_fit_learns_nothing_from_steady_wind() -> None:
-    """A copter that hovers in wind measures its speed, but no change: drag and wind cannot be
-    separated."""
+def test_airspeed_scale_is_not_learned_from_steady_wind() -> None:
+    """A copter that hovers in wind measures a constant airspeed. Without a change of airspeed, drag
+    and wind cannot be separated."""
     fit = ScaleFit()
     for tick in range(1000):
         own = OwnMotion(
@@ -99,8 +99,8 @@ def test_scale_fit_learns_nothing_from_steady_wind() -> None:
 def test_airspeed_hold_reaches_speed_despite_wrong_attitude(
     attitude_error: float,
 ) -> None:
-    """A point mass with drag; the thrust pushes by `attitude_error` more than commanded, forward
-    and to the left."""
+    """The copter is a point mass with drag. An error of its attitude adds `attitude_error` (m/s^2)
+    to the commanded push, forward and to the left."""
     hold = AirspeedHold(0.25)
     air = AirVelocity()
     forward = left = 0.0
@@ -118,8 +118,8 @@ def test_airspeed_hold_reaches_speed_despite_wrong_attitude(
 
 
 def test_airspeed_hold_uses_estimated_scale() -> None:
-    """A copter with less drag than the mission assumes: its true airspeed is 1.25 times the
-    measured one."""
+    """The copter has less drag than the mission assumes, so its true airspeed is 1.25 times the
+    measured airspeed."""
     hold = AirspeedHold(0.25)
     speed = 0.0
     for tick in range(2000):

@@ -1,4 +1,4 @@
-"""Requests for another circle: reasons for refusal, and completion of a lap."""
+"""Requests for another circle: reasons for refusal, and values that a request omits."""
 
 from math import nan
 
@@ -42,9 +42,9 @@ LIMITS = CircleLimits(speed=15.0, nearest=40.0, farthest=500.0)
         ),
     ],
 )
-def test_obstacle_names_limit_of_rejected_circle(request_, limits, why):
+def test_rejected_circle_request_names_exceeded_limit(request_, limits, why):
     assert obstacle(request_, ORBIT, limits) == why
-    assert len(why) <= 50 - len("circnav: ")  # of a STATUSTEXT
+    assert len(why) <= 50 - len("circnav: ")  # a STATUSTEXT has 50 characters
 
 
 def test_circle_request_keeps_omitted_values():

@@ -1,5 +1,5 @@
-"""The path through the air between reports of the vehicle's own motion, and a little beyond the
-newest."""
+"""The path through the air between reports of own motion, and for a short time after the newest
+report."""
 
 from math import cos, pi, sin
 
@@ -32,7 +32,7 @@ def path_of(*times: float) -> FlownPath:
 
 @pytest.mark.parametrize("t", [0.0, 0.07, 0.2, 0.33, 1.0, 1.4, 1.4 + EXTRAPOLATED])
 def test_flown_path_of_steady_turn_is_arc(t):
-    """Includes the wrap of the heading at pi, which is passed after 0.35 s."""
+    """The heading wraps at pi after 0.35 s."""
     knot = path_of(0.0, 0.2, 0.4, 1.4).at(t)
     x, y = arc(t)
     assert (knot.x, knot.y) == pytest.approx((x, y), abs=1e-9)

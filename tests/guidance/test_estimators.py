@@ -23,7 +23,7 @@ from tests.guidance.relative import (
 
 @pytest.mark.parametrize("rate_first", [True, False])
 @pytest.mark.parametrize("name", ["kalman", "drift"])
-def test_measured_rate_improves_every_estimator(name, rate_first):
+def test_measured_range_rate_improves_every_estimator(name, rate_first):
     def error(with_rates):
         rng = np.random.default_rng(4)
         world = Circling(wind=WIND)
@@ -47,7 +47,7 @@ def test_measured_rate_improves_every_estimator(name, rate_first):
     assert error(True) < (0.5 if name == "kalman" else 0.97) * error(False)
 
 
-def test_measured_estimator_passes_range_and_rate_unfiltered():
+def test_estimator_measured_passes_range_and_rate_unfiltered():
     guidance = Guidance(Orbit(100.0, Direction.CLOCKWISE, V, 0.35), "smooth", "measured")
     guidance.observe(RangeSample(1.0, 1.0, 150.0, 0.5))
     assert guidance.command(1.0) is None
@@ -58,12 +58,12 @@ def test_measured_estimator_passes_range_and_rate_unfiltered():
     assert guidance.estimate(1.2).r_dot == -9.0
     for i in range(1, 4):
         guidance.observe(RangeSample(1.2 + i / 10, 1.2 + i / 10, 147.0, 0.5))
-    assert guidance.command(1.5) is None  # the rate is old
+    assert guidance.command(1.5) is None  # the range rate is too old
 
 
 def test_drift_estimate_stops_in_gap_of_own_motion():
-    """Four seconds without motion reports end the prediction. The next range restarts the
-    estimator."""
+    """The estimator predicts for less than 4 s without reports of own motion. The next range
+    restarts the estimator."""
     world, estimator = converged(DriftEstimator, 30.0, still)
     assert estimator.ready and estimator.at(30.0) is not None
     for t in (34.0, 34.05, 34.1):

@@ -20,13 +20,14 @@ from tests.tools.firmware.bound import squeezed
 V = 23.4
 R_D = 150.0
 WIND = 5.0
-"""ArduPlane as flown. Its circle demands up to 0.230 rad/s."""
+"""True airspeed V (m/s), radius (m) and wind (m/s) of a flown ArduPlane. In this wind the circle
+demands up to 0.230 rad/s."""
 LIMIT = 0.215
 
 
 def geometry(lap, wind):
-    """Return the nose's turn rates along a planned curve (rad/s) and its RMS off the circle over
-    time (m). Uses positions alone, without the plan's own equation."""
+    """Return the turn rates of the nose along a planned curve (rad/s), and the curve's RMS radius
+    error over time (m). Uses positions alone, without the plan's own equation."""
     knots = np.linspace(-pi, pi, ANGLES, endpoint=False) + lap.downwind
     radii = [lap.at(float(angle))[0] for angle in knots]
     curve = CubicSpline([*knots, knots[0] + 2 * pi], [*radii, radii[0]], bc_type="periodic")
@@ -36,17 +37,16 @@ def geometry(lap, wind):
     blows = wind * np.exp(-1j * course)
     time = np.abs(np.gradient(place)) / (np.sqrt(V**2 - blows.imag**2) + blows.real)
     turn = np.gradient(course - np.arcsin(blows.imag / V)) / time
-    of_a_knot = round(
-        4000 / ANGLES
-    )  # between two of them a spline oscillates where the limited part begins
+    # Average over one knot interval: the spline overshoots where the turn rate reaches its limit.
+    of_a_knot = round(4000 / ANGLES)
     smooth = np.convolve(turn, np.ones(of_a_knot) / of_a_knot, "valid")
     return smooth, float(np.sqrt(np.average((abs(place) - R_D) ** 2, weights=time)))
 
 
 @pytest.mark.parametrize("blows", [0.0, 2.3])
 def test_planned_lap_keeps_limit_with_nearly_least_rms(blows):
-    """The least RMS is computed independently in tests/tools/firmware/bound.py. A plan for a lower
-    limit has more."""
+    """tests/tools/firmware/bound.py computes the least RMS independently: the planned RMS lies
+    between the least RMS for this limit and for 0.98 of it."""
     wind = WIND * np.exp(1j * blows)
     lap = plan((wind.real, wind.imag), V=V, r_d=R_D, limit=LIMIT)
     assert lap is not None
@@ -56,8 +56,8 @@ def test_planned_lap_keeps_limit_with_nearly_least_rms(blows):
 
 
 def test_plan_is_finite_for_every_drift_and_limit():
-    """An equation without a solution must not end a flight. Includes a limit of 0 and a drift of
-    V."""
+    """Where the plan's equation has no solution, the plan must not raise an error. The cases
+    include a turn limit of 0 and a drift of V or more."""
     for wind, limit in product(np.arange(0.0, 1.2, 0.1), np.arange(0.0, 3.2, 0.2)):
         lap = plan((wind * V, 0.0), V=V, r_d=R_D, limit=limit * V / R_D)
         radii = (
@@ -69,14 +69,14 @@ def test_plan_is_finite_for_every_drift_and_limit():
         assert np.abs(np.array(radii) - R_D).max() <= 0.2 * R_D + 1e-9
 
 
-def test_plan_is_none_for_circle_within_limit():
+def test_plan_is_none_if_circle_is_within_turn_limit():
     assert plan((WIND, 0.0), V=V, r_d=R_D, limit=0.24) is None
     assert plan((0.0, 0.0), V=V, r_d=R_D, limit=V / R_D * 1.02) is None
 
 
 def flown(limit_known, sense=1.0, seconds=240.0, dt=0.05):
-    """Return the RMS off the circle over the last two laps (m), and the final angular momentum. The
-    vehicle turns no faster than LIMIT."""
+    """Return the RMS radius error over the last two laps (m), and the final angular momentum per
+    mass about the target. The vehicle turns at LIMIT at most."""
     lag = 0.4
     p = (R_D + 40.0, 0.0)
     psi = 1.5 * sense
@@ -114,8 +114,8 @@ def test_drift_law_with_planned_lap_reduces_radius_error(sense):
 
 
 def after(*banks, commanded=0.4, step=0.05, limit=None):
-    """Turn-rate limit learned from banks (as turn rates) of a vehicle whose nose turns at 0.7 of
-    them."""
+    """Return the bank limit learned from a series of banks, given as coordinated turn rates
+    (rad/s). The nose of the vehicle turns at 0.7 of them."""
     heading = 3.0
     limit = deepcopy(limit) if limit else BankLimit()
     for i, (before, now) in enumerate(pairwise(banks)):
@@ -125,7 +125,7 @@ def after(*banks, commanded=0.4, step=0.05, limit=None):
     return limit
 
 
-def test_bank_limit_is_bank_held_below_command():
+def test_bank_limit_is_learned_from_bank_below_command():
     assert after(*[0.3] * 15).bank == inf
     found = after(*[0.3] * 60)
     assert (found.bank, found.turn) == pytest.approx((0.3, 0.21))
@@ -141,5 +141,5 @@ def test_bank_limit_ignores_other_banks(banks, commanded):
     assert after(*banks, commanded=commanded).bank == inf
 
 
-def test_bank_limit_ends_when_exceeded():
+def test_bank_limit_is_forgotten_when_bank_exceeds_limit():
     assert after(*[0.33] * 10, limit=after(*[0.3] * 60)).bank == inf

@@ -22,7 +22,7 @@ def go_on(
     drift_turn=BY_BANK,
     leaves=0.0,
 ):
-    """Return the handover of every step during some seconds."""
+    """Return the state of the handover after each step during some seconds."""
     found = []
     for _ in range(round(seconds / STEP)):
         before = next_handover(
@@ -59,14 +59,12 @@ def test_departure_turns_at_limit_to_commanded_side(most_likely, way):
     ]
     assert turns == pytest.approx([0.02 * way, (0.02 + LIMIT) / 2 * way, LIMIT * way], abs=1e-3)
     known = go_on(Handover(), 2.0, trusted=True, leaves=1.0, **inputs)[-1]
-    assert known.command == pytest.approx(0.02 * way), (
-        "with a trusted position, the departure has no effect"
-    )
+    assert known.command == pytest.approx(0.02 * way), "a trusted position ends the departure"
 
 
 def test_departure_keeps_its_turn_side_during_excitation():
     """With long-range radios the most likely hypothesis kept changing. Turns to alternating sides
-    led 1.3 km straight away."""
+    once led the vehicle 1.3 km away from the target."""
     step = Handover()
     commands = []
     for n in range(20):
@@ -77,13 +75,13 @@ def test_departure_keeps_its_turn_side_during_excitation():
     )
     at_last = go_on(go_on(step, 1.0)[-1], 1.0, by_range=0.1, leaves=1.0)[-1]
     assert at_last.command == pytest.approx(LIMIT, abs=1e-2), (
-        "the next departure chooses its side again"
+        "the next departure selects a new turn side"
     )
 
 
-def test_inconclusive_trial_adds_excitation_of_6_s():
-    """Excitation of 0.7 of the limit around the command of the most likely hypothesis, from the
-    sixth second on."""
+def test_inconclusive_trial_adds_excitation_with_period_of_6_s():
+    """After 6 s an excitation is added to the command of the most likely hypothesis: amplitude 0.7
+    times the turn limit, period 6 s."""
     for n, step in enumerate(go_on(Handover(), 24.0, most_likely=3), 1):
         weave = 0.7 * LIMIT * sin(2 * pi * n * STEP / 6.0) if n * STEP > 6.0 + 1e-9 else 0.0
         if n * STEP >= 3.0:

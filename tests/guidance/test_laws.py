@@ -16,7 +16,7 @@ from circnav_mav.guidance.tuning import LawTuning
 V = 15.0
 R_D = 100.0
 EXAMPLE = {"V": 1.0, "r_d": 10.0}
-"""The paper's three examples share these."""
+"""Speed V and radius r_d of all three examples of the paper."""
 STATELESS = [law for law in LAWS.values() if law.kind is Kind.RANGE]
 FEEDBACK = [law for law in STATELESS if law.name not in ("smooth", "switching")]
 
@@ -55,7 +55,7 @@ def test_laws_stay_finite_for_every_allowed_gain(law, over, r, r_dot):
 
 @each(LAWS.values())
 @given(V=speeds, r_d=radii, above=st.floats(1.01, 100))
-def test_fed_radius_reaches_requested_radius(law, V, r_d, above):
+def test_corrected_radius_settles_on_requested_radius(law, V, r_d, above):
     k = above * law.gain_bound(V, r_d)
     assert law.reached_radius(V, law.fed_radius(V, r_d, k), k) == pytest.approx(r_d, rel=1e-9)
 
@@ -70,12 +70,12 @@ def test_fed_radius_reaches_requested_radius(law, V, r_d, above):
         (laws.switching_gain_bound(15.0, 100.0), 0.15),
     ],
 )
-def test_law_1_radii_and_gain_bounds_match_paper(number, expected):
+def test_law_1_settled_radii_and_gain_bounds_match_paper(number, expected):
     assert number == pytest.approx(expected, rel=1e-9)
 
 
 @given(theta_b=st.floats(0, 2 * pi), r=st.floats(45, 1e3), turn=st.floats(-1, 1))
-def test_range_acceleration_stays_within_its_bound(theta_b, r, turn):
+def test_range_acceleration_stays_within_closed_form_bound(theta_b, r, turn):
     """r'' = V sin(theta_b) theta_b' with theta_b' = omega + V sin(theta_b)/r (eq. `thetadot`).
 
     V = 15 m/s, omega_max = 1/3 rad/s, so the tightest turn is 45 m."""
@@ -87,7 +87,8 @@ def test_range_acceleration_stays_within_its_bound(theta_b, r, turn):
 
 @pytest.mark.parametrize(("r", "bound"), [(1e-6, 10.0), (45.0, 10.0), (90.0, 7.5)])
 def test_acceleration_bound_is_constant_inside_tightest_turn(r, bound):
-    """V^2/r + V omega_max of the same vehicle."""
+    """The bound V^2/r + V omega_max grows for smaller ranges, but not inside the radius of the
+    tightest turn, 45 m."""
     assert laws.max_range_acceleration(15.0, 1 / 3, r) == pytest.approx(bound)
 
 
@@ -110,7 +111,8 @@ def test_law_1_matches_equation_of_paper(outside, r_dot, k):
     ids=["across", "departing", "closing", "tangent"],
 )
 def test_law_2_turns_clockwise_unless_closing_at_tangent_rate(r_dot, turn):
-    """Example 3, k = 0.12. At r = 20 the tangent rate is -sqrt(3)/2."""
+    """Example 3 of the paper, k = 0.12. At r = 20, flight along the tangent to the circle has r' =
+    -sqrt(3)/2."""
     assert float(switching(20.0, r_dot, **EXAMPLE, k=0.12)) == turn
 
 
@@ -120,7 +122,7 @@ def test_law_commands_circle_turn_rate_on_circle(law):
 
 
 @each(FEEDBACK)
-def test_law_approaches_slower_than_vehicle_far_from_circle(law):
+def test_laws_command_approach_slower_than_vehicle(law):
     rates = np.linspace(-V, 0, 2001)
     turns = [law.function(1e5, float(rate), V=V, r_d=R_D, k=-gain(law)) for rate in rates]
     asked_for = rates[np.abs(turns).argmin()]
@@ -136,8 +138,9 @@ def test_law_approaches_slower_than_vehicle_far_from_circle(law):
     ],
 )
 def test_feedforward_matches_hand_calculation(r, r_dot, turn):
-    """V, r' and the tangential speed are 15, 9 and 12 m/s. gamma = 0.02 * 15/6 = 0.05, v* = 8.25;
-    tanh of 1, 50/165 and 90/165. Nearer than 43 m the circle gets no smaller."""
+    """V = 15 m/s, r' = 9 m/s and the tangential speed is 12 m/s. By hand: gamma = 0.02 * 15/6 =
+    0.05, v* = 8.25 m/s, and tanh of 1, 50/165 and 90/165. For ranges below 43 m the feedforward
+    turn is constant."""
     assert laws.feedforward(r, r_dot, V=V, r_d=R_D, k=-0.02) == pytest.approx(turn, rel=1e-5)
 
 
@@ -152,19 +155,15 @@ def test_default_gain_meets_bound_and_falls_with_lag(law, V, r_d, lag):
 @pytest.mark.parametrize(
     ("law", "V", "r_d", "lag", "gain"),
     [
-        (
-            "smooth",
-            1.0,
-            10.0,
-            0.1,
-            0.01,
-        ),  # examples 1 and 2 of the paper, where the loop has no lag
+        # examples 1 and 2 of the paper: a loop without lag
+        ("smooth", 1.0, 10.0, 0.1, 0.01),
         ("switching", 1.0, 10.0, 0.1, 0.12),  # example 3
         *((law, 15.0, 100.0, 1.0, 0.5 / 15) for law in ("feedforward", "drift", "auto")),
     ],
 )
 def test_default_gains_match_paper_and_flown_loops(law, V, r_d, lag, gain):
-    """k V lag = 0.5. Above it, autopilots were seen in a limit cycle."""
+    """The default gain gives k V lag = 0.5. With larger products, flown autopilots entered a limit
+    cycle."""
     assert LAWS[law].default_gain(V, r_d, lag) == pytest.approx(gain)
 
 

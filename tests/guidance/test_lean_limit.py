@@ -1,4 +1,5 @@
-"""The maximum lean of a copter, found from its lean, heading and commanded speed alone."""
+"""The maximum lean of a copter, which is estimated from its lean, heading and commanded speed
+alone."""
 
 from cmath import phase, rect
 from math import atan, degrees, pi, radians, tan
@@ -15,8 +16,9 @@ TURN = 5.0 / 30
 
 
 def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0, lag=0.0):
-    """Return the state after laps at V. wind: m/s. gust: RMS of the push, m/s^2. trim: lean fixed
-    to the nose, in m/s^2. lag: of the push, s."""
+    """Return the learned lean limit after laps at speed V. wind: m/s. gust: RMS acceleration by
+    gusts, m/s^2. trim: constant acceleration along the nose, m/s^2. lag: time constant of the lean,
+    s."""
     rng = np.random.default_rng(2)
     limit = GRAVITY * tan(radians(limit_deg))
     lean = LeanLimit()
@@ -40,9 +42,9 @@ def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0, lag=0.0):
 
 
 @pytest.mark.parametrize("wind", [6.5, 7.5])
-def test_lean_limit_is_found_and_lowers_speed(wind):
-    """20 deg are 3.57 m/s^2. With a drag of 0.35/s, that allows 10.2 m/s of airspeed less the part
-    that turns the path."""
+def test_lean_limit_is_found_and_lowers_commanded_speed(wind):
+    """A lean of 20 deg gives 3.57 m/s^2. With a drag of 0.35/s this allows 10.2 m/s of airspeed,
+    and less while a part of the lean turns the path."""
     lean = after(5, wind, limit_deg=20.0)
     assert degrees(atan(lean.found / GRAVITY)) == pytest.approx(20.0, abs=0.5)
     asked = abs(DRAG * (V * lean.share + wind) + 1j * V * lean.share * TURN)

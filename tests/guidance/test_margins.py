@@ -1,8 +1,8 @@
 """Stability margins of the heading and radius loop for plants like those of real vehicles.
 
-The loop is linear around the circle, so the margins are computed, not flown. Only the gains come
-from the law's code. theta is the heading inward of the tangent, e the radius error, c the turn
-command, P the vehicle.
+The loop is linear around the circle, so the margins are computed from its transfer function. Only
+the gains are taken from the law's code. theta is the heading inward of the tangent, e the radius
+error, c the turn command, P the vehicle.
 
     theta' = P c,   e' = -V theta,   pending' = (1 - M) c,   M = e^(-s dead)/(lag s + 1)
     c = -(heading + radial V) (theta + pending) - heading radial V T (theta + pending/2)
@@ -43,15 +43,15 @@ PLANTS = [
 
 
 def answer(kind, a, damping):
-    """Transfer function, mean delay (s) and settling rate (1/s) of a vehicle's answer."""
+    """Transfer function, mean delay (s) and settling rate (1/s) of a vehicle's turn response."""
     if kind == "first":
         return 1 / (a * S + 1), a, 1 / a
     return a * a / (S * S + 2 * damping * a * S + a * a), 2 * damping / a, damping * a
 
 
 def loop(P, dead, lag, settles):
-    """The loop opened at the vehicle, with the gains for the assumed dead time, lag and settling
-    rate."""
+    """Return the transfer function of the loop opened at the vehicle. The gains are those for the
+    assumed dead time, lag and settling rate."""
     T = dead + lag
     gains = drift_gains(V, T, settles)
     heading = float(gains.heading)
@@ -67,7 +67,8 @@ def loop(P, dead, lag, settles):
 
 
 def margins(L):
-    """Gain margin (dB) and phase margin (deg) of a loop that begins at -180 deg."""
+    """Return gain margin (dB) and phase margin (deg) of a loop with a phase of -180 deg at low
+    frequency."""
     gain = np.abs(L)
     phase = np.unwrap(np.angle(L))
     phase -= 2 * np.pi * np.round((phase[0] + np.pi) / (2 * np.pi))
@@ -77,7 +78,7 @@ def margins(L):
 
 
 def assert_margins(plant, dead, lag, settles):
-    """Check the margins of a loop that is tuned for the assumed vehicle."""
+    """Check the margins of a true vehicle in a loop that is tuned for the assumed vehicle."""
     gain, phase = margins(
         loop(answer(*plant[1:])[0] * np.exp(-S * (plant[0] + LINK)), dead, lag, settles)
     )
@@ -87,13 +88,14 @@ def assert_margins(plant, dead, lag, settles):
 
 @pytest.mark.parametrize("known", [0.8, 1.0, 1.2])
 @pytest.mark.parametrize("plant", PLANTS, ids=str)
-def test_margins_hold_with_delay_known_to_20_percent(plant, known):
+def test_stability_margins_hold_when_delay_error_is_20_percent(plant, known):
     _, lag, settles = answer(*plant[1:])
     assert_margins(plant, (plant[0] + LINK) * known, lag * known, settles)
 
 
 def flown(dead, kind, a, damping, seconds=25.0, dt=0.01, gain=0.75):
-    """Fly the turns of an approach, then the circle. Return times, commands and turned angles."""
+    """Fly the turns of an approach, then the circle. Return times (s), turn commands (rad/s) and
+    turned angles (rad)."""
     time = np.arange(0.0, seconds, dt)
     command = np.where(time < 14.0, 0.3 * np.sign(np.sin(0.7 * time)), 0.15)
     late = gain * command[np.maximum(np.arange(time.size) - round(dead / dt), 0)]
@@ -113,8 +115,8 @@ def flown(dead, kind, a, damping, seconds=25.0, dt=0.01, gain=0.75):
 
 
 def learned_response(plant, expected=0.5):
-    """Return the response learned from headings at 25 Hz of a plant that was expected to take 0.5
-    s."""
+    """Return the turn response learned from a plant's headings at 25 Hz. The learning starts from
+    an assumed delay of 0.5 s."""
     time, command, angles = flown(*plant)
     rng = np.random.default_rng(3)
     angles = angles + 0.005 * rng.standard_normal(angles.size)
@@ -133,7 +135,7 @@ def learner_of(times, commands, angles, expected=0.5):
 
 
 @pytest.mark.parametrize("plant", PLANTS[::2], ids=str)
-def test_margins_hold_with_learned_response(plant):
+def test_stability_margins_hold_with_learned_response(plant):
     known = learned_response(plant)
     assert known != ResponseLearner(0.5).response(LINK)
     assert_margins(plant, known.dead + LINK, known.lag, known.settles)
@@ -155,7 +157,8 @@ def test_response_learner_learns_nothing_from_steady_circle():
 
 @pytest.mark.parametrize("delay", [0.3, 0.5, 1.0])
 def test_sensitivity_of_large_circle_matches_loop_equations(delay):
-    """`check` linearizes the law's own code numerically. This test uses the equations."""
+    """`check` computes the sensitivity from a numerical linearization of the law's code. This test
+    computes it from the equations of the loop."""
     worst = 0.0
     for known, share, damping in product((0.8, 1.0, 1.2), (0.3, 0.7), (None, 0.3, 0.6)):
         dead = share * delay

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from circnav_mav.guidance.maths import chord, clip, horizontal, horizontal_rate
 
 
-def test_clip_keeps_nan_and_bounds_infinity():
+def test_clip_returns_nan_and_bounds_infinity():
     assert isnan(clip(nan, -1.0, 1.0))
     assert clip(inf, -1.0, 1.0) == 1.0
 
@@ -26,7 +26,8 @@ def test_chord_of_half_a_turn_is_the_diameter():
     rate=st.floats(-20, 20),
 )
 def test_horizontal_range_and_rate_invert_slant_geometry(rho, height, sigma, rate):
-    """In level flight the slant rate is the horizontal one times rho/slant."""
+    """In level flight the slant range rate is the horizontal range rate times rho/slant; rho:
+    horizontal range."""
     slant = hypot(rho, height)
     noise = pytest.approx(sigma * slant / rho, rel=1e-9)
     assert horizontal(slant, sigma, height) == (pytest.approx(rho, rel=1e-9), noise)
@@ -38,5 +39,7 @@ def test_horizontal_range_and_rate_invert_slant_geometry(rho, height, sigma, rat
 
 @pytest.mark.parametrize("slant", [29.9, 30.0, 30.5])
 def test_target_overhead_has_no_horizontal_range(slant):
-    """Growth of the noise is slant/rho: 30.5/sqrt(30.5^2 - 30^2) = 5.55, above 5."""
+    """The slant correction multiplies the noise by slant/rho, and a factor above 5 gives no range.
+    At a slant range of 30.5 m and a height of 30 m the factor is 30.5/sqrt(30.5^2 - 30^2) =
+    5.55."""
     assert horizontal(slant, 0.5, 30.0) is None

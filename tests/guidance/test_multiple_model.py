@@ -1,5 +1,5 @@
-"""The multiple-model filter keeps finite numbers, even if its ranges claim an impossible
-accuracy."""
+"""The multiple-model filter keeps finite numbers, even if the reported sigma of its ranges is
+impossible."""
 
 from copy import deepcopy
 from math import hypot
@@ -30,7 +30,7 @@ STEP = 0.05
 WIND = (3.0, -2.0)
 TARGET = (150.0, 80.0)
 ROUNDING = 1e-9
-"""Rounding error of an eigenvalue of a matrix whose diagonal is 1."""
+"""Largest rounding error of an eigenvalue of a correlation matrix."""
 
 
 class Flown:
@@ -43,8 +43,8 @@ class Flown:
         self.p = np.array(TARGET)
 
     def observe(self, dt, sigma, r=None, error=0.0, valid=True):
-        """Fly on for dt (s) and observe a range of standard deviation sigma (m): r, or the true
-        range plus its error (m)."""
+        """Fly for dt (s), then pass a range with the reported standard deviation sigma (m) to the
+        filter. The range is r, or the true range plus an error (m)."""
         path = np.array(chord(V, TURN * self.t, TURN * dt, dt))
         self.t = self.t + dt
         self.p = self.p + path + dt * np.array(WIND)
@@ -52,7 +52,7 @@ class Flown:
         self.filter.step(dt, path, z if valid else None, sigma)
 
     def observe_for(self, seconds):
-        """Observe ordinary ranges for some time."""
+        """Pass ranges with valid sigma to the filter for some time."""
         rng = np.random.default_rng(0)
         for _ in range(round(seconds / STEP)):
             self.observe(STEP, 0.5, error=rng.normal(0, 0.5))
@@ -73,8 +73,8 @@ def tracking():
 
 
 def test_tracking_starts_with_prior_sigma_of_unobserved_states():
-    """Half of the sigma for the drifting error of a range, 0.02 V for a gust, 0.2 m/s^2 for the
-    accelerometer."""
+    """Expected prior sigma: 0.25 m for the slow range error (half of the range sigma), 0.3 m/s
+    (0.02 V) for a gust, and 0.2 m/s^2 for the accelerometer bias."""
     flown = Flown()
     while flown.filter.stage != Stage.TRACKING:
         flown.observe(STEP, 0.5)
@@ -114,7 +114,9 @@ def test_filter_state_stays_finite_and_covariance_valid(tracking, sequence):
         P = np.moveaxis(tracker._tracks.P, -1, 0)
         assert np.array_equal(P, P.swapaxes(1, 2))
         deviation = np.sqrt(np.einsum("nii->ni", P))
-        deviation[deviation == 0] = 1.0  # noise of the nose, in models that use no acceleration
+        deviation[deviation == 0] = (
+            1.0  # a variance is 0 in models without accelerations: the accelerometer's error
+        )
         assert (
             np.linalg.eigvalsh(P / deviation[:, :, None] / deviation[:, None, :]).min() > -ROUNDING
         )
@@ -122,8 +124,8 @@ def test_filter_state_stays_finite_and_covariance_valid(tracking, sequence):
 
 @pytest.mark.parametrize("sigma", [4294967.294, 1e-4, 0.0])
 def test_filter_finds_target_after_ranges_with_impossible_sigma(tracking, sigma):
-    """4294967.294 m is the largest range_accuracy that RANGING_BEACON can encode. The search may
-    restart or not."""
+    """4294967.294 m is the largest range_accuracy that RANGING_BEACON can encode. The filter may
+    restart its search meanwhile."""
     flown = deepcopy(tracking)
     for _ in range(200):
         flown.observe(STEP, sigma)
@@ -133,7 +135,7 @@ def test_filter_finds_target_after_ranges_with_impossible_sigma(tracking, sigma)
 
 
 @pytest.mark.parametrize("part", ["x", "P"])
-def test_track_with_nan_is_discarded_and_searched_again(part, tracking):
+def test_filter_with_nan_state_restarts_search(part, tracking):
     flown = deepcopy(tracking)
     getattr(flown.filter._tracks, part)[KAPPA] = np.nan
     flown.observe(STEP, 0.5)
@@ -145,9 +147,9 @@ def test_track_with_nan_is_discarded_and_searched_again(part, tracking):
     assert flown.off < 5.0
 
 
-def test_update_tolerates_negative_variance_from_rounding():
-    """The range is much more accurate than the state: rounding can make the remaining variance
-    slightly negative."""
+def test_kalman_update_tolerates_negative_variance_from_rounding():
+    """If a range is much more accurate than the predicted state, rounding can make the remaining
+    variance slightly negative."""
     x = np.zeros(STATES)
     P = 1e-3 * np.eye(STATES)
     x[R] = 100.0
@@ -162,9 +164,10 @@ def test_update_tolerates_negative_variance_from_rounding():
     assert after.x[R, 0] >= CLOSEST
 
 
-def test_trust_in_filter_has_hysteresis(tracking):
-    """Otherwise law changes follow rounding errors. PX4's copter around a moving target changed 29
-    times in a flight."""
+def test_trust_in_relative_motion_has_hysteresis(tracking):
+    """Trust begins below a relative sigma of 0.25 and ends at 0.5. Without hysteresis, small
+    changes of sigma change the law: PX4's copter around a moving target changed it 29 times in a
+    flight."""
     flown = deepcopy(tracking)
     tracker = flown.filter
     worst = 0.0

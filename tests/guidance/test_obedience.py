@@ -11,11 +11,11 @@ from circnav_mav.guidance.turn_response import BIN, CandidateTurns, TurnBin, Tur
 
 LIMIT = 0.5
 DELAYS = (0, 1, 2, 4)
-"""Delay of the candidates in these tests, bins."""
+"""Response delays that the check compares in these tests, in bins."""
 
 
 class Monitor:
-    """Obedience and limit cycle of one vehicle."""
+    """The check of followed turns and the detection of a limit cycle for one vehicle."""
 
     def __init__(self):
         self.obedience = Obedience()
@@ -31,8 +31,9 @@ class Monitor:
 
 
 def monitored(command, flown, seconds=30.0, *, noise=0.0, monitor=None, start=0.0, lap=0.0):
-    """Return the monitor after some time. command: turn rate by time. flown: turn rate by time and
-    the commands sent so far, newest last. lap: duration of a lap round the located target, s."""
+    """Return the monitor after some time. command: function of time; commanded turn rate, rad/s.
+    flown: function of time and of the commands so far, newest last; flown turn rate, rad/s. lap:
+    duration of a lap round the located target, s."""
     monitor = monitor or Monitor()
     rng = np.random.default_rng(4)
     sent = [0.0] * 20
@@ -48,7 +49,8 @@ def monitored(command, flown, seconds=30.0, *, noise=0.0, monitor=None, start=0.
 
 
 def circle(time):
-    """An approach with alternating turns, then a circle in wind."""
+    """Return the commanded turn rate of an approach with alternating turns, then of a circle in
+    wind."""
     return 0.5 * np.sign(sin(0.9 * time)) if time < 12 else 0.15 + 0.08 * sin(2 * pi * time / 30)
 
 
@@ -59,7 +61,7 @@ def test_obedience_accepts_delay_gain_and_gusts(gain, late):
 
 
 def test_obedience_accepts_steady_turn_at_bank_limit():
-    """The command stays above what the vehicle's own bank limit allows."""
+    """The command stays above the turn rate that the vehicle's own bank limit allows."""
 
     def command(time):
         return 0.3 * sin(time) if time < 12 else 0.45 + 0.03 * sin(time)
@@ -150,7 +152,7 @@ def test_limit_cycle_ignores_ordinary_turns(command):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("frequency", [2.6, 1.1])
 def test_limit_cycle_ignores_gusts(seed, frequency):
-    """Noise through a loop with a period of 2.4 s or 6 s and a damping of 0.3."""
+    """White noise through an oscillator with a period of 2.4 s or 6 s and a damping of 0.3."""
     rng = np.random.default_rng(seed)
     state = [0.0, 0.0]
 

@@ -1,5 +1,5 @@
-"""An estimator of one's own: filterpy's unscented Kalman filter of range and range rate, as one row
-of the table of estimators."""
+"""A user-defined estimator, entered in the table of estimators: filterpy's unscented Kalman filter
+of range and range rate."""
 
 from math import cos, hypot, sin, sqrt
 
@@ -65,7 +65,7 @@ def _moved(x, dt):
 
 
 @pytest.mark.parametrize("measures_rate", [False, True])
-def test_own_estimator_in_table_flies_circle(monkeypatch, measures_rate):
+def test_user_estimator_in_table_flies_circle(monkeypatch, measures_rate):
     monkeypatch.setitem(ESTIMATORS, "unscented", Unscented)
     orbit = Orbit(80.0, Direction.COUNTERCLOCKWISE, 12.0, 0.4)
     guidance = Guidance(orbit, "feedforward", "unscented")

@@ -1,4 +1,5 @@
-"""Detection of ranges that scatter more than their sensor reports."""
+"""The noise check: it compares the scatter of the ranges with the reported sigma and detects frozen
+ranges."""
 
 from math import hypot, sin
 
@@ -21,8 +22,8 @@ def ranges(
     seed: int = 1,
     lost: float = 0.0,
 ):
-    """Ranges, with white noise, of a vehicle that turns as hard as it can to either side past a
-    target 40 m off."""
+    """Return ranges with white noise. The vehicle passes a target at 40 m and turns at its limit to
+    alternating sides."""
     chance = np.random.default_rng(seed)
     psi = 0.0
     x = -120.0
@@ -43,13 +44,13 @@ def corrected_sigmas(samples, check=None) -> list[float]:
 
 @pytest.mark.parametrize("hz", [2.0, 5.0, 10.0, 50.0])
 @pytest.mark.parametrize("sigma", [0.02, 0.1, 0.5, 2.0])
-def test_noise_check_keeps_correct_sigma_during_turns(hz, sigma):
+def test_noise_check_uses_reported_sigma_when_correct_during_turns(hz, sigma):
     for seed in range(3):
         assert set(corrected_sigmas(ranges(sigma, sigma, hz=hz, seed=seed))) == {sigma}
 
 
 @pytest.mark.parametrize(("reported", "sigma"), [(0.01, 0.5), (0.1, 0.5), (0.5, 5.0)])
-def test_noise_check_raises_sigma_within_seconds(reported, sigma):
+def test_noise_check_raises_too_small_sigma_within_seconds(reported, sigma):
     for seed in range(3):
         check = NoiseCheck.of_ranges(V, LIMIT)
         sigmas = corrected_sigmas(ranges(reported, sigma, seed=seed), check)
@@ -68,8 +69,8 @@ def circling(
     seconds: float = 60.0,
     seed: int = 1,
 ):
-    """Ranges on a circle that wind pushes in and out by 0.5 m. drifting: slow error, 2 s. step:
-    resolution."""
+    """Return ranges on a circle whose radius oscillates by 0.5 m in wind. drifting: sigma of a slow
+    error with a time constant of 2 s, m. step: resolution of the ranges, m."""
     chance = np.random.default_rng(seed)
     slow = 0.0
     for n in range(round(seconds * 10)):
@@ -82,25 +83,25 @@ def circling(
     ("sigma", "drifting", "least", "most"), [(0.1, 0, 0.15, 0.27), (0.02, 0.15, 0.08, 0.25)]
 )
 def test_noise_check_lowers_too_large_sigma_with_margin(sigma, drifting, least, most):
-    """UWB reported as 0.5 m is really 0.1 m, white or slow."""
+    """The UWB radio reports a sigma of 0.5 m. Its true error is 0.1 m, white or slow."""
     for seed in range(3):
         sigmas = corrected_sigmas(circling(0.5, sigma, drifting=drifting, seed=seed))
         assert sigmas[:200] == [0.5] * 200
         assert least < np.median(sigmas[300:]) < most
 
 
-def test_noise_check_keeps_sigma_of_slow_error():
+def test_noise_check_does_not_lower_sigma_of_slow_error():
     for seed in range(3):
         assert set(corrected_sigmas(circling(0.15, 0.02, drifting=0.15, seed=seed))) == {0.15}
         assert set(corrected_sigmas(circling(2.24, 1.0, drifting=2.0, seed=seed))) == {2.24}
 
 
-def test_noise_check_keeps_sigma_above_message_resolution():
+def test_noise_check_lowers_sigma_no_further_than_message_resolution():
     assert min(corrected_sigmas(circling(0.5, 0.0, step=0.01))) >= 0.01
     assert min(corrected_sigmas(circling(2.0, 0.0, step=1.0, seconds=120.0))) >= 0.29
 
 
-def test_noise_check_raises_lowered_sigma_with_noise():
+def test_noise_check_raises_lowered_sigma_when_noise_grows():
     check = NoiseCheck.of_ranges(V, LIMIT)
     sigmas = [
         check.corrected(t + s.stamp, s.r, 0.5)
@@ -112,8 +113,8 @@ def test_noise_check_raises_lowered_sigma_with_noise():
 
 
 def repeated(samples, *, moving=True, since=None) -> list[float]:
-    """Return the time for which the sensor counts as frozen, at each range. From the stamp `since`
-    on, the range is constant."""
+    """Return, after each range, the duration (s) of the frozen state that the check reports. From
+    the stamp `since` on, the range is constant."""
     check = NoiseCheck.of_ranges(V, LIMIT)
     frozen_times = []
     held = None
@@ -139,8 +140,8 @@ def test_noise_check_reports_frozen_radio_only_during_motion():
 
 @pytest.mark.parametrize(("sigma", "step"), [(0.02, 1.0), (0.1, 2.0), (0.0, 0.01)])
 def test_noise_check_accepts_coarse_radio_on_perfect_circle(sigma, step):
-    """It approaches first, so the resolution becomes visible. Then the range is constant although
-    the radio works."""
+    """The approach shows the resolution of the radio. On the circle the range is then constant
+    although the radio works."""
     way = [
         RangeSample(s.stamp, s.stamp, round(s.r / step) * step, 0.5)
         for s in ranges(0.5, sigma, seconds=15.0)

@@ -12,7 +12,8 @@ V = 15.0
 TURN = 0.35
 SETTINGS = EstimatorSettings(speed=V, max_turn_rate=TURN)
 EPOCH = 1_700_000_000.0
-"""Offset of the sensor's clock from the local one. Only differences of stamps may matter."""
+"""Offset of the sensor's clock from the local clock, s. The filter may use only differences of
+stamps."""
 
 
 def sample(t, r, sigma=0.5, epoch=EPOCH, **rate):
@@ -20,7 +21,7 @@ def sample(t, r, sigma=0.5, epoch=EPOCH, **rate):
 
 
 def settled(r=300.0, r_dot=-6.0, sigma=0.5, count=60, period=0.1):
-    """Return a filter after a straight run of ideal ranges, and the time of the last one."""
+    """Return a filter after ideal ranges of a straight flight, and the time of the last range."""
     kalman = KalmanRangeRate(SETTINGS)
     for i in range(count):
         assert kalman.observe(sample(i * period, r + r_dot * i * period, sigma)) is Fused.ACCEPTED
@@ -28,13 +29,13 @@ def settled(r=300.0, r_dot=-6.0, sigma=0.5, count=60, period=0.1):
 
 
 def observe(kalman, last, values):
-    """Observe ranges, one every 0.1 s. Return the results."""
+    """Pass ranges to the filter, one every 0.1 s. Return the results."""
     return [kalman.observe(sample(last + 0.1 * i, r)) for i, r in enumerate(values, 1)]
 
 
 class MatrixKalman:
-    """filterpy's general filter: predict with F, Q and update with H, R. The deviation of the
-    acceleration is one third of V^2/r + V w."""
+    """filterpy's general filter: predict with F, Q and update with H, R. The standard deviation of
+    the acceleration is one third of V^2/r + V w."""
 
     def __init__(self, first, sigma):
         self.filter = KalmanFilter(dim_x=2, dim_z=1)
@@ -49,7 +50,7 @@ class MatrixKalman:
         return float(self.filter.y[0] ** 2 / self.filter.S[0, 0])
 
     def expects(self, estimate):
-        """Matcher for an estimate."""
+        """Compare an estimate with the state and covariance of this filter."""
         assert (estimate.r, estimate.r_dot) == pytest.approx(
             tuple(self.filter.x), rel=1e-9, abs=1e-9
         )
@@ -59,12 +60,11 @@ class MatrixKalman:
 
 
 def flight(seed, count):
-    """A vehicle that flies past and then around a target: true (t, r) with uneven steps of about
-    0.1 s."""
+    """Return a random generator, and times (s) and true ranges (m) of a vehicle that passes a
+    target. The time steps are uneven, about 0.1 s."""
     rng = np.random.default_rng(seed)
-    t = (
-        np.round(np.cumsum(rng.uniform(0.05, 0.15, count)) * 1024) / 1024
-    )  # exact on a clock of any epoch
+    # multiples of 1/1024 s are exact at any clock offset
+    t = np.round(np.cumsum(rng.uniform(0.05, 0.15, count)) * 1024) / 1024
     return rng, t, np.hypot(-400 + V * t, 120 + 10 * np.sin(t / 5))
 
 
@@ -73,7 +73,7 @@ def test_range_rate_filter_matches_filterpy_with_uneven_steps(rates):
     rng, t, r = flight(1, 400)
     kalman = KalmanRangeRate(SETTINGS)
     now = t[0]
-    kalman.observe_rate(RateSample(EPOCH, 0.0, 5.0, 0.1))  # no estimate before any range
+    kalman.observe_rate(RateSample(EPOCH, 0.0, 5.0, 0.1))  # a range rate alone gives no estimate
     assert kalman.at(0.0) is None
     z = r[0] + rng.normal()
     kalman.observe(sample(now, z, 1.0))
@@ -84,7 +84,8 @@ def test_range_rate_filter_matches_filterpy_with_uneven_steps(rates):
         False,
     )
     reference = MatrixKalman(z, 1.0)
-    reference.expects(kalman.at(now))  # E[V^2 cos^2(theta_b)] over all bearings is V^2/2
+    # prior variance of r': E[V^2 cos^2(theta_b)] over all bearings is V^2/2
+    reference.expects(kalman.at(now))
     for now, step, true, r_dot in zip(
         t[1:], np.diff(t), r[1:], np.diff(r) / np.diff(t), strict=True
     ):
@@ -100,11 +101,10 @@ def test_range_rate_filter_matches_filterpy_with_uneven_steps(rates):
         reference.expects(kalman.at(now))
     before = kalman.at(now).r_dot
     kalman.observe_rate(RateSample(EPOCH + now, now, before + 40.0, 0.3))  # an outlier
-    kalman.observe_rate(
-        RateSample(EPOCH + now - 0.05, now - 0.05, before + 0.5, 0.3)
-    )  # older than the newest
+    # older than the newest sample
+    kalman.observe_rate(RateSample(EPOCH + now - 0.05, now - 0.05, before + 0.5, 0.3))
     assert kalman.at(now).r_dot == before
-    reference.step(0.4, 0.0, 1e9)  # a measurement without information: a prediction of 0.4 s
+    reference.step(0.4, 0.0, 1e9)  # prediction by 0.4 s: a measurement of infinite sigma
     reference.expects(kalman.at(now + 0.4))
     assert kalman.at(now - 1.0).r == kalman.at(now).r
 
@@ -126,8 +126,8 @@ def test_range_rate_filter_uses_stamps_despite_arrival_jitter():
 def test_range_rate_gate_rejects_beyond_five_sigma(
     sigmas,
 ):
-    """Innovation variance = predicted range variance + measurement variance, at the time of the
-    sample."""
+    """The gate compares the innovation with sqrt(predicted range variance + measurement variance)
+    at the time of the sample."""
     kalman, last = settled()
     ahead = kalman.at(last + 0.1)
     outside = abs(sigmas) > 5
@@ -140,8 +140,8 @@ def test_range_rate_gate_rejects_beyond_five_sigma(
 
 
 def test_range_rate_filter_predicts_through_scattered_outliers():
-    """The state is predicted through the rejected samples: after 4 s at -6 m/s the range is 24 m
-    less. A good sample between two runs that agree discards the first."""
+    """The filter predicts while it rejects samples: after 4 s at -6 m/s the range is 24 m less. A
+    good sample between two runs of consistent outliers discards the first run."""
     kalman, last = settled()
     before = kalman.at(last).r
     assert observe(kalman, last, [900.0, 5.0] * 20) == [Fused.GATED] * 40
@@ -157,7 +157,8 @@ def test_range_rate_filter_predicts_through_scattered_outliers():
 
 @pytest.mark.parametrize(("apart", "agree"), [(6.0, True), (7.0, False)])
 def test_range_rate_filter_restarts_only_with_consistent_samples(apart, agree):
-    """2 V 0.1 s = 3 m. Five standard deviations of a difference of two samples are 3.5 m."""
+    """Consistent samples differ by at most 2 V 0.1 s = 3 m plus five standard deviations of a
+    difference of two samples, 3.5 m."""
     kalman, last = settled()
     results = observe(kalman, last, [900.0 - apart * i for i in range(5)])
     assert results == [Fused.GATED] * 4 + [Fused.ACCEPTED if agree else Fused.GATED]
@@ -182,7 +183,7 @@ def test_range_rate_filter_restarts_after_five_consistent_samples():
     ("sigma", "ready"), [(0.5, [False] * 4 + [True] * 2), (200.0, [False] * 10)]
 )
 def test_range_rate_filter_is_ready_after_five_informative_samples(sigma, ready):
-    """Ten samples of 200 m noise within a second leave the rate as uncertain as before."""
+    """Ten samples with 200 m of noise within a second do not reduce the uncertainty of the rate."""
     kalman = KalmanRangeRate(SETTINGS)
     for i, expected in enumerate(ready):
         kalman.observe(sample(0.1 * i, 300.0, sigma))
@@ -190,8 +191,8 @@ def test_range_rate_filter_is_ready_after_five_informative_samples(sigma, ready)
 
 
 def test_range_rate_filter_predicts_no_negative_range():
-    """Without ranges for 20 s, a vehicle that closes at 6 m/s from 10 m would have a range of -110
-    m."""
+    """The vehicle approaches at 6 m/s from 10 m. Without a bound, the prediction after 20 s without
+    ranges would be -110 m."""
     kalman, last = settled(r=46.0)
     assert [round(kalman.at(last + t).r) for t in (0.0, 1.0, 3.0, 20.0)] == [11, 5, 7, 109]
     assert kalman.at(last + 1.0).r_dot == pytest.approx(-6.0, abs=0.1)
@@ -207,9 +208,9 @@ def test_range_rate_filter_reset_discards_state():
 
 
 @pytest.mark.parametrize(("sigma", "period"), [(0.5, 0.1), (2.0, 0.2), (0.001, 0.05)])
-def test_steady_state_matches_settled_filter_and_its_delay(sigma, period):
-    """With r'' = 2 m/s^2 for long and far off, the estimated rate trails the true one by lag times
-    2 m/s^2."""
+def test_computed_steady_state_matches_settled_range_rate_filter(sigma, period):
+    """At a constant r'' of 2 m/s^2 far from the target, the estimated rate lags the true rate by
+    the filter's lag times 2 m/s^2."""
     kalman, _ = settled(r_dot=0.0, sigma=sigma, count=200, period=period)
     steady = steady_state(SETTINGS, r=300.0, sigma=sigma, period=period)
     assert kalman.at(0.0).r_dot_sigma == pytest.approx(steady.r_dot_sigma, rel=1e-6)

@@ -12,8 +12,8 @@ HZ = 10.0
 
 
 def flight(seconds, seed=1, sigma=0.5, rate_sigma=0.1, outliers=0.0, drifting=0.0, wind=5.0):
-    """An approach, then the circle of 100 m in wind: (t, r, true rate, measured r, measured
-    rate)."""
+    """Return an approach and a circle of 100 m in wind: time, true range, true rate, measured range
+    and measured rate."""
     chance = np.random.default_rng(seed)
     psi = 0.3
     x = -250.0
@@ -34,8 +34,8 @@ def flight(seconds, seed=1, sigma=0.5, rate_sigma=0.1, outliers=0.0, drifting=0.
 
 
 def check_rates(report, **noise):
-    """Return the check and the times at which it dropped or accepted the rates. report: reported
-    rate by t, true rate and measured rate."""
+    """Return the check, and the times (s) at which it dropped or accepted the rates. report:
+    function of time, true rate and measured rate; returns the reported rate."""
     check = RateCheck()
     changes = []
     was = True

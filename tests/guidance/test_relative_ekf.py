@@ -1,5 +1,4 @@
-"""The relative-motion filters against filterpy's, and their predictions for the single flight in
-the air."""
+"""The relative-motion filters against filterpy's extended Kalman filter and textbook equations."""
 
 from math import pi
 
@@ -45,7 +44,8 @@ STATE = np.array([180.0, 2.0, 1.0, -2.0, 1.02, 0.1, 0.3, -0.2, 0.1, -0.2, 0.3, 0
 
 
 def moved(x, path):
-    """Independent model: Cartesian, one state at a time."""
+    """Return the predicted state of one hypothesis, from an independent model in Cartesian
+    coordinates."""
     p = (
         x[0] * np.array([np.cos(x[1]), np.sin(x[1])])
         + x[4] * path
@@ -71,7 +71,7 @@ def moved(x, path):
 
 
 def jacobian(x, path):
-    """Jacobian by central differences."""
+    """Return the Jacobian of a function by central differences."""
     columns = []
     for i in range(STATES):
         h = 1e-6 * max(1.0, abs(x[i]))
@@ -81,7 +81,8 @@ def jacobian(x, path):
 
 
 def process_noise(x):
-    """Cartesian noise turned into the polar frame of the state after the step."""
+    """Return the Cartesian process noise rotated into the polar frame of the state after the
+    step."""
     steady = PSD * DT
     gusty = (1 - np.exp(-2 * DT / GUST_TIME)) * GUST**2
     Q = np.zeros((STATES, STATES))
@@ -99,7 +100,7 @@ def process_noise(x):
     return T @ Q @ T.T
 
 
-def test_one_hypothesis_matches_filterpy_extended_kalman_filter():
+def test_filter_with_one_hypothesis_matches_filterpy_ekf():
     rng = np.random.default_rng(4)
     P = np.diag([4.0, 0.05, 9.0, 9.0, 2.5e-3, 0.2, 1.0, 1.0, 0.04, 0.04, 0.1, 0.1])
     reference = ExtendedKalmanFilter(dim_x=STATES, dim_z=1)
@@ -123,16 +124,16 @@ def test_one_hypothesis_matches_filterpy_extended_kalman_filter():
     assert ours.P[:, :, 0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
 
 
-def test_update_rejects_outlier_without_state_change():
+def test_filter_update_rejects_outlier_without_state_change():
     before = hypothesis([100.0, 0, 0, 0, 1, *[0] * 7], 0.01 * np.eye(STATES))
     after, _, accepted = update(before, NOISE, range_measurement(before, NOISE, 120.0, SIGMA), 5.0)
     assert not accepted[0]
     assert np.array_equal(after.x, before.x)
 
 
-def test_range_rate_update_uses_derivatives_of_its_equation():
-    """h(x) = n.(kappa V u + d + g + e), its Jacobian by differences; textbook update in full
-    matrices."""
+def test_range_rate_update_matches_textbook_with_numerical_jacobian():
+    """Reference: h(x) = n.(kappa V u + d + g + e) with its Jacobian by differences, and the
+    textbook update in full matrices."""
     rng = np.random.default_rng(3)
     x = rng.normal(size=STATES) * 0.3 + np.array([120.0, 0.7, 2.0, -1.0, 1.0, *[0.0] * 7])
     root = 0.1 * rng.normal(size=(STATES, STATES))
@@ -151,7 +152,7 @@ def test_range_rate_update_uses_derivatives_of_its_equation():
     assert after.P[:, :, 0] == pytest.approx(P - np.outer(P @ H, H @ P) / S, abs=1e-7)
 
 
-def test_mixture_averages_directions_across_pi():
+def test_mixture_of_hypotheses_averages_directions_across_pi():
     x = np.zeros((STATES, 2))
     x[0] = 100.0
     x[1] = np.pi - 0.01, -np.pi + 0.01
@@ -160,7 +161,7 @@ def test_mixture_averages_directions_across_pi():
     assert P[1, 1] == pytest.approx(1e-4, rel=1e-6)
 
 
-def test_polar_converts_position_and_covariance():
+def test_polar_state_matches_converted_position_and_covariance():
     p = np.array([30.0, -40.0, 1, 2, 1, *[0] * 7])
     P = np.diag([4.0, 4.0, *[1] * 10])
     x, polar_P = polar(p, P)
@@ -222,8 +223,9 @@ def test_predicted_drift_includes_measured_velocity_change(
     acceleration_weight,
 ):
     """v = kappa V u(psi) + drift, so the drift changes by the change of v minus kappa times the
-    change of V u(psi). Gusts are not assumed to follow the measured change. (f, l) = (0.1, -0.2) is
-    the accelerometer's error, for 0.1 s due up."""
+    change of V u(psi). The measured change is assigned to the drift, not to the gust. The
+    accelerometer's error is (0.1, -0.2) m/s^2, forward and left, for 0.1 s at a heading of
+    north."""
     acceleration = VelocityChange((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
     assumed = np.array([PSD, GUST, acceleration_weight])
     ours = predict_mixture(
@@ -238,9 +240,9 @@ def test_predicted_drift_includes_measured_velocity_change(
 
 
 def test_prediction_with_measured_acceleration_matches_bayes_rule():
-    """Condition the prediction on the measured change of velocity, with explicit noises of the
-    step. They are the states before (12), steps of d and g, the new e, their effect on position,
-    and the accelerometer's own noise."""
+    """Reference: condition the prediction on the measured change of velocity in one joint
+    covariance. Its variables are the 12 states before the step, the random steps of d and g, the
+    new e, their effects on the position, and the accelerometer's noise."""
     nose = 0.4
     psi = 0.7
     turn = 2.2

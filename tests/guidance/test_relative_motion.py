@@ -1,5 +1,5 @@
-"""The multiple-model filter in flight: own motion and ranges that are asynchronous, lost, false or
-interrupted."""
+"""The multiple-model filter with asynchronous, lost, false and interrupted ranges and own
+motion."""
 
 from dataclasses import replace
 from math import cos, hypot, sin
@@ -41,8 +41,8 @@ def test_drift_estimator_finds_target_at_any_message_rates(every, motion_every, 
 
 
 def test_search_continues_between_first_estimate_and_next_range():
-    """The first estimate after a range becomes a setpoint at once. A search iteration would delay
-    it."""
+    """The first estimate after a range becomes a setpoint at once, and a search iteration would
+    delay this setpoint. The search therefore continues after the estimate."""
     world = Circling()
     estimator = DriftEstimator(SETTINGS)
     observe(estimator, world, 0.0, 2.0)
@@ -72,8 +72,8 @@ def test_drift_estimator_tolerates_outliers_and_wrong_airspeed(wrong):
 
 @pytest.mark.parametrize("make", [DriftEstimator, AutoEstimator])
 def test_filter_accepts_ranges_again_during_new_search(make):
-    """`auto` continues with the range filter meanwhile, and after a reset nothing of that filter is
-    left."""
+    """Meanwhile the estimator `auto` uses the range filter. A reset discards the state of that
+    filter."""
     world, estimator = converged(make)
     world.target = (-250.0, 300.0)
     results = []
@@ -107,8 +107,9 @@ def test_drift_estimator_rejects_late_and_repeated_samples():
     assert estimator.at(29.95) == before
 
 
-def test_trust_fades_during_dead_reckoning():
-    """Trusted while sigma is below a quarter of the range."""
+def test_relative_motion_loses_trust_during_dead_reckoning():
+    """Relative motion is trusted while the sigma of the position is below a quarter of the
+    range."""
     world, estimator = converged()
     assert estimator.ready
     sure = estimator.at(29.95).relative.sigma
@@ -121,9 +122,9 @@ def test_trust_fades_during_dead_reckoning():
         assert relative.trusted == (relative.sigma < 0.25 * r) == trusted
 
 
-def test_lost_filter_finds_target_again():
-    """Far off the circle the position is less certain. The median of several flights is tested, and
-    each error against its sigma."""
+def test_filter_finds_target_again_after_target_moved():
+    """The target is moved far away, where the position is less certain. The test checks each error
+    against its sigma, and the median of three flights."""
     errors = []
     for seed in range(3):
         world = Circling(rng=np.random.default_rng(seed))
@@ -142,15 +143,15 @@ def test_lost_filter_finds_target_again():
 
 @pytest.mark.parametrize("trouble", [False, True])
 def test_filter_remembers_drift_after_gap(trouble):
-    """Also if the vehicle stood still just before the gap, contrary to the assumed motion, because
-    it did not receive setpoints."""
+    """With `trouble`, the vehicle stands still before the gap because it receives no setpoints,
+    while its motion is assumed to continue."""
     world, estimator = converged(seconds=45.0)
     if trouble:
         for t in np.arange(45.0, 52.0, 0.05):
             estimator.move(world.motion(t))
             estimator.observe(world.range(45.0)._replace(time=t, stamp=t))
         for t in np.arange(53.0, 80.0, 0.5):
-            estimator.observe(world.range(t))  # own motion is not reported any more
+            estimator.observe(world.range(t))  # own motion is no longer reported
     observe(estimator, world, 80.0, 80.3)
     relative = estimator.at(80.29).relative
     assert relative.drift_remembered and relative.trial is not None and not estimator.ready
@@ -192,8 +193,9 @@ def test_lost_track_discards_remembered_drift():
     assert not estimator.ready and not estimator.filter.remembers
 
 
-def test_auto_keeps_target_after_sensor_clock_jump():
-    """Stamps jump by one hour: `auto` keeps its filter, and `kalman` restarts."""
+def test_estimator_auto_keeps_target_after_sensor_clock_jump():
+    """Stamps jump by one hour. The estimator `auto` keeps the multiple-model filter; only the range
+    filter `kalman` restarts."""
     world, estimator = converged(AutoEstimator)
     assert estimator.drift.ready
     estimator.restamp()
@@ -208,7 +210,8 @@ def test_auto_keeps_target_after_sensor_clock_jump():
 
 
 def test_filter_is_ready_only_with_own_motion():
-    """Without own motion it uses no ranges, and the range filter judges them."""
+    """Without own motion the multiple-model filter uses no ranges, and the range filter accepts or
+    rejects them."""
     world, estimator = converged(AutoEstimator)
     for t in np.arange(30.0, 31.0, 0.05):
         estimator.observe(world.range(t))
@@ -222,9 +225,9 @@ def test_filter_is_ready_only_with_own_motion():
 
 
 def test_filter_separates_wrong_airspeed_from_gust():
-    """On a calm circle, a reported airspeed 2.5 % wrong and a gust that turns with the nose look
-    the same to a model with accelerations. Its wrong state must not initialize the other models
-    forever (flown: 0.3 m instead of 0.15 m).
+    """On a circle without wind, a model with accelerations cannot distinguish a reported airspeed
+    with an error of 2.5 % from a gust that turns with the nose. Its wrong state must not initialize
+    the other models forever: a flight then had a radius RMS of 0.3 m instead of 0.15 m.
     """
     scale = 1.065
     reported = V / 1.065
@@ -244,9 +247,8 @@ def test_filter_separates_wrong_airspeed_from_gust():
     noise = estimator.filter.noise
     nose = OMEGA * 40.0
     acceleration_weight = noise.acceleration_weight > 0
-    wrong = acceleration_weight | (
-        noise.drift_psd < 1e-3
-    )  # and models that were initialized from them
+    # models with accelerations, and models initialized from them
+    wrong = acceleration_weight | (noise.drift_psd < 1e-3)
     tracks.x[KAPPA, wrong] = scale - 0.025
     tracks.x[GX, wrong], tracks.x[GY, wrong] = (
         0.025 * reported * cos(nose),

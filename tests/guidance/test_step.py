@@ -30,14 +30,12 @@ def estimate(r, r_dot=0.0, time=0.0, relative=None):
 @pytest.mark.parametrize(
     ("choice", "r", "demanded"),
     [
-        (LawChoice("smooth", 0.01), 10.0, -0.1),  # example 2: given 8.66025404, it settles on 10
+        # example 2: commanded radius 8.66025404, settled radius 10
+        (LawChoice("smooth", 0.01), 10.0, -0.1),
         (LawChoice("smooth", 0.01), 8.6602, 0.0),
         (LawChoice("smooth", 0.01, correct_radius=False), 9.99, 0.0),
-        (
-            LawChoice("smooth", 0.01, correct_radius=False),
-            10.98684113,
-            -1 / 10.98684113,
-        ),  # example 1
+        # example 1
+        (LawChoice("smooth", 0.01, correct_radius=False), 10.98684113, -1 / 10.98684113),
         (LawChoice("switching", 0.12), 10.9, -0.12),  # example 3
     ],
 )
@@ -61,7 +59,7 @@ def test_steering_rejects_gain_without_radius_correction(gain):
     bound=st.floats(1e-3, 10),
 )
 def test_turn_limit_bounds_command_after_gain_compensation(gain, demanded, first, bound):
-    """Commanded w/gain, the vehicle turns at w. The limit applies to the command."""
+    """For a turn rate w the command is w/gain. The turn limit applies to the command, not to w."""
     wanted = limited(demanded, first)
     assert wanted.saturated == (abs(demanded) > first)
     assert wanted.turn_rate == (np.copysign(first, demanded) if wanted.saturated else demanded)
@@ -72,7 +70,8 @@ def test_turn_limit_bounds_command_after_gain_compensation(gain, demanded, first
 
 
 def test_steering_applies_vehicle_limit_after_law():
-    """Law 1 is unsaturated: 200 m out and flying across, it demands 40 times the limit."""
+    """The equation of law 1 has no bound. In tangential flight 200 m outside the circle, the law
+    demands 40 times the turn limit."""
     command = Steering(Orbit(10.0, Direction.CLOCKWISE, 1.0, 0.1), LawChoice("smooth", 0.01))(
         estimate(200.0)
     )
@@ -80,8 +79,9 @@ def test_steering_applies_vehicle_limit_after_law():
     assert command.demanded == pytest.approx(-4.0, rel=0.01)
 
 
-def test_limited_counts_command_just_below_limit_as_saturated():
-    """After a handover the offset between the laws fades exponentially and never reaches 0."""
+def test_steering_reports_command_just_below_limit_as_saturated():
+    """After a handover the difference between the two laws fades exponentially and never reaches 0,
+    so the command stays slightly below the limit."""
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
     assert not any(steer(estimate(100.0, 0.0, 0.05 * i)).saturated for i in range(5))
     close = known(x=20.0, heading=pi)
@@ -91,7 +91,7 @@ def test_limited_counts_command_just_below_limit_as_saturated():
     assert last.saturated
 
 
-def test_steering_ignores_estimate_gap_in_search_time():
+def test_steering_excludes_estimate_gap_from_search_time():
     steer = Steering(ORBIT, LawChoice("auto", 0.02))
     flown = [
         steer(estimate(300.0, -15.0, time, untrusted(x=300.0, heading=pi))).flies
@@ -100,7 +100,7 @@ def test_steering_ignores_estimate_gap_in_search_time():
     assert flown == ["feedforward", "feedforward", "feedforward", "trial"]
 
 
-def test_auto_reports_active_law_and_drift_tries_no_hypotheses():
+def test_steering_reports_active_law_of_auto_and_drift():
     auto, feedforward, drift = (
         Steering(ORBIT, LawChoice(name, 0.06)) for name in ("auto", "feedforward", "drift")
     )
@@ -116,9 +116,9 @@ def test_auto_reports_active_law_and_drift_tries_no_hypotheses():
 @pytest.mark.parametrize(
     ("r", "r_dot", "remembered", "flies"),
     [
-        (105.0, 1.0, True, "feedforward"),  # the circle itself is the excitation
+        (105.0, 1.0, True, "feedforward"),  # turning on the circle is sufficient excitation
         (105.0, 1.0, False, "trial"),
-        (129.0, 5.9, True, "feedforward"),  # 0.3 of the radius, and 0.4 of V
+        (129.0, 5.9, True, "feedforward"),  # within 0.3 of the radius and 0.4 of V
         (71.0, -5.9, True, "feedforward"),
         (131.0, 0.0, True, "trial"),
         (69.0, 0.0, True, "trial"),
@@ -126,17 +126,17 @@ def test_auto_reports_active_law_and_drift_tries_no_hypotheses():
         (100.0, -6.1, True, "trial"),
     ],
 )
-def test_auto_holds_on_circle_while_drift_is_remembered(r, r_dot, remembered, flies):
+def test_auto_delays_trial_on_circle_while_drift_is_remembered(r, r_dot, remembered, flies):
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
     candidate = untrusted(x=r, drift_remembered=remembered)
     flown = [steer(estimate(r, r_dot, t, candidate)).flies for t in np.arange(0.0, 15.0, 0.5)]
-    assert flown[4] == flown[19] == flies  # at 2 s and at 9.5 s
+    assert flown[4] == flown[19] == flies  # the active law at 2 s and at 9.5 s
     assert flown[-1] == "trial"
 
 
-def test_auto_waits_for_search_after_path_is_known_again():
-    """A copter hovers during an outage of its uplink. Its path is unknown, so no search runs
-    meanwhile."""
+def test_auto_starts_search_time_when_path_is_known_again():
+    """A copter hovers during an outage of its uplink. Its path is then unknown, so no search runs.
+    The search time begins when the path is known again."""
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
     for t in np.arange(0.0, 60.0, 0.5):
         steer(estimate(105.0, 0.0, t))
@@ -163,9 +163,9 @@ def test_drift_law_uses_gains_of_given_response():
 
 
 def test_steering_attenuates_drift_oscillation_of_1_hz():
-    """1 m/s of drift across the nose is a crab angle of 1/V, which changes at 2 pi f/V. A few bad
-    ranges move the estimated drift by 1 m/s for a moment. It also contains the lag of the course
-    behind the nose."""
+    """A drift of 1 m/s across the nose is a crab angle of 1/V; at a frequency f it changes by up to
+    2 pi f/V. A few false ranges can move the estimated drift by 1 m/s for a short time, and this
+    must not turn the vehicle."""
     orbit = Orbit(
         radius=150.0, direction=Direction.COUNTERCLOCKWISE, speed=22.0, max_turn_rate=0.44
     )
@@ -187,14 +187,14 @@ def test_steering_attenuates_drift_oscillation_of_1_hz():
 
 @pytest.mark.parametrize("direction", Direction)
 def test_holding_flies_circle_in_wind_without_ranges(direction):
-    """One lap by heading alone in 6 m/s of wind. At V/r_d the wind would carry the vehicle away at
-    6 m/s for 40 s."""
+    """One lap of 40 s by heading alone in 6 m/s of wind. A constant turn rate V/r_d would let the
+    wind carry the vehicle 240 m away."""
     s = direction.turn_sign
     dt = 0.02
     d = np.array([0.0, 6.0])
     orbit = Orbit(R_D, direction, V, LIMIT)
     p = np.array([R_D, 0.0])
-    # the wind blows along the tangent, and the nose too
+    # nose and wind both point along the tangent
     psi = s * pi / 2
     swept = 0.0
     farthest = 0.0
@@ -242,9 +242,8 @@ def test_holding_turns_at_v_over_r_without_trusted_motion(direction, not_known):
     assert not held.saturated
 
 
-@pytest.mark.parametrize(
-    "motion", [None, known(drift_y=-9.0, heading=-pi / 2)]
-)  # downwind, at 24 m/s
+# flight downwind: ground speed 24 m/s
+@pytest.mark.parametrize("motion", [None, known(drift_y=-9.0, heading=-pi / 2)])
 def test_holding_saturates_at_turn_limit(motion):
     held = holding(Orbit(R_D, Direction.CLOCKWISE, V, 0.1), motion, AT_REST)
     assert (held.turn_rate, held.saturated) == (-0.1, True)

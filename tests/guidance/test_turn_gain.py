@@ -22,7 +22,7 @@ def turned(before: TurnGain, start: float, seconds: float, rate: float) -> TurnG
     return gain
 
 
-def test_turn_gain_survives_minute_without_turning() -> None:
+def test_turn_gain_is_kept_during_minute_without_turning() -> None:
     slipping = turned(TurnGain(), 0.0, 120.0, 0.65 * COMMAND)
     assert slipping.followed
     assert slipping.gain == pytest.approx(0.65, abs=0.02)
@@ -32,15 +32,16 @@ def test_turn_gain_survives_minute_without_turning() -> None:
     assert not stands.followed
     assert stands.gain == pytest.approx(0.9, abs=0.06)
     soon = turned(stands, 120.0, 2.0, 0.9 * COMMAND)
-    assert soon.gain == stands.gain, "the low-pass still contains the time without turning"
+    assert soon.gain == stands.gain, "the low-pass filter still contains samples without turning"
     later = turned(stands, 120.0, 5.0, 0.9 * COMMAND)
     assert later.followed
     assert later.gain == pytest.approx(0.9, abs=0.08)
 
 
 @pytest.mark.parametrize("swing", [0.3, 1.0])
-def test_turn_gain_is_exact_for_lagging_vehicle(swing: float) -> None:
-    """A swing of 0.3 or 1 rad/s and a lag of 0.4 s give 7 and 20 deg of phase."""
+def test_turn_gain_is_exact_despite_turn_lag(swing: float) -> None:
+    """The command oscillates at 0.3 or 1 rad/s. A lag of 0.4 s then delays the turn by 7 or 20 deg
+    of phase."""
     state = TurnGain()
     heading = 0.0
     rate = 0.0

@@ -1,4 +1,5 @@
-"""The learned response to turn commands: accepted and rejected evidence."""
+"""The learned response to turn commands: data from which it is learned, and data that are
+rejected."""
 
 from math import sin
 
@@ -14,8 +15,8 @@ GAIN = 0.9
 
 
 class Vehicle:
-    """Turns at 0.9 of the command of 0.2 s ago, through a lag of 0.15 s. Without uplink, the last
-    turn continues for 3 s."""
+    """A vehicle with a turn gain of 0.9, a dead time of 0.2 s and a lag of 0.15 s. Without uplink,
+    the last turn continues for 3 s."""
 
     def __init__(self):
         self.model = VehicleModel(0.4, 0.5)
@@ -28,7 +29,8 @@ class Vehicle:
         last = self._on_the_way[-1]
         since = self.now
         for _ in range(round(seconds / STEP)):
-            # A circle with corrections. Without uplink the vehicle leaves it and the command grows.
+            # The command of a circle with corrections. Without uplink the vehicle leaves the circle
+            # and the command grows.
             command = (
                 0.17
                 + 0.1 * sin(0.9 * self.now)
@@ -45,9 +47,9 @@ class Vehicle:
         return self.model
 
 
-def test_vehicle_model_learns_nothing_from_lost_commands():
-    """A minute of lost commands made the learned response of a copter 60 ms too quick. Its gains
-    became so high that it oscillated for 45 s."""
+def test_turn_response_is_not_learned_from_lost_commands():
+    """After a minute of lost commands, the learned delay of a copter was once 60 ms too short. The
+    gains became so high that the copter oscillated for 45 s."""
     vehicle = Vehicle()
     before = vehicle.fly(90.0).response
     gain = vehicle.model.gain

@@ -1,4 +1,4 @@
-"""The drift law on relative motion."""
+"""The drift law: a vector field of headings around the target, in wind."""
 
 from itertools import product
 from math import acos, hypot, pi, sqrt
@@ -29,7 +29,7 @@ angles = st.floats(-pi, pi)
 
 
 def turn(p, d, psi, omega):
-    """Turn command with the previous turn rate still pending."""
+    """Return the turn command while a turn of an earlier command is still pending."""
     return drift(
         np.array(p),
         np.array(d),
@@ -57,7 +57,7 @@ def test_drift_law_is_independent_of_compass_direction(r, at, psi, wind, blows, 
         d = wind * np.array([np.cos(blows + turned), np.sin(blows + turned)])
         commands.append(float(turn(p, d, psi + turned, omega)))
     first, command = commands
-    # where the heading error wraps at pi, both directions are right
+    # where the heading error is pi, a turn to either side is correct
     assert (
         command == pytest.approx(first, abs=1e-6)
         or abs(abs(command - first) - 2 * pi * GAINS.heading) < 1e-3
@@ -85,15 +85,15 @@ def test_field_heading_gives_field_course_in_wind(at, wind, blows, r):
     ],
 )
 def test_inward_angle_matches_hand_calculation_far_from_circle(r, sharpest, inward):
-    """Hand calculation: sqrt(2 e (sharpest - 1/r_d)) = sqrt(2 50 0.01) = 1. The difference counts
-    as at least 0.1/r_d, and the course is at most straight out."""
+    """By hand: inward angle sqrt(2 e (sharpest - 1/r_d)) = sqrt(2 * 50 * 0.01) = 1 rad. The law
+    uses a difference of at least 0.1/r_d, and its course points straight outward at most."""
     assert inward_angle(r, r_d=R_D, k=1e4, sharpest=sharpest) == pytest.approx(inward, rel=1e-4)
 
 
 def flown(sense, start, psi, d, seconds, dt=0.05):
-    """A flight under the law with full information: a point mass with a turn lag. Return ranges,
-    the last position (2,) and angular momentum around the target. The sign of the momentum is the
-    direction of rotation."""
+    """Fly a point mass with a turn lag by the law, with exact relative motion. Return the ranges,
+    the last position (2,), and the angular momentum about the target. The sign of the momentum
+    gives the direction of rotation."""
     p = np.array(start, float)
     d = np.array(d, float)
     omega = 0.0
@@ -116,9 +116,8 @@ def flown(sense, start, psi, d, seconds, dt=0.05):
     return np.array(ranges), p, p[0] * v[1] - p[1] * v[0]
 
 
-def test_drift_law_turns_outward_in_wrong_direction_outside_circle():
-    """The half turn to the inside is the shorter one, and passes within 0.3 to 0.7 r_d of the
-    target."""
+def test_drift_law_reverses_outward_when_direction_is_wrong_outside():
+    """The half turn to the inside is shorter, but passes the target at 0.3 to 0.7 r_d."""
     for r, heading, d in product(
         [115.0, 160.0, 230.0], [-1.7, -1.3, -0.6], [(0, 0), (-3, 2), (-3, -2)]
     ):
@@ -140,8 +139,8 @@ def test_drift_law_reaches_mirrored_circles_in_strong_wind(start):
 
 
 def swing(dead, known):
-    """Largest radius error (m) in the last 60 s of 200 s, in calm air. `known`: share of the
-    vehicle's dead time in the law."""
+    """Return the largest radius error (m) in the last 60 s of a flight of 200 s without wind.
+    `known`: share of the vehicle's dead time that the law takes into account."""
     dt = 0.02
     x = 1.15 * R_D
     y = 0.0
@@ -170,9 +169,9 @@ def swing(dead, known):
 
 @pytest.mark.parametrize("under_way", [0.3, -0.3])
 @pytest.mark.parametrize("beyond", [0.2, 0.4])
-def test_drift_law_continues_turn_if_reversal_takes_longer(under_way, beyond):
-    """Half a circle plus `beyond` one way, half a circle minus `beyond` the other way. The pending
-    turn adds to the latter."""
+def test_drift_law_continues_turn_when_reversing_takes_longer(under_way, beyond):
+    """The turn to the wanted heading is half a circle plus `beyond` in the present direction, and
+    half a circle minus `beyond` in the other. The pending turn lengthens the latter."""
     p = (10 * R_D, 0.0)
     d = (0.0, 0.0)
     wanted = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
@@ -246,8 +245,8 @@ def test_drift_law_oscillates_only_with_unknown_dead_time():
 
 @given(wind=st.floats(0, 8), blows=angles, at=angles)
 def test_orbit_turn_rate_matches_drift_law_on_circle(wind, blows, at):
-    """Two derivations: from the heading alone, and from the rotation of the field along the
-    circle."""
+    """Compares two derivations of the turn rate on the circle: from the heading alone, and from the
+    rotation of the field along the circle."""
     d = wind * np.array([np.cos(blows), np.sin(blows)])
     p = R_D * np.array([np.cos(at), np.sin(at)])
     psi = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)

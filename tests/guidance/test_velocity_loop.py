@@ -1,5 +1,5 @@
-"""A copter whose velocity follows its nose by a velocity loop, against the loop's transfer
-function."""
+"""The estimated motion of a copter with a velocity loop, against the transfer function of the
+loop."""
 
 from cmath import phase
 from math import cos, degrees, remainder, sin, tau
@@ -11,7 +11,7 @@ from circnav_mav.guidance.velocity_loop import CopterMotion, VelocityLoop
 
 LOOP = VelocityLoop(proportional=1.8, integral=0.4, derivative=0.2)
 V = 5.0
-LEAN = 0.25  # s, lag of the thrust's lean
+LEAN = 0.25  # lag of the copter's lean behind its command, s
 STEP = 0.04
 
 
@@ -41,17 +41,16 @@ def flown(turn_rate, drag, wind=(0.0, 0.0), seconds=150.0, tilts=True):
 @pytest.mark.parametrize("turn_rate", [0.1, -0.3])
 def test_copter_motion_matches_velocity_loop_response_in_steady_turn(drag, turn_rate):
     _, own, response = flown(turn_rate, drag)
-    assert own.airspeed == pytest.approx(
-        abs(response) * V, rel=0.025
-    )  # with a drag that is learned to some percent
+    # the learned drag has an error of some percent
+    assert own.airspeed == pytest.approx(abs(response) * V, rel=0.025)
     lag = degrees(remainder(turn_rate * own.time - own.heading, tau))
     assert lag == pytest.approx(-degrees(phase(response)), abs=1.0)
     assert own.turn_rate == pytest.approx(turn_rate, rel=0.02)
 
 
 def test_copter_motion_learns_and_feeds_forward_px4_drag():
-    """Drag in 1/s. PX4 SIH flew 4.92 m/s and hardly crabbed. Without acceleration setpoints it flew
-    4.57 m/s and 11 deg at 0.1 rad/s."""
+    """PX4 in SIH has a drag of 1/s. At 0.1 rad/s it flew 4.92 m/s with a crab angle near 0. Without
+    acceleration setpoints it flew 4.57 m/s with a crab angle of 11 deg."""
     motion, own, _ = flown(0.1, 1.0)
     assert motion.drag == pytest.approx(1.0, abs=0.05)
     assert own.airspeed == pytest.approx(5.0, abs=0.1)
@@ -63,9 +62,10 @@ def test_copter_motion_separates_drag_from_wind_and_needs_tilt():
     assert flown(0.1, 1.0, tilts=False)[0].drag == 0.3
 
 
-def test_copter_motion_starts_at_rest_after_a_handover():
-    """Straight on, without drag and feedforward, the loop 1.8 + 0.4/s takes at least 1/1.8 ln 5 =
-    0.9 s to bring v to 0.8 V. The course is not used below 0.3 V: then the report is unchanged."""
+def test_copter_motion_starts_from_low_speed_after_handover():
+    """In straight flight without drag and feedforward, the loop 1.8 + 0.4/s takes at least 1/1.8 ln
+    5 = 0.9 s to reach 0.8 V. Below 0.3 V the estimated course is not used, and the report stays
+    unchanged."""
     motion = CopterMotion()
     motion.drag = 0.0
     reports = [OwnMotion(i * STEP, 0.5, 0.0, V) for i in range(100)]
@@ -79,7 +79,7 @@ def test_copter_motion_starts_at_rest_after_a_handover():
     assert motion.follow(OwnMotion(9.0, 0.5, 0.0, V), LOOP).airspeed == V
 
 
-def test_copter_motion_restarts_along_the_nose_after_a_gap():
+def test_copter_motion_restarts_along_nose_after_gap():
     motion, before, _ = flown(0.3, 1.0)
     drag = motion.drag
     own = motion.follow(OwnMotion(before.time + 3.0, 1.0, 0.3, V), LOOP)

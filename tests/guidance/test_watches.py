@@ -21,7 +21,8 @@ R = 100.0
 LIMIT = 0.35
 ORBIT = Orbit(R, Direction.CLOCKWISE, V, LIMIT)
 ALLOWED = sqrt(R * V * LIMIT) - V
-"""(V + W)^2 = V omega_max r_d, solved for W: 7.91 m/s."""
+"""Largest drift W at which the vehicle can fly the circle: (V + W)^2 = V omega_max r_d gives 7.91
+m/s."""
 QUIET = DriftAlarm()
 
 
@@ -42,8 +43,8 @@ def after(drifts, most_turn=LIMIT, *, alarm=QUIET, start=0.0, trusted=True):
     ("most", "allowed"), [(LIMIT, ALLOWED), (0.72 * LIMIT, sqrt(0.72 * R * V * LIMIT) - V)]
 )
 def test_drift_alarm_starts_at_drift_allowed_by_turn_rate(most, allowed):
-    """Downwind the ground speed is at most V + W, and the course turns at V/(V + W) of the nose's
-    rate."""
+    """Downwind the ground speed is at most V + W. The course then turns at V/(V + W) times the turn
+    rate of the nose."""
     assert not after([allowed - 0.01] * 100, most).on
     raised = after([allowed + 0.01] * 100, most)
     assert (raised.on, raised.allowed) == (True, pytest.approx(allowed))
@@ -63,7 +64,8 @@ def test_drift_alarm_ignores_gusts_lulls_and_untrusted_drift():
 @pytest.mark.parametrize("wind", [0.0, 5.0])
 @pytest.mark.parametrize(("before", "after", "is_raised"), [(0, 5, True), (4, 4, False)])
 def test_airspeed_alarm_needs_change_of_drift_along_nose(wind, before, after, is_raised):
-    """The estimator takes a measured airspeed that is too high as a drift against the nose."""
+    """The estimator interprets a measured airspeed that is too high as a drift against the nose,
+    which turns with the vehicle."""
     alarm = AirspeedAlarm()
     for at in range(2000):
         heading = -V / R * 0.1 * at
@@ -77,8 +79,9 @@ def test_airspeed_alarm_needs_change_of_drift_along_nose(wind, before, after, is
 
 
 def after_laps(radius, ranges, wind=0.0, laps=1.2):
-    """Return the alarm after laps of a true radius (m) at 10 Hz, with ranges of another length and
-    an airspeed scale that has adapted to them. The wind is toward north."""
+    """Return the alarm after laps on a circle of a true radius (m), with estimates at 10 Hz. The
+    ranges (m) have another length, and the estimated airspeed scale has adapted to them. The wind
+    blows to the north."""
     alarm = LapAlarm()
     angle = 0.0
     for at in range(100_000):
@@ -95,13 +98,13 @@ def after_laps(radius, ranges, wind=0.0, laps=1.2):
 
 @pytest.mark.parametrize("wind", [0.0, 5.0])
 @pytest.mark.parametrize(("radius", "ranges"), [(192.0, 150.0), (80.0, 272.0), (150.0, 150.0)])
-def test_lap_alarm_finds_radius_by_turns(radius, ranges, wind):
+def test_lap_alarm_finds_true_radius_by_turn_rate(radius, ranges, wind):
     alarm = after_laps(radius, ranges, wind)
     assert alarm.on == (radius != ranges)
     assert alarm.by_turns == pytest.approx(radius, rel=0.02) and alarm.by_ranges == ranges
 
 
-def test_lap_alarm_judges_only_whole_turns_beside_the_target():
+def test_lap_alarm_needs_whole_lap_around_target():
     assert after_laps(192.0, 150.0, laps=0.9) == after_laps(192.0, 150.0, laps=0.9)._replace(
         on=False
     )

@@ -1,5 +1,5 @@
-"""The estimator of white noise, against noise of a given standard deviation and numpy's
-quantiles."""
+"""The estimator of white noise, against noise of a given standard deviation, and its quantiles
+against numpy."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def test_quantile_of_no_values_is_nan():
     assert np.isnan(quantile([], 0.5))
 
 
-def test_residual_has_noise_deviation_and_ignores_steady_motion():
+def test_noise_residual_has_noise_sigma_and_ignores_steady_motion():
     rng = np.random.default_rng(2)
     times = np.cumsum(rng.uniform(0.05, 0.3, 30_000)).tolist()
     steady = [100 + 7.5 * t for t in times]
@@ -32,7 +32,7 @@ def test_residual_has_noise_deviation_and_ignores_steady_motion():
 
 @pytest.mark.parametrize("sigma", [0.1, 2.0])
 @pytest.mark.parametrize("share", [0.25, 0.5])
-def test_white_noise_tolerates_an_outlier_in_thirty(share, sigma):
+def test_white_noise_estimate_tolerates_outlier_in_thirty(share, sigma):
     noise = WhiteNoise(400, share)
     z = np.random.default_rng(3).normal(0, sigma, 400)
     z[::30] += 50

@@ -23,7 +23,7 @@ from tests.rig import ORBIT, Rig, Voice, decode, heartbeat, x25
 
 US = (7, 191)
 VEHICLE_IDS = (7, 1)
-# m/s; rad/s, left positive
+# airspeed, m/s; turn rate, rad/s, positive to the left
 SPEED = 10.0
 TURN = 0.2
 FACTS = VehicleFacts(speed=SPEED, max_bank=0.7)
@@ -31,8 +31,8 @@ FULL_STICK = radians(50)
 AT = 12.345
 LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=0.0, climb=0.5)
 STATE = SetpointContext(*VEHICLE_IDS, motion=LEVEL, height=-1.0)
-BANK = atan(0.2 * 10.0 / 9.80665)  # of the coordinated turn
-# turn rate, sense in MAVLink
+BANK = atan(0.2 * 10.0 / 9.80665)  # bank of the coordinated turn, rad
+# turn rate (rad/s, positive to the left), and sign of the turn in MAVLink
 SIDES = {"left": (TURN, -1), "right": (-TURN, 1), "straight": (0.0, 0)}
 
 
@@ -88,8 +88,8 @@ def stick_frame(y: int) -> bytes:
 
 
 def sent(key: tuple[str, str], turn_rate: float | None, state: SetpointContext = STATE) -> bytes:
-    """Return the bytes of an adapter for a turn rate in the paper's frame, or of its safe
-    setpoint."""
+    """Return the bytes of an adapter's setpoint for a turn rate in the paper's frame (rad/s, left
+    positive). None: the safe setpoint."""
     adapter = AUTOPILOTS[key](FACTS)
     if turn_rate is None:
         return Encoder(*US).encode(adapter.safe_setpoint(state, AT))
@@ -103,9 +103,10 @@ def at_airspeed(airspeed: float | None) -> SetpointContext:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_copter_and_rover_setpoints_match_frames_built_by_hand(side: str) -> None:
-    """Masks ignore position (bits 0 to 2) and yaw (bit 10), for the rover also the acceleration (6
-    to 8). V w = 2 m/s^2 to the right. PX4: 1 m too high, down at 0.5 /s times 1 m. It gets 1.2 V w
-    to the right, and for 0.3/s of drag at 10 m/s, 3 m/s^2 ahead."""
+    """The masks ignore position (bits 0 to 2) and yaw (bit 10), for the rover also acceleration
+    (bits 6 to 8). The acceleration V w is 2 m/s^2 to the right. PX4 is 1 m too high and descends at
+    0.5/s times 1 m. PX4 gets 1.2 V w to the right and, for a drag of 0.3/s at 10 m/s, 3 m/s^2
+    forward."""
     turn_rate, sense = SIDES[side]
     rate = 0.2 * sense if sense else -0.0
     turn = {"forward": 10.0, "yaw_rate": rate}
@@ -117,7 +118,8 @@ def test_copter_and_rover_setpoints_match_frames_built_by_hand(side: str) -> Non
 
 
 def test_leaning_px4_copter_gets_level_acceleration() -> None:
-    """PX4 multiplies it by the rotation matrix of roll and pitch, and then by the one of yaw."""
+    """PX4 rotates the acceleration setpoint by roll and pitch, then by yaw. The sent acceleration
+    must be level after this rotation."""
     roll = 0.2
     pitch = -0.45
     leaning = STATE._replace(drag=0.3, motion=STATE.motion._replace(roll=roll, pitch=pitch))
@@ -135,8 +137,8 @@ def test_plane_setpoints_bank_for_the_coordinated_turn(side: str) -> None:
 
 
 def yawed_frame(*, roll: float, pitch: float, yaw: float) -> bytes:
-    """SET_ATTITUDE_TARGET (82, extra 49), mask 7, thrust 0.5: the product of the turns about z, y
-    and x."""
+    """SET_ATTITUDE_TARGET (82, extra 49), mask 7, thrust 0.5. q: product of the rotations about z,
+    y and x."""
     about_z = np.array([[cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)]])
     q = about_z[0]
     for angle, axis in ((pitch, 2), (roll, 1)):
@@ -157,9 +159,9 @@ def yawed_frame(*, roll: float, pitch: float, yaw: float) -> bytes:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_copter_attitude_leans_forward_and_into_its_turn(side: str) -> None:
-    """A push of 1.8 m/s^2 forward: nose down by atan(1.8/g). To the right: roll and yaw are
-    positive in MAVLink. The first yaw target is the reported yaw, 1 rad; 0.1 s later it has moved
-    by a tenth of the yaw rate."""
+    """A push of 1.8 m/s^2 forward gives a pitch of -atan(1.8/g). In a turn to the right, roll and
+    yaw rate are positive in MAVLink. The first yaw target is the reported yaw, 1 rad; 0.1 s later
+    the target is the yaw rate times 0.1 s farther."""
     turn_rate, sense = SIDES[side]
     adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
     state = STATE._replace(push=(1.8, 0.0))
@@ -173,7 +175,7 @@ def test_copter_attitude_leans_forward_and_into_its_turn(side: str) -> None:
 
 
 def test_copter_attitude_limits_lead_of_yaw_target() -> None:
-    """A vehicle that does not turn: the target stays within 20 deg of its yaw."""
+    """The vehicle does not turn, so the yaw target stops 20 deg ahead of its yaw."""
     adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
     for tick in range(200):
         message = adapter.setpoint(
@@ -191,9 +193,9 @@ def test_copter_attitude_safe_setpoint_is_level() -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_px4_copter_stick_deflections_match_calculation(side: str) -> None:
-    """Full stick is g tan(35 deg) = 6.867 m/s^2, and 150 deg/s of yaw behind a dead zone of 0.1 and
-    the curve 0.4 x + 0.6 x^3. A yaw rate of 0.2 rad/s (0.0764 of full) needs x = 0.1820, so a
-    deflection of 0.2638."""
+    """Full pitch and roll sticks command g tan(35 deg) = 6.867 m/s^2. The full yaw stick commands
+    150 deg/s, after a dead zone of 0.1 and the curve 0.4 x + 0.6 x^3. A yaw rate of 0.2 rad/s
+    (0.0764 of full) requires x = 0.1820, so a deflection of 0.2638."""
     turn_rate, sense = SIDES[side]
     adapter = AUTOPILOTS["px4", "copter stick"](FACTS)
     steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn_rate)), SPEED)
@@ -203,7 +205,7 @@ def test_px4_copter_stick_deflections_match_calculation(side: str) -> None:
 
 
 def test_safe_setpoints_hover_or_level_the_wings() -> None:
-    """Our clock in the setpoint wraps like a boot time."""
+    """time_boot_ms of a setpoint wraps at 2^32 ms."""
     assert sent(("ardupilot", "copter"), None) == velocity_frame(
         0x407, forward=0.0, down=0.0, yaw_rate=0.0
     )
@@ -222,8 +224,8 @@ def test_safe_setpoints_hover_or_level_the_wings() -> None:
 
 
 def test_mode_request_contains_mode_numbers() -> None:
-    """DO_SET_MODE (176): p1 = 1, custom mode enabled, then ArduPilot's mode, or PX4's main and sub
-    mode."""
+    """DO_SET_MODE (176): param1 = 1 (custom mode enabled), then ArduPilot's mode number, or PX4's
+    main and sub mode."""
     for key, numbers in (
         (("ardupilot", "copter"), (4,)),
         (("ardupilot", "plane"), (15,)),
@@ -241,12 +243,12 @@ def test_mode_request_contains_mode_numbers() -> None:
         (("px4", "copter"), 4 << 16 | 3 << 24, True),
         (("px4", "copter"), None, True),
         (("px4", "plane"), 4 << 16 | 3 << 24, True),  # AUTO.LOITER
-        # POSCTL is flown by stick: our setpoints would move the vehicle
+        # POSCTL obeys sticks, and circnav steers a PX4 plane by stick: the vehicle would move
         (("px4", "plane"), 3 << 16, False),
         (("px4", "plane"), None, False),
     ],
 )
-def test_early_setpoints_are_sent_only_in_harmless_modes(key, mode, wanted):
+def test_setpoints_before_engagement_are_sent_only_in_harmless_modes(key, mode, wanted):
     assert AUTOPILOTS[key](FACTS).wants_setpoints_in(mode) == wanted
 
 
@@ -254,7 +256,8 @@ def test_early_setpoints_are_sent_only_in_harmless_modes(key, mode, wanted):
     ("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)]
 )
 def test_engaged_pilot_sends_frame_built_by_hand(direction: Direction, sign: int) -> None:
-    """Holding without ranges turns at V/r_d = 15/100 rad/s: clockwise is positive in MAVLink."""
+    """Without ranges the pilot holds the turn rate V/r_d = 15/100 rad/s. Clockwise is positive in
+    MAVLink."""
     rig = Rig(orbit=replace(ORBIT, direction=direction))
     rig.vehicle = Voice(*VEHICLE_IDS)
     rig.engage()
@@ -315,8 +318,8 @@ def test_plausible_airspeed_sets_the_bank(airspeed: float) -> None:
 
 
 def test_thin_air_increases_the_bank() -> None:
-    """3000 m above the sea the density is 0.909 kg/m^3. The bank uses the true airspeed, which no
-    message reports."""
+    """At 3000 m above the sea the air density is 0.909 kg/m^3. The bank is computed from the true
+    airspeed, which no message reports."""
     thin = STATE._replace(motion=LEVEL._replace(altitude=3000.0))
     bank = atan(TURN * SPEED * sqrt(1.225 / 0.90925) / 9.80665)
     assert sent(("px4", "plane"), TURN, thin) == stick_frame(-round(1000 * bank / FULL_STICK))
@@ -324,8 +327,8 @@ def test_thin_air_increases_the_bank() -> None:
 
 @pytest.mark.parametrize(("bound", "again"), [(16.0, 15.0), (5.0, 6.0)])
 def test_airspeed_plausibility_has_hysteresis(bound: float, again: float) -> None:
-    """After it was rejected at 1.6 V or 0.5 V, the airspeed is used again only within 1.5 V or 0.6
-    V."""
+    """An airspeed above 1.6 V or below 0.5 V is rejected. It is used again only between 0.6 V and
+    1.5 V."""
     adapter = AUTOPILOTS["ardupilot", "plane"](FACTS)
     outside = bound + (0.01 if bound > SPEED else -0.01)
     beside = again + (0.01 if bound > SPEED else -0.01)
@@ -334,21 +337,21 @@ def test_airspeed_plausibility_has_hysteresis(bound: float, again: float) -> Non
 
 
 @pytest.mark.parametrize("kind", [35, 43], ids=["decarotor", "generic multirotor"])
-def test_rare_multirotor_types_are_copters(kind: int) -> None:
+def test_hexarotor_and_other_multirotor_types_are_copters(kind: int) -> None:
     rig = Rig()
     rig.receive(heartbeat(kind=kind))
     assert (rig.pilot.session.up, rig.pilot.session.adapter.name) == (True, "ardupilot copter")
 
 
-# --- the turn in a report of the flown setpoint, by which another controller is detected
+# --- turn rate in the vehicle's report of its setpoint, used to detect another controller
 
 
 def copter_report(
     course: float, speed: float, turn: float, *, ignored: int = 0
 ) -> mavlink.MAVLink_message:
-    """ArduCopter's POSITION_TARGET_LOCAL_NED on a course (rad from north) in a turn (rad/s, right
-    positive): velocity, and the acceleration to its right. Position, yaw and yaw rate are
-    ignored."""
+    """Return ArduCopter's POSITION_TARGET_LOCAL_NED for a course (rad from north) and a turn
+    (rad/s, right positive). It contains the velocity and the acceleration to the right of the
+    velocity. Position, yaw and yaw rate are ignored."""
     north, east = cos(course), sin(course)
     velocity = (speed * north, speed * east, 0.5)
     across = (-speed * turn * east, speed * turn * north, 0.0)
@@ -360,7 +363,7 @@ def copter_report(
 
 @pytest.mark.parametrize("turn", [TURN, -TURN, 0.0])
 @pytest.mark.parametrize("course", [0.0, 0.7, 2.5, -2.0])
-def test_copter_report_shows_turn_right_positive(course: float, turn: float) -> None:
+def test_turn_in_copter_report_is_positive_to_right(course: float, turn: float) -> None:
     assert turn_in(copter_report(course, 5.0, turn)) == pytest.approx(turn, abs=1e-6)
     assert turn_in(copter_report(course, 0.2, 3.0)) == 0.0
     assert [turn_in(copter_report(course, 5.0, turn, ignored=bit)) for bit in (0x08, 0x40)] == [

@@ -1,5 +1,5 @@
-"""A remote clock mapped to ours from stamps and arrivals alone, including clock resets and the
-clock's rate."""
+"""A remote clock mapped to the local clock by stamps and arrival times, including clock resets and
+the clock's rate."""
 
 import numpy as np
 import pytest
@@ -9,14 +9,16 @@ from hypothesis import strategies as st
 from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter, UtcClock
 
 WINDOW = 100
-"""Samples within which a clock drift is followed: 10 s of a 10 Hz radio."""
+"""Length of the window in which the filter takes the smallest delay, in samples: 10 s of a 10 Hz
+radio."""
 
 
-def test_smallest_delay_seen_becomes_the_clock_offset():
+def test_stamp_filter_uses_smallest_delay_as_clock_offset():
     """A constant delay cannot be distinguished from a clock offset."""
     clock = StampFilter(lambda since, now: 0.3)
     assert clock.local(100.0, 10.3) == pytest.approx(10.3)
-    assert clock.local(100.1, 10.2) == pytest.approx(10.2)  # 0.2 s less delay than the first
+    # delay 0.2 s smaller than that of the first sample
+    assert clock.local(100.1, 10.2) == pytest.approx(10.2)
     assert clock.local(100.2, 10.5) == pytest.approx(10.3)
     assert clock.local(100.3, 10.4) == pytest.approx(10.4)
     ages = [
@@ -26,8 +28,8 @@ def test_smallest_delay_seen_becomes_the_clock_offset():
 
 
 def test_stamp_filter_removes_jitter():
-    """Delays of 0 to 50 ms: after some samples the local times are as even as the stamps, within 2
-    ms."""
+    """With delays of 0 to 50 ms, the intervals of the filtered times soon equal those of the stamps
+    within 2 ms."""
     rng = np.random.default_rng(1)
     clock = StampFilter()
     stamps = 5000 + 0.1 * np.arange(400)
@@ -39,8 +41,8 @@ def test_stamp_filter_removes_jitter():
 
 @pytest.mark.parametrize("drift", [200e-6, -200e-6])
 def test_stamp_filter_follows_clock_drift(drift):
-    """200 ppm over an hour are 0.7 s. The mapping lags by at most the drift of two windows, 4 ms at
-    10 Hz."""
+    """A clock drift of 200 ppm is 0.7 s in an hour. The error of the mapping is at most the drift
+    in two windows, 4 ms at 10 Hz."""
     clock = StampFilter()
     for i in range(36_000):
         true = 0.1 * i
@@ -49,7 +51,7 @@ def test_stamp_filter_follows_clock_drift(drift):
 
 
 @given(pairs=st.lists(st.tuples(st.floats(0, 1e6), st.floats(0, 1e6)), min_size=1, max_size=250))
-def test_no_sample_is_dated_after_its_arrival(pairs):
+def test_stamp_filter_dates_no_sample_after_its_arrival(pairs):
     clock = StampFilter()
     assert all(clock.local(stamp, arrival) <= arrival for stamp, arrival in pairs)
 
@@ -57,8 +59,9 @@ def test_no_sample_is_dated_after_its_arrival(pairs):
 # --- stamps in order ---
 
 
-def test_stamps_continue_through_the_wrap():
-    """10 s in 32-bit milliseconds, before and after 49.7 days. An overtaken stamp comes late."""
+def test_stamp_counter_continues_through_32_bit_wrap():
+    """10 s of 32-bit millisecond stamps before and after the wrap at 49.7 days. One stamp arrives
+    after a later one."""
     clock = StampFilter(wrap=BOOT_WRAP)
     assert abs(BOOT_WRAP - 49.71 * 86400) < 300
     assert clock.unwrapped(5.0) == 5.0
@@ -75,12 +78,12 @@ def test_stamps_continue_through_the_wrap():
         ([(3.0, 1.0)], 1.0, False),
         ([(3.0, 1.0), (3.1, 1.1)], 1.0, True),
         ([(3.0, 1.0), (3.0, 1.1)], 1.0, False),  # the same frame again
-        ([(3.0, 1.0), (9.0, 1.1)], 1.0, False),  # advances, but slower than time
+        ([(3.0, 1.0), (9.0, 1.1)], 1.0, False),  # the stamps advance more slowly than the arrivals
         ([(3.0, 1.0), (9.0, 1.1)], np.inf, True),
         ([(3.0, 1.0), None, (3.1, 1.1)], 1.0, False),  # one stamp of the old clock between them
     ],
 )
-def test_clock_restart_needs_two_consistent_stamps(stamps, steady, proven):
+def test_clock_restart_is_confirmed_by_two_consistent_stamps(stamps, steady, proven):
     clock = StampFilter()
     clock.take(700.0, 0.9)
     for stamp in stamps:
@@ -92,7 +95,7 @@ def test_clock_restart_needs_two_consistent_stamps(stamps, steady, proven):
     assert order is (Order.RESTARTED if proven else Order.JUMPED)
 
 
-def test_stamps_are_ordered_by_distance():
+def test_stamp_order_depends_on_difference_to_last_stamp():
     clock = StampFilter()
     assert clock.order(50.0, 0.0) is Order.NEWER
     clock.local(50.0, 0.0)
@@ -109,8 +112,8 @@ def test_stamps_are_ordered_by_distance():
 
 
 def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
-    """Return (time, estimated age) at 10 Hz. lag(t): delay (s) of a sample stamped t, from 4 s on,
-    without the jitter."""
+    """Return (arrival time, estimated age) of samples at 10 Hz, s. lag(t): delay of a sample with
+    stamp t, from 4 s on, without jitter, s."""
     rng = np.random.default_rng(7)
     clock = StampFilter(slower)
     shown = []
@@ -126,22 +129,22 @@ def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
 
 @pytest.mark.parametrize("jitter", [0.0, 0.02])
 @pytest.mark.parametrize("pause", [0.2, 0.5, 1.0, 3.0, 60.0])
-def test_paused_clock_is_followed_within_a_second(pause, jitter):
+def test_stamp_filter_follows_clock_pause_within_a_second(pause, jitter):
     shown = ages(lambda stamp: pause, jitter=jitter)
     assert shown[40][1] == pytest.approx(pause, abs=0.03)
     assert max(age for time, age in shown if time >= 4.0 + pause + 0.9) < 0.05
 
 
-def test_repeated_pauses_are_followed():
+def test_stamp_filter_follows_repeated_clock_pauses():
     shown = ages(lambda stamp: 0.4 * int(stamp - 3.0), seconds=12.0)
     assert max(age for time, age in shown) < 0.45
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.02])
 @pytest.mark.parametrize("spare", [0.1, 0.5, 3.0])
-def test_draining_queue_never_counts_as_fresh(spare, jitter):
-    """A queue after 2 s of outage, on a link with little spare capacity, until the smallest lag is
-    forgotten."""
+def test_samples_of_draining_queue_keep_their_true_age(spare, jitter):
+    """After an outage of 2 s the link has a queue, which drains slowly for lack of spare capacity.
+    The estimated age must not be below the waiting time."""
     wait = lambda stamp: max(2.0 - spare / (1 + spare) * (stamp - 4.0), 0.0)  # noqa: E731
     for (time, age), stamp in zip(
         ages(wait, jitter=jitter, seconds=19.9), np.arange(199) / 10, strict=True
@@ -150,12 +153,12 @@ def test_draining_queue_never_counts_as_fresh(spare, jitter):
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.2])
-def test_increasing_congestion_never_counts_as_fresh(jitter):
+def test_samples_during_increasing_congestion_keep_their_true_age(jitter):
     shown = ages(lambda stamp: 0.1 * (stamp - 4.0), jitter=jitter, seconds=13.0)
     assert all(age > 0.1 * (time - 4.0) / 1.1 - 0.25 for time, age in shown[40:])
 
 
-def test_step_of_link_delay_is_measured_by_round_trip():
+def test_link_delay_step_is_confirmed_by_round_trip():
     asked = []
     slower = lambda since, now: asked.append((since, now)) or 1.0  # noqa: E731
     shown = ages(lambda stamp: 1.0, slower=slower)
@@ -163,9 +166,9 @@ def test_step_of_link_delay_is_measured_by_round_trip():
     assert all(since >= 5.0 and now - since >= 0.45 for since, now in asked)
 
 
-def test_lag_beyond_the_round_trip_belongs_to_clock():
-    """Timesync is silent for 1 s: the whole lag counts as delay. Then a round trip that has grown
-    by 0.2 s explains only 0.2 s."""
+def test_lag_not_explained_by_round_trip_is_clock_offset():
+    """While Timesync has no answer, for 1 s, the whole lag is assumed to be link delay. Then a
+    round trip that is longer by 0.2 s explains only 0.2 s of the lag."""
     slower = lambda since, now: float("inf") if now < 6.0 else 0.2  # noqa: E731
     shown = ages(lambda stamp: 1.0, slower=slower)
     assert [round(age, 6) for time, age in shown if 5.0 < time < 5.95] == [1.0] * 9
@@ -173,14 +176,14 @@ def test_lag_beyond_the_round_trip_belongs_to_clock():
 
 
 COMPUTER_PAUSED = [0.4] * 3 + [0.96, 0.88, 0.96, 1.09, 1.17, 1.26, 1.28, 1.28, 1.09] + [1.01] * 23
-"""A simulator stopped for 0.5 s twice within 1.3 s, and answered slowly meanwhile. The part
-explained by slow answers is assigned to the clock once the answers are quick."""
+"""Lags, s, of a simulator that stopped twice for 0.5 s within 1.3 s and answered slowly meanwhile.
+The lag explained by slow answers is assigned to the clock when the answers are quick again."""
 COMPUTER_BUSY = [
     0.57, 0.6, 0.66, 0.56, 0.64, 0.67, 0.57, 0.67, 0.69, 0.79, 0.91, 0.96, 1.18, 1.27, 1.17,
     1.18, 1.08, 1.16, 1.06, 0.96, 0.88, 0.78, 0.69, 0.67, 0.68, 0.97, 0.88, 0.81, 0.78, 0.79,
     0.78, 0.78, 0.85, 0.81, 0.79, 0.78, 0.83, 0.86, 1.05, 0.96, 0.87, *[0.83] * 10,
 ]  # fmt: skip
-"""A simulator lost 0.83 s in many small stalls while the link stalled too."""
+"""Lags, s, of a simulator that lost 0.83 s in many small stalls while the link stalled too."""
 
 
 @pytest.mark.parametrize(
@@ -191,8 +194,8 @@ COMPUTER_BUSY = [
     ],
     ids=["paused", "busy"],
 )
-def test_clock_step_amid_slow_answers_is_followed(lags, slower):
-    """Flown lags, s, at intervals of 0.1 s. The last one stays."""
+def test_clock_step_during_slow_timesync_answers_is_followed(lags, slower):
+    """lags: recorded in flights at intervals of 0.1 s, from 10 s on. The last lag remains."""
     clock = StampFilter(slower)
     shown = []
     for i in range(200):
@@ -201,7 +204,7 @@ def test_clock_step_amid_slow_answers_is_followed(lags, slower):
     assert max(shown[100 + len(lags) :]) < 0.1
 
 
-def test_ambiguous_step_is_doubted():
+def test_step_without_timesync_answer_is_marked_as_doubted():
     clock = StampFilter(lambda since, now: float("inf"))
     doubts = []
     for i in range(30):
@@ -214,12 +217,12 @@ def test_ambiguous_step_is_doubted():
 
 
 def found(times):
-    """Return the results after each (time since boot, our time)."""
+    """Return the clock speed found after each pair (time since boot, local time), s."""
     clock = ClockSpeed()
     return [clock.received(boot, now) or clock.found for boot, now in times]
 
 
-def test_utc_follows_least_delayed_stamp_and_setting():
+def test_utc_offset_follows_least_delayed_stamp_and_clock_change():
     clock = UtcClock()
     clock.received(3.0, 1.0)  # no UTC yet
     assert clock.offset is None
@@ -245,12 +248,12 @@ def test_clock_speed_is_found_after_three_windows(speed):
         lambda t: t + min(max(0.15 * (t - 5.0), 0.0), 1.05),
     ],
     ids=[
-        "2 s of silence, then all at once",
-        "a link a second slower",
-        "a radio's buffer that fills for 7 s",
+        "messages of 2 s arrive at once",
+        "link delay grows by 1 s",
+        "radio buffer fills for 7 s",
     ],
 )
-def test_message_delays_are_no_clock_speed(arrival):
+def test_message_delays_do_not_change_clock_speed(arrival):
     assert set(found([(0.1 * n, arrival(0.1 * n)) for n in range(200)])) == {None}
 
 

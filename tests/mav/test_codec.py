@@ -1,4 +1,4 @@
-"""Bytes to messages: any chunks, any junk, any bytes at all, and our own frames."""
+"""Decoding of bytes in any chunks with any junk, and encoding of circnav's own frames."""
 
 from itertools import pairwise
 
@@ -16,7 +16,7 @@ HEARTBEAT = mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3)
 
 
 def frames(count):
-    """Frames of mixed lengths (about 21, 37, 51 and 63 bytes) from one sender."""
+    """Return frames of different lengths (about 21, 37, 51 and 63 bytes) from one sender."""
     speaker = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
     made = []
     for i in range(count):
@@ -55,8 +55,8 @@ GOOD = frames(12)
 BEAT = GOOD[4]
 """A heartbeat of 21 bytes. Its sequence number 4 is not a message id of MAVLink 1."""
 STUMP = bytes((0xFD, 13, 0, 0))
-"""First 4 bytes of a frame of 25. Followed by the 21 of a heartbeat, they look like a frame of an
-unknown id."""
+"""First 4 bytes of a frame of 25 bytes. Followed by a heartbeat of 21 bytes, they look like a frame
+of an unknown id."""
 STARTS = [
     STUMP,
     *(
@@ -79,8 +79,8 @@ PLACES = st.lists(st.integers(0, 10_000), max_size=20)
 @example(data=[STUMP, BEAT, BEAT])
 @example(data=[b"\xfe", *[BEAT] * 10, GOOD[2]])  # the length after 0xFE covers most of the datagram
 def test_datagram_with_junk_loses_no_good_frame(data):
-    """The parser of pymavlink loses the 14 frames within the length after a stray 0xFD (mavlink.md,
-    rule 2)."""
+    """pymavlink's parser takes a stray 0xFD for a frame and loses the 14 good frames within its
+    claimed length."""
     assert decoded(Decoder(), [b"".join(data)]) == [piece for piece in data if piece in GOOD]
 
 
@@ -88,7 +88,7 @@ def test_datagram_with_junk_loses_no_good_frame(data):
     data=st.lists(st.sampled_from([BEAT, STUMP, b"\xfe", b"\x00", unknown_frame()]), max_size=20),
     places=PLACES,
 )
-def test_damaged_stream_decodes_alike_in_any_chunks(data, places):
+def test_damaged_stream_gives_same_messages_in_any_chunks(data, places):
     whole = b"".join(data) + bytes(600)
     assert decoded(Decoder(stream=True), cut(whole, places)) == decoded(
         Decoder(stream=True), [whole]
@@ -102,7 +102,7 @@ quiet_junk = st.binary(max_size=40).map(
 
 
 @given(junk=st.lists(quiet_junk, min_size=12, max_size=12), places=PLACES)
-def test_junk_between_frames_loses_none_in_any_chunks(junk, places):
+def test_junk_between_frames_loses_no_frame_in_any_chunks(junk, places):
     data = b"".join(noise + frame for noise, frame in zip(junk, GOOD, strict=True))
     decoder = Decoder()
     assert decoded(decoder, [data]) == GOOD
@@ -111,7 +111,7 @@ def test_junk_between_frames_loses_none_in_any_chunks(junk, places):
 
 
 @pytest.mark.parametrize("start", [b"\xfd", b"\xfe", b"\xfd\xff\x00\x00", STUMP])
-def test_false_start_in_stream_costs_no_frame(start):
+def test_false_start_in_stream_loses_no_frame(start):
     first = [BEAT, *GOOD]
     late = frames(40)
     got = decoded(Decoder(stream=True), [start + b"".join(first), *late])
@@ -119,7 +119,7 @@ def test_false_start_in_stream_costs_no_frame(start):
     assert set(late[:25]) <= set(got)
 
 
-def test_unknown_frame_in_stream_needs_a_frame_behind():
+def test_unknown_frame_in_stream_needs_following_frame():
     decoder = Decoder(stream=True)
     assert (
         decoded(decoder, cut(b"".join(frame + unknown_frame() for frame in GOOD), range(0, 900, 7)))
@@ -129,7 +129,7 @@ def test_unknown_frame_in_stream_needs_a_frame_behind():
 
 
 @given(index=st.integers(0, 11), at=st.integers(0, 200), bit=st.integers(0, 7))
-def test_flipped_bit_costs_one_frame(index, at, bit):
+def test_flipped_bit_loses_only_one_frame(index, at, bit):
     broken = bytearray(GOOD[index])
     broken[at % len(broken)] ^= 1 << bit
     others = GOOD[:index] + GOOD[index + 1 :]
@@ -148,8 +148,8 @@ def test_decoder_never_raises(data, stream):
     assert decoder.counts.bytes == 2 * len(data)
 
 
-def test_incomplete_datagram_does_not_affect_the_next():
-    """An incomplete frame at its end is lost and does not affect the next datagram."""
+def test_incomplete_datagram_does_not_affect_next_datagram():
+    """An incomplete frame at the end of a datagram is lost."""
     decoder = Decoder()
     assert decoded(decoder, [GOOD[0] + GOOD[1][:10]]) == [GOOD[0]]
     assert decoded(decoder, [GOOD[1][10:] + GOOD[2]]) == [GOOD[2]]
@@ -180,14 +180,14 @@ COUNTS = {
 
 
 @pytest.mark.parametrize(("data", "words", "unknown"), COUNTS.values(), ids=COUNTS)
-def test_counts_are_described_in_one_line(data, words, unknown):
+def test_decoder_counts_are_described_in_one_line(data, words, unknown):
     decoder = Decoder()
     decoder.decode(data)
     assert decoder.counts.describe() == words.format("system/component ids", "MAVLink version")
     assert decoder.counts.unknown == unknown
 
 
-def test_flood_of_ids_leaves_counters_small():
+def test_flood_of_ids_does_not_grow_counters():
     decoder = Decoder()
     for ident in range(70_000, 73_000):
         decoder.decode(unknown_frame(ident=ident))
@@ -201,8 +201,9 @@ def test_flood_of_ids_leaves_counters_small():
     assert len(decoder.frames) == 1
 
 
-def test_hostile_datagram_stops_after_64_false_starts():
-    """Work is bounded: the rest of that datagram is lost, and the next datagram is read."""
+def test_decoder_stops_datagram_after_64_false_starts():
+    """A false start is a start byte without a good frame. After 64 of them the rest of the datagram
+    is dropped, and the next datagram is read."""
     decoder = Decoder()
     for start in (b"\xfd\x01\x00", b"\xfd", b"\xfd\xff\x02", b"\xfe"):
         assert decoded(decoder, [start * 63 + GOOD[0]]) == [GOOD[0]]
@@ -211,7 +212,7 @@ def test_hostile_datagram_stops_after_64_false_starts():
 
 
 def test_unwanted_message_is_logged_but_not_decoded():
-    """Includes unknown ids."""
+    """A message of an unknown id is treated in the same way."""
     decoder = Decoder(wanted={mavlink.MAVLINK_MSG_ID_HEARTBEAT})
     assert [m.get_type() for m in decoder.decode(b"".join([b"\x00", *GOOD, unknown_frame()]))] == [
         "HEARTBEAT"
@@ -229,8 +230,8 @@ def test_unwanted_message_is_logged_but_not_decoded():
     [(0x01, bytes(13), True), (0x02, b"", False), (0x03, bytes(13), False)],
 )
 def test_frame_with_unknown_flags_is_dropped(flags, signature, understood):
-    """Payload, CRC, then 13 bytes of signature, which is kept for the log. 50 is the CRC_EXTRA of
-    HEARTBEAT."""
+    """The frame contains payload, CRC and a signature of 13 bytes, which the log keeps. 50 is the
+    CRC_EXTRA of HEARTBEAT."""
     body = GOOD[0][1:2] + bytes((flags,)) + GOOD[0][3:-2]
     flagged = (
         b"\xfd" + body + mavlink.x25crc(body + bytes((50,))).crc.to_bytes(2, "little") + signature
@@ -244,8 +245,8 @@ def test_frame_with_unknown_flags_is_dropped(flags, signature, understood):
 @pytest.mark.parametrize("stream", [False, True])
 @pytest.mark.parametrize("flags", [0x02, 0x04, 0x06, 0x40])
 def test_decoder_discards_payload_of_frame_with_unknown_flag(flags, stream):
-    """A TUNNEL whose payload is a whole HEARTBEAT of the vehicle in another mode. The flags 0x02
-    and 0x04 of pymavlink's extended header append 3 and 4 bytes."""
+    """The payload of a TUNNEL is a complete HEARTBEAT of the vehicle in another mode, which must
+    not be decoded. The flags 0x02 and 0x04 of pymavlink's extended header append 3 and 4 bytes."""
     extension = bytes(3 * bool(flags & 0x02) + 4 * bool(flags & 0x04))
     payload = (bytes((1, 0, 0, 0, len(BEAT))) + BEAT).ljust(133, b"\x00")
     head = bytes((133, flags, 0, 7, 44, 191)) + (385).to_bytes(3, "little") + extension

@@ -1,5 +1,5 @@
-"""COMMAND_LONG: retries, acknowledgements, bounded time (MAVSDK: 0.5 s, three retries, 3 s in
-progress). Telemetry rates: requested, measured, requested again."""
+"""COMMAND_LONG: retries, acknowledgements and time limits, as in MAVSDK (0.5 s, three retries, 3 s
+after IN_PROGRESS). Telemetry rates: requested, measured, requested again."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -26,7 +26,7 @@ def ack(number=SET_MODE, result=ACCEPTED, target=(0, 0)):
 
 
 def poll_until(sender, end, start=0.0, step=0.05):
-    """Return (time, message) of everything that is sent."""
+    """Return (time, message) of every message sent until a time, s."""
     times = [round(start + i * step, 6) for i in range(round((end - start) / step) + 1)]
     return [(now, message) for now in times for message in sender.poll(TARGET, now)]
 
@@ -96,7 +96,7 @@ def test_answer_ends_repeats_and_is_described(sender, result, answer):
     + [(ack(target=target), False) for target in ((255, 190), (1, 190), (2, 191), (255, 0))]
     + [(ack(number), False) for number in (400, 511)],
 )
-def test_answers_count_by_command_and_target(sender, answer, ours):
+def test_answer_is_matched_by_command_and_target(sender, answer, ours):
     sender.poll(TARGET, 0.0)
     sender.acknowledge(answer, US, 0.1)
     assert (poll_until(sender, 0.6) == [], len(sender.take_results())) == (ours, ours)
@@ -113,7 +113,7 @@ def test_in_progress_extends_waiting_three_times(sender):
     assert sender.take_results()[0].answer == "no answer"
 
 
-def test_commands_of_one_number_are_sent_in_turn():
+def test_commands_with_same_number_are_sent_one_by_one():
     sender = CommandSender()
     first = Command(SET_INTERVAL, (30, 1e5))
     second = Command(SET_INTERVAL, (74, 1e5))
@@ -130,7 +130,8 @@ def test_commands_of_one_number_are_sent_in_turn():
     ("trip", "doubled"), [(0.55, False), (1.95, False), (0.1, True), (0.95, True)]
 )
 def test_late_and_doubled_answers_match_their_commands(trip, doubled):
-    """Ten streams, of which the vehicle denies one. doubled: two routers bring each answer."""
+    """Ten streams are requested, and the vehicle denies one. doubled: each answer arrives twice,
+    over two routers."""
     sender = CommandSender()
     answers = []
     results = []
@@ -151,7 +152,7 @@ def test_late_and_doubled_answers_match_their_commands(trip, doubled):
     ]
 
 
-def test_same_command_is_queued_once(sender):
+def test_identical_command_is_queued_only_once(sender):
     sender.send(GUIDED)
     sender.poll(TARGET, 0.0)
     sender.send(GUIDED)
@@ -159,7 +160,7 @@ def test_same_command_is_queued_once(sender):
     assert poll_until(sender, 3.0, start=0.1) == []
 
 
-def test_dropped_number_leaves_queue_and_flight(sender):
+def test_dropped_command_is_removed_while_queued_or_pending(sender):
     stream = Command(SET_INTERVAL, (30, 1e5))
     for _ in range(2):
         sender.send(stream)
@@ -197,7 +198,7 @@ def requested(commands):
 
 @pytest.mark.parametrize(("rate", "again"), [(4.9, True), (5.1, False), (0.0, True)])
 def test_stream_below_half_its_rate_is_requested_again(streams, rate, again):
-    """Other clients reset rates: gh:ArduPilot/ardupilot#19761."""
+    """Another client may lower the rate of a stream: gh:ArduPilot/ardupilot#19761."""
     assert requested(streams.poll(0.0)) == [(ATTITUDE, 100_000)]
     assert requested(streams.poll(0.6)) == [(TIME, 1_000_000)]
     assert streams.rates == {ATTITUDE: None, TIME: 0.0}
@@ -210,9 +211,9 @@ def test_stream_below_half_its_rate_is_requested_again(streams, rate, again):
     assert requested(streams.give_back()) == [(ATTITUDE, 0), (TIME, 0)]
 
 
-def test_stream_requested_by_ground_station_is_left_alone(streams):
-    """Behind MAVProxy, which prints each acknowledgment: 4 Hz of everything, set again every 15
-    s."""
+def test_stream_kept_fast_by_ground_station_is_not_requested(streams):
+    """MAVProxy sets all streams to 4 Hz every 15 s, and prints each acknowledgment of another
+    request."""
     assert requested(streams.poll(0.0)) == [(ATTITUDE, 100_000)]
     streams.received(TIME)
     assert streams.poll(0.6) == []
@@ -248,7 +249,7 @@ def test_denied_stream_is_requested_again_after_restart(streams):
     assert [len(streams.poll(now)) for now in (13.7, 16.8)] == [1, 2]
 
 
-def test_optional_stream_is_repeated_only_after_first_message():
+def test_optional_stream_is_requested_again_only_after_first_message():
     streams = StreamRequests({ATTITUDE: 10.0, TIME: 1.0}, maybe={TIME})
     asked = [[one.params[0] for one in streams.poll(now)] for now in (0.0, 10.0, 20.0)]
     assert asked == [[ATTITUDE], [TIME], [ATTITUDE]]

@@ -1,5 +1,5 @@
-"""Frames in bytes: the fast search finds the same frames as a search at every byte, and unknown
-frames cost little."""
+"""The search for frames in bytes: the fast search finds the same frames as a search at every byte,
+and unknown frames take little time."""
 
 import itertools
 import sys
@@ -16,7 +16,7 @@ IDS = sorted(mavlink.mavlink_map)
 
 
 def right_crc(frame):
-    """Right CRC of a whole frame without signature."""
+    """Return the right CRC of a complete frame without signature."""
     ident = int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]
     return mavlink.x25crc(
         frame[1:-2] + bytes((mavlink.mavlink_map[ident].crc_extra,))
@@ -24,7 +24,7 @@ def right_crc(frame):
 
 
 def good_by_every_byte(buffer, frame):
-    """Reference for `is_good`: checks the definition byte by byte."""
+    """Reference for `is_good`: check a frame by the definition, byte by byte."""
     if frame.end > len(buffer):
         return False
     body = buffer[frame.start : frame.end - 13 if frame.signed else frame.end]
@@ -40,7 +40,7 @@ def good_by_every_byte(buffer, frame):
 
 @st.composite
 def known(draw, longest=40):
-    """A good frame of any length, version and id, signed or not."""
+    """Draw a good frame of any length, version and known id, signed or not."""
     ident = draw(st.sampled_from(IDS))
     payload = draw(st.binary(max_size=longest))
     if ident < 256 and draw(st.booleans()):
@@ -60,12 +60,13 @@ SPICY = st.lists(
     st.sampled_from([0xFD, 0xFE, 0, 1, 2, 9, 11, 12, 60, 100, 132, 255]) | st.integers(0, 255),
     max_size=40,
 ).map(bytes)
-"""Bytes that often begin a frame, or seem to."""
+"""Bytes with many start bytes of frames."""
 
 
 @st.composite
 def unknown(draw):
-    """Claimed frame of an unknown id, with any content. It may claim more bytes than follow."""
+    """Draw a frame of an unknown id with any content. Its length field may exceed the bytes that
+    follow."""
     inside = b"".join(draw(st.lists(known() | SPICY, max_size=4)))[:255]
     length = min(len(inside) + draw(st.sampled_from([0, 0, 0, 1, 5, 30])), 255)
     return (
@@ -82,7 +83,7 @@ MIXED = st.lists(known() | unknown() | SPICY | st.binary(max_size=30), max_size=
 @given(buffer=MIXED)
 @example(buffer=b"\xfe" * 300)
 @example(buffer=b"\xfd\x00\x00" * 100)
-def test_fast_frame_check_equals_check_byte_by_byte(buffer):
+def test_fast_frame_check_equals_reference_at_every_byte(buffer):
     for at in range(len(buffer)):
         frame = frame_at(buffer, at)
         if frame is not None:
@@ -91,8 +92,9 @@ def test_fast_frame_check_equals_check_byte_by_byte(buffer):
 
 @settings(max_examples=300)
 @given(frame=known(longest=255))
-def test_frame_with_right_crc_never_raises(frame):
-    """Random bytes with wrong CRCs would test nothing."""
+def test_random_frame_with_right_crc_never_raises(frame):
+    """The decoder rejects random bytes by their CRC, so only frames with a right CRC reach the code
+    behind it."""
     decoder = Decoder()
     messages = decoder.decode(frame)
     assert decoder.counts.frames == 1
@@ -103,7 +105,8 @@ def test_frame_with_right_crc_never_raises(frame):
 
 
 def cost(data):
-    """Lines of Python executed to read some bytes: the same on every machine under any load."""
+    """Return the number of Python lines executed to read some bytes, which is the same on every
+    machine under any load."""
     decoder = Decoder(wanted=())
     lines = itertools.count()
 
@@ -122,8 +125,8 @@ def cost(data):
 
 
 @pytest.mark.parametrize("payload", [bytes(255), b"\xfd" * 255], ids=["zeros", "false starts"])
-def test_long_unknown_frames_cost_little(payload):
-    """Otherwise a flood of such frames delays the ranges."""
+def test_long_frames_of_unknown_ids_are_read_quickly(payload):
+    """A flood of such frames must not delay the ranges."""
     head = bytes((0, 0, 1, 9, 9, 0x31, 0xD4, 0))
     few = payload[:9]
     long, short = (
@@ -143,7 +146,7 @@ def test_long_unknown_frames_cost_little(payload):
     ],
     ids=["zeros", "fd", "fe", "fd ff", "fd 00 02"],
 )
-def test_long_datagram_of_false_starts_costs_little(data):
+def test_long_datagram_of_false_starts_is_read_quickly(data):
     """Such datagrams once took 41 ms each and stopped a flight."""
     beat = bytes(
         mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3).pack(

@@ -15,7 +15,8 @@ PLANE_GUIDED = 15
 
 @pytest.fixture
 def flying(rig):
-    """Engaged. The vehicle has reported its time since boot once, as many autopilots do."""
+    """An engaged rig whose vehicle has reported its time since boot only once, as many autopilots
+    do."""
     rig.engage().receive(boot_time(1000.0 + rig.now))
     return rig
 
@@ -24,7 +25,7 @@ def flying(rig):
 
 
 def outage(rig, seconds):
-    """The vehicle is silent for some seconds, then sends again."""
+    """Silence the vehicle for some seconds, then let it send again."""
     rig.run(seconds, speaks=False).now_is(speaks=True)
 
 
@@ -66,18 +67,19 @@ def test_vehicle_of_another_kind_is_rejected_after_silence(make_rig, source):
     ) in " ".join(reasons)
 
 
-# --- other addresses: the vehicle's own stays while it sends anything, and afterwards a proof of
-# identity counts
+# --- other addresses: the vehicle's address is kept while messages arrive from it. After a silence,
+# another address needs a proof of identity.
 
 
 @pytest.mark.parametrize(("version", "system"), [(1, 1), (2, 1), (1, 2), (2, 2)])
 @pytest.mark.parametrize(
-    "seconds", [0.0, 2.0, 5.0], ids=["", "mode not reported for 2 s", "for 5 s"]
+    "seconds",
+    [0.0, 2.0, 5.0],
+    ids=["mode reported", "mode not reported for 2 s", "mode not reported for 5 s"],
 )
-@pytest.mark.parametrize("alive", [True, False], ids=["ranges go on", "all silent"])
+@pytest.mark.parametrize("alive", [True, False], ids=["ranges continue", "all messages lost"])
 def test_rejected_heartbeat_never_changes_reply_address(flying, version, system, seconds, alive):
-    """CURRENT_MODE is the first message of the vehicle that arrives afterwards, as PX4 may send
-    it."""
+    """The vehicle's first message after the silence is CURRENT_MODE, as PX4 may send it."""
     rig = flying
     stranger = Voice(system, 1, version=version)
     rig.run(seconds, speaks=False, ranges=alive)
@@ -101,9 +103,9 @@ SIGNS_OF_LIFE = {
 
 @pytest.mark.parametrize("seconds", [1.8, 4.0], ids=["two heartbeats lost", "link lost"])
 @pytest.mark.parametrize("sign", SIGNS_OF_LIFE.values(), ids=SIGNS_OF_LIFE.keys())
-def test_address_stays_while_vehicle_sends_anything(flying, sign, seconds):
-    """The other sender uses the vehicle's ids and the right time since boot, because it can
-    listen."""
+def test_reply_address_is_kept_while_vehicle_sends(flying, sign, seconds):
+    """The other sender receives the link, so it imitates the vehicle's ids and its time since
+    boot."""
     rig = flying
     twin = Voice(1, 1)
     rig.now_is(speaks=False, ranges=False)
@@ -122,7 +124,7 @@ def test_address_stays_while_vehicle_sends_anything(flying, sign, seconds):
     assert len(rig.run(1.0).setpoints(since)) >= 15
 
 
-def test_address_changes_before_flight_after_full_silence(rig):
+def test_reply_address_changes_before_flight_after_full_silence(rig):
     rig.run(1.0, mode=LOITER).receive(boot_time(1000.0))
     for seconds, alive, address in ((5.0, True, "vehicle"), (5.0, False, "elsewhere")):
         rig.run(seconds, speaks=False, ranges=alive).receive(heartbeat(LOITER), source="elsewhere")
@@ -135,10 +137,10 @@ def test_address_changes_before_flight_after_full_silence(rig):
 
 @pytest.mark.parametrize("seconds", [2.0, 5.0])
 @pytest.mark.parametrize(
-    "offset", [5000.0, 30.0, -30.0, None], ids=["+5000", "+30", "-30", "the time reported last"]
+    "offset", [5000.0, 30.0, -30.0, None], ids=["+5000", "+30", "-30", "last reported time"]
 )
-def test_twin_vehicle_gets_no_setpoints(flying, offset, seconds):
-    """Its heartbeats show GUIDED too. Only its time since boot differs."""
+def test_vehicle_with_duplicate_ids_gets_no_setpoints(flying, offset, seconds):
+    """The twin uses the vehicle's ids and also reports GUIDED. Only its time since boot differs."""
     rig = flying
     twin = Voice(1, 1)
     last = 1000.0 + flying.now
@@ -176,14 +178,14 @@ def test_vehicle_is_confirmed_by_boot_time_after_silence(flying, source, seconds
 
 
 def test_heartbeat_pause_alone_does_not_stop_setpoints(flying):
-    """On a lossy link everything else continues from the same address."""
+    """On a lossy link only heartbeats are lost, and other messages arrive from the same address."""
     outage(flying, 2.0)
     since = flying.now
     assert len(flying.run(1.0).setpoints(since)) >= 15
 
 
 @pytest.mark.parametrize("source", ["vehicle", "elsewhere"])
-def test_unconfirmed_vehicle_counts_as_lost(make_rig, source):
+def test_link_is_treated_as_lost_until_identity_is_confirmed(make_rig, source):
     rig = make_rig(timing=timing(outage=20.0)).engage()
     rig.receive(boot_time(1000.0 + rig.now))
     rig.run(5.0, speaks=False, ranges=False)
@@ -203,9 +205,9 @@ def test_unconfirmed_vehicle_counts_as_lost(make_rig, source):
     assert rig.setpoints(since) == []
 
 
-def test_exit_action_without_confirmed_vehicle_is_reported(make_rig):
-    """The vehicle has moved to another address. One message confirms its identity, but a second one
-    is needed."""
+def test_missing_exit_action_for_unconfirmed_vehicle_is_reported(make_rig):
+    """The vehicle has moved to another address, and only one message confirms its identity. Two are
+    required, so the exit action is not sent."""
     rig = make_rig(exit="brake").engage()
     rig.receive(boot_time(1000.0 + rig.now))
     rig.run(2.0, speaks=False, ranges=False)
@@ -220,7 +222,7 @@ def test_exit_action_without_confirmed_vehicle_is_reported(make_rig):
 
 
 def test_fast_simulator_keeps_its_identity_after_silence(rig):
-    """Its time since boot runs five times as fast as ours."""
+    """The simulator's time since boot advances five times as fast as the local clock."""
     for seconds in (15.0, 1.0):
         for _ in range(round(10 * seconds)):
             rig.receive(boot_time(100.0 + 5 * rig.now))
@@ -230,7 +232,8 @@ def test_fast_simulator_keeps_its_identity_after_silence(rig):
 
 
 def test_ranges_of_another_autopilot_are_dropped_after_heartbeat(make_rig):
-    """Its ranges were received and used before the first of its heartbeats arrived."""
+    """The ranges of system 2 are accepted until its first heartbeat shows that it is another
+    autopilot."""
     rig = make_rig()
     other = Voice(2, 1)
     rig.run(4.0, lambda: rig.range(4000, voice=other), ranges=False)
@@ -244,7 +247,7 @@ def test_ranges_of_another_autopilot_are_dropped_after_heartbeat(make_rig):
 # --- late frames ---
 
 
-def test_overtaken_heartbeat_does_not_engage(rig):
+def test_overtaken_heartbeat_in_guided_does_not_engage(rig):
     rig.run(4.0, mode=LOITER)
     late = rig.vehicle.pack(heartbeat(GUIDED))
     rig.run(0.5)
@@ -267,7 +270,7 @@ def test_overtaken_heartbeat_does_not_end_a_stall(rig):
     assert rig.setpoints(since) == []
 
 
-def test_overtaken_heartbeat_yields_but_does_not_return_control(make_rig):
+def test_overtaken_heartbeat_ends_control_but_does_not_return_it(make_rig):
     rig = make_rig(end_on_takeover=False).engage()
     guided, loiter = (rig.vehicle.pack(heartbeat(mode)) for mode in (GUIDED, LOITER))
     rig.run(0.5)
@@ -280,9 +283,9 @@ def test_overtaken_heartbeat_yields_but_does_not_return_control(make_rig):
     assert rig.setpoints(since) == []
 
 
-def test_heartbeats_with_own_sequence_are_accepted(rig):
-    """A sender that builds its own heartbeats: pymavlink's `pack` does not advance the sequence, so
-    other messages have 0."""
+def test_heartbeats_with_separate_sequence_numbers_are_accepted(rig):
+    """Example: a sender that packs some messages by pymavlink's `pack`, which does not advance the
+    sequence number. Its heartbeats and its other messages are then numbered separately."""
     rig.engage()
     for _ in range(160):
         rig.receive(attitude(0))
@@ -315,8 +318,8 @@ def test_another_companion_with_our_ids_ends_the_flight(make_rig, apart, ends):
         assert "another companion sends with our ids 1/191" in rig.pilot.mission.outcome.reason
 
 
-def test_forged_frames_with_our_ids_only_warn(make_rig):
-    """Any host on the network can send them."""
+def test_forged_frames_with_our_ids_cause_only_warning(make_rig):
+    """Any host on the network can send such frames, so they must not end the flight."""
     rig = make_rig().engage()
     twin = Voice(1, 191)
     for _ in range(20):
@@ -345,7 +348,7 @@ def test_forged_frames_with_our_ids_only_warn(make_rig):
     ],
     ids=lambda message: message.get_type(),
 )
-def test_frames_in_vehicle_name_from_elsewhere_are_rejected(rig, message):
+def test_frames_with_vehicle_ids_from_other_address_are_rejected(rig, message):
     session = rig.engage().pilot.session
     message = rig.vehicle.message(message)
     assert session.receive(message, rig.now, "elsewhere") is False
@@ -356,7 +359,7 @@ def test_frames_in_vehicle_name_from_elsewhere_are_rejected(rig, message):
 
 
 def test_unknown_senders_are_read_up_to_a_limit(rig):
-    """The vehicle's own frames are all read."""
+    """Of 500 datagrams of an unknown sender, 32 are read. All datagrams of the vehicle are read."""
     rig.engage()
     received = rig.pilot.connection.counts[VEHICLE]
     junk = bytes(1000)
@@ -371,8 +374,9 @@ def test_unknown_senders_are_read_up_to_a_limit(rig):
     assert received.bytes - before == 1000
 
 
-def test_radio_address_stays_in_flight(rig):
-    """Only the vehicle may move to another address."""
+def test_accepted_address_of_radio_is_kept_in_flight(rig):
+    """In flight the radio's ranges are accepted only from its first address. Only the vehicle may
+    change its address."""
     radio = Voice(1, 192)
     at = ("10.0.0.7", 7)
     rig.run(6.0, lambda: rig.range(voice=radio, source=at), ranges=False)
@@ -386,8 +390,9 @@ def test_radio_address_stays_in_flight(rig):
     assert received.bytes - before == 500_000
 
 
-def test_second_radio_is_reported_once(rig):
-    """It must send from another address: on our own link, other sensors are common."""
+def test_second_radio_at_other_address_is_reported_once(rig):
+    """The second radio is reported only if it sends from another address, because several sensors
+    on the vehicle's link are common."""
     rig.engage()
     warning = ["circnav: the ranging radio: second sender rejected"]
     for orientation, source, texts in (
@@ -416,12 +421,12 @@ def test_two_vehicle_senders_prevent_engagement(rig):
     assert rig.setpoints() == []
 
 
-# --- another circnav that is not received here ---
+# --- another program that steers and is not received here ---
 
 
 def test_unrequested_answers_reveal_another_program(rig):
-    """Each command of ours is answered once, a mode change twice, and some answers arrive by two
-    paths."""
+    """Our own commands may be answered twice, because an answer may arrive over two paths. Further
+    answers to us reveal another program with our ids."""
     for message in rig.engage().of("COMMAND_LONG"):
         answer = rig.vehicle.pack(
             mavlink.MAVLink_command_ack_message(message.command, 0, 0, 0, 1, 191)
@@ -447,9 +452,9 @@ def test_unrequested_answers_reveal_another_program(rig):
     ]
 
 
-def test_peripheral_with_vehicle_ids_takes_nothing_over(rig):
-    """A radio or gimbal with the default ids 1/1, behind the same router: its mode 0 looked like a
-    takeover."""
+def test_heartbeat_of_peripheral_with_vehicle_ids_is_ignored(rig):
+    """A radio or gimbal behind the vehicle's router has the default ids 1/1. The mode 0 in its
+    heartbeat once looked like a takeover."""
     peripheral = Voice()
     rig.run(
         20.0,

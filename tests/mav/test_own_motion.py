@@ -43,16 +43,16 @@ def hud(**rest):
         (7.0, 2.5 * pi - 7.0),
     ],
 )
-def test_compass_converts_to_enu_and_back(yaw, course):
-    """Heading clockwise from north, course counter-clockwise from east, in (-pi, pi]; and back, in
-    [0, 2 pi)."""
+def test_heading_converts_from_compass_to_enu_and_back(yaw, course):
+    """Compass heading: clockwise from north, in [0, 2 pi). ENU heading: counter-clockwise from
+    east, in (-pi, pi]."""
     assert heading_enu_from_yaw_ned(yaw) == pytest.approx(course)
     assert compass_from_vector(cos(course), sin(course)) == pytest.approx(yaw % (2 * pi))
 
 
 @pytest.mark.parametrize("steered", [True, False])
 @pytest.mark.parametrize("jump", [pi, -pi / 2, 0.5])
-def test_yaw_reset_in_flight_is_no_turn(jump, steered):
+def test_yaw_reset_in_flight_causes_no_turn_rate(jump, steered):
     sensor = OwnMotionSensor()
     headings = []
     sensor.keeps_heading = steered
@@ -68,7 +68,7 @@ def test_yaw_reset_in_flight_is_no_turn(jump, steered):
     assert (max(turns) - min(turns) < 1e-6) == steered
 
 
-def test_two_attitudes_per_second_are_enough():
+def test_own_motion_is_known_with_two_attitudes_per_second():
     for every, seldom in ((0.5, False), (1.5, True)):
         sensor = OwnMotionSensor()
         for n in range(20):
@@ -77,8 +77,8 @@ def test_two_attitudes_per_second_are_enough():
 
 
 def received(delays, boot_ms=0, seconds=20.0):
-    """Return (own motion, its true time) for attitudes at 20 Hz, each with a delay of delays()
-    seconds."""
+    """Return own motion and the true time (s) of its attitude, for attitudes at 20 Hz. delays():
+    delay of the next attitude, s."""
     sensor = OwnMotionSensor()
     found = []
     sent = [(i / 20, (boot_ms + 50 * i) % 2**32) for i in range(round(20 * seconds))]
@@ -90,8 +90,8 @@ def received(delays, boot_ms=0, seconds=20.0):
 
 @pytest.mark.parametrize("boot_ms", [0, 2**32 - 8000])
 @pytest.mark.parametrize("longest", [0.2, 0.5])
-def test_attitude_counts_from_its_measurement_time(boot_ms, longest):
-    """Also across the wrap of the vehicle's 32-bit milliseconds."""
+def test_attitude_is_dated_by_its_measurement_time(boot_ms, longest):
+    """Tested also across the wrap of the vehicle's 32-bit milliseconds."""
     chance = random.Random(1)
     found = received(lambda: chance.uniform(0.0, longest), boot_ms)
     times = [own.time for own, _ in found]
@@ -102,7 +102,7 @@ def test_attitude_counts_from_its_measurement_time(boot_ms, longest):
 
 
 @pytest.mark.parametrize("jump_ms", [3_600_000, -3_600_000])
-def test_vehicle_clock_jump_costs_two_attitudes(jump_ms):
+def test_vehicle_clock_jump_rejects_two_attitudes(jump_ms):
     sensor = OwnMotionSensor()
     used = []
     for i in range(200):
@@ -114,8 +114,8 @@ def test_vehicle_clock_jump_costs_two_attitudes(jump_ms):
 
 
 def test_attitude_quaternion_replaces_missing_attitude():
-    """Definition of ATTITUDE_QUATERNION: w, x, y, z. A yaw of 0.6 rad is (cos 0.3, 0, 0, sin 0.3).
-    Heading and turn rate are the paper's: counter-clockwise, from east."""
+    """ATTITUDE_QUATERNION contains w, x, y, z. A yaw of 0.6 rad is (cos 0.3, 0, 0, sin 0.3).
+    Heading and turn rate are in the paper's frame: counter-clockwise, from east."""
     q = {
         "q1": cos(0.3),
         "q2": 0.0,
@@ -144,7 +144,7 @@ def test_attitude_quaternion_replaces_missing_attitude():
     ("altitude", "density"), [(0.0, 1.225), (1000.0, 1.1117), (3000.0, 0.90925)]
 )
 def test_true_airspeed_grows_in_thin_air(altitude, density):
-    """Densities of the standard atmosphere, kg/m^3, from its tables."""
+    """Expected values from air densities (kg/m^3) in the tables of the standard atmosphere."""
     sensor = OwnMotionSensor()
     sensor.receive(hud(alt=altitude), 0.0)
     assert sensor.at(0.0).true_airspeed(22.0) == pytest.approx(
@@ -152,7 +152,7 @@ def test_true_airspeed_grows_in_thin_air(altitude, density):
     )
 
 
-def test_stale_values_are_unknown():
+def test_stale_own_motion_is_unknown():
     sensor = OwnMotionSensor()
     sensor.receive(hud(), 1.0)
     sensor.receive(attitude(0), 1.0)
@@ -167,7 +167,7 @@ WRONG_CLOCKS = [lambda t: 0, lambda t: 5000, lambda t: t // 2, lambda t: 5 * t]
 
 @pytest.mark.parametrize("hz", [10, 50])
 @pytest.mark.parametrize("stamp", FUTURE_STAMPS + WRONG_CLOCKS)
-def test_wrong_stamps_do_not_remove_the_heading(stamp, hz):
+def test_heading_is_known_despite_wrong_stamps(stamp, hz):
     sensor = OwnMotionSensor()
     known = []
     for i in range(20 * hz):
@@ -176,7 +176,7 @@ def test_wrong_stamps_do_not_remove_the_heading(stamp, hz):
     assert all(known)
 
 
-def test_newest_of_a_backlog_counts():
+def test_newest_attitude_of_backlog_is_used():
     sensor = OwnMotionSensor()
     for i in range(130):
         sensor.receive(attitude(10_000 + 50 * i, yaw=0.01 * i), i / 20 if i < 100 else 6.5)
@@ -217,12 +217,12 @@ def test_implausible_attitude_is_rejected(rubbish):
 @pytest.mark.parametrize("pitch", [0.0, 0.5, -1.0])
 @pytest.mark.parametrize("roll", [0.0, 0.7, -0.7])
 def test_yaw_rate_is_derivative_of_heading(roll, pitch):
-    """Against the attitude itself after a small rotation by the body rates: R_z(yaw) R_y(pitch)
+    """Reference: the yaw after a small rotation by the body rates, from R_z(yaw) R_y(pitch)
     R_x(roll) exp(omega dt)."""
     q = 0.2
     r = 0.3
     dt = 1e-6
-    x_axis = (1.0, r * dt, -q * dt)  # direction of the nose after dt, in the previous body axes
+    x_axis = (1.0, r * dt, -q * dt)  # direction of the nose after dt, in the body axes before dt
     y = x_axis[1] * cos(roll) - x_axis[2] * sin(roll)
     z = x_axis[1] * sin(roll) + x_axis[2] * cos(roll)
     turned = atan2(y, cos(pitch) * x_axis[0] + sin(pitch) * z)
@@ -232,7 +232,7 @@ def test_yaw_rate_is_derivative_of_heading(roll, pitch):
 
 
 def imu(ms, force, type_="raw"):
-    """A specific force in the body frame, m/s^2, in the message that autopilots send."""
+    """Return the IMU message of an autopilot for a specific force in the body frame, m/s^2."""
     if type_ == "highres":
         return mavlink.MAVLink_highres_imu_message(1000 * ms, *force, *[0.0] * 10, 0xFFFF)
     counts = [round(value / 9.80665 * 1000) for value in force]
@@ -264,6 +264,7 @@ def test_imu_integration_restarts_after_a_gap():
         sensor.receive(imu(ms, (0.0, 0.0, -9.8)), ms / 1000)
         acceleration = sensor.own(ms / 1000, 15.0).acceleration
         since.add(None if acceleration is None else acceleration.since)
-    assert len(since) == 3  # nothing yet, before the gap, after it
+    # first value, start of the integration before the gap, and start after the gap
+    assert len(since) == 3
     sensor.receive(imu(1400, (nan, 0.0, -9.8), "highres"), 10.0)
     assert sensor.own(1.4, 15.0).acceleration is None

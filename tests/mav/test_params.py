@@ -17,12 +17,14 @@ VEHICLE = (7, 1)
 ANSWER_TIMEOUT = 0.7
 AT_ONCE = 5
 TRIES = 3
-"""s; ArduPilot has room for 5 answers; mavlink.md: an unknown name is never answered."""
+"""Period of a repeated request, s; largest number of pending requests, because ArduPilot queues 5
+answers; number of requests before a name is regarded as unknown, because an unknown name is not
+answered."""
 
 
 def frame(name: bytes, raw: bytes, kind: int) -> Any:
-    """A PARAM_VALUE built by hand (value bytes, count, index, name, type) and decoded as by a
-    receiver."""
+    """Return a PARAM_VALUE that was built by hand (value bytes, count, index, name, type) and
+    decoded by a receiver."""
     payload = raw + struct.pack("<HH16sB", 900, 65535, name, kind)
     head = bytes((len(payload), 0, 0, 0, 7, 1)) + (22).to_bytes(3, "little")
     crc = mavlink.x25crc(head + payload + bytes((220,))).crc  # 220: CRC_EXTRA of PARAM_VALUE
@@ -40,11 +42,11 @@ def requested_names(messages: list[Any]) -> list[str]:
 
 
 @pytest.mark.parametrize("value", [0, 1, 255, -1, 16_777_216])
-def test_ardupilot_parameters_are_cast_to_float(value: int) -> None:
+def test_ardupilot_parameter_values_are_cast_to_float(value: int) -> None:
     assert parameter_value(cast("FS_GCS_ENABLE", value, INT32), bytewise=False) == value
 
 
-# 0xFF800001 and 0x7F800001 are signalling NaNs as floats: reading them as such would change a bit
+# As floats 0xFF800001 and 0x7F800001 are signaling NaNs. Reading them as floats changes a bit.
 @pytest.mark.parametrize(
     ("kind", "raw", "value"),
     [
@@ -58,13 +60,15 @@ def test_ardupilot_parameters_are_cast_to_float(value: int) -> None:
         (REAL32, struct.pack("<f", 1.5), 1.5),
     ],
 )
-def test_px4_parameters_are_read_bytewise(kind: int, raw: bytes, value: float) -> None:
+def test_px4_integer_parameters_are_read_from_bytes_of_float(
+    kind: int, raw: bytes, value: float
+) -> None:
     assert parameter_value(frame(b"COM_OBL_RC_ACT", raw, kind), bytewise=True) == value
 
 
-def test_five_requests_are_pending_and_lost_ones_repeated() -> None:
-    """A ground station downloads all parameters on the same link. Values that were not requested
-    are ignored."""
+def test_five_parameter_requests_are_pending_and_lost_ones_repeated() -> None:
+    """A ground station downloads all parameters on the same link: values that circnav did not
+    request are ignored."""
     names = [f"P{i}" for i in range(AT_ONCE + 3)]
     reader = ParameterReader(names, bytewise=False)
     assert requested_names(reader.poll(VEHICLE, 0.0)) == names[:AT_ONCE]

@@ -14,7 +14,7 @@ REQUEST_MESSAGE = 512
 
 
 class Line:
-    """A session and the senders on its line."""
+    """A session and the senders on its link."""
 
     def __init__(self, session):
         self.session = session
@@ -30,8 +30,8 @@ class Line:
         return [message for message in self.session.poll(now) if kind in (None, message.get_type())]
 
     def answer_all(self, began, result=0):
-        """Poll and acknowledge until no command is pending, at once and after the first measurement
-        of the streams. Return the commands that were sent."""
+        """Poll and acknowledge until no command is pending, at the start and after the first
+        measurement of the streams. Return the sent commands."""
         sent = []
         for now in (began, began + 0.7):
             while commands := self.poll(now, "COMMAND_LONG"):
@@ -48,7 +48,7 @@ def line(make_session):
 
 @pytest.fixture
 def here(line):
-    """A line on which the vehicle was received, armed in GUIDED."""
+    """A session that has received its vehicle, armed in GUIDED."""
     here = line()
     here.beat()
     return here
@@ -57,7 +57,7 @@ def here(line):
 # --- the vehicle that is flown ---
 
 
-def test_first_matching_vehicle_is_pinned(line):
+def test_session_selects_first_vehicle_matching_mission(line):
     here = line()
     here.beat(now=1.0, voice=Voice(42, 1), source=("10.0.0.1", 14550))
     session = here.session
@@ -68,14 +68,14 @@ def test_first_matching_vehicle_is_pinned(line):
     assert session.heartbeat_age(2.5) == 1.5
 
 
-def test_other_vehicles_are_counted_and_change_nothing(line):
+def test_other_vehicles_are_counted_without_effect(line):
     here = line()
     other = Voice(2, 1)
     camera = Voice(1, 154)
     here.beat(now=0.0, mode=5)
     for i in range(5):
         here.beat(now=0.1 * i, voice=other, mode=4, source="elsewhere")
-    here.beat(now=0.6, mode=4, source="elsewhere")  # a vehicle with the same ids on another address
+    here.beat(now=0.6, mode=4, source="elsewhere")  # a vehicle with the same ids at another address
     here.receive(mavlink.MAVLink_statustext_message(6, b"not the autopilot"), voice=camera)
     here.receive(mavlink.MAVLink_statustext_message(6, b"forged"), source="elsewhere")
     for ms in (10_000_000, 1_000, 1_100):
@@ -86,7 +86,7 @@ def test_other_vehicles_are_counted_and_change_nothing(line):
     assert list(session.texts) == []
 
 
-def test_pinned_vehicle_may_change_address_by_boot_time(line):
+def test_selected_vehicle_may_change_address_by_boot_time(line):
     here = line()
     here.beat(now=0.0, source="port 1")
     here.beat(now=1.4, source="port 2")
@@ -184,15 +184,16 @@ def test_vehicle_accepts_setpoints_when_armed_in_guided(line, mode, armed, ours,
 @pytest.mark.parametrize(
     ("times", "reboots"),
     [
-        ([500_000, 500_100, 499_200, 499_300, 500_200], 0),  # 0.9 s back is a late message
-        # single frames by another path, one of them twice
+        # a step back of 0.9 s is a late message
+        ([500_000, 500_100, 499_200, 499_300, 500_200], 0),
+        # single frames that arrive late over another path, one of them twice
         ([500_000, 3_000, 500_300, 3_000, 3_000, 500_400], 0),
-        ([2**32 - 200, 2**32 - 100, 0, 100], 0),  # the wrap after 49.7 days
+        ([2**32 - 200, 2**32 - 100, 0, 100], 0),  # the wrap of 32-bit milliseconds after 49.7 days
         ([500_000, 3_000, 3_100, 3_200], 1),
     ],
-    ids=["late", "by another way", "wrap", "reboot"],
+    ids=["late", "over another path", "wrap", "reboot"],
 )
-def test_boot_time_step_back_is_a_reboot(here, carrier, times, reboots):
+def test_boot_time_step_back_is_counted_as_reboot(here, carrier, times, reboots):
     here.answer_all(0.0)
     for ms in times:
         here.receive(boot_time(ms / 1000) if carrier == "SYSTEM_TIME" else attitude(ms))
@@ -205,7 +206,8 @@ def test_boot_time_step_back_is_a_reboot(here, carrier, times, reboots):
 
 
 def test_heartbeat_is_sent_every_second_without_vehicle(line):
-    """System 255 or MAV_TYPE_GCS would feed the operator's GCS failsafe."""
+    """A heartbeat of system 255 or type MAV_TYPE_GCS would prevent the failsafe for a lost ground
+    station."""
     here = line()
     here.session.announcer.say("range", "range lost")
     sent = [(i / 20, message) for i in range(101) for message in here.poll(i / 20)]
@@ -215,7 +217,7 @@ def test_heartbeat_is_sent_every_second_without_vehicle(line):
     }
 
 
-def test_streams_are_requested_at_start_and_returned_together(here):
+def test_streams_are_requested_at_start_and_restored_together(here):
     asked = here.answer_all(0.0)
     streams = set(here.session.streams.rates)
     assert {message.param1 for message in asked if message.command == SET_INTERVAL} == streams
@@ -241,7 +243,7 @@ def test_mode_result_is_kept_until_read_or_dropped(here, dropped):
 
 def test_timesync_requests_are_answered_up_to_a_limit(here):
     here.receive(mavlink.MAVLink_timesync_message(0, 123_456_789_012), now=2.0)
-    # an answer to another sender, no request
+    # an answer addressed to another sender must not be taken for a request
     here.receive(mavlink.MAVLink_timesync_message(55, 66), now=2.0)
     replies = [message for message in here.poll(2.04, "TIMESYNC") if message.tc1]
     assert [(reply.tc1, reply.ts1) for reply in replies] == [(2_000_000_000, 123_456_789_012)]

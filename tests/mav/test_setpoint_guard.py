@@ -79,8 +79,8 @@ STICKS = [("px4", "copter stick")]
 
 
 def passes(key, limits=ALL, **fields):
-    """True if an adapter's own message passes with some fields changed. Only the limits may stop
-    it."""
+    """Return True if the guard passes an adapter's message with some changed fields. Fails if the
+    guard blocks it for a reason other than the limits."""
     adapter = AUTOPILOTS[key](VehicleFacts(speed=15.0))
     message = adapter.setpoint(steer(), FOR, 1.0)
     for name, value in fields.items():
@@ -95,14 +95,16 @@ def passes(key, limits=ALL, **fields):
 BOUNDS = (
     (VELOCITY, "vx", [15.0, -15.0, 0.0], [15.001, -15.001]),
     (VELOCITY, "vy", [0.0, -0.0], [0.001, -0.001]),
-    (VELOCITY, "afx", [0.0, 5.0], [8.26, -0.001]),  # half of g, and 1.25 V w across: together 8.25
+    # limit of the acceleration, m/s^2: half of g along the nose and 1.25 V w across, together 8.25
+    (VELOCITY, "afx", [0.0, 5.0], [8.26, -0.001]),
     (VELOCITY, "vz", [1.0, -1.0, 0.0], [1.001, -1.001]),
     (VELOCITY, "yaw_rate", [0.35, -0.35, 0.0], [0.3501, -0.3501]),
     (VELOCITY, "afy", [6.0, -6.0, 0.0], [8.26, -8.26]),
     (VELOCITY, "afz", [6.0, -6.0, 0.0], [8.26, -8.26]),
-    # in LOCAL_NED the same numbers fly straight on
+    # in LOCAL_NED the same velocity would be a constant direction over ground
     (VELOCITY, "coordinate_frame", [8], [1, 7, 9, 12]),
-    (VELOCITY + ATTITUDE, "target_system", [1], [0]),  # 0 is every vehicle behind the endpoint
+    # target system 0 addresses every vehicle behind the endpoint
+    (VELOCITY + ATTITUDE, "target_system", [1], [0]),
     (ATTITUDE, "thrust", [0.0, 1.0], [-0.001, 1.001]),
     (
         ATTITUDE,
@@ -110,7 +112,8 @@ BOUNDS = (
         [(1.0, 0.0, 0.0, 0.0)],
         [(0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (0.5, 0.0, 0.0, 0.5)],
     ),
-    (STICK, "x", [0], [1, -1]),  # the autopilot controls the height
+    # the autopilot controls the height, so the pitch stick stays at 0
+    (STICK, "x", [0], [1, -1]),
     (STICK, "y", [1000, -1000], [1001, -1001]),
     (STICK, "z", [0, 1000], [-1, 1001]),
     (STICK, "r", [0], [1, -1]),

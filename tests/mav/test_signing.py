@@ -1,5 +1,5 @@
-"""Signatures against pymavlink's own in both directions, changes of the timestamps, and signed
-links."""
+"""Signatures, compared with pymavlink's in both directions; rules for their timestamps; and pilots
+with a key."""
 
 import pytest
 from hypothesis import given
@@ -24,7 +24,7 @@ from tests.mav.test_codec import decoded
 from tests.rig import MISSION, heartbeat
 
 NOW = 37_000_000_000_000
-"""A timestamp of 2026."""
+"""A signing timestamp of the year 2026, 10 us since 2015."""
 MESSAGES = (
     mavlink.MAVLink_heartbeat_message(2, 3, 129, 4, 4, 3),
     mavlink.MAVLink_attitude_message(77, 0.1, -0.2, 3.0, 0.4, 0.5, -0.6),
@@ -37,7 +37,7 @@ keys = st.binary(min_size=32, max_size=32).filter(any)
 
 
 def peer(key=KEY, *, timestamp=NOW, **ids):
-    """pymavlink with a key."""
+    """Return a pymavlink sender with a signing key."""
     return voice(key, timestamp, **ids)
 
 
@@ -101,7 +101,7 @@ def test_new_signed_stream_may_lag_one_minute():
 
 
 @pytest.mark.parametrize("timestamp", [NOW + 1, NOW + 100 * MINUTE, LATEST])
-def test_forged_future_timestamp_locks_out_no_sender(timestamp):
+def test_forged_future_timestamp_does_not_block_real_sender(timestamp):
     real = peer()
     signing = Signing(KEY, timestamp=NOW)
     for count in (0, 1):
@@ -110,9 +110,9 @@ def test_forged_future_timestamp_locks_out_no_sender(timestamp):
         assert signing.timestamp == NOW + count
 
 
-def test_valid_future_timestamp_is_followed():
-    """One holder of the key has a wrong clock. Senders received before continue, and a new sender
-    is accepted after it has received our timestamp."""
+def test_signing_timestamp_follows_valid_future_timestamp():
+    """One sender with the key has a clock in the future. Known senders are still accepted, and a
+    new sender is accepted after it has received our timestamp."""
     vehicle = peer()
     station = peer(system=255, timestamp=NOW + 60 * MINUTE)
     radio = peer(component=192)
@@ -155,7 +155,7 @@ def test_signing_key_has_32_bytes_and_stays_secret(key):
     assert repr(KEY) not in repr(Signing(KEY))
 
 
-# --- through the decoder and the pilot: accepted, counted, logged and reported frames ---
+# --- signed frames in decoder and pilot: accepted, counted, logged and reported ---
 
 
 def keyed_decoder(**options):
@@ -188,7 +188,7 @@ def test_radio_status_needs_no_signature():
     assert decoder.decode(bytes(status.pack(peer(OTHER)))) == []
 
 
-def test_unsigned_frames_are_accepted_by_mission_key():
+def test_unsigned_frames_are_accepted_with_accept_unsigned():
     frames = packed(peer()) + packed(peer(OTHER)) + packed(peer(None))
     decoder = Decoder()
     assert len(decoder.decode(frames)) == 3
@@ -197,7 +197,7 @@ def test_unsigned_frames_are_accepted_by_mission_key():
     assert len(keyed_decoder(accept_unsigned=True).decode(frames)) == 2
 
 
-def test_setup_signing_is_not_logged():
+def test_setup_signing_message_is_not_logged():
     setup = mavlink.MAVLink_setup_signing_message(1, 1, list(KEY), NOW)
     for decoder, frame in (
         (Decoder(), setup.pack(peer(None))),
@@ -237,7 +237,7 @@ def test_pilot_signs_every_frame_with_rising_timestamps():
     assert all(listener.decode(bytearray(frame)).get_link_id() == 9 for frame in out)
 
 
-def test_echo_of_signed_frames_is_no_twin():
+def test_echo_of_own_signed_frames_is_not_another_sender():
     pilot = pilot_with()
     beat(pilot, peer())
     pilot.receive(output(pilot, 0.0), 0.01, "vehicle")
@@ -246,8 +246,8 @@ def test_echo_of_signed_frames_is_no_twin():
 
 
 def test_vehicle_with_late_clock_adopts_our_timestamp():
-    """An autopilot without GPS starts at its last timestamp. The pilot waits on a port and has no
-    peer to send to yet."""
+    """An autopilot without GPS starts with its last signing timestamp. The pilot listens on a port
+    and does not know the autopilot's address yet."""
     pilot = pilot_with()
     vehicle = peer(timestamp=NOW - 120 * MINUTE)
     beat(pilot, vehicle, source="vehicle's address")
@@ -260,7 +260,7 @@ def test_vehicle_with_late_clock_adopts_our_timestamp():
     assert pilot.session.up
 
 
-def test_rejected_frame_gets_no_answer():
+def test_frame_rejected_by_signature_is_not_answered():
     pilot = pilot_with()
     for key in (None, OTHER):
         beat(pilot, peer(key))

@@ -11,7 +11,7 @@ def announcer():
     return Announcer()
 
 
-def test_texts_are_limited_to_one_per_kind(announcer):
+def test_statustext_rate_is_limited_per_kind_of_text(announcer):
     announcer.say("range", "range lost")
     (message,) = announcer.texts(0.0)
     assert (message.text, message.severity) == ("circnav: range lost", 5)  # MAV_SEVERITY_NOTICE
@@ -42,9 +42,10 @@ def on_the_wire(messages, system=1, component=191):
         ("Zürich → Genève " * 4, [50, 23]),
     ],
 )
-def test_long_text_is_sent_in_chunks(announcer, text, chunks):
-    """STATUSTEXT of common.xml: one id, numbered from zero; "any null character in the text field
-    is taken to mean this was the last chunk"; id 0 is a text by itself."""
+def test_long_statustext_is_sent_in_chunks(announcer, text, chunks):
+    """Definition of STATUSTEXT in common.xml: the chunks of a text have one id and are numbered
+    from zero; "any null character in the text field is taken to mean this was the last chunk"; a
+    text of id 0 is complete."""
     announcer.say("end", text)
     received = on_the_wire(announcer.texts(0.0))
     assert [len(one.text) for one in received] == chunks
@@ -54,7 +55,7 @@ def test_long_text_is_sent_in_chunks(announcer, text, chunks):
     assert whole == f"circnav: {text}".encode("ascii", "replace").decode()[:200]
 
 
-def test_chunks_are_joined_by_sender(announcer):
+def test_statustext_chunks_are_joined_by_sender(announcer):
     reader = TextReader()
     announcer.say("end", "a" * 41 + "b" * 50 + "c" * 9)
     announcer.say("law", "d" * 60)
@@ -74,7 +75,7 @@ def test_chunks_are_joined_by_sender(announcer):
 
 
 def test_plotted_values_are_sent_at_four_hertz(announcer):
-    """Values that no graph can show are omitted."""
+    """Values that are not finite as 32-bit floats are not sent."""
     assert announcer.plots({}, 0.0) == []
     wild = {"CN_RNG": 101.5, "CN_RRATE": 3.5e38, "CN_ERR": float("nan"), "CN_YRATE": float("inf")}
     sent = [
@@ -86,8 +87,8 @@ def test_plotted_values_are_sent_at_four_hertz(announcer):
     assert (message.name, message.value, message.time_boot_ms) == ("CN_RNG", 101.5, 250)
 
 
-def test_received_text_cannot_control_the_terminal():
-    """ESC, BEL and the C1 controls command a terminal, and U+202E reverses the text after it. C
-    ends a text at its zero."""
+def test_received_statustext_contains_no_control_characters():
+    """ESC, BEL and the C1 codes control a terminal, and U+202E reverses the following text. The
+    text ends at its first zero byte."""
     assert plain_text("PreArm: \x1b[2J\x07ok\0\x1b") == r"PreArm: \x1b[2J\x07ok"
     assert plain_text("a\x9b31m\u202eb\r\n") == r"a\x9b31m\u202eb\r\n"

@@ -1,5 +1,4 @@
-"""Round-trip time of a question and its answer: accepted answers, and the times of the
-questions."""
+"""Round-trip time measured by TIMESYNC: accepted answers, and the times of the requests."""
 
 from itertools import pairwise
 
@@ -9,8 +8,8 @@ from circnav_mav.mav.clocks import Timesync
 
 
 def ask_and_answer(timesync, since, trips):
-    """Poll at 20 Hz for 20 s. Each question is answered after the next of the trips (s), or never
-    if that is None."""
+    """Poll at 20 Hz for 20 s. Each request is answered after the next round-trip time in `trips`
+    (s); None: no answer."""
     due = []
     trips = list(trips)
     for i in range(400):
@@ -25,17 +24,17 @@ def ask_and_answer(timesync, since, trips):
 
 
 def asked(timesync, since, until):
-    """Return the times of its questions, polled at 20 Hz without answers."""
+    """Return the times (s) of its requests when polled at 20 Hz without answers."""
     return [i / 20 for i in range(round(since * 20), round(until * 20)) if timesync.poll(i / 20)]
 
 
 @pytest.fixture
 def quick():
-    """A vehicle that has answered within 0.1 s until second 25."""
+    """A Timesync with answers within 0.1 s until 25 s."""
     return ask_and_answer(Timesync(), 5.0, [0.1] * 60)
 
 
-def test_round_trip_is_median_of_newest_five():
+def test_round_trip_time_is_median_of_newest_five():
     timesync = Timesync()
     assert (timesync.typical, timesync.worst, timesync.one_way) == (None, None, 0.0)
     ask_and_answer(timesync, 5.0, [2.0, 2.0, 0.1, 0.2, 0.3, None, 0.25, 0.2])
@@ -46,12 +45,12 @@ def test_round_trip_is_median_of_newest_five():
 @pytest.mark.parametrize(
     ("answers", "trips"),
     [
-        # to another sender's question, to ours, to ours again
+        # answers to another sender's request, to our request, and to our request again
         ([(1, 1.1), (0, 1.3), (0, 3.0)], [0.3]),
-        ([(0, 200.0)], []),  # minutes late
+        ([(0, 200.0)], []),  # an answer minutes late
     ],
 )
-def test_only_first_answer_to_own_question_counts(answers, trips):
+def test_timesync_accepts_only_first_answer_to_own_request(answers, trips):
     timesync = Timesync()
     (question,) = timesync.poll(1.0)
     for other, now in answers:
@@ -59,7 +58,7 @@ def test_only_first_answer_to_own_question_counts(answers, trips):
     assert list(timesync.trips) == pytest.approx(trips)
 
 
-def test_overdue_question_is_repeated_at_once(quick):
+def test_overdue_timesync_request_is_repeated_at_once(quick):
     (question,) = quick.poll(26.0)
     assert asked(quick, 26.05, 28.0) == pytest.approx([26.25 + i / 4 for i in range(7)])
     quick.received(question.ts1, 28.0)
@@ -74,12 +73,12 @@ def test_timesync_requests_silent_vehicle_once_per_second(quick):
     )
 
 
-def test_slow_link_gets_no_extra_questions():
+def test_slow_link_gets_no_additional_timesync_requests():
     slow = ask_and_answer(Timesync(), 5.0, [0.8] * 20)
     assert asked(slow, 26.0, 26.8) == [26.0]
 
 
-def test_timesync_is_asked_twice_a_second_at_first():
+def test_timesync_requests_twice_per_second_at_start():
     timesync = Timesync()
     times = []
     for i in range(120):
@@ -89,7 +88,7 @@ def test_timesync_is_asked_twice_a_second_at_first():
     assert times == pytest.approx([0, 0.5, 1, 1.5, 2, 2.5, 3.5, 4.5, 5.5])
 
 
-def test_link_slowdown_is_measured_by_quickest_answer():
+def test_link_slowdown_is_measured_by_quickest_timesync_answer():
     timesync = Timesync()
     assert timesync.slower(5.0, 5.0) == 0.0
     ask_and_answer(timesync, 5.0, [0.2] * 60)
@@ -102,7 +101,7 @@ def test_link_slowdown_is_measured_by_quickest_answer():
     assert timesync.slower(27.4, 37.5) == 0.0
 
 
-def test_measuring_slowdown_asks_at_once():
+def test_measuring_link_slowdown_sends_timesync_request_at_once():
     timesync = Timesync()
     for i in range(120):
         for question in timesync.poll(i / 20):

@@ -29,7 +29,7 @@ def refusal(text, *overrides):
     return line
 
 
-# --- the files that ship ---
+# --- bundled mission files ---
 
 
 @pytest.mark.parametrize(
@@ -37,8 +37,8 @@ def refusal(text, *overrides):
     [(1, "smooth", 0.01, False), (2, "smooth", 0.01, True), (3, "switching", 0.12, False)],
 )
 def test_paper_examples_contain_values_of_the_paper(config, example, law, k, corrected):
-    """V = 1, r_d = 10, target (0, -10), starts in [0, 10] x [0, 10] x [0, 2 pi]; clockwise is k >
-    0."""
+    """In the paper V = 1, r_d = 10 and the target is at (0, -10). Starts are in [0, 10] x [0, 10] x
+    [0, 2 pi]. A gain k > 0 circles clockwise."""
     mission = load_mission(config / f"paper_example_{example}.toml")
     assert (mission.orbit.speed, mission.orbit.radius, mission.orbit.direction) == (
         1.0,
@@ -96,7 +96,7 @@ def test_mission_values_reach_pilot_settings(mission):
 
 
 @pytest.mark.parametrize("second", ["target_altitude_m=584.0", "target_above_home_m=-2.0"])
-def test_height_has_only_one_key(mission, second):
+def test_mission_refuses_two_keys_for_height(mission, second):
     key = second.split("=")[0]
     assert getattr(mission(f"orbit.{second}").height, key.removesuffix("_m")) == float(
         second.split("=")[1]
@@ -112,7 +112,7 @@ def test_height_has_only_one_key(mission, second):
 @pytest.mark.parametrize(
     ("rate", "stale"), [(0.2, 5.0), (1.0, 2.5), (3.0, 2.5 / 3), (10.0, 0.5), (100.0, 0.5)]
 )
-def test_stale_age_follows_ranging_rate(mission, rate, stale):
+def test_default_stale_age_follows_ranging_rate(mission, rate, stale):
     settings = mission(f"ranging.rate_hz={rate}").pilot_settings()
     assert (settings.timing.stale, settings.ranging.max_age) == pytest.approx((stale, stale))
 
@@ -127,19 +127,21 @@ def test_stale_age_follows_ranging_rate(mission, rate, stale):
     ],
     ids=["distance_sensor", "given", "named_value_float", "ranging_beacon"],
 )
-def test_farthest_range_follows_the_message(mission, overrides, farthest):
+def test_default_farthest_range_follows_ranging_message(mission, overrides, farthest):
     assert mission(*overrides).pilot_settings().bounds.farthest == farthest
 
 
 @pytest.mark.parametrize(("law", "default"), [("smooth", 1e-4), ("switching", 0.18)])
 def test_default_gain_depends_on_law(mission, law, default):
-    """Twice 1/(2 r_d^2) at 100 m; 1.2 times V/r_d at 15 m/s."""
+    """Default gains: twice 1/(2 r_d^2) for `smooth`, 1.2 times V/r_d for `switching`, at r_d = 100
+    m and V = 15 m/s."""
     assert mission(f"guidance.law={law}").law.gain == pytest.approx(default)
     assert mission(f"guidance.law={law}", "guidance.gain=0.7").law.gain == 0.7
 
 
-def test_measured_rate_raises_gain_only_when_required(mission):
-    """If the rate is dropped in flight, the filter's lag returns. The gain must allow for this."""
+def test_required_range_rate_raises_default_gain(mission):
+    """If a measured range rate is dropped in flight, the range filter's lag returns. The default
+    gain allows for this lag, except if the mission requires the range rate."""
     keys = ["guidance.law=feedforward", "ranging.message=named_value_float"]
     rate = ["ranging.rate_name=RR", "ranging.rate_sign=closing"]
     alone = mission(*keys)
@@ -150,11 +152,11 @@ def test_measured_rate_raises_gain_only_when_required(mission):
     assert (ranging.rate_name, ranging.rate_sign) == ("RR", "closing")
 
 
-def test_noisy_radio_is_accepted_with_matching_sigma(mission):
+def test_mission_with_noisy_radio_loads_with_matching_sigma(mission):
     assert mission("ranging.sigma_m=60").pilot_settings().ranging.max_sigma > 60
 
 
-def test_sim_endpoint_flies_the_sim_table(text):
+def test_endpoint_sim_uses_vehicle_of_sim_table(text):
     assert parse_mission(text + "\n[sim]\nseed = 1\n", "m.toml", ["link.endpoint=sim"]).flies_sim
 
 
@@ -168,7 +170,7 @@ def test_sim_endpoint_flies_the_sim_table(text):
         ("tcpout://10.0.0.1:5760", "serial:///dev/ttyACM0:115200", {"vehicle", "ranging"}),
     ],
 )
-def test_tcp_and_serial_are_stream_links(mission, link, ranging, streams):
+def test_tcp_and_serial_endpoints_are_stream_links(mission, link, ranging, streams):
     overrides = [f'link.endpoint="{link}"', *([f'ranging.endpoint="{ranging}"'] if ranging else [])]
     settings = mission(*overrides).pilot_settings()
     assert settings.stream_links == streams
@@ -179,7 +181,7 @@ def test_tcp_and_serial_are_stream_links(mission, link, ranging, streams):
 
 
 def test_overrides_replace_and_are_saved(mission):
-    """It may open a table. The last of two overrides counts."""
+    """An override may add a table. Of two overrides of a key, the last one is used."""
     changed = mission(
         "engage.request_mode=true",
         "orbit.radius_m=90",
@@ -191,7 +193,7 @@ def test_overrides_replace_and_are_saved(mission):
     assert tomllib.loads(changed.text)["orbit"] == {"radius_m": 80, "direction": "counterclockwise"}
 
 
-def test_override_keeps_comments():
+def test_override_keeps_comments_of_mission_file():
     text = (Path(__file__).parents[2] / "config" / "quickstart.toml").read_text(encoding="utf-8")
     flown = parse_mission(text, "quickstart.toml", ["orbit.radius_m=80.0"]).text
     assert flown.count("#") == text.count("#")
@@ -203,7 +205,7 @@ def test_malformed_override_is_refused(text, override):
     assert refusal(text, override).startswith(f"--set {override}: write it as table.key=value")
 
 
-def test_override_is_validated(text):
+def test_override_is_validated_like_mission_key(text):
     assert (
         refusal(text, "orbit.radius_m=far")
         == "m.toml: orbit.radius_m: should be a valid number, not 'far'"
@@ -228,7 +230,7 @@ def test_unreadable_mission_file_is_refused(tmp_path, content, error):
         load_mission(tmp_path / "m.toml")
 
 
-def test_empty_mission_lists_missing_tables():
+def test_error_of_empty_mission_lists_missing_tables():
     assert (
         refusal("")
         == "m.toml: name, vehicle, orbit, guidance, ranging, link, limits: missing, add them"
@@ -277,9 +279,9 @@ KEYS = [*keys_of(MissionFile), *(f"sim.{key}" for key in keys_of(VehicleConfig))
     ),
 )
 @example("", [("orbit.radius_m", "[1, " + 5000 * "9" + "]")])
-def test_any_text_gives_a_mission_or_one_line(text, changes):
-    """Valid or damaged files with overrides of any kind, up to the settings of pilot and bundled
-    vehicle."""
+def test_any_text_gives_mission_or_one_error_line(text, changes):
+    """Valid or damaged files with random overrides are loaded, including the settings of pilot and
+    emulated vehicle."""
     overrides = [f"{key}={value}" for key, value in changes]
     for whole in (text, TEXT + text):
         try:
@@ -304,7 +306,8 @@ MISTAKES = [
     ('orbit.radius_m="100"', "orbit.radius_m: should be a valid number, not '100'"),
     ("limits.tick_hz=4.0", "limits.tick_hz: must be at least 5, not 4"),
     ("limits.stale_s=6.0", "limits.stale_s: must be at most 5, not 6"),
-    ("limits.hold_s=10000", "limits.hold_s: must be at most 3600, not"),  # milliseconds
+    # mistake: a time in milliseconds
+    ("limits.hold_s=10000", "limits.hold_s: must be at most 3600, not"),
     ("limits.unfollowed_s=10000", "limits.unfollowed_s: must be at most 3600, not"),
     ("vehicle.turn_lag_s=400", "vehicle.turn_lag_s: must be at most 10, not 400"),
     ("bounds.min_battery_percent=0.2", "bounds.min_battery_percent: must be at least"),
@@ -320,18 +323,19 @@ MISTAKES = [
     ("link.peer=5", "link.peer: must be an address or network, such as"),
     ('link.peer=["10.0.0.5", "x"]', "link.peer: must be an address or network, such as"),
     ("signing.accept_unsigned=true", "signing.key_file: missing"),
-    ("signing.key_file=", "signing.key_file: "),  # not resolved to the folder of the mission
+    # an empty path must not be resolved to the folder of the mission
+    ("signing.key_file=", "signing.key_file: "),
     ("signing=drone.key", "signing: must be a table"),
 ]
 
 
 @pytest.mark.parametrize(("override", "line"), MISTAKES, ids=[key for key, _ in MISTAKES])
-def test_mistake_is_one_line_with_file_and_key(text, override, line):
+def test_mission_error_is_one_line_with_file_and_key(text, override, line):
     assert refusal(text, override).startswith(f"m.toml: {line}")
 
 
 @pytest.mark.parametrize("line", ["radius_m = 100.0", "max_turn_rate_deg_s = 20.0"])
-def test_missing_key_is_named(text, line):
+def test_mission_error_names_missing_key(text, line):
     assert text.count(line) == 1
     assert f".{line.split()[0]}: missing, add it" in refusal(text.replace(line, ""))
 
@@ -373,7 +377,7 @@ def test_contradicting_keys_are_refused(text, overrides, line):
     assert refusal(text, *overrides.split()).startswith(f"m.toml: {line}")
 
 
-def test_all_mistakes_are_in_one_line(text):
+def test_all_mission_mistakes_are_reported_in_one_line(text):
     wrong = (
         text.replace("radius_m", "raduis_m")
         .replace("rate_hz = 10.0", 'rate_hz = ".5"')
@@ -386,19 +390,19 @@ def test_all_mistakes_are_in_one_line(text):
     )
 
 
-def test_many_mistakes_are_cut_off(text):
+def test_error_line_with_many_mistakes_is_shortened(text):
     wrong = text + "[bounds]\n" + "".join(f"no_{n} = 1\n" for n in range(20))
     with pytest.raises(MissionError, match=r"bounds\.no_7: .*; and 12 more$"):
         parse_mission(wrong, "m.toml")
 
 
 @pytest.mark.parametrize("peer", ["10.0.0.5", "10.0.0.0/24", "10.0.0.7/24", "fe80::/10"])
-def test_peers_are_addresses_or_networks(mission, peer):
+def test_link_peer_is_address_or_network(mission, peer):
     assert mission(f"link.peer={peer}").file.link.peer == [peer]
     assert mission(f'link.peer=["{peer}", "::1"]').file.link.peer == [peer, "::1"]
 
 
-def test_campaign_file_is_named_as_such(config):
+def test_mission_loader_names_campaign_file_as_such(config):
     path = config / "campaigns" / "wind.toml"
     with pytest.raises(
         MissionError, match=rf"is a campaign file, fly it with: circnav campaign {path}$"
@@ -410,7 +414,8 @@ def test_campaign_file_is_named_as_such(config):
     "override", ["vehicle.turn_lag_s=0.5", "vehicle.speed_mps=14.0", "bounds.max_range_m=200.0"]
 )
 def test_dotted_mission_is_saved_as_flown(text, override):
-    """tomlkit puts a nested table in front of all dotted keys, where it captures the rest."""
+    """tomlkit writes a new nested table before the dotted keys, which would then belong to this
+    table."""
     tables = {name: keys for name, keys in tomllib.loads(text).items() if name != "name"}
     dotted = [
         f"{name}.{key} = {json.dumps(value)}"
@@ -433,7 +438,7 @@ def test_dotted_mission_is_saved_as_flown(text, override):
         ("/etc/drone.key", "/etc/drone.key"),
     ],
 )
-def test_key_path_is_relative_to_the_mission(text, tmp_path, given, meant):
+def test_signing_key_path_is_relative_to_mission(text, tmp_path, given, meant):
     """The saved mission has absolute paths, so that it can be flown again from its run folder."""
     path = tmp_path / "small.toml"
     meant = meant.format(folder=tmp_path, home=Path.home())

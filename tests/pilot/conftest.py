@@ -1,4 +1,4 @@
-"""A pilot on a bench: frames in, frames out, no link and no vehicle."""
+"""Fixtures with a pilot in a rig: frames in, frames out, without links and vehicle."""
 
 from tests.rig import make_rig, rig
 

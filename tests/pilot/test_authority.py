@@ -1,5 +1,5 @@
-"""Setpoints to a vehicle that was not handed over: none on the ground, over a slow link, after a
-stall or in a dry run."""
+"""Conditions for setpoints and mode requests: none on the ground, over a slow link, after a stall
+or in a dry run."""
 
 import re
 
@@ -18,7 +18,7 @@ IN_AIR = 2
 
 
 def commanded(rig: Rig, since: float = -1.0) -> list:
-    """Return the setpoints and mode requests."""
+    """Return the setpoints and mode requests sent since a time."""
     return rig.setpoints(since) + rig.commands(SET_MODE, since)
 
 
@@ -41,21 +41,21 @@ def test_no_command_in_other_mode_without_request_mode(rig, mode):
 @pytest.mark.parametrize(
     ("state", "seconds", "waits_for", "then"),
     [
-        # a disarmed aircraft does not fly, even without a landed state
+        # a disarmed aircraft is on the ground, even if it reports no landed state
         ({"armed": False}, 5.0, NOT_ARMED, {"armed": True}),
         ({"armed": False, "landed_state": None}, 6.0, NOT_ARMED, {"armed": True}),
         ({"armed": False, "landed_state": 0}, 6.0, NOT_ARMED, {"armed": True}),
-        # an armed copter in GUIDED on the ground would fight its own take-off: on ground, taking
-        # off, landing
+        # MAV_LANDED_STATE on ground, taking off and landing: setpoints would disturb the take-off
+        # of a copter in GUIDED
         ({"landed_state": 1}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
         ({"landed_state": 3}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
         ({"landed_state": 4}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),
-        # without a landed state, the vehicle counts as flying after a moment; so does
-        # MAV_LANDED_STATE_UNDEFINED, which PX4 sends until its land detector runs
+        # A vehicle that reports no landed state is regarded as flying after a short time. So is a
+        # vehicle with MAV_LANDED_STATE_UNDEFINED, which PX4 sends until its land detector runs.
         ({"landed_state": None}, 1.5, UNTOLD, {}),
         ({"landed_state": 0}, 1.5, UNTOLD, {}),
         ({"round_trip": None}, 9.0, MEASURING, {}),
-        # a very slow link does not count as one without answers
+        # a very slow link is reported as slow, not as a link without answers
         ({"round_trip": 0.8}, 10.0, SLOW.format("0.80"), {"round_trip": 0.1}),
         ({"round_trip": 3.5}, 25.0, SLOW.format("3.50"), {"round_trip": 0.1}),
         ({"round_trip": 9.0}, 25.0, SLOW.format("9.00"), {"round_trip": 0.1}),
@@ -63,9 +63,11 @@ def test_no_command_in_other_mode_without_request_mode(rig, mode):
     ids=str,
 )
 @pytest.mark.parametrize(
-    "request_mode", [False, True], ids=["waits for the mode", "asks for the mode"]
+    "request_mode", [False, True], ids=["operator enters mode", "circnav requests mode"]
 )
-def test_no_command_until_every_condition_holds(state, seconds, waits_for, then, request_mode):
+def test_no_command_until_every_engagement_condition_is_met(
+    state, seconds, waits_for, then, request_mode
+):
     rig = Rig(request_mode=request_mode).run(
         seconds, mode=LOITER if request_mode else GUIDED, **state
     )
@@ -98,9 +100,9 @@ def test_denied_streams_are_requested_once_and_named():
 # --- after a stall ---
 
 
-def test_no_command_after_stall_until_new_heartbeat(rig):
-    """The loop stopped for 2 s. Frames in the buffers are stale, because the operator may have
-    taken over meanwhile."""
+def test_no_setpoint_after_stall_until_new_heartbeat(rig):
+    """The loop stopped for 2 s. Frames from the buffers do not prove the present mode, because the
+    operator may have taken over meanwhile."""
     rig.engage().pass_time(2.0)
     rig.heartbeat()
     rig.range()
@@ -113,7 +115,7 @@ def test_no_command_after_stall_until_new_heartbeat(rig):
     assert rig.run(0.1).setpoints(before)
 
 
-def test_gap_below_half_second_is_no_stall(rig):
+def test_loop_gap_below_half_second_is_no_stall(rig):
     rig.engage().pass_time(0.45)
     before = rig.now - 0.01
     rig.range()
@@ -160,9 +162,9 @@ def test_interrupt_before_engagement_sends_no_setpoint(output_mode, mode):
 
 
 @pytest.mark.parametrize(
-    "apart", [False, True], ids=["of a router", "of the greeting of a ranging link"]
+    "apart", [False, True], ids=["frames echoed by router", "first frame echoed on ranging link"]
 )
-def test_echo_of_own_frames_is_no_other_companion(apart):
+def test_echo_of_own_frames_is_not_another_companion(apart):
     rig = Rig(ranging_apart=apart)
 
     def echo():
@@ -195,7 +197,7 @@ def reported(rig, *messages):
 
 
 @pytest.mark.parametrize(("bounds", "inside", "beyond", "message", "reason"), BEYOND)
-def test_value_beyond_mission_bounds_ends_flight(bounds, inside, beyond, message, reason):
+def test_value_beyond_bounds_of_mission_ends_flight(bounds, inside, beyond, message, reason):
     rig = Rig(bounds=bounds)
     rig.run(3.0, reported(rig, battery(20), vfr_hud(119.0)), range_cm=inside)
     assert rig.pilot.mission.phase is Phase.ENGAGED
@@ -222,7 +224,9 @@ def test_broken_bound_prevents_engagement(bounds, inside, beyond, message, reaso
         (Bounds(lowest=20.0), vfr_hud(100.0), None, "no altitude in VFR_HUD"),
     ],
 )
-def test_unreported_bound_value_prevents_engagement_and_raises_alarm(bounds, told, unknown, needs):
+def test_unreported_value_of_bound_prevents_engagement_or_raises_alarm(
+    bounds, told, unknown, needs
+):
     rig = Rig(bounds=bounds)
     assert rig.run(3.0, lambda: unknown and rig.receive(unknown)).setpoints() == []
     assert rig.pilot.status.waits_for(rig.now).startswith(f"{needs}: bounds.min_")

@@ -1,5 +1,5 @@
-"""The table of conditions, of which one row feeds display, STATUSTEXT and documentation, and stream
-requests."""
+"""The table of conditions, which contains the texts of display, STATUSTEXT and documentation.
+Requests of missing streams."""
 
 from dataclasses import replace
 from itertools import takewhile
@@ -28,7 +28,7 @@ def texts(rig: Rig) -> list[str]:
 
 
 def views() -> list[StepView]:
-    """Return views: each condition of the table is active in at least one."""
+    """Return step views in which each condition of the table is active at least once."""
     view = Rig().engage().pilot.view
     assert view is not None
     identities = (VEHICLE_NAME, OUR_NAME, RADIO_NAME)
@@ -94,23 +94,23 @@ def test_condition_texts_fit_and_are_documented(row):
 
 
 @pytest.mark.parametrize("title", ["NOT RECORDING", "HAND-BACK", "RANGING"])
-def test_alarms_outside_of_the_table_are_documented(title):
+def test_alarms_outside_condition_table_are_documented(title):
     assert title in TROUBLESHOOTING
 
 
-def test_display_and_statustext_use_condition_table(rig):
+def test_display_and_statustext_show_texts_of_condition_table(rig):
     rig.engage().run(2.0, ranges=False)
     alarm = rig.pilot.conditions.alarms["holding"]
     assert alarm.startswith("RANGE STALE ") and "setpoints per second" in alarm
     rig.run(2.0, ranges=True)
-    assert rig.pilot.conditions.alarms.keys() == {"no_attitude"}, "which the bench does not send"
+    assert rig.pilot.conditions.alarms.keys() == {"no_attitude"}, "the rig sends no attitude"
     assert [text for text in texts(rig) if "range" in text] == [
         "range lost, holding",
         "range regained",
     ]
 
 
-def test_steering_condition_ends_silently_on_takeover():
+def test_condition_of_steering_ends_silently_on_takeover():
     rig = Rig(end_on_takeover=False).engage()
     rig.run(2.0, ranges=False).run(1.0, mode=LOITER, ranges=False)
     assert rig.pilot.mission.phase is Phase.YIELDED
@@ -130,8 +130,8 @@ def test_lost_uplink_and_lost_downlink_are_separate_alarms():
 
 
 def flown_in_wind(max_turn_rate: float, seconds: float) -> tuple[Flight, list[str]]:
-    """Fly in 6 m/s of wind, where (V + W)^2/(V omega_max) <= r_d allows 2.7 m/s at 12 deg/s. Return
-    the flight and its texts."""
+    """Fly in a wind of 6 m/s with a turn limit of 12 deg/s, at which (V + W)^2/(V omega_max) <= r_d
+    allows a wind of 2.7 m/s. Return the flight and its texts."""
     limit = f"vehicle.max_turn_rate_deg_s={max_turn_rate}"
     windy = ('sim.vehicle.dynamics="airborne"', "sim.wind.speed_mps=6.0", limit)
     flown = flight("quickstart", *windy, law="auto").fly(seconds)
@@ -158,7 +158,7 @@ def test_excessive_drift_is_reported_once_and_displayed():
 
 
 def test_alarm_sends_one_warning_and_one_end_text(rig):
-    """MAV_SEVERITY_WARNING is 4, NOTICE is 5. A takeover that ends the flight is no second
+    """MAV_SEVERITY_WARNING is 4 and NOTICE is 5. A takeover that ends the flight raises no further
     alarm."""
     since = rig.engage().now
     rig.run(2.5, speaks=False)
@@ -167,13 +167,13 @@ def test_alarm_sends_one_warning_and_one_end_text(rig):
     said = [
         (text.severity, text.text.removeprefix("circnav: ")) for text in rig.of("STATUSTEXT", since)
     ]
-    said.remove((4, "no attitude"))  # the bench sends no attitude
+    said.remove((4, "no attitude"))  # the rig sends no attitude
     taken = "taken over, GUIDED left for LOITER"
     ended = "ended, pilot or failsafe switched to LOITER after"
     assert said[:4] == [(4, "link silent"), (5, "link restored"), (4, taken), (5, ended[:41])]
 
 
-def test_statustext_names_active_law_without_false_alarms():
+def test_statustext_names_active_law_and_raises_no_alarm():
     _, said = flown_in_wind(20.0, 45.0)
     assert said[0] == "circnav: engaged, 100 m clockwise"
     laws = [text.split(":")[1].strip() for text in said[1:]]
@@ -183,7 +183,7 @@ def test_statustext_names_active_law_without_false_alarms():
     assert [text for text in said if "range" in text or "allows" in text] == []
 
 
-def test_bank_limit_is_not_reported_at_limit_of_mission():
+def test_bank_limit_equal_to_mission_limit_is_not_reported():
     view = VIEWS[0]
     (row,) = (row for row in TABLE if row.name == "bank_limit")
     most = view.settings.facts.max_bank

@@ -1,5 +1,5 @@
-"""Detection that the vehicle flies at the commanded speed, and the integral of its radius error.
-Only a copter at speed is assumed to fly at V."""
+"""The controller: detection that a copter flies at the commanded speed, the integral of the radius
+error, changes of the circle, and the setpoint guard."""
 
 from dataclasses import replace
 
@@ -23,8 +23,9 @@ STEP = 0.05
 SPEED_UP = 2.5
 UNRESPONSIVE_BELOW = 1.0
 GAP = 1.0
-"""Times, s: turning as commanded until at speed, not turning until unresponsive, and between two
-reports after which the vehicle may have stopped."""
+"""Times, s. SPEED_UP: turning as commanded until the vehicle is at speed. UNRESPONSIVE_BELOW:
+without a commanded turn until it is unresponsive. GAP: between two reports, after which the vehicle
+may have stopped."""
 
 
 KEPT = CircleLimits(speed=15.0, keeps_speed=True)
@@ -33,7 +34,7 @@ COPTER = ("ardupilot", "copter")
 PLANE = ("ardupilot", "plane")
 STICK = ("px4", "plane")
 BANK = 0.4
-"""Largest bank of the mission, rad. At 15 m/s, it turns a plane at 0.276 rad/s."""
+"""Largest bank of the mission, rad. At 15 m/s a plane with this bank turns at 0.276 rad/s."""
 
 
 class Vehicle:
@@ -54,8 +55,8 @@ class Vehicle:
         self.controller.commanded(sent, 0.0)
 
     def turns(self, seconds, rate):
-        """Report the heading while it turns at a rate (rad/s). Return whether it was at speed at
-        each report."""
+        """Report the heading while it turns at a rate (rad/s). Return, for each report, True if the
+        vehicle was at speed."""
         seen = []
         for _ in range(round(seconds / STEP)):
             self.now = self.now + STEP
@@ -77,21 +78,17 @@ class Vehicle:
     ("before", "silence", "earliest", "latest"),
     [
         ([], 0.0, SPEED_UP - STEP, SPEED_UP + 2 * STEP),
-        (
-            [(10.0, COMMANDED), (UNRESPONSIVE_BELOW + 3.0, 0.0)],
-            0.0,
-            SPEED_UP,
-            9.0,
-        ),  # it must follow again first
+        # after a turn that the vehicle did not follow
+        ([(10.0, COMMANDED), (UNRESPONSIVE_BELOW + 3.0, 0.0)], 0.0, SPEED_UP, 9.0),
         ([(10.0, COMMANDED)], GAP + 0.1, SPEED_UP - 2 * STEP, SPEED_UP + 2 * STEP),
     ],
     ids=[
         "initially",
-        "after disobedience",
+        "after unfollowed turns",
         "after a gap in reports",
     ],
 )
-def test_vehicle_is_at_speed_after_following_turns(before, silence, earliest, latest):
+def test_copter_is_at_speed_after_following_turns(before, silence, earliest, latest):
     vehicle = Vehicle()
     assert all(vehicle.turns(seconds, rate)[-1] is (rate != 0.0) for seconds, rate in before)
     vehicle.now += silence
@@ -101,9 +98,9 @@ def test_vehicle_is_at_speed_after_following_turns(before, silence, earliest, la
     assert all(seen[seen.index(True) :])
 
 
-def test_short_disobedience_interrupts_speed_only_briefly():
-    """Reversing a turn takes less time than UNRESPONSIVE_BELOW, and the vehicle does not stop
-    meanwhile. A shorter pause has no effect."""
+def test_short_unfollowed_turn_interrupts_at_speed_briefly():
+    """A copter that does not turn for 1.8 s loses the state "at speed" for less than
+    UNRESPONSIVE_BELOW, because it does not stop in this time. 1.3 s without turn have no effect."""
     vehicle = Vehicle()
     vehicle.turns(30.0, COMMANDED)
     assert all([*vehicle.turns(1.3, 0.0), *vehicle.turns(10.0, COMMANDED)])
@@ -112,12 +109,12 @@ def test_short_disobedience_interrupts_speed_only_briefly():
     assert seen[-1]
 
 
-def test_fleet_offset_leaves_operator_circle_unchanged():
+def test_fleet_offset_does_not_change_circle_of_operator():
     controller = Vehicle().controller
     base = controller.circle
     assert controller.change_circle(CircleRequest(offset=5.0, pace=1.0, by="fleet"), 1.0) == ""
     assert (controller.circle, controller.orbit.radius) == (base, base.radius + 5.0)
-    # The operator does not have to wait for the fleet, and the offset stays.
+    # The operator may change the circle while the fleet's offset is active, and the offset is kept.
     assert (
         controller.change_circle(CircleRequest(radius=base.radius + 30.0, by="operator"), 1.01)
         == ""
@@ -134,7 +131,7 @@ def test_fleet_offset_leaves_operator_circle_unchanged():
 
 
 @pytest.mark.parametrize(("key", "sent"), [(PLANE, [16.5]), (COPTER, []), (STICK, [])])
-def test_airspeed_is_commanded_where_setpoints_lack_the_speed(key, sent):
+def test_airspeed_is_commanded_if_setpoints_contain_no_speed(key, sent):
     controller = Controller(replace(MISSION, facts=VehicleFacts(15.0, max_bank=BANK)))
     session = Session(MISSION.link, (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=BANK)),))
     session.identity.peer = Sender(1, 1, "here")
@@ -146,16 +143,16 @@ def test_airspeed_is_commanded_where_setpoints_lack_the_speed(key, sent):
     assert [message.param2 for message in messages] == pytest.approx(sent)
     controller.disengage()
     controller.setpoint(command, session, 5.0)
-    assert len(session.commands.poll((1, 1), 6.0)) == len(sent)  # the new mode has restored it
+    # the mode change has restored the airspeed, so no command is sent
+    assert len(session.commands.poll((1, 1), 6.0)) == len(sent)
 
 
-# --- the limits of the mission in the setpoint guard: a fault of law, loop or adapter does not
-# leave
+# --- limits of the mission in the setpoint guard, which blocks faults of law, loop and adapter
 
 
 def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_bank=BANK):
-    """True if the controller returns a setpoint for a turn rate, a speed, and an adapter with a
-    largest bank."""
+    """Return True if the setpoint guard passes a setpoint with this turn rate (rad/s) and speed
+    (m/s), from an adapter with this largest bank (rad)."""
     controller = Controller(
         replace(MISSION, facts=VehicleFacts(15.0, max_bank=BANK), circle_limits=limits)
     )
@@ -175,12 +172,8 @@ def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_
         (COPTER, KEPT, {"rate": 0.35}, {"rate": 0.3501}),
         (COPTER, KEPT, {"rate": -0.35}, {"rate": -0.3501}),
         (COPTER, KEPT, {"speed": 15.0}, {"speed": 15.01}),
-        (
-            COPTER,
-            CHANGES,
-            {"speed": 18.0},
-            {"speed": 18.01},
-        ),  # a fifth more: the most that may be requested in flight
+        # in flight, at most 1.2 times the speed of the mission may be requested
+        (COPTER, CHANGES, {"speed": 18.0}, {"speed": 18.01}),
         (COPTER, CHANGES, {"speed": 0.0}, {"speed": -0.01}),
         (PLANE, KEPT, {"rate": 0.35}, {"rate": 0.35, "adapters_bank": 0.42}),
         (PLANE, KEPT, {"rate": -0.35}, {"rate": -0.35, "adapters_bank": 0.42}),

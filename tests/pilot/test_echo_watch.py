@@ -1,5 +1,5 @@
-"""The setpoint reported by the vehicle against those sent: its origin is found despite the effects
-of link and autopilot."""
+"""The echo watch: it compares the setpoint that the vehicle reports with the sent setpoints, and
+detects another sender despite delays and filters."""
 
 from math import cos, sin
 
@@ -13,8 +13,8 @@ TICK = 0.05
 def watched(
     ours, reported, *, seconds=20.0, rate=4, limited=False, trip=0.0, sends=lambda now: True
 ):
-    """Return the time (s) at which another sender's turn was first found, or None. ours, reported:
-    turn rate by time."""
+    """Return the time (s) at which another sender was first detected, or None. ours, reported:
+    functions of time; sent and reported turn rate, rad/s."""
     watch = EchoWatch()
     found = None
     for step in range(round(seconds / TICK)):
@@ -34,7 +34,7 @@ def weaving(now):
 
 @pytest.mark.parametrize("limited", [True, False])
 @pytest.mark.parametrize("trip", [0.0, 0.5, 2.0])
-def test_echo_watch_recognizes_own_delayed_setpoint(trip, limited):
+def test_echo_watch_accepts_own_delayed_setpoint(trip, limited):
     assert (
         watched(
             weaving, lambda now: weaving(max(now - trip - 0.1, 0.0)), limited=limited, trip=trip
@@ -54,7 +54,7 @@ def test_echo_watch_rejects_larger_or_opposite_bank():
     "other", [lambda now: 0.1, lambda now: -0.17, lambda now: 0.24, lambda now: None]
 )
 @pytest.mark.parametrize("every", [1, 2, 3])
-def test_echo_watch_detects_other_turn_within_5_s(other, every):
+def test_echo_watch_detects_other_sender_within_5_s(other, every):
     def reported(now):
         return other(now) if round(4 * now) % every == 0 else 0.17
 
@@ -72,6 +72,6 @@ def test_echo_watch_is_inactive_without_steady_setpoints():
         assert watched(lambda now: 0.17, lambda now: 0.5, sends=sends) is None
 
 
-def test_echo_watch_cannot_separate_similar_smooth_turns():
-    """docs/safety.md: such a sender is harmless."""
+def test_echo_watch_cannot_distinguish_similar_smooth_turns():
+    """A sender with nearly the same turn rates is harmless (docs/safety.md)."""
     assert watched(weaving, lambda now: weaving(now) + 0.02 * cos(now)) is None

@@ -21,7 +21,7 @@ def home(altitude, latitude=473_000_000, x=0.0):
 
 
 class Climb:
-    """A height that receives an altitude five times a second."""
+    """A height that receives an altitude every 0.2 s."""
 
     def __init__(self, settings):
         self.height = Height(settings)
@@ -34,14 +34,15 @@ class Climb:
 
 
 def test_mission_height_changes_with_altitude_after_engagement():
-    """Earlier altitudes have no effect: 60 m is the height at the engagement."""
+    """The height of the mission, 60 m, is the height at the engagement. Earlier altitudes have no
+    effect."""
     climb = Climb(FIXED)
     assert [climb.at(100.0), climb.at(103.0)] == [60.0, 60.0]
     climb.height.engage()
     assert [climb.at(105.0), climb.at(107.5), climb.at(104.0)] == [60.0, 62.5, 59.0]
-    climb.height.engage()  # after a takeover, the vehicle returns at a greater height
+    climb.height.engage()  # after a takeover, the vehicle is returned at a greater height
     assert climb.at(108.0) == 63.0
-    climb.now += 3.0  # a fast descent during a gap in the reports is no jump
+    climb.now += 3.0  # a descent of 30 m in a gap of 3 s between reports is not a jump
     assert climb.at(78.0) == 33.0
 
 
@@ -54,7 +55,7 @@ def test_height_is_unknown_without_fresh_vehicle_altitude():
     assert climb.height.at(climb.now + 2.0) is None
 
 
-def test_home_altitude_changes_height_only_before_engagement():
+def test_home_position_changes_height_only_before_engagement():
     climb = Climb(FROM_HOME)
     assert climb.at(560.0) is None
     for altitude in (0.0, 504.0):
@@ -78,7 +79,8 @@ def test_last_height_is_held_in_flight_without_altitude():
     [(vfr_hud(float("nan")), None), (vfr_hud(1e9), None), (home(530.0), 562.0)],
 )
 def test_message_without_accepted_altitude_leaves_height_held(message, accepted):
-    """The altitude passed with another message is an earlier one of VFR_HUD."""
+    """`accepted` is an earlier altitude of VFR_HUD, which is passed again with a message that has
+    no valid altitude."""
     climb = Climb(FIXED)
     climb.height.engage()
     assert [climb.at(560.0), climb.at(562.0)] == [60.0, 62.0]
@@ -90,10 +92,11 @@ def test_message_without_accepted_altitude_leaves_height_held(message, accepted)
 
 
 def test_height_ignores_altitude_jump_and_glitch():
-    """4 m in 0.2 s are 20 m/s, and 5 m count as a jump. No vehicle climbs that fast, but a reset
-    estimate jumps."""
+    """A change of 4 m in 0.2 s is accepted, and a change of 5 m or more is a jump. No vehicle
+    climbs so fast, but a reset of the altitude estimate jumps."""
     climb = Climb(ABSOLUTE)
-    assert [climb.at(0.0), climb.at(530.0)] == [-500.0, 30.0]  # home is set on the ground
+    # altitude before the home position was set on the ground
+    assert [climb.at(0.0), climb.at(530.0)] == [-500.0, 30.0]
     climb.height.engage()
     assert [climb.at(534.0), climb.at(560.0), climb.at(561.0)] == [34.0, 34.0, 35.0]
     assert climb.height.jump == 26.0
@@ -102,8 +105,8 @@ def test_height_ignores_altitude_jump_and_glitch():
 
 
 def test_height_accepts_altitude_that_returns_after_jump():
-    """ArduPlane 4.6.3 in turbulence: -5.2 m in 0.2 s, and back within 2 s. When this counted as a
-    jump, the circle was 2 m too wide."""
+    """In turbulence ArduPlane 4.6.3 reported an altitude that fell by 5.2 m in 0.2 s and returned
+    within 2 s. When this was treated as a reset, the circle was 2 m too wide."""
     climb = Climb(ABSOLUTE)
     climb.height.engage()
     assert [climb.at(573.0), climb.at(567.8)] == [73.0, 73.0]
@@ -114,7 +117,8 @@ def test_height_accepts_altitude_that_returns_after_jump():
 
 
 def test_home_position_without_altitude_has_no_effect(make_rig):
-    """The UAV is GPS-denied: the home position must not reach the guidance."""
+    """Only the altitude of HOME_POSITION may affect the guidance, because the guidance uses no
+    positions."""
     rigs = [make_rig(height=FROM_HOME), make_rig(height=FROM_HOME)]
     for rig, place in zip(rigs, ((473_000_000, 0.0), (-10_000_000, 1e6)), strict=True):
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from circnav_mav.pilot.mission_state import STEERING, TRANSITIONS, Event, Phase
 
 OURS = {Phase.WAIT_RANGING, Phase.READY, *STEERING}
-"""Phases in which an engaged vehicle may still be in our mode."""
+"""Phases in which the vehicle may be in the guided mode after the engagement."""
 
 
 def advance(phase, event):
@@ -48,7 +48,7 @@ def reachable(start, allowed):
         *(({Phase.ENDED}, event, Phase.ENDED) for event in Event),
     ],
 )
-def test_phase_after_takeover_end_and_loss(phases, event, after):
+def test_phase_follows_takeover_end_and_loss(phases, event, after):
     assert {advance(phase, event) for phase in phases} == {after}
 
 
@@ -61,7 +61,7 @@ def test_phase_after_takeover_end_and_loss(phases, event, after):
         (Phase.YIELDED, {Event.MODE_OURS, Event.LINK_UP}),
     ],
 )
-def test_steering_phase_needs_guided_mode_link_and_range(start, events):
+def test_steering_phases_require_guided_mode_link_and_range(start, events):
     assert not reachable(start, events) & STEERING
 
 

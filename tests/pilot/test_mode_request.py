@@ -35,7 +35,7 @@ def modes(rig: Rig, since: float) -> list[float]:
 
 
 def safe(rig: Rig, since: float) -> bool:
-    """True if setpoints were sent since a time, and only the safe one."""
+    """Return True if setpoints were sent since a time, and all of them were safe setpoints."""
     return {message.vx for message in rig.setpoints(since)} == {0.0}
 
 
@@ -44,16 +44,16 @@ def safe(rig: Rig, since: float) -> bool:
 
 def test_mode_is_requested_when_ready_and_confirmed_by_heartbeat():
     rig = Rig(request_mode=True).run(3.0, mode=LOITER, ranges=False)
-    assert rig.commands(SET_MODE) == [], "no ranging"
+    assert rig.commands(SET_MODE) == [], "no mode request without ranging"
     rig.run(1.5, ranges=True)
     first = rig.commands(SET_MODE)[0]
     assert (first.param1, first.param2) == (1, GUIDED)
     rig.acknowledge(SET_MODE)
-    assert rig.run(1.0).setpoints() == [], "acknowledged, but not in the mode"
+    assert rig.run(1.0).setpoints() == [], "no setpoint before the heartbeat reports the mode"
     assert rig.run(1.0, mode=GUIDED).setpoints()
 
 
-def test_rejected_mode_ends_mission_with_vehicle_text():
+def test_rejected_mode_request_ends_mission_with_text_of_vehicle():
     rig = asked()
     rig.receive(mavlink.MAVLink_statustext_message(3, b"Mode change failed: requires position"))
     rig.acknowledge(SET_MODE, result=4)
@@ -82,7 +82,7 @@ def test_ineffective_mode_request_ends_mission(acknowledged, why, confirmations)
 
 
 def test_mode_left_before_engagement_is_not_requested_again():
-    """The ranges stop before the mode is reached."""
+    """The ranges stop before the vehicle reports the guided mode."""
     rig = asked()
     assert rig.run(1.0, ranges=False).pilot.mission.phase is Phase.WAIT_RANGING
     since = rig.run(0.5, mode=GUIDED).now
@@ -92,14 +92,16 @@ def test_mode_left_before_engagement_is_not_requested_again():
 
 
 @pytest.mark.parametrize("acknowledged", [False, True])
-def test_mode_change_after_request_is_not_overruled(acknowledged):
+def test_mode_change_of_operator_after_request_is_not_reversed(acknowledged):
     rig = asked()
     if acknowledged:
         rig.acknowledge(SET_MODE)
     since = rig.run(0.3, mode=RTL).now
     assert rig.run(8.0).run(8.0, mode=LOITER).commands(SET_MODE, since) == []
     assert rig.pilot.status.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
-    assert rig.run(1.0, mode=GUIDED).setpoints(), "mode entered by the operator"
+    assert rig.run(1.0, mode=GUIDED).setpoints(), (
+        "setpoints after the operator has entered the mode"
+    )
 
 
 @pytest.mark.parametrize("shows", [GUIDED, LOITER, LAND])
@@ -112,7 +114,7 @@ def test_requested_mode_gets_exit_action_without_flight(why, shows):
         rig.pilot.interrupt(rig.now, "SIGTERM")
     rig.run(0.7, ranges=False).run(1.8, mode=shows)
     assert set(modes(rig, since)) == ({RTL} if shows == GUIDED else set()), (
-        "exit action only in the guided mode"
+        "the exit action is requested only in the guided mode"
     )
     assert not rig.setpoints(since) or (safe(rig, since) and shows == GUIDED)
     rig.run(2.0, mode=RTL if shows == GUIDED else shows)
@@ -124,7 +126,7 @@ def test_pending_mode_request_is_dropped_with_lost_link():
     rig = Rig(request_mode=True).run(3.0, mode=LOITER, ranges=False)
     rig.run(1.8, speaks=False).run(1.5, ranges=True)
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
-    assert 1 <= len(rig.commands(SET_MODE)) <= 3, "still requested"
+    assert 1 <= len(rig.commands(SET_MODE)) <= 3, "the mode is requested before the outage"
     since = rig.now
     assert rig.run(5.0, speaks=True, ranges=False).commands(SET_MODE, since) == []
 
@@ -144,8 +146,8 @@ def test_no_mode_request_after_stall_until_heartbeat(exits):
     rig.heartbeat()
     rig.range()
     rig.step()
-    assert modes(rig.run(0.95, speaks=False), since) == [], "no heartbeat yet"
-    assert modes(rig.run(4.0, speaks=True), since), "after the heartbeat"
+    assert modes(rig.run(0.95, speaks=False), since) == [], "no request before the heartbeat"
+    assert modes(rig.run(4.0, speaks=True), since), "request after the heartbeat"
 
 
 # --- the exit action ---
@@ -223,7 +225,8 @@ def test_exit_action_after_stall_waits_for_heartbeat():
 
 
 def test_exit_action_interrupted_by_stalls_is_repeated_until_timeout():
-    """A request that is dropped before its answer does not count as a try."""
+    """A stall drops the pending request. It is sent again, and the dropped request is not
+    counted."""
     rig, since = interrupted("brake")
     for _ in range(7):
         assert modes(rig.run(1.0), since)

@@ -24,7 +24,7 @@ def flying(make_rig):
 
 
 def values(rig):
-    """PARAM_VALUE messages since the last call, by name."""
+    """Return the values of the PARAM_VALUE messages since the last call, by name."""
     found = [message for _, message in rig.sent if message.get_type() == "PARAM_VALUE"]
     rig.sent.clear()
     return {message.param_id: message for message in found}
@@ -161,7 +161,7 @@ def test_parameter_error_is_reported_to_its_sender(flying, message, error):
     )
 
 
-def test_each_refused_parameter_has_its_own_text(flying):
+def test_each_refused_parameter_gets_statustext_with_its_name(flying):
     flying.receive(setting("CN_RADIUS", 5.0), voice=GCS)
     flying.receive(setting("CN_SPEED", 30.0), voice=GCS)
     flying.run(1.0)

@@ -1,4 +1,5 @@
-"""Steering and output of a pilot: fresh ranges, holding, outages, the end. No I/O, no clock."""
+"""Setpoints and other output of a pilot: for fresh ranges, while holding, in outages and at the
+end."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -14,13 +15,13 @@ from tests.rig import ORBIT, Rig, Voice, attitude, decode, heartbeat, timing
 GUIDED = 4
 LOITER = 5
 STEADY = 15.0 / 100.0
-"""V/r_d of the bench's mission, rad/s."""
+"""V/r_d of the rig's mission, rad/s."""
 SAFE_THREE_TIMES = [(0.0, 0.0)] * 3
-"""Speed and yaw rate of the setpoints before the mission stops sending."""
+"""Speed and yaw rate of the three safe setpoints at the end of a mission."""
 
 
 def flown(setpoints):
-    """Speed and yaw rate of setpoints."""
+    """Return speed and yaw rate of setpoints."""
     return [(message.vx, message.yaw_rate) for message in setpoints]
 
 
@@ -41,8 +42,8 @@ def test_plot_values_are_sent_at_4_hz_or_less(rig):
     }
 
 
-def test_heartbeat_stops_with_loop(rig):
-    """Only a healthy step sends the heartbeat."""
+def test_heartbeat_is_sent_only_by_steps_of_loop(rig):
+    """A loop that hangs must not send heartbeats, so that the failsafe of the autopilot can act."""
     rig.engage()
     for _ in range(100):
         rig.now = round(rig.now + 0.05, 6)
@@ -74,7 +75,8 @@ def test_each_step_leaves_one_record(rig):
 
 
 def test_estimator_gets_no_motion_of_vehicle_ignoring_commands(rig):
-    """A copter without uplink stands still. The commanded speed would give a wrong position."""
+    """A copter without uplink hovers. With the commanded speed as own motion, the estimated
+    position would be wrong."""
     rig.engage()
     received = []
     heading = [0.0]
@@ -101,14 +103,14 @@ def test_setpoint_is_sent_alone_before_other_messages(rig):
         setpoint, *others = sent(rig)
         first |= {message.get_type() for message in decode(setpoint)}
         rest |= {message.get_type() for message in decode(b"".join(others))}
-        assert sent(rig) == [], "one setpoint for a range"
+        assert sent(rig) == [], "only one setpoint for each range"
     assert first == {"SET_POSITION_TARGET_LOCAL_NED"}
     assert {"HEARTBEAT", "TIMESYNC", "NAMED_VALUE_FLOAT"} <= rest - first
 
 
 def sent(rig, accepts=True):
-    """Return the data that a step of the pilot passes to its `send`, which accepts or rejects
-    it."""
+    """Run a step of the pilot and return the data that it passes to `send`. accepts: result of
+    `send`, True if the data are sent."""
     out = []
     rig.pilot.step(rig.now, lambda data: out.append(data) or accepts)
     return out
@@ -154,24 +156,24 @@ def test_first_setpoint_waits_1_s_for_second_range_source(rig):
     assert rig.run(0.2).setpoints()
 
 
-def test_next_step_answers_fresh_range(rig):
+def test_fresh_range_gets_setpoint_in_next_step(rig):
     rig.engage()
     rig.now += 0.041
-    assert rig.step() == [], "no new range and no tick due"
-    rig.range(15050)  # the same value this soon would be a repeated one
+    assert rig.step() == [], "no setpoint without a new range or a due tick"
+    rig.range(15050)  # an equal value after this short time would be rejected as a repetition
     (setpoint,) = [
         message for message in rig.step() if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"
     ]
     assert setpoint.time_boot_ms == round(rig.now * 1000)
-    assert rig.step() == [], "one setpoint for a range"
+    assert rig.step() == [], "only one setpoint for each range"
 
 
 @pytest.mark.parametrize(
     ("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)]
 )
-def test_constant_range_turns_outside_circle_and_not_inside(direction, sign):
-    """A constant range outside means flying across the line of sight. Clockwise is to the right,
-    positive in MAVLink."""
+def test_law_turns_at_constant_range_only_outside_circle(direction, sign):
+    """Outside the circle a constant range means flight across the line of sight, so the law turns.
+    Clockwise is to the right, positive in MAVLink."""
     orbit = replace(ORBIT, direction=direction)
     setpoint = Rig(orbit=orbit).engage().setpoints()[-1]
     assert setpoint.yaw_rate * sign > 0
@@ -182,7 +184,8 @@ def test_constant_range_turns_outside_circle_and_not_inside(direction, sign):
 
 
 def test_setpoints_stay_within_turn_limit(rig):
-    """Law 1 is unsaturated: closing in at 600 m, it demands much more than 0.35 rad/s."""
+    """The equation of law 1 has no bound. In an approach at 600 m, the law demands much more than
+    the limit of 0.35 rad/s."""
     rig.engage(range_cm=59000)
     assert max(abs(message.yaw_rate) for message in rig.setpoints()) == pytest.approx(0.35)
     assert rig.pilot.take_records()[-1].saturated
@@ -230,8 +233,8 @@ def test_setpoints_stay_within_turn_limit(rig):
     ],
     ids=lambda value: value.get_type() if hasattr(value, "get_type") else "",
 )
-def test_false_positions_change_no_output(message, count):
-    """The UAV is GPS-denied: no position may reach the guidance."""
+def test_false_positions_do_not_change_output(message, count):
+    """The guidance must use no position, because the vehicle has no GPS."""
     undisturbed = Rig().engage()
     disturbed = Rig()
     disturbed.run(3.0, lambda: [disturbed.receive(message) for _ in range(count)])
@@ -264,13 +267,13 @@ def test_lost_range_is_predicted_then_steady_turn_held(
 
 
 def test_setpoints_stop_with_lost_link_and_resume(rig):
-    """No heartbeat for 3 s, while the ranges continue."""
+    """The link is lost by 3 s without a heartbeat, while the ranges continue."""
     lost = rig.engage().now
     quiet = rig.run(3.3, speaks=False).now
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
     rig.run(5.0)
     assert rig.setpoints(quiet) == []
-    assert rig.setpoints(lost), "steered until then"
+    assert rig.setpoints(lost), "setpoints until the link is lost"
     assert rig.run(1.0, speaks=True).pilot.mission.phase is Phase.ENGAGED
     assert rig.setpoints(quiet)
 
@@ -302,7 +305,7 @@ def fails(rig):
     ids=["holding", "timeout", "interrupt", "law fails"],
 )
 def test_flight_ends_with_three_safe_setpoints(happens, ending, reason):
-    """The vehicle also gets its own stream rates back."""
+    """The end of the flight also restores the default stream rates of the vehicle."""
     rig = Rig(timing=timing(duration=15.0)).engage()
     happens(rig)
     since = rig.now
@@ -323,7 +326,8 @@ def test_flight_ends_with_three_safe_setpoints(happens, ending, reason):
 
 
 def test_lost_link_ends_mission_after_outage_limit():
-    """A link counts as lost after 3 s. The wait for the first heartbeat does not count."""
+    """The outage begins when the link is lost, 3 s after the last heartbeat. The wait for the first
+    heartbeat is not an outage."""
     rig = Rig(timing=timing(outage=10.0, wait_link=2.0)).engage()
     assert not rig.run(12.9, speaks=False).pilot.done
     assert rig.run(1.0).pilot.done
@@ -353,7 +357,7 @@ def test_safe_setpoints_begin_immediately_one_tick_apart(
     rig.now += 0.001
     rig.step()
     assert [message.vx for message in rig.setpoints(since)] == [0.0], (
-        "immediately after the last setpoint"
+        "the first safe setpoint does not wait for the next tick"
     )
     for _ in range(40):
         rig.now = round(rig.now + 0.005, 6)

@@ -43,12 +43,11 @@ PASS = Grade.PASS
 
 
 class Bench:
-    """A mission's preflight listener and its emulated vehicle, in lockstep. speed: rate of the
-    vehicle's clock."""
+    """The preflight listener and the emulated vehicle of a mission, in lockstep. speed: speed of
+    the vehicle's clock relative to real time."""
 
     def __init__(self, name, *overrides, seconds=5.0, without=None, signing=None):
-        """without: keys of [ranging] or [orbit] that are unset, although the mission's file has
-        them."""
+        """without: keys of [ranging] or [orbit] that are removed from the mission."""
         mission = load_mission(CONFIG / f"{name}.toml", overrides)
         for table, keys in (without or {}).items():
             changed = getattr(mission.file, table).model_copy(update=keys)
@@ -101,7 +100,7 @@ def good(name):
 
 
 class Overridden:
-    """The same object except for some values, by their dotted paths."""
+    """A proxy of an object in which some values, given by dotted paths, are replaced."""
 
     def __init__(self, same, changes):
         self._same = same
@@ -198,7 +197,7 @@ def test_preflight_sends_no_commands_and_restores_stream_rates(name):
     ],
 )
 def test_preflight_leaves_vehicle_unchanged_in_guided_mode(name, mode):
-    """Armed, in the guided mode, and with ranges: a pilot would engage it."""
+    """The vehicle is armed, in the guided mode and has ranges: `circnav fly` would engage."""
     bench = Bench(name, f'sim.start.mode="{mode}"')
     armed = bench.vehicle.truth.armed
     line = one(bench.lines(), "mode")
@@ -221,20 +220,19 @@ def test_preflight_reads_each_parameter_value(name):
         0.0,
         1.0,
         2.0,
-    ), "PX4 sends the bytes of an integer"
+    ), "PX4 sends an integer parameter as the bytes of a float"
 
 
 @pytest.mark.parametrize("name", MISSIONS)
-def test_stream_rates_are_measured_after_their_change(name):
-    """Streams that the vehicle sends before its rates are lowered must not count. A stream that is
-    faster than needed and often requested by ground stations keeps its rate: SYS_STATUS of PX4, 5
-    Hz."""
+def test_preflight_measures_stream_rates_after_changing_them(name):
+    """Messages sent before the rates are lowered are not counted. A stream that ground stations
+    often request keeps a rate above the required one: SYS_STATUS of PX4, 5 Hz."""
     for ident, (wanted, measured) in Bench(name, seconds=10.0).run().streams.items():
         expected = max(wanted, measured) if ident in USUAL else wanted
         assert measured == pytest.approx(expected, rel=0.1)
 
 
-# --- what keys alone change
+# --- lines that depend only on keys of the mission
 # ------------------------------------------------------------
 
 BEACON = (
@@ -265,7 +263,8 @@ RATE_SENT = (*RATE, "sim.ranging.rate_name=RR")
         (BEACON, "ranging", PASS, "10.0 Hz"),
         (("sim.ranging.rate_hz=10.0",), "ranging", PASS, "10.0 Hz"),
         (("sim.ranging.rate_hz=5.0",), "ranging", WARN, "5.0 Hz"),
-        (("sim.ranging.rate_hz=1.5",), "ranging", FAIL, "Hz"),  # stale after 0.5 s
+        # limits.stale_s = 0.5 s needs more than 1.5 Hz
+        (("sim.ranging.rate_hz=1.5",), "ranging", FAIL, "Hz"),
         (("sim.events=[{at_s=5.0, action='mute_ranging'}]",), "age", FAIL, "s old"),
         (LOW, "distance", WARN, "possible on the ground only"),
         (RATE_SENT, "range rate", PASS, " Hz, newest "),
@@ -285,7 +284,7 @@ RATE_SENT = (*RATE, "sim.ranging.rate_name=RR")
         ((*RATE_SENT, "sim.ranging.rate_bias_mps=20.0"), "range rate", FAIL, "ranges change by"),
     ],
 )
-def test_line_is_graded_by_received_data(keys, subject, grade, text):
+def test_preflight_line_is_graded_by_received_data(keys, subject, grade, text):
     line = one(
         Bench("quickstart" if subject == "range rate" else "arducopter", *keys).lines(), subject
     )
@@ -330,7 +329,7 @@ def test_preflight_warns_of_component_with_vehicle_ids():
     assert line.grade is WARN and ids in line.text
 
 
-def test_vehicle_that_stops_sending_fails():
+def test_preflight_fails_when_vehicle_stops_sending():
     bench = Bench("arducopter")
     bench.receives = lambda frame, now: now < 4.0
     assert {"heartbeat", "age"} <= set(failing(bench.lines()))
@@ -356,7 +355,7 @@ def test_vehicle_that_stops_sending_fails():
     ],
     ids=["unsigned", "signed", "no key", "vehicle unsigned", "other key"],
 )
-def test_signing_mismatch_is_graded(tmp_path, ours, theirs, grade, text):
+def test_preflight_grades_signing_mismatch(tmp_path, ours, theirs, grade, text):
     overrides = ["link.wait_s=3.0"]
     overrides += [f"signing.key_file={key_file(tmp_path, ours)}"] if ours else []
     overrides += (
@@ -373,8 +372,8 @@ def test_signing_mismatch_is_graded(tmp_path, ours, theirs, grade, text):
     )
 
 
-def test_all_zero_signing_key_counts_as_unsigned():
-    """A stock PX4 does this. Its frames are signed here by hand with 32 zero bytes."""
+def test_frames_signed_with_zero_key_are_treated_as_unsigned():
+    """PX4 without a key signs with 32 zero bytes, as the frames of this test are."""
     bench = Bench("px4_copter", seconds=1.0)
     clock = itertools.count(10**12)
     receive = bench.listener.receive
@@ -410,12 +409,13 @@ def without(message_id):
         ("px4_copter", (), 74, FAIL),
         ("arducopter", (), 30, FAIL),
         ("arducopter", (), 1, WARN),
-        ("arducopter", ("bounds.min_battery_percent=30.0",), 1, FAIL),  # the mission ends with it
+        # the bound on the battery ends the mission if this stream is missing
+        ("arducopter", ("bounds.min_battery_percent=30.0",), 1, FAIL),
         ("arducopter", (), 2, WARN),
         ("px4_copter", (), 436, WARN),
     ],
 )
-def test_missing_stream_is_graded_by_its_use(name, keys, message_id, grade):
+def test_preflight_grades_missing_stream_by_its_use(name, keys, message_id, grade):
     bench = Bench(name, *keys)
     bench.receives = without(message_id)
     (line,) = [line for line in of(bench.lines(), "stream") if line.grade is not PASS]
@@ -434,21 +434,25 @@ def test_missing_stream_is_graded_by_its_use(name, keys, message_id, grade):
         ("autopilot", 1.0, 5.0, PASS, "5.000 times our speed, and the flight follows it"),
     ],
 )
-def test_simulator_at_other_speed_needs_autopilot_clock(clock, speed, clock_speed, grade, text):
+def test_preflight_requires_autopilot_clock_for_fast_simulator(
+    clock, speed, clock_speed, grade, text
+):
     bench = Bench("arducopter", f'link.clock="{clock}"')
     bench.speed = speed
     lines = judge(bench.mission, bench.run(), clock_speed)
     line = one(lines, "clock")
     assert (line.grade, text in line.text) == (grade, True), line.text
-    assert failing(lines) == ["clock"] * (grade is FAIL), "one remedy for one cause"
+    assert failing(lines) == ["clock"] * (grade is FAIL), (
+        "a wrong clock speed fails only the line `clock`"
+    )
 
 
-def test_clock_speed_ignores_delayed_frames():
+def test_preflight_clock_speed_ignores_delayed_frames():
     bench = Bench("arducopter")
     late = []
 
     def receives(frame, now):
-        if 2.0 <= now % 4.0 < 2.3:  # the first that is measured is among them
+        if 2.0 <= now % 4.0 < 2.3:  # delayed frames, including the first frame of the measurement
             late.append(frame)
             return False
         return True
@@ -461,7 +465,7 @@ def test_clock_speed_ignores_delayed_frames():
     assert (line.grade, "1.00" in line.text) == (PASS, True), line.text
 
 
-def test_reboot_during_preflight_fails():
+def test_preflight_fails_when_vehicle_reboots():
     bench = Bench("arducopter", "sim.events=[{at_s=4.0, action='reboot'}]", seconds=8.0)
     lines = of(bench.lines(), "clock")
     assert [line.grade for line in lines] == [FAIL, PASS]
@@ -469,7 +473,8 @@ def test_reboot_during_preflight_fails():
 
 
 def airspeed(reported, *, armed):
-    """Return changes for a vehicle without airspeed, and the airspeed that VFR_HUD reports."""
+    """Return changes of the observation: the vehicle has no airspeed sensor, and VFR_HUD reports
+    this airspeed."""
     return {
         "session.motion.at": lambda now: Motion(),
         "airspeed": reported,
@@ -518,7 +523,7 @@ def mode(number, *, armed):
         ("arduplane", airspeed(None, armed=False), "airspeed", FAIL, "no VFR_HUD"),
     ],
 )
-def test_vehicle_state_is_graded(name, changes, subject, grade, text):
+def test_preflight_grades_vehicle_state(name, changes, subject, grade, text):
     line = one(changed_lines(name, changes), subject)
     assert (line.grade, text in line.text) == (grade, True), line.text
 
@@ -528,16 +533,16 @@ def test_vehicle_state_is_graded(name, changes, subject, grade, text):
 
 
 @pytest.mark.parametrize(("noise", "grade"), [(0.05, PASS), (0.5, PASS), (1.2, WARN), (3.0, FAIL)])
-def test_measured_noise_is_graded_against_mission(noise, grade):
+def test_preflight_grades_measured_noise_against_mission(noise, grade):
     line = one(Bench("arducopter", f"sim.ranging.noise_m={noise}", seconds=20.0).lines(), "noise")
     assert line.grade is grade
     assert float(line.text.split()[2]) == pytest.approx(noise, rel=0.25, abs=0.02)
 
 
 @pytest.mark.parametrize("received", [12, 50])
-def test_few_ranges_of_assumed_noise_pass(received):
-    """Few ranges give an uncertain scatter. Of 300 short preflights with the mission's own noise,
-    at most three may propose another sigma_m, and none may fail."""
+def test_preflight_passes_few_ranges_with_assumed_noise(received):
+    """The scatter of few ranges is uncertain. In 300 short preflights with the noise that the
+    mission assumes, at most three may propose another sigma_m and none may fail."""
     grades = []
     for seed in range(300):
         draw = random.Random(seed)
@@ -553,9 +558,9 @@ def test_few_ranges_of_assumed_noise_pass(received):
     assert FAIL not in grades
 
 
-def test_noise_excludes_outliers_gaps_and_motion():
-    """A range that closes at 20 m/s with a curvature of 4 m/s^2. Every fifth range is lost, and one
-    in twenty is off by 30 m."""
+def test_measured_noise_excludes_outliers_gaps_and_motion():
+    """The range falls at 20 m/s with an acceleration of 4 m/s^2. Every fifth range is lost, and one
+    range in twenty has an error of 30 m."""
     draw = random.Random(3)
     ranges = []
     for i in range(600):
@@ -580,16 +585,16 @@ BEACON = (
 )
 
 
-def test_echoed_ranges_of_px4_pass():
-    """PX4 sends a forwarded DISTANCE_SENSOR a second time under its own id, in every flight."""
+def test_preflight_passes_ranges_repeated_by_px4():
+    """PX4 forwards DISTANCE_SENSOR of the radio and also sends it again under its own id."""
     lines = Bench("px4_copter", without=UNNAMED).lines()
     assert (one(lines, "ranging").grade, one(lines, "rejected").grade) == (PASS, PASS)
     assert "wrong_source" in one(lines, "rejected").text
 
 
 def of_another(now, sender=(1, 192), *, beacon_id=None, id=0, orientation=24):
-    """Return frames of a second sensor that ranges to something 90 m away, stamped as the first
-    one."""
+    """Return frames of a second sensor that measures a target at 90 m, with the stamps of the first
+    sensor."""
     if round(now * 100) % 10:
         return []
     if beacon_id is not None:
@@ -616,7 +621,7 @@ def of_another(now, sender=(1, 192), *, beacon_id=None, id=0, orientation=24):
     ],
     ids=["sensor", "component", "system", "beacon"],
 )
-def test_several_range_sources_fail_and_name_selecting_key(other, missions, named):
+def test_preflight_fails_with_several_range_sources_and_names_key(other, missions, named):
     bench = Bench("arducopter", *missions, without=UNNAMED)
     bench.speaks = lambda now: of_another(now, **other)
     lines = bench.lines()
@@ -639,7 +644,7 @@ def test_several_range_sources_fail_and_name_selecting_key(other, missions, name
     assert (one(lines, "ranging").grade, one(lines, "noise").grade) == (PASS, PASS)
 
 
-def test_old_firmware_gets_request_data_stream():
+def test_preflight_uses_request_data_stream_for_old_firmware():
     bench = Bench("arducopter")
     vehicle = Voice()
     unsupported = mavlink.MAVLink_command_ack_message(SET_MESSAGE_INTERVAL, 3)
@@ -659,36 +664,36 @@ def test_old_firmware_gets_request_data_stream():
         (2, 3, {}, WARN, "too few ranges to check"),
     ],
 )
-def test_stamps_of_wrong_speed_are_graded(speed, received, rest, grade, text):
+def test_preflight_grades_stamps_of_wrong_speed(speed, received, rest, grade, text):
     ranges = good("arducopter").listener.ranges[:received]
     ranges = [replace(one, stamp=speed * one.stamp) for one in ranges]
     line = one(changed_lines("arducopter", {"ranges": ranges, **rest}), "stamps")
     assert (line.grade, text in line.text) == (grade, True), line.text
 
 
-def test_messages_without_timestamp_warn():
+def test_preflight_warns_of_messages_without_timestamp():
     unstamped = Overridden(good("arducopter").listener.ranging, {"stamped": False})
     line = one(changed_lines("arducopter", {"ranging": unstamped}), "stamps")
     assert (line.grade, "no timestamp" in line.text) == (WARN, True)
 
 
-def test_constant_range_warns():
+def test_preflight_warns_of_constant_range():
     still = [replace(one, r=150.0) for one in good("arducopter").listener.ranges]
     line = one(changed_lines("arducopter", {"ranges": still}), "noise")
     assert (line.grade, "radio is frozen" in line.text) == (WARN, True)
 
 
-def test_missing_ranging_message_names_the_one_that_arrives():
+def test_preflight_names_ranging_message_that_arrives_instead():
     line = one(Bench("arducopter", "ranging.message=named_value_float").lines(), "ranging")
     assert line.grade is FAIL and "no usable NAMED_VALUE_FLOAT" in line.text
     assert "of DISTANCE_SENSOR of 1/192" in line.text
 
 
 BY_HOME = {"orbit": {"height_above_target_m": None, "target_above_home_m": 5.0}}
-"""The height comes from the beacon's altitude above home."""
+"""Changes of a mission that gives the beacon's altitude above home instead of the height."""
 
 
-def test_height_by_altitude_reports_radius_error_per_meter():
+def test_preflight_reports_radius_error_per_meter_of_height():
     lines = Bench("arduplane", "sim.start.altitude_m=80.0", without=BY_HOME).lines()
     line = one(lines, "height")
     assert line.grade is PASS
@@ -697,7 +702,7 @@ def test_height_by_altitude_reports_radius_error_per_meter():
     assert "HOME_POSITION" in str([line.text for line in of(lines, "stream")])
 
 
-def test_height_without_home_altitude_fails():
+def test_preflight_fails_without_home_altitude_for_height():
     bench = Bench("arduplane", without=BY_HOME)
     bench.receives = without(242)
     line = one(bench.lines(), "height")
@@ -743,7 +748,7 @@ def test_height_without_home_altitude_fails():
         ("px4_plane", "FW_AIRSPD_TRIM", {11.0: WARN}),
     ],
 )
-def test_parameter_is_graded_by_value(name, key, grades):
+def test_preflight_grades_parameter_by_value(name, key, grades):
     for value, grade in grades.items():
         (line,) = [
             line
@@ -780,10 +785,10 @@ def test_parameter_is_graded_by_value(name, key, grades):
             PASS,
             "stays there without our stick messages",
         ),
-        # without WP_SPEED a rover is clipped at its cruise speed
+        # without WP_SPEED a rover drives at its cruise speed at most
         ("ardurover", {"WP_SPEED": 0, "CRUISE_SPEED": 2}, FAIL, "CRUISE_SPEED = 2"),
         ("ardurover", {"WP_SPEED": 5, "CRUISE_SPEED": 2}, PASS, "CRUISE_SPEED = 2"),
-        # found by its name and unit in the connected version
+        # the parameter has another name and unit in each firmware version
         ("arducopter", {"MAV_GCS_SYSID": 255}, PASS, "MAV_GCS_SYSID = 255: "),
         ("arducopter", {"SYSID_MYGCS": 255}, PASS, "SYSID_MYGCS = 255: "),
         ("arducopter", {"WP_SPD": 4}, WARN, "WP_SPD = 4: "),
@@ -793,7 +798,7 @@ def test_parameter_is_graded_by_value(name, key, grades):
     ],
     ids=str,
 )
-def test_parameter_grade_depends_on_related_parameters(name, values, grade, text):
+def test_preflight_grades_parameter_by_related_parameters(name, values, grade, text):
     lines = parameter(name, {key: float(value) for key, value in values.items()}, only=True)
     (line,) = [line for line in lines if text in line.text]
     assert line.grade is grade
@@ -814,7 +819,8 @@ def test_parameter_grade_depends_on_related_parameters(name, values, grade, text
 def test_parameter_equal_to_mission_limit_passes_in_32_bits(
     name, key, parameter, number, stricter, grade
 ):
-    """In 32 bits, 2.3 rounds down, and 24 degrees gain one bit by the conversion to radians."""
+    """Parameters are 32-bit floats: 2.3 is rounded down, and 24 deg converted from radians is
+    rounded up."""
     listener = good(name).listener
     mission = load_mission(CONFIG / f"{name}.toml", [f"{key}={number}"])
     for value, expected in ((number, PASS), (stricter, grade)):
@@ -825,13 +831,13 @@ def test_parameter_equal_to_mission_limit_passes_in_32_bits(
         assert line.grade is expected, line.text
 
 
-def test_unknown_parameter_warns():
+def test_preflight_warns_of_unknown_parameter():
     lines = parameter("arducopter", {}, only=True)
     assert {line.grade for line in lines} == {WARN}
     assert "MAV_GCS_SYSID or SYSID_MYGCS: no answer, this version may not have it" in [
         line.text for line in lines
     ]
-    assert len(lines) == 6, "no line for the optional fence"
+    assert len(lines) == 6, "an optional fence has no line"
 
 
 def test_preflight_reads_value_set_by_ground_station():
@@ -843,7 +849,7 @@ def test_preflight_reads_value_set_by_ground_station():
 
 
 @pytest.mark.parametrize(("seconds", "least"), [(5.0, 5), (0.5, 1)], ids=["lost", "slow"])
-def test_missing_parameters_are_requested_again(seconds, least):
+def test_preflight_requests_missing_parameters_again(seconds, least):
     draw = random.Random(5)
     bench = Bench("arducopter", seconds=seconds)
     bench.receives = lambda frame, now: (

@@ -1,4 +1,5 @@
-"""Requirements of PX4: setpoints before OFFBOARD can be entered, and a height held by circnav."""
+"""Requirements of PX4: setpoints must be sent before OFFBOARD can be entered, and circnav must hold
+the height."""
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -37,7 +38,7 @@ class PX4(Rig):
 
 @pytest.mark.parametrize(("kind", "message"), KINDS)
 def test_px4_stream_needs_flight_and_reported_state(kind, message):
-    """The vehicle reports no altitude (and a plane no airspeed) for a while."""
+    """At first the vehicle reports no altitude, and a plane no airspeed: no setpoints are sent."""
     rig = PX4(LOITER, kind)
     assert rig.run(5.0, landed_state=ON_GROUND).of(message) == []
     assert rig.run(5.0, landed_state=IN_AIR).of(message) != []
@@ -49,7 +50,7 @@ def test_px4_stream_needs_flight_and_reported_state(kind, message):
     assert rig.run(2.0, altitude=104.0).pilot.mission.phase is Phase.ENGAGED
 
 
-def test_px4_setpoints_before_offboard_are_zero():
+def test_px4_setpoints_before_offboard_command_no_motion():
     rig = PX4(POSCTL).run(3.0)
     assert rig.pilot.mission.phase is Phase.READY
     assert len(rig.setpoints()) > 20
@@ -59,8 +60,8 @@ def test_px4_setpoints_before_offboard_are_zero():
 
 
 def test_no_setpoints_to_vehicle_rearmed_in_offboard():
-    """The mission is ready, but the mode was not left and entered again, so the operator has not
-    consented."""
+    """The mission is ready, but the operator has not left and entered OFFBOARD again, so the
+    vehicle is not handed over."""
     rig = PX4(end_on_takeover=False).engage()
     since = rig.run(0.3, armed=False).now
     rig.run(1.0).run(4.0, speaks=False).run(3.0, speaks=True, armed=True)
@@ -69,9 +70,9 @@ def test_no_setpoints_to_vehicle_rearmed_in_offboard():
 
 
 @pytest.mark.parametrize(("mode", "setpoints"), [(POSCTL, False), (OFFBOARD, True)])
-def test_slow_link_keeps_offboard_but_does_not_enable_it(mode, setpoints):
-    """A vehicle in OFFBOARD has had setpoints from another sender. Without further setpoints its
-    failsafe would act."""
+def test_slow_link_keeps_setpoints_in_offboard_but_starts_none(mode, setpoints):
+    """A vehicle that is already in OFFBOARD needs setpoints to prevent its failsafe. For a vehicle
+    in another mode the link is too slow."""
     rig = PX4(mode).run(8.0, round_trip=1.5)
     assert rig.pilot.mission.phase is Phase.READY
     assert {message.vx for message in rig.setpoints()} == ({0.0} if setpoints else set())
@@ -85,7 +86,7 @@ def test_each_engagement_holds_its_own_initial_height():
     assert rig.run(2.0, mode=OFFBOARD).pilot.mission.phase is Phase.ENGAGED
     assert {message.vz for message in rig.setpoints(since)} == {0.0}
     assert rig.run(0.5, altitude=121.0).setpoints()[-1].vz == pytest.approx(0.5), (
-        "1 m too high, so it descends"
+        "the vehicle is 1 m too high and must descend"
     )
     since = rig.run(1.0, mode=LOITER).now
     assert rig.run(3.0, mode=OFFBOARD, altitude=150.0).pilot.mission.phase is Phase.ENGAGED
@@ -93,7 +94,7 @@ def test_each_engagement_holds_its_own_initial_height():
 
 
 @pytest.mark.parametrize("mode", [MANUAL, POSCTL, 7 << 16, 11 << 16])
-def test_no_manual_control_to_plane_under_stick_control(mode):
+def test_no_manual_control_is_sent_when_operator_uses_sticks(mode):
     rig = PX4(mode, "plane").run(5.0)
     assert rig.pilot.mission.phase is Phase.READY
     assert rig.of("MANUAL_CONTROL") == []

@@ -1,4 +1,5 @@
-"""Accepted and rejected ranges by sender and value, and the effects of their delay."""
+"""The range tracker: ranges accepted or rejected by sender and value, and the effects of their
+delay."""
 
 from dataclasses import replace
 from itertools import count, pairwise
@@ -15,7 +16,7 @@ LOITER = 5
 
 
 def ranging(**changes):
-    """Return the ranging of the bench's mission, with changes."""
+    """Return the ranging of the rig's mission, with changes."""
     return replace(MISSION.ranging, **changes)
 
 
@@ -48,14 +49,13 @@ def test_replacement_radio_before_flight_gets_its_own_clock(rig):
         rig.receive(scattering(4000, 500_000 + round(rig.now * 1000)), voice=other)
     rig.run(6.0).run(0.5, ranges=True)
     assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
-    assert set(rig.pilot.tracker.ranging.rejected) <= {
-        "repeat"
-    }  # the rig sends one value at twice the rate
+    # the rig may repeat a value
+    assert set(rig.pilot.tracker.ranging.rejected) <= {"repeat"}
 
 
 @pytest.mark.parametrize("output_mode", [OutputMode.FLY, OutputMode.DRY_RUN])
 def test_tracker_accepts_no_replacement_radio_in_flight(output_mode):
-    """A dry run accepts another radio."""
+    """Only in a dry run may another radio replace the first one."""
     rig = Rig(output_mode=output_mode).engage()
     other = Voice(system=77, component=192)
     since = rig.now
@@ -70,7 +70,7 @@ def test_tracker_accepts_no_replacement_radio_in_flight(output_mode):
 GENERIC = 0
 INVALID = 8
 ARDUPILOT = 3
-"""Members of MAV_AUTOPILOT."""
+"""Members of MAV_AUTOPILOT: the heartbeat's autopilot field."""
 
 
 @pytest.mark.parametrize(
@@ -94,9 +94,7 @@ ARDUPILOT = 3
         "other sender in flight",
     ],
 )
-def test_heartbeat_of_radio_system_keeps_ranges_accepted(
-    rig, radio, speaker, autopilot, begins, source
-):
+def test_heartbeat_of_radio_does_not_end_its_ranges(rig, radio, speaker, autopilot, begins, source):
     radio = Voice(42, radio)
     speaker = Voice(42, speaker)
     rig.run(0.5, ranges=False)
@@ -128,9 +126,9 @@ def test_heartbeat_of_other_vehicle_ends_its_ranges_in_flight(rig):
 
 
 @pytest.mark.parametrize("cm", [30_000, 50_000, 4_000])
-def test_range_jump_beyond_vehicle_speed_counts_as_lost(rig, cm):
-    """Such jumps were once followed after 1 s: a radio that changes its unit or its anchor, or that
-    reports its limit."""
+def test_range_jump_beyond_vehicle_speed_loses_range(rig, cm):
+    """Examples: the radio changes its unit or its anchor, or reports its largest range. The filter
+    once followed such jumps after 1 s."""
     rig.engage().run(5.0, range_cm=cm)
     assert rig.pilot.mission.phase is Phase.HOLDING and rig.pilot.tracker.newest.r == pytest.approx(
         150.0, abs=0.02
@@ -146,8 +144,8 @@ def test_range_jump_beyond_vehicle_speed_counts_as_lost(rig, cm):
 
 
 def two(rig, *, equal_stamps=True, **other):
-    """Return a function that sends ranges of two sensors of one radio at 10 Hz, the mission's and
-    another one."""
+    """Return a function that sends the ranges of two sensors of one radio at 10 Hz: the mission's
+    sensor and another sensor."""
     both = {"id": 1, "orientation": 24, **other}
 
     def speaks():
@@ -172,9 +170,9 @@ NOT_ENGAGED = (
     [({}, "ranging.sensor_id"), ({"orientation": 2}, "ranging.sensor_id or ranging.orientation")],
     ids=["sensors", "orientations"],
 )
-def test_two_sensors_prevent_engagement_until_one_is_selected(equal_stamps, other, keys):
-    """A mission from `init` names neither sensor. The text gives the ids, the ranges and the
-    key."""
+def test_two_range_sensors_prevent_engagement_until_one_is_selected(equal_stamps, other, keys):
+    """The mission does not select a sensor, as one written by `init`. The waiting text contains the
+    ids, the ranges and the key that selects a sensor."""
     rig = Rig(ranging=ranging(**ANY), timing=timing(wait_ranging=10.0))
     rig.run(8.0, two(rig, equal_stamps=equal_stamps, **other), ranges=False)
     expected = NOT_ENGAGED.format(other.get("orientation", 24)) + f"select yours by {keys}"
@@ -193,8 +191,8 @@ def test_two_sensors_prevent_engagement_until_one_is_selected(equal_stamps, othe
 
 
 def test_slow_second_sensor_prevents_engagement():
-    """The second sensor measures once a second. Without the listening time, the flight would begin
-    on the first one alone."""
+    """The second sensor measures once per second. The pilot therefore listens for some time before
+    it engages."""
     rig = Rig(ranging=ranging(**ANY))
 
     def late():
@@ -236,7 +234,7 @@ def test_missing_value_name_is_reported_with_received_names():
     assert "compare ranging.name" in waits
 
 
-# --- faster than the vehicle needs them ---
+# --- ranges faster than the tick rate ---
 
 
 def fast(rig, hz, values=lambda n: 15000 + n % 2):
@@ -271,8 +269,8 @@ def test_fast_ranges_are_merged_into_one_setpoint_per_tick(hz):
 
 
 def test_outlier_among_merged_ranges_has_no_effect():
-    """One range in twenty at 400 Hz is 250 m too long. Half of all medians of their means would be
-    12 m too long."""
+    """One range in twenty at 400 Hz is 250 m too long. The mean range of a tick would be 12 m too
+    long."""
     rig = Rig().engage()
     rig.run(3.0, fast(rig, 400, lambda n: 40000 if n % 20 == 0 else 15000 + n % 2), ranges=False)
     assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.1)
@@ -317,9 +315,9 @@ def test_tracker_rejects_range_of_excessive_sigma(accuracy_mm):
     ("round_trip", "delay"),
     [(0.0, pytest.approx(2.7, abs=0.15)), (None, pytest.approx(2.7, abs=0.15)), (2.0, None)],
 )
-def test_constant_range_delay_counts_as_clock_offset(round_trip, delay):
-    """Ranges stop for 2 s and are 2 s late from then on. Without answers to TIMESYNC, the cause of
-    the delay is unknown."""
+def test_constant_range_delay_is_treated_as_clock_offset(round_trip, delay):
+    """The ranges stop for 2 s and are 2 s late afterwards. Without answers to TIMESYNC, a delay
+    cannot be distinguished from a clock offset."""
     rig = Rig().run(15.0, round_trip=0.0 if round_trip is not None else None)
     since = rig.now
     rig.run(2.0, round_trip=round_trip, ranges=False)
@@ -335,8 +333,8 @@ def test_constant_range_delay_counts_as_clock_offset(round_trip, delay):
     assert bool(rig.pilot.tracker.ranging.rejected["too_old"] > 10) == (delay is None)
 
 
-def test_ranges_with_scatter_above_half_radius_count_as_lost():
-    """The measured scatter is too large to fly with."""
+def test_ranges_with_scatter_above_half_radius_are_lost():
+    """A range with a measured scatter above half of the radius cannot be used for steering."""
     draw = Random(3)
     rig = Rig(ranging=ranging(max_sigma=50.0), exit="rtl").engage()
     since = rig.now
@@ -348,7 +346,7 @@ def test_ranges_with_scatter_above_half_radius_count_as_lost():
     assert steered and steered[-1] - since < 15.0
 
 
-def test_ranges_without_an_estimate_name_the_estimator():
+def test_outcome_names_estimator_when_ranges_give_no_estimate():
     rig = Rig(estimator="drift").run(10.0)
     assert "estimator drift has not converged" in rig.pilot.status.waits_for(rig.now)
 
@@ -358,7 +356,7 @@ def test_ranges_without_an_estimate_name_the_estimator():
 
 @pytest.mark.parametrize(("stale", "phase"), [(0.5, Phase.HOLDING), (1.5, Phase.ENGAGED)])
 def test_link_delay_above_range_age_limit_loses_range(stale, phase):
-    """Stamps cannot show a constant delay, but answers to TIMESYNC can."""
+    """The delay is constant, so stamps do not show it. Answers to TIMESYNC do."""
     rig = (
         Rig(ranging=ranging(max_age=stale), timing=timing(stale=stale))
         .engage()
@@ -410,7 +408,7 @@ def test_vehicle_on_ranging_link_is_ignored():
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
 
 
-def test_autopilot_reboot_resets_estimate():
+def test_autopilot_reboot_resets_range_estimate():
     rig = Rig(end_on_takeover=False).engage()
     rig.receive(mavlink.MAVLink_system_time_message(0, 900_000))
     rig.run(0.5).now_is(ranges=False)

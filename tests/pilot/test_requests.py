@@ -58,7 +58,7 @@ def answers(rig, message, voice=GCS, **how):
     ],
     ids=["COMMAND_LONG", "COMMAND_INT", "PING", "TIMESYNC", "MISSION_REQUEST_LIST"],
 )
-def test_request_is_answered_to_its_sender(flying, message, fields):
+def test_component_request_is_answered_to_its_sender(flying, message, fields):
     (answer,) = answers(flying, message)
     assert {name: getattr(answer, name) for name in fields} == fields
 
@@ -78,7 +78,7 @@ def test_message_for_other_component_is_not_answered(flying, message, how):
     assert answers(flying, message, **how) == []
 
 
-def test_flood_of_requests_is_answered_in_part(flying):
+def test_flood_of_requests_is_answered_up_to_limit(flying):
     flying.sent.clear()
     for _ in range(100):
         flying.receive(COMMAND, voice=GCS)

@@ -1,4 +1,4 @@
-"""Takeovers by the operator: each way to take the vehicle over, and to return it."""
+"""Takeovers by the operator: every way to take over the vehicle and to return it."""
 
 import re
 from collections.abc import Callable
@@ -21,15 +21,15 @@ ON_GROUND = 1
 IN_AIR = 2
 SET_MODE = 176
 GIVEN_BACK = 2.0
-"""Time, s, in the guided mode after which a returned vehicle is engaged. The hand-over takes 1.5 s
-of it."""
+"""Time, s, in the guided mode within which a returned vehicle is engaged. The guided mode must be
+reported for 1.5 s of it."""
 
 
 @dataclass(frozen=True)
 class Takeover:
-    """One way to take the vehicle over. before: earlier events. take: messages of the vehicle.
-    stays: True if it stays in another mode or disarmed. left: True if the guided mode was left, so
-    that entering it returns the vehicle."""
+    """One way to take over the vehicle. before: earlier events. take: messages of the vehicle.
+    stays: True if the vehicle stays in another mode or disarmed. left: True if the vehicle left the
+    guided mode, so that entering it again returns the vehicle."""
 
     take: Callable[[Rig], None]
     text: str = "taken over, GUIDED left for LOITER"
@@ -39,32 +39,32 @@ class Takeover:
 
 
 def heartbeats(rig: Rig, *beats: tuple[int, bool]) -> None:
-    """Receive several heartbeats at one moment: (mode, armed)."""
+    """Receive several heartbeats (mode, armed) at the same time."""
     for mode, armed in beats:
         rig.receive(heartbeat(mode, armed=armed))
 
 
 def stays(**changes: object) -> Callable[[Rig], None]:
-    """Change the vehicle's state from now on, with an immediate heartbeat."""
+    """Return an event that changes the vehicle's state, with an immediate heartbeat."""
     return lambda rig: rig.now_is(**changes).heartbeat()
 
 
 def outage(rig: Rig) -> None:
-    """An outage of vehicle and ranging."""
+    """Let the vehicle and the ranging be silent for some seconds."""
     assert rig.run(5.0, speaks=False, ranges=False).pilot.mission.phase is Phase.WAIT_LINK
     rig.now_is(speaks=True, ranges=True)
 
 
 def outage_until_confirmed(rig: Rig) -> None:
-    """An outage of a vehicle that reports its time since boot. Afterwards its identity is confirmed
-    by that time alone."""
+    """Interrupt the link to a vehicle that reports its time since boot. Afterwards its identity
+    must be confirmed by this time."""
     rig.receive(attitude(round(rig.now * 1000)))
     outage(rig)
 
 
 def late_confirmation(rig: Rig) -> None:
-    """The mode is received first, and a little later the time since boot, which confirms the
-    identity."""
+    """Report another mode, then the guided mode, and only then the time since boot that confirms
+    the identity."""
     heartbeats(rig, (LOITER, True))
     rig.run(0.25)
     heartbeats(rig, (GUIDED, True))
@@ -73,13 +73,14 @@ def late_confirmation(rig: Rig) -> None:
 
 
 def reboots(rig: Rig) -> None:
-    """The vehicle comes back armed in GUIDED, without the operator's consent."""
+    """Reboot the vehicle: it is armed in GUIDED again, although the operator has not handed it
+    over."""
     for boot_ms in (900_000, 2_000, 2_050):
         rig.receive(mavlink.MAVLink_system_time_message(0, boot_ms))
 
 
 def backlog(rig: Rig) -> None:
-    """Reading the buffers after a stall takes several steps: the takeover may come last."""
+    """Read a backlog after a stall in several steps. The last message is the takeover."""
     for _ in range(4):
         heartbeats(rig, (GUIDED, True))
         rig.range()
@@ -93,7 +94,7 @@ def holds(rig: Rig) -> None:
 
 
 def loses_heartbeats(rig: Rig) -> None:
-    """PX4 sends one heartbeat a second. CURRENT_MODE alone keeps the vehicle engaged."""
+    """Lose all heartbeats. CURRENT_MODE alone keeps the vehicle engaged."""
     for _ in range(20):
         rig.run(0.5, speaks=False)
         rig.receive(mavlink.MAVLink_current_mode_message(0, GUIDED, GUIDED))
@@ -148,13 +149,13 @@ TAKEOVERS = {
 
 
 def taken(how: str, *, end: bool) -> tuple[Rig, float]:
-    """Fly a rig that is then taken over. Return the rig after the step that received the takeover,
-    and the time before it."""
+    """Fly a rig, then take over its vehicle. Return the rig after the step that received the
+    takeover, and the time before this step."""
     rig = Rig(end_on_takeover=end, request_mode=True, exit="rtl")
     takeover = TAKEOVERS[how]
-    if (
-        "pending" in how
-    ):  # its acknowledgement was lost: a repeat would take the vehicle from the operator
+    # The acknowledgement of the mode request was lost. Repeating the request would undo the
+    # takeover.
+    if "pending" in how:
         while not rig.commands(SET_MODE):
             rig.run(0.05, mode=LOITER)
         assert rig.run(0.6, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
@@ -174,8 +175,8 @@ def taken(how: str, *, end: bool) -> tuple[Rig, float]:
 @pytest.mark.parametrize("end", [True, False], ids=["end", "wait"])
 @pytest.mark.parametrize("how", TAKEOVERS)
 def test_takeover_stops_all_commands_in_same_step(how, end):
-    """No setpoint, not even the safe one, no mode and no exit action: the vehicle belongs to the
-    operator."""
+    """After a takeover the operator controls the vehicle: no setpoint, no safe setpoint, no mode
+    request and no exit action is sent."""
     rig, since = taken(how, end=end)
     rig.run(0.3)
     assert rig.pilot.mission.phase in ({Phase.ENDED} if end else {Phase.YIELDED, Phase.READY})
@@ -194,31 +195,31 @@ def test_takeover_stops_all_commands_in_same_step(how, end):
 
 
 @pytest.mark.parametrize("how", TAKEOVERS)
-def test_only_reentered_guided_mode_returns_vehicle(how):
+def test_only_reentering_guided_mode_returns_vehicle(how):
     rig, since = taken(how, end=False)
     rig.run(1.0)
     rig.now_is(speaks=True, ranges=True, armed=True)
     if TAKEOVERS[how].stays or not TAKEOVERS[how].left:
         rig.run(1.25, mode=GUIDED)
-        assert rig.setpoints(since) == [], "the switch may only pass through GUIDED"
+        assert rig.setpoints(since) == [], "the operator's mode switch may only pass through GUIDED"
         rig.run(4.0)
     else:
         rig.run(GIVEN_BACK)
     assert (rig.pilot.mission.phase is Phase.ENGAGED) == TAKEOVERS[how].left
-    for _ in range(3):  # again, after any number of takeovers
+    for _ in range(3):  # the operator may take over and return the vehicle repeatedly
         since = rig.run(0.3, mode=LOITER).now
         rig.run(0.7)
         assert rig.setpoints(since) == []
         assert rig.run(GIVEN_BACK, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
 
 
-# --- no hand-over, and no takeover ---
+# --- events that are neither a return nor a takeover ---
 
 
 @pytest.fixture
 def waiting() -> Rig:
-    """A rig that flies, may request the mode, and waits for the vehicle to be returned after a
-    takeover."""
+    """A flying rig that may request the mode. After a takeover it waits until the vehicle is
+    returned."""
     return Rig(request_mode=True, end_on_takeover=False).engage()
 
 
@@ -229,7 +230,7 @@ LANDED = {"landed_state": ON_GROUND}
 @pytest.mark.parametrize(
     ("what", "waits_for"),
     [
-        # without heartbeats, the switch may have moved on
+        # without heartbeats, the operator may have selected another mode meanwhile
         (
             [({}, LOITER, 1.0), ({}, GUIDED, 1.0), (NO_HEARTBEATS, GUIDED, 4.0), ({}, GUIDED, 1.0)],
             "operator",
@@ -239,7 +240,8 @@ LANDED = {"landed_state": ON_GROUND}
             [({}, LAND, 5.0), ({**LANDED, "armed": False}, LAND, 5.0), (LANDED, GUIDED, 5.0)],
             "on the ground",
         ),
-        # returned on the ground; then a switch passes through the guided mode in the air
+        # returned on the ground; in the air the operator's switch only passes through the guided
+        # mode
         (
             [
                 (LANDED, LAND, 3.0),
@@ -259,7 +261,7 @@ LANDED = {"landed_state": ON_GROUND}
     ],
 )
 def test_no_setpoint_before_confirmed_return(waiting, what, waits_for):
-    since = waiting.run(0.2, mode=what[0][1]).now  # until the next heartbeat arrives
+    since = waiting.run(0.2, mode=what[0][1]).now  # wait for the next heartbeat
     for state, mode, seconds in what:
         waiting.run(
             seconds, mode=mode, **{"speaks": True, "armed": True, "landed_state": IN_AIR, **state}
@@ -270,9 +272,9 @@ def test_no_setpoint_before_confirmed_return(waiting, what, waits_for):
 
 
 @pytest.mark.parametrize("offset", [20, 60, 100, 150, 200, 250])
-def test_delayed_second_link_returns_no_vehicle(offset):
-    """Each path brings one heartbeat a second, with its own counter. The second path is 1.2 s
-    slower."""
+def test_heartbeats_of_delayed_second_link_do_not_return_vehicle(offset):
+    """Over each of two links one heartbeat per second arrives, numbered separately. The second link
+    is 1.2 s slower, so it reports GUIDED after the takeover."""
     rig = Rig(end_on_takeover=False)
     late = Voice(1, 1)
     for _ in range(offset):
@@ -291,9 +293,9 @@ def test_delayed_second_link_returns_no_vehicle(offset):
     assert rig.pilot.mission.phase is Phase.YIELDED
 
 
-def test_current_mode_0_is_ignored(rig):
-    """Mode 0 means an unset field: neither another mode nor evidence that the vehicle is
-    present."""
+def test_current_mode_message_with_mode_0_is_ignored(rig):
+    """In CURRENT_MODE, mode 0 means an unset field. It is neither a mode change nor a sign of
+    life."""
     nothing = mavlink.MAVLink_current_mode_message(0, 0, 0)
     rig.engage().run(0.5, lambda: rig.receive(nothing))
     assert (rig.pilot.mission.phase, rig.pilot.session.vehicle.mode) == (Phase.ENGAGED, GUIDED)
@@ -316,13 +318,13 @@ def test_current_mode_0_is_ignored(rig):
         "timeout without link",
     ],
 )
-def test_taken_over_mission_neither_completes_nor_counts_earlier_outage(limits, before, how, ends):
+def test_taken_over_mission_never_completes_and_ignores_earlier_outage(limits, before, how, ends):
     rig = Rig(end_on_takeover=False, timing=timing(**limits)).engage()
     rig.run(before, speaks=False).run(12.0, **{"speaks": True, **how})
     assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.ending) is ends
 
 
-def test_vehicle_returns_after_slow_link(waiting):
+def test_vehicle_can_be_returned_after_slow_link(waiting):
     waiting.run(10.0, mode=LOITER, round_trip=0.8)
     assert waiting.run(GIVEN_BACK, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
 
@@ -341,8 +343,8 @@ FOREVER = timing(duration=1e9, hold=1e9, outage=1e9)
 
 
 class Watched(Rig):
-    """A flown rig. From the vehicle's reports alone, it determines in each step whether the vehicle
-    is ours."""
+    """A flying rig with an independent witness. In each step the witness determines from the
+    vehicle's reports alone if circnav has control."""
 
     def __init__(self) -> None:
         super().__init__(end_on_takeover=False, request_mode=True, timing=FOREVER)
@@ -354,8 +356,8 @@ class Watched(Rig):
         self.engage()
 
     def report(self, mode: int, armed: bool, frame: bytes | None = None) -> None:
-        """Receive a heartbeat, or an earlier one again, which may end our control but not begin
-        it."""
+        """Receive a heartbeat or repeat an earlier one, which may end circnav's control but not
+        begin it."""
         if mode != GUIDED or not armed:
             self.ours = False
             self.left = self.left or mode != GUIDED
@@ -383,7 +385,7 @@ class Watched(Rig):
 
 
 class AnyOrder(RuleBasedStateMachine):
-    """Acts of the operator, the link, the computer and other senders."""
+    """Random events of the operator, the link, the computer and other senders."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -435,10 +437,10 @@ class AnyOrder(RuleBasedStateMachine):
         self.rig.run(0.25)
 
     def teardown(self) -> None:
-        """The vehicle is flown again as soon as the operator returns it."""
+        """At the end the operator returns the vehicle, and the pilot must engage again."""
         self.rig.run(3.0, mode=LOITER, armed=True, speaks=True, ranges=True)
         assert self.rig.run(10.0, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
 
 
-def test_commands_only_to_controlled_vehicle_in_any_event_order():
+def test_no_command_without_control_in_any_event_order():
     run_state_machine_as_test(AnyOrder, settings=settings(max_examples=25, stateful_step_count=15))

@@ -1,4 +1,4 @@
-"""Steps of the pilot without a range."""
+"""The scheduler of ticks: steps of the pilot at which no range arrives."""
 
 import itertools
 import random
@@ -13,10 +13,10 @@ TICK = 0.05
 def stepped(
     hz: float, jitter: float = 0.0, seconds: float = 20.0, lost: float = 0.0
 ) -> tuple[list[float], int]:
-    """Return the times of the steps of a pilot that receives ranges at `hz`, each late by up to
-    `jitter`, and the number of ranges.
+    """Return the times (s) of the steps of a pilot, and the number of ranges.
 
-    Times are whole microseconds, like the clocks of the loop.
+    Ranges arrive at `hz`, each late by up to `jitter` (s). Times are whole microseconds, as in the
+    loop.
     """
     ticks = TickScheduler(TICK)
     chance = random.Random(4)
@@ -42,14 +42,14 @@ def gaps(steps: list[float]) -> list[float]:
     "hz", [1.0, 2.0, 4.98, 5.0, 9.9, 9.98, 10.0, 10.02, 12.0, 19.9, 19.98, 20.0, 20.1]
 )
 @pytest.mark.parametrize("jitter", [0.0, 0.004])
-def test_scheduler_avoids_ticks_just_before_ranges(hz: float, jitter: float) -> None:
+def test_scheduler_avoids_ticks_shortly_before_ranges(hz: float, jitter: float) -> None:
     apart = gaps(stepped(hz, jitter)[0])
     assert sum(gap < 0.005 for gap in apart) <= 0.05 * len(apart)
     assert max(apart) <= 1.5 * TICK + 1e-9
     assert 18 <= len(apart) / sum(apart) <= 24.5
 
 
-def test_scheduler_steps_at_every_fast_range() -> None:
+def test_scheduler_steps_at_every_range_above_tick_rate() -> None:
     steps, received = stepped(100.0)
     assert len(steps) == pytest.approx(received, abs=3)
 
@@ -61,12 +61,12 @@ def test_scheduler_waits_only_once_for_missing_range() -> None:
 
 
 def test_scheduler_keeps_ticks_on_range_grid() -> None:
-    """Batches of flights assume this, with or without lost ranges."""
+    """The benchmark's array engine assumes a fixed grid of ticks, with or without lost ranges."""
     steps, _ = stepped(10.0, lost=0.4)
     assert max(abs(step / TICK - round(step / TICK)) for step in steps) < 1e-6
 
 
-def test_at_once_makes_tick_due_immediately() -> None:
+def test_scheduler_at_once_makes_tick_due_immediately() -> None:
     ticks = TickScheduler(TICK)
     ticks.stepped(1.0)
     assert ticks.due == 1.0 + TICK

@@ -1,4 +1,4 @@
-"""The charts of both pages, drawn by their own script without a browser, and the data for them."""
+"""The charts of report and live page, drawn by their script without a browser, and their data."""
 
 import json
 import re
@@ -15,7 +15,7 @@ from circnav_mav.runlog.ticks import read_ticks, read_truth
 from tests.runlog.conftest import EPOCH_US
 
 FLIGHT = {"radius": 100.0, "tolerance": 5.0, "limit": 0.35, "steady": -0.15, "gate": 5.0}
-# of a strip and of the area inside its frame
+# size of a chart in pixels, and of the area inside its frame
 WIDTH = 1000
 LEFT = 54
 WIDE = 934
@@ -60,9 +60,9 @@ def points(drawn):
 # --- strips ---
 
 
-def test_line_is_clipped_by_its_frame():
-    """From 0 to 10 in 10 s, displayed up to 1: the line leaves the frame after 1 s and is nowhere
-    flat."""
+def test_chart_line_is_clipped_by_its_frame():
+    """A line rises from 0 to 10 in 10 s in a frame that shows values up to 1. It leaves the frame
+    after 1 s and does not continue along the frame."""
     for values in ([None, None], [5, 5], [0, 0], [-1e-9, 1e9]):
         assert not re.search("NaN|Infinity|undefined", strip([0, 1], values, [0, 1])), values
     drawn = strip([0, 10, 20], [0, 10, 10], [0, 20], shown=[-1, 1])
@@ -94,18 +94,18 @@ def test_line_is_clipped_by_its_frame():
         ),
     ],
     ids=[
-        "a gap lifts the pen",
+        "line with gap",
         "dots",
-        "dots beyond are triangles at the edge that point there",
+        "dots outside the frame are triangles at its edge",
         "bars",
     ],
 )
-def test_line_kinds_draw_gaps_dots_and_bars(values, chart, kind, drawn):
+def test_chart_line_kinds_draw_gaps_dots_and_bars(values, chart, kind, drawn):
     times = list(range(len(values)))
     assert path(strip(times, values, [0, times[-1]], **chart), f"{kind} estimate") == drawn
 
 
-def test_missing_columns_give_no_chart():
+def test_columns_without_data_give_no_chart():
     columns = {
         "r": [[0, 1], [99, 101]],
         "turn_rate": [[0, 1], [0.1, 0.2]],
@@ -119,14 +119,14 @@ def test_missing_columns_give_no_chart():
     ]
     assert [line["name"] for line in charts[0]["lines"]] == ["estimated"]
     assert charts[1]["lines"][0]["values"] == [-1, 1]
-    # deg/s of rad/s
+    # the chart shows deg/s, the data are in rad/s
     assert charts[2]["lines"][0]["values"] == pytest.approx([5.7296, 11.4592], abs=1e-3)
 
 
 # --- words over time, and marks ---
 
 
-def test_words_become_stretches_with_stable_colors():
+def test_band_of_words_has_stretches_with_stable_colors():
     spans = stretches(np.arange(6.0), ["a", "a", "b", "b", "a", "a"])
     assert spans == [(0.0, 2.0, "a"), (2.0, 4.0, "b"), (4.0, 5.0, "a")]
     drawn = script(f"Charts.band(spans, [0, 5], {WIDTH})", spans=spans)
@@ -141,7 +141,7 @@ def test_words_become_stretches_with_stable_colors():
         assert not first.startswith("other")
 
 
-def test_marks_show_takeovers_outages_laws_and_alarms():
+def test_chart_marks_show_takeovers_outages_laws_and_alarms():
     bands = {
         "phase": [
             (0, 2, "waiting for ranging"),
@@ -182,7 +182,7 @@ DISARMED = "ABORTED: taken over, vehicle disarmed"
 @pytest.mark.parametrize(
     ("phases", "alarms", "marks"),
     [
-        # the text of the event decides if the phase does not show the takeover
+        # if no phase shows the takeover, the text of the event gives the mark
         ([(9, 10, "ended")], [(9, TAKEN_OVER)], [[9, 9, "takeover"]]),
         ([(9, 10, "ended")], [(9, DISARMED)], [[9, 9, "takeover"]]),
         (
@@ -190,7 +190,8 @@ DISARMED = "ABORTED: taken over, vehicle disarmed"
             [(9, TAKEN_OVER), (9.1, "OPERATOR HAS THE VEHICLE, mode LOITER")],
             [[9, 12, "takeover"]],
         ),
-        # an alarm of an outage is the mark of its phase, or one of its own without a phase
+        # an outage with a phase is marked once, although it also raises an alarm; an outage without
+        # a phase is marked by its alarm
         (
             [(9, 12, "holding"), (12, 40, "engaged")],
             [(9, "range lost, holding"), (9.1, "RANGE STALE 0.6 s"), (20, "vehicle silent")],
@@ -219,9 +220,9 @@ def track(east, north, **options):
     return script("Charts.track([way], [100], 520, options)", way=way, options=options)
 
 
-def test_track_has_north_up_and_arrows_ahead():
-    """From 100 m north of the target towards the east: the track starts above the center, and
-    arrows point to the right."""
+def test_map_has_north_up_and_arrows_along_track():
+    """The track leads from 100 m north of the target to the east: it starts above the center of the
+    map, and its arrows point to the right."""
     drawn = track(list(range(0, 100, 2)), [100] * 50, at=49, heading=np.pi / 2)
     x, y = map(float, re.search(r'<path d="M([\d.]+),([\d.]+)m0,-8', drawn).groups())
     assert (x, y < 40) == (260.0, True)
@@ -229,11 +230,11 @@ def test_track_has_north_up_and_arrows_ahead():
         "0.0"
     }
     assert re.search(r'rotate\(90\.0\)" class="now true"', drawn), (
-        "a heading is clockwise from north"
+        "the arrow is rotated clockwise from north"
     )
 
 
-def test_track_breaks_where_unknown():
+def test_map_track_has_gap_without_position():
     drawn = track([None, 90, 80, None, 60, 50], [100] * 6, marked=[[4, 5, "takeover", "yielded"]])
     assert path(drawn, "line true").count("M") == 2
     assert 'class="start hollow"' in drawn
@@ -245,7 +246,7 @@ def test_track_breaks_where_unknown():
 # --- the data ---
 
 
-def test_thinned_line_keeps_peaks_and_gaps():
+def test_thinned_chart_line_keeps_peaks_and_gaps():
     values = np.sin(np.arange(200_000) / 20)
     values[123_456], values[77], values[5000:9000] = 50.0, -50.0, np.nan
     keep = peaks(values, 500)
@@ -256,9 +257,9 @@ def test_thinned_line_keeps_peaks_and_gaps():
     assert list(peaks(values[:10], 500)) == list(range(10))
 
 
-def test_chart_columns_use_run_time(run_folder):
-    """Built by hand: 120 m for 100 s, then 101 m, clockwise at 0.15 rad/s; one range per second,
-    none rejected."""
+def test_chart_data_use_time_of_run(run_folder):
+    """The synthetic run is at 120 m for 100 s, then at 101 m, and turns clockwise at 0.15 rad/s. It
+    has one range per second."""
     folder = run_folder()
     ticks = read_ticks(folder)
     ticks.numbers["desired"][:] = np.where(ticks.time < 150, 100.0, 60.0)
@@ -295,5 +296,5 @@ def test_alarms_and_warnings_are_marked_once():
     ]
     assert alarms([failsafe, *seen, hello, *messages]) == found
     assert alarms([failsafe, hello, *messages]) == [found[0], (9.5, "LEAN LIMIT: on"), found[3]], (
-        "of a killed flight"
+        "a killed flight has no summary, so its messages are used"
     )

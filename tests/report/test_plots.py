@@ -18,7 +18,7 @@ ORBIT = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
 @pytest.mark.parametrize(
     "kind", [{}, {"truth": False}, {"engaged": False}], ids=["truth", "no truth", "never engaged"]
 )
-def test_every_kind_of_run_has_a_picture(run_folder, tmp_path, kind):
+def test_every_kind_of_run_gets_picture(run_folder, tmp_path, kind):
     folder = run_folder(**kind)
     arguments = read_ticks(folder), read_truth(folder, EPOCH_US), ORBIT, "by hand"
     plot_flight(tmp_path / "flight.png", *arguments)
@@ -52,7 +52,7 @@ def legend(axis):
     return [entry.get_text() for entry in axis.get_legend().get_texts()]
 
 
-def test_legend_covers_no_line(run_folder, ticks, drawn):
+def test_picture_legend_covers_no_line(run_folder, ticks, drawn):
     figure = drawn(plot_flight, ticks, read_truth(run_folder(), EPOCH_US), ORBIT)
     for axis in figure.axes:
         around = axis.get_legend().get_window_extent()
@@ -60,7 +60,7 @@ def test_legend_covers_no_line(run_folder, ticks, drawn):
         assert around.y0 >= inside.y1 - 1 or around.y1 <= inside.y0
 
 
-def test_legend_names_outages_and_unsent_commands(run_folder, drawn):
+def test_picture_legend_names_outages_and_unsent_commands(run_folder, drawn):
     folder = rewrite_ticks(
         run_folder(), lambda time, row: row.update(phase="holding") if 120 <= time < 130 else None
     )
@@ -71,14 +71,14 @@ def test_legend_names_outages_and_unsent_commands(run_folder, drawn):
     assert shaded.get_extents().intervalx == pytest.approx([120, 130], abs=0.5)
     assert legend(turn_rate)[0] == "commanded"
     limits = [line.get_ydata()[0] for line in turn_rate.lines if line.get_linestyle() == ":"]
-    assert limits == pytest.approx([-20.05, 20.05], abs=0.01)  # deg/s of 0.35 rad/s
+    assert limits == pytest.approx([-20.05, 20.05], abs=0.01)  # turn limit of 0.35 rad/s in deg/s
     ticks.numbers["yaw_rate_sent"][:] = np.nan
     assert legend(drawn(plot_flight, ticks, None, ORBIT).axes[-1])[0] == "would command"
 
 
-def test_steady_command_appears_for_low_turn_gain(ticks, drawn):
-    """With a gain of 0.75, a command of -11.5 deg/s flies -8.6 deg/s. With a gain of 1 the two
-    lines coincide."""
+def test_picture_shows_compensated_command_for_low_turn_gain(ticks, drawn):
+    """At a turn gain of 0.75, a command of -11.5 deg/s gives a turn of -8.6 deg/s. At a gain of 1
+    both lines coincide, and only one is drawn."""
     turn_rate = drawn(plot_flight, ticks, None, ORBIT).axes[-1]
     assert "steady command" not in " ".join(legend(turn_rate))
     ticks.numbers["turn_gain"][:] = 0.75
@@ -87,12 +87,12 @@ def test_steady_command_appears_for_low_turn_gain(ticks, drawn):
     assert level["steady circle"] == pytest.approx(-8.59, abs=0.01)
     assert level["steady command, gain 0.75"] == pytest.approx(-11.46, abs=0.01)
     columns = chart_data(ticks, None, ORBIT, {})["columns"]
-    # rad/s: the report shows it as well
+    # turn rate in rad/s, as in the report
     assert columns["steady_command"][1][-1] == pytest.approx(-0.2, abs=1e-3)
 
 
-def test_track_without_truth_is_estimated(ticks, drawn):
-    """Built by hand: no estimate for 50 s, then a quarter of a circle."""
+def test_picture_shows_estimated_track_without_truth(ticks, drawn):
+    """The synthetic run has no estimate for 50 s, then a quarter of a circle."""
     assert len(drawn(plot_flight, ticks, None, ORBIT).axes) == 3
     angle = np.where(ticks.time < 50, np.nan, np.radians(90 * (ticks.time - 50) / 250))
     ticks.numbers["x"], ticks.numbers["y"] = 100 * np.cos(angle), 100 * np.sin(angle)
@@ -106,10 +106,11 @@ def test_track_without_truth_is_estimated(ticks, drawn):
     assert len(track.texts) > 1
 
 
-def test_lines_break_at_missing_ticks(run_folder, drawn):
+def test_picture_lines_have_gaps_at_missing_ticks(run_folder, drawn):
     ticks = read_ticks(rewrite_ticks(run_folder(), lambda time, row: not 100 <= time < 105))
     *_, error, _ = drawn(plot_flight, ticks, None, ORBIT).axes
-    assert error.lines[0].get_ydata()[[0, -1]] == pytest.approx([20.0, 1.0])  # of 120 and 101 m
+    # radius errors at 120 m and 101 m, m
+    assert error.lines[0].get_ydata()[[0, -1]] == pytest.approx([20.0, 1.0])
     for axis in (error, *drawn(plot_replay, None, ticks, ORBIT).axes[:2]):
         values = next(
             line for line in axis.lines if line.get_label() in ("estimated", "replayed")
@@ -117,7 +118,7 @@ def test_lines_break_at_missing_ticks(run_folder, drawn):
         assert np.isnan(values).sum() == 1
 
 
-def test_title_with_dollars_is_no_formula(ticks, drawn):
+def test_dollar_signs_in_title_are_printed_literally(ticks, drawn):
     titles = ("a $_{ b$ c", "one $", r"\$ and $_{$")
     pictures = (plot_flight, ticks, None, ORBIT), (plot_replay, None, ticks, ORBIT)
     for title, (plot, *arguments) in product(titles, pictures):

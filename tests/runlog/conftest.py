@@ -16,8 +16,7 @@ TURN = 0.15
 
 
 def truth_frame(seconds: float, north: float, east: float, name: bytes = b"SIM_TRUTH") -> bytes:
-    """Truth message of the bundled vehicle, with its position and the target's in the log's array
-    layout."""
+    """Return the truth message of the bundled vehicle, with the positions of vehicle and target."""
     data = [0.0] * 58
     data[0], data[1], data[7], data[9], data[10] = north, east, TURN, 5.0, 7.0
     message = mavlink.MAVLink_debug_float_array_message(round(seconds * 1e6), name, 0, data)
@@ -39,8 +38,8 @@ def rewrite_ticks(folder: Path, change: Callable[[float, dict[str, str]], Any]) 
 
 @pytest.fixture
 def run_folder(tmp_path: Path) -> Callable[..., Path]:
-    """Run folder of 300 s around a target at (5, 7): clockwise, 120 m at first and 101 m from 100 s
-    on, engaged at 10 s."""
+    """Run folder of 300 s around a target at (5, 7) m: engaged at 10 s, clockwise, at 120 m for 100
+    s and then at 101 m."""
 
     def make(*, engaged: bool = True, truth: bool = True, clockwise: bool = True) -> Path:
         header = (

@@ -1,4 +1,4 @@
-"""Metrics of the benchmark on synthetic flights."""
+"""Metrics of many flights at once, as in the benchmark, on synthetic flights."""
 
 from math import inf, pi
 
@@ -13,29 +13,30 @@ from circnav_mav.runlog.many_flights import tangent_time
 
 TIME = np.arange(0, 100, 0.1)
 SPEED = {"V": 15.0, "r_d": 100.0, "max_turn_rate": 0.45}
-"""Limits with a turning radius of 33.3 m."""
+"""Speed (m/s), radius (m) and turn limit (rad/s), with a smallest turning radius of 33.3 m."""
 
 
 def column(*values):
     return np.stack(np.broadcast_arrays(*values), axis=1)
 
 
-def test_settling_counts_from_the_last_exit():
+def test_settling_time_is_after_last_exit_from_band():
     r = column(100 + 50 * np.exp(-TIME / 10), np.full_like(TIME, 130.0), np.full_like(TIME, 100.0))
     assert many_flights.last_exit(TIME, r, 100.0, 10.0) == pytest.approx(
         [10 * np.log(5), inf, 0.0], abs=0.11
     )
 
 
-def test_wrong_direction_is_detected():
-    """The bearing of a lost flight creeps a little: it did not go around at all."""
+def test_wrong_and_missing_rotation_are_detected():
+    """The bearing of the third flight changes only slowly: this flight did not circle the
+    target."""
     angle = column(0.15 * TIME, -0.15 * TIME, 0.003 * TIME)
     assert many_flights.right_way(angle, np.ones(3)).tolist() == [True, False, True]
     assert many_flights.right_way(angle, -np.ones(3)).tolist() == [False, True, False]
     assert many_flights.went_round(angle).tolist() == [True, True, False]
 
 
-def test_overshoot_is_measured_beyond_the_circle():
+def test_overshoot_is_largest_error_beyond_circle():
     e = 80 * np.exp(-TIME / 9) * np.cos(TIME / 5)
     assert many_flights.overshoot(column(100 + e, 100 - e), 100.0) == pytest.approx([-e.min()] * 2)
 
@@ -44,10 +45,10 @@ def test_overshoot_is_measured_beyond_the_circle():
     ("north", "psi", "sense", "least", "most"),
     [(-300.0, pi / 2, 1, 20.0, 20.0), (-60.0, pi / 2, 1, 4.0, 4.0), (60.0, -pi / 2, -1, 4.0, 4.0),
      (-60.0, pi / 2, -1, 12.0, 40.0)],
-    ids=["along the tangent", "near", "mirrored", "the wrong sense takes a turn about"],
+    ids=["along the tangent", "near", "mirrored", "opposite direction requires a turn back"],
 )  # fmt: skip
-def test_dubins_time_matches_drawing_by_hand(north, psi, sense, least, most):
-    """From 100 m east of the target, at 15 m/s."""
+def test_dubins_time_matches_geometric_construction(north, psi, sense, least, most):
+    """The path starts 100 m east of the target. least, most: bounds of its time at 15 m/s, s."""
     (time,) = tangent_time(
         np.array([[100.0], [north]]), np.array([psi]), np.array([float(sense)]), **SPEED
     )
@@ -61,8 +62,8 @@ def test_dubins_time_matches_drawing_by_hand(north, psi, sense, least, most):
     sense=st.sampled_from([-1.0, 1.0]),
 )
 def test_dubins_path_lies_within_geometric_bounds(r, bearing, psi, sense):
-    """A full turn at the limit, plus its width, is the most that is added to the tangent from
-    here."""
+    """The path is at most one full turn at the limit and its width longer than the tangent from the
+    start."""
     p = np.array([[r * np.cos(bearing)], [r * np.sin(bearing)]])
     way = 15.0 * tangent_time(p, np.array([psi]), np.array([sense]), **SPEED)[0]
     rho = 15.0 / 0.45

@@ -1,5 +1,5 @@
-"""Figures of a circle and of its turn command, by hand, and the detection of a limit cycle in wind,
-noise and gusts."""
+"""Figures of a circle and of its turn command, calculated by hand, and the detection of a limit
+cycle in wind, noise and gusts."""
 
 from math import degrees, pi
 
@@ -37,14 +37,15 @@ def column(*values):
         ([94.9, 95, 95, 95, 95], 1.0),
     ],
 )
-def test_settling_is_last_entry_into_five_percent(radius, settled):
-    """r_d = 100 m: the band is 95 to 105 m, both included. Time counts from the first sample."""
+def test_settling_time_is_last_entry_into_5_percent_band(radius, settled):
+    """At r_d = 100 m the band is 95 to 105 m, both included. The settling time is measured from the
+    first sample."""
     assert metrics.settling_time(column(10, 11, 12, 13, 14), column(*radius), 100.0) == settled
 
 
 def test_settling_needs_last_third_within_the_band():
-    """With +-8 m at 100 m and 40 s a lap, the last entry into the band comes 5 s before the end and
-    is no settling."""
+    """The range oscillates by 8 m about 100 m with a period of 40 s. The last entry into the band,
+    5 s before the end, is no settling."""
     time = np.arange(0.0, 301.0)
     for entered, settled in ((60, 60.0), (200, 200.0), (201, None)):
         assert metrics.settled(time, np.where(time < entered, 150.0, 101.0), 100.0) == settled
@@ -52,7 +53,7 @@ def test_settling_needs_last_third_within_the_band():
     assert metrics.settled(time, 100 - 8 * np.cos(2 * np.pi * time / 40), 100.0) is None
 
 
-def test_empty_flight_has_no_figures():
+def test_flight_without_samples_has_no_figures():
     empty = column()
     assert (
         metrics.settling_time(empty, empty, 100.0) is metrics.settled(empty, empty, 100.0) is None
@@ -62,11 +63,11 @@ def test_empty_flight_has_no_figures():
     assert turn_figures(TIME, np.full_like(TIME, np.nan), ORBIT) is None
 
 
-def test_last_third_counts_time_and_rms_shows_oscillation():
+def test_last_third_is_by_time_and_rms_shows_oscillation():
     time = column(0, 1, 2, 3, 4, 5, 20, 30)
     assert list(metrics.last_part(time, time)) == [20, 30]
     assert list(metrics.last_part(column(0, 1, 2, 3), column(5, 6, 7, 8))) == [7, 8], (
-        "both its ends included"
+        "samples at both ends of the last third are included"
     )
     assert (metrics.mean(column(90, 110)), metrics.rms_error(column(90, 110), 100.0)) == (
         100.0,
@@ -87,7 +88,7 @@ def test_last_third_counts_time_and_rms_shows_oscillation():
     ],
 )
 def test_swept_angle_gives_direction_from_quarter_turn(turns, direction):
-    """North up, east right: counter-clockwise from east is positive in a view from above."""
+    """Angles are counter-clockwise from east, as seen from above with north up."""
     angle = 1.0 + np.linspace(0, turns * 2 * np.pi, 1000)
     swept = metrics.swept_angle(5 * np.sin(angle), 5 * np.cos(angle))
     assert swept == pytest.approx(turns * 2 * np.pi)
@@ -98,7 +99,8 @@ def test_swept_angle_gives_direction_from_quarter_turn(turns, direction):
 
 
 def needed(wind):
-    """Turn rate of the nose on a circle over ground in steady wind, step by step."""
+    """Return the turn rate of the nose (rad/s) on a circle over ground in steady wind, integrated
+    step by step."""
     at = 0.0
     noses = []
     for _ in TIME:
@@ -110,8 +112,8 @@ def needed(wind):
 
 
 def coloured(size, seconds, seed=1):
-    """Noise of a standard deviation (rad/s) with a correlation time (s), like the response to
-    gusts."""
+    """Return noise with a standard deviation (rad/s) and a correlation time (s), as in the response
+    to gusts."""
     chance = np.random.default_rng(seed)
     keep = np.exp(-STEP / seconds)
     values = [0.0]
@@ -125,7 +127,8 @@ def swinging(size, period):
 
 
 def from_limit_to_limit():
-    """Return the command of a loop that gusts excite and that has lost its rhythm."""
+    """Return the command of a loop that oscillates between both limits with a period that gusts
+    vary."""
     phase = 2 * pi * np.cumsum(STEP / 2.0 * np.exp(coloured(0.5, 2.0))) + np.random.default_rng(
         3
     ).uniform(0, 6)
@@ -133,8 +136,8 @@ def from_limit_to_limit():
 
 
 def test_relay_command_has_figures_calculated_by_hand():
-    """Half a second each way: the standard deviation is LIMIT, and the command moves by 4 LIMIT per
-    second."""
+    """The command is LIMIT and -LIMIT for 0.5 s each: the standard deviation is LIMIT, and the
+    variation 4 LIMIT per second."""
     relay = np.where(np.arange(len(TIME)) // 10 % 2 == 0, LIMIT, -LIMIT)
     found = turn_figures(TIME, relay, ORBIT)
     assert found.turn_std_deg_s == pytest.approx(degrees(LIMIT))
@@ -144,9 +147,9 @@ def test_relay_command_has_figures_calculated_by_hand():
 
 
 @pytest.mark.parametrize("wind", [0.0, 8.0, 0.5 * V])
-def test_turn_deviation_in_wind_follows_theory(wind):
-    """To first order in W/V the amplitude is 2 W/R, half from the ground speed and half from the
-    crab angle."""
+def test_turn_standard_deviation_in_wind_follows_theory(wind):
+    """To first order in W/V, the turn rate of the nose varies with an amplitude of 2 W/R: half by
+    the ground speed and half by the crab angle."""
     found = turn_figures(TIME, needed(wind), ORBIT)
     assert found.turn_std_deg_s == pytest.approx(degrees(2**0.5 * wind / R), rel=0.1)
 
@@ -156,23 +159,22 @@ def test_turn_deviation_in_wind_follows_theory(wind):
     [
         *((needed(wind), False) for wind in (0.0, 8.0, 0.5 * V)),
         *((needed(wind) + coloured(0.03, 0.2), False) for wind in (0.0, 8.0, 0.5 * V)),
-        # response to strong gusts: 11 deg/s of standard deviation, at the limit now and then
+        # response to strong gusts: standard deviation 11 deg/s, sometimes at the turn limit
         *(
             (needed(8.0) + coloured(0.2, seconds, seed), False)
             for seconds in (0.1, 0.5, 2.0)
             for seed in range(5)
         ),
-        # oscillation of 1.1 deg/s, where the limit is 26 deg/s
+        # an oscillation of 1.1 deg/s is too small, at a turn limit of 26 deg/s
         (needed(8.0) + swinging(0.02, 2.0), False),
-        # oscillation in wind and noise too; periods as flown on firmware: 1 s (copter), 2.5 to 4.6
-        # s (planes)
+        # limit cycles with the periods flown on firmware: 1 s (copter), 2.5 to 4.6 s (planes)
         *(
             (needed(wind) + swinging(size, period) + coloured(0.04, 0.5), True)
             for wind in (0.0, 8.0)
             for size, period in ((0.12, 2.5), (0.3, 1.0), (0.5, 4.6))
         ),
         (from_limit_to_limit(), True),
-        # less than half a lap is too short for a verdict
+        # less than half a lap is too short to detect a limit cycle
         *(
             (swinging(0.3, 2.0)[: round(laps * 2 * pi * R / V / STEP)], laps > 0.5)
             for laps in (0.6, 0.49)
@@ -180,7 +182,7 @@ def test_turn_deviation_in_wind_follows_theory(wind):
     ],
     ids=lambda value: str(value) if isinstance(value, bool) else "",
 )
-def test_oscillating_command_is_a_limit_cycle(command, cycles):
+def test_limit_cycle_is_detected_in_oscillating_command(command, cycles):
     assert (
         turn_figures(TIME[: len(command)], np.clip(command, -LIMIT, LIMIT), ORBIT).turn_limit_cycle
         is cycles

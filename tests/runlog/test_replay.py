@@ -1,5 +1,5 @@
-"""Replay: the same flight gives the same bytes, another mission gives others, and half a log gives
-half a flight."""
+"""Replay: the same mission gives the same bytes, another mission gives other commands, and a
+truncated log gives a part of the flight."""
 
 import dataclasses
 import math
@@ -53,14 +53,14 @@ def gaps(folder, done):
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """20 s of the quickstart under the paper's first law, whose estimator does not use the
-    commands."""
+    """20 s of the quickstart under the paper's first law. The estimator of this law does not use
+    the commands."""
     folder = tmp_path_factory.mktemp("flown")
     recorded_flight(folder, "quickstart", "limits.duration_s=20", *PLAIN).fly(30).recorder.close()
     return folder
 
 
-# --- every step as it was ---
+# --- replay of recorded steps ---
 
 
 @pytest.mark.parametrize(
@@ -85,8 +85,8 @@ def test_unchanged_replay_sends_identical_frames(tmp_path, overrides, output):
     [("interrupt_at", 5.0, "SIGINT"), ("slow_at", 6.0, "flown to its end")],
 )
 def test_interrupts_and_late_steps_are_replayed(tmp_path, event, at, reason):
-    """The interrupt has its safe setpoints. In the late step no setpoint was sent, and neither
-    ticks nor summary count it."""
+    """The interrupt is followed by safe setpoints. A late step sends no setpoint, and neither ticks
+    nor summary count one."""
     flight = recorded_flight(tmp_path, "quickstart", SHORT)
     setattr(flight, event, at)
     flight.fly(30).recorder.close()
@@ -100,8 +100,8 @@ def test_interrupts_and_late_steps_are_replayed(tmp_path, event, at, reason):
 
 
 def test_replay_distinguishes_senders_by_source(tmp_path):
-    """A heartbeat in LOITER from another address changes nothing. Without its source, it would end
-    the flight."""
+    """A heartbeat in LOITER from another address is rejected. Without its recorded address, it
+    would end the replayed flight."""
     flight = recorded_flight(tmp_path, "quickstart", SHORT)
     loiter = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3).pack(
         mavlink.MAVLink(None, 1, 1)
@@ -114,7 +114,7 @@ def test_replay_distinguishes_senders_by_source(tmp_path):
     assert pilot.mission.outcome.reason == "flown to its end"
 
 
-def test_another_law_changes_only_the_commands(flown):
+def test_replay_with_another_law_changes_only_commands(flown):
     _, done = replayed(flown, 'guidance.law="switching"')
     assert not done.identical
     assert done.first_difference > 0
@@ -123,13 +123,13 @@ def test_another_law_changes_only_the_commands(flown):
     assert moved["turn_rate"] > 0.05
     _, wider = replayed(flown, "orbit.radius_m=120")
     assert len(wider.setpoints) == len(wider.was_setpoints), (
-        "another radius shows in the setpoints alone"
+        "another radius changes the setpoints, but not their number"
     )
     assert not wider.identical
 
 
 @pytest.mark.parametrize("kept", [0.7, 0.31, 0.001])
-def test_cut_log_replays_up_to_the_cut(flown, tmp_path, kept):
+def test_truncated_log_is_replayed_to_its_end(flown, tmp_path, kept):
     for path in flown.iterdir():
         data = path.read_bytes()
         cut = kept if path.name in ("flight.tlog", "steps.csv") else 1
@@ -139,9 +139,9 @@ def test_cut_log_replays_up_to_the_cut(flown, tmp_path, kept):
     assert done.until == pytest.approx(kept * 21, abs=3)
 
 
-def test_ranges_after_end_of_pilot_are_ignored(flown):
-    """Replayed for 5 s of the 20 s that were flown: the ranges of the other 15 s do not count as
-    stalled."""
+def test_replay_ignores_ranges_after_end_of_pilot(flown):
+    """The replayed pilot ends after 5 s of the recorded 20 s. The ranges of the other 15 s are not
+    rejected as stalled."""
     pilot, done = replayed(flown, "limits.duration_s=5")
     assert done.ended < 10 < done.until
     assert "stalled" not in pilot.tracker.ranging.rejected
@@ -158,7 +158,7 @@ def replayed_plain(flown, steps):
     return pilot, replay(pilot, steps, ticking=True)
 
 
-def test_plain_tlog_steers_without_timeouts(flown):
+def test_replay_of_plain_tlog_steers_without_timeouts(flown):
     timing = without_timeouts(settings_of(flown, "limits.stale_s=0.75")).timing
     assert (timing.round_trip, timing.stale, timing.hold) == (pytest.approx(0.9), 0.75, math.inf)
     pilot, done = replayed_plain(flown, tlog_steps(flown / "flight.tlog", 191))
@@ -173,7 +173,7 @@ def test_plain_tlog_steers_without_timeouts(flown):
     )
 
 
-def test_gap_in_plain_tlog_is_skipped(flown):
+def test_replay_skips_gap_in_plain_tlog(flown):
     steps = [step for step in tlog_steps(flown / "flight.tlog", 191) if step.time < 10]
     later = [dataclasses.replace(step, time=step.time + 1e5) for step in steps]
     pilot, done = replayed_plain(flown, [*steps, *later])
@@ -208,7 +208,7 @@ def of_another_vehicle(stamp, frame):
     ],
     ids=["MAVLink 1", "two vehicles", "clock set back", "clock set ahead", "damaged"],
 )
-def test_unsuitable_plain_tlog_is_refused(flown, tmp_path, change, error):
+def test_replay_refuses_unsuitable_plain_tlog(flown, tmp_path, change, error):
     records = list(read_tlog(flown / "flight.tlog"))
     records[1000] = change(*records[1000])
     (tmp_path / "x.tlog").write_bytes(
@@ -218,7 +218,7 @@ def test_unsuitable_plain_tlog_is_refused(flown, tmp_path, change, error):
         check_tlog(tmp_path / "x.tlog")
 
 
-def test_plain_tlog_with_disordered_timestamps_is_accepted(flown, tmp_path):
+def test_replay_accepts_plain_tlog_with_disordered_timestamps(flown, tmp_path):
     records = enumerate(read_tlog(flown / "flight.tlog"))
     data = [struct.pack(">Q", stamp - at % 3 * 20_000) + frame for at, (stamp, frame) in records]
     (tmp_path / "x.tlog").write_bytes(b"".join(data))

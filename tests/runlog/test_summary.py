@@ -1,4 +1,4 @@
-"""summary.json: keys that users' scripts read, and figures by hand."""
+"""summary.json: its keys, which users' scripts read, and figures calculated by hand."""
 
 import json
 import math
@@ -41,8 +41,8 @@ def summary(run_folder):
 
 
 def test_summary_contains_figures_after_engagement(summary):
-    """Engaged at 10 s, at 101 m from 100 s on. The band of 5 % is entered then, 90 s after
-    engaging. Users' scripts read these keys."""
+    """The flight engages at 10 s and is at 101 m from 100 s on, so it settles 90 s after engaging.
+    Users' scripts read these keys."""
     made = summary()
     figures = {"settled_s": 90.0, "radius_mean_m": 101.0, "radius_rms_error_m": 1.0}
     assert {key: made[key] for key in figures} == pytest.approx(figures)
@@ -72,27 +72,27 @@ TAKEOVER = {
 }
 EVENTS = {
     "wrong direction": ({"clockwise": False}, {}, ORDERED_LEFT),
-    # left at 1 rad/s for 90 s, then right at 0.15 rad/s for 200 s
+    # 90 s of left turn at 1 rad/s, then 200 s of right turn at 0.15 rad/s
     "first turn to the other side": (
         {},
         {(10, 100): {"turn_rate": "1.0"}},
         {"direction_commanded": "clockwise"},
     ),
-    # the link was lost, and the ticks held extrapolated values
+    # ticks during a lost link contain extrapolated values and are excluded
     "outage": (
         {},
         {(200, 999): {"phase": "waiting for the link", "r": "20.0"}},
         {"radius_mean_m": 101.0, "settled_s": 90.0},
     ),
-    # 106 m for a moment; the last entry, after 240 s, does not count as settled
+    # the range leaves the band (106 m) in the last third, so the flight has not settled
     "outside the band": ({}, {(250, 250.5): {"r": "106.0"}}, {"settled_s": None}),
-    # time with the operator is not steered; holding is
+    # steered time excludes the takeover, and includes holding
     "takeover": ({}, TAKEOVER, {"flown_s": 290.0, "steered_s": 239.5}),
 }
 
 
 @pytest.mark.parametrize(("kind", "change", "expected"), EVENTS.values(), ids=EVENTS)
-def test_events_change_the_figures(summary, kind, change, expected):
+def test_summary_figures_follow_events_of_flight(summary, kind, change, expected):
     def happened(time, row):
         row.update(*(cells for (begin, end), cells in change.items() if begin <= time < end))
 
@@ -120,7 +120,7 @@ def test_flight_without_engagement_has_no_figures(summary):
 
 
 def test_flight_time_continues_after_end_of_recording(summary):
-    """300 s are recorded, or nothing, and the flight lasted until 500 s."""
+    """The flight lasted until 500 s. The recording contains 300 s or is empty."""
     flown = replace(FACTS, engaged_s=10.0, until_s=500.0, recording_problem="full")
     made = summary(facts=flown)
     assert made["flown_s"] == 490.0
@@ -135,7 +135,7 @@ def test_flight_time_continues_after_end_of_recording(summary):
 
 def test_turn_figures_cover_last_third_of_steering(summary):
     """From 200 s on, the turn rate alternates by 0.1 rad/s, with one tick in four at the limit.
-    Values before 200 s and in other phases do not count."""
+    Values before 200 s and in other phases are excluded."""
 
     def change(time, row):
         at = round(2 * time)
@@ -167,8 +167,8 @@ def test_summary_file_is_standard_json(summary, tmp_path):
         assert json.loads(text, parse_constant=pytest.fail) == (expected or made)
 
 
-def test_requested_direction_begins_a_new_circle(summary):
-    """Counterclockwise from 100 s on, as requested. The simulated vehicle flies clockwise."""
+def test_requested_direction_begins_new_circle_in_summary(summary):
+    """Counterclockwise is requested at 100 s. The simulated vehicle continues clockwise."""
 
     def reverse(time, row):
         row["direction"] = "clockwise" if time < 100 else "counterclockwise"

@@ -1,4 +1,4 @@
-"""Ticks and truth of a run folder read back, also from an incomplete one, and their description in
+"""Ticks and truth read from complete and incomplete run folders, and their description in
 docs/logs.md."""
 
 import re
@@ -18,7 +18,7 @@ from tests.runlog.conftest import EPOCH_US
 LOGS = Path(__file__).parents[2] / "docs" / "logs.md"
 
 
-def test_ticks_are_read_back_without_incomplete_line(run_folder):
+def test_ticks_are_read_without_incomplete_last_line(run_folder):
     ticks = read_ticks(run_folder())
     assert (len(ticks.time), ticks.engaged_at, ticks.words["mode"][0]) == (601, 10.0, "GUIDED")
     assert set(ticks.words["phase"]) == {"ready", "engaged"}
@@ -42,7 +42,7 @@ def test_truth_is_read_in_run_time(run_folder):
 
 
 def truth(north, system=1, *, spoilt=None):
-    """Return a vehicle's truth message, with one value spoilt."""
+    """Return a vehicle's truth message with one invalid value."""
     numbers = [nan if at == spoilt else north for at in range(58)]
     return system, mavlink.MAVLink_debug_float_array_message(0, b"SIM_TRUTH", 0, numbers)
 
@@ -57,8 +57,8 @@ def truth(north, system=1, *, spoilt=None):
     ],
     ids=["a real vehicle", "no numbers", "the vehicle that was flown", "the first sender"],
 )
-def test_truth_comes_from_one_vehicle(tmp_path, messages, system, norths):
-    """Any sender that reaches our port can send such messages."""
+def test_truth_is_read_from_one_vehicle_only(tmp_path, messages, system, norths):
+    """Any sender that reaches circnav's port can send truth messages."""
     frames = [
         bytes(message.pack(mavlink.MAVLink(None, srcSystem=sender))) for sender, message in messages
     ]
@@ -69,13 +69,13 @@ def test_truth_comes_from_one_vehicle(tmp_path, messages, system, norths):
     assert (None if found is None else list(found.north)) == norths
 
 
-def test_page_on_logs_has_the_declared_columns():
+def test_logs_page_has_declared_columns():
     rows = [f"| `{name}` | {column.unit} | {column.meaning} |" for name, column in COLUMNS.items()]
     section = LOGS.read_text(encoding="utf-8").split("## ticks.csv")[1].split("\n## ")[0]
     assert [row for row in section.splitlines() if row.startswith("| `")] == rows
 
 
-def test_page_on_logs_describes_every_reason_to_reject():
+def test_logs_page_describes_every_rejection_reason():
     section = LOGS.read_text(encoding="utf-8").split("## Why a range was rejected")[1]
     rows = [row for row in section.split("\n## ")[0].splitlines() if row.startswith("| `")]
     names = [name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])]

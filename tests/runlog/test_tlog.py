@@ -1,4 +1,4 @@
-"""Tlogs that are whole, cut off, and damaged."""
+"""The reader of complete, truncated and damaged tlogs."""
 
 import random
 import struct
@@ -14,7 +14,7 @@ RECORDS = 200
 
 
 def heartbeat(number, v1=False):
-    """A record of a short frame."""
+    """Return a tlog record of a short frame."""
     sender = mavlink.MAVLink(None, srcSystem=1)
     sender.seq = number % 256
     frame = mavlink.MAVLink_heartbeat_message(2, 3, 0, number, 4, 3).pack(sender, force_mavlink1=v1)
@@ -23,7 +23,7 @@ def heartbeat(number, v1=False):
 
 @pytest.fixture
 def records():
-    """Frames of both versions, and long ones."""
+    """Return tlog records of MAVLink 1, MAVLink 2 and long frames."""
     kinds = (
         heartbeat,
         lambda number: heartbeat(number, v1=True),
@@ -44,7 +44,7 @@ def log(tmp_path):
     return read
 
 
-def test_cut_log_is_read_to_the_cut(log, records, tmp_path):
+def test_truncated_tlog_is_read_to_its_end(log, records, tmp_path):
     data = b"".join(records)
     one = len(records[-1])
     two = len(records[0])
@@ -60,14 +60,14 @@ def test_cut_log_is_read_to_the_cut(log, records, tmp_path):
             assert str(damage) == f"cut off or damaged at byte {whole} of {kept}"
 
 
-def test_foreign_file_contains_no_records(log, records):
+def test_file_of_other_format_contains_no_tlog_records(log, records):
     bare = b"".join(record[STAMP:] for record in records)
     for data in (b"", b"this is no log at all", bytes(3000), b"\xfd" * 3000, bare):
         assert log(data) == [], data[:9]
 
 
-@pytest.mark.parametrize("chunk", [600, 1 << 20], ids=["a small window", "a large one"])
-def test_reader_continues_behind_damage(log, records, tmp_path, monkeypatch, chunk):
+@pytest.mark.parametrize("chunk", [600, 1 << 20], ids=["small window", "large window"])
+def test_tlog_reader_continues_after_damage(log, records, tmp_path, monkeypatch, chunk):
     monkeypatch.setattr(tlog, "CHUNK", chunk)
     rng = random.Random(3)
     for at in (0, 50, RECORDS - 1):
@@ -87,7 +87,7 @@ def test_reader_continues_behind_damage(log, records, tmp_path, monkeypatch, chu
 
 
 @pytest.mark.parametrize("at", range(11), ids=lambda at: f"byte {at}")
-def test_flipped_bit_costs_no_other_record(log, records, at):
+def test_flipped_bit_damages_only_one_tlog_record(log, records, at):
     """The flipped bit is in the stamp, the magic byte, the length or the flags."""
     for bit in range(8):
         torn = bytearray(records[60])
@@ -97,7 +97,7 @@ def test_flipped_bit_costs_no_other_record(log, records, at):
         assert len(read) <= RECORDS
 
 
-def test_damage_is_counted_and_located(log, records, tmp_path):
+def test_tlog_damage_is_counted_and_located(log, records, tmp_path):
     data = b"".join([*records[:50], b"torn", *records[50:90], bytes(40), *records[90:], b"end"])
     assert log(data) == records
     damage = find_damage(tmp_path / "some.tlog")

@@ -1,4 +1,4 @@
-"""Statuses of a real flight in lockstep, also of flights with faults."""
+"""Statuses of lockstep flights, with and without faults."""
 
 from collections.abc import Callable
 from functools import cache
@@ -21,8 +21,8 @@ EVENTS = {
 
 @pytest.fixture(scope="session")
 def statuses() -> Callable[..., list[Status]]:
-    """Return the statuses, 4 per second, of some seconds of the quickstart with overrides and an
-    event at 6 s. how: its law and output."""
+    """Return the statuses of some seconds of the quickstart, 4 per second. The flight has overrides
+    and an event at 6 s. how: law and output mode."""
 
     @cache
     def fly(seconds: float, *overrides: str, event: str | None = None, **how: Any) -> list[Status]:

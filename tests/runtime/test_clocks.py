@@ -1,5 +1,5 @@
-"""The clocks: ours, the autopilot's through gaps, reboots, pauses and the wrap of its counter, and
-simulated time, which advances from event to event."""
+"""The clocks of a run: the local clock, the autopilot's clock (with gaps, reboots, pauses and the
+wrap of its counter), and simulated time, which advances from event to event."""
 
 import math
 import random
@@ -15,14 +15,14 @@ from circnav_mav.runtime.clock import AutopilotClock, Clock, local_time_name
 from circnav_mav.runtime.lockstep import Lockstep
 
 BOTH = pytest.mark.parametrize(
-    "make", [Clock, lambda: AutopilotClock(lambda: None)], ids=["ours", "the autopilot's"]
+    "make", [Clock, lambda: AutopilotClock(lambda: None)], ids=["local clock", "autopilot clock"]
 )
 WRAP = 2**32 / 1000
 
 
 @pytest.fixture
 def ticking(monkeypatch):
-    """A clock of the computer that the test moves."""
+    """The computer's clock, which the test advances."""
     times = {"now": 1000.0}
     for module in (clock_module, lockstep):
         monkeypatch.setattr(module, "steady", lambda: times["now"])
@@ -33,11 +33,11 @@ def whole_microseconds(moment):
     return moment * 1e6 == pytest.approx(round(moment * 1e6), abs=1e-4)
 
 
-# --- ours ---
+# --- the local clock ---
 
 
 @pytest.mark.parametrize("speed", [1.0, 10.0])
-def test_clock_runs_at_the_speed_of_the_run(ticking, speed):
+def test_local_clock_runs_at_speed_of_run(ticking, speed):
     clock = Clock(speed)
     began = clock.real()
     assert clock.now() == 0.0
@@ -51,8 +51,9 @@ def test_clock_runs_at_the_speed_of_the_run(ticking, speed):
 
 @pytest.mark.skipif(not hasattr(time, "CLOCK_BOOTTIME"), reason="only Linux counts suspended time")
 @BOTH
-def test_clock_counts_suspended_time(make, monkeypatch):
-    """The lid is closed for ten minutes: the gap must be visible to the pilot."""
+def test_local_clock_includes_suspended_time(make, monkeypatch):
+    """The computer is suspended for ten minutes. The clock must include this gap, so that the pilot
+    detects it."""
     clock = make()
     slept = {time.CLOCK_BOOTTIME: 600.0}
     before = clock.now()
@@ -62,8 +63,10 @@ def test_clock_counts_suspended_time(make, monkeypatch):
 
 
 @BOTH
-def test_wall_clock_jumps_do_not_move_the_clock(make, ticking, monkeypatch):
-    assert re.fullmatch(r"20\d{6}-\d{6}", local_time_name()), "run folders sort by time"
+def test_local_clock_ignores_wall_clock_jumps(make, ticking, monkeypatch):
+    assert re.fullmatch(r"20\d{6}-\d{6}", local_time_name()), (
+        "the names of run folders sort by time"
+    )
     monkeypatch.setattr(time, "time_ns", lambda: 1_790_000_000_123_456_789)
     clock = make()
     assert clock.epoch_us == 1_790_000_000_123_456
@@ -73,12 +76,12 @@ def test_wall_clock_jumps_do_not_move_the_clock(make, ticking, monkeypatch):
     assert clock.now() == 1.0
 
 
-# --- the autopilot's ---
+# --- the autopilot's clock ---
 
 
 class Autopilot:
-    """An autopilot at `speed` times real time, which the test advances, and the clock that follows
-    it."""
+    """An autopilot whose time since boot runs at `speed` times real time, and the clock that
+    follows it."""
 
     def __init__(self, ticking):
         self.ticking = ticking
@@ -89,8 +92,9 @@ class Autopilot:
         self.clock = AutopilotClock(lambda: self.reported)
 
     def run(self, seconds, *, every=0.05, late=None):
-        """Let real time pass. The clock is read every 10 ms and receives a boot time every `every`
-        s of the autopilot's time, `late()` s old. Return the time by which the clock advanced."""
+        """Let real time pass, s. The clock is read every 10 ms. It receives a boot time every
+        `every` s of the autopilot's time, `late()` s after it was measured. Return the time by
+        which the clock advanced, s."""
         before = self.clock.now()
         due = self.boot + every
         for _ in range(round(seconds / 0.01)):
@@ -113,14 +117,15 @@ def autopilot(ticking):
 
 
 def lateness(seed):
-    """Return a function that draws the delay of a message, s: 50 ms in the mean."""
+    """Return a function that draws the delay of a message, s, with a mean of 50 ms."""
     draw = random.Random(seed)
     return lambda: draw.expovariate(1 / 0.05)
 
 
 @pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
 def test_autopilot_clock_starts_as_local_clock(autopilot, speed):
-    """SYSTEM_TIME alone, before ATTITUDE was requested."""
+    """At first only SYSTEM_TIME arrives, once per second, because ATTITUDE has not been requested
+    yet."""
     assert autopilot.silent(3.0) == pytest.approx(3.0)
     assert autopilot.clock.until(4.0) == pytest.approx(1.0)
     autopilot.speed = speed
@@ -129,7 +134,8 @@ def test_autopilot_clock_starts_as_local_clock(autopilot, speed):
 
 
 def test_autopilot_clock_has_no_long_term_drift(autopilot):
-    """A simulator that cannot quite hold its speed, with late messages: within 1 s in 1500 s."""
+    """The speed of the simulator varies by 10 %, and its messages are late. After 1500 s the error
+    of the clock is below 1 s."""
     autopilot.speed = 5.0
     draw = random.Random(2)
     late = lateness(2)
@@ -143,7 +149,7 @@ def test_autopilot_clock_has_no_long_term_drift(autopilot):
     assert autopilot.clock.now() - autopilot.boot == pytest.approx(lead, abs=1.0)
 
 
-def test_late_messages_leave_clock_steady(autopilot):
+def test_autopilot_clock_is_steady_despite_late_messages(autopilot):
     autopilot.speed = 5.0
     late = lateness(1)
     autopilot.run(3.0, late=late)
@@ -167,14 +173,14 @@ def reboots(autopilot):
 
 
 def stands_still(autopilot):
-    """A paused simulator: silence, and then the boot time continues from its last value."""
+    """Pause the simulator: silence, and then the boot time continues from its last value."""
     stood = autopilot.boot
     autopilot.silent(10.0)
     autopilot.boot = stood
 
 
 def changes_places(autopilot):
-    """The last message arrives after one that was sent later."""
+    """Receive an older message after a newer one."""
     before = autopilot.clock.now()
     autopilot.reported -= 0.2
     assert autopilot.clock.now() == before
@@ -192,12 +198,12 @@ def changes_places(autopilot):
     ids=[
         "reboot",
         "reboot before the speed is known",
-        "the wrap of 32 bits of milliseconds",
+        "wrap of 32-bit milliseconds",
         "pause",
         "disorder",
     ],
 )
-def test_boot_time_jump_does_not_move_the_clock(autopilot, boot, speed, known, then, jump):
+def test_autopilot_clock_does_not_jump_with_boot_time(autopilot, boot, speed, known, then, jump):
     autopilot.boot = boot
     autopilot.speed = speed
     autopilot.run(known)
@@ -253,12 +259,12 @@ def test_lockstep_clock_jumps_to_the_next_event(ticking):
     assert seen == [(0.02, 0.02), (0.04, 0.04), (0.05, 0.05), (0.06, 0.06)]
 
 
-def test_paced_clock_waits_in_real_time(ticking):
+def test_paced_lockstep_clock_waits_in_real_time(ticking):
     clock = Lockstep(Metronome(), speed=0.5)
     for expected in (0.02, 0.04, 0.06):
         wait = clock.until(1.0)
         assert wait == pytest.approx(0.04, abs=1e-9)
-        ticking["now"] += wait - 1e-4  # a wait may end like this
+        ticking["now"] += wait - 1e-4  # a wait may end slightly early
         clock.advance(1.0)
         assert clock.now() == expected
         ticking["now"] = 1000.0 + expected / 0.5
@@ -268,12 +274,12 @@ def test_paced_clock_waits_in_real_time(ticking):
     ("others", "passed", "goes_on"),
     [(False, 0.005, 0.005), (True, 0.3, 0.3), (False, 3600.0, 0.02)],
     ids=[
-        "a wait cut short by a signal does not run ahead",
-        "beside a real radio it keeps up, also after a pause",
-        "after a night of sleep it does not race",
+        "wait interrupted by signal",
+        "real radio and pause",
+        "suspended for a night",
     ],
 )
-def test_paced_clock_keeps_to_real_time(ticking, others, passed, goes_on):
+def test_paced_lockstep_clock_follows_real_time(ticking, others, passed, goes_on):
     clock = Lockstep(Metronome(), speed=1.0, others=others)
     ticking["now"] += passed
     clock.advance(1.0)
@@ -283,8 +289,9 @@ def test_paced_clock_keeps_to_real_time(ticking, others, passed, goes_on):
     assert clock.now() < 1.0
 
 
-def test_every_tick_is_reached_in_microseconds():
-    """A product rounded down would be a time before the tick, and the loop would never advance."""
+def test_lockstep_clock_reaches_every_tick_in_whole_microseconds():
+    """If the time of a tick were rounded down to microseconds, it would be before the tick, and the
+    loop would never advance."""
     clock = Lockstep(Metronome())
     for tick in range(1, 2_000):
         moment = math.nextafter(tick * 1e-6, 1.0)
@@ -293,7 +300,7 @@ def test_every_tick_is_reached_in_microseconds():
         assert whole_microseconds(clock.now())
 
 
-def test_lockstep_links_belong_to_the_vehicle():
+def test_lockstep_links_are_provided_by_vehicle():
     vehicle = Metronome()
     clock = Lockstep(vehicle)
     assert list(clock.links(ranging_apart=False)) == ["vehicle"]

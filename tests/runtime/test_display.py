@@ -17,7 +17,7 @@ from tests.process import PATIENCE
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
-    """A busy machine may draw slowly, and the tests do not judge the time."""
+    """Allow long times for drawing, because the test machine may be busy."""
     monkeypatch.setattr(display_module, "PATIENCE", PATIENCE)
 
 
@@ -25,7 +25,7 @@ def patient(monkeypatch):
 
 
 class Screen:
-    """A screen that records the pictures drawn on it, and that may be stuck or broken."""
+    """A screen that records its pictures. It can be made to block or to fail."""
 
     def __init__(self, fails=None):
         self.seen = []
@@ -53,15 +53,16 @@ def showing(display):
     )
 
 
-def test_blocked_terminal_delays_no_tick():
-    """The terminal was stopped with Ctrl-S while the first picture was drawn."""
+def test_blocked_terminal_does_not_delay_ticks():
+    """The terminal blocks while the first picture is drawn, as after Ctrl-S."""
     flown = flight("quickstart")
     screen = Screen()
     screen.go_on.clear()
     display = Display(screen, flown.pilot, Onlookers(), 0.0, last=True)
     flown.fly(1.0, showing(display))
     assert screen.entered.wait(PATIENCE)
-    flown.fly(20.0, showing(display))  # would never return if it waited for the terminal
+    # this call would never return if the display waited for the terminal
+    flown.fly(20.0, showing(display))
     screen.go_on.set()
     display.close()
     assert screen.closed
@@ -75,9 +76,9 @@ def test_blocked_terminal_delays_no_tick():
         (BrokenPipeError(), None),
         (ZeroDivisionError("why"), "display: stopped: ZeroDivisionError('why')"),
     ],
-    ids=["a terminal that has gone", "a screen that fails"],
+    ids=["closed terminal", "failing screen"],
 )
-def test_failing_screen_ends_no_flight(fails, problem):
+def test_failing_screen_does_not_end_flight(fails, problem):
     flown = flight("quickstart")
     screen = Screen(fails)
     display = Display(screen, flown.pilot, Onlookers(), 0.0, last=True)
@@ -87,7 +88,7 @@ def test_failing_screen_ends_no_flight(fails, problem):
     assert (screen.closed, len(screen.seen), display.problem) == (True, 1, problem)
 
 
-def test_late_status_does_not_delay_the_next():
+def test_late_status_does_not_delay_next_status():
     flown = flight("quickstart").fly(5.0)
     screen = Screen()
     display = Display(screen, flown.pilot, Onlookers(), 1.0, last=False)
@@ -102,7 +103,7 @@ def test_late_status_does_not_delay_the_next():
 # --- plain lines ---
 
 
-def test_picture_needs_a_capable_terminal(monkeypatch):
+def test_picture_is_drawn_only_on_capable_terminal(monkeypatch):
     pilot = flight("quickstart").pilot
     for term, is_terminal, screen in (
         ("xterm", True, LiveScreen),
@@ -121,7 +122,7 @@ def test_picture_needs_a_capable_terminal(monkeypatch):
         assert type(display._screen) is screen
 
 
-def test_plain_lines_appear_once_a_second():
+def test_plain_status_lines_are_printed_once_per_second():
     flown = flight("quickstart", "limits.duration_s=7.5")
     console = Console(record=True, width=300, file=io.StringIO())
     display = display_for(console, flown.pilot, Onlookers(), "small", 1.0)
@@ -159,7 +160,7 @@ def test_plain_output_shows_each_alarm_once(statuses):
     assert waiting.count("  WAITING") <= 2
 
 
-def test_plain_lines_end_with_the_flight():
+def test_plain_status_lines_end_with_flight():
     flown = flight("quickstart", "limits.duration_s=2.0").fly(40.0)
     out = io.StringIO()
     screen = PlainScreen(Console(file=out, width=200))

@@ -1,4 +1,4 @@
-"""Endpoints: both spellings, and one line for each mistake."""
+"""Endpoints: both spellings of an endpoint, and one error line for each mistake."""
 
 import socket
 import sys
@@ -28,7 +28,7 @@ from circnav_mav.runtime.links import open_link
         ("tcp://[fe80::1%eth0]:5760", Endpoint("tcp", "fe80::1%eth0", 5760)),
     ],
 )
-def test_both_spellings_give_the_same_endpoint(text, endpoint):
+def test_both_spellings_of_endpoint_are_equivalent(text, endpoint):
     assert parse_endpoint(text) == endpoint
 
 
@@ -58,11 +58,11 @@ def test_invalid_endpoint_is_refused_in_one_line(text, problem):
     assert "\n" not in str(caught.value)
 
 
-# --- endpoints that cannot be opened: one line, and a flag if waiting for the peer may help ---
+# --- endpoints that cannot be opened: one line, and a flag if the peer may still appear ---
 
 
 def refusal(text):
-    """Return the reason of a refusal, and whether the peer is missing."""
+    """Return the reason of a refusal, and True if the peer is missing."""
     with pytest.raises(LinkError) as caught:
         open_link(text)
     words = str(caught.value)
@@ -71,7 +71,8 @@ def refusal(text):
 
 
 def test_missing_serial_package_is_refused(monkeypatch):
-    for module in (None, ModuleType("serial")):  # none, or another package of that name
+    # no package `serial`, or another package of this name
+    for module in (None, ModuleType("serial")):
         monkeypatch.setitem(sys.modules, "serial", module)
         line = "needs the package pyserial (not serial): pip install pyserial"
         assert refusal("serial:/dev/ttyUSB0:57600")[0] == line
@@ -79,8 +80,8 @@ def test_missing_serial_package_is_refused(monkeypatch):
 
 @pytest.mark.parametrize("kind", ["udpin", "udpout", "tcp"])
 def test_unknown_host_is_refused(kind, monkeypatch):
-    """With an empty label, or one beyond 63 letters, the resolver is not called. Otherwise the
-    message is the resolver's own error, here without a name server."""
+    """A host name with an empty label, or with a label of more than 63 letters, is refused without
+    a query. For other names the error is that of the resolver, here without a name server."""
     for host in ("192.168..1", ".localhost", 70 * "a"):
         assert refusal(f"{kind}:{host}:14550") == ("unknown host name", False)
 

@@ -1,4 +1,5 @@
-"""Key files that are refused, each in one line, and a timestamp that outlives the process."""
+"""Key files that are refused, each in one line, and the signing timestamp, which a restart
+continues."""
 
 import os
 from pathlib import Path
@@ -39,7 +40,7 @@ def written(path: Path, data: bytes, mode: int = 0o600) -> Path:
     ],
     ids=["raw", "hex", "hex line", "hex with blanks", "hex of an editor on Windows"],
 )
-def test_key_is_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
+def test_key_file_has_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
     assert read_key(written(path, data)) == KEY
 
 
@@ -58,7 +59,7 @@ def test_key_is_32_bytes_or_64_hex_digits(path: Path, data: bytes) -> None:
         ),
     ],
 )
-def test_unsuitable_key_is_refused_with_remedy(path, data, mode, error, remedy):
+def test_unsuitable_key_file_is_refused_with_remedy(path, data, mode, error, remedy):
     with pytest.raises(KeyFileError) as refused:
         read_key(written(path, data, mode))
     line = str(refused.value)
@@ -76,11 +77,11 @@ def test_missing_key_folder_and_pipe_are_refused(path: Path, tmp_path: Path) -> 
             read_key(wrong)
 
 
-# --- its time ---
+# --- the signing timestamp ---
 
 
 class Flight:
-    """A flight that signs under a wall clock set by the test, s after BEGAN."""
+    """A flight that signs. The test sets its wall clock, s after BEGAN."""
 
     def __init__(self, path: Path, seconds: float = 0.0) -> None:
         self.seconds = seconds
@@ -93,11 +94,11 @@ class Flight:
 
     @property
     def signed(self) -> float:
-        """The newest signed timestamp, s after BEGAN."""
+        """Return the newest signed timestamp, s after BEGAN."""
         return self.signing.timestamp / SECOND - BEGAN
 
 
-def test_timestamp_survives_a_restart(path: Path) -> None:
+def test_signing_timestamp_continues_after_restart(path: Path) -> None:
     first = Flight(path)
     assert first.signed == 0.0
     first.turn(100.0)
@@ -109,7 +110,8 @@ def test_timestamp_survives_a_restart(path: Path) -> None:
 
 @pytest.mark.parametrize("seconds", [0.0, 9.9, 15.0, 61.7])
 def test_killed_process_never_repeats_a_timestamp(path, seconds, monkeypatch):
-    """The killed process never closes the file, and the clock is set back before the restart."""
+    """The killed process does not close the timestamp file, and the wall clock is set back before
+    the restart."""
     writes = []
     replace = os.replace
     monkeypatch.setattr(os, "replace", lambda *names: writes.append(names) or replace(*names))
@@ -126,8 +128,8 @@ def test_killed_process_never_repeats_a_timestamp(path, seconds, monkeypatch):
 @pytest.mark.parametrize("ends", ["closed", "killed"])
 @pytest.mark.parametrize("down", [0.0, 3.0, 50.0])
 def test_frames_from_before_restart_are_rejected(path, ends, down):
-    """Radio and vehicle send for 20 s. After the restart all frames are repeated while both are
-    silent."""
+    """Radio and vehicle send for 20 s. After a restart of circnav both are silent, and an attacker
+    repeats all frames."""
     first = Flight(path)
     recorded = []
     radio = voice(KEY, component=192)
@@ -153,7 +155,7 @@ def test_frames_from_before_restart_are_rejected(path, ends, down):
     assert {again.signing.check(frame) for frame in recorded} == {Refusal.REPEATED}
 
 
-def test_timestamp_follows_the_clock_only_forward(path: Path) -> None:
+def test_signing_timestamp_follows_clock_only_forward(path: Path) -> None:
     flight = Flight(path)
     seen = []
     for seconds in (0.0, 3600.0, -3600.0, -3599.0):
@@ -162,7 +164,7 @@ def test_timestamp_follows_the_clock_only_forward(path: Path) -> None:
     assert seen == [0.0, 3600.0, 3600.0, 3600.0]
 
 
-def test_damaged_timestamp_is_refused_in_one_line(path: Path) -> None:
+def test_damaged_timestamp_file_is_refused_in_one_line(path: Path) -> None:
     for text in ("", "soon", "-5", "1.5", str(2**48), 5000 * "9", "\xff"):
         path.write_text(text, encoding="latin-1")
         with pytest.raises(KeyFileError, match=f"^{path}: "):

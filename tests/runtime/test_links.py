@@ -18,7 +18,7 @@ UDP = (socket.AF_INET, socket.SOCK_DGRAM)
 
 
 def received(link, now=0.0):
-    """Wait until the link's descriptor is readable, and return its data with the source."""
+    """Wait until the link's descriptor is readable. Return the received data with their source."""
     select.select([link.fileno()], [], [], PATIENCE)
     return link.receive(now)
 
@@ -28,7 +28,7 @@ def receive(link, now=0.0):
 
 
 def portions(link):
-    """Return the waiting data of a link, call by call."""
+    """Return the data waiting at a link, one list for each call of `receive`."""
     found = []
     while portion := link.receive(0.0):
         found.append([data for data, _ in portion])
@@ -83,7 +83,7 @@ BOTH_VERSIONS = pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
 
 
 @BOTH_VERSIONS
-def test_udp_carries_bytes_in_both_directions(request, host):
+def test_udp_link_transfers_bytes_in_both_directions(request, host):
     link = opened(request, f"udpin:{host}:0")
     there = opened(request, f"udpout:{host}:{link.port}")
     link.send(b"lost", None)
@@ -95,7 +95,7 @@ def test_udp_carries_bytes_in_both_directions(request, host):
     assert link.troubles.total() == 0
 
 
-def test_flood_is_read_in_portions_without_loss(udp, udpin):
+def test_udp_flood_is_read_in_portions_without_loss(udp, udpin):
     for _ in range(MOST_DATAGRAMS + 100):
         udp.send(b"x")
     assert [len(portion) for portion in portions(udpin)] == [MOST_DATAGRAMS, 100]
@@ -108,9 +108,9 @@ def test_flood_is_read_in_portions_without_loss(udp, udpin):
     assert len(taken) == 5
 
 
-def test_flooded_socket_holds_only_recent_data(udp, udpin):
-    """A longer queue would lose no less. It would only delay all its frames, including a
-    takeover."""
+def test_flooded_udp_socket_keeps_short_queue(udp, udpin):
+    """In a flood frames are lost with any queue length. A long queue would also delay every frame,
+    including a takeover."""
     for _ in range(3000):
         udp.send(bytes(1400))
     assert sum(len(data) for portion in portions(udpin) for data in portion) < 400_000
@@ -124,7 +124,7 @@ def test_flooded_socket_holds_only_recent_data(udp, udpin):
         ("127.0.0.1", ["10.0.0.5", "127.0.0.2", "fe80::/10"], False),
         ("[::1]", ["::1"], True),
         ("[::1]", ["::2", "127.0.0.1"], False),
-        ("[::]", ["127.0.0.1"], True),  # IPv4 on a socket of both
+        ("[::]", ["127.0.0.1"], True),  # an IPv4 peer on a socket for IPv4 and IPv6
     ],
 )
 def test_udpin_accepts_only_addresses_of_the_mission(host, peers, received):
@@ -141,9 +141,9 @@ def test_udpin_accepts_only_addresses_of_the_mission(host, peers, received):
 
 
 def test_udpout_receives_only_from_its_address(udp, udpout):
-    """A vehicle may still send to our fixed port after our link was opened to another vehicle.
-    Otherwise one vehicle would be received and the other commanded. A second link cannot have that
-    port, and takes another."""
+    """Another vehicle may still send to the fixed local port of the link. If its frames were
+    accepted, one vehicle would be received and another one commanded. A second link uses another
+    local port, because the fixed port is taken."""
     udpout.send(b"again", ("127.0.0.1", 9))
     assert udp.recv(100) == b"again"
     with closing(open_link(f"udpout:127.0.0.1:{udp.getsockname()[1]}")) as second:
@@ -161,7 +161,7 @@ def test_udpout_receives_only_from_its_address(udp, udpout):
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.1.1", "localhost"])
 def test_udpout_accepts_every_name_of_this_computer(host):
-    """The vehicle's answers come from 127.0.0.1."""
+    """The vehicle's answers have the source 127.0.0.1, for each of these host names."""
     with closing(socket.socket(*UDP)) as vehicle:
         vehicle.bind(("0.0.0.0", 0))
         vehicle.settimeout(PATIENCE)
@@ -171,7 +171,7 @@ def test_udpout_accepts_every_name_of_this_computer(host):
             assert receive(link) == [b"answer"]
 
 
-def test_many_unknown_senders_are_summarized(udpout):
+def test_many_unknown_udp_senders_are_summarized(udpout):
     for _ in range(20):
         with closing(socket.socket(*UDP)) as other:
             other.sendto(b"stranger", ("127.0.0.1", udpout.port))
@@ -180,8 +180,8 @@ def test_many_unknown_senders_are_summarized(udpout):
     assert len(udpout.troubles) <= 5
 
 
-def test_refusing_peer_is_counted_and_may_return(request, port):
-    """ICMP "port unreachable" appears as an error of the socket."""
+def test_refusing_udp_peer_is_counted_and_may_return(request, port):
+    """After ICMP "port unreachable" the socket raises an error, which must not end the link."""
     link = opened(request, f"udpout:127.0.0.1:{port}")
     for _ in range(3):
         link.send(b"hello?", None)
@@ -207,7 +207,7 @@ def test_oversized_datagrams_and_unreachable_networks_are_counted(udp, udpin):
 
 
 @BOTH_VERSIONS
-def test_tcp_carries_bytes_in_both_directions(request, host):
+def test_tcp_link_transfers_bytes_in_both_directions(request, host):
     family = socket.AF_INET6 if host == "[::1]" else socket.AF_INET
     with closing(socket.create_server((host.strip("[]"), 0), family=family)) as server:
         link = opened(request, f"tcp:{host}:{server.getsockname()[1]}")
@@ -224,9 +224,8 @@ LINGER = {"its end": bytes(8), "a reset": b"\x01" + bytes(7)}
 
 
 @pytest.mark.parametrize("end", LINGER)
-def test_tcp_reconnects_after_one_second(server, tcp, monkeypatch, end):
-    """Its name is not resolved again: a name server may fail in flight, and would delay the
-    loop."""
+def test_tcp_link_reconnects_after_one_second(server, tcp, monkeypatch, end):
+    """The host name is not resolved again, because a failed name server would delay the loop."""
     monkeypatch.delattr(socket, "getaddrinfo")
     there = server.accept()[0]
     now = 10.0
@@ -252,9 +251,9 @@ def test_tcp_reconnects_after_one_second(server, tcp, monkeypatch, end):
     there.close()
 
 
-def test_dead_tcp_server_does_not_occupy_the_loop(server, tcp):
-    """A thousand calls between two retries make one attempt. Meanwhile the link has no descriptor
-    to select on."""
+def test_unreachable_tcp_server_does_not_occupy_loop(server, tcp):
+    """A thousand calls of `receive` between two retries make one attempt to connect. Meanwhile the
+    link has no descriptor for `select`."""
     server.accept()[0].close()
     assert receive(tcp) == []
     server.close()
@@ -268,9 +267,9 @@ def test_dead_tcp_server_does_not_occupy_the_loop(server, tcp):
     assert tcp.troubles.total() == attempts + 1
 
 
-def test_blocked_tcp_peer_delays_nothing(server, tcp):
-    """A full buffer loses bytes instead. On a half-open connection without acknowledgements, Linux
-    ends the connection after the timeout of the socket."""
+def test_blocked_tcp_peer_does_not_delay_loop(server, tcp):
+    """If the send buffer is full, bytes are dropped. If the peer acknowledges nothing, Linux ends
+    the connection after the timeout of the socket."""
     with socket.socket(fileno=os.dup(tcp.fileno())) as twin:
         assert twin.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 3000
     with closing(server.accept()[0]):
@@ -283,8 +282,8 @@ def test_blocked_tcp_peer_delays_nothing(server, tcp):
 
 
 class Line:
-    """A device that can be unplugged, under a fixed name like one from udev. Its pty number may be
-    reused by the next terminal, also in another test."""
+    """A pseudo terminal as serial device that can be disconnected. It has a fixed name, as from
+    udev, because its pty number may be reused by another terminal."""
 
     def __init__(self, name):
         pytest.importorskip("serial")
@@ -313,7 +312,7 @@ def serial(request, line):
     return opened(request, f"serial:{line.name}:57600")
 
 
-def test_serial_carries_bytes_in_both_directions(line, serial):
+def test_serial_link_transfers_bytes_in_both_directions(line, serial):
     os.write(line.master, b"\xfd\x00hello")
     assert received(serial) == [(b"\xfd\x00hello", str(line.name))]
     serial.send(b"\x00answer\n", None)
@@ -350,8 +349,8 @@ FAILURES = [termios.error(5, "Input/output error"), ValueError("not a baud rate"
 
 
 @pytest.mark.parametrize("error", FAILURES)
-def test_serial_errors_never_raise(line, serial, monkeypatch, error):
-    """When pyserial opens a device, it flushes it last, and an error of the flush is raised to the
+def test_serial_link_raises_no_errors_in_flight(line, serial, monkeypatch, error):
+    """pyserial flushes a device at the end of its opening, and raises an error of this flush to the
     caller."""
     with monkeypatch.context() as failing:
         for action in ("read", "close", "fileno"):
@@ -370,7 +369,7 @@ def test_serial_errors_never_raise(line, serial, monkeypatch, error):
     assert receive(serial, 4.0) == [b"back"]
 
 
-def test_missing_serial_device_is_opened_once_it_appears(request, line):
+def test_serial_device_is_opened_when_it_appears(request, line):
     line.unplug()
     serial = opened(request, f"serial:{line.name}:57600")
     assert dict(serial.troubles) == {"no such device": 1}
@@ -382,7 +381,7 @@ def test_missing_serial_device_is_opened_once_it_appears(request, line):
     assert receive(serial, 1.0) == [b"booted"]
 
 
-def test_serial_device_that_vanishes_at_opening_is_reopened(request, line, monkeypatch):
+def test_serial_device_that_disappears_at_opening_is_reopened(request, line, monkeypatch):
     with monkeypatch.context() as vanishing:
         vanishing.setattr(termios, "tcflush", Mock(side_effect=FAILURES[0]))
         serial = opened(request, f"serial:{line.name}:57600")

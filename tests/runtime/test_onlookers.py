@@ -10,7 +10,7 @@ from circnav_mav.runtime.onlookers import Onlooker, Onlookers
 
 
 class Sound(Onlooker):
-    """Implements every call of an onlooker, and records the steps that it receives."""
+    """An onlooker without a failure, which records the steps that it receives."""
 
     name = "sound"
 
@@ -90,7 +90,7 @@ def test_failing_onlooker_is_reported_once_and_detached(what, when):
     assert seen[0] == {"place": "known"} and seen[1]["sound"] == "SOUND: loud"
 
 
-def test_failed_onlooker_raises_an_alarm():
+def test_failed_onlooker_raises_alarm():
     tries = []
 
     class Broken(Onlooker):
@@ -108,7 +108,7 @@ def test_failed_onlooker_raises_an_alarm():
     assert list(onlookers.alarms(3.0).values()) == onlookers.problems
 
 
-def test_slowest_requested_pace_is_used():
+def test_smallest_requested_speed_of_run_is_used():
     slow = Onlooker()
     slower = Onlooker()
     assert Onlookers([Onlooker()]).pace is None

@@ -54,8 +54,8 @@ def recorder(tmp_path, monkeypatch):
     made.close()
 
 
-def test_pymavlink_reads_back_the_tlog(recorder):
-    """Frame by frame with its time, and the mission as flown beside it."""
+def test_pymavlink_reads_recorded_tlog(recorder):
+    """Every frame is read with its time. The run folder also contains the mission as flown."""
     for i, frame in enumerate(frames(40)):
         recorder.step(LoopStep(0.05 * i, sent=[frame]))
     recorder.close()
@@ -72,7 +72,7 @@ def test_pymavlink_reads_back_the_tlog(recorder):
     assert (recorder.folder / "mission.toml").read_text(encoding="utf-8") == "name = 'Zürich'\n"
 
 
-def test_every_tick_is_a_row(recorder):
+def test_every_recorded_tick_is_row_of_ticks_csv(recorder):
     recorder.ticks([tick(), tick(time=1.3, phase=Phase.HOLDING, saturated=False, r=None)])
     recorder.close()
     with (recorder.folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
@@ -98,8 +98,8 @@ def test_every_tick_is_a_row(recorder):
     assert (second["phase"], second["saturated"], second["r"]) == ("holding", "0", "")
 
 
-def test_written_data_reach_the_disk_at_once(recorder):
-    """Otherwise a crash of the process would lose recorded steps."""
+def test_recorded_data_are_flushed_at_once(recorder):
+    """Data in a buffer of the process would be lost in a crash."""
     recorder.step(LoopStep(0.5, sent=frames(30)))
     recorder.ticks([tick()])
     until(lambda: "engaged" in (recorder.folder / "ticks.csv").read_text())
@@ -124,7 +124,13 @@ def test_written_data_reach_the_disk_at_once(recorder):
         ("{tmp}/mission.toml", "No space left on device"),
         ("{tmp}/ticks.csv", "No space left on device"),
     ],
-    ids=["no folder", "in a file", "a file in its way", "full", "full for the ticks"],
+    ids=[
+        "missing parent folder",
+        "parent is a file",
+        "folder is a file",
+        "full",
+        "full for the ticks",
+    ],
 )
 def test_folder_that_cannot_be_written_is_refused(tmp_path, place, why):
     folder = Path(place.format(tmp=tmp_path))
@@ -139,8 +145,8 @@ def test_folder_that_cannot_be_written_is_refused(tmp_path, place, why):
 
 
 @pytest.mark.parametrize(("file", "mode"), [("_tlog", "wb"), ("_ticks", "w"), ("_steps", "w")])
-def test_full_disk_in_flight_is_noted(recorder, file, mode):
-    """/dev/full: every write fails with "no space left on device"."""
+def test_full_disk_in_flight_is_reported_as_recording_problem(recorder, file, mode):
+    """The file is /dev/full, on which every write fails with "no space left on device"."""
     setattr(recorder, file, Path("/dev/full").open(mode))  # noqa: SIM115
     for i in range(200):
         recorder.step(LoopStep(0.05 * i, sent=frames(5)))
@@ -149,7 +155,7 @@ def test_full_disk_in_flight_is_noted(recorder, file, mode):
     assert recorder.problem == f"{recorder.folder}: recording stopped: No space left on device"
 
 
-def test_run_folder_keeps_its_size_limit(recorder):
+def test_recorder_keeps_size_limit_of_run_folder(recorder):
     folder = recorder.folder
     for i in range(1500):
         recorder.step(LoopStep(0.05 * i, received=[("vehicle", "a", frames(2))], sent=frames(1)))
@@ -172,8 +178,8 @@ def test_run_folder_keeps_its_size_limit(recorder):
     )
 
 
-def test_slow_disk_costs_gaps_but_no_memory(tmp_path, monkeypatch):
-    """The recorder's thread was never started, as if it hung in its first write."""
+def test_slow_disk_causes_gaps_but_no_memory_growth(tmp_path, monkeypatch):
+    """The recorder's thread is not started, as if its first write never returned."""
     monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_WAITING", 50)
     recorder = Recorder(tmp_path, "")
     for i in range(200):
@@ -182,7 +188,7 @@ def test_slow_disk_costs_gaps_but_no_memory(tmp_path, monkeypatch):
     assert recorder.problem == f"{tmp_path}: recording has gaps from 2 s on: the disk is too slow"
 
 
-def test_flood_of_senders_keeps_memory_bounded(tmp_path, recorder):
+def test_recorder_memory_is_bounded_during_flood_of_senders(tmp_path, recorder):
     Recorder(tmp_path, "").close()
     for i in range(3000):
         recorder.step(LoopStep(0.001 * i, received=[("vehicle", ("10.0.0.1", i), [])]))

@@ -17,8 +17,8 @@ def frame(number):
 
 
 class FakeClock:
-    """A clock that advances by one tick at each reading. `stop`: the process is stopped for some
-    seconds. The run is ten times as fast as real time."""
+    """A clock that advances by one tick at each reading and runs at ten times real time. `stop`:
+    simulates a process that is stopped for some seconds."""
 
     longest_wait = 0.05
 
@@ -58,7 +58,8 @@ class FakeLink:
 
 
 class FakePilot:
-    """Ends after some steps, or two steps after an interrupt. Also used as a preflight listener."""
+    """A pilot that ends after some steps, or two steps after an interrupt. Also used as a preflight
+    listener."""
 
     next_tick = 0.0
     scheduler = Mock(due=0.0)
@@ -105,7 +106,7 @@ class FakePilot:
 
 
 class Showing(Onlooker):
-    """Calls a function with the newest tick and the step."""
+    """An onlooker that calls a function with the newest tick and the step."""
 
     def __init__(self, show):
         self.show = show
@@ -158,7 +159,7 @@ def fly(stop):
     return run_to_the_end
 
 
-def test_loop_passes_frames_between_links_pilot_and_recorder(fly):
+def test_loop_passes_frames_between_link_pilot_and_recorder(fly):
     pilot = FakePilot(2)
     shown = []
     vehicle = FakeLink((b"a", "x"), (b"b", "y"))
@@ -170,7 +171,8 @@ def test_loop_passes_frames_between_links_pilot_and_recorder(fly):
         (b"c", "radio", "ranging"),
         (b"b", "y", "vehicle"),
     ]
-    sent_frames = [frame(1), frame(101), frame(0), frame(100)]  # the setpoint separately, at once
+    # the setpoint is sent first, in a separate call
+    sent_frames = [frame(1), frame(101), frame(0), frame(100)]
     assert vehicle.sent == [(one, "the vehicle") for one in sent_frames]
     assert recorder.kept == sent_frames
     assert recorder.ticked == [1, 0]
@@ -179,7 +181,7 @@ def test_loop_passes_frames_between_links_pilot_and_recorder(fly):
 
 
 @pytest.mark.parametrize("number", ENDING)
-def test_signals_interrupt_the_pilot_once(fly, number):
+def test_repeated_signals_interrupt_pilot_once(fly, number):
     pilot = FakePilot(1000)
     vehicle = FakeLink()
     for _ in range(2000):
@@ -190,7 +192,7 @@ def test_signals_interrupt_the_pilot_once(fly, number):
 
 
 class Lasting(Onlooker):
-    """Busy until a signal, with one frame to send afterwards."""
+    """An onlooker that is busy until a signal and then sends one frame."""
 
     busy = True
     steps = 0
@@ -204,7 +206,8 @@ class Lasting(Onlooker):
 
 
 def test_busy_onlooker_continues_the_loop_until_a_signal(fly):
-    """In that step the vehicle gets its streams back, and the frames sent are recorded."""
+    """In the step after the signal, the onlooker restores the stream rates. The sent frames are
+    recorded."""
     lasting = Lasting()
     pilot = FakePilot(1)
     vehicle = FakeLink()
@@ -214,7 +217,7 @@ def test_busy_onlooker_continues_the_loop_until_a_signal(fly):
     assert [step.attached for step in recorder.steps] == [[], [], [], [b"streams"]]
 
 
-def test_exchanged_frames_are_recorded_but_never_sent(fly):
+def test_exchanged_frames_are_recorded_but_not_sent_to_vehicle(fly):
     class Member(Onlooker):
         def take_exchanged(self):
             return [b"report"]
@@ -227,10 +230,9 @@ def test_exchanged_frames_are_recorded_but_never_sent(fly):
 
 @pytest.mark.parametrize(("seconds", "is_dropped"), [(0.4, False), (5.0, True)])
 @pytest.mark.parametrize("moment", ["reading", "decoding", "deciding", "preparing the rest"])
-def test_frames_from_before_a_pause_are_not_sent(fly, seconds, is_dropped, moment):
-    """The process stops in its second step. A setpoint or mode request from before is obsolete,
-    because the operator may have taken over. A range dated seconds before it was sent would make
-    all later ones look old."""
+def test_loop_drops_frames_computed_before_pause(fly, seconds, is_dropped, moment):
+    """The process stops in its second step. A setpoint or mode request computed before the pause
+    must not be sent after it, because the operator may have taken over meanwhile."""
     pilot = FakePilot(3)
     clock = FakeClock()
     vehicle = FakeLink(*[(b"a", "x")] * 3)
@@ -251,7 +253,8 @@ def test_frames_from_before_a_pause_are_not_sent(fly, seconds, is_dropped, momen
 
     setattr(where, name, stops)
     recorder = fly(pilot, vehicle=vehicle, clock=clock)
-    held_back = is_dropped and moment != "preparing the rest"  # the setpoint had already been sent
+    # in "preparing the rest" the setpoint has already been sent
+    held_back = is_dropped and moment != "preparing the rest"
     assert len(vehicle.sent) == 6 - is_dropped - held_back
     assert held_back == sum(step.held_back for step in recorder.steps)
     assert recorder.kept == [words for words, _ in vehicle.sent]

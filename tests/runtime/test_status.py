@@ -1,5 +1,5 @@
-"""Status of a flight: reasons for waiting, alarms and data rates, and its picture of 80 by 24
-characters."""
+"""The status of a flight: reasons for waiting, alarms and data rates, and its picture with 80
+columns and 24 lines."""
 
 import io
 import re
@@ -88,11 +88,11 @@ def during(statuses, phase):
     return [status for status in statuses if status.tick.phase.value == phase]
 
 
-def test_normal_flight_has_rates_and_no_alarm(statuses):
+def test_status_of_normal_flight_has_rates_and_no_alarm(statuses):
     seen = statuses(12.0)
     assert [status.alarms for status in seen if status.alarms] == []
     last = seen[-1]
-    assert 9 < last.view.rates.taken <= 11  # 10 Hz
+    assert 9 < last.view.rates.taken <= 11  # ranges at 10 Hz
     assert 40 < last.view.rates.frames < 100
     assert last.view.rates.setpoints > 9
     assert "law         smooth" in "\n".join(drawn(last))
@@ -105,8 +105,8 @@ def test_normal_flight_has_rates_and_no_alarm(statuses):
     assert [status.time - status.flown for status in flown] == pytest.approx([engaged] * len(flown))
 
 
-def test_rejected_ranges_are_counted_by_reason(statuses):
-    """PX4 repeats the radio's ranges under its own id."""
+def test_status_counts_rejected_ranges_by_reason(statuses):
+    """PX4 sends the radio's ranges again under its own id."""
     rejecting = statuses(8.0, "ranging.bias_m=900.0")[-1]
     assert list(rejecting.rejected) == ["no_range"]
     assert re.search(r"rejected +\d+ of \d+: \d+ no_range", "\n".join(drawn(rejecting)))
@@ -120,7 +120,7 @@ def test_rejected_ranges_are_counted_by_reason(statuses):
     assert flown.ticks[-1].rejected == sum(status.rejected.values())
 
 
-def test_dry_run_and_reason_of_law_are_shown(statuses):
+def test_status_shows_dry_run_and_reason_of_law(statuses):
     seen = statuses(9.0, event="takeover", law="auto")
     assert {bool(status.why) for status in during(seen, "engaged")} == {True}
     assert {status.why for status in seen if status.tick.law == ""} == {""}
@@ -131,7 +131,7 @@ def test_dry_run_and_reason_of_law_are_shown(statuses):
     assert "DRY RUN: no setpoint" in shown
 
 
-def test_lost_vehicle_leaves_no_counting_range(statuses):
+def test_status_shows_no_range_age_for_lost_vehicle(statuses):
     flown = statuses(30.0, "limits.hold_s=2.0", event="gone")
     old = [status.tick for status in flown if (status.tick.range_age or 0.0) > 2.6]
     assert old
@@ -139,7 +139,7 @@ def test_lost_vehicle_leaves_no_counting_range(statuses):
 
 
 def test_status_shows_target_drift_and_recording_problem():
-    """The vehicle is 30 m east and 40 m south of the target and drifts north."""
+    """The vehicle is 30 m east and 40 m south of the target, and the drift is to the north."""
     flown = flight("quickstart").fly(6.0)
     tick = flown.ticks[-1]._replace(
         x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46
@@ -153,9 +153,9 @@ def test_status_shows_target_drift_and_recording_problem():
     assert f"target      {status.target}" in lines
 
 
-def test_picture_uses_width_of_the_terminal(statuses):
-    """The bar is as wide as the terminal allows: 41 cells of 80, 101 of 140. At 140 columns no text
-    is shortened."""
+def test_status_picture_uses_width_of_terminal(statuses):
+    """The bar has 41 cells at 80 columns and 101 cells at 140 columns. At 140 columns no text is
+    shortened."""
     for columns, cells in ((60, 41), (80, 41), (140, 101)):
         picture = Picture(SETTINGS, "small", ascii_only=False).draw(statuses(12.0)[-1], columns)
         assert picture.width == max(columns, 80)
@@ -174,9 +174,9 @@ def test_picture_uses_width_of_the_terminal(statuses):
 
 
 @pytest.mark.parametrize("height", [6, 14])
-def test_low_terminal_shows_phase_and_alarm(statuses, height):
-    """The picture omits the last rows for lack of space. The display's own thread writes the first
-    picture, because writing may block forever."""
+def test_status_picture_on_low_terminal_shows_phase_and_alarm(statuses, height):
+    """On a low terminal the picture omits its last rows. The first picture is written by the
+    display's thread, because writing may block forever."""
     console = Console(
         width=80, height=height, file=io.StringIO(), color_system=None, force_terminal=True
     )
@@ -192,8 +192,9 @@ def test_low_terminal_shows_phase_and_alarm(statuses, height):
     ]
 
 
-def test_bars_and_sparkline_follow_turn_and_error(statuses):
-    """A clockwise circle turns right. The vehicle approaches from outside the circle."""
+def test_status_bars_and_sparkline_follow_turn_and_error(statuses):
+    """The circle is clockwise, so the vehicle turns right. It approaches from outside the
+    circle."""
     far = next(line for line in drawn(statuses(6.0)[-1]) if line.startswith("│             0 "))
     assert far.rstrip(" │").endswith("> 200 m")
     picture = Picture(SETTINGS, "small", ascii_only=False)
@@ -205,7 +206,7 @@ def test_bars_and_sparkline_follow_turn_and_error(statuses):
     assert turn.index("●") > turn.index("┼")
     error = next(line for line in lines if line.startswith("error"))
     levels = ["▁▂▃▄▅▆▇█".index(mark) for mark in error if mark in "▁▂▃▄▅▆▇█"]
-    assert len(levels) == 21  # 2 s each
+    assert len(levels) == 21  # each level of the sparkline covers 2 s
     assert (levels[0], levels[-1]) == (7, 0)
     assert re.search(r" 40 s, max 21\d\.\d m$", error.rstrip())
 
@@ -213,12 +214,12 @@ def test_bars_and_sparkline_follow_turn_and_error(statuses):
 @pytest.mark.parametrize(
     ("seconds", "event"), [(12.0, None), (9.0, "takeover")], ids=["engaged", "ended"]
 )
-def test_every_fact_has_a_value(statuses, seconds, event):
+def test_every_fact_of_status_has_value(statuses, seconds, event):
     facts = status_facts(statuses(seconds, event=event)[-1])
     assert {name: text for name, text in facts.items() if re.search(r"(^| )-(,| |$)", text)} == {}
 
 
-def test_long_texts_are_not_cut_at_80_columns(statuses):
+def test_long_status_texts_are_complete_at_80_columns(statuses):
     flown = statuses(6.0)[-1]
     senders = "1/1 at 192.168.144.11:14550, ranges of 1/192 at 192.168.144.12:14560"
     tick = flown.tick._replace(saturated=True, turn_rate=-0.349)
@@ -257,13 +258,13 @@ def alarms_of(name, seconds, *overrides):
     ("name", "rate", "seconds"),
     [("arducopter", 3.0, 40.0), ("arduplane", 1.0, 40.0), ("arduplane", 100.0, 20.0)],
 )
-def test_radio_as_in_mission_raises_no_alarm(name, rate, seconds):
+def test_radio_matching_mission_raises_no_alarm(name, rate, seconds):
     lost = "sim.ranging.dropout_fraction=0.1"
     radio = (f"ranging.rate_hz={rate}", f"sim.ranging.rate_hz={rate}", lost)
     assert alarms_of(name, seconds, *radio) == set()
 
 
-def test_unknown_height_is_a_reason_to_wait():
+def test_unknown_height_is_shown_as_reason_for_waiting():
     rig = Rig(height=HeightSettings(target_altitude=500.0)).run(5.0)
     watch = StatusSource(rig.pilot, Onlookers())
     for _ in range(10):
@@ -272,8 +273,8 @@ def test_unknown_height_is_a_reason_to_wait():
     assert status.view.waits.startswith("no altitude (VFR_HUD.alt)")
 
 
-def test_low_setpoint_rate_raises_an_alarm():
-    """The computer steps twice a second, so setpoints are that late in any phase."""
+def test_low_setpoint_rate_raises_alarm():
+    """The loop steps only twice per second, so setpoints are up to 0.5 s late in every phase."""
     rig = Rig().engage()
     watch = StatusSource(rig.pilot, Onlookers())
     found = []

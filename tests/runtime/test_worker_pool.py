@@ -1,4 +1,4 @@
-"""Jobs on several processes: all of them completed, or all of them dropped at once."""
+"""Jobs on several worker processes: all are completed, or all are stopped at once."""
 
 import math
 import os
@@ -48,7 +48,7 @@ if __name__ == "__main__":
 """
 
 
-def test_abandoned_job_is_stopped():
+def test_worker_pool_stops_abandoned_job():
     with workers(2) as submit:
         first, *_ = [submit(math.sqrt, 4.0), *(submit(time.sleep, FOREVER) for _ in range(5))]
         assert first.result() == 2.0
@@ -56,13 +56,14 @@ def test_abandoned_job_is_stopped():
     assert time.monotonic() - began < PATIENCE
 
 
-def test_exception_of_a_job_is_raised():
+def test_worker_pool_raises_exception_of_job():
     with workers(2) as submit, pytest.raises(ValueError, match="math domain"):
         submit(math.sqrt, -1.0).result()
 
 
 def test_workers_ignore_ctrl_c(tmp_path):
-    """From their start on, also during imports. Otherwise each would print a traceback."""
+    """Workers ignore SIGINT from their start on, also during imports. Otherwise each of them would
+    print a traceback."""
     script = tmp_path / "jobs.py"
     script.write_text(JOBS)
     for seconds in (0.0, 0.05, 0.1, 0.3):
@@ -85,12 +86,13 @@ def is_running(process):
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
 def test_workers_end_with_a_killed_parent(tmp_path):
-    """They are in the middle of jobs that would take ten minutes."""
+    """The workers are executing jobs that would take ten minutes."""
     script = tmp_path / "holds.py"
     script.write_text(HOLDS)
     parent = python(script)
     assert parent.stdout.readline() == "at work\n"
-    tasks = Path(f"/proc/{parent.pid}/task").glob("*/children")  # each thread has its own
+    # every thread of the parent has its own list of children
+    tasks = Path(f"/proc/{parent.pid}/task").glob("*/children")
     children = [Path(f"/proc/{child}") for task in tasks for child in task.read_text().split()]
     assert len(children) >= 2
     parent.kill()
@@ -101,7 +103,7 @@ def test_workers_end_with_a_killed_parent(tmp_path):
         time.sleep(0.05)
 
 
-def test_dead_worker_does_not_block():
+def test_killed_worker_does_not_block_worker_pool():
     with pytest.raises(WorkerDiedError), workers(2) as submit:
         submit(time.sleep, FOREVER)
         submit(os._exit, 9).result()

@@ -125,8 +125,8 @@ def build(**tables: Any) -> Vehicle:
 
 
 def aboard(profile: str = "arducopter", mode: str | None = None, **tables: Any) -> Station:
-    """Return the companion of a vehicle in the air with exact sensors. Only the default streams of
-    its autopilot are sent. Keys of [vehicle] and [start] are added to `profile` and `mode`."""
+    """Return the companion of a vehicle in the air that has exact sensors and sends only the
+    default streams of its autopilot. Tables [vehicle] and [start] extend `profile` and `mode`."""
     vehicle = {
         "profile": profile,
         "default_streams": not profile.startswith("px4"),

@@ -1,5 +1,5 @@
-"""Commands that ArduCopter 4.6.3 obeys or refuses, and its timeouts (figures: flown on the real
-firmware)."""
+"""Commands that the emulated ArduCopter obeys or refuses, and its timeouts. Figures are from
+flights of ArduCopter 4.6.3."""
 
 import math
 import struct
@@ -26,12 +26,12 @@ def setpoint_by_hand(vx: float, yaw_rate: float) -> bytes:
     return b"\xfd" + header + payload + struct.pack("<H", x25(header + payload + bytes([143])))
 
 
-def test_positive_yaw_rate_turns_clockwise():
+def test_copter_with_positive_yaw_rate_turns_clockwise():
     vehicle = guided().vehicle
     vehicle.receive(setpoint_by_hand(10.0, 0.5))
     vehicle.advance(1.0)
     truth = vehicle.truth
-    assert truth.heading == pytest.approx(0.5)  # from north towards east
+    assert truth.heading == pytest.approx(0.5)  # the heading changes from north towards east
     assert truth.east > 0 and truth.turn_rate == 0.5
     assert (truth.north + 200.0, truth.east) == pytest.approx(
         (20 * math.sin(0.5), 20 * (1 - math.cos(0.5)))
@@ -56,7 +56,7 @@ def test_copter_brakes_after_setpoint_timeout():
     assert (companion.truth.ground_speed, companion.truth.turn_rate) == pytest.approx((5.0, 0.2))
     companion.wait(0.101)
     assert companion.truth.turn_rate == 0.0 and companion.truth.ground_speed == pytest.approx(4.8)
-    companion.wait(2.5)  # 5 -> 0 m/s in 2.5 s
+    companion.wait(2.5)  # the copter brakes from 5 m/s to 0 in 2.5 s
     assert (
         companion.truth.ground_speed == 0.0
         and companion.truth.mode == 4
@@ -73,14 +73,14 @@ def test_copter_brakes_after_setpoint_timeout():
 @pytest.mark.parametrize(
     "start", [{"mode": "LOITER"}, {"mode": "GUIDED", "armed": False, "altitude_m": 0.0}]
 )
-def test_setpoints_count_only_armed_in_guided(start):
+def test_copter_obeys_setpoints_only_when_armed_in_guided(start):
     companion = aboard(start=start)
     companion.velocity(5.0, 0.2)
     companion.wait(1.0)
     assert companion.truth.ground_speed == 0.0 and companion.vehicle.setpoint_log == []
 
 
-def test_mode_changes_are_acknowledged_or_refused():
+def test_copter_acknowledges_or_refuses_mode_changes():
     companion = aboard(mode="LOITER")
     assert companion.set_mode(4) == [0] and companion.truth.mode == 4
     assert companion.set_mode(99) == [4] and companion.texts() == ["No such mode 99"]
@@ -88,7 +88,8 @@ def test_mode_changes_are_acknowledged_or_refused():
     assert companion.command(176, 1, 5, target=(7, 1)) == []
     assert companion.truth.mode == 4
     companion.forget()
-    companion.send(mavlink.MAVLink_set_mode_message(1, 1, 5))  # obeyed without an acknowledgement
+    # SET_MODE is obeyed without an acknowledgement
+    companion.send(mavlink.MAVLink_set_mode_message(1, 1, 5))
     assert companion.truth.mode == 5 and companion.listen("COMMAND_ACK") == []
     lost = aboard(mode="ALT_HOLD", vehicle={"gps": False})
     assert lost.set_mode(4) == [4]
@@ -103,7 +104,7 @@ def test_copter_takes_off_lands_and_returns_home():
     assert companion.command(*take_off) == [0]
     companion.wait(20.0)
     assert companion.truth.down == pytest.approx(-20.0, abs=0.3)
-    assert companion.command(400, 0) == [4]  # not in the air
+    assert companion.command(400, 0) == [4]  # disarming in the air is refused
     assert companion.set_mode(9) == [0]
     companion.wait(70.0)
     assert companion.truth.down == 0.0 and not companion.truth.armed
@@ -125,7 +126,7 @@ GUIDED = {"px4_copter": "OFFBOARD", "px4_plane": "OFFBOARD", "arducopter_nogps":
     st.booleans(),
     st.sampled_from(PROFILES),
 )
-def test_malformed_frames_never_raise(number, noise, addressed, profile):
+def test_emulator_accepts_malformed_frames_without_exception(number, noise, addressed, profile):
     kind = mavlink.mavlink_map[number]
     payload = bytearray((noise * 5)[: kind.unpacker.size])
     if addressed and "target_system" in kind.fieldnames:
@@ -145,20 +146,20 @@ def test_malformed_frames_never_raise(number, noise, addressed, profile):
 
 
 @given(st.sampled_from(PROFILES), st.data())
-def test_parameter_values_never_raise(profile, data):
+def test_emulator_accepts_any_parameter_value_without_exception(profile, data):
     companion = Station(build(vehicle={"profile": profile, "default_streams": False}))
     names = [m.param_id for m in companion.vehicle._flight.autopilot.params.all_values()]
     for _ in range(4):
         value = data.draw(st.floats(width=32))
         name = data.draw(st.sampled_from(names)).encode()
         companion.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
-    companion.command(20)  # return to launch
+    companion.command(20)  # MAV_CMD_NAV_RETURN_TO_LAUNCH
     for _ in range(4):
         companion.wait(2.0)
     assert math.isfinite(companion.truth.north)
 
 
-def test_flown_setpoint_is_reported_in_earth_frame():
+def test_copter_reports_its_setpoint_in_earth_frame():
     companion = aboard(mode="GUIDED", start={"heading_deg": 90.0})
     companion.stream(85, 100_000)
     companion.wait(0.5)

@@ -1,4 +1,5 @@
-"""ArduPlane 4.6.3 as flown: it obeys a bank for 3 s, and holds height and airspeed itself."""
+"""The emulated ArduPlane, with figures from flights of ArduPlane 4.6.3. It obeys a commanded bank
+for 3 s, and holds height and airspeed itself."""
 
 import math
 
@@ -39,11 +40,11 @@ def test_plane_loiters_with_hard_bank_after_timeout():
     assert companion.texts() == [] and companion.truth.mode == 15
     companion.wait(120.0)
     truth = companion.truth
-    # where GUIDED was entered
+    # the plane loiters around the place where GUIDED was entered
     assert math.hypot(truth.north + 200.0, truth.east) == pytest.approx(60.0, abs=15.0)
 
 
-def test_bank_limit_and_ignored_setpoints():
+def test_plane_limits_bank_and_ignores_velocity_setpoints():
     companion = plane(vehicle={"max_bank_deg": 45.0})
     companion.stream(62, 200_000)
     companion.repeat(5.0, lambda: companion.attitude(ROLL_ONLY, 1.2))
@@ -57,7 +58,7 @@ def test_bank_limit_and_ignored_setpoints():
     assert not companion.listen("AUTOPILOT_VERSION")[0].capabilities & 128
 
 
-def test_wind_changes_ground_speed_but_not_airspeed():
+def test_wind_changes_ground_speed_but_not_airspeed_of_plane():
     companion = plane(wind={"speed_mps": 8.0, "from_deg": 270.0})
     companion.stream(74, 500_000)
     speeds = []
@@ -65,11 +66,12 @@ def test_wind_changes_ground_speed_but_not_airspeed():
         companion.repeat(0.5, lambda: companion.attitude(ROLL_ONLY, 0.3), 10.0)
         speeds.append(companion.truth.ground_speed)
         assert companion.truth.airspeed == pytest.approx(23.43, abs=0.1)
-    assert (min(speeds), max(speeds)) == pytest.approx((15.4, 31.4), abs=0.5)  # flown: 15.7 to 31.1
+    # ground speed flown on firmware: 15.7 to 31.1 m/s
+    assert (min(speeds), max(speeds)) == pytest.approx((15.4, 31.4), abs=0.5)
     assert companion.listen("VFR_HUD")[-1].airspeed == pytest.approx(22.0, abs=0.1)
 
 
-def test_commanded_heading_has_no_timeout():
+def test_plane_keeps_commanded_heading_without_timeout():
     companion = plane()
     assert companion.command(43002, 1, 360.0) == [2] and companion.command(43002, 2, 90.0) == [2]
     assert companion.command(43002, 1, 90.0, 3.0) == [0]
@@ -80,7 +82,7 @@ def test_commanded_heading_has_no_timeout():
     assert companion.truth.airspeed == pytest.approx(26.0 * 1.065, rel=0.01)
 
 
-def test_sticks_count_only_from_the_ground_station():
+def test_plane_accepts_sticks_only_from_ground_station():
     companion = plane("FBWB")
     pilot = Station(companion.vehicle, 255, 190, link="gcs")
     companion.repeat(3.0, lambda: companion.sticks(0.37))
@@ -88,22 +90,23 @@ def test_sticks_count_only_from_the_ground_station():
     pilot.repeat(3.0, lambda: pilot.sticks(0.37))
     assert math.degrees(pilot.truth.roll) == pytest.approx(24.05, abs=0.3)
     pilot.wait(6.0)
-    assert abs(pilot.truth.roll) < 0.01  # RC_OVERRIDE_TIME
+    assert abs(pilot.truth.roll) < 0.01  # the sticks have ended after RC_OVERRIDE_TIME
     override = mavlink.MAVLink_rc_channels_override_message(1, 1, 1685, *[65535] * 7)
     pilot.repeat(3.0, lambda: pilot.send(override))
     assert math.degrees(pilot.truth.roll) == pytest.approx(24.05, abs=0.3)
 
 
-def test_plane_streams_once_a_second_by_default():
+def test_plane_sends_streams_once_per_second_by_default():
     companion = plane()
     companion.wait(10.0)
     assert {kind: len(companion.listen(kind)) for kind in ("ATTITUDE", "VFR_HUD", "RAW_IMU")} == {
         "ATTITUDE": 10, "VFR_HUD": 10, "RAW_IMU": 10
     }  # fmt: skip
-    assert companion.stream(30, 10_000) == [2]  # at most 40 Hz of its 50 Hz loop
+    # a stream at 100 Hz is refused: the limit is 40 Hz, because the main loop runs at 50 Hz
+    assert companion.stream(30, 10_000) == [2]
 
 
-def test_plane_flies_on_without_gps_and_changes_speed():
+def test_plane_without_gps_continues_and_changes_speed():
     companion = plane(events=[{"at_s": 1.0, "action": "gps_off"}])
     companion.repeat(15.0, lambda: companion.attitude(ROLL_ONLY, 0.3), 5.0)
     assert companion.truth.mode == 15 and companion.truth.roll == pytest.approx(0.3, abs=0.01)

@@ -13,7 +13,7 @@ def flying(speed):
 
 
 def slip(truth):
-    """Return the angle of the nose ahead of the course, deg, positive when it leads the turn."""
+    """Return the angle from course to nose, deg, positive if the nose leads the turn."""
     lead = math.degrees(math.remainder(truth.heading - truth.course, math.tau))
     return math.copysign(1.0, truth.turn_rate) * lead
 
@@ -34,7 +34,7 @@ def test_copter_slips_unless_acceleration_is_fed_forward(speed, rate, turned, sl
     assert slip(companion.truth) == pytest.approx(2.0, abs=1.0)
 
 
-def test_slow_setpoints_increase_the_slip():
+def test_rare_setpoints_increase_slip_of_copter():
     slips = []
     for rate in (20.0, 2.0):
         companion = flying(5.0)
@@ -44,11 +44,11 @@ def test_slow_setpoints_increase_the_slip():
             companion.fly(1 / rate, 5.0, 0.3, rate=rate)
             lags.append(slip(companion.truth))
         slips.append(sum(lags) / len(lags))
-    assert slips[1] - slips[0] == pytest.approx(4.5, abs=2.0)  # flown: 10 and 16 deg
+    assert slips[1] - slips[0] == pytest.approx(4.5, abs=2.0)  # flown on firmware: 10 and 16 deg
 
 
 @pytest.mark.parametrize("led_round", [True, False])
-def test_attitude_setpoints_turn_only_with_leading_yaw(led_round):
+def test_attitude_setpoints_turn_copter_only_with_leading_yaw(led_round):
     companion = flying(5.0)
     bank = math.atan(5 * 0.3 / 9.8)
     pitch = math.radians(-4)
@@ -67,12 +67,12 @@ def test_attitude_setpoints_turn_only_with_leading_yaw(led_round):
     assert (turned == pytest.approx(0.3, abs=0.03)) == led_round
 
 
-def test_half_thrust_holds_the_height():
+def test_copter_holds_height_at_half_thrust():
     companion = flying(0.0)
     companion.repeat(5.0, lambda: companion.attitude(7))
     assert companion.truth.down == pytest.approx(-50.0, abs=0.01)
     companion.repeat(4.0, lambda: companion.attitude(7, thrust=1.0))
-    assert companion.truth.down == pytest.approx(-59.3, abs=0.5)  # 2.5 m/s
+    assert companion.truth.down == pytest.approx(-59.3, abs=0.5)  # climb of 4 s at up to 2.5 m/s
 
 
 def test_guided_nogps_leans_levels_and_sinks():
@@ -82,7 +82,7 @@ def test_guided_nogps_leans_levels_and_sinks():
     for companion in (leaning, silent, sinking):
         assert companion.set_mode(4) == [4] and companion.set_mode(20) == [0]
     leaning.repeat(40.0, lambda: leaning.attitude(7, 0.0, math.radians(-4)))
-    # 0.24 v (1 + v/8) = g tan 4 deg
+    # speed v at which the drag 0.24 v (1 + v/8) equals g tan 4 deg
     assert leaning.truth.ground_speed == pytest.approx(2.23, abs=0.05)
     silent.repeat(5.0, lambda: silent.attitude(7, 0.3, 0.0, 0.0))
     silent.wait(3.5)

@@ -1,4 +1,4 @@
-"""The fault link: its effect on bytes and times, in both directions, repeatable for the same
+"""The fault link: its effect on bytes and times in both directions, repeatable with the same
 seed."""
 
 import socket
@@ -17,7 +17,7 @@ from tests.tools.faults.tampering import dropping, on, outliers
 
 
 def carried(impairment, count=2000, seed=1, step=0.01):
-    """Send numbered datagrams through a pipe and return (time of arrival, bytes)."""
+    """Send numbered datagrams through a pipe. Return (time of arrival, bytes)."""
     pipe = Pipe(impairment, seed)
     out = []
     for n in range(count):
@@ -38,13 +38,13 @@ def test_clean_link_passes_everything_except_in_outages():
     assert passed == [*range(500), *range(1000, 2000)]
 
 
-def test_faults_repeat_with_the_seed():
+def test_link_faults_repeat_with_seed():
     broken = Impairment(loss=0.1, jitter=0.2, duplicate=0.1, corrupt=0.01, reorder=0.1)
     assert carried(broken, seed=3) == carried(broken, seed=3)
     assert carried(broken, seed=3) != carried(broken, seed=4)
 
 
-def test_loss_duplicates_and_corruption_have_their_rates():
+def test_loss_duplicates_and_corruption_have_configured_rates():
     assert len(carried(Impairment(loss=0.2))) == pytest.approx(1600, abs=60)
     assert len(carried(Impairment(duplicate=0.5))) == pytest.approx(3000, abs=70)
     lost = 1 - len(carried(Impairment(burst_every=0.9, burst=0.1), 20000)) / 20000
@@ -54,7 +54,7 @@ def test_loss_duplicates_and_corruption_have_their_rates():
     )
 
 
-def test_delay_and_jitter_stay_within_bounds():
+def test_link_delay_and_jitter_stay_within_bounds():
     pipe = Pipe(Impairment(delay=0.1, jitter=0.2), 1)
     for _ in range(300):
         pipe.push(b"x", 0.0)
@@ -64,7 +64,7 @@ def test_delay_and_jitter_stay_within_bounds():
     assert pipe.next_due == float("inf")
 
 
-def test_reordering_stays_within_its_depth():
+def test_reordering_stays_within_configured_depth():
     assert numbers(carried(Impairment(jitter=0.2))) != list(range(2000))
     assert numbers(carried(Impairment(jitter=0.2, in_order=True))) == list(range(2000))
     passed = numbers(carried(Impairment(reorder=0.25, depth=3)))
@@ -91,7 +91,7 @@ def test_tampered_frame_differs_in_one_value():
     assert after[4:7] == before[4:7]
 
 
-def test_tampers_apply_to_one_direction_and_message():
+def test_tampers_change_only_one_direction_and_message():
     link = FaultLink()
     link.tampers += [dropping(132), on(132, outliers(1.0, (5.0, 5.0), 1), direction=UP)]
     link.push(DOWN, distance(1000), 0.0)

@@ -12,7 +12,8 @@ SET_INTERVAL = 511
 GCS = 6
 QGROUNDCONTROL = (255, 190)
 MISSION_TYPES = (0, 1, 2)  # mission, fence, rally points
-FTP = [0, 0, 0, 4, 15, *[0] * 7, *b"@PARAM/param.pck", *[0] * 223]  # open for reading
+# FILE_TRANSFER_PROTOCOL: open the parameter file for reading
+FTP = [0, 0, 0, 4, 15, *[0] * 7, *b"@PARAM/param.pck", *[0] * 223]
 
 
 def asked(number: int, *params: float) -> mavlink.MAVLink_command_long_message:

@@ -24,11 +24,11 @@ def test_scripted_mode_change_and_disarming():
 
 
 @pytest.mark.parametrize(("profile", "mode"), [("arduplane", "FBWA"), ("px4_plane", "LOITER")])
-def test_rearmed_plane_flies_on_at_its_height(profile, mode):
+def test_plane_rearmed_in_air_holds_its_new_height(profile, mode):
     events = [{"at_s": 1.0, "action": "disarm"}, {"at_s": 5.0, "action": "mode", "mode": "LOITER"}]
     companion = aboard(profile, mode, events=[*events, {"at_s": 5.0, "action": "arm"}])
     companion.wait(25.0)
-    # 4 s at 5 m/s below the initial 100 m
+    # the disarmed plane sinks for 4 s at 5 m/s from 100 m
     assert companion.truth.down == pytest.approx(-80.0, abs=1.0)
 
 
@@ -36,7 +36,7 @@ def test_rearmed_plane_flies_on_at_its_height(profile, mode):
     ("profile", "guided", "after"),
     [("arducopter", 4, 6), ("arduplane", 15, 11), ("ardurover", 15, 4)],
 )
-def test_radio_failsafe_changes_the_mode(profile, guided, after):
+def test_radio_failsafe_changes_mode_of_ardupilot(profile, guided, after):
     companion = aboard(profile, "GUIDED", events=[{"at_s": 1.0, "action": "rc_failsafe"}])
     companion.wait(0.9)
     assert companion.truth.mode == guided
@@ -59,12 +59,12 @@ def test_gps_loss_lands_guided_copter_after_eight_seconds():
     assert companion.set_mode(4) == [4] and companion.set_mode(2) == [0]
 
 
-def test_gcs_failsafe_counts_only_heartbeats_of_its_station():
+def test_gcs_failsafe_needs_heartbeats_of_its_own_station():
     companion = aboard(mode="GUIDED")
     operator = Station(companion.vehicle, 255, 190, link="gcs")
     operator.heartbeat(6)
     companion.fly(10.0, 3.0, 0.1)
-    assert companion.truth.mode == 4  # off by default
+    assert companion.truth.mode == 4  # the failsafe is off by default
     operator.send(mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 1.0, 2))
     operator.heartbeat(6)
     for _ in range(4):
@@ -87,15 +87,15 @@ def test_reboot_resets_clock_streams_and_routes():
     assert companion.listen() == []
     companion.wait(2.2)
     beats = companion.listen(source=(1, 1))
-    assert {m.get_type() for m in beats} == {"HEARTBEAT"}  # no streams
-    # and no ranges forwarded to a component that has not sent since
+    assert {m.get_type() for m in beats} == {"HEARTBEAT"}  # after the reboot no streams are sent
+    # no ranges are forwarded to a component that has not sent since the reboot
     assert companion.listen("DISTANCE_SENSOR") == []
     assert beats[-1].custom_mode == 0 and not beats[-1].base_mode & 128
     companion.command(512, 2)
     assert companion.listen("SYSTEM_TIME")[-1].time_boot_ms == 2100
 
 
-def test_muted_autopilot_flies_on():
+def test_muted_autopilot_continues_its_flight():
     events = [
         {"at_s": 1.0, "action": "mute_autopilot"},
         {"at_s": 3.0, "action": "unmute_autopilot"},
@@ -131,14 +131,14 @@ def test_gusts_have_their_strength_and_correlation_time():
     north, east = zip(*blown[100:], strict=True)
     assert statistics.fmean(east) == pytest.approx(-5.0, abs=0.3)
     assert statistics.pstdev(north) == pytest.approx(1.5, rel=0.1)
-    lagged = statistics.correlation(north[:-20], north[20:])  # 2 s apart
+    lagged = statistics.correlation(north[:-20], north[20:])  # samples 2 s apart
     assert lagged == pytest.approx(math.exp(-1), abs=0.08)
 
 
 def test_target_turns_and_accelerates_along_its_course():
     turning = Target(velocity_north_mps=2.0, turn_rate_deg_s=90.0)
     assert target_at(turning, 4.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
-    # clockwise
+    # a positive turn rate is clockwise
     assert target_at(turning, 1.0)[:2] == pytest.approx((2.0 / (math.pi / 2), 2.0 / (math.pi / 2)))
     faster = Target(velocity_east_mps=1.0, acceleration_mps2=0.5)
     assert target_at(faster, 4.0)[:2] == pytest.approx((0.0, 1.0 * 4 + 0.25 * 16))
@@ -213,8 +213,8 @@ def test_steering_faults_replace_the_commanded_turn(profile, state):
 
 @pytest.mark.parametrize(("profile", "lean"), [("arducopter", 12.0), ("px4_copter", 20.0)])
 def test_copter_airspeed_is_limited_by_its_lean(profile, lean):
-    """The drag at the fastest airspeed is g tan(lean); it is linear on PX4, and grows with the
-    speed on ArduPilot."""
+    """At the largest airspeed the drag equals g tan(lean). The drag is proportional to the airspeed
+    v on PX4, and to v (1 + v/8) on ArduPilot."""
     wind = {"speed_mps": 4.0, "from_deg": 0.0}
     airframe = {"dynamics": "realistic", "max_lean_deg": lean, "drag_per_s": 0.4}
     mode = "OFFBOARD" if profile == "px4_copter" else "GUIDED"
@@ -222,7 +222,7 @@ def test_copter_airspeed_is_limited_by_its_lean(profile, lean):
     companion.fly(25.0, 8.0, 0.0)
     fastest = 9.80665 * math.tan(math.radians(lean)) / 0.4
     if profile == "arducopter":
-        fastest = (math.sqrt(1 + fastest / 2) - 1) * 4  # of v (1 + v / 8)
+        fastest = (math.sqrt(1 + fastest / 2) - 1) * 4  # solution of v (1 + v / 8) = fastest
     assert companion.truth.airspeed == pytest.approx(min(fastest, 12.0), rel=0.06)
     name = "MPC_TILTMAX_AIR" if profile == "px4_copter" else "ANGLE_MAX"
     assert companion.vehicle._flight.autopilot.params[name] == lean * (

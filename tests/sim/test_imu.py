@@ -1,5 +1,4 @@
-"""Accelerometers, gusts and the error of a velocity estimate: the measurements of an inertial
-sensor in flight."""
+"""The emulated IMU in flight: accelerometers, gusts, and the errors of PX4's estimates."""
 
 import itertools
 import math
@@ -17,7 +16,8 @@ HIGHRES_IMU = 105
 
 
 def si(message):
-    """Return forward, right, down in m/s^2, then rad/s, for any of the three messages."""
+    """Return acceleration (m/s^2) and turn rate (rad/s) in the order forward, right, down, from any
+    of the three IMU messages."""
     values = [
         getattr(message, name) for name in ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro")
     ]
@@ -36,8 +36,8 @@ def si(message):
     ],
 )
 def test_accelerometers_at_rest_measure_one_g(profile, number, kind):
-    """Noise about a bias of 0.05 to 0.1 m/s^2 that the seed determines: 0.2 m/s^2 for ArduPilot,
-    and the noise of SIH for PX4."""
+    """The bias is 0.05 to 0.1 m/s^2 and depends on the seed. The noise is 0.2 m/s^2 for ArduPilot,
+    and that of SIH for PX4."""
     companion = aboard(profile, start={"armed": False}, sensors={"attitude_error_deg": 0.0})
     assert companion.stream(number, 25_000) == [0]
     companion.wait(20.0)
@@ -75,11 +75,12 @@ def test_coordinated_turn_has_no_lateral_force():
     assert rates == pytest.approx([0.0, turn / 2, turn * math.cos(math.radians(30))], abs=2e-3)
 
 
-def test_imu_faults_change_the_measurement():
+def test_imu_faults_change_measured_acceleration():
     x, y, z, p, q, _ = turning()
     assert turning(imu="rotated")[:5] == pytest.approx([y, -x, z, q, -p], abs=0.02)
     assert turning(imu="clipped")[2] == pytest.approx(-8.0, abs=0.01)
-    frozen = turning(imu="frozen")  # the value from the straight flight before
+    # the frozen IMU repeats the value of the straight flight before the turn
+    frozen = turning(imu="frozen")
     assert frozen[2] == pytest.approx(-G, abs=0.05) and frozen[5] < 0.05
     assert abs(turning(accel_bias_mps2=0.5)[2] - z) == pytest.approx(0.5, abs=0.12)
     shaken = turning(accel_vibration_mps2=20.0)
@@ -104,8 +105,8 @@ def test_imu_fault_begins_and_ends_in_flight():
     ],
 )
 def test_imu_and_attitude_integrate_to_velocity(profile, step, imu):
-    """Specific force rotated to NED with ATTITUDE_QUATERNION, plus gravity; in gusts, hard turns
-    and changes of speed."""
+    """The test rotates the specific force to NED by ATTITUDE_QUATERNION, adds gravity and
+    integrates, in gusts, hard turns and changes of speed."""
     px4 = profile == "px4_copter"
     wind = {"speed_mps": 4.0, "gust_rms_mps": 2.0}
     companion = aboard(
@@ -150,7 +151,7 @@ def velocity(truth):
 
 
 def struck(profile, mode, gust, from_deg=0.0, **vehicle):
-    """Return a vehicle in still air; a wind begins after 1 s."""
+    """Return a vehicle in calm air in which a constant wind begins after 1 s."""
     events = [{"at_s": 1.0, "action": "wind", "value": gust}]
     return aboard(
         profile, mode, vehicle=vehicle, wind={"from_deg": from_deg}, events=events, sensors=FLAWLESS
@@ -158,8 +159,8 @@ def struck(profile, mode, gust, from_deg=0.0, **vehicle):
 
 
 def test_side_gust_turns_plane_before_carrying_it():
-    """A gust of 3 m/s across the nose: 7.3 deg of slip at once. The ground velocity follows
-    smoothly by a part of it."""
+    """A gust of 3 m/s across the nose causes a slip of 7.3 deg at once. The ground velocity then
+    changes gradually by a part of the gust."""
     companion = struck("arduplane", "FBWA", 3.0, 90.0, airspeed_scale=1.0)
     companion.wait(0.99)
     truths = []
@@ -168,9 +169,9 @@ def test_side_gust_turns_plane_before_carrying_it():
         truths.append(companion.truth)
     east = [velocity(truth)[1] for truth in truths]
     assert abs(east[1]) < 0.3 and -2.0 < east[-1] < -0.5
-    # 0.1 rad of slip: about 9 m/s^2
+    # 0.1 rad of slip accelerates the plane by about 9 m/s^2
     assert max(abs(b - a) for a, b in itertools.pairwise(east)) < 0.12
-    # from the right: turns to the right by a part of it
+    # a gust from the right turns the nose to the right, by a part of the slip angle
     assert 0.03 < math.asin(3.0 / 22.0) - truths[-1].heading < 0.1
     assert truths[2].airspeed == pytest.approx(math.hypot(22.0, 3.0), abs=0.1)
 
@@ -184,13 +185,14 @@ def test_gust_pushes_copter_until_it_leans(profile, most):
         speeds.append(velocity(companion.truth)[0])
     assert speeds[2] == 0.0 and -most < min(speeds) < -0.05 and abs(speeds[-1]) < 0.05
     force = companion.vehicle._flight.specific_force()
-    # leans and measures it
+    # the copter leans into the wind, and the IMU measures the drag
     assert force[0] < -0.5 and math.hypot(*force) == pytest.approx(G, abs=0.02)
 
 
-def test_px4_estimate_errors_match_sih():
-    """Flown on firmware: 0.9 to 1.1 deg of roll, 0.18 to 0.24 m/s along the nose, 1.0 to 1.8 deg of
-    heading. Half of the roll error remains after 2 s, none after 5 s."""
+def test_errors_of_px4_estimates_match_sih():
+    """Standard deviations of PX4's errors in SIH: 0.9 to 1.1 deg of roll, 0.18 to 0.24 m/s along
+    the nose, 1.0 to 1.8 deg of heading. The correlation of the roll error is about 0.5 after 2 s
+    and 0 after 5 s."""
     companion = aboard("px4_copter", sensors={})
     companion.velocity(5.0, 0.0)
     companion.set_mode(6)
@@ -216,6 +218,7 @@ def test_px4_estimate_errors_match_sih():
     assert statistics.pstdev(rolls) == pytest.approx(1.0, abs=0.2)
     assert statistics.pstdev(speeds) == pytest.approx(0.23, abs=0.06)
     assert statistics.pstdev(headings) == pytest.approx(1.3, abs=0.4)
-    assert 0.1 < statistics.pstdev(flown) < 0.35  # the velocity loop holds the estimate
+    # the velocity loop controls the estimated speed, so the true speed varies
+    assert 0.1 < statistics.pstdev(flown) < 0.35
     assert statistics.correlation(rolls[:-4], rolls[4:]) == pytest.approx(0.6, abs=0.15)
     assert abs(statistics.correlation(rolls[:-10], rolls[10:])) < 0.2

@@ -10,7 +10,7 @@ def test_heartbeat_shows_vehicle_and_mode_every_second():
     companion = aboard(mode="GUIDED")
     companion.heartbeat()
     companion.wait(9.5)
-    beats = companion.listen(source=(1, 1))  # no streams before a request
+    beats = companion.listen(source=(1, 1))  # without a request the emulator sends no streams
     assert len(beats) == 10 and {b.get_type() for b in beats} == {"HEARTBEAT"}
     seen = {
         (b.type, b.autopilot, b.custom_mode, b.base_mode & 0x89, b.system_status) for b in beats
@@ -18,7 +18,7 @@ def test_heartbeat_shows_vehicle_and_mode_every_second():
     assert seen == {(2, 3, 4, 0x89, 4)}
 
 
-def test_stream_intervals_are_kept_per_link():
+def test_emulator_keeps_stream_intervals_per_link():
     companion = aboard()
     other = Station(companion.vehicle, 255, 190, link="gcs")
     assert companion.stream(30, 100_000) == [0] and other.stream(30, 500_000) == [0]
@@ -41,12 +41,12 @@ def test_request_data_stream_is_served():
     assert len(companion.listen("ATTITUDE")) == 4
 
 
-def test_version_timesync_and_missions_are_answered():
+def test_emulator_answers_version_timesync_and_mission_requests():
     companion = aboard()
     assert companion.command(512, 148) == [0] and companion.command(520, 1) == [0]
     version = companion.listen("AUTOPILOT_VERSION")[0]
     assert version.flight_sw_version == 0x040603FF
-    wanted = 64 | 128 | 8192  # attitude targets, local position targets, MAVLink 2
+    wanted = 64 | 128 | 8192  # capabilities: attitude targets, local position targets, MAVLink 2
     assert version.capabilities & wanted == wanted
     companion.send(mavlink.MAVLink_command_int_message(1, 1, 0, 176, 0, 0, 1, 4, 0, 0, 0, 0, 0))
     ack = companion.listen("COMMAND_ACK")[-1]
@@ -63,7 +63,7 @@ def test_version_timesync_and_missions_are_answered():
 @pytest.mark.parametrize(
     ("profile", "gcs_switch"), [("arducopter", "FS_GCS_ENABLE"), ("arduplane", "FS_GCS_ENABL")]
 )
-def test_parameters_are_listed_and_read_by_name(profile, gcs_switch):
+def test_emulator_lists_and_reads_parameters_by_name(profile, gcs_switch):
     companion = aboard(profile)
     companion.send(mavlink.MAVLink_param_request_list_message(1, 1))
     values = companion.listen("PARAM_VALUE")
@@ -78,7 +78,7 @@ def test_parameters_are_listed_and_read_by_name(profile, gcs_switch):
     assert [value.param_id for value in companion.listen("PARAM_VALUE")] == ["FENCE_ENABLE"]
 
 
-def test_truth_is_sent_without_request():
+def test_emulator_sends_truth_without_request():
     vehicle = build(
         start={"mode": "GUIDED", "heading_deg": 90.0, "speed_mps": 12.0}, target={"east_m": 7.0}
     )
@@ -97,7 +97,7 @@ def test_truth_is_sent_without_request():
     assert states[-1].yaw == pytest.approx(t.heading) and states[-1].ve == pytest.approx(12.0)
 
 
-def test_telemetry_of_other_systems_is_forwarded():
+def test_emulator_forwards_telemetry_of_other_systems():
     companion = aboard()
     radio = Station(companion.vehicle, 42, 1, link="telem2")
     companion.heartbeat()
@@ -112,7 +112,7 @@ def test_telemetry_of_other_systems_is_forwarded():
     assert companion.listen("RANGING_BEACON") == []
 
 
-def test_directed_messages_reach_their_target():
+def test_emulator_routes_directed_messages_to_their_target():
     companion = aboard()
     companion.heartbeat()
     other = Station(companion.vehicle, 255, 190, link="gcs")
@@ -137,8 +137,8 @@ def test_directed_messages_reach_their_target():
     ],
 )
 def test_autopilot_obeys_only_its_own_address(profile, target, obeyed):
-    """None: a component of the same system that never sent a message. ArduPilot obeys messages for
-    it, PX4 does not."""
+    """None: the message is addressed to a component of the same system that never sent a message.
+    ArduPilot obeys such a message, PX4 does not."""
     companion = aboard(profile, "GUIDED" if profile == "arducopter" else None)
     if obeyed is None:
         companion = Station(companion.vehicle, 255, 190)

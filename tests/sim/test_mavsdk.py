@@ -2,7 +2,7 @@
 where supported.
 
 ArduPilot sends no streams without a request, so the rates are requested first. MAVSDK's offboard
-mode is PX4's.
+mode is supported only with PX4.
 """
 
 import contextlib
@@ -40,7 +40,7 @@ def connect(tmp_path):
             == mavsdk.ConnectionResult.SUCCESS
         )
         vehicle = tmp_path / "vehicle.toml"
-        # The emulated vehicle may receive no setpoint for a while.
+        # On a busy machine the emulated vehicle may receive no setpoint for some time.
         vehicle.write_text(f'[vehicle]\nprofile = "{profile}"\nsetpoint_timeout_s = 60.0\n')
         arguments = (str(vehicle), "--endpoint", f"udpout:127.0.0.1:{port}", "--speed", "2")
         open_things.enter_context(running(python("-m", "sim", *arguments)))
@@ -71,16 +71,16 @@ def test_mavsdk_flies_px4_in_offboard(connect: Callable[[str], Any]):
     offboard.start()
     until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)
     before = telemetry.attitude_euler()
-    # of the vehicle's time
+    # duration in the vehicle's time
     until(lambda: telemetry.attitude_euler().timestamp_us - before.timestamp_us > 2_000_000)
     after = telemetry.attitude_euler()
     turned = math.remainder(math.radians(after.yaw_deg - before.yaw_deg), math.tau)
-    # 30 deg/s, clockwise
+    # a yaw rate of 30 deg/s is clockwise
     assert 0.5 < turned / ((after.timestamp_us - before.timestamp_us) * 1e-6) < 0.55
     velocity = telemetry.velocity_ned()
     assert 1.0 < math.hypot(velocity.north_m_s, velocity.east_m_s) < 4.5
 
-    action.hold()  # an operator takes the mode
+    action.hold()  # the operator changes the mode
     until(lambda: telemetry.flight_mode() == FlightMode.HOLD)
 
 
@@ -89,7 +89,8 @@ def test_mavsdk_reads_and_moves_ardupilot(connect: Callable[[str], Any]):
     assert int(system.autopilot_type()) == ARDUPILOT
     telemetry = Telemetry(system)
     action = Action(system)
-    until(lambda: telemetry.armed() and telemetry.flight_mode() == FlightMode.HOLD)  # LOITER
+    # ArduPilot's LOITER is HOLD in MAVSDK
+    until(lambda: telemetry.armed() and telemetry.flight_mode() == FlightMode.HOLD)
     time.sleep(0.3)
     assert math.isnan(telemetry.attitude_euler().yaw_deg)
     telemetry.set_rate_attitude_euler(10.0)
@@ -98,10 +99,12 @@ def test_mavsdk_reads_and_moves_ardupilot(connect: Callable[[str], Any]):
     until(lambda: telemetry.position().relative_altitude_m == pytest.approx(50.0, abs=0.1))
     here = telemetry.position()
     action.set_current_speed(8.0)
+    # 1e-4 deg of latitude is 11 m
     action.goto_location(
         here.latitude_deg + 1e-4, here.longitude_deg, here.absolute_altitude_m, 0.0
-    )  # 11 m
-    until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)  # GUIDED
+    )
+    # ArduPilot's GUIDED is OFFBOARD in MAVSDK
+    until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)
     until(
         lambda: (
             telemetry.position().latitude_deg == pytest.approx(here.latitude_deg + 1e-4, abs=1e-5)

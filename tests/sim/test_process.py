@@ -29,7 +29,8 @@ def emulator(*arguments):
 
 
 def called(wire, port):
-    """Connect the socket to a vehicle that has received a heartbeat from it."""
+    """Connect the socket to the emulator's port and send a heartbeat, so that the emulator knows
+    the sender."""
     wire.connect(("127.0.0.1", port))
     send_to(wire, HEARTBEAT)
     return wire
@@ -49,7 +50,7 @@ def command(wire, *numbers):
 
 
 def receive_from(wire, kind, seconds=PATIENCE):
-    """Return the first message of a type; for HEARTBEAT, the first from the autopilot."""
+    """Return the first message of a type. HEARTBEAT: the first message of the autopilot."""
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
     end = time.monotonic() + seconds
@@ -63,7 +64,7 @@ def receive_from(wire, kind, seconds=PATIENCE):
     raise TimeoutError(kind)
 
 
-def test_udp_client_is_served_and_sigterm_ends_cleanly(wire, port):
+def test_emulator_serves_udp_client_and_ends_by_sigterm(wire, port):
     with emulator("--endpoint", f"udpin://127.0.0.1:{port}", "--speed", "5") as process:
         assert process.stdout.readline() == f"sim: arducopter system 1 on udpin:127.0.0.1:{port}\n"
         called(wire, port)
@@ -82,7 +83,7 @@ def test_udp_client_is_served_and_sigterm_ends_cleanly(wire, port):
         assert process.stderr.read() == ""
 
 
-def test_two_clients_have_separate_streams(wire, port):
+def test_emulator_serves_separate_streams_to_two_clients(wire, port):
     with (
         emulator("--endpoint", f"udpin:127.0.0.1:{port}", "--speed", "10") as process,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
@@ -96,7 +97,7 @@ def test_two_clients_have_separate_streams(wire, port):
             receive_from(wire, "ATTITUDE", 0.3)
 
 
-def test_tcp_client_is_served_and_sigint_ends_cleanly(port):
+def test_emulator_serves_tcp_client_and_ends_by_sigint(port):
     with emulator("--endpoint", f"tcpin:127.0.0.1:{port}") as process:
         assert process.stdout.readline()
         with socket.create_connection(("127.0.0.1", port)) as connection:
@@ -105,7 +106,7 @@ def test_tcp_client_is_served_and_sigint_ends_cleanly(port):
         assert process.wait(PATIENCE) == 0
 
 
-def test_direct_radio_uses_its_own_endpoint(wire, port, tmp_path):
+def test_emulated_direct_radio_uses_separate_endpoint(wire, port, tmp_path):
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text('[ranging]\nmessage = "ranging_beacon"\nvia = "direct"\n')
     radio = f"udpout:127.0.0.1:{wire.getsockname()[1]}"
@@ -140,7 +141,7 @@ def test_emulator_refuses_bad_arguments_in_one_line(wire, port, tmp_path, monkey
 
 @pytest.mark.parametrize(("step", "warnings"), [(0.05, 0), (0.3, 2)])
 def test_emulator_warns_when_computer_is_too_slow(monkeypatch, step, warnings):
-    """Each step of its loop takes this wall time, s. The test covers 15 s."""
+    """Parameter: wall time of each step of the emulator's loop, s. The test covers 15 s."""
     wall = [100.0]
     lines = []
     monkeypatch.setattr(server.time, "monotonic", lambda: wall[0])

@@ -1,5 +1,5 @@
-"""PX4's multicopter as flown: OFFBOARD, its watchdog, steady-state error and crab angle,
-acknowledgements and texts."""
+"""The emulated PX4 copter, with figures from flights of PX4: OFFBOARD and its timeout, steady-state
+speed error and crab angle, acknowledgements and texts."""
 
 import math
 import struct
@@ -12,7 +12,7 @@ from tests.sim.station import Station, aboard, build
 
 LOITER = (4, 3)
 OFFBOARD = (6, 0)
-HOVERING = 0.485  # thrust
+HOVERING = 0.485  # thrust at which the vehicle keeps its height
 
 
 def px4(gcs=False, **tables):
@@ -28,7 +28,7 @@ def offboard(**tables):
     return companion
 
 
-def test_mode_needs_setpoints_or_sticks():
+def test_px4_copter_mode_requires_setpoints_or_sticks():
     companion = px4()
     assert companion.set_mode(3) == [0, 1]
     companion.sticks(0.0)
@@ -37,7 +37,7 @@ def test_mode_needs_setpoints_or_sticks():
     assert companion.set_mode(*OFFBOARD) == [0, 1] and companion.px4_mode == "LOITER"
     companion.velocity(0.0, 0.0)
     companion.wait(1.2)
-    assert companion.set_mode(*OFFBOARD) == [0, 1]  # too old
+    assert companion.set_mode(*OFFBOARD) == [0, 1]  # the setpoints are too old
     companion.velocity(0.0, 0.0)
     assert companion.set_mode(*OFFBOARD) == [0, 0]
     assert companion.truth.mode == 6 << 16
@@ -45,7 +45,8 @@ def test_mode_needs_setpoints_or_sticks():
     companion.velocity(0.0, 0.0)
     assert companion.command(176, 0, 6) == [0, 1] and companion.command(176, 128, 6) == [0, 1]
     assert companion.command(176, 209, 6) == [0, 0]
-    assert px4(start={"armed": False}).set_mode(*OFFBOARD) == [0, 0]  # disarmed, without setpoints
+    # a disarmed vehicle accepts OFFBOARD without setpoints
+    assert px4(start={"armed": False}).set_mode(*OFFBOARD) == [0, 0]
 
 
 @pytest.mark.parametrize(
@@ -60,7 +61,7 @@ def test_mode_needs_setpoints_or_sticks():
         (5.0, 0.3, 5.27, 0.298, -12.0, {"drag_per_s": 0.1}),
     ],
 )
-def test_speed_falls_with_the_drag_but_turn_holds(speed, rate, flown, turned, crab, vehicle):
+def test_px4_copter_loses_speed_but_no_turn_by_drag(speed, rate, flown, turned, crab, vehicle):
     companion = offboard(vehicle=vehicle)
     companion.fly(30.0, speed, rate)
     truth = companion.truth
@@ -71,7 +72,7 @@ def test_speed_falls_with_the_drag_but_turn_holds(speed, rate, flown, turned, cr
     )
 
 
-def test_height_needs_a_vertical_velocity_loop():
+def test_px4_copter_keeps_height_only_with_vertical_velocity_loop():
     companion = offboard()
     companion.fly(60.0, 3.0, 0.1)
     assert 2.0 < companion.truth.down + 50.0 < 8.0
@@ -94,7 +95,8 @@ def test_offboard_loss_triggers_failsafe_and_recovers():
     assert (report.custom_mode, report.intended_custom_mode) == (PX4["RTL"], PX4["OFFBOARD"])
     companion.velocity(3.0, 0.1)
     assert companion.px4_mode == "OFFBOARD"
-    assert companion.set_mode(*LOITER) == [0, 0]  # only another commanded mode ends OFFBOARD
+    # after the failsafe, setpoints return to OFFBOARD until another mode is commanded
+    assert companion.set_mode(*LOITER) == [0, 0]
     companion.fly(2.0, 3.0, 0.1)
     assert companion.px4_mode == "LOITER"
 
@@ -111,14 +113,15 @@ def test_offboard_failsafe_follows_its_parameter(action, after):
     assert companion.px4_mode == after
 
 
-def test_gps_loss_ends_velocity_control_after_five_seconds():
+def test_px4_gps_loss_ends_velocity_control_after_five_seconds():
     companion = offboard(
         events=[{"at_s": 5.0, "action": "gps_off"}, {"at_s": 20.0, "action": "gps_on"}]
     )
     companion.fly(9.4, 3.0, 0.1)
     assert companion.px4_mode == "OFFBOARD"
     companion.fly(5.0, 3.0, 0.1)
-    assert companion.px4_mode == "ALTCTL" and companion.truth.down > -48.0  # sinks
+    # without position the vehicle sinks
+    assert companion.px4_mode == "ALTCTL" and companion.truth.down > -48.0
     companion.fly(6.0, 3.0, 0.1)
     assert companion.px4_mode == "OFFBOARD"
     companion = px4(events=[{"at_s": 1.0, "action": "gps_off"}])
@@ -147,7 +150,7 @@ def test_px4_streams_at_onboard_rates_by_default():
     assert companion.stream(30, 20_000) == [0]
 
 
-def test_forwarded_range_arrives_twice():
+def test_px4_copter_forwards_and_repeats_range():
     companion = Station(
         build(vehicle={"profile": "px4_copter"}, ranging={"rate_hz": 5.0, "noise_m": 0.0})
     )
@@ -165,13 +168,13 @@ def test_px4_copter_takes_off_and_lands():
     assert companion.command(400, 1) == [0]
     companion.wait(25.0)
     assert companion.truth.down == pytest.approx(-10.0, abs=0.5) and companion.px4_mode == "LOITER"
-    assert companion.command(400, 0) == [1]  # not in the air
+    assert companion.command(400, 0) == [1]  # disarming in the air is refused
     assert companion.command(21) == [0]
     companion.wait(40.0)
     assert not companion.truth.armed and companion.truth.down == pytest.approx(0.0, abs=0.1)
 
 
-def test_px4_attitude_turns_only_with_leading_yaw():
+def test_px4_attitude_setpoints_turn_only_with_leading_yaw():
     companion = px4()
     companion.attitude(7, thrust=HOVERING)
     assert companion.set_mode(*OFFBOARD) == [0, 0]

@@ -1,5 +1,5 @@
-"""PX4's fixed wing as flown: sticks with height and speed held, or attitude and thrust without any
-hold."""
+"""The emulated PX4 plane, with figures from flights of PX4. By stick it holds height and speed; by
+attitude and thrust at which the plane keeps its airspeed it holds neither."""
 
 import math
 
@@ -35,7 +35,7 @@ def offboard():
         ("ALT_CRUISE", 0.6, 30.0, 0.550),
     ],
 )
-def test_roll_stick_banks_and_holds_height_and_speed(held_in, stick, bank, rate):
+def test_px4_plane_banks_by_roll_stick_at_constant_height(held_in, stick, bank, rate):
     companion = plane()
     companion.sticks(0.0)
     assert companion.set_mode(PX4[held_in] >> 16) == [0, 0]
@@ -48,7 +48,7 @@ def test_roll_stick_banks_and_holds_height_and_speed(held_in, stick, bank, rate)
     )
 
 
-def test_lost_sticks_hold_then_return():
+def test_px4_plane_without_sticks_holds_then_returns():
     companion = plane()
     companion.sticks(0.0)
     companion.set_mode(*ALTCTL)
@@ -59,14 +59,14 @@ def test_lost_sticks_hold_then_return():
         companion.repeat(3.0, lambda: companion.sticks(0.3))
 
 
-# bits of COM_RCL_EXCEPT
+# bits of COM_RCL_EXCEPT: modes that are excepted from the failsafe for stick loss
 HOLD = 2
 OFFBOARD_TOO = 4
 
 
 def after_the_sticks_end(left_in, **parameters):
-    """Return a plane that received sticks for 2 s and was left in a mode without them, and its
-    modes: at once, during the hold time, and at the end."""
+    """Return a plane that received sticks for 2 s and none afterwards, in the mode `left_in`, and
+    its later modes: after 0.3 s, during the hold time, and after it."""
     companion = plane()
     companion.heartbeat(6)
     companion.vehicle._flight.autopilot.params.update(parameters)
@@ -99,7 +99,7 @@ def test_stick_loss_failsafe_follows_mode_and_parameters(left_in, parameters, se
     assert after_the_sticks_end(left_in, **parameters)[1] == seen
 
 
-def test_stick_loss_is_reported_and_chosen_mode_lasts():
+def test_mode_selected_after_stick_loss_is_kept():
     companion, seen = after_the_sticks_end(LOITER)
     assert companion.texts() == [
         "Failsafe activated: entering Hold for 5 seconds",
@@ -110,11 +110,11 @@ def test_stick_loss_is_reported_and_chosen_mode_lasts():
     assert (seen[-1], companion.px4_mode) == ("RTL", "LOITER")
 
 
-def test_stick_loss_needs_earlier_sticks_and_an_action():
+def test_stick_loss_failsafe_requires_earlier_sticks_and_action():
     companion = plane()
     companion.sticks(0.0)
     companion.wait(1.0)
-    companion.vehicle._flight.autopilot.params["NAV_RCL_ACT"] = 0  # while it holds
+    companion.vehicle._flight.autopilot.params["NAV_RCL_ACT"] = 0  # set while the plane is in Hold
     companion.wait(10.0)
     assert companion.px4_mode == "LOITER"
     companion = plane()

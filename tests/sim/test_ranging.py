@@ -1,4 +1,4 @@
-"""The radio: measurement, quantization, times, and the link on which it is received."""
+"""The emulated radio: ranges, quantization, stamps, and the link on which they are received."""
 
 import math
 import statistics
@@ -16,8 +16,8 @@ BEACON = {"message": "ranging_beacon", "via": "direct"}
 
 
 def ranging(start=STILL, **keys):
-    """Return a companion of an autopilot with an exact radio. keys: changes of its [ranging]
-    table."""
+    """Return a companion of an autopilot with an exact radio. keys: changes of the table
+    [ranging]."""
     companion = Station(
         build(seed=3, start=start, truth={"rate_hz": 0}, ranging={"noise_m": 0.0, **keys})
     )
@@ -26,7 +26,7 @@ def ranging(start=STILL, **keys):
 
 
 def beacons(seconds, **keys):
-    """Return the messages of a radio on its own port during a time, s."""
+    """Return the messages of a radio with a separate port during a time, s."""
     vehicle = ranging(**BEACON, **keys).vehicle
     vehicle.advance(seconds)
     return Station(vehicle, link="ranging").listen()
@@ -50,10 +50,10 @@ def test_distance_sensor_is_slant_range_in_centimeters():
         ({"max_range_m": 200.0}, 2.0, []),
     ],
     ids=[
-        "too far for the field",
-        "still under way",
-        "late under the stamp of its measuring",
-        "beyond its range",
+        "range too large for field",
+        "measurement not sent yet",
+        "late, stamped at measurement",
+        "beyond range of radio",
     ],
 )
 def test_distance_sensor_of_far_and_late_ranges(radio, after, expected):
@@ -79,14 +79,15 @@ def test_beacon_and_named_value_follow_their_definitions():
     assert (first.beacon_id, first.target_system, first.target_component) == (9, 0, 0)
     assert (first.lat, first.lon, first.range_accuracy) == (2**31 - 1, 2**31 - 1, 2**32 - 1)
     assert math.isnan(first.alt)
-    assert companion.listen("RANGING_BEACON") == []  # not on the autopilot's link
+    # RANGING_BEACON is not sent on the autopilot's link
+    assert companion.listen("RANGING_BEACON") == []
     companion = ranging(message="named_value_float", name="RNG")
     companion.wait(0.1)
     value = companion.listen("NAMED_VALUE_FLOAT")[0]
     assert value.name == "RNG" and value.value == pytest.approx(SLANT, rel=1e-7)
 
 
-def test_reported_accuracy_fits_its_field():
+def test_reported_range_accuracy_is_limited_to_its_field():
     for noise, covariance in ((0.1, 100), (0.5, 255)):
         companion = ranging(noise_m=noise, report_accuracy=True)
         companion.wait(0.1)
@@ -98,7 +99,7 @@ def errors(**keys):
     return [m.range / 1000 - SLANT for m in beacons(50.0, rate_hz=100.0, **keys)]
 
 
-def test_noise_bias_outliers_and_dropouts_match_configuration():
+def test_range_errors_and_dropouts_match_configuration():
     noise = errors(noise_m=2.0, bias_m=1.5)
     assert statistics.fmean(noise) == pytest.approx(1.5, abs=4 * 2.0 / math.sqrt(5000))
     assert statistics.stdev(noise) == pytest.approx(2.0, rel=0.05)
@@ -111,7 +112,7 @@ def test_noise_bias_outliers_and_dropouts_match_configuration():
 @pytest.mark.parametrize(
     ("preset", "slow", "loss"), [("gaussian", 0.0, 0.0), ("uwb", 0.15, 0.0), ("lora", 2.0, 0.1)]
 )
-def test_radio_presets_have_their_errors(preset, slow, loss):
+def test_radio_presets_have_documented_errors(preset, slow, loss):
     vehicle = build(
         seed=2,
         truth={"rate_hz": 0},
@@ -122,16 +123,17 @@ def test_radio_presets_have_their_errors(preset, slow, loss):
     vehicle.advance(1000.0)
     received = [m.range / 1000 - 200.0 for m in Station(vehicle, link="ranging").listen()]
     assert len(received) == pytest.approx(10_000 * (1 - loss), rel=0.02)
-    # over a second
+    # means over one second of ranges
     means = [statistics.fmean(received[i : i + 10]) for i in range(0, len(received) - 10, 10)]
     assert statistics.pstdev(means) == pytest.approx(slow, abs=0.25 * slow + 0.2)
 
 
-def test_ranges_are_forwarded_after_a_heartbeat():
+def test_autopilot_forwards_ranges_after_heartbeat_of_companion():
     companion = Station(build(start=STILL, truth={"rate_hz": 0}))
     companion.wait(1.0)
     assert companion.listen("DISTANCE_SENSOR") == []
-    assert companion.listen("HEARTBEAT", source=RADIO) != []  # heartbeats go everywhere
+    # the radio's heartbeats are forwarded on every link
+    assert companion.listen("HEARTBEAT", source=RADIO) != []
     companion.heartbeat()
     companion.wait(0.95)
     assert len(companion.listen("DISTANCE_SENSOR", source=RADIO)) == 9
@@ -140,7 +142,7 @@ def test_ranges_are_forwarded_after_a_heartbeat():
 def test_rangefinder_driver_repeats_values_with_send_stamps():
     companion = ranging({"mode": "GUIDED", "speed_mps": 10.0}, via="autopilot", rate_hz=5.0)
     companion.wait(0.5)
-    assert companion.listen("DISTANCE_SENSOR") == []  # silent before a request
+    assert companion.listen("DISTANCE_SENSOR") == []  # the stream is not sent before a request
     assert companion.stream(132, 40_000) == [0]
     companion.wait(1.0)
     received = companion.listen("DISTANCE_SENSOR", source=AUTOPILOT)
@@ -156,7 +158,7 @@ def test_rangefinder_driver_stops_after_450_ms():
     companion.stream(132, 50_000)
     companion.wait(2.9)
     last = companion.listen("DISTANCE_SENSOR")[-1]
-    # the slant range passes 130 m after 1.0 s, the last sample's time
+    # after 1.0 s, at the last sample, the slant range is 130 m
     assert last.time_boot_ms == 1450
 
 
@@ -180,7 +182,7 @@ def test_range_rate_is_derivative_of_slant_range():
     assert min(m.value for m in rates) < -0.5
 
 
-def test_range_rate_has_white_and_slow_noise():
+def test_reported_range_rate_has_white_and_slow_noise():
     def rates(**keys):
         companion = ranging(message="named_value_float", rate_name="RR", **keys)
         companion.wait(40.0)

@@ -1,4 +1,4 @@
-"""DO_REPOSITION and DO_CHANGE_SPEED: flown or refused, never accepted and ignored."""
+"""DO_REPOSITION and DO_CHANGE_SPEED: the emulated vehicles either fly them or refuse them."""
 
 import math
 
@@ -14,7 +14,7 @@ HOME = (-35.3632621, 149.1652374)
 ACCEPTED = 0
 DENIED = 2
 FAILED = 4
-# MAV_FRAME_GLOBAL_INT, _RELATIVE_ALT_INT, _TERRAIN_ALT_INT
+# MAV_FRAME_GLOBAL_INT, MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, MAV_FRAME_GLOBAL_TERRAIN_ALT_INT
 AMSL = 5
 RELATIVE = 6
 TERRAIN = 11
@@ -39,7 +39,7 @@ def reposition(at, north, east, height, *, frame=RELATIVE, flags=1):
     ("profile", "frame", "height"),
     [("arducopter", RELATIVE, 40.0), ("arducopter", AMSL, 624.0), ("px4_copter", AMSL, 624.0)],
 )
-def test_copter_repositions_at_commanded_speed(profile, frame, height):
+def test_copter_repositions_with_commanded_speed(profile, frame, height):
     companion = aboard(profile)
     assert companion.command(CHANGE_SPEED, 1, 4.0, -1) == [ACCEPTED]
     assert reposition(companion, 80.0, -60.0, height, frame=frame) == ACCEPTED
@@ -56,7 +56,7 @@ def test_copter_repositions_at_commanded_speed(profile, frame, height):
     [("arduplane", RELATIVE, 120.0, 60.0, 25.0), ("px4_plane", AMSL, 704.0, 80.0, 8.0)],
 )
 def test_plane_circles_commanded_place_and_height(profile, frame, height, radius, within):
-    """radius: WP_LOITER_RAD, NAV_LOITER_RAD."""
+    """radius: default of WP_LOITER_RAD (ArduPlane) or NAV_LOITER_RAD (PX4), m."""
     companion = aboard(profile, vehicle={"airspeed_scale": 1.0})
     speed = 12.0 if profile == "px4_plane" else 25.0
     assert reposition(companion, 300.0, 200.0, height, frame=frame) == ACCEPTED
@@ -90,7 +90,7 @@ def test_rover_repositions_and_obeys_the_next_setpoint():
 @pytest.mark.parametrize("profile", ["arducopter", "arduplane", "ardurover"])
 def test_impossible_reposition_is_refused(profile):
     companion = aboard(profile, "LOITER")
-    # not in GUIDED, and entering it is not allowed
+    # refused: the vehicle is not in GUIDED, and the command does not allow a mode change
     assert reposition(companion, 80.0, 0.0, 40.0, flags=0) == DENIED
     assert reposition(companion, 80.0, 0.0, math.nan) == DENIED
     assert reposition(companion, 80.0, 0.0, 40.0, frame=TERRAIN) == DENIED

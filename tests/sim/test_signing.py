@@ -1,5 +1,4 @@
-"""The emulated autopilots with a key: which frames they sign and trust, and their behavior after a
-reboot."""
+"""The emulated autopilots with a signing key: signed and accepted frames, also after a reboot."""
 
 import pytest
 from circnav_sim.config import ConfigError, load_vehicle, parse_vehicle
@@ -51,7 +50,7 @@ def station(vehicle, key, timestamp=NOW, **ids):
 
 
 def accepted(vehicle, by):
-    """True if a velocity setpoint of this sender is flown."""
+    """Return True if the vehicle flies a velocity setpoint of this sender."""
     before = len(vehicle.setpoint_log)
     vehicle.advance(vehicle.time + 0.1)
     by.velocity(3.0, 0.1)
@@ -70,7 +69,7 @@ def test_autopilot_and_radio_sign_all_frames(vehicle):
 
 
 def test_autopilot_obeys_only_holder_of_its_key(vehicle):
-    """A forged timestamp in the future does not lock out the real sender."""
+    """After a forged frame with a future timestamp, the real sender is still obeyed."""
     assert accepted(vehicle, station(vehicle, KEY))
     assert not accepted(vehicle, station(vehicle, None))
     assert not accepted(vehicle, station(vehicle, OTHER, component=192))
@@ -105,7 +104,8 @@ def test_replayed_and_late_signed_frames_are_ignored(vehicle):
 
 @pytest.mark.parametrize("profile", ["arducopter", "px4_copter"])
 def test_autopilot_without_gps_adopts_signed_time(key_file, profile):
-    """A heartbeat sets the clock too, although PX4 also accepts unsigned heartbeats."""
+    """A signed heartbeat also sets the autopilot's clock, although PX4 accepts unsigned
+    heartbeats."""
     vehicle = build(signing={"key_file": str(key_file)}, vehicle={"profile": profile})
     vehicle.advance(1.5)
     assert stamps(vehicle)[-1] < TICKS_PER_S
@@ -123,7 +123,7 @@ def test_rebooted_autopilot_signs_one_minute_ahead(vehicle):
     assert stamps(vehicle)[0] > before + 59 * TICKS_PER_S
 
 
-def test_key_path_is_relative_to_vehicle_file(key_file):
+def test_signing_key_path_is_relative_to_vehicle_file(key_file):
     for text in (
         '[signing]\nkey_file = "vehicle.key"\n',
         '[sim.signing]\nkey_file = "vehicle.key"\n',
@@ -134,7 +134,7 @@ def test_key_path_is_relative_to_vehicle_file(key_file):
 
 
 @pytest.mark.parametrize(("data", "error"), [(None, "No such file"), (b"short", "holds 5 bytes")])
-def test_bad_key_is_refused_in_one_line(tmp_path, data, error):
+def test_unusable_signing_key_is_refused_in_one_line(tmp_path, data, error):
     path = tmp_path / "bad.key"
     if data is not None:
         path.write_bytes(data)

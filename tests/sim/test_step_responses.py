@@ -1,7 +1,8 @@
-"""Steps of the commanded bank and turn rate against real firmware.
+"""Responses of the emulated vehicles to steps of the commanded bank and turn rate.
 
-ArduPilot 4.6.3 and PX4 main of 2026-03 in their own simulators, 20 setpoints per second. Times are
-from the first setpoint of the step. The path's rate is the turn rate of the ground track.
+They are compared with real firmware: ArduPilot 4.6.3 and PX4 main of 2026-03 in their own
+simulators, at 20 setpoints per second. "Flown" means on this firmware. Times are from the first
+setpoint of the step. `path` is the turn rate of the ground track.
 """
 
 import itertools
@@ -19,8 +20,8 @@ TICK = 0.01
 
 
 class Step(NamedTuple):
-    """Times to 50 %, 63 % and 90 % of a step, s; its peak and the time of the peak. Peak 1.1: an
-    overshoot of 10 %."""
+    """Times to 50 %, 63 % and 90 % of a step, s; peak, as a multiple of the step (1.1 is an
+    overshoot of 10 %), and time of the peak, s."""
 
     half: float
     most: float
@@ -30,7 +31,7 @@ class Step(NamedTuple):
 
 
 def measured(values: list[float]) -> Step:
-    """Return the step from the first value to the last."""
+    """Return the figures of the step from the first to the last value."""
     share = [(value - values[0]) / (values[-1] - values[0]) for value in values]
     half, most, nearly = (
         next(i for i, s in enumerate(share) if s >= part) * TICK for part in (0.5, 0.632, 0.9)
@@ -61,7 +62,8 @@ def lead(truth: Truth) -> float:
 
 @cache
 def banked(before: float, after: float) -> list[Truth]:
-    """ArduPlane with one commanded bank, deg, for 6 s and then another."""
+    """Return the truth of ArduPlane after a step of the commanded bank, deg. The first bank is held
+    for 6 s."""
     companion = aboard("arduplane", "GUIDED")
     companion.repeat(6.0, lambda: companion.attitude(0xC6, math.radians(before)))
     return flown(companion, lambda: companion.attitude(0xC6, math.radians(after)))
@@ -69,8 +71,8 @@ def banked(before: float, after: float) -> list[Truth]:
 
 @cache
 def turned(before: float, after: float) -> list[Truth]:
-    """ArduCopter at 5 m/s with one commanded turn rate, rad/s, and its acceleration fed forward,
-    and then another."""
+    """Return the truth of ArduCopter at 5 m/s after a step of the commanded turn rate, rad/s. The
+    acceleration of the turn is fed forward."""
     real = {"dynamics": "realistic", "max_turn_rate_deg_s": 200.0}
     companion = aboard(mode="GUIDED", vehicle=real, start={"speed_mps": 5.0})
     companion.repeat(8.0, lambda: companion.turn(5.0, before))
@@ -79,8 +81,8 @@ def turned(before: float, after: float) -> list[Truth]:
 
 @pytest.mark.parametrize(("before", "after"), [(0.0, 20.0), (17.0, -28.6)])
 def test_plane_bank_has_dead_time_and_overshoot(before, after):
-    """Flown: 50 % at 0.36 to 0.5 s, 90 % at 0.5 to 0.75 s, 15 % overshoot; from +17 to -28.6 deg it
-    reaches -33 deg."""
+    """Flown: 50 % after 0.36 to 0.5 s, 90 % after 0.5 to 0.75 s, overshoot 15 %. In the step from
+    +17 to -28.6 deg the bank reached -33 deg."""
     truths = banked(before, after)
     roll = measured([truth.roll for truth in truths])
     assert all(truth.roll == pytest.approx(truths[0].roll, abs=1e-6) for truth in truths[:16])
@@ -88,29 +90,29 @@ def test_plane_bank_has_dead_time_and_overshoot(before, after):
     assert roll.peak == pytest.approx(1.12, abs=0.04)
 
 
-def test_plane_path_turns_before_its_nose():
-    """Flown: the ground track turns with the bank, the heading follows 0.15 to 0.25 s later because
-    of side-slip."""
+def test_plane_ground_track_turns_before_its_nose():
+    """Flown: the ground track turns with the bank. Because of side-slip, the heading follows 0.15
+    to 0.25 s later."""
     truths = banked(17.0, -28.6)
     roll = measured([truth.roll for truth in truths])
     path = measured(rates([truth.course for truth in truths]))
     nose = measured([truth.turn_rate for truth in truths])
     assert path.half == pytest.approx(roll.half, abs=0.03)
     assert 0.15 <= nose.half - path.half <= 0.28 and 0.15 <= nose.nearly - path.nearly <= 0.28
-    # and much more at the entry
+    # during the change of bank the slip angle differs from its steady value by more than 2 deg
     assert max(abs(lead(truth) - lead(truths[-1])) for truth in truths) > 2.0
 
 
 @pytest.mark.parametrize(("bank", "slip"), [(14.0, 1.1), (26.0, 2.2), (42.0, 3.8)])
 def test_plane_slips_to_inside_of_its_turn(bank, slip):
-    """Flown in steady turns and in wind 8 m/s, in which the bank swings: 4.70 tan(bank) - 0.54
-    tan(bank)^2 deg."""
+    """Flown: a slip of 4.70 tan(bank) - 0.54 tan(bank)^2 deg, in steady turns and in a wind of 8
+    m/s, in which the bank varies."""
     assert lead(banked(bank, bank)[-1]) == pytest.approx(-slip, abs=0.3)
 
 
 def test_copter_yaw_rate_has_dead_time_and_overshoot():
-    """Flown, 0.2 to -0.4 rad/s: zero at 0.25 s, -0.53 rad/s at 0.64 s; closed loop: dead time 0.22
-    s, then a lag of 0.18 s."""
+    """Flown, step from 0.2 to -0.4 rad/s: yaw rate 0 after 0.25 s and -0.53 rad/s after 0.64 s. The
+    closed loop has a dead time of 0.22 s and a lag of 0.18 s."""
     truths = turned(0.2, -0.4)
     yaw = measured([truth.turn_rate for truth in truths])
     assert all(
@@ -124,8 +126,9 @@ def test_copter_yaw_rate_has_dead_time_and_overshoot():
     assert truths[-1].turn_rate == pytest.approx(-0.42, abs=0.03)
 
 
-def test_copter_path_lags_its_nose():
-    """Flown: half of the step at 0.7 to 0.78 s, 90 % at 1.1 s; the nose leads."""
+def test_copter_ground_track_lags_its_nose():
+    """Flown: the turn rate of the ground track has half of the step after 0.7 to 0.78 s and 90 %
+    after 1.1 s, later than the nose."""
     truths = turned(0.2, -0.4)
     path = measured(rates([truth.course for truth in truths]))
     assert path.half == pytest.approx(0.74, abs=0.05) and path.nearly == pytest.approx(
@@ -142,13 +145,13 @@ def test_px4_copter_yaw_rate_step_matches_firmware():
     truths = flown(companion, lambda: companion.velocity(5.0, 0.1), 60.0)
     assert measured([truth.turn_rate for truth in truths]).most == pytest.approx(0.475, abs=0.03)
     assert all(truth.turn_rate == 0.0 for truth in truths[:10])
-    # flown at R 50: 4.56, course 7 to 9 deg behind
+    # flown at a radius of 50 m: 4.56 m/s, course 7 to 9 deg behind the nose
     assert truths[-1].ground_speed == pytest.approx(4.56, abs=0.05)
     assert lead(truths[-1]) == pytest.approx(9.0, abs=3.0)
 
 
 def test_px4_plane_bank_step_matches_firmware():
-    """Flown: 63 % after 0.6 to 0.7 s, then exact."""
+    """Flown: 63 % of the step after 0.6 to 0.7 s, without overshoot or steady error."""
     companion = aboard("px4_plane")
     companion.sticks(0.0)
     assert companion.set_mode(2) == [0, 0]
@@ -160,7 +163,8 @@ def test_px4_plane_bank_step_matches_firmware():
 
 
 def test_attitude_reports_heading_in_slipping_turn():
-    """ATTITUDE's yaw and body rates agree with each other and differ from the ground track."""
+    """Yaw and body rates in ATTITUDE are consistent with each other. Yaw differs from the course by
+    the slip angle."""
     companion = aboard("arduplane", "GUIDED")
     companion.stream(30, 40_000)
     companion.repeat(4.0, lambda: companion.attitude(0xC6, math.radians(-20.0)))

@@ -1,4 +1,4 @@
-"""The ideal airframe against closed-form solutions and against itself with other step sizes."""
+"""The ideal airframe, compared with closed-form solutions and with other step sizes."""
 
 import math
 
@@ -22,7 +22,7 @@ NORTHBOUND = Body(0.0, 0.0, -50.0, 0.0)
     heading=st.floats(-3.0, 3.0),
     dt=st.floats(0.001, 30.0),
 )
-def test_steady_turn_is_an_exact_arc(speed, rate, heading, dt):
+def test_steady_turn_of_unicycle_is_exact_arc(speed, rate, heading, dt):
     start = Body(0.0, 0.0, -50.0, heading)
     end = IDEAL.step(start, BodyVelocity(speed, yaw_rate=rate), dt)
     if abs(rate) > 1e-3:
@@ -37,7 +37,7 @@ def test_steady_turn_is_an_exact_arc(speed, rate, heading, dt):
 
 
 @given(st.lists(st.floats(0.001, 0.7), min_size=1, max_size=12), st.floats(-1.0, 1.0))
-def test_path_is_independent_of_step_size(steps, rate):
+def test_path_of_unicycle_is_independent_of_step_size(steps, rate):
     demand = BodyVelocity(15.0, right=1.0, yaw_rate=rate)
     body = Body(0.0, 0.0, -50.0, 0.3, turn_rate=-0.4, velocity_north=5.0)
     stepped = body
@@ -61,7 +61,8 @@ def test_turn_rate_lag_limit_and_braking():
     moving = Body(0.0, 0.0, -50.0, 1.0, velocity_north=3.0, velocity_east=4.0)
     stopped = IDEAL.step(moving, Brake(2.0), 60.0)
     assert stopped.ground_speed == 0.0
-    assert math.hypot(stopped.north, stopped.east) == pytest.approx(25 / 4)  # v^2 / 2a
+    # braking distance v^2/(2 a)
+    assert math.hypot(stopped.north, stopped.east) == pytest.approx(25 / 4)
 
 
 def test_wind_carries_airborne_copter():
@@ -80,5 +81,5 @@ def test_wind_carries_airborne_copter():
     assert carried.heading == pytest.approx(still.heading)
     assert carried.airspeed(wind) == pytest.approx(15.0)
     assert airborne.step(NORTHBOUND, Brake(), 5.0, wind).ground_speed == 0.0, (
-        "it brakes over the ground"
+        "the vehicle brakes to zero ground speed"
     )

@@ -1,4 +1,5 @@
-"""Vehicle files: defaults that fly, and mistakes reported in one line with the remedy."""
+"""Vehicle files of the emulator: flyable defaults, and mistakes reported in one line with the
+remedy."""
 
 import math
 import tomllib
@@ -67,7 +68,7 @@ def test_unreadable_vehicle_file_is_one_line(tmp_path, text, complaint):
     assert str(caught.value).startswith(f"{path}: {complaint}") and "\n" not in str(caught.value)
 
 
-def test_random_starts_stay_in_bounds_and_repeat():
+def test_random_starts_stay_within_bounds_and_repeat_with_seed():
     table = {
         "target": {"north_m": 50.0, "east_m": -20.0},
         "start": {
@@ -80,8 +81,8 @@ def test_random_starts_stay_in_bounds_and_repeat():
     assert truths[3] == Vehicle(parse_vehicle({"seed": 3, **table}, "x")).truth
 
 
-def test_documented_vehicle_file_flies():
-    """The README's example contains exactly the keys of the schema."""
+def test_vehicle_file_of_readme_flies():
+    """The example of sim/README.md flies, and the page names every key of the schema."""
     text = (Path(__file__).parents[2] / "sim" / "README.md").read_text()
     example = tomllib.loads(text.split("```toml")[1].split("```")[0])
     vehicle = Vehicle(parse_vehicle(example, "README.md"))

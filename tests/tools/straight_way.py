@@ -1,5 +1,5 @@
-"""Shortest time home: straight over ground, with the nose held into the wind. Shares no code with
-the product."""
+"""Shortest flight time to a place: straight over ground, with the crab angle that the wind
+requires. Independent of the product's code."""
 
 from math import hypot, sqrt
 
@@ -7,10 +7,11 @@ from math import hypot, sqrt
 def straight_way(
     to: tuple[float, float], wind: tuple[float, float], airspeed: float, short_of: float = 0.0
 ) -> float:
-    """Return the time, s, of a straight flight to a place, up to a distance short of it.
+    """Return the time, s, of a straight flight that ends at a distance from a place.
 
-    to: place as seen from the vehicle, north and east, m. wind: the velocity of the air, north and
-    east, m/s. airspeed: true, m/s, faster than the wind. short_of: m.
+    to: position of the place relative to the vehicle, north and east, m. wind: velocity of the air,
+    north and east, m/s. airspeed: true airspeed, m/s; must exceed the wind speed. short_of:
+    distance from the place at the end, m.
     """
     away = hypot(*to)
     north, east = to[0] / away, to[1] / away

@@ -23,7 +23,8 @@ GUST_TIME = 10.0
 LAG = 0.4
 DT = 0.05
 V = 15.0
-"""m/s, s, s, s, m/s."""
+"""GUST: standard deviation of the gusts, m/s. GUST_TIME: their correlation time, s. LAG: lag of the
+turn, s. DT: time step, s. V: airspeed, m/s."""
 
 
 def limit(effort: float, sigma: float = 0.5) -> tuple[float, float, float]:

@@ -53,8 +53,9 @@ def test_benchmark_separates_laws_in_wind(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def cell():
-    """Results of five synthetic flights from 200 m to their circle in 40 s, counter-clockwise.
-    Three have 0, 1 and 20 m of error, one flies in the wrong direction, and one is blown away."""
+    """Results of five synthetic flights from 200 m to a counter-clockwise circle in 40 s. Three
+    flights have errors of 0, 1 and 20 m, one flies in the wrong direction, and one is lost in the
+    wind."""
     time = np.arange(0.0, 400.0, 0.5)
     e = np.broadcast_to([0.0, 1.0, 20.0, 0.0, 300.0], (800, 5))
     r = np.where(time[:, None] < 40.0, 200.0, 100.0 + e)
@@ -77,8 +78,8 @@ def cell():
 
 
 def test_cell_figures_match_hand_calculation(cell):
-    """Kept: below 10 m and in the right direction. Straight on from 200 m, the tangent point is
-    about 12 s away."""
+    """A flight is kept if its RMS error is below 10 m and its direction is right. The straight
+    flight from 200 m to the tangent point takes about 12 s."""
     assert (cell.flights, cell.kept, cell.wrong_way, cell.limit_cycles) == (5, 2, 1, 0)
     assert (cell.rms_median, cell.rms_p95, cell.rms_max, cell.mean_error) == pytest.approx(
         (1.0, 300.0, 300.0, 64.2)
@@ -107,8 +108,9 @@ def test_picture_of_single_law_shows_scale_and_lost_cells(cell, monkeypatch):
     assert [text.get_text() for text in figure.axes[0].texts] == ["299", "lost"]
 
 
-def test_cells_finish_in_order_until_output_closes():
-    """As in `circnav bench | head`. The last cells would take very long."""
+def test_benchmark_stops_remaining_cells_when_output_closes():
+    """The output closes after two cells, as in `circnav bench | head`. The other 100 cells would
+    take very long."""
 
     def show(line):
         shown.append(line)

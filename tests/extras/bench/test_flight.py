@@ -17,7 +17,7 @@ def world(situation=STILL, seed=0):
     return World(situation, random.random(10), random)
 
 
-def test_motion_is_exact_for_any_step():
+def test_benchmark_motion_is_exact_for_any_time_step():
     whole = world()
     pieces = world()
     whole.step(0.05, -0.3)
@@ -29,13 +29,13 @@ def test_motion_is_exact_for_any_step():
     )
 
 
-def test_turn_reaches_command_with_first_order_lag():
+def test_benchmark_turn_follows_command_with_first_order_lag():
     rate, angle = turn_step(0.0, 0.3, 0.4)
     assert rate == pytest.approx(0.3 * (1 - np.exp(-1)))
     assert angle == pytest.approx(0.3 * 0.4 * np.exp(-1))
 
 
-def test_gusts_have_standard_deviation_and_correlation_time():
+def test_benchmark_gusts_have_given_sigma_and_correlation_time():
     air = world(Situation("gusts", gust=1.5))
     gusts = []
     for _ in range(40_000):
@@ -76,7 +76,7 @@ def test_losses_outliers_and_outages_have_the_given_shares():
     assert len(arrived) / 48_000 == pytest.approx(0.25 * 0.5 * 50 / 60, rel=0.1)
     wild = np.abs(np.array(arrived) - 300.0) > 10.0
     assert wild.mean() == pytest.approx(0.1 / 2, rel=0.15), (
-        "up to 20 m, either way: half of them beyond 10"
+        "outliers are uniform in +-20 m, so half of them exceed 10 m"
     )
 
 
@@ -97,7 +97,7 @@ def test_sensors_report_noise_and_measured_velocity_change():
     assert measured == pytest.approx(np.array(velocities) - velocities[0], abs=1e-9)
 
 
-def test_flight_depends_on_seed_and_number_alone():
+def test_benchmark_flight_depends_only_on_seed_and_number():
     short = Situation("windy", wind=5.0, duration=5.0)
     first, again, other = (fly(short, "feedforward", *seeds) for seeds in ((9, 1), (9, 1), (9, 2)))
     assert np.array_equal(first.rows["r"], again.rows["r"])
@@ -113,7 +113,7 @@ def test_auto_keeps_circle_in_strong_wind_in_commanded_direction():
         assert np.sign(np.unwrap(track.rows["angle"][end])[[0, -1]] @ [-1, 1]) == track.sense
 
 
-def test_no_start_departs_farther_than_the_tightest_circle():
+def test_auto_search_departs_less_than_diameter_of_tightest_turn():
     """The diameter at the turn-rate limit is 2 V/limit = 86 m."""
     outside = Situation("outside", start=(250.0, 250.0), duration=15.0)
     for flight in range(12):
@@ -130,7 +130,7 @@ def test_auto_filter_is_consistent_in_gusts():
 
 
 @pytest.mark.nightly
-def test_accelerations_reduce_the_error_in_gusts():
+def test_measured_accelerations_reduce_radius_error_in_gusts():
     gusts = Situation("gusts", wind=5.0, gust=1.5, start=(80.0, 150.0), duration=110.0)
 
     def error(situation):

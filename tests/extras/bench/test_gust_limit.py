@@ -1,20 +1,20 @@
-"""The bound for flight in gusts."""
+"""Lower bound of the radius error in gusts."""
 
 from tests.extras.bench.gust_limit import limit
 
 
-def test_limit_is_above_kalman_filter_error():
-    """Steady error of a Kalman filter that has the exact state except the gust, by an independent
-    Riccati solution."""
+def test_gust_bound_exceeds_kalman_filter_error():
+    """Reference: steady error of a Kalman filter that knows all states except the gust, from an
+    independent Riccati solution."""
     assert limit(1e-3)[0] > 0.197
 
 
-def test_limit_with_perfect_ranges_matches_full_information():
+def test_gust_bound_with_perfect_ranges_equals_full_information():
     by_range, informed, _ = limit(1e-2, sigma=1e-4)
     assert by_range < 1.1 * informed
 
 
-def test_ranges_of_half_meter_noise_double_the_error():
+def test_range_noise_of_half_meter_doubles_gust_bound():
     by_range, informed, turn = limit(1e-2)
     assert turn < 0.21
     assert by_range > 2 * informed

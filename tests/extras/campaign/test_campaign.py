@@ -31,12 +31,12 @@ def flown(store, results):
 
 @pytest.fixture
 def table(write, tmp_path):
-    """Table of SHORT, flown in this process."""
+    """The campaign table of SHORT, flown in this process."""
     campaign = load_campaign(write(SHORT))
     return flown(Store(tmp_path / "here", campaign), on_cores(campaign, range(8), 1))
 
 
-def test_table_is_independent_of_processes_and_resuming(write, tmp_path, table):
+def test_campaign_table_is_independent_of_processes_and_resuming(write, tmp_path, table):
     campaign = load_campaign(write(SHORT))
     assert table.count(b"\n") == 9
     assert (
@@ -52,7 +52,7 @@ def test_table_is_independent_of_processes_and_resuming(write, tmp_path, table):
     assert flown(store, on_cores(campaign, [0, *range(2, 8)], 1)) == table
 
 
-def test_table_on_dask_workers_is_the_same(circnav, write, tmp_path, table):
+def test_campaign_table_on_dask_workers_equals_local_table(circnav, write, tmp_path, table):
     distributed = pytest.importorskip("distributed", reason="needs the extra [cluster]")
     path = write(SHORT)
     there = tmp_path / "there"
@@ -64,14 +64,14 @@ def test_table_on_dask_workers_is_the_same(circnav, write, tmp_path, table):
     assert (there / "runs.csv").read_bytes() == table
 
 
-def test_failing_run_does_not_stop_the_rest(write):
+def test_failing_run_does_not_stop_other_runs(write):
     campaign = load_campaign(write(f'{SHORT}"orbit.radius_m" = [100.0, -5.0]'))
     rows = [fly_run(campaign, number) for number in range(4)]
     assert [row["outcome"] for row in rows] == ["completed", "completed", "error", "error"]
     assert "orbit.radius_m: must be above 0, not -5" in rows[2]["error"]
 
 
-def test_internal_error_becomes_a_row(write, monkeypatch):
+def test_internal_error_in_run_becomes_row(write, monkeypatch):
     def breaks(run):
         raise RuntimeError("a\nb")
 
@@ -80,7 +80,7 @@ def test_internal_error_becomes_a_row(write, monkeypatch):
     assert row["error"].startswith("internal error: RuntimeError: a b (")
 
 
-def test_drawn_values_follow_from_seed_and_number(write):
+def test_drawn_values_depend_only_on_seed_and_run_number(write):
     laws = '"guidance.law" = ["smooth", "feedforward"]\n'
     vary = laws + '"sim.ranging.noise_m" = {log_uniform = [0.1, 10]}'
     campaign = load_campaign(write(vary))
@@ -96,7 +96,7 @@ def test_drawn_values_follow_from_seed_and_number(write):
     assert sum(noise < 1 for noise in noises) / 2000 == pytest.approx(0.5, abs=0.05)
 
 
-def test_start_in_range_and_bearing_is_flown(write):
+def test_drawn_start_range_and_bearing_are_flown(write):
     vary = '"start.range_m" = [200.0]\n"start.bearing_deg" = [90.0]\n"start.heading_deg" = [30.0]'
     campaign = load_campaign(
         write(vary + '\n"sim.target.north_m" = [50.0]\n"limits.duration_s" = [2.0]', starts="")
@@ -106,9 +106,9 @@ def test_start_in_range_and_bearing_is_flown(write):
     assert shown == pytest.approx([200.0, 90.0, 30.0], abs=1e-3)
 
 
-def test_wrong_direction_is_detected_on_true_track(write, monkeypatch):
-    """Mirrored track of the same flight: the circle is as good, because ranges do not show the
-    direction."""
+def test_campaign_detects_wrong_direction_on_true_track(write, monkeypatch):
+    """The test mirrors the track of a flight. The mirrored circle has the same ranges, but the
+    opposite direction."""
     campaign = load_campaign(write('"limits.duration_s" = [90.0]\n"sim.wind.speed_mps" = [0.0]'))
     right = fly_run(campaign, 0)
     flown = Vehicle.truth.fget
@@ -124,9 +124,9 @@ def test_wrong_direction_is_detected_on_true_track(write, monkeypatch):
     assert wrong["rms_m"] < 1.0
 
 
-def test_command_flies_summarizes_draws_and_resumes(circnav, write, tmp_path):
-    """A picture that cannot be drawn gives a warning. For a complete table, the scheduler is not
-    contacted."""
+def test_campaign_command_flies_summarizes_draws_and_resumes(circnav, write, tmp_path):
+    """A picture that cannot be drawn gives a warning. Resuming a complete campaign does not contact
+    the scheduler."""
     path = write(SHORT + '"sim.wind.speed_mps" = {uniform = [0, 2]}')
     out = tmp_path / "out"
     ran = circnav("campaign", path, "--out", out, "--processes", "1")
@@ -164,8 +164,8 @@ def test_command_flies_summarizes_draws_and_resumes(circnav, write, tmp_path):
     ).read_text().count("\n") == 11
 
 
-def test_documented_command_flies_a_single_row():
-    """The test uses the example's values, keys and command from the page."""
+def test_documented_command_flies_single_row_of_campaign():
+    """The test runs the command of docs/campaigns.md with the values and keys of its example."""
     page = (CONFIG.parent / "docs" / "campaigns.md").read_text()
     command = shlex.split(
         re.search(r"circnav fly .*?\n\n", page, re.DOTALL)[0].replace("\\\n", " ")

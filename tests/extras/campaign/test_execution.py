@@ -23,7 +23,7 @@ SHORT = '"limits.duration_s" = [5.0]\n'
 
 @pytest.fixture
 def begun(write, tmp_path):
-    """A long campaign on two processes, after its first rows."""
+    """Process of a long campaign on two worker processes, after its first rows."""
     path = write(SHORT, "runs = 20000")
     out = tmp_path / "out"
     process = subprocess.Popen(
@@ -33,7 +33,7 @@ def begun(write, tmp_path):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        # the shell may have set SIGINT to be ignored
+        # the shell that runs the tests may ignore SIGINT, which a child process inherits
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     table = out / "runs.csv"
@@ -47,14 +47,14 @@ def begun(write, tmp_path):
 @pytest.mark.parametrize(
     ("send", "number"), [(os.kill, signal.SIGTERM), (os.killpg, signal.SIGINT)]
 )
-def test_signal_keeps_finished_rows_and_explains_resuming(begun, tmp_path, send, number):
-    """A Ctrl-C on a terminal reaches all processes."""
+def test_signal_keeps_finished_rows_and_prints_resume_command(begun, tmp_path, send, number):
+    """Ctrl-C on a terminal sends SIGINT to all processes of the campaign."""
     send(begun.pid, number)
     output, errors = begun.communicate(timeout=PATIENCE)
     assert begun.returncode == 130, errors
     assert f"continue with --out {tmp_path / 'out'} --resume" in output
     assert "Traceback" not in errors
-    # whole lines only
+    # opening for resuming raises an error if a row is incomplete
     Store(tmp_path / "out", load_campaign(tmp_path / "campaign.toml"), resume=True).close()
 
 
@@ -103,7 +103,7 @@ def test_impossible_scheduler_address_is_refused(
         assert error in refusal(address.format(other.getsockname()[1]))
 
 
-def test_lost_scheduler_explains_resuming(refusal, distributed, monkeypatch):
+def test_lost_scheduler_prints_resume_command(refusal, distributed, monkeypatch):
     died = concurrent.futures.Future()
     died.set_exception(distributed.client.FutureCancelledError("fly", "scheduler-connection-lost"))
     client = MagicMock()
@@ -117,6 +117,6 @@ def test_lost_scheduler_explains_resuming(refusal, distributed, monkeypatch):
     )
 
 
-def test_missing_dask_names_the_package(refusal, monkeypatch):
+def test_error_without_dask_names_package_to_install(refusal, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert "pip install distributed" in refusal("tcp://127.0.0.1:9")

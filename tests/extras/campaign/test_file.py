@@ -46,13 +46,13 @@ def test_wrong_campaign_file_is_refused_in_one_line(tmp_path, text, error):
         ('"guidance.law" = ["smooth"]', 'guidance.law = ["auto"]', "in two spellings"),
     ],
 )
-def test_keys_that_set_the_same_value_are_refused(write, first, second, error):
+def test_campaign_keys_that_set_same_value_are_refused(write, first, second, error):
     assert error in refusal(write(f"{first}\n{second}", starts=""))
 
 
 @pytest.mark.parametrize("values", ["uniform = [-1.7e308, 1.7e308]", "log_uniform = [0, inf]",
                                     "normal = [true, 1]", "uniform = [1, 2, 3]"])  # fmt: skip
-def test_impossible_bounds_are_refused(write, values):
+def test_impossible_bounds_of_drawn_values_are_refused(write, values):
     path = write(f'"orbit.radius_m" = {{{values}}}', starts="")
     assert f"vary.orbit.radius_m: {values.split()[0]}: must be two numbers" in refusal(path)
 
@@ -69,7 +69,7 @@ def test_impossible_bounds_are_refused(write, values):
         ('"orbit.radius_m.x" = [80]', "vary: orbit.radius_m.x: radius_m is a value, not a table"),
     ],
 )
-def test_impossible_listed_value_is_refused_before_flight(write, vary, error):
+def test_unflyable_listed_value_is_refused_before_flight(write, vary, error):
     path = write(vary)
     reason = unflyable_value(load_campaign(path))
     assert reason.startswith(f"{path}: ")
@@ -88,15 +88,15 @@ def test_impossible_listed_value_is_refused_before_flight(write, vary, error):
         ),
     ],
     ids=[
-        "drawn radii below 0 are not the wind's fault",
-        "one of the messages can be sent again, of 240 points",
+        "drawn radii below 0",
+        "240 points with one unflyable message",
     ],
 )
-def test_values_possible_in_some_combinations_are_accepted(write, vary):
+def test_values_flyable_in_some_combinations_are_accepted(write, vary):
     assert unflyable_value(load_campaign(write(vary))) is None
 
 
-def test_mission_file_is_named_as_such():
+def test_campaign_refuses_mission_file_with_correct_command():
     path = CONFIG / "campaign_mission.toml"
     assert refusal(path) == f"{path}: is a mission file, fly it with: circnav fly {path}"
 
@@ -113,7 +113,7 @@ def test_mission_file_is_named_as_such():
         ("wind --out=", "--out: is empty, give it a name"),
     ],
 )
-def test_wrong_usage_is_one_line_and_writes_nothing(circnav, tmp_path, command, error):
+def test_wrong_usage_prints_one_error_line_without_writing(circnav, tmp_path, command, error):
     command, error = (text.replace("LONG", 300 * "x") for text in (command, error))
     assert circnav("campaign", *command.split()).refused.startswith(error)
     assert list(tmp_path.iterdir()) == []

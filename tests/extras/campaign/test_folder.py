@@ -38,7 +38,7 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_incomplete_files_are_written_again(campaign, tmp_path):
+def test_resume_writes_incomplete_files_again(campaign, tmp_path):
     whole = tmp_path / "whole"
     torn = tmp_path / "torn"
     Store(whole, campaign).close()
@@ -106,13 +106,13 @@ def test_second_process_in_folder_is_refused(campaign, other, tmp_path, resume):
         Store(tmp_path / "out", campaign, resume=resume)
 
 
-def test_killed_process_leaves_no_lock(campaign, other, tmp_path):
+def test_killed_process_leaves_no_lock_on_campaign_folder(campaign, other, tmp_path):
     other.kill()
     other.communicate()
     Store(tmp_path / "out", campaign).close()
 
 
-def test_fewer_runs_than_flown_are_refused(write, tmp_path):
+def test_resume_refuses_fewer_runs_than_flown(write, tmp_path):
     begin(tmp_path / "out", load_campaign(write(VARY, "runs = 24")), 3, 12, 23)
     with pytest.raises(
         CampaignError, match=r"runs\.csv: already holds run 12: give --runs of at least 24"
@@ -120,7 +120,7 @@ def test_fewer_runs_than_flown_are_refused(write, tmp_path):
         Store(tmp_path / "out", load_campaign(write(VARY, "runs = 24"), runs=12), resume=True)
 
 
-def test_another_campaign_neither_overwrites_nor_resumes(write, tmp_path):
+def test_another_campaign_can_neither_overwrite_nor_resume_folder(write, tmp_path):
     campaign = load_campaign(write(VARY))
     begin(tmp_path / "out", campaign, 0)
     with pytest.raises(
@@ -130,11 +130,11 @@ def test_another_campaign_neither_overwrites_nor_resumes(write, tmp_path):
     with pytest.raises(CampaignError, match=r"cannot resume: campaign\.toml has changed"):
         Store(tmp_path / "out", load_campaign(write(VARY, "runs = 8\nseed = 4")), resume=True)
     Store(tmp_path / "out", campaign, resume=True).close()
-    assert kept.value is not None  # and its traceback with all the objects in it
+    assert kept.value is not None  # kept alive, so that no lock depends on garbage collection
 
 
 def test_full_disk_keeps_rows_that_can_be_resumed(campaign, tmp_path):
-    """There is space for 3 rows and a part of the next."""
+    """The disk has space for 3 rows and a part of the fourth row."""
     rows = [{"run": run, "rms_m": 1.0} for run in range(8)]
     store = Store(tmp_path / "out", campaign)
     store.add(rows[:3])

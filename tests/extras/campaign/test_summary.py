@@ -1,4 +1,5 @@
-"""Confidence intervals with their stated coverage, against the textbook and in simulation."""
+"""Summary of a campaign: confidence intervals with their stated coverage, against textbook values
+and in simulation, and pictures."""
 
 import json
 
@@ -37,20 +38,21 @@ def rows_of(kept, rms, points=1):
     ]
 
 
-def test_intervals_match_the_textbook():
-    """Wilson (1927) for 8 of 10. Ranks 40 and 61 of 100 contain the median with 95 % (binomial)."""
+def test_confidence_intervals_match_textbook():
+    """Wilson's interval (1927) for 8 of 10 flights. By the binomial distribution, the values of
+    rank 40 and 61 of 100 enclose the median with 95 % confidence."""
     assert wilson(0.8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
     assert median_interval(list(range(1, 101)), 100) == (40.0, 61.0)
 
 
-def test_extreme_shares_reach_the_ends():
+def test_interval_of_share_0_or_1_reaches_end():
     for worlds in (1, 7, 30, 1000):
         assert (wilson(0.0, worlds)[0], wilson(1.0, worlds)[1]) == (0.0, 1.0)
 
 
-def test_intervals_of_shared_worlds_have_stated_coverage():
-    """Four points of a grid are alike in each of 25 worlds, so the worlds count, not the hundred
-    rows. The true share kept is 0.7, and the true median 0."""
+def test_confidence_intervals_of_shared_worlds_have_stated_coverage():
+    """The four grid points of one world give equal results, so the 100 rows of 25 worlds contain 25
+    independent samples. The true share kept is 0.7, and the true median is 0."""
     chance = np.random.default_rng(5)
     shares = 0
     medians = 0
@@ -61,7 +63,8 @@ def test_intervals_of_shared_worlds_have_stated_coverage():
         shares += found["kept_interval"][0] <= 0.7 <= found["kept_interval"][1]
         medians += found["rms_interval"][0] <= 0 <= found["rms_interval"][1]
     assert found["worlds"] == 25
-    assert shares / 400 > 0.9  # 92 % by the binomial law; counting each row separately gives 62 %
+    # 92 % expected by the binomial distribution; treating all rows as independent would give 62 %
+    assert shares / 400 > 0.9
     assert medians / 400 > 0.93
 
 
@@ -93,7 +96,8 @@ def test_summary_counts_flights_and_worlds_by_value():
 
 
 def test_paired_difference_removes_spread_of_shared_draws():
-    """Two laws in 20 worlds of very different difficulty; the second is worse by 0.1 m in each."""
+    """Two laws fly in 20 worlds of very different difficulty. In each world the second law's RMS
+    error is larger by 0.1 m."""
     worlds = np.random.default_rng(2).uniform(1.0, 50.0, 20)
     rows = rows_of([True] * 40, np.column_stack([worlds, worlds + 0.1]).ravel(), 2)
     by = summarize([*rows, never_engaged(40, "0")], {"k": ("0", "1")})["by"]["k"]
@@ -138,7 +142,7 @@ def test_printed_summary_shows_median_interval_and_percentile(capsys):
 
 
 def test_pictured_share_equals_summary():
-    """Half of the flights at one value never engaged, and all flights at another."""
+    """At one value half of the flights never engaged, and at another value no flight engaged."""
     rows = rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0])
     rows += [never_engaged(run, "0") for run in range(4, 8)] + [
         never_engaged(run, "7") for run in range(8, 12)
@@ -172,7 +176,7 @@ def test_unengaged_and_failed_flights_are_counted_separately():
     assert title == "x: 4 flights, 2 more never engaged, 1 more could not be flown"
 
 
-def test_start_picture_shows_share_kept():
+def test_start_picture_shows_share_of_kept_circles():
     starts = {"start_range_m": "50", "start_bearing_deg": "90"}
     rows = [
         row | starts | {"start_heading_deg": f"{30 * at}"}
@@ -184,7 +188,7 @@ def test_start_picture_shows_share_kept():
     assert sorted(turned.collections[0].get_array()) == [0.0, 100.0, 100.0, 100.0]
 
 
-def test_names_with_dollars_are_no_formula(tmp_path):
+def test_dollar_signs_in_names_are_printed_literally(tmp_path):
     rows = [
         row | dict.fromkeys(("start_range_m", "start_bearing_deg", "start_heading_deg"), row["run"])
         for row in rows_of([True] * 8, [1.0, 2.0, 3.0, 4.0] * 2, 2)

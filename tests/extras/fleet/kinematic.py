@@ -1,6 +1,6 @@
-"""Kinematic fleet: turn-rate limit and lag of the vehicles, the product's drift law, and own
-positions with 1 m of error. It has no MAVLink and no estimator: an upper bound for the quality of
-the fleet law."""
+"""Kinematic fleet: vehicles with a turn-rate limit and lag, the product's drift law, and own
+positions with 1 m of error. Without MAVLink and estimator, the results are an upper bound of the
+fleet law's quality."""
 
 from dataclasses import dataclass, field
 from math import atan2, cos, exp, hypot, inf, pi, sin, sqrt
@@ -23,9 +23,11 @@ PLACE_TIME = 2.0
 
 @dataclass
 class World:
-    """Conditions of a fleet flight. drift: east, north, m/s. loss: share of reports. delay: s.
-    report_every: s. compass: bias of each member, rad. speeds: airspeed factor of each.
-    speed_share: limit of the speed changes. speed_lag: s. room: inside of the circle, m."""
+    """Conditions of a fleet flight. drift: east, north, m/s. loss: share of lost reports. delay: of
+    the reports, s. report_every: period of the reports, s. compass: heading bias of each member,
+    rad. speeds: airspeed factor of each member. speed_share: largest speed change as a share of the
+    airspeed. speed_lag: time constant of the airspeed, s. room: usable width inside the circle,
+    m."""
 
     n: int = 6
     speed: float = 15.0
@@ -45,8 +47,8 @@ class World:
 
 
 class Fleet:
-    """The fleet under way. phases, radii: true temporal phase (rad) and range (m) of each member by
-    time step."""
+    """State and history of the flying fleet. phases, radii: true temporal phase (rad) and range (m)
+    of each member by time step."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -114,7 +116,7 @@ class Fleet:
         c = cos(self.compass[i])
         s = sin(self.compass[i])
         x, y = self.x[i] + self.wrong[0, i], self.y[i] + self.wrong[1, i]
-        x, y = c * x - s * y, s * x + c * y  # all its estimates are rotated by the compass bias
+        x, y = c * x - s * y, s * x + c * y  # the compass bias rotates all estimates of the member
         drift = c * world.drift[0] - s * world.drift[1], s * world.drift[0] + c * world.drift[1]
         phase, rate = PhaseMap.of(world.speed, drift, 1).at(circle_angle(x, y, 1))
         sigma = PLACE_SIGMA / world.radius * rate
@@ -161,14 +163,14 @@ class Fleet:
                     self.mail.append((self.time + world.delay, other, report))
 
     def gap_errors(self) -> np.ndarray:
-        """Largest gap error of the members on the circle at every step, deg; nan for fewer than
-        two."""
+        """Return the largest gap error of the members on the circle at every step, deg; nan if
+        fewer than two members are on the circle."""
         pairs = zip(np.array(self.phases), np.array(self.ring), strict=True)
         return np.degrees([gap_error(phases[ring].tolist()) for phases, ring in pairs])
 
 
 def time_to_even(errors: np.ndarray, since: float = 0.0) -> float:
-    """Time since `since`, s, until all gaps are within 5 deg for 20 s; infinite if they never
-    are."""
+    """Return the time from `since` until all gap errors are below 5 deg for 20 s, s; infinite if
+    this never happens."""
     found = even_from(STEP * np.arange(len(errors)), np.radians(errors), since)
     return inf if found is None else found - since

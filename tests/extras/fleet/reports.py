@@ -36,7 +36,8 @@ def report(member: int, stamp: float, **changes) -> MemberReport:
 
 
 def frame(one: MemberReport, key: bytes | None = None, ahead: float = 0.0) -> bytes:
-    """Return a report as its sender encodes it. ahead: of the signature's clock, s."""
+    """Return the frame of a report as its sender encodes it. ahead: error of the sender's signing
+    clock, s."""
     signing = None if key is None else Signing(key, link_id=1)
     if signing is not None:
         signing.advance(one.stamp + ahead)

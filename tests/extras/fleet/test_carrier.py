@@ -51,7 +51,7 @@ def decoded(data: bytes):
 
 
 @pytest.mark.parametrize(("key", "size"), [(None, 80), (KEY, 93)])
-def test_report_is_one_named_array(key, size):
+def test_report_is_packed_in_one_named_array(key, size):
     sent = frame(report(2, NOON), key)
     message = decoded(sent)
     assert len(sent) == size and message.get_type() == "DEBUG_FLOAT_ARRAY"
@@ -81,11 +81,11 @@ def _between(name: str) -> st.SearchStrategy:
     variances=st.tuples(_between("drift variance east"), _between("drift variance north")),
     correlation=st.floats(-1.0, 1.0),
 )
-def test_report_fields_survive_the_frame(
+def test_report_fields_are_preserved_in_frame(
     stamp, state, sense, phase, numbers, variances, correlation
 ):
-    """Stamps to 1 us, phases to 1 urad and below a full circle, the rest to 7 digits. Values within
-    bounds stay within bounds."""
+    """Encoding keeps stamps to 1 us, phases to 1 urad and other values to 7 digits. A phase stays
+    below a full circle, and other values stay within their bounds."""
     sigma, lap, radius, height, east, north = numbers
     ee, nn = variances
     one = report(
@@ -115,7 +115,7 @@ def test_report_fields_survive_the_frame(
     check_numbers(back)
 
 
-def test_unknown_height_stays_unknown():
+def test_unknown_height_in_report_stays_unknown():
     assert isnan(from_message(decoded(frame(report(2, NOON, height=nan)))).height)
 
 
@@ -157,11 +157,11 @@ def test_multicast_stays_in_local_network():
 
 
 @pytest.mark.parametrize("start", [0.0, NOON])
-def test_reports_are_sent_at_5_hz(start):
+def test_carrier_sends_reports_at_5_hz(start):
     network = LocalNetwork()
     sender, receiver = (FrameCarrier(network.port(one), GROUP, one, KEY) for one in (1, 2))
     stamps = []
-    for step in range(200):  # a loop at 20 Hz, 10 s
+    for step in range(200):  # 10 s of a loop at 20 Hz
         sender.send(report(1, start + 0.05 * step))
         stamps += [one.stamp for one in receiver.received(start + 0.05 * step)]
     assert (
@@ -170,7 +170,7 @@ def test_reports_are_sent_at_5_hz(start):
     )
 
 
-def test_only_valid_own_reports_are_sent():
+def test_carrier_sends_only_valid_own_reports():
     network = LocalNetwork()
     sender, receiver = (FrameCarrier(network.port(one), GROUP, one) for one in (1, 2))
     for wrong in (
@@ -191,8 +191,9 @@ def test_only_valid_own_reports_are_sent():
 
 
 @pytest.mark.parametrize("interface", ["absent0", "10.99.99.99"])
-def test_missing_network_is_retried_with_an_alarm(interface, monkeypatch):
-    """A radio is plugged in later: then reports are sent and received, without a restart."""
+def test_missing_network_raises_alarm_and_is_retried(interface, monkeypatch):
+    """A network radio is connected after the start. The carrier then sends and receives reports
+    without a restart."""
     port = free_port()
     member = FrameCarrier(UdpPort(port, interface), GROUP, 1)
     for step in range(20):
@@ -200,7 +201,7 @@ def test_missing_network_is_retried_with_an_alarm(interface, monkeypatch):
         assert member.received(NOON + 0.2 * step) == []
     (alarm,) = member.alarms(NOON + 4)
     assert interface in alarm and member.sent == 0
-    member._port._interface = LOOPBACK  # the interface appears
+    member._port._interface = LOOPBACK  # the network interface appears
     other = FrameCarrier(UdpPort(port, LOOPBACK), GROUP, 2)
     for step in range(40, 60):
         member.send(report(1, NOON + 0.2 * step))
@@ -222,8 +223,8 @@ def members():
 
 
 def accepted_steps(members):
-    """Let the members exchange reports for 10 s. Return the steps in which the first one received a
-    report."""
+    """Let the members exchange reports for 10 s. Return the steps in which the first member
+    received a report."""
     accepted = []
     for step in range(50):
         now = NOON + 0.2 * step
@@ -234,24 +235,24 @@ def accepted_steps(members):
     return accepted
 
 
-def test_failed_socket_is_opened_again(members):
-    members[0]._port._socket.close()  # every call on it raises from here on
+def test_carrier_reopens_failed_socket(members):
+    members[0]._port._socket.close()  # every later call on this socket raises an error
     accepted = accepted_steps(members)
     assert members[0].sent >= 35 and len(accepted) >= 35 and not members[0].alarms(NOON + 10)
 
 
 def test_lost_multicast_membership_is_renewed(members):
-    """Example: a radio was unplugged and came back. The socket still sends, and receives
-    nothing."""
+    """A network radio was disconnected and connected again. Without a renewal, the socket sends but
+    receives nothing."""
     membership = socket.inet_aton(MULTICAST) + socket.inet_aton(LOOPBACK)
     members[0]._port._socket.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, membership)
     accepted = accepted_steps(members)
     assert 25 <= accepted[0] <= 30 and accepted[-1] == 49
 
 
-def test_flood_costs_a_bounded_step(members):
-    """The loopback interface sends 1000 datagrams of noise to every member, and the socket buffer
-    keeps a part of them."""
+def test_flood_of_datagrams_costs_bounded_step_time(members):
+    """Each member receives 1000 random datagrams on the loopback interface, of which the socket
+    buffer keeps a part."""
     port = members[0]._port._port
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
         attacker.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(LOOPBACK))
@@ -286,8 +287,9 @@ def test_impossible_peers_are_refused(peers, words):
 # --- the recording ---
 
 
-def test_recorded_reports_are_read_back(tmp_path):
-    """They are between the frames of the vehicle's link, which do not change."""
+def test_recorded_fleet_reports_are_read_back(tmp_path):
+    """The recording contains the reports between the frames of the vehicle's link, and does not
+    change these frames."""
     network = LocalNetwork()
     members = [FrameCarrier(network.port(one), GROUP, one, KEY) for one in (1, 2)]
     recorder = Recorder(tmp_path / "run", "")
@@ -317,14 +319,14 @@ def test_recorded_reports_are_read_back(tmp_path):
 
 
 def test_fleet_reports_do_not_change_replay(flown, tmp_path):
-    """Even under the ids of the vehicle and of its radio: no report steers, identifies a vehicle or
-    counts as a sign of life."""
+    """The reports also use the ids of the vehicle and of its radio. The replayed pilot must not
+    treat a report as a message of vehicle or radio."""
     plain = flown / "flight.tlog"
     mixed = tmp_path / "mixed.tlog"
     with mixed.open("wb") as out:
         for n, (stamp, one) in enumerate(read_tlog(plain)):
             out.write(struct.pack(">Q", stamp) + one)
-            # without received frames, a stamp is no step of a plain tlog
+            # A plain tlog is replayed by the stamps of received frames: add reports only there.
             if one[6] == 191 or n % 10:
                 continue
             for ids in ((1, 1), (1, 192), (1, 191), (7, 191), (255, 190)):

@@ -32,14 +32,14 @@ WITHOUT = None
 
 @dataclass
 class Air:
-    """Data available to the attacker. captured: datagrams of member 2. key: of the fleet, None
-    without one."""
+    """Data available to the attacker. captured: datagrams of member 2. key: the fleet's signing
+    key; None if the fleet does not sign."""
 
     now: float = NOON
     key: bytes | None = None
     captured: list[bytes] = field(default_factory=list)
     victim: list[bytes] = field(default_factory=list)
-    """Frames of the victim itself."""
+    """Frames that the victim sent."""
 
     def since(self) -> float:
         return self.now - NOON
@@ -49,7 +49,7 @@ Attack = Callable[[Air], list[bytes]]
 
 
 def sends_report(member: int, *, key: bytes | None = None, ahead: float = 0.0, **changes) -> Attack:
-    """A report at every step of 0.2 s, with changes."""
+    """Return an attack: a report with these changes at every step of 0.2 s."""
 
     def attack(air: Air) -> list[bytes]:
         if round(air.since() / STEP) % 4 != 1:
@@ -64,8 +64,8 @@ def sends_report(member: int, *, key: bytes | None = None, ahead: float = 0.0, *
 
 
 def patched(index: int, value: float) -> Attack:
-    """A report of a new id in which one of the 32-bit numbers was replaced, unlike any honest
-    encoder."""
+    """Return an attack: a report of a new member in which a 32-bit number is replaced by a value
+    that no honest encoder sends."""
 
     def attack(air: Air) -> list[bytes]:
         message = to_message(report(9, air.now))
@@ -80,7 +80,7 @@ def half(air: Air) -> list[bytes]:
 
 
 def changed(air: Air) -> list[bytes]:
-    """The newest frame with another phase, a right CRC, and its old signature."""
+    """Return member 2's newest frame with another phase, a right CRC, and the old signature."""
     return [
         frame(report(2, air.now, phase=0.1), OTHER_KEY)[:-13] + one[-13:]
         for one in air.captured[-1:]
@@ -88,7 +88,7 @@ def changed(air: Air) -> list[bytes]:
 
 
 def replayed(delay: float) -> Attack:
-    """Frames of member 2 that were captured some time ago."""
+    """Return an attack: frames of member 2 that were captured some time ago."""
     return lambda air: (
         air.captured[-1 - round(delay * 5) :][:1] if len(air.captured) > delay * 5 else []
     )
@@ -99,7 +99,7 @@ def two_in_one(air: Air) -> list[bytes]:
 
 
 def ghosts(air: Air) -> list[bytes]:
-    """A new member at every step."""
+    """A report of a new member id at every step."""
     return [frame(report(3 + round(air.since() / STEP) % 250, air.now), air.key)]
 
 
@@ -112,7 +112,7 @@ def heartbeat(air: Air) -> list[bytes]:
 
 
 def takeover(air: Air) -> list[bytes]:
-    """A command to the autopilot: the fleet link passes on none."""
+    """A command to the autopilot, which the fleet link must not pass on."""
     return [
         Encoder(255, 190).encode(
             mavlink.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0)
@@ -129,7 +129,7 @@ def other_version(air: Air) -> list[bytes]:
 
 
 def wandering(air: Air) -> list[bytes]:
-    """A phase that jumps by half a circle each time, under a new id."""
+    """Reports of an invented member with a phase that jumps by half a circle each time."""
     step = round(air.since() / STEP)
     return [frame(report(9, air.now, phase=pi * (step // 4 % 2)), air.key)] if step % 4 == 1 else []
 
@@ -143,9 +143,10 @@ R = Rejection
 
 @dataclass(frozen=True)
 class Row:
-    """An attack, with the expected reason and alarm. key: the fleet's. address: the attacker's.
-    ghosts: accepted members of the attacker, because only a key could stop them. hosts: peers of
-    the victim. share: received part of the honest reports. beside: other expected reasons."""
+    """An attack, with the expected rejection reason and alarm. key: the fleet's signing key.
+    address: the attacker's address. ghosts: number of invented members that are accepted, because
+    only a key could stop them. hosts: configured peers of the victim. share: smallest share of the
+    honest reports that must be received. beside: other expected rejection reasons."""
 
     name: str
     attack: Attack
@@ -315,7 +316,9 @@ def test_attack_is_rejected_with_alarm(row):
     numbers=st.lists(st.floats(width=32), min_size=12, max_size=12),
     cut=st.integers(0, 100),
 )
-def test_any_frame_is_rejected_or_within_bounds(system, stamp, name, group, numbers, cut):
+def test_random_frame_is_rejected_or_has_values_within_bounds(
+    system, stamp, name, group, numbers, cut
+):
     victim = FrameCarrier(port := _Port(None), GROUP, 1)
     message = mavlink.MAVLink_debug_float_array_message(stamp, name, group, [*numbers, *[0.0] * 46])
     port.queue = [
@@ -326,9 +329,9 @@ def test_any_frame_is_rejected_or_within_bounds(system, stamp, name, group, numb
     assert victim.acceptance.accepted + sum(victim.acceptance.rejected.values()) == 1
 
 
-def test_moved_estimate_is_accepted_after_two_seconds():
-    """An honest jump: the reports continue from the new phase. Meanwhile the member is extrapolated
-    from its last report."""
+def test_honest_phase_jump_is_accepted_after_two_seconds():
+    """The member's estimate jumps, and its reports continue from the new phase. Until they are
+    accepted, the victim extrapolates the last accepted report."""
     victim = FrameCarrier(port := _Port(None), GROUP, 1)
     accepted = []
     for step in range(60):
@@ -344,7 +347,7 @@ def test_moved_estimate_is_accepted_after_two_seconds():
     assert victim.acceptance.rejected[R.PHASE_JUMP] == 10
 
 
-def test_searching_member_may_return_with_any_phase():
+def test_phase_jump_after_search_is_accepted_at_once():
     victim = FrameCarrier(port := _Port(None), GROUP, 1)
     states = [State.ON_CIRCLE, State.SEARCH, State.ON_CIRCLE]
     for step, (state, phase) in enumerate(zip(states, (0.0, 0.0, 3.0), strict=True)):
@@ -353,7 +356,7 @@ def test_searching_member_may_return_with_any_phase():
     assert not victim.acceptance.rejected
 
 
-def test_silent_member_may_change_address():
+def test_member_may_change_address_after_silence():
     victim = FrameCarrier(port := _Port(None), GROUP, 1)
     for after, address, members in ((0.0, HONEST, 1), (2.0, STRANGER, 1), (70.0, HONEST, 1)):
         port.queue = [(frame(report(2 if after < 60 else 5, NOON + after)), address)]
@@ -362,9 +365,9 @@ def test_silent_member_may_change_address():
 
 
 @pytest.mark.parametrize("wrong_by", [3600.0, 30.0])
-def test_member_is_accepted_after_its_clock_was_ahead(wrong_by):
-    """Both directions. The frames sent while the clock was wrong are captured, and are refused when
-    their time has come."""
+def test_member_is_accepted_after_its_clock_is_corrected(wrong_by):
+    """Tested in both directions. An attacker repeats the frames with future timestamps when these
+    times are reached. The victim rejects them."""
     wrong, right = (FrameCarrier(_Port(None), GROUP, member, bytes(range(32))) for member in (1, 2))
     ports = wrong._port, right._port
     captured = []
@@ -388,7 +391,7 @@ def test_member_is_accepted_after_its_clock_was_ahead(wrong_by):
     assert len(captured) == right.acceptance.rejected[R.REPLAYED] == 50
 
 
-def test_restarted_member_is_accepted_after_its_clock_was_ahead():
+def test_member_is_accepted_after_restart_with_corrected_clock():
     victim = FrameCarrier(port := _Port(None), GROUP, 1, KEY)
     for stamp, accepted in ((NOON + 30.0, 0), (NOON + 1.0, 1)):
         member = FrameCarrier(sender := _Port(None), GROUP, 2, KEY)
@@ -397,7 +400,7 @@ def test_restarted_member_is_accepted_after_its_clock_was_ahead():
         assert len(victim.received(NOON + 1.0)) == accepted
 
 
-def test_members_are_accepted_after_own_clock_was_ahead():
+def test_other_members_are_accepted_after_own_clock_is_corrected():
     victim = FrameCarrier(port := _Port(None), GROUP, 1, KEY)
     for stamp in (NOON + 20.0, NOON, NOON + 0.2):
         port.queue = [(frame(report(2, stamp), KEY), HONEST)]

@@ -29,12 +29,12 @@ TAKEN = 130.0
 SILENT = 165.0
 BEFORE = TAKEN - 2.0
 AFTER = TAKEN + 4.0
-"""Times, s."""
+"""Times in the flight, s: takeover of member 2, loss of all reports, and two evaluations."""
 
 
 def three_copters():
-    """Three copters. Member 3 arrives late. The operator takes member 2 over at TAKEN. From SILENT
-    on no member receives a report."""
+    """Fly three copters. Member 3 joins late. At TAKEN the operator takes over member 2. From
+    SILENT on no member receives reports."""
     takeover = (f'sim.events=[{{at_s={TAKEN}, action="mode", mode="LOITER"}}]',)
     far = ("sim.start.north_m=200", "sim.start.east_m=-20")
     flight = bare_fleet(
@@ -64,9 +64,10 @@ def three_copters():
     return flight.fly(SILENT + 21.0, watch), seen
 
 
-def test_three_copters_join_leave_and_lose_reports():
+def test_three_copters_space_evenly_despite_takeover_and_lost_reports():
     flight, seen = three_copters()
-    # the late member 3 enters at once, then all are evenly spaced with estimated drift
+    # member 3, which joins late, enters the circle at once. Then all members are evenly spaced with
+    # estimated drift.
     found = figures(flight.tracks)
     assert found.even_after_s < 60.0
     assert all(state is State.ON_CIRCLE for state, *_ in seen[BEFORE])
@@ -74,7 +75,7 @@ def test_three_copters_join_leave_and_lose_reports():
     assert found.smallest_vertical_m > 10.0
     assert found.too_near == 0
 
-    # each member shows its gaps and the places of the others
+    # each member shows its gaps and the positions of the other members
     for *_, words, others in seen[BEFORE]:
         shown = re.search(
             r"3 of 3 members on the circle, gap (\d+) deg ahead, (\d+) deg behind", words
@@ -106,7 +107,7 @@ def test_three_copters_join_leave_and_lose_reports():
     assert not any(member.onlookers.problems for member in flight.members)
 
 
-def test_members_too_near_each_other_raise_alarms():
+def test_members_too_close_to_each_other_raise_alarms():
     flight = bare_fleet(
         COPTER,
         3,
@@ -124,7 +125,7 @@ def test_members_too_near_each_other_raise_alarms():
         assert re.search(rf"member {other} is \d+ m away, limit 18 m", alarm)
 
 
-def test_reports_are_stamped_by_the_autopilot():
+def test_fleet_reports_are_stamped_by_autopilot_clock():
     mission = load_mission(COPTER, ("fleet.id=1",))
     pilot = Pilot(mission.pilot_settings())
     one = FleetOnlooker(mission, pilot, table_of(mission), None, lockstep=False)
@@ -135,8 +136,9 @@ def test_reports_are_stamped_by_the_autopilot():
 
 
 @pytest.mark.nightly
-def test_three_planes_with_compass_errors_become_even():
-    """Six planes: tests/tools/bench/bench_fleet.py; the law with ten: test_law.py."""
+def test_three_planes_with_compass_errors_reach_even_spacing():
+    """tests/tools/bench/bench_fleet.py flies six planes. test_law.py tests the law with ten
+    kinematic members."""
     overrides = (
         "sim.truth.rate_hz=0",
         "vehicle.speed_mps=15",
@@ -160,7 +162,7 @@ def test_three_planes_with_compass_errors_become_even():
 
 
 def test_fleet_command_flies_shows_and_replays(request, tmp_path):
-    """The page is examined if there is a browser."""
+    """The live page is checked only if a browser is installed."""
     folder = tmp_path / "fleet"
     options = (
         "--fleet",

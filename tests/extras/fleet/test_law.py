@@ -1,5 +1,5 @@
-"""The fleet law on kinematic vehicles: performance figures of the design, and the members that each
-member counts."""
+"""The fleet law on kinematic vehicles: performance figures of the design, and selection of the
+members that the law uses."""
 
 from math import cos, degrees, hypot, nan, pi, radians, sin
 
@@ -36,7 +36,7 @@ def spacing(member=1):
 
 @pytest.mark.parametrize("drift", [(0.0, 0.0), (5.0, 0.0), (-4.0, 7.0)])
 @pytest.mark.parametrize("sense", [1, -1])
-def test_temporal_phase_grows_steadily_in_wind(drift, sense):
+def test_temporal_phase_grows_at_constant_rate_in_wind(drift, sense):
     speed = 15.0
     radius = 100.0
     dt = 0.01
@@ -58,7 +58,7 @@ def test_temporal_phase_grows_steadily_in_wind(drift, sense):
 
 
 @pytest.mark.parametrize("sense", [1, -1])
-def test_offset_is_learned_from_common_drift(sense):
+def test_compass_offset_is_learned_from_common_drift(sense):
     drift = (4.0, -3.0)
     bias = radians(-4.0)
     turned = (
@@ -67,7 +67,7 @@ def test_offset_is_learned_from_common_drift(sense):
     )
     angle = 2.0
     right, turned_map = (PhaseMap.of(15.0, one, sense) for one in (drift, turned))
-    # the phase in the turned axes less the true one: what the offset must remove
+    # phase in the axes rotated by the compass bias, minus the true phase: the learned offset
     wrong = wrapped(turned_map.at(angle + sense * bias)[0] - right.at(angle)[0])
     assert abs(wrong) > radians(3.0)
     found = PhaseOffset()
@@ -80,7 +80,7 @@ def test_offset_is_learned_from_common_drift(sense):
     assert found.value == pytest.approx(-wrong, abs=radians(0.8))
 
 
-def test_offset_stays_zero_in_weak_drift():
+def test_compass_offset_stays_zero_in_weak_drift():
     weak = Drift((0.6, 0.0), (1e-6, 0.0, 1e-6))
     turned = Drift((0.0, 0.6), (1e-6, 0.0, 1e-6))
     found = PhaseOffset()
@@ -89,7 +89,7 @@ def test_offset_stays_zero_in_weak_drift():
 
 
 @pytest.mark.parametrize("ahead", [1.2, -1.2])
-def test_offset_is_learned_from_range_between_members(ahead):
+def test_compass_offset_is_learned_from_range_between_members(ahead):
     phases = PhaseMap.of(15.0, (0.0, 0.0), 1)
     distance = hypot(2 * 100.0 * sin(1.2 / 2), 15.0)
     reported = 0.5 + ahead + radians(5.0)
@@ -103,7 +103,7 @@ def test_offset_is_learned_from_range_between_members(ahead):
 # --- slots ---
 
 
-def test_slots_are_independent_of_start_of_ring():
+def test_slot_errors_are_independent_of_phase_origin():
     rng = np.random.default_rng(1)
     phases = dict(enumerate(rng.uniform(0, LAP, 7), 1))
     errors = slot_errors(phases)
@@ -128,14 +128,14 @@ def test_silent_member_is_extrapolated_for_ten_seconds():
     assert set(one.phases(SILENT + 0.1)) == {3}
 
 
-def test_unsuitable_members_are_not_counted():
+def test_spacing_ignores_inaccurate_leaving_and_opposite_members():
     one = spacing()
     one.take([report(2, 1.0), report(3, 2.0, sigma=1.2), report(4, 3.0, state=State.LEAVING)])
     one.take([report(5, 4.0, state=State.PHASE_KNOWN), report(6, 5.0, sense=-1)])
     assert set(one.phases(0.0)) == {2}
 
 
-def test_late_member_enters_circle_from_outside():
+def test_joining_member_enters_circle_from_outside():
     one = spacing(9)
     one.take([report(member, LAP * member / 5) for member in range(5)])
     far = one.step(0.0, OwnState(LAP / 5 + 0.1, 0.01, 140.0))
@@ -144,7 +144,7 @@ def test_late_member_enters_circle_from_outside():
     assert near.state is State.ON_CIRCLE
 
 
-def test_speed_changes_before_the_radius():
+def test_spacing_changes_speed_before_radius():
     one = Spacing(SpacingSettings(1, 100.0, 15.0, 1, speed_share=0.15))
     one.take([report(2, 1.0 + pi)])
     small = one.step(0.0, OwnState(1.2, 0.01, 100.0))
@@ -155,7 +155,7 @@ def test_speed_changes_before_the_radius():
     assert (large.speed, large.offset) == (0.85, pytest.approx(20.0))
 
 
-def test_shared_layer_keeps_member_in_outer_lane():
+def test_shared_height_layer_keeps_joining_member_in_outer_lane():
     one = spacing(9)
     one.take([report(1, 1.0)])
     shares = one.step(0.0, OwnState(4.0, 0.01, 100.0, shares_layer=True))
@@ -174,34 +174,34 @@ def test_single_member_flies_circle_of_its_mission():
     assert one.step(301.0, OwnState(None, pi, nan)).state is State.SEARCH
 
 
-# --- flights of kinematic vehicles: no worse than the figures of the design ---
+# --- flights of kinematic vehicles, compared with the figures of the design ---
 
 
 @pytest.mark.parametrize(("n", "seconds"), [(3, 75.0), (10, 80.0)])
-def test_members_become_even_in_time(n, seconds):
+def test_members_reach_even_spacing_within_time_limit(n, seconds):
     errors = Fleet(World(n=n)).fly(160).gap_errors()
     assert time_to_even(errors) < seconds
     assert rms(errors[-400:]) < 2.0
 
 
-def test_wind_and_lost_reports_change_little():
+def test_wind_and_lost_reports_hardly_change_spacing():
     errors = Fleet(World(drift=(5.0, 0.0), loss=0.3, report_every=1.0)).fly(180).gap_errors()
     assert time_to_even(errors) < 90.0
     assert rms(errors[-400:]) < 3.5
 
 
-def test_different_airspeeds_leave_no_lasting_error():
+def test_different_airspeeds_leave_no_steady_spacing_error():
     rng = np.random.default_rng(5)
     errors = Fleet(World(speeds=list(1 + 0.03 * rng.normal(size=6)))).fly(260).gap_errors()
     assert rms(errors[-400:]) < 2.5
 
 
-def test_remaining_members_become_even_again():
+def test_remaining_members_reach_even_spacing_again():
     fleet = Fleet(World(leaves={2: 150.0})).fly(260)
     assert time_to_even(fleet.gap_errors(), since=131.0 + 2 * STEP) < 80.0
 
 
-def test_joining_member_becomes_even_in_time():
+def test_fleet_with_joining_member_reaches_even_spacing():
     world = World(joins={5: 110.0}, speed_share=0.15, speed_lag=3.0)
     fleet = Fleet(world).fly(250)
     entered = next(k for k, ring in enumerate(fleet.ring) if all(ring)) * STEP

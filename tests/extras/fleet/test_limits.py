@@ -36,7 +36,7 @@ def test_check_reports_size_evenness_and_ranging_rate():
     assert all(line.grade is Grade.PASS for line in found.values())
 
 
-def test_impossible_fleets_are_refused():
+def test_check_refuses_impossible_fleets():
     assert lines("fleet.size=40")["fleet size"].grade is Grade.FAIL
     assert lines('guidance.law="smooth"')["fleet"].grade is Grade.FAIL
     no_room = lines("bounds.min_range_m=59.5", "orbit.radius_m=60", name="px4_plane")
@@ -44,7 +44,7 @@ def test_impossible_fleets_are_refused():
     assert lines("fleet.size=20")["fleet ranging"].grade is Grade.WARN
 
 
-def test_vehicles_adjust_speed_before_radius():
+def test_largest_speed_and_radius_changes_follow_vehicle_and_bounds():
     plane, copter, px4 = (
         spacing_settings(mission(name=name), 1) for name in ("arduplane", "arducopter", "px4_plane")
     )
@@ -55,14 +55,14 @@ def test_vehicles_adjust_speed_before_radius():
     assert bounded.radius_share == pytest.approx(9 / 150)
 
 
-def test_ranges_between_members_need_beacon_ids():
+def test_check_requires_beacon_ids_for_ranges_between_members():
     assert lines("fleet.ranging=100")["fleet.ranging"].grade is Grade.FAIL
     beacons = ("fleet.ranging=100", 'ranging.message="ranging_beacon"')
     assert lines(*beacons, "ranging.beacon_id=1")["fleet.ranging"].grade is Grade.PASS
     assert lines(*beacons, "ranging.beacon_id=120")["fleet.ranging"].grade is Grade.FAIL
 
 
-def test_flight_needs_free_id_and_layer(monkeypatch):
+def test_flight_is_refused_without_free_id_and_layer(monkeypatch):
     own = mission("orbit.height_above_target_m=60")
     other = MemberReport(
         0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.01, 40.0, 100.0, 75.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0)
@@ -77,7 +77,7 @@ def test_flight_needs_free_id_and_layer(monkeypatch):
     listen(62.0, {})
     with pytest.raises(Refused, match="members 1 and 2 are 2 m apart in height"):
         listening.refuse_taken(own, table_of(own))
-    rover = mission(name="ardurover")  # rovers have no layers
+    rover = mission(name="ardurover")  # rovers have no height layers
     listen(0.0, {})
     listening.refuse_taken(rover, table_of(rover))
     listen(75.0, {Rejection.SAME_ID: 2})
@@ -85,7 +85,7 @@ def test_flight_needs_free_id_and_layer(monkeypatch):
         listening.refuse_taken(own, table_of(own))
 
 
-def test_layers_below_15_m_are_refused():
+def test_height_layers_closer_than_15_m_are_refused():
     with pytest.raises(MissionError, match=r"fleet\.layer_m: must be at least 15, not 5"):
         mission("fleet.layer_m=5.0")
 

@@ -25,7 +25,7 @@ GPS_LOST = (
 
 @dataclass
 class HandedBack(Surveyed):
-    """A surveyed flight with its hand-back. given: (time, frame) sent by the hand-back."""
+    """A flight with survey and hand-back. given: (time, frame) sent by the hand-back."""
 
     companion: Companion | None = None
     given: list[tuple[float, bytes]] = field(default_factory=list)
@@ -40,7 +40,7 @@ class HandedBack(Surveyed):
             self.vehicle.receive(frame)
 
     def fly(self, until, watch=None):  # type: ignore[no-untyped-def, override]
-        """Fly on after the end of guidance while the hand-back is busy."""
+        """Fly until a time, and also after the end of guidance while the hand-back is busy."""
         assert self.companion is not None
         while self.now < until and (not self.pilot.done or self.companion.busy):
             self._step(until if self.pilot.done else min(self.pilot.scheduler.due, until))
@@ -62,8 +62,8 @@ class HandedBack(Surveyed):
 def handed_back(
     mission: str, *overrides: str, law: str | None = None, place: tuple[float, float] | None = None
 ) -> HandedBack:
-    """A flight of a file in config/ with survey and hand-back. place: of the target, given by the
-    mission."""
+    """Return a flight of a file in config/ with survey and hand-back. place: position of the
+    target, given by the mission."""
     flown = surveyed(mission, *overrides, law=law)
     assert flown.locator is not None
     companion = Companion(HandBackSettings(COMPONENT, place), flown.pilot, flown.locator)

@@ -1,4 +1,4 @@
-"""The hand-back beside a pilot on a bench: received frames, requests, output and failures."""
+"""The hand-back beside a pilot in a rig: received frames, requests, output and failures."""
 
 from cmath import phase
 from math import pi
@@ -26,7 +26,8 @@ PLACE = Place(0.0, Plane(47.3, 8.5), 30.0, 40.0, 584.0, np.eye(2), up_sigma=0.5,
 
 
 class Beside:
-    """Survey and hand-back beside a rig, as in the loop of a flight. The survey solves nothing."""
+    """Survey and hand-back beside a rig, as in the loop of a flight. The survey computes no
+    position."""
 
     def __init__(self, monkeypatch, rig=None):
         self.rig = rig or Rig()
@@ -61,7 +62,7 @@ class Beside:
 
 @pytest.fixture
 def lost(monkeypatch):
-    """A hand-back in progress."""
+    """A hand-back that is sending positions."""
     beside = Beside(monkeypatch)
     monkeypatch.setattr(beside.companion, "_own", lambda now: OwnMotion(now, 0.0, 0.0, 15.0))
     beside.companion.reckoning.where = PositionEstimate(
@@ -93,7 +94,7 @@ def test_compass_bias_is_learned_with_fresh_ranges(monkeypatch):
 
 
 @pytest.mark.parametrize("broken", ["_say", "_range"])
-def test_failing_survey_does_not_affect_handback(lost, monkeypatch, broken):
+def test_handback_continues_when_survey_fails(lost, monkeypatch, broken):
     monkeypatch.setattr(lost.locator, broken, lambda *given: 1 / 0)
     given = [one for one in lost.steps(6.0) if one.get_type() == "COMMAND_INT"]
     assert given and lost.companion.handback.begun
@@ -101,9 +102,11 @@ def test_failing_survey_does_not_affect_handback(lost, monkeypatch, broken):
 
 
 @pytest.mark.parametrize(
-    ("fix", "is_given"), [(3, False), (1, True)], ids=["has a fix", "has none"]
+    ("fix", "is_given"),
+    [(3, False), (1, True)],
+    ids=["second GPS with fix", "second GPS without fix"],
 )
-def test_second_gps_with_fix_stops_positions(lost, fix, is_given):
+def test_handback_stops_when_second_gps_has_fix(lost, fix, is_given):
     second = mavlink.MAVLink_gps2_raw_message(
         0, fix, 473_000_000, 85_000_000, 0, 1, 1, 0, 0, 9, 0, 0
     )
@@ -112,7 +115,7 @@ def test_second_gps_with_fix_stops_positions(lost, fix, is_given):
 
 
 @pytest.mark.parametrize("how", ["the position is back", "a signal"])
-def test_streams_are_returned_at_end_of_handback(monkeypatch, how):
+def test_handback_restores_stream_rates_at_its_end(monkeypatch, how):
     beside = Beside(monkeypatch, Rig(exit="stop"))
     beside.steps(3.0)
     beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
@@ -129,7 +132,7 @@ def test_streams_are_returned_at_end_of_handback(monkeypatch, how):
     assert {int(ident) for ident in restored} >= {*STREAMS, *AFTER}
 
 
-def test_working_handback_is_no_alarm_after_guidance(monkeypatch):
+def test_working_handback_raises_no_alarm_after_guidance(monkeypatch):
     beside = Beside(monkeypatch, Rig(exit="stop"))
     beside.companion.reckoning.where = PositionEstimate(
         beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False
@@ -146,7 +149,7 @@ def test_working_handback_is_no_alarm_after_guidance(monkeypatch):
     assert beside.onlooker.facts(beside.rig.now) == {}
 
 
-def test_failing_handback_ends(lost, monkeypatch):
+def test_handback_ends_with_message_after_internal_error(lost, monkeypatch):
     lost.steps(0.1)
     monkeypatch.setattr(lost.companion, "step", lambda now: 1 / 0)
     assert lost.steps(1.0) == [] and not lost.onlookers.busy
@@ -164,7 +167,7 @@ def test_handback_cannot_send_setpoints(lost):
             lost.companion._encode(message)
 
 
-def test_verdict_counts_positions(lost):
+def test_verdict_counts_positions_of_handback(lost):
     summary = {"notes": []}
     assert lost.onlooker.finish(summary) == {} and summary["notes"] == []
     given = [one for one in lost.steps(6.0) if one.get_type() == "COMMAND_INT"]

@@ -1,4 +1,4 @@
-"""Positions sent back to an autopilot that has lost its own: whole flights of the emulated
+"""Positions sent to an autopilot that has lost its own position: complete flights of the emulated
 plane."""
 
 from math import hypot, pi
@@ -17,8 +17,8 @@ from tests.extras.locate.flown import surveyed
 from tests.flight.lockstep import flight
 
 POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
-# not a whole second: each position is answered
 LOST_AT = 50.0
+# The flight ends between whole seconds, so that the last position is answered too.
 END = 95.5
 HERE = PositionEstimate(0.0, 15.0, 0.0, 3.0, 0j, 1.0, True)
 ON_PLANE = Plane(-35.0, 149.0)
@@ -37,9 +37,9 @@ def own_error(flown):
     return hypot(*flown.vehicle._flight.position_error)
 
 
-def test_positions_keep_autopilot_located_without_changing_guidance():
-    """The autopilot drifts at 1 m/s in each axis. Without help it would be off by about 45 m after
-    45 s. The positions leave beside the output of pilot and survey."""
+def test_handback_keeps_autopilot_position_without_changing_guidance():
+    """The autopilot's own position drifts at 1 m/s in each axis: without hand-back, by about 45 m
+    in each axis after 45 s. The positions are sent beside the output of pilot and survey."""
     errors: list[tuple[float, float]] = []
     flown = handed_back("arduplane", *GPS_LOST, law="auto")
     flown.solve_from = 40.0
@@ -64,7 +64,7 @@ def test_positions_keep_autopilot_located_without_changing_guidance():
 
 
 def lost_early(kind, law, until, **settings):
-    """Return a flight whose GPS is lost before the target could be located."""
+    """Return a flight that loses its GPS before the target can be located."""
     lost = 'sim.events=[{at_s=10.0, action="gps_off"}]'
     flown = kind(
         "arduplane",
@@ -83,18 +83,21 @@ def test_autopilot_without_handback_drifts_away():
     assert own_error(lost_early(surveyed, "smooth", 45.0)) > 30.0
 
 
-def test_given_place_replaces_the_survey():
+def test_target_position_of_mission_replaces_survey():
     flown = lost_early(handed_back, "auto", 70.0, place=to_degrees(0.0, 0.0))
     assert commands(flown)[0][0] < 45.0
     assert own_error(flown) < 10.0
     asked = [one.param1 for _, one in flown.given_messages if one.get_type() == "COMMAND_LONG"]
-    assert sorted(asked) == [GPS2, EKF], "streams of the survey, or of a missing receiver again"
+    assert sorted(asked) == [GPS2, EKF], (
+        "no streams of the survey, and no second request for a missing receiver"
+    )
 
 
 def give(goods, result, off=0.0, until=1e9):
-    """Return the hand-back and the times (s) of its positions. goods: autopilot's position valid,
-    every 0.1 s. result: answer to each position. off: reported error, m. until: loss of our
-    position, s."""
+    """Return the hand-back and the times (s) at which it sent positions. goods: True while the
+    autopilot's own position is valid, one value per 0.1 s. result: answer to each position. off:
+    error of the position that the autopilot reports, m. until: time at which circnav loses its
+    estimate, s."""
     back = HandBack()
     times = []
     for tick, good in enumerate(goods):
@@ -110,11 +113,12 @@ def give(goods, result, off=0.0, until=1e9):
     return back, times
 
 
-def test_positions_are_sent_only_while_lost():
+def test_positions_are_sent_only_while_autopilot_position_is_lost():
     back, times = give(
         [True] * 50 + [False] * 40 + [None] * 100 + [True] * 100, mavlink.MAV_RESULT_ACCEPTED
     )
-    assert times == [7.0, 8.0]  # lost at 5 s, sent from 7 s on
+    # the autopilot loses its position at 5 s; positions are sent from 7 s on
+    assert times == [7.0, 8.0]
     assert back.ended == "the autopilot has a position again"
 
 
@@ -136,11 +140,12 @@ EKF = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT
 ESTIMATOR = mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
 RECKONS = 0x12F
 CONSTANT = 0xA7
-"""ArduPilot's flags as set by NavEKF3_core::updateFilterStatus: by airspeed alone; at rest."""
+"""ArduPilot's flags as set by NavEKF3_core::updateFilterStatus. RECKONS: dead reckoning by
+airspeed. CONSTANT: constant position at rest."""
 PX4_RECKONS = 0x13F
 PX4_FUSES = 0x33F
-"""PX4's flags as set by Ekf::get_ekf_soln_status: by airspeed and no slip, its absolute position
-counts as valid."""
+"""PX4's flags as set by Ekf::get_ekf_soln_status. PX4_RECKONS: dead reckoning. PX4_FUSES: while
+fusing airspeed and zero side-slip, PX4 reports its absolute position as valid."""
 
 
 LOST = {
@@ -157,7 +162,7 @@ LOST = {
 
 
 @pytest.mark.parametrize(("values", "good"), LOST.values(), ids=LOST)
-def test_position_loss_needs_receivers_and_estimator(values, good):
+def test_position_loss_is_detected_from_gps_and_estimator_reports(values, good):
     health = Health()
     for ident, value in values.items():
         message = mavlink.mavlink_map[ident]
@@ -170,8 +175,9 @@ def test_position_loss_needs_receivers_and_estimator(values, good):
 
 
 def reckoned(received):
-    """Dead reckoning for 60 s from 100 m east of the target. Due north at 20 m/s through the air,
-    wind of 5 m/s to the east. received: True at times (s) with own motion."""
+    """Return the position after 60 s of dead reckoning from 100 m east of the target. The vehicle
+    flies north at 20 m/s through the air, in a wind of 5 m/s to the east. received: function of
+    time (s); True if own motion is available."""
     reckoning = DeadReckoning()
     reckoning.where = PositionEstimate(0.0, 100.0, 0.0, 3.0, 5 + 0j, 1.0, True)
     for now in np.arange(1, 601) / 10:
@@ -182,7 +188,8 @@ def reckoned(received):
 
 
 def test_dead_reckoning_uses_airspeed_and_learned_wind():
-    """The compass bias was not estimated: 0.09 rad of 20 m/s, and 0.3 m/s of wind."""
+    """The uncertainty grows by a compass bias of 0.09 rad (not estimated) at 20 m/s, and by a wind
+    error of 0.3 m/s."""
     here = reckoned(lambda now: True)
     assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
     assert (
@@ -191,8 +198,8 @@ def test_dead_reckoning_uses_airspeed_and_learned_wind():
     )
 
 
-def test_motion_gap_costs_certainty_but_no_position():
-    """Without reports for 3 s, it may have turned anywhere."""
+def test_motion_gap_increases_uncertainty_but_positions_continue():
+    """Without motion reports for 3 s, the direction of flight is unknown."""
     here = reckoned(lambda now: not 20 < now < 23)
     assert (here.east, here.north) == pytest.approx((400.0, 1200.0), abs=1e-6)
     assert here.sigma - reckoned(lambda now: True).sigma == pytest.approx(
@@ -200,7 +207,7 @@ def test_motion_gap_costs_certainty_but_no_position():
     )
 
 
-def test_slow_tick_costs_certainty_but_no_position():
+def test_slow_tick_increases_uncertainty_but_positions_continue():
     reckoning = DeadReckoning()
     reckoning.where = PositionEstimate(0.0, 0.0, 0.0, 3.0, 0j, 1.0, True)
     reckoning.step(2.0, OwnMotion(2.0, 0.0, 0.0, 20.0), None, None)
@@ -208,8 +215,8 @@ def test_slow_tick_costs_certainty_but_no_position():
 
 
 def late(*results, delay):
-    """Positions sent to an autopilot that gives some results for each, one after the other, at
-    intervals of `delay` s."""
+    """Return the hand-back and the times of its positions. The autopilot answers each position with
+    these results, one after the other, at intervals of `delay` s."""
     back = HandBack()
     answers = []
     times = []
@@ -227,7 +234,7 @@ def late(*results, delay):
     return back, times
 
 
-def test_in_progress_answers_are_waited_for():
+def test_handback_waits_after_in_progress_answers():
     progress = mavlink.MAV_RESULT_IN_PROGRESS
     accepted = mavlink.MAV_RESULT_ACCEPTED
     back, times = late(progress, accepted, delay=0.2)
@@ -235,15 +242,16 @@ def test_in_progress_answers_are_waited_for():
     assert len(late(progress, delay=0.2)[1]) == 3
 
 
-def test_late_answers_match_their_positions():
-    """The second position is sent when all answers to the first may have arrived."""
+def test_late_answers_are_matched_with_their_positions():
+    """The second position is sent only after the time in which answers to the first position can
+    arrive."""
     back, times = late(mavlink.MAV_RESULT_DENIED, delay=2.5)
     assert len(times) == 1 and back.given[0].answer == "denied" and back.over
     back, times = late(mavlink.MAV_RESULT_ACCEPTED, delay=3.5)
     assert np.diff(times).min() > 3.5 and {one.answer for one in back.given[:-1]} == {"accepted"}
 
 
-def test_newest_positions_are_kept_and_all_counted(monkeypatch):
+def test_newest_positions_are_stored_and_all_are_counted(monkeypatch):
     monkeypatch.setattr("circnav_mav.extras.handback.handback.MOST_GIVEN", 5)
     back, times = late(mavlink.MAV_RESULT_ACCEPTED, delay=0.2)
     assert [one.time for one in back.given] == times[-5:] and len(times) > 20
@@ -254,8 +262,8 @@ TARGET = Place(0.0, ON_PLANE, 0.0, 0.0, 0.0, np.eye(2), up_sigma=1.0, up_known=T
 
 
 def by_ranges(time, east, north, drift=5 + 0j, sigma=2.0, r=None):
-    """Estimate of the filter at a position, heading north at 20 m/s through the air, with a
-    drift."""
+    """Return the filter's estimate for a vehicle at a position that flies north at 20 m/s through
+    the air, in a drift."""
     motion = RelativeMotion(
         east, north, sigma, drift.real, drift.imag, pi / 2, 0.0, 20.0, 1.0, True
     )
@@ -265,8 +273,8 @@ def by_ranges(time, east, north, drift=5 + 0j, sigma=2.0, r=None):
 
 
 def reckoned_by(estimates, reckoning=None):
-    """Dead reckoning of a vehicle that flies north at 20 m/s through the air, with ten estimates a
-    second."""
+    """Return dead reckoning of a vehicle that flies north at 20 m/s through the air, with ten
+    filter estimates a second."""
     reckoning = reckoning or DeadReckoning()
     for estimate in estimates:
         own = OwnMotion(estimate.time, pi / 2, 0.0, 20.0)
@@ -274,9 +282,9 @@ def reckoned_by(estimates, reckoning=None):
     return reckoning
 
 
-def test_bearing_away_from_target_follows_learned_wind():
-    """Away from the circle the filter assumes the gust of the last moment, 2 m/s to the east, with
-    a large sigma. The vehicle moves at 21 m/s over ground, which only ranges show."""
+def test_bearing_away_from_circle_uses_learned_wind():
+    """Away from the circle the filter keeps the last gust as drift: 2 m/s to the east, with a large
+    sigma. The ground speed is 21 m/s, which only ranges show."""
     reckoning = reckoned_by(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
     away = [(30 + t, 5 * t, 150 + 21 * t) for t in np.arange(1, 601) / 10]
     reckoned_by(
@@ -299,7 +307,7 @@ def test_bearing_away_from_target_follows_learned_wind():
     )
 
 
-def test_changed_wind_counts_and_gusts_do_not():
+def test_learned_wind_follows_lasting_change_but_no_gust():
     def circled(*drifts):
         return reckoned_by(
             by_ranges(t, 0.0, 150.0, drift)
@@ -313,14 +321,15 @@ def test_changed_wind_counts_and_gusts_do_not():
 
 
 def test_filter_outweighs_dead_reckoning_on_conflict():
-    """Its standard deviation grows when the wind changes, but dead reckoning uses the old wind."""
+    """The filter's standard deviation grows when the wind changes. Dead reckoning still uses the
+    old wind."""
     reckoning = reckoned_by(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
     for t in np.arange(301, 401) / 10:
         here = reckoned_by([by_ranges(t, 0.0, 150.0, 5 + 20j, 8.0)], reckoning).where
         assert hypot(here.east, here.north - 150.0) < 3 * 8.0 + 3.0
 
 
-def test_impossible_distance_moves_nothing():
+def test_dead_reckoning_ignores_impossible_distance_from_target():
     reckoning = reckoned_by(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)
     reckoned_by(
         (by_ranges(t, 0.0, 150.0, sigma=900.0, r=2000.0) for t in np.arange(301, 311) / 10),
@@ -337,7 +346,7 @@ def test_impossible_distance_moves_nothing():
         (77, 0.0, 1, "the autopilot answered: result 77"),
         (mavlink.MAV_RESULT_ACCEPTED, 400.0, 3, "positions are accepted, but have no effect"),
     ],
-    ids=["unknown", "denied", "not understood", "accepted without effect, as where DCM flies"],
+    ids=["unknown", "denied", "not understood", "accepted without effect"],
 )
 def test_refusing_autopilot_gets_no_more_positions(result, off, times, ended):
     back, given = give([False] * 600, result, off=off)

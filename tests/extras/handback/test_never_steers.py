@@ -1,6 +1,6 @@
-"""Positions never steer: the pilot sends the same bytes with survey and hand-back or without.
+"""Positions never steer: with and without survey and hand-back, the pilot sends the same bytes.
 
-A whole flight: test_handback.py.
+test_handback.py tests a complete flight.
 """
 
 from collections.abc import Callable
@@ -89,7 +89,8 @@ def test_false_positions_change_no_output(lie):
         honest.run(0.05)
         deceived.run(0.05)
         for message in lie(tick):
-            # without a place in the vehicle's own count: the honest rig receives none of these
+            # The frames do not use the vehicle's sequence numbers: the honest rig receives none of
+            # them.
             frame = deceived.vehicle.pack(message)
             deceived.pilot.receive(frame, deceived.now, deceived.source)
             deceived.show(deceived.source)
@@ -104,8 +105,9 @@ def test_false_positions_change_no_output(lie):
     assert {one.get_srcComponent() for one in sent_messages} == {193, 194}
 
 
-def test_late_position_stamps_change_no_timesync():
-    """The stamps look like a clock step, while the vehicle does not answer TIMESYNC any more."""
+def test_late_position_stamps_do_not_change_timesync():
+    """The stamps of the positions look like a clock step. The vehicle no longer answers
+    TIMESYNC."""
 
     def flown(kind, late):
         rig = kind()
@@ -123,7 +125,7 @@ def test_late_position_stamps_change_no_timesync():
     assert flown(SurveyedRig, 8) == flown(SurveyedRig, 0) == flown(Rig, 8)
 
 
-def test_survey_cannot_send_setpoints():
+def test_survey_refuses_to_send_setpoints():
     rig = SurveyedRig()
     for message in (
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),

@@ -19,7 +19,7 @@ def mission(*overrides):
     return parse_mission(TEXT, "m.toml", overrides)
 
 
-def test_place_needs_both_coordinates():
+def test_target_position_needs_latitude_and_longitude():
     with pytest.raises(MissionError, match="one of latitude_deg and longitude_deg is missing"):
         mission("handback.latitude_deg=47.3")
     given = mission(*ON, "handback.latitude_deg=47.3", "handback.longitude_deg=8.5")
@@ -43,7 +43,7 @@ def test_handback_has_its_own_component_id(ours, component):
     assert handback_settings(mission()) is None
 
 
-def test_handback_is_opened_after_the_survey():
+def test_handback_starts_after_survey():
     flown = mission(*ON)
     with ExitStack() as open_things:
         opened = open_onlookers(

@@ -23,7 +23,7 @@ COMPONENT = 194
 @dataclass
 class Surveyed(Flight):
     """A flight with its survey. survey_frames: (time, frame) sent by the survey. solve_from: time
-    of the first solution, s."""
+    at which the survey may compute its first solution, s."""
 
     locator: Locator | None = None
     survey_frames: list[tuple[float, bytes]] = field(default_factory=list)
@@ -66,7 +66,7 @@ class Surveyed(Flight):
         ]
 
     def error(self, place: Place) -> np.ndarray:
-        """Error of a place, east and north, m."""
+        """Return the error of the estimated target position, east and north, m."""
         truth = self.vehicle.truth
         latitude, longitude = to_degrees(truth.target_north, truth.target_east)
         east, north = place.plane.to_metres(latitude, longitude)
@@ -75,7 +75,7 @@ class Surveyed(Flight):
 
 
 def surveyed(mission: str, *overrides: str, law: str | None = None, **settings: object) -> Surveyed:
-    """A flight of a file in config/ with its survey."""
+    """Return a flight of a file in config/ with its survey."""
     flown = flight(mission, *overrides, law=law)
     locator = Locator(LocateSettings(COMPONENT, **settings), flown.pilot)  # type: ignore[arg-type]
     return Surveyed(flown.pilot, flown.vehicle, locator=locator)
@@ -83,7 +83,8 @@ def surveyed(mission: str, *overrides: str, law: str | None = None, **settings: 
 
 @dataclass
 class Taped(Surveyed):
-    """A flight that keeps the frames of its vehicle. The survey only requests positions."""
+    """A flight that keeps the received frames. Its survey requests positions, but computes no
+    place."""
 
     solve_from: float = 1e9
     tape: list[tuple[float, bytes]] = field(default_factory=list)
@@ -106,12 +107,12 @@ def taped(mission: str, *overrides: str, law: str | None = None) -> Taped:
 
 
 def laps(truths: Sequence[Truth]) -> float:
-    """Number of laps flown around the true target."""
+    """Return the number of laps flown around the true target."""
     angles = [atan2(one.north - one.target_north, one.east - one.target_east) for one in truths]
     return abs(float(np.unwrap(angles)[-1]) - angles[0]) / (2 * pi) if angles else 0.0
 
 
 def nees(flown: Surveyed, place: Place) -> float:
-    """Squared error in units of the place's covariance."""
+    """Return the squared error of a place in units of its covariance (NEES)."""
     error = flown.error(place)
     return float(error @ np.linalg.solve(place.at(flown.now).covariance, error))

@@ -1,4 +1,5 @@
-"""Writers of logs, independent of the readers: the formats by hand, from their specifications."""
+"""Writers of log files, written from the specifications of the formats, independently of the
+product's readers."""
 
 import struct
 from pathlib import Path
@@ -92,7 +93,8 @@ def write_ulog(file: Path, rows: list[tuple[str, int, tuple]]) -> Path:
         for number, (name, instance) in enumerate(series):
             put(b"A", struct.pack("<BH", instance, number) + name.encode())
         for name, instance, values in rows:
-            layout = TOPICS[name][0][:-2]  # padding at the end is not logged
+            # a ULog message omits the padding at the end of its last field
+            layout = TOPICS[name][0][:-2]
             put(
                 b"D",
                 struct.pack("<H", series.index((name, instance)))

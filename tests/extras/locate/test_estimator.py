@@ -17,9 +17,9 @@ def found(track, ranges, known=KNOWN):
     return place
 
 
-def test_perfect_positions_reach_the_geometric_bound():
-    """The bound with all ranges is 0.053 m (1 sigma per axis). The estimator takes half of them
-    here: 0.075 m."""
+def test_place_error_reaches_geometric_bound_with_perfect_positions():
+    """The Cramer-Rao bound is 0.053 m (1 sigma per axis) with all ranges, and 0.075 m with the half
+    of them that the estimator uses here."""
     errors = []
     for seed in range(6):
         track, ranges, target = circles(seed=seed, gps=0.0)
@@ -28,7 +28,7 @@ def test_perfect_positions_reach_the_geometric_bound():
     assert np.sqrt(np.mean(np.square(errors))) < 0.11
 
 
-def test_covariance_is_consistent_with_gps_error():
+def test_place_covariance_is_consistent_with_gps_error():
     """For chi-squared with two degrees of freedom, 95 % of the values are below 5.99 and half are
     above 1.39."""
     squares = []
@@ -37,23 +37,24 @@ def test_covariance_is_consistent_with_gps_error():
         place = found(track, ranges)
         error = np.array([place.east, place.north]) - target
         squares.append(error @ np.linalg.solve(place.covariance, error))
-    assert np.mean(np.array(squares) < 5.99) >= 0.86  # binomial: 24 flights, 2 sigma below 0.95
+    # 2 sigma below the expected 0.95, by the binomial distribution of 24 flights
+    assert np.mean(np.array(squares) < 5.99) >= 0.86
     assert 0.7 < np.median(squares) < 2.5
 
 
-def test_height_needs_two_circles():
+def test_target_height_needs_two_circles():
     one = circles((100.0,), bias=1.5, gps=0.0, laps=2)
     two = circles((100.0, 60.0), bias=1.5, gps=0.0, laps=2)
     known = replace(KNOWN, gps_sigma=0.01)
     assert not found(*one[:2], known).up_known
     place = found(*two[:2], known)
-    # the scale of the radio, given within 0.03 %, is one more state: it costs 0.05 m of height
+    # The radio's scale is one more state (prior sigma 0.03 %). It adds 0.05 m to the height error.
     assert place.up_known and abs(place.up - 400.0) < 0.6
     assert place.bias == pytest.approx(1.5, abs=0.5)
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_moving_target_has_velocity(seed):
+def test_estimator_finds_velocity_of_moving_target(seed):
     track, ranges, target = circles(seed=seed, velocity=(2.5, -1.5), laps=2)
     place = found(track, ranges)
     assert place.moves and hypot(place.velocity[0] - 2.5, place.velocity[1] + 1.5) < 0.3
@@ -61,14 +62,14 @@ def test_moving_target_has_velocity(seed):
     assert not found(*circles(seed=seed, laps=2)[:2]).moves
 
 
-def test_outliers_are_rejected_and_counted():
+def test_estimator_rejects_and_counts_outliers():
     track, ranges, target = circles(outliers=0.2)
     place = found(track, ranges)
     assert hypot(place.east - target[0], place.north - target[1]) < 3 * place.sigma
     assert place.outliers == pytest.approx(0.2 * (place.used + place.outliers), rel=0.3)
 
 
-def test_straight_track_gives_no_place():
+def test_straight_track_determines_no_place():
     t = np.arange(0, 40, 0.1)
     east = 15.0 * t
     ranges = Ranges(t, np.hypot(east - 300, 120.0), np.full(len(t), 0.5))
@@ -78,7 +79,7 @@ def test_straight_track_gives_no_place():
     assert isinstance(answer, NotLocated) and "turn" in answer.why
 
 
-def test_slow_radio_error_increases_the_covariance():
+def test_slow_radio_error_increases_place_covariance():
     track, ranges, _ = circles(gps=0.0, laps=3)
     rng = np.random.default_rng(3)
     drift = [0.0]

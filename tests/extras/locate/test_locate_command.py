@@ -1,4 +1,5 @@
-"""`circnav locate` on foreign logs, against an independent filter and synthetic worlds."""
+"""`circnav locate` on logs of other programs, against an independent filter and synthetic
+worlds."""
 
 import csv
 import json
@@ -58,8 +59,8 @@ def as_csv(folder, track, *tags, names=("",), header=HEADER):
 
 
 def as_tlog(file, track, ranges, say=lambda ms, r: distances(ms, r)):
-    """Write a tlog of system 3. say: (component, message) pairs for a range, from its radio or
-    others."""
+    """Write a tlog of system 3. say: function of stamp (ms) and range (m) that returns (component,
+    message) pairs, from the radio or from other components."""
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
     records = []
     for time, lat, lon, up in zip(track.time, latitude, longitude, track.up, strict=True):
@@ -82,7 +83,7 @@ def as_tlog(file, track, ranges, say=lambda ms, r: distances(ms, r)):
 
 
 def distances(ms, r):
-    """DISTANCE_SENSOR of a radio and of a height sensor."""
+    """Return DISTANCE_SENSOR messages of a radio and of a height sensor."""
     for cm, sensor, orientation in ((round(r * 100), 5, 24), (4000, 6, 25)):
         yield (
             1,
@@ -91,7 +92,8 @@ def distances(ms, r):
 
 
 def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
-    """Write a run folder whose radio has a given name, with our survey's messages beside it."""
+    """Write a run folder with a radio that sends ranges under a name, and with messages of
+    circnav's survey."""
 
     def say(ms, r):
         yield 1, mavlink.MAVLink_named_value_float_message(ms, b"UWB", r)
@@ -108,8 +110,8 @@ def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
 
 
 def drawn(folder, monkeypatch):
-    """Yield limits of the detail of a log's map, each with an east or north that they must contain,
-    m from the first place."""
+    """Yield (limits, coordinate) of the detailed map of a log: the axis limits must contain this
+    east or north coordinate, m from the first place."""
     figures = []
     monkeypatch.setattr(map_picture, "save", lambda figure, path: figures.append(figure))
     table = (folder / "log.locate.geojson").read_text()
@@ -130,8 +132,8 @@ def off(found, target):
 
 
 def smoothed(track, ranges, target):
-    """filterpy's unscented filter and smoother: return target position and range bias for exact
-    positions."""
+    """Return target position and range bias from filterpy's unscented filter and smoother, for
+    exact vehicle positions."""
     here = {}
 
     def measured(x):
@@ -177,7 +179,9 @@ AS_TOLD = ("--altitude", "400")
     ],
     ids=["CSV", "tlog", "run folder"],
 )
-def test_place_agrees_with_independent_smoother(tmp_path, write, named, tag, options, capsys):
+def test_located_place_agrees_with_independent_smoother(
+    tmp_path, write, named, tag, options, capsys
+):
     track, ranges, target = circles(gps=0.0, laps=2)
     assert run(write(tmp_path, track, ranges), "--gps-sigma", 0.05, *options) == Exit.DONE
     found = places(tmp_path / f"{named}.geojson")
@@ -189,8 +193,9 @@ def test_place_agrees_with_independent_smoother(tmp_path, write, named, tag, opt
     assert one["sigma_m"] < 0.2 and abs(one["range_bias_m"]) < 1.0
 
 
-def test_run_uses_noise_and_altitude_of_mission(tmp_path):
-    """The ranges of the log have no sigma, and the target is far below the vehicle."""
+def test_locate_of_run_uses_noise_and_altitude_of_mission(tmp_path):
+    """The ranges of the log have no sigma, and the target is far below the vehicle: without the
+    mission's values the place would be wrong."""
     track, ranges, _ = circles(gps=0.0, laps=2)
 
     def found(*options, **mission):
@@ -245,8 +250,9 @@ def test_locate_separates_tags_and_refuses_mixed_ones(tmp_path, capsys, monkeypa
     assert "two tags mixed" in capsys.readouterr().out
 
 
-def test_clock_offset_is_estimated_and_warned_of(tmp_path, capsys):
-    """On the way to the circle and off its center: 15 m/s and 16 s are 240 m."""
+def test_clock_offset_is_estimated_and_causes_warning(tmp_path, capsys):
+    """The vehicle flies to a circle and along it, and the target is not at its center. An offset of
+    16 s at 15 m/s shifts the positions by 240 m."""
     t = np.arange(0, 80, 0.1)
     east, north = 15.0 * np.minimum(t, 40) - 300, np.where(t > 40, 15.0 * (t - 40), 0.0)
     rng = np.random.default_rng(2)
@@ -262,23 +268,25 @@ def test_clock_offset_is_estimated_and_warned_of(tmp_path, capsys):
     )
 
 
-def test_circle_gives_no_clock_offset(tmp_path, capsys):
-    """Shifted by 5 s the circle is the same. Only the noise of the GPS could show the offset."""
+def test_circle_does_not_determine_clock_offset(tmp_path, capsys):
+    """A clock offset of 5 s rotates the track along the same circle around the target, so the
+    ranges still fit."""
     track, ranges, target = circles(laps=2)
     found = located(tmp_path, replace(track, time=track.time + 5.0), ranges)["target"]
     assert found["position_delay_sigma_s"] >= 0.5 and off(found, target) < 6
     assert "clocks     offset not observable" in capsys.readouterr().out
 
 
-def test_impossible_height_warns(tmp_path, capsys):
-    """For ranges in feet, the circle of 100 m looks like one seen from 300 m above."""
+def test_impossible_target_height_causes_warning(tmp_path, capsys):
+    """Ranges in feet are read as meters, so the circle of 100 m looks like one flown 300 m above
+    the target."""
     track, ranges, _ = circles(laps=2)
     located(tmp_path, track, replace(ranges, r=ranges.r / 0.3048))
     assert "WARNING    the ranges fit only a target at" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("sigma", ["0", "-1", "nan", "", "1e-200"])
-def test_invalid_sigma_counts_as_unknown(tmp_path, sigma):
+def test_invalid_sigma_is_treated_as_unknown(tmp_path, sigma):
     track, ranges, target = circles()
     file = as_csv(tmp_path, track, ranges, header=(*HEADER, "sigma"))
     file.write_text(
@@ -295,9 +303,9 @@ def test_option_without_a_number_is_refused(tmp_path, option):
         run(as_csv(tmp_path, *circles()[:2]), option, "nan")
 
 
-def test_antenna_offset_becomes_bias_not_error(tmp_path):
-    """3 m ahead, and 1.5 m to the outside of the circle. A slant range of 108 m shows 100/108 of
-    that."""
+def test_antenna_offset_changes_range_bias_not_place(tmp_path):
+    """The antenna is 3 m ahead and 1.5 m outside of the GPS antenna. At a horizontal range of 100
+    m, the slant range of 108 m grows by 100/108 of 1.5 m."""
     track, _, target = circles(gps=0.0, laps=2)
     here = np.column_stack([track.east, track.north])
     ahead = np.gradient(here, axis=0)
@@ -331,14 +339,14 @@ HEAD = "time,latitude,longitude,range\n"
         (f"{HEAD}1,2,3,5\n2,2,3,5\n", "no target was located"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(tmp_path, text, error):
+def test_unusable_csv_is_refused_in_one_line(tmp_path, text, error):
     (tmp_path / "bad.csv").write_text(text)
     with pytest.raises(Refused, match=error) as refusal:
         run(tmp_path / "bad.csv")
     assert "\n" not in str(refusal.value) and "bad.csv" in str(refusal.value)
 
 
-def test_missing_log_has_its_exit_code(tmp_path):
+def test_missing_and_empty_logs_have_different_exit_codes(tmp_path):
     for name, exit in (("nothing in it.csv", Exit.USAGE), ("empty.csv", Exit.NOTHING_RECEIVED)):
         (tmp_path / "empty.csv").write_text("time,latitude,longitude,range\n")
         with pytest.raises(Refused) as refusal:
@@ -346,9 +354,9 @@ def test_missing_log_has_its_exit_code(tmp_path):
         assert refusal.value.exit == exit
 
 
-def test_calibration_of_mission_is_applied_once(tmp_path):
+def test_calibration_of_mission_is_applied_only_once(tmp_path):
     track, ranges, target = circles((100.0, 60.0), gps=0.0, noise=0.05, laps=1.0)
-    # measured 0.2 s before its stamp, 7 % and 1.5 m too long
+    # each range was measured 0.2 s before its stamp and is 7 % and 1.5 m too long
     reported = Ranges(ranges.time + 0.2, ranges.r * 1.07 + 1.5, ranges.sigma)
     run_folder = as_run(tmp_path, track, reported, sigma=0.05)
     mission = run_folder / "mission.toml"
@@ -364,8 +372,8 @@ def test_calibration_of_mission_is_applied_once(tmp_path):
     assert abs(found["position_delay_s"]) < 0.02
 
 
-def test_altitude_out_of_reach_is_warned_of(tmp_path, capsys):
-    """A height above the ground given as the altitude above sea level."""
+def test_altitude_beyond_measured_range_causes_warning(tmp_path, capsys):
+    """The operator enters a height above ground as the altitude above sea level."""
     track, ranges, _ = circles()
     high = replace(track, up=track.up + 500.0)
     with pytest.raises(Refused, match="no target was located"):

@@ -1,4 +1,4 @@
-"""The survey beside a pilot on a bench: received frames and failures."""
+"""The survey beside a pilot in a rig: received frames and failures."""
 
 from concurrent.futures import Future
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ def beside(rig):
     return Locator(LocateSettings(194), rig.pilot)
 
 
-def test_every_range_of_a_datagram_counts():
+def test_survey_uses_every_range_of_datagram():
     rig = Rig()
     locator = beside(rig)
 
@@ -45,7 +45,7 @@ def test_failing_survey_raises_an_alarm(monkeypatch, broken):
     rig.run(3.0)
     locator = beside(rig)
     monkeypatch.setattr(locator, "job", lambda now: ())
-    if broken != "job":  # the process breaks
+    if broken != "job":  # simulate a broken worker process
         monkeypatch.setattr(locator, broken, lambda *given: 1 / 0)
     onlookers = Onlookers([onlooker.LocateOnlooker(locator, waits=True)])
     for _ in range(3):

@@ -1,4 +1,4 @@
-"""Logs from practice: cases reduced from public bug reports, and formats written by hand."""
+"""Log formats: cases reduced from public bug reports, and logs written from the specifications."""
 
 import os
 import pty
@@ -41,7 +41,7 @@ NOON = datetime(2026, 7, 1, 12, tzinfo=UTC)
 
 
 def placed(log: RangeLog, tag: str, gps_sigma: float = 1.5) -> Place:
-    """The place of a tag."""
+    """Return the estimated place of a tag."""
     track = log.track(log.plane())
     (ranges, known) = log.of(tag, None)
     found = locate(
@@ -59,7 +59,7 @@ def off(place: Place, truth: tuple[float, float]) -> float:
 
 
 def rows(track: Track) -> list[tuple[float, float, float, float]]:
-    """A track on PLANE as time, latitude, longitude, altitude."""
+    """Return a track on PLANE as rows of time, latitude, longitude and altitude."""
     return list(zip(track.time, *PLANE.to_degrees(track.east, track.north), track.up, strict=True))
 
 
@@ -78,14 +78,14 @@ def a_log(track: Track, ranges: Ranges) -> RangeLog:
         ("09-range-under-another-name.tlog", "UWB_DIST", ["UWB_DIST of 1/192"]),
     ],
 )
-def test_radios_are_paired_with_their_vehicle(case, name, vehicles):
+def test_tlog_ranges_are_paired_with_positions_of_their_vehicle(case, name, vehicles):
     logs = read_logs(CASES / case, ReadOptions(range_name=name))
     assert [tag for log in logs for tag in log.ranges] == vehicles
     for log in logs:
         assert off(placed(log, *log.ranges), BEACON) < 1.0
 
 
-def test_vehicle_option_selects_positions(tmp_path):
+def test_vehicle_option_selects_positions_of_one_vehicle(tmp_path):
     (log,) = read_logs(CASES / "01-two-vehicles.tlog", ReadOptions(vehicle=2))
     assert list(log.ranges) == ["sensor 0 of 2/192"]
     records = [
@@ -119,7 +119,7 @@ def test_vehicle_option_selects_positions(tmp_path):
         read_logs(file, ReadOptions(vehicle=9))
 
 
-def test_candidate_range_names_are_listed(tmp_path):
+def test_locate_lists_candidate_names_of_ranges(tmp_path):
     with pytest.raises(EmptyLogError, match=r"UWB_DIST\. Give one: --range-name UWB_DIST"):
         read_logs(CASES / "09-range-under-another-name.tlog")
     at = [("POS", (t * 1_000_000, 473000000, 85000000 + t, 400.0, 0.0, 0.0)) for t in range(9)]
@@ -177,7 +177,7 @@ def test_dataflash_beacons_and_filter_positions_are_read(tmp_path):
     assert log.positions[0][3] == pytest.approx(430.0)
 
 
-def test_tlog_bin_and_ulg_give_the_same_place(tmp_path):
+def test_tlog_dataflash_and_ulog_give_same_place(tmp_path):
     flown = taped("quickstart", "sim.sensors.gps_error_m=0.5").fly(75.0)
     flown.write(tmp_path / "log.tlog")
     parser = mavlink.MAVLink(None)
@@ -261,7 +261,7 @@ def edited(*pairs: tuple[str, str]) -> str:
         edited(("tag", "tag,battery"), (",007", ",007,good"), (",,", ",nan,")),
     ],
 )
-def test_csv_units_are_suffixes(tmp_path, text):
+def test_csv_column_suffixes_give_units(tmp_path, text):
     (tmp_path / "log.csv").write_text(text, newline="")
     (log,) = read_logs(tmp_path / "log.csv")
     want = [(0.0, 47.3, 8.5, 400.0), (0.5, 47.3001, 8.5001, 401.5)]
@@ -273,7 +273,7 @@ def test_csv_units_are_suffixes(tmp_path, text):
     ]
 
 
-def test_units_option_outweighs_the_suffix(tmp_path):
+def test_units_option_overrides_column_suffix(tmp_path):
     (tmp_path / "log.csv").write_text(
         "time,latitude,longitude,range_m\n0,47.3,8.5,10\n1,47.31,8.5,11\n"
     )
@@ -290,7 +290,7 @@ def test_units_option_outweighs_the_suffix(tmp_path):
         str(NOON.timestamp()),
     ],
 )
-def test_csv_times_are_seconds_or_iso_8601(tmp_path, given):
+def test_csv_times_may_be_seconds_or_iso_8601(tmp_path, given):
     (tmp_path / "log.csv").write_text(
         f"time,latitude,longitude,range\n{given},47.3,8.5,10\n{given},47.4,8.5,10\n"
     )
@@ -329,7 +329,7 @@ def test_unreadable_log_is_refused_in_one_line(tmp_path, name, head, error):
     assert str(refusal.value).startswith(str(tmp_path / name)) and "\n" not in str(refusal.value)
 
 
-def test_ulg_without_pyulog_names_the_package(tmp_path, monkeypatch):
+def test_error_without_pyulog_names_package_to_install(tmp_path, monkeypatch):
     (tmp_path / "a.ulg").write_bytes(b"ULog\x01\x12\x35\x01")
     monkeypatch.setattr("circnav_mav.extras.locate.logs.ulog.find_spec", lambda name: None)
     with pytest.raises(RunError, match=r"pip install 'circnav-mav\[ulog\]'"):
@@ -337,9 +337,10 @@ def test_ulg_without_pyulog_names_the_package(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("unit", ["cm", "ft", "nmi"])
-def test_wrong_unit_is_identified(unit):
+def test_wrong_range_unit_is_identified(unit):
     track, ranges, target = circles(noise=0.3, target=(30.0, -20.0))
-    shifted = replace(track, east=track.east + 15.0)  # not around the target: its distance changes
+    # shift the circle away from the target, so that the range changes
+    shifted = replace(track, east=track.east + 15.0)
     east, north = (
         np.interp(ranges.time, shifted.time, way) for way in (shifted.east, shifted.north)
     )
@@ -348,8 +349,8 @@ def test_wrong_unit_is_identified(unit):
     assert likely_unit(PLANE, shifted, wrong, Knowledge(up=400.0, sigma_known=False), None) == unit
 
 
-def test_wrong_unit_on_circle_is_identified_by_height():
-    """A constant range fits any unit, at another height."""
+def test_wrong_range_unit_on_circle_is_identified_by_height():
+    """A constant range fits every unit, each at another target height."""
     track, ranges, _ = circles(laps=2)
     feet = replace(ranges, r=ranges.r / 0.3048)
     known = Knowledge(up=440.0, sigma_known=False)
@@ -357,7 +358,7 @@ def test_wrong_unit_on_circle_is_identified_by_height():
     assert likely_unit(PLANE, track, feet, known, place) == "ft"
 
 
-def test_feet_are_reported_with_the_option(tmp_path, capsys):
+def test_warning_for_feet_names_units_option(tmp_path, capsys):
     command = ["locate", str(CASES / "02-feet.csv"), "--out", str(tmp_path)]
     assert not cli.circnav.main(command, standalone_mode=False)
     warning = (
@@ -369,13 +370,13 @@ def test_feet_are_reported_with_the_option(tmp_path, capsys):
     assert "place      46.00000" in text and "--units" not in text
 
 
-def test_poor_radio_is_no_wrong_unit():
+def test_noisy_radio_is_not_reported_as_wrong_unit():
     track, ranges, _ = circles(noise=4.0, bias=5.0, outliers=0.1)
     place = placed(a_log(track, ranges), "t")
     assert likely_unit(PLANE, track, ranges, Knowledge(up=400.0, sigma_known=False), place) is None
 
 
-def test_repeated_and_frozen_values_are_left_out(tmp_path):
+def test_locate_ignores_repeated_and_frozen_ranges(tmp_path):
     track, ranges, target = circles(noise=0.2, gps=0.3, laps=2)
     place = PLANE.to_degrees(*target)
 
@@ -411,7 +412,7 @@ def test_repeated_and_frozen_values_are_left_out(tmp_path):
         assert off(placed(log, "target"), place) < 1.5
 
 
-def test_track_across_antimeridian_is_located(tmp_path):
+def test_target_is_located_when_track_crosses_antimeridian(tmp_path):
     track, ranges, target = circles(gps=0.0)
     fiji = Plane(-16.8, 180.0)
     lines = [
@@ -426,7 +427,7 @@ def test_track_across_antimeridian_is_located(tmp_path):
     assert off(placed(log, "target", gps_sigma=0.05), fiji.to_degrees(*target)) < 0.3
 
 
-def test_parameters_contain_place_and_precision_loss():
+def test_parameter_output_contains_place_and_rounding_error():
     known = Place(0.0, Plane(*BEACON), 0.0, 0.0, 584.2, np.eye(2), 0.5, True)
     other = replace(known, east=30.0, north=-40.0, up_known=False)
     ardupilot = list(PARAMETERS["ardupilot"]({"beacon 3 of 1/1": known, "b": other}))
@@ -462,7 +463,7 @@ def test_parameters_contain_place_and_precision_loss():
         (("--vehicle", "2"), r"--vehicle selects one of the vehicles of a tlog; this is a CSV"),
     ],
 )
-def test_meaningless_option_is_refused(option, error):
+def test_option_without_effect_is_refused(option, error):
     with pytest.raises(Refused, match=error) as refusal:
         cli.circnav.main(["locate", str(CASES / "02-feet.csv"), *option], standalone_mode=False)
     assert refusal.value.exit == Exit.USAGE
@@ -491,14 +492,15 @@ def test_progress_is_shown_only_on_terminal(tmp_path):
 
 
 def lap(number: int = 600) -> list[tuple[float, float, float, float]]:
-    """Time, latitude and longitude times ten million, and range of a lap around BEACON."""
+    """Return rows of time (s), latitude and longitude (1e-7 deg), and range (m) of a lap around
+    BEACON."""
     angle = 2 * np.pi * np.arange(number) / number
     latitude, longitude = Plane(*BEACON).to_degrees(100 * np.sin(angle), 100 * np.cos(angle))
     noise = np.random.default_rng(2).normal(0, 0.3, number)
     return list(zip(0.1 * np.arange(number), latitude, longitude, 100 + noise, strict=True))
 
 
-def test_tlog_reads_receiver_positions_without_a_filter(tmp_path):
+def test_tlog_uses_gps_receiver_positions_without_filter_positions(tmp_path):
     records = []
     for time, latitude, longitude, r in lap():
         gps = mavlink.MAVLink_gps_raw_int_message(
@@ -558,11 +560,12 @@ def test_tlog_reads_any_field_by_name(tmp_path):
     position = mavlink.MAVLink_global_position_int_message(0, 1, 1, 584000, 0, 0, 0, 0, 0)
     records = [(n, 1, 1, one) for n in range(3) for one in (altitude, position)]
     file = write.write_tlog(tmp_path / "field.tlog", records)
-    with pytest.raises(EmptyLogError, match="no positions"):  # all of them near 0 N 0 E
+    # every position is near 0 N 0 E, as before a GPS fix
+    with pytest.raises(EmptyLogError, match="no positions"):
         read_logs(file, ReadOptions("ALTITUDE.altitude_terrain"))
 
 
-def test_csv_has_semicolons_and_decimal_commas(tmp_path):
+def test_csv_may_have_semicolons_and_decimal_commas(tmp_path):
     lines = [f"{t:.1f};{lat:.8f};{lon:.8f};{r:.2f}".encode() for t, lat, lon, r in lap(200)]
     lines[100] = lines[100][:-4] + b"\xff" * 120
     file = tmp_path / "row.csv"
@@ -573,7 +576,7 @@ def test_csv_has_semicolons_and_decimal_commas(tmp_path):
         assert any("1 damaged rows are left out" in note for note in log.notes)
 
 
-def test_csv_leaves_out_single_damaged_rows(tmp_path):
+def test_csv_skips_single_damaged_rows(tmp_path):
     lines = [f"{t:.1f},{lat:.8f},{lon:.8f},{r:.2f}" for t, lat, lon, r in lap(200)]
     lines[100] = lines[100].replace(",", ",#x", 1)
     file = tmp_path / "row.csv"
@@ -583,7 +586,7 @@ def test_csv_leaves_out_single_damaged_rows(tmp_path):
     assert any("1 damaged rows are left out" in note for note in log.notes)
 
 
-def test_logs_joined_in_one_file_are_noted(tmp_path):
+def test_two_logs_joined_in_one_file_are_reported(tmp_path):
     lines = [f"{t:.1f},{lat:.8f},{lon:.8f},{r:.2f}" for t, lat, lon, r in lap(200)]
     file = tmp_path / "joined.csv"
     file.write_text("time,latitude,longitude,range\n" + "\n".join(2 * lines) + "\n")
@@ -591,8 +594,9 @@ def test_logs_joined_in_one_file_are_noted(tmp_path):
     assert any("the times step back by 20 s" in note for note in log.notes)
 
 
-def test_time_difference_of_positions_is_named():
-    """Positions in local time, ranges in UTC: both are printed as 1.78291e+09 s."""
+def test_error_names_time_difference_of_positions_and_ranges():
+    """Positions are in local time and ranges in UTC. Printed with six digits both start at
+    1.78291e+09 s, so only the difference is informative."""
     track, ranges, _ = circles()
     late = replace(track, time=track.time + 1.7829e9 + 7200.0)
     found = locate(

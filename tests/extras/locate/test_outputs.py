@@ -29,16 +29,16 @@ PLACE = Place(
     velocity_sigma=0.2,
 )
 HERE = pytest.approx((-35 + 40 / 110_941, 149 + 30 / 91_288), abs=5e-7)
-"""Its latitude and longitude. One degree is 110 941 m of the meridian and 91 288 m of the parallel
-there."""
+"""Latitude and longitude of PLACE, deg. At this latitude one degree of latitude is 110,941 m and
+one degree of longitude 91,288 m."""
 ORBIT_STATUS = 360
 CRC_EXTRA = 11
 LAYOUT = "<QfiifB"
-"""Its id, the byte that seeds its checksum, and its fields by size: time_usec, radius, x, y, z,
-frame."""
+"""Message id of ORBIT_EXECUTION_STATUS, its CRC_EXTRA, and its fields in wire order: time_usec,
+radius, x, y, z, frame."""
 
 
-def test_plane_agrees_with_emulator_geodesy():
+def test_local_plane_agrees_with_geodesy_of_emulator():
     plane = Plane(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
     for north, east in ((0.0, 3000.0), (-3000.0, 0.0), (2000.0, -2000.0)):
         assert plane.to_metres(*to_degrees(north, east)) == pytest.approx((east, north), abs=0.05)
@@ -47,7 +47,7 @@ def test_plane_agrees_with_emulator_geodesy():
         )
 
 
-def test_plane_continues_across_the_date_line():
+def test_local_plane_continues_across_date_line():
     plane = Plane(0.0, 179.9999)
     _, longitude = plane.to_degrees(100.0, 0.0)
     assert longitude == pytest.approx(-179.9992, abs=1e-4)
@@ -58,9 +58,9 @@ def test_plane_continues_across_the_date_line():
     ("direction", "sign"), [(Direction.CLOCKWISE, 1), (Direction.COUNTERCLOCKWISE, -1)]
 )
 def test_orbit_status_matches_its_wire_layout(direction, sign):
-    """Layout of QGroundControl's Vehicle.cc: radius positive clockwise, x, y degrees * 1e7 as
-    int32, z meters, frame MAV_FRAME_GLOBAL (0). MAVLink 2 omits this zero byte at the end of a
-    payload."""
+    """As QGroundControl's Vehicle.cc decodes it: radius positive clockwise; x, y in degrees * 1e7
+    as int32; z in meters; frame MAV_FRAME_GLOBAL (0). MAVLink 2 omits the zero byte of the frame at
+    the end of the payload."""
     orbit = Orbit(60.0, direction, 15.0, 0.35)
     frame = orbit_status(PLACE, orbit, 12.0).pack(
         mavlink.MAVLink(None, srcSystem=1, srcComponent=194)
@@ -77,8 +77,9 @@ def test_orbit_status_matches_its_wire_layout(direction, sign):
     assert (x / 1e7, y / 1e7) == HERE
 
 
-def test_ellipse_follows_the_covariance():
-    """Covariance diag(9, 1) of east and north: 2.4477 times 3 and 1 m, the long axis due east."""
+def test_error_ellipse_follows_covariance():
+    """For a covariance diag(9, 1) m^2 of east and north, the semi-axes of the 95 % ellipse are
+    2.4477 times 3 m (east) and 1 m."""
     ellipse = PLACE.ellipse
     assert (ellipse.major, ellipse.minor, ellipse.azimuth) == pytest.approx(
         (7.343, 2.448, 90.0), abs=1e-3
@@ -91,7 +92,7 @@ def test_ellipse_follows_the_covariance():
 
 
 def test_geojson_is_valid():
-    """RFC 7946, sections 3.1.1, 3.1.6."""
+    """Positions and rings follow RFC 7946, sections 3.1.1 and 3.1.6."""
     table = geojson.loads(export.geojson({"target": PLACE}, [(-35.0, 149.0), (-35.001, 149.001)]))
     assert isinstance(table, geojson.FeatureCollection) and table.is_valid, table.errors()
     point, area, track = (feature.geometry for feature in table.features)

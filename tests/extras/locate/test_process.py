@@ -16,8 +16,8 @@ from circnav_mav.runlog.run_folder import open_run
 from tests.process import PATIENCE, QUICKSTART, circnav
 
 
-def test_flight_locates_the_target_and_replays(tmp_path: Path) -> None:
-    """The emulator's target is at its home by default."""
+def test_flight_with_survey_locates_target_and_replays(tmp_path: Path) -> None:
+    """By default the emulator's target is at the home position."""
     run = tmp_path / "run"
     survey = ("--set", "locate.enabled=true")
     printed, errors = circnav(

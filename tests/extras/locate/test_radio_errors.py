@@ -1,5 +1,4 @@
-"""A radio with errors: estimated errors, undetermined ones, and the output of `ranging
-calibrate`."""
+"""A radio with errors: estimated and undetermined errors, and the output of `ranging calibrate`."""
 
 import re
 from dataclasses import replace
@@ -52,7 +51,7 @@ def approach_and_laps(radio, *, seed=1, gps=1.5, laps=4.0, far=500.0):
     )
 
 
-def test_approach_determines_the_range_scale():
+def test_straight_approach_determines_range_scale():
     known = replace(ABOVE, gps_sigma=0.05)
     errors = []
     for radio in (Calibration(), Calibration(1.07, 1.0)):
@@ -63,7 +62,7 @@ def test_approach_determines_the_range_scale():
     assert place.bias == pytest.approx(1.0, abs=3 * place.bias_sigma)
 
 
-def test_one_circle_determines_only_total_range_error():
+def test_one_circle_determines_only_sum_of_range_errors():
     track, ranges = approach_and_laps(Calibration(1.07), far=0.0)
     place = locate(PLANE, track, ranges, replace(ABOVE, scale_sigma=UNCALIBRATED, bias_sigma=10.0))
     error, sigma = place.range_error(hypot(100.0, HEIGHT))
@@ -71,9 +70,9 @@ def test_one_circle_determines_only_total_range_error():
     assert not place.scale_found and place.bias_sigma > 5
 
 
-def test_unknown_height_leaves_scale_undetermined():
-    """A good radio and a target 40 m below a level circle that is not around it, with unknown
-    height."""
+def test_unknown_target_height_leaves_range_scale_undetermined():
+    """The radio has no error. The circle is level and not around the target, which is 40 m below at
+    a height that is unknown to the estimator."""
     t = 0.5 * np.arange(240)
     angle = t * V / 80
     east, north = 80 * np.sin(angle), 80 * np.cos(angle) + 160.0
@@ -87,8 +86,9 @@ def test_unknown_height_leaves_scale_undetermined():
     assert measure(PLANE, track, ranges, known).calibration.scale == 1.0
 
 
-def test_wandering_altitude_causes_no_range_error():
-    """On approach and circle, an altitude that wanders by 0.8 m once gave 5.8 ±0.5 m too long."""
+def test_wandering_gps_altitude_causes_no_range_error():
+    """With an altitude that wandered by 0.8 m on approach and circle, ranges without error were
+    once reported as 5.8 ±0.5 m too long."""
     track, ranges = approach_and_laps(Calibration(), laps=2.0, far=200.0)
     wander = gps_error(track.time, np.random.default_rng(7), 0.8, time=30.0)[:, 0]
     known = replace(KNOWN, up=439.0, up_sigma=50.0, delay_sigma=0.5)
@@ -98,7 +98,7 @@ def test_wandering_altitude_causes_no_range_error():
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.07])
-def test_circle_at_unknown_height_claims_no_range_error(scale):
+def test_circle_at_unknown_height_determines_no_range_error(scale):
     track, ranges = approach_and_laps(Calibration(scale), laps=2.0, far=0.0)
     place = locate(PLANE, track, ranges, replace(KNOWN, up=440.0, up_sigma=50.0, sigma_known=False))
     error, sigma = place.range_error(100.0)
@@ -106,7 +106,7 @@ def test_circle_at_unknown_height_claims_no_range_error(scale):
 
 
 @pytest.mark.parametrize("offset", [154.6, -40.0])
-def test_large_radio_offset_is_the_reason_without_a_place(offset):
+def test_large_range_offset_is_named_when_location_fails(offset):
     track, ranges = approach_and_laps(Calibration(1.0, offset), laps=1.2)
     answer = locate(PLANE, track, ranges, replace(ABOVE, up_sigma=5.0))
     assert isinstance(answer, NotLocated) and "radio not calibrated" in answer.why
@@ -114,7 +114,7 @@ def test_large_radio_offset_is_the_reason_without_a_place(offset):
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1.07, None), (1 / 0.9144, "yd")])
-def test_long_ranges_are_no_yards(scale, unit):
+def test_overmeasured_ranges_are_not_reported_as_yards(scale, unit):
     track, ranges = approach_and_laps(Calibration(scale), laps=2.0)
     noise = np.random.default_rng(5).normal(0, 1.5, len(ranges.r))
     ranges = replace(ranges, r=ranges.r + noise, sigma=np.full(len(noise), 1.6))
@@ -124,9 +124,9 @@ def test_long_ranges_are_no_yards(scale, unit):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_level_track_determines_no_height(seed):
-    """A cart with RTK passes a UWB anchor that is 1 m above it at 4 to 50 m, on ground that is
-    level within 0.1 m."""
+def test_level_track_determines_no_target_height(seed):
+    """A cart with RTK passes a UWB anchor at distances of 4 to 50 m. The anchor is 1 m above the
+    cart, and the ground is level within 0.1 m."""
     rng = np.random.default_rng(seed)
     t = np.arange(0, 190.0, 1.0)
     east, north = 22 * np.cos(t / 30) + 26, 5 * np.sin(t / 15) + 1
@@ -151,7 +151,7 @@ def test_level_track_determines_no_height(seed):
     ("radio", "gps"),
     [(Calibration(1.07), 1.5), (Calibration(0.95, 2.0), 1.5), (SX1280, 1.5), (SX1280, 0.05)],
 )
-def test_calibration_gives_true_radius(radio, gps):
+def test_calibration_result_gives_circle_of_true_radius(radio, gps):
     known = replace(
         ABOVE,
         up_sigma=0.1,
@@ -162,12 +162,12 @@ def test_calibration_gives_true_radius(radio, gps):
     )
     found = measure(PLANE, *approach_and_laps(radio, gps=gps), known).calibration
     assert bool(found.points) == (radio is SX1280 and gps < 1)
-    # flown at a calibrated range of 100 m on the map
+    # true radius of the circle that is flown with this calibration at 100 m of horizontal range
     slant, _ = radio.true(found.reported(hypot(100.0, HEIGHT)))
     assert np.sqrt(slant**2 - HEIGHT**2) == pytest.approx(100.0, abs=0.5)
 
 
-def test_calibrate_prints_plots_and_writes_keys(tmp_path, capsys):
+def test_calibrate_prints_plots_and_writes_mission_keys(tmp_path, capsys):
     track, ranges = approach_and_laps(Calibration(1.07, 1.5), gps=0.05)
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
     rows = zip(track.time, latitude, longitude, track.up, ranges.r, strict=True)
@@ -201,7 +201,7 @@ def test_calibrate_prints_plots_and_writes_keys(tmp_path, capsys):
 
 
 @pytest.mark.nightly
-def test_calibrated_plane_flies_true_circle(tmp_path):
+def test_calibrated_plane_flies_circle_of_true_radius(tmp_path):
     table = (
         "sim.ranging.table_m=[[0, 4.4], [50, 57.6], [100, 103], [150, 148], [200, 201], [250, 253]]"
     )
@@ -222,8 +222,8 @@ def test_calibrated_plane_flies_true_circle(tmp_path):
     assert abs(radii[0] - 100.0) > 1.0
 
 
-def test_alarm_for_large_offset_names_the_ranges():
-    """The circle is 22 m too wide: its lap takes longer than a lap of the desired circle."""
+def test_radius_alarm_names_range_offset_and_calibration():
+    """Ranges 22 m too short give a circle that is 22 m too wide."""
     short = "sim.ranging.bias_m=-22"
     flown = surveyed("quickstart", short, "sim.sensors.gps_error_m=1.0", law="auto")
     flown.solve_from = 1e9
@@ -233,7 +233,7 @@ def test_alarm_for_large_offset_names_the_ranges():
     assert re.search(r"ranges (are )?2[123] m too short", alarm) and "Calibrate" in alarm
 
 
-def test_alarm_for_overmeasured_ranges_states_true_radius():
+def test_radius_alarm_states_true_radius_for_overmeasured_ranges():
     on_circle = "sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_deg=90"
     for keys, alarm in ((), True), (("ranging.scale=1.07",), False):
         flown = surveyed("quickstart", *on_circle, "sim.ranging.scale=1.07", *keys)
@@ -291,7 +291,7 @@ INLINE = 'ranging = {message = "distance_sensor", rate_hz = 10.0, sigma_m = 0.5}
     ],
     ids=["table", "byte-order mark", "inline table"],
 )
-def test_calibration_is_written_into_any_toml(tmp_path, text):
+def test_calibration_is_written_into_differently_formatted_toml(tmp_path, text):
     file = tmp_path / "mission.toml"
     file.write_text(text, encoding="utf-8")
     write_into(file, Calibration(1.02, 0.5))

@@ -37,12 +37,12 @@ NOTHING = {"place": None}
         ),
     ],
 )
-def test_verdict_contains_place_and_warnings(found, words):
+def test_verdict_contains_target_place_and_warnings(found, words):
     (line,) = verdict_lines(NOTHING | found)
     assert words in line
 
 
-def test_verdict_omits_missing_results():
+def test_verdict_omits_missing_results_of_survey():
     assert verdict_lines(NOTHING | {"radius_alarm": None}) == []
 
 
@@ -78,7 +78,7 @@ def test_report_without_place_has_no_map(circnav, run, changed):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_unwritable_map_is_reported(circnav, tmp_path):
+def test_unwritable_map_file_is_reported(circnav, tmp_path):
     (tmp_path / "run" / "target.geojson").mkdir(parents=True)
     surveyed = ("--set", "locate.enabled=true", "--set", 'guidance.law="smooth"', "--duration", 45)
     ran = circnav("fly", "quickstart", *surveyed, "--out", tmp_path / "run")

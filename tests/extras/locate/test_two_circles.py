@@ -1,4 +1,5 @@
-"""Height and range bias, which a second circle by the operator separates."""
+"""Height and range bias, which only a second circle of another radius separates. The operator
+requests it."""
 
 import pytest
 
@@ -9,8 +10,8 @@ ON_CIRCLE = ("sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_d
 SURVEYED = (*ON_CIRCLE, "sim.sensors.gps_error_m=0.02", "sim.ranging.bias_m=1.5")
 
 
-def test_second_circle_separates_height_and_bias():
-    """The target is at 584 m above the sea, 30 m below the vehicle. All ranges are 1.5 m too
+def test_second_circle_separates_target_height_and_range_bias():
+    """The target is 584 m above the sea and 30 m below the vehicle. All ranges are 1.5 m too
     long."""
     flown = surveyed(*("quickstart", *SURVEYED), law="feedforward", gps_sigma=0.02)
     flown.solve_from = 1e9

@@ -23,7 +23,7 @@ def refused(ranges: Ranges, track) -> str:
 @pytest.mark.parametrize(
     ("case", "why"), [("69-walk-straight.csv", "turn"), ("67-target-on-a-circle.csv", "move")]
 )
-def test_logs_without_one_place_are_not_located(case, why):
+def test_log_without_unique_place_is_not_located(case, why):
     (log,) = read_logs(Path(__file__).parent / "cases" / case)
     ranges, known = log.of("target", None)
     track = log.track(log.plane())
@@ -39,5 +39,5 @@ def test_pure_noise_and_constant_range_are_not_located():
 
 
 @pytest.mark.parametrize("kind", ["straight", "noise", "constant", "half a lap"])
-def test_undetermined_logs_give_no_wrong_place(kind):
+def test_log_with_undetermined_place_gives_no_wrong_place(kind):
     assert "WRONG" not in {judged(kind, seed) for seed in range(2)}

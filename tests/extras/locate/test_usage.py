@@ -14,6 +14,6 @@ import pytest
         ("locate x --out=", "--out: is empty, give it a name"),
     ],
 )  # fmt: skip
-def test_wrong_usage_is_one_line_and_writes_nothing(circnav, mission, command, error):
+def test_wrong_usage_prints_one_error_line_without_writing(circnav, mission, command, error):
     assert circnav(*command.split()).refused.startswith(error)
     assert list(mission.parent.iterdir()) == [mission]

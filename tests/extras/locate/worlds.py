@@ -1,4 +1,4 @@
-"""Tracks and ranges made with numpy alone, for the estimator."""
+"""Synthetic tracks and ranges for the estimator, made with numpy alone."""
 
 import numpy as np
 
@@ -7,15 +7,16 @@ from circnav_mav.extras.locate.place import Plane
 
 PLANE = Plane(47.3, 8.5)
 KNOWN = Knowledge(up=400.0, up_sigma=20.0)
-"""All tracks here are level, 40 m above the target. A target 40 m above them, at 480 m, fits as
-well. This prior rejects it, while the default of 50 m would not."""
+"""Prior of the target's height, m. All tracks here are level at 440 m, 40 m above the target. A
+target at 480 m fits the ranges as well. This prior rejects 480 m; the default sigma of 50 m would
+not."""
 V = 15.0
 
 
 def gps_error(
     times: np.ndarray, rng: np.random.Generator, size: float, time: float = 100.0
 ) -> np.ndarray:
-    """First-order Gauss-Markov, (n, 2)."""
+    """Return a GPS error as a first-order Gauss-Markov process, m, (n, 2)."""
     kept = np.exp(-np.diff(times) / time)
     out = [rng.normal(0, size, 2)]
     for share in kept:
@@ -37,8 +38,8 @@ def circles(
     outliers: float = 0.0,
     delay: float = 0.0,
 ) -> tuple[Track, Ranges, np.ndarray]:
-    """Return laps around a target at 15 m/s, one radius after the other, and the target's final
-    position, east and north. delay: added to the stamps of the positions, s."""
+    """Return a track of laps around a target at 15 m/s, with each radius in turn, and the target's
+    final position (east, north, m). delay: delay added to the stamps of the positions, s."""
     rng = np.random.default_rng(seed)
     time = [0.0]
     around = [0.0]

@@ -47,14 +47,14 @@ def exported(circnav, run):
 
 
 def append_messages(run, *messages):
-    """The log of the run, with more messages of the vehicle 19 s after its beginning."""
+    """Append messages of the vehicle to the log of the run, 19 s after its beginning."""
     vehicle = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     with (run / "flight.tlog").open("ab") as tlog:
         for at, message in enumerate(messages):
             tlog.write(struct.pack(">Q", EPOCH_US + 19_000_000 + at * 1000) + message.pack(vehicle))
 
 
-def test_ticks_truth_and_events_have_flight_times(exported, run):
+def test_exported_ticks_truth_and_events_have_flight_times(exported, run):
     found = exported()
     assert set(found) == OURS | set(FOXGLOVE) - {"/fix"}
     assert len(found["/ticks"]) == len((run / "ticks.csv").read_text().splitlines()) - 1
@@ -72,7 +72,7 @@ def test_ticks_truth_and_events_have_flight_times(exported, run):
     } <= set(log)
 
 
-def test_fleet_folder_becomes_one_file(circnav, flown, tmp_path):
+def test_fleet_folder_is_exported_to_one_file(circnav, flown, tmp_path):
     for member in ("01", "02"):
         shutil.copytree(flown, tmp_path / "fleet" / member)
     assert circnav("export", tmp_path / "fleet", "--mcap").done
@@ -84,7 +84,7 @@ def test_fleet_folder_becomes_one_file(circnav, flown, tmp_path):
     }
 
 
-def test_mission_and_manifest_are_attached(circnav, flown, tmp_path):
+def test_exported_file_contains_mission_and_manifest(circnav, flown, tmp_path):
     place = tmp_path / "no" / "x.mcap"
     assert (
         circnav("export", flown, "--mcap", place).refused == f"{place}: No such file or directory"
@@ -107,8 +107,8 @@ def test_run_without_truth_is_exported(exported, run):
 
 
 def test_foxglove_topics_use_published_schemas(exported):
-    """Messages were decoded by the schema in the file; that schema is the package's, byte for
-    byte."""
+    """The fixture decodes messages by the schema in the file. This schema must be equal to the
+    schema of the foxglove package."""
     found = exported()
     for topic in set(found) - OURS:
         schema = found[topic][0][2]
@@ -124,7 +124,7 @@ def test_foxglove_topics_use_published_schemas(exported):
         assert all(message.timestamp.ToNanoseconds() == at for at, message in stamped)
 
 
-def test_scene_is_relative_to_beacon(exported):
+def test_exported_scene_is_relative_to_beacon(exported):
     found = exported()
     truth = [row for _, row, _ in found["/truth"]]
     poses = [pose.pose for _, pose, _ in found["/truth/pose"]]
@@ -133,7 +133,7 @@ def test_scene_is_relative_to_beacon(exported):
     assert (first.x, first.y) == pytest.approx(
         (row["east"] - row["target_east"], row["north"] - row["target_north"])
     )
-    # a copter's nose points along its motion, except for some degrees of lag
+    # a copter's heading is its course, except for some degrees of lag
     before = poses[-40]
     after = poses[-20]
     flies = math.atan2(after.position.y - before.position.y, after.position.x - before.position.x)
@@ -146,7 +146,7 @@ def test_scene_is_relative_to_beacon(exported):
     assert {one.frame_id for one in entities.values()} == {"beacon"}
 
 
-def test_position_is_a_fix_and_text_chunks_are_joined(exported, run):
+def test_exported_position_is_location_fix_and_text_is_joined(exported, run):
     whole = "EKF3 lane switch 1, " * 6
     parts = [whole[50 * chunk : 50 * chunk + 50].encode() for chunk in range(3)]
     here = mavlink.MAVLink_global_position_int_message(
@@ -163,7 +163,7 @@ def test_position_is_a_fix_and_text_chunks_are_joined(exported, run):
         for _, row, _ in found["/events"]
         if row.name == "vehicle message" and "EKF3" in row.message
     ]
-    assert [(row.message, row.level) for row in texts] == [(whole, 4)]  # ERROR
+    assert [(row.message, row.level) for row in texts] == [(whole, 4)]  # foxglove.Log level ERROR
     ((at, fix, _),) = found["/fix"]
     assert (fix.latitude, fix.longitude, fix.altitude) == pytest.approx(
         (47.3977420, 8.5455940, 488.0)
@@ -183,7 +183,7 @@ PLACE = {
 }
 
 
-def test_located_target_is_a_fix(exported, run):
+def test_located_target_is_exported_as_location_fix(exported, run):
     (run / "summary.json").write_text(json.dumps({"place": PLACE}))
     ((at, fix, schema),) = exported()["/target"]
     assert schema.name == "foxglove.LocationFix"
@@ -196,7 +196,7 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
-def test_export_replaces_only_exports(circnav, run, monkeypatch):
+def test_export_overwrites_only_earlier_exports(circnav, run, monkeypatch):
     before = contents(run)
     line = circnav("export", run, "--mcap", run / "mission.toml").refused
     assert line == f"--mcap {run / 'mission.toml'}: exists and is not an MCAP file: name another"
@@ -214,9 +214,9 @@ def test_export_replaces_only_exports(circnav, run, monkeypatch):
     assert contents(run) == before
 
 
-def test_wrong_usage_is_one_line(circnav):
+def test_wrong_usage_of_export_prints_one_error_line(circnav):
     assert circnav("export", "nowhere", "--mcap").refused.startswith("nowhere: no such run folder")
     assert circnav("export", "nowhere").refused.startswith("export: name the output format: --mcap")
 
 
-# --- runs that are damaged ---
+# --- damaged runs ---

@@ -1,5 +1,5 @@
-"""The paper reproduced: numbers of an independent simulation (2000 starts), lemmas, the mirror
-image, six figures."""
+"""`circnav paper`, which reproduces the paper, against an independent simulation of 2000 starts,
+the paper's lemmas and the mirror image."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def studied():
     ("number", "radius", "within", "median"),
     [(1, 10.98684113, 1e-4, 28), (2, 10.0, 1e-4, 30), (3, 10.0, 1e-3, 42)],
 )
-def test_every_start_reaches_the_papers_radius(studied, number, radius, within, median):
+def test_every_start_reaches_radius_of_paper(studied, number, radius, within, median):
     found, _ = studied[number]
     assert found.reached == pytest.approx((radius, radius), abs=within)
     assert found.example.predicted == pytest.approx(radius, abs=1e-7)
@@ -39,7 +39,7 @@ def test_every_start_reaches_the_papers_radius(studied, number, radius, within, 
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
-def test_lemmas_hold_and_negative_gain_mirrors(studied, number):
+def test_simulated_laws_satisfy_lemmas_and_negative_gain_mirrors_track(studied, number):
     found, _ = studied[number]
     assert found.most_entries <= 1
     assert 0 <= found.bearings[0] <= found.bearings[1] <= np.pi
@@ -48,9 +48,9 @@ def test_lemmas_hold_and_negative_gain_mirrors(studied, number):
     assert found.mirrored_counterclockwise == 40
 
 
-def test_arc_is_exact():
-    """A quarter of a circle of radius 2, to the left: from the origin heading right to (2, 2)
-    heading up."""
+def test_simulated_arc_is_exact():
+    """A quarter of a circle of radius 2 to the left leads from (0, 0) with heading 0 to (2, 2) with
+    heading pi/2."""
     x, y, heading = arc(np.zeros(1), np.zeros(1), np.zeros(1), 1.0, np.array([0.5]), np.pi)
     assert (x[0], y[0], heading[0]) == pytest.approx((2.0, 2.0, np.pi / 2))
     x, y, heading = arc(np.zeros(1), np.zeros(1), np.zeros(1), 3.0, np.zeros(1), 2.0)
@@ -58,7 +58,8 @@ def test_arc_is_exact():
 
 
 def test_lyapunov_integral_matches_the_paper():
-    """Closed form against the trapezoidal rule; zero at r_a with theta_b = pi/2."""
+    """The closed form of the integral against the trapezoidal rule. The Lyapunov function is zero
+    at r_a with theta_b = pi/2."""
     r_d = 10.0
     r_a = 10.98684113
     k = 0.01
@@ -69,13 +70,13 @@ def test_lyapunov_integral_matches_the_paper():
     assert found == pytest.approx([0.0, by_hand], abs=1e-7)
 
 
-def test_entries_are_counted():
+def test_entries_into_circle_are_counted():
     assert list(
         entries(np.array([[12.0, 9.0], [9.0, 9.0], [12.0, 12.0], [9.0, 12.0], [10.2, 12.0]]), R_D)
     ) == [2, 1]
 
 
-def test_another_gain_has_its_own_radius():
+def test_steady_radius_depends_on_gain():
     found, _ = study(Example(1, "smooth", 0.02, R_D), random_starts(5, 1), 100.0)
     assert found.reached == pytest.approx((found.example.predicted,) * 2, abs=0.01)
     assert f"| {found.example.predicted:.5f} m" in table([found])
@@ -102,14 +103,14 @@ def test_shown_start_stays_outside_and_settles_before_switching_law(studied):
 @pytest.mark.parametrize(
     ("form", "magic", "date"), [("pdf", b"%PDF", b"/CreationDate"), ("svg", b"<?xml", b"dc:date")]
 )
-def test_figures_are_vectors_without_a_date(circnav, tmp_path, form, magic, date):
+def test_paper_figures_are_vector_graphics_without_date(circnav, tmp_path, form, magic, date):
     circnav("paper", "--starts=1", "--format", form, "--out", tmp_path / "paper")
     figure = (tmp_path / "paper" / f"example_1_track.{form}").read_bytes()
     assert figure.startswith(magic)
     assert date not in figure
 
 
-def test_wrong_usage_is_refused_and_writes_nothing(circnav, mission):
+def test_wrong_usage_of_paper_command_is_refused_without_writing(circnav, mission):
     assert circnav("paper", "--out", "mission.toml").refused == "mission.toml: File exists"
     assert circnav("paper", "--starts", "1", "--out=").refused == "--out: is empty, give it a name"
     for option in ("--starts=0", "--seed=-1"):

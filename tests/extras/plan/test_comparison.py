@@ -1,5 +1,5 @@
-"""The program that compares the plan with random flights: its missions pass their checks, and a
-number gives the same mission."""
+"""tests/tools/bench/bench_plan.py, which compares the plan with random flights. Each drawn mission
+passes its checks and depends only on its number."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from tests.tools.bench.bench_plan import draw, planned
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_drawn_mission_is_flyable_and_repeatable(number):
+def test_drawn_mission_passes_checks_and_is_repeatable(number):
     drawn = draw(number)
     assert drawn == draw(number)
     assert not [line for line in check_mission(drawn.mission()) if line.grade is FAIL]

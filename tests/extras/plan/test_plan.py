@@ -35,7 +35,7 @@ def test_recommended_mission_passes_check(vehicle, circnav, tmp_path):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_row_names_every_warning_of_its_mission(circnav, tmp_path):
+def test_plan_row_names_first_warning_and_counts_others(circnav, tmp_path):
     mission = tmp_path / "steep.toml"
     options = ("--smallest", "20", "--largest", "20", "--height", "25", "--write", str(mission))
     ran = circnav("plan", "copter", *options)
@@ -53,12 +53,12 @@ def test_row_names_every_warning_of_its_mission(circnav, tmp_path):
         (("--smallest", "300", "--largest", "200"), "larger than --largest"),
     ],
 )
-def test_impossible_site_is_refused(options, words, circnav):
+def test_plan_refuses_impossible_site(options, words, circnav):
     ran = circnav("plan", "plane", *options)
     assert ran.code == 2 and words in ran.err and ran.err.count("\n") == 1
 
 
-def test_existing_mission_is_not_overwritten(circnav, tmp_path):
+def test_plan_does_not_overwrite_existing_mission(circnav, tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text("mine")
     assert circnav("plan", "rover", "--write", str(file)).code == 2
@@ -68,11 +68,11 @@ def test_existing_mission_is_not_overwritten(circnav, tmp_path):
 @pytest.mark.parametrize(
     "name, flown", [("arduplane", 0.162), ("arducopter", 0.064), ("ardurover", 0.049)]
 )
-def test_expected_radius_error_matches_emulator(name, flown):
+def test_planned_radius_error_matches_emulator(name, flown):
     assert radius_rms(load_mission(bundled("mission", name)), 0.0) == pytest.approx(flown, rel=0.3)
 
 
-def test_noise_and_gusts_increase_expected_error():
+def test_noise_and_gusts_increase_planned_radius_error():
     path = bundled("mission", "arduplane")
     calm = load_mission(path)
     noisy = load_mission(path, ["ranging.sigma_m=2.0"])
@@ -80,14 +80,14 @@ def test_noise_and_gusts_increase_expected_error():
     assert radius_rms(calm, 0.0) < radius_rms(calm, 0.5) < radius_rms(calm, 1.0)
 
 
-def test_faster_copter_gets_lower_turn_rate(circnav, tmp_path):
+def test_plan_lowers_turn_limit_of_faster_copter(circnav, tmp_path):
     file = tmp_path / "my.toml"
     assert circnav("plan", "copter", "--speed", "7", "--write", str(file)).code == 0
-    # 1.1 times 2.5 m/s^2 at 7 m/s: 22.5 deg/s
+    # 1.1 times the copter's acceleration limit of 2.5 m/s^2, at 7 m/s, is 22.5 deg/s
     assert load_mission(file).file.vehicle.max_turn_rate_deg_s == 22
 
 
-def test_expected_place_error_is_smooth_in_the_radius(circnav):
+def test_planned_place_error_falls_smoothly_with_radius(circnav):
     ran = circnav("plan", "plane", "--sigma", "30")
     rows = [
         line[1:].split() for line in ran.out.splitlines() if re.match(r"[> ] +[\d.]+ +\d", line)

@@ -20,8 +20,7 @@ LINKTRACK = {
     AOA_NODE_FRAME_0: ({0: 0.767, 1: 0.770, 2: 1.004, 3: 1.416}, 160.702),
 }
 """Frames of nooploop-dev/nlink_parser, test/test_nlink_parser.cpp, with the ranges by node and the
-time, s. The time of a node of frame 2 is 20 ms before the frame's system_time, which is 1926842
-there."""
+time, s. In frame 2 the time of a node is 20 ms before the frame's system_time of 1926842 ms."""
 
 LES = (
     b"1151[5.00,8.00,2.25]=6.48 0CA8[0.00,8.00,2.25]=6.51 111C[5.00,0.00,2.25]=3.18"
@@ -40,5 +39,5 @@ LEC_OVERRUN = (
     b"DIST,4,AN0,0090,0.00,0.00,0.00,3.25,AN1,D91E,0.00,0.00,0.00,3.33,"
     b"AN2,0487,0.00,0.00,0.00,0.18,AN3,15BA,0.00,0,AN3,15BA,0.00,0.00,0.00,0.00\r\n"
 )
-"""A line at a high update rate, as in Rutgers' DWM1001 localization scripts: a piece of AN3 is
-missing."""
+"""A line that a DWM1001 printed at a high update rate, from Rutgers' localization scripts. A part
+of the field AN3 is missing."""

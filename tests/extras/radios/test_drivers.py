@@ -35,7 +35,7 @@ def test_linktrack_matches_the_manufacturers_parser(frame):
     assert {one.sigma for one in readings} == {None}
 
 
-def test_dwm1001_reads_complete_lines_only():
+def test_dwm1001_driver_reads_only_complete_lines():
     driver = Dwm1001()
     driver.receive(b"dwm> \r\n", 0.0)
     for line, expected in DWM1001.items():
@@ -56,7 +56,7 @@ def test_dwm1001_reads_complete_lines_only():
         assert driver.receive(run_together, 0.3) == []
 
 
-def test_dwm1001_is_started_once():
+def test_dwm1001_driver_sends_start_command_once():
     asked = []
     driver = Dwm1001()
     for step in range(200):
@@ -66,7 +66,7 @@ def test_dwm1001_is_started_once():
             {b"\r\r": b"\r\n\r\ndwm> ", b"lec\r": b"lec\r\n"}.get(words, b""), 0.05 * step
         )
     assert asked == [b"\r\r", b"lec\r"]
-    speaks = Dwm1001()  # the first line is complete: the radio was started before us
+    speaks = Dwm1001()  # the radio was already running, so the first line is complete
     speaks.receive(b"\n" + LES, 0.5)
     assert not any(speaks.ask(0.05 * step) for step in range(200))
 
@@ -111,7 +111,7 @@ def test_lines_driver_reads_printed_ranges(line):
         b"\xff\xfe\x00",
     ],
 )
-def test_other_lines_are_counted(line):
+def test_lines_driver_counts_lines_without_range(line):
     driver = Lines()
     driver.receive(b"\n", 0.0)
     found = driver.receive(line + b"\n5.0\n", 0.1)
@@ -119,10 +119,10 @@ def test_other_lines_are_counted(line):
     assert driver.unread == (0 if len(found) > 1 else len(line))
 
 
-def test_line_without_beginning_is_rejected():
+def test_lines_driver_rejects_line_with_lost_beginning():
     driver = Lines()
     assert driver.receive(b"3.4\n123.5\n12", 0.0) == Lines().receive(b"\n123.5\n", 0.0)
-    # the cable was out
+    # 5 s later: the cable was disconnected, so the next line has lost its beginning
     assert driver.receive(b"3.4\n123.6\n", 5.0) == Lines().receive(b"\n123.6\n", 0.0)
 
 
@@ -136,7 +136,7 @@ STREAMS = {
 @pytest.mark.parametrize("make", STREAMS)
 @given(cuts=st.lists(st.integers(0, 700), max_size=12))
 @settings(max_examples=30, deadline=None)
-def test_readings_are_independent_of_stream_cuts(make, cuts):
+def test_driver_readings_are_independent_of_chunks(make, cuts):
     stream = STREAMS[make]
     places = [0, *sorted(cuts), len(stream)]
     whole = make()
@@ -166,7 +166,7 @@ def test_damaged_linktrack_frame_is_rejected(noise, at):
     assert len(driver.receive(AOA_NODE_FRAME_0 * 5, 0.0)) >= 16
 
 
-def test_driver_is_named_before_its_port():
+def test_driver_name_precedes_endpoint():
     assert split_driver("linktrack:/dev/ttyUSB0") == ("linktrack", "/dev/ttyUSB0")
     assert split_driver("lines:udpin:0.0.0.0:5005") == ("lines", "udpin:0.0.0.0:5005")
     assert split_driver("udpin:0.0.0.0:5005") == (None, "udpin:0.0.0.0:5005")
@@ -176,5 +176,5 @@ def test_driver_is_named_before_its_port():
         make_driver("linktrak")
 
 
-def test_watch_time_must_be_a_number(circnav):
+def test_ranging_watch_refuses_time_that_is_no_number(circnav):
     assert circnav("ranging", "watch", "lines:udpin:127.0.0.1:0", "--seconds", "nan").code == 2

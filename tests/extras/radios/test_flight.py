@@ -1,5 +1,5 @@
-"""The circle flown with a radio behind a driver: the emulator's ranges as lines of text, beside
-another beacon's."""
+"""A flight with a radio behind the driver `lines`: the emulator's ranges as lines of text, beside
+ranges of another beacon."""
 
 from collections import Counter
 
@@ -26,8 +26,8 @@ SILENT = (15.0, 17.0)
 
 
 class TextPort:
-    """The emulator's radio as lines of text: each range follows one of a nearer beacon and some
-    chatter."""
+    """The emulator's radio as lines of text. Before each range it sends a range of a nearer beacon
+    and other text."""
 
     def __init__(self, link):
         self._link = link
@@ -51,7 +51,7 @@ def radio_flight(folder, *overrides) -> RecordedFlight:
     return flight
 
 
-def test_named_beacon_is_circled_and_replayed(tmp_path):
+def test_copter_circles_selected_beacon_and_replays(tmp_path):
     flight = radio_flight(tmp_path, "ranging.beacon_id=3")
     assert flight.outcome.ending.value == "completed"
     run = open_run(tmp_path)
@@ -68,7 +68,7 @@ def test_named_beacon_is_circled_and_replayed(tmp_path):
     assert done.identical
 
 
-def test_two_beacons_need_a_selection(tmp_path):
+def test_two_beacons_prevent_engagement_until_one_is_selected(tmp_path):
     pilot = radio_flight(tmp_path, "limits.duration_s=5", "link.wait_s=20").pilot
     assert pilot.mission.engaged_at is None
     reason = pilot.mission.outcome.reason

@@ -50,7 +50,7 @@ class Radio:
         ]
 
 
-def test_reading_becomes_a_ranging_beacon():
+def test_driver_reading_becomes_ranging_beacon_message():
     radio = Radio("linktrack", LinkTrack())
     (first, source), *others = radio.readings(NODE_FRAME_2)
     assert (first.get_type(), first.time_usec, first.beacon_id) == ("RANGING_BEACON", 1926822000, 0)
@@ -80,7 +80,7 @@ def test_reading_becomes_a_ranging_beacon():
         ("0,7,0,0", NONE, NONE, 0),
     ],
 )
-def test_only_valid_numbers_become_ranges(line, millimetres, sigma, stamp):
+def test_only_valid_readings_become_ranges(line, millimetres, sigma, stamp):
     ((message, _),) = Radio("lines", Lines()).readings(line.encode() + b"\n")
     assert (message.range, message.range_accuracy, message.time_usec) == (millimetres, sigma, stamp)
     assert math.isnan(message.alt)
@@ -91,7 +91,7 @@ def test_wrong_baud_rate_is_reported_and_recovers():
     wrong = "received bytes are no linktrack data: wrong baud rate, driver or output of the radio?"
 
     def ten_seconds(began, *data):
-        """Return the numbers of readings in the steps, and the troubles so far."""
+        """Return the number of readings in each step of 10 s, and the reported faults."""
         readings = {len(radio.readings(*data, now=began + 0.1 * step)) for step in range(100)}
         return readings, dict(radio.link.troubles)
 
@@ -100,8 +100,9 @@ def test_wrong_baud_rate_is_reported_and_recovers():
     assert ten_seconds(20.0, NODE_FRAME_2 + bytes(40)) == ({4}, {wrong: 4})
 
 
-def test_line_cut_by_datagrams_is_assembled():
-    """A bridge cut the line "123.4", which gave ranges of 12 m and 3.4 m."""
+def test_line_split_over_datagrams_is_assembled():
+    """A serial bridge once split the line "123.4" into two datagrams, which were read as ranges of
+    12 m and 3.4 m."""
     radio = Radio("lines", Lines())
     ranges = [
         message.range / 1000 for message, _ in radio.readings(b"12", b"3.4\n124.0", b"\n125.0\n1")
@@ -123,7 +124,7 @@ def test_readable_text_without_range_is_shown(sent, shown):
     assert list(radio.link.troubles) == [f"received text is no lines data: {shown}"]
 
 
-def test_invalid_readings_are_reported_and_bounded():
+def test_invalid_readings_are_reported_and_bounded_in_number():
     class Odd(Lines):
         def read_line(self, line):
             if line.isdecimal():
@@ -147,7 +148,7 @@ def test_invalid_readings_are_reported_and_bounded():
 
 
 def test_failing_driver_is_called_once_a_second():
-    """With an error in its code, a driver once failed 30,513 times in a flight."""
+    """A driver with an error in its code was once called, and failed, 30,513 times in a flight."""
 
     class Unfinished(Lines):
         finished = False
@@ -171,8 +172,9 @@ def test_failing_driver_is_called_once_a_second():
     assert [len(radio.readings(b"5.0\n", now=102.0 + 0.1 * step)) for step in range(5)] == 5 * [1]
 
 
-def test_failing_question_and_exit_end_no_flight():
-    """Bytes that stay in the socket wake the loop at once: it ran 26,000 steps a second."""
+def test_failing_driver_does_not_end_flight():
+    """Bytes that a failing driver leaves in the socket wake the loop at once. The loop once ran
+    26,000 steps per second."""
 
     class Exiting(Lines):
         def read_line(self, line):
@@ -191,7 +193,7 @@ def test_failing_question_and_exit_end_no_flight():
 
 
 class Bare:
-    """A driver without the attributes of the interface."""
+    """A driver that lacks the attributes of the driver interface."""
 
     def receive(self, data, now):
         return []
@@ -225,7 +227,7 @@ def test_incomplete_driver_is_refused(monkeypatch, driver, error):
     assert error in str(refused.value)
 
 
-def test_device_gets_its_radios_baud_rate():
+def test_serial_port_uses_default_baud_rate_of_driver():
     for endpoint, port in (
         ("linktrack:/dev/ttyUSB0", "serial:/dev/ttyUSB0:921600"),
         ("dwm1001:/dev/ttyACM0", "serial:/dev/ttyACM0:115200"),
@@ -252,7 +254,7 @@ def test_device_gets_its_radios_baud_rate():
         assert "\n" not in str(refused.value)
 
 
-def test_radio_link_joins_no_lines_of_two_senders():
+def test_radio_link_assembles_lines_of_each_sender_separately():
     radio = Radio("lines", Lines())
     own = ("127.0.0.1", 4000)
     other = ("127.0.0.1", 4001)

@@ -1,4 +1,4 @@
-"""`circnav fly --web`: the live page of a real flight, in a browser too."""
+"""`circnav fly --web`: the live page of a real flight, also in a browser."""
 
 import re
 import socket
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 @pytest.mark.parametrize("options", ["mission.toml --web eighty", "mission.toml --web 65536",
                                      "--web mission.toml mission.toml"])  # fmt: skip
-def test_invalid_port_is_refused(circnav, mission, options):
+def test_invalid_web_port_is_refused(circnav, mission, options):
     line = circnav("fly", *options.split()).refused
     port = options.partition("--web ")[2].split()[0]
     assert line == f"--web {port}: is not a port; write: circnav fly MISSION --web [PORT]"
@@ -30,7 +30,7 @@ def test_page_address_is_printed_before_the_flight(circnav, mission):
     assert re.search(r"live page at http://127\.0\.0\.1:\d+/\n", ran.out)
 
 
-def test_ssh_session_gets_the_tunnel_command(circnav, mission, monkeypatch):
+def test_ssh_session_prints_tunnel_command(circnav, mission, monkeypatch):
     monkeypatch.setenv("SSH_CONNECTION", "10.0.0.2 50000 192.168.2.2 22")
     monkeypatch.setenv("LOGNAME", "pi")
     ran = circnav("fly", mission, "--web", 0)
@@ -39,7 +39,7 @@ def test_ssh_session_gets_the_tunnel_command(circnav, mission, monkeypatch):
     )
 
 
-def test_port_in_use_is_refused_before_flight(circnav, mission, tmp_path):
+def test_web_port_in_use_is_refused_before_flight(circnav, mission, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         line = circnav("fly", mission, "--web", port, "--out", tmp_path / "out").refused
@@ -54,7 +54,8 @@ DESIRED_ON_TOP = """
 
 
 def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
-    """A radio that is silent for 2 s gives one alarm, even if the number in its text changes."""
+    """A radio that is silent for 2 s gives one alarm, although the age in the alarm's text
+    changes."""
     silent = 'sim.events=[{at_s=7.0, action="mute_ranging"}, {at_s=9.0, action="unmute_ranging"}]'
     options = (
         "--web",
@@ -84,7 +85,7 @@ def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
         )
         drawn = browser.value(f"{lines}.map({longest})")
         assert len(drawn) == 4
-        assert min(drawn) > 300  # px of line in every chart
+        assert min(drawn) > 300  # every chart contains a line of at least 300 pixels
         assert browser.value("document.getElementById('link').innerText") == "live"
         assert browser.value(DESIRED_ON_TOP)
         assert re.fullmatch(
@@ -103,13 +104,13 @@ def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
             r"100 m .*\. 2\d+-\d\d-\d\d \d\d:\d\d UTC\. ardupilot copter, firmware 4.6.3", circle
         )
         assert "waiting" not in browser.value("document.getElementById('figures').innerText"), (
-            "nothing is waited for"
+            "the finished flight shows no reason for waiting"
         )
         assert browser.value("document.querySelector('[data-fact=range]').innerText").endswith(
             "m horizontal, desired 100.0 m"
         )
         flown.communicate(timeout=PATIENCE)
-        # the flight is over: a reload works, and the report is one click away
+        # after the flight the page can be reloaded and has a link to the report
         browser.open(address.split()[-1])
         browser.until("document.querySelector('#report a')")
         assert browser.value("document.getElementById('outcome').innerText").startswith("COMPLETED")

@@ -28,16 +28,16 @@ VERDICT = "COMPLETED: flown to its end"
 
 @pytest.fixture(scope="module", autouse=True)
 def patient():
-    """A busy machine may start and end the server slowly, and the tests do not judge that."""
+    """Allow long times to start and end the server, because the test machine may be busy."""
     with pytest.MonkeyPatch.context() as patch:
         for name in ("START_PATIENCE", "STOP_PATIENCE"):
             patch.setattr(feed, name, PATIENCE)
-        patch.setattr(feed, "AWAY", 5.0)  # no server outlives the tests for long
+        patch.setattr(feed, "AWAY", 5.0)  # a server without a browser ends 5 s after its flight
         yield
 
 
 def open_page(pilot, port=0, *, truth=False):
-    # every tick is sent
+    # send every tick to the page
     return LivePage(pilot, Onlookers(), port, name="small", tolerance=5.0, speed=0.0, truth=truth)
 
 
@@ -60,8 +60,8 @@ def idle():
 
 
 def fly(flown, seconds, page):
-    """Show each tick after its step, like the runner, and at the server's pace, so that no line is
-    dropped."""
+    """Fly, and show each tick to the page after its step, as the runner does. Wait for the server,
+    so that no line is dropped."""
 
     def show(flown):
         select.select([], [page._pipe], [])
@@ -102,7 +102,8 @@ class Stream:
                 return content
 
     def until_tick(self, time):
-        """Return the tick of a time. A browser that has fallen behind gets it with the history."""
+        """Return the tick of a time. A browser that reads too slowly receives the tick as part of
+        the history."""
         while True:
             kind, content = self.next()
             tick = content["newest"] if kind == "history" else content
@@ -113,7 +114,7 @@ class Stream:
 # --- HTTP ---
 
 
-def test_page_is_served_without_other_hosts(idle):
+def test_page_loads_nothing_from_other_hosts(idle):
     answer = ask(idle, "GET", "/")
     body = answer.read().decode()
     assert answer.status == 200
@@ -124,7 +125,7 @@ def test_page_is_served_without_other_hosts(idle):
     )
 
 
-def test_server_offers_only_the_page(idle):
+def test_server_refuses_other_paths_and_methods(idle):
     for method, path in product(
         ("POST", "PUT", "DELETE", "PATCH", "OPTIONS"), ("/", "/events", "/report")
     ):
@@ -150,7 +151,7 @@ def test_idle_connections_do_not_block_the_page(idle):
 def test_browser_receives_history_state_and_verdict(flown, page, tmp_path):
     early = Stream(page)
     fly(flown, 8.0, page)
-    early.until_tick(flown.ticks[-1].time)  # the server has it all
+    early.until_tick(flown.ticks[-1].time)  # wait until the server has received the whole flight
     stream = Stream(page)
     begun = stream.until("history")
     assert (begun["flight"]["name"], begun["flight"]["radius"]) == ("small", 100.0)
@@ -184,7 +185,7 @@ def test_finished_page_reloads_with_report(flown, page, tmp_path):
     assert ask(page, "GET", "/report").read() == b"<p>flown</p>"
 
 
-def test_finished_page_ends_without_browser(flown, monkeypatch, tmp_path):
+def test_server_ends_after_flight_without_browser(flown, monkeypatch, tmp_path):
     monkeypatch.setattr(feed, "AWAY", 0.2)
     seen = open_page(flown.pilot)
     unseen = open_page(flown.pilot)
@@ -200,16 +201,17 @@ def test_finished_page_ends_without_browser(flown, monkeypatch, tmp_path):
     assert seen._process.wait(PATIENCE) == 0
 
 
-# --- nothing holds up the flight ---
+# --- page and browser do not delay the flight ---
 
 
 @pytest.fixture(scope="module")
 def ticks_alone():
-    """Return the ticks of a flight without a page: about 600, far more than fit in the pipe."""
+    """Return the ticks of a flight without a page: about 600, more than the pipe's buffer can
+    hold."""
     return flight("quickstart").fly(20.0).ticks
 
 
-def test_blocked_server_costs_no_tick(flown, page, ticks_alone, tmp_path):
+def test_blocked_server_does_not_delay_ticks(flown, page, ticks_alone, tmp_path):
     def show(flown):
         page.on_step(flown.ticks[-1] if flown.ticks else None, LoopStep(flown.now), None)
 
@@ -222,7 +224,7 @@ def test_blocked_server_costs_no_tick(flown, page, ticks_alone, tmp_path):
     assert flown.ticks == ticks_alone
 
 
-def test_slow_browser_blocks_nothing(flown, page, ticks_alone, tmp_path):
+def test_slow_browser_does_not_delay_flight_or_page(flown, page, ticks_alone, tmp_path):
     with ExitStack() as stuck:
         for _ in range(5):
             browser = stuck.enter_context(socket.create_connection(address(page)))
@@ -247,7 +249,7 @@ def truth_frame(north, east):
     return bytes(message.pack(mavlink.MAVLink(None, srcSystem=7)))
 
 
-@pytest.mark.parametrize("bundled", [True, False], ids=["the bundled vehicle", "any other"])
+@pytest.mark.parametrize("bundled", [True, False], ids=["bundled vehicle", "another vehicle"])
 def test_truth_of_flown_vehicle_is_sent(flown, monkeypatch, bundled):
     assert [feed._plain(value) for value in (nan, inf, 1.000001)] == [None, None, 1.0]
     queued = []
@@ -276,7 +278,7 @@ def history_of(many):
     return history
 
 
-def test_long_history_is_bounded():
+def test_history_of_long_flight_is_bounded():
     many = 4 * MOST_POINTS + 1000
     (event,) = history_of(many).since(None)
     begun = json.loads(event.partition("data: ")[2])
@@ -301,7 +303,7 @@ def test_long_history_is_bounded():
 # --- refusals ---
 
 
-def test_missing_packages_are_named(flown, monkeypatch):
+def test_missing_web_packages_are_named(flown, monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name: None if name == "uvicorn" else find(name)

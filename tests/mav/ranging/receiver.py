@@ -17,7 +17,8 @@ class Receiver:
         return self.reader.read((sender or self.sender).message(message), now, height=self.height)
 
     def distance(self, cm=10000, stamp=None, now=1.0, sender=None, **rest):
-        """stamp: ms, by default from a clock that is synchronous with ours."""
+        """Receive a DISTANCE_SENSOR. stamp: ms; by default from a clock 500 s ahead of the local
+        clock."""
         stamp = round(now * 1000) + 500_000 if stamp is None else stamp
         return self.receive(distance(cm, stamp, **rest), now, sender)
 

@@ -1,5 +1,5 @@
-"""A radio with errors: the calibration in the mission gives true ranges in flight, applied once,
-before the height."""
+"""The calibration in the mission, which converts reported ranges of a radio to true ranges, before
+the slant correction."""
 
 from math import sqrt
 
@@ -21,7 +21,7 @@ LISTED = "[[0, 4.4], [50, 57.6], [100, 103], [150, 148], [200, 201], [250, 253]]
     "radio", [Calibration(1.07, 1.5), Calibration(0.93, -2.0), Calibration(points=SX1280)]
 )
 @given(length=st.floats(0, 1000))
-def test_calibration_inverts_the_error_of_the_radio(radio, length):
+def test_calibration_inverts_error_of_radio(radio, length):
     true, slope = radio.true(radio.reported(length))
     assert true == pytest.approx(length, abs=1e-6)
     there = radio.true(radio.reported(length) + 1e-6)[0]
@@ -70,8 +70,8 @@ def test_mission_rejects_impossible_calibration(overrides, error):
     [(("sim.ranging.scale=1.07",), ("ranging.scale=1.07",)),
      ((f"sim.ranging.table_m={LISTED}",), (f"ranging.points_m={LISTED}",))],
 )  # fmt: skip
-def test_calibrated_radio_flies_the_true_circle(radio, mission):
-    """For a radio without errors, the calibration would fly another circle."""
+def test_calibrated_radio_gives_circle_of_true_radius(radio, mission):
+    """The emulated radio has the error that the mission's calibration removes."""
     start = "sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_deg=90"
     truths = flight("quickstart", *start, *radio, *mission).fly(45.0).truths[-200:]
     assert mean_radius(truths) == pytest.approx(100.0, abs=0.5)

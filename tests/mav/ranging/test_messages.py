@@ -1,5 +1,5 @@
-"""Contents of each range message by its definition (mavlink.md 1.1 to 1.3), including the codes for
-"no range"."""
+"""Ranges decoded from each ranging message, by its MAVLink definition, including the codes for "no
+range"."""
 
 import math
 
@@ -35,9 +35,9 @@ def test_ranging_messages_match_mavlink_definitions():
     for kind in RANGING_MESSAGES.values():
         assert mavlink.mavlink_map[kind.id].msgname == kind.type
         assert set(kind.marks) <= set(mavlink.mavlink_map[kind.id].fieldnames)
-    # u16 centimeters; 65535 means none
+    # current_distance: u16, cm; 65535 means no range
     assert RANGING_MESSAGES["distance_sensor"].farthest == 655.34
-    # u32 millimeters; the largest value means none
+    # range: u32, mm; the largest value means no range
     assert RANGING_MESSAGES["ranging_beacon"].farthest == 4_294_967.0
     other = Receiver(BEACON)
     assert other.distance() is None
@@ -47,16 +47,19 @@ def test_ranging_messages_match_mavlink_definitions():
 @pytest.mark.parametrize(
     ("settings", "message", "expected"),
     [
-        (DISTANCE, sensor(12345, covariance=100), (123.45, 0.10, 501.0)),  # cm, cm^2, ms
-        # ArduPilot always fills in 0: use the mission's
+        # range in cm, variance in cm^2, stamp in ms
+        (DISTANCE, sensor(12345, covariance=100), (123.45, 0.10, 501.0)),
+        # ArduPilot always sends variance 0: use sigma_m of the mission
         (DISTANCE, sensor(12345, covariance=0), (123.45, 0.5, 501.0)),
-        # unknown, by the definition
+        # 255 means unknown, by the definition: use sigma_m of the mission
         (DISTANCE, sensor(12345, covariance=255), (123.45, 0.5, 501.0)),
-        (BEACON, radio(1_234_567, range_accuracy=120), (1234.567, 0.120, 501.0)),  # mm, us
+        # range and accuracy in mm, stamp in us
+        (BEACON, radio(1_234_567, range_accuracy=120), (1234.567, 0.120, 501.0)),
         (BEACON, radio(1_234_567, range_accuracy=0), (1234.567, 0.5, 501.0)),
         (BEACON, radio(1_234_567, range_accuracy=NONE), (1234.567, 0.5, 501.0)),
-        (BEACON, radio(1000, 1_700_000_000_250_000), (1.0, 0.5, 1_700_000_000.25)),  # since 1970
-        (NAMED, named(321.5), (321.5, 0.5, 501.0)),  # m, ms
+        # stamp since 1970
+        (BEACON, radio(1000, 1_700_000_000_250_000), (1.0, 0.5, 1_700_000_000.25)),
+        (NAMED, named(321.5), (321.5, 0.5, 501.0)),  # range in m, stamp in ms
     ],
 )
 def test_ranging_messages_use_units_of_their_definition(settings, message, expected):
@@ -94,7 +97,7 @@ def test_ranging_messages_use_units_of_their_definition(settings, message, expec
         (NAMED, named(1.001e6), "above_max"),
     ],
 )
-def test_ranging_message_is_rejected_by_reason(settings, message, reason):
+def test_invalid_ranging_message_is_rejected_with_reason(settings, message, reason):
     receiver = Receiver(settings)
     assert (receiver.receive(message) is None) == (reason is not None)
     assert receiver.rejected == ({reason: 1} if reason else {})
@@ -109,14 +112,14 @@ def test_ranging_message_is_rejected_by_reason(settings, message, reason):
         ({"sensor_id": 0, "orientation": 0}, sensor(10000, id=0, orientation=0), True),
         ({"sensor_id": 0, "orientation": 0}, sensor(10000, id=1, orientation=0), False),
         ({"sensor_id": 0, "orientation": 0}, sensor(10000, id=0, orientation=24), False),
-        ({}, sensor(10000, orientation=25), None),  # downward: it measures height
+        ({}, sensor(10000, orientation=25), None),  # a downward sensor measures the height
         ({"orientation": 25}, sensor(10000, orientation=25), None),
-        # the name distinguishes values of any kind
+        # NAMED_VALUE_FLOAT: only the value with the name of the mission is a range
         ({"name": "RADIO"}, named(100.0, "RADIO2"), None),
         ({"name": "R" * 10}, named(100.0, "R" * 10), True),
     ],
 )
-def test_ranging_message_is_selected_by_mission_marks(marks, message, accepted):
+def test_ranging_message_is_selected_by_fields_of_mission(marks, message, accepted):
     receiver = Receiver(RangingSettings(message=message.get_type().lower(), **marks))
     assert (receiver.receive(message) is not None) == bool(accepted)
     assert receiver.rejected == ({"other_sensor": 1} if accepted is False else {})
@@ -124,8 +127,9 @@ def test_ranging_message_is_selected_by_mission_marks(marks, message, accepted):
 
 
 @pytest.mark.parametrize(("component", "rejected"), [(1, {"repeat": 1}), (192, {})])
-def test_equal_range_is_repeat_only_from_autopilot(component, rejected):
-    """A radio with a resolution of 1 m measures equal ranges 0.08 s apart."""
+def test_equal_range_is_repetition_only_from_autopilot(component, rejected):
+    """A radio with a resolution of 1 m may measure equal ranges 0.08 s apart. An autopilot sends
+    its last range again."""
     receiver = Receiver()
     for i in range(2):
         receiver.distance(15000, now=1.0 + 0.08 * i, sender=Voice(1, component))

@@ -1,5 +1,5 @@
-"""NAMED_VALUE_FLOAT: meters per second under an agreed name, beside the range of the same sender
-and clock."""
+"""Range rates as NAMED_VALUE_FLOAT in m/s, under the name of the mission, from the sender of the
+ranges and with its clock."""
 
 import math
 
@@ -15,7 +15,7 @@ RADIO = Voice(1, 192)
 
 
 class Pair:
-    """A radio's range and rate, through pymavlink."""
+    """Readers of range and range rate, with messages of a radio packed by pymavlink."""
 
     def __init__(self, height=None, **settings):
         settings = RangingSettings("named_value_float", name="R", rate_name="RR", **settings)
@@ -52,7 +52,7 @@ def test_range_rate_sign_follows_mission(sign, rate):
     )
 
 
-def test_range_rate_needs_the_sender_of_the_ranges():
+def test_range_rate_is_accepted_only_from_sender_of_ranges():
     pair = Pair()
     assert pair.rate(1.0, 1.0) is None
     pair.range(100.0, 1.1)
@@ -72,8 +72,9 @@ def test_old_and_repeated_range_rates_are_rejected():
     pair.range(100.0, 1.0, stamp=2**32 - 50)
     assert pair.rate(1.0, 1.0, stamp=2**32 - 50) is not None
     assert pair.rate(1.0, 1.01, stamp=2**32 - 50) is None
-    assert pair.rate(1.0, 1.3, stamp=50).time == pytest.approx(1.1)  # the stamp wraps, 0.2 s late
-    assert pair.rate(1.0, 1.9, stamp=250) is None  # 0.6 s late
+    # the stamp has wrapped; the sample is 0.2 s old
+    assert pair.rate(1.0, 1.3, stamp=50).time == pytest.approx(1.1)
+    assert pair.rate(1.0, 1.9, stamp=250) is None  # the sample is 0.6 s old
 
 
 def test_slant_range_rate_becomes_horizontal():

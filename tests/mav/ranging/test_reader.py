@@ -1,5 +1,5 @@
-"""Accepted ranges: only from the right sender, each measurement once, in the order of the sensor's
-clock, and recent."""
+"""The range reader accepts ranges only of the mission's sender, each measurement once, in the order
+of the sensor's clock, and not too old."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def test_reader_accepts_only_the_sender_of_the_mission(system, component, accept
 
 
 @given(order=st.permutations([*range(12), 0, 5]))
-def test_accepted_stamps_only_rise_in_any_arrival_order(order):
+def test_reader_accepts_only_rising_stamps_in_any_arrival_order(order):
     receiver = Receiver()
     stamps = []
     for at, i in enumerate(order):
@@ -54,13 +54,13 @@ def test_accepted_stamps_only_rise_in_any_arrival_order(order):
     assert len(stamps) + sum(receiver.rejected.values()) == 15
 
 
-def test_boot_time_wrap_is_no_jump():
+def test_reader_accepts_wrap_of_sensor_time_since_boot():
     receiver = Receiver()
     wrap = 2**32
     last = None
     for i in range(-10, 10):
         if i == 0:
-            continue  # 0 means "no stamp"
+            continue  # a stamp of 0 means "no stamp"
         sample = receiver.distance(stamp=(wrap + 100 * i) % wrap, now=5 + 0.1 * i)
         assert last is None or sample.stamp - last == pytest.approx(
             0.1 if i != 1 else 0.2, abs=1e-6
@@ -71,8 +71,9 @@ def test_boot_time_wrap_is_no_jump():
 
 
 @pytest.mark.parametrize("jump_ms", [-600_000, 3_600_000, -1_500])
-def test_sensor_clock_jump_costs_two_samples(jump_ms):
-    """A rebooted sensor: exactly two samples are lost, and the estimator is restarted."""
+def test_sensor_clock_jump_rejects_two_samples_and_restarts_estimator(jump_ms):
+    """The sensor reboots. The reader rejects two samples until the new clock is confirmed, then
+    restarts the estimator."""
     receiver = Receiver()
     seen = []
     for i in range(9):
@@ -85,8 +86,8 @@ def test_sensor_clock_jump_costs_two_samples(jump_ms):
     assert receiver.rejected == {"stamp_jump": 2}
 
 
-def test_frames_of_a_looped_route_are_rejected():
-    """A looped route repeats frames, while the old clock continues."""
+def test_reader_rejects_frames_repeated_by_routing_loop():
+    """A routing loop repeats earlier frames, while the sensor's clock continues without a jump."""
     receiver = Receiver()
     for i in range(60):
         now = 10 + 0.1 * i
@@ -103,10 +104,10 @@ def test_frames_of_a_looped_route_are_rejected():
         (700_000, -100_000, 700_200, -100_300, 700_400),
         (700_000, 4_300_100, 700_200, 4_300_300, 700_400),
         (700_000, 10_000, 900_000, 30_000, 2_000_000, 50_000),
-        (700_000, 100_000, 100_000, 100_200),  # a repeat confirms nothing
+        (700_000, 100_000, 100_000, 100_200),  # a repeated stamp does not confirm the jump
     ],
 )
-def test_unconfirmed_stamp_jumps_reset_nothing(stamps):
+def test_unconfirmed_stamp_jump_does_not_restart_estimator(stamps):
     receiver = Receiver()
     accepted = [
         receiver.distance(stamp=stamp % 2**32, now=1 + 0.1 * i) is not None
@@ -118,7 +119,8 @@ def test_unconfirmed_stamp_jumps_reset_nothing(stamps):
 
 
 def test_slow_radio_recovers_after_clock_jump():
-    """Stamps and arrivals that advance alike, even by seconds, confirm the jump."""
+    """The jump is confirmed by two samples whose stamps and arrivals differ by the same time, even
+    if it is seconds."""
     receiver = Receiver(replace(DISTANCE, rate_hz=0.4))
     assert receiver.distance(stamp=700_000, now=1.0) is not None
     assert receiver.distance(stamp=730_000, now=31.0) is not None
@@ -139,8 +141,8 @@ def test_range_without_usable_stamp_uses_arrival_time(whose, stamp):
 
 
 @pytest.mark.parametrize("constant", [False, True])
-def test_repeated_values_count_once_per_measurement(constant):
-    """ArduPilot stamps at sending and repeats: a 5 Hz sensor is sent at 20 Hz."""
+def test_repeated_range_is_accepted_once_per_measurement_period(constant):
+    """ArduPilot sends the last range of a 5 Hz sensor at 20 Hz, each time with a new stamp."""
     receiver = Receiver(replace(DISTANCE, rate_hz=5.0))
     cm = [10000 if constant else 10000 + 300 * (i // 4) for i in range(40)]
     assert [receiver.distance(cm[i], now=1 + 0.05 * i) is not None for i in range(40)] == [
@@ -153,8 +155,8 @@ def test_repeated_values_count_once_per_measurement(constant):
 
 
 @pytest.mark.parametrize(("delay", "accepted"), [(0.49, True), (0.51, False)])
-def test_delayed_sample_is_rejected(delay, accepted):
-    """The age of a sample is its delay beyond the smallest delay seen."""
+def test_sample_older_than_half_second_is_rejected(delay, accepted):
+    """The age of a sample is its delay minus the smallest delay received so far."""
     receiver = Receiver()
     receiver.distance(stamp=700_000, now=1.0)
     sample = receiver.distance(stamp=700_100, now=1.1 + delay)
@@ -162,8 +164,9 @@ def test_delayed_sample_is_rejected(delay, accepted):
     assert sample.time == pytest.approx(1.1) if accepted else sample is None
 
 
-def test_slant_range_becomes_horizontal_with_known_height():
-    """Sides 3, 4, 5. Directly overhead no range is used."""
+def test_slant_range_is_converted_to_horizontal_range():
+    """A slant range of 50 m at a height of 30 m is 40 m horizontal. A slant range of 30.1 m
+    (vehicle above the beacon) is rejected."""
     receiver = Receiver(height=30.0)
     sample = receiver.distance(5000)
     assert (sample.r, sample.sigma) == pytest.approx((40.0, 0.5 * 50 / 40))

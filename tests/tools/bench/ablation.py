@@ -1,13 +1,14 @@
 """python -m tests.tools.bench.ablation --results FILE [--seconds T] [--table]: the benefit of each
 layer on the turn.
 
-One layer at a time is switched off from outside, in flights of the emulated vehicles (rows of
-docs/measured.md) and in rows of the benchmark, with the same seeds. FILE keeps a line for each
-flight or row, which is not flown again. A run ends after T seconds. `--table` prints the table from
-FILE.
+One layer at a time is disabled by replacing its function. Flights of the emulated vehicles (rows of
+docs/measured.md) and rows of the benchmark are flown with and without the layer, with the same
+seeds. FILE keeps a line for each flight or row, which is not flown again. A run ends after T
+seconds. `--table` prints the table from FILE.
 
-With all layers on, each answer of a layer is compared with its answer when switched off. A layer
-whose answers never differ does not change that flight, so the flight is not flown again.
+In a flight with all layers, each result of a layer is compared with the result without this layer.
+If they never differ, the layer does not change this flight, so the flight without the layer is not
+flown.
 """
 
 import argparse
@@ -60,25 +61,27 @@ BENCHED = (
 BENCH_FLIGHTS = 20
 BENCH_SEED = 2027
 LASTS = 170.0
-"""Flights per row of the benchmark, seed of its published table, and duration of a flight, s (400 s
-in that table)."""
+"""Benchmark rows: flights per row (BENCH_FLIGHTS), seed of the published table (BENCH_SEED), and
+duration of a flight, s (LASTS; 400 s in the published table)."""
 LAPS = 1
 """Laps of an emulated flight that are evaluated."""
 AHEAD = 8
-"""The next job is drawn from this many, so that two parallel runs seldom fly the same job."""
+"""Number of next jobs from which a job is drawn at random, so that two parallel runs seldom fly the
+same job."""
 KEPT = 0.1
 NEVER = 0.2
-"""A circle is kept by an RMS error below the first and no error above the second, in units of the
-radius."""
+"""A circle is kept if the RMS radius error is below KEPT and every error below NEVER, as shares of
+the radius."""
 
 Function = Callable[..., Any]
 
 
 @dataclass(frozen=True)
 class Layer:
-    """owner: class of the function; empty for a module's function. takes: an argument that
-    distinguishes the function from others of the same name. off: the result without the layer, from
-    the function and its arguments. bench: True if the array engine has the layer."""
+    """A function of the product that can be disabled. owner: class of the function; empty for a
+    function of a module. takes: argument that distinguishes the function from others of the same
+    name. off: called with the function and its arguments; returns the result without the layer.
+    bench: True if the array engine of the benchmark has the layer."""
 
     name: str
     owner: str
@@ -89,7 +92,8 @@ class Layer:
 
     @property
     def places(self) -> list[tuple[Any, Function]]:
-        """Modules or classes that hold the function, with the function. Raises LookupError."""
+        """Modules or classes that contain the function, with the function. Raises LookupError if
+        there is none."""
         modules = [one for name, one in sys.modules.items() if name.startswith("circnav_mav")]
         holders = [getattr(one, self.owner, None) for one in modules] if self.owner else modules
         held = [
@@ -161,7 +165,7 @@ ACCELERATIONS = "accelerations"
 
 @contextmanager
 def replaced(layer: Layer, make: Callable[[Function], Function]) -> Iterator[None]:
-    """Replace a layer's function in every module or class that holds it."""
+    """Replace a layer's function in every module or class that contains it."""
     places = layer.places
     for holder, function in places:
         setattr(holder, layer.function, wraps(function)(make(function)))
@@ -177,13 +181,14 @@ def without(layer: Layer) -> Any:
 
 
 def answering(off: Function, function: Function) -> Function:
-    """Return the function without its layer. Unlike a `partial` it binds to an instance."""
+    """Return a function that gives the result without the layer. Unlike a `partial`, it can be a
+    method."""
     return lambda *given, **named: off(function, *given, **named)
 
 
 @contextmanager
 def noted(acted: set[str]) -> Iterator[None]:
-    """Fly with all layers and record each layer that changes a result."""
+    """While active, record each layer that changes a result, in a flight with all layers."""
 
     def compare(layer: Layer, function: Function) -> Function:
         def compared(*given: Any, **named: Any) -> Any:
@@ -208,8 +213,9 @@ def _differ(one: object, other: object) -> bool:
 
 @dataclass(frozen=True)
 class Result:
-    """kept, of: numbers of flights. acted: layers that changed a result, in a flight with all
-    layers. Lengths in m, turn_sd in deg/s."""
+    """Figures of one flight or benchmark row. rms: radius error, m. turn_sd: standard deviation of
+    the turn command, deg/s. kept, of: flights that kept the circle, and all flights. acted: layers
+    that changed a result in a flight with all layers."""
 
     row: str
     seed: int
@@ -279,9 +285,9 @@ def _in_bench(layer: str, row: str) -> bool:
 
 
 def table(results: dict[tuple[str, int, str], Result]) -> str:
-    """The table in Markdown. A cell is the median radius RMS, m, the standard deviation of the turn
-    command, deg/s, and its share at the limit where it is 1 % or more. A dash: the layer changed no
-    answer. Empty: not flown yet."""
+    """Return the table in Markdown. A cell contains the median radius RMS, m, the standard
+    deviation of the turn command, deg/s, and the share of commands at the limit if it is 1 % or
+    more. A dash: the layer changed no result. Empty cell: not flown yet."""
     ratios: dict[str, list[float]] = {name: [] for name in NAMES}
     lines = [["row", FULL, *NAMES], ["---"] * (2 + len(NAMES))]
     for row in (*FLOWN, *BENCHED):

@@ -4,11 +4,11 @@ copter.
     python -m tests.tools.bench.bench_fleet --flights 3 --rows plane-6 plane-6-wind
     python -m tests.tools.bench.bench_fleet --flights 5 --study --keep study.jsonl --minutes 5
 
-The members have the product's noisy sensors and estimate the drift. Compass biases have 2 deg
-standard deviation, 5 deg in the rows "plane-6-wind-5" and "ranges", the planes' airspeeds 2 %. In
-the rows with wind 30 % of the reports are lost. The study changes one condition of six planes at a
-time. A flight takes about 9 s of processor time for each member and 200 s. `--keep FILE` adds every
-flight to a file of JSON lines and skips the flights already in it.
+The members have the product's noisy sensors and estimate the drift. Standard deviations: 2 deg of
+the compass biases (5 deg in the rows "plane-6-wind-5" and "ranges"), and 2 % of the planes'
+airspeeds. In the rows with wind 30 % of the reports are lost. The study changes one condition of
+six planes at a time. A flight takes about 9 s of processor time for each member and 200 s. `--keep
+FILE` adds every flight to a file of JSON lines and skips the flights already in it.
 """
 
 import argparse
@@ -55,14 +55,14 @@ JOINER = 6
 JOINS_AT = 110.0
 """Time at which the joiner receives its first range, s."""
 TRUE_OVER_INDICATED = 1.065
-"""Airspeed ratio of the emulated ArduPlane."""
+"""True over indicated airspeed of the emulated ArduPlane."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """Conditions of one row. loss: share of lost reports. delay: of reports, s. compass: standard
-    deviation of the compass biases, deg. airspeed: standard deviation as a share. event: "leave" or
-    "join" of one member. duration: s."""
+    """Conditions of one row. loss: share of lost reports. delay: delay of the reports, s. compass:
+    standard deviation of the compass biases, deg. airspeed: standard deviation of the airspeeds,
+    share. event: one member leaves ("leave") or joins ("join"). duration: s."""
 
     mission: str
     size: int
@@ -118,7 +118,7 @@ def fly(row: Row, seed: int) -> dict[str, Any]:
             found.append(f"sim.vehicle.airspeed_scale={ratio:.4f}")
         if row.event == "leave" and member == LEAVER:
             found.append("limits.duration_s=140")
-        if row.event == "join" and member == JOINER:  # it waits for its first range
+        if row.event == "join" and member == JOINER:  # the joiner waits for its first range
             muted = (
                 f'{{at_s=0.0, action="mute_ranging"}}, {{at_s={JOINS_AT}, action="unmute_ranging"}}'
             )
@@ -161,7 +161,7 @@ def fly(row: Row, seed: int) -> dict[str, Any]:
 
 
 def fly_before(until: float, name: str, seed: int) -> dict[str, Any] | None:
-    """Fly one fleet of a row, unless the time (monotonic, s) is over."""
+    """Fly one fleet of a row, unless the end time (monotonic clock, s) has passed."""
     if time.monotonic() > until:
         return None
     return {"row": name, "seed": seed, **fly((ROWS | STUDY)[name], seed)}
@@ -216,7 +216,7 @@ def main() -> None:
     flights = [json.loads(line) for line in kept]
     names = given.rows or (STUDY if given.study else ROWS)
     with ProcessPoolExecutor(given.workers) as pool:
-        # Seed by seed: a table that is interrupted has all rows.
+        # Fly seed by seed, so that an interrupted table has all rows.
         jobs = [
             pool.submit(fly_before, until, name, seed)
             for seed in range(given.first, given.first + given.flights)

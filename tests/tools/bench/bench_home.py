@@ -3,9 +3,10 @@
     python -m tests.tools.bench.bench_home --seeds 1 100 [--out FILE] [--wind 0.33]
         [--set KEY=VALUE]
 
-`config/home.toml` in lockstep. The seed draws the wind's direction, the bearing of the start, the
-heading and the sense of the circle. One line per flight, judged by the true track. Seeds that FILE
-already has are not flown again. At the end it prints the share that came home, and quantiles.
+`config/home.toml` in lockstep. The seed determines the wind's direction, the bearing of the start,
+the heading and the direction of the circle. One line per flight, judged by the true track. Seeds
+that FILE already has are not flown again. At the end it prints the share that came home, and
+quantiles.
 
     straight   time of the straight path to within 150 m, in this wind with a crab angle, s
     home       time from the engagement to within 150 m, s
@@ -28,16 +29,16 @@ from tests.flight.lockstep import Flight, clockwise_turns, flight, true_radius
 from tests.tools.straight_way import straight_way
 
 HOME = 150.0
-"""Distance from the beacon, m, that counts as home."""
+"""Distance from the beacon at which the plane has arrived, m."""
 LAPS = 2.0
 SPEED = 15.0
-"""V of the mission, m/s."""
+"""Speed V of the mission, m/s."""
 
 
 @dataclass(frozen=True)
 class Homing:
-    """One line of the output. Angles in degrees from north: the direction that the wind comes from,
-    the bearing of the start from the beacon, and the plane's heading."""
+    """One line of the output. Angles are in degrees from north: direction from which the wind
+    blows, bearing of the start from the beacon, and heading of the plane."""
 
     seed: int
     wind_from: float
@@ -53,7 +54,7 @@ class Homing:
 
     @property
     def came(self) -> bool:
-        """True if the plane came home and stayed."""
+        """True if the plane arrived at the beacon and stayed there."""
         return isfinite(self.home) and self.farthest <= HOME
 
     @property
@@ -69,8 +70,8 @@ NAMES = [one.name for one in fields(Homing)]
 def prepared(
     seed: int, *overrides: str, wind: float = 0.33, away: float = 2000.0
 ) -> tuple[Flight, list[float]]:
-    """Return a flight that has not started, and the angles of its line. wind: in units of V. away:
-    distance of the start, m."""
+    """Return a flight that has not started, and its angles for the output. wind: wind speed in
+    units of V. away: distance of the start from the beacon, m."""
     chance = Random(seed)
     wind_from, bearing, heading = (chance.uniform(0.0, 360.0) for _ in range(3))
     direction = chance.choice(("clockwise", "counterclockwise"))
@@ -117,7 +118,7 @@ def fly(seed: int, *overrides: str, **changes: float) -> Homing:
     last = np.array([true_radius(one) for one in late if one.time > flown.now - lap]) - orbit.radius
     away = radii.max() - radii[0]
     if late and -orbit.direction.turn_sign * clockwise_turns(late) < 0.7 * LAPS:
-        home = inf  # not on the circle, or in the wrong sense
+        home = inf  # not on the circle, or in the wrong direction
     ranges = [true_radius(truth) for truth in late] or [inf]
     rms = float(np.sqrt(np.mean(last**2))) if len(last) else inf
     return Homing(

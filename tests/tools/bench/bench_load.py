@@ -29,13 +29,13 @@ TICK = 0.05
 GCS = (255, 190)
 RANGE = 132
 EXTRA = {31: 50, 32: 50, 33: 50, 24: 10, 85: 10}
-"""Message id -> rate in Hz, for messages sent besides the streams that the application requests (31
-per second)."""
+"""Rate in Hz by message id of the messages that the vehicle sends in addition to the requested
+streams (31 messages per second)."""
 SETTLING = 90.0
 
 
 class Bench:
-    """Records of the application's output, with times of this process."""
+    """Records of the application's output. Times are from the clock of this process."""
 
     def __init__(self) -> None:
         self.sent = 0
@@ -43,7 +43,7 @@ class Bench:
         self.latencies: list[float] = []
         self.errors: list[float] = []
         self.memory: list[tuple[float, float]] = []
-        """Once a second: time, s, and memory of the application, MB."""
+        """Time, s, and resident memory of the application, MB, once per second."""
 
     def fly(
         self, vehicle: VehicleOnPort, process: "subprocess.Popen[bytes]", seconds: float
@@ -72,7 +72,7 @@ class Bench:
 
 
 def lateness(ticks: Path) -> list[float]:
-    """Return the delay of each tick of a run that was not triggered by a range, s."""
+    """Return the delay of each tick that was not triggered by a range, s."""
     beat = TickScheduler(TICK)
     accepted = 0
     late = []

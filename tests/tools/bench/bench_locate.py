@@ -2,12 +2,12 @@
 
     python -m tests.tools.bench.bench_locate --flights 200
 
-One row per situation. Beyond GPS: error less the mean error of the reported positions over the same
-time, 95th percentile. Band: share of flights with a squared error in units of the stated covariance
-(NEES) within its 95 % band. Bound: the Cramer-Rao bound of ranges alone, the positions taken as
-true, over the tracks as flown: 95th percentiles of horizontal error and height error. The GPS error
-wanders by 1.5 m with 60 s, while the localization assumes 1.5 m and 100 s; wind 5 m/s with gusts of
-1 m/s.
+One row per situation. Beyond GPS: 95th percentile of the error minus the mean error of the reported
+positions over the same time. Band: share of flights with a squared error in units of the stated
+covariance (NEES) within its 95 % band. Bound: the Cramer-Rao bound of the ranges on the flown
+tracks if the vehicle's positions had no error, as 95th percentiles of horizontal error and height
+error. The GPS error has a standard deviation of 1.5 m and a correlation time of 60 s; the
+localization assumes 1.5 m and 100 s. The wind is 5 m/s with gusts of 1 m/s.
 """
 
 import argparse
@@ -27,10 +27,11 @@ from circnav_mav.guidance.circle_change import CircleRequest
 from tests.extras.locate.flown import Surveyed, laps, nees, surveyed
 
 BAND = (0.0506, 7.378)
-"""95 % of chi-squared with two degrees of freedom."""
+"""Limits that contain 95 % of a chi-squared distribution with two degrees of freedom."""
 SETTLED = 40.0
 LONGEST = 400.0
-"""Time after which the vehicle is on its circle, and longest duration of a flight, s."""
+"""Time after which the vehicle is on its circle (SETTLED), and longest duration of a flight
+(LONGEST), s."""
 WORLD = (
     'sim.vehicle.dynamics="airborne"',
     "sim.wind.speed_mps=5",
@@ -44,7 +45,8 @@ WORLD = (
 
 @dataclass(frozen=True)
 class Situation:
-    """laps: whole laps round the true target, counted on the last circle."""
+    """Conditions of a row. laps: laps round the true target on the last circle, after which the
+    flight is evaluated."""
 
     name: str
     changes: tuple[str, ...] = ()
@@ -84,9 +86,10 @@ SITUATIONS = (
 
 @dataclass(frozen=True)
 class Result:
-    """error, gps: m. nees: of the position. bound: of the position and of its height, m. up: error
-    of the height, m; None: no height is stated. speed: error, m/s; None: a target at rest is
-    stated."""
+    """Errors of one flight. error: of the position, m. gps: mean error of the reported positions,
+    m. nees: squared position error in units of its covariance. bound: bounds of position and height
+    error, m. up: height error, m; None: no height was estimated. speed: velocity error, m/s; None:
+    the target was estimated at rest."""
 
     error: float
     gps: float
@@ -98,8 +101,8 @@ class Result:
 
 
 def fly(situation: Situation, seed: int) -> Result | None:
-    """Fly once. Return None if no position was found. Only ranges from the first circle on
-    count."""
+    """Fly once. Return None if no position was found. Only ranges from the first circle on are
+    used."""
     flown = surveyed(
         "quickstart",
         *WORLD,
@@ -145,9 +148,9 @@ def fly(situation: Situation, seed: int) -> Result | None:
 
 
 def bound(flown: Surveyed, locator: Locator) -> tuple[float, float]:
-    """Return the Cramer-Rao bound of the counted ranges, m: 95 % radius of the position, and of the
-    height. The states are east, north, up, bias and, for a moving target, its velocity, with the
-    localization's priors of height and bias. A radio's drift is an AR(1) process."""
+    """Return the Cramer-Rao bound of the used ranges, m: 95 % radius of the position, and 95 % of
+    the height error. The states are east, north, up, bias and, for a moving target, its velocity,
+    with the localization's priors of height and bias. A radio's drift is an AR(1) process."""
     radio = flown.vehicle._flight.config.ranging
     times = np.array(locator._ranges)[:, 0]
     kind = CHARACTERS[radio.preset]
@@ -178,7 +181,7 @@ def bound(flown: Surveyed, locator: Locator) -> tuple[float, float]:
 
 
 def _gps_error(flown: Surveyed, locator: Locator) -> np.ndarray:
-    """Return the mean error of the counted reported positions, east and north, m."""
+    """Return the mean error of the reported positions in the evaluated time, east and north, m."""
     assert locator.plane is not None
     track = np.array(locator._track)
     times = [one.time for one in flown.truths]

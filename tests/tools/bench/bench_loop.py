@@ -1,5 +1,5 @@
-"""Processor cost of the loop, beside a bare pymavlink loop in the same run. Prints figures without
-asserting.
+"""Processor cost of the loop, compared with a bare pymavlink loop in the same run. Prints figures
+without asserting.
 
     python -m tests.tools.bench.bench_loop [--seconds 120]
 
@@ -46,18 +46,18 @@ BARE = "bare pymavlink"
 LAWS = ("smooth", "auto")
 RANGE = dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR
 ANSWERED = {dialect.MAVLINK_MSG_ID_TIMESYNC, dialect.MAVLINK_MSG_ID_COMMAND_ACK}
-"""Messages with answers of the recorded vehicle, which are not replayed: requests get a new
+"""Answers of the recorded vehicle. They are not replayed, because each request gets a new
 answer."""
 SETTLING = 40.0
 """Time after which every law has settled, s."""
 PATIENCE = 0.03
-"""Longest wait for an answer, s: then the next listener is due."""
+"""Longest wait for an answer, s. Then the range for the next listener is due."""
 STARTING = 30.0
 GOES_ON = ("limits.duration_s=1e6", "sim.truth.rate_hz=0")
 QUARTER = 0.25
 PERIOD_US = 10_000
-"""Share of one core, and period in which it is granted, us. Nearly equal to a whole core of a
-quarter of the speed."""
+"""Share of one core (QUARTER), and period in which the share is granted, us (PERIOD_US). This is
+nearly equal to a whole core at a quarter of the speed."""
 HALF_TICK = 0.025
 FAST = ("ranging.rate_hz=20.0", "sim.ranging.rate_hz=20.0")
 FAST_ATTITUDE = {dialect.MAVLINK_MSG_ID_ATTITUDE: 25.0}
@@ -81,7 +81,8 @@ def recorded(law: str, seconds: float, *overrides: str) -> list[tuple[float, byt
 
 @dataclass
 class Listener:
-    """A process that receives the flight and answers: its socket here, and its answer times, s."""
+    """A process that receives the flight and answers. Contains the socket to it, and the times of
+    its answers, s."""
 
     name: str
     flight: list[tuple[float, bytes]]
@@ -123,8 +124,8 @@ class Listener:
         self.link.sendto(answer.pack(self.writer), self.address)
 
     def range_to_setpoint(self, frame: bytes) -> float | None:
-        """Send a range and return the time until its setpoint arrives, s, or None. A listener that
-        does not steer is not waited for."""
+        """Send a range and return the time until its setpoint arrives, s, or None. Do not wait for
+        a listener that does not steer."""
         began = time.perf_counter()
         self.link.sendto(frame, self.address)
         steers = self.steers
@@ -208,7 +209,7 @@ def limited(share: float) -> Iterator[Callable[[int], None]]:
             try:
                 group.rmdir()
                 break
-            except OSError:  # until its processes have ended
+            except OSError:  # the group cannot be removed until its processes have ended
                 time.sleep(0.1)
 
 
@@ -241,7 +242,7 @@ def play(listeners: list[Listener]) -> None:
 
 
 def latency_table(seconds: float) -> None:
-    """Fly all three in parallel, with ranges in turn, and print the times."""
+    """Fly all three listeners in parallel, send them ranges in turn, and print the times."""
     with tempfile.TemporaryDirectory() as folder:
         listeners = [start(name, SETTLING + seconds, Path(folder)) for name in (BARE, *LAWS)]
         try:
@@ -305,7 +306,8 @@ def quarter_table(seconds: float) -> None:
 
 
 class Stopwatch:
-    """Measures the pilot's time from the bytes of a range, or from the tick, to its setpoint, s."""
+    """Stopwatch for the pilot's time from the bytes of a range, or from the tick, to the setpoint,
+    s."""
 
     def __init__(self, flown: Flight) -> None:
         self._pilot = pilot = flown.pilot

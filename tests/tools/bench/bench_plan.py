@@ -1,4 +1,4 @@
-"""Figures of `circnav plan` beside those of random missions, flown in lockstep on the bundled
+"""Figures of `circnav plan`, compared with flights of random missions in lockstep on the bundled
 vehicles.
 
     python -m tests.tools.bench.bench_plan --fly flown.jsonl --seconds 240
@@ -6,12 +6,12 @@ vehicles.
 
 The first command flies missions for a given time. The second compares the plan with all flights.
 
-A mission is drawn from its number: vehicle, speed, radius, wind, gusts, and noise and rate of the
-radio. A draw that `circnav check` does not pass is drawn again. A flight appends one line to the
-file, so that an interrupted run resumes.
+The number of a mission determines vehicle, speed, radius, wind, gusts, and noise and rate of the
+radio, drawn at random. A mission that does not pass `circnav check` is drawn again. A flight
+appends one line to the file, so that an interrupted run resumes.
 
-Radius RMS: true radius over the last WINDOW seconds. Survey: standard deviation stated by `circnav
-locate` for these seconds, and its error.
+Radius RMS: RMS error of the true radius over the last WINDOW seconds. Survey: standard deviation of
+the place that `circnav locate` states for these seconds, and the error of the place.
 """
 
 import argparse
@@ -39,11 +39,11 @@ from tests.flight.lockstep import CONFIG
 
 WINDOW = 240.0
 SETTLING = 60.0
-"""Judged time, and time before it to reach the circle, s."""
+"""Evaluated time (WINDOW), and time before it to reach the circle (SETTLING), s."""
 STRICT = ("turn rate", "drift", "margin", "rate error", "sampling", "gain")
-"""Check lines that must pass."""
+"""Lines of `circnav check` that a drawn mission must pass."""
 WITHIN = 0.3
-"""Largest error of the plan, as a share of the flown figure."""
+"""Largest error of a planned figure, as a share of the flown figure."""
 SPEEDS = {"arduplane": (15.0, 27.0), "arducopter": (3.0, 8.0), "ardurover": (1.5, 5.0)}
 SHARES = {"arduplane": 0.45, "arducopter": 0.4, "ardurover": 0.15}
 MOST_TRIED = 200
@@ -52,7 +52,8 @@ MOST_TRIED = 200
 
 @dataclass(frozen=True)
 class Drawn:
-    """A mission. radius, sigma: m. speed, wind, gust: m/s. rate: Hz."""
+    """A drawn mission. radius: m. speed, wind, gust: m/s. sigma: noise of the ranges, m. rate:
+    ranges per second, Hz."""
 
     number: int
     vehicle: str
@@ -97,7 +98,7 @@ def draw(number: int) -> Drawn:
     for _ in range(MOST_TRIED):
         vehicle = str(rng.choice(list(SHARES), p=list(SHARES.values())))
         speed = rng.uniform(*SPEEDS[vehicle])
-        seconds = rng.uniform(2.0, 12.0)  # of flight for one radian of the circle
+        seconds = rng.uniform(2.0, 12.0)  # duration of one radian of the circle, s
         wind = 0.0 if vehicle == "ardurover" else rng.uniform(0.0, 0.35) * speed
         gust = 0.0 if vehicle == "ardurover" else rng.uniform(0.0, 0.3) * wind
         sigma = float(np.exp(rng.uniform(np.log(0.1), np.log(2.0))))
@@ -152,7 +153,7 @@ def fly(drawn: Drawn) -> dict[str, object]:
 
 
 def _on_circle(flown: Surveyed, radius: float) -> bool:
-    """True if the vehicle was within a tenth of the radius for the last 20 s."""
+    """Return True if the radius error was below a tenth of the radius for the last 20 s."""
     late = [one for one in flown.truths if one.time >= flown.now - 20.0]
     return all(
         abs(hypot(t.north - t.target_north, t.east - t.target_east) / radius - 1) < 0.1
@@ -166,7 +167,7 @@ def lines_of(path: Path) -> list[dict[str, Any]]:
 
 
 def fly_all(path: Path, numbers: Iterator[int], seconds: float) -> None:
-    """Fly missions that are not in the file until the time is over."""
+    """Fly missions that are not in the file, until the given time has passed."""
     until = time.monotonic() + seconds
     done = {line["drawn"]["number"] for line in lines_of(path)}
     for number in numbers:
@@ -189,7 +190,8 @@ def planned(drawn: Drawn) -> tuple[float, float | None]:
 
 
 def compare(path: Path) -> None:
-    """Print a line per flight, and the shares within WITHIN of the plan."""
+    """Print a line per flight, and the share of flights for which the error of the plan is below
+    WITHIN."""
     rms = []
     survey = []
     errors = []

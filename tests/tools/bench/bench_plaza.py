@@ -1,5 +1,5 @@
-"""Localization of a beacon by one vehicle, on real ranges: circnav beside GTSAM, a particle filter
-and least squares.
+"""Localization of a beacon by one vehicle from real ranges: circnav compared with GTSAM, a particle
+filter and least squares.
 
     pip install -e '.[survey-bench]'
     python -m tests.tools.bench.bench_plaza
@@ -7,9 +7,9 @@ and least squares.
 Plaza 1 and 2 (Djugash and Singh, Carnegie Mellon University): a robot mower with an RTK receiver
 and a radio that measures 7 % too far, with four surveyed beacons each. The data come in the `gtsam`
 wheel. Each method gets the measured ranges of one beacon and the true path of the mower. The beacon
-is at the height of the path. All but the first row, GTSAM's own range factor, have a bias and a
-scale of the radio as states. All start without a prior of the place. Sigma: along the long axis of
-the stated covariance. Inside: beacons in the 95 % ellipse.
+is at the height of the path. The first row is GTSAM's own range factor. All other rows estimate a
+bias and a scale of the radio. All start without a prior of the place. Sigma: standard deviation
+along the long axis of the stated covariance, m. Inside: number of beacons in the 95 % ellipse.
 """
 
 import argparse
@@ -32,21 +32,23 @@ from circnav_mav.extras.locate.place import Array, Plane
 
 NOISE = 0.5
 HUBER = 1.345
-"""Range noise for the methods that require it, m; Huber threshold, in standard deviations."""
+"""NOISE: range noise for the methods that require it, m. HUBER: threshold of the Huber loss, in
+standard deviations."""
 BIAS = 2.0
 SCALE = 0.1
-"""Standard deviations of the radio's bias, m, and scale."""
+"""Prior standard deviations of the radio's bias (m) and scale."""
 INSIDE = 5.991
-"""95 % of chi-squared with two degrees of freedom."""
+"""95th percentile of chi-squared with two degrees of freedom."""
 PARTICLES = 3000
 ROUGHENING = (0.02, 0.02, 0.01, 0.0005)
-"""Number of particles; random walk of the constant states between two ranges (m, m, m, 1), without
-which resampling keeps only one particle."""
+"""PARTICLES: number of particles. ROUGHENING: random walk between two ranges of the constant states
+east, north, bias (m) and scale. Without this walk, resampling keeps only one particle."""
 
 
 @dataclass(frozen=True)
 class Beacon:
-    """One beacon. true: east, north, m. places: positions of the mower at the ranges, m, (n, 2)."""
+    """One beacon. true: true position, east and north, m. places: positions of the mower at the
+    times of the ranges, m, (n, 2)."""
 
     name: str
     true: Array
@@ -83,7 +85,8 @@ def ours(beacon: Beacon) -> Estimate:
 
 
 def _starts(beacon: Beacon) -> Iterator[Array]:
-    """Yield points round the middle of the path, as starting points of a method."""
+    """Yield eight points around the middle of the path, at the median range, as starting points of
+    a method."""
     middle = beacon.places.mean(axis=0)
     reach = float(np.median(beacon.ranges.r))
     for angle in np.arange(8) * np.pi / 4:
@@ -91,7 +94,7 @@ def _starts(beacon: Beacon) -> Iterator[Array]:
 
 
 def plain(beacon: Beacon) -> Estimate:
-    """Non-robust least squares with bias and scale. The covariance is computed from the
+    """Estimate by non-robust least squares with bias and scale. The covariance is computed from the
     residuals."""
 
     def residuals(x: Array) -> Array:
@@ -108,8 +111,9 @@ def plain(beacon: Beacon) -> Estimate:
 
 
 def gtsam_batch(beacon: Beacon, *, scale: bool) -> Estimate:
-    """Levenberg-Marquardt over one factor per range, with a Huber loss. scale: True for bias and
-    scale as a second variable in a custom factor, because GTSAM's own range factor has neither."""
+    """Estimate by GTSAM: Levenberg-Marquardt over one factor per range, with a Huber loss. scale:
+    True to estimate bias and scale as a second variable of a custom factor, because GTSAM's own
+    range factor has neither."""
     import gtsam
 
     point = gtsam.symbol("l", 0)
@@ -150,8 +154,8 @@ def gtsam_batch(beacon: Beacon, *, scale: bool) -> Estimate:
 
 
 def particles(beacon: Beacon) -> Estimate:
-    """Stone Soup's particle filter over place, bias and scale, from a ring about the first
-    range."""
+    """Estimate by Stone Soup's particle filter over place, bias and scale. The particles start on a
+    ring with the radius of the first range."""
     from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
     from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, RandomWalk
     from stonesoup.predictor.particle import ParticlePredictor
@@ -163,7 +167,7 @@ def particles(beacon: Beacon) -> Estimate:
     from stonesoup.updater.particle import ParticleUpdater
 
     class Reported(NonLinearGaussianMeasurement):  # type: ignore[misc]
-        """Range measured by a radio with errors, from a place of the vehicle."""
+        """Measurement model: range reported by a radio with errors at a position of the vehicle."""
 
         translation_offset = None
         place = np.zeros(2)
@@ -182,7 +186,7 @@ def particles(beacon: Beacon) -> Estimate:
 
     rng = np.random.default_rng(1)
     began = datetime(2026, 1, 1)
-    np.random.seed(1)  # Stone Soup draws from it
+    np.random.seed(1)  # Stone Soup uses numpy's global random generator
     around = rng.uniform(0, 2 * np.pi, PARTICLES)
     far = beacon.ranges.r[0] + rng.normal(0, 5.0, PARTICLES)
     first = np.array([
@@ -198,9 +202,8 @@ def particles(beacon: Beacon) -> Estimate:
     for at, (place, reading) in enumerate(zip(beacon.places, beacon.ranges.r, strict=True)):
         model = Reported(ndim_state=4, mapping=(0, 1), noise_covar=np.array([[(2 * NOISE) ** 2]]))
         model.place = place
-        when = began + timedelta(
-            seconds=at + 1
-        )  # equal steps: the random walk is per range, not per second
+        # equal time steps, so that the random walk is per range and not per second
+        when = began + timedelta(seconds=at + 1)
         detection = Detection(StateVector([reading]), timestamp=when, measurement_model=model)
         state = updater.update(
             SingleHypothesis(predictor.predict(state, timestamp=when), detection)
@@ -226,7 +229,7 @@ HEADER = (
 
 
 def row(name: str, method: Callable[[Beacon], Estimate], given: list[Beacon], *, each: bool) -> str:
-    """Return the line of the table for a method. each: True to add the error at each beacon."""
+    """Return the line of the table for a method. each: True to add the error of each beacon."""
     began = time.process_time()
     errors = list[float]()
     sigmas = list[float]()

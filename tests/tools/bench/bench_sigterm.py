@@ -1,6 +1,6 @@
 """python -m tests.tools.bench.bench_sigterm [--times 30] [--signal TERM]:
 
-from the signal to the safe setpoint, over UDP.
+time from the signal to the safe setpoint, over UDP.
 
 The application flies the quickstart in a separate process. The vehicle runs in this process and
 records the arrival of the first safe setpoint (no speed, no turn) after the signal.

@@ -2,9 +2,9 @@
 
 time to the first heartbeat of `circnav fly`, cost of `check`, memory in flight.
 
-Processor times beside the time to import numpy and pymavlink's dialect, in the same run, in turn.
-The flight is the quickstart's in real time. Its memory is the resident memory while it steers, with
-all threads. Prints figures without asserting.
+Processor times are compared with the time to import numpy and pymavlink's dialect, measured
+alternately in the same run. The flight is the quickstart in real time. Its memory is the resident
+memory of the process while it steers. Prints figures without asserting.
 """
 
 import argparse
@@ -33,8 +33,8 @@ def processor_time(arguments: list[str]) -> float:
 
 
 def fly(law: str, steered: float) -> tuple[float, float]:
-    """Start `circnav fly`. Return the time to its first heartbeat, s, and its memory after it has
-    steered for a time, MB. steered: s; 0: memory at the first heartbeat."""
+    """Start `circnav fly`. Return the time to its first heartbeat, s, and its memory, MB. steered:
+    time of steering before the memory is read, s; 0: the memory is read at the first heartbeat."""
     with flown(MISSION, "--set", f'guidance.law="{law}"') as (vehicle, process, _):
         while not vehicle.received and vehicle.now < PATIENCE:
             vehicle.turn()

@@ -1,11 +1,12 @@
-"""Logs that do not determine the place: how often the survey gives a wrong place without a warning.
+"""Logs that do not determine the place: share of logs for which the survey gives a wrong place
+without a warning.
 
     python -m tests.tools.bench.bench_undetermined --logs 1000
 
 Kinds: a straight track; ranges of pure noise; a constant range; half a lap with 5 m of noise. The
-vehicle's height above the target is 0 to 40 m, GPS errors are 1.5 m. A place is wrong if it is
-farther from the truth than 4 standard deviations in the direction of its error, or if there is no
-truth.
+vehicle's height above the target is 0 to 40 m, GPS errors are 1.5 m. A place is wrong if its error
+exceeds 4 times its standard deviation in the direction of the error. A place from a log without a
+true place is wrong, too.
 """
 
 import argparse
@@ -22,7 +23,7 @@ from tests.extras.locate.worlds import gps_error
 
 PLANE = Plane(46.5, 7.0)
 LIMIT = 4.0
-"""Error of a wrong place, in standard deviations."""
+"""Smallest error of a wrong place, in standard deviations."""
 Log = tuple[Track, Ranges, np.ndarray | None]
 
 
@@ -38,7 +39,7 @@ def _ranges(track: Track, r: np.ndarray) -> Ranges:
 
 
 def straight(rng: np.random.Generator) -> Log:
-    """A walk or flight along a line, with the target beside it."""
+    """Return a log of a walk or flight along a line, with the target beside the line."""
     speed = rng.uniform(1.2, 15.0)
     length = rng.uniform(60.0, 600.0)
     period = 1.0 if speed < 5 else 0.2
@@ -64,7 +65,7 @@ def _lawn(rng: np.random.Generator) -> np.ndarray:
 
 
 def noise(rng: np.random.Generator) -> Log:
-    """Ranges that do not depend on the position."""
+    """Return a log with random ranges that do not depend on the position."""
     track = _flown(rng, _lawn(rng), 0.2, 0.0)
     mean = rng.uniform(30.0, 200.0)
     if rng.random() < 0.5:
@@ -75,7 +76,8 @@ def noise(rng: np.random.Generator) -> Log:
 
 
 def constant(rng: np.random.Generator) -> Log:
-    """One range, repeated or with the noise of a radio on a bench."""
+    """Return a log with a constant range: repeated exactly, or with the noise of a radio on a
+    bench."""
     track = _flown(rng, _lawn(rng), 0.2, 0.0)
     spread = rng.choice([0.0, 0.05, 1.0])
     r = rng.uniform(10.0, 200.0) + rng.normal(0, 1, len(track.time)) * spread
@@ -83,7 +85,7 @@ def constant(rng: np.random.Generator) -> Log:
 
 
 def half_lap(rng: np.random.Generator) -> Log:
-    """Half a lap round the target with 5 m of noise."""
+    """Return a log of half a lap round the target with 5 m of range noise."""
     radius = rng.uniform(40.0, 150.0)
     angle = np.arange(0, np.pi, 15.0 * 0.2 / radius) + rng.uniform(0, 2 * np.pi)
     way = radius * np.column_stack([np.sin(angle), np.cos(angle)])

@@ -1,12 +1,14 @@
-"""Position error of a plane that is handed back on its way home, without GPS, 2 km from the beacon.
+"""Position error of a plane without GPS that flies home, 2 km away from the beacon, with positions
+of the hand-back.
 
     python -m tests.tools.bench.bench_way_home --reach 500 --flights 4 [--change] [--heading 3]
         [--gusts 1 3]
 
-The bundled ArduPlane in lockstep: wind 5 m/s from the west, GPS lost after 100 s, with --change 8
-m/s from the north after 130 s, RTL after 260 s. One line per flight: error of the reported
-position, m, at the end of the circle, at 150 m from home, and 60 s later. heading: compass error
-that begins with the way home, degrees. The emulated autopilot flies home by the truth.
+The bundled ArduPlane flies in lockstep. Wind: 5 m/s from the west; with --change, 8 m/s from the
+north after 130 s. GPS is lost after 100 s, and RTL begins after 260 s. One line per flight: error
+of the reported position, m, at the end of the circle, at 150 m from home, and 60 s later. heading:
+compass error from the start of RTL on, degrees. The emulated autopilot navigates home by its true
+position.
 """
 
 import argparse
@@ -74,7 +76,8 @@ class WayHome:
             self.errors.append((flown.now, error, hypot(truth.east, truth.north)))
 
     def fly(self, seed: int) -> tuple[float, float, float]:
-        """Fly, and return the errors at the end of the circle, at home, and later, m."""
+        """Fly, and return the position errors at the end of the circle, at home and 60 s later,
+        m."""
         rms, time = self.options.gusts
         changes = (f"sim.ranging.max_range_m={self.options.reach}", f"sim.wind.gust_rms_mps={rms}",
                    f"sim.wind.gust_time_s={time}", f"sim.seed={seed}")  # fmt: skip

@@ -21,8 +21,8 @@ LONGEST_WAIT = 0.05
 
 
 class VehicleOnPort:
-    """A mission's vehicle and the application that last sent to it. Times are in s since the
-    start."""
+    """The emulated vehicle of a mission on a UDP port. It sends to the application that last sent
+    to it. Times are in s since the start."""
 
     def __init__(self, mission: Path) -> None:
         self.vehicle = Vehicle(load_vehicle(mission))
@@ -43,7 +43,7 @@ class VehicleOnPort:
         return self._peer is not None
 
     def speak(self) -> Iterator[bytes]:
-        """Advance the vehicle to now. Send its frames and yield each one."""
+        """Advance the vehicle to now. Send its frames, and yield each frame."""
         self.vehicle.advance(self.now)
         for frame in self.vehicle.outgoing():
             if self._peer is not None:

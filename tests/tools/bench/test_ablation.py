@@ -6,14 +6,14 @@ from tests.tools.bench.ablation import FULL, LAYERS, Layer, Result, noted, table
 
 
 @pytest.mark.parametrize("layer", LAYERS, ids=lambda layer: layer.name)
-def test_layer_is_disabled_and_restored(layer: Layer) -> None:
+def test_ablation_disables_and_restores_layer(layer: Layer) -> None:
     before = layer.places
     with without(layer):
         assert all(vars(holder)[layer.function] is not function for holder, function in before)
     assert layer.places == before
 
 
-def test_missing_layer_is_named() -> None:
+def test_ablation_names_missing_layer() -> None:
     with (
         pytest.raises(LookupError, match="layer warp"),
         without(Layer("warp", "", "warp", "speed", lambda *_: None)),
@@ -21,21 +21,21 @@ def test_missing_layer_is_named() -> None:
         pass
 
 
-def test_layer_counts_as_active_if_results_differ() -> None:
+def test_ablation_records_layer_as_active_if_results_differ() -> None:
     from circnav_mav.guidance import lap_plan
 
     plan = lap_plan.plan
     acted: set[str] = set()
     with noted(acted):
         assert lap_plan.plan((1.0, 0.0), V=15.0, r_d=100.0, limit=0.35) is None
-    assert not acted, "the circle is within the limit"
+    assert not acted, "the plan layer is inactive, because the circle is within the limit"
     with noted(acted):
         assert lap_plan.plan((9.0, 0.0), V=15.0, r_d=100.0, limit=0.35) is not None
     assert acted == {"lap plan"}
     assert lap_plan.plan is plan
 
 
-def test_table_compares_medians_of_active_layers() -> None:
+def test_ablation_table_compares_medians_of_active_layers() -> None:
     row = "Rover R 20 V 3"
     full = [
         Result(row, seed, FULL, rms, 1.0, 0.0, 1, 1, ("lap plan",))

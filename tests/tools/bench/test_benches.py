@@ -1,5 +1,4 @@
-"""Short runs of each bench's parts, because the benches themselves are not run with every
-change."""
+"""Short runs of parts of each benchmark program, because the programs themselves are seldom run."""
 
 import socket
 import threading
@@ -44,7 +43,7 @@ def test_vehicle_on_port_answers_latest_sender(vehicle, application):
     assert application.recv(65535)[0] == 0xFD
 
 
-def test_wait_for_returns_at_matching_setpoint(vehicle, application):
+def test_bench_sigterm_waits_for_matching_setpoint(vehicle, application):
     steers = bench_loop.dialect.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, 8, 0x407, 0, 0, 0, 5.0, 0, 0, 0, 0, 0, 0, 0
     )
@@ -59,7 +58,7 @@ def test_wait_for_returns_at_matching_setpoint(vehicle, application):
 
 
 def test_bench_loop_measures_latency_of_each_range(monkeypatch):
-    """A quarter of a second of a flight, received by the bare loop in a thread."""
+    """The bare loop runs in a thread and receives 0.25 s of a flight."""
     monkeypatch.setattr(bench_loop, "SETTLING", 0.0)
     received = bench_loop.recorded("smooth", 0.5)
     assert {bench_loop.RANGE, 0} <= {message_id(frame) for _, frame in received}
@@ -103,7 +102,7 @@ def test_bench_estimators_measures_step_times():
     assert (bench_estimators.timed(bench_estimators.in_flight(), 30) > 0).all()
 
 
-def test_bench_locate_row_and_processor_time():
+def test_bench_locate_prints_row_and_bench_start_measures_time():
     place = bench_locate.Result(
         error=2.0, gps=1.5, sigma=1.0, nees=1.0, bound=(0.1, 5.0), up=None, speed=0.2
     )

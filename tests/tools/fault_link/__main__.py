@@ -29,7 +29,7 @@ RATE = click.FloatRange(0, 100_000, min_open=True)
 
 
 def line_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the fractions and times of an impairment as options."""
+    """Add each fraction and time of `Impairment` as an option."""
     for field in reversed(fields(Impairment)):
         flag = f"--{field.name.replace('_', '-')}"
         meaning = field.metadata

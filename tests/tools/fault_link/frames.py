@@ -1,4 +1,4 @@
-"""MAVLink frames for the faults: split from passing data, or packed for any sender with a valid
+"""MAVLink frames for the faults: split from data on the link, or packed for any sender with a valid
 CRC."""
 
 from collections.abc import Iterator

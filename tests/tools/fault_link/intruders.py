@@ -1,4 +1,4 @@
-"""Other senders on the link. Each function returns an intruder that sends at a constant rate."""
+"""Other senders on the link. Each function returns an `Intruder` that sends at a constant rate."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path

@@ -13,11 +13,12 @@ Passage = tuple[str, bytes]
 Tamper = Callable[[str, bytes, float], Iterable[Passage]]
 """(direction, datagram, now) -> datagrams that replace it, in either direction."""
 Intruder = Callable[[float], Iterable[Passage]]
-"""now -> datagrams of another sender since the last call."""
+"""(now) -> datagrams that another sender has sent since the last call, with their directions."""
 
 
 class FaultLink:
-    """Datagrams in with a time, datagrams out when they are due, in both directions.
+    """A link in both directions: datagrams are put in with the present time and taken out when they
+    are due.
 
     Tampering comes first (it represents a peer that misbehaves), then the impairment. Datagrams of
     intruders are added after the impairment, so they arrive complete.

@@ -8,7 +8,7 @@ from random import Random
 from typing import Any
 
 LONGEST_HELD = 1.0
-"""Longest time for which a datagram is held back for reordering or joining, s."""
+"""Longest time for which a datagram is delayed for reordering or joining, s."""
 STRAYS = (b"\xfd", b"\xfe", b"\xfd\xff\x00", b"\xfe\x09", b"\x00\xfd\x00\x00")
 
 
@@ -149,7 +149,7 @@ class Pipe:
         return impairment.loss > 0 and self._chance.random() < impairment.loss
 
     def _in_burst(self, now: float) -> bool:
-        """True during a random outage. When one is over, the next one is drawn."""
+        """Return True during a random outage. At the end of an outage, draw the next outage."""
         impairment = self.impairment
         if not (impairment.burst_every and impairment.burst):
             return False
@@ -161,8 +161,8 @@ class Pipe:
         return now >= self._burst[0]
 
     def _order(self, data: bytes, now: float) -> None:
-        """Join, hold back or send a datagram. Then send those that have been overtaken often
-        enough."""
+        """Join, hold back or send a datagram. Then send the held datagrams that enough others have
+        overtaken."""
         impairment = self.impairment
         chance = self._chance
         if self._joining is not None:

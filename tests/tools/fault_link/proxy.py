@@ -40,7 +40,7 @@ class Proxy:
         started = time.monotonic()
         while not stopped():
             now = time.monotonic() - started
-            # datagrams from the application's port go up
+            # datagrams received on the application's port are sent to the vehicle
             for direction, wire in self._wires.items():
                 for self._peers[direction], data in wire.receive():
                     self._link.push(direction, data, now)
@@ -58,7 +58,7 @@ class Proxy:
             wire.close()
 
     def _send(self, way: str, data: bytes) -> None:
-        """Send a datagram: up from the vehicle's port, down from the application's. It is lost if
-        there is no peer."""
+        """Send a datagram: to the vehicle from the vehicle's port, to the application from the
+        application's port. Without a peer the datagram is lost."""
         by = DOWN if way == UP else UP
         self._wires[by].send(self._peers[by], [data])

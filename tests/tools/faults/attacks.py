@@ -1,8 +1,8 @@
 """python -m tests.tools.faults.attacks [--profile P] [--seed N]: attacks over the link, one row
 each.
 
-F23: unknown senders that receive all traffic of the link and send from their own address. A row
-has `address forged` if the attacker also forges the trusted address, which only signing stops.
+F23: an unknown sender receives all traffic of the link and sends from a different address. In a row
+with `address forged` the attacker also forges the trusted address, which only signing prevents.
 Each row checks the setpoints and the alarms shown to the operator. docs/safety.md has the trust
 model.
 """
@@ -35,22 +35,23 @@ OURS = (1, 191)
 OTHER_MODE = {"arducopter": 5, "arduplane": 12}
 KIND = {"arducopter": 2, "arduplane": 1}
 ESCAPE = b"\x1b]0;PreArm: \x1b[2J\x07\x9b31m"
-"""Escape sequences that would set a terminal's title and clear its screen."""
+"""Text with escape sequences that set the title of a terminal and clear its screen."""
 LONG = 65_000
 PATIENCE = 45.0
-"""Duration of an attack from the start, s: without the attack the flight would have begun much
-earlier."""
+"""Duration of an attack that begins before the flight, s. Without the attack the flight would begin
+much earlier."""
 DRAWN = 0.03
 MOST_DRAWN = 0.6
-"""Drift of forged ranges away from the truth, in radii per second, and its limit, in radii."""
+"""Forged ranges: rate at which their error grows (DRAWN, radii per second), and largest error
+(MOST_DRAWN, radii)."""
 
 Say = Callable[[Course, float, int], list[bytes]]
 """Callback(flight, now, number of earlier calls): returns the attacker's datagrams."""
 
 
 def ranges(share: float, ahead: float, ids: tuple[int, int] = RADIO) -> Say:
-    """Return a sender of radio ranges for a constant share of the radius, stamped `ahead` s in the
-    future."""
+    """Return a sender of radio ranges that are a constant share of the radius and stamped `ahead` s
+    in the future."""
 
     def say(course: Course, now: float, n: int) -> list[bytes]:
         stamp = round(1000 * (now + ahead))
@@ -68,8 +69,8 @@ def ranges(share: float, ahead: float, ids: tuple[int, int] = RADIO) -> Say:
 
 
 def drawing(ahead: float, ids: tuple[int, int] = RADIO) -> Say:
-    """Return a sender of radio ranges that start at the true range, so that no gate rejects them,
-    and drift away."""
+    """Return a sender of radio ranges that start at the true range, so that the gate accepts them,
+    and drift away from it."""
     began: list[float] = []
 
     def say(course: Course, now: float, n: int) -> list[bytes]:
@@ -90,8 +91,8 @@ def heartbeat(course: Course, now: float, n: int) -> list[bytes]:
 
 
 def state(course: Course, now: float, n: int) -> list[bytes]:
-    """Return reports of a reboot, a landing, an empty battery and sideways flight in the vehicle's
-    name."""
+    """Return messages under the vehicle's ids that report a reboot, a landing, an empty battery and
+    sideways flight."""
     messages = (
         mavlink.MAVLink_system_time_message(0, 5),
         mavlink.MAVLink_attitude_message(n, 1.0, 1.0, n % 3, 0, 0, 3.0),
@@ -104,8 +105,8 @@ def state(course: Course, now: float, n: int) -> list[bytes]:
 
 
 def answers(course: Course, now: float, n: int) -> list[bytes]:
-    """Return forged answers to our requests: commands denied, and TIMESYNC answered impossibly
-    early or hours late."""
+    """Return forged answers to circnav's requests: denied commands, and TIMESYNC answers with wrong
+    times."""
     asked = [*course.pilot.session.timesync._asked]
     messages = [
         write(mavlink.MAVLink_timesync_message(1 + n, stamp), *VEHICLE, n & 255) for stamp in asked
@@ -133,7 +134,7 @@ def whole_vehicle(course: Course, now: float, n: int) -> list[bytes]:
 
 
 def twin_of_another_time(course: Course, now: float, n: int) -> list[bytes]:
-    """Return messages of a vehicle with our vehicle's ids and mode, but another time since boot."""
+    """Return messages with the vehicle's ids and mode, but another time since boot."""
     mode = course.pilot.session.adapter.guided_mode
     messages = (
         mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3),
@@ -143,7 +144,7 @@ def twin_of_another_time(course: Course, now: float, n: int) -> list[bytes]:
 
 
 def guided(course: Course, now: float, n: int, *, version_1: bool = False) -> list[bytes]:
-    """Return the vehicle's heartbeat, in our mode."""
+    """Return the vehicle's heartbeat in the guided mode."""
     mode = course.pilot.session.adapter.guided_mode
     beat = mavlink.MAVLink_heartbeat_message(KIND[course.profile], 3, 0x81, mode, 4, 3)
     return [bytes(beat.pack(mavlink.MAVLink(None, *VEHICLE), force_mavlink1=version_1))]
@@ -160,8 +161,8 @@ def flood(datagram: bytes) -> Say:
 
 
 def by(say: Say, rate: float, *, until: float | None = None) -> Callable[[Course, int], None]:
-    """Return an arrangement that adds an attacker with its own address. until: s after which it is
-    silent."""
+    """Return an arrangement that adds an attacker with a different address. until: time after which
+    the attacker is silent, s."""
 
     def arrange(course: Course, seed: int) -> None:
         began = course.now
@@ -177,8 +178,9 @@ def by(say: Say, rate: float, *, until: float | None = None) -> Callable[[Course
 
 
 def while_mode_is_unknown(say: Say) -> Callable[[Course, int], None]:
-    """An attacker sends while the vehicle's heartbeats are lost for 2.3 s; its other messages
-    arrive. CURRENT_MODE is the first report of the vehicle's mode after that."""
+    """Return an arrangement in which the vehicle's heartbeats are lost for 2.3 s while an attacker
+    sends. The vehicle's other messages arrive. CURRENT_MODE is the vehicle's first report of its
+    mode after that."""
 
     def arrange(course: Course, seed: int) -> None:
         since = course.now + 2.0
@@ -226,7 +228,7 @@ def first(name: str, say: Say, reported: str) -> Scenario:
 
 
 def waits(course: Course, until: float = PATIENCE) -> str | None:
-    """Return a fault if setpoints were sent before the attack ended."""
+    """Return a fault if circnav sent setpoints before the attack ended."""
     early = [time for time in course.steered_at if time < until]
     return f"{len(early)} setpoints while it was not sure who the vehicle is" if early else None
 
@@ -242,12 +244,12 @@ AFTER_SILENCE: dict[str, Any] = {
     "lasts": 25.0,
     "after": 35.0,
 }
-"""Options of an attack after the vehicle was not received for 20 s."""
+"""Options of an attack during and after an outage of the vehicle of 20 s."""
 
 
 def taken_for_it(course: Course, seed: int) -> None:
-    """A limit documented in docs/safety.md: without a key the attacker is accepted as the vehicle.
-    The display shows both."""
+    """Add an attacker that is accepted as the vehicle, because the vehicle has no key: a limit
+    documented in docs/safety.md. The display shows both senders."""
     course.forgeable = True
     by(
         lambda course, now, n: listening_twin(course, now, n) + ranges(1.3, 0.1)(course, now, n),
@@ -261,8 +263,8 @@ IS_REJECTED = (
 
 
 def replayed_after_a_restart(course: Course, seed: int) -> None:
-    """Vehicle and radio are recorded for 20 s. Then circnav restarts, both are silent, and an
-    attacker replays the record."""
+    """Record vehicle and radio for 20 s, restart circnav and silence both. Then an attacker repeats
+    the recorded frames."""
     record: list[bytes] = []
     course.link.tampers.append(
         lambda way, data, now: (record.append(data) if way == DOWN else None, [(way, data)])[1]
@@ -286,7 +288,7 @@ def replayed_after_a_restart(course: Course, seed: int) -> None:
 
 def second_circnav(*overrides: str) -> Callable[[Course, int], None]:
     """Return an arrangement with another circnav on the same vehicle. A hub forwards the vehicle's
-    frames to both. The two do not receive each other."""
+    frames to both programs, which do not receive each other."""
 
     def arrange(course: Course, seed: int) -> None:
         mission = load_mission(
@@ -312,7 +314,8 @@ def second_circnav(*overrides: str) -> Callable[[Course, int], None]:
 
 
 def to_loiter(course: Course, seed: int) -> None:
-    """Any sender may change the mode of a vehicle without a key, exactly as an operator does."""
+    """Add an attacker that changes the vehicle's mode: any sender can do so if the vehicle has no
+    key."""
     mode = mavlink.MAVLink_command_long_message(
         1, 1, 176, 0, 1, OTHER_MODE[course.profile], 0, 0, 0, 0, 0
     )

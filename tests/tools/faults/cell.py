@@ -1,4 +1,5 @@
-"""A cell of the matrix: one fault at one level on one vehicle; its flight and its pass criteria."""
+"""A cell of the fault matrix: the flight of one vehicle with one fault at one level, and its pass
+criteria."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,13 +16,14 @@ from tests.tools.faults.course import BAND, Course, Keys, on_the_circle
 LAW = "smooth"
 """Law of the quick set, because it is the cheapest to compute."""
 REGAIN_WITHIN = {"px4_copter": 60.0}
-"""Time to regain the circle, s, by profile; 30 s for the others. The straight way back to the
-circle is added, because the autopilot's own timeout may have moved the vehicle: a plane loiters
-round the point where it entered GUIDED. One lap of the PX4 copter takes 63 s."""
+"""Largest time to regain the circle after a fault, s, by profile; 30 s for other profiles. The PX4
+copter has more time, because one lap takes 63 s. The time for the straight path back to the circle
+is added, because the autopilot's timeout may move the vehicle: a plane loiters round the point
+where it entered GUIDED."""
 FRESH_PATIENCE = 150.0
 LAST = 10.0
-"""Time at the end in which the sense of rotation is checked, s: a mirrored circle has the correct
-radius."""
+"""Last part of a flight in which the direction of rotation is checked, s. The radius error does not
+show a mirrored circle."""
 LEAVE_WITHIN = 13.0
 """Time limit for the exit action to take effect, or for the setpoints to end without it, s."""
 
@@ -41,13 +43,14 @@ class Want(Enum):
 class Scenario:
     """One fault at one level.
 
-    up, down: impairments of the link. arrange: other faults, applied at the start; receives the
-    seed. lasts, after: time with the fault and time after it, s. reason: required text of the
-    outcome. rejects: rejection reasons that must be counted. blind: part of the range age that
-    cannot be measured, s. clocks: True if timestamps are changed, so that they give no age. fresh:
-    True if the fault begins with the mission, not on the circle. on: exceptions from `want`, by
-    profile. keys: signing keys, ours and the vehicle's. reported: text that the operator must be
-    shown during the fault.
+    up, down: impairments of the link. arrange: function that adds other faults at the start, called
+    with the flight and the seed. lasts, after: time with the fault and time after it, s. want:
+    required reaction. on: exceptions from `want`, by profile. reason: required text of the outcome.
+    rejects: rejection reasons that must be counted. blind: part of the age of a range that circnav
+    cannot measure, s. clocks: True if the fault changes timestamps, so that they do not give the
+    age. fresh: True if the fault begins with the mission, and not on the circle. keys: signing keys
+    of circnav and of the vehicle. reported: text that must be shown to the operator during the
+    fault.
     """
 
     fault: str
@@ -100,7 +103,7 @@ class Verdict:
 
 
 def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
-    """Fly a cell by one of the laws and judge it."""
+    """Fly a cell by a law and evaluate the pass criteria."""
     overrides = (f'guidance.law="{law}"', *scenario.overrides)
     make = Course if scenario.fresh else on_the_circle
     course = make(profile, overrides, stream=scenario.stream, keys=scenario.keys)
@@ -184,7 +187,7 @@ def _begin(course: Course, scenario: Scenario, seed: int) -> None:
 
 
 def _finish(course: Course) -> None:
-    """End the fault. Frames under way still arrive."""
+    """End the fault. Frames that were already delayed by the link still arrive."""
     course.link.impair()
     course.link.tampers.clear()
     course.link.intruders.clear()
@@ -192,8 +195,8 @@ def _finish(course: Course) -> None:
 
 
 def _part(course: Course) -> None:
-    """End the flight of a cell that is still flying: a stall of 1 s, then a signal. The rules apply
-    to both."""
+    """End a flight that is still in progress by a stall of 1 s and then a signal. The rules for
+    setpoints apply to both."""
     if course.pilot.done:
         return
     course.stall(1.0)
@@ -214,8 +217,8 @@ def _shifted(impairment: Impairment, by: float) -> Impairment:
 
 
 def _recovery(course: Course, end: float) -> float | None:
-    """Time from the end of the fault until the radius error stays within the band, s; None if it
-    does not."""
+    """Return the time from the end of the fault until the radius error stays within the band, s.
+    None: the error does not stay within it."""
     late = course.errors(end, inf)
     outside = [time for time, error in late if abs(error) > BAND]
     if not late or (outside and outside[-1] >= late[-1][0] - 1.0):
@@ -224,8 +227,8 @@ def _recovery(course: Course, end: float) -> float | None:
 
 
 def _to_safe(course: Course, start: float) -> float | None:
-    """Time from the start of the fault to the safe setpoint, or to the last steering one when none
-    was allowed."""
+    """Return the time from the start of the fault to the safe setpoint, s. If no safe setpoint was
+    allowed: to the last steering setpoint. None: the mission was neither aborted nor taken over."""
     outcome = course.pilot.mission.outcome
     if outcome is None or outcome.ending not in (Ending.ABORTED, Ending.TAKEN_OVER):
         return None

@@ -1,4 +1,4 @@
-"""A lockstep flight over a faulty link. Every sent setpoint is parsed and judged here."""
+"""A lockstep flight over a faulty link. Every sent setpoint is parsed and checked."""
 
 import copy
 import tempfile
@@ -44,7 +44,8 @@ SOURCE = "sim"
 STRANGER = ("10.9.9.9", 6666)
 TRUTH_EVERY = 0.1
 PX4_PATIENCE = {"px4_copter": 1.0, "px4_plane": 0.5}
-"""Setpoint timeouts of PX4, s: COM_OF_LOSS_T in OFFBOARD, COM_RC_LOSS_T for sticks."""
+"""Timeouts of PX4 without setpoints, s: COM_OF_LOSS_T in OFFBOARD (copter), COM_RC_LOSS_T for
+sticks (plane)."""
 
 Arrival = tuple[bytes, str, Hashable]
 """Datagram, name of its link, and address of its sender."""
@@ -53,8 +54,8 @@ Keys = tuple[bytes | None, bytes | None]
 
 
 class SampleRecorder:
-    """Wraps the estimator and records the accepted samples: each one once, none older than the
-    last."""
+    """Wrapper of the estimator that records each accepted sample once, if it is not older than the
+    last one."""
 
     def __init__(self, estimator: Any) -> None:
         self._estimator = estimator
@@ -111,10 +112,10 @@ class Course:
         self.witness = Witness(profile, keys[0])
         self.source = SOURCE
         self.strangers: list[Intruder] = []
-        """Attackers that send to the application from another address, before the vehicle's frames
-        in each step."""
+        """Attackers at another address. In each step their frames arrive at the application before
+        the vehicle's frames."""
         self.forgeable = False
-        """True if the attacker may be accepted as the vehicle, a limit documented in
+        """True if the attacker may be accepted as the vehicle: a limit documented in
         docs/safety.md."""
         self.way_home = 0.0
         self._drift: float | None = None
@@ -123,7 +124,7 @@ class Course:
         self.forget()
 
     def _start_pilot(self) -> None:
-        """Start or restart the application. The timestamp of its key is kept."""
+        """Start or restart the application. A restart continues the signing timestamp."""
         before = self.signing
         self.signing = None if self._key is None else Signing(self._key)
         if before is not None and self.signing is not None:
@@ -178,13 +179,14 @@ class Course:
             self.broken.append(f"{self.now:.2f} s: heartbeats made up for after standing still")
 
     def stood_still(self, seconds: float) -> None:
-        """After 1 s or more, assume that another controller may have the vehicle."""
+        """Inform the witness of a pause. After 1 s or more, another controller may have taken over
+        the vehicle."""
         if seconds >= 1.0:
             self.witness.stood_still()
 
     def interrupt(self) -> None:
-        """End the flight by a signal. If the vehicle is ours to steer, the next setpoint must be
-        the safe one."""
+        """End the flight by a signal. If circnav has control, the next setpoint must be the safe
+        setpoint."""
         pilot = self.pilot
         steering = (
             pilot.mission.phase in STEERING
@@ -210,7 +212,7 @@ class Course:
     def _give(self, arrived: list[Arrival], *, waited: bool = False) -> None:
         for data, link, source in arrived:
             self.pilot.receive(data, self.clock(self.now), source, link)
-            # else setpoints go elsewhere
+            # the witness ignores the vehicle while setpoints are sent to another address
             if source == self.source and self.pilot.session.reply_to in (None, source):
                 self.witness.receive(data, waited=waited)
 
@@ -300,10 +302,10 @@ class Course:
         self.worst_age = max(self.worst_age, self.now - self.spy.newest.stamp)
 
     def _judge_holding(self, record: TickRecord) -> None:
-        """Check the turn rate without ranges: V/r_d, or, if the drift is estimated, a turn rate
-        that occurs on the circle in this drift. The tolerance of 0.1 V/r_d covers the airspeed
-        error. V: the configured speed, and with an estimated drift also the actual one (PX4's
-        copter loses 8 % of its speed in the turn)."""
+        """Check the turn rate while ranges are missing. Without an estimated drift it must be
+        V/r_d. With a drift it must be a turn rate that occurs on the circle in this drift, within
+        0.1 V/r_d for the airspeed error. V is then the configured or the actual speed, because
+        PX4's copter loses 8 % of its speed in the turn."""
         V = self.allowed.speed
         drift = 0.0
         slack = 1e-6
@@ -336,8 +338,8 @@ class Course:
 
     @property
     def timed_out(self) -> bool:
-        """True if PX4 left our mode because it received no setpoint for its timeout. This ends the
-        mission like a takeover."""
+        """True if PX4 left the guided mode because it received no setpoint within its timeout. This
+        ends the mission like a takeover."""
         patience = PX4_PATIENCE.get(self.profile)
         left = next(
             (truth.time for truth in self.truths if truth.mode != GUIDED[self.profile]), None
@@ -348,7 +350,7 @@ class Course:
         return max(b - a for a, b in pairwise([left - 5, *received, left])) > patience - TRUTH_EVERY
 
     def errors(self, since: float, until: float) -> list[tuple[float, float]]:
-        """Return (time, radius error as a share of the radius) between two times."""
+        """Return pairs of time (s) and radius error (share of the radius) between two times."""
         return [
             (truth.time, true_radius(truth) / self.radius - 1)
             for truth in self.truths
@@ -356,7 +358,8 @@ class Course:
         ]
 
     def goes_round_as_wanted(self, seconds: float) -> bool:
-        """True if the track of the last seconds goes round the target in the mission's sense."""
+        """Return True if the track of the last seconds circles the target in the direction of the
+        mission."""
         turns = clockwise_turns(
             [truth for truth in self.truths if truth.time >= self.now - seconds]
         )
@@ -373,7 +376,8 @@ def settled(
     stream: bool = False,
     keys: Keys = (None, None),
 ) -> Course:
-    """Return a flight that has held its circle over a good link for a while. Copy it before use."""
+    """Return a flight that has kept its circle over a good link for some time. Copy it before
+    use."""
     course = Course(profile, overrides, stream=stream, keys=keys).fly(SETTLED)
     while max(abs(error) for _, error in course.errors(course.now - STEADY, course.now)) > BAND / 2:
         course.fly(course.now + STEADY)

@@ -43,8 +43,8 @@ def spoilt_bytes(data: bytes, chance: Random) -> bytes:
 
 
 def read_run(folder: Path, files: dict[str, bytes]) -> None:
-    """Read everything of a run folder, and its tlog separately. Raises RunError and Refused
-    only."""
+    """Read all files of a run folder, and its tlog separately. Only RunError and Refused are
+    expected exceptions."""
     for name, data in files.items():
         (folder / name).write_bytes(data)
     tlog_frames(files["flight.tlog"])
@@ -56,7 +56,8 @@ def read_run(folder: Path, files: dict[str, bytes]) -> None:
 
 
 def read_campaign(folder: Path, table: bytes) -> None:
-    """Read a campaign table as a resumed campaign does. Raises CampaignError only."""
+    """Read a campaign table as a resumed campaign does. Only CampaignError is an expected
+    exception."""
     campaign = load_campaign(folder / "good.toml")
     out = folder / "out"
     (out / TABLE).write_bytes(table)
@@ -67,7 +68,8 @@ def read_campaign(folder: Path, table: bytes) -> None:
 
 
 def good_campaign(folder: Path) -> bytes:
-    """Return the table of a short campaign, to damage. The folder gets its files."""
+    """Return the table of a short campaign, which the caller damages. Its files are written into
+    the folder."""
     mission = CONFIG / "campaign_mission.toml"
     text = CAMPAIGN.read_text(encoding="utf-8").replace(
         '"../campaign_mission.toml"', f'"{mission}"'
@@ -81,7 +83,7 @@ def good_campaign(folder: Path) -> bytes:
 
 
 def good_run(folder: Path) -> dict[str, bytes]:
-    """Return the files of a short flight, to damage."""
+    """Return the files of a short flight, which the caller damages."""
     flight = recorded_flight(folder, "arducopter", 'guidance.law="smooth"').fly(3.0)
     assert flight.recorder is not None
     flight.recorder.close()
@@ -89,7 +91,7 @@ def good_run(folder: Path) -> dict[str, bytes]:
 
 
 def assault_files(count: int, seed: int) -> list[str]:
-    """Return the unexpected exceptions of the readers."""
+    """Pass damaged files to the readers. Return their unexpected exceptions."""
     chance = Random(seed)
     escaped = list[str]()
     with tempfile.TemporaryDirectory() as folder:

@@ -1,8 +1,8 @@
 """python -m tests.tools.faults.fuzz --frames N --seed S [--what mutated|valid|flood|all]:
 
-hostile bytes for an engaged pilot.
+random and damaged bytes sent to an engaged pilot.
 
-Between the hostile frames a good vehicle keeps sending, so that the pilot flies. `receive` and
+Between these bytes a good vehicle sends its frames, so that the pilot stays engaged. `receive` and
 `step` must not raise, every setpoint must be finite and within the limits, and memory must not
 grow.
 """
@@ -35,10 +35,11 @@ PROFILES = {
     "px4_copter": (12, 2, 6 << 16),
     "px4_plane": (12, 1, 0),
 }
-"""Autopilot, vehicle type and guided mode of each vehicle's heartbeat; 0: the adapter's mode."""
+"""MAV_AUTOPILOT, MAV_TYPE and guided mode in the heartbeat of each vehicle. Mode 0: the guided mode
+of the adapter."""
 STATE = (0, 2, 30)
-"""Messages without an all-zero frame in the corpus: it would repeatedly signal a takeover or a
-reboot. `valid` sends these messages."""
+"""Messages of which the corpus has no all-zero frame, because such a frame would report a takeover
+or a reboot every time. `valid` sends these messages."""
 FRAME_TIME = 0.002
 GOOD_EVERY = 25
 ODD = tuple(
@@ -51,13 +52,14 @@ OUR_IDS = (1, 191)
 WARM_UP = 20_000
 PATIENCE = 20
 FRESH = 500
-"""Frames after which the corpus is recorded again: old boot times would look like a reboot."""
+"""Number of frames after which the corpus is recorded again, because old times since boot would
+look like a reboot."""
 
 Hostile = Callable[[Random, list[bytes]], bytes]
 
 
 class Target:
-    """A pilot that a good vehicle of a few frames keeps flying."""
+    """A pilot, and a minimal good vehicle that keeps the pilot engaged."""
 
     def __init__(self, profile: str, ranging: str) -> None:
         self.profile = profile
@@ -95,7 +97,7 @@ class Target:
         adapter = self.pilot.session.adapter
         mode = adapter.guided_mode or mode
         self._idle = 0 if self.pilot.mission.phase is Phase.ENGAGED else self._idle + 1
-        # the operator takes over and hands back
+        # the operator takes over the vehicle and returns it
         if self._idle % PATIENCE in (PATIENCE - 2, PATIENCE - 1):
             mode = adapter.exits["loiter"]
         sent = [
@@ -124,7 +126,7 @@ class Target:
         self.pilot.take_frames()
 
     def step(self) -> None:
-        """Run one step of the pilot and judge its output."""
+        """Run one step of the pilot and check its output."""
         began = time.perf_counter()
         out = output(self.pilot, self.now)
         self.slowest = max(self.slowest, time.perf_counter() - began)
@@ -186,8 +188,8 @@ def mutated(chance: Random, corpus: list[bytes]) -> bytes:
 
 
 def valid(chance: Random, corpus: list[bytes]) -> bytes:
-    """Return a frame with correct CRC and random payload, of a handled message, in the vehicle's or
-    another sender's name."""
+    """Return a frame of a handled message with correct CRC and random payload, under the ids of the
+    vehicle or of another sender."""
     number = chance.choice(IDS)
     size = mavlink.mavlink_map[number].unpacker.size
     length = size if chance.random() < 0.7 else chance.randrange(256)
@@ -208,13 +210,13 @@ def valid(chance: Random, corpus: list[bytes]) -> bytes:
         )
     )
     if ids == OUR_IDS and chance.random() < 0.98:
-        ids = VEHICLE_IDS  # a second pilot with our ids ends the flight at once
+        ids = VEHICLE_IDS  # frames under circnav's own ids would end the flight at once
     return raw_frame(number, bytes(payload[:255]), *ids, chance.randrange(256))
 
 
 def _plausible(number: int, payload: bytearray, chance: Random) -> None:
-    """Set the fields that the mission filters, which a random payload would never match: name,
-    beacon, orientation."""
+    """Set name, beacon id and orientation to those of the mission, because a random payload would
+    never pass these filters."""
     if number == 251:
         payload[8:18] = b"RANGE".ljust(10, b"\0")
     elif number == 132:
@@ -256,7 +258,7 @@ def targets() -> list[Target]:
 
 
 def assault(target: Target, source: Iterator[bytes]) -> None:
-    """Feed hostile datagrams, with the good vehicle between them."""
+    """Pass hostile datagrams to a target, with frames of the good vehicle between them."""
     for n, data in enumerate(source):
         target.receive(data)
         if n % GOOD_EVERY == 0:

@@ -1,6 +1,5 @@
-"""Independent judge. It parses sent setpoints from their bytes and names the limit that one
-exceeds. From the received frames, with pymavlink alone, it determines when the vehicle is not ours
-to steer."""
+"""Independent checks. The judge parses sent setpoints from their bytes and names an exceeded limit.
+The witness determines from received frames, by pymavlink alone, when circnav must not steer."""
 
 from dataclasses import dataclass
 from hashlib import sha256
@@ -43,7 +42,8 @@ def is_heartbeat(frame: bytes) -> bool:
 
 
 def is_safe(frame: bytes) -> bool:
-    """True if a setpoint commands no turn: no motion, or wings level. It may hold a height."""
+    """Return True if a setpoint commands no motion or level wings. It may command a vertical speed
+    to hold the height."""
     message = read(frame)
     if message.get_msgId() == 84:
         return bool(message.vx == 0 and message.vy == 0 and message.yaw_rate == 0)
@@ -70,14 +70,15 @@ def broken_rule(frame: bytes, allowed: Allowed) -> str | None:
 
 
 def _demands(message: Any, allowed: Allowed) -> dict[str, tuple[float, float]]:
-    """Return each commanded value with its limit."""
+    """Return each commanded value of a setpoint with its limit."""
     if message.get_msgId() == 84:
         return {
             "yaw rate": (message.yaw_rate, allowed.yaw_rate),
             "forward": (message.vx, allowed.speed),
             "sideways": (message.vy, 0.0),
             "climb": (message.vz, allowed.climb),
-            # half of g against drag, and a turn of which PX4 damps a fifth
+            # acceleration: half of g against drag, and 1.25 times that of the turn (PX4 damps a
+            # fifth)
             "fed": (
                 hypot(message.afx, message.afy, message.afz),
                 hypot(5.0, 1.25 * allowed.speed * allowed.yaw_rate),
@@ -111,18 +112,17 @@ GUIDED = {
     "px4_copter": 6 << 16,
     "px4_plane": 2 << 16,
 }
-"""HEARTBEAT.custom_mode in which setpoints are obeyed (autopilots.md), with PX4's main mode in the
-third byte."""
+"""HEARTBEAT.custom_mode of the guided mode, by profile. PX4 has its main mode in the third byte."""
 VEHICLE = (1, 1)
 ARMED = 128
 
 
 class Witness:
-    """Independent record of who controls the vehicle. taken: it left the guided mode. unproved: no
-    heartbeat was received since the application stood still."""
+    """Independent record of the control of the vehicle. taken: True if the vehicle left the guided
+    mode. unproved: True if no heartbeat was received since the application was stopped."""
 
     def __init__(self, profile: str, key: bytes | None = None) -> None:
-        """key: of a signing vehicle; frames not signed with it are ignored."""
+        """key: signing key of the vehicle. Frames without a valid signature are ignored."""
         self._key = key
         self._newest = 0
         self._guided = GUIDED[profile]
@@ -132,12 +132,13 @@ class Witness:
         self.taken = self.unproved = False
 
     def stood_still(self) -> None:
-        """The application did not run for a while. Frames that waited in its socket do not prove
-        the present mode."""
+        """Record that the application was stopped for some time. Frames that waited in its socket
+        do not prove the present mode."""
         self.unproved = True
 
     def receive(self, data: bytes, *, waited: bool = False) -> None:
-        """Process a datagram given to the application; `waited`: it arrived during a stall."""
+        """Process a datagram that the application receives. waited: True if it arrived while the
+        application was stopped."""
         if self._key is not None and not self._signed_now(data):
             return
         for message in self._parser.parse_buffer(data) or ():
@@ -154,7 +155,8 @@ class Witness:
                 self._note(message.custom_mode)
 
     def _signed_now(self, data: bytes) -> bool:
-        """True if a frame has a valid signature and a newer timestamp than all before."""
+        """Return True if a frame has a valid signature and a newer timestamp than all earlier
+        frames."""
         stamp = int.from_bytes(data[-12:-6], "little")
         if (
             sha256((self._key or b"") + data[:-6]).digest()[:6] != data[-6:]

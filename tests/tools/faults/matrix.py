@@ -2,8 +2,8 @@
 N]: the fault matrix.
 
 Flies every fault at every level on the emulated vehicles, in lockstep. Prints a line for each cell
-and then the table of docs/measured.md, a line for each fault (--out: into a file). A cell flown
-alone with its seed repeats the same flight.
+and then the table of docs/measured.md, a line for each fault (--out: into a file). A single cell
+with the same seed repeats the same flight.
 """
 
 import argparse
@@ -92,8 +92,8 @@ def row(verdict: Verdict) -> str:
 
 
 def by_fault(verdicts: Iterable[Verdict]) -> str:
-    """Return a line for each fault: the vehicles' reactions, the worst figures of all its cells,
-    and the vehicles that passed."""
+    """Return a line for each fault: the reactions of the vehicles, the worst figures of all cells
+    of the fault, and the vehicles that passed."""
     flown: dict[str, list[Verdict]] = {}
     for verdict in verdicts:
         flown.setdefault(verdict.scenario.fault, []).append(verdict)

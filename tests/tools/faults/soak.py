@@ -33,7 +33,7 @@ SETTLING = 150.0
 LOOK_EVERY = 0.2
 """Wall time between two readings of the process memory, s."""
 Memory = list[tuple[float, float]]
-"""Time of the flight, s, and resident memory, MB."""
+"""List of (time of the flight, s; resident memory, MB)."""
 
 
 def command(folder: Path, profile: str, law: str, seconds: float) -> tuple[str, ...]:
@@ -59,7 +59,8 @@ def flown(folder: Path, profile: str, law: str, seconds: float) -> Iterator[tupl
         try:
             while process.poll() is None:
                 time.sleep(LOOK_EVERY)
-                with suppress(OSError, IndexError):  # no record yet, or the process has just ended
+                # the flight has no record yet, or the process has just ended
+                with suppress(OSError, IndexError):
                     with ticks.open("rb") as file:
                         file.seek(max(ticks.stat().st_size - 2000, 0))
                         whole = file.read().split(b"\n")[1:-1]
@@ -75,14 +76,14 @@ def resident_mb(pid: int) -> float:
 
 
 def memory_slope(memory: Memory) -> float:
-    """Growth of the memory, MB/h, after the first fifth of the flight and before its end."""
+    """Return the growth of the memory, MB/h, without the first fifth and the end of the flight."""
     end = memory[-1][0]
     late = [(at / HOUR, mb) for at, mb in memory if end / 5 < at < end]
     return float(np.polyfit(*zip(*late, strict=True), 1)[0])
 
 
 def account(truth: Truth, setpoints: np.ndarray, since: float, until: float, desired: float) -> str:
-    """Report the circle and the gaps between setpoints of a part of the flight."""
+    """Return the figures of the circle, and the gaps between setpoints, of a part of the flight."""
     seen = (truth.time >= since) & (truth.time < until)
     error = truth.radius[seen] - desired
     gaps = 1000 * np.diff(setpoints[(setpoints >= since) & (setpoints < until)])

@@ -1,4 +1,4 @@
-"""Misbehaving peers: each function returns a tamper for a `FaultLink`, limited to certain
+"""Misbehaving peers. Each function returns a `Tamper` for a `FaultLink`, which changes certain
 frames."""
 
 from collections.abc import Callable, Iterable
@@ -29,7 +29,7 @@ Change = Callable[[bytes, float], Iterable[bytes]]
 
 
 def on(number: int, change: Change, *, direction: str = DOWN) -> Tamper:
-    """Apply a change to the frames of one message; all other frames pass."""
+    """Apply a change to the frames of one message type. All other frames pass unchanged."""
 
     def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
         if way != direction or message_id(data) != number:
@@ -69,12 +69,12 @@ def noise(sigma: float, seed: int) -> Change:
 
 
 def offset(metres: float) -> Change:
-    """Shift every range by the same distance, as a reflected path does."""
+    """Shift every range by the same distance, m, as a reflected signal does."""
     return lambda frame, now: [_shifted(frame, metres)]
 
 
 def scaled(share: float, seed: int) -> Change:
-    """Multiply every range, as a radio with another unit does."""
+    """Multiply every range by a factor, as a radio with another unit does."""
     return lambda frame, now: [_set_cm(frame, round(share * read(frame).current_distance))]
 
 
@@ -123,7 +123,8 @@ def stamps(shift: Callable[[float, float], float]) -> Change:
 
 
 def answered(number: int, result: int) -> Tamper:
-    """A vehicle that answers a command with this result, and does not obey it."""
+    """Answer a command with this result in the vehicle's name. The vehicle does not receive the
+    command."""
 
     def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
         if way != UP or message_id(data) != COMMAND_LONG or read(data).command != number:

@@ -1,4 +1,4 @@
-"""The judge detects forbidden setpoints: a matrix that cannot fail proves nothing."""
+"""The judge of the fault matrix detects each forbidden setpoint, so the matrix can fail."""
 
 from math import nan
 
@@ -9,7 +9,7 @@ from tests.tools.faults.judge import Allowed, Witness, broken_rule, is_safe, is_
 
 ALLOWED = Allowed(yaw_rate=0.5, speed=10.0, bank=0.7, pitch=0.26, climb=1.0)
 LEVEL = (1.0, 0.0, 0.0, 0.0)
-BANKED = (0.9, 0.43589, 0.0, 0.0)  # 0.90 rad
+BANKED = (0.9, 0.43589, 0.0, 0.0)  # quaternion of a bank of 0.90 rad
 
 
 def velocity(forward: float = 10.0, yaw_rate: float = 0.5, climb: float = 0.0) -> bytes:
@@ -46,7 +46,7 @@ def test_safe_setpoint_commands_no_turn() -> None:
     assert not is_safe(attitude(BANKED))
 
 
-def test_witness_follows_control_of_the_vehicle() -> None:
+def test_witness_records_loss_and_return_of_control() -> None:
     witness = Witness("arducopter")
 
     def beat(mode: int, armed: int = 128, system: int = 1, *, waited: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""The fault matrix: one cell of each fault in every run, the others nightly.
+"""The fault matrix: one cell of each fault in every test run, all cells in nightly runs.
 
 tests.tools.faults.matrix prints the table.
 """
@@ -32,8 +32,8 @@ NIGHTLY = [
 
 
 def shortened(scenario: Scenario) -> Scenario:
-    """Return the scenario with a shorter fault and a shorter time after it, if its criterion allows
-    this."""
+    """Return the scenario with a shorter fault and a shorter time after it, if its pass criterion
+    allows this."""
     if scenario.want is Want.HOLD:
         return replace(scenario, lasts=min(scenario.lasts, 15.0), after=5.0)
     if scenario.want is Want.ENGAGE and scenario.check is None:
@@ -46,14 +46,14 @@ def names(flights: list[tuple[Scenario, str]]) -> list[str]:
 
 
 @pytest.mark.parametrize(("scenario", "profile"), EVERY_RUN, ids=names(EVERY_RUN))
-def test_vehicle_survives(scenario: Scenario, profile: str) -> None:
+def test_vehicle_passes_quick_cell_of_fault_matrix(scenario: Scenario, profile: str) -> None:
     verdict = fly(shortened(scenario), profile, seed=1)
     assert verdict.passed, f"{'; '.join(verdict.faults)} (seed {verdict.seed})"
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize(("scenario", "profile"), NIGHTLY, ids=names(NIGHTLY))
-def test_vehicle_survives_full_matrix(scenario: Scenario, profile: str) -> None:
+def test_vehicle_passes_every_cell_of_fault_matrix(scenario: Scenario, profile: str) -> None:
     verdict = fly(scenario, profile, seed=1)
     assert verdict.passed, f"{'; '.join(verdict.faults)} (seed {verdict.seed})"
 
@@ -61,18 +61,21 @@ def test_vehicle_survives_full_matrix(scenario: Scenario, profile: str) -> None:
 @pytest.mark.parametrize(
     ("fault", "level", "profile", "lasts", "after", "figure", "most"),
     [
-        # without the extra time that a law on range alone has for the way back
+        # `auto` gets no additional time for the path back to the circle
         ("F2", "60 s both", "arduplane", 60.0, 35.0, "recovery", 32.0),
-        # with its high gains, a design for the vehicle's lag alone swung by 14 % of the radius at
-        # 500 ms; with the known delay, only the onset of the fault remains
+        # At 500 ms of delay, gains designed for the vehicle's lag alone gave a radius error of 14
+        # %. With the measured delay, only the onset of the fault causes an error.
         pytest.param(
             *("F3", "500 ms, stale_s 1.5", "arducopter", 40.0, 10.0, "rms", 0.06),
             marks=pytest.mark.nightly,
         ),
     ],
 )
-def test_auto_law_stays_within_its_bounds(fault, level, profile, lasts, after, figure, most):
-    """The default law. Figures: recovery in s, rms as a share of the radius."""
+def test_law_auto_passes_cell_with_tighter_bounds(
+    fault, level, profile, lasts, after, figure, most
+):
+    """The default law. recovery: largest time to regain the circle, s. rms: largest RMS radius
+    error, share of the radius."""
     scenario = next(one for one in SCENARIOS if (one.fault, one.level) == (fault, level))
     verdict = fly(replace(scenario, lasts=lasts, after=after), profile, seed=1, law="auto")
     assert verdict.passed, "; ".join(verdict.faults)
@@ -80,16 +83,17 @@ def test_auto_law_stays_within_its_bounds(fault, level, profile, lasts, after, f
 
 
 @pytest.mark.nightly
-def test_uplink_outage_ends_without_oscillation():
-    """It once took 46 s, and another seed swung by 15 % about the circle: during the outage a wrong
-    turn response was learned. More seeds: tests.tools.faults.uplink."""
+def test_circle_is_regained_after_uplink_outage_without_oscillation():
+    """A wrong turn response was once learned during the outage. Regaining the circle then took 46
+    s, or the radius error oscillated by 15 % with another seed. tests.tools.faults.uplink flies
+    more seeds."""
     one = uplink.fly("arducopter", 6)
     assert one.passed, one
 
 
 def test_every_fault_has_levels_with_unique_names() -> None:
-    """F8 is tests.tools.faults.fuzz. F21, signals and the process, is tests/flight/test_process.py.
-    F26 to F28 have separate tests, see docs/measured.md."""
+    """Some faults are tested elsewhere: F8 in tests.tools.faults.fuzz, F21 (signals and the
+    process) in tests/flight/test_process.py, F26 to F28 as docs/measured.md states."""
     apart = {"F8", "F21", "F26", "F27", "F28"}
     assert (
         {one.fault for one in SCENARIOS} == set(FAULTS) == {f"F{n}" for n in range(1, 30)} - apart
@@ -98,7 +102,7 @@ def test_every_fault_has_levels_with_unique_names() -> None:
     assert len(names) == len(set(names))
 
 
-def test_cell_repeats_with_its_seed() -> None:
+def test_fault_cell_with_same_seed_repeats_flight() -> None:
     scenario = next(one for one in SCENARIOS if (one.fault, one.level) == ("F1", "20 %"))
     short = replace(scenario, lasts=5.0, after=0.0)
     first, again, other = (fly(short, "arducopter", seed) for seed in (4, 4, 5))
@@ -106,7 +110,7 @@ def test_cell_repeats_with_its_seed() -> None:
     assert first.rms != other.rms
 
 
-def test_mirrored_circle_is_detected() -> None:
+def test_matrix_detects_mirrored_circle() -> None:
     course = on_the_circle("arducopter", ('guidance.law="smooth"',))
     course.fly(course.now + 12.0)
     assert course.goes_round_as_wanted(10.0)
@@ -118,6 +122,6 @@ def test_mirrored_circle_is_detected() -> None:
 
 
 @pytest.mark.parametrize("scenario", ATTACKS, ids=[one.level for one in ATTACKS])
-def test_attack_changes_nothing_and_is_reported(scenario: Scenario) -> None:
+def test_attack_has_no_effect_and_is_reported(scenario: Scenario) -> None:
     verdict = fly(shortened(scenario), "arducopter", seed=1)
     assert verdict.passed, row(verdict)

@@ -1,4 +1,4 @@
-"""The vehicle, its radio or circnav pauses: ranges are used within 1 s after they are fresh
+"""Pauses of the vehicle, its radio or circnav: ranges are used within 1 s after they are fresh
 again."""
 
 from itertools import pairwise
@@ -57,8 +57,9 @@ def test_stopped_sensor_clock_is_reported() -> None:
     assert reported == ["stalled 2.0 s", "steady again"]
 
 
-def test_silent_slow_link_is_no_clock_stop() -> None:
-    """Judged by the true age: no frame arrives for 0.8 s, and then every frame is that late."""
+def test_slow_link_after_silence_is_no_clock_stop() -> None:
+    """No frame arrives for 0.8 s, and afterwards every frame is 0.8 s late. The true age of the
+    ranges must limit their use."""
     course = on_the_circle("arducopter", SMOOTH)
     course.link.impair(down=Impairment(delay=0.8))
     course.fly(course.now + 9.0)
@@ -68,9 +69,9 @@ def test_silent_slow_link_is_no_clock_stop() -> None:
 
 
 @pytest.mark.parametrize(("lag", "most"), [(0.35, 1), (0.45, 2), (0.48, 2)])
-def test_ranges_near_stale_age_do_not_toggle_steering(lag: float, most: int) -> None:
-    """The vehicle's link has become slow: the newest range is just fresh when it arrives, and just
-    stale before the next one."""
+def test_steering_does_not_toggle_when_ranges_are_nearly_stale(lag: float, most: int) -> None:
+    """The vehicle's link has become slow. The newest range is slightly younger than the stale age
+    when it arrives, and slightly older before the next range."""
     rig = Rig().run(15.0)
     phases = list[Phase]()
     assert rig.pilot.mission.phase is Phase.ENGAGED

@@ -1,5 +1,6 @@
-"""Some minutes of the soak, with the wraps, and a small seeded share of the fuzzing. The full 10
-hours and 1,000,000 frames: python -m tests.tools.faults.soak, tests.tools.faults.fuzz."""
+"""Some minutes of the soak flight with the wraps of the counters, and a small part of the fuzzing.
+The programs tests.tools.faults.soak and tests.tools.faults.fuzz run 10 hours and 1,000,000
+frames."""
 
 from pathlib import Path
 
@@ -19,9 +20,9 @@ ATTITUDE = 30
 RANGE = 132
 
 
-def test_circle_is_held_through_counter_wrap(tmp_path: Path) -> None:
-    """The autopilot's counter wraps at 45 s, the radio's at 50 s. Neither may count as a reboot, a
-    jump or an outage."""
+def test_circle_is_kept_when_millisecond_counters_wrap(tmp_path: Path) -> None:
+    """The autopilot's counter wraps at 45 s, the radio's at 50 s. Neither wrap may be treated as a
+    reboot, a clock jump or an outage."""
     clocks = (f"sim.vehicle.boot_age_s={WRAP - 45}", f"sim.ranging.clock_offset_s={WRAP - 50}")
     flight = recorded_flight(tmp_path, "arducopter", 'guidance.law="auto"', *clocks)
     truths = []
@@ -49,9 +50,9 @@ def test_circle_is_held_through_counter_wrap(tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_memory_does_not_grow(tmp_path: Path) -> None:
-    """In the last 150 s. A growth of 3 kB/s, once seen in two queues of the bundled vehicle, would
-    be 0.45 MB."""
+def test_memory_of_flight_does_not_grow(tmp_path: Path) -> None:
+    """Checked over the last 150 s. A growth of 3 kB/s, which two queues of the bundled vehicle once
+    had, would be 0.45 MB."""
     memory = [
         mb for at, mb in flown(tmp_path / "run", "quickstart", "auto", 300.0) if 150 < at < 300
     ]
@@ -60,10 +61,10 @@ def test_memory_does_not_grow(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("what", ["mutated", "valid", "flood"])
-def test_hostile_frames_cause_no_unsafe_output(what: str) -> None:
+def test_hostile_frames_cause_no_unsafe_setpoint_or_exception(what: str) -> None:
     broken, _ = run(what, 4_000, seed=2)
     assert broken == []
 
 
-def test_damaged_files_are_refused_or_read_partly() -> None:
+def test_damaged_files_cause_no_unexpected_exception() -> None:
     assert assault_files(5, seed=2) == []

@@ -1,9 +1,9 @@
-"""python -m tests.tools.faults.uplink [--seeds N] [--first N] [--profile P]: a minute without
-uplink, over seeds.
+"""python -m tests.tools.faults.uplink [--seeds N] [--first N] [--profile P]: one minute without
+uplink, for several seeds.
 
-The vehicle's telemetry and ranges still arrive, our commands do not. Prints for each seed the time
-to regain the circle after the outage, and the largest radius error after that. The fault matrix
-flies one seed.
+Telemetry and ranges arrive, but the vehicle receives no commands. Prints for each seed the time to
+regain the circle after the outage, and the largest radius error after the circle was regained. The
+fault matrix flies one seed.
 """
 
 import argparse
@@ -18,13 +18,13 @@ OUTAGE = 60.0
 AFTER = 50.0
 WITHIN = 25.0
 MOST_SWING = 0.1
-"""Largest time to regain the circle, s, and largest radius error after it was first reached, as a
-share of the radius."""
+"""Bounds: time to regain the circle, s, and radius error after the circle was regained, share of
+the radius."""
 
 
 class Regained(NamedTuple):
-    """within: time to regain the circle, s; None: never. swing: share of the radius. broken: broken
-    rules for setpoints."""
+    """within: time to regain the circle, s; None: never regained. swing: largest radius error
+    afterwards, share of the radius. broken: broken rules for setpoints."""
 
     within: float | None
     swing: float

@@ -1,5 +1,5 @@
-"""Test bench for one simulated vehicle: it relays between autopilot and circnav, records the truth,
-and acts as the operator.
+"""Test bench for one simulated vehicle: the bench relays between autopilot and circnav, records the
+truth, and acts as the operator.
 
 Two links to the firmware: one for circnav through the relay, which records every setpoint and hides
 positions; one for the truth, the operator and the ranging radio. Truth is NED and clockwise from
@@ -45,13 +45,13 @@ def _unix_time() -> float:
 
 
 class NoFlightError(Exception):
-    """The vehicle never came up: no flight, and no result about circnav."""
+    """Raised if the vehicle does not start to fly, so there is no result about circnav."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """State of the simulator: m from its first position, altitude above the sea, angles in rad.
-    wall: Unix time of its receipt, s, common to several vehicles."""
+    """True state from the simulator: m from the first position, altitude above the sea, angles in
+    rad. wall: Unix time of receipt, s, for comparison with other vehicles."""
 
     time: float
     north: float
@@ -68,8 +68,8 @@ class Truth:
 
 @dataclass(frozen=True)
 class Reported:
-    """Position reported by the autopilot, with its own timestamp: m north and east in the truth's
-    frame, m/s, rad."""
+    """State reported by the autopilot, with the autopilot's timestamp: position north and east in
+    the frame of the truth, m; velocity, m/s; heading, rad."""
 
     time: float
     north: float
@@ -104,15 +104,17 @@ class Firmware(Protocol):
     def circle(self, bench: "Bench", north: float, east: float) -> tuple[float, float]: ...
 
     def beat(self, bench: "Bench") -> None:
-        """Send the operator's repeated inputs, once a second. None by default."""
+        """Send the operator's repeated inputs, called once per second. The default sends
+        nothing."""
         return
 
     def circling(self, bench: "Bench") -> None:
-        """Send repeated inputs that the autopilot's own circle requires. None by default."""
+        """Send repeated inputs that the autopilot's own circle mode requires. The default sends
+        nothing."""
         return
 
     def metres(self, latitude: int, longitude: int) -> tuple[float, float]:
-        """Return north and east of the first position, m, from degrees times 1e7."""
+        """Return the position north and east of the first position, m, from degrees times 1e7."""
         self._origin = self._origin or (latitude, longitude)
         north = radians((latitude - self._origin[0]) * 1e-7) * self.earth
         return north, radians((longitude - self._origin[1]) * 1e-7) * self.earth * cos(
@@ -131,12 +133,12 @@ class Firmware(Protocol):
 
 
 def note(*words: object) -> None:
-    """Print progress to stderr, apart from the result."""
+    """Print progress to stderr; the result is printed to stdout."""
     print(*words, file=sys.stderr, flush=True)
 
 
 class Bench:
-    """One vehicle, from power-up to the end of its process."""
+    """One simulated vehicle, from the start to the end of its process."""
 
     def __init__(self, flight: Flight, firmware: Firmware, folder: Path, app_port: int) -> None:
         self.flight = flight
@@ -178,7 +180,8 @@ class Bench:
 
     @property
     def now(self) -> float:
-        """Simulated time, s, extrapolated by our own clock between the autopilot's messages."""
+        """Simulated time, s, extrapolated by the computer's clock between the autopilot's
+        messages."""
         return self._boot + min((time.monotonic() - self._boot_at) * self.speedup, 0.2)
 
     @property
@@ -197,7 +200,7 @@ class Bench:
             by.seq = (by.seq + 1) % 256
 
     def pump(self, wait: float = 0.005) -> None:
-        """Process received datagrams, or wait for the first."""
+        """Process received datagrams. Wait if none has arrived."""
         if time.monotonic() - self._beat_at > 1.0 / max(1.0, self.speedup):
             self._beat_at = time.monotonic()
             self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
@@ -251,8 +254,8 @@ class Bench:
                 self._relay.sendto(data, (LOOPBACK, self.app_port))
 
     def _attitude_due(self, number: int) -> bool:
-        """Return False for an ATTITUDE above the flight's rate, as if stream requests had been
-        refused."""
+        """Return False for an ATTITUDE that exceeds the flight's rate, to simulate an autopilot
+        that refuses stream requests."""
         if number != mavlink.MAVLINK_MSG_ID_ATTITUDE:
             return True
         if self.now - self._attitude_at < 1.0 / self.flight.attitude_hz:
@@ -365,7 +368,8 @@ class Bench:
     def send_parameter(
         self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32
     ) -> None:
-        """Send a parameter without waiting, because in flight the radio must continue."""
+        """Send a parameter without waiting for the confirmation, because the radio must continue in
+        flight."""
         self.send(
             mavlink.MAVLink_param_set_message(
                 self.firmware.system, 1, name.encode(), float(value), kind

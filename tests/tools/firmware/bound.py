@@ -4,15 +4,16 @@ docs/measured.md.
 **Linear guidance** (`best`). The velocity error of PX4's estimate is an oscillator of 0.32 rad/s,
 and the vehicle follows the estimate. Across the circle it is 0.38 m/s for the emulator's copter,
 fitted to firmware, and 0.16 m/s for its plane. Turbulence of 3 moves ArduPilot's plane as gusts of
-2.4 m/s that last 3 s. Only the range measures either: 0.5 m of noise (0.15 m: UWB), at 10 Hz. The
-best linear answer (a Kalman filter and the gains of a quadratic cost, LQG) uses the true plant,
-delay and disturbance, which no guidance has. Printed for several costs of turning: RMS of the
-radius, and standard deviation of the turn command. Last in each line the same filter with circnav's
-gains for that delay, which keep 6 dB and 45 deg of margin (tests/guidance/test_margins.py).
+2.4 m/s that last 3 s. Only ranges at 10 Hz with 0.5 m of noise (0.15 m: UWB) measure these
+disturbances. The best linear control (LQG: a Kalman filter and the gains of a quadratic cost) uses
+the true plant, delay and disturbance model, which are unknown to a real guidance. RMS radius error
+and standard deviation of the turn command are printed for several costs of turning. The last entry
+of each line is the same filter with circnav's gains for this delay, which have margins of 6 dB and
+45 deg (tests/guidance/test_margins.py).
 
 **LoRa-like ranges** (`lora_radius_error`): radius error of ArduPilot's plane over the last two laps
-of 150 s on the circle. It is the Cramer-Rao bound with unknown place, steady wind and airspeed
-scale. Errors of the vehicle's own motion make the drift wander.
+of 150 s on the circle. It is the Cramer-Rao bound if place, steady wind and airspeed scale are
+unknown. Errors of own motion are modeled as a random walk of the drift.
 
 **A bank limit** (`squeezed`): the lap with the least radius error, for a plane in wind that turns
 no faster than its limit.
@@ -31,7 +32,8 @@ from tests.tools.firmware.flight import PRESETS, VEHICLES
 STEP = 0.1
 FREQUENCY = 0.32
 DAMPING = 0.45
-"""Oscillator: frequency, rad/s, and damping ratio."""
+"""Oscillator that models the velocity error of PX4's estimate: frequency, rad/s, and damping
+ratio."""
 LASTS = 3.0
 """Duration of a gust, s."""
 CASES = {
@@ -39,7 +41,8 @@ CASES = {
     "PX4 plane": (10.0, 0.16, False),
     "Plane, turbulence 3": (22.0, 2.4, True),
 }
-"""Speed, m/s; RMS of the disturbance across the circle, m/s; True for a gust."""
+"""Speed, m/s; RMS of the disturbance across the circle, m/s; True if the disturbance is a gust,
+False for the oscillator."""
 COSTS = 1000.0, 300.0, 100.0, 30.0, 10.0, 3.0
 """Cost of the squared turn command, m^2 per (rad/s)^2."""
 
@@ -47,12 +50,12 @@ COSTS = 1000.0, 300.0, 100.0, 30.0, 10.0, 3.0
 def best(
     cost: float | None, *, noise: float, delay: float, case: str = "PX4 copter"
 ) -> tuple[float, float]:
-    """Return RMS of the radius, m, and standard deviation of the turn command, deg/s. noise: of the
-    ranges, m. delay: of the vehicle's turn behind the command, s. case: one of CASES. cost: of
-    turning; None: with circnav's gains."""
+    """Return the RMS radius error, m, and the standard deviation of the turn command, deg/s. cost:
+    cost of turning, as in COSTS; None: circnav's gains. noise: range noise, m. delay: delay from
+    the command to the vehicle's turn, s. case: one of CASES."""
     speed, across, gust = CASES[case]
-    # radius error, course off the tangent, disturbance (m/s) and its rate; then the pending
-    # commands
+    # states: radius error, course error from the tangent, disturbance (m/s) and its rate, then the
+    # pending commands
     motion = np.zeros((5, 5))
     motion[0, 1:3] = speed, 1.0
     motion[1, 4] = 1.0
@@ -80,15 +83,16 @@ def best(
         gains = drift_gains(speed, delay, 1 / delay)
         heading = float(gains.heading)
         radial = float(gains.radial)
-        # commanded course: -radial e - disturbance/speed, with its rate fed forward; pending
-        # commands count as flown
+        # The commanded course is -radial e - disturbance/speed, and its rate is fed forward.
+        # Pending commands are added to the course.
         L = np.zeros((1, n))
         L[0, :3] = heading * radial, heading + radial * speed, heading / speed + radial
         L[0, 4:] = (heading + radial * speed) * STEP
     else:
         W: NDArray[np.float64] = solve_discrete_are(F, G, C, np.array([[cost]]))
         L = np.linalg.solve(G.T @ W @ G + cost, G.T @ W @ F)
-    # truth and prediction together; the command uses the estimate after the range
+    # joint system of true state and prediction; the command uses the estimate after the range
+    # update
     after = np.hstack([K @ H, np.eye(n) - K @ H])
     both = np.vstack([np.hstack([F, 0 * F]) - G @ L @ after, (F - G @ L) @ after])
     by_noise = np.vstack([-G @ L @ K, (F - G @ L) @ K])
@@ -100,8 +104,8 @@ def best(
 
 
 def lora_radius_error(wander: float) -> float:
-    """Return the RMS error of the radius estimated from LoRa-like ranges on the plane's circle, m.
-    wander: power density of the drift's random walk, m^2/s^3."""
+    """Return the RMS error of the radius that is estimated from LoRa-like ranges on the plane's
+    circle, m. wander: power density of the random walk of the drift, m^2/s^3."""
     V = VEHICLES["plane"].speed
     r_d = VEHICLES["plane"].radius
     radio = PRESETS["lora"]
@@ -109,7 +113,7 @@ def lora_radius_error(wander: float) -> float:
     variance = radio["noise"] ** 2 / (1 - radio["loss"])
     keep = np.exp(-STEP / radio["drift_s"])
     lap = 2 * np.pi * r_d / V
-    # position, drift, airspeed scale, drifting range error
+    # states: position, drift, airspeed scale, slow range error
     P = np.diag([r_d, r_d, 5.0, 5.0, 0.05, drifting]) ** 2
     F = np.eye(6)
     Q = np.diag([0, 0, wander * STEP, wander * STEP, 0, drifting**2 * (1 - keep**2)])
@@ -130,10 +134,10 @@ def lora_radius_error(wander: float) -> float:
 def squeezed(
     limit: float, *, speed: float = 23.4, wind: float = 5.0, radius: float = 150.0
 ) -> float:
-    """Return the least RMS of the radius, m, on a lap at a true airspeed in a wind, m/s, with turn
-    rates up to a limit, rad/s. It is linear in the radius error: a least-distance problem (Lawson
-    and Hanson, ch. 23). The defaults are ArduPlane's, as flown: 22 m/s indicated are 23.4 m/s
-    true."""
+    """Return the least RMS radius error, m, on a lap with turn rates up to a limit, rad/s. speed:
+    true airspeed, m/s. wind: m/s. The turn rate is linear in the radius error, so this is a
+    least-distance problem (Lawson and Hanson, ch. 23). The defaults are those of the flown
+    ArduPlane: 22 m/s of indicated airspeed are 23.4 m/s true."""
     n = 180
     angle = 2 * np.pi * np.arange(n) / n
     nose = np.sqrt(speed**2 - (wind * np.sin(angle)) ** 2)
@@ -143,8 +147,8 @@ def squeezed(
     step = 2 * np.pi / n
     bend = one + (np.roll(one, 1, 1) - 2 * one + np.roll(one, -1, 1)) / step**2
     slope = (np.roll(one, 1, 1) - np.roll(one, -1, 1)) / (2 * step)
-    # a course off the tangent meets the wind at another angle
-    # G e >= h
+    # the second term: a course error changes the angle between course and wind constraint on the
+    # radius error e: G e >= h
     G = (turn[:, None] * bend + np.gradient(turn, step)[:, None] * slope) / radius
     h = turn - limit
     E = np.vstack([G.T, h])

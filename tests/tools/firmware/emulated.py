@@ -1,5 +1,5 @@
-"""python -m tests.tools.firmware.emulated --results DIR/results.jsonl [--seeds N]: the emulator
-beside the firmware.
+"""python -m tests.tools.firmware.emulated --results DIR/results.jsonl [--seeds N]: comparison of
+emulator and firmware.
 
 Flies the rows of docs/measured.md on the bundled vehicle in lockstep. Prints median RMS radius
 error and standard deviation of the turn command over the last two laps, and their ratio to the
@@ -21,12 +21,12 @@ from tests.tools.firmware.flight import VEHICLES
 from tests.tools.firmware.table import stored
 
 APPROACH = 90.0
-"""Time before the judged laps, s."""
+"""Time before the evaluated laps, s."""
 WIND = "sim.wind.speed_mps={}".format
 GUST = "sim.wind.gust_rms_mps={}".format
-"""ArduPilot's turbulence is nearly white. It moves a plane like gusts of 3 s and 0.7 of its
-strength (by radius and command). It moves a copter, which holds against it, like gusts of 0.4 of it
-(by the spread of the ground speed)."""
+"""Gusts of the emulator that replace ArduPilot's turbulence, which is nearly white. For a plane,
+gusts of 3 s with 0.7 times its strength give the same radius error and turn command. For a copter,
+gusts with 0.4 times its strength give the same spread of ground speed."""
 TARGET = "sim.target.velocity_north_mps={}".format
 GPS_OFF = 'sim.events=[{at_s=60.0, action="gps_off"}]'
 UWB = (
@@ -69,8 +69,9 @@ CIRCLES = {one.mission: (one.radius, one.speed) for one in VEHICLES.values()}
 
 @dataclass(frozen=True)
 class Flown:
-    """rms, worst: of the radius error, m. turn_sd: deg/s. at_limit: share of saturated commands.
-    right: True if the vehicle flew in the desired sense of rotation."""
+    """Figures of an emulated flight. rms, worst: RMS and largest radius error, m. turn_sd: standard
+    deviation of the turn command, deg/s. at_limit: share of saturated commands. right: True if the
+    direction of rotation was correct."""
 
     rms: float
     worst: float
@@ -86,7 +87,7 @@ def fly(
     count: int = 2,
     rows: Mapping[str, tuple[str, ...]] = ROWS,
 ) -> Flown:
-    """Fly the emulator once and judge the last `count` laps."""
+    """Fly the emulated vehicle once and evaluate the last `count` laps."""
     mission, *changes = rows[row]
     radius, speed = CIRCLES[mission]
     laps = count * 2 * pi * radius / speed

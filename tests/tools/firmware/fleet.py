@@ -8,10 +8,10 @@ fly` per vehicle.
 
 Each vehicle is one `tests.tools.firmware.fly` process with its own ports and folder. All take off
 at one home, circle one beacon in layers of height, and exchange signed reports on the loopback
-interface. The judge uses the simulators' true tracks and times of receipt. Evenness is measured
-without a model of the wind: a gap is the time that a vehicle needs to the present bearing of the
-vehicle ahead, as a share of the sum of all gaps. Only the state "on the circle" is read from
-circnav's record. Prints one table and leaves fleet.json.
+interface. The figures are computed from the simulators' true tracks and their times of receipt.
+Evenness is measured without a model of the wind: the gap of a vehicle is the time until the vehicle
+reaches the present bearing of the vehicle ahead, as a share of the sum of all gaps. Only the state
+"on the circle" is read from circnav's record. Prints one table and leaves fleet.json.
 """
 
 import argparse
@@ -38,13 +38,14 @@ FIRST_PORT = 14600
 """UDP port of the first vehicle's fleet link."""
 EVEN_DEG = 5.0
 LASTS = 20.0
-"""An even fleet: largest gap error, deg of a lap in time, and the time for which it must hold,
-s."""
+"""A fleet is even if no gap error exceeds EVEN_DEG (360 deg is the time of a lap) for LASTS
+seconds."""
 STEP = 0.2
 """Interval at which the tracks are compared, s."""
 NEAR_ABOVE = 10.0
 NEAR_BESIDE = 25.0
-"""Two vehicles are too close if both distances, vertical and horizontal, are smaller, m."""
+"""Two vehicles are too close if their vertical distance is below NEAR_ABOVE and their horizontal
+distance below NEAR_BESIDE, m."""
 HOME_FIELD = (230.0, 51.0)
 """Magnetic field at the home of the simulators, north and east, mG."""
 BRING_UP = 120.0
@@ -55,9 +56,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Member:
-    """True track of one vehicle on the common time grid: nan where it was not steered. angle:
-    unwrapped, in the sense of rotation, rad. ring: True while circnav reports that it is on the
-    circle."""
+    """True track of one vehicle at the common times; nan while circnav did not steer. angle:
+    unwrapped bearing from the beacon, positive in the direction of rotation, rad. ring: True while
+    circnav reports that the vehicle is on the circle."""
 
     number: int
     north: Array
@@ -115,11 +116,12 @@ def commands(given: argparse.Namespace, out: Path) -> list[list[str]]:
 
 
 def field(error: float) -> list[str]:
-    """Return the parameters of the simulator that turn the magnetic field, so that the compass
-    reads too much by an error, deg."""
+    """Return the parameters of the simulator that rotate the magnetic field, so that the compass
+    heading is too large by an error, deg."""
     turn = -radians(error)
     north, east = HOME_FIELD
-    # The anomaly fades over the height of the last parameter, m: here it is constant.
+    # The anomaly decays with height over the last parameter, m. This value makes the anomaly
+    # constant.
     return [
         f"SIM_MAG_ALY_X={north * cos(turn) - east * sin(turn) - north:.2f}",
         f"SIM_MAG_ALY_Y={north * sin(turn) + east * cos(turn) - east:.2f}",
@@ -173,7 +175,7 @@ def read_members(out: Path, clockwise: bool) -> tuple[Array, list[Member]]:
     members = []
     for number, (track, (wall, on)) in raw.items():
         north, east = track["north"] - track["target_north"], track["east"] - track["target_east"]
-        bearing = np.unwrap(np.arctan2(east, north))  # clockwise
+        bearing = np.unwrap(np.arctan2(east, north))  # bearing, clockwise from north
         columns = [
             np.interp(grid, track["wall"], one, left=np.nan, right=np.nan)
             for one in (north, east, track["altitude"], bearing if clockwise else -bearing)
@@ -191,7 +193,8 @@ def _columns(path: Path, names: tuple[str, ...]) -> dict[str, Array]:
 
 
 def _states(run: Path) -> tuple[Array, NDArray[np.bool_]]:
-    """Return Unix times and True where circnav reports that it is on the circle."""
+    """Return Unix times, and for each time True if circnav reports that the vehicle is on the
+    circle."""
     epoch = json.loads((run / "manifest.json").read_text())["epoch_us"] / 1e6
     with (run / "fleet.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -200,8 +203,8 @@ def _states(run: Path) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def gap_errors(grid: Array, members: list[Member]) -> Array:
-    """Return the largest gap error at each time, deg of a lap in time; nan with fewer than two
-    vehicles on the circle, and at the end of a track."""
+    """Return the largest gap error at each time, deg (360 deg is the time of a lap). nan: fewer
+    than two vehicles on the circle, or the end of a track."""
     found = np.full(len(grid), np.nan)
     for k in range(len(grid)):
         ring = [one for one in members if one.ring[k]]
@@ -230,7 +233,8 @@ def _time_to(grid: Array, here: Member, ahead: Member, k: int) -> float:
 
 
 def even_from(grid: Array, errors: Array, since: float) -> float | None:
-    """Return the first time since `since` from which the fleet was even for LASTS, or None."""
+    """Return the first time after `since` from which the fleet was even for LASTS seconds, or
+    None."""
     hold = round(LASTS / STEP)
     good = errors <= EVEN_DEG
     starts = (k for k in range(len(grid) - hold) if grid[k] >= since and good[k : k + hold].all())

@@ -14,7 +14,8 @@ BEHIND_PX4 = "px4"
 
 @dataclass(frozen=True)
 class Vehicle:
-    """Default conditions of a vehicle, in SI units; altitude above home, duration from engaging."""
+    """Default conditions of a vehicle, in SI units. altitude: above home. duration: from the
+    engagement."""
 
     firmware: str
     kind: str
@@ -57,8 +58,7 @@ def _option(default: object, text: str = "", **how: object) -> Any:
 
 @dataclass(frozen=True)
 class Flight:
-    """Conditions of one flight, each an option on the command line: m, s, m/s; angles in
-    degrees."""
+    """Conditions of one flight, each an option on the command line. Units: m, s, m/s, degrees."""
 
     vehicle: str
     radius: float
@@ -140,12 +140,12 @@ class Flight:
 
     @property
     def window(self) -> float:
-        """Scored time, s: the last two laps."""
+        """Evaluated time, s: the last two laps."""
         return 2 * 2 * pi * self.radius / self.speed
 
     @property
     def title(self) -> str:
-        """The vehicle and all options that differ from the defaults."""
+        """Title of the flight: the vehicle and all options that differ from the defaults."""
         usual = {f.name: f.default for f in fields(self)}
         usual |= {name: getattr(self.what, name) for name in OF_THE_VEHICLE}
         hidden = {"vehicle", "circnav", "config"}
@@ -172,7 +172,7 @@ OF_THE_VEHICLE = {
     "altitude": "m above home",
     "duration": "s after engaging",
 }
-"""Fields with a default of each vehicle."""
+"""Fields with a default that depends on the vehicle."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -196,7 +196,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def flight(options: argparse.Namespace) -> Flight:
-    """Return the flight of the options. A preset overrides single options of the radio."""
+    """Return the flight with these options. A preset of the radio overrides its single options."""
     given = {f.name: getattr(options, f.name) for f in fields(Flight)}
     for name in OF_THE_VEHICLE:
         given[name] = (

@@ -2,10 +2,11 @@
 
 one flight of the installed circnav on real firmware in simulation.
 
-Prints one line, judged by the simulator's true track, and leaves a run folder: result.json,
+Prints one line with figures of the simulator's true track, and leaves a run folder: result.json,
 truth.csv, setpoints.csv, mission.toml, circnav/ (its own run folder), circnav.log, firmware.log.
-This tool shares no code and no sign convention with circnav. Exit code 0: flown and judged, kept or
-not; 3: the vehicle never came up, or circnav never engaged.
+This tool shares no code and no sign convention with circnav. Exit code 0: flown and evaluated, even
+if the circle was not kept. Exit code 3: the vehicle did not start to fly, or circnav did not
+engage.
 """
 
 import argparse
@@ -42,9 +43,9 @@ ENGAGE_PATIENCE = 90.0
 """Time limit for circnav to engage, s."""
 LEAVE_PATIENCE = 30.0
 HOME = 150.0
-"""Distance from the beacon, m, that counts as home."""
+"""Distance from the beacon at which the vehicle has arrived, m."""
 SLOWEST = 2.0
-"""Real over simulated time: a flight slower than this is given up."""
+"""Largest ratio of real to simulated time. A slower flight is ended."""
 
 
 def missing(flown: Flight) -> str:
@@ -149,8 +150,8 @@ def _start_circnav(flown: Flight, bench: Bench, folder: Path, home: float) -> fl
 
 
 def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) -> dict[str, Any]:
-    """Write the vehicle's mission file as an operator would fill it in. The operator has the height
-    of the beacon, m above sea level, to 0.1 m."""
+    """Write the vehicle's mission file as an operator would do. The operator enters the altitude of
+    the beacon above sea level, m, rounded to 0.1 m."""
     mission = tomlkit.parse((Path(flown.config) / f"{flown.what.mission}.toml").read_text())
     mission.pop("sim", None)
     mission["link"]["endpoint"] = f"udpin:{LOOPBACK}:{port}"
@@ -180,7 +181,7 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
 
 
 def _loop(flown: Flight, bench: Bench, began: float) -> None:
-    """Run until circnav has ended or the time is over."""
+    """Run until circnav has ended or the time limit has passed."""
     todo = sorted(_events(flown, bench), key=lambda event: event[0])
     sticks = 0.0
     longest = (
@@ -207,7 +208,7 @@ def _loop(flown: Flight, bench: Bench, began: float) -> None:
 
 
 def _events(flown: Flight, bench: Bench) -> Iterator[tuple[float, Callable[[], None]]]:
-    """Yield what happens during the flight, with its time after the start of circnav, s."""
+    """Yield the events of the flight with their times after the start of circnav, s."""
     firmware = bench.firmware
     if flown.takeover is not None:
         yield flown.takeover, lambda: firmware.ask_mode(bench, firmware.holding)
@@ -226,8 +227,8 @@ def _in_guided(bench: Bench, began: float) -> list[float]:
 
 
 def _circled(flown: Flight, bench: Bench, began: float) -> tuple[float, float]:
-    """Return the times of the first report of the guided mode, and of the last setpoint in it or
-    the takeover."""
+    """Return the time of the first report of the guided mode, and the time of the takeover or of
+    the last setpoint in the guided mode."""
     if flown.baseline:
         return began, bench.now
     entered = _in_guided(bench, began)
@@ -243,8 +244,8 @@ def _circled(flown: Flight, bench: Bench, began: float) -> tuple[float, float]:
 
 
 def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any] | None:
-    """Count the setpoints after the operator's command, and after the heartbeat that reported the
-    new mode, until the guided mode returned."""
+    """Count the setpoints between the operator's takeover and the return of the guided mode: after
+    the operator's command, and after the heartbeat that reported the new mode."""
     if flown.takeover is None:
         return None
     asked = began + flown.takeover
@@ -276,9 +277,9 @@ def homing(
     engaged: float,
     ended: float,
 ) -> dict[str, float] | None:
-    """Return figures of the mission `home`: flown time from the engagement to within HOME of the
-    beacon, s; the same for the straight way in this wind; and the largest distance after that,
-    m."""
+    """Return figures of the mission `home`: time from the engagement to within HOME of the beacon,
+    s; time of the straight path in this wind, s; and the largest distance from the beacon
+    afterwards, m. If the vehicle did not arrive: its smallest distance, m."""
     if not flown.what.mission.startswith("home"):
         return None
     way = [one for one in track if engaged <= one.time <= ended]
@@ -291,7 +292,7 @@ def homing(
     towards = radians(flown.wind_from + 180.0)
     wind = flown.wind * cos(towards), flown.wind * sin(towards)
     airspeed = hypot(start.v_north - wind[0], start.v_east - wind[1])
-    if flown.what.kind == "copter":  # it starts from hovering
+    if flown.what.kind == "copter":  # a copter starts at hover, so use the speed of the mission
         airspeed = flown.speed
     north, east = target(engaged)
     straight = straight_way((north - start.north, east - start.east), wind, airspeed, HOME)
@@ -306,9 +307,9 @@ def homing(
 
 
 def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dict[str, Any] | None:
-    """Return the error of the autopilot's own position from 10 s after the loss of its GPS, on the
-    circle and on the way home; its smallest distance from home, m; and the distance from home of
-    the center of its last circle, m."""
+    """Return figures from 10 s after the loss of GPS: the error of the autopilot's own position on
+    the circle and on the way home; the vehicle's smallest distance from home, m; and the distance
+    from home to the center of the last circle, m."""
     if flown.gps_off is None:
         return None
     lost = began + flown.gps_off + 10.0
@@ -332,10 +333,10 @@ def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dic
 
 
 def own_error(bench: Bench, since: float, until: float) -> dict[str, float] | None:
-    """Return the errors of the autopilot's reports against the truth at their timestamps: position,
-    m; largest step of the velocity error between two reports, m/s (with arrival times, a turn of 3
-    m/s^2 would look like a step of 1 m/s); heading error, mean and standard deviation, degrees
-    clockwise."""
+    """Return the errors of the autopilot's reports against the truth at the timestamps of the
+    reports: position error, m; largest step of the velocity error between two reports, m/s; mean
+    and standard deviation of the heading error, degrees clockwise. Arrival times are not used: with
+    them, a turn of 3 m/s^2 would look like a velocity step of 1 m/s."""
     reported = [
         one for one in bench.reported if since < one.time < min(until, bench.track[-1].time)
     ]
@@ -366,8 +367,8 @@ def own_error(bench: Bench, since: float, until: float) -> dict[str, float] | No
 
 
 def _off_home(track: list[Truth], away: float) -> float:
-    """Return the distance from home, `away` north, of the center of a circle fitted to the true
-    track of the last 40 s, m."""
+    """Return the distance of home from the center of a circle fitted to the true track of the last
+    40 s, m. Home is `away` m north of the origin."""
     last = np.array(
         [(true.north, true.east) for true in track if true.time > track[-1].time - 40.0]
     )

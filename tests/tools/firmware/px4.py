@@ -21,8 +21,8 @@ INSTANCES = range(10)
 """Instances with separate ports; more instances would share a port."""
 TO_APP = 14540
 GROUND_STATION = 18570
-"""UDP ports of the first instance: the port that it sends companion messages to, and the port on
-which it receives a ground station."""
+"""UDP ports of the first instance: the port to which it sends messages for a companion, and the
+port on which it receives a ground station."""
 ALTCTL = 2 << 16
 OFFBOARD = 6 << 16
 TAKEOFF = 4 << 16 | 2 << 24
@@ -81,9 +81,9 @@ class Px4(Firmware):
         raise NoFlightError("no instance of PX4 is free")
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]:
-        """Start in a separate folder, where PX4 keeps its parameters. Of the stock parameters, only
-        those are changed that the airplane requires: at the default 489 m above the sea and trimmed
-        for 15 m/s, it stalls."""
+        """Start in a separate folder, where PX4 keeps its parameters. Only parameters that the
+        airplane requires are changed: with the default trim for 15 m/s at 489 m above the sea, it
+        stalls."""
         build = _build()
         assert build is not None
         parameters = {"MIS_TAKEOFF_ALT": self._flight.altitude, "SDLOG_BACKEND": 0}
@@ -112,7 +112,7 @@ class Px4(Firmware):
         )
 
     def truth(self, bench: Bench, message: Any) -> Truth | None:
-        """Return the truth from HIL_STATE_QUATERNION, which has SIH's own state."""
+        """Return the truth from HIL_STATE_QUATERNION, which contains the state of SIH."""
         if message.get_type() != "HIL_STATE_QUATERNION" or not message.lat:
             return None
         north, east = self.metres(message.lat, message.lon)
@@ -152,8 +152,8 @@ class Px4(Firmware):
         bench.rest(15)
 
     def weather(self, bench: Bench) -> None:
-        """Start the weather. SIH adds its wind to the velocity over ground, so its vector points to
-        where the wind comes from."""
+        """Start the wind. SIH computes the air velocity as ground velocity plus SIH_WIND, so
+        SIH_WIND points in the direction from which the wind blows."""
         if self._flight.turbulence:
             note("  SIH has no turbulence")
         if self._flight.wind:
@@ -182,7 +182,8 @@ class Px4(Firmware):
         )
 
     def circle(self, bench: Bench, north: float, east: float) -> tuple[float, float]:
-        """Start PX4's own GPS circle round a place, m. Return its center."""
+        """Start PX4's own GPS circle around a place (north, east, m). Return the center of the
+        circle."""
         flight = self._flight
         (x, y) = self.degrees_e7(north, east)
         values = (flight.radius if flight.clockwise else -flight.radius, flight.speed, 0.0, nan)

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from tests.tools.firmware.bench import Bench, Truth
 
 UP = 24
-"""Orientation of the sensor. No other sensor of the vehicle has it."""
+"""Orientation field of the radio's DISTANCE_SENSOR, which no other sensor of the vehicle uses."""
 FROM_OUTSIDE = 2.5
 """Default distance of the start from the target, radii."""
 LONGEST_CM = 65000
@@ -19,13 +19,14 @@ SENSOR_ID = 7
 SX1280 = np.array(
     [(0.0, 4.4), (50.0, 57.6), (100.0, 103.0), (150.0, 148.0), (200.0, 201.0), (250.0, 253.0)]
 )
-"""True and reported range, m, as measured. The last segment is extrapolated."""
+"""Measured pairs of true and reported range of an SX1280, m. Longer ranges extrapolate the last
+segment."""
 NAME = b"RANGE"
 
 
 class Radio:
-    """A radio on the vehicle. The target starts at the flight's bearing from the vehicle's nose,
-    and moves."""
+    """A radio on the vehicle. The target's initial bearing from the vehicle's nose is that of the
+    flight. The target may move."""
 
     def __init__(self, bench: Bench, home_altitude: float) -> None:
         self._bench = bench

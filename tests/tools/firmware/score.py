@@ -1,4 +1,5 @@
-"""Judge a flight by the simulator's true track, and its commands by the frames on the link."""
+"""Figures of a flight from the simulator's true track, and of its commands from the frames on the
+link."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -13,8 +14,8 @@ from tests.tools.firmware.wire import Setpoint
 
 KEPT = 0.10
 SETTLED = 0.05
-"""Radius error as a share of the radius. A circle is kept if the RMS is below the first. It has
-settled if the error stays below the second."""
+"""Bounds of the radius error, as shares of the radius. A circle is kept if the RMS error is below
+KEPT. It has settled when the error stays below SETTLED."""
 AT_LIMIT = 0.99
 GOING_ROUND = 0.3
 
@@ -24,9 +25,9 @@ class Score:
     """Figures of the last two laps unless stated otherwise: m, s; turn rates in deg/s, shares from
     0 to 1.
 
-    rms, mean, sd: of the radius error. settled: since engaging; None if never. closest: smallest
-    range of the flight. led_away: largest range less the range at the start. total_variation: of
-    the command, deg/s per second.
+    rms, mean, sd: of the radius error. settled: time from the engagement until settled; None: never
+    settled. closest: smallest range of the flight. led_away: largest range minus the range at the
+    start. total_variation: total variation of the turn command, deg/s per second.
     """
 
     flown: float
@@ -69,8 +70,8 @@ def score(
     turn_limit: float,
     home: float,
 ) -> Score:
-    """Return the figures of a flight. engaged, ended: simulated times between which the circle was
-    flown. turn_limit: rad/s."""
+    """Return the figures of a flight. engaged, ended: simulated times between which circnav
+    steered, s. turn_limit: rad/s."""
     flown = [one for one in track if engaged <= one.time <= ended]
     time = np.array([one.time for one in flown]) - engaged
     places = np.array([target(one.time) for one in flown])
@@ -132,8 +133,8 @@ def score(
 
 
 def _settled(time: np.ndarray, outside: np.ndarray) -> float | None:
-    """Return the time of the last error outside the band, s, or None if it is in the last third of
-    the flight."""
+    """Return the time of the last error outside the band, s. None: this time is in the last third
+    of the flight, so the circle has not settled."""
     last = float(time[outside][-1]) if outside.any() else 0.0
     return last if last < time[-1] * 2 / 3 else None
 

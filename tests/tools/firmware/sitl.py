@@ -18,7 +18,8 @@ from tests.tools.firmware.wire import LOOPBACK, bound
 
 HOME = "-35.363261,149.165230,584,353"
 POSITION_KNOWN = 0x13
-"""EKF_STATUS_REPORT: attitude, horizontal velocity, absolute horizontal position."""
+"""Flags of EKF_STATUS_REPORT that must be set: attitude, horizontal velocity, absolute horizontal
+position."""
 TAKEOFF = 13
 STOCK_CRUISE = 22.0
 """AIRSPEED_CRUISE of the stock plane, m/s."""
@@ -241,8 +242,8 @@ class ArduPilot(Firmware):
         )
 
     def circle(self, bench: Bench, north: float, east: float) -> tuple[float, float]:
-        """Start ArduPilot's own GPS circle: a plane's round a place, the others' at their present
-        position. Return its center."""
+        """Start ArduPilot's own GPS circle: a plane circles around a place, other vehicles at their
+        present position. Return the center of the circle."""
         flight = self._flight
         sign = 1 if self._flight.clockwise else -1
         if self._kind == "plane":
@@ -273,7 +274,7 @@ class ArduPilot(Firmware):
         return bench.truth.north, bench.truth.east
 
     def beat(self, bench: Bench) -> None:
-        """Center the sticks: with the throttle down, ALT_HOLD descends."""
+        """Send centered sticks, because ALT_HOLD descends with a low throttle stick."""
         heartbeat = bench.latest.get("HEARTBEAT")
         armed = heartbeat is not None and heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         if self._starts_without_gps and armed:  # with the throttle up, arming is refused
@@ -284,7 +285,7 @@ class ArduPilot(Firmware):
             )
 
     def circling(self, bench: Bench) -> None:
-        """A copter's CIRCLE reads the throttle stick: keep it centered."""
+        """Send a centered throttle stick, which a copter reads in CIRCLE."""
         if self._kind == "copter":
             bench.send(
                 mavlink.MAVLink_rc_channels_override_message(

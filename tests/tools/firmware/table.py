@@ -3,9 +3,9 @@ docs/measured.md.
 
 Flies every row with every seed, J at once, and writes the table between the marks in
 docs/measured.md and its flights into flights.jsonl beside this file. DIR keeps a line for each
-flight in results.jsonl, and the run folders. A flight in it is not flown again. Seeds differ in
-noise, start and direction of rotation. A vehicle without a binary is left out with the reason.
-Other options go to every flight (`tests.tools.firmware.fly`).
+flight in results.jsonl, and the run folders. A flight in this file is not flown again. Seeds differ
+in noise, start and direction of rotation. A vehicle without a binary is skipped, and the reason is
+printed. Other options go to every flight (`tests.tools.firmware.fly`).
 """
 
 import argparse
@@ -31,7 +31,8 @@ PAGE = ROOT / "docs" / "measured.md"
 FLIGHTS = Path(__file__).with_name("flights.jsonl")
 MARKS = "<!-- flights -->\n", "<!-- end of flights -->\n"
 STARTS = ((70, True), (-70, False), (140, True), (-10, False), (-110, True))
-"""Bearing of the target from the nose, deg, and True for clockwise; by seed."""
+"""Start of a flight, by seed: bearing of the target from the nose, deg, and True for a clockwise
+circle."""
 OF_FLIGHT = (
     "vehicle",
     "radius",
@@ -53,22 +54,23 @@ LEFT_OUT = {
     "cpu",
     "own_position",
 }
-"""Options stored with the page's flights, and result keys that are not stored."""
+"""OF_FLIGHT: options that are stored with the flights of the page. LEFT_OUT: keys of a result that
+are not stored."""
 LASTS = 170
 LASTS_PX4_COPTER = 270
-"""Duration of a flight before the operator's takeover, s."""
+"""Duration of a flight until the operator takes over, s; longer for the PX4 copter."""
 APART = 7.0
 """Shortest time between two starts, s."""
 LONGEST_PAUSE = 0.5
 SLOWEST = 0.98
-"""Longest pause, s, and smallest ratio to real time, of a valid flight. Beyond them the figures
-show the computer's load."""
+"""Limits of a valid flight: longest pause, s, and smallest ratio of simulated to real time. Beyond
+these limits, the figures depend on the load of the computer."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table. aim: RMS radius error, m. aim_turn: standard deviation of the turn
-    command, deg/s."""
+    """A row of the table. aim: desired bound of the RMS radius error, m. aim_turn: desired bound of
+    the standard deviation of the turn command, deg/s."""
 
     name: str
     options: str
@@ -155,7 +157,7 @@ def words(row: Row, seed: int, extra: list[str]) -> list[str]:
 
 
 def stored(path: Path) -> dict[tuple[str, int], dict[str, Any]]:
-    """Return the stored flights, the newest of each."""
+    """Return the newest stored result of each flight."""
     lines = path.read_text().splitlines() if path.is_file() else []
     return {(one["row"], one["flight"]["seed"]): one for one in map(json.loads, lines)}
 

@@ -1,7 +1,7 @@
 from tests.tools.firmware.bound import COSTS, best, lora_radius_error, squeezed
 
 
-def test_bound_grows_with_effort_delay_noise_and_turbulence() -> None:
+def test_radius_error_bound_grows_with_cost_delay_noise_turbulence() -> None:
     rms, turn = best(30.0, noise=0.5, delay=0.4)
     calmer, calmer_turn = best(300.0, noise=0.5, delay=0.4)
     assert calmer > rms and calmer_turn < turn
@@ -15,9 +15,9 @@ def test_bound_grows_with_effort_delay_noise_and_turbulence() -> None:
     )
 
 
-def test_radius_error_grows_with_wandering_drift() -> None:
+def test_lora_radius_error_grows_with_random_walk_of_drift() -> None:
     assert lora_radius_error(1e-3) > lora_radius_error(0.0)
 
 
-def test_lap_error_grows_with_lower_turn_limit() -> None:
+def test_least_lap_error_grows_with_lower_turn_limit() -> None:
     assert squeezed(0.23) < 1e-3 < squeezed(0.215) < squeezed(0.21)

@@ -1,4 +1,4 @@
-"""The emulator flies as accurately as the firmware in the flights stored in flights.jsonl."""
+"""The radius errors of the emulator, compared with the firmware flights stored in flights.jsonl."""
 
 from statistics import median
 
@@ -19,7 +19,7 @@ STORED = stored(FLIGHTS)
     ],
 )
 def test_emulator_accuracy_matches_firmware(row: str) -> None:
-    """A single lap agrees within a factor of two."""
+    """The RMS radius error of a single emulated lap is within a factor of two of the firmware's."""
     real = [one for (name, _), one in STORED.items() if name == row]
     rms, turn_sd = (median(one[key] for one in real) for key in ("rms", "turn_sd"))
     flown = fly(row, 1, direction="counterclockwise", count=1)

@@ -1,5 +1,5 @@
-"""Scores of synthetic tracks and frames and, if a binary is available, a flight on real
-firmware."""
+"""Figures computed from synthetic tracks and frames. If a firmware binary is available: a flight on
+real firmware."""
 
 import json
 import subprocess
@@ -30,7 +30,8 @@ PLANE = Flight("plane", 150.0, 22.0, 80.0, 240.0)
 def approach_and_circle(
     flight: Flight, radius: float, *, clockwise: bool, seconds: float
 ) -> list[Truth]:
-    """Return a track from 375 m north of the target straight to the circle, then along it."""
+    """Return a track that leads straight from 375 m north of the target to the circle, then along
+    the circle."""
     track = []
     sense = 1 if clockwise else -1
     for tick in range(round(seconds * 25)):
@@ -47,7 +48,7 @@ def approach_and_circle(
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
-def test_score_of_circle_with_2_m_error(
+def test_score_matches_synthetic_circle_with_2_m_error(
     clockwise: bool,
 ) -> None:
     track = approach_and_circle(PLANE, 152.0, clockwise=clockwise, seconds=200.0)
@@ -77,18 +78,19 @@ def test_score_of_circle_with_2_m_error(
         PLANE, track, [], lambda _: elsewhere, engaged=0.0, ended=200.0, turn_limit=1.0, home=584.0
     )
     assert (scored.kept, scored.settled, scored.turn_sd) == (False, None, None), (
-        "around another position"
+        "a circle around another position is not kept"
     )
 
 
 @pytest.mark.parametrize("wind", [0.0, 5.0])
-def test_fleet_spacing_counts_equal_intervals_per_bearing(wind: float) -> None:
+def test_fleet_gap_is_time_to_bearing_of_vehicle_ahead(wind: float) -> None:
     grid = np.arange(0.0, 120.0, 0.2)
     rate = 22.0 / 150.0
 
     def member(number: int, lag: float, height: float) -> fleet.Member:
         phase = rate * (grid - lag)
-        angle = phase + wind / 22.0 * np.sin(phase)  # slower on one side
+        # the vehicle is slower on the side where it flies against the wind
+        angle = phase + wind / 22.0 * np.sin(phase)
         ring = np.ones(len(grid), bool)
         return fleet.Member(
             number, 150 * np.cos(angle), 150 * np.sin(angle), grid * 0 + height, angle, ring
@@ -107,7 +109,7 @@ def test_fleet_spacing_counts_equal_intervals_per_bearing(wind: float) -> None:
     assert np.nanmedian(fleet.gap_errors(grid, late)) == pytest.approx(10.0, abs=0.2)
 
 
-def test_heading_error_turns_magnetic_field_back() -> None:
+def test_fleet_heading_error_rotates_magnetic_field_back() -> None:
     values = [float(one.split("=")[1]) for one in fleet.field(5.0)]
     north, east = np.add(fleet.HOME_FIELD, values[:2])
     turned = np.degrees(np.arctan2(east, north) - np.arctan2(*fleet.HOME_FIELD[::-1]))
@@ -115,12 +117,13 @@ def test_heading_error_turns_magnetic_field_back() -> None:
     assert np.hypot(north, east) == pytest.approx(np.hypot(*fleet.HOME_FIELD), abs=0.02)
 
 
-def test_autopilot_position_error_on_circle_and_way_home(
+def test_own_position_error_covers_circle_and_way_home(
     tmp_path: Path,
 ) -> None:
-    """Errors: 5 m on the circle, 50 m and 3 deg on the way home, one velocity step of 0.4 m/s.
-    The reports fall between two truth samples: with the nearest sample, a turn of 3.2 m/s^2 would
-    look like a velocity step."""
+    """The reports have an error of 5 m on the circle, 50 m and 3 deg on the way home, and one
+    velocity step of 0.4 m/s. The report times are between samples of the truth, so the truth must
+    be interpolated. With the nearest sample, a turn of 3.2 m/s^2 would look like a velocity
+    step."""
     flight = replace(PLANE, gps_off=20.0, home_s=60.0)
     track = approach_and_circle(PLANE, 150.0, clockwise=True, seconds=130.0)
     times = np.arange(20.0, 129.0, 0.21)
@@ -146,7 +149,7 @@ def test_autopilot_position_error_on_circle_and_way_home(
     assert found["circles_off_home"] == pytest.approx(hypot(*TARGET), abs=0.5)
 
 
-def test_sx1280_range_error_is_interpolated_and_extrapolated() -> None:
+def test_sx1280_reported_range_is_interpolated_and_extrapolated() -> None:
     assert [reported(true) for true in (0.0, 50.0, 75.0, 250.0)] == pytest.approx(
         [4.4, 57.6, 80.3, 253.0]
     )
@@ -164,7 +167,7 @@ def test_homing_time_is_compared_with_straight_path() -> None:
     assert found["farthest"] <= 150.0
 
 
-def test_setpoint_turn_is_clockwise_positive() -> None:
+def test_turn_of_setpoint_is_positive_clockwise() -> None:
     half = radians(30.0) / 2
     roll = mavlink.MAVLink_set_attitude_target_message(
         0, 1, 1, 0xC6, [cos(half), sin(half), 0, 0], 0, 0, nan, 0
@@ -253,7 +256,9 @@ def test_table_of_page_matches_stored_flights(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("vehicle", ["rover", "px4_copter"])
-def test_installed_circnav_circles_on_firmware_until_takeover(tmp_path: Path, vehicle: str) -> None:
+def test_installed_circnav_circles_on_real_firmware_until_takeover(
+    tmp_path: Path, vehicle: str
+) -> None:
     what = VEHICLES[vehicle]
     lap = 2 * pi * what.radius / what.speed
     flight = Flight(

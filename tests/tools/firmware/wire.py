@@ -14,10 +14,10 @@ G = 9.80665
 FULL_STICK_BANK = radians(50.0)
 LOOPBACK = "127.0.0.1"
 POSITIONS = frozenset({24, 32, 33, 49, 63, 104, 108, 113, 114, 115, 124, 164, 178, 182, 230, 242})
-"""Messages with the vehicle's position, raw or estimated, or its ground velocity. They are hidden
-from circnav."""
+"""Messages with the vehicle's measured or estimated position or ground velocity. The bench does not
+forward them to circnav."""
 GPS_HEALTH = frozenset({24, 124})
-"""GPS_RAW_INT and GPS2_RAW, whose fix type shows a loss of GPS."""
+"""GPS_RAW_INT and GPS2_RAW. Their fix type shows a loss of GPS."""
 SETPOINTS = (
     "SET_ATTITUDE_TARGET",
     "SET_POSITION_TARGET_LOCAL_NED",
@@ -30,7 +30,8 @@ YAW_RATE_IGNORED = {"SET_ATTITUDE_TARGET": 4, "SET_POSITION_TARGET_LOCAL_NED": 2
 
 @dataclass(frozen=True)
 class Setpoint:
-    """time: simulated, s. turn: commanded, rad/s, positive clockwise; None if it commands none."""
+    """A setpoint on the link. time: simulated time, s. turn: commanded turn rate, rad/s, positive
+    clockwise; None: no turn rate is commanded."""
 
     time: float
     kind: str
@@ -63,7 +64,7 @@ def frames(datagram: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def mode_shown(number: int, frame: bytes) -> int | None:
-    """Return the custom mode in an autopilot's HEARTBEAT; None for any other frame."""
+    """Return the custom mode in an autopilot's HEARTBEAT. Return None for any other frame."""
     component, payload = (6, 10) if frame[0] == 0xFD else (4, 6)
     if number != 0 or frame[component] != mavlink.MAV_COMP_ID_AUTOPILOT1:
         return None
@@ -93,7 +94,7 @@ def _roll(message: Any) -> float | None:
 
 
 def parser() -> mavlink.MAVLink:
-    """Return a parser that skips bad bytes."""
+    """Return a MAVLink parser that skips invalid bytes."""
     one = mavlink.MAVLink(None)
     one.robust_parsing = True
     return one

@@ -15,8 +15,7 @@ Pause = Callable[[Course, float], None]
 
 
 def vehicle_pauses(course: Course, seconds: float) -> None:
-    """The vehicle's clock stops and it sends nothing. Frames to it wait. circnav's time
-    continues."""
+    """Stop the vehicle and its clock. Frames sent to it wait. circnav's time continues."""
     before = course.clock
     since = course.clock(course.now)
     for n in range(1, round(seconds / STEP)):
@@ -25,7 +24,7 @@ def vehicle_pauses(course: Course, seconds: float) -> None:
 
 
 def radio_pauses(course: Course, seconds: float) -> None:
-    """The radio's clock stops. The vehicle and its link continue."""
+    """Stop the radio and its clock. The vehicle and its link continue."""
     until = course.now + seconds
 
     def change(frame: bytes, now: float) -> list[bytes]:
@@ -40,7 +39,8 @@ def radio_pauses(course: Course, seconds: float) -> None:
 
 
 def radio_buffers(at_once: int) -> Pause:
-    """The radio's buffer fills, then sends up to `at_once` ranges with each new one."""
+    """Let the radio buffer its ranges for some time. It then sends up to `at_once` buffered ranges
+    with each new range."""
 
     def pauses(course: Course, seconds: float) -> None:
         until = course.now + seconds
@@ -61,18 +61,19 @@ def radio_buffers(at_once: int) -> Pause:
 
 
 def we_pause(course: Course, seconds: float) -> None:
-    """Frames of the vehicle wait in circnav's socket."""
+    """Stop circnav. Frames of the vehicle wait in circnav's socket."""
     course.stall(seconds)
 
 
 def companion_sleeps(course: Course, seconds: float) -> None:
-    """The vehicle flies on, and its frames are lost. circnav's clock includes the time asleep, as
-    on Linux."""
+    """Suspend circnav's computer. The vehicle continues, and its frames are lost. circnav's clock
+    includes the suspended time, as on Linux."""
     course.stall(seconds, lost=True)
 
 
 def computer_pauses(course: Course, seconds: float) -> None:
-    """The computer that runs vehicle, radio and circnav pauses. Its clock continues."""
+    """Stop vehicle, radio and circnav, which run on one computer. The computer's clock
+    continues."""
     before = course.clock
     course.clock = lambda now: before(now) + seconds
     course.stood_still(seconds)
@@ -106,7 +107,7 @@ def paused(who: str, seconds: float) -> Scenario:
 
 
 STANDSTILLS = [
-    # circnav: F20
+    # pauses of circnav alone: F20
     *(paused(who, seconds) for who in PAUSES if who != "we" for seconds in (0.5, 3.0)),
     paused("companion computer sleeps", 30.0),
     paused("whole computer", 30.0),

@@ -1,5 +1,5 @@
-"""F9, F14 to F20, F22: floods, errors of our clock, stalls, reboots, takeovers, other senders on
-the link, commands."""
+"""F9, F14 to F20, F22: floods, errors of circnav's clock, stalls, reboots, takeovers, other senders
+on the link, commands."""
 
 import struct
 from collections.abc import Callable, Iterable
@@ -48,7 +48,7 @@ def intrude(make: Callable[[int], Intruder]) -> Arrange:
 
 
 def our_clock(shift: Callable[[float, float], float]) -> Arrange:
-    """Change our clock from now on."""
+    """Change circnav's clock from now on."""
 
     def arrange(course: Course, seed: int) -> None:
         since = course.now
@@ -124,7 +124,7 @@ def reboot(gap: float) -> Scenario:
 
 
 def takeovers(times: int, quick: bool = False) -> Scenario:
-    """The operator changes the mode at random moments, each in its own copy of the flight."""
+    """The operator changes the mode at random times, each in a separate copy of the flight."""
 
     def arrange(course: Course, seed: int) -> None:
         chance = Random(seed)
@@ -154,7 +154,7 @@ def take_over(course: Course) -> None:
 
 
 def flapping(course: Course, seed: int) -> None:
-    """The mode changes every 2.5 s, and circnav gets the vehicle back each time."""
+    """The operator changes the mode every 2.5 s and returns the vehicle each time."""
     for _ in range(20):
         take_over(course)
         course.fly(course.now + 2.5)
@@ -203,7 +203,7 @@ def new_port(course: Course, seed: int) -> None:
 
 
 def flaps(course: Course, seed: int) -> None:
-    """100 cycles of 0.5 s up and 0.5 s down."""
+    """The link has 100 cycles of 0.5 s with and 0.5 s without transmission."""
     cuts = tuple((course.now + n, course.now + n + 0.5) for n in range(100))
     course.link.impair(up=Impairment(outages=cuts), down=Impairment(outages=cuts))
 
@@ -217,13 +217,13 @@ LINKS = [
 
 
 def echoing(way: str, data: bytes, now: float) -> Iterable[Passage]:
-    """Every sent frame comes back."""
+    """circnav receives every frame that it sends."""
     return [(UP, data), (DOWN, data)] if way == UP else [(DOWN, data)]
 
 
 def forged_acks(seed: int) -> Intruder:
-    """Acknowledgements of our commands: one in a ground station's name, one addressed to another
-    component."""
+    """Acknowledgements of circnav's commands: one from a ground station, and one addressed to
+    another component."""
 
     def words(n: int) -> list[bytes]:
         return [acknowledgement(SET_MODE, 2, OURS, by=GCS), acknowledgement(511, 2, (1, 77))]
@@ -239,7 +239,8 @@ def joined(
 
 
 def left_at_the_vehicles_ids(seed: int) -> Intruder:
-    """A gimbal with ids 1/1 behind the vehicle's router: no autopilot, mode 0, not armed."""
+    """A gimbal with the ids 1/1 behind the vehicle's router sends heartbeats: no autopilot, mode 0,
+    not armed."""
     heartbeat = mavlink.MAVLink_heartbeat_message(26, 8, 0, 0, 4, 3)
     return periodic(1.0, lambda n: [write(heartbeat, 1, 1, n & 255)])
 
@@ -263,7 +264,7 @@ IDENTITY = [
 
 
 def no_answer_no_obedience(way: str, data: bytes, now: float) -> Iterable[Passage]:
-    """A vehicle that neither answers nor obeys commands."""
+    """The vehicle neither answers nor obeys commands."""
     return () if way == UP and message_id(data) == 76 else [(way, data)]
 
 

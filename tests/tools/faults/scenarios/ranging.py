@@ -26,7 +26,8 @@ from tests.tools.faults.tampering import (
 HOLD = Want.HOLD
 REGAIN = Want.REGAIN
 SLOW = {"px4_copter": REGAIN}
-"""10 s without ranges take the PX4 copter farther off its circle than the other vehicles."""
+"""Required reaction after 10 s without ranges: the PX4 copter leaves its circle and must regain it.
+The other vehicles must hold it."""
 RANGE = 132
 NAMED = 251
 WRAP = 2**32 / 1000
@@ -37,7 +38,8 @@ NAMED_RANGING = ('ranging.message="named_value_float"', 'sim.ranging.message="na
 def tampered(
     fault: str, level: str, change: Callable[[int], Change], number: int = RANGE, **more: Any
 ) -> Scenario:
-    """Return a scenario that changes the ranging radio's frames. change: called with the seed."""
+    """Return a scenario that changes the ranging radio's frames. change: function of the seed that
+    returns the change."""
 
     def arrange(course: Course, seed: int) -> None:
         course.link.tampers.append(on(number, change(seed)))
@@ -48,7 +50,7 @@ def tampered(
 def value(
     level: str, *rejects: str, quick: bool = False, profiles: tuple[str, ...] = (), **fields: float
 ) -> Scenario:
-    """A fifth of the ranges has an invalid value."""
+    """Return a scenario in which a fifth of the ranges has this invalid value."""
     change = partial(sometimes, 0.2, **fields)
     return tampered("F10", level, change, rejects=rejects, quick=quick, profiles=profiles)
 
@@ -119,7 +121,7 @@ NOISE = [
 
 
 def repeating(seconds: float, *, new_stamps: bool, quick: bool = False) -> Scenario:
-    """The range is stuck on one value. The setpoint rules also apply while this cannot be
+    """The range is constant. The rules for setpoints apply even before this fault can be
     detected."""
     level = f"stuck {seconds:g} s, {'new stamps' if new_stamps else 'same stamp'}"
     more = {"lasts": seconds, "after": 50.0, "want": REGAIN, "quick": quick}
@@ -127,7 +129,8 @@ def repeating(seconds: float, *, new_stamps: bool, quick: bool = False) -> Scena
 
 
 def restamped(frame: bytes, now: float) -> list[bytes]:
-    """The same value 5 times with slightly newer timestamps, as from an autopilot that re-sends."""
+    """Each range is sent 5 times with slightly newer timestamps, as by an autopilot that sends its
+    last range again."""
     stamp = read(frame).time_boot_ms
     return [rewritten(frame, time_boot_ms=stamp + 10 * n) for n in range(5)]
 
@@ -143,7 +146,7 @@ STUCK = [
 
 
 def beside(**fields: int) -> Callable[[int], Change]:
-    """Another sensor of the same radio measures another target at the same times."""
+    """A second sensor of the same radio measures another target at the same times."""
 
     def change(seed: int) -> Change:
         return lambda frame, now: [
@@ -155,15 +158,15 @@ def beside(**fields: int) -> Callable[[int], Change]:
 
 
 def few_setpoints(course: Course) -> str | None:
-    """Return a fault if setpoints are sent for each range, which would be 100 or 1,000 per
-    second."""
+    """Return a fault if circnav sends a setpoint for each range, so 100 or 1,000 per second."""
     sent = [time for time, _ in course.vehicle.setpoint_log if time > course.now - 10.0]
     most = 10.0 / (0.75 * course.pilot.settings.timing.tick) + 1
     return f"{len(sent)} setpoints in 10 s, at most {most:.0f}" if len(sent) > most else None
 
 
 def refused(level: str, key: str, **fields: int) -> Scenario:
-    """Two range sources from the start: not engaged, and the key that selects one is reported."""
+    """Two range sources from the start: circnav must not engage, and must report the key that
+    selects a source."""
     more = {
         "want": Want.REFUSE,
         "reason": f"select yours by ranging.{key}",
@@ -204,7 +207,7 @@ RATES = [
 
 
 def stamped(level: str, shift: Callable[[float, float], float], **more: Any) -> Scenario:
-    """Change the timestamps of the radio only."""
+    """Return a scenario that changes the timestamps of the radio only."""
     return tampered("F13", level, lambda seed: stamps(shift), clocks=True, **more)
 
 

@@ -12,9 +12,9 @@ from tests.tools.faults.tampering import Change, on
 ATTITUDE = 30
 VFR_HUD = 74
 AUTO = ('guidance.law="auto"',)
-"""The default law. It uses the heading, unlike the law of the matrix."""
+"""The default law, which uses the heading. The law of the matrix uses the range alone."""
 ARDUPILOT = ("arducopter", "arduplane", "ardurover")
-"""PX4 sends ATTITUDE_QUATERNION beside ATTITUDE, and one of them is sufficient."""
+"""Vehicles that need ATTITUDE. PX4 also sends ATTITUDE_QUATERNION, which is sufficient."""
 YAW: dict[str, Any] = {"overrides": AUTO, "reported": "HEADING JUMPED", "profiles": ARDUPILOT}
 BLIND: dict[str, Any] = {
     "overrides": AUTO,
@@ -35,7 +35,8 @@ def reports(level: str, number: int, make: Callable[[Course], Change], **more: A
 
 
 def turned(angle: float) -> Callable[[Course], Change]:
-    """The yaw jumps by this angle, rad, and back at the end of the fault."""
+    """Return a change by which the yaw jumps by this angle, rad, and back at the end of the
+    fault."""
 
     def change(frame: bytes, now: float) -> list[bytes]:
         return [rewritten(frame, yaw=remainder(read(frame).yaw + angle, 2 * pi))]
@@ -44,7 +45,7 @@ def turned(angle: float) -> Callable[[Course], Change]:
 
 
 def every_second(course: Course) -> Change:
-    """Pass one attitude per second."""
+    """Pass one attitude per second and drop the others."""
     passed = [-1.0]
 
     def change(frame: bytes, now: float) -> list[bytes]:

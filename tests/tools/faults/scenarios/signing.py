@@ -37,8 +37,8 @@ def sending(
 
 
 def both_ways(key: bytes | None, timestamp: int = 0, **link: int) -> Arrange:
-    """Return an arrangement: one sender imitates the vehicle to us, and a ground station to the
-    vehicle."""
+    """Return an arrangement with a sender that imitates the vehicle to circnav, and a ground
+    station to the vehicle."""
 
     def arrange(course: Course, seed: int) -> None:
         course.link.intruders += [
@@ -58,7 +58,8 @@ def replayed(course: Course, seed: int) -> None:
 
 
 def clock(*, ours: float = 0.0, theirs: float | None = 0.0) -> Arrange:
-    """Return an arrangement with wall clock errors, s; None: the vehicle has no clock."""
+    """Return an arrangement with errors of the wall clocks of circnav and of the vehicle, s. None:
+    the vehicle has no clock."""
 
     def arrange(course: Course, seed: int) -> None:
         course.wall += ours
@@ -69,8 +70,8 @@ def clock(*, ours: float = 0.0, theirs: float | None = 0.0) -> Arrange:
 
 
 def refused(*reasons: Refusal, by_vehicle: bool = True) -> Check:
-    """Return a check of the rejection reasons, which must be exactly these, and of rejections by
-    the vehicle."""
+    """Return a check: circnav must have rejected frames for exactly these reasons, and the vehicle
+    must have rejected frames or not."""
 
     def check(course: Course) -> str | None:
         found = course.pilot.frames_refused()
@@ -145,7 +146,8 @@ SIGNING = [
             ("20 % lost", Impairment(loss=0.2)),
             ("50 % twice", Impairment(duplicate=0.5)),
             ("0.001 corrupt per byte", Impairment(corrupt=1e-3)),
-            # an overtaken frame counts as repeated: many frames are lost
+            # a signed frame that arrives after a later one is rejected as repeated, so many frames
+            # are lost
             ("200 ms jitter", Impairment(jitter=0.2)),
         )
     ),
