@@ -201,11 +201,15 @@ def table(flights: Sequence[dict[str, Any]]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--flights", type=int, default=3, help="of each row")
-    parser.add_argument("--first", type=int, default=1, help="seed of the first")
+    parser.add_argument("--flights", type=int, default=3, help="flights of each row")
+    parser.add_argument("--first", type=int, default=1, help="seed of the first flight")
     parser.add_argument("--rows", nargs="*", choices=[*ROWS, *STUDY], help="[all of the table]")
     parser.add_argument("--study", action="store_true", help="fly the rows of the study instead")
-    parser.add_argument("--keep", type=Path, help="file of JSON lines")
+    parser.add_argument(
+        "--keep",
+        type=Path,
+        help="JSON lines file for the flights; flights already in it are not flown again",
+    )
     parser.add_argument("--workers", type=int, help="processes [one a core]")
     parser.add_argument(
         "--minutes", type=float, default=inf, help="start no flight after this time"

@@ -157,10 +157,12 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=int, nargs=2, default=(1, 20), metavar=("FIRST", "LAST"))
     parser.add_argument("--out", type=Path, help="file of the lines, to be continued")
-    parser.add_argument("--wind", type=float, default=0.33, help="in units of V")
-    parser.add_argument("--away", type=float, default=2000.0, help="m")
     parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="of the mission"
+        "--wind", type=float, default=0.33, help="wind speed, as a share of the airspeed"
+    )
+    parser.add_argument("--away", type=float, default=2000.0, help="distance at the start, m")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="mission key to set"
     )
     options = parser.parse_args()
     lines = read(options.out)

@@ -98,10 +98,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--reach", type=float, default=500.0, help="of the radio, m")
+    parser.add_argument("--reach", type=float, default=500.0, help="reach of the radio, m")
     parser.add_argument("--flights", type=int, default=4)
-    parser.add_argument("--change", action="store_true", help="another wind")
-    parser.add_argument("--heading", type=float, default=0.0, help="degrees")
+    parser.add_argument("--change", action="store_true", help="the wind changes during the flight")
+    parser.add_argument("--heading", type=float, default=0.0, help="error of the compass, degrees")
     parser.add_argument(
         "--gusts", type=float, nargs=2, default=(0.5, 1.0), metavar=("RMS", "TIME"), help="m/s, s"
     )

@@ -327,7 +327,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m tests.tools.faults.fuzz", description="Hostile bytes for a pilot."
     )
-    parser.add_argument("--frames", type=int, default=1_000_000, help="of each kind")
+    parser.add_argument(
+        "--frames", type=int, default=1_000_000, help="number of frames of each kind"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--what", choices=("mutated", "valid", "flood", "all"), default="all")
     options = parser.parse_args(arguments)

@@ -168,9 +168,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--level", help="part of the level's name")
     parser.add_argument("--law", default=LAW, help="guidance.law of the missions")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--out", type=Path, metavar="TABLE.md", help="write the table by fault there"
-    )
+    parser.add_argument("--out", type=Path, metavar="TABLE.md", help="file for the table by fault")
     return parser
 
 

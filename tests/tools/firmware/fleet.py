@@ -337,16 +337,29 @@ def main(arguments: list[str] | None = None) -> int:
         "--start", type=float, nargs="*", help="start of each simulator, s [0 60 120 ...]"
     )
     parser.add_argument(
-        "--duration", type=float, default=420.0, help="of the first vehicle, s after engaging"
+        "--duration",
+        type=float,
+        default=420.0,
+        help="flight of the first vehicle after engaging, s",
     )
     parser.add_argument("--leave", type=int, default=0, help="id of the vehicle that leaves early")
-    parser.add_argument("--leave-early", type=float, default=120.0, help="s before the others")
-    parser.add_argument("--takeover", type=int, default=0, help="id of a vehicle taken over")
     parser.add_argument(
-        "--takeover-at", type=float, default=200.0, help="s after the start of its circnav"
+        "--leave-early",
+        type=float,
+        default=120.0,
+        help="time from its end to the end of the others, s",
     )
     parser.add_argument(
-        "--heading-error", type=float, nargs="*", help="of each compass (ArduPilot), degrees"
+        "--takeover", type=int, default=0, help="id of the vehicle that the operator takes over"
+    )
+    parser.add_argument(
+        "--takeover-at",
+        type=float,
+        default=200.0,
+        help="time of the takeover after the start of this vehicle's circnav, s",
+    )
+    parser.add_argument(
+        "--heading-error", type=float, nargs="*", help="error of each compass (ArduPilot), degrees"
     )
     parser.add_argument(
         "--layer", type=float, default=20.0, help="distance of the height layers, m"

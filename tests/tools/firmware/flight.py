@@ -98,37 +98,45 @@ class Flight:
         None, "the target, m north and east of where the vehicle was first seen, instead", nargs=2,
         metavar=("NORTH", "EAST"),
     )  # fmt: skip
-    target_speed: float = _option(0.0, "m/s")
-    target_course: float = _option(0.0, "degrees")
-    target_height: float = _option(0.0, "m above home")
+    target_speed: float = _option(0.0, "speed of the target, m/s")
+    target_course: float = _option(0.0, "direction of the target's motion, degrees")
+    target_height: float = _option(0.0, "height of the target above home, m")
     # the radio
     rate: float = _option(10.0, "Hz")
-    noise: float = _option(0.5, "of the ranges, white, m")
-    drift: float = _option(0.0, "and slowly wandering, m")
-    drift_s: float = _option(3.0, "time constant of that")
-    outliers: float = _option(0.0, "share of ranges that are off")
-    outlier_size: float = _option(30.0, "by up to, m")
-    loss: float = _option(0.0, "share of ranges that are lost")
+    noise: float = _option(0.5, "standard deviation of the white range noise, m")
+    drift: float = _option(0.0, "standard deviation of the slowly varying range error, m")
+    drift_s: float = _option(3.0, "time constant of the slowly varying range error, s")
+    outliers: float = _option(0.0, "share of ranges with a large error")
+    outlier_size: float = _option(30.0, "largest error of such a range, m")
+    loss: float = _option(0.0, "share of lost ranges")
     step: float = _option(0.0, "resolution of the ranges, m")
     second_anchor: float = _option(
-        0.0, "m east of the target: a second DISTANCE_SENSOR id of the same radio"
+        0.0, "distance of a second beacon east of the target, m; its ranges have another sensor id"
     )
     sx1280: bool = _option(
-        False, "its error over the range, and NAMED_VALUE_FLOAT, which carries any range"
+        False,
+        "ranges with the error of an SX1280, sent as NAMED_VALUE_FLOAT, which has no maximum range",
     )
     ranges_until: float | None = _option(
         None, "the beacon stops T s after the start of circnav", metavar="T"
     )
-    delay: float = _option(0.0, "s from measurement to transmission; stamped at transmission")
+    delay: float = _option(
+        0.0, "time from measurement to transmission, s; the stamp is the time of transmission"
+    )
     # conditions of the run
     station: int = _option(0, "local UDP port of a ground station with a separate link (ArduPilot)")
-    speedup: float = _option(1.0, "simulated over real time; only 1 gives figures that count")
-    param: tuple[str, ...] = _option((), "of the autopilot, before take-off", metavar="NAME=VALUE")
-    set: tuple[str, ...] = _option((), "of the mission", metavar="KEY=VALUE")
-    circnav: str = _option(
-        str(Path(sys.executable).with_name("circnav")), "the installed command [beside this Python]"
+    speedup: float = _option(
+        1.0, "simulation speed, times real time; figures are valid only with 1"
     )
-    config: str = _option(str(ROOT / "config"), "folder of its mission files [config]")
+    param: tuple[str, ...] = _option(
+        (), "autopilot parameter to set before take-off", metavar="NAME=VALUE"
+    )
+    set: tuple[str, ...] = _option((), "mission key to set", metavar="KEY=VALUE")
+    circnav: str = _option(
+        str(Path(sys.executable).with_name("circnav")),
+        "path of the circnav command [beside this Python]",
+    )
+    config: str = _option(str(ROOT / "config"), "folder of the mission files [config]")
 
     @property
     def what(self) -> Vehicle:
@@ -167,10 +175,10 @@ def _as_option(name: str, value: object) -> str:
 
 
 OF_THE_VEHICLE = {
-    "radius": "m",
-    "speed": "m/s",
-    "altitude": "m above home",
-    "duration": "s after engaging",
+    "radius": "radius of the circle, m",
+    "speed": "speed of the vehicle, m/s",
+    "altitude": "altitude of the vehicle above home, m",
+    "duration": "duration of the flight after engaging, s",
 }
 """Fields with a default that depends on the vehicle."""
 
@@ -192,7 +200,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         elif one.default == ():
             how = {"action": "append", "default": []}
         parser.add_argument(f"--{one.name.replace('_', '-')}", **(how | one.metadata))
-    parser.add_argument("--preset", choices=PRESETS, help="a radio: noise, drift, rate, loss")
+    parser.add_argument(
+        "--preset",
+        choices=PRESETS,
+        help="radio with its noise, slowly varying error, rate and losses",
+    )
 
 
 def flight(options: argparse.Namespace) -> Flight:
