@@ -66,43 +66,54 @@ class Flight:
     altitude: float
     duration: float
     direction: str = _option("clockwise", choices=("clockwise", "counterclockwise"))
-    seed: int = _option(1)
-    baseline: bool = _option(False, "the autopilot's own GPS circle around the same known center")
+    seed: int = _option(1, "seed of all random numbers")
+    baseline: bool = _option(
+        False, "fly the autopilot's own circle by GPS around the known target instead"
+    )
     keep_position: bool = _option(False, "do not hide the autopilot's positions from circnav")
     gps_shown: bool = _option(False, "do not hide GPS_RAW_INT, whose fix type shows a loss of GPS")
-    handback: bool = _option(False, "handback.enabled, and positions shown: with --gps-off")
-    home_s: float = _option(0.0, "exit action rtl, and T s more on the way home", metavar="T")
-    home_away: float = _option(0.0, "home is so far north of the take-off (ArduPilot)", metavar="M")
-    # weather and faults
-    wind: float = _option(0.0, "m/s")
-    wind_from: float = _option(270.0, "degrees")
-    turbulence: float = _option(0.0, "m/s, standard deviation (ArduPilot)")
-    wind_change: tuple[float, float, float] | None = _option(
-        None, "another wind from then on", nargs=3, metavar=("T", "SPEED", "FROM")
+    handback: bool = _option(
+        False, "set handback.enabled and do not hide positions; use with --gps-off"
     )
-    gps_off: float | None = _option(None, "s after the start of circnav", metavar="T")
+    home_s: float = _option(0.0, "exit action rtl, and record T s of the way home", metavar="T")
+    home_away: float = _option(
+        0.0, "distance of home north of the take-off, m (ArduPilot)", metavar="M"
+    )
+    # weather and faults
+    wind: float = _option(0.0, "wind speed, m/s")
+    wind_from: float = _option(270.0, "direction from which the wind blows, degrees")
+    turbulence: float = _option(0.0, "standard deviation of the turbulence, m/s (ArduPilot)")
+    wind_change: tuple[float, float, float] | None = _option(
+        None,
+        "wind speed and direction from T s after the start of circnav on",
+        nargs=3,
+        metavar=("T", "SPEED", "FROM"),
+    )
+    gps_off: float | None = _option(None, "GPS fails T s after the start of circnav", metavar="T")
     param_at: tuple[str, str] | None = _option(
-        None, "a parameter of the autopilot from then on", nargs=2, type=str,
+        None, "autopilot parameter to set T s after the start of circnav", nargs=2, type=str,
         metavar=("T", "NAME=VALUE"),
     )  # fmt: skip
-    attitude_hz: float = _option(0.0, "ATTITUDE towards circnav at most so often [all]")
-    airspeed_off: float = _option(1.0, "airspeed flown over the mission's")
-    roll_limit: float | None = _option(None, "of the autopilot, degrees; the mission keeps its own")
+    attitude_hz: float = _option(0.0, "highest rate of ATTITUDE that reaches circnav, Hz [all]")
+    airspeed_off: float = _option(1.0, "flown airspeed divided by the airspeed of the mission")
+    roll_limit: float | None = _option(
+        None, "roll limit of the autopilot, degrees; the limit of the mission is kept"
+    )
     takeover: float | None = _option(
         None, "the operator takes the vehicle T s after the start of circnav", metavar="T"
     )
     # the target
-    start_range: float | None = _option(None, "of the target, m [2.5 radii]")
-    start_bearing: float = _option(70.0, "degrees right of the nose")
+    start_range: float | None = _option(None, "first range to the target, m [2.5 radii]")
+    start_bearing: float = _option(70.0, "first bearing of the target, degrees right of the nose")
     target_at: tuple[float, float] | None = _option(
-        None, "the target, m north and east of where the vehicle was first seen, instead", nargs=2,
+        None, "position of the target, m north and east of the vehicle's first position", nargs=2,
         metavar=("NORTH", "EAST"),
     )  # fmt: skip
     target_speed: float = _option(0.0, "speed of the target, m/s")
     target_course: float = _option(0.0, "direction of the target's motion, degrees")
     target_height: float = _option(0.0, "height of the target above home, m")
     # the radio
-    rate: float = _option(10.0, "Hz")
+    rate: float = _option(10.0, "ranges per second, Hz")
     noise: float = _option(0.5, "standard deviation of the white range noise, m")
     drift: float = _option(0.0, "standard deviation of the slowly varying range error, m")
     drift_s: float = _option(3.0, "time constant of the slowly varying range error, s")
