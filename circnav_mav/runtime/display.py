@@ -129,7 +129,7 @@ class Display(Onlooker):
         return ()
 
     def close(self) -> None:
-        """Draw the waiting status and keep it on the terminal."""
+        """Draw the newest status, if it is not drawn yet, and leave it on the terminal."""
         self._closing = True
         self._wake.set()
         self._thread.join(PATIENCE)

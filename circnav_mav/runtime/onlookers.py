@@ -113,8 +113,8 @@ class Onlookers:
 
     @property
     def pace(self) -> float | None:
-        """Lowest simulation speed of the bundled vehicle that an onlooker needs, times real time,
-        None for any speed."""
+        """Simulation speed of the emulator that all onlookers can follow, times real time. None:
+        any speed."""
         return min(
             (onlooker.pace for onlooker in self.attached if onlooker.pace is not None), default=None
         )

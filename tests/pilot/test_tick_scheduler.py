@@ -49,7 +49,7 @@ def test_scheduler_avoids_ticks_shortly_before_ranges(hz: float, jitter: float) 
     assert 18 <= len(apart) / sum(apart) <= 24.5
 
 
-def test_scheduler_steps_at_every_range_above_tick_rate() -> None:
+def test_scheduler_steps_at_ranges_faster_than_ticks() -> None:
     steps, received = stepped(100.0)
     assert len(steps) == pytest.approx(received, abs=3)
 

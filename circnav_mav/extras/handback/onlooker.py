@@ -54,7 +54,8 @@ class HandBackOnlooker(Onlooker):
         return {"hand_back": f"HAND-BACK: {handback.words}"} if failed else {}
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
-        """Add the hand-back to the summary. Return handback.csv if positions were sent."""
+        """Add the figures of the hand-back of positions to the summary. If positions were sent,
+        return file name and text of handback.csv."""
         handback = self.companion.handback
         summary["handback"] = handback.plain()
         if not handback.given:

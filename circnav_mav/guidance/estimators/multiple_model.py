@@ -143,7 +143,7 @@ class MultipleModelFilter:
 
     @property
     def remembers(self) -> bool:
-        """True if the search has a prior of the drift."""
+        """True if the search for the target begins with a drift that was estimated before."""
         return self._search.remembers
 
     def tracked_from(self, before: "MultipleModelFilter", change: MethodChange) -> None:

@@ -344,7 +344,8 @@ def update(h: Hypotheses, noise: Noise, measured: Measurement, gate: float) -> U
     share = accepted / variance
     x = h.x + cross * (share * innovation)
     _within_bounds(x, noise)
-    root = cross * np.sqrt(share)  # K S K' as a product with itself stays exactly symmetric
+    # K S K' = root root', which is exactly symmetric in floating point.
+    root = cross * np.sqrt(share)
     P = h.P - root[:, None] * root
     fits = (1 - OUTLIER_SHARE) * np.exp(-0.5 * np.minimum(nis, 1e3)) / np.sqrt(2 * np.pi * variance)
     log_weight = h.log_weight + np.log(fits + OUTLIER_SHARE / spread)

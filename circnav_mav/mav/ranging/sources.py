@@ -170,8 +170,8 @@ class RangeSources:
             and other.component != AUTOPILOT_COMPONENT
             and received.picked
         )
-        # 0.015: largest difference between a range and its echo, m. PX4 truncates ranges to
-        # centimeters.
+        # 0.015: largest difference, m, between a range of a radio and the same range sent again by
+        # the autopilot. PX4 truncates ranges to centimeters.
         return any(
             abs(slant - one) <= 0.015 for received in radios for one in reversed(received.slants)
         )

@@ -80,7 +80,7 @@ def test_losses_outliers_and_outages_have_the_given_shares():
     )
 
 
-def test_sensors_report_noise_and_measured_velocity_change():
+def test_motion_sensors_have_set_noise_and_true_velocity_change():
     air = world()
     sensors = MotionSensors(
         replace(STILL, imu=ImuNoise(0.0, 0.0)), np.zeros(10), np.random.default_rng(2)

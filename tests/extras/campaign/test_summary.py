@@ -141,7 +141,7 @@ def test_printed_summary_shows_median_interval_and_percentile(capsys):
     assert "  turn sd 1.0 deg/s, at the limit 25 %\n" in printed
 
 
-def test_pictured_share_equals_summary():
+def test_picture_shows_share_of_kept_flights_of_summary():
     """At one value half of the flights never engaged, and at another value no flight engaged."""
     rows = rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0])
     rows += [never_engaged(run, "0") for run in range(4, 8)] + [

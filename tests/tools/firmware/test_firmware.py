@@ -197,7 +197,7 @@ def test_frames_are_split_from_datagram_with_their_mode() -> None:
         assert [mode_shown(*one) for one in cut] == [0x04030000, None, 0x04030000]
 
 
-def test_table_flies_missing_flights_and_prints_median(
+def test_table_command_flies_missing_flights_and_prints_median_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flown = []
