@@ -125,20 +125,27 @@ def stamps(shift: Callable[[float, float], float]) -> Change:
 def answered(number: int, result: int) -> Tamper:
     """Answer a command with this result in the vehicle's name. The vehicle does not receive the
     command."""
+    sequence = count()
 
     def tamper(way: str, data: bytes, now: float) -> Iterable[Passage]:
         if way != UP or message_id(data) != COMMAND_LONG or read(data).command != number:
             return [(way, data)]
-        return [(DOWN, acknowledgement(number, result, sender(data)))]
+        return [
+            (DOWN, acknowledgement(number, result, sender(data), sequence=next(sequence) & 255))
+        ]
 
     return tamper
 
 
 def acknowledgement(
-    number: int, result: int, to: tuple[int, int], by: tuple[int, int] = (1, 1)
+    number: int,
+    result: int,
+    to: tuple[int, int],
+    by: tuple[int, int] = (1, 1),
+    sequence: int = 0,
 ) -> bytes:
     """Return a COMMAND_ACK frame."""
-    return write(mavlink.MAVLink_command_ack_message(number, result, 0, 0, *to), *by)
+    return write(mavlink.MAVLink_command_ack_message(number, result, 0, 0, *to), *by, sequence)
 
 
 def late(number: int, seconds: float) -> Tamper:
