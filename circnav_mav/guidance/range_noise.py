@@ -51,7 +51,8 @@ class NoiseCheck:
         """Residuals of consecutive samples, motion included."""
         self._wide = WhiteNoise(KEPT_WIDE, QUARTILE)
         """Residuals of samples that are WIDE apart."""
-        self._step = inf
+        self._differences: deque[float] = deque(maxlen=2 * KEPT)
+        """Newest differences and second differences of the values, without those that are 0."""
         self._same_since = 0.0
         self._same = 0
         self._noise = inf
@@ -127,12 +128,17 @@ class NoiseCheck:
         if self._same < FEW and is_even(begin, halfway, now):
             self._wide.add(residual(begin, halfway, now))
 
+    @property
+    def _step(self) -> float:
+        """Estimated resolution of the sensor; inf if only one value was received. Differences and
+        second differences of the values are multiples of the resolution."""
+        return min(self._differences, default=inf)
+
     def _resolve(self, difference: float) -> None:
-        """Update the estimated resolution of the sensor. Differences and second differences of its
-        values are multiples of the resolution."""
-        # Largest difference that is a rounding error.
+        """Add a difference, unless it is 0. It then contains no resolution."""
+        # 1e-6: largest difference that is a rounding error.
         if difference > 1e-6:
-            self._step = min(self._step, difference)
+            self._differences.append(difference)
 
     def _before(self, time: float) -> tuple[float, float]:
         """Return the newest (time, value) up to a time, or NaN."""

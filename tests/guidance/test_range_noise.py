@@ -101,6 +101,17 @@ def test_noise_check_lowers_sigma_no_further_than_message_resolution():
     assert min(corrected_sigmas(circling(2.0, 0.0, step=1.0, seconds=120.0))) >= 0.29
 
 
+def test_noise_check_measures_resolution_that_becomes_coarse_in_flight():
+    """With the smallest difference of the whole flight as the resolution, a copter of PX4 lost its
+    circle."""
+    fine = list(circling(0.5, 0.3, step=0.01))
+    coarse = [
+        sample._replace(stamp=sample.stamp + 60.0, time=sample.time + 60.0)
+        for sample in circling(0.5, 0.3, step=1.0, seconds=120.0)
+    ]
+    assert min(corrected_sigmas([*fine, *coarse])[-900:]) >= 0.29
+
+
 def test_noise_check_raises_lowered_sigma_when_noise_grows():
     check = NoiseCheck.of_ranges(V, LIMIT)
     sigmas = [

@@ -13,11 +13,11 @@ from circnav_mav.runtime.status import StatusSource
 from tests.tools.fault_link import CLEAN, Impairment
 from tests.tools.faults.course import BAND, Course, Keys, on_the_circle
 
-LAW = "smooth"
-"""Law of the quick set, because it is the cheapest to compute."""
-REGAIN_WITHIN = {"px4_copter": 60.0}
-"""Largest time to regain the circle after a fault, s, by profile; 30 s for other profiles. The PX4
-copter has more time, because one lap takes 63 s. The time for the straight path back to the circle
+LAW = "auto"
+"""Law of the missions: the default."""
+REGAIN_WITHIN = {"px4_copter": 60.0, "ardurover": 40.0}
+"""Largest time to regain the circle after a fault, s, by profile: about one lap of the PX4 copter
+(63 s) and of the rover (42 s), 30 s for other profiles. The time for the straight path back to the circle
 is added, because the autopilot's timeout may move the vehicle: a plane loiters round the point
 where it entered GUIDED."""
 FRESH_PATIENCE = 150.0
