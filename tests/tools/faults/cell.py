@@ -15,11 +15,11 @@ from tests.tools.faults.course import BAND, Course, Keys, on_the_circle
 
 LAW = "auto"
 """Law of the missions: the default."""
-REGAIN_WITHIN = {"px4_copter": 60.0, "ardurover": 40.0}
-"""Largest time to regain the circle after a fault, s, by profile: about one lap of the PX4 copter
-(63 s) and of the rover (42 s), 30 s for other profiles. The time for the straight path back to the
-circle is added, because the autopilot's timeout may move the vehicle: a plane loiters round the
-point where it entered GUIDED."""
+REGAIN_WITHIN = {"px4_copter": 80.0, "ardurover": 40.0}
+"""Largest time to regain the circle after a fault, s, by profile; 30 s for other profiles. The
+rover needs a lap (42 s). After a minute without ranges, the PX4 copter needs an acquisition and a
+lap (63 s). The time for the straight path back to the circle is added, because the autopilot's
+timeout may move the vehicle: a plane loiters round the point where it entered GUIDED."""
 FRESH_PATIENCE = 150.0
 LAST = 10.0
 """Last part of a flight in which the direction of rotation is checked, s. The radius error does not
