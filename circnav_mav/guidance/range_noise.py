@@ -135,7 +135,7 @@ class NoiseCheck:
         return min(self._differences, default=inf)
 
     def _resolve(self, difference: float) -> None:
-        """Add a difference, unless it is 0. It then contains no resolution."""
+        """Add a difference of values. Equal values do not show the resolution."""
         # 1e-6: largest difference that is a rounding error.
         if difference > 1e-6:
             self._differences.append(difference)

@@ -11,9 +11,9 @@ from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.timers import Since
 
 CHUNK = 50
-"""Largest text of one STATUSTEXT, bytes (MAVLink)."""
+"""Maximum length of the text in one STATUSTEXT, bytes (MAVLink)."""
 LONGEST_TEXT = 200
-"""Largest text that is split into several STATUSTEXT, bytes. Longer texts are cut."""
+"""Maximum length of a text in several STATUSTEXT, bytes. Longer texts are cut."""
 
 
 class Announcer:

@@ -17,7 +17,7 @@ def test_stamp_filter_uses_smallest_delay_as_clock_offset():
     """A constant delay cannot be distinguished from a clock offset."""
     clock = StampFilter(lambda since, now: 0.3)
     assert clock.local(100.0, 10.3) == pytest.approx(10.3)
-    # delay 0.2 s smaller than that of the first sample
+    # the delay is 0.2 s smaller than for the first sample
     assert clock.local(100.1, 10.2) == pytest.approx(10.2)
     assert clock.local(100.2, 10.5) == pytest.approx(10.3)
     assert clock.local(100.3, 10.4) == pytest.approx(10.4)

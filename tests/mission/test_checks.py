@@ -185,7 +185,7 @@ def test_check_line_contains_value_and_bound(mission, subject, overrides, parts)
 @pytest.mark.parametrize(
     ("subject", "overrides"),
     [
-        ("radius", "guidance.gain=4e-5"),  # with an impossible gain there is no steady radius
+        ("radius", "guidance.gain=4e-5"),  # this gain has no steady radius
         ("switching", "guidance.law=smooth"),
         ("margin", "guidance.law=smooth"),  # only laws tuned by the delay have a margin
         ("ranging", f"{BEACON} ranging.endpoint=udpin:0.0.0.0:14560"),

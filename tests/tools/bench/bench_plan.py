@@ -98,7 +98,7 @@ def draw(number: int) -> Drawn:
     for _ in range(MOST_TRIED):
         vehicle = str(rng.choice(list(SHARES), p=list(SHARES.values())))
         speed = rng.uniform(*SPEEDS[vehicle])
-        seconds = rng.uniform(2.0, 12.0)  # duration of one radian of the circle, s
+        seconds = rng.uniform(2.0, 12.0)  # radius divided by speed, s
         wind = 0.0 if vehicle == "ardurover" else rng.uniform(0.0, 0.35) * speed
         gust = 0.0 if vehicle == "ardurover" else rng.uniform(0.0, 0.3) * wind
         sigma = float(np.exp(rng.uniform(np.log(0.1), np.log(2.0))))

@@ -15,11 +15,11 @@ from tests.tools.faults.course import BAND, Course, Keys, on_the_circle
 
 LAW = "auto"
 """Law of the missions: the default."""
-REGAIN_WITHIN = {"px4_copter": 80.0, "ardurover": 40.0}
-"""Largest time to regain the circle after a fault, s, by profile; 30 s for other profiles. The
-rover needs a lap (42 s). After a minute without ranges, the PX4 copter needs an acquisition and a
-lap (63 s). The time for the straight path back to the circle is added, because the autopilot's
-timeout may move the vehicle: a plane loiters round the point where it entered GUIDED."""
+REGAIN_WITHIN = {"px4_copter": 60.0}
+"""Largest time to regain the circle after a fault, s, by profile; 30 s for other profiles. The PX4
+copter has more time, because one lap takes 63 s. The time for the straight path back to the circle
+is added, because the autopilot's timeout may move the vehicle: a plane loiters round the point
+where it entered GUIDED."""
 FRESH_PATIENCE = 150.0
 LAST = 10.0
 """Last part of a flight in which the direction of rotation is checked, s. The radius error does not
@@ -43,14 +43,19 @@ class Want(Enum):
 class Scenario:
     """One fault at one level.
 
-    up, down: impairments of the link. arrange: function that adds other faults at the start, called
-    with the flight and the seed. lasts, after: time with the fault and time after it, s. want:
-    required reaction. on: exceptions from `want`, by profile. reason: required text of the outcome.
-    rejects: rejection reasons that must be counted. blind: part of the age of a range that circnav
-    cannot measure, s. clocks: True if the fault changes timestamps, so that they do not give the
-    age. fresh: True if the fault begins with the mission, and not on the circle. keys: signing keys
-    of circnav and of the vehicle. reported: text that must be shown to the operator during the
-    fault.
+    up, down: impairments of the link.
+    arrange: function that adds other faults at the start, called with the flight and the seed.
+    lasts, after: time with the fault and time after it, s.
+    want: required reaction.
+    on: exceptions from `want`, by profile.
+    regain: exceptions from REGAIN_WITHIN, s, by profile.
+    reason: required text of the outcome.
+    rejects: rejection reasons that must be counted.
+    blind: part of the age of a range that circnav cannot measure, s.
+    clocks: True if the fault changes timestamps, so that they do not give the age.
+    fresh: True if the fault begins with the mission, and not on the circle.
+    keys: signing keys of circnav and of the vehicle.
+    reported: text that must be shown to the operator during the fault.
     """
 
     fault: str
@@ -70,6 +75,7 @@ class Scenario:
     overrides: tuple[str, ...] = ()
     quick: bool = False
     on: Mapping[str, Want] = field(default_factory=dict)
+    regain: Mapping[str, float] = field(default_factory=dict)
     check: Callable[[Course], str | None] | None = None
     profiles: tuple[str, ...] = ()
     keys: Keys = (None, None)
@@ -117,7 +123,8 @@ def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
     _finish(course)
     last = course.errors(start, end)[-1:]
     course.way_home = abs(last[0][1]) * course.radius / course.allowed.speed if last else 0.0
-    course.fly(end + max(scenario.after, REGAIN_WITHIN.get(profile, 0.0) + 10))
+    regain = REGAIN_WITHIN | scenario.regain
+    course.fly(end + max(scenario.after, regain.get(profile, 0.0) + 10))
     rejected = {
         name: n - before.get(name, 0) for name, n in course.pilot.tracker.ranging.rejected.items()
     }
@@ -260,7 +267,8 @@ def _want_faults(
         return [
             f"circle not held: RMS {100 * rms:.1f} %, {outcome.reason if outcome else 'flying'}"
         ]
-    allowed = REGAIN_WITHIN.get(course.profile, 30.0) + course.way_home
+    regain = REGAIN_WITHIN | scenario.regain
+    allowed = regain.get(course.profile, 30.0) + course.way_home
     if want in (Want.HOLD, Want.REGAIN) and (
         outcome is not None or recovery is None or recovery > allowed
     ):
