@@ -417,7 +417,8 @@ class Pilot:
             if allowed is Allowed.SAFE:
                 return self.controller.safe_setpoint(self.session, now, engaged=False), None
         except UnsafeSetpointError as error:
-            reason = f"internal error, unsafe setpoint not sent: {error}"
+            law = self.controller.law
+            reason = f"unsafe setpoint of law {law} not sent: {error}"
             self._finish(Outcome(Ending.ABORTED, reason), now)
         return None, None
 

@@ -104,7 +104,7 @@ def test_law_that_returns_nan_ends_flight_with_exit_action(tmp_path):
     flight = recorded_flight(tmp_path / "run", "quickstart", "guidance.law=wrong:nan").fly(20)
     flight.recorder.close()
     assert flight.pilot.mission.outcome.ending is Ending.ABORTED
-    assert "unsafe setpoint not sent" in flight.pilot.mission.outcome.reason
+    assert "unsafe setpoint of law wrong:nan not sent" in flight.pilot.mission.outcome.reason
     assert flight.pilot.done
 
 

@@ -300,7 +300,7 @@ def fails(rig):
             "flown to its end",
         ),
         (lambda rig: rig.pilot.interrupt(rig.now, "SIGINT"), Ending.INTERRUPTED, "SIGINT"),
-        (fails, Ending.ABORTED, "internal error, unsafe setpoint not sent"),
+        (fails, Ending.ABORTED, "unsafe setpoint of law smooth not sent"),
     ],
     ids=["holding", "timeout", "interrupt", "law fails"],
 )
