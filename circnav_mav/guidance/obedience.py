@@ -15,6 +15,7 @@ period.
 """
 
 from collections import deque
+from functools import cache
 from math import inf, sqrt
 from typing import Any
 
@@ -92,8 +93,10 @@ class Obedience:
         if self._bins and new.time - self._bins[-1].time > LONGEST_GAP:
             self._restart()
         self._bins.append(new)
+        flown = np.array([one.flown for one in self._bins])
+        predicted = np.array([one.predicted.ravel() for one in self._bins])
         windows = [width for width in WINDOWS if len(self._bins) >= width]
-        found = [_evidence(self._bins, width) for width in windows] or [0]
+        found = [_evidence(flown[-width:], predicted[-width:]) for width in windows] or [0]
         # One window that shows a vehicle not following outweighs all windows that show following.
         verdict = min(found) if min(found) < 0 else max(found)
         if verdict * self._in_a_row < 0:
@@ -176,17 +179,16 @@ class LimitCycle:
         return any(_swings(one, self._least_rms, longest) for one in turns)
 
 
-def _evidence(bins: deque[TurnBin], width: int) -> int:
-    """Return -1 if the newest bins show that the vehicle does not follow, +1 if they show that the
-    vehicle follows, else 0.
+def _evidence(flown: Array, predicted: Array) -> int:
+    """Return -1 if the bins of a window show that the vehicle does not follow, +1 if they show that
+    the vehicle follows, else 0.
+
+    flown (N,), predicted (N, candidates): turn rates of N bins, rad/s.
 
     A constant turn never gives +1, because the vehicle may turn independently of the commands. If
     the commands have the same direction and are larger, a constant turn gives 0, because the
     vehicle may turn at a limit of its own.
     """
-    newest = list(bins)[-width:]
-    flown = np.array([one.flown for one in newest])
-    predicted = np.array([one.predicted.ravel() for one in newest])
     square = (predicted**2).sum(0)
     product = flown @ predicted
 
@@ -199,7 +201,7 @@ def _evidence(bins: deque[TurnBin], width: int) -> int:
     followed = errors(LEAST_GAIN, MOST_GAIN)
     following = _without_worst(followed)
     weak = float(errors(REVERSED_GAIN, WEAK_GAIN).sum(0).min())
-    other = min(weak, float(flown @ flown) - float(flown.sum()) ** 2 / width)
+    other = min(weak, float(flown @ flown) - float(flown.sum()) ** 2 / flown.size)
     # Least difference of both models' squared errors, integrated over time, rad^2/s, for a verdict.
     # A model that follows may fly a third of the command. So the bound is reached if the vehicle
     # does not fly a command of 0.05 rad/s (3 deg/s) for 2.4 s, or of 0.025 rad/s for 10 s. For
@@ -235,8 +237,8 @@ def _swings(turns: Array, least: float, longest: int) -> bool:
         removed by a parabola.
     longest: longest period, bins.
     """
-    place = np.linspace(-1.0, 1.0, turns.size)
-    fast = turns - np.polyval(np.polyfit(place, turns, 2), place)
+    parabolas = _parabolas(turns.size)
+    fast = turns - parabolas @ (parabolas.T @ turns)
     if sqrt(float(np.mean(fast**2))) < least:
         return False
     # 4.0: least number of periods in the window. The alternating turns of an approach, and gusts
@@ -250,6 +252,12 @@ def _swings(turns: Array, least: float, longest: int) -> bool:
     if peak + 1 >= longest:  # still rising: the period is longer
         return False
     return bool(correlation[peak] >= REPEATS and correlation[: peak + 1].min() <= REVERSES)
+
+
+@cache
+def _parabolas(size: int) -> Array:
+    """Return an orthonormal basis of the parabolas with this number of values, (size, 3)."""
+    return np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, size), 3)).Q
 
 
 def _correlation(a: Array, b: Array) -> float:

@@ -1,6 +1,7 @@
 """Rates of frames, ranges and setpoints over the last seconds."""
 
 from collections import deque
+from math import inf
 from typing import NamedTuple
 
 RATE_SPAN = 3.0
@@ -39,20 +40,24 @@ class RateMeter:
         self.newest: Rates | None = None
         self.whole: Rates | None = None
         self.while_steering: Rates | None = None
-        self._counts: deque[tuple[float, Rates, bool]] = deque()
-        """Time, s, counts at this time, and True if the vehicle was steered."""
+        self._counts: deque[tuple[float, Rates]] = deque()
+        """Time, s, and counts at this time."""
+        self._not_steered = -inf
+        """Time of the newest count without steering, s."""
 
     def take(self, now: float, counts: Rates, *, steering: bool) -> None:
         """Add the current counts."""
         kept = self._counts
-        kept.append((now, counts, steering))
+        kept.append((now, counts))
+        if not steering:
+            self._not_steered = now
         while len(kept) > 2 and now - kept[1][0] >= RATE_SPAN:
             kept.popleft()
-        then, before, _ = kept[0]
+        then, before = kept[0]
         span = now - then
         if span > 0:
             self.newest = Rates(
                 *((count - earlier) / span for count, earlier in zip(counts, before, strict=True))
             )
         self.whole = self.newest if span >= RATE_SPAN else None
-        self.while_steering = self.whole if all(steered for *_, steered in kept) else None
+        self.while_steering = self.whole if then > self._not_steered else None
