@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import contextmanager
 from unittest.mock import MagicMock
 
 import pytest
@@ -16,18 +17,28 @@ from circnav_mav.extras.campaign import execute
 from circnav_mav.extras.campaign.execute import on_scheduler
 from circnav_mav.extras.campaign.plan import CampaignError, load_campaign
 from circnav_mav.extras.campaign.store import Store
-from tests.process import PATIENCE, ROOT
+from tests.process import PATIENCE, ROOT, running
 
-SHORT = '"limits.duration_s" = [5.0]\n'
+SHORT = '"limits.duration_s" = [1.0]\n'
 
 
-@pytest.fixture
-def begun(write, tmp_path):
-    """Process of a long campaign on two worker processes, after its first rows."""
+@contextmanager
+def begun(write, tmp_path, processes):
+    """Process of a long campaign, after its first rows."""
     path = write(SHORT, "runs = 20000")
     out = tmp_path / "out"
     process = subprocess.Popen(
-        [sys.executable, "-m", "circnav_mav", "campaign", path, "--out", out, "--processes", "2"],
+        [
+            sys.executable,
+            "-m",
+            "circnav_mav",
+            "campaign",
+            path,
+            "--out",
+            out,
+            "--processes",
+            processes,
+        ],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -39,19 +50,22 @@ def begun(write, tmp_path):
     table = out / "runs.csv"
     while process.poll() is None and not (table.exists() and table.read_bytes().count(b"\n") > 1):
         select.select([], [], [], 0.05)
-    yield process
-    process.kill()
-    process.communicate()
+    with running(process):
+        yield process
 
 
 @pytest.mark.parametrize(
-    ("send", "number"), [(os.kill, signal.SIGTERM), (os.killpg, signal.SIGINT)]
+    ("send", "number", "processes"),
+    [(os.kill, signal.SIGTERM, "1"), (os.killpg, signal.SIGINT, "2")],
 )
-def test_signal_keeps_finished_rows_and_prints_resume_command(begun, tmp_path, send, number):
+def test_signal_keeps_finished_rows_and_prints_resume_command(
+    write, tmp_path, send, number, processes
+):
     """Ctrl-C on a terminal sends SIGINT to all processes of the campaign."""
-    send(begun.pid, number)
-    output, errors = begun.communicate(timeout=PATIENCE)
-    assert begun.returncode == 130, errors
+    with begun(write, tmp_path, processes) as campaign:
+        send(campaign.pid, number)
+        output, errors = campaign.communicate(timeout=PATIENCE)
+    assert campaign.returncode == 130, errors
     assert f"continue with --out {tmp_path / 'out'} --resume" in output
     assert "Traceback" not in errors
     # opening for resuming raises an error if a row is incomplete

@@ -9,7 +9,7 @@ import pytest
 from circnav_mav.extras.campaign.plan import CampaignError, load_campaign
 from circnav_mav.extras.campaign.store import Store
 from tests.command_line import FULL, ended
-from tests.process import python
+from tests.process import python, running
 
 VARY = '"guidance.law" = ["smooth", "feedforward"]\n'
 HOLDS = """
@@ -86,30 +86,17 @@ def test_unusable_folder_is_refused_in_one_line(campaign, place):
     assert re.fullmatch(rf"{place}(?!.*resume).*", str(caught.value))
 
 
-@pytest.fixture
-def other(write, tmp_path):
-    """Another process that owns the folder."""
-    path = write(VARY)
-    held = python("-c", HOLDS, str(path), str(tmp_path / "out"))
-    assert held.stdout.readline() == "held\n"
-    yield held
-    held.kill()
-    held.communicate()
-
-
-@pytest.mark.parametrize("resume", [False, True])
-def test_second_process_in_folder_is_refused(campaign, other, tmp_path, resume):
-    with pytest.raises(
-        CampaignError,
-        match="another process is flying a campaign there: wait, or name another --out",
-    ):
-        Store(tmp_path / "out", campaign, resume=resume)
-
-
-def test_killed_process_leaves_no_lock_on_campaign_folder(campaign, other, tmp_path):
-    other.kill()
-    other.communicate()
-    Store(tmp_path / "out", campaign).close()
+def test_campaign_folder_belongs_to_one_process_until_its_end(campaign, write, tmp_path):
+    out = tmp_path / "out"
+    with running(python("-c", HOLDS, str(write(VARY)), str(out))) as other:
+        assert other.stdout.readline() == "held\n"
+        for resume in (False, True):
+            with pytest.raises(
+                CampaignError,
+                match="another process is flying a campaign there: wait, or name another --out",
+            ):
+                Store(out, campaign, resume=resume)
+    Store(out, campaign).close()
 
 
 def test_resume_refuses_fewer_runs_than_flown(write, tmp_path):
