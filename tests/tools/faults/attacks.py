@@ -220,13 +220,6 @@ def attack(
     return Scenario("F23", name, arrange=arrange, reported=reported, **options)
 
 
-def first(name: str, say: Say, reported: str) -> Scenario:
-    """Return an attack that begins 6 s before the vehicle is received and lasts for PATIENCE."""
-    return attack(
-        name, by(say, 10.0), reported, down=Impairment(outages=((0.0, 6.0),)), **HELD_BACK
-    )
-
-
 def waits(course: Course, until: float = PATIENCE) -> str | None:
     """Return a fault if circnav sent setpoints before the attack ended."""
     early = [time for time in course.steered_at if time < until]
@@ -236,6 +229,8 @@ def waits(course: Course, until: float = PATIENCE) -> str | None:
 HELD_BACK: dict[str, Any] = {**FRESH, "lasts": PATIENCE, "want": Want.SAFE, "check": waits}
 """Options of an attack that begins before the flight: the vehicle must not be engaged during the
 attack."""
+SIX_SECONDS = Impairment(outages=((0.0, 6.0),))
+"""The vehicle is received 6 s after the start of the attack."""
 
 
 AFTER_SILENCE: dict[str, Any] = {
@@ -344,18 +339,24 @@ STRANGE = bytes((0xFD, 255, 0, 0, 1, 9, 9, 0x31, 0xD4, 0)) + b"\xfd\x20\x00" * 8
 ATTACKS = [
     *(
         attack(
-            f"ranges of the radio, {1000 * ahead:.0f} ms ahead", by(drawing(ahead), 20.0), RADIOS
+            f"ranges of the radio, {1000 * ahead:.0f} ms ahead",
+            by(drawing(ahead), 20.0),
+            RADIOS,
+            quick=ahead == 0.04,
         )
         for ahead in (0.04, 0.4)
     ),
     attack("ranges of another radio", by(drawing(0.1, (1, 193)), 20.0), RADIOS),
     attack("mode of the vehicle", by(heartbeat, 4.0), VEHICLES),
-    attack("reboot, battery, attitude of the vehicle", by(state, 10.0), VEHICLES),
-    attack("answers of the vehicle", by(answers, 20.0), VEHICLES),
-    attack("frames in our name", by(in_our_name, 10.0), OUR),
+    attack("reboot, battery, attitude of the vehicle", by(state, 10.0), VEHICLES, quick=True),
+    attack("answers of the vehicle", by(answers, 20.0), VEHICLES, quick=True),
+    attack("frames in our name", by(in_our_name, 10.0), OUR, quick=True),
     *(
         attack(
-            f"{name} while its mode is not reported for 2.3 s", while_mode_is_unknown(say), VEHICLES
+            f"{name} while its mode is not reported for 2.3 s",
+            while_mode_is_unknown(say),
+            VEHICLES,
+            quick=say is listening_twin,
         )
         for name, say in (
             ("MAVLink 1 in the vehicle's name", partial(guided, version_1=True)),
@@ -366,6 +367,7 @@ ATTACKS = [
         "frames in the vehicle's name after a silence",
         by(twin_of_another_time, 4.0),
         VEHICLES,
+        quick=True,
         **{**AFTER_SILENCE, "want": Want.REGAIN},
     ),
     attack(
@@ -374,7 +376,14 @@ ATTACKS = [
         IS_REJECTED,
         **AFTER_SILENCE,
     ),
-    first("the vehicle and its radio, six seconds early", whole_vehicle, VEHICLES),
+    attack(
+        "the vehicle and its radio, six seconds early",
+        by(whole_vehicle, 10.0),
+        VEHICLES,
+        quick=True,
+        down=SIX_SECONDS,
+        **HELD_BACK,
+    ),
     attack(
         "ranges before the radio's first, until 20 s",
         by(ranges(1.3, 0.1), 10.0, until=20.0),
@@ -383,7 +392,12 @@ ATTACKS = [
     ),
     attack("refusals of the mode, from the start", by(answers, 20.0), VEHICLES, **HELD_BACK),
     *(
-        attack(f"flood of {name}, {len(data) * 200 / 1e6:.1f} MB/s", by(flood(data), 50.0), "FLOOD")
+        attack(
+            f"flood of {name}, {len(data) * 200 / 1e6:.1f} MB/s",
+            by(flood(data), 50.0),
+            "FLOOD",
+            quick=name == "false starts",
+        )
         for name, data in (
             ("0xFD", b"\xfd" * LONG),
             ("false starts", b"\xfd\x00\x00" * (LONG // 3)),
@@ -439,7 +453,8 @@ ATTACKS = [
         by(whole_vehicle, 10.0),
         "unsigned frames",
         **{**HELD_BACK, "want": Want.ENGAGE, "check": None},
-        down=Impairment(outages=((0.0, 6.0),)),
+        quick=True,
+        down=SIX_SECONDS,
         keys=BOTH,
     ),
     attack(
@@ -460,11 +475,19 @@ ATTACKS = [
         "FLOOD",
         keys=BOTH,
     ),
-    attack("a command to the autopilot", to_loiter, "", want=Want.END, reason="pilot or failsafe"),
+    attack(
+        "a command to the autopilot",
+        to_loiter,
+        "",
+        quick=True,
+        want=Want.END,
+        reason="pilot or failsafe",
+    ),
     attack(
         "all frames of before a restart of ours, link signed",
         replayed_after_a_restart,
         "clock_behind frames refused",
+        quick=True,
         keys=BOTH,
         **{**HELD_BACK, "want": Want.ENGAGE, "check": None},
     ),

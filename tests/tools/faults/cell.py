@@ -4,6 +4,7 @@ criteria."""
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import partial
 from math import inf, sqrt
 from typing import Any
 
@@ -11,7 +12,7 @@ from circnav_mav.pilot import Ending
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.status import StatusSource
 from tests.tools.fault_link import CLEAN, Impairment
-from tests.tools.faults.course import BAND, Course, Keys, on_the_circle
+from tests.tools.faults.course import BAND, SETTLED, Course, Keys, on_the_circle
 
 LAW = "auto"
 """Law of the missions: the default."""
@@ -108,10 +109,13 @@ class Verdict:
         return not self.faults
 
 
-def fly(scenario: Scenario, profile: str, seed: int, law: str = LAW) -> Verdict:
-    """Fly a cell by a law and evaluate the pass criteria."""
-    overrides = (f'guidance.law="{law}"', *scenario.overrides)
-    make = Course if scenario.fresh else on_the_circle
+def fly(
+    scenario: Scenario, profile: str, seed: int, law: str = LAW, settling: float = SETTLED
+) -> Verdict:
+    """Fly a cell by a law and evaluate the pass criteria. settling: least time of the flight before
+    the fault, s."""
+    overrides = tuple(dict.fromkeys((f'guidance.law="{law}"', *scenario.overrides)))
+    make = Course if scenario.fresh else partial(on_the_circle, seconds=settling)
     course = make(profile, overrides, stream=scenario.stream, keys=scenario.keys)
     start = course.now
     before = dict(course.pilot.tracker.ranging.rejected)

@@ -375,10 +375,11 @@ def settled(
     *,
     stream: bool = False,
     keys: Keys = (None, None),
+    seconds: float = SETTLED,
 ) -> Course:
     """Return a flight that has kept its circle over a good link for some time. Copy it before
     use."""
-    course = Course(profile, overrides, stream=stream, keys=keys).fly(SETTLED)
+    course = Course(profile, overrides, stream=stream, keys=keys).fly(seconds)
     while max(abs(error) for _, error in course.errors(course.now - STEADY, course.now)) > BAND / 2:
         course.fly(course.now + STEADY)
         assert course.now < LATEST, f"{profile}: no steady circle"
@@ -393,9 +394,10 @@ def on_the_circle(
     *,
     stream: bool = False,
     keys: Keys = (None, None),
+    seconds: float = SETTLED,
 ) -> Course:
-    """Return a copy of the flight that has settled on its circle."""
-    return copy.deepcopy(settled(profile, overrides, stream=stream, keys=keys))
+    """Return a copy of the flight that has settled on its circle in at least these seconds."""
+    return copy.deepcopy(settled(profile, overrides, stream=stream, keys=keys, seconds=seconds))
 
 
 def _vehicle(table: Mapping[str, Any], profile: str, key: bytes | None) -> Vehicle:

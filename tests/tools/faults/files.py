@@ -68,13 +68,16 @@ def read_campaign(folder: Path, table: bytes) -> None:
 
 
 def good_campaign(folder: Path) -> bytes:
-    """Return the table of a short campaign, which the caller damages. Its files are written into
-    the folder."""
-    mission = CONFIG / "campaign_mission.toml"
+    """Return the table of two short flights of a campaign, which the caller damages. Its files are
+    written into the folder."""
+    mission = (CONFIG / "campaign_mission.toml").read_text(encoding="utf-8")
+    assert "duration_s = 180.0" in mission
+    shorter = mission.replace("duration_s = 180.0", "duration_s = 10.0")
+    (folder / "campaign_mission.toml").write_text(shorter, encoding="utf-8")
     text = CAMPAIGN.read_text(encoding="utf-8").replace(
-        '"../campaign_mission.toml"', f'"{mission}"'
+        "../campaign_mission.toml", "campaign_mission.toml"
     )
-    (folder / "good.toml").write_text(text.replace("runs = 750", "runs = 2"), encoding="utf-8")
+    (folder / "good.toml").write_text(text, encoding="utf-8")
     campaign = load_campaign(folder / "good.toml")
     store = Store(folder / "out", campaign)
     store.add(fly_run(campaign, number) for number in range(2))

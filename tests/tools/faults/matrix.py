@@ -161,7 +161,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m tests.tools.faults.matrix", description="Flies the fault matrix."
     )
     parser.add_argument(
-        "--quick", action="store_true", help="one or two levels of each fault, two vehicles"
+        "--quick", action="store_true", help="some levels of each fault, two vehicles"
     )
     parser.add_argument("--profile", choices=PROFILES)
     parser.add_argument("--fault", help="F1 to F25, F29")

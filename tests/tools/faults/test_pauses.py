@@ -15,13 +15,13 @@ from tests.tools.faults.course import on_the_circle
 from tests.tools.faults.scenarios.pauses import PAUSES, radio_pauses
 from tests.tools.faults.tampering import on
 
-SMOOTH = ('guidance.law="smooth"',)
+AUTO = ('guidance.law="auto"',)
 
 
 @pytest.mark.parametrize("seconds", [0.5, 3.0])
 @pytest.mark.parametrize("who", PAUSES)
 def test_ranges_are_used_within_a_second_after_pause(who: str, seconds: float) -> None:
-    course = on_the_circle("arducopter", SMOOTH)
+    course = on_the_circle("arducopter", AUTO, seconds=60.0)
     PAUSES[who](course, seconds)
     course.fly(course.now + 1.0)
     taken = course.pilot.tracker.accepted
@@ -36,7 +36,7 @@ def test_ranges_are_used_within_a_second_after_pause(who: str, seconds: float) -
 
 
 def test_stopped_sensor_clock_is_reported() -> None:
-    course = on_the_circle("arducopter", SMOOTH)
+    course = on_the_circle("arducopter", AUTO, seconds=60.0)
     texts = list[bytes]()
     radio_pauses(course, 2.0)
     course.fly(course.now + 0.4)
@@ -60,7 +60,7 @@ def test_stopped_sensor_clock_is_reported() -> None:
 def test_slow_link_after_silence_is_no_clock_stop() -> None:
     """No frame arrives for 0.8 s, and afterwards every frame is 0.8 s late. The true age of the
     ranges must limit their use."""
-    course = on_the_circle("arducopter", SMOOTH)
+    course = on_the_circle("arducopter", AUTO, seconds=60.0)
     course.link.impair(down=Impairment(delay=0.8))
     course.fly(course.now + 9.0)
     assert course.worst_age <= 0.5 + 0.06

@@ -12,7 +12,7 @@ from tests.tools.faults.tampering import Change, on
 ATTITUDE = 30
 VFR_HUD = 74
 AUTO = ('guidance.law="auto"',)
-"""The default law, which uses the heading. The law of the matrix uses the range alone."""
+"""The default law, which uses the heading, also if the matrix is flown by another law."""
 ARDUPILOT = ("arducopter", "arduplane", "ardurover")
 """Vehicles that need ATTITUDE. PX4 also sends ATTITUDE_QUATERNION, which is sufficient."""
 YAW: dict[str, Any] = {"overrides": AUTO, "reported": "HEADING JUMPED", "profiles": ARDUPILOT}
