@@ -105,26 +105,27 @@ def test_benchmark_flight_depends_only_on_seed_and_number():
 
 
 def test_auto_keeps_circle_in_strong_wind_in_commanded_direction():
-    hard = Situation("hard", wind=0.53 * 15, start=(40.0, 200.0), duration=110.0)
-    for flight in range(3):
+    hard = Situation("hard", wind=0.53 * 15, start=(40.0, 150.0), duration=65.0)
+    for flight in range(2):
         track = fly(hard, "auto", 5, flight)
-        end = track.time >= 90
+        end = track.time >= 50
         assert np.sqrt(np.mean((track.rows["r"][end] - 100) ** 2)) < 2.0
         assert np.sign(np.unwrap(track.rows["angle"][end])[[0, -1]] @ [-1, 1]) == track.sense
 
 
 def test_auto_search_departs_less_than_diameter_of_tightest_turn():
-    """The diameter at the turn-rate limit is 2 V/limit = 86 m."""
+    """The diameter at the turn-rate limit is 2 V/limit = 86 m. These flights depart by 60 to 82 m,
+    the most of twelve."""
     outside = Situation("outside", start=(250.0, 250.0), duration=15.0)
-    for flight in range(12):
+    for flight in (4, 9, 10):
         r = fly(outside, "auto", 9, flight).rows["r"]
         assert r.max() - r[0] < 2 * 15 / radians(20)
 
 
 def test_auto_filter_is_consistent_in_gusts():
-    gusts = Situation("gusts", wind=5.0, gust=1.5, duration=90.0)
-    tracks = [fly(gusts, "auto", 6, flight) for flight in range(3)]
-    nees = np.concatenate([track.rows["nees"][track.time > 45] for track in tracks])
+    gusts = Situation("gusts", wind=5.0, gust=1.5, start=(80.0, 150.0), duration=65.0)
+    tracks = [fly(gusts, "auto", 6, flight) for flight in range(2)]
+    nees = np.concatenate([track.rows["nees"][track.time > 25] for track in tracks])
     assert 1.0 < np.nanmedian(nees) < 2.5
     assert np.nanmean(nees < 7.378) > 0.8
 
