@@ -11,16 +11,16 @@ from tests.extras.locate.flown import Surveyed, surveyed
 
 COMPONENT = 193
 GPS_LOST = (
-    'sim.events=[{at_s=50.0, action="gps_off"}]',
+    'sim.events=[{at_s=40.0, action="gps_off"}]',
     "sim.sensors.dead_reckoning_mps=1",
     "sim.sensors.gps_error_m=1",
     "sim.sensors.gps_error_time_s=600",
     "sim.wind.speed_mps=5",
     "sim.start.north_m=150",
     "sim.start.east_m=-100",
-    "limits.duration_s=75",
+    "limits.duration_s=60",
 )
-"""A plane that circles and loses its GPS after 50 s. Guidance ends 25 s later."""
+"""A plane that circles and loses its GPS after 40 s. Guidance ends 20 s later."""
 
 
 @dataclass
