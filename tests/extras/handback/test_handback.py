@@ -72,6 +72,7 @@ def lost_early(kind, law, until, **settings):
         *GPS_LOST[1:],
         "sim.target.north_m=0",
         "sim.target.east_m=0",
+        "limits.duration_s=75",
         law=law,
         **settings,
     )
