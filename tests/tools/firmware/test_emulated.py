@@ -14,7 +14,7 @@ STORED = stored(FLIGHTS)
     "row",
     [
         "Plane, wind 8",
-        "PX4 copter, wind 3",
+        pytest.param("PX4 copter, wind 3", marks=pytest.mark.nightly),
         pytest.param("PX4 plane by stick, wind 2", marks=pytest.mark.nightly),
     ],
 )
