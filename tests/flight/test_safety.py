@@ -12,6 +12,9 @@ from tests.flight.lockstep import flight, last_third, message_ids, rms_error
 from tests.frames import read
 from tests.tools.fault_link.frames import frames, message_id
 
+NEAR = ("sim.start.north_m=180", "sim.start.east_m=0", "sim.start.heading_deg=90")
+"""Start of the plane near its circle."""
+
 
 def is_ranging(frame: bytes) -> bool:
     return message_ids(frame) == [132]
@@ -20,19 +23,19 @@ def is_ranging(frame: bytes) -> bool:
 @pytest.mark.parametrize("law", ["auto", "drift"])
 def test_setpoints_continue_when_attitude_stops(law: str) -> None:
     """The autopilot stops sending ATTITUDE, so own motion is unknown. The ranges continue."""
-    flown = flight("arduplane", law=law).fly(20)
+    flown = flight("arduplane", *NEAR, law=law).fly(12)
     flown.hears = lambda frame, now: message_ids(frame) != [30]
-    flown.fly(32)
-    times = [time for time in flown.setpoint_times if time > 19]
+    flown.fly(24)
+    times = [time for time in flown.setpoint_times if time > 11]
     assert max(b - a for a, b in itertools.pairwise(times)) < 0.2
-    assert times[-1] > 31.5
+    assert times[-1] > 23.5
     assert flown.pilot.mission.phase in STEERING
 
 
 def test_stuck_airspeed_sensor_raises_airspeed_alarm() -> None:
-    flown = flight("arduplane", "limits.duration_s=200", law="auto").fly(90)
+    flown = flight("arduplane", *NEAR, "limits.duration_s=200", law="auto").fly(50)
     flown.vehicle._flight.instruments.airspeed = lambda shown: 27.0  # type: ignore[method-assign]
-    flown.fly(180)
+    flown.fly(95)
     assert any(b"airspeed reads" in data and b"too high" in data for _, data in flown.sent)
     assert rms_error(flown.truths[-200:], 150.0) < 8.0
 
@@ -41,7 +44,7 @@ def test_plane_keeps_circle_with_one_attitude_per_second() -> None:
     """Example: an autopilot that refuses the request for a faster ATTITUDE stream."""
     flown = flight("arduplane", "sim.wind.speed_mps=5.0", "limits.duration_s=150", law="auto")
     flown.hears = lambda frame, now: message_ids(frame) != [30] or now % 1.0 < 0.051
-    flown.fly(130)
+    flown.fly(90)
     assert rms_error(last_third(flown), 150.0) < 5.0
     assert sum(b"attitude rarer than" in data for _, data in flown.sent) == 1
 
@@ -56,16 +59,16 @@ def test_dry_run_beside_steering_pilot_reports_drift_law() -> None:
         return True
 
     flown.hears = listens
-    flown.fly(32, lambda here: dry.step(here.now, lambda data: True))
-    laws = [record.law for record in dry.take_records() if record.time > 20]
+    flown.fly(26, lambda here: dry.step(here.now, lambda data: True))
+    laws = [record.law for record in dry.take_records() if record.time > 18]
     assert laws.count("drift") > 0.9 * len(laws)
 
 
 def test_range_outage_is_held_then_circle_is_kept() -> None:
-    flown = flight("quickstart", "limits.hold_s=20", "limits.duration_s=65")
+    flown = flight("quickstart", "limits.hold_s=20")
     flown.hears = lambda frame, now: not (is_ranging(frame) and 30 < now < 36)
     phases = []
-    flown.fly(90, lambda f: phases.append((f.now, f.pilot.mission.phase)))
+    flown.fly(54, lambda f: phases.append((f.now, f.pilot.mission.phase)))
     holding = [now for now, phase in phases if phase is Phase.HOLDING]
     assert 30.3 < holding[0] < 30.8
     assert 35.9 < holding[-1] < 37.0  # the first range after the outage arrives at 36.0 s
@@ -75,16 +78,16 @@ def test_range_outage_is_held_then_circle_is_kept() -> None:
     assert rms_error(last_third(flown), 100.0) < 2.0
 
 
-@pytest.mark.parametrize("pause", [1.0, 3.0, 6.0])
+@pytest.mark.parametrize("pause", [1.0, 6.0])
 def test_stall_of_computer_raises_one_alarm(pause: float) -> None:
     """The messages that the vehicle sends during the stall arrive at its end."""
-    flown = flight("arduplane", "limits.duration_s=1000.0").fly(60.0)
+    flown = flight("arduplane", *NEAR).fly(20.0)
     before = len(flown.sent)
     resumed = flown.now + pause
     while flown.clock.now() < resumed:
         flown.clock.advance(resumed)
     alarms: set[str] = set()
-    flown.fly(80.0, lambda now: alarms.update(now.pilot.conditions.alarms))
+    flown.fly(40.0, lambda now: alarms.update(now.pilot.conditions.alarms))
     texts = [
         read(frame).text
         for _, data in flown.sent[before:]

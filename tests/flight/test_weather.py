@@ -13,11 +13,8 @@ from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error
 from tests.tools.fault_link.pipe import Impairment, Pipe
 
 SPEED = {"arduplane": 22.0, "arducopter": 5.0}
-DURATION = 80.0
-JUDGED = 45.0
-"""Duration of a flight (DURATION), and of its evaluated last part (JUDGED), s."""
-LATE = ("plane, wind 0.53 V", "plane, target 0.2 V, wind 0.2 V")
-"""Situations that need a longer flight, because the radius settles later or a lap takes longer."""
+BRIEF = ("plane, gusts", "copter, 50 % loss at 5 Hz, heading drift")
+"""Situations in which the radius settles early."""
 
 
 def wind(share: float) -> str:
@@ -51,8 +48,7 @@ SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest R
 }
 MISSIONS = {"plane": "arduplane", "copter": "arducopter"}  # first word of a situation -> mission
 
-
-NIGHTLY = ("plane, 4000 m above the sea", "plane, lora")
+NIGHTLY = ("plane, wind 0.53 V", "plane, 4000 m above the sea", "plane, lora")
 
 
 @pytest.mark.parametrize(
@@ -64,43 +60,39 @@ NIGHTLY = ("plane, 4000 m above the sea", "plane, lora")
 )
 def test_auto_law_keeps_circle_in_weather(name: str) -> None:
     overrides, most = SITUATIONS[name]
-    first = name.partition(",")[0]
-    mission = MISSIONS.get(first, first)
-    lasts, judged = (100.0, 50.0) if name in LATE else (DURATION, JUDGED)
+    mission = MISSIONS[name.partition(",")[0]]
+    lasts, judged = (60.0, 25.0) if name in BRIEF else (100.0, 50.0)
     flown = flight(mission, *overrides, f"limits.duration_s={lasts}", law="auto").fly(lasts + 60)
     end = [truth for truth in flown.truths if truth.time > flown.now - judged]
     assert flown.outcome.ending is Ending.COMPLETED
     assert rms_error(end, flown.pilot.settings.orbit.radius) < most
-    sense = -1 if 'orbit.direction="counterclockwise"' in overrides else 1
-    assert sense * clockwise_turns(end) > 0.7
+    assert clockwise_turns(end) > 0.7 * judged / 45.0
     assert "drift" in {tick.law for tick in flown.ticks[-40:]}
 
 
 def test_circle_is_kept_when_mission_underestimates_range_noise() -> None:
-    flown = flight("quickstart", "limits.duration_s=75.0", "ranging.sigma_m=0.02", law="auto").fly(
-        100.0
-    )
-    assert flown.outcome.reason == "flown to its end"
+    flown = flight("quickstart", "ranging.sigma_m=0.02", law="auto").fly(55.0)
     assert rms_error(last_third(flown), 100.0) < 0.5
-    assert clockwise_turns(flown.truths) > 1
+    assert clockwise_turns(last_third(flown)) > 0.3
     assert b"expected 0.02 m" in b"".join(data for _, data in flown.sent)
     taken = flown.pilot.tracker.accepted
     assert taken > 0.9 * (taken + flown.pilot.tracker.ranging.rejected.total())
 
 
-@pytest.mark.parametrize(("mission", "most"), [("arduplane", 1.5), ("ardurover", 4.0)])
+@pytest.mark.parametrize(("mission", "most"), [("arducopter", 1.5), ("ardurover", 4.0)])
 def test_auto_law_does_not_oscillate_on_slow_link(mission: str, most: float) -> None:
     """The link delays frames by 0.05 to 0.15 s each way, as a busy companion computer or a fast
     telemetry radio does. most: largest standard deviation of the turn command, deg/s; the circle
-    itself requires 8 deg/s."""
-    flown = flight(mission, "sim.truth.rate_hz=10", "limits.duration_s=120", law="auto")
+    itself requires 10 deg/s (copter) and 8 deg/s (rover). F4 of the fault matrix flies the
+    plane."""
+    flown = flight(mission, law="auto")
     flown.down, flown.up = (
         Pipe(Impairment(delay=0.05, jitter=0.1, in_order=True), seed) for seed in (1, 2)
     )
-    flown.fly(100.0)
+    flown.fly(60.0)
     assert unrest(flown) < most
     assert rms_error(last_third(flown), flown.pilot.settings.orbit.radius) < 0.5
-    assert clockwise_turns(last_third(flown)) > 0.2
+    assert clockwise_turns(last_third(flown)) > 0.4
 
 
 EFFECTIVENESS = 0.747
@@ -119,15 +111,18 @@ def test_bank_limit_below_mission_is_learned_and_planned():
         "sim.vehicle.max_bank_deg=35.0",
         "sim.wind.from_deg=270",
         "sim.wind.speed_mps=5.0",
+        "sim.start.north_m=180.0",
+        "sim.start.east_m=0.0",
+        "sim.start.heading_deg=90.0",
         law="auto",
-    ).fly(155.0)
+    ).fly(90.0)
     asked = max(
         abs(tick.turn_rate)
         for tick in flown.ticks
-        if tick.time > 50.0 and tick.turn_rate is not None
+        if tick.time > 15.0 and tick.turn_rate is not None
     )
     assert asked > 0.34
     assert flown.ticks[-1].turn_gain == pytest.approx(EFFECTIVENESS / AIRSPEED_SCALE, abs=0.02)
-    lap = [truth for truth in flown.truths if truth.time > 110.0]
+    lap = [truth for truth in flown.truths if truth.time > 45.0]
     assert rms_error(lap, 150.0) < 1.6
     assert sum(b"vehicle banks 35 deg at most" in data for _, data in flown.sent) == 1
