@@ -8,8 +8,6 @@ import pytest
 
 from tests.command_line import FULL, ended
 
-COMMANDS = ["replay run", "preflight quickstart --seconds 1", "--help"]
-
 
 @pytest.fixture
 def ran_with(run):
@@ -22,7 +20,7 @@ def ran_with(run):
     return ran_with
 
 
-@pytest.mark.parametrize("command", ["replay run", "--help", "emulate"])
+@pytest.mark.parametrize("command", ["--help", "emulate"])
 def test_full_stdout_is_reported_in_one_line(ran_with, full, command):
     assert ran_with(command, full) == (2, FULL)
 
@@ -32,7 +30,7 @@ def test_full_unbuffered_stdout_is_reported_in_one_line(ran_with, full):
     assert ran_with("report nowhere", None, full) == (2, None)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", ["preflight quickstart --seconds 1", "--help"])
 def test_closed_stdout_pipe_ends_command_silently(ran_with, command):
     """Example: `circnav check quickstart | head -1`. All commands share this code."""
     ours, theirs = os.pipe()
@@ -47,11 +45,7 @@ def test_closed_stdout_pipe_ends_command_silently(ran_with, command):
 
 @pytest.mark.parametrize(
     ("command", "name"),
-    [
-        ("init copter", "copter.toml"),
-        ("report run", "run/flight.png"),
-        ("replay run --out .", "replay.png"),
-    ],
+    [("init copter", "copter.toml"), ("report run", "run/flight.png")],
 )
 def test_full_disk_keeps_previous_file(run, command, name):
     """An incomplete mission would block the next `init` as "exists already"."""

@@ -184,29 +184,20 @@ def battery(percent):
     return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 12000, 100, percent, 0, 0, 0, 0, 0, 0)
 
 
-BEYOND = [
-    (Bounds(farthest=200.0), 19000, 21000, None, "range 2.* m is farther than 200.0 m"),
-    (Bounds(closest=80.0), 8500, 7500, None, "range 7.* m is nearer than 80.0 m"),
-    (Bounds(battery=20.0), 15000, 15000, battery(19), "battery 19 % is below 20 %"),
-    (Bounds(highest=120.0), 15000, 15000, vfr_hud(121.0), "altitude 121.0 m is above 120.0 m"),
-]
-
-
 def reported(rig, *messages):
     return lambda: [rig.receive(message) for message in messages if message is not None]
 
 
-@pytest.mark.parametrize(("bounds", "inside", "beyond", "message", "reason"), BEYOND)
-def test_value_beyond_bounds_of_mission_ends_flight(bounds, inside, beyond, message, reason):
-    rig = Rig(bounds=bounds)
-    rig.run(3.0, reported(rig, battery(20), vfr_hud(119.0)), range_cm=inside)
-    assert rig.pilot.mission.phase is Phase.ENGAGED
-    rig.run(3.0, reported(rig, battery(20), vfr_hud(119.0), message), range_cm=beyond)
-    assert re.fullmatch(reason, rig.pilot.mission.outcome.reason)
-
-
-@pytest.mark.parametrize(("bounds", "inside", "beyond", "message", "reason"), BEYOND)
-def test_broken_bound_prevents_engagement(bounds, inside, beyond, message, reason):
+@pytest.mark.parametrize(
+    ("bounds", "inside", "beyond", "message", "reason"),
+    [
+        (Bounds(farthest=200.0), 19000, 21000, None, "range 2.* m is farther than 200.0 m"),
+        (Bounds(closest=80.0), 8500, 7500, None, "range 7.* m is nearer than 80.0 m"),
+        (Bounds(battery=20.0), 15000, 15000, battery(19), "battery 19 % is below 20 %"),
+        (Bounds(highest=120.0), 15000, 15000, vfr_hud(121.0), "altitude 121.0 m is above 120.0 m"),
+    ],
+)
+def test_broken_bound_prevents_engagement_and_ends_flight(bounds, inside, beyond, message, reason):
     rig = Rig(bounds=bounds, request_mode=True)
     good = (battery(20), vfr_hud(119.0))
     rig.run(5.0, reported(rig, *good, message), range_cm=beyond, mode=LOITER)
@@ -214,6 +205,8 @@ def test_broken_bound_prevents_engagement(bounds, inside, beyond, message, reaso
     assert re.fullmatch(rf"\[bounds\]: {reason}", rig.pilot.status.waits_for(rig.now))
     rig.run(5.0, reported(rig, *good), range_cm=inside, mode=GUIDED)
     assert rig.pilot.mission.phase is Phase.ENGAGED
+    rig.run(3.0, reported(rig, *good, message), range_cm=beyond)
+    assert re.fullmatch(reason, rig.pilot.mission.outcome.reason)
 
 
 @pytest.mark.parametrize(

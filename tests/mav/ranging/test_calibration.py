@@ -73,5 +73,5 @@ def test_mission_rejects_impossible_calibration(overrides, error):
 def test_calibrated_radio_gives_circle_of_true_radius(radio, mission):
     """The emulated radio has the error that the mission's calibration removes."""
     start = "sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_deg=90"
-    truths = flight("quickstart", *start, *radio, *mission).fly(45.0).truths[-200:]
+    truths = flight("quickstart", *start, *radio, *mission).fly(35.0).truths[-200:]
     assert mean_radius(truths) == pytest.approx(100.0, abs=0.5)
