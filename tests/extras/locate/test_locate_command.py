@@ -5,6 +5,7 @@ import csv
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from math import hypot, nan
 
 import click
@@ -17,6 +18,7 @@ from circnav_mav import cli
 from circnav_mav.cli.exits import Exit, Refused
 from circnav_mav.extras.locate import map_picture
 from circnav_mav.extras.locate.estimator import Ranges, Track
+from circnav_mav.extras.locate.logs.table import read_logs
 from circnav_mav.extras.locate.place import Plane
 from circnav_mav.extras.locate.range_log import RangeLog
 from tests.extras.locate.worlds import PLANE, circles
@@ -46,7 +48,7 @@ def located(folder, track, *tags, names=("",), options=()):
     return places(folder / "log.locate.geojson")
 
 
-def as_csv(folder, track, *tags, names=("",), header=HEADER):
+def as_csv(folder, track, *tags, names=("",)):
     """Write a CSV of positions and ranges."""
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
     positions = zip(track.time, latitude, longitude, track.up, strict=True)
@@ -54,7 +56,7 @@ def as_csv(folder, track, *tags, names=("",), header=HEADER):
     for name, tag in zip(names, tags, strict=True):
         rows += [(time, "", "", "", r, name) for time, r in zip(tag.time, tag.r, strict=True)]
     with (folder / "log.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([header, *rows])
+        csv.writer(file).writerows([HEADER, *rows])
     return folder / "log.csv"
 
 
@@ -131,9 +133,11 @@ def off(found, target):
     )
 
 
-def smoothed(track, ranges, target):
-    """Return target position and range bias from filterpy's unscented filter and smoother, for
-    exact vehicle positions."""
+@cache
+def smoothed():
+    """Return a world with exact vehicle positions (track, ranges, target), and its target position
+    and range bias from filterpy's unscented filter and smoother with their covariance."""
+    track, ranges, target = circles(gps=0.0, laps=2)
     here = {}
 
     def measured(x):
@@ -159,7 +163,13 @@ def smoothed(track, ranges, target):
         means.append(ukf.x.copy())
         covariances.append(ukf.P.copy())
     x, P, _ = ukf.rts_smoother(np.array(means), np.array(covariances))
-    return x[0], P[0]
+    return track, ranges, target, x[0], P[0]
+
+
+@pytest.fixture(autouse=True)
+def no_map(monkeypatch):
+    """Draw no map, which takes half of the time. test_logs.py tests a command that draws it."""
+    monkeypatch.setattr("circnav_mav.extras.locate.command.plot_map", lambda *what: None)
 
 
 AS_TOLD = ("--altitude", "400")
@@ -182,11 +192,10 @@ AS_TOLD = ("--altitude", "400")
 def test_located_place_agrees_with_independent_smoother(
     tmp_path, write, named, tag, options, capsys
 ):
-    track, ranges, target = circles(gps=0.0, laps=2)
+    track, ranges, target, x, P = smoothed()
     assert run(write(tmp_path, track, ranges), "--gps-sigma", 0.05, *options) == Exit.DONE
     found = places(tmp_path / f"{named}.geojson")
     assert list(found) == [tag] and "sensor 6" not in capsys.readouterr().out
-    x, P = smoothed(track, ranges, target)
     one = found[tag]
     assert off(one, x[:2]) < 3 * np.sqrt(P[0, 0] + P[1, 1] + 2 * one["sigma_m"] ** 2)
     assert off(one, target) < 0.3
@@ -246,7 +255,7 @@ def test_locate_separates_tags_and_refuses_mixed_ones(tmp_path, capsys, monkeypa
     assert all(near[0] < at < near[1] for near, at in edges)
     capsys.readouterr()
     with pytest.raises(Refused, match="no target was located"):
-        located(tmp_path, track, one, other, names=("", ""))
+        located(tmp_path, track, one, other, names=("", ""), options=("--units", "m"))
     assert "two tags mixed" in capsys.readouterr().out
 
 
@@ -277,24 +286,23 @@ def test_circle_does_not_determine_clock_offset(tmp_path, capsys):
     assert "clocks     offset not observable" in capsys.readouterr().out
 
 
-def test_impossible_target_height_causes_warning(tmp_path, capsys):
+def test_impossible_target_height_names_height_and_unit(tmp_path, capsys):
     """Ranges in feet are read as meters, so the circle of 100 m looks like one flown 300 m above
-    the target."""
-    track, ranges, _ = circles(laps=2)
+    the target. The constant range fits every unit, each at another target height."""
+    track, ranges, _ = circles()
     located(tmp_path, track, replace(ranges, r=ranges.r / 0.3048))
-    assert "WARNING    the ranges fit only a target at" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "WARNING    the ranges fit only a target at" in printed
+    assert "probably in ft, give --units ft" in printed
 
 
 @pytest.mark.parametrize("sigma", ["0", "-1", "nan", "", "1e-200"])
 def test_invalid_sigma_is_treated_as_unknown(tmp_path, sigma):
-    track, ranges, target = circles()
-    file = as_csv(tmp_path, track, ranges, header=(*HEADER, "sigma"))
-    file.write_text(
-        file.read_text().replace("\n", f",{sigma}\n").replace(f"sigma,{sigma}", "sigma")
-        + "40,,,,inf,,\n"
-    )
-    assert run(file) == Exit.DONE
-    assert off(places(tmp_path / "log.locate.geojson")["target"], target) < 6
+    rows = f"1,47,8,5,{sigma}\n2,47,8,6,{sigma}\n3,,,inf,\n"
+    (tmp_path / "log.csv").write_text("time,latitude,longitude,range,sigma\n" + rows)
+    (log,) = read_logs(tmp_path / "log.csv")
+    ranges, known = log.of("target", None)
+    assert (list(ranges.r), list(ranges.sigma), known) == ([5.0, 6.0], [1.0, 1.0], False)
 
 
 @pytest.mark.parametrize("option", ["--altitude", "--sigma", "--gps-sigma", "--bias"])
@@ -374,8 +382,8 @@ def test_calibration_of_mission_is_applied_only_once(tmp_path):
 
 def test_altitude_beyond_measured_range_causes_warning(tmp_path, capsys):
     """The operator enters a height above ground as the altitude above sea level."""
-    track, ranges, _ = circles()
-    high = replace(track, up=track.up + 500.0)
+    rows = "1,47,8,540,60\n2,47,8,540,60\n"
+    (tmp_path / "log.csv").write_text("time,latitude,longitude,altitude,range\n" + rows)
     with pytest.raises(Refused, match="no target was located"):
-        located(tmp_path, high, ranges, options=("--altitude", "0"))
+        run(tmp_path / "log.csv", "--altitude", "0")
     assert "farther than all ranges: is it above sea level?" in capsys.readouterr().out

@@ -31,10 +31,8 @@ def test_log_without_unique_place_is_not_located(case, why):
     assert isinstance(answer, NotLocated) and why in answer.why
 
 
-def test_pure_noise_and_constant_range_are_not_located():
-    track, ranges, _ = circles(target=(0.0, 0.0), laps=2)
-    rng = np.random.default_rng(1)
-    refused(replace(ranges, r=rng.uniform(50, 150, len(ranges.r))), track)
+def test_constant_range_is_not_located():
+    track, ranges, _ = circles(target=(0.0, 0.0))
     assert "do not change" in refused(replace(ranges, r=np.full(len(ranges.r), 100.0)), track)
 
 
