@@ -30,9 +30,10 @@ def flight_with_height(mission: str, key: str, *overrides: str) -> Flight:
 def test_horizontal_radius_is_constant_while_plane_climbs() -> None:
     """With the constant height of 60 m, the plane would fly a radius of 140.4 m instead of 150 m
     after its climb."""
-    flown = flight("arduplane", "limits.duration_s=120.0", law="auto").fly(50)
+    near = ("sim.start.north_m=180", "sim.start.east_m=0", "sim.start.heading_deg=90")
+    flown = flight("arduplane", *near, law="auto").fly(25)
     Operator(flown.vehicle).change_altitude(80.0)
-    flown.fly(200)
+    flown.fly(75)
     assert -flown.vehicle.truth.down == pytest.approx(80.0, abs=0.5)
     assert mean_radius(last_third(flown)) == pytest.approx(150.0, abs=0.3)
     assert flown.ticks[0].height == 60.0
@@ -52,7 +53,10 @@ def test_slant_correction_uses_height_from_home_or_sea_level(
     placed = (
         "sim.target.altitude_m=5.0",
         f"sim.start.altitude_m={flies}",
-        "limits.duration_s=75.0",
+        f"sim.start.north_m={radius + 5.0}",
+        "sim.start.east_m=0.0",
+        "sim.start.heading_deg=90.0",
+        "limits.duration_s=50.0",
     )
     flown = flight_with_height(mission, key, *placed).fly(200)
     assert flown.outcome.ending is Ending.COMPLETED

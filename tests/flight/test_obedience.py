@@ -61,13 +61,13 @@ def test_vehicle_that_stops_following_raises_alarm(mission: str, faults: list[st
     """A vehicle that continues with the turn rate of the circle stays on it for some seconds, so
     the alarm comes later. A plane with this fault looks like a plane at its bank limit, so
     "turning" is tested only on the copter."""
-    circling = flight(mission, FAR, law="auto").fly(50)
+    circling = flight(mission, FAR, law="auto").fly(40)
     for steering in faults:
         flown = copy.deepcopy(circling)
         flown.vehicle._run_event(Event(action=f"steering_{steering}"))
-        flown.fly(100)
+        flown.fly(75)
         most = {"frozen": 25.0, "turning": 12.0}.get(steering, 5.0)
-        assert 50.0 < alarmed_at(flown) < 50.0 + most, steering
+        assert 40.0 < alarmed_at(flown) < 40.0 + most, steering
         radius = flown.pilot.settings.orbit.radius
         stays = abs(flown.ticks[-1].r - radius) < 0.1 * radius
         assert stays or "did not follow" in flown.outcome.reason, steering
@@ -75,10 +75,10 @@ def test_vehicle_that_stops_following_raises_alarm(mission: str, faults: list[st
 
 def test_flight_continues_when_vehicle_follows_again() -> None:
     events = (
-        'sim.events=[{at_s=30.0, action="steering_straight"}, {at_s=38.0, action="steering_good"}]'
+        'sim.events=[{at_s=25.0, action="steering_straight"}, {at_s=33.0, action="steering_good"}]'
     )
-    flown = flight("arducopter", events, FAR, "limits.duration_s=70.0", law="auto").fly(100)
-    assert alarmed_at(flown) < 35.0
+    flown = flight("arducopter", events, FAR, "limits.duration_s=58.0", law="auto").fly(100)
+    assert alarmed_at(flown) < 30.0
     assert any(b"vehicle follows turn commands again" in data for _, data in flown.sent)
     assert flown.outcome.ending is Ending.COMPLETED
     assert abs(flown.ticks[-1].r - 30.0) < 3.0
@@ -87,10 +87,10 @@ def test_flight_continues_when_vehicle_follows_again() -> None:
 def test_uplink_outage_is_not_reported_as_unfollowed_commands() -> None:
     """The copter stops at its setpoint timeout and then follows no command. Unanswered TIMESYNC
     requests show the outage."""
-    flown = flight("arducopter", FAR, "limits.duration_s=75.0", law="auto").fly(30)
+    flown = flight("arducopter", FAR, "limits.duration_s=48.0", law="auto").fly(15)
     receive = flown.vehicle.receive
     flown.vehicle.receive = lambda *args, **kwargs: None  # type: ignore[method-assign]
-    flown.fly(50)
+    flown.fly(35)
     flown.vehicle.receive = receive  # type: ignore[method-assign]
     flown.fly(120)
     assert flown.outcome.ending is Ending.COMPLETED

@@ -4,11 +4,8 @@ kill."""
 import csv
 import json
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
-import pytest
 from pymavlink import mavutil
 
 from circnav_mav.mission.load import parse_mission
@@ -29,7 +26,7 @@ def again(folder: Path) -> ReplayResult:
 
 def test_flight_settles_and_leaves_a_complete_run_folder(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    process = circnav("fly", QUICKSTART, "--duration", "60", "--out", str(folder))
+    process = circnav("fly", QUICKSTART, "--duration", "45", "--out", str(folder))
     printed, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     assert "COMPLETED" in printed
@@ -38,10 +35,10 @@ def test_flight_settles_and_leaves_a_complete_run_folder(tmp_path: Path) -> None
     assert summary["outcome"] == "completed"
     assert summary["truth"]["direction"] == summary["direction"] == "clockwise"
     assert summary["truth"]["radius_rms_error_m"] < 2.0
-    assert 10 < summary["settled_s"] < 60
+    assert 10 < summary["settled_s"] < 45
     names = {path.name for path in folder.iterdir()}
     assert names >= {"summary.json", "ticks.csv", "flight.tlog", "mission.toml", "flight.png"}
-    assert "duration_s = 60" in (folder / "mission.toml").read_text()
+    assert "duration_s = 45" in (folder / "mission.toml").read_text()
     manifest = json.loads((folder / "manifest.json").read_text())
     assert (manifest["exit"], manifest["seeds"], manifest["output_mode"]) == (0, {"sim": 7}, "fly")
     vehicle = {"system": 1, "component": 1, "name": "ardupilot copter", "firmware": "4.6.3"}
@@ -49,20 +46,20 @@ def test_flight_settles_and_leaves_a_complete_run_folder(tmp_path: Path) -> None
     assert set(manifest["versions"]) == {"circnav", "python", "pymavlink", "numpy", "filterpy"}
     done = again(folder)
     assert done.identical
-    assert len(done.was_setpoints) == summary["setpoints_sent"] > 1000
+    assert len(done.was_setpoints) == summary["setpoints_sent"] > 800
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_sends_safe_setpoint_and_exits_130(number: signal.Signals, tmp_path: Path) -> None:
+def test_interrupt_sends_safe_setpoint_and_exits_130(tmp_path: Path) -> None:
+    """tests/cli/test_fly.py and test_boot.py send SIGTERM."""
     folder = tmp_path / "run"
     process = circnav("fly", QUICKSTART, "--speed", "5", "--out", str(folder), drawn=False)
     read_until(process, "engaged")
-    process.send_signal(number)
+    process.send_signal(signal.SIGINT)
     process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     with (folder / "steps.csv").open() as file:
         turns = list(csv.DictReader(file))
-    received_at = next(int(turn["time_us"]) for turn in turns if turn["interrupt"] == number.name)
+    received_at = next(int(turn["time_us"]) for turn in turns if turn["interrupt"] == "SIGINT")
     assert int(turns[-1]["time_us"]) - received_at < 15e6
     assert json.loads((folder / "summary.json").read_text())["outcome"] == "interrupted"
     log = mavutil.mavlink_connection(str(folder / "flight.tlog"))
@@ -74,7 +71,7 @@ def test_signal_sends_safe_setpoint_and_exits_130(number: signal.Signals, tmp_pa
 
 
 def test_killed_flight_loses_at_most_one_second(tmp_path: Path) -> None:
-    process = circnav("fly", QUICKSTART, "--speed", "2", "--out", str(tmp_path))
+    process = circnav("fly", QUICKSTART, "--speed", "4", "--out", str(tmp_path), drawn=False)
     assert process.stdout is not None
     times = (
         float(line.split()[0]) for line in process.stdout if " s  " in line and "link age" in line
@@ -86,11 +83,3 @@ def test_killed_flight_loses_at_most_one_second(tmp_path: Path) -> None:
     done = again(tmp_path)
     assert (run.summary, run.manifest["exit"], done.identical) == ({}, None, True)
     assert min(run.ticks.time[-1], done.until) > shown - 1.0
-    replayed = subprocess.run(
-        [sys.executable, "-m", "circnav_mav", "replay", str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (replayed.returncode, replayed.stderr) == (0, "")
-    assert "byte for byte the same" in replayed.stdout

@@ -56,6 +56,8 @@ class Stage:
                 str(self._folder),
                 "--set",
                 "link.unsigned_parameters=true",
+                "--set",
+                'guidance.law="smooth"',
             ),
         )
         read_until(process, "engaged")
