@@ -219,10 +219,3 @@ def test_unexpected_exception_prints_one_line(circnav, monkeypatch):
         ran = circnav("check", "quickstart")
         assert ran.code == code
         assert ran.line.startswith(f"circnav: {error}")
-
-
-def test_pictures_ignore_matplotlib_backend_of_notebook(tmp_path):
-    (tmp_path / "x.csv").write_text(circle_log("a"))
-    ran = ended(tmp_path, "locate x.csv", MPLBACKEND="module://matplotlib_inline.backend_inline")
-    assert (ran.returncode, ran.stderr) == (0, "")
-    assert (tmp_path / "x.locate.png").exists()
