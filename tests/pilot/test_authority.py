@@ -57,7 +57,6 @@ def test_no_command_in_other_mode_without_request_mode(rig, mode):
         ({"round_trip": None}, 9.0, MEASURING, {}),
         # a very slow link is reported as slow, not as a link without answers
         ({"round_trip": 0.8}, 10.0, SLOW.format("0.80"), {"round_trip": 0.1}),
-        ({"round_trip": 3.5}, 25.0, SLOW.format("3.50"), {"round_trip": 0.1}),
         ({"round_trip": 9.0}, 25.0, SLOW.format("9.00"), {"round_trip": 0.1}),
     ],
     ids=str,
