@@ -40,10 +40,9 @@ NAMED = {
 """Words that must not occur in names."""
 
 
-def docstrings(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield line and text of the docstrings of a file, those of constants and attributes
-    included."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def docstrings(nodes: list[ast.AST]) -> Iterator[tuple[int, str]]:
+    """Yield line and text of the docstrings, those of constants and attributes included."""
+    for node in nodes:
         for part in node.body if isinstance(getattr(node, "body", None), list) else ():
             if (
                 isinstance(part, ast.Expr)
@@ -53,20 +52,10 @@ def docstrings(path: Path) -> Iterator[tuple[int, str]]:
                 yield part.lineno, part.value.value.strip()
 
 
-@pytest.mark.parametrize("path", CODE, ids=lambda path: str(path.relative_to(ROOT)))
-def test_docstrings_are_complete_with_plain_numbers(path: Path) -> None:
-    wrong = [
-        (line, text.split("\n")[0])
-        for line, text in docstrings(path)
-        if FRAGMENT.match(text) or ODD_NUMBER.search(re.sub(r"`[^`]*`|\{[^}]*\}", "", text))
-    ]
-    assert wrong == []
-
-
-def names(path: Path) -> Iterator[tuple[int, str]]:
+def names(nodes: list[ast.AST]) -> Iterator[tuple[int, str]]:
     """Yield line and name of each class, function, argument, variable and attribute that a file
     defines."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes:
         if isinstance(node, ast.ClassDef | ast.FunctionDef):
             yield node.lineno, node.name
         elif isinstance(node, ast.arg):
@@ -75,33 +64,38 @@ def names(path: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.id if isinstance(node, ast.Name) else node.attr
 
 
-def messages(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield line and text of the strings in a file that may be displayed: all with a space, except
+def messages(nodes: list[ast.AST]) -> Iterator[tuple[int, str]]:
+    """Yield line and text of the strings that may be displayed: all with a space, except
     docstrings."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     forms = {
         id(part)
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.FormattedValue) and node.format_spec
         for part in ast.walk(node.format_spec)
     }
-    shown = {line for line, _ in docstrings(path)}
-    for node in ast.walk(tree):
+    shown = {line for line, _ in docstrings(nodes)}
+    for node in nodes:
         text = isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value
         if text and id(node) not in forms and node.lineno not in shown:
             yield node.lineno, re.sub(r"\{[^}]*\}", "", node.value)
 
 
 @pytest.mark.parametrize("path", CODE, ids=lambda path: str(path.relative_to(ROOT)))
-def test_names_and_messages_avoid_banned_words(path: Path) -> None:
+def test_docstrings_names_and_messages_are_plain(path: Path) -> None:
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    assert [
+        (line, text.split("\n")[0])
+        for line, text in docstrings(nodes)
+        if FRAGMENT.match(text) or ODD_NUMBER.search(re.sub(r"`[^`]*`|\{[^}]*\}", "", text))
+    ] == []
     split = [
         (line, name, re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_"))
-        for line, name in names(path)
+        for line, name in names(nodes)
     ]
     assert [(line, name) for line, name, words in split if NAMED & set(words)] == []
     assert [
         (line, text)
-        for line, text in messages(path)
+        for line, text in messages(nodes)
         if TALKS.search(text) or ODD_NUMBER.search(text)
     ] == []
 
