@@ -347,15 +347,10 @@ def test_long_range_unit_is_identified():
     assert likely_unit(PLANE, shifted, wrong, Knowledge(up=400.0, sigma_known=False), None) == "nmi"
 
 
-def test_warning_for_feet_names_units_option(tmp_path, capsys, monkeypatch):
+def test_units_option_gives_place_from_ranges_in_feet(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("circnav_mav.extras.locate.command.plot_map", lambda *what: None)
-    command = ["locate", str(CASES / "02-feet.csv"), "--out", str(tmp_path)]
+    command = ["locate", str(CASES / "02-feet.csv"), "--out", str(tmp_path), "--units", "ft"]
     assert not cli.circnav.main(command, standalone_mode=False)
-    warning = (
-        "WARNING    the ranges are 3.28 times as long as in m: probably in ft, give --units ft"
-    )
-    assert warning in capsys.readouterr().out
-    cli.circnav.main([*command, "--units", "ft"], standalone_mode=False)
     text = capsys.readouterr().out
     assert "place      46.00000" in text and "--units" not in text
 
