@@ -80,7 +80,7 @@ def test_report_without_place_has_no_map(circnav, run, changed):
 @pytest.mark.usefixtures("undrawn")
 def test_unwritable_map_file_is_reported(circnav, tmp_path):
     (tmp_path / "run" / "target.geojson").mkdir(parents=True)
-    surveyed = ("--set", "locate.enabled=true", "--set", 'guidance.law="smooth"', "--duration", 45)
+    surveyed = ("--set", "locate.enabled=true", "--set", 'guidance.law="smooth"', "--duration", 36)
     ran = circnav("fly", "quickstart", *surveyed, "--out", tmp_path / "run")
     assert (ran.code, ran.err) == (5, "")
     assert "WARNING    target.geojson cannot be written: Is a directory\n" in ran.out
