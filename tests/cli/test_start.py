@@ -1,4 +1,4 @@
-"""Modules loaded by each command: only the necessary ones, and slow ones before they are used."""
+"""Modules loaded by the library and by each command: only the necessary ones, and slow ones before they are used."""
 
 import json
 import subprocess
@@ -66,9 +66,12 @@ def test_flight_loads_optimizer_first_and_pictures_last(tmp_path):
     assert (tmp_path / "run" / "report.html").stat().st_size > 10_000
 
 
-FILTERPY = """
+LIBRARY = """
 import sys
+import circnav_mav
+assert "numpy" not in sys.modules
 from circnav_mav import Guidance
+assert "numpy" in sys.modules
 import circnav_mav.cli.fly
 from filterpy import stats
 from filterpy.kalman import KalmanFilter
@@ -83,5 +86,5 @@ assert parts and all(part.__spec__ is not None and part.__file__ for part in par
 """
 
 
-def test_filterpy_is_complete_after_circnav_import():
-    subprocess.run([sys.executable, "-c", FILTERPY], check=True)
+def test_library_loads_numpy_when_used_and_filterpy_completely():
+    subprocess.run([sys.executable, "-c", LIBRARY], check=True)
