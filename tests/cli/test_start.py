@@ -1,4 +1,5 @@
-"""Modules loaded by the library and by each command: only the necessary ones, and slow ones before they are used."""
+"""Modules loaded by the library and by each command: only the necessary ones, and slow ones before
+they are used."""
 
 import json
 import subprocess
