@@ -3,6 +3,7 @@
 import json
 from math import hypot
 
+import pytest
 from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 from pymavlink import mavutil
 
@@ -15,6 +16,7 @@ from circnav_mav.runlog.run_folder import open_run
 from tests.process import QUICKSTART
 
 
+@pytest.mark.usefixtures("undrawn", "no_pictures")
 def test_flight_with_survey_locates_target_and_replays(circnav, tmp_path):
     """By default the emulator's target is at the home position."""
     run = tmp_path / "run"
@@ -27,6 +29,7 @@ def test_flight_with_survey_locates_target_and_replays(circnav, tmp_path):
     )
     assert hypot(*place) < 4 * summary["place"]["sigma_m"] and summary["place"]["sigma_m"] < 5
     assert "  target  " in printed
+    assert circnav("report", run).done
     assert {"target.geojson", "target.kml", "target.png"} <= {path.name for path in run.iterdir()}
     assert "sensor 0 of 1/192: " in circnav("locate", run).done
     log = mavutil.mavlink_connection(str(run / "flight.tlog"))
