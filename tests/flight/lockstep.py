@@ -154,6 +154,12 @@ def flight(
     )
 
 
+def tangent(distance: float) -> tuple[str, ...]:
+    """Return overrides with a start at a distance (m) from the target, at a right angle to it, in
+    the clockwise direction."""
+    return f"sim.start.north_m={distance}", "sim.start.east_m=0.0", "sim.start.heading_deg=90.0"
+
+
 def message_ids(data: bytes) -> list[int]:
     """Return the ids of the MAVLink 2 frames in some output."""
     return list(map(message_id, frames(data)))

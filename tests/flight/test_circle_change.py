@@ -7,7 +7,7 @@ import pytest
 
 from circnav_mav.guidance.circle_change import CircleLimits, CircleRequest, obstacle
 from circnav_mav.guidance.types import Direction
-from tests.flight.lockstep import clockwise_turns, flight, true_radius
+from tests.flight.lockstep import clockwise_turns, flight, tangent, true_radius
 
 
 def radii(flown, since):
@@ -31,9 +31,8 @@ def moved(flown, after, speed):
 
 def near(mission, radius, *overrides):
     """Return a flight that starts near its circle, on a tangent."""
-    start = (f"sim.start.north_m={radius + 20}", "sim.start.east_m=0", "sim.start.heading_deg=90")
     orbit = f"orbit.radius_m={radius}", "limits.duration_s=400"
-    return flight(mission, *orbit, *start, *overrides, law="auto")
+    return flight(mission, *orbit, *tangent(radius + 20.0), *overrides, law="auto")
 
 
 def test_requested_larger_circle_is_reached_without_overshoot():

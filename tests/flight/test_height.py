@@ -10,7 +10,7 @@ from circnav_sim.vehicle import Vehicle
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot import Ending, Pilot
 from tests.flight.ground_station import Operator
-from tests.flight.lockstep import CONFIG, Flight, flight, last_third, mean_radius
+from tests.flight.lockstep import CONFIG, Flight, flight, last_third, mean_radius, tangent
 
 HOME_AMSL = 584.0
 HOME_POSITION = b"\xf2\x00\x00"
@@ -30,8 +30,7 @@ def flight_with_height(mission: str, key: str, *overrides: str) -> Flight:
 def test_horizontal_radius_is_constant_while_plane_climbs() -> None:
     """With the constant height of 60 m, the plane would fly a radius of 140.4 m instead of 150 m
     after its climb."""
-    near = ("sim.start.north_m=180", "sim.start.east_m=0", "sim.start.heading_deg=90")
-    flown = flight("arduplane", *near, law="auto").fly(25)
+    flown = flight("arduplane", *tangent(180.0), law="auto").fly(25)
     Operator(flown.vehicle).change_altitude(80.0)
     flown.fly(75)
     assert -flown.vehicle.truth.down == pytest.approx(80.0, abs=0.5)
@@ -53,9 +52,7 @@ def test_slant_correction_uses_height_from_home_or_sea_level(
     placed = (
         "sim.target.altitude_m=5.0",
         f"sim.start.altitude_m={flies}",
-        f"sim.start.north_m={radius + 5.0}",
-        "sim.start.east_m=0.0",
-        "sim.start.heading_deg=90.0",
+        *tangent(radius + 5.0),
         "limits.duration_s=50.0",
     )
     flown = flight_with_height(mission, key, *placed).fly(200)

@@ -24,6 +24,7 @@ from tests.flight.lockstep import (
     flight,
     last_third,
     rms_error,
+    tangent,
     true_radius,
     unrest,
 )
@@ -128,13 +129,10 @@ def test_emulator_oscillates_with_gains_that_oscillate_on_firmware(
     assert crossings / 40 == pytest.approx(1.0, abs=0.2)  # frequency of the oscillation, Hz
 
 
-NEAR = ("sim.start.north_m=180", "sim.start.east_m=0", "sim.start.heading_deg=90")
-
-
 @pytest.mark.parametrize(
     ("mission", "overrides", "count", "most"),
     [
-        ("arduplane", NEAR, 1, 0.32),
+        ("arduplane", tangent(180.0), 1, 0.32),
         pytest.param("arducopter", (), 2, 0.12, marks=pytest.mark.nightly),
     ],
 )

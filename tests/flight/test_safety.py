@@ -8,11 +8,11 @@ import pytest
 
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
 from circnav_mav.pilot.mission_state import STEERING, Phase
-from tests.flight.lockstep import flight, last_third, message_ids, rms_error
+from tests.flight.lockstep import flight, last_third, message_ids, rms_error, tangent
 from tests.frames import read
 from tests.tools.fault_link.frames import frames, message_id
 
-NEAR = ("sim.start.north_m=180", "sim.start.east_m=0", "sim.start.heading_deg=90")
+NEAR = tangent(180.0)
 """Start of the plane near its circle."""
 
 

@@ -5,13 +5,20 @@ import pytest
 
 from circnav_mav.mav.frames import euler_from_quaternion, quaternion_from_euler
 from circnav_mav.pilot.mission_state import Phase
-from tests.flight.lockstep import SETPOINT_IDS, flight
+from tests.flight.lockstep import SETPOINT_IDS, flight, tangent
 from tests.frames import output, read
 from tests.tools.fault_link.frames import frames, message_id, write
 
 OTHER = (1, 193)
-BEGINS = 30.0
-"""Time at which the other program starts to send, s. At this time every vehicle is turning."""
+BEGINS = 10.0
+"""Time at which the other program starts to send, s. At this time every vehicle is turning, because
+it started on its circle."""
+
+
+def begun(mission):
+    """Return a flight on the circle, ready to start."""
+    radius = flight(mission).pilot.settings.orbit.radius
+    return flight(mission, *tangent(radius), "limits.duration_s=1000.0")
 
 
 def turning_the_other_way(frame: bytes) -> bytes:
@@ -31,7 +38,7 @@ def turning_the_other_way(frame: bytes) -> bytes:
 
 def flown_with_another(mission, until=BEGINS + 6.0):
     """Return (flight, {evidence: time at which it was first reported, s})."""
-    flown = flight(mission, "limits.duration_s=1000.0")
+    flown = begun(mission)
     evidence = {}
     seen = [0]
 
@@ -45,6 +52,9 @@ def flown_with_another(mission, until=BEGINS + 6.0):
             evidence.setdefault(words.partition(",")[0], flown.now)
 
     flown.fly(until, other)
+    turns = [abs(tick.turn_rate) for tick in flown.ticks if BEGINS - 2.0 < tick.time < BEGINS]
+    steady = abs(flown.pilot.settings.orbit.steady_turn_rate)
+    assert sum(turns) / len(turns) > 0.5 * steady
     assert flown.pilot.mission.phase in (Phase.ENGAGED, Phase.HOLDING)
     return flown, evidence
 
@@ -72,8 +82,8 @@ def test_second_controller_is_undetected_without_setpoint_report(mission):
 def test_second_circnav_refuses_itself_while_first_steers(mission):
     """Two circnav programs have the same ids. A router forwards the frames of each program to the
     other program."""
-    first = flight(mission, "limits.duration_s=1000.0")
-    second = flight(mission, "limits.duration_s=1000.0")
+    first = begun(mission)
+    second = begun(mission)
     received: list[bytes] = []
     first.hears = lambda frame, now: received.append(frame) or True
     sent: list[bytes] = []

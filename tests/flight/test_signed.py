@@ -16,9 +16,13 @@ from circnav_mav.mav.framing import split_frames
 from circnav_mav.mav.signing import Refusal, is_signed
 from circnav_mav.pilot import Ending
 from circnav_mav.pilot.mission_state import Phase
+from tests.command_line import circnav, undrawn
 from tests.flight.lockstep import UNIX, clockwise_turns, last_third, rms_error
 from tests.flight.signed import KEY, OTHER, key_file, signed_flight, voice
-from tests.process import PATIENCE, QUICKSTART, circnav
+from tests.process import PATIENCE, QUICKSTART
+from tests.process import circnav as start
+
+__all__ = ["circnav", "undrawn"]
 
 MODE_LOITER = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 5, 0, 0, 0, 0, 0)
 EPOCH = 1_420_070_400
@@ -28,7 +32,7 @@ def test_signed_flight_circles_without_rejected_frames(tmp_path: Path) -> None:
     flown = signed_flight(
         "arducopter", tmp_path, 'orbit.direction="counterclockwise"', "limits.duration_s=1000.0"
     )
-    flown.fly(75)
+    flown.fly(66)
     assert flown.pilot.mission.phase is Phase.ENGAGED
     assert clockwise_turns(last_third(flown)) < -0.5
     radius = flown.pilot.settings.orbit.radius
@@ -81,22 +85,22 @@ def test_vehicle_without_matching_key_is_not_flown(
 
 
 def test_rebooted_autopilot_is_authenticated_and_ends_the_mission(tmp_path: Path) -> None:
-    flown = signed_flight("arducopter", tmp_path).fly(30)
+    flown = signed_flight("arducopter", tmp_path).fly(12)
     flown.vehicle._run_event(Event(action="reboot", value=2.0))
-    flown.fly(60)
+    flown.fly(40)
     # STABILIZE is the mode after the reboot
     assert flown.outcome.reason.startswith("pilot or failsafe switched to STABILIZE after ")
-    assert flown.now < 35
+    assert flown.now < 17
     assert flown.pilot.frames_refused() == {}
 
 
 def test_forged_and_replayed_commands_have_no_effect(tmp_path: Path) -> None:
     """An attacker sends commands to the vehicle and imitates it, and then replays recorded
     frames."""
-    flown = signed_flight("arducopter", tmp_path, "limits.duration_s=1000.0").fly(40)
+    flown = signed_flight("arducopter", tmp_path, "limits.duration_s=1000.0").fly(12)
     recorded: list[bytes] = []
     flown.hears = lambda frame, now: recorded.append(frame) or True
-    flown.fly(41)
+    flown.fly(13)
     before = flown.pilot.mission.engaged_at
     forger = voice(OTHER, timestamp=2**47, system=255)
     took_over = voice(OTHER, timestamp=2**47)
@@ -109,7 +113,7 @@ def test_forged_and_replayed_commands_have_no_effect(tmp_path: Path) -> None:
         for frame in recorded[:5]:
             flown.pilot.receive(frame, flown.now, "sim")
         flown.fly(flown.now + 0.1)
-    flown.fly(60)
+    flown.fly(24)
     assert (flown.pilot.mission.phase, flown.pilot.mission.engaged_at) == (Phase.ENGAGED, before)
     assert flown.pilot.frames_refused() == {
         "unsigned": 50,
@@ -120,39 +124,34 @@ def test_forged_and_replayed_commands_have_no_effect(tmp_path: Path) -> None:
 
 
 def test_operator_with_key_takes_over(tmp_path: Path) -> None:
-    flown = signed_flight("arducopter", tmp_path).fly(30)
-    operator = voice(KEY, timestamp=round((UNIX + 30 - EPOCH) * 1e5), system=255, component=190)
+    flown = signed_flight("arducopter", tmp_path).fly(12)
+    operator = voice(KEY, timestamp=round((UNIX + 12 - EPOCH) * 1e5), system=255, component=190)
     flown.vehicle.receive(bytes(MODE_LOITER.pack(operator)), "gcs")
-    flown.fly(40)
+    flown.fly(20)
     assert "pilot or failsafe switched to LOITER" in flown.outcome.reason
 
 
 # --- the command `circnav fly` ---
 
 
-def test_signed_run_replays_without_its_key(tmp_path: Path) -> None:
+def test_signed_run_replays_without_its_key(circnav, undrawn, tmp_path):
     """The run folder contains neither key nor signature."""
     key = key_file(tmp_path, KEY)
     folder = tmp_path / "out"
-    process = circnav(
-        *("fly", QUICKSTART, "--duration", "25", "--out", str(folder)),
+    flown = circnav(
+        *("fly", QUICKSTART, "--duration", "20", "--out", folder),
         *("--set", f"signing.key_file={key}", "--set", f"sim.signing.key_file={key}"),
         *("--set", 'guidance.law="smooth"'),
-        drawn=False,
     )
-    _, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (0, "")
+    assert flown.done
     summary = json.loads((folder / "summary.json").read_text())
-    assert summary["setpoints_sent"] > 500
+    assert summary["setpoints_sent"] > 350
     assert set(summary["frames_refused"]) <= {Refusal.REPEATED.value}
     kept = int(key.with_name("drone.key.timestamp").read_text())
     assert abs(EPOCH + kept / 1e5 - key.with_name("drone.key.timestamp").stat().st_mtime) < 15
     key.unlink()
     assert_nothing_secret_is_kept(folder)
-    replayed = circnav("replay", str(folder))
-    printed, errors = replayed.communicate(timeout=PATIENCE)
-    assert (replayed.returncode, errors) == (0, "")
-    assert "byte for byte the same" in printed
+    assert "byte for byte the same" in circnav("replay", folder).done
 
 
 def assert_nothing_secret_is_kept(folder: Path) -> None:
@@ -164,7 +163,7 @@ def assert_nothing_secret_is_kept(folder: Path) -> None:
     while (message := log.recv_match()) is not None:
         kinds[message.get_type()] = kinds.get(message.get_type(), 0) + 1
         assert not is_signed(bytes(message.get_msgbuf()))
-    assert kinds["SET_POSITION_TARGET_LOCAL_NED"] > 500
+    assert kinds["SET_POSITION_TARGET_LOCAL_NED"] > 350
     assert kinds.get("BAD_DATA", 0) == 0
 
 
@@ -181,7 +180,7 @@ def test_pymavlink_with_passphrase_commands_signing_emulator(port: int, tmp_path
     (tmp_path / "vehicle.toml").write_text(
         '[signing]\nkey_file = "drone.key"\n[start]\nmode = "LOITER"\n'
     )
-    vehicle = circnav(
+    vehicle = start(
         "emulate", str(tmp_path / "vehicle.toml"), "--endpoint", f"udpin:127.0.0.1:{port}"
     )
     try:

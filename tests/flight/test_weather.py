@@ -9,7 +9,7 @@ over ground, so the wind does not reach the guidance there.
 import pytest
 
 from circnav_mav.pilot import Ending
-from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error, unrest
+from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error, tangent, unrest
 from tests.tools.fault_link.pipe import Impairment, Pipe
 
 SPEED = {"arduplane": 22.0, "arducopter": 5.0}
@@ -111,9 +111,7 @@ def test_bank_limit_below_mission_is_learned_and_planned():
         "sim.vehicle.max_bank_deg=35.0",
         "sim.wind.from_deg=270",
         "sim.wind.speed_mps=5.0",
-        "sim.start.north_m=180.0",
-        "sim.start.east_m=0.0",
-        "sim.start.heading_deg=90.0",
+        *tangent(180.0),
         law="auto",
     ).fly(90.0)
     asked = max(
