@@ -177,44 +177,44 @@ def test_single_member_flies_circle_of_its_mission():
 # --- flights of kinematic vehicles, compared with the figures of the design ---
 
 
-@pytest.mark.parametrize(("n", "seconds"), [(3, 75.0), (10, 80.0)])
-def test_members_reach_even_spacing_within_time_limit(n, seconds):
-    errors = Fleet(World(n=n)).fly(160).gap_errors()
+@pytest.mark.parametrize(("n", "duration", "seconds"), [(3, 160, 75.0), (10, 130, 80.0)])
+def test_members_reach_even_spacing_within_time_limit(n, duration, seconds):
+    errors = Fleet(World(n=n)).fly(duration).gap_errors()
     assert time_to_even(errors) < seconds
-    assert rms(errors[-400:]) < 2.0
+    assert rms(errors[-200:]) < 2.0
 
 
 def test_wind_and_lost_reports_hardly_change_spacing():
-    errors = Fleet(World(drift=(5.0, 0.0), loss=0.3, report_every=1.0)).fly(180).gap_errors()
+    errors = Fleet(World(drift=(5.0, 0.0), loss=0.3, report_every=1.0)).fly(140).gap_errors()
     assert time_to_even(errors) < 90.0
     assert rms(errors[-400:]) < 3.5
 
 
 def test_different_airspeeds_leave_no_steady_spacing_error():
     rng = np.random.default_rng(5)
-    errors = Fleet(World(speeds=list(1 + 0.03 * rng.normal(size=6)))).fly(260).gap_errors()
+    errors = Fleet(World(speeds=list(1 + 0.03 * rng.normal(size=6)))).fly(180).gap_errors()
     assert rms(errors[-400:]) < 2.5
 
 
 def test_remaining_members_reach_even_spacing_again():
-    fleet = Fleet(World(leaves={2: 150.0})).fly(260)
-    assert time_to_even(fleet.gap_errors(), since=131.0 + 2 * STEP) < 80.0
+    fleet = Fleet(World(leaves={2: 100.0})).fly(190)
+    assert time_to_even(fleet.gap_errors(), since=81.0 + 2 * STEP) < 80.0
 
 
 def test_fleet_with_joining_member_reaches_even_spacing():
-    world = World(joins={5: 110.0}, speed_share=0.15, speed_lag=3.0)
-    fleet = Fleet(world).fly(250)
+    world = World(joins={5: 70.0}, speed_share=0.15, speed_lag=3.0)
+    fleet = Fleet(world).fly(170)
     entered = next(k for k, ring in enumerate(fleet.ring) if all(ring)) * STEP
     assert time_to_even(fleet.gap_errors(), since=entered) < 60.0
 
 
 def test_speed_commands_keep_planes_on_circle():
-    fleet = Fleet(World(speed_share=0.15, speed_lag=3.0)).fly(130)
+    fleet = Fleet(World(speed_share=0.15, speed_lag=3.0)).fly(110)
     assert time_to_even(fleet.gap_errors()) < 60.0
     assert np.array(fleet.radii)[-400:].std(axis=0).max() < 1.5
 
 
 def test_copters_adjust_speed_and_keep_radius():
-    fleet = Fleet(World(n=4, speed=5.0, radius=30.0, speed_share=0.15, room=0.0)).fly(160)
+    fleet = Fleet(World(n=4, speed=5.0, radius=30.0, speed_share=0.15, room=0.0)).fly(130)
     assert time_to_even(fleet.gap_errors()) < 128.0
     assert np.std(np.array(fleet.radii)[-400:]) < 1.0
