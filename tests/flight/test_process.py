@@ -1,4 +1,4 @@
-"""`circnav fly` as a process: its run folder, read and replayed, and its end by signals and a
+"""`circnav fly`: its run folder, read and replayed, and the end of its process by Ctrl-C and a
 kill."""
 
 import csv
@@ -13,7 +13,11 @@ from circnav_mav.pilot import Pilot
 from circnav_mav.runlog.loop_steps import recorded_steps
 from circnav_mav.runlog.replay import ReplayResult, replay
 from circnav_mav.runlog.run_folder import open_run
-from tests.process import PATIENCE, QUICKSTART, circnav, read_until
+from tests.command_line import circnav
+from tests.process import PATIENCE, QUICKSTART, read_until
+from tests.process import circnav as start
+
+__all__ = ["circnav"]
 
 
 def again(folder: Path) -> ReplayResult:
@@ -24,11 +28,9 @@ def again(folder: Path) -> ReplayResult:
     )
 
 
-def test_flight_settles_and_leaves_a_complete_run_folder(tmp_path: Path) -> None:
+def test_flight_settles_and_leaves_a_complete_run_folder(circnav, tmp_path):
     folder = tmp_path / "run"
-    process = circnav("fly", QUICKSTART, "--duration", "45", "--out", str(folder))
-    printed, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (0, "")
+    printed = circnav("fly", QUICKSTART, "--duration", "45", "--out", folder).done
     assert "COMPLETED" in printed
     assert "rotation clockwise (as desired)" in printed
     summary = json.loads((folder / "summary.json").read_text())
@@ -52,7 +54,7 @@ def test_flight_settles_and_leaves_a_complete_run_folder(tmp_path: Path) -> None
 def test_interrupt_sends_safe_setpoint_and_exits_130(tmp_path: Path) -> None:
     """tests/cli/test_fly.py and test_boot.py send SIGTERM."""
     folder = tmp_path / "run"
-    process = circnav("fly", QUICKSTART, "--speed", "5", "--out", str(folder), drawn=False)
+    process = start("fly", QUICKSTART, "--speed", "5", "--out", str(folder), drawn=False)
     read_until(process, "engaged")
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=PATIENCE)
@@ -71,7 +73,7 @@ def test_interrupt_sends_safe_setpoint_and_exits_130(tmp_path: Path) -> None:
 
 
 def test_killed_flight_loses_at_most_one_second(tmp_path: Path) -> None:
-    process = circnav("fly", QUICKSTART, "--speed", "4", "--out", str(tmp_path), drawn=False)
+    process = start("fly", QUICKSTART, "--speed", "4", "--out", str(tmp_path), drawn=False)
     assert process.stdout is not None
     times = (
         float(line.split()[0]) for line in process.stdout if " s  " in line and "link age" in line

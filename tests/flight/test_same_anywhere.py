@@ -7,9 +7,10 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
-from tests.process import PATIENCE, circnav
+from tests.command_line import circnav, undrawn
+
+__all__ = ["circnav", "undrawn"]
 
 
 @contextmanager
@@ -27,20 +28,16 @@ def busy() -> Iterator[None]:
             hog.wait()
 
 
-def flown(folder: Path, *options: str) -> tuple[dict[str, object], bytes, bytes]:
-    process = circnav(
-        "fly", "quickstart", "--duration", "6", "--out", str(folder), *options, drawn=False
-    )
-    _, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (0, "")
-    summary = json.loads((folder / "summary.json").read_text())
-    assert summary.pop("epoch_us") > 0
-    return summary, (folder / "ticks.csv").read_bytes(), (folder / "steps.csv").read_bytes()
+def test_flight_result_is_independent_of_load_and_pace(circnav, undrawn, tmp_path):
+    def flown(name: str, *options: str) -> tuple[dict[str, object], bytes, bytes]:
+        folder = tmp_path / name
+        assert circnav("fly", "quickstart", "--duration", "6", "--out", folder, *options).done
+        summary = json.loads((folder / "summary.json").read_text())
+        assert summary.pop("epoch_us") > 0
+        return summary, (folder / "ticks.csv").read_bytes(), (folder / "steps.csv").read_bytes()
 
-
-def test_flight_result_is_independent_of_load_and_pace(tmp_path: Path) -> None:
-    alone = flown(tmp_path / "alone")
+    alone = flown("alone")
     with busy():
-        beside = flown(tmp_path / "beside", "--speed", "20")
+        beside = flown("beside", "--speed", "20")
     assert beside == alone
     assert alone[0]["setpoints_sent"] > 100
