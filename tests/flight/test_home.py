@@ -45,7 +45,7 @@ def test_plane_without_gps_flies_home_and_circles() -> None:
 @pytest.mark.parametrize(("wind", "raised"), [(12.0, False), (16.0, True)])
 def test_home_raises_no_way_made_alarm_in_strong_wind(wind: float, raised: bool) -> None:
     """The plane's true airspeed is 15.4 m/s, so it cannot reach home against a wind of 16 m/s."""
-    flown = flight("home", f"sim.wind.speed_mps={wind}", law="auto").fly(61.0)
+    flown = flight("home", f"sim.wind.speed_mps={wind}", law="auto").fly(56.0)
     alarm = flown.pilot.conditions.alarms.get("no_way_made", "")
     named = re.search(rf"\(wind {wind:.0f}, airspeed 1[56] m/s\)", alarm)
     assert (named is not None) is raised

@@ -7,7 +7,7 @@ import pytest
 from circnav_sim.config import Event
 
 from circnav_mav.pilot import Ending
-from tests.flight.lockstep import Flight, flight
+from tests.flight.lockstep import Flight, flight, tangent
 
 ALARM = b"vehicle does not follow turn commands"
 AWAY = "sim.start.heading_deg=320"
@@ -61,14 +61,14 @@ def test_vehicle_that_stops_following_raises_alarm(mission: str, faults: list[st
     """A vehicle that continues with the turn rate of the circle stays on it for some seconds, so
     the alarm comes later. A plane with this fault looks like a plane at its bank limit, so
     "turning" is tested only on the copter."""
-    circling = flight(mission, FAR, law="auto").fly(40)
+    radius = flight(mission).pilot.settings.orbit.radius
+    circling = flight(mission, FAR, *tangent(1.2 * radius), law="auto").fly(25)
     for steering in faults:
         flown = copy.deepcopy(circling)
         flown.vehicle._run_event(Event(action=f"steering_{steering}"))
-        flown.fly(75)
+        flown.fly(60)
         most = {"frozen": 25.0, "turning": 12.0}.get(steering, 5.0)
-        assert 40.0 < alarmed_at(flown) < 40.0 + most, steering
-        radius = flown.pilot.settings.orbit.radius
+        assert 25.0 < alarmed_at(flown) < 25.0 + most, steering
         stays = abs(flown.ticks[-1].r - radius) < 0.1 * radius
         assert stays or "did not follow" in flown.outcome.reason, steering
 

@@ -71,7 +71,7 @@ def test_user_estimator_in_table_flies_circle(monkeypatch, measures_rate):
     guidance = Guidance(orbit, "feedforward", "unscented")
     rng = np.random.default_rng(1)
     x, y, heading, turn_rate = 200.0, 0.0, 2.0, 0.0
-    for step in range(2400):
+    for step in range(1400):
         now = 0.05 * step
         guidance.move(OwnMotion(now, heading, turn_rate, orbit.speed))
         r = hypot(x, y)

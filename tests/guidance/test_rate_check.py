@@ -66,7 +66,7 @@ def check_rates(report, **noise):
 def test_rate_check_trusts_correct_rate(noise):
     for seed in (1, 2):
         check, changes = check_rates(
-            lambda t, true, measured: measured, seconds=300.0, seed=seed, **noise
+            lambda t, true, measured: measured, seconds=150.0, seed=seed, **noise
         )
         assert changes == []
         assert abs(check.bias) < 0.2
