@@ -123,17 +123,15 @@ def report_section(run):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A copy of the core, with two packages as its only extras."""
+    """A copy of the core and its bytecode, with two packages as its only extras."""
     folder = tmp_path_factory.mktemp("copy")
     shutil.copytree(
         ROOT / "circnav_mav",
         folder / "circnav_mav",
-        ignore=shutil.ignore_patterns("extras", "__pycache__"),
+        ignore=shutil.ignore_patterns("extras"),
     )
     shutil.copytree(ROOT / "config", folder / "circnav_mav" / "config")
-    shutil.copytree(
-        ROOT / "sim", folder / "circnav_sim", ignore=shutil.ignore_patterns("__pycache__")
-    )
+    shutil.copytree(ROOT / "sim", folder / "circnav_sim")
     for name, text in PACKAGES.items():
         path = folder / "circnav_mav" / "extras" / f"{name}.py"
         path.parent.mkdir(parents=True, exist_ok=True)

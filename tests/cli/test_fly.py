@@ -136,9 +136,8 @@ def test_flight_reports_ignored_senders(circnav, mission, port, command, prefix)
 
 def test_sigterm_ends_flight_with_130_and_complete_files(mission, tmp_path):
     folder = tmp_path / "out"
-    with process_of(
-        "fly", str(mission), "--set", "link.wait_s=30.0", "--out", str(folder)
-    ) as process:
+    arguments = ("--set", "link.wait_s=30.0", "--out", str(folder))
+    with process_of("fly", str(mission), *arguments, drawn=False) as process:
         try:
             assert any("waiting for the link" in line for line in process.stdout)
             process.terminate()

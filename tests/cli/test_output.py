@@ -20,14 +20,14 @@ def ran_with(run):
     return ran_with
 
 
+@pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("command", ["--help", "emulate"])
-def test_full_stdout_is_reported_in_one_line(ran_with, full, command):
-    assert ran_with(command, full) == (2, FULL)
+def test_full_stdout_is_reported_in_one_line(ran_with, full, command, unbuffered):
+    assert ran_with(command, full, PYTHONUNBUFFERED=unbuffered) == (2, FULL)
 
 
-def test_full_unbuffered_stdout_is_reported_in_one_line(ran_with, full):
-    assert ran_with("check quickstart", full, PYTHONUNBUFFERED="1") == (2, FULL)
-    assert ran_with("report nowhere", None, full) == (2, None)
+def test_full_stderr_keeps_exit_code(ran_with, full):
+    assert ran_with("emulate nowhere", None, full) == (2, None)
 
 
 @pytest.mark.parametrize("command", ["preflight quickstart --seconds 1", "--help"])
