@@ -20,7 +20,9 @@ OVERRIDES = (
     'guidance.law="smooth"',
     'sim.ranging.message="ranging_beacon"',
     'sim.ranging.via="direct"',
-    "limits.duration_s=45",
+    "limits.duration_s=32",
+    "sim.start.north_m=120",
+    "sim.start.east_m=-30",
 )
 SILENT = (15.0, 17.0)
 
@@ -55,7 +57,7 @@ def test_copter_circles_selected_beacon_and_replays(tmp_path):
     flight = radio_flight(tmp_path, "ranging.beacon_id=3")
     assert flight.outcome.ending.value == "completed"
     run = open_run(tmp_path)
-    flown = run.truth.time > 40
+    flown = run.truth.time > 28
     assert abs(run.truth.radius[flown] - 100).max() < 5
     held = [
         time
