@@ -98,11 +98,11 @@ def is_there(process):
 def test_summary_lists_alarms_beyond_recording_limit(circnav, tmp_path, monkeypatch):
     monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_MB", 0.16)
     silence = 'sim.events=[{at_s=6, action="mute_ranging"}, {at_s=9, action="unmute_ranging"}]'
-    circnav("fly", "quickstart", "--duration", 12, "--set", silence, "--out", "run")
-    begun = [
-        (alarm["time_s"], alarm["text"][:11])
-        for alarm in strict(tmp_path / "run" / "summary.json")["alarms"]
-    ]
+    ran = circnav("fly", "quickstart", "--duration", 12, "--set", silence, "--out", "run")
+    assert (ran.code, strict(tmp_path / "run" / "manifest.json")["exit"]) == (5, 5)
+    summary = strict(tmp_path / "run" / "summary.json")
+    assert summary["outcome"] == "completed"
+    begun = [(alarm["time_s"], alarm["text"][:11]) for alarm in summary["alarms"]]
     assert begun[0] == (pytest.approx(7, abs=1), "RANGE STALE")
     assert begun[1:] == [(pytest.approx(10, abs=1.5), "NOT RECORDI")]
     assert [(time, text[:11]) for time, text in alarms(events(open_run(tmp_path / "run")))] == begun
