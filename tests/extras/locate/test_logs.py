@@ -31,7 +31,6 @@ from circnav_mav.extras.locate.units import likely_unit
 from circnav_mav.runlog.run_folder import RunError
 from tests.command_line import ended
 from tests.extras.locate import log_writers as write
-from tests.extras.locate.flown import taped
 from tests.extras.locate.worlds import PLANE, circles
 
 CASES = Path(__file__).parent / "cases"
@@ -177,55 +176,42 @@ def test_dataflash_beacons_and_filter_positions_are_read(tmp_path):
 
 
 def test_tlog_dataflash_and_ulog_give_same_place(tmp_path):
-    flown = taped("quickstart", "sim.sensors.gps_error_m=0.5", "sim.start.north_m=110").fly(40.0)
-    flown.write(tmp_path / "log.tlog")
-    parser = mavlink.MAVLink(None)
-    ardupilot = []
-    px4 = []
-    for time, message in (
-        (time, one) for time, frame in flown.tape for one in parser.parse_buffer(frame) or ()
-    ):
-        us = round(time * 1e6)
-        match message.get_type():
-            case "GLOBAL_POSITION_INT":
-                height = message.alt / 1000
-                ardupilot.append(("POS", (us, message.lat, message.lon, height, 0.0, 0.0)))
-                px4.append(
-                    (
-                        "vehicle_global_position",
-                        0,
-                        (us, 0, message.lat / 1e7, message.lon / 1e7, height, 1.0, 1, 1),
-                    )
-                )
-            case "GPS_RAW_INT":
-                fix = message.fix_type
-                ardupilot.append(
-                    (
-                        "GPS",
-                        (us, 0, fix, 0, 2400, 9, 100, message.lat, message.lon, 0, 0, 0, 0, 0, 1),
-                    )
-                )
-                px4.append(
-                    (
-                        "vehicle_gps_position",
-                        0,
-                        (us, us, message.lat / 1e7, message.lon / 1e7, 0.0, fix),
-                    )
-                )
-            case "DISTANCE_SENSOR":
-                cm = message.current_distance
-                up = message.orientation
-                ardupilot.append(("RFND", (us, message.id, cm, 4, up, -1)))
-                values = (us, 0.0, 655.0, cm / 100, message.covariance % 255 / 1e4, 0.0, -1, up)
-                px4.append(("distance_sensor", 0, values))
-    files = [tmp_path / "log.tlog", write.write_dataflash(tmp_path / "log.bin", ardupilot)]
-    files.append(write.write_ulog(tmp_path / "log.ulg", px4))
+    tlog: list[tuple[float, int, int, object]] = []
+    dataflash: list[tuple[str, tuple]] = []
+    ulog: list[tuple[str, int, tuple]] = []
+    for time, latitude, longitude, r in lap():
+        ms = round(time * 1e3)
+        us = 1000 * ms
+        cm = round(r * 100)
+        place = round(latitude * 1e7), round(longitude * 1e7)
+        # the tlog and the dataflash log round to 1e-7 deg
+        latitude, longitude = place[0] / 1e7, place[1] / 1e7
+        position = mavlink.MAVLink_global_position_int_message(ms, *place, 584_000, 0, 0, 0, 0, 0)
+        fix = mavlink.MAVLink_gps_raw_int_message(us, 3, *place, 0, 1, 1, 0, 0, 9)
+        distance = mavlink.MAVLink_distance_sensor_message(ms, 1, 60000, cm, 4, 0, 24, 0)
+        tlog += [(time, 1, 1, message) for message in (position, fix, distance)]
+        gps = (us, 0, 3, 0, 2400, 9, 100, *place, 0, 0, 0, 0, 0, 1)
+        dataflash += [
+            ("GPS", gps),
+            ("POS", (us, *place, 584.0, 0.0, 0.0)),
+            ("RFND", (us, 0, cm, 4, 24, -1)),
+        ]
+        ulog += [
+            ("vehicle_global_position", 0, (us, us, latitude, longitude, 584.0, 1.0, True, True)),
+            ("vehicle_gps_position", 0, (us, us, latitude, longitude, 0.0, 3)),
+            ("distance_sensor", 0, (us, 0.0, 655.0, cm / 100, 0.0, 0.0, -1, 24)),
+        ]
     places = []
-    for file in files:
+    for file in (
+        write.write_tlog(tmp_path / "log.tlog", tlog),
+        write.write_dataflash(tmp_path / "log.bin", dataflash),
+        write.write_ulog(tmp_path / "log.ulg", ulog),
+    ):
         (log,) = read_logs(file)
         (tag,) = log.ranges
+        assert len(log.ranges[tag]) == 600
         places.append(placed(log, tag))
-        assert len(log.ranges[tag]) > 350 and places[-1].sigma < 3.0
+        assert off(places[-1], BEACON) < 3.0
     for one, other in pairwise(places):
         assert off(one, (other.latitude, other.longitude)) < 0.01
         assert abs(one.up - other.up) < 0.01
