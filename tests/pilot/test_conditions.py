@@ -174,7 +174,7 @@ def test_alarm_sends_one_warning_and_one_end_text(rig):
 
 
 def test_statustext_names_active_law_and_raises_no_alarm():
-    _, said = flown_in_wind(20.0, 45.0)
+    _, said = flown_in_wind(20.0, 35.0)
     assert said[0] == "circnav: engaged, 100 m clockwise"
     laws = [text.split(":")[1].strip() for text in said[1:]]
     assert laws[0] == "feedforward"
