@@ -63,7 +63,7 @@ def test_frozen_radio_is_treated_as_lost_range():
     events = (
         'sim.events=[{at_s=30.0,action="freeze_ranging"},{at_s=44.0,action="unfreeze_ranging"}]'
     )
-    one, alarms = flown(60.0, events)
+    one, alarms = flown(48.0, events)
     assert 30.0 < alarms["RANGE RATE NOT USED"] <= 33.0
     assert 39.5 <= alarms["RANGE FROZEN"] <= 41.0
     held = [tick.time for tick in one.ticks if tick.phase is Phase.HOLDING]
