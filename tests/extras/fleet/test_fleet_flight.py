@@ -171,20 +171,9 @@ def test_three_planes_with_compass_errors_reach_even_spacing():
 def test_fleet_command_flies_shows_and_replays(request, tmp_path):
     """The live page is checked only if a browser is installed."""
     folder = tmp_path / "fleet"
-    options = (
-        "--fleet",
-        "2",
-        "--fleet-loss",
-        "0.2",
-        "--web",
-        "0",
-        "--duration",
-        "32",
-        *(word for key in NEAR for word in ("--set", key)),
-        "--out",
-        str(folder),
-    )
-    with running(process_of("fly", "copter", *options)) as flown:
+    options = ["--fleet", "2", "--fleet-loss", "0.2", "--web", "0", "--duration", "32", "--out"]
+    starts = [word for key in NEAR for word in ("--set", key)]
+    with running(process_of("fly", "copter", *options, str(folder), *starts)) as flown:
         if CHROMIUM is not None:
             browser = request.getfixturevalue("browser")
             browser.open(read_until(flown, "live page at ").split()[-1])

@@ -168,36 +168,30 @@ def test_calibration_result_gives_circle_of_true_radius(radio, gps):
     assert np.sqrt(slant**2 - HEIGHT**2) == pytest.approx(100.0, abs=0.5)
 
 
-def test_calibrate_prints_plots_and_writes_mission_keys(tmp_path, capsys):
-    track, ranges = approach_and_laps(Calibration(1.07, 1.5), gps=0.05)
+def as_csv(file, track, ranges):
+    """Write a CSV of positions and ranges at the same times and return its path."""
     latitude, longitude = PLANE.to_degrees(track.east, track.north)
     rows = zip(track.time, latitude, longitude, track.up, ranges.r, strict=True)
     lines = [f"{t:.1f},{a:.9f},{b:.9f},{up:.1f},{r:.2f}" for t, a, b, up, r in rows]
-    log = tmp_path / "flight.csv"
+    file.write_text("\n".join(["time,latitude,longitude,altitude,range", *lines]))
+    return file
+
+
+def test_calibrate_prints_plots_and_writes_mission_keys(tmp_path, capsys):
+    log = as_csv(tmp_path / "flight.csv", *approach_and_laps(Calibration(1.07, 1.5), gps=0.05))
     mission = tmp_path / "mine.toml"
-    log.write_text("time,latitude,longitude,altitude,range\n" + "\n".join(lines) + "\n")
     mission.write_text((CONFIG / "quickstart.toml").read_text())
-    given = [
-        "ranging",
-        "calibrate",
-        str(log),
-        "--altitude",
-        "400",
-        "--gps-sigma",
-        "0.05",
-        "--mission",
-        str(mission),
-    ]
-    assert not cli.circnav.main(given, standalone_mode=False)
+    options = ["--altitude", "400", "--gps-sigma", "0.05", "--mission"]
+    command = ["ranging", "calibrate", str(log), *options, str(mission)]
+    assert not cli.circnav.main(command, standalone_mode=False)
     printed = capsys.readouterr().out
     ranging = load_mission(mission).file.ranging
     assert ranging.scale == pytest.approx(1.07, abs=0.005) and ranging.bias_m == pytest.approx(
         1.5, abs=0.7
     )
     assert f"scale = {ranging.scale}" in printed and "reported minus true" in printed
-    assert (tmp_path / "flight.calibration.png").exists() and (
-        tmp_path / "flight.calibration.toml"
-    ).exists()
+    assert (tmp_path / "flight.calibration.png").exists()
+    assert (tmp_path / "flight.calibration.toml").exists()
     assert "# MAVLink message that carries the range" in mission.read_text()
 
 
@@ -255,12 +249,7 @@ def test_radius_alarm_states_true_radius_for_overmeasured_ranges():
 
 
 def test_calibration_without_height_leaves_the_mission_unchanged(tmp_path):
-    track, ranges = approach_and_laps(Calibration(1.0, 1.5), laps=1.0)
-    latitude, longitude = PLANE.to_degrees(track.east, track.north)
-    rows = zip(track.time, latitude, longitude, track.up, ranges.r, strict=True)
-    lines = [f"{t:.1f},{a:.9f},{b:.9f},{up:.1f},{r:.2f}" for t, a, b, up, r in rows]
-    log = tmp_path / "flight.csv"
-    log.write_text("time,latitude,longitude,altitude,range\n" + "\n".join(lines) + "\n")
+    log = as_csv(tmp_path / "flight.csv", *approach_and_laps(Calibration(1.0, 1.5), laps=1.0))
     mission = tmp_path / "mine.toml"
     text = (CONFIG / "quickstart.toml").read_text()
     text = text.replace("height_above_target_m = ", "# height_above_target_m = ")

@@ -14,7 +14,6 @@ SITES = {
     "plane": ("--wind", "6", "--largest", "300"),
     "copter": ("--speed", "4", "--speed", "6", "--sigma", "0.1", "--rate", "20"),
     "rover": ("--largest", "40"),
-    "px4-plane": ("--wind", "2"),
 }
 
 
