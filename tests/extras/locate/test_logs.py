@@ -321,7 +321,9 @@ def test_error_without_pyulog_names_package_to_install(tmp_path, monkeypatch):
         read_logs(tmp_path / "a.ulg")
 
 
-def test_long_range_unit_is_identified():
+def test_long_range_unit_is_identified(monkeypatch):
+    alike = {unit: METERS[unit] for unit in ("m", "km", "mi", "nmi")}
+    monkeypatch.setattr("circnav_mav.extras.locate.units.METERS", alike)
     track, ranges, target = circles(noise=0.3, target=(30.0, -20.0))
     # shift the circle away from the target, so that the range changes
     shifted = replace(track, east=track.east + 15.0)
