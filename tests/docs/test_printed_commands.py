@@ -165,6 +165,7 @@ for _, one in KEPT:
 def test_program_has_options_printed_in_documents(program, monkeypatch, capsys):
     name = program.rpartition(" ")[2]
     monkeypatch.setattr(sys, "argv", [name, "--help"])
+    monkeypatch.delitem(sys.modules, name, raising=False)
     with pytest.raises(SystemExit):
         if name.endswith(".py"):
             runpy.run_path(str(ROOT / name), run_name="__main__")
