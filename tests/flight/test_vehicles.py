@@ -121,8 +121,10 @@ def test_exit_action_commands_mode_of_mission(mission: str) -> None:
     assert flown.outcome.reason == "flown to its end"
 
 
-@pytest.mark.parametrize("taken_over", [False, True])
-@pytest.mark.parametrize(("excepted", "in_the_end"), [(0, "rtl"), (2, "loiter")])
+@pytest.mark.parametrize(
+    ("excepted", "in_the_end", "taken_over"),
+    [(0, "rtl", False), (0, "rtl", True), (2, "loiter", True)],
+)
 def test_px4_plane_after_exit_follows_stick_loss_exception(
     excepted: int, in_the_end: str, taken_over: bool
 ) -> None:

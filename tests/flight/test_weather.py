@@ -79,19 +79,17 @@ def test_circle_is_kept_when_mission_underestimates_range_noise() -> None:
     assert taken > 0.9 * (taken + flown.pilot.tracker.ranging.rejected.total())
 
 
-@pytest.mark.parametrize(("mission", "most"), [("arducopter", 1.5), ("ardurover", 4.0)])
-def test_auto_law_does_not_oscillate_on_slow_link(mission: str, most: float) -> None:
+def test_auto_law_does_not_oscillate_on_slow_link() -> None:
     """The link delays frames by 0.05 to 0.15 s each way, as a busy companion computer or a fast
-    telemetry radio does. most: largest standard deviation of the turn command, deg/s; the circle
-    itself requires 10 deg/s (copter) and 8 deg/s (rover). F4 of the fault matrix flies the
-    plane."""
-    flown = flight(mission, law="auto")
+    telemetry radio does. The circle itself requires a turn of 10 deg/s. F4 of the fault matrix
+    flies the plane."""
+    flown = flight("arducopter", law="auto")
     flown.down, flown.up = (
         Pipe(Impairment(delay=0.05, jitter=0.1, in_order=True), seed) for seed in (1, 2)
     )
     flown.fly(60.0)
-    assert unrest(flown) < most
-    assert rms_error(last_third(flown), flown.pilot.settings.orbit.radius) < 0.5
+    assert unrest(flown) < 1.5
+    assert rms_error(last_third(flown), 30.0) < 0.5
     assert clockwise_turns(last_third(flown)) > 0.4
 
 
