@@ -90,6 +90,7 @@ def test_mavproxy_changes_radius_and_takes_over(stage, mavproxy, tmp_path):
         f"--master=udpout:127.0.0.1:{on.port}",
         "--default-modules=mode,param,link,misc,wp,cmdlong",
         PYTHONPATH=str(mavproxy),
+        PYTHONUNBUFFERED="1",
     )
     # MAVProxy has read vehicle, mode, armed state and parameters
     printed = read_until(station, "Received")
