@@ -6,6 +6,7 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -56,10 +57,14 @@ def python(
 
 @contextmanager
 def running(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
-    """Context manager that ends a process at the end of the block, also after an exception."""
+    """Context manager that ends a process at the end of the block, also after an exception. A
+    process that is regarded as hanging ends earlier, so that nothing waits for its output."""
+    limit = threading.Timer(PATIENCE, process.kill)
+    limit.start()
     try:
         yield process
     finally:
+        limit.cancel()
         process.kill()
         process.communicate()
 
