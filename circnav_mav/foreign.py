@@ -36,10 +36,10 @@ def open_file(path: Path) -> BinaryIO:
 def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
     """Return the contents of a file. Raises OSError, also if it is larger than `most` bytes."""
     with open_file(path) as file:
-        data = file.read(most + 1)
-    if len(data) > most:
-        raise OSError(errno.EFBIG, f"is larger than {most / 1e6:g} MB", str(path))
-    return data
+        # Compare the size first: `read(most)` would allocate `most` bytes for the smallest file.
+        if os.fstat(file.fileno()).st_size > most:
+            raise OSError(errno.EFBIG, f"is larger than {most / 1e6:g} MB", str(path))
+        return file.read()
 
 
 def read_text(path: Path) -> str:

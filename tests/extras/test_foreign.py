@@ -12,7 +12,7 @@ from unittest.mock import Mock
 import pytest
 
 from circnav_mav.extras.web.feed import _facts
-from circnav_mav.foreign import printable
+from circnav_mav.foreign import printable, read_bytes
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.mission.schema import MAX_NAME
 from circnav_mav.pilot import Pilot
@@ -146,6 +146,12 @@ def test_endless_file_is_refused_in_one_line(circnav, run, command, name, make):
 def test_mission_size_is_limited(circnav, tmp_path):
     (tmp_path / "x.toml").write_text("#" * 11_000_000)
     assert circnav("check", "x.toml").refused == "x.toml: cannot be read: is larger than 10 MB"
+
+
+def test_read_bytes_allocates_only_size_of_file(tmp_path):
+    """A read of at most 1 PB once allocated 1 PB."""
+    (tmp_path / "small").write_bytes(b"123")
+    assert read_bytes(tmp_path / "small", 10**15) == b"123"
 
 
 def test_windows_mission_file_is_read(circnav, tmp_path):
