@@ -116,6 +116,15 @@ def flown(sense, start, psi, d, seconds, dt=0.05):
     return np.array(ranges), p, p[0] * v[1] - p[1] * v[0]
 
 
+@pytest.mark.parametrize(("r", "side"), [(85.0, -1), (105.0, 1), (180.0, 1), (240.0, -1)])
+def test_drift_law_turns_away_from_target_only_near_circle(r, side):
+    """The heading error is 2.5 rad to the right, the side of the target. r: range, m; three turn
+    radii outside the circle are 229 m. side: sign of the turn, left positive."""
+    field = {"V": V, "r_d": R_D, "k": GAINS.radial, "max_turn_rate": LIMIT, "lap": None}
+    heading = field_heading((r, 0.0), (0.0, 0.0), **field)
+    assert np.sign(turn((r, 0.0), (0.0, 0.0), heading + 2.5, 0.0)) == side
+
+
 def test_drift_law_reverses_outward_when_direction_is_wrong_outside():
     """The half turn to the inside is shorter, but passes the target at 0.3 to 0.7 r_d."""
     for r, heading, d in product(
