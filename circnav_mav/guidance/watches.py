@@ -1,5 +1,5 @@
 """Monitors beside the law: violated mission bounds, too strong a drift, an airspeed error that
-changes, a vehicle that does not come nearer, and ranges that contradict the turns."""
+changes, a vehicle that does not approach the target, and ranges that contradict the turns."""
 
 from cmath import rect
 from dataclasses import dataclass

@@ -141,8 +141,8 @@ class StatusText:
         return f"no range for {waited:.1f} s"
 
     def _what_is_gone(self, now: float) -> str:
-        """Return a text about the lost data that the mission waits for when its duration ends, or
-        an empty string."""
+        """Return a text for a mission whose duration ends while data is lost: it names the data. An
+        empty string if no data is lost."""
         if self.mission.phase is Phase.WAIT_LINK:
             return f", no heartbeat for {self.connection.session.heartbeat_age(now):.0f} s"
         age = self.tracker.age(now) if self.mission.phase is Phase.WAIT_RANGING else None

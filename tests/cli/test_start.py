@@ -56,7 +56,7 @@ Pilot.receive, fly.Drawing = receive_watched, Drawing
 """
 
 
-def test_flight_loads_optimizer_first_and_pictures_last(tmp_path):
+def test_fly_imports_optimizer_first_and_plotting_last(tmp_path):
     """scipy.optimize, which plans laps, is loaded before the flight, and matplotlib after it. A
     signal while pictures are drawn does not change the exit code."""
     arguments = ["fly", "quickstart", "--duration", "3", "--out", str(tmp_path / "run")]

@@ -97,7 +97,7 @@ def test_found_target_ends_excitation_and_resets_search_time():
 
 
 @pytest.mark.parametrize(("trusted", "most_likely"), [(True, None), (False, 5)])
-def test_handover_fades_between_laws_and_hypotheses(trusted, most_likely):
+def test_handover_fades_command_when_law_or_hypothesis_changes(trusted, most_likely):
     before = go_on(Handover(), 5.0, most_likely=3)[-1]
     wanted = 0.25
     after = go_on(before, 1.0, trusted=trusted, most_likely=most_likely, drift_turn=wanted)

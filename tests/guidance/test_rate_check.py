@@ -83,7 +83,7 @@ def test_rate_check_trusts_correct_rate(noise):
     ],
     ids=["sign", "scale", "bias", "frozen"],
 )
-def test_rate_check_drops_wrong_rate_within_3_s(since, fault, words):
+def test_rate_check_drops_wrong_range_rate_within_3_s(since, fault, words):
     report = lambda t, true, measured: fault(true, measured) if t >= since else measured  # noqa: E731
     check, changes = check_rates(report, seconds=since + 9.0)
     assert changes[0] <= since + 3.0

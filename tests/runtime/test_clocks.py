@@ -216,7 +216,7 @@ def test_autopilot_clock_does_not_jump_with_boot_time(autopilot, boot, speed, kn
 @pytest.mark.parametrize(
     "speeds", [(1.0, 5.0), (5.0, 1.0), (1.0, 100.0), (20.0, 0.2), (1 / 3, 1.0)]
 )
-def test_autopilot_clock_follows_speed_changes(autopilot, speeds):
+def test_autopilot_clock_follows_changes_of_simulation_speed(autopilot, speeds):
     for autopilot.speed in speeds:
         autopilot.run(5.0)
         assert autopilot.run(5.0) == pytest.approx(5.0 * autopilot.speed, rel=0.01)

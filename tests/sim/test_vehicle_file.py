@@ -33,7 +33,7 @@ from circnav_sim.vehicle import Vehicle
         ({"vehicle": {"profile": "arduplane", "dynamics": "airborne"}}, "vehicle.dynamics: "),
     ],
 )
-def test_vehicle_file_mistake_is_one_line(table, complaint):
+def test_mistake_in_vehicle_file_gives_one_line_message(table, complaint):
     with pytest.raises(ConfigError) as caught:
         parse_vehicle(table, "f.toml")
     assert str(caught.value).startswith(f"f.toml: {complaint}") and "\n" not in str(caught.value)

@@ -1,5 +1,5 @@
-"""Pictures of a campaign: starts and kept flights, distributions, and the error against the varied
-values."""
+"""Pictures of a campaign: start positions with the flights that kept their circle, distributions,
+and the radius error against the varied values."""
 
 import json
 import re

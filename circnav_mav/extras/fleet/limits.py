@@ -27,8 +27,8 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
     changes."""
     orbit = mission.orbit
     limits = mission.pilot_settings().circle_limits
-    # Room on both sides of the circle that the mission allows, m.
-    # 25: largest room that the fleet law uses, m.
+    # Largest offset of the radius, inward and outward, that the mission's bounds allow, m.
+    # 25: largest offset that the fleet law uses, m.
     inward, outward = (
         max(
             (

@@ -265,10 +265,10 @@ class Locator:
             east - place.east - place.velocity[0] * ahead,
             north - place.north - place.velocity[1] * ahead,
         ])  # fmt: skip
-        # A whole lap around the place gives the radius from positions alone, without the height or
-        # the radio's scale and bias. An error of the place or of the GPS shifts the circle but does
-        # not change its radius. A lap of a wrong radius may take much longer than a lap of the
-        # desired one.
+        # A whole lap around the located target gives the flown radius from positions alone, without
+        # the height or the radio's scale and bias. An error of the target's position or of the GPS
+        # shifts the circle but does not change its radius. The lap is found by its angle, because a
+        # lap of a wrong radius may take much longer than a lap of the desired one.
         around = np.unwrap(np.arctan2(*ways))
         whole = np.flatnonzero(np.abs(around - around[-1:]) >= 2 * pi)
         if not len(whole):

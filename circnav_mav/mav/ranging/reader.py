@@ -357,7 +357,7 @@ class RangeRateReader:
         )
 
     def range_taken(self, sample: RangeSample) -> None:
-        """Process an accepted range, for the comparison of rates with ranges."""
+        """Process an accepted range, to compare measured range rates with the change of ranges."""
         if self._ranging.restarted:
             self._check.reset()
             self._stamp = None

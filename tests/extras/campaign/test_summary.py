@@ -68,7 +68,7 @@ def test_confidence_intervals_of_shared_worlds_have_stated_coverage():
     assert medians / 400 > 0.93
 
 
-def test_summary_counts_flights_and_worlds_by_value():
+def test_summary_counts_flights_and_conditions_per_varied_value():
     rows = rows_of([True] * 40, np.arange(1.0, 41.0), 4)
     rows[0] |= {"right_way": "false", "kept": "false", "settled_s": "", "turn_limit_cycle": "true"}
     summary = summarize([*rows, never_engaged(40, "0") | {"outcome": "error"}], {"k": (0, 1, 2, 3)})
