@@ -180,10 +180,11 @@ class LimitCycle:
 
 
 def _evidence(flown: Array, predicted: Array) -> int:
-    """Return -1 if the bins of a window show that the vehicle does not follow, +1 if they show that
-    the vehicle follows, else 0.
+    """Return the evidence of a window of N bins. -1: the vehicle does not follow. +1: the vehicle
+    follows. 0: undecided.
 
-    flown (N,), predicted (N, candidates): turn rates of N bins, rad/s.
+    flown: turn rates of the vehicle, (N,), rad/s.
+    predicted: turn rates that each candidate predicts, (N, candidates), rad/s.
 
     A constant turn never gives +1, because the vehicle may turn independently of the commands. If
     the commands have the same direction and are larger, a constant turn gives 0, because the

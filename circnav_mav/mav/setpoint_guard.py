@@ -27,8 +27,8 @@ class Steer(NamedTuple):
 
 
 class UnsafeSetpointError(Exception):
-    """A setpoint that must not be sent. It indicates a fault in circnav. The flight then ends with
-    the safe setpoint."""
+    """A setpoint that must not be sent. It indicates a fault in circnav or in a user-defined law.
+    The flight then ends with the safe setpoint."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -417,8 +417,7 @@ class Pilot:
             if allowed is Allowed.SAFE:
                 return self.controller.safe_setpoint(self.session, now, engaged=False), None
         except UnsafeSetpointError as error:
-            law = self.controller.law
-            reason = f"unsafe setpoint of law {law} not sent: {error}"
+            reason = f"unsafe setpoint of law {self.controller.law} not sent: {error}"
             self._finish(Outcome(Ending.ABORTED, reason), now)
         return None, None
 

@@ -141,8 +141,8 @@ class StatusText:
         return f"no range for {waited:.1f} s"
 
     def _what_is_gone(self, now: float) -> str:
-        """Return a text for a mission whose duration ends while data is lost: it names the data. An
-        empty string if no data is lost."""
+        """Return the age of the lost data, as text, if the mission waits for the link or for
+        ranges. Otherwise return an empty string."""
         if self.mission.phase is Phase.WAIT_LINK:
             return f", no heartbeat for {self.connection.session.heartbeat_age(now):.0f} s"
         age = self.tracker.age(now) if self.mission.phase is Phase.WAIT_RANGING else None

@@ -41,7 +41,7 @@ NAMED = {
 
 
 def docstrings(nodes: list[ast.AST]) -> Iterator[tuple[int, str]]:
-    """Yield line and text of the docstrings, those of constants and attributes included."""
+    """Yield line number and text of each docstring, also of constants and attributes."""
     for node in nodes:
         for part in node.body if isinstance(getattr(node, "body", None), list) else ():
             if (

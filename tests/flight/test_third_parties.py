@@ -46,6 +46,7 @@ class Stage:
         process = self.start(
             *("-c", UNDRAWN, "fly", self._mission),
             *("--endpoint", f"udpout:127.0.0.1:{self.port}", "--out", str(self._folder)),
+            *("--duration", "600"),
             *("--set", "link.unsigned_parameters=true", "--set", 'guidance.law="smooth"'),
         )
         read_until(process, "engaged")

@@ -112,7 +112,7 @@ def _add_run(writer: Writer, prefix: str, run: Run) -> Counter[str]:
 
 
 def _tick_rows(table: Ticks) -> Iterator[dict[str, Any]]:
-    """Yield the values of each tick by column name, without those that are NaN."""
+    """Yield a dictionary for each tick: values by column name, without NaN values."""
     names = [*table.numbers, *table.words]
     columns = [*(column.tolist() for column in table.numbers.values()), *table.words.values()]
     for values in zip(*columns, strict=True):

@@ -36,5 +36,5 @@ def test_constant_range_is_not_located():
     [*(("straight", seed) for seed in range(6)), ("noise", 3), ("half a lap", 1)],
 )
 def test_log_with_undetermined_place_gives_no_wrong_place(kind, seed):
-    """With the seeds 0 and 4, the noise of the ranges is known."""
+    """The estimator knows the standard deviation of the ranges with the seeds 0 and 4 only."""
     assert judged(kind, seed) != "WRONG"
