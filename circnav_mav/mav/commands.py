@@ -186,9 +186,9 @@ class CommandSender:
             pending.sent = 1 + RETRIES
             pending.in_progress += 1
 
-    def poll(self, target: Ids, now: float) -> list[Message]:
+    def poll(self, target: Ids, now: float, mode_age: float = 0.0) -> list[Message]:
         """Return the messages due now: first tries and repeats, with `confirmation` counting the
-        repeats."""
+        repeats. mode_age: age of the newest report of the vehicle's mode, s."""
         for pending in list(self._pending.values()):
             if now >= pending.due and pending.sent > RETRIES:
                 self._end(pending, None, now)
@@ -199,7 +199,19 @@ class CommandSender:
                 self._queue.append(command)
             else:
                 self._pending[command.number] = _Pending(command, now, now, now)
-        due = [pending for pending in self._pending.values() if now >= pending.due]
+        # 0.1: largest age of the mode, s, at which a mode request is repeated. A repeat replaces
+        # any mode that the operator has entered since the newest report.
+        repeats_mode = mode_age <= 0.1
+        due = [
+            pending
+            for pending in self._pending.values()
+            if now >= pending.due
+            and (
+                repeats_mode
+                or pending.sent == 0
+                or pending.command.number != dialect.MAV_CMD_DO_SET_MODE
+            )
+        ]
         for pending in due:
             # 0.5: time, s, until an unanswered command is repeated (as in MAVSDK).
             pending.due = now + 0.5

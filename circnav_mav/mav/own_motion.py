@@ -2,12 +2,12 @@
 accelerations.
 
 The position and the velocity that the autopilot estimates are never used. Sources: ATTITUDE or
-ATTITUDE_QUATERNION, VFR_HUD (except its ground speed) and the IMU messages. A value that is missing
-or older than its bound is None.
+ATTITUDE_QUATERNION, VFR_HUD (except its ground speed), the relative altitude of GLOBAL_POSITION_INT
+and the IMU messages. A value that is missing, old or no longer updated is None.
 """
 
 from collections import deque
-from math import cos, exp, hypot, nan, remainder, sin, tan, tau
+from math import cos, exp, hypot, isinf, nan, remainder, sin, tan, tau
 from typing import NamedTuple
 
 from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
@@ -24,7 +24,7 @@ from circnav_mav.mav.frames import (
     turn_rate_from_yaw_rate,
     vector_from_level,
 )
-from circnav_mav.timers import Since
+from circnav_mav.timers import Hysteresis, Report, Since
 
 MOST_TILT = 1.2
 """Largest tilt, rad, used in calculations. Beyond it turns are not coordinated and thrust does not
@@ -44,6 +44,15 @@ MOST_ALTITUDE = 1e5
 FLOWN_ALTITUDES = -500.0, 6_000.0
 """Lowest and highest altitude, m, for which airspeed is corrected for air density. Altitudes
 outside are limited to these bounds."""
+FROZEN_ALTITUDE = 2.0
+"""Time, s, after which an altitude that stays the same is missing, while the vehicle climbs or
+sinks. ArduCopter repeats VFR_HUD.alt from 15 s after a loss of GPS."""
+FROZEN_AIRSPEED = 3.0
+"""Time, s, after which a measured airspeed that stays the same is missing, while the climb rate
+changes. A healthy sensor is noisy, so its reports differ."""
+MOVES = 0.5
+"""Climb rate, m/s, and change of the relative altitude, m, from which a reported altitude must
+change."""
 FEWEST = 4
 """Least number of attitudes within FEWEST_WITHIN that suffices to follow the vehicle's turns.
 circnav requests 20 attitudes per second."""
@@ -66,6 +75,7 @@ class Motion(NamedTuple):
     airspeed: indicated, m/s.
     altitude: m above sea level.
     climb: m/s, up positive.
+    above_home: altitude above home, m.
     """
 
     roll: float | None = None
@@ -75,6 +85,7 @@ class Motion(NamedTuple):
     airspeed: float | None = None
     altitude: float | None = None
     climb: float | None = None
+    above_home: float | None = None
 
     def true_airspeed(self, indicated: float) -> float:
         """Return the true airspeed for an indicated airspeed, m/s, from the standard atmosphere's
@@ -148,8 +159,13 @@ class OwnMotionSensor:
         """True while the vehicle is steered: a yaw jump is then a reset, not a turn."""
         self.jumped = 0.0
         """Sum of the autopilot's yaw resets while steered, rad, clockwise positive."""
-        self._air = Motion()
-        self._since_air = Since()
+        self._airspeed: Report[float | None] = Report()
+        self._climb: Report[float | None] = Report()
+        self._altitude: Report[float | None] = Report()
+        """VFR_HUD.alt. `_above_home` at its newest change is `_above_home_then`."""
+        self._above_home: Report[float | None] = Report()
+        self._above_home_then: float | None = None
+        self._rare = Hysteresis(raise_after=0.0, clear_after=10.0)
         self._accelerations = Accelerations()
         # 0.5: backward step of the vehicle's clock, s, that is taken as a clock reset. After a
         # stamp that is wrongly ahead by less, later stamps look older and are rejected for up to
@@ -160,12 +176,11 @@ class OwnMotionSensor:
         """Process one message of the pinned vehicle. Return True if it was a usable attitude, newer
         than all earlier attitudes."""
         if message.get_type() == "VFR_HUD":
-            self._air = Motion(
-                airspeed=_real(message.airspeed, MOST_AIRSPEED, above=0.0),
-                altitude=_real(message.alt, MOST_ALTITUDE),
-                climb=_real(message.climb, MOST_AIRSPEED),
-            )
-            self._since_air.restart(now)
+            self._on_air_data(message, now)
+            return False
+        if message.get_type() == "GLOBAL_POSITION_INT":
+            above_home = _real(message.relative_alt / 1000, MOST_ALTITUDE)
+            self._above_home.update(above_home, now)
             return False
         angles = _angles(message)
         if angles is None:
@@ -188,9 +203,39 @@ class OwnMotionSensor:
         self._received.append(now)
         return True
 
+    def _on_air_data(self, message: Message, now: float) -> None:
+        """Process a VFR_HUD."""
+        climb = _real(message.climb, MOST_AIRSPEED)
+        altitude = _real(message.alt, MOST_ALTITUDE)
+        airspeed = _real(message.airspeed, MOST_AIRSPEED, above=0.0)
+        self._airspeed.update(airspeed, now, must_change=climb != self._climb.value)
+        self._climb.update(climb, now)
+        # Without a position ArduPilot repeats the altitude of its last position. The climb rate and
+        # the altitude above home come from the barometer and go on.
+        moved = 0.0
+        above_home = self._above_home.live(now, AIR_MAX_AGE)
+        if above_home is not None and self._above_home_then is not None:
+            moved = above_home - self._above_home_then
+        must_change = max(abs(climb or 0.0), abs(moved)) > MOVES
+        if altitude != self._altitude.value:
+            self._above_home_then = above_home
+        self._altitude.update(altitude, now, must_change=must_change)
+
+    def _altitude_at(self, now: float) -> float | None:
+        """Return the altitude above sea level, m, or None without a report that is updated."""
+        altitude = self._altitude.live(now, AIR_MAX_AGE)
+        above_home = self._above_home.live(now, AIR_MAX_AGE)
+        if altitude is not None and above_home is not None and self._above_home_then is not None:
+            return altitude + above_home - self._above_home_then
+        return self._altitude.live(now, AIR_MAX_AGE, FROZEN_ALTITUDE)
+
     def seldom(self, now: float) -> bool:
-        """True if attitudes are missing, or too few to follow the vehicle's turns."""
-        return now - self._received[0] > FEWEST_WITHIN
+        """True if attitudes are missing, or too few to follow the vehicle's turns. Afterwards
+        True until they have been frequent for 10 s."""
+        rare = now - self._received[0] > FEWEST_WITHIN
+        if isinf(self._received[0]):
+            return rare  # at the start, attitudes become frequent at once
+        return self._rare.update(rare, now)
 
     def _watch_yaw(self, body: Attitude, now: float) -> None:
         """Detect a yaw reset. An autopilot's EKF resets its yaw in flight, by up to 180 deg, when
@@ -259,10 +304,13 @@ class OwnMotionSensor:
 
     def at(self, now: float) -> Motion:
         """Return the motion at this time, stale values as None."""
-        air = self._air if self._since_air.age(now) <= AIR_MAX_AGE else Motion()
-        if self._attitude(now) is None:
-            return air
-        return self._turned._replace(airspeed=air.airspeed, altitude=air.altitude, climb=air.climb)
+        turned = Motion() if self._attitude(now) is None else self._turned
+        return turned._replace(
+            airspeed=self._airspeed.live(now, AIR_MAX_AGE, FROZEN_AIRSPEED),
+            altitude=self._altitude_at(now),
+            climb=self._climb.live(now, AIR_MAX_AGE),
+            above_home=self._above_home.live(now, AIR_MAX_AGE),
+        )
 
     def _attitude(self, now: float) -> Attitude | None:
         # Attitudes that arrive rarely, but at least every 1.3 s on average, stay valid for 1.6

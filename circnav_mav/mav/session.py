@@ -35,10 +35,12 @@ ECHO_RATE = 4.0
 """Requested rate of the vehicle's setpoint reports, Hz."""
 GPS_HEALTH = ("GPS_RAW_INT", "GPS2_RAW", "EKF_STATUS_REPORT")
 """Messages from which only the fix type and the status flags are read, to detect a loss of GPS."""
+AIR_DATA = ("VFR_HUD", "GLOBAL_POSITION_INT")
+"""Messages with airspeed, climb rate and altitudes. Positions in them are never read."""
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT")
 HANDLED = frozenset(
     getattr(dialect, f"MAVLINK_MSG_ID_{name}")
-    for name in (*READ, "COMMAND_ACK", "TIMESYNC", "VFR_HUD", *ACCELERATIONS, *ECHOES, *GPS_HEALTH)
+    for name in (*READ, "COMMAND_ACK", "TIMESYNC", *AIR_DATA, *ACCELERATIONS, *ECHOES, *GPS_HEALTH)
 )
 """Ids of the messages that the session, the motion sensor or `Pilot` reads."""
 
@@ -256,7 +258,9 @@ class Session:
             for request in self.streams.poll(now):
                 self.commands.send(request)
             messages += self.streams.group_requests(self.peer.ids, now)
-            messages += self.commands.poll(self.peer.ids, now) + self.timesync.poll(now)
+            messages += self.commands.poll(
+                self.peer.ids, now, self.heartbeat_age(now)
+            ) + self.timesync.poll(now)
             messages += self.announcer.texts(now)
         return messages
 

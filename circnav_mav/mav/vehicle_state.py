@@ -9,7 +9,7 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter, UtcClock
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.statustext import TextReader
-from circnav_mav.timers import Since
+from circnav_mav.timers import Report
 
 AHEAD = 5.0
 AHEAD_SHARE = 0.25
@@ -33,6 +33,7 @@ READ = (
         "CURRENT_MODE",
         "SYS_STATUS",
         "EXTENDED_SYS_STATE",
+        "MISSION_CURRENT",
         "STATUSTEXT",
         "AUTOPILOT_VERSION",
     ),
@@ -65,8 +66,10 @@ class VehicleState:
         self.left_for: str | None = None
         """Mode entered at the newest departure, None if the vehicle was disarmed."""
         self.on_ground: bool | None = None
-        self._battery: float | None = None
-        self._since_battery = Since()
+        """True on the ground, in a take-off or a landing. None: not reported."""
+        self.waypoint: int | None = None
+        """Item of the autopilot's mission that it flies to."""
+        self._battery: Report[float | None] = Report()
         self.reboots = 0
         """Number of reboots, including takeovers of the vehicle's ids by another vehicle."""
         self.unproven = False
@@ -95,7 +98,7 @@ class VehicleState:
     def battery(self, now: float) -> float | None:
         """Return the remaining charge, percent, or None if it is not reported or stale."""
         # Largest age of a battery level that is used, s. SYS_STATUS arrives once a second.
-        return self._battery if self._since_battery.age(now) <= 5.0 else None
+        return self._battery.live(now, 5.0)
 
     def found(self, adapter: Autopilot) -> None:
         """Prepare for a vehicle that was found, for the first time or again."""
@@ -148,13 +151,13 @@ class VehicleState:
             if kind == "SYSTEM_TIME":
                 self.utc.received(message.time_unix_usec / 1e6, now)
         elif kind == "SYS_STATUS":
-            self._battery = (
-                float(message.battery_remaining) if message.battery_remaining >= 0 else None
-            )
-            self._since_battery.restart(now)
+            charge = float(message.battery_remaining)
+            self._battery.update(charge if charge >= 0 else None, now)
         elif kind == "EXTENDED_SYS_STATE":
             unknown = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
             self.on_ground = None if unknown else message.landed_state in NOT_FLYING
+        elif kind == "MISSION_CURRENT":
+            self.waypoint = message.seq
         elif kind == "STATUSTEXT":
             text, before = self._text_reader.read(message)
             if before is not None and self.texts:

@@ -253,6 +253,7 @@ class Mission:
             ),
             request_mode=file.engage.request_mode,
             end_on_takeover=file.engage.on_takeover == "end",
+            min_height=file.engage.min_height_m,
             exit=file.exit.action,
             output_mode=output_mode,
             ranging_apart=file.ranging.endpoint is not None,

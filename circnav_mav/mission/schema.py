@@ -203,6 +203,7 @@ class EngageTable(Table):
     """[engage]: start of the steering, and reactions to a takeover and to a loss of GPS."""
 
     request_mode: bool = False
+    min_height_m: NotNegative | None = None
     on_takeover: Literal["end", "wait"] = "end"
     on_gps_loss: Literal["exit", "attitude"] = "exit"
 

@@ -7,6 +7,7 @@ confirmed.
 from enum import Enum
 
 from circnav_mav.mav.session import Session
+from circnav_mav.pilot.airborne import Airborne
 from circnav_mav.pilot.mission_state import NOT_OURS, Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
@@ -45,8 +46,15 @@ class Authority:
     """Tracks the controller of the vehicle. Another mode, disarming or a reboot ends our
     control."""
 
-    def __init__(self, settings: PilotSettings, session: Session, mission: MissionState) -> None:
+    def __init__(
+        self,
+        settings: PilotSettings,
+        session: Session,
+        mission: MissionState,
+        airborne: Airborne,
+    ) -> None:
         self._settings = settings
+        self._airborne = airborne
         self._session = session
         self._mission = mission
         self._flies = settings.output_mode is OutputMode.FLY
@@ -183,21 +191,15 @@ class Authority:
         )
 
     def _not_flying(self, now: float) -> str:
-        """Return a text if an aircraft does not fly, else an empty string."""
-        session = self._session
+        """Return a text if an aircraft does not fly yet, else an empty string."""
         vehicle = self._session.vehicle
-        if not session.adapter.flies:
+        if not self._session.adapter.flies:
             return ""
+        if not self._goes_on:
+            return self._airborne.obstacle(now)
         if vehicle.on_ground:
             return "the vehicle is on the ground"
-        if not vehicle.armed:
-            return "the vehicle is not armed"
-        # Some vehicles do not report whether they fly. Wait at most 1.5 s for this report, except
-        # when a flight resumes after a lost link.
-        silent = (
-            vehicle.on_ground is None and not self._goes_on and now - session.identity.since < 1.5
-        )
-        return "the vehicle has not yet reported whether it flies" if silent else ""
+        return "" if vehicle.armed else "the vehicle is not armed"
 
     @property
     def _goes_on(self) -> bool:

@@ -49,7 +49,8 @@ class GpsLoss:
         """True for the receivers that have a 3D fix, by message type."""
         self._without_fix_since: float | None = None
         self._had_position = False
-        self._position_lost = False
+        self._without_position = 0
+        """Number of consecutive EKF_STATUS_REPORT without a position, after one with a position."""
         self._request = ModeRequest()
         self.changed_at: float | None = None
         self.failure = ""
@@ -71,15 +72,19 @@ class GpsLoss:
                 self._without_fix_since = now
         elif kind == "EKF_STATUS_REPORT":
             has_position = bool(message.flags & POSITION_FLAGS)
-            self._position_lost = self._had_position and not has_position
             self._had_position |= has_position
+            lost = self._had_position and not has_position
+            self._without_position = self._without_position + 1 if lost else 0
 
     def _is_lost(self, now: float) -> bool:
         """True if the vehicle loses its position now, or soon."""
         since = self._without_fix_since
+        # A single report without flags is no loss: the copter would fly without GPS until its end.
+        if self._without_position >= 2 or (self._without_position and since is not None):
+            return True
         # 1.0: time without a fix of any receiver, s, after which the GPS is treated as lost. The
         # autopilot's estimator bridges shorter gaps.
-        return self._position_lost or (since is not None and now - since >= 1.0)
+        return since is not None and now - since >= 1.0
 
     def step(self, now: float) -> str:
         """If the GPS is lost, change to the setpoint method without GPS. Request the mode of this
@@ -95,10 +100,10 @@ class GpsLoss:
                 return ""
             self._change(method(self._settings.facts), now)
             return f"GPS lost, {session.adapter.guided_name}"
+        if not self.failure:
+            self.failure = self._request.ask(session, session.adapter.guided_mode, now) or ""
         if session.vehicle.mode == session.adapter.guided_mode:
             session.adapter.our_modes = frozenset((session.adapter.guided_mode,))
-        elif not self.failure:
-            self.failure = self._request.ask(session, session.adapter.guided_mode, now) or ""
         return ""
 
     def _change(self, adapter: Autopilot, now: float) -> None:

@@ -99,6 +99,8 @@ class Timing:
     outage: longest time from the loss of the link until the vehicle is steered again.
     round_trip: largest round-trip time of the link at which the vehicle is engaged.
     tick: period of the steps without fresh ranges.
+    airborne: time in the air without interruption after which a flight is established. ArduCopter
+        reports IN_AIR 0.1 s after lift-off.
     """
 
     duration: float
@@ -110,6 +112,7 @@ class Timing:
     outage: float = 60.0
     round_trip: float = 0.6
     tick: float = 0.05
+    airborne: float = 5.0
 
 
 class MissionState:

@@ -25,7 +25,15 @@ class ModeRequest:
 
     def ask(self, session: Session, mode: int, now: float) -> str | None:
         """Send a request if one is due. Return the reason if the mode request has finally failed,
-        else None."""
+        else None. The first report of the mode ends the request."""
+        if session.vehicle.mode == mode:
+            # Its acknowledgment may be lost. Another request would replace a mode that the operator
+            # enters next.
+            session.drop_mode_requests()
+            self._dropped = session.mode_requests_dropped
+            self._due = float("-inf")
+            self._tries = 0
+            return None
         report = f', the vehicle reports "{session.texts[-1]}"' if session.texts else ""
         refusals = [result for result in session.take_mode_results() if not result.accepted]
         if refusals:
@@ -36,7 +44,7 @@ class ModeRequest:
             self._tries = self._tries - 1
             self._due = now
         self._dropped = session.mode_requests_dropped
-        if now < self._due or session.vehicle.mode == mode:
+        if now < self._due:
             return None
         # 3: number of unsuccessful requests after which the mode request has failed.
         if self._tries == 3:
@@ -61,6 +69,9 @@ class ExitAction:
         # Number of safe setpoints that the exit action `stop` sends before the stream ends. More
         # than one, because a datagram can be lost.
         self._safe_left = 3
+        self.low = False
+        """True near the ground, and after the vehicle has refused the exit action of the mission:
+        the adapter's `low_exit` is requested."""
         self.failure: str | None = None
         """Reason why the exit action had no effect."""
 
@@ -74,6 +85,12 @@ class ExitAction:
         failure = self._request.ask(session, session.adapter.exits[action], now)
         if failure is None and now - since > PATIENCE:
             failure = "had no effect"
+        elif failure is not None and not self.low and action != session.adapter.low_exit:
+            # A copter that has just lost its position refuses LOITER and RTL, and would stay in the
+            # guided mode.
+            self.low = True
+            self._request = ModeRequest()
+            return False
         if failure is not None:
             self.failure = f"exit action {action} {failure}"
         return failure is not None
@@ -97,8 +114,11 @@ class ExitAction:
 
     def named(self, session: Session) -> str:
         """Return the exit action of the mission, or the default if the vehicle cannot perform it: a
-        copter that has lost its GPS cannot hold a place or fly home."""
+        copter that has lost its GPS cannot hold a place or fly home. Near the ground, return the
+        action that does not climb."""
         adapter = session.adapter
+        if self.low:
+            return adapter.low_exit
         possible = self.action in adapter.exits or (
             self.action == STOP_SENDING and not adapter.why_no_stop
         )

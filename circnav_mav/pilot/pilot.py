@@ -38,6 +38,7 @@ from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot.air_path import AirPath
+from circnav_mav.pilot.airborne import Airborne
 from circnav_mav.pilot.authority import SILENT, Allowed, Authority, unwatched
 from circnav_mav.pilot.conditions import NOT_FOLLOWING, Conditions
 from circnav_mav.pilot.connection import Connection
@@ -73,7 +74,8 @@ class Pilot:
         self.tracker = RangeTracker(settings, session)
         self.controller = Controller(settings)
         self.mission = MissionState(settings.timing.hold)
-        self._authority = Authority(settings, session, self.mission)
+        self.airborne = Airborne(settings, session)
+        self._authority = Authority(settings, session, self.mission, self.airborne)
         self._exit_action = ExitAction(settings.exit)
         self._requests = RequestServer()
         self.parameters = ParameterServer(
@@ -219,6 +221,7 @@ class Pilot:
         if (outcome := self.status.overdue(now)) is not None:
             self._finish(outcome, now)
         estimate = self.tracker.estimator.at(now)
+        self._watch_ground(now)
         self._watch_bounds(estimate, now)
         self._watch_following(estimate, now)
         self._watch_ranging(estimate, now)
@@ -303,6 +306,17 @@ class Pilot:
         if text := self.gps_loss.step(now):
             self.second_controller = SecondController(self.session, self.mission)
             self._say("gps", text, severity=MAV_SEVERITY_WARNING)
+
+    def _watch_ground(self, now: float) -> None:
+        """End the flight if a steered aircraft lands, flies too low or touches the ground."""
+        turn = self.controller.turn if self.mission.steering and self.flies else 0.0
+        # A vehicle that does not receive commands flies straight, and its attitude may not change.
+        if self.session.timesync.silent(now, UNANSWERED):
+            turn = 0.0
+        self.airborne.step(now, turn=turn)
+        if self.mission.steering and self.flies and (why := self.airborne.grounded(now)):
+            self._exit_action.low = True
+            self._finish(Outcome(Ending.ABORTED, why), now)
 
     def _watch_bounds(self, estimate: RangeEstimate | None, now: float) -> None:
         """End the flight if a bound is violated while steering, or if another companion uses our

@@ -59,6 +59,8 @@ class PilotSettings:
     request_mode: True to request the guided mode, False to wait until the operator enters it.
     end_on_takeover: True if a takeover ends the mission. False: the mission waits until the
         operator gives control back.
+    min_height: least height above the place of arming at which an aircraft is engaged, m. None: as
+        the vehicle's adapter. 0: no least height.
     exit: name of the exit action, None for the autopilot's default.
     ranging_apart: True if the radio has a separate link.
     stream_links: links that are byte streams (TCP, serial), not datagrams.
@@ -85,6 +87,7 @@ class PilotSettings:
     turn_gain: float | None = 1.0
     request_mode: bool = False
     end_on_takeover: bool = True
+    min_height: float | None = None
     exit: str | None = None
     output_mode: OutputMode = OutputMode.FLY
     ranging_apart: bool = False

@@ -11,6 +11,7 @@ GUIDED = 4
 LOITER = 5
 RTL = 6
 LAND = 9
+POSHOLD = 16
 SET_MODE = 176
 
 
@@ -164,18 +165,45 @@ def test_exit_action_sends_safe_setpoints_until_mode_change():
 
 
 def test_exit_action_is_requested_despite_unanswered_mode_request():
-    rig = asked(LAND, exit="loiter").run(5.0, mode=GUIDED)
+    rig = asked(POSHOLD, exit="loiter").run(5.0, mode=GUIDED)
     assert rig.pilot.mission.phase is Phase.ENGAGED
     since = rig.now
     rig.pilot.interrupt(rig.now, "SIGINT")
     assert modes(rig.run(0.5), since) == [LOITER]
 
 
-def test_rejected_exit_action_is_reported_and_not_repeated():
-    rig, _ = interrupted()
+def test_rejected_exit_action_is_replaced_by_landing():
+    """A copter that has just lost its position refuses RTL and LOITER."""
+    rig, since = interrupted()
+    rig.run(0.2).acknowledge(SET_MODE, result=4)
+    assert not rig.run(0.5).pilot.done
+    assert modes(rig, since) == [RTL, LAND]
+    assert safe(rig, since)
+    assert rig.run(0.5, mode=LAND).pilot.done
+    assert rig.pilot.mission.outcome.reason == "SIGINT"
+
+
+def test_rejected_landing_is_reported_and_not_repeated():
+    rig, _ = interrupted("land")
     rig.run(0.2).acknowledge(SET_MODE, result=4)
     assert rig.run(0.5).pilot.done
-    assert rig.pilot.mission.outcome.reason.startswith("SIGINT; exit action rtl refused: failed")
+    assert rig.pilot.mission.outcome.reason.startswith("SIGINT; exit action land refused: failed")
+
+
+def test_mode_request_ends_with_first_report_of_mode():
+    """Its acknowledgment is lost. A repeat would replace a mode that the operator enters next."""
+    rig = asked()
+    since = rig.now
+    assert rig.run(0.3, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
+    assert modes(rig.run(5.0), since) == []
+
+
+def test_mode_request_is_repeated_only_after_report_of_old_mode():
+    rig = asked()
+    since = rig.now
+    assert modes(rig.run(2.0, speaks=False), since) == []
+    rig.run(0.3, speaks=True)
+    assert modes(rig, since) == [GUIDED]
 
 
 def test_exit_action_times_out_without_answer_or_during_stalls():

@@ -108,7 +108,9 @@ def test_implausible_airspeed_is_reported_once_while_engaged():
 
     rig.run(5.0, report_attitude, airspeed=2.0)
     assert [text for text in rig.texts() if "airspeed" in text] == []
-    assert rig.run(10.0, report_attitude, mode=ALTCTL).pilot.mission.phase is Phase.ENGAGED
+    assert rig.run(10.0, report_attitude, mode=ALTCTL).pilot.mission.phase is Phase.READY
+    rig.run(1.0, report_attitude, airspeed=15.0)
+    assert rig.run(5.0, report_attitude, airspeed=2.0).pilot.mission.phase is Phase.ENGAGED
     assert [text for text in rig.texts() if "airspeed" in text] == [
         "circnav: airspeed 2.0 m/s implausible, ignored"
     ]

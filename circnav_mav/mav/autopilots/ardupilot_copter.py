@@ -53,9 +53,13 @@ MODE_NAMES = MappingProxyType(
         6: "RTL",
         9: "LAND",
         16: "POSHOLD",
+        18: "THROW",
     }
     | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
 )
+TAKE_OFF_AND_LANDING = frozenset({9, 18})
+"""LAND and THROW. The landing phase of RTL, and the take-off in AUTO, are reported as landed
+state."""
 LEAN_LIMIT = (("ATC_ANGLE_MAX", 1.0), ("ANGLE_MAX", 0.01))
 """Names of the lean limit with their factors to deg: first from ArduPilot 4.7 on, then before."""
 THRUST_AS_THRUST = 1 << 3
@@ -159,6 +163,8 @@ class ArduCopterAttitude(Autopilot):
     mode_names = MODE_NAMES
     exits = MappingProxyType({"hold": 2, "land": 9})
     default_exit = "land"
+    takes_off_or_lands_in = TAKE_OFF_AND_LANDING
+    waypoint_mode = 3
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     echo = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET
     airspeed_from_drag = True
@@ -230,6 +236,8 @@ class ArduCopter(Autopilot):
     mode_names = MODE_NAMES
     exits = MappingProxyType({"loiter": 5, "rtl": 6, "land": 9, "brake": 17, "hold": 2})
     default_exit = "stop"
+    takes_off_or_lands_in = TAKE_OFF_AND_LANDING
+    waypoint_mode = 3
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
     ground_speed_sigma = 0.02

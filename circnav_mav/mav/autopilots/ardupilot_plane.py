@@ -55,7 +55,12 @@ class ArduPlane(Autopilot):
             11: "RTL",
         }
         | {12: "LOITER", 13: "TAKEOFF", 15: "GUIDED", 16: "INITIALISING"}
+        | {20: "QLAND", 21: "QRTL", 26: "AUTOLAND"}
     )
+    takes_off_or_lands_in = frozenset({13, 20, 21, 26})
+    waypoint_mode = 10
+    min_height = 30.0
+    low_exit = "loiter"
     exits = MappingProxyType({"loiter": 12, "rtl": 11, "hold": 7})
     why_no_stop = "a plane left in GUIDED loiters after 3 s, with a sudden hard bank"
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})

@@ -138,6 +138,9 @@ class Autopilot(ABC):
     """custom_mode -> human-readable name."""
     exits: ClassVar[Mapping[str, int]]
     """Exit action -> commanded custom_mode."""
+    low_exit: ClassVar[str] = "land"
+    """Exit action near the ground and without a position: it neither climbs nor needs a
+    position."""
     default_exit: ClassVar[str] = "loiter"
     """Exit action if the mission does not specify an exit action. "stop" keeps the mode and only
     ends the setpoints."""
@@ -151,6 +154,14 @@ class Autopilot(ABC):
     """Rules for the autopilot's parameters that affect a flight."""
     flies: ClassVar[bool] = True
     """True if the vehicle must be in the air before it is engaged."""
+    min_height: ClassVar[float] = 5.0
+    """Least height above the place of arming at which a flight begins, m, unless the mission gives
+    another one."""
+    takes_off_or_lands_in: ClassVar[frozenset[int]] = frozenset()
+    """custom_mode values of take-off and landing modes."""
+    waypoint_mode: ClassVar[int | None] = None
+    """custom_mode in which the vehicle flies a mission of the autopilot, whose item 1 is the
+    take-off, or None."""
     banks: ClassVar[bool] = False
     """True if the vehicle turns by banking. The mission must then limit the bank."""
     tilts_by_stick: ClassVar[bool] = False
@@ -200,6 +211,12 @@ class Autopilot(ABC):
         The vehicle does not follow them yet.
         """
         return False
+
+    def takes_off_or_lands(self, mode: int | None, waypoint: int | None) -> bool:
+        """True if the vehicle takes off or lands in this mode. waypoint: item of the autopilot's
+        mission that it flies to, None if unknown."""
+        takes_off = mode == self.waypoint_mode and mode is not None and (waypoint or 0) <= 1
+        return takes_off or mode in self.takes_off_or_lands_in
 
     def request_mode(self, mode: int) -> Command:
         """Return the command that requests a mode, with the autopilot's own numbers."""

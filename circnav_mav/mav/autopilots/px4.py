@@ -51,6 +51,7 @@ PX4 = Firmware(
         dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
         dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,
         dialect.MAVLINK_MSG_ID_VFR_HUD: 10.0,
+        dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 5.0,
         dialect.MAVLINK_MSG_ID_HIGHRES_IMU: 25.0,
         dialect.MAVLINK_MSG_ID_CURRENT_MODE: 2.0,  # the rate of HEARTBEAT is fixed at 1 Hz
     },
@@ -74,6 +75,8 @@ class PX4Vehicle(Autopilot):
             custom_mode(AUTO, 4): "AUTO.MISSION",
             custom_mode(AUTO, 5): "AUTO.RTL",
             custom_mode(AUTO, 6): "AUTO.LAND",
+            custom_mode(AUTO, 9): "AUTO.PRECLAND",
+            custom_mode(AUTO, 10): "AUTO.VTOL_TAKEOFF",
             custom_mode(OFFBOARD): "OFFBOARD",
             custom_mode(7): "STABILIZED",
             custom_mode(ALT_CRUISE): "ALT_CRUISE",
@@ -83,6 +86,7 @@ class PX4Vehicle(Autopilot):
         {"loiter": custom_mode(AUTO, 3), "rtl": custom_mode(AUTO, 5), "land": custom_mode(AUTO, 6)}
         | {"hold": custom_mode(ALTCTL)}
     )
+    takes_off_or_lands_in = frozenset(custom_mode(AUTO, sub) for sub in (2, 6, 9, 10))
     guided_mode = custom_mode(OFFBOARD)
 
     def wants_setpoints_in(self, mode: int | None) -> bool:

@@ -114,6 +114,8 @@ class PX4PlaneStick(PX4Vehicle):
     name = "px4 plane"
     bundled = ("px4_plane",)
     vehicle_types = PLANE_TYPES
+    min_height = 30.0
+    low_exit = "loiter"
     guided_mode = custom_mode(ALTCTL)
     exits = MappingProxyType(
         {name: mode for name, mode in PX4Vehicle.exits.items() if name != "hold"}

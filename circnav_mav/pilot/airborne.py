@@ -1,0 +1,118 @@
+"""Airborne state of an aircraft: established flight before the engagement, contact with the ground
+after it.
+
+Guidance must not take an aircraft out of its take-off: near the ground, every turn is a crash. So
+neither a mode request nor a setpoint is sent before the flight is established. Rovers and boats are
+exempt (`Autopilot.flies`).
+"""
+
+from math import degrees
+
+from circnav_mav.mav.session import Session
+from circnav_mav.pilot.settings import PilotSettings
+from circnav_mav.timers import Hysteresis, Report
+
+LEAST_AIRSPEED = 0.7
+"""Least airspeed of a plane at the engagement, as a share of the mission's speed."""
+MOTIONLESS = 3.0
+"""Time, s, without any change of the reported attitude, although a turn is commanded, after which
+the vehicle is taken to lie on the ground."""
+
+
+class Airborne:
+    """Airborne state of the pinned vehicle."""
+
+    def __init__(self, settings: PilotSettings, session: Session) -> None:
+        self._settings = settings
+        self._session = session
+        self._in_air = Hysteresis(raise_after=settings.timing.airborne)
+        self._ground: float | None = None
+        """Altitude of the place of arming, m, None if it was not seen."""
+        self._attitude: Report[tuple[float, ...]] = Report()
+
+    @property
+    def floor(self) -> float:
+        """Least height above the place of arming at which a flight begins, m."""
+        given = self._settings.min_height
+        return self._session.adapter.min_height if given is None else given
+
+    def step(self, now: float, *, turn: float) -> None:
+        """Process the newest reports. turn: commanded turn rate that reaches the vehicle, rad/s."""
+        vehicle = self._session.vehicle
+        motion = self._session.motion.at(now)
+        self._in_air.update(vehicle.armed and not vehicle.on_ground, now)
+        if vehicle.on_ground or (
+            self._session.up and vehicle.mode is not None and not vehicle.armed
+        ):
+            self._ground = motion.altitude
+        if motion.roll is not None and motion.pitch is not None and motion.yaw is not None:
+            angles = (motion.roll, motion.pitch, motion.yaw)
+            # Angles are compared in whole degrees. A turn of 0.1 rad/s changes the heading by 17
+            # deg within 3 s.
+            attitude = tuple(round(degrees(angle)) for angle in angles)
+            self._attitude.update(attitude, now, must_change=abs(turn) > 0.1)
+
+    def height(self, now: float) -> float | None:
+        """Return the height above the place of arming, m, or None if it is unknown."""
+        motion = self._session.motion.at(now)
+        heights = [] if motion.above_home is None else [motion.above_home]
+        if motion.altitude is not None and self._ground is not None:
+            heights.append(motion.altitude - self._ground)
+        # PX4 without a home reports the altitude above sea level as relative altitude: use the
+        # smaller height.
+        return min(heights, default=None)
+
+    def obstacle(self, now: float) -> str:
+        """Return a text about a condition that must be met before the aircraft is steered, or an
+        empty string."""
+        session = self._session
+        vehicle = session.vehicle
+        adapter = session.adapter
+        if vehicle.on_ground:
+            return "the vehicle is on the ground, takes off or lands"
+        if not vehicle.armed:
+            return "the vehicle is not armed"
+        if adapter.takes_off_or_lands(vehicle.mode, vehicle.waypoint):
+            return f"mode {vehicle.mode_name}: waiting for the end of the take-off or landing"
+        if not self._in_air.on:
+            flown = 0.0 if self._in_air.since is None else now - self._in_air.since
+            needed = self._settings.timing.airborne
+            return f"in the air for {flown:.0f} s, at least {needed:.0f} s needed"
+        return self._too_low(now) or self._too_slow(now)
+
+    def _too_low(self, now: float) -> str:
+        floor = self.floor
+        height = self.height(now)
+        if floor == 0:
+            return ""
+        if height is None:
+            return (
+                "height above the place of arming unknown: start circnav before the take-off, or"
+                " set engage.min_height_m = 0"
+            )
+        if height >= floor:
+            return ""
+        return f"height {height:.1f} m above the place of arming, engage.min_height_m = {floor:g}"
+
+    def _too_slow(self, now: float) -> str:
+        """Return a text if the airspeed of a plane is too low, else an empty string."""
+        airspeed = self._session.motion.at(now).airspeed
+        least = LEAST_AIRSPEED * self._settings.facts.speed
+        if not self._session.adapter.measures_airspeed or airspeed is None or airspeed >= least:
+            return ""
+        return f"airspeed {airspeed:.1f} m/s, at least {least:.1f} m/s needed"
+
+    def grounded(self, now: float) -> str:
+        """Return the reason why a steered aircraft must not be steered any longer, or an empty
+        string."""
+        session = self._session
+        if not session.adapter.flies:
+            return ""
+        if session.vehicle.on_ground:
+            return "the vehicle reports that it is on the ground or lands"
+        height = self.height(now)
+        if height is not None and height < self.floor / 2:
+            return f"height {height:.1f} m, below half of engage.min_height_m ({self.floor:g} m)"
+        if self._attitude.unchanged >= MOTIONLESS:
+            return f"no motion for {MOTIONLESS:g} s although a turn is commanded: ground contact?"
+        return ""
