@@ -18,7 +18,7 @@ IMU_STATES = ("good", "frozen", "clipped", "rotated")
 STEERING_STATES = ("good", "straight", "frozen", "turning", "hovering", "reversed", "weak")
 ATTITUDE_ERROR_DEG = {"px4_copter": 1.0, "px4_plane": 1.0, "arduplane": 0.15}
 ACTIONS = (
-    *("mode", "arm", "disarm", "rc_failsafe", "gps_off", "gps_on", "battery", "wind"),
+    *("mode", "arm", "disarm", "throttle", "rc_failsafe", "gps_off", "gps_on", "battery", "wind"),
     *(
         "mute_ranging",
         "unmute_ranging",
@@ -310,6 +310,8 @@ def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:
     for i, event in enumerate(config.events):
         if event.action == "mode" and event.mode is None:
             yield f"events[{i}].mode", 'is missing, the action "mode" needs one'
+        if event.action == "throttle" and (event.value is None or not 0 <= event.value <= 1):
+            yield f"events[{i}].value", "is the throttle stick, from 0 to 1"
         named.append((f"events[{i}].mode", event.mode))
     for name, mode in named:
         if mode is not None and mode not in modes:

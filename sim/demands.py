@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+HOVER_THRUST = 0.485  # share of full thrust in hover
+
 
 class BodyVelocity(NamedTuple):
     """Velocity in body axes. On a unicycle, the velocity turns with the nose."""
@@ -64,6 +66,13 @@ class Bank(NamedTuple):
     down: float
     pitch: float | None = None
     throttle: float | None = None
+
+
+def climb_rate(demand: BodyVelocity | EarthVelocity | Brake | Tilt | Spin) -> float:
+    """Return the commanded climb rate, m/s. A raw thrust counts as its excess over hover."""
+    if not isinstance(demand, (Tilt, Spin)):
+        return -demand.down
+    return demand.climb if demand.thrust is None else demand.thrust - HOVER_THRUST
 
 
 Velocity = BodyVelocity | EarthVelocity | Brake

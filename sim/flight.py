@@ -15,6 +15,7 @@ from .autopilots.px4_copter import Px4Copter
 from .autopilots.px4_plane import Px4Plane
 from .body import GRAVITY, Body, EstimateError, Vector
 from .config import VehicleConfig
+from .ground import standing
 from .instruments import Instruments
 from .sensor import Sample
 from .starting import starting_body
@@ -57,6 +58,7 @@ class Truth(NamedTuple):
     wind_east: float
     mode: int
     armed: bool
+    crashed: bool
 
 
 class Flight:
@@ -67,6 +69,7 @@ class Flight:
         self.now = 0
         self.booted = -round(config.vehicle.boot_age_s * 1e6)
         self._say = say
+        self.crashed = False  # a hard contact with the ground; the vehicle stays there
         self.air = Air(config.wind, config.seed)
         self.target = partial(target_at, config.target)
         # Time and newest sample of the rangefinder driver
@@ -102,7 +105,11 @@ class Flight:
 
     def _move(self, to: int) -> None:
         if to > self.now:
-            self.autopilot.body = self.autopilot.fly((to - self.now) * 1e-6, self.air.velocity)
+            before = self.body
+            after = self.autopilot.fly((to - self.now) * 1e-6, self.air.velocity)
+            after, broken = self.autopilot.touches(before, after)
+            self.crashed = self.crashed or broken
+            self.autopilot.body = standing(before) if self.crashed else after
             self.now = to
             trail = self._velocities
             trail.append((to, self.body.velocity))
@@ -256,4 +263,6 @@ class Flight:
         )
         slant = math.dist((body.north, body.east, body.down), target)
         pilot = self.autopilot
-        return Truth(self.seconds, *moved, *target, slant, *wind, pilot.mode, pilot.armed)
+        return Truth(
+            self.seconds, *moved, *target, slant, *wind, pilot.mode, pilot.armed, self.crashed
+        )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..body import GRAVITY, Body, air_drag, pieces, to_earth, within
 from ..config import Airframe
-from ..demands import BodyVelocity, Demand, EarthVelocity, Spin, Tilt
+from ..demands import HOVER_THRUST, BodyVelocity, Demand, EarthVelocity, Spin, Tilt
 from .multicopter import DRAG, DraggedCopter, Multicopter, YawLoop
 from .unicycle import Unicycle
 
@@ -15,7 +15,6 @@ TILT_LAG = 0.12  # lag of roll and pitch, s
 YAW_LAG = 0.15  # lag of the turn rate, s
 YAW_GAIN = 4.5  # turn rate per heading error, 1/s
 MOST_TILT = math.radians(80)  # largest roll and pitch with body-rate setpoints
-HOVER_THRUST = 0.485  # share of full thrust in hover
 ARDUPILOT_LEAN_DEG = 30.0  # default of ANGLE_MAX
 PX4_LEAN_DEG = 45.0  # default of MPC_TILTMAX_AIR
 

@@ -4,15 +4,20 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from ..body import GRAVITY, Body, pieces, second_order, through_line, within
+from ..body import GRAVITY, Body, pieces, second_order, through_line, to_earth, within
 from ..config import Airframe
 from ..demands import Bank
+from ..ground import standing
 
 STEP = 0.02  # longest integration step, s
 SPEED_LAG = 3.0  # lag of the airspeed, s
 HEIGHT_LAG = 2.0  # climb rate is height error divided by this time, s
 CLIMB_LAG = 1.0  # lag of the climb angle, s
 MOST_CLIMB = 3.0  # largest climb rate, m/s
+# Time constant of the speed in the ground roll, s: ArduPlane 4.6.3 in its simulator (SIM_Plane.cpp)
+# reached 11.6 m/s after 1.2 s of full throttle, and 19.5 m/s after 2.7 s.
+GROUND_ROLL = 1.8
+BRAKING = 2.0  # deceleration on the wheels, m/s^2
 MOST_ROLL_RATE = math.radians(100)
 NOSE_DAMPING = 0.7  # damping ratio with which the tail fin turns the nose into the airflow
 # Share of an error of the estimated bank that becomes side-slip instead of a turn; fitted to PX4's
@@ -165,6 +170,28 @@ def falling(body: Body, dt: float) -> Body:
         velocity_down=5.0 * moving,
         turn_rate=0.0,
         air_speed=body.air_speed * moving,
+    )
+
+
+def rolling(
+    body: Body, dt: float, wind: tuple[float, float], air_speed: float | None = None
+) -> Body:
+    """Return a plane on its wheels dt later. It keeps its heading and accelerates towards an
+    airspeed; with None it brakes."""
+    ahead = wind[0] * math.cos(body.heading) + wind[1] * math.sin(body.heading)
+    speed = body.forward_speed
+    if air_speed is None:
+        speed = max(0.0, speed - BRAKING * dt)
+    else:
+        speed = max(0.0, speed + (air_speed + ahead - speed) * (1 - math.exp(-dt / GROUND_ROLL)))
+    north, east = to_earth(speed, 0.0, body.heading)
+    return standing(body)._replace(
+        north=body.north + (body.velocity_north + north) / 2 * dt,
+        east=body.east + (body.velocity_east + east) / 2 * dt,
+        velocity_north=north,
+        velocity_east=east,
+        air_speed=max(0.0, speed - ahead),
+        trimmed_wind=wind,
     )
 
 

@@ -1,17 +1,20 @@
 """ArduCopter 4.6.3. GUIDED flies velocity and attitude setpoints, GUIDED_NOGPS attitude setpoints,
 each for at most 3 s."""
 
+import math
 from typing import ClassVar
 
 from ..agenda import NEVER
 from ..airframes.copter import CopterAirframe, copter_airframe
 from ..body import Body
 from ..config import VehicleConfig
-from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
+from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt, climb_rate
+from ..ground import LandedState, standing
 from ..links import Message
 from .ardupilot import ArduPilot
 from .contract import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Ack, Command, Say, Severity
 from .copter_targets import (
+    AT_HOME,
     GoTo,
     NotFinite,
     Speeds,
@@ -25,9 +28,12 @@ from .copter_targets import (
 )  # fmt: skip
 from .tables import COPTER, copter_parameters
 
+ALT_HOLD = 2
 GUIDED = 4
+LOITER = 5
 RTL = 6
 LAND = 9
+POSHOLD = 16
 GUIDED_NOGPS = 20
 SMART_RTL = 21
 TAKEOFF = 22
@@ -35,6 +41,15 @@ DO_CHANGE_SPEED = 178
 LEG_US = 100_000  # time between two decisions on a flight to a point
 FALL = Brake(deceleration=1.0, down=10.0)  # descent after disarming; no effect on the ground
 LEVEL = Tilt(0.0, 0.0)
+CLIMBED_BY_STICK = frozenset({ALT_HOLD, LOITER, POSHOLD})
+STICK_DEADZONE = 0.1  # THR_DZ, round the center of the stick
+# Measured on 4.6.3: lift-off 1.4 to 1.5 s after the stick or the command (MOT_SPOOL_TIME, then
+# TKOFF_SLEW_TIME), "landed" 1.5 s after the touchdown (LAND_DETECTOR_TRIGGER_SEC 1.0 after the
+# throttle is down), disarmed 0.5 s later.
+LIFT_OFF_US = 1_400_000
+SETTLE_US = 1_500_000
+LANDED_DISARM_US = 500_000
+LANDING_TILT = math.radians(15)  # a larger commanded lean is no landing (land_detector.cpp)
 SINKING = Tilt(0.0, 0.0, climb=-0.62)  # sinks 5 m in 8 s
 
 Target = BodyVelocity | EarthVelocity | GoTo | Tilt | Spin
@@ -61,17 +76,21 @@ class ArduCopter(ArduPilot):
         self._climbing_to: float | None = None
         self._leg_speeds = Speeds({}, self.params)
         self._since = 0
+        self._landed = LandedState(start.down >= 0, LIFT_OFF_US, SETTLE_US)
         self._demand: Demand = self._idle() if self.armed else FALL
         if self.mode == GUIDED and config.start.speed_mps:
             self._target = self._demand = BodyVelocity(config.start.speed_mps)
 
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
+        if self._landed.landed and self.body.down >= 0:
+            return standing(self.body)
         return self._airframe.step(self.body, self._demand, dt, wind)
 
     def next_decision(self) -> int:
-        return (
-            super().next_decision() if self._on_a_leg() or not self.armed else self._target_until()
-        )
+        if not self.armed:
+            return NEVER
+        due = super().next_decision() if self._on_a_leg() else self._target_until()
+        return min(due, self._landed.next_check(self.body))
 
     def _target_until(self) -> int:
         return (
@@ -88,6 +107,38 @@ class ArduCopter(ArduPilot):
         elif self.armed and now >= self._target_until():
             # The mode stays the same, and no STATUSTEXT is sent.
             self._rest(LEVEL if isinstance(self._target, (Tilt, Spin)) else Brake())
+        if self.armed:
+            self._watch_ground(now)
+
+    def _watch_ground(self, now: int) -> None:
+        """Lift off, land or disarm, as ArduCopter/land_detector.cpp, takeoff.cpp and motors.cpp
+        do."""
+        climb = climb_rate(self._demand)
+        # On the ground, velocities are not flown (mode_guided.cpp, make_safe_ground_handling).
+        lifts = self.mode in CLIMBED_BY_STICK or isinstance(self._demand, (Tilt, Spin))
+        lean = (
+            math.hypot(self._demand.roll, self._demand.pitch)
+            if isinstance(self._demand, Tilt)
+            else 0.0
+        )
+        disarm: int | None = None
+        if self._lands():
+            disarm = LANDED_DISARM_US
+        elif climb < 0 and self.mode in CLIMBED_BY_STICK:
+            disarm = self.params.microseconds("DISARM_DELAY")
+        if self._landed.update(
+            climbs=self._climbing_to is not None or (lifts and climb > 0),
+            sinks=self.body.down >= 0 and climb < 0 and lean <= LANDING_TILT,
+            disarm_us=disarm,
+            now=now,
+        ):
+            self.set_armed(False, now)
+
+    def _lands(self) -> bool:
+        """True if the mode is in its final descent (is_landing in mode_land and mode_rtl)."""
+        home = math.hypot(self.body.north, self.body.east) <= AT_HOME
+        returns = self.mode in (RTL, SMART_RTL)
+        return self.mode == LAND or (returns and (home or not self.position))
 
     def _on_a_leg(self) -> bool:
         guided_leg = self.mode == GUIDED and (
@@ -103,11 +154,10 @@ class ArduCopter(ArduPilot):
                 self._climbing_to = None
         elif isinstance(self._target, GoTo):
             demand = to_point(body, self._target, self._leg_speeds)
+        elif not self._lands():
+            demand = way_home(body, self._leg_speeds)
         else:
-            landing = self.mode == LAND or not self.position
-            demand = (descent if landing else way_home)(body, self._leg_speeds)
-            if demand is None:
-                self.set_armed(False)
+            demand = descent(body, self._leg_speeds, self.position)
         return demand or Brake()
 
     def _rest(self, demand: Demand) -> None:
@@ -115,7 +165,23 @@ class ArduCopter(ArduPilot):
         self._demand = demand
 
     def _idle(self) -> Demand:
-        return LEVEL if self.mode == GUIDED_NOGPS else Brake()
+        if self.mode == GUIDED_NOGPS:
+            return LEVEL
+        climb = self._stick_climb()
+        return Tilt(0.0, 0.0, climb=climb) if self.mode == ALT_HOLD else Brake(down=-climb)
+
+    def _stick_climb(self) -> float:
+        """Return the climb rate of the throttle stick (get_pilot_desired_climb_rate in mode.cpp),
+        m/s."""
+        if self.mode not in CLIMBED_BY_STICK or self.throttle is None:
+            return 0.0
+        half = 0.5 - STICK_DEADZONE
+        share = max(0.0, abs(self.throttle - 0.5) - STICK_DEADZONE) / half
+        return math.copysign(share * self.params["PILOT_SPEED_UP"] / 100, self.throttle - 0.5)
+
+    def throttle_moved(self, now: int) -> None:
+        if self.armed and self.mode in CLIMBED_BY_STICK:
+            self._rest(self._idle())
 
     def setpoint(self, message: Message, now: int) -> bool:
         kind = message.get_type()
@@ -184,7 +250,13 @@ class ArduCopter(ArduPilot):
         self._rest(self._idle())
 
     def flying(self) -> bool:
-        return self.armed and (self.body.down < -0.1 or self._climbing_to is not None)
+        return self.armed and not self._landed.landed
+
+    def set_armed(self, armed: bool, now: int = 0) -> None:
+        super().set_armed(armed, now)
+        self._landed.landed = not armed or self.body.down >= 0
+        if armed:
+            self._rest(self._idle())
 
     def disarmed(self) -> None:
         self._climbing_to = None
@@ -206,9 +278,9 @@ class ArduCopter(ArduPilot):
     def landed_state(self) -> int:
         if not self.flying():
             return ON_GROUND
-        if self._climbing_to is not None:
-            return TAKING_OFF
-        return LANDING if self.mode == LAND else IN_AIR
+        if self._lands():
+            return LANDING
+        return TAKING_OFF if self._climbing_to is not None else IN_AIR
 
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         """Return the airspeed of the sensor, m/s. Without a sensor, return the ground speed if

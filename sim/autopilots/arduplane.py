@@ -4,10 +4,12 @@ airspeed."""
 import math
 from typing import ClassVar, NamedTuple
 
-from ..airframes.fixedwing import FixedWing, Loiter, bank_on_loiter, falling
-from ..body import GRAVITY, Body, euler, within
+from ..agenda import NEVER
+from ..airframes.fixedwing import FixedWing, Loiter, bank_on_loiter, falling, rolling
+from ..body import GRAVITY, Body, euler, to_earth, within
 from ..config import VehicleConfig
 from ..demands import Bank
+from ..ground import plane_touches
 from ..links import Message
 from ..starting import AIRSPEED_SCALE
 from ..world import from_degrees
@@ -40,6 +42,20 @@ HEADING_GAIN = 2.0
 CIRCLE_BANK = math.radians(20)
 # Fitted to measurements. A bank reaches half its value after 0.36 to 0.5 s and overshoots by 15 %.
 # The side-slip is 1 deg at 14 deg of bank, 2.2 deg at 26 deg, and 3.7 deg at 42 deg.
+# is_flying.cpp: low pass of "moves" at 5 Hz; a plane is flying above a probability of 0.1.
+FLYING_US = 200_000
+FLYING_SHARE = 0.15
+FLYING_ABOVE = 0.1
+MOVES_MPS = 1.5  # GPS_IS_FLYING_SPEED_CMS
+# Take-off in mode TAKEOFF, measured on 4.6.3: the throttle rises over 1 s (THR_SLEWRATE), rotation
+# at 0.84 of AIRSPEED_CRUISE, then 18 deg of pitch (9 m/s of climb).
+SPOOL_US = 700_000
+ROTATION = 0.84
+CLIMB_PITCH = math.radians(22)
+LEVEL_ROLL = math.radians(5)  # LEVEL_ROLL_LIMIT, up to TKOFF_LVL_ALT
+# In another mode, a plane that rolls on the ground lifts off at this share of AIRSPEED_CRUISE.
+UNINTENDED_LIFT = 0.94
+UNSUPPRESSED_MPS = 5.0  # speed above which the throttle works on the ground (suppress_throttle)
 LIFT = (-0.067, 0.044)
 FIN = (0.0173, -0.0346)
 AIRFRAME = FixedWing(
@@ -51,6 +67,7 @@ class ArduPlane(ArduPilot):
     """Flight modes of the plane. Each mode gives a bank, a height and an airspeed."""
 
     FIRST_MODE = "LOITER"
+    touches = staticmethod(plane_touches)
     POSITION_LOSS_US = 10_000_000  # NavEKF3's posRetryTimeUseVel_ms
     NOT_ARMABLE = frozenset({10, 16})
     MANUAL_MODES = frozenset({0, 2, 4, 5, 6, 7, 8})
@@ -71,20 +88,69 @@ class ArduPlane(ArduPilot):
         self._since = 0
         self._sticks = Sticks(vehicle.system_id)
         self._bank = 0.0
+        self._flying = 0.0 if start.down >= 0 else 1.0  # isFlyingProbability
+        self._flying_at = 0
+        self._thrust_at = NEVER  # time of full throttle in a take-off
 
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
             return falling(self.body, dt)
+        if self.body.down >= 0 and not self._lifts_off():
+            aim = self._speed * self._scale if self._thrusts() else None
+            return rolling(self.body, dt, wind, aim)
         _, pitch, throttle = self._forced or Forced(None, None, None)
+        if self._taking_off():
+            pitch, throttle = CLIMB_PITCH, 0.5
         demand = Bank(self._bank, self._speed * self._scale, self._height, pitch, throttle)
         return self._airframe.step(self.body, demand, dt, wind)
 
     def wake(self, now: int) -> None:
         super().wake(now)
         self._decide_at = now + DECIDE_US
+        self._update_flying(now)
         if self._forced is not None and now - self._since >= TIMEOUT_US:
             self._forced = None  # the plane loiters again, without a STATUSTEXT
         self._bank = self._bank_command(now)
+
+    def _update_flying(self, now: int) -> None:
+        """Update the probability that the plane is flying (update_is_flying_5Hz). It rises above
+        the threshold with the first sample of a moving plane."""
+        if now < self._flying_at:
+            return
+        self._flying_at = now + FLYING_US
+        body = self.body
+        slow = 0.75 * self.params["AIRSPEED_MIN"]
+        moves = body.air_speed / self._scale >= slow and body.ground_speed > 0
+        moves = moves or (self.gps and body.ground_speed >= MOVES_MPS)
+        self._flying += (moves - self._flying) * FLYING_SHARE
+        if self.mode == TAKEOFF and self._thrust_at == NEVER and body.down >= 0:
+            self._thrust_at = now + SPOOL_US
+            north, east = to_earth(self.params["TKOFF_DIST"], 0.0, body.heading)
+            radius = self.params["WP_LOITER_RAD"]
+            self._loiter = Loiter(body.north + north, body.east + east, radius)
+            self._height = -self.params["TKOFF_ALT"]
+        # 2.0: the climb ends this far below TKOFF_ALT, m (mode_takeoff.cpp).
+        elif self._taking_off() and body.down <= self._height + 2.0:
+            self._thrust_at = NEVER
+
+    def _taking_off(self) -> bool:
+        """True in the flight stage TAKEOFF."""
+        return self.mode == TAKEOFF and self._thrust_at != NEVER
+
+    def _thrusts(self) -> bool:
+        """True if the throttle of a plane on the ground is open."""
+        if self.mode == TAKEOFF:
+            return self._flying_at - FLYING_US >= self._thrust_at
+        if self.mode in self.MANUAL_MODES:
+            return (self.throttle or 0.0) > 0.5
+        return self.body.ground_speed >= UNSUPPRESSED_MPS
+
+    def _lifts_off(self) -> bool:
+        share = ROTATION if self._taking_off() else UNINTENDED_LIFT
+        return self._thrusts() and self.body.air_speed / self._scale >= share * self._speed
+
+    def flying(self) -> bool:
+        return self.armed and self._flying >= FLYING_ABOVE
 
     def _bank_command(self, now: int) -> float:
         limit = math.radians(self.params["ROLL_LIMIT_DEG"])
@@ -98,6 +164,8 @@ class ArduPlane(ArduPilot):
             )
         if self.mode == CIRCLE:
             return CIRCLE_BANK
+        if self._taking_off():
+            limit = LEVEL_ROLL
         if self.mode in LOITERING:
             return bank_on_loiter(
                 self.body, self._loiter, min(limit, math.radians(58)), self._airframe.effectiveness
@@ -187,6 +255,9 @@ class ArduPlane(ArduPilot):
         place = (0.0, 0.0) if home else (self.body.north, self.body.east)
         self._loiter = Loiter(*place, self.params["WP_LOITER_RAD"])
         self._height = min(self.body.down, -100.0) if home else self.body.down
+        self._thrust_at = NEVER
+        if mode == TAKEOFF:
+            self._height = min(self.body.down, -self.params["TKOFF_ALT"])
 
     def disarmed(self) -> None:
         self._forced = self._heading = None

@@ -11,6 +11,7 @@ from ..airframes.unicycle import Unicycle
 from ..body import Body, euler, within
 from ..config import VehicleConfig
 from ..demands import BodyVelocity, Brake
+from ..ground import rover_touches
 from ..links import Message
 from .ardupilot import ArduPilot
 from .contract import CUSTOM_MODE_ENABLED, Ack, Command, Say, Severity
@@ -43,6 +44,7 @@ class ArduRover(ArduPilot):
     """Modes of the rover: hold, return home, or drive the companion's setpoints."""
 
     FIRST_MODE = "HOLD"
+    touches = staticmethod(rover_touches)
     NEEDS_POSITION = frozenset({5, 6, 9, 10, 11, 12, 15})
     NOT_ARMABLE = frozenset({10, 11, 12, 16})
     MANUAL_MODES = frozenset({0, 1, 3})

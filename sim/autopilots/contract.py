@@ -10,6 +10,7 @@ from ..agenda import NEVER
 from ..body import Body
 from ..config import Event, VehicleConfig
 from ..demands import Bank, Demand
+from ..ground import copter_touches
 from ..links import Message
 from ..params import Parameters
 
@@ -100,10 +101,13 @@ class Autopilot(ABC):
     body: the vehicle's state; the caller of `fly` stores it.
     gps: True if the receiver has a fix.
     position: True if the estimator has a position.
+    throttle: pilot's throttle stick, 0 to 1. None: nobody has moved it.
     """
 
     FIRST_MODE: str
     failsafe: bool
+    # Function (body before, body after) -> (body, True for a crash): contact with the ground
+    touches: Callable[[Body, Body], tuple[Body, bool]] = staticmethod(copter_touches)
     POSITION_LOSS_US: int  # time from the loss of GPS to the loss of the position estimate
 
     def __init__(
@@ -115,6 +119,7 @@ class Autopilot(ABC):
         self.body = body
         self.mode = self.intended = identity.modes[config.start.mode or self.FIRST_MODE]
         self.armed = config.start.armed
+        self.throttle: float | None = None
         self.gps = self.position = config.vehicle.gps
         self._position_until = NEVER
         self._decide_at = 0  # time of the next new demand
@@ -178,6 +183,9 @@ class Autopilot(ABC):
             self.change_mode(self.identity.modes[event.mode or ""], now)
         elif event.action in ("arm", "disarm"):
             self.set_armed(event.action == "arm", now)
+        elif event.action == "throttle":
+            self.throttle = event.value
+            self.throttle_moved(now)
         elif event.action == "rc_failsafe":
             self.radio_lost(now)
         elif event.action == "gps_off" and self.gps:
@@ -187,6 +195,9 @@ class Autopilot(ABC):
             self.gps = True
             self.position = True
             self._position_until = NEVER
+
+    def throttle_moved(self, now: int) -> None:  # noqa: B027
+        """React to the pilot's throttle stick."""
 
     def reckons(self) -> bool:
         """True if the estimator continues without a measured position."""

@@ -27,6 +27,7 @@ RATES = 0x07
 THROTTLE = 0x40
 ATTITUDE = 0x80
 THRUST_AS_THRUST = 8  # GUID_OPTIONS bit 3
+AT_HOME = 2.0  # arrival radius, m
 NEARNESS = 0.5  # speed per remaining distance, 1/s
 
 
@@ -165,19 +166,16 @@ def climb_out(body: Body, down: float, params: Speeds) -> Demand | None:
     )
 
 
-def way_home(body: Body, params: Speeds) -> Demand | None:
-    """Climb to RTL_ALT, fly home, descend. Return None after landing."""
-    # 2.0: arrival radius, m.
-    if math.hypot(body.north, body.east) <= 2.0:
-        return descent(body, params)
+def way_home(body: Body, params: Speeds) -> Demand:
+    """Climb to RTL_ALT, then fly home."""
     cruise = min(body.down, -params["RTL_ALT"] / 100)
     if body.down > cruise + 0.5:
         return EarthVelocity(0.0, 0.0, -params["WPNAV_SPEED_UP"] / 100)
     return to_point(body, GoTo(0.0, 0.0, cruise), params)
 
 
-def descent(body: Body, params: Speeds) -> Demand | None:
-    """Descend vertically, slowly below 10 m. Return None after landing."""
-    if body.down >= -0.01:
-        return None
-    return Brake(down=params["LAND_SPEED" if body.down > -10.0 else "WPNAV_SPEED_DN"] / 100)
+def descent(body: Body, params: Speeds, position: bool) -> Demand:
+    """Descend, slowly below 10 m. Without a position, the copter levels and drifts (nogps_run in
+    mode_land.cpp)."""
+    sink = params["LAND_SPEED" if body.down > -10.0 else "WPNAV_SPEED_DN"] / 100
+    return Brake(down=sink) if position else Tilt(0.0, 0.0, climb=-sink)

@@ -8,7 +8,8 @@ from ..airframes.multicopter import DraggedCopter, YawLoop
 from ..airframes.unicycle import Unicycle
 from ..body import Body, at_most
 from ..config import VehicleConfig
-from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt
+from ..demands import BodyVelocity, Brake, Demand, EarthVelocity, Spin, Tilt, climb_rate
+from ..ground import LandedState, standing
 from ..links import Message
 from ..params import Parameter
 from ..world import HOME_AMSL_M
@@ -24,11 +25,16 @@ POSITION_GAIN = 0.95  # velocity per position error, 1/s
 YAW_GAIN = 2.8  # turn rate per heading error, 1/s
 HEIGHT_GAIN = 1.0  # climb rate per height error, 1/s
 FASTEST = 12.0  # MPC_XY_VEL_MAX, m/s
+AT_HOME = 2.0  # arrival radius, m
 CLIMB = 3.0  # largest climb rate, m/s
 SINK = 1.5  # largest sink rate, m/s
 DEADZONE = 0.1  # MAN_DEADZONE of the yaw stick
 CUBIC = 0.6  # cubic share of the curve of the yaw stick
 UNHELD_SINK = 0.7  # sink rate in ALTCTL without sticks or position, as flown, m/s
+# COM_SPOOLUP_TIME 1.0 s, then half of MPC_TKO_RAMP_T 3.0 s until the thrust lifts the copter
+LIFT_OFF_US = 2_500_000
+SETTLE_US = 1_000_000  # three stages of 1/3 s (MulticopterLandDetector.cpp)
+LANDED_SINK = 0.25  # LNDMC_Z_VEL_MAX: a landing commands at least 1.1 times this sink rate, m/s
 IDENTITY = px4_identity(mav_type=2)
 
 
@@ -45,6 +51,8 @@ class Px4Copter(Px4):
             Parameter("MPC_MAN_Y_MAX", 150.0),
             Parameter("MAN_DEADZONE", DEADZONE),
             Parameter("MIS_TAKEOFF_ALT", 2.5),
+            Parameter("COM_DISARM_LAND", 2.0),
+            Parameter("COM_DISARM_PRFLT", 10.0),
             Parameter("RTL_RETURN_ALT", 60.0),
         )
         super().__init__(IDENTITY, px4_parameters(config, *own), config, say, start)
@@ -59,16 +67,45 @@ class Px4Copter(Px4):
         self._airframe = CopterAirframe(by_velocity, TiltingCopter(limit, drag, quadratic=False))
         self._hold = (start.north, start.east, start.down)
         self._demand: Demand = Brake()
+        self._landed = LandedState(start.down >= 0, LIFT_OFF_US, SETTLE_US)
 
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
         if not self.armed:
             return _at_rest(self.body, dt)
+        if self._landed.landed and self.body.down >= 0:
+            return standing(self.body)
         return self._airframe.step(self.body, self._demand, dt, wind)
 
     def wake(self, now: int) -> None:
         super().wake(now)
         if now >= self._decide_at:
             self._decide(now)
+        if self.armed:
+            self._watch_ground(now)
+
+    def next_decision(self) -> int:
+        due = super().next_decision()
+        return min(due, self._landed.next_check(self.body)) if self.armed else due
+
+    def _watch_ground(self, now: int) -> None:
+        """Lift off, land or disarm, as MulticopterLandDetector.cpp and Commander.cpp do."""
+        climb = climb_rate(self._demand)
+        returned = self.mode in (LAND, RTL)
+        name = "COM_DISARM_LAND" if returned else "COM_DISARM_PRFLT"
+        if self._landed.update(
+            climbs=climb > 0 and self.mode in (TAKEOFF, OFFBOARD, ALTCTL),
+            sinks=self.body.down >= 0 and climb <= -1.1 * LANDED_SINK,
+            disarm_us=self.params.microseconds(name),
+            now=now,
+        ):
+            self.set_armed(False, now)
+
+    def flying(self) -> bool:
+        return self.armed and not self._landed.landed
+
+    def set_armed(self, armed: bool, now: int) -> None:
+        super().set_armed(armed, now)
+        self._landed.landed = not armed or self.body.down >= 0
 
     def _decide(self, now: int) -> None:
         self._decide_at = now + (IDLE_US if self._steady() else DECIDE_US)
@@ -147,16 +184,17 @@ class Px4Copter(Px4):
         error = math.remainder(setpoint.heading - self.body.heading, math.tau)
         return (setpoint.yaw_rate or 0.0) + YAW_GAIN * error
 
-    def _landing(self) -> Demand:
-        if self.body.down >= -0.05:
-            self.set_armed(False, self._decide_at)
-            return Brake()
+    def _at_home(self) -> bool:
+        return math.hypot(self.body.north, self.body.east) < AT_HOME
+
+    def _landing(self) -> EarthVelocity:
         return EarthVelocity(0.0, 0.0, 0.7)
 
     def _going_home(self) -> Demand:
         body = self.body
-        if math.hypot(body.north, body.east) < 2.0:
-            return self._landing()
+        if self._at_home():
+            north, east = -POSITION_GAIN * body.north, -POSITION_GAIN * body.east
+            return self._landing()._replace(north=north, east=east)
         cruise = min(body.down, -self.params["RTL_RETURN_ALT"])
         if body.down > cruise + 1.0:
             return EarthVelocity(0.0, 0.0, -CLIMB)
@@ -203,7 +241,8 @@ class Px4Copter(Px4):
     def landed_state(self) -> int:
         if not self.flying():
             return ON_GROUND
-        return {TAKEOFF: TAKING_OFF, LAND: LANDING}.get(self.mode, IN_AIR)
+        landing = self.mode == LAND or (self.mode == RTL and self._at_home())
+        return LANDING if landing else TAKING_OFF if self.mode == TAKEOFF else IN_AIR
 
     def shown_airspeed(self, shown: Body, wind: tuple[float, float]) -> float:
         return math.nan

@@ -7,6 +7,7 @@ from ..airframes.fixedwing import FixedWing, Loiter, bank_on_loiter, falling
 from ..body import GRAVITY, Body, within
 from ..config import VehicleConfig
 from ..demands import Bank
+from ..ground import plane_touches
 from ..params import Parameter
 from ..starting import AIRSPEED_SCALE
 from .contract import Say
@@ -28,6 +29,8 @@ IDENTITY = px4_identity(mav_type=1)
 class Px4Plane(Px4):
     """PX4's fixed wing: it flies a bank, and holds height and airspeed. Attitude setpoints are
     accepted, but not flown."""
+
+    touches = staticmethod(plane_touches)
 
     def __init__(self, config: VehicleConfig, say: Say, start: Body) -> None:
         vehicle = config.vehicle

@@ -66,6 +66,8 @@ def copter_parameters(config: VehicleConfig) -> Parameters:
         Parameter("GUID_OPTIONS", 0, INT16),
         Parameter("GUID_TIMEOUT", config.vehicle.setpoint_timeout_s or 3.0),
         Parameter("LAND_SPEED", 50, INT16),
+        Parameter("PILOT_SPEED_UP", 250, INT16),
+        Parameter("DISARM_DELAY", 10, INT8),
         Parameter("RTL_ALT", 1500, INT16),
         Parameter("WPNAV_SPEED", 1000.0),
         Parameter("WPNAV_SPEED_UP", 250.0),
@@ -85,6 +87,8 @@ def plane_parameters(config: VehicleConfig) -> Parameters:
         Parameter("AIRSPEED_MIN", round(cruise * 0.6)),
         Parameter("AIRSPEED_MAX", round(cruise * 1.4)),
         Parameter("WP_LOITER_RAD", 60.0, INT16),
+        Parameter("TKOFF_ALT", 50.0),
+        Parameter("TKOFF_DIST", 200.0),
         Parameter("RC_OVERRIDE_TIME", 3.0),
     )
 
