@@ -19,7 +19,7 @@ from .ground import standing
 from .instruments import Instruments
 from .sensor import Sample
 from .starting import starting_body
-from .world import Air, target_at
+from .world import HOME_AMSL_M, Air, target_at, to_degrees
 
 DRIFT_STEP_US = 100_000
 RANGE_TOO_OLD_US = 450_000
@@ -92,6 +92,7 @@ class Flight:
             self._position_rng.gauss(0.0, drift),
         )
         self.position_error = self._gps_error  # reported minus true, north and east, m
+        self._location = (0, 0, self._altitude)  # last reported: degE7, degE7, m above sea level
 
     def run(self, until: int) -> None:
         """Fly to `until`. The autopilot acts whenever one of its timers is due."""
@@ -220,6 +221,24 @@ class Flight:
     def battery_percent(self) -> float:
         minutes = (self.now - self._battery_at) / 60e6
         return max(0.0, self.battery - self.config.battery.drain_percent_per_min * minutes)
+
+    @property
+    def _altitude(self) -> float:
+        return HOME_AMSL_M - self.body.down
+
+    def location(self) -> tuple[int, int, float]:
+        """Return latitude and longitude, degE7, and altitude above sea level, m. ArduPilot repeats
+        the last location if the estimator has none ("we send stale data", GCS_Common.cpp)."""
+        if self.autopilot.locates(self.now):
+            place = self.degrees_e7() if self.autopilot.position else self._location[:2]
+            self._location = (*place, self._altitude)
+        return self._location
+
+    def degrees_e7(self) -> tuple[int, int]:
+        """Return the reported latitude and longitude."""
+        north, east = self.position_error
+        latitude, longitude = to_degrees(self.body.north + north, self.body.east + east)
+        return round(latitude * 1e7), round(longitude * 1e7)
 
     def shown(self) -> Body:
         """Return the body as the autopilot estimates it."""

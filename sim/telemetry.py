@@ -20,8 +20,10 @@ from .world import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, to_degree
 EPOCH_US = 1_750_000_000_000_000
 EKF_GOOD = 0x33F
 EKF_NO_POSITION = 0xA7
+EKF_LOSING = 0x25  # after the loss of GPS, until the estimator assumes a constant position
 EKF_RECKONS = 0x12F  # dead reckoning, no absolute position
 GPS_FIX_RTK = 6
+SEA_LEVEL_HPA = 1013.25
 GPS_NO_FIX = 1
 UNKNOWN_VOLTAGE = 65535
 ONLY_VELOCITY = 0xC07
@@ -59,7 +61,7 @@ def gps_raw_int(flight: Flight) -> Message:
         return mavlink.MAVLink_gps_raw_int_message(
             flight.boot_us, GPS_NO_FIX, 0, 0, 0, 65535, 65535, 0, 65535, 0
         )
-    place = *_degrees_e7(flight), round((HOME_AMSL_M - body.down) * 1000)
+    place = *flight.degrees_e7(), round((HOME_AMSL_M - body.down) * 1000)
     speed = min(65534, round(body.ground_speed * 100))
     return mavlink.MAVLink_gps_raw_int_message(
         flight.boot_us, GPS_FIX_RTK, *place, 121, 200, speed, _centidegrees(body.course), 10
@@ -117,8 +119,8 @@ def local_position_ned(flight: Flight) -> Message | None:
 
 def global_position_int(flight: Flight) -> Message:
     body = flight.shown()
-    place = _degrees_e7(flight) if flight.autopilot.position else (0, 0)
-    heights = round((HOME_AMSL_M - body.down) * 1000), round(-body.down * 1000)
+    *place, altitude = flight.location()
+    heights = round(altitude * 1000), round(-body.down * 1000)
     velocity = (round(within(speed * 100, 32767)) for speed in body.velocity)
     return mavlink.MAVLink_global_position_int_message(
         flight.boot_ms, *place, *heights, *velocity, _centidegrees(body.heading)
@@ -131,9 +133,23 @@ def vfr_hud(flight: Flight) -> Message:
         flight.autopilot.shown_airspeed(body, flight.air.velocity)
     )
     heading = round(math.degrees(body.heading) % 360) % 360
+    # Without a location VFR_HUD.alt repeats its last value. VFR_HUD.climb and
+    # GLOBAL_POSITION_INT.relative_alt continue.
+    altitude = -body.down if flight.autopilot.relative_hud() else flight.location()[2]
     return mavlink.MAVLink_vfr_hud_message(
-        airspeed, body.ground_speed, heading, 35, HOME_AMSL_M - body.down, -body.velocity_down
+        airspeed, body.ground_speed, heading, 35, altitude, -body.velocity_down
     )
+
+
+def scaled_pressure(flight: Flight) -> Message:
+    """Static pressure of the standard atmosphere and dynamic pressure of the airspeed sensor,
+    hPa."""
+    altitude = HOME_AMSL_M - flight.body.down
+    static = SEA_LEVEL_HPA * (1 - 2.25577e-5 * altitude) ** 5.25588
+    airspeed = flight.autopilot.shown_airspeed(flight.body, flight.air.velocity)
+    dynamic = 0.0 if math.isnan(airspeed) else 0.5 * 1.225 * airspeed**2 / 100
+    centidegrees = round(1500 - 0.65 * altitude)
+    return mavlink.MAVLink_scaled_pressure_message(flight.boot_ms, static, dynamic, centidegrees)
 
 
 def battery_status(flight: Flight) -> Message:
@@ -147,6 +163,8 @@ def battery_status(flight: Flight) -> Message:
 
 def ekf_status_report(flight: Flight) -> Message:
     flags = EKF_GOOD if flight.autopilot.position else EKF_NO_POSITION
+    if not flight.autopilot.position and flight.autopilot.locates(flight.now):
+        flags = EKF_LOSING
     flags = EKF_RECKONS if flight.autopilot.reckons() else flags
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.02, 0.03, 0.01, 0.02, 0.0, 0.0)
 
@@ -304,12 +322,6 @@ def _millivolts(percent: float) -> int:
     return round(10_500 + 21 * percent)
 
 
-def _degrees_e7(flight: Flight) -> tuple[int, int]:
-    north, east = flight.position_error
-    latitude, longitude = to_degrees(flight.body.north + north, flight.body.east + east)
-    return round(latitude * 1e7), round(longitude * 1e7)
-
-
 def _centidegrees(angle: float) -> int:
     """Return an angle in hundredths of a degree, 0 to 35999."""
     return round(math.degrees(angle) % 360 * 100) % 36000
@@ -326,6 +338,7 @@ _FUNCTIONS: tuple[Callable[[Flight], Message | None], ...] = (
     local_position_ned,
     global_position_int,
     vfr_hud,
+    scaled_pressure,
     nav_controller_output,
     attitude_target,
     position_target_local_ned,

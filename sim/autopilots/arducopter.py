@@ -42,6 +42,7 @@ LEG_US = 100_000  # time between two decisions on a flight to a point
 FALL = Brake(deceleration=1.0, down=10.0)  # descent after disarming; no effect on the ground
 LEVEL = Tilt(0.0, 0.0)
 CLIMBED_BY_STICK = frozenset({ALT_HOLD, LOITER, POSHOLD})
+HUD_RELATIVE = 2  # DEV_OPTIONS, DevOptionVFR_HUDRelativeAlt
 STICK_DEADZONE = 0.1  # THR_DZ, round the center of the stick
 # Measured on 4.6.3: lift-off 1.4 to 1.5 s after the stick or the command (MOT_SPOOL_TIME, then
 # TKOFF_SLEW_TIME), "landed" 1.5 s after the touchdown (LAND_DETECTOR_TRIGGER_SEC 1.0 after the
@@ -271,6 +272,9 @@ class ArduCopter(ArduPilot):
     def estimator_lost(self, now: int) -> None:
         if self.mode in self.NEEDS_POSITION and self.params["FS_EKF_ACTION"] != 0:
             self.fail_to(LAND, now, Severity.CRITICAL, "EKF Failsafe: changed to LAND Mode")
+
+    def relative_hud(self) -> bool:
+        return bool(int(self.params["DEV_OPTIONS"]) & HUD_RELATIVE)
 
     def flown(self) -> Demand | None:
         return self._demand if self._target is not None else None

@@ -27,13 +27,15 @@ STABILIZED = 16
 DO_SET_MODE = 176
 ARM_DISARM = 400
 DO_REPOSITION = 192
+# Measured on 4.6.3: time from the loss of GPS to the loss of the reported location
+LOCATION_LOSS_US = 15_000_000
 # MAV_FRAMEs with altitudes above sea level, and above home
 SEA_LEVEL = (0, 5)
 ABOVE_HOME = (3, 6)
 
 # Message ids by group of REQUEST_DATA_STREAM (GCS_Mavlink.cpp of the vehicles).
 STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
-    1: (27, 116),
+    1: (27, 116, 129, 29),
     2: (1, 24, 62),
     3: (65,),
     6: (33, 32),
@@ -171,6 +173,9 @@ class ArduPilot(Autopilot):
             self.failsafe = False
         if kind == "SET_GPS_GLOBAL_ORIGIN" and self._odometry:
             self.position = True
+
+    def locates(self, now: int) -> bool:
+        return self.position or now < self._gps_lost_at + LOCATION_LOSS_US
 
     def wake_us(self) -> int:
         return min(super().wake_us(), self._gcs_deadline())

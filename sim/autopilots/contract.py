@@ -122,6 +122,7 @@ class Autopilot(ABC):
         self.throttle: float | None = None
         self.gps = self.position = config.vehicle.gps
         self._position_until = NEVER
+        self._gps_lost_at = -NEVER  # time of the loss of GPS; -NEVER: before the start
         self._decide_at = 0  # time of the next new demand
         self._external_position: tuple[float, float] | None = None
 
@@ -190,6 +191,7 @@ class Autopilot(ABC):
             self.radio_lost(now)
         elif event.action == "gps_off" and self.gps:
             self.gps = False
+            self._gps_lost_at = now
             self._position_until = now + self.POSITION_LOSS_US
         elif event.action == "gps_on":
             self.gps = True
@@ -202,6 +204,15 @@ class Autopilot(ABC):
     def reckons(self) -> bool:
         """True if the estimator continues without a measured position."""
         return self.position and not self.gps and self._position_until == NEVER
+
+    def locates(self, now: int) -> bool:
+        """True if the estimator has a location. Without one, the reports of the location repeat the
+        last one."""
+        return True
+
+    def relative_hud(self) -> bool:
+        """True if VFR_HUD.alt is the height above home."""
+        return False
 
     def mode_name(self, mode: int) -> str:
         return next(

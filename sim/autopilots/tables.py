@@ -68,6 +68,7 @@ def copter_parameters(config: VehicleConfig) -> Parameters:
         Parameter("LAND_SPEED", 50, INT16),
         Parameter("PILOT_SPEED_UP", 250, INT16),
         Parameter("DISARM_DELAY", 10, INT8),
+        Parameter("DEV_OPTIONS", 0, INT32),
         Parameter("RTL_ALT", 1500, INT16),
         Parameter("WPNAV_SPEED", 1000.0),
         Parameter("WPNAV_SPEED_UP", 250.0),

@@ -54,9 +54,49 @@ def test_gps_loss_lands_guided_copter_after_eight_seconds():
     assert companion.listen("GPS_RAW_INT")[-1].fix_type == 1
     assert companion.listen("EKF_STATUS_REPORT")[-1].flags == 0x33F
     companion.fly(1.2, 5.0, 0.2)
-    assert companion.truth.mode == 9 and companion.listen("EKF_STATUS_REPORT")[-1].flags == 0xA7
+    assert companion.truth.mode == 9 and companion.listen("EKF_STATUS_REPORT")[-1].flags == 0x25
     assert companion.texts() == ["EKF variance", "EKF Failsafe: changed to LAND Mode"]
     assert companion.set_mode(4) == [4] and companion.set_mode(2) == [0]
+    companion.wait(7.0)
+    assert companion.listen("EKF_STATUS_REPORT")[-1].flags == 0xA7
+
+
+@pytest.mark.parametrize("bit", [0, 2])
+def test_copter_altitude_freezes_fifteen_seconds_after_gps_loss(bit):
+    """GCS_Common.cpp, send_vfr_hud and send_global_position_int: "we send stale data". Bit 1 of
+    DEV_OPTIONS: vfr_hud_alt in ArduCopter/GCS_Mavlink.cpp. Measured on 4.6.3."""
+    events = [
+        {"at_s": 1.0, "action": "gps_off"},
+        {"at_s": 18.0, "action": "throttle", "value": 0.9},
+        {"at_s": 26.0, "action": "throttle", "value": 0.5},
+        {"at_s": 32.0, "action": "gps_on"},
+    ]
+    companion = aboard(mode="ALT_HOLD", events=events)
+    companion.send(mavlink.MAVLink_param_set_message(1, 1, b"DEV_OPTIONS", bit, 6))
+    for number in (29, 33, 74):
+        assert companion.stream(number, 100_000) == [0]
+    companion.wait(22.0)
+    hud = companion.listen("VFR_HUD")[-1]
+    place = companion.listen("GLOBAL_POSITION_INT")[-1]
+    assert hud.climb == pytest.approx(1.87, abs=0.05)
+    height = -companion.truth.down
+    assert height > 55.0 and place.relative_alt == pytest.approx(height * 1000, abs=2)
+    assert place.alt == 634_000 and place.lat != 0
+    assert hud.alt == pytest.approx(height if bit else 634.0, abs=0.01)
+    # 0.1125 hPa per m at 640 m above sea level
+    first, *_, last = companion.listen("SCALED_PRESSURE")
+    assert (first.press_abs - last.press_abs) / 0.1125 == pytest.approx(height - 50, rel=0.02)
+    companion.wait(11.0)
+    assert companion.listen("VFR_HUD")[-1].alt > (60.0 if bit else 644.0)
+
+
+def test_copter_started_without_gps_never_reports_altitude_changes():
+    events = [{"at_s": 1.0, "action": "throttle", "value": 1.0}]
+    companion = aboard("arducopter_nogps", events=events)
+    companion.stream(74, 100_000)
+    companion.wait(5.0)
+    assert {message.alt for message in companion.listen("VFR_HUD")} == {634.0}
+    assert companion.truth.down < -58.0
 
 
 def test_gcs_failsafe_needs_heartbeats_of_its_own_station():
