@@ -14,11 +14,13 @@ from .signing import read_key
 
 __all__ = ["ConfigError", "VehicleConfig", "load_vehicle", "parse_vehicle"]
 
-IMU_STATES = ("good", "frozen", "clipped", "rotated")
+IMU_STATES = ("good", "frozen", "clipped", "rotated", "first_frozen", "first_zero")
 STEERING_STATES = ("good", "straight", "frozen", "turning", "hovering", "reversed", "weak")
 ATTITUDE_ERROR_DEG = {"px4_copter": 1.0, "px4_plane": 1.0, "arduplane": 0.15}
 ACTIONS = (
     *("mode", "arm", "disarm", "throttle", "rc_failsafe", "gps_off", "gps_on", "battery", "wind"),
+    *("accel_bias", "heading_drift", "airspeed_stuck", "airspeed_good"),
+    *("ekf_zero", "lose_mode_ack", "lose_mode_request"),
     *(
         "mute_ranging",
         "unmute_ranging",
@@ -169,11 +171,13 @@ class TruthStream(Table):
 class Sensors(Table):
     """[sensors]: errors of the reported values.
 
+    compass: false sets COMPASS_USE and EK3_SRC1_YAW to 0.
     accel_noise_mps2, gyro_noise_deg_s: RMS noise; default: 0.2 and 0, for a realistic px4_* the
         noise of PX4's SIH.
     accel_bias_mps2: constant bias with random signs; default: drawn from 0.05 to 0.1.
     imu: "frozen" repeats its last reading, "clipped" saturates at 8 m/s^2, "rotated" is mounted 90
-        deg to the right.
+        deg to the right. "first_frozen", "first_zero": only the accelerometer of the first IMU
+        (RAW_IMU), so that ArduPilot flies on the second one (SCALED_IMU2).
     attitude_error_deg: RMS error of the estimated roll, with the matching errors of velocity and
         heading (EstimateError); default: realistic px4_* 1.0, arduplane 0.15, else 0.
     gps_error_m: standard deviation of the reported position per axis, a first-order process with
@@ -181,6 +185,7 @@ class Sensors(Table):
     dead_reckoning_mps: standard deviation of the position drift without GPS, per axis.
     """
 
+    compass: bool = True
     heading_bias_deg: float = Field(default=0.0, ge=-180.0, le=180.0)
     heading_drift_deg_s: float = Field(default=0.0, ge=-10.0, le=10.0)
     gyro_scale: float = Field(default=1.0, ge=0.5, le=1.5)
@@ -312,6 +317,8 @@ def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:
             yield f"events[{i}].mode", 'is missing, the action "mode" needs one'
         if event.action == "throttle" and (event.value is None or not 0 <= event.value <= 1):
             yield f"events[{i}].value", "is the throttle stick, from 0 to 1"
+        if event.action == "airspeed_stuck" and event.value is None:
+            yield f"events[{i}].value", "is missing: the airspeed that the sensor repeats, m/s"
         named.append((f"events[{i}].mode", event.mode))
     for name, mode in named:
         if mode is not None and mode not in modes:

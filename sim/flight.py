@@ -13,7 +13,7 @@ from .autopilots.ardurover import ArduRover
 from .autopilots.contract import Autopilot, Say
 from .autopilots.px4_copter import Px4Copter
 from .autopilots.px4_plane import Px4Plane
-from .body import GRAVITY, Body, EstimateError, Vector
+from .body import GRAVITY, Body, EstimateError, Vector, to_earth
 from .config import VehicleConfig
 from .ground import standing
 from .instruments import Instruments
@@ -69,6 +69,7 @@ class Flight:
         self.now = 0
         self.booted = -round(config.vehicle.boot_age_s * 1e6)
         self._say = say
+        self.ekf_zeros = 0  # number of the next EKF_STATUS_REPORTs with flags 0
         self.crashed = False  # a hard contact with the ground; the vehicle stays there
         self.air = Air(config.wind, config.seed)
         self.target = partial(target_at, config.target)
@@ -107,6 +108,7 @@ class Flight:
     def _move(self, to: int) -> None:
         if to > self.now:
             before = self.body
+            self.autopilot.heading_error = self.instruments.heading_error(self.seconds)
             after = self.autopilot.fly((to - self.now) * 1e-6, self.air.velocity)
             after, broken = self.autopilot.touches(before, after)
             self.crashed = self.crashed or broken
@@ -126,8 +128,8 @@ class Flight:
         north, east, down = ((b - a) / seconds for a, b in zip(before, after, strict=True))
         return self.body.from_earth((north, east, down - GRAVITY))
 
-    def imu(self) -> tuple[Vector, Vector]:
-        return self.instruments.imu(self.body, self.specific_force(), self.seconds)
+    def imu(self, index: int = 0) -> tuple[Vector, Vector]:
+        return self.instruments.imu(self.body, self.specific_force(), self.seconds, index)
 
     def step_estimate_error(self) -> None:
         """Advance the error of the autopilot's estimate by 0.1 s."""
@@ -136,11 +138,13 @@ class Flight:
         if self.config.unaided_tilts and not self.autopilot.position:
             before = self._estimated_at
             self._estimated_at = body.velocity[:2]
-            acceleration = tuple(
-                (b - a) / (DRIFT_STEP_US * 1e-6)
-                for a, b in zip(before, body.velocity, strict=False)
+            # A bias of the accelerometers looks like an acceleration.
+            bias = to_earth(self.instruments.level_bias, self.instruments.level_bias, body.heading)
+            north, east = (
+                (b - a) / (DRIFT_STEP_US * 1e-6) + wrong
+                for a, b, wrong in zip(before, body.velocity, bias, strict=False)
             )
-            error = body.error.unaided(DRIFT_STEP_US * 1e-6, (acceleration[0], acceleration[1]))
+            error = body.error.unaided(DRIFT_STEP_US * 1e-6, (north, east))
             self.autopilot.body = body._replace(error=error)
             return
         self._estimated_at = body.velocity[:2]

@@ -31,18 +31,22 @@ class Instruments:
         drawn = [self._imu_rng.uniform(0.05, 0.1) * self._imu_rng.choice((-1, 1)) for _ in range(3)]
         size = config.accel_bias_mps2
         self._bias = drawn if size is None else [math.copysign(size, value) for value in drawn]
+        second = Random(f"{seed}:imu2")
+        self._second_bias = [math.copysign(value, second.uniform(-1, 1)) for value in self._bias]
+        self.level_bias = 0.0  # bias forward and right of every accelerometer, m/s^2
+        self._drift = config.heading_drift_deg_s
+        self._drifted = config.heading_bias_deg, 0.0  # heading error, deg, and its time, s
         self.imu_state = config.imu
-        self._last_imu: tuple[Vector, Vector] | None = None
+        self._last: dict[int, tuple[Vector, Vector]] = {}
 
     def body(self, true: Body, time: float) -> Body:
         """Return the body with the errors of estimated attitude and velocity."""
-        c = self._config
         north, east = true.error.velocity
         wrong = true.error.heading or any(true.error.lean)
-        if not (c.heading_bias_deg or c.heading_drift_deg_s or wrong):
+        error = self.heading_error(time) + true.error.heading
+        if not (error or wrong):
             return true
         roll, pitch = true.error.tilt(true.heading)
-        error = math.radians(c.heading_bias_deg + c.heading_drift_deg_s * time) + true.error.heading
         return true._replace(
             roll=true.roll + roll,
             pitch=true.pitch + pitch,
@@ -50,6 +54,16 @@ class Instruments:
             velocity_north=true.velocity_north + north,
             velocity_east=true.velocity_east + east,
         )
+
+    def heading_error(self, time: float) -> float:
+        """Return the error of the compass, rad."""
+        error, since = self._drifted
+        return math.radians(error + self._drift * (time - since))
+
+    def drift(self, rate: float, time: float) -> None:
+        """Let the heading error grow at a rate, deg/s, from its present value."""
+        self._drifted = math.degrees(self.heading_error(time)), time
+        self._drift = rate
 
     def rates(self, true: Body) -> Vector:
         """Return the measured body rates p, q, r."""
@@ -64,10 +78,15 @@ class Instruments:
         noise = self._config.airspeed_noise_mps
         return shown + self._rng.gauss(0.0, noise) if noise > 0 else shown
 
-    def imu(self, true: Body, specific_force: Vector, time: float) -> tuple[Vector, Vector]:
-        """Return the readings of accelerometers (m/s^2) and gyros (rad/s): forward, right, down."""
-        if self.imu_state == "frozen" and self._last_imu is not None:
-            return self._last_imu
+    def imu(
+        self, true: Body, specific_force: Vector, time: float, index: int
+    ) -> tuple[Vector, Vector]:
+        """Return the readings of accelerometers (m/s^2) and gyros (rad/s): forward, right, down.
+
+        index: 0 for the first IMU, 1 for the second.
+        """
+        if self.imu_state == "frozen" and index in self._last:
+            return self._last[index]
         (p, q, r), shaken = self.rates(true), self._config.accel_vibration_mps2
         # Vibration of a motor. A stream of 50 Hz contains the alias of this vibration.
         x, y, z = (
@@ -76,14 +95,24 @@ class Instruments:
             + self._imu_rng.gauss(0.0, noise)
             + shaken * math.sin(math.tau * 73.0 * time + phase)
             for value, bias, noise, phase in zip(
-                specific_force, self._bias, self._accel_noise, PHASES, strict=True
+                specific_force,
+                self._second_bias if index else self._bias,
+                self._accel_noise,
+                PHASES,
+                strict=True,
             )
         )
+        x, y = x + self.level_bias, y + self.level_bias
         if self.imu_state == "rotated":
             x, y, p, q = y, -x, q, -p
         if self.imu_state == "clipped":
             # 8.0: limit of a clipped axis, m/s^2. It is below 1 g, so that the vertical axis clips
             # in level flight.
             x, y, z = (within(value, 8.0) for value in (x, y, z))
-        self._last_imu = (x, y, z), (p, q, r)
-        return self._last_imu
+        # The gyros of ArduPilot's first IMU continue if its accelerometer fails (SIM_ACC_FAIL_MSK).
+        if index == 0 and self.imu_state == "first_frozen" and index in self._last:
+            x, y, z = self._last[index][0]
+        elif index == 0 and self.imu_state == "first_zero":
+            x, y, z = 0.0, 0.0, 0.0
+        self._last[index] = (x, y, z), (p, q, r)
+        return self._last[index]

@@ -9,7 +9,7 @@ from functools import partial
 from pymavlink.dialects.v20 import all as mavlink
 
 from .agenda import Agenda
-from .autopilots.ardupilot import STREAM_GROUPS
+from .autopilots.ardupilot import DO_SET_MODE, STREAM_GROUPS
 from .autopilots.contract import Ack, Command, Say, Severity
 from .flight import Flight
 from .links import Link, Message
@@ -132,6 +132,8 @@ class Services:
         self._flight = flight
         self._streams = streams
         self._say = say
+        # Number of the next mode requests that are lost: themselves, or only their acks
+        self._losses = {"request": 0, "ack": 0}
         self._actions = {
             "COMMAND_LONG": self._command,
             "COMMAND_INT": self._command,
@@ -154,9 +156,24 @@ class Services:
             action(message, link)
         return action is not None
 
+    def lose(self, part: str, count: int) -> None:
+        """Lose a part of the next requests of a mode (DO_SET_MODE): "request" or "ack"."""
+        self._losses[part] = count
+
+    def _loses(self, part: str, command: Command) -> bool:
+        if command.number != DO_SET_MODE or self._losses[part] == 0:
+            return False
+        self._losses[part] -= 1
+        return True
+
     def _command(self, message: Message, link: Link) -> None:
         command = read_command(message)
-        for result in self._results(command, link):
+        if self._loses("request", command):
+            return
+        results = self._results(command, link)
+        if self._loses("ack", command):
+            return
+        for result in results:
             link.send(
                 mavlink.MAVLink_command_ack_message(command.number, result, 0, 0, *command.sender)
             )

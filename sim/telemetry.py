@@ -88,7 +88,13 @@ def raw_imu(flight: Flight) -> Message:
 
 
 def scaled_imu2(flight: Flight) -> Message:
-    return mavlink.MAVLink_scaled_imu2_message(flight.boot_ms, *_milli_imu(flight), 0, 0, 0)
+    return mavlink.MAVLink_scaled_imu2_message(flight.boot_ms, *_milli_imu(flight, 1), 0, 0, 0)
+
+
+def scaled_imu3(flight: Flight) -> Message:
+    """ArduPilot with two IMUs and three compasses sends zeros and the third compass (measured on
+    4.6.3; send_scaled_imu in GCS_Common.cpp)."""
+    return mavlink.MAVLink_scaled_imu3_message(flight.boot_ms, *[0] * 9)
 
 
 def highres_imu(flight: Flight) -> Message:
@@ -99,9 +105,9 @@ def highres_imu(flight: Flight) -> Message:
     )
 
 
-def _milli_imu(flight: Flight) -> list[int]:
+def _milli_imu(flight: Flight, index: int = 0) -> list[int]:
     """Return accelerations in mg and rates in mrad/s, as ArduPilot sends them."""
-    acceleration, rates = flight.imu()
+    acceleration, rates = flight.imu(index)
     return [
         round(within(value * 1000, 32767))
         for value in (*(part / GRAVITY for part in acceleration), *rates)
@@ -129,9 +135,11 @@ def global_position_int(flight: Flight) -> Message:
 
 def vfr_hud(flight: Flight) -> Message:
     body = flight.shown()
-    airspeed = flight.instruments.airspeed(
-        flight.autopilot.shown_airspeed(body, flight.air.velocity)
-    )
+    airspeed = flight.autopilot.stuck_airspeed
+    if airspeed is None:
+        airspeed = flight.instruments.airspeed(
+            flight.autopilot.shown_airspeed(body, flight.air.velocity)
+        )
     heading = round(math.degrees(body.heading) % 360) % 360
     # Without a location VFR_HUD.alt repeats its last value. VFR_HUD.climb and
     # GLOBAL_POSITION_INT.relative_alt continue.
@@ -166,6 +174,9 @@ def ekf_status_report(flight: Flight) -> Message:
     if not flight.autopilot.position and flight.autopilot.locates(flight.now):
         flags = EKF_LOSING
     flags = EKF_RECKONS if flight.autopilot.reckons() else flags
+    if flight.ekf_zeros > 0:
+        flight.ekf_zeros -= 1
+        flags = 0
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.02, 0.03, 0.01, 0.02, 0.0, 0.0)
 
 
@@ -345,6 +356,7 @@ _FUNCTIONS: tuple[Callable[[Flight], Message | None], ...] = (
     highres_imu,
     timesync,
     scaled_imu2,
+    scaled_imu3,
     distance_sensor,
     battery_status,
     autopilot_version,

@@ -230,6 +230,14 @@ class Vehicle:
             self._reboot(REBOOT_S if event.value is None else event.value)
         elif action == "battery":
             flight.charge(max(0.0, min(100.0, event.value or 0.0)))
+        elif action == "heading_drift":
+            flight.instruments.drift(event.value or 0.0, flight.seconds)
+        elif action == "ekf_zero":
+            flight.ekf_zeros = round(event.value or 1)
+        elif action.startswith("lose_mode_"):
+            self._services.lose(action.removeprefix("lose_mode_"), round(event.value or 1))
+        elif action == "accel_bias":
+            flight.instruments.level_bias = event.value or 0.0
         elif action.startswith("imu_"):
             flight.instruments.imu_state = action.removeprefix("imu_")
         elif action.startswith("steering_"):

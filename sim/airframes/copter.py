@@ -49,7 +49,7 @@ class TiltingCopter:
         error = (
             0.0
             if demand.heading is None
-            else math.remainder(demand.heading - body.heading, math.tau)
+            else math.remainder(demand.heading - body.heading - body.error.heading, math.tau)
         )
         command = within(demand.yaw_rate + YAW_GAIN * error, self.max_turn_rate)
         rate = body.turn_rate + (command - body.turn_rate) * (1 - math.exp(-h / YAW_LAG))

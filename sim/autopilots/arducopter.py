@@ -195,9 +195,8 @@ class ArduCopter(ArduPilot):
         if kind == "SET_ATTITUDE_TARGET":
             return self._take(read_attitude_target(message, self.params), now)
         if kind == "SET_POSITION_TARGET_LOCAL_NED" and self.mode == GUIDED:
-            return self._take(
-                read_local_target(message, self.body, self._airframe.turns_with_nose), now
-            )
+            seen = self.body._replace(heading=self.body.heading + self.heading_error)
+            return self._take(read_local_target(message, seen, self._airframe.turns_with_nose), now)
         # In GUIDED_NOGPS this message disturbs the controller: the copter levels and sinks.
         if kind == "SET_POSITION_TARGET_LOCAL_NED":
             self._rest(SINKING)
@@ -213,6 +212,9 @@ class ArduCopter(ArduPilot):
             self._rest(self._idle())
         if target is None or isinstance(target, (NotFinite, Stop)):
             return False
+        # The autopilot turns the reported heading to the commanded one.
+        if isinstance(target, Tilt) and target.heading is not None:
+            target = target._replace(heading=target.heading - self.heading_error)
         self._target = target
         self._since = now
         self._decide_at = now

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from ..agenda import NEVER
 from ..body import Body
-from ..config import VehicleConfig
+from ..config import Event, VehicleConfig
 from ..links import Message
 from ..params import Parameters
 from ..world import HOME_AMSL_M, from_degrees
@@ -48,7 +48,9 @@ STREAM_GROUPS: Mapping[int, tuple[int, ...]] = {
 class ArduPilot(Autopilot):
     """Modes, arming and failsafes. Each vehicle lists its modes with special properties in sets."""
 
-    POSITION_LOSS_US = 8_000_000  # from the loss of GPS to the text "EKF variance"
+    # Measured on 4.6.3 from the loss of GPS: modes "require position", then "EKF variance"
+    POSITION_LOSS_US = 7_500_000
+    VARIANCE_US = 8_000_000
     NEEDS_POSITION: frozenset[int] = frozenset()
     NOT_ARMABLE: frozenset[int]
     MANUAL_MODES: frozenset[int]
@@ -62,6 +64,7 @@ class ArduPilot(Autopilot):
         super().__init__(identity, params, config, say, body)
         self._odometry = config.vehicle.odometry
         self.failsafe = False
+        self._variance_at = NEVER  # time of the failsafe for the loss of the position
         # The parameter has a shorter name on a plane.
         self._gcs_switch = "FS_GCS_ENABLE" if "FS_GCS_ENABLE" in params else "FS_GCS_ENABL"
         self._gcs_heartbeat_at: int | None = None
@@ -165,6 +168,11 @@ class ArduPilot(Autopilot):
         if not armed:
             self.disarmed()
 
+    def on_event(self, event: Event, now: int) -> None:
+        if event.action == "gps_off" and self.gps:
+            self._variance_at = now + self.VARIANCE_US
+        super().on_event(event, now)
+
     def on_message(self, message: Message, now: int) -> None:
         super().on_message(message, now)
         kind = message.get_type()
@@ -178,16 +186,17 @@ class ArduPilot(Autopilot):
         return self.position or now < self._gps_lost_at + LOCATION_LOSS_US
 
     def wake_us(self) -> int:
-        return min(super().wake_us(), self._gcs_deadline())
+        return min(super().wake_us(), self._gcs_deadline(), self._variance_at)
 
     def wake(self, now: int) -> None:
         if now >= self._position_until:
             self._position_until = NEVER
             self.position = self._odometry
-            if self.position:
-                return
-            self.say(Severity.CRITICAL, "EKF variance")
-            self.estimator_lost(now)
+        if now >= self._variance_at:
+            self._variance_at = NEVER
+            if not self.position:
+                self.say(Severity.CRITICAL, "EKF variance")
+                self.estimator_lost(now)
         if now >= self._gcs_deadline():
             self.failsafe = True
             self._gcs_heartbeat_at = None

@@ -47,6 +47,17 @@ FLYING_US = 200_000
 FLYING_SHARE = 0.15
 FLYING_ABOVE = 0.1
 MOVES_MPS = 1.5  # GPS_IS_FLYING_SPEED_CMS
+# AP_Airspeed_Health.cpp at 5 Hz. The gate is fitted to a sensor stuck at 27 m/s on 4.6.3, which was
+# disabled after 13 s.
+AIRSPEED_GATE = 9.5  # inconsistency of reading and ground speed, m/s
+AIRSPEED_DECAY = 0.9
+AIRSPEED_GROWTH = 0.98
+AIRSPEED_DISABLE = 0.1
+AIRSPEED_ENABLE = 0.95
+# On 4.6.3 the throttle closed at 27 m/s shown for 22 commanded, true airspeed 16.5 m/s on average
+# instead of 23.6. Without the sensor, the cruise throttle gave 25.5 m/s.
+SPEED_PER_ERROR = 1.2
+UNAIDED_SPEED = 1.08
 # Take-off in mode TAKEOFF, measured on 4.6.3: the throttle rises over 1 s (THR_SLEWRATE), rotation
 # at 0.84 of AIRSPEED_CRUISE, then 18 deg of pitch (9 m/s of climb).
 SPOOL_US = 700_000
@@ -90,6 +101,8 @@ class ArduPlane(ArduPilot):
         self._bank = 0.0
         self._flying = 0.0 if start.down >= 0 else 1.0  # isFlyingProbability
         self._flying_at = 0
+        self._airspeed_health = 1.0
+        self._airspeed_disabled = False  # by the health check, not by the operator
         self._thrust_at = NEVER  # time of full throttle in a take-off
 
     def fly(self, dt: float, wind: tuple[float, float]) -> Body:
@@ -101,7 +114,7 @@ class ArduPlane(ArduPilot):
         _, pitch, throttle = self._forced or Forced(None, None, None)
         if self._taking_off():
             pitch, throttle = CLIMB_PITCH, 0.5
-        demand = Bank(self._bank, self._speed * self._scale, self._height, pitch, throttle)
+        demand = Bank(self._bank, self._aim() * self._scale, self._height, pitch, throttle)
         return self._airframe.step(self.body, demand, dt, wind)
 
     def wake(self, now: int) -> None:
@@ -118,6 +131,7 @@ class ArduPlane(ArduPilot):
         if now < self._flying_at:
             return
         self._flying_at = now + FLYING_US
+        self._check_airspeed()
         body = self.body
         slow = 0.75 * self.params["AIRSPEED_MIN"]
         moves = body.air_speed / self._scale >= slow and body.ground_speed > 0
@@ -132,6 +146,39 @@ class ArduPlane(ArduPilot):
         # 2.0: the climb ends this far below TKOFF_ALT, m (mode_takeoff.cpp).
         elif self._taking_off() and body.down <= self._height + 2.0:
             self._thrust_at = NEVER
+
+    def _aim(self) -> float:
+        """Return the indicated airspeed that the throttle holds. A wrong reading opens or closes
+        the throttle."""
+        if self.params["ARSPD_USE"] != 1:
+            return UNAIDED_SPEED * self._speed
+        if self.stuck_airspeed is None:
+            return self._speed
+        wrong = self._speed - SPEED_PER_ERROR * (self.stuck_airspeed - self._speed)
+        return max(self.params["AIRSPEED_MIN"], min(self.params["AIRSPEED_MAX"], wrong))
+
+    def _check_airspeed(self) -> None:
+        """Disable or re-enable the airspeed sensor. The check needs GPS; without GPS the sensor is
+        used again."""
+        used = self.params["ARSPD_USE"] == 1
+        if not self.gps:
+            if self._airspeed_disabled:
+                self._use_airspeed(True, "Airspeed sensor 1, Re-enabled as GPS fall-back")
+            return
+        true = self.body.air_speed / self._scale
+        reading = true if self.stuck_airspeed is None else self.stuck_airspeed
+        good = abs(reading - true) <= AIRSPEED_GATE * (1.0 if used else 0.7)
+        kept = AIRSPEED_GROWTH if good else AIRSPEED_DECAY
+        self._airspeed_health = kept * self._airspeed_health + (1 - kept) * good
+        if used and self._airspeed_health < AIRSPEED_DISABLE:
+            self._use_airspeed(False, "Airspeed sensor 1 failure. Disabling")
+        elif self._airspeed_disabled and self._airspeed_health > AIRSPEED_ENABLE:
+            self._use_airspeed(True, "Airspeed sensor 1 now OK. Re-enabled")
+
+    def _use_airspeed(self, used: bool, text: str) -> None:
+        self.params["ARSPD_USE"] = float(used)
+        self._airspeed_disabled = not used
+        self.say(Severity.NOTICE if used else Severity.ERROR, text)
 
     def _taking_off(self) -> bool:
         """True in the flight stage TAKEOFF."""

@@ -43,6 +43,7 @@ class Severity(IntEnum):
     CRITICAL = 2
     ERROR = 3
     WARNING = 4
+    NOTICE = 5
     INFO = 6
 
 
@@ -120,6 +121,8 @@ class Autopilot(ABC):
         self.mode = self.intended = identity.modes[config.start.mode or self.FIRST_MODE]
         self.armed = config.start.armed
         self.throttle: float | None = None
+        self.heading_error = 0.0  # of the compass, rad
+        self.stuck_airspeed: float | None = None  # constant reading of a failed sensor, m/s
         self.gps = self.position = config.vehicle.gps
         self._position_until = NEVER
         self._gps_lost_at = -NEVER  # time of the loss of GPS; -NEVER: before the start
@@ -187,12 +190,15 @@ class Autopilot(ABC):
         elif event.action == "throttle":
             self.throttle = event.value
             self.throttle_moved(now)
+        elif event.action.startswith("airspeed_"):
+            self.stuck_airspeed = event.value if event.action == "airspeed_stuck" else None
         elif event.action == "rc_failsafe":
             self.radio_lost(now)
         elif event.action == "gps_off" and self.gps:
             self.gps = False
             self._gps_lost_at = now
-            self._position_until = now + self.POSITION_LOSS_US
+            delay = self.POSITION_LOSS_US if event.value is None else round(event.value * 1e6)
+            self._position_until = now + delay
         elif event.action == "gps_on":
             self.gps = True
             self.position = True

@@ -115,3 +115,34 @@ def test_plane_without_gps_continues_and_changes_speed():
     companion.wait(20.0)
     assert companion.truth.airspeed == pytest.approx(25.0 * 1.065, abs=0.1)
     assert companion.command(178, 0, 60.0, -1) == [4] and companion.command(43000, 0, 20.0) == [4]
+
+
+def test_stuck_airspeed_sensor_changes_flown_speed():
+    """Measured on 4.6.3 with a sensor stuck at 27 m/s for 22: the throttle closes (16.5 m/s of true
+    airspeed on average), the sensor is disabled after 13 s (AP_Airspeed_Health.cpp), and the cruise
+    throttle then gives 25.5 m/s. VFR_HUD shows 27 m/s throughout."""
+    events = [
+        {"at_s": 10.0, "action": "airspeed_stuck", "value": 27.0},
+        {"at_s": 35.0, "action": "airspeed_good"},
+    ]
+    companion = aboard("arduplane", "LOITER", events=events)
+    companion.stream(74, 200_000)
+    companion.wait(16.0)
+    assert companion.truth.airspeed == pytest.approx(17.5, abs=1.0)
+    companion.wait(18.9)
+    assert companion.truth.airspeed == pytest.approx(25.3, abs=0.3)
+    assert {message.airspeed for message in companion.listen("VFR_HUD")[-30:]} == {27.0}
+    assert companion.texts() == ["Airspeed sensor 1 failure. Disabling"]
+    companion.wait(30.0)
+    assert companion.texts()[1:] == ["Airspeed sensor 1 now OK. Re-enabled"]
+    assert companion.truth.airspeed == pytest.approx(22.0 * 1.065, abs=0.5)
+
+
+def test_stuck_airspeed_sensor_without_gps_stays_in_use():
+    events = [
+        {"at_s": 1.0, "action": "gps_off"},
+        {"at_s": 10.0, "action": "airspeed_stuck", "value": 27.0},
+    ]
+    companion = aboard("arduplane", "LOITER", events=events)
+    companion.wait(40.0)
+    assert companion.texts() == [] and companion.truth.airspeed < 18.0

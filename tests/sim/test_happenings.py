@@ -49,11 +49,15 @@ def test_gps_loss_lands_guided_copter_after_eight_seconds():
     companion = aboard(mode="GUIDED", events=[{"at_s": 2.0, "action": "gps_off"}])
     companion.stream(24, 1_000_000)
     companion.stream(193, 1_000_000)
-    companion.fly(9.9, 5.0, 0.2)
+    companion.fly(9.4, 5.0, 0.2)
     assert companion.truth.turn_rate == pytest.approx(0.2, abs=0.01)
     assert companion.listen("GPS_RAW_INT")[-1].fix_type == 1
     assert companion.listen("EKF_STATUS_REPORT")[-1].flags == 0x33F
-    companion.fly(1.2, 5.0, 0.2)
+    companion.fly(0.4, 5.0, 0.2)
+    assert companion.set_mode(5) == [4] and companion.truth.mode == 4
+    assert companion.texts() == ["Mode change to LOITER failed: requires position"]
+    companion.forget()
+    companion.fly(1.3, 5.0, 0.2)
     assert companion.truth.mode == 9 and companion.listen("EKF_STATUS_REPORT")[-1].flags == 0x25
     assert companion.texts() == ["EKF variance", "EKF Failsafe: changed to LAND Mode"]
     assert companion.set_mode(4) == [4] and companion.set_mode(2) == [0]
@@ -97,6 +101,66 @@ def test_copter_started_without_gps_never_reports_altitude_changes():
     companion.wait(5.0)
     assert {message.alt for message in companion.listen("VFR_HUD")} == {634.0}
     assert companion.truth.down < -58.0
+
+
+def test_loiter_is_refused_at_once_after_gps_loss():
+    """The value of gps_off is the time until modes "require position" (position_ok in
+    ArduCopter/system.cpp); the failsafe follows 8 s after the loss, as always."""
+    companion = aboard(mode="GUIDED", events=[{"at_s": 2.0, "action": "gps_off", "value": 0.5}])
+    companion.fly(2.7, 5.0, 0.0)
+    assert companion.set_mode(5) == [4] and companion.truth.mode == 4
+    companion.fly(7.0, 5.0, 0.0)
+    assert companion.truth.mode == 4
+    companion.fly(0.5, 5.0, 0.0)
+    assert companion.truth.mode == 9
+
+
+def test_single_ekf_report_has_no_flags():
+    companion = aboard(mode="GUIDED", events=[{"at_s": 2.5, "action": "ekf_zero"}])
+    companion.stream(193, 1_000_000)
+    companion.wait(5.5)
+    reports = [message.flags for message in companion.listen("EKF_STATUS_REPORT")]
+    assert reports == [0x33F, 0x33F, 0, 0x33F, 0x33F]
+    assert companion.truth.mode == 4
+
+
+def test_mode_requests_and_their_acks_are_lost():
+    events = [
+        {"at_s": 1.0, "action": "lose_mode_ack"},
+        {"at_s": 2.0, "action": "lose_mode_request", "value": 2},
+    ]
+    companion = aboard(mode="ALT_HOLD", events=events)
+    companion.wait(1.1)
+    assert companion.set_mode(20) == [] and companion.truth.mode == 20
+    assert companion.set_mode(2) == [0]
+    companion.wait(1.0)
+    assert [companion.set_mode(20) for _ in range(3)] == [[], [], [0]]
+
+
+@pytest.mark.parametrize("profile", ["arducopter", "arducopter_nogps", "arduplane"])
+def test_heading_drift_grows_from_its_start(profile):
+    events = [{"at_s": 5.0, "action": "heading_drift", "value": 0.5}]
+    companion = aboard(profile, events=events, sensors={"compass": False})
+    companion.stream(30, 100_000)
+    companion.send(mavlink.MAVLink_param_request_read_message(1, 1, b"COMPASS_USE", -1))
+    assert companion.listen("PARAM_VALUE")[-1].param_value == 0.0
+
+    def error():
+        reported = companion.listen("ATTITUDE")[-1].yaw
+        return math.degrees(math.remainder(reported - companion.truth.heading, math.tau))
+
+    companion.wait(5.0)
+    before = error()
+    companion.wait(40.0)
+    assert error() - before == pytest.approx(20.0, abs=0.5)
+
+
+def test_attitude_setpoint_turns_reported_heading():
+    """A copter with a wrong compass turns its reported heading to the commanded one."""
+    sensors = {"heading_bias_deg": 30.0}
+    companion = aboard("arducopter_nogps", "GUIDED_NOGPS", sensors=sensors)
+    companion.repeat(6.0, lambda: companion.attitude(7, 0.0, 0.0, math.radians(50)))
+    assert math.degrees(companion.truth.heading) == pytest.approx(20.0, abs=0.5)
 
 
 def test_gcs_failsafe_needs_heartbeats_of_its_own_station():

@@ -87,6 +87,50 @@ def test_imu_faults_change_measured_acceleration():
     assert max(abs(a - b) for a, b in zip(shaken[:3], (x, y, z), strict=True)) > 5.0
 
 
+def test_only_first_accelerometer_fails():
+    """Measured on 4.6.3 with SIM_ACC_FAIL_MSK 1: RAW_IMU keeps its accelerations, its gyros and
+    SCALED_IMU2 continue, and the copter flies on its second IMU (send_raw_imu in GCS_Common.cpp is
+    always the first). SCALED_IMU3 is all zero on a board with two IMUs and three compasses."""
+    for state in ("frozen", "zero"):
+        events = [{"at_s": 2.0, "action": f"imu_first_{state}"}]
+        vehicle = {"dynamics": "realistic"}
+        companion = aboard(mode="GUIDED", vehicle=vehicle, events=events)
+        for number in (27, 116, 129):
+            assert companion.stream(number, 100_000) == [0]
+        companion.fly(2.05, 5.0, 0.0)
+        companion.forget()
+        companion.fly(4.0, 5.0, 0.3)
+        first = [si(message) for message in companion.listen("RAW_IMU")]
+        second = [si(message) for message in companion.listen("SCALED_IMU2")]
+        assert len({tuple(one[:3]) for one in first}) == 1
+        assert (first[0][:3] == [0.0, 0.0, 0.0]) == (state == "zero")
+        assert len({tuple(one[:3]) for one in second}) > 30
+        assert first[-1][5] == second[-1][5] == pytest.approx(0.3, abs=0.03)
+        third = companion.listen("SCALED_IMU3")[-1]
+        assert (third.xacc, third.yacc, third.zacc) == (0, 0, 0)
+        assert companion.truth.turn_rate == pytest.approx(0.3, abs=0.03)
+
+
+@pytest.mark.parametrize("gps", [True, False])
+def test_accelerometer_bias_tilts_unaided_attitude(gps):
+    """Without GPS, EKF3 takes a bias for gravity: 0.3 m/s^2 are 1.75 deg. The levelled copter then
+    leans and drifts."""
+    profile = "arducopter" if gps else "arducopter_nogps"
+    vehicle = {"dynamics": "realistic"}
+    events = [{"at_s": 1.0, "action": "accel_bias", "value": 0.3}]
+    companion = aboard(profile, "ALT_HOLD", vehicle=vehicle, sensors=FLAWLESS, events=events)
+    for number in (27, 30, 116):
+        companion.stream(number, 100_000)
+    companion.wait(60.0)
+    attitude = companion.listen("ATTITUDE")[-1]
+    error = math.degrees(attitude.roll - companion.truth.roll)
+    for kind in ("RAW_IMU", "SCALED_IMU2"):
+        force = companion.vehicle._flight.specific_force()
+        x, y, *_ = si(companion.listen(kind)[-1])
+        assert (x - force[0], y - force[1]) == pytest.approx((0.3, 0.3), abs=0.02)
+    assert abs(error) == pytest.approx(0.0 if gps else 1.75, abs=0.5)
+
+
 def test_imu_fault_begins_and_ends_in_flight():
     events = [{"at_s": 1.0, "action": "imu_frozen"}, {"at_s": 2.0, "action": "imu_good"}]
     companion = Station(build(vehicle={"profile": "px4_copter"}, events=events, **QUIET))
