@@ -59,6 +59,7 @@ class Truth(NamedTuple):
     mode: int
     armed: bool
     crashed: bool
+    pitch: float
 
 
 class Flight:
