@@ -287,6 +287,5 @@ class Flight:
         )
         slant = math.dist((body.north, body.east, body.down), target)
         pilot = self.autopilot
-        return Truth(
-            self.seconds, *moved, *target, slant, *wind, pilot.mode, pilot.armed, self.crashed
-        )
+        state = pilot.mode, pilot.armed, self.crashed, body.pitch
+        return Truth(self.seconds, *moved, *target, slant, *wind, *state)

@@ -12,16 +12,21 @@ from .body import GRAVITY, euler
 from .links import Message
 
 TURNING = math.radians(12)  # turn rate of the state "turning", rad/s
-WEAK = 0.1  # share of the commanded turn in the state "weak"
+WEAK = 0.1  # default share of the commanded turn in the state "weak"
 PLANE_SPEED = 15.0  # speed with which a turn rate is converted to a bank, m/s
 FULL_STICK = math.radians(50)  # bank at full stick
 
 
 class Steering:
-    """Replaces setpoints. state: one of STEERING_STATES, as in the vehicle file."""
+    """Replaces setpoints.
+
+    state: one of STEERING_STATES, as in the vehicle file.
+    share: part of the commanded turn that is flown in the state "weak".
+    """
 
     def __init__(self, state: str) -> None:
         self.state = state
+        self.share = WEAK
         self._last: dict[str, Message] = {}
 
     def flown(self, message: Message) -> Message:
@@ -44,7 +49,7 @@ class Steering:
     def _turn(self, turn: float, own: float) -> float:
         """Return the turn rate or bank that replaces a commanded one. own: turn rate or bank of the
         state "turning"."""
-        share = {"reversed": -1.0, "weak": WEAK}.get(self.state)
+        share = {"reversed": -1.0, "weak": self.share}.get(self.state)
         return own * (self.state == "turning") if share is None else share * turn
 
     def _bank(self, bank: float) -> float:

@@ -15,7 +15,7 @@ from .ranging_radio import SECOND, RangingRadio
 from .sensor import Sample
 from .services import Services, Streams
 from .signing import UNSIGNED_BY_ARDUPILOT, UNSIGNED_BY_PX4, FrameSigning, read_key
-from .steering import Steering
+from .steering import WEAK, Steering
 from .telemetry import sim_state, truth_array
 from .world import Air
 
@@ -242,6 +242,7 @@ class Vehicle:
             flight.instruments.imu_state = action.removeprefix("imu_")
         elif action.startswith("steering_"):
             self._steering.state = action.removeprefix("steering_")
+            self._steering.share = WEAK if event.value is None else event.value
         elif action == "wind":
             flight.air.blow(event.value or 0.0)
         else:

@@ -315,6 +315,20 @@ def test_steering_faults_replace_the_commanded_turn(profile, state):
     )
 
 
+def test_rover_turns_at_share_of_command():
+    events = [
+        {"at_s": 1.0, "action": "steering_weak", "value": 0.4},
+        {"at_s": 6.0, "action": "steering_weak", "value": 0.15},
+        {"at_s": 11.0, "action": "steering_good"},
+    ]
+    companion = aboard("ardurover", "GUIDED", events=events)
+    flown = []
+    for _ in range(3):
+        companion.fly(5.5, 3.0, 0.3)
+        flown.append(companion.truth.turn_rate / 0.3)
+    assert flown == pytest.approx([0.4, 0.15, 1.0], rel=0.02)
+
+
 @pytest.mark.parametrize(("profile", "lean"), [("arducopter", 12.0), ("px4_copter", 20.0)])
 def test_copter_airspeed_is_limited_by_its_lean(profile, lean):
     """At the largest airspeed the drag equals g tan(lean). The drag is proportional to the airspeed
