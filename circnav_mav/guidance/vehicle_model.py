@@ -169,7 +169,7 @@ class VehicleModel:
         self._nose = 0.0
         """Heading of the nose, unwrapped, rad."""
         self._bank_at = inf
-        self.commanded: float | None = None
+        self._commanded: float | None = None
         self._commanded_at = -inf
         self._started_at = -inf
         """Time of the first report, or of the first report after a gap, s."""
@@ -221,9 +221,9 @@ class VehicleModel:
 
     def command(self, now: float, rate: float) -> None:
         """Record a commanded turn rate (rad/s) and the time (s) of its start."""
-        if self.commanded is not None and now - self._commanded_at > PAUSE:
+        if self._commanded is not None and now - self._commanded_at > PAUSE:
             self.judge_again()
-        self.commanded = rate
+        self._commanded = rate
         self._commanded_at = now
         most = self.bank_limit.bank
         reached = min(max(rate, -most), most)
@@ -239,7 +239,7 @@ class VehicleModel:
         While circnav does not command the vehicle, only the turned angle is summed up.
         """
         self._sum_up(own)
-        if self.commanded is None:
+        if self._commanded is None:
             return
         self._learn(own)
         self._watch(own)
@@ -249,7 +249,7 @@ class VehicleModel:
         # After the first command, the vehicle first finishes its previous maneuver. Do not judge
         # these turns.
         if new is not None and new.time - self._candidates.begun >= BEGINS:
-            self.limit_cycle.judge(new.time, new.flown, self.commanded)
+            self.limit_cycle.judge(new.time, new.flown, self._commanded)
             self.obedience.judge(new)
 
     def _sum_up(self, own: OwnMotion) -> None:
@@ -262,7 +262,7 @@ class VehicleModel:
 
     def _learn(self, own: OwnMotion) -> None:
         """Update gains, delay and bank limit."""
-        assert self.commanded is not None
+        assert self._commanded is not None
         if own.time - self._unresponsive_at > OBEYS_AFTER:
             new = self._path_bins.add(own.time, self._turned, self.link)
             if new is not None:
@@ -280,7 +280,7 @@ class VehicleModel:
         # Use the learned delay. With the lag of the mission, a copter with a faster response looked
         # unresponsive.
         lag = self.response.delay
-        self.command_gain.learn(own.time, own.heading, self.commanded, lag)
+        self.command_gain.learn(own.time, own.heading, self._commanded, lag)
         if self.bank_gain is not None and own.bank_turn is not None:
             self.bank_limit.follow(own, self.command_gain.command, self.bank_gain.command)
         if self.at_speed:
@@ -315,7 +315,7 @@ class VehicleModel:
     def reset(self) -> None:
         """Stop learning and forget the commands. Call when circnav no longer controls the
         vehicle."""
-        self.commanded = None
+        self._commanded = None
         self._followed_at = -inf
         self._unresponsive_at = -inf
         self._snapshots.clear()

@@ -65,8 +65,8 @@ class VehicleState:
         less than a step."""
         self.left_for: str | None = None
         """Mode entered at the newest departure, None if the vehicle was disarmed."""
-        self.on_ground: bool | None = None
-        """True on the ground, in a take-off or a landing. None: not reported."""
+        self.landed: Report[int | None] = Report()
+        """MAV_LANDED_STATE, None if undefined."""
         self.waypoint: int | None = None
         """Item of the autopilot's mission that it flies to."""
         self._battery: Report[float | None] = Report()
@@ -88,6 +88,11 @@ class VehicleState:
         return self.armed and self.mode in self._adapter.our_modes
 
     @property
+    def on_ground(self) -> bool | None:
+        """True on the ground, in a take-off or a landing. None: not reported."""
+        return None if self.landed.value is None else self.landed.value in NOT_FLYING
+
+    @property
     def mode_name(self) -> str:
         return (
             "unknown"
@@ -103,7 +108,7 @@ class VehicleState:
     def found(self, adapter: Autopilot) -> None:
         """Prepare for a vehicle that was found, for the first time or again."""
         self._adapter = adapter
-        self.on_ground = None
+        self.landed = Report()
         self.moved()
 
     def change_method(self, adapter: Autopilot) -> None:
@@ -154,8 +159,8 @@ class VehicleState:
             charge = float(message.battery_remaining)
             self._battery.update(charge if charge >= 0 else None, now)
         elif kind == "EXTENDED_SYS_STATE":
-            unknown = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
-            self.on_ground = None if unknown else message.landed_state in NOT_FLYING
+            # MAV_LANDED_STATE_UNDEFINED is 0. PX4 sends it until its land detector runs.
+            self.landed.update(message.landed_state or None, now)
         elif kind == "MISSION_CURRENT":
             self.waypoint = message.seq
         elif kind == "STATUSTEXT":

@@ -6,17 +6,14 @@ neither a mode request nor a setpoint is sent before the flight is established. 
 exempt (`Autopilot.flies`).
 """
 
-from math import degrees
+from pymavlink.dialects.v20.all import MAV_LANDED_STATE_ON_GROUND
 
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.settings import PilotSettings
-from circnav_mav.timers import Hysteresis, Report
+from circnav_mav.timers import Hysteresis
 
 LEAST_AIRSPEED = 0.7
 """Least airspeed of a plane at the engagement, as a share of the mission's speed."""
-MOTIONLESS = 3.0
-"""Time, s, without any change of the reported attitude, although a turn is commanded, after which
-the vehicle is taken to lie on the ground."""
 
 
 class Airborne:
@@ -28,7 +25,6 @@ class Airborne:
         self._in_air = Hysteresis(raise_after=settings.timing.airborne)
         self._ground: float | None = None
         """Altitude of the place of arming, m, None if it was not seen."""
-        self._attitude: Report[tuple[float, ...]] = Report()
 
     @property
     def floor(self) -> float:
@@ -36,21 +32,14 @@ class Airborne:
         given = self._settings.min_height
         return self._session.adapter.min_height if given is None else given
 
-    def step(self, now: float, *, turn: float) -> None:
-        """Process the newest reports. turn: commanded turn rate that reaches the vehicle, rad/s."""
+    def step(self, now: float) -> None:
+        """Process the newest reports."""
         vehicle = self._session.vehicle
         motion = self._session.motion.at(now)
         self._in_air.update(vehicle.armed and not vehicle.on_ground, now)
-        if vehicle.on_ground or (
-            self._session.up and vehicle.mode is not None and not vehicle.armed
-        ):
+        stands = vehicle.landed.value == MAV_LANDED_STATE_ON_GROUND
+        if stands or (vehicle.mode is not None and not vehicle.armed):
             self._ground = motion.altitude
-        if motion.roll is not None and motion.pitch is not None and motion.yaw is not None:
-            angles = (motion.roll, motion.pitch, motion.yaw)
-            # Angles are compared in whole degrees. A turn of 0.1 rad/s changes the heading by 17
-            # deg within 3 s.
-            attitude = tuple(round(degrees(angle)) for angle in angles)
-            self._attitude.update(attitude, now, must_change=abs(turn) > 0.1)
 
     def height(self, now: float) -> float | None:
         """Return the height above the place of arming, m, or None if it is unknown."""
@@ -105,14 +94,14 @@ class Airborne:
     def grounded(self, now: float) -> str:
         """Return the reason why a steered aircraft must not be steered any longer, or an empty
         string."""
-        session = self._session
-        if not session.adapter.flies:
+        vehicle = self._session.vehicle
+        if not self._session.adapter.flies:
             return ""
-        if session.vehicle.on_ground:
+        # After a takeover by LAND, the landed state may be received before the mode. A mode report
+        # that follows it decides.
+        if vehicle.on_ground and vehicle.received_at > vehicle.landed.changed:
             return "the vehicle reports that it is on the ground or lands"
         height = self.height(now)
         if height is not None and height < self.floor / 2:
             return f"height {height:.1f} m, below half of engage.min_height_m ({self.floor:g} m)"
-        if self._attitude.unchanged >= MOTIONLESS:
-            return f"no motion for {MOTIONLESS:g} s although a turn is commanded: ground contact?"
         return ""

@@ -93,11 +93,6 @@ class Controller:
         return self._loop.orbit
 
     @property
-    def turn(self) -> float:
-        """Turn rate that was commanded last, rad/s."""
-        return self.vehicle.commanded or 0.0
-
-    @property
     def law(self) -> str:
         """Name of the law: from the mission, or changed by the operator."""
         return self._tuning.law

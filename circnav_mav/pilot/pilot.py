@@ -308,12 +308,8 @@ class Pilot:
             self._say("gps", text, severity=MAV_SEVERITY_WARNING)
 
     def _watch_ground(self, now: float) -> None:
-        """End the flight if a steered aircraft lands, flies too low or touches the ground."""
-        turn = self.controller.turn if self.mission.steering and self.flies else 0.0
-        # A vehicle that does not receive commands flies straight, and its attitude may not change.
-        if self.session.timesync.silent(now, UNANSWERED):
-            turn = 0.0
-        self.airborne.step(now, turn=turn)
+        """End the flight if a steered aircraft lands or flies too low."""
+        self.airborne.step(now)
         if self.mission.steering and self.flies and (why := self.airborne.grounded(now)):
             self._exit_action.low = True
             self._finish(Outcome(Ending.ABORTED, why), now)

@@ -7,7 +7,7 @@ import math
 import statistics
 import struct
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from circnav_sim.config import parse_vehicle
@@ -149,9 +149,11 @@ def flight(
             CONFIG / f"{mission}.toml", (*overrides, f'guidance.law="{law or "smooth"}"')
         )
     assert loaded.file.sim is not None
-    return Flight(
-        Pilot(loaded.pilot_settings(output)), Vehicle(parse_vehicle(loaded.file.sim, mission))
-    )
+    settings = loaded.pilot_settings(output)
+    # The vehicle has flown for long before the test begins, unless it starts on the ground.
+    if loaded.file.sim["start"].get("armed", True):
+        settings = replace(settings, timing=replace(settings.timing, airborne=0.0))
+    return Flight(Pilot(settings), Vehicle(parse_vehicle(loaded.file.sim, mission)))
 
 
 def tangent(distance: float) -> tuple[str, ...]:
