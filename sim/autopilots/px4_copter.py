@@ -152,7 +152,22 @@ class Px4Copter(Px4):
         yaw_rate = curved * math.radians(self.params["MPC_MAN_Y_MAX"])
         roll = math.atan(right * most)
         pitch = -math.atan(forward * most)
-        return Tilt(roll, pitch, yaw_rate=yaw_rate)
+        return Tilt(roll, pitch, yaw_rate=yaw_rate, climb=self._stick_climb(now))
+
+    def _stick_climb(self, now: int) -> float:
+        """Return the climb rate of the pilot's throttle stick, m/s. Sticks over MAVLink replace
+        it and hold the height."""
+        if self.throttle is None or super().sticks_alive(now):
+            return 0.0
+        stick = 2 * self.throttle - 1
+        free = max(0.0, abs(stick) - DEADZONE) / (1 - DEADZONE)
+        return math.copysign(free, stick) * (CLIMB if stick > 0 else SINK)
+
+    def sticks_alive(self, now: int) -> bool:
+        return self.throttle is not None or super().sticks_alive(now)
+
+    def throttle_moved(self, now: int) -> None:
+        self._decide_at = now
 
     def _from_trajectory(self, setpoint: Trajectory | None) -> Demand:
         """Return the demand: the setpoint's velocity plus the output of the position loop. With an

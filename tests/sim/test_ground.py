@@ -154,3 +154,14 @@ def test_px4_copter_disarms_without_takeoff():
     assert companion.truth.armed
     companion.wait(2.0)
     assert not companion.truth.armed
+
+
+def test_px4_copter_takes_off_by_stick_without_gps():
+    """ALTCTL needs no position. The copter climbs with up to MPC_Z_VEL_MAX_UP."""
+    events = at(0, "throttle", 0.0), at(1, "arm"), at(2, "throttle", 0.7), at(8, "throttle", 0.5)
+    companion = on_ground("px4_copter", "ALTCTL", *events, vehicle={"gps": False})
+    companion.wait(10.0)
+    assert landed_states(companion) == [ON_GROUND, IN_AIR]
+    height = -companion.truth.down
+    companion.wait(5.0)
+    assert 2.0 < height < 5.0 and -companion.truth.down == pytest.approx(height, abs=0.1)
