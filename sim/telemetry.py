@@ -184,6 +184,11 @@ def extended_sys_state(flight: Flight) -> Message:
     return mavlink.MAVLink_extended_sys_state_message(0, flight.autopilot.landed_state())
 
 
+def mission_current(flight: Flight) -> Message:
+    """ArduPilot and PX4 also send it without a mission: item 0."""
+    return mavlink.MAVLink_mission_current_message(0)
+
+
 def distance_sensor(flight: Flight) -> Message | None:
     """Range in the rangefinder driver. ArduPilot repeats the last range until it is 0.45 s old,
     each time with the time of sending."""
@@ -364,6 +369,7 @@ _FUNCTIONS: tuple[Callable[[Flight], Message | None], ...] = (
     ekf_status_report,
     home_position,
     extended_sys_state,
+    mission_current,
     current_mode,
 )
 BUILDERS = {

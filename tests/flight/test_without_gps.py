@@ -7,13 +7,11 @@ from functools import cache
 import pytest
 from circnav_sim.config import Event
 
-from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Ending, Pilot
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runlog.replay import replay
 from tests.flight.ground_station import Operator
 from tests.flight.lockstep import (
-    CONFIG,
     Flight,
     clockwise_turns,
     flight,
@@ -147,5 +145,5 @@ def test_on_gps_loss_exit_leaves_copter_to_failsafe() -> None:
 
 def test_flight_without_gps_replays_identically() -> None:
     """The recorded frames must be sufficient to reproduce the switch to GUIDED_NOGPS."""
-    mission = load_mission(CONFIG / "arducopter.toml", OVERRIDES)
-    assert replay(Pilot(mission.pilot_settings()), _lost().steps).identical
+    flown = _lost()
+    assert replay(Pilot(flown.pilot.settings), flown.steps).identical
