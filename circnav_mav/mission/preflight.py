@@ -6,6 +6,7 @@ from math import degrees, isnan
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.mav.autopilots.interface import Autopilot, rules_by_parameter
 from circnav_mav.mav.autopilots.parameters import Context
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, Grade
 from circnav_mav.mav.clocks import span_speed
@@ -34,13 +35,25 @@ def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.
     lines = [line for part in parts for line in part(mission, listener)]
     lines += [*_clock(mission, listener, clock_speed), *judge_ranging(mission, listener)]
     context = parameter_context(mission, listener.session.vehicle_ids[0], listener.parameters)
-    lines += [
-        line
-        for rule in listener.session.adapter.parameters
-        if (line := rule.check(context)) is not None
-    ]
+    lines += _parameters(_methods(mission, listener), context)
     repeated = [text for text in listener.texts if any(word in text.lower() for word in TROUBLE)]
     return lines + [Check(WARN, "STATUSTEXT", f'"{text}"') for text in repeated]
+
+
+def _methods(mission: Mission, listener: PreflightListener) -> tuple[type[Autopilot], ...]:
+    """Return the adapters that may steer the connected vehicle. The first one begins the flight."""
+    return listener.session.adapter.methods(mission.flies_without_gps)
+
+
+def _parameters(methods: tuple[type[Autopilot], ...], context: Context) -> list[Check]:
+    """Check the parameters for every method that the mission may fly."""
+    lines = [
+        rule.check(context, "" if method is methods[0] else "after a loss of GPS: ")
+        for rules in rules_by_parameter(methods).values()
+        for rule, method in rules.items()
+    ]
+    # A missing parameter gives the same line for each method.
+    return list(dict.fromkeys(line for line in lines if line is not None))
 
 
 def parameter_context(mission: Mission, system: int, values: Mapping[str, float]) -> Context:
@@ -89,9 +102,13 @@ def _mode(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
             if mission.file.engage.request_mode
             else "entered by the operator"
         )
-        yield Check(
-            PASS, "mode", f"flown in {adapter.guided_name} ({adapter.guided_mode}), {who}; {now}"
+        later = "".join(
+            f"; after a loss of GPS in {method.mode_names[method.guided_mode]}"
+            f" ({method.guided_mode}), requested by circnav"
+            for method in _methods(mission, listener)[1:]
         )
+        words = f"flown in {adapter.guided_name} ({adapter.guided_mode}), {who}{later}; {now}"
+        yield Check(PASS, "mode", words)
 
 
 def _protocol(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
@@ -206,6 +223,10 @@ def _without(mission: Mission, listener: PreflightListener, name: str) -> tuple[
         return FAIL, "the turn gain is learned from it"
     if name in ACCELERATIONS and listener.session.adapter.airspeed_from_drag:
         return FAIL, "the airspeed is measured by it"
+    if name in ACCELERATIONS and any(
+        method.airspeed_from_drag for method in _methods(mission, listener)
+    ):
+        return FAIL, "after a loss of GPS the airspeed is measured by it"
     if name == "SYS_STATUS" and mission.file.bounds.min_battery_percent is not None:
         return FAIL, "bounds.min_battery_percent needs it"
     if name == mission.file.ranging.message.upper():

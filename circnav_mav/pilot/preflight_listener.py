@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.range_noise import NoiseCheck
+from circnav_mav.mav.autopilots.interface import rules_by_parameter
 from circnav_mav.mav.clocks import Moment, Span, quick_span
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.identity import RADIO_NAME, describe_vehicle
@@ -178,7 +179,13 @@ class PreflightListener:
         if self._parameters is None:
             adapter = self.session.adapter
             self._found = now
-            names = [name for rule in adapter.parameters for name, _ in rule.names]
+            methods = adapter.methods(self._settings.flies_without_gps)
+            names = [
+                name
+                for rules in rules_by_parameter(methods).values()
+                for rule in rules
+                for name in rule.requested
+            ]
             self._parameters = ParameterReader(names, bytewise=adapter.firmware.bytewise)
         return self._parameters.poll(self.session.vehicle_ids, now)
 

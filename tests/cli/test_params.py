@@ -15,6 +15,20 @@ from tests.pilot.test_preflight import Bench
 from tests.rig import Voice
 
 MISSIONS = ["arduplane", "arducopter", "ardurover", "px4_copter", "px4_plane"]
+WITHOUT_GPS = ["arducopter_nogps", "px4_copter_nogps"]
+
+
+def grades_of(mission, values):
+    """Return the grades of all methods of the mission for the parameters that the file sets."""
+    context = parameter_context(mission, 1, values)
+    methods = mission.vehicles[0].methods(mission.flies_without_gps)
+    checks = [
+        rule.check(context)
+        for method in methods
+        for rule in method.parameters
+        if {name.name for name in rule.names} & set(values)
+    ]
+    return {check.grade for check in checks}
 
 
 def values_of(lines):
@@ -26,15 +40,13 @@ def values_of(lines):
     return {name: float(value) for name, value in rows}
 
 
-@pytest.mark.parametrize("name", MISSIONS)
+@pytest.mark.parametrize("name", MISSIONS + WITHOUT_GPS)
 @pytest.mark.parametrize("change", [(), ("vehicle.speed_mps=14.5",)], ids=["as bundled", "faster"])
 def test_printed_parameters_pass_preflight(name, change):
     mission = load_mission(bundled("mission", name), change)
     (vehicle,) = mission.vehicles
     values = values_of(parameter_lines(mission, vehicle))
-    context = parameter_context(mission, 1, values)
-    checks = [rule.check(context) for rule in vehicle.parameters if rule.advised is not None]
-    assert values and {check.grade for check in checks} == {PASS}
+    assert values and grades_of(mission, values) == {PASS}
 
 
 def load(vehicle, lines, bytewise):
@@ -67,14 +79,11 @@ def test_loaded_parameters_pass_preflight_of_emulator(name):
 @pytest.mark.parametrize("name", MISSIONS)
 def test_pairs_load_with_pymavlink_and_columns_with_qgroundcontrol(name, circnav, tmp_path):
     mission = load_mission(bundled("mission", name))
-    (vehicle,) = mission.vehicles
     file = tmp_path / "pairs.param"
     file.write_text(circnav("params", name, "--format", "pairs").out)
     loaded = MAVParmDict()
     assert loaded.load(file)
-    context = parameter_context(mission, 1, loaded)
-    checks = [rule.check(context) for rule in vehicle.parameters if rule.advised is not None]
-    assert {check.grade for check in checks} == {PASS}
+    assert grades_of(mission, loaded) == {PASS}
     rows = [
         line.split("\t")
         for line in circnav("params", name, "--format", "qgroundcontrol").out.splitlines()
@@ -83,6 +92,24 @@ def test_pairs_load_with_pymavlink_and_columns_with_qgroundcontrol(name, circnav
     assert [row[:2] for row in rows] == len(loaded) * [["1", "1"]]
     assert {row[2]: float(row[3]) for row in rows} == loaded
     assert all(row[4] == "4" for row in rows if row[2] == "ANGLE_MAX")
+
+
+@pytest.mark.parametrize(
+    ("bank", "lean"), [(25, 30), (40, 40)], ids=["autopilot's default", "tilt of the mission"]
+)
+def test_parameters_suit_flight_after_gps_loss(bank, lean):
+    """The lean limit suits velocities in wind and the attitudes after a loss of GPS."""
+    mission = load_mission(bundled("mission", "arducopter"), [f"vehicle.max_bank_deg={bank}"])
+    values = values_of(parameter_lines(mission, mission.vehicles[0]))
+    assert (values["ATC_ANGLE_MAX"], values["ANGLE_MAX"]) == (lean, 100 * lean)
+    assert (values["GUID_OPTIONS"], values["FS_EKF_ACTION"]) == (0, 1)
+
+
+def test_parameter_file_names_versions_of_parameters():
+    mission = load_mission(bundled("mission", "px4_copter_nogps"))
+    text = "\n".join(parameter_lines(mission, mission.vehicles[0]))
+    assert "version: MAN_DEADZONE (from 1.17), MPC_HOLD_DZ (up to 1.16);" in text
+    assert "version: MPC_YAW_EXPO (up to 1.16);" in text
 
 
 def test_parameter_file_names_operator_parameters_without_value():

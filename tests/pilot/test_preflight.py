@@ -221,9 +221,10 @@ def test_preflight_reads_each_parameter_value(name):
     listener = good(name).listener
     table = good(name).vehicle._flight.autopilot.params.all_values()
     held = {value.param_id: value.param_value if value.param_type == 9 else None for value in table}
-    asked = {name for rule in listener.session.adapter.parameters for name, _ in rule.names} & set(
-        held
-    )
+    methods = listener.session.adapter.methods(good(name).mission.flies_without_gps)
+    asked = {
+        name for method in methods for rule in method.parameters for name in rule.requested
+    } & set(held)
     assert set(listener.parameters) == asked
     floats = {name: held[name] for name in asked if held[name] is not None}
     assert {name: listener.parameters[name] for name in floats} == pytest.approx(floats)
@@ -710,12 +711,111 @@ def test_preflight_fails_without_home_altitude_for_height():
 )
 def test_preflight_grades_parameter_by_value(name, key, grades):
     for value, grade in grades.items():
-        (line,) = [
+        line = next(
             line
             for line in parameter(name, {key: float(value)})
             if line.text.startswith(f"{key} = ")
-        ]
+        )
         assert line.grade is grade, line.text
+
+
+LATER = "after a loss of GPS: "
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "text"),
+    [
+        ("GUID_OPTIONS", 8, "bit 3: thrust 0.5 would be half of the full thrust"),
+        ("FS_EKF_ACTION", 3, "lands even in modes that need no position"),
+        ("ANGLE_MAX", 1500, "the copter tilts 15 deg at most, vehicle.max_bank_deg = 25"),
+    ],
+)
+def test_preflight_judges_attitudes_after_gps_loss(key, value, text):
+    """The mission of the copter may change from velocities to attitudes."""
+    (line,) = [line for line in parameter("arducopter", {key: value}) if line.grade is FAIL]
+    assert line.text.startswith(f"{key} = {value}") and f": {LATER}{text}" in line.text
+
+
+def test_preflight_judges_attitudes_only_if_flown():
+    mission = load_mission(CONFIG / "arducopter.toml", ['engage.on_gps_loss="exit"'])
+    values = {**good("arducopter").listener.parameters, "GUID_OPTIONS": 8.0, "ANGLE_MAX": 1500.0}
+    lines = judge(mission, Overridden(good("arducopter").listener, {"parameters": values}))
+    assert [line for line in of(lines, "parameter") if line.grade is FAIL] == []
+    assert not [line for line in lines if "a loss of GPS" in line.text and line.subject == "mode"]
+
+
+def test_copter_needs_accelerations_after_gps_loss():
+    """Without GPS the airspeed is measured by RAW_IMU."""
+    streams = {**good("arducopter").listener.streams, 27: (25.0, 0.0)}
+    (line,) = [
+        line for line in changed_lines("arducopter", {"streams": streams}) if "RAW_IMU" in line.text
+    ]
+    assert line.grade is FAIL and "after a loss of GPS the airspeed is measured by it" in line.text
+
+
+COMPASSES = {"COMPASS_ENABLE": 1, "COMPASS_USE": 1, "COMPASS_USE2": 1, "COMPASS_USE3": 1}
+
+
+@pytest.mark.parametrize("name", ["arducopter", "arduplane", "ardurover"])
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({**COMPASSES, "COMPASS_USE": 0, "COMPASS_USE3": 0}, ""),
+        ({"COMPASS_USE": 1}, ""),
+        (
+            {**dict.fromkeys(COMPASSES, 0), "COMPASS_ENABLE": 1},
+            "no compass is used, so the heading",
+        ),
+        ({**COMPASSES, "COMPASS_ENABLE": 0}, "COMPASS_ENABLE = 0, so the heading drifts"),
+        ({"EK3_SRC1_YAW": 1}, ""),
+        ({"EK3_SRC1_YAW": 3}, ""),
+        ({"EK3_SRC1_YAW": 2}, "heading by GPS alone, so the heading drifts without GPS"),
+        ({"EK3_SRC1_YAW": 8}, "heading without a compass, so the heading drifts without GPS"),
+    ],
+    ids=str,
+)
+def test_preflight_warns_of_heading_without_compass(name, values, text):
+    warned = [line.text for line in parameter(name, values) if line.grade is WARN]
+    assert [text in line for line in warned] == ([True] if text else [])
+
+
+@pytest.mark.parametrize(("value", "grade"), [(0, PASS), (1, PASS), (5, WARN), (6, WARN)])
+@pytest.mark.parametrize("name", ["px4_copter", "px4_copter_nogps", "px4_plane"])
+def test_preflight_warns_of_px4_heading_without_compass(name, value, grade):
+    lines = [line for line in parameter(name, {"EKF2_MAG_TYPE": value}) if "EKF2" in line.text]
+    assert [line.grade for line in lines] == [grade]
+
+
+@pytest.mark.parametrize(
+    ("values", "fails"),
+    [
+        ({"MAN_DEADZONE": 0.1}, 0),
+        ({"MAN_DEADZONE": 0.0}, 1),
+        ({"MPC_HOLD_DZ": 0.1, "MPC_YAW_EXPO": 0.6}, 0),
+        ({"MPC_HOLD_DZ": 0.0, "MPC_YAW_EXPO": 0.6}, 1),
+        ({"MPC_HOLD_DZ": 0.1, "MPC_YAW_EXPO": 0.0}, 1),
+    ],
+    ids=str,
+)
+def test_preflight_judges_yaw_stick_by_names_of_vehicle(values, fails):
+    """PX4 names the dead zone of the stick by its version, and has its curve up to 1.16."""
+    held = {**good("px4_copter_nogps").listener.parameters}
+    held.pop("MAN_DEADZONE")
+    lines = changed_lines("px4_copter_nogps", {"parameters": {**held, **values}})
+    lines = [line for line in of(lines, "parameter") if any(name in line.text for name in values)]
+    assert len(lines) == len(values)
+    assert [line.grade for line in lines].count(FAIL) == fails
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0, "no action"), (1, "the copter lands"), (2, "flies home (RTL)")]
+)
+def test_preflight_names_dead_reckoning_failsafe(value, text):
+    lines = [
+        line for line in parameter("arducopter", {"FS_DR_ENABLE": value}) if "FS_DR" in line.text
+    ]
+    assert [line.grade for line in lines] == [PASS, PASS]
+    assert text in lines[0].text and LATER + "no action in GUIDED_NOGPS" in lines[1].text
 
 
 def sticks_lost(action, exceptions):
@@ -778,9 +878,8 @@ def test_parameter_equal_to_mission_limit_passes_in_32_bits(
 def test_preflight_warns_of_unknown_parameter():
     lines = parameter("arducopter", {}, only=True)
     assert {line.grade for line in lines} == {WARN}
-    assert "MAV_GCS_SYSID or SYSID_MYGCS: no answer, this version may not have it" in [
-        line.text for line in lines
-    ]
+    words = "MAV_GCS_SYSID (from 4.7) or SYSID_MYGCS (up to 4.6): no answer"
+    assert f"{words}, this version may not have it" in [line.text for line in lines]
     assert len(lines) == 6, "an optional fence has no line"
 
 

@@ -9,6 +9,7 @@ from circnav_mav.mav.autopilots.parameters import (
     WARN,
     Context,
     Judge,
+    Name,
     Rule,
     Verdict,
     one_of,
@@ -47,15 +48,14 @@ def gcs_failsafe(what_follows: str) -> Judge:
 
 
 def ekf_action(what_follows: str) -> Judge:
-    """Return a judge of FS_EKF_ACTION. what_follows: action of the vehicle after it has left
-    GUIDED."""
+    """Return a judge of FS_EKF_ACTION. what_follows: action of the vehicle, which leaves GUIDED."""
     none = (
         "no action when the position estimate fails: the flight may continue without a speed"
         " estimate"
     )
     leaves = (
-        f"when the position estimate fails, the vehicle leaves GUIDED and {what_follows}: the"
-        " flight ends as a takeover"
+        f"if the position estimate fails in GUIDED, the vehicle {what_follows}: the flight ends as"
+        " a takeover"
     )
     return one_of({0: (WARN, none)}, (PASS, leaves))
 
@@ -73,6 +73,38 @@ def _gcs_system(value: float, context: Context) -> Verdict:
     )
 
 
+COMPASSES = ("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")
+"""Parameters that let the heading use the first, second and third compass."""
+_DRIFTS = "so the heading drifts without GPS, and the flight may end early"
+
+
+def _compass(value: float, context: Context) -> Verdict:
+    """Judge COMPASS_USE. The heading needs one of three compasses."""
+    used = [name for name in COMPASSES if context.values.get(name)]
+    if context.values.get("COMPASS_ENABLE") == 0:
+        return WARN, f"COMPASS_ENABLE = 0, {_DRIFTS}: set that to 1, and calibrate the compass"
+    if used:
+        return PASS, f"the heading may use a compass ({', '.join(used)})"
+    return WARN, f"no compass is used, {_DRIFTS}: set it to 1, and calibrate the compass"
+
+
+_HEADING_SOURCES = {
+    1: (PASS, "heading by compass"),
+    2: (WARN, f"heading by GPS alone, {_DRIFTS}: set 3 (GPS, else compass)"),
+    3: (PASS, "heading by GPS, and by compass without GPS"),
+    6: (PASS, "heading by external navigation"),
+}
+HEADING = (
+    Rule((Name("COMPASS_USE"),), _compass, optional=True, also=("COMPASS_ENABLE", *COMPASSES[1:])),
+    rule(
+        "EK3_SRC1_YAW",
+        one_of(_HEADING_SOURCES, (WARN, f"heading without a compass, {_DRIFTS}: set 1")),
+        optional=True,
+    ),
+)
+"""Rules for the source of the heading."""
 _FENCE_ON = (WARN, "a fence is active: if the circle reaches it, its action ends the flight")
-GCS_SYSTEM = Rule((("MAV_GCS_SYSID", 1.0), ("SYSID_MYGCS", 1.0)), _gcs_system)
+GCS_SYSTEM = Rule(
+    (Name("MAV_GCS_SYSID", since="4.7"), Name("SYSID_MYGCS", until="4.6")), _gcs_system
+)
 FENCE = rule("FENCE_ENABLE", one_of({0: (PASS, "no fence")}, _FENCE_ON), optional=True)

@@ -9,6 +9,7 @@ from circnav_mav.mav.autopilots.ardupilot import (
     ARDUPILOT,
     FENCE,
     GCS_SYSTEM,
+    HEADING,
     ekf_action,
     gcs_failsafe,
 )
@@ -27,6 +28,7 @@ from circnav_mav.mav.autopilots.parameters import (
     PASS,
     WARN,
     Context,
+    Name,
     Rule,
     Verdict,
     always,
@@ -60,8 +62,8 @@ MODE_NAMES = MappingProxyType(
 TAKE_OFF_AND_LANDING = frozenset({9, 18})
 """LAND and THROW. The landing phase of RTL, and the take-off in AUTO, are reported as landed
 state."""
-LEAN_LIMIT = (("ATC_ANGLE_MAX", 1.0), ("ANGLE_MAX", 0.01))
-"""Names of the lean limit with their factors to deg: first from ArduPilot 4.7 on, then before."""
+LEAN_LIMIT = Name("ATC_ANGLE_MAX", since="4.7"), Name("ANGLE_MAX", 0.01, until="4.6")
+"""Names of the lean limit, with their factors to deg."""
 THRUST_AS_THRUST = 1 << 3
 """Bit 3 of GUID_OPTIONS. If set, the thrust field of an attitude setpoint is a thrust, not a climb
 rate."""
@@ -111,6 +113,28 @@ def _enough_acceleration(context: Context) -> float:
     turn-rate limit."""
     asked = radians(context.max_turn_rate_deg) * context.speed
     return float(max(ArduCopter.acceleration_limit[1], ceil(10 * asked / FOLLOWED) / 10))
+
+
+_DEAD_RECKONING = {
+    1: "lands",
+    2: "flies home (RTL)",
+    3: "flies home (SMART_RTL)",
+    4: "flies home (SMART_RTL) or lands",
+    6: "flies the landing sequence of AUTO, or home (RTL)",
+}
+
+
+def _dead_reckoning(value: float, context: Context) -> Verdict:
+    """Judge FS_DR_ENABLE. The autopilot navigates by dead reckoning without GPS only if its EKF
+    estimates the wind, which a copter does with EK3_DRAG_BCOEF_X and EK3_DRAG_BCOEF_Y."""
+    if value <= 0:
+        return PASS, "no action when dead reckoning begins"
+    action = _DEAD_RECKONING.get(int(value), "follows this action")
+    return (
+        PASS,
+        f"if dead reckoning begins in GUIDED (GPS lost, EK3_DRAG_BCOEF_X set), the copter {action}:"
+        " the flight ends as a takeover",
+    )
 
 
 YAW_LEAD = radians(20)
@@ -170,14 +194,24 @@ class ArduCopterAttitude(Autopilot):
     airspeed_from_drag = True
     parameters = (
         rule("GUID_TIMEOUT", timeout("levels and drifts with the wind"), advised=always(3.0)),
-        rule("GUID_OPTIONS", _options_without_gps),
+        rule("GUID_OPTIONS", _options_without_gps, advised=always(0.0)),
         rule(
             "FS_GCS_ENABLE",
             gcs_failsafe("the copter leaves GUIDED_NOGPS after 5 s (without a position it lands)"),
         ),
         GCS_SYSTEM,
-        rule("FS_EKF_ACTION", one_of({3: _LANDS_ALWAYS}, (PASS, "no action in GUIDED_NOGPS"))),
+        rule(
+            "FS_EKF_ACTION",
+            one_of({3: _LANDS_ALWAYS}, (PASS, "no action in GUIDED_NOGPS")),
+            advised=always(1.0),
+        ),
+        rule(
+            "FS_DR_ENABLE",
+            lambda value, context: (PASS, "no action in GUIDED_NOGPS"),
+            optional=True,
+        ),
         Rule(LEAN_LIMIT, _tilt_limit, optional=True, unit="deg", advised=mission_bank),
+        *HEADING,
         FENCE,
     )
 
@@ -249,22 +283,25 @@ class ArduCopter(Autopilot):
         rule("FS_GCS_ENABLE", gcs_failsafe("the copter leaves GUIDED after 5 s (1: RTL)")),
         GCS_SYSTEM,
         rule(
-            "FS_EKF_ACTION", ekf_action("lands (1) or holds height (2), some 8 s after GPS is gone")
+            "FS_EKF_ACTION",
+            ekf_action("lands (1, 3) or holds height (2), some 8 s after GPS is gone"),
         ),
+        rule("FS_DR_ENABLE", _dead_reckoning, optional=True),
         Rule(
-            (("WP_SPD", 1.0), ("WPNAV_SPEED", 0.01)),
+            (Name("WP_SPD", since="4.7"), Name("WPNAV_SPEED", 0.01, until="4.6")),
             velocity_limit,
             unit="m/s",
             advised=enough_speed(10.0),
         ),
         Rule(LEAN_LIMIT, lean_limit, optional=True, unit="deg", advised=enough_lean(30.0)),
         Rule(
-            (("WP_ACC", 1.0), ("WPNAV_ACCEL", 0.01)),
+            (Name("WP_ACC", since="4.7"), Name("WPNAV_ACCEL", 0.01, until="4.6")),
             _acceleration,
             optional=True,
             unit="m/s^2",
             advised=_enough_acceleration,
         ),
+        *HEADING,
         FENCE,
     )
 

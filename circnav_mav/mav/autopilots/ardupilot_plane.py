@@ -4,9 +4,10 @@ from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, gcs_failsafe
+from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, HEADING, gcs_failsafe
 from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Autopilot, SetpointContext, attitude
 from circnav_mav.mav.autopilots.parameters import (
+    Name,
     Rule,
     bank_limit,
     held_airspeed,
@@ -34,7 +35,7 @@ class ArduPlane(Autopilot):
     never used. The roll of a coordinated turn is atan(w V/g). The airframe achieves 0.70 to 1.0 of
     that turn rate w, which the turn-rate gain compensates. After 3 s without setpoints the plane
     banks hard at once and loiters around the point where it entered GUIDED. This time is a constant
-    in 4.6, GUID_TIMEOUT in later versions.
+    in 4.6, GUIDED_TIMEOUT in later versions.
     """
 
     MASK = 0xC6
@@ -71,26 +72,31 @@ class ArduPlane(Autopilot):
     least_turn_gain = 0.72  # the plane slips in turns (measured in flight: 0.70 to 0.75)
     parameters = (
         Rule(
-            (("ROLL_LIMIT_DEG", 1.0), ("LIM_ROLL_CD", 0.01)),
+            (Name("ROLL_LIMIT_DEG", since="4.5"), Name("LIM_ROLL_CD", 0.01, until="4.4")),
             bank_limit,
             unit="deg",
             advised=mission_bank,
         ),
         Rule(
-            (("AIRSPEED_CRUISE", 1.0), ("TRIM_ARSPD_CM", 0.01)),
+            (Name("AIRSPEED_CRUISE", since="4.5"), Name("TRIM_ARSPD_CM", 0.01, until="4.4")),
             held_airspeed,
             unit="m/s",
             advised=mission_speed,
         ),
-        Rule((("AIRSPEED_MIN", 1.0), ("ARSPD_FBW_MIN", 1.0)), least_airspeed),
-        Rule((("AIRSPEED_MAX", 1.0), ("ARSPD_FBW_MAX", 1.0)), most_airspeed),
-        rule(
-            "GUID_TIMEOUT",
+        Rule(
+            (Name("AIRSPEED_MIN", since="4.5"), Name("ARSPD_FBW_MIN", until="4.4")), least_airspeed
+        ),
+        Rule(
+            (Name("AIRSPEED_MAX", since="4.5"), Name("ARSPD_FBW_MAX", until="4.4")), most_airspeed
+        ),
+        Rule(
+            (Name("GUIDED_TIMEOUT", since="4.7"),),
             timeout("loiters round the point where GUIDED was entered"),
             optional=True,
         ),
         rule("FS_GCS_ENABL", gcs_failsafe("FS_LONG_ACTN applies (0: the plane stays in GUIDED)")),
         GCS_SYSTEM,
+        *HEADING,
         FENCE,
     )
 

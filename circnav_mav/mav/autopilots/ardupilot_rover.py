@@ -8,6 +8,7 @@ from circnav_mav.mav.autopilots.ardupilot import (
     ARDUPILOT,
     FENCE,
     GCS_SYSTEM,
+    HEADING,
     ekf_action,
     gcs_failsafe,
 )
@@ -80,6 +81,7 @@ class ArduRover(Autopilot):
         rule("FS_GCS_ENABLE", gcs_failsafe("the rover enters HOLD after 5 to 7 s")),
         GCS_SYSTEM,
         rule("FS_EKF_ACTION", ekf_action("stops in HOLD, some 8 s after GPS is gone")),
+        *HEADING,
         FENCE,
     )
 

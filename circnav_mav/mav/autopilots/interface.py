@@ -2,7 +2,7 @@
 messages."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import atan, radians, tan
 from typing import ClassVar, NamedTuple
@@ -10,7 +10,7 @@ from typing import ClassVar, NamedTuple
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.velocity_loop import VelocityLoop
-from circnav_mav.mav.autopilots.parameters import Rule
+from circnav_mav.mav.autopilots.parameters import Name, Rule
 from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
@@ -193,6 +193,12 @@ class Autopilot(ABC):
     echo: ClassVar[int | None] = None
     """Id of the message in which the autopilot reports the setpoint that it uses, or None."""
 
+    @classmethod
+    def methods(cls, flies_without_gps: bool) -> tuple["type[Autopilot]", ...]:
+        """Return the adapters that may steer this vehicle in one flight: this one, and its
+        replacement after a loss of GPS if the mission continues then."""
+        return (cls, cls.without_gps) if flies_without_gps and cls.without_gps else (cls,)
+
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
         self._doubts_airspeed = False
@@ -256,6 +262,18 @@ class Autopilot(ABC):
         airspeed = to.motion.true_airspeed(self.airspeed(to.motion.airspeed))
         most = self._facts.max_bank
         return min(max(atan(steer.yaw_rate * airspeed / GRAVITY), -most), most)
+
+
+def rules_by_parameter(
+    methods: Iterable[type[Autopilot]],
+) -> Mapping[tuple[Name, ...], Mapping[Rule, type[Autopilot]]]:
+    """Return the rules of each parameter for all these methods, with the first method that has
+    each rule. The key of a parameter is its names."""
+    rules: dict[tuple[Name, ...], dict[Rule, type[Autopilot]]] = {}
+    for method in methods:
+        for rule in method.parameters:
+            rules.setdefault(rule.names, {}).setdefault(rule, method)
+    return rules
 
 
 def turn_in(message: Message) -> float | None:

@@ -4,6 +4,7 @@ its adapter."""
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import atan, ceil, degrees, hypot, isfinite, radians, sqrt, tan
+from typing import NamedTuple
 
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.mav.frames import GRAVITY
@@ -49,29 +50,60 @@ Judge = Callable[[float, Context], Verdict]
 """Function that grades the value of a parameter, with a text for the operator."""
 
 
+class Name(NamedTuple):
+    """Name of a parameter in some versions of the firmware.
+
+    factor: factor from the vehicle's unit to the unit of the rule.
+    since, until: first and last version with this name. Empty if all supported versions on that
+        side have it.
+    """
+
+    name: str
+    factor: float = 1.0
+    since: str = ""
+    until: str = ""
+
+    def __str__(self) -> str:
+        versions = " ".join(
+            f"{word} {version}"
+            for word, version in (("from", self.since), ("up to", self.until))
+            if version
+        )
+        return f"{self.name} ({versions})" if versions else self.name
+
+
 @dataclass(frozen=True, slots=True)
 class Rule:
     """Rule for one parameter.
 
-    names: parameter names in different firmware versions, newest first, each with its factor to
-        `unit`.
+    names: names of the parameter in different firmware versions, newest first.
     optional: True if some vehicles lack the parameter. A missing optional parameter gives no
         result.
     unit: unit of the value for `judge`.
     advised: function from the context to the recommended value in `unit`, an int for an integer
         parameter. None if the right value depends on airframe or operator.
+    also: names of further parameters that `judge` reads from the context.
     """
 
-    names: tuple[tuple[str, float], ...]
+    names: tuple[Name, ...]
     judge: Judge
     optional: bool = False
     unit: str = ""
     advised: Callable[[Context], float] | None = None
+    also: tuple[str, ...] = ()
 
-    def check(self, context: Context) -> Check | None:
+    @property
+    def requested(self) -> tuple[str, ...]:
+        """Names to request from the vehicle."""
+        return (*(name.name for name in self.names), *self.also)
+
+    def check(self, context: Context, when: str = "") -> Check | None:
         """Return the result for the parameter. A missing parameter gives a warning, or None if it
-        is optional."""
-        for name, factor in self.names:
+        is optional.
+
+        when: part of the flight that the result applies to, for the operator. Empty: all of it.
+        """
+        for name, factor, *_ in self.names:
             if name in context.values:
                 value = context.values[name]
                 if not isfinite(value):
@@ -80,8 +112,8 @@ class Rule:
                     )
                 grade, words = self.judge(value * factor, context)
                 meant = "" if factor == 1 else f" ({value * factor:g} {self.unit})"
-                return Check(grade, "parameter", f"{name} = {value:g}{meant}: {words}")
-        either = " or ".join(name for name, _ in self.names)
+                return Check(grade, "parameter", f"{name} = {value:g}{meant}: {when}{words}")
+        either = " or ".join(map(str, self.names))
         words = f"{either}: no answer, this version may not have it"
         return None if self.optional else Check(WARN, "parameter", words)
 
@@ -94,7 +126,7 @@ def rule(
     advised: Callable[[Context], float] | None = None,
 ) -> Rule:
     """Return the rule for a parameter that has one name and one unit in all versions."""
-    return Rule(((name, 1.0),), judge, optional, advised=advised)
+    return Rule((Name(name),), judge, optional, advised=advised)
 
 
 def always(value: float) -> Callable[[Context], float]:

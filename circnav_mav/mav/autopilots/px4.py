@@ -112,6 +112,16 @@ def _sticks_override(value: float, context: Context) -> Verdict:
     )
 
 
+_NO_COMPASS = (
+    WARN,
+    "the compass is not used, so the heading drifts without GPS, and the flight may end early:"
+    " set 0",
+)
+COMPASS = rule(
+    "EKF2_MAG_TYPE",
+    one_of({5: _NO_COMPASS, 6: _NO_COMPASS}, (PASS, "the heading uses the compass")),
+    optional=True,
+)
 _NOT_PASSED = (FAIL, "setpoints from MAVLink are not passed to the controllers: set it to 1")
 _MAVLINK_ONLY = (WARN, "the pilot's transmitter is ignored: only a ground station can take over")
 _TRANSMITTER = (PASS, "0: transmitter, 4: no sticks at all, others: transmitter and ground station")
@@ -133,5 +143,6 @@ OFFBOARD_RULES = (
         "COM_RC_LOSS_T",
         lambda value, context: (PASS, f"a transmitter silent for {value:g} s counts as lost"),
     ),
+    COMPASS,
 )
 """Parameter rules for all vehicles flown in OFFBOARD."""

@@ -18,6 +18,8 @@ from circnav_mav.mav.autopilots.parameters import (
     WARN,
     Context,
     Judge,
+    Name,
+    Rule,
     Verdict,
     always,
     at_least,
@@ -32,6 +34,7 @@ from circnav_mav.mav.autopilots.parameters import (
 from circnav_mav.mav.autopilots.px4 import (
     ALTCTL,
     AUTO,
+    COMPASS,
     OFFBOARD_RULES,
     PX4Vehicle,
     custom_mode,
@@ -106,10 +109,11 @@ class PX4Copter(PX4Vehicle):
 FULL_YAW = 150.0
 """Yaw rate at full stick, deg/s: the default of MPC_MAN_Y_MAX."""
 DEADZONE = 0.1
-"""Share of the yaw stick around its center without effect: the default of MAN_DEADZONE."""
+"""Share of the yaw stick around its center without effect: the default of MAN_DEADZONE (before PX4
+1.17 MPC_HOLD_DZ)."""
 CUBIC = 0.6
-"""Cubic share of the yaw stick's curve (PX4, Sticks::getYawExpo)."""
-_BY_STICK = "the setpoint assumes {:g}: set it"
+"""Cubic share of the yaw stick's curve: a constant of PX4 (Sticks::getYawExpo), before PX4 1.17 the
+default of MPC_YAW_EXPO."""
 _NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
 _OUR_STICKS = (
     PASS,
@@ -140,9 +144,10 @@ def _equals(wanted: float) -> Judge:
     """Return a judge of a parameter that scales the sticks and must equal `wanted`."""
 
     def judge(value: float, context: Context) -> Verdict:
+        words = f"circnav computes its sticks for {wanted:g}"
         if abs(value / wanted - 1) > 0.02:
-            return FAIL, _BY_STICK.format(wanted)
-        return PASS, "as the setpoint assumes"
+            return FAIL, f"{words}: set it"
+        return PASS, words
 
     return judge
 
@@ -178,7 +183,18 @@ class PX4CopterStick(PX4Vehicle):
         ),
         rule("MPC_MAN_TILT_MAX", _equals(FULL_TILT), advised=always(FULL_TILT)),
         rule("MPC_MAN_Y_MAX", _equals(FULL_YAW), advised=always(FULL_YAW)),
-        rule("MAN_DEADZONE", _equals(DEADZONE), optional=True, advised=always(DEADZONE)),
+        Rule(
+            (Name("MAN_DEADZONE", since="1.17"), Name("MPC_HOLD_DZ", until="1.16")),
+            _equals(DEADZONE),
+            advised=always(DEADZONE),
+        ),
+        Rule(
+            (Name("MPC_YAW_EXPO", until="1.16"),),
+            _equals(CUBIC),
+            optional=True,
+            advised=always(CUBIC),
+        ),
+        COMPASS,
     )
 
     def wants_setpoints_in(self, mode: int | None) -> bool:

@@ -21,7 +21,14 @@ from circnav_mav.mav.autopilots.parameters import (
     one_of,
     rule,
 )
-from circnav_mav.mav.autopilots.px4 import ALTCTL, AUTO, PX4Vehicle, custom_mode, main_and_sub
+from circnav_mav.mav.autopilots.px4 import (
+    ALTCTL,
+    AUTO,
+    COMPASS,
+    PX4Vehicle,
+    custom_mode,
+    main_and_sub,
+)
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
@@ -137,6 +144,7 @@ class PX4PlaneStick(PX4Vehicle):
         rule("FW_AIRSPD_TRIM", held_airspeed, advised=mission_speed),
         rule("FW_AIRSPD_MIN", least_airspeed),
         rule("FW_AIRSPD_MAX", most_airspeed),
+        COMPASS,
     )
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
