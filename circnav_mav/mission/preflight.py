@@ -46,14 +46,18 @@ def _methods(mission: Mission, listener: PreflightListener) -> tuple[type[Autopi
 
 
 def _parameters(methods: tuple[type[Autopilot], ...], context: Context) -> list[Check]:
-    """Check the parameters for every method that the mission may fly."""
-    lines = [
-        rule.check(context, "" if method is methods[0] else "after a loss of GPS: ")
-        for rules in rules_by_parameter(methods).values()
-        for rule, method in rules.items()
-    ]
-    # A missing parameter gives the same line for each method.
-    return list(dict.fromkeys(line for line in lines if line is not None))
+    """Check the parameters for every method that the mission may fly. A result that is the same
+    for a later method has no line of its own."""
+    lines: list[Check | None] = []
+    results: set[Check | None] = {None}
+    for rules in rules_by_parameter(methods).values():
+        for rule, method in rules.items():
+            result = rule.check(context)
+            if result not in results:
+                when = "" if method is methods[0] else "after a loss of GPS: "
+                lines.append(rule.check(context, when))
+            results.add(result)
+    return [line for line in lines if line is not None]
 
 
 def parameter_context(mission: Mission, system: int, values: Mapping[str, float]) -> Context:
