@@ -245,6 +245,8 @@ _WITHOUT = {
     "SYS_STATUS": "no battery charge",
     "ATTITUDE": "no heading",
     "VFR_HUD": "no altitude and airspeed",
+    "GLOBAL_POSITION_INT": "no height above home: start circnav before the take-off",
+    "MISSION_CURRENT": "the end of a take-off in AUTO is not detected",
     "GPS_RAW_INT": "a loss of GPS is detected only 1 s before the failsafe",
     "EKF_STATUS_REPORT": "a loss of GPS is detected only by the fix type",
     "RAW_IMU": "no accelerations",
