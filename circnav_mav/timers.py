@@ -93,36 +93,36 @@ class LowPass:
 
 
 class Report(Generic[T]):
-    """Newest value of a repeated report, and the times of its arrival and of its last change.
+    """Newest value of a repeated report, its arrival, and the time for which it must have changed.
 
     An autopilot may repeat a value that it no longer updates. So a report is missing if it is old,
     or if its value has stayed the same while other evidence shows that it must have changed.
 
     value: newest value, None before the first report.
     time: arrival of the newest report, s.
-    changed: newest arrival at which the value had changed, or at which no change was due, s.
+    changed: arrival of the first report with this value, s.
+    unchanged: total time, since then, in which other evidence showed a change, s.
     """
 
     def __init__(self) -> None:
         self.value: T | None = None
         self.time = -inf
         self.changed = -inf
+        self.unchanged = 0.0
 
     def update(self, value: T, now: float, *, must_change: bool = True) -> None:
         """Process a report. must_change: True if other evidence shows that the value changes."""
-        if value != self.value or not must_change:
+        if value != self.value or self.time == -inf:
             self.changed = now
+            self.unchanged = 0.0
+        elif must_change:
+            self.unchanged += now - self.time
         self.value = value
         self.time = now
 
     def age(self, now: float) -> float:
         """Return the time since the newest report, s."""
         return now - self.time
-
-    @property
-    def unchanged(self) -> float:
-        """Time for which the value was repeated although it must have changed, s."""
-        return 0.0 if self.value is None else self.time - self.changed
 
     def live(self, now: float, max_age: float, max_unchanged: float = inf) -> T | None:
         """Return the value, or None if it is missing.

@@ -47,4 +47,6 @@ def test_report_is_missing_when_old_or_unchanged_despite_evidence():
     assert report.live(3.5, 1.0) is None
     assert report.live(2.5, 1.0, 1.9) is None
     report.update(7.0, 3.0, must_change=False)
-    assert report.live(3.0, 1.0, 0.0) == 7.0
+    assert report.live(3.0, 1.0, 1.9) is None, "still the value that did not change"
+    report.update(7.5, 4.0)
+    assert report.live(4.0, 1.0, 0.0) == 7.5

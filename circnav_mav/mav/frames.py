@@ -78,10 +78,10 @@ def pitch_from_push(push: float) -> float:
     return -atan(push / GRAVITY)
 
 
-def roll_from_push(right: float, left: float) -> float:
-    """Return the roll (right positive, rad) of a thrust that balances the weight and pushes
-    sideways: `right` minus `left`, m/s^2."""
-    return atan((right - left) / GRAVITY)
+def roll_from_push(right: float, pitch: float) -> float:
+    """Return the roll (right positive, rad) of a thrust that balances the weight and pushes to the
+    right, m/s^2, at a pitch (rad)."""
+    return atan(right * cos(pitch) / GRAVITY)
 
 
 def body_from_level(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import hypot, isfinite
+from math import cos, hypot, isfinite
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
@@ -37,7 +37,7 @@ class Limits:
 
     max_yaw_rate: rad/s.
     max_speed: m/s.
-    max_bank: roll and pitch of attitude setpoints, rad.
+    max_bank: total tilt of attitude setpoints, rad.
     max_stick: roll stick of MANUAL_CONTROL, thousandths.
     max_pitch_stick, max_yaw_stick: pitch and yaw sticks, thousandths; 0 for vehicles that are not
         pitched or yawed by stick.
@@ -114,9 +114,7 @@ def _velocity_within(message: Message, limits: Limits) -> bool:
 
 def _attitude_within(message: Message, limits: Limits) -> bool:
     roll, pitch, _ = euler_from_quaternion(message.q)
-    level = (
-        abs(roll) <= limits.max_bank * SLACK + 1e-6 and abs(pitch) <= limits.max_bank * SLACK + 1e-6
-    )
+    level = cos(roll) * cos(pitch) >= cos(limits.max_bank * SLACK + 1e-6)
     turns_only = abs(sum(part**2 for part in message.q) - 1) < 1e-3
     return bool(level and turns_only and 0 <= message.thrust <= 1)
 
@@ -124,7 +122,8 @@ def _attitude_within(message: Message, limits: Limits) -> bool:
 def _stick_within(message: Message, limits: Limits) -> bool:
     untouched = message.buttons == message.enabled_extensions == 0
     pitched = abs(message.x) <= limits.max_pitch_stick
-    rolled = abs(message.y) <= limits.max_stick
+    # Both sticks are rounded, so their total may exceed the limit by 1.
+    rolled = hypot(message.x, message.y) <= limits.max_stick + (1 if message.x else 0)
     yawed = abs(message.r) <= limits.max_yaw_stick
     return bool(untouched and pitched and rolled and yawed and 0 <= message.z <= 1000)
 

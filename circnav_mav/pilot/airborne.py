@@ -6,6 +6,8 @@ neither a mode request nor a setpoint is sent before the flight is established. 
 exempt (`Autopilot.flies`).
 """
 
+from typing import NamedTuple
+
 from pymavlink.dialects.v20.all import MAV_LANDED_STATE_ON_GROUND
 
 from circnav_mav.mav.session import Session
@@ -14,6 +16,17 @@ from circnav_mav.timers import Hysteresis
 
 LEAST_AIRSPEED = 0.7
 """Least airspeed of a plane at the engagement, as a share of the mission's speed."""
+
+
+class Obstacle(NamedTuple):
+    """Condition that must be met before an aircraft is steered.
+
+    short: the required condition, for a STATUSTEXT, at most 32 characters.
+    long: human-readable text with the present value.
+    """
+
+    short: str
+    long: str
 
 
 class Airborne:
@@ -51,45 +64,53 @@ class Airborne:
         # smaller height.
         return min(heights, default=None)
 
-    def obstacle(self, now: float) -> str:
-        """Return a text about a condition that must be met before the aircraft is steered, or an
-        empty string."""
+    def obstacle(self, now: float) -> Obstacle | None:
+        """Return the condition that must be met before the aircraft is steered, or None."""
         session = self._session
         vehicle = session.vehicle
         adapter = session.adapter
+        if not adapter.flies:
+            return None
         if vehicle.on_ground:
-            return "the vehicle is on the ground, takes off or lands"
+            return Obstacle("on the ground", "the vehicle is on the ground, takes off or lands")
         if not vehicle.armed:
-            return "the vehicle is not armed"
+            return Obstacle("not armed", "the vehicle is not armed")
         if adapter.takes_off_or_lands(vehicle.mode, vehicle.waypoint):
-            return f"mode {vehicle.mode_name}: waiting for the end of the take-off or landing"
+            name = vehicle.mode_name
+            remedy = "enter another mode when the vehicle flies"
+            return Obstacle(f"mode {name}", f"mode {name} takes off or lands: {remedy}")
         if not self._in_air.on:
             flown = 0.0 if self._in_air.since is None else now - self._in_air.since
-            needed = self._settings.timing.airborne
-            return f"in the air for {flown:.0f} s, at least {needed:.0f} s needed"
+            needed = f"{self._settings.timing.airborne:g} s in the air"
+            return Obstacle(needed, f"{needed}: {flown:.0f} s so far")
         return self._too_low(now) or self._too_slow(now)
 
-    def _too_low(self, now: float) -> str:
+    def _too_low(self, now: float) -> Obstacle | None:
         floor = self.floor
         height = self.height(now)
         if floor == 0:
-            return ""
+            return None
         if height is None:
-            return (
-                "height above the place of arming unknown: start circnav before the take-off, or"
-                " set engage.min_height_m = 0"
+            return Obstacle(
+                "height unknown",
+                "the height above the place of arming is unknown: start circnav before the"
+                " take-off, or set engage.min_height_m = 0",
             )
+        needed = f"{floor:g} m of height"
         if height >= floor:
-            return ""
-        return f"height {height:.1f} m above the place of arming, engage.min_height_m = {floor:g}"
+            return None
+        return Obstacle(
+            needed,
+            f"{needed} above the place of arming (engage.min_height_m): {height:.1f} m now",
+        )
 
-    def _too_slow(self, now: float) -> str:
-        """Return a text if the airspeed of a plane is too low, else an empty string."""
+    def _too_slow(self, now: float) -> Obstacle | None:
         airspeed = self._session.motion.at(now).airspeed
         least = LEAST_AIRSPEED * self._settings.facts.speed
         if not self._session.adapter.measures_airspeed or airspeed is None or airspeed >= least:
-            return ""
-        return f"airspeed {airspeed:.1f} m/s, at least {least:.1f} m/s needed"
+            return None
+        needed = f"{least:.1f} m/s of airspeed"
+        return Obstacle(needed, f"{needed}: {airspeed:.1f} m/s now")
 
     def grounded(self, now: float) -> str:
         """Return the reason why a steered aircraft must not be steered any longer, or an empty
@@ -102,6 +123,6 @@ class Airborne:
         if vehicle.on_ground and vehicle.received_at > vehicle.landed.changed:
             return "the vehicle reports that it is on the ground or lands"
         height = self.height(now)
-        if height is not None and height < self.floor / 2:
+        if height is not None and height < self.floor / 2 and self.floor > 0:
             return f"height {height:.1f} m, below half of engage.min_height_m ({self.floor:g} m)"
         return ""

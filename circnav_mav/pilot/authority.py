@@ -193,13 +193,11 @@ class Authority:
     def _not_flying(self, now: float) -> str:
         """Return a text if an aircraft does not fly yet, else an empty string."""
         vehicle = self._session.vehicle
-        if not self._session.adapter.flies:
+        # The vehicle was under our control before the link was lost, so its flight is established.
+        if self._goes_on and vehicle.armed and not vehicle.on_ground:
             return ""
-        if not self._goes_on:
-            return self._airborne.obstacle(now)
-        if vehicle.on_ground:
-            return "the vehicle is on the ground"
-        return "" if vehicle.armed else "the vehicle is not armed"
+        obstacle = self._airborne.obstacle(now)
+        return "" if obstacle is None else obstacle.long
 
     @property
     def _goes_on(self) -> bool:

@@ -285,6 +285,11 @@ def _range_sources(view: StepView) -> Active | None:
 # ------------------------------------------------------------
 
 
+def _not_airborne(view: StepView) -> Active | None:
+    needed = view.not_airborne
+    return Active(f"waits: {needed}", key=needed) if needed else None
+
+
 def _gps_lost(view: StepView) -> Active | None:
     if view.gps_lost is None:
         return None
@@ -531,6 +536,7 @@ TABLE = (
     Condition("altitude_jumped", _altitude_jumped, over="altitude jumped back"),
     Condition("few_setpoints", _few_setpoints, by_stall=True),
     # not alarms: only sent to ground stations
+    Condition("not_airborne", _not_airborne, severity=NOTICE),
     Condition("range_noise", _range_noise, severity=NOTICE),
     Condition("low_range_noise", _low_range_noise, severity=NOTICE),
     Condition("range_sources", _range_sources, over="one range source", severity=NOTICE),

@@ -536,6 +536,7 @@ class Pilot:
             outcome=mission.outcome,
             hold=mission.hold,
             waits=self.status.waits_for(now),
+            not_airborne=self._not_airborne(now),
             exit_name=self._exit_action.named(session),
             vehicle=f"{vehicle}, firmware {session.vehicle.firmware or 'unknown'}",
             trusted=self.trusted,
@@ -581,6 +582,15 @@ class Pilot:
 
     # --- state for display and recording
     # ------------------------------------------------------------
+
+    def _not_airborne(self, now: float) -> str:
+        """Return the condition that the flight of an armed vehicle does not meet yet, or an empty
+        string."""
+        waits = self.mission.phase in (Phase.READY, Phase.YIELDED) and self.flies
+        if not (waits and self.session.vehicle.armed):
+            return ""
+        obstacle = self.airborne.obstacle(now)
+        return "" if obstacle is None else obstacle.short
 
     @property
     def done(self) -> bool:

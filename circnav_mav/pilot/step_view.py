@@ -27,6 +27,8 @@ class StepView:
     """Longest time in the phase HOLDING, s."""
     waits: str
     """Reason why the vehicle is not steered."""
+    not_airborne: str
+    """Condition that must be met before an aircraft is steered, while circnav waits for it."""
     exit_name: str
     """Exit action that the vehicle can perform now."""
 

@@ -20,6 +20,7 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.runner import run_step
+from tests.rig import decode
 from tests.tools.fault_link.frames import frames, message_id
 from tests.tools.fault_link.pipe import Pipe
 
@@ -81,6 +82,12 @@ class Flight:
         return [
             time for time, data in self.sent if any(id in SETPOINT_IDS for id in message_ids(data))
         ]
+
+    @property
+    def texts(self) -> list[str]:
+        """STATUSTEXTs that were sent."""
+        sent = [message for _, data in self.sent for message in decode(data)]
+        return [message.text for message in sent if message.get_type() == "STATUSTEXT"]
 
     def _step(self, moment: float) -> None:
         due = UNIX + max(min(self.vehicle.next_event, moment), self.now)

@@ -4,7 +4,7 @@ with the message's extra byte."""
 
 import struct
 from dataclasses import replace
-from math import atan, cos, inf, nan, radians, sin, sqrt
+from math import acos, atan, cos, inf, nan, radians, sin, sqrt, tan
 
 import numpy as np
 import pytest
@@ -166,12 +166,25 @@ def test_copter_attitude_leans_forward_and_into_its_turn(side: str) -> None:
     adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
     state = STATE._replace(push=(1.8, 0.0))
     steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn_rate)), SPEED)
-    lean = {"roll": BANK * sense, "pitch": -atan(1.8 / 9.80665)}
+    pitch = -atan(1.8 / 9.80665)
+    # The thrust balances the weight: roll = atan(a cos(pitch)/g).
+    lean = {"roll": atan(tan(BANK) * cos(pitch)) * sense, "pitch": pitch}
     encoder = Encoder(*US)
     assert_alike(encoder.encode(adapter.setpoint(steer, state, AT)), yawed_frame(**lean, yaw=1.0))
     later = adapter.setpoint(steer, state, AT + 0.1)
     later.time_boot_ms = 12345
     assert_alike(Encoder(*US).encode(later), yawed_frame(**lean, yaw=1.0 + 0.1 * TURN * sense))
+
+
+@pytest.mark.parametrize("push", [(9.0, 0.0), (6.0, -9.0), (-9.0, -9.0)])
+def test_copter_attitude_limits_total_tilt(push: tuple[float, float]) -> None:
+    """Roll and pitch of 25 deg each are a tilt of 34.8 deg, at which a copter sinks."""
+    adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
+    steer = Steer(yaw_rate_from_turn_rate(TurnRate(-0.3)), SPEED)
+    message = adapter.setpoint(steer, STATE._replace(push=push), AT)
+    w, x, y, z = message.q
+    up = w**2 - x**2 - y**2 + z**2  # cosine between body and world z axes
+    assert acos(up) == pytest.approx(FACTS.max_bank, abs=1e-6)
 
 
 def test_copter_attitude_limits_lead_of_yaw_target() -> None:

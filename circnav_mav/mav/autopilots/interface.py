@@ -4,7 +4,7 @@ messages."""
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from math import atan, radians, tan
+from math import atan, hypot, radians, tan
 from typing import ClassVar, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
@@ -347,13 +347,25 @@ def attitude(
 
 def tilt(steer: Steer, push: tuple[float, float], most: float) -> tuple[float, float]:
     """Return roll and pitch, rad, of a copter that accelerates by `push` and banks into its turn.
-    Both angles are 0 at a commanded speed of 0.
 
-    push: acceleration by the thrust, forward and to the left, m/s^2. most: limit of both angles,
+    push: acceleration by the thrust, forward and to the left, m/s^2. most: limit of the total tilt,
     rad.
+    """
+    forward, right = level_acceleration(steer, push, most)
+    pitch = pitch_from_push(forward)
+    return roll_from_push(right, pitch), pitch
+
+
+def level_acceleration(steer: Steer, push: tuple[float, float], most: float) -> tuple[float, float]:
+    """Return the acceleration by the thrust, forward and to the right, m/s^2, of a copter that
+    accelerates by `push` and turns. (0, 0) at a commanded speed of 0.
+
+    most: largest total tilt, rad. Roll and pitch that are limited one by one add up: 25 deg each
+    are 34.8 deg, at which a copter sinks.
     """
     if steer.speed == 0:
         return 0.0, 0.0
     forward, left = push
-    roll = roll_from_push(steer.yaw_rate * steer.speed, left)
-    return min(max(roll, -most), most), min(max(pitch_from_push(forward), -most), most)
+    right = steer.yaw_rate * steer.speed - left
+    share = min(GRAVITY * tan(most) / max(hypot(forward, right), 1e-9), 1.0)
+    return share * forward, share * right

@@ -1,6 +1,6 @@
 """PX4 multicopter in OFFBOARD, and in ALTCTL by stick without any position."""
 
-from math import copysign, radians, tan
+from math import copysign, radians
 from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
@@ -11,6 +11,7 @@ from circnav_mav.mav.autopilots.interface import (
     FULL_TILT,
     SetpointContext,
     body_velocity,
+    level_acceleration,
 )
 from circnav_mav.mav.autopilots.parameters import (
     FAIL,
@@ -41,7 +42,7 @@ from circnav_mav.mav.autopilots.px4 import (
     main_and_sub,
 )
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.frames import GRAVITY, body_from_level
+from circnav_mav.mav.frames import body_from_level
 from circnav_mav.mav.setpoint_guard import MAX_CLIMB, Steer
 
 _yaw_rate_limit = at_least(
@@ -204,10 +205,8 @@ class PX4CopterStick(PX4Vehicle):
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the sticks that turn in coordination and hold the airspeed."""
-        forward, left = to.push if steer.speed > 0 else (0.0, 0.0)
-        most = GRAVITY * tan(self._facts.max_bank)
-        right = min(max(steer.yaw_rate * steer.speed - left, -most), most)
-        x = round(self._facts.tilt_stick(min(max(forward, -most), most)))
+        forward, right = level_acceleration(steer, to.push, self._facts.max_bank)
+        x = round(self._facts.tilt_stick(forward))
         y = round(self._facts.tilt_stick(right))
         return dialect.MAVLink_manual_control_message(
             to.target_system, x, y, 500, round(yaw_stick(steer.yaw_rate)), 0

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import cos, degrees, radians
@@ -24,6 +24,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from tests.tools.firmware.flight import Flight
 from tests.tools.firmware.wire import (
+    GLOBAL_POSITION_INT,
     GPS_HEALTH,
     LOOPBACK,
     POSITIONS,
@@ -33,6 +34,7 @@ from tests.tools.firmware.wire import (
     mode_shown,
     parser,
     setpoint,
+    without_position,
 )
 
 BRING_UP_PATIENCE = 300.0
@@ -102,6 +104,10 @@ class Firmware(Protocol):
     def without_gps(self, bench: "Bench") -> None: ...
     def ask_mode(self, bench: "Bench", mode: int) -> None: ...
     def circle(self, bench: "Bench", north: float, east: float) -> tuple[float, float]: ...
+    def take_off(self, bench: "Bench") -> Iterator[tuple[float, Callable[[], None]]]:
+        """Yield the operator's inputs of a take-off that begins after the start of circnav, with
+        their times, s."""
+        ...
 
     def beat(self, bench: "Bench") -> None:
         """Send the operator's repeated inputs, called once per second. The default sends
@@ -246,7 +252,11 @@ class Bench:
             cut = list(frames(data))
         if not (self.flight.keep_position or self.flight.handback):
             hidden = POSITIONS - GPS_HEALTH if self.flight.gps_shown else POSITIONS
-            kept = b"".join(frame for number, frame in cut if number not in hidden)
+            kept = b"".join(
+                without_position(frame) if number == GLOBAL_POSITION_INT else frame
+                for number, frame in cut
+                if number == GLOBAL_POSITION_INT or number not in hidden
+            )
             self.hidden += len(kept) != len(data)
             data = kept
         if data:

@@ -79,6 +79,9 @@ class Flight:
     home_away: float = _option(
         0.0, "distance of home north of the take-off, m (ArduPilot)", metavar="M"
     )
+    from_ground: bool = _option(
+        False, "the vehicle stands on the ground when circnav starts, and takes off then"
+    )
     # weather and faults
     wind: float = _option(0.0, "wind speed, m/s")
     wind_from: float = _option(270.0, "direction from which the wind blows, degrees")

@@ -108,6 +108,7 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
     bench.close()
     return {
         **figures.plain(),
+        **({"from_ground": _lowest(bench, began, home)} if flown.from_ground else {}),
         "own": {} if flown.baseline else own_verdict(folder / "circnav", flown.window),
         "own_position": own_position(flown, bench, began, ended),
         "homing": homing(flown, bench.track, radio.target, engaged, ended),
@@ -123,6 +124,21 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
         "cpu": cpu,
         "real_speedup": round((bench.now - began) / spent, 3),
         "longest_pause": round(bench.longest_pause, 2),
+    }
+
+
+def _lowest(bench: Bench, began: float, home: float) -> dict[str, float]:
+    """Return figures of a flight that began on the ground: time and height of the first setpoint
+    after the lift-off, lowest height afterwards, and largest bank below 5 m, m and deg."""
+    first = bench.setpoints[0].time if bench.setpoints else bench.now
+    lifted = next((one.time for one in bench.track if one.altitude > home + 0.3), began)
+    steered = [one for one in bench.track if first <= one.time <= bench.setpoints[-1].time]
+    low = [abs(degrees(one.roll)) for one in steered if one.altitude < home + 5.0]
+    return {
+        "first_setpoint_after_lift_off_s": round(first - lifted, 1),
+        "height_at_first_setpoint_m": round(steered[0].altitude - home, 1),
+        "lowest_while_steered_m": round(min(one.altitude for one in steered) - home, 1),
+        "bank_below_5_m_deg": round(max(low, default=0.0), 1),
     }
 
 
@@ -210,6 +226,8 @@ def _loop(flown: Flight, bench: Bench, began: float) -> None:
 def _events(flown: Flight, bench: Bench) -> Iterator[tuple[float, Callable[[], None]]]:
     """Yield the events of the flight with their times after the start of circnav, s."""
     firmware = bench.firmware
+    if flown.from_ground:
+        yield from firmware.take_off(bench)
     if flown.takeover is not None:
         yield flown.takeover, lambda: firmware.ask_mode(bench, firmware.holding)
     if flown.gps_off is not None:

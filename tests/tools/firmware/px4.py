@@ -6,6 +6,7 @@ import os
 import socket
 import struct
 import subprocess
+from collections.abc import Callable, Iterator
 from math import cos, nan, radians, sin
 from pathlib import Path
 from typing import Any
@@ -137,6 +138,9 @@ class Px4(Firmware):
         bench.ask_streams(STREAMS, "HIL_STATE_QUATERNION", 50)
         bench.until(lambda: "GLOBAL_POSITION_INT" in bench.latest, 60, "no position")
         bench.rest(5)
+        if self._flight.from_ground:
+            self.weather(bench)
+            return
         home = bench.truth.altitude
         began = bench.now
         while bench.truth.altitude < home + 1.0:
@@ -150,6 +154,14 @@ class Px4(Firmware):
         bench.set_mode(LOITER)
         self.weather(bench)
         bench.rest(15)
+
+    def take_off(self, bench: Bench) -> Iterator[tuple[float, Callable[[], None]]]:
+        """Command the take-off, and arm."""
+        yield 5.0, lambda: self._command(bench, mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, *4 * (nan,))
+        yield 6.0, lambda: self._command(bench, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, *6 * (0,))
+
+    def _command(self, bench: Bench, number: int, *values: float) -> None:
+        bench.send(mavlink.MAVLink_command_long_message(self.system, 1, number, 0, *values))
 
     def weather(self, bench: Bench) -> None:
         """Start the wind. SIH computes the air velocity as ground velocity plus SIH_WIND, so

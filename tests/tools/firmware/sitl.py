@@ -6,7 +6,9 @@ folder CIRCNAV_ARDUPILOT_PARAMS (plane.parm, copter.parm, rover.parm).
 """
 
 import os
+import struct
 import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,7 @@ GUIDED = {"plane": 15, "copter": 4, "rover": 15}
 HOLDING = {"plane": 12, "copter": 17, "rover": 4}
 CIRCLE = {"copter": 7, "rover": 9}
 ALT_HOLD = 2
+LOITER = 5
 GUIDED_NOGPS = 20
 WITHOUT_GPS = ("copter_nogps", "home_copter")
 """Vehicles that lose their GPS before circnav starts."""
@@ -145,6 +148,9 @@ class ArduPilot(Firmware):
         self._streams(bench)
         if self._kind == "plane":
             bench.set_parameter("TKOFF_ALT", flight.altitude)
+        if flight.from_ground:
+            self._stand(bench)
+            return
         bench.set_mode(TAKEOFF if self._kind == "plane" else self.guided)
         self._arm(bench)
         if self._kind == "copter":
@@ -169,6 +175,38 @@ class ArduPilot(Firmware):
                 20,
                 "the GPS is not lost",
             )
+
+    def _stand(self, bench: Bench) -> None:
+        """Prepare a vehicle that stands on the ground for its take-off."""
+        if self._starts_without_gps:
+            self.without_gps(bench)
+            bench.rest(20)
+        elif self._kind == "copter":
+            self.holding = LOITER
+        bench.set_mode(TAKEOFF if self._kind == "plane" else self.holding)
+        self.weather(bench)
+
+    def take_off(self, bench: Bench) -> Iterator[tuple[float, Callable[[], None]]]:
+        """Arm, and raise the stick of a copter until it has climbed. A plane takes off by its mode,
+        and is then put into LOITER."""
+        arms = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+        yield (
+            5.0,
+            lambda: bench.send(
+                mavlink.MAVLink_command_long_message(1, 1, arms, 0, 1, 0, 0, 0, 0, 0, 0)
+            ),
+        )
+        if self._kind == "plane":
+            yield 60.0, lambda: self.ask_mode(bench, self.holding)
+            return
+        yield 8.0, lambda: self._throttle(0.9)
+        yield 8.0 + self._flight.altitude / 1.8, lambda: self._throttle(0.5)
+
+    def _throttle(self, stick: float) -> None:
+        """Move the throttle stick of the transmitter, 0 to 1. The other channels keep the values of
+        the simulated transmitter."""
+        channels = (1500, 1500, round(1000 + 1000 * stick), 1500, 1800, 1000, 1000, 1800)
+        self.own.sendto(struct.pack("<8H", *channels), (LOOPBACK, self._rc_port))
 
     def _move_home(self, bench: Bench) -> None:
         x, y = self.degrees_e7(self._flight.home_away, 0.0)

@@ -16,6 +16,7 @@ LOOPBACK = "127.0.0.1"
 POSITIONS = frozenset({24, 32, 33, 49, 63, 104, 108, 113, 114, 115, 124, 164, 178, 182, 230, 242})
 """Messages with the vehicle's measured or estimated position or ground velocity. The bench does not
 forward them to circnav."""
+GLOBAL_POSITION_INT = 33
 GPS_HEALTH = frozenset({24, 124})
 """GPS_RAW_INT and GPS2_RAW. Their fix type shows a loss of GPS."""
 SETPOINTS = (
@@ -38,6 +39,18 @@ class Setpoint:
     turn: float | None
     roll: float | None
     finite: bool
+
+
+def without_position(frame: bytes) -> bytes:
+    """Return a GLOBAL_POSITION_INT frame of MAVLink 2 without place and velocity. Time, relative
+    altitude and sequence number are kept."""
+    message = mavlink.MAVLink(None).decode(bytearray(frame))
+    sender = mavlink.MAVLink(None, frame[5], frame[6])
+    sender.seq = frame[4]
+    bare = mavlink.MAVLink_global_position_int_message(
+        message.time_boot_ms, 0, 0, 0, message.relative_alt, 0, 0, 0, 0
+    )
+    return bytes(bare.pack(sender))
 
 
 def bound(port: int = 0) -> socket.socket:
