@@ -6,7 +6,6 @@ folder CIRCNAV_ARDUPILOT_PARAMS (plane.parm, copter.parm, rover.parm).
 """
 
 import os
-import struct
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -71,6 +70,8 @@ class ArduPilot(Firmware):
         self._flight = flight
         self._kind = flight.what.kind
         self._rc_port = rc_port
+        self._throttle = 0.0 if flight.from_ground else 0.5
+        """Throttle stick of the operator, 0 to 1."""
         self.guided = GUIDED[self._kind]
         self.holding = HOLDING[self._kind]
         self._starts_without_gps = flight.vehicle in WITHOUT_GPS
@@ -199,14 +200,11 @@ class ArduPilot(Firmware):
         if self._kind == "plane":
             yield 60.0, lambda: self.ask_mode(bench, self.holding)
             return
-        yield 8.0, lambda: self._throttle(0.9)
-        yield 8.0 + self._flight.altitude / 1.8, lambda: self._throttle(0.5)
+        yield 8.0, lambda: self._move_throttle(0.9)
+        yield 8.0 + self._flight.altitude / 1.8, lambda: self._move_throttle(0.5)
 
-    def _throttle(self, stick: float) -> None:
-        """Move the throttle stick of the transmitter, 0 to 1. The other channels keep the values of
-        the simulated transmitter."""
-        channels = (1500, 1500, round(1000 + 1000 * stick), 1500, 1800, 1000, 1000, 1800)
-        self.own.sendto(struct.pack("<8H", *channels), (LOOPBACK, self._rc_port))
+    def _move_throttle(self, stick: float) -> None:
+        self._throttle = stick
 
     def _move_home(self, bench: Bench) -> None:
         x, y = self.degrees_e7(self._flight.home_away, 0.0)
@@ -312,21 +310,24 @@ class ArduPilot(Firmware):
         return bench.truth.north, bench.truth.east
 
     def beat(self, bench: Bench) -> None:
-        """Send centered sticks, because ALT_HOLD descends with a low throttle stick."""
+        """Send the sticks, centered in the air, because ALT_HOLD descends with a low throttle
+        stick."""
         heartbeat = bench.latest.get("HEARTBEAT")
         armed = heartbeat is not None and heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        if self._starts_without_gps and armed:  # with the throttle up, arming is refused
-            bench.send(
-                mavlink.MAVLink_rc_channels_override_message(
-                    1, 1, 1500, 1500, 1500, 1500, *[65535] * 4
-                )
-            )
+        # with the throttle up, arming is refused
+        if armed and (self._starts_without_gps or self._flight.from_ground):
+            self._send_sticks(bench, self._throttle)
 
     def circling(self, bench: Bench) -> None:
         """Send a centered throttle stick, which a copter reads in CIRCLE."""
         if self._kind == "copter":
-            bench.send(
-                mavlink.MAVLink_rc_channels_override_message(
-                    1, 1, 1500, 1500, 1500, 1500, *[65535] * 4
-                )
+            self._send_sticks(bench, 0.5)
+
+    def _send_sticks(self, bench: Bench, throttle: float) -> None:
+        """Send centered sticks and the throttle stick, 0 to 1."""
+        stick = round(1000 + 1000 * throttle)
+        bench.send(
+            mavlink.MAVLink_rc_channels_override_message(
+                1, 1, 1500, 1500, stick, 1500, *[65535] * 4
             )
+        )
