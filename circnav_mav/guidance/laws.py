@@ -10,10 +10,12 @@ vehicle's limits.
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from math import asin, copysign, cos, pi, sqrt, tanh
 from typing import Any
 
-from circnav_mav.guidance.own_code import NameTable, checked
+from circnav_mav.guidance.own_code import NameTable, call, checked
+from circnav_mav.guidance.types import Orbit, OwnLaw
 
 LEAST = 1.2
 """Least ratio of the default gain of law 1 or 2 to the paper's bound on this gain."""
@@ -175,7 +177,12 @@ def _smooth_gain(V: float, r_d: float, lag: float) -> float:
 
 def _own_law(name: str, make: Any) -> Law:
     form = "a function from the circle to a law, which is a function of the estimate"
-    return Law(name, checked(name, make, form, callable), "", "", kind=Kind.OWN)
+    make_law = checked(name, make, form, callable)
+
+    def made_by(orbit: Orbit) -> OwnLaw:
+        return partial(call, name, call(name, make_law, orbit))
+
+    return Law(name, made_by, "", "", kind=Kind.OWN)
 
 
 _BUILT_IN = (

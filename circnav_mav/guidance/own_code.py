@@ -2,10 +2,12 @@
 point or `module:name`."""
 
 import re
+import sys
 from collections.abc import Callable, Mapping
-from importlib.metadata import entry_points
 from pkgutil import resolve_name
 from typing import Any, TypeVar
+
+from circnav_mav.installed import find_entry_point, installed_entry_points
 
 T = TypeVar("T")
 REFERENCE = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
@@ -36,7 +38,7 @@ class NameTable(dict[str, T]):
 
     def names(self) -> list[str]:
         """Return the names of the built-in values and of the installed entry points."""
-        return [*self, *sorted(entry_points(group=self._group).names)]
+        return [*self, *sorted({point.name for point in installed_entry_points(self._group)})]
 
     def knows(self, name: str) -> bool:
         """True if a name may be looked up. Its code is not imported."""
@@ -50,12 +52,34 @@ class NameTable(dict[str, T]):
         if not self.knows(name):
             raise KeyError(name)
         try:
-            installed = entry_points(group=self._group, name=name)
-            found = next(iter(installed)).load() if installed else resolve_name(name)
+            point = find_entry_point(self._group, name)
+        except ValueError as error:
+            raise OwnCodeError(str(error)) from None
+        module = (name if point is None else point.value).partition(":")[0].partition(".")[0]
+        # The first call of code:interact would open a prompt, and the flight would wait for it.
+        if module in sys.stdlib_module_names:
+            raise OwnCodeError(
+                f"{name}: {module} is a module of Python's standard library: name a module of yours"
+            )
+        try:
+            found = resolve_name(name) if point is None else point.load()
         except FAILURES as error:
             raise OwnCodeError(f"{name} cannot be imported: {error!r}") from None
         self._imported[name] = self._adapt(name, found)
         return self._imported[name]
+
+
+class StuckCodeError(BaseException):
+    """User-defined code that did not return within its time limit (`time_limit`). The message is
+    one line.
+
+    A law that catches every Exception must not catch this one.
+    """
+
+
+def call(name: str, function: Callable[..., T], *arguments: Any) -> T:
+    """Call user-defined code. A frame of this function on the stack marks the code as running."""
+    return function(*arguments)
 
 
 def checked(name: str, make: Any, form: str, fits: Callable[[Any], bool]) -> Callable[[Any], Any]:

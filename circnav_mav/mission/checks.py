@@ -6,7 +6,8 @@ from math import atan, ceil, degrees, floor, inf, isfinite
 from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
-from circnav_mav.guidance.own_code import OwnCodeError
+from circnav_mav.guidance.own_code import FAILURES, OwnCodeError, StuckCodeError
+from circnav_mav.guidance.types import OwnLaw, RangeEstimate
 from circnav_mav.guidance.vehicle_model import MEASUREMENT_DELAY
 from circnav_mav.mav.autopilots.interface import FOLLOWED
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
@@ -15,6 +16,7 @@ from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission
+from circnav_mav.time_limit import time_limit
 
 TILT_USED = 0.8
 """Share of the tilt limit above which `check` warns, for the tilt that airspeed or turns need.
@@ -113,20 +115,39 @@ def _estimator(mission: Mission) -> Iterator[Check]:
 
 
 def _own_code(mission: Mission) -> Iterator[Check]:
-    """Check that a user-defined law or estimator can be imported and created. Nothing else about
-    it is checked."""
+    """Check that a user-defined law or estimator can be imported and created, and that the law
+    returns a turn rate on the circle. Nothing else about it is checked."""
     if not mission.own_code:
         return
     names = " and ".join(mission.own_code)
     try:
-        mission.import_own_code()
-    except OwnCodeError as error:
+        law = mission.import_own_code()
+        returned = "" if law is None else f"; {_called_once(law, mission)}"
+    except (OwnCodeError, StuckCodeError) as error:
         yield Check(FAIL, "own code", str(error))
         return
     ignored = mission.file.guidance.gain is not None and mission.law.name not in LAWS
     unused = "; guidance.gain has no effect" if ignored else ""
     grade = PASS if mission.flies_sim and not ignored else WARN
-    yield Check(grade, "own code", f"{names}: imported; nothing else about it is checked{unused}")
+    words = f"{names}: imported{returned}; nothing else about it is checked{unused}"
+    yield Check(grade, "own code", words)
+
+
+def _called_once(law: OwnLaw, mission: Mission) -> str:
+    """Call a user-defined law once, with an estimate on the circle. Return the result as text.
+    Raises OwnCodeError, StuckCodeError."""
+    name = mission.law.name
+    orbit = mission.orbit
+    sigma = mission.file.ranging.sigma_m
+    try:
+        with time_limit():
+            found = float(law(RangeEstimate(0.0, orbit.radius, 0.0, sigma, r_dot_sigma=1.0)))
+    except FAILURES as error:
+        raise OwnCodeError(f"law {name} fails on the circle: {error!r}") from None
+    if not isfinite(found):
+        raise OwnCodeError(f"law {name} returns {found} on the circle, not a turn rate in rad/s")
+    needed = orbit.direction.turn_sign * orbit.speed / orbit.radius
+    return f"on the circle it returns {found:+.3f} rad/s, the circle needs {needed:+.3f} rad/s"
 
 
 def _gain(mission: Mission) -> Iterator[Check]:

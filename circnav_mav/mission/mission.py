@@ -11,7 +11,7 @@ from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
-from circnav_mav.guidance.types import Direction, Orbit
+from circnav_mav.guidance.types import Direction, Orbit, OwnLaw
 from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
@@ -96,13 +96,15 @@ class Mission:
         names = ((self.law.name, LAWS), (self.estimator, ESTIMATORS))
         return [name for name, table in names if name not in table]
 
-    def import_own_code(self) -> None:
-        """Import law and estimator if they are user-defined, and create each of them once.
-        Raises OwnCodeError."""
+    def import_own_code(self) -> OwnLaw | None:
+        """Import law and estimator if they are user-defined, and create each of them once. Return
+        the law, None if it is built in. Raises OwnCodeError."""
+        own_law: OwnLaw | None = None
         if self.law.name not in LAWS:
-            LAWS[self.law.name].function(self.orbit)
+            own_law = LAWS[self.law.name].function(self.orbit)
         if self.estimator not in ESTIMATORS:
             ESTIMATORS[self.estimator](self.estimation)
+        return own_law
 
     @property
     def estimation(self) -> EstimatorSettings:

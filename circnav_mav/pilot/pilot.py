@@ -16,6 +16,7 @@ from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.own_code import StuckCodeError
 from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import (
     AirspeedAlarm,
@@ -229,9 +230,13 @@ class Pilot:
         circle = self.controller.circle
         self.estimate = estimate
         self.tracker.estimate = estimate
-        command = self.controller.command(
-            self.mission.phase, estimate, self.session.timesync.worst, now
-        )
+        command = None
+        try:
+            command = self.controller.command(
+                self.mission.phase, estimate, self.session.timesync.worst, now
+            )
+        except StuckCodeError as error:
+            self._finish(Outcome(Ending.ABORTED, str(error)), now)
         message, yaw_rate = self._setpoint(command, now)
         phase = self.mission.phase
         was_sent = False

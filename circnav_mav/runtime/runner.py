@@ -17,6 +17,7 @@ from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
+from circnav_mav.time_limit import time_limit
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
 """Signals that end a flight safely: SIGINT (Ctrl-C), SIGTERM (a stopped service) and SIGQUIT
@@ -69,7 +70,8 @@ def run(
         wait(links, stop, min(clock.until(loop.due), clock.longest_wait))
         if signing_time is not None:
             signing_time.advance()
-        loop.step(stop.signal_name)
+        with time_limit():
+            loop.step(stop.signal_name)
 
 
 class Loop:

@@ -1,6 +1,7 @@
 """The user-defined law and estimator of docs/own-law.md, selected by name in the benchmark, in
 missions and on a vehicle."""
 
+import json
 import sys
 from dataclasses import replace
 
@@ -12,6 +13,7 @@ from circnav_mav.extras.bench.flight import fly
 from circnav_mav.extras.bench.situations import SITUATIONS
 from circnav_mav.extras.campaign.plan import load_campaign, prepare
 from circnav_mav.guidance.own_code import OwnCodeError
+from circnav_mav.mav.ranging.driver import DriverError, make_driver
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.pilot import Ending
 from tests import small_mission
@@ -35,11 +37,25 @@ def modules(tmp_path, monkeypatch):
         "def number(orbit): return 1.0\n"
         "def nan(orbit): return lambda estimate: float('nan')\n"
         "def crash(orbit): return lambda estimate: 1 / 0\n"
+        "def late(orbit): return lambda estimate: 1 / (estimate.time < 5)\n"
+        "def stuck(orbit):\n"
+        "    def law(estimate):\n"
+        "        while estimate.time > 5:\n"
+        "            try: pass\n"
+        "            except Exception: pass\n"
+        "        return 0.1\n"
+        "    return law\n"
+        "def never(orbit):\n"
+        "    def law(estimate):\n"
+        "        while True: pass\n"
+        "    return law\n"
     )
     package = tmp_path / "spiral-1.dist-info"
     package.mkdir()
     (package / "METADATA").write_text("Name: spiral\nVersion: 1\n")
-    (package / "entry_points.txt").write_text("[circnav.laws]\nspiral = mine:law\n")
+    (package / "entry_points.txt").write_text(
+        "[circnav.laws]\nspiral = mine:law\ntwice = mine:law\n"
+    )
     monkeypatch.syspath_prepend(tmp_path)
     for name in ("mine", "wrong"):
         monkeypatch.delitem(sys.modules, name, raising=False)
@@ -64,6 +80,7 @@ def test_user_law_and_estimator_keep_circle_in_benchmark(policy, flight):
         ("no_such_module:law", "cannot be imported: ModuleNotFoundError"),
         ("wrong:estimate", "must be a function from the circle to a law.*AttributeError"),
         ("wrong:number", "must be a function from the circle to a law.*returns 1.0"),
+        ("code:interact", "code is a module of Python's standard library"),
     ],
 )
 def test_unusable_law_is_refused_with_reason(name, error, circnav):
@@ -71,6 +88,44 @@ def test_unusable_law_is_refused_with_reason(name, error, circnav):
         Guidance(ORBIT, name)
     ran = circnav("check", "quickstart", "--set", f"guidance.law={name}")
     assert (ran.code, "FAIL  own code" in ran.out) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("mine:law", "on the circle it returns -0.150 rad/s, the circle needs -0.150 rad/s"),
+        ("wrong:nan", "law wrong:nan returns nan on the circle, not a turn rate in rad/s"),
+        ("wrong:crash", "law wrong:crash fails on the circle: ZeroDivisionError"),
+        ("wrong:never", "law wrong:never did not return within 0.3 s"),
+    ],
+)
+def test_check_calls_user_law_once(name, words, circnav):
+    ran = circnav("check", "quickstart", "--set", f"guidance.law={name}")
+    assert words in ran.out
+    assert (ran.code == 0) == (name == "mine:law")
+
+
+def test_law_of_two_packages_is_refused(modules, circnav):
+    package = modules / "second-1.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Name: second\nVersion: 1\n")
+    (package / "entry_points.txt").write_text("[circnav.laws]\ntwice = wrong:nan\n")
+    ran = circnav("check", "quickstart", "--set", "guidance.law=twice")
+    assert ran.code == 2
+    assert "'twice' is defined by " in ran.out
+    assert "spiral (mine:law)" in ran.out and "second (wrong:nan)" in ran.out
+
+
+def test_malformed_package_of_another_program_is_ignored(modules, circnav):
+    for name, text in (("broken", "[console_scripts\nfoo bar\n"), ("worse", "= \n\x00[]\n")):
+        package = modules / f"{name}-1.dist-info"
+        package.mkdir()
+        (package / "METADATA").write_text(f"Name: {name}\nVersion: 1\n")
+        (package / "entry_points.txt").write_text(text)
+    (modules / "empty-1.dist-info").mkdir()
+    assert circnav("check", "quickstart", "--set", "guidance.law=spiral").code == 0
+    with pytest.raises(DriverError, match="no driver 'x'; there are dwm1001, lines, linktrack"):
+        make_driver("x")
 
 
 @pytest.mark.parametrize(
@@ -109,9 +164,34 @@ def test_law_that_returns_nan_ends_flight_with_exit_action(tmp_path):
     assert flight.pilot.done
 
 
+def test_law_that_never_returns_ends_flight_with_exit_action(circnav, undrawn, tmp_path):
+    folder = tmp_path / "run"
+    law = ("--set", "guidance.law=wrong:stuck", "--out", folder)
+    ran = circnav("fly", "quickstart", *law)
+    assert ran.code == 4
+    reason = json.loads((folder / "summary.json").read_text())["reason"]
+    assert reason == "law wrong:stuck did not return within 0.3 s"
+    ticks = (folder / "ticks.csv").read_text().splitlines()
+    assert any(",leaving," in line for line in ticks)
+
+
+def test_estimator_that_never_returns_ends_flight_with_safe_setpoint(circnav, undrawn, modules):
+    (modules / "stuck.py").write_text(
+        "from mine import Observer\n"
+        "class Stuck(Observer):\n"
+        "    def observe(self, sample):\n"
+        "        while sample.time > 5: pass\n"
+        "        return super().observe(sample)\n"
+    )
+    own = ("--set", "guidance.law=mine:law", "--set", "guidance.estimator=stuck:Stuck")
+    ran = circnav("fly", "quickstart", *own, "--out", modules / "run")
+    assert ran.code == 1
+    assert "estimator stuck:Stuck did not return within 0.3 s" in ran.line
+
+
 def test_law_that_raises_ends_flight_with_safe_setpoint(circnav, undrawn, tmp_path):
     ran = circnav(
-        "fly", "quickstart", "--set", "guidance.law=wrong:crash", "--out", tmp_path / "run"
+        "fly", "quickstart", "--set", "guidance.law=wrong:late", "--out", tmp_path / "run"
     )
     assert ran.code == 1
     assert "ZeroDivisionError" in ran.line

@@ -3,9 +3,10 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from numbers import Integral, Real
 from typing import Any, Protocol
+
+from circnav_mav.installed import find_entry_point, installed_entry_points
 
 MOST_BEACON = 65535
 """Largest beacon id: 16 bits, as in RANGING_BEACON."""
@@ -85,19 +86,20 @@ def split_driver(endpoint: str) -> tuple[str | None, str]:
 
 def make_driver(name: str) -> Driver:
     """Return a new driver by its name. Raises DriverError."""
-    others = {point.name: point for point in entry_points(group=GROUP)}
-    if name not in others:
-        known = ", ".join(sorted(others))
+    try:
+        point = find_entry_point(GROUP, name)
+    except ValueError as error:
+        raise DriverError(f"driver {error}") from None
+    if point is None:
+        known = ", ".join(sorted({point.name for point in installed_entry_points(GROUP)}))
         raise DriverError(
             f"no driver {name!r}; there are {known} (docs/radios.md describes how to add one)"
         )
     try:
-        made: Driver = others[name].load()()
+        made: Driver = point.load()()
         for attribute, kind in ATTRIBUTES.items():
             if not isinstance(getattr(made, attribute, None), kind):
                 raise TypeError(f"its {attribute} is missing or not {kind.__name__}")
     except FAILURES as error:  # raised by another package
-        raise DriverError(
-            f"driver {name!r} of {others[name].value} does not load: {error!r}"
-        ) from None
+        raise DriverError(f"driver {name!r} of {point.value} does not load: {error!r}") from None
     return made

@@ -220,7 +220,7 @@ class KeyMissing(Bare):
 )
 def test_incomplete_driver_is_refused(monkeypatch, driver, error):
     point = EntryPoint("mine", f"{__name__}:{driver}", "circnav.ranging")
-    monkeypatch.setattr("circnav_mav.mav.ranging.driver.entry_points", lambda group: [point])
+    monkeypatch.setattr("circnav_mav.installed.installed_entry_points", lambda group: [point])
     with pytest.raises(LinkError) as refused:
         open_radio("mine:udpin:127.0.0.1:0")
     assert f"driver 'mine' of {__name__}:{driver} does not load: " in str(refused.value)

@@ -1,0 +1,53 @@
+"""Time limit of user-defined laws and estimators, which run in the loop of a flight."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from circnav_mav.guidance.estimators.interface import Estimator
+from circnav_mav.guidance.own_code import StuckCodeError, call
+
+LIMIT = 0.3
+"""Longest duration of a step with user-defined code, s. After 0.5 s a step sends nothing more, so
+that the safe setpoint would be late, too."""
+
+
+@contextmanager
+def time_limit() -> Iterator[None]:
+    """Raise StuckCodeError if the body takes longer than LIMIT because user-defined code does not
+    return.
+
+    Compiled code, such as numpy's, is interrupted only when it returns to Python.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals interrupt the main thread only
+        return
+
+    def on_alarm(number: int, frame: FrameType | None) -> None:
+        if name := _running(frame):
+            # Repeat the interruption if the code catches every exception.
+            signal.setitimer(signal.ITIMER_REAL, LIMIT)
+            raise StuckCodeError(f"{name} did not return within {LIMIT:g} s")
+
+    before = signal.signal(signal.SIGALRM, on_alarm)
+    signal.setitimer(signal.ITIMER_REAL, LIMIT)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _running(frame: FrameType | None) -> str:
+    """Return the name of the user-defined code that runs in a frame, or empty. A step that lasts
+    for another reason, such as a stopped process, is not interrupted."""
+    while frame is not None:
+        if frame.f_code is call.__code__:
+            return f"law {frame.f_locals['name']}"
+        of = frame.f_locals.get("self")
+        if isinstance(of, Estimator) and not type(of).__module__.startswith("circnav_mav."):
+            return f"estimator {type(of).__module__}:{type(of).__qualname__}"
+        frame = frame.f_back
+    return ""
