@@ -56,6 +56,11 @@ def address_text(source: Hashable) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
+def host_of(source: Hashable) -> Hashable:
+    """Return the host of a socket address, or any other source unchanged."""
+    return source[0] if isinstance(source, tuple) else source
+
+
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
     """system_id: system id of the vehicle, None for the first vehicle that fits the mission.

@@ -41,7 +41,10 @@ class RangeTracker:
         self._needs_altitude = settings.height.needs_altitude
         self.height = Height(settings.height)
         slower = no_link_delay if self._apart else session.timesync.slower
-        self.ranging = RangeReader(settings.ranging, self.noise, slower)
+        # 0.5: smallest jump of the range that is rejected, as a share of the radius. Noise of this
+        # size is rejected, too.
+        self.jumps = JumpGate(speed, 0.5 * settings.orbit.radius)
+        self.ranging = RangeReader(settings.ranging, self.noise, slower, self.jumps.reach)
         self.rates = RangeRateReader(
             settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed
         )
@@ -50,9 +53,6 @@ class RangeTracker:
         # between are merged, because each added range causes a setpoint and takes 1 to 2 ms of
         # processor time.
         self._thinning = Thinning(0.75 * settings.timing.tick)
-        # 0.5: smallest jump of the range that is rejected, as a share of the radius. Noise of this
-        # size is rejected, too.
-        self.jumps = JumpGate(speed, 0.5 * settings.orbit.radius)
         self.newest: RangeSample | None = None
         # 64: number of newest ranges that are stored, as many as one datagram of a slow link may
         # contain.
@@ -213,6 +213,10 @@ class JumpGate:
         newest = self._newest
         lasts = first is not None and newest is not None and newest.time - first.time >= JUMPED_FOR
         return self._by if lasts else 0.0
+
+    def reach(self, seconds: float) -> float:
+        """Return the largest change of the range in a time that is no jump, m."""
+        return max(self._speed * seconds, self._least)
 
     def rejects(self, sample: RangeSample, accepted: RangeSample | None) -> bool:
         """Return True if a range is rejected. accepted: newest accepted range to compare with, or

@@ -2,7 +2,7 @@
 tlog."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import closing
 from itertools import groupby, islice
 from pathlib import Path
@@ -53,7 +53,9 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
     held_back = sent == HELD_BACK
     return LoopStep(
         int(time_us) / 1e6,
-        received=[(LINKS[source[:1]], source, take(int(count))) for source, _, count in parts],
+        received=[
+            (LINKS[source[:1]], _source(source), take(int(count))) for source, _, count in parts
+        ],
         sent=take(0 if held_back else int(sent or 0)),
         hello=take(int(hello or 0)),
         attached=take(int(attached or 0)),
@@ -62,6 +64,13 @@ def _step(row: list[str], frames: Iterator[bytes]) -> LoopStep:
         interrupt=interrupt,
         held_back=held_back,
     )
+
+
+def _source(number: str) -> Hashable:
+    """Return the source of a number in steps.csv: an address, host and port, if the number has a
+    part for the port."""
+    host, point, port = number.partition(".")
+    return (host, port) if point else number
 
 
 def check_tlog(path: Path) -> None:

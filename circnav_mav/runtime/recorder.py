@@ -22,6 +22,7 @@ from enum import Enum
 from pathlib import Path
 from typing import IO, Any
 
+from circnav_mav.mav.identity import host_of
 from circnav_mav.mav.signing import without_signature
 from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.loop_step import HELD_BACK, STEPS, LoopStep, requests_text
@@ -53,8 +54,9 @@ STEP_COLUMNS = (
 """Columns of steps.csv. The tlog holds the frames of a step in this order.
 
 time_us: time of the step, us.
-received: received datagrams, each as initial of the link, number of the source and number of
-    complete frames, as in `v0*2 r1*1`.
+received: received datagrams, each as initial of the link, number of the source (number of its
+    host, point, own number for a further port of the host) and number of complete frames, as in
+    `v0*2 v0.2*1 r1*1`.
 sent: number of frames sent to the vehicle, or HELD_BACK if they were not sent.
 hello: number of frames sent to the ranging link.
 interrupt: signal that ended the flight.
@@ -100,7 +102,8 @@ class Recorder:
             csv.writer(self._steps).writerow(STEP_COLUMNS)
         except OSError as error:
             raise RecorderError(f"{folder}: cannot be written: {error.strerror or error}") from None
-        self._sources: dict[Hashable, int] = {}
+        self._sources: dict[Hashable, str] = {}
+        self._hosts: dict[Hashable, str] = {}
         self._queue: queue.SimpleQueue[LoopStep | TickRecord | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._drain, name="recorder", daemon=True)
 
@@ -209,14 +212,18 @@ class Recorder:
         )
         self._written += csv.writer(self._steps).writerow(row)
 
-    def _number(self, source: Hashable) -> int:
-        """Return the number of a source. All sources beyond MOST_SOURCES share one number."""
+    def _number(self, source: Hashable) -> str:
+        """Return the number of a source. A further port of a known host has the number of the host,
+        a point and its own number. All sources beyond MOST_SOURCES share one number."""
+        if source in self._sources:
+            return self._sources[source]
         known = len(self._sources)
-        return (
-            self._sources.setdefault(source, known)
-            if known < MOST_SOURCES
-            else self._sources.get(source, known)
-        )
+        first = self._hosts.get(host_of(source))
+        number = str(known) if first is None else f"{first}.{known}"
+        if known < MOST_SOURCES:
+            self._sources[source] = number
+            self._hosts.setdefault(host_of(source), number)
+        return number
 
 
 def write_ticks(path: Path, records: Iterable[TickRecord]) -> None:

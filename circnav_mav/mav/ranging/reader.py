@@ -6,9 +6,9 @@ age, noise, height. The innovation gate follows later, in the estimator. `table`
 and `sources` defines a source.
 """
 
-from collections import Counter
-from collections.abc import Hashable, Mapping
-from math import isfinite
+from collections import Counter, deque
+from collections.abc import Callable, Hashable, Mapping
+from math import inf, isfinite
 
 from circnav_mav.guidance.maths import horizontal, horizontal_rate
 from circnav_mav.guidance.range_noise import NoiseCheck
@@ -16,7 +16,7 @@ from circnav_mav.guidance.rate_check import RateCheck
 from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample
 from circnav_mav.mav.clocks import JUMP, Order, Slower, StampFilter, no_link_delay
 from circnav_mav.mav.codec import Message, ids
-from circnav_mav.mav.identity import AUTOPILOT_COMPONENT, Sender
+from circnav_mav.mav.identity import AUTOPILOT_COMPONENT, MOVES_AFTER, Sender, host_of
 from circnav_mav.mav.ranging.interface import (
     EXPLAINED,
     OTHERS,
@@ -26,7 +26,7 @@ from circnav_mav.mav.ranging.interface import (
     Reject,
     boot_stamp,
 )
-from circnav_mav.mav.ranging.sources import SOURCE_SILENT, RangeSource, RangeSources
+from circnav_mav.mav.ranging.sources import LISTEN_PERIODS, SOURCE_SILENT, RangeSource, RangeSources
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.timers import Since
 
@@ -39,6 +39,11 @@ KNOWN_AFTER = 100
 Before, the limit of the lead is JUMP."""
 
 
+def same_radio(sender: Sender, other: Sender) -> bool:
+    """True if two senders have the same ids and the same host. Their ports may differ."""
+    return sender.ids == other.ids and host_of(sender.source) == host_of(other.source)
+
+
 class RangeReader:
     """Converter of messages to samples, each measurement at most once and in the order of the
     sensor's clock."""
@@ -48,9 +53,10 @@ class RangeReader:
         settings: RangingSettings,
         noise: NoiseCheck | None = None,
         slower: Slower = no_link_delay,
+        reach: Callable[[float], float] = lambda seconds: inf,
     ) -> None:
         """noise: check of the reported sigma, None for no check. slower: delay increase of the
-        ranges' link."""
+        ranges' link. reach: largest plausible change of the range in a time, m."""
         self._settings = settings
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
@@ -66,6 +72,11 @@ class RangeReader:
         self.rival: Sender | None = None
         """Sender of the newest message if it is a second sender: a selected range from another
         address."""
+        self._reach = reach
+        self._here_since = -inf
+        """Time of the first range from the present address of the trusted sender, s."""
+        self._left: deque[Hashable] = deque(maxlen=8)
+        """Earlier addresses of the trusted sender."""
         self._with_vehicle = False
         self._taken = 0
         self._since_ahead = Since()
@@ -165,7 +176,10 @@ class RangeReader:
             return None
         if not picked and fits and isinstance(reading, Reading):
             self._note_other_beacon(sensor, reading, now)
-        if not fits or not self._counts(sender, sensor, now, picked=picked and slant is not None):
+        moved = picked and slant is not None and self._moved(sender, sensor, slant, now)
+        if not fits or not (
+            moved or self._counts(sender, sensor, now, picked=picked and slant is not None)
+        ):
             return Reject.OTHER_SENSOR if fits and sender == self.trusted else Reject.WRONG_SOURCE
         if not picked:
             return Reject.OTHER_SENSOR
@@ -180,15 +194,20 @@ class RangeReader:
         # source has no effect.
         if self._ambiguous(now):
             return Reject.AMBIGUOUS
-        if self.trusted is not None and (sender, sensor) != (self.trusted, self._source):
+        changed = (sender, sensor) != (self.trusted, self._source)
+        if self.trusted is not None and changed and not moved:
             self._restart()
             self._with_vehicle = False
         carried = reading.stamp if settings.stamp == "sensor" else None
         self.stamped = reading.stamp is not None
         stamp = now if carried is None else self.clock.unwrapped(carried)
-        rejection = self._order(reading, stamp, now, sender)
+        rejection = self._order(reading, stamp, now)
         if rejection is not None:
             return rejection
+        if self.trusted is not None and moved:
+            self._left.append(self.trusted.source)
+        if changed:
+            self._here_since = now
         self.trusted = sender
         self._source = sensor
         self._sequence = reading.sequence
@@ -269,7 +288,27 @@ class RangeReader:
         )
         return silent and not self.sender_stays
 
-    def _order(self, reading: Reading, stamp: float, now: float, sender: Sender) -> Reject | None:
+    def _moved(self, sender: Sender, sensor: RangeSource, slant: float, now: float) -> bool:
+        """True if the trusted radio sends from another port of its host now."""
+        trusted = self.trusted
+        if (
+            trusted is None
+            or sender.source == trusted.source
+            or sensor != self._source
+            or not same_radio(sender, trusted)
+        ):
+            return False
+        # An ESP8266 or a script may open a new socket for each datagram. Each port of such a radio
+        # sends once, and no port sends again. A second program on the same host uses its port
+        # again, and is a second sender.
+        newest_at = self.clock.newest_at
+        if self._here_since == newest_at and sender.source not in self._left:
+            return True
+        # A radio that restarts is silent before it sends from a new port. Its range continues.
+        silence = max(MOVES_AFTER, LISTEN_PERIODS / self._settings.rate_hz)
+        return now - newest_at > silence and abs(slant - self.slant) <= self._reach(now - newest_at)
+
+    def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
         """Return the reason to reject a reading by its stamp, or None if it is newer than the last
         reading."""
         clock = self.clock
@@ -303,13 +342,9 @@ class RangeReader:
             and now - clock.newest_at < 10
         )
         # ArduPilot repeats the last range of its rangefinder with new stamps until the next
-        # measurement. A radio of coarse resolution may measure equal ranges: those are not
-        # rejected.
-        resent = (
-            sender.component == AUTOPILOT_COMPONENT
-            and reading.slant == self.slant
-            and stamp - clock.newest < 0.9 / settings.rate_hz
-        )
+        # measurement, and many radios print each line several times. A radio of coarse resolution
+        # may measure equal ranges, once per period: those are not rejected.
+        resent = reading.slant == self.slant and stamp - clock.newest < 0.9 / settings.rate_hz
         return Reject.REPEAT if order is Order.REPEATED or again or resent else None
 
     def _restart(self) -> None:
@@ -371,8 +406,10 @@ class RangeRateReader:
         vehicle above the target, m."""
         settings = self._settings
         ranging = self._ranging
+        sender = Sender(*ids(message), source)
         if (
-            (*ids(message), source) != ranging.trusted
+            ranging.trusted is None
+            or not same_radio(sender, ranging.trusted)
             or not isfinite(message.value)
             or abs(message.value) > self._most
         ):

@@ -8,19 +8,20 @@ DISTANCE = RangingSettings(message="distance_sensor", sigma_m=0.5)
 
 
 class Receiver:
-    def __init__(self, settings=DISTANCE, height=None):
-        self.reader = RangeReader(settings)
+    def __init__(self, settings=DISTANCE, height=None, **options):
+        self.reader = RangeReader(settings, **options)
         self.sender = Voice(1, 1)
         self.height = height
 
-    def receive(self, message, now=1.0, sender=None):
-        return self.reader.read((sender or self.sender).message(message), now, height=self.height)
+    def receive(self, message, now=1.0, sender=None, source=None):
+        message = (sender or self.sender).message(message)
+        return self.reader.read(message, now, height=self.height, source=source)
 
-    def distance(self, cm=10000, stamp=None, now=1.0, sender=None, **rest):
+    def distance(self, cm=10000, stamp=None, now=1.0, sender=None, source=None, **rest):
         """Receive a DISTANCE_SENSOR. stamp: ms; by default from a clock 500 s ahead of the local
         clock."""
         stamp = round(now * 1000) + 500_000 if stamp is None else stamp
-        return self.receive(distance(cm, stamp, **rest), now, sender)
+        return self.receive(distance(cm, stamp, **rest), now, sender, source)
 
     @property
     def rejected(self):

@@ -39,6 +39,60 @@ def test_reader_accepts_only_the_sender_of_the_mission(system, component, accept
     assert receiver.rejected == ({} if accepted else {"wrong_source": 1})
 
 
+HOST = "10.0.0.7"
+
+
+def test_radio_with_new_port_for_each_datagram_is_accepted():
+    """An ESP8266 opens a new socket for each datagram, each with two ranges. Its clock is read as
+    that of one radio."""
+    receiver = Receiver()
+    receiver.reader.sender_stays = True
+    for i in range(60):
+        for part in range(2):
+            stamp = 700_000 + 100 * i + 50 * part
+            sample = receiver.distance(
+                10000 + 20 * i + 10 * part, stamp, now=1 + 0.1 * i, source=(HOST, 4000 + i)
+            )
+            assert sample is not None and not receiver.reader.restarted
+    assert receiver.reader.rival is None
+
+
+def test_second_program_on_host_of_radio_is_second_sender():
+    receiver = Receiver()
+    rivals = 0
+    for i in range(40):
+        receiver.distance(10000 + 7 * i, now=1 + 0.1 * i, source=(HOST, 4000 + i % 2))
+        rivals += receiver.reader.rival is not None
+    assert receiver.rejected == {"wrong_source": rivals}
+    assert rivals >= 19
+
+
+@pytest.mark.parametrize("boot", [0, -600_000])
+def test_restarted_radio_is_accepted_from_new_port(boot):
+    """After 3 s of silence the radio sends from a new port, with a new time since boot."""
+    receiver = Receiver(reach=lambda seconds: 30.0 * seconds)
+    receiver.reader.sender_stays = True
+
+    def send(first, last, port, cm=10000, shift=0, host=HOST):
+        """Return the number of accepted ranges in a time at 10 Hz."""
+        times = [0.1 * n for n in range(round(10 * first), round(10 * last))]
+        samples = [
+            receiver.distance(
+                cm + n, round(1000 * now) + 700_000 + shift, now=now, source=(host, port)
+            )
+            for n, now in enumerate(times)
+        ]
+        return sum(sample is not None for sample in samples)
+
+    assert send(1, 5, 4000) == 40
+    assert send(5, 6, 4001, shift=boot) == 0  # no silence yet
+    assert send(8, 9, 4001, shift=boot, host="10.0.0.8") == 0
+    assert send(9, 10, 4002, shift=boot, cm=40000) == 0  # farther than the vehicle has flown
+    assert receiver.rejected == {"wrong_source": 30}
+    assert send(10, 12, 4002, shift=boot) >= 19
+    assert send(12, 13, 4000) == 0
+
+
 # --- each measurement once, in the order of the sensor's clock ---
 
 
@@ -140,10 +194,13 @@ def test_range_without_usable_stamp_uses_arrival_time(whose, stamp):
     assert receiver.distance(stamp=stamp, now=1.2) is None
 
 
+@pytest.mark.parametrize("component", [1, 192])
 @pytest.mark.parametrize("constant", [False, True])
-def test_repeated_range_is_accepted_once_per_measurement_period(constant):
-    """ArduPilot sends the last range of a 5 Hz sensor at 20 Hz, each time with a new stamp."""
+def test_repeated_range_is_accepted_once_per_measurement_period(constant, component):
+    """ArduPilot sends the last range of a 5 Hz sensor at 20 Hz, each time with a new stamp. A radio
+    prints each line four times."""
     receiver = Receiver(replace(DISTANCE, rate_hz=5.0))
+    receiver.sender = Voice(1, component)
     cm = [10000 if constant else 10000 + 300 * (i // 4) for i in range(40)]
     assert [receiver.distance(cm[i], now=1 + 0.05 * i) is not None for i in range(40)] == [
         i % 4 == 0 for i in range(40)
