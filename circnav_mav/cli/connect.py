@@ -37,7 +37,7 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
                 closing(opens(endpoint, mission.file.link.peer or ()))
             )
         for trouble in links[name].troubles:
-            say(f"  WARNING    {endpoint}: {trouble} yet: waiting for the device")
+            say(f"  WARNING    {endpoint}: {trouble}: waiting for the device")
     return links
 
 

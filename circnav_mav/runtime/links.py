@@ -2,6 +2,7 @@
 the device are counted in `troubles`, and the link retries."""
 
 import errno
+import fcntl
 import os
 import socket
 import termios
@@ -10,6 +11,7 @@ from collections.abc import Callable, Hashable, Iterable
 from contextlib import suppress
 from functools import lru_cache
 from ipaddress import IPv6Address, ip_address, ip_network
+from pathlib import Path
 from typing import Any, Protocol
 
 from circnav_mav.mav.identity import address_text
@@ -44,8 +46,9 @@ RETRY = 1.0
 LOST = (OSError, ValueError, termios.error)
 """Exceptions of a failed link, such as an unplugged serial device. The exception of pyserial is an
 OSError, but while opening a port, pyserial passes on `termios.error`, which is not an OSError."""
-MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO)
-"""Errors of a missing serial device, and of a device that vanishes while it is opened."""
+MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO, errno.EBUSY)
+"""Errors of a serial device that may be available later: it is missing, vanishes while it is
+opened, or is in use."""
 HALF_OPEN = 3.0
 """Time for which sent data may remain unacknowledged before the system closes a TCP connection, s
 (Linux)."""
@@ -297,13 +300,39 @@ def _received(connection: socket.socket) -> bytes:
     return data
 
 
+def user_of(device: str) -> str:
+    """Return name and process id of another program that has a device open, or empty. Programs of
+    other users are not found (Linux)."""
+    if not os.path.exists(device):
+        return ""
+    path = os.path.realpath(device)
+    for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
+        process = descriptor.parent.parent
+        with suppress(OSError):
+            if os.readlink(descriptor) == path and int(process.name) != os.getpid():
+                return f"{(process / 'comm').read_text().strip()} (process {process.name})"
+    return ""
+
+
 def _open_serial(endpoint: Endpoint) -> StreamLink:
     """Open a serial line with pyserial. A missing device is opened after it has appeared. Raises
     LOST, ImportError."""
     from serial import Serial  # another package named `serial` lacks this class
 
     def open_port() -> Any:
-        return Serial(endpoint.host, endpoint.port, timeout=0, write_timeout=0)
+        # Two programs that read one port each receive a part of the bytes, without an error.
+        if user := user_of(endpoint.host):
+            raise OSError(errno.EBUSY, f"device is in use by {user}", endpoint.host)
+        try:
+            port = Serial(endpoint.host, endpoint.port, timeout=0, write_timeout=0, exclusive=True)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EBUSY):
+                text = "device is in use by another program"
+                raise OSError(errno.EBUSY, text, endpoint.host) from None
+            raise
+        with suppress(OSError):  # later programs without the right to override this are refused
+            fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
+        return port
 
     def reopen() -> Any:
         port = open_port()
@@ -317,8 +346,9 @@ def _open_serial(endpoint: Endpoint) -> StreamLink:
     try:
         port = open_port()
     except LOST as error:
-        # At boot, a USB device may appear later than circnav starts. A wrong baud rate, a missing
-        # permission and a device in use need the operator.
+        # At boot, a USB device may appear later than circnav starts, and the system may probe it
+        # for some seconds (ModemManager). A wrong baud rate and a missing permission need the
+        # operator.
         if next(iter(error.args), None) not in MISSING:
             raise
         troubles[explain(error)] += 1

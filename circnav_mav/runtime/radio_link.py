@@ -4,12 +4,13 @@ passes the same checks, log and replay as ranges over MAVLink."""
 import re
 from collections import Counter
 from collections.abc import Hashable, Iterable
+from dataclasses import dataclass
 from math import isfinite, nan
 
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Encoder
-from circnav_mav.mav.identity import address_text
+from circnav_mav.mav.identity import host_of
 from circnav_mav.mav.ranging.driver import (
     FAILURES,
     Driver,
@@ -36,6 +37,13 @@ WATCHED = 2.0
 """Time without a reading, s, after which the received bytes are examined."""
 MANY = 64
 """Number of undecoded bytes in this time from which a wrong baud rate is reported."""
+SHOWN = 24
+"""Number of undecoded bytes that are shown."""
+BATCH = (
+    "several ranges without a time arrive at once: only the newest is used. Send each range when it"
+    " is measured, or with its time"
+)
+"""Trouble of a radio that collects its ranges."""
 
 
 IN_A_ROW = 10
@@ -66,35 +74,57 @@ class _Method:
             self._due = now + PAUSE
 
 
+@dataclass(slots=True)
+class _Sender:
+    """State of the bytes from one address.
+
+    between_lines: True if the newest bytes ended with a line end, so that the driver keeps no part
+        of a line.
+    """
+
+    driver: Driver
+    between_lines: bool = False
+
+
+@dataclass(slots=True)
+class _Host:
+    """Bytes of one host since its last reading.
+
+    since: time of the last reading or report, s.
+    tail: newest bytes.
+    unread: number of bytes that no driver could decode.
+    """
+
+    since: float
+    tail: bytes = b""
+    unread: int = 0
+
+
 class RadioLink:
-    """Link that returns the readings of a driver as frames. Each beacon is a separate source."""
+    """Link that returns the readings of a driver as frames."""
 
     def __init__(self, name: str, driver: Driver, link: Link) -> None:
         self.troubles: Counter[str] = link.troubles
         self._name = name
         self._driver = driver
-        self._drivers: dict[Hashable, Driver] = {}
-        """Driver of each sender. Each sender has a driver of its own, because parts of lines from
+        self._senders: dict[Hashable, _Sender] = {}
+        """State of each address. Each address has a driver of its own, because parts of lines from
         two senders must not be joined."""
+        self._hosts: dict[Hashable, _Host] = {}
         self._link = link
         self._encoder = Encoder(SYSTEM, COMPONENT)
         self._sequence = 0
-        self._since: float | None = None
-        self._unread = 0
         self._asking = _Method()
         self._reading = _Method()
-        self._tail = b""
-        """Newest bytes since the last reading."""
+        self._reads = 0
+        self._batches = 0
 
     def fileno(self) -> int | None:
         return self._link.fileno()
 
     def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
         """Return a frame for each new reading."""
-        return [
-            (self._frame(reading), f"{address_text(source)} beacon {reading.beacon}")
-            for reading, source in self.read(now)
-        ]
+        return [(self._frame(reading), source) for reading, source in self.read(now)]
 
     def read(self, now: float) -> list[tuple[RadioReading, Hashable]]:
         """Return the new readings with their sources. If the driver raises, count a trouble and
@@ -112,27 +142,65 @@ class RadioLink:
         for data, source in self._link.receive(now):
             if not self._reading.is_due(now):
                 continue
-            self._tail = (self._tail + data)[-MOST_WORDS:]
+            sender = self._sender(source)
+            before = sender.driver.unread
+            found: list[RadioReading] = []
             try:
-                for reading in self._driver_of(source).receive(data, now):
+                for reading in sender.driver.receive(data, now):
                     if not isinstance(reading, RadioReading):
                         raise TypeError(f"{reading!r} is not a RadioReading")
-                    readings.append((reading, source))
+                    found.append(reading)
                 self._reading.succeeded()
             except FAILURES as error:
                 self._failed(error, self._reading, now)
-        self._watch(bool(readings), now)
-        return readings
+            sender.between_lines = data.endswith((b"\n", b"\r"))
+            readings += [(reading, source) for reading in found]
+            self._count_batch(found)
+            self._watch(source, data, sender.driver.unread - before, bool(found), now)
+        # Of several ranges of a beacon without a time, return only the newest: the times of the
+        # others are unknown.
+        last = {(host_of(source), one.beacon): one for one, source in readings}
+        return [
+            (one, source)
+            for one, source in readings
+            if one.stamp is not None or one is last[host_of(source), one.beacon]
+        ]
 
-    def _driver_of(self, source: Hashable) -> Driver:
-        """Return the driver for the bytes of a sender."""
-        if source in self._drivers:
-            return self._drivers[source]
-        driver = type(self._driver)() if self._drivers else self._driver
-        # 8: largest number of senders with a stored driver.
-        if len(self._drivers) < 8:
-            self._drivers[source] = driver
-        return driver
+    def _sender(self, source: Hashable) -> _Sender:
+        """Return the state of an address.
+
+        An ESP8266 or a script may open a new socket, with a new port, for each datagram. A new port
+        of a known host continues the text of a port that ended with a line end: otherwise the first
+        line of every port would be taken for the rest of a lost line.
+        """
+        if source in self._senders:
+            return self._senders[source]
+        host = host_of(source)
+        for other, sender in self._senders.items():
+            if sender.between_lines and host_of(other) == host:
+                self._senders[source] = self._senders.pop(other)
+                return sender
+        sender = _Sender(type(self._driver)() if self._senders else self._driver)
+        # 8: largest number of addresses with a stored driver.
+        if len(self._senders) >= 8:
+            del self._senders[next(iter(self._senders))]
+        self._senders[source] = sender
+        return sender
+
+    def _count_batch(self, readings: list[RadioReading]) -> None:
+        """Count a trouble if most datagrams, or reads of a stream, contain several readings of a
+        beacon without a time."""
+        if not readings:
+            return
+        unstamped = [one.beacon for one in readings if one.stamp is None]
+        self._reads += 1
+        self._batches += len(set(unstamped)) < len(unstamped)
+        # 20: number of reads that are judged together. A stall of this computer joins the lines of
+        # a few reads of a stream.
+        if self._reads >= 20:
+            if self._batches > self._reads / 2:
+                self.troubles[BATCH] += 1
+            self._reads = self._batches = 0
 
     def send(self, data: bytes, to: Hashable) -> None:
         """Do nothing: a radio with a driver does not use MAVLink."""
@@ -145,24 +213,39 @@ class RadioLink:
         failed = f"driver {self._name} failed"
         note(self.troubles, f"{failed}: {error!r:.{MOST_WORDS}}", f"{failed} with other errors")
 
-    def _watch(self, received: bool, now: float) -> None:
-        """Count a trouble if bytes arrive without a range. The cause is probably a wrong baud rate,
-        a wrong driver or another text format."""
-        if not received and self._since is not None:
-            if now - self._since < WATCHED:
-                return
-            unread = self._driver.unread - self._unread
-            text, has_end = _text(self._tail)
-            if text and (unread or not has_end):
-                unreadable = f"received text is no {self._name} data"
-                end = "" if has_end else " (without a line end)"
-                note(self.troubles, f"{unreadable}: {text!r}{end}", f"{unreadable}, other lines")
-            elif unread >= MANY:
-                why = "wrong baud rate, driver or output of the radio?"
-                self.troubles[f"received bytes are no {self._name} data: {why}"] += 1
-        self._since = now
-        self._unread = self._driver.unread
-        self._tail = b""
+    def _watch(
+        self, source: Hashable, data: bytes, unread: int, received: bool, now: float
+    ) -> None:
+        """Count a trouble if bytes of a host arrive without a range. The cause is probably a wrong
+        baud rate, a wrong driver or another text format."""
+        key = host_of(source)
+        host = self._hosts.get(key)
+        if host is None or received:
+            # 8: largest number of hosts whose bytes are examined.
+            if host is None and len(self._hosts) >= 8:
+                del self._hosts[next(iter(self._hosts))]
+            host = self._hosts[key] = _Host(now)
+        if received:
+            return
+        host.tail = (host.tail + data)[-MOST_WORDS:]
+        host.unread += unread
+        if now - host.since < WATCHED:
+            return
+        text, has_end = _text(host.tail)
+        of = f", from {key}" if isinstance(source, tuple) else ""
+        if text and (host.unread or not has_end):
+            unreadable = f"received text is no {self._name} data"
+            end = "" if has_end else " (without a line end)"
+            note(self.troubles, f"{unreadable}: {text!r}{end}{of}", f"{unreadable}, other lines")
+        elif host.unread >= MANY or _ends_with_nul(host.tail):
+            shown = f"received bytes are no {self._name} data"
+            why = "wrong baud rate, driver or output of the radio?"
+            # Name the bytes once: later bytes of a wrong baud rate are always different.
+            words = next((one for one in self.troubles if one.startswith(shown)), None)
+            self.troubles[words or f"{shown}: {host.tail[:SHOWN]!r}{of}: {why}"] += 1
+        elif text or len(host.tail) < MANY:
+            return
+        self._hosts[key] = _Host(now)
 
     def _frame(self, reading: RadioReading) -> bytes:
         self._sequence = (self._sequence + 1) % 256
@@ -194,11 +277,19 @@ def _text(data: bytes) -> tuple[str, bool]:
     and False. The text is empty for bytes that are no text, and for less than MANY bytes without a
     line end."""
     *lines, rest = re.split(rb"[\r\n]+", data)
+    lines = [line for line in lines if line]
     has_end = bool(lines)
     line = (lines[-1] if has_end else rest).decode("latin-1")
     is_text = line.isascii() and line.replace("\t", " ").isprintable()
     is_long = has_end or len(rest) >= MANY
     return line if is_text and is_long else "", has_end
+
+
+def _ends_with_nul(data: bytes) -> bool:
+    """True if the bytes are text whose lines end with NUL, as some programs in C send them."""
+    text = data.replace(b"\0", b"").decode("latin-1")
+    is_text = text.isascii() and re.sub(r"[\t\r\n]", " ", text).isprintable()
+    return is_text and data.count(b"\0") >= 2
 
 
 def _millimetres(metres: float | None) -> int:

@@ -23,7 +23,7 @@ def test_fly_opens_serial_device_that_appears_after_start(tmp_path: Path) -> Non
     process = circnav(
         "fly", COPTER, "--endpoint", endpoint, "--out", str(tmp_path / "run"), drawn=False
     )
-    read_until(process, "no such device yet: waiting for the device")
+    read_until(process, "no such device: waiting for the device")
     master, slave = pty.openpty()
     tty.setraw(slave)
     device.symlink_to(os.ttyname(slave))

@@ -4,6 +4,7 @@ import os
 import pty
 import select
 import socket
+import subprocess
 import termios
 from contextlib import closing
 from unittest.mock import Mock
@@ -352,9 +353,16 @@ FAILURES = [termios.error(5, "Input/output error"), ValueError("not a baud rate"
 def test_serial_link_raises_no_errors_in_flight(line, serial, monkeypatch, error):
     """pyserial flushes a device at the end of its opening, and raises an error of this flush to the
     caller."""
+    close = serial._port.close
+
+    def close_and_fail():
+        close()
+        raise error
+
     with monkeypatch.context() as failing:
-        for action in ("read", "close", "fileno"):
+        for action in ("read", "fileno"):
             failing.setattr(serial._port, action, Mock(side_effect=error))
+        failing.setattr(serial._port, "close", close_and_fail)
         serial.send(b"lost", None)
         assert serial.receive(0.0) == []
     assert serial.troubles.total() == 2
@@ -394,3 +402,24 @@ def test_serial_device_without_permission_is_refused(line, monkeypatch):
     monkeypatch.setattr("os.open", Mock(side_effect=PermissionError(13, "Permission denied")))
     with pytest.raises(LinkError, match="permission denied"):
         open_link(f"serial:{line.name}:57600")
+
+
+def test_serial_device_in_use_is_named_and_opened_later(request, line):
+    """Two programs that read one port each received a part of the bytes, without a message."""
+    with open(line.name, "rb", buffering=0) as device:
+        other = subprocess.Popen(["cat"], stdin=device, stdout=subprocess.DEVNULL)
+    request.addfinalizer(other.kill)
+    link = opened(request, f"serial:{line.name}:57600")
+    assert link.fileno() is None
+    assert list(link.troubles) == [f"device is in use by cat (process {other.pid})"]
+    other.kill()
+    other.wait(PATIENCE)
+    link.receive(1.0)
+    assert link.fileno() is not None
+    assert not link.troubles
+
+
+def test_serial_device_is_opened_exclusively(request, line, serial):
+    second = opened(request, f"serial:{line.name}:57600")
+    assert second.fileno() is None
+    assert list(second.troubles) == ["device is in use by another program"]

@@ -13,7 +13,7 @@ from circnav_mav.extras.radios.linktrack import LinkTrack
 from circnav_mav.mav.ranging.driver import RadioReading
 from circnav_mav.mav.ranging.line_driver import LineDriver
 from circnav_mav.runtime.endpoint import LinkError
-from circnav_mav.runtime.radio_link import RadioLink, open_radio, radio_port
+from circnav_mav.runtime.radio_link import BATCH, RadioLink, open_radio, radio_port
 from tests.extras.radios.recorded import NODE_FRAME_2
 
 NONE = 2**32 - 1
@@ -59,12 +59,12 @@ def test_driver_reading_becomes_ranging_beacon_message():
     assert (first.get_srcSystem(), first.get_srcComponent(), source) == (
         1,
         192,
-        "/dev/ttyUSB0 beacon 0",
+        "/dev/ttyUSB0",
     )
     assert [(message.beacon_id, message.range, at) for message, at in others] == [
-        (1, 5548, "/dev/ttyUSB0 beacon 1"),
-        (2, 6728, "/dev/ttyUSB0 beacon 2"),
-        (3, 4651, "/dev/ttyUSB0 beacon 3"),
+        (1, 5548, "/dev/ttyUSB0"),
+        (2, 6728, "/dev/ttyUSB0"),
+        (3, 4651, "/dev/ttyUSB0"),
     ]
 
 
@@ -88,7 +88,10 @@ def test_only_valid_readings_become_ranges(line, millimetres, sigma, stamp):
 
 def test_wrong_baud_rate_is_reported_and_recovers():
     radio = Radio("linktrack", LinkTrack())
-    wrong = "received bytes are no linktrack data: wrong baud rate, driver or output of the radio?"
+    wrong = (
+        f"received bytes are no linktrack data: {bytes(range(24))!r}: wrong baud rate, driver or"
+        " output of the radio?"
+    )
 
     def ten_seconds(began, *data):
         """Return the number of readings in each step of 10 s, and the reported faults."""
@@ -105,7 +108,9 @@ def test_line_split_over_datagrams_is_assembled():
     12 m and 3.4 m."""
     radio = Radio("lines", Lines())
     ranges = [
-        message.range / 1000 for message, _ in radio.readings(b"12", b"3.4\n124.0", b"\n125.0\n1")
+        message.range / 1000
+        for data in (b"12", b"3.4\n124.0", b"\n", b"125.0\n1")
+        for message, _ in radio.readings(data)
     ]
     assert ranges == [123.4, 124.0, 125.0]
 
@@ -263,3 +268,61 @@ def test_radio_link_assembles_lines_of_each_sender_separately():
     ]  # fmt: skip
     found = [reading.range for reading, source in radio.link.read(0.0) if source == own]
     assert found == [123.4]
+
+
+NODE = ("10.0.0.7", 4000)
+
+
+def received(radio, *data, now=0.0):
+    """Receive datagrams, each with its source. Return the ranges."""
+    radio.wire.waiting = list(data)
+    return [reading.range for reading, _ in radio.link.read(now)]
+
+
+def test_new_port_for_each_datagram_loses_first_line_only():
+    """An ESP8266 opens a new socket, and thus a new port, for each datagram."""
+    radio = Radio("lines", Lines())
+    found = [
+        received(radio, (b"%d.5\n" % n, ("10.0.0.7", 4000 + n)), now=0.1 * n) for n in range(120)
+    ]
+    assert found == [[], *([n + 0.5] for n in range(1, 120))]
+    assert len(radio.link._senders) <= 8
+
+
+def test_unfinished_line_is_never_joined_with_another_port():
+    radio = Radio("lines", Lines())
+    other = ("10.0.0.7", 4001)
+    sent = [(b"\n", NODE), (b"9,9", other), (b"3.4\n", NODE), (b".9\n", other), (b"7,5\n", NODE)]
+    assert received(radio, *sent) == [9.9, 5.0]
+
+
+def test_unreadable_text_of_second_host_is_shown():
+    radio = Radio("lines", Lines())
+    for step in range(40):
+        own = (b"12.5\n", NODE)
+        other = (b"debug: %d\n" % (step % 2), ("10.0.0.9", 5000 + step))
+        received(radio, own, other, now=0.1 * step)
+    assert list(radio.link.troubles) == [
+        "received text is no lines data: 'debug: 0', from 10.0.0.9"
+    ]
+
+
+def test_bytes_of_lines_that_end_with_nul_are_shown():
+    radio = Radio("lines", Lines())
+    for step in range(30):
+        assert received(radio, (b"12.%d\0" % (step % 10), NODE), now=0.1 * step) == []
+    assert list(radio.link.troubles) == [
+        "received bytes are no lines data: b'12.0\\x0012.1\\x0012.2\\x0012.3\\x0012.4', from"
+        " 10.0.0.7: wrong baud rate, driver or output of the radio?"
+    ]
+
+
+def test_newest_of_several_ranges_without_time_is_used():
+    radio = Radio("lines", Lines())
+    received(radio, (b"\n", NODE))
+    for step in range(25):
+        found = received(radio, (b"3,10.0\n4,7.0\n3,11.0\n3,12.0\n", NODE), now=0.1 * step)
+        assert found == [7.0, 12.0]
+    assert list(radio.link.troubles) == [BATCH]
+    stamped = b"1.0,3,10.0\n1.1,3,11.0\n"
+    assert received(radio, (stamped, NODE), now=3.0) == [10.0, 11.0]
