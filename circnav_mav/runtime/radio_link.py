@@ -195,9 +195,9 @@ class RadioLink:
         unstamped = [one.beacon for one in readings if one.stamp is None]
         self._reads += 1
         self._batches += len(set(unstamped)) < len(unstamped)
-        # 20: number of reads that are judged together. A stall of this computer joins the lines of
+        # 10: number of reads that are judged together. A stall of this computer joins the lines of
         # a few reads of a stream.
-        if self._reads >= 20:
+        if self._reads >= 10:
             if self._batches > self._reads / 2:
                 self.troubles[BATCH] += 1
             self._reads = self._batches = 0
