@@ -1,31 +1,40 @@
 """Resources that `fly` and `preflight` open: links, signing key, onlookers, clock, and the bundled
 vehicle."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from circnav_sim.config import parse_vehicle
 from circnav_sim.vehicle import Vehicle
 
-from circnav_mav.cli.exits import Refused, refusing, say
+from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extension import extensions, load
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot
-from circnav_mav.runtime.clock import AutopilotClock, Clock
+from circnav_mav.runtime.clock import AutopilotClock, Clock, steady
 from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
-from circnav_mav.runtime.links import Link, open_link
+from circnav_mav.runtime.links import RETRY, Link, open_link
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.onlookers import Onlookers, OnlookerSettings
 from circnav_mav.runtime.radio_link import open_radio
+from circnav_mav.runtime.runner import StopRequest, wait
 
 
-def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
-    """Open the endpoints of a mission, except for the bundled vehicle. Raises Refused."""
+def open_links(
+    mission: Mission, open_things: ExitStack, stop: StopRequest | None = None
+) -> dict[str, Link]:
+    """Open the endpoints of a mission, except for the bundled vehicle. Raises Refused.
+
+    stop: with this argument, wait up to `link.wait_s` for an address, name or TCP peer that is not
+        there yet, until a signal arrives.
+    """
+    until = steady() + mission.file.link.wait_s
     endpoints = {VEHICLE: mission.file.link.endpoint, RANGING: mission.file.ranging.endpoint}
     links: dict[str, Link] = {}
     for name, endpoint in endpoints.items():
@@ -33,12 +42,30 @@ def open_links(mission: Mission, open_things: ExitStack) -> dict[str, Link]:
             continue
         opens = open_radio if name == RANGING and mission.ranging_driver else open_link
         with refusing(endpoint, LinkError):
-            links[name] = open_things.enter_context(
-                closing(opens(endpoint, mission.file.link.peer or ()))
-            )
+            opened = partial(opens, endpoint, mission.file.link.peer or ())
+            link = opened() if stop is None else _await(opened, until, stop)
+            links[name] = open_things.enter_context(closing(link))
         for trouble in links[name].troubles:
             say(f"  WARNING    {endpoint}: {trouble}: waiting for the device")
     return links
+
+
+def _await(opened: Callable[[], Link], until: float, stop: StopRequest) -> Link:
+    """Return the link that a function opens. Try again each second if the endpoint may appear
+    later. Raises LinkError at the time `until`, and Refused after a signal."""
+    shown = ""
+    while True:
+        try:
+            return opened()
+        except LinkError as error:
+            if not error.no_peer or steady() >= until:
+                raise
+            if str(error) != shown:
+                shown = str(error)
+                say(f"  WARNING    {shown}: waiting")
+        wait({}, stop, RETRY)
+        if stop.signal_name is not None:
+            raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)
 
 
 def link_troubles(links: dict[str, Link], mission: Mission) -> Iterator[str]:

@@ -101,7 +101,7 @@ def fly_mission(
     with ExitStack() as watched_open:
         with ExitStack() as open_things:
             signing, signing_time = open_signing(mission, open_things)
-            links = open_links(mission, open_things)
+            links = open_links(mission, open_things, stop)
             stop.claim()
             pilot = Pilot(mission.pilot_settings(output_mode), signing)
             onlookers = open_onlookers(

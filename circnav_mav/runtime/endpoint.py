@@ -12,13 +12,14 @@ REMEDIES: dict[int | None, str] = {
     errno.EADDRINUSE: "port is in use by another program: close it, or choose another port",
     errno.ECONNREFUSED: "connection refused: no program listens at this address",
     errno.ENOENT: "no such device",
+    errno.EADDRNOTAVAIL: "no interface of this computer has this address",
     errno.EAGAIN: "TX buffer full: lower stream rates or raise the baud rate",
 }
 
 
 class LinkError(Exception):
-    """An endpoint that cannot be opened. The message is one line. no_peer: True if the peer of a
-    TCP endpoint could not be reached."""
+    """An endpoint that cannot be opened. The message is one line. no_peer: True if the endpoint may
+    be available later, as at boot: TCP peer, network interface or host name not there yet."""
 
     def __init__(self, text: str, *, no_peer: bool = False) -> None:
         super().__init__(text)

@@ -49,6 +49,8 @@ OSError, but while opening a port, pyserial passes on `termios.error`, which is 
 MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO, errno.EBUSY)
 """Errors of a serial device that may be available later: it is missing, vanishes while it is
 opened, or is in use."""
+NO_NETWORK = (errno.EADDRNOTAVAIL, errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ENODEV)
+"""Errors of a network interface that is not up yet."""
 HALF_OPEN = 3.0
 """Time for which sent data may remain unacknowledged before the system closes a TCP connection, s
 (Linux)."""
@@ -92,7 +94,12 @@ def open_link(text: str, peers: Iterable[str] = ()) -> Link:
             f"endpoint {text}: needs the package pyserial (not serial): pip install pyserial"
         ) from None
     except LOST as error:
-        no_peer = endpoint.kind == "tcp" and not isinstance(error, UnicodeError)
+        network = endpoint.kind != "serial" and not isinstance(error, UnicodeError)
+        no_peer = network and (
+            endpoint.kind == "tcp"
+            or isinstance(error, socket.gaierror)
+            or getattr(error, "errno", None) in NO_NETWORK
+        )
         raise LinkError(f"endpoint {text}: {explain(error)}", no_peer=no_peer) from None
 
 

@@ -149,6 +149,27 @@ def test_sigterm_ends_flight_with_130_and_complete_files(mission, tmp_path):
     assert summary(folder)["outcome"] == "interrupted"
 
 
+@pytest.mark.parametrize(
+    ("endpoint", "ranging", "words"),
+    [
+        ("udpin:192.0.2.1:14550", "", "no interface of this computer has this address"),
+        ("udpout:no.such.host.invalid:14550", "", "unknown host name"),
+        ("udpin:127.0.0.1:0", "lines:udpin:192.0.2.1:5005", "no interface of this computer"),
+        ("tcp:127.0.0.1:{port}", "", "connection refused"),
+    ],
+)
+def test_fly_waits_for_address_that_is_not_there_yet(
+    circnav, mission, port, endpoint, ranging, words
+):
+    apart = (f'ranging.endpoint="{ranging}"', 'ranging.message="ranging_beacon"')
+    options = [part for one in apart if ranging for part in ("--set", one)]
+    endpoint = endpoint.format(port=port)
+    ran = circnav("fly", mission, "--endpoint", endpoint, "--set", "link.wait_s=0.1", *options)
+    assert ran.code == 3
+    assert f"{words}" in ran.line
+    assert ": waiting" in ran.out
+
+
 # --- with a signing key ---
 
 

@@ -89,7 +89,7 @@ def test_unknown_host_is_refused(kind, monkeypatch):
         raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
 
     monkeypatch.setattr(socket, "getaddrinfo", unknown)
-    assert refusal(f"{kind}:no.such.host.invalid:14550") == ("unknown host name", kind == "tcp")
+    assert refusal(f"{kind}:no.such.host.invalid:14550") == ("unknown host name", True)
 
 
 def test_unavailable_port_or_address_is_refused(port):
@@ -97,7 +97,10 @@ def test_unavailable_port_or_address_is_refused(port):
         other.bind(("127.0.0.1", port))
         in_use = "port is in use by another program: close it, or choose another port"
         assert refusal(f"udpin:127.0.0.1:{port}") == (in_use, False)
-    assert refusal("udpin:192.0.2.1:14550") == ("cannot assign requested address", False)
+    assert refusal("udpin:192.0.2.1:14550") == (
+        "no interface of this computer has this address",
+        True,
+    )
     assert refusal(f"tcp:127.0.0.1:{port}") == (
         "connection refused: no program listens at this address",
         True,
