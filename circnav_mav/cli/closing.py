@@ -14,11 +14,12 @@ from circnav_mav import __version__
 from circnav_mav.cli.exits import Exit
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Ending, Pilot
-from circnav_mav.runlog.atomic_write import write_json, write_text
+from circnav_mav.runlog.atomic_write import json_text, write_json, write_text
 from circnav_mav.runlog.summary import FlightFacts, summarise
 from circnav_mav.runlog.ticks import NO_TICKS, Ticks, Truth, read_ticks, read_truth
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
+from circnav_mav.runtime.reserve import Reserve
 
 OUTCOMES = {
     ending: ending.value for ending in (Ending.COMPLETED, Ending.INTERRUPTED, Ending.TAKEN_OVER)
@@ -70,10 +71,13 @@ def close_flight(
     code: Exit,
     alarms: list[dict[str, float | str]],
     onlookers: Onlookers,
+    reserve: Reserve,
 ) -> tuple[dict[str, Any], Exit]:
     """Write summary.json and the end of manifest.json. Return the summary and the exit code, which
-    is NOT_RECORDED instead of DONE if the recording has gaps."""
+    is NOT_RECORDED instead of DONE if the recording has gaps. reserve: descriptors and disk space
+    for these files."""
     folder = recorder.folder
+    reserve.release()
     # Read the recorder's problem before `_summary` is called: it adds problems of reading the
     # files, which are no gaps in the recording.
     gaps = recorder.problem is not None
@@ -83,7 +87,7 @@ def close_flight(
     for name, text in onlookers.finish(summary).items():
         gaps |= not _written(summary, name, partial(write_text, folder / name, text))
     gaps |= not _written(
-        summary, f"{folder}:", lambda: write_json(folder / "summary.json", summary)
+        summary, f"{folder}:", lambda: reserve.write(folder / "summary.json", json_text(summary))
     )
     code = Exit.NOT_RECORDED if gaps and code is Exit.DONE else code
     end = {"outcome": summary["outcome"], "reason": summary["reason"], "exit": int(code)}

@@ -33,6 +33,7 @@ from circnav_mav.runtime.display import display_for
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
+from circnav_mav.runtime.reserve import Reserve, take_memory
 from circnav_mav.runtime.runner import StopRequest, run
 from circnav_mav.runtime.status import AlarmLog
 
@@ -109,6 +110,9 @@ def fly_mission(
             )
             recorder = open_things.enter_context(closing(_recorder(out, mission)))
             folder = recorder.folder
+            with refusing(folder):
+                reserve = watched_open.enter_context(closing(Reserve(folder)))
+            take_memory(pilot.settings)
             clock = start_clock(mission, pilot.session, links, speed, onlookers.pace)
             recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
             onlookers.start(clock.epoch_us)
@@ -128,7 +132,7 @@ def fly_mission(
         assert pilot.mission.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.mission.outcome.ending]
         summary, code = close_flight(
-            pilot, recorder, mission, clock.epoch_us, code, alarms.begun, onlookers
+            pilot, recorder, mission, clock.epoch_us, code, alarms.begun, onlookers, reserve
         )
         if out is None and crash is None:
             folder = _dated(folder, mission.file.name, clock, pilot.session.vehicle.utc.offset)

@@ -34,9 +34,13 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, what: Any) -> None:
-    """Write plain values as a JSON file, atomically. NaN and infinity become null. Raises
-    OSError."""
-    write_text(path, json.dumps(_known_to_json(what), indent=2, allow_nan=False) + "\n")
+    """Write plain values as a JSON file, atomically. Raises OSError."""
+    write_text(path, json_text(what))
+
+
+def json_text(what: Any) -> str:
+    """Return plain values as JSON. NaN and infinity become null."""
+    return json.dumps(_known_to_json(what), indent=2, allow_nan=False) + "\n"
 
 
 def _known_to_json(value: Any) -> Any:
