@@ -4,9 +4,13 @@ from pathlib import Path
 from typing import Any
 
 from circnav_mav.guidance.maths import radius_sensitivity
-from circnav_mav.mav.ranging.interface import OTHERS, describe_rejected
+from circnav_mav.mav.ranging.interface import OTHERS, Reject, describe_rejected
 from circnav_mav.pilot.conditions import clock_alarm, limit_cycle_alarm
 
+RESTARTED = (
+    "a radio may change its port after 1.5 s of silence if its range continues, not its host"
+)
+"""Rule for ranges from another address (`RangeReader`)."""
 NOTABLE = 1.0
 """The steered time is printed if circnav did not steer for longer than this, s."""
 
@@ -45,6 +49,8 @@ def _refused(rejected: dict[str, int]) -> str:
     own = {reason: count for reason, count in sorted(rejected.items()) if reason not in OTHERS}
     others = sum(rejected.values()) - sum(own.values())
     ignored = f"; {others} of other senders ignored" if others else ""
+    if rejected.get(Reject.WRONG_SOURCE.value):
+        ignored += f" ({RESTARTED})"
     return f"{sum(own.values())} rejected ({describe_rejected(own)}){ignored}"
 
 

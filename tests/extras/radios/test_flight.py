@@ -3,6 +3,7 @@ ranges of another beacon."""
 
 from collections import Counter
 
+import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.extras.radios.lines import Lines
@@ -11,6 +12,7 @@ from circnav_mav.pilot import RANGING, Pilot
 from circnav_mav.runlog.loop_steps import recorded_steps
 from circnav_mav.runlog.replay import replay
 from circnav_mav.runlog.run_folder import open_run
+from circnav_mav.runtime import recorder
 from circnav_mav.runtime.radio_link import RadioLink
 from tests.flight.recorded import RecordedFlight, recorded_flight
 
@@ -31,8 +33,13 @@ class TextPort:
     """The emulator's radio as lines of text. Before each range it sends a range of a nearer beacon
     and other text."""
 
-    def __init__(self, link):
+    def __init__(self, link, port=lambda number, now: 4000, boot=lambda now: 0.0):
+        """port: port of a datagram by its number and time. boot: shift of the radio's clock at a
+        time, s."""
         self._link = link
+        self._port = port
+        self._boot = boot
+        self._sent = 0
         self.troubles = Counter()
 
     def receive(self, now):
@@ -41,20 +48,34 @@ class TextPort:
         ]
         if SILENT[0] < now < SILENT[1]:
             return []
-        stamped = [(one.time_usec / 1e6, one.range / 1000) for one in received]
+        boot = self._boot(now)
+        stamped = [(one.time_usec / 1e6 + boot, one.range / 1000) for one in received]
         lines = [f"{stamp},4,33.3\n{stamp},3,{metres}\nno range\n" for stamp, metres in stamped]
-        return [(line.encode(), ("10.0.0.9", 4000)) for line in lines]
+        self._sent += len(lines)
+        return [(line.encode(), ("10.0.0.9", self._port(self._sent, now))) for line in lines]
 
 
-def radio_flight(folder, *overrides) -> RecordedFlight:
+def radio_flight(folder, *overrides, **port) -> RecordedFlight:
     flight = recorded_flight(folder, "quickstart", *OVERRIDES, *overrides)
-    flight.links[RANGING] = RadioLink("lines", Lines(), TextPort(flight.links[RANGING]))
+    flight.links[RANGING] = RadioLink("lines", Lines(), TextPort(flight.links[RANGING], **port))
     flight.fly(100).recorder.close()
     return flight
 
 
-def test_copter_circles_selected_beacon_and_replays(tmp_path):
-    flight = radio_flight(tmp_path, "ranging.beacon_id=3")
+PORTS = {
+    "one": {},
+    "one for each datagram": {"port": lambda number, now: 4000 + number},
+    "another one after restart": {
+        "port": lambda number, now: 4000 + (now > SILENT[0]),
+        "boot": lambda now: 5000.0 if now < SILENT[0] else 0.0,
+    },
+}
+
+
+@pytest.mark.parametrize("port", PORTS)
+def test_copter_circles_selected_beacon_and_replays(tmp_path, monkeypatch, port):
+    monkeypatch.setattr(recorder, "MOST_SOURCES", 50)
+    flight = radio_flight(tmp_path, "ranging.beacon_id=3", **PORTS[port])
     assert flight.outcome.ending.value == "completed"
     run = open_run(tmp_path)
     flown = run.truth.time > 28
