@@ -71,13 +71,14 @@ def close_flight(
     code: Exit,
     alarms: list[dict[str, float | str]],
     onlookers: Onlookers,
-    reserve: Reserve,
+    reserve: Reserve | None = None,
 ) -> tuple[dict[str, Any], Exit]:
     """Write summary.json and the end of manifest.json. Return the summary and the exit code, which
     is NOT_RECORDED instead of DONE if the recording has gaps. reserve: descriptors and disk space
-    for these files."""
+    for these files, None in a simulated fleet."""
     folder = recorder.folder
-    reserve.release()
+    if reserve is not None:
+        reserve.release()
     # Read the recorder's problem before `_summary` is called: it adds problems of reading the
     # files, which are no gaps in the recording.
     gaps = recorder.problem is not None
@@ -86,8 +87,9 @@ def close_flight(
     summary["alarms"] = alarms
     for name, text in onlookers.finish(summary).items():
         gaps |= not _written(summary, name, partial(write_text, folder / name, text))
+    write = write_text if reserve is None else reserve.write
     gaps |= not _written(
-        summary, f"{folder}:", lambda: reserve.write(folder / "summary.json", json_text(summary))
+        summary, f"{folder}:", lambda: write(folder / "summary.json", json_text(summary))
     )
     code = Exit.NOT_RECORDED if gaps and code is Exit.DONE else code
     end = {"outcome": summary["outcome"], "reason": summary["reason"], "exit": int(code)}
