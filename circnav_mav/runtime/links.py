@@ -94,12 +94,12 @@ def open_link(text: str, peers: Iterable[str] = ()) -> Link:
             f"endpoint {text}: needs the package pyserial (not serial): pip install pyserial"
         ) from None
     except LOST as error:
-        network = endpoint.kind != "serial" and not isinstance(error, UnicodeError)
-        no_peer = network and (
-            endpoint.kind == "tcp"
-            or isinstance(error, socket.gaierror)
-            or getattr(error, "errno", None) in NO_NETWORK
-        )
+        number = getattr(error, "errno", None)
+        no_peer = {
+            # udev sets the group of a device shortly after the device has appeared.
+            "serial": number == errno.EACCES,
+            "tcp": not isinstance(error, UnicodeError),
+        }.get(endpoint.kind, isinstance(error, socket.gaierror) or number in NO_NETWORK)
         raise LinkError(f"endpoint {text}: {explain(error)}", no_peer=no_peer) from None
 
 

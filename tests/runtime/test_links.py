@@ -400,8 +400,9 @@ def test_serial_device_that_disappears_at_opening_is_reopened(request, line, mon
 
 def test_serial_device_without_permission_is_refused(line, monkeypatch):
     monkeypatch.setattr("os.open", Mock(side_effect=PermissionError(13, "Permission denied")))
-    with pytest.raises(LinkError, match="permission denied"):
+    with pytest.raises(LinkError, match="permission denied") as refused:
         open_link(f"serial:{line.name}:57600")
+    assert refused.value.no_peer, "udev may set the group of the device later"
 
 
 def test_serial_device_in_use_is_named_and_opened_later(request, line):

@@ -28,9 +28,11 @@ class Lines(LineDriver):
         """Return the reading of a line, None for a header or other text."""
         try:
             values = json.loads(line) if line.startswith("{") else _columns(line)
-            beacon = int(str(values.get("id", 0)), 0)
+            beacon = _ident(str(values.get("id", 0)))
             sigma = values.get("sigma")
             time = values.get("time")
+            if isinstance(values["range"], bool):
+                return None
             return [RadioReading(float(values["range"]), beacon, _number(sigma), _number(time))]
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             return None
@@ -39,6 +41,11 @@ class Lines(LineDriver):
 def _columns(line: str) -> Mapping[str, str]:
     values = re.split(r"\s*[,;]\s*|\s+", line)
     return dict(zip(COLUMNS[len(values)], values, strict=True))
+
+
+def _ident(text: str) -> int:
+    """Return an id: decimal, possibly with leading zeros, or hexadecimal with 0x."""
+    return int(text, 16 if text.lower().startswith("0x") else 10)
 
 
 def _number(value: Any) -> float | None:

@@ -75,6 +75,7 @@ LINES = {
     b"123.4\n": (123.4, 0, None, None),
     b"3,123.4\n": (123.4, 3, None, None),
     b"17.25, 3, 123.4\r\n": (123.4, 3, None, 17.25),
+    b"0003,123.4\n": (123.4, 3, None, None),
     b"17.25 0x1A2B 123.4 0.1\n": (123.4, 0x1A2B, 0.1, 17.25),
     b'{"range": 123.4}\n': (123.4, 0, None, None),
     b'{"time": 17.25, "id": 3, "sigma": 0.1, "range": 123.4, "rssi": -80}\n': (
@@ -102,6 +103,7 @@ def test_lines_driver_reads_printed_ranges(line):
         b"1,2,3,4,5",
         b'{"distance": 3}',
         b'{"range": null}',
+        b'{"range": true}',
         b'{"range": 3',
         b"70000,12.3",
         b"-1,12.3",
