@@ -25,9 +25,16 @@ def time_limit() -> Iterator[None]:
         yield  # signals interrupt the main thread only
         return
 
+    interrupted: list[str] = []
+
     def on_alarm(number: int, frame: FrameType | None) -> None:
         if name := _running(frame):
-            # Repeat the interruption if the code catches every exception.
+            # Repeat the interruption if the code catches every exception. Such code can only be
+            # ended with the process: let SIGINT and SIGTERM end it.
+            if interrupted:
+                for ending in (signal.SIGINT, signal.SIGTERM):
+                    signal.signal(ending, signal.SIG_DFL)
+            interrupted.append(name)
             signal.setitimer(signal.ITIMER_REAL, LIMIT)
             raise StuckCodeError(f"{name} did not return within {LIMIT:g} s")
 

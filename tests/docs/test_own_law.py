@@ -2,6 +2,7 @@
 missions and on a vehicle."""
 
 import json
+import signal
 import sys
 from dataclasses import replace
 
@@ -12,10 +13,11 @@ from circnav_mav import Direction, Guidance, Orbit
 from circnav_mav.extras.bench.flight import fly
 from circnav_mav.extras.bench.situations import SITUATIONS
 from circnav_mav.extras.campaign.plan import load_campaign, prepare
-from circnav_mav.guidance.own_code import OwnCodeError
+from circnav_mav.guidance.own_code import OwnCodeError, call
 from circnav_mav.mav.ranging.driver import DriverError, make_driver
 from circnav_mav.mission.load import MissionError, parse_mission
 from circnav_mav.pilot import Ending
+from circnav_mav.time_limit import time_limit
 from tests import small_mission
 from tests.command_line import circnav, undrawn
 from tests.docs.test_printed_commands import write_modules
@@ -173,6 +175,26 @@ def test_law_that_never_returns_ends_flight_with_exit_action(circnav, undrawn, t
     assert reason == "law wrong:stuck did not return within 0.3 s"
     ticks = (folder / "ticks.csv").read_text().splitlines()
     assert any(",leaving," in line for line in ticks)
+
+
+def test_sigterm_ends_process_of_law_that_catches_everything():
+    def law():
+        caught = 0
+        while caught < 2:
+            try:
+                while True:
+                    pass
+            except BaseException:
+                caught += 1
+
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with time_limit():
+            call("stubborn:law", law)
+        assert {signal.getsignal(number) for number in handlers} == {signal.SIG_DFL}
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 def test_estimator_that_never_returns_ends_flight_with_safe_setpoint(circnav, undrawn, modules):
