@@ -58,13 +58,21 @@ class Reserve:
         try:
             for _ in range(DESCRIPTORS):
                 self._spare.append(os.dup(self._file.fileno()))
-            os.posix_fallocate(self._file.fileno(), 0, SPACE)
+            self._take_space()
         except OSError as error:
             self.close()
             if error.errno == errno.EMFILE:
                 text = f"{DESCRIPTORS} more file descriptors are needed: raise ulimit -n"
                 raise OSError(error.errno, text, str(folder)) from None
             raise
+
+    def _take_space(self) -> None:
+        try:
+            os.posix_fallocate(self._file.fileno(), 0, SPACE)
+        except OSError as error:
+            # A limit of the file size (ulimit -f) below SPACE is no lack of space.
+            if error.errno != errno.EFBIG:
+                raise
 
     def release(self) -> None:
         """Free the descriptors."""
