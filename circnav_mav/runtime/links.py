@@ -313,6 +313,8 @@ def user_of(device: str) -> str:
     if not os.path.exists(device):
         return ""
     path = os.path.realpath(device)
+    if path.startswith("/dev/pts/"):  # the program that made a pseudo terminal keeps it open
+        return ""
     for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
         process = descriptor.parent.parent
         with suppress(OSError):

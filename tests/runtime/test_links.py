@@ -12,7 +12,7 @@ from unittest.mock import Mock
 import pytest
 
 from circnav_mav.runtime.endpoint import LinkError
-from circnav_mav.runtime.links import LONGEST, MOST_BYTES, MOST_DATAGRAMS, open_link
+from circnav_mav.runtime.links import LONGEST, MOST_BYTES, MOST_DATAGRAMS, open_link, user_of
 from tests.process import PATIENCE
 
 UDP = (socket.AF_INET, socket.SOCK_DGRAM)
@@ -405,22 +405,23 @@ def test_serial_device_without_permission_is_refused(line, monkeypatch):
     assert refused.value.no_peer, "udev may set the group of the device later"
 
 
-def test_serial_device_in_use_is_named_and_opened_later(request, line):
+def test_program_that_has_device_open_is_named():
     """Two programs that read one port each received a part of the bytes, without a message."""
-    with open(line.name, "rb", buffering=0) as device:
-        other = subprocess.Popen(["cat"], stdin=device, stdout=subprocess.DEVNULL)
-    request.addfinalizer(other.kill)
-    link = opened(request, f"serial:{line.name}:57600")
-    assert link.fileno() is None
-    assert list(link.troubles) == [f"device is in use by cat (process {other.pid})"]
-    other.kill()
-    other.wait(PATIENCE)
-    link.receive(1.0)
-    assert link.fileno() is not None
-    assert not link.troubles
+    with open("/dev/full", "rb", buffering=0) as device:
+        other = subprocess.Popen(["sleep", "60"], stdin=device)
+    try:
+        assert user_of("/dev/full") == f"sleep (process {other.pid})"
+    finally:
+        other.kill()
+        other.wait(PATIENCE)
+    assert user_of("/dev/full") == user_of("/dev/no-such-device") == ""
 
 
 def test_serial_device_is_opened_exclusively(request, line, serial):
     second = opened(request, f"serial:{line.name}:57600")
     assert second.fileno() is None
     assert list(second.troubles) == ["device is in use by another program"]
+    serial.close()
+    second.receive(1.0)
+    assert second.fileno() is not None
+    assert not second.troubles
