@@ -217,6 +217,9 @@ class OwnMotionSensor:
         if above_home is not None and self._above_home_then is not None:
             moved = above_home - self._above_home_then
         must_change = max(abs(climb or 0.0), abs(moved)) > MOVES
+        # Without any position since its start, ArduPilot sends 0: the altitude is unknown.
+        if not altitude:
+            return
         if altitude != self._altitude.value or self._above_home_then is None:
             self._above_home_then = above_home
         self._altitude.update(altitude, now, must_change=must_change)

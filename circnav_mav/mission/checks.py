@@ -32,7 +32,7 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 def check_mission(mission: Mission) -> list[Check]:
     """Return all check lines of a mission."""
     parts = (
-        *(_keys, _vehicle, _tilt, _own_code, _estimator, _gain, _radius),
+        *(_keys, _vehicle, _tilt, _gps_loss, _own_code, _estimator, _gain, _radius),
         *(_turn_rate, _acceleration, check_ranging, _drift, _margin, _signing),
     )
     lines = [line for part in parts for line in part(mission)]
@@ -99,6 +99,17 @@ def _tilt(mission: Mission) -> Iterator[Check]:
     share = max(needed, lateral) / most
     advice = "" if share < TILT_USED else ": lower vehicle.speed_mps or raise vehicle.max_bank_deg"
     yield Check(graded(share, warn_above=TILT_USED, fail_above=1.0), "tilt", words + advice)
+
+
+def _gps_loss(mission: Mission) -> Iterator[Check]:
+    """Report a mode request that the operator may not expect."""
+    if not mission.flies_without_gps or mission.file.engage.request_mode:
+        return
+    words = (
+        'engage.on_gps_loss = "attitude": after a loss of GPS circnav requests GUIDED_NOGPS,'
+        ' although engage.request_mode = false. With "exit" circnav requests no mode'
+    )
+    yield Check(WARN, "gps loss", words)
 
 
 def _estimator(mission: Mission) -> Iterator[Check]:

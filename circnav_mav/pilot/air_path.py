@@ -40,7 +40,7 @@ class AirPath:
         motion.keeps_heading = steering
         is_attitude = motion.receive(message, now)
         if message.get_type() in READ:
-            self._tracker.height.receive(message, motion.at(now).altitude, now)
+            self._tracker.height.receive(message, motion.at(now), now)
         if not is_attitude:
             return
         own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)

@@ -359,7 +359,7 @@ def unwatched(settings: PilotSettings, session: Session, now: float) -> str:
     string."""
     bounds = settings.bounds
     if (bounds.lowest, bounds.highest) != (None, None) and session.motion.at(now).altitude is None:
-        return "no altitude in VFR_HUD: bounds.min_altitude_m and max_altitude_m need it"
+        return "no altitude above sea level: bounds.min_altitude_m and max_altitude_m need it"
     if bounds.battery is not None and session.vehicle.battery(now) is None:
         return "no battery in SYS_STATUS: bounds.min_battery_percent needs it"
     return ""

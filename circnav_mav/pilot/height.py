@@ -1,11 +1,11 @@
 """Height above the target, used to convert slant ranges to horizontal ranges.
 
-The height is computed from VFR_HUD.alt and the altitude of HOME_POSITION. Latitude, longitude and
-local position are never read.
+The height is computed from the altitude above sea level or, if that is unknown, above home, and
+from the altitude of HOME_POSITION. Latitude, longitude and local position are never read.
 """
 
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.own_motion import AIR_MAX_AGE, MOST_ALTITUDE
+from circnav_mav.mav.own_motion import AIR_MAX_AGE, MOST_ALTITUDE, Motion
 from circnav_mav.pilot.settings import HeightSettings
 
 MOST_CLIMB = 20.0
@@ -44,9 +44,12 @@ class Height:
         """Fix home and height for the flight: the vehicle is steered from now on."""
         self._engaged = True
 
-    def receive(self, message: Message, altitude: float | None, now: float) -> None:
-        """Process a message of the vehicle. altitude: plausible altitude from VFR_HUD, m, or
-        None."""
+    def receive(self, message: Message, motion: Motion, now: float) -> None:
+        """Process a message of the vehicle. motion: newest motion of the vehicle."""
+        altitude = motion.altitude
+        # A height at the engagement needs only changes of the altitude.
+        if altitude is None and self._settings.above_target is not None:
+            altitude = motion.above_home
         above_home = self._settings.target_above_home
         if message.get_type() == "HOME_POSITION" and above_home is not None and not self._engaged:
             home = message.altitude / 1000

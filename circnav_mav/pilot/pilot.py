@@ -56,7 +56,7 @@ from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
 from circnav_mav.pilot.step_view import StepView
 from circnav_mav.pilot.tick_scheduler import TickScheduler
-from circnav_mav.timers import Since
+from circnav_mav.timers import Hysteresis, Since
 
 UNSIGNED = "the link is not signed; to allow changes: link.unsigned_parameters = true"
 
@@ -99,6 +99,8 @@ class Pilot:
         self._way_alarm = WayAlarm()
         self._lap_alarm = LapAlarm()
         self._rates = RateMeter()
+        self._unchecked = Hysteresis(raise_after=settings.timing.hold)
+        """State of bounds that cannot be checked: as long as ranges, they may be missing."""
         self.allowance = Allowance()
         self.second_controller = SecondController(session, self.mission)
         self._since_unanswered = Since()
@@ -337,6 +339,9 @@ class Pilot:
             battery=session.vehicle.battery(now),
         )
         self._authority.broken_bound = broken
+        unchecked = unwatched(self.settings, session, now)
+        if self._unchecked.update(bool(unchecked), now) and broken is None:
+            broken = f"bound not checked for {self.mission.hold:g} s: {unchecked}"
         if broken is not None and self.mission.steering:
             self._finish(Outcome(Ending.ABORTED, broken), now)
 

@@ -194,7 +194,7 @@ class PreflightListener:
         session = self.session
         type_ = message.get_type()
         session.motion.receive(message, now)
-        self.height.receive(message, session.motion.at(now).altitude, now)
+        self.height.receive(message, session.motion.at(now), now)
         if type_ == "HEARTBEAT":
             self.kind = describe_vehicle(message)
         elif type_ == "VFR_HUD":

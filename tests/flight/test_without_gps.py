@@ -147,3 +147,36 @@ def test_flight_without_gps_replays_identically() -> None:
     """The recorded frames must be sufficient to reproduce the switch to GUIDED_NOGPS."""
     flown = _lost()
     assert replay(Pilot(flown.pilot.settings), flown.steps).identical
+
+
+def test_single_report_without_position_does_not_change_guided() -> None:
+    """EKF_STATUS_REPORT with flags 0 while the GPS has a fix, seen once at a lane switch."""
+    events = 'sim.events=[{at_s=12.0,action="ekf_zero",value=1}]'
+    flown = flight("arducopter", events).fly(20)
+    assert flown.pilot.gps_loss.changed_at is None
+    assert flown.vehicle.truth.mode == GUIDED
+
+
+@pytest.mark.parametrize("lost_message", ["ack", "request"])
+def test_operator_lands_copter_during_mode_request(lost_message: str) -> None:
+    """The operator commands LAND while the request of GUIDED_NOGPS or its acknowledgment is lost. A
+    repeated request must not replace LAND."""
+    flown = copy.deepcopy(_circling())
+    flown.vehicle._run_event(Event(action=f"lose_mode_{lost_message}", value=1))
+    while flown.pilot.gps_loss.changed_at is None:
+        flown.fly(flown.now + 0.02)
+    flown.fly(flown.now + (0.3 if lost_message == "request" else 0.6))
+    Operator(flown.vehicle).set_mode(LAND)
+    flown.fly(flown.now + 6.0)
+    assert flown.vehicle.truth.mode == LAND
+    assert flown.outcome.ending is Ending.TAKEN_OVER
+
+
+def test_interrupt_just_after_gps_loss_lands_copter() -> None:
+    """The copter refuses LOITER, the exit action of the mission."""
+    events = 'sim.events=[{at_s=12.0,action="gps_off",value=0.5}]'
+    flown = flight("arducopter", events, 'exit.action="loiter"').fly(12.7)
+    flown.pilot.interrupt(flown.now, "SIGTERM")
+    flown.fly(flown.now + 3.0)
+    assert flown.pilot.done
+    assert flown.vehicle.truth.mode == LAND

@@ -375,12 +375,12 @@ def test_unknown_senders_are_read_up_to_a_limit(rig):
 
 
 def test_accepted_address_of_radio_is_kept_in_flight(rig):
-    """In flight the radio's ranges are accepted only from its first address. Only the vehicle may
-    change its address."""
+    """In flight the radio's ranges are accepted only from its own host. Only the vehicle may change
+    its host."""
     radio = Voice(1, 192)
     at = ("10.0.0.7", 7)
     rig.run(6.0, lambda: rig.range(voice=radio, source=at), ranges=False)
-    rig.run(4.0, lambda: rig.range(voice=radio, source=("10.0.0.7", 8)))
+    rig.run(4.0, lambda: rig.range(voice=radio, source=("10.0.0.8", 7)))
     assert rig.pilot.tracker.newest.time < 6.1
     assert rig.pilot.trusted == "1/1 at vehicle, ranges of 1/192 at 10.0.0.7:7"
     received = rig.pilot.connection.counts[VEHICLE]

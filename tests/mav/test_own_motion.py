@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.frames import compass_from_vector, heading_enu_from_yaw_ned
-from circnav_mav.mav.own_motion import Attitude, OwnMotionSensor
+from circnav_mav.mav.own_motion import Attitude, Motion, OwnMotionSensor
 from tests.rig import attitude as attitude_at_rest
 
 RATE = 0.3
@@ -268,3 +268,49 @@ def test_imu_integration_restarts_after_a_gap():
     assert len(since) == 3
     sensor.receive(imu(1400, (nan, 0.0, -9.8), "highres"), 10.0)
     assert sensor.own(1.4, 15.0).acceleration is None
+
+
+def climbed(*, altitude: float | None, above_home: bool) -> Motion:
+    """Return the motion after 10 s at 600 m, and a climb of 7 s with 2 m/s. altitude: reported
+    during the climb, m; None: the true altitude. above_home: True if GLOBAL_POSITION_INT is
+    sent."""
+    sensor = OwnMotionSensor()
+    now = 0.0
+    for tick in range(86):
+        now = 0.2 * tick
+        height = max(0.0, 2.0 * (now - 10.0))
+        climb = 2.0 if height else 0.0
+        shown = 600.0 + height if altitude is None or not height else altitude
+        if above_home:
+            place = (round(1000 * now), 0, 0, 0, round(1000 * (20.0 + height)), 0, 0, 0, 0)
+            sensor.receive(mavlink.MAVLink_global_position_int_message(*place), now)
+        sensor.receive(hud(alt=shown, climb=climb), now)
+    return sensor.at(now)
+
+
+def test_altitude_follows_climb_when_autopilot_repeats_altitude():
+    """Without GPS, ArduCopter repeats VFR_HUD.alt. The altitude above home goes on."""
+    live = climbed(altitude=None, above_home=True)
+    frozen = climbed(altitude=600.0, above_home=True)
+    assert live.altitude == pytest.approx(614.0) and frozen.altitude == pytest.approx(614.0)
+    assert frozen.above_home == pytest.approx(34.0)
+
+
+def test_repeated_altitude_is_missing_during_climb():
+    assert climbed(altitude=600.0, above_home=False).altitude is None
+    assert climbed(altitude=None, above_home=False).altitude == pytest.approx(614.0)
+
+
+def test_altitude_is_unknown_without_position_since_boot():
+    """ArduPilot then sends VFR_HUD.alt = 0."""
+    sensor = OwnMotionSensor()
+    sensor.receive(hud(alt=0.0), 0.0)
+    assert sensor.at(0.0).altitude is None
+
+
+@pytest.mark.parametrize(("climbs", "used"), [((0.1, 0.2), None), ((0.0, 0.0), 27.0)])
+def test_stuck_airspeed_is_missing_while_climb_rate_changes(climbs, used):
+    sensor = OwnMotionSensor()
+    for tick in range(20):
+        sensor.receive(hud(airspeed=27.0, climb=climbs[tick % 2]), 0.2 * tick)
+    assert sensor.at(3.8).airspeed == used

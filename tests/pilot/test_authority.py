@@ -208,7 +208,7 @@ def test_broken_bound_prevents_engagement_and_ends_flight(bounds, inside, beyond
     [
         (Bounds(battery=20.0), battery(50), battery(-1), "no battery in SYS_STATUS"),
         (Bounds(battery=20.0), battery(50), None, "no battery in SYS_STATUS"),
-        (Bounds(lowest=20.0), vfr_hud(100.0), None, "no altitude in VFR_HUD"),
+        (Bounds(lowest=20.0), vfr_hud(100.0), None, "no altitude above sea level"),
     ],
 )
 def test_unreported_value_of_bound_prevents_engagement_or_raises_alarm(

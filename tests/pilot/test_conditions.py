@@ -58,6 +58,7 @@ def views() -> list[StepView]:
         altitude_jump=300.0,
         implausible_airspeed=99.0,
         unchecked_bound="no battery in SYS_STATUS: bounds.min_battery_percent needs it",
+        not_airborne="5 m of height",
         gps_lost="",
         drift_alarm=DriftAlarm(on=True, drift=6.0, allowed=2.7),
         way_alarm=WayAlarm(2, 50.0, 2100.0, 18.0, 15.4),

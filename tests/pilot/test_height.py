@@ -3,6 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.mav.own_motion import Motion
 from circnav_mav.pilot import OutputMode
 from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.mission_state import Phase
@@ -29,7 +30,7 @@ class Climb:
 
     def at(self, altitude):
         self.now += 0.2
-        self.height.receive(vfr_hud(altitude), altitude, self.now)
+        self.height.receive(vfr_hud(altitude), Motion(altitude=altitude), self.now)
         return self.height.at(self.now)
 
 
@@ -59,10 +60,10 @@ def test_home_position_changes_height_only_before_engagement():
     climb = Climb(FROM_HOME)
     assert climb.at(560.0) is None
     for altitude in (0.0, 504.0):
-        climb.height.receive(home(altitude), None, climb.now)
+        climb.height.receive(home(altitude), Motion(), climb.now)
     assert climb.at(560.0) == 60.0
     climb.height.engage()
-    climb.height.receive(home(530.0), None, climb.now)
+    climb.height.receive(home(530.0), Motion(), climb.now)
     assert climb.at(561.0) == 61.0
 
 
@@ -85,7 +86,7 @@ def test_message_without_accepted_altitude_leaves_height_held(message, accepted)
     climb.height.engage()
     assert [climb.at(560.0), climb.at(562.0)] == [60.0, 62.0]
     for step in range(10):
-        climb.height.receive(message, accepted, climb.now + 0.2 * step)
+        climb.height.receive(message, Motion(altitude=accepted), climb.now + 0.2 * step)
     assert climb.height.at(climb.now + 2.0) == 62.0
     assert climb.height.is_held(climb.now + 2.0)
     assert climb.at(563.0) == 63.0
