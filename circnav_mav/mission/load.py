@@ -40,6 +40,7 @@ def read_text(path: Path) -> str:
 
 def read_toml(text: str, where: str) -> dict[str, Any]:
     """Return the table of a TOML text. where: name of the text in errors. Raises MissionError."""
+    _refuse_long(text, where)
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -48,6 +49,26 @@ def read_toml(text: str, where: str) -> dict[str, Any]:
         raise MissionError(
             f"{where}: not valid TOML: {error}" + (f": {line!r}" if line else "")
         ) from None
+
+
+def _refuse_long(text: str, where: str) -> None:
+    """Raise MissionError for a text that is much longer than any mission.
+
+    The processor time of parsing and checking grows with the square of the number of keys, and of
+    the number of parts of one key: a key of 20,000 dots took 15 s.
+    """
+    # Limits, chosen above the longest bundled mission. Texts at these limits take 2 s at most.
+    lines = text.split("\n")
+    measured = {
+        "characters": (len(text), 200_000),
+        "keys and tables": (len(re.findall(r"=|^[ \t]*\[", text, re.MULTILINE)), 2000),
+        "dots in one line": (max(line.count(".") for line in lines), 500),
+    }
+    for what, (count, most) in measured.items():
+        if count > most:
+            raise MissionError(
+                f"{where}: is not a mission: {count} {what}, at most {most} are read"
+            )
 
 
 def parse_mission(

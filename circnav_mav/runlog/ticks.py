@@ -24,6 +24,11 @@ Column = NDArray[np.float64]
 NAMES = frozenset(TickRecord._fields)
 WORDS = frozenset(name for name, kind in get_type_hints(TickRecord).items() if kind in (str, Phase))
 """Columns of ticks.csv that hold text."""
+CHOICES = {
+    "phase": [phase.value for phase in Phase],
+    "direction": ["", *(direction.value for direction in Direction)],
+}
+"""Words that a column of ticks.csv may hold, of columns that do not hold free text."""
 MOST = 1e30
 """Largest absolute value of a number in ticks.csv. A larger number is read as NaN."""
 
@@ -120,6 +125,11 @@ def read_ticks(folder: Path) -> Ticks:
             if len(row) == len(header):
                 for name, cell in zip(header, row, strict=True):
                     if name in words:
+                        if name in CHOICES and cell not in CHOICES[name]:
+                            raise ValueError(
+                                f"line {line}: {name}: {cell[:40]!r} is none of"
+                                f" {', '.join(filter(None, CHOICES[name]))}"
+                            )
                         words[name].append(intern(cell))
                         continue
                     try:

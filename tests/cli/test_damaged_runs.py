@@ -49,11 +49,23 @@ NO_TIME = "time: must be seconds of the run, not"
         ("report", lambda run: with_cells(run, 7, r="far"), "line 7: r: 'far' is not a number"),
         (
             "report",
+            lambda run: with_cells(run, 7, direction="left"),
+            "line 7: direction: 'left' is none of clockwise",
+        ),
+        (
+            "report",
             lambda run: (run / "ticks.csv").write_text("time", "utf-16"),
             "is not a text file in UTF-8",
         ),
     ],
-    ids=["empty first time", "last time 0", "equal times", "time is a word", "UTF-16"],
+    ids=[
+        "empty first time",
+        "last time 0",
+        "equal times",
+        "time is a word",
+        "foreign word",
+        "UTF-16",
+    ],
 )
 def test_invalid_ticks_are_refused_with_line_number(printed_by, run, command, spoil, error):
     spoil(run)

@@ -230,6 +230,21 @@ def test_unreadable_mission_file_is_refused(tmp_path, content, error):
         load_mission(tmp_path / "m.toml")
 
 
+@pytest.mark.parametrize(
+    ("content", "error"),
+    [
+        (".".join(["a"] * 20_000) + " = 1", "19999 dots in one line, at most 500 are read"),
+        ("\n".join(f"[t{n}]" for n in range(30_000)), "[0-9]+ characters, at most 200000"),
+        ("\n".join(f"[t{n}]" for n in range(3000)), "3000 keys and tables, at most 2000"),
+    ],
+    ids=["dots", "characters", "tables"],
+)
+def test_huge_toml_text_is_refused_before_parsing(monkeypatch, content, error):
+    monkeypatch.setattr("circnav_mav.mission.load.tomllib", None)
+    with pytest.raises(MissionError, match=f"^m: is not a mission: {error}"):
+        parse_mission(content, "m")
+
+
 def test_error_of_empty_mission_lists_missing_tables():
     assert (
         refusal("")
