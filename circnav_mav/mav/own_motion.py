@@ -7,7 +7,7 @@ and the IMU messages. A value that is missing, old or no longer updated is None.
 """
 
 from collections import deque
-from math import cos, exp, hypot, isinf, nan, remainder, sin, tan, tau
+from math import cos, hypot, isinf, nan, remainder, sin, tan, tau
 from typing import NamedTuple
 
 from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
@@ -24,7 +24,7 @@ from circnav_mav.mav.frames import (
     turn_rate_from_yaw_rate,
     vector_from_level,
 )
-from circnav_mav.timers import Hysteresis, Report, Since
+from circnav_mav.timers import Hysteresis, LowPass, Report
 
 MOST_TILT = 1.2
 """Largest tilt, rad, used in calculations. Beyond it turns are not coordinated and thrust does not
@@ -50,6 +50,8 @@ sinks. ArduCopter repeats VFR_HUD.alt from 15 s after a loss of GPS."""
 FROZEN_AIRSPEED = 3.0
 """Time, s, after which a measured airspeed that stays the same is missing, while the climb rate
 changes. A healthy sensor is noisy, so its reports differ."""
+FROZEN_ACCELERATIONS = 2.0
+"""Time, s, after which accelerations that stay the same are missing, while the tilt changes."""
 MOVES = 0.5
 """Climb rate, m/s, and change of the relative altitude, m, from which a reported altitude must
 change."""
@@ -61,8 +63,14 @@ FEWEST_WITHIN = 3.0
 REPEATED = 0.2
 """Largest age of the newest stamp, s, at which an equal stamp is a repeated message. At a larger
 age, the vehicle's clock has stopped."""
-ACCELERATIONS = {"HIGHRES_IMU": 1.0, "RAW_IMU": GRAVITY / 1000, "SCALED_IMU": GRAVITY / 1000}
-"""Unit of the raw acceleration, m/s^2, by message type."""
+ACCELERATIONS = {
+    "HIGHRES_IMU": 1.0,
+    "RAW_IMU": GRAVITY / 1000,
+    "SCALED_IMU": GRAVITY / 1000,
+    "SCALED_IMU2": GRAVITY / 1000,
+    "SCALED_IMU3": GRAVITY / 1000,
+}
+"""Unit of the raw acceleration, m/s^2, by message type, in the order of preference."""
 MOST_FORCE = 16 * GRAVITY
 """Full scale of autopilots' accelerometers, m/s^2."""
 
@@ -166,7 +174,7 @@ class OwnMotionSensor:
         self._above_home: Report[float | None] = Report()
         self._above_home_then: float | None = None
         self._rare = Hysteresis(raise_after=0.0, clear_after=10.0)
-        self._accelerations = Accelerations()
+        self.accelerations = Accelerations()
         # 0.5: backward step of the vehicle's clock, s, that is taken as a clock reset. After a
         # stamp that is wrongly ahead by less, later stamps look older and are rejected for up to
         # this time. So this step must not exceed ATTITUDE_MAX_AGE.
@@ -184,7 +192,7 @@ class OwnMotionSensor:
             return False
         angles = _angles(message)
         if angles is None:
-            self._accelerations.receive(message, self._body, now)
+            self.accelerations.receive(message, self._body, now)
             return False
         values = (*angles, message.rollspeed, message.pitchspeed, message.yawspeed)
         bounds = (MOST_ANGLE, MOST_ANGLE, MOST_ANGLE, MOST_RATE, MOST_RATE, MOST_RATE)
@@ -295,13 +303,13 @@ class OwnMotionSensor:
             psi,
             turn_rate,
             airspeed,
-            acceleration=self._accelerations.acceleration,
+            acceleration=self.accelerations.acceleration,
         )
         roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (body.roll, body.pitch))
         if banks:
             turn = turn_rate_from_yaw_rate(YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0)))
             return own._replace(bank_turn=turn)
-        force = self._accelerations.across_thrust(now)
+        force = self.accelerations.across_thrust(now)
         drag = None if force is None else drag_from_body(force, roll, pitch)
         return own._replace(push=push_from_tilt(roll, pitch, psi), drag=drag)
 
@@ -346,48 +354,125 @@ def _real(value: float, most: float, above: float = float("-inf")) -> float | No
     return value if abs(value) <= most and value > above else None
 
 
+class Accelerometer:
+    """Accelerations of one IMU message type, and a check that this accelerometer works.
+
+    After a failure the autopilot flies on with its next IMU, but still reports the failed one:
+    ArduPilot's RAW_IMU is always the first IMU.
+    """
+
+    def __init__(self) -> None:
+        self._force: Report[tuple[float, float, float]] = Report()
+        self._tilt: tuple[float, float] | None = None
+        """Roll and pitch at the newest change of the accelerations, rad."""
+        self._tilted = False
+        """True if the tilt has changed since, so that the accelerations must have changed."""
+        # 1.0: time without gravity, s, after which the accelerometer has failed. A flight of 1 s
+        # with less than half of the weight would end in a sink rate of 5 m/s.
+        self._no_gravity = Hysteresis(raise_after=1.0)
+        # ArduPilot sends zeros for an IMU that does not exist.
+        self._no_gravity.on = True
+
+    def update(
+        self, force: tuple[float, float, float], attitude: Attitude | None, now: float
+    ) -> None:
+        """Process the accelerations of a message, m/s^2."""
+        self._no_gravity.update(not hypot(*force) > GRAVITY / 2, now)
+        tilt = None if attitude is None else (attitude.roll, attitude.pitch)
+        if force != self._force.value or self._tilt is None:
+            self._tilt = tilt
+            self._tilted = False
+        elif tilt is not None:
+            # 0.02: change of roll and pitch, rad, from which the accelerations must change. They
+            # are sent in steps of 0.01 m/s^2, and an accelerometer is noisier than one step.
+            self._tilted |= hypot(tilt[0] - self._tilt[0], tilt[1] - self._tilt[1]) > 0.02
+        self._force.update(force, now, must_change=self._tilted)
+
+    @property
+    def failed(self) -> bool:
+        """True if the accelerations are frozen, or contain no gravity."""
+        return self._force.unchanged > FROZEN_ACCELERATIONS or self._no_gravity.on
+
+    def works(self, now: float, max_age: float) -> bool:
+        """True if the accelerations are received and can be used. max_age: s."""
+        return self._force.age(now) <= max_age and not self.failed
+
+
 class Accelerations:
     """Integral of the measured specific force, rotated to the horizontal (ArduPilot sends milli-g
     in the body frame).
 
-    The newest attitude is extrapolated to the time of the measurement: an attitude error of 1 deg
-    causes an acceleration error of 0.17 m/s^2. After a gap or an implausible value the integral
-    restarts. `acceleration` contains the start time of the integral.
+    The first IMU that works is used, in the order of ACCELERATIONS. The newest attitude is
+    extrapolated to the time of the measurement: an attitude error of 1 deg causes an acceleration
+    error of 0.17 m/s^2. After a gap or an implausible value the integral restarts. `acceleration`
+    contains the start time of the integral.
     """
 
     def __init__(self) -> None:
-        self._type = ""
-        self._since_received = Since()
+        self._imus: dict[str, Accelerometer] = {}
+        """IMUs by message type."""
+        self.used = ""
+        """Message type of the IMU in use, empty while no IMU works."""
         self._time = float("-inf")
+        """Time of the newest acceleration in use, s, the vehicle's clock."""
         self.acceleration: IntegratedAcceleration | None = None
-        self._across: tuple[float, float] | None = None
+        # 0.1: time constant of the low-pass on the specific force, s, which averages vibration
+        # between two attitudes.
+        self._forward = LowPass(0.1)
+        self._right = LowPass(0.1)
+
+    @property
+    def failed(self) -> str:
+        """Message type of the vehicle's first IMU if its accelerometer has failed, else empty."""
+        first = next((kind for kind in ACCELERATIONS if kind in self._imus), "")
+        return first if first and self._imus[first].failed else ""
 
     def receive(self, message: Message, attitude: Attitude | None, now: float) -> None:
         """Process one message of the vehicle. Messages without accelerations are ignored."""
         kind = message.get_type()
-        # 2.0: silence of the IMU message type in use, s, after which another type is used.
-        if kind not in ACCELERATIONS or (
-            kind != self._type and self._since_received.age(now) < 2.0
-        ):
+        if kind not in ACCELERATIONS:
             return
-        if kind != self._type:
-            self._type = kind
-            self.acceleration = None
-        self._since_received.restart(now)
         unit = ACCELERATIONS[kind]
         force = unit * message.xacc, unit * message.yacc, unit * message.zacc
-        time = message.time_boot_ms / 1e3 if kind == "SCALED_IMU" else message.time_usec / 1e6
+        self._imus.setdefault(kind, Accelerometer()).update(force, attitude, now)
+        used = self._first_that_works(now)
+        if used != self.used:
+            self.used = used
+            self._restart()
+        if kind == used:
+            self._integrate(message, force, attitude, now)
+
+    def _first_that_works(self, now: float) -> str:
+        for kind in ACCELERATIONS:
+            # 2.0: silence, s, after which another IMU is used.
+            if kind in self._imus and self._imus[kind].works(now, 2.0):
+                return kind
+        return ""
+
+    def _integrate(
+        self,
+        message: Message,
+        force: tuple[float, float, float],
+        attitude: Attitude | None,
+        now: float,
+    ) -> None:
+        """Update the integral and `across_thrust`. force: specific force, m/s^2."""
+        scaled = message.get_type().startswith("SCALED")
+        time = message.time_boot_ms / 1e3 if scaled else message.time_usec / 1e6
         step = time - self._time
         self._time = time
         # 0.2: longest gap between two accelerations, s, that is integrated over (5 Hz). After a
         # longer gap the integral restarts.
-        sound = 0 <= step <= 0.2 and all(
+        if not 0 <= step <= 0.2 or not all(
             abs(value) < MOST_FORCE for value in force
-        )  # false for NaN
-        self._smooth(force, step, sound=sound)
+        ):  # true for NaN
+            self._restart()
+            return
+        self._forward.update(force[0], step)
+        self._right.update(force[1], step)
         # 0.2: largest time between an acceleration and the attitude that rotates it to the
         # horizontal, s.
-        if not sound or attitude is None or abs(time - attitude.time) > 0.2:
+        if attitude is None or abs(time - attitude.time) > 0.2:
             self.acceleration = None
             return
         roll, pitch, yaw = attitude.at(time)
@@ -400,20 +485,15 @@ class Accelerations:
     def across_thrust(self, now: float) -> tuple[float, float] | None:
         """Return the low-passed specific force along the body's forward and right axes, m/s^2.
         Return None without a recent measurement."""
-        return self._across if self._since_received.age(now) <= ATTITUDE_MAX_AGE else None
+        imu = self._imus.get(self.used)
+        forward = self._forward.value
+        right = self._right.value
+        if imu is None or not imu.works(now, ATTITUDE_MAX_AGE) or forward is None or right is None:
+            return None
+        return forward, right
 
-    def _smooth(self, force: tuple[float, float, float], step: float, *, sound: bool) -> None:
-        """Update `across_thrust` with a measurement `step` s after the previous measurement."""
-        before = self._across
-        if not sound:
-            self._across = None
-        elif before is None:
-            self._across = force[:2]
-        else:
-            # 0.1: time constant of the low-pass on the specific force, s, which averages vibration
-            # between two attitudes.
-            share = 1 - exp(-step / 0.1)
-            self._across = (
-                before[0] + (force[0] - before[0]) * share,
-                before[1] + (force[1] - before[1]) * share,
-            )
+    def _restart(self) -> None:
+        """Restart the integral and the low-pass."""
+        self.acceleration = None
+        self._forward.clear()
+        self._right.clear()

@@ -1,14 +1,20 @@
 """The vehicle's motion through the air: from telemetry to the estimators and to the learning of its
 turn response."""
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.guidance.air_drag import AirVelocity, MeanWind, ScaleFit
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.commands import Command
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.height import READ
 from circnav_mav.pilot.range_tracker import RangeTracker
+
+OTHER_IMUS = dialect.MAVLINK_MSG_ID_SCALED_IMU2, dialect.MAVLINK_MSG_ID_SCALED_IMU3
+"""Messages of the IMUs beside the first."""
 
 
 class AirPath:
@@ -25,6 +31,7 @@ class AirPath:
         self._tracker = tracker
         self._controller = controller
         self._copter_motion = CopterMotion()
+        self._other_imus_requested = False
         self.own: OwnMotion | None = None
         self.implausible_airspeed: float | None = None
         self.air = AirVelocity()
@@ -39,6 +46,8 @@ class AirPath:
         controller = self._controller
         motion.keeps_heading = steering
         is_attitude = motion.receive(message, now)
+        if motion.accelerations.failed and not self._other_imus_requested:
+            self._request_other_imus()
         if message.get_type() in READ:
             self._tracker.height.receive(message, motion.at(now), now)
         if not is_attitude:
@@ -77,6 +86,15 @@ class AirPath:
         follows = controller.vehicle.at_speed if flies else controller.vehicle.followed
         if not holds_ground_speed or (steering and follows):
             self._tracker.estimator.move(own)
+
+    def _request_other_imus(self) -> None:
+        """Request the other IMUs once, without a check that they arrive: the vehicle may have
+        none."""
+        self._other_imus_requested = True
+        for ident in OTHER_IMUS:
+            # 25: rate, Hz, as of the first IMU.
+            interval = Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (ident, 1e6 / 25))
+            self._session.commands.send(interval)
 
     def _through_air(self, own: OwnMotion, *, steering: bool) -> OwnMotion:
         """Return the motion of a copter flown by attitude, as the accelerometer measures it, and

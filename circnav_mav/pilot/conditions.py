@@ -349,6 +349,20 @@ def _airspeed_sensor(view: StepView) -> Active | None:
     )
 
 
+def _accelerometer(view: StepView) -> Active | None:
+    if not view.failed_imu:
+        return None
+    if view.used_imu:
+        instead = f"{view.used_imu} is used, check the IMUs before the next flight"
+    else:
+        instead = "no other IMU is received, a copter without GPS cannot measure its airspeed"
+    return Active(
+        f"accelerometer of {view.failed_imu} failed",
+        f"ACCELEROMETER of {view.failed_imu} repeats its value, or measures no gravity: {instead}",
+        key=view.failed_imu,
+    )
+
+
 def _drift_too_strong(view: StepView) -> Active | None:
     alarm = view.drift_alarm
     # A wrong airspeed or wrong ranges look like a drift, and have alarms of their own.
@@ -518,6 +532,7 @@ TABLE = (
     Condition("limit_cycle", _limit_cycle),
     Condition("lean_limit", _lean_limit),
     Condition("airspeed_sensor", _airspeed_sensor, over="airspeed is right again", steering=True),
+    Condition("accelerometer", _accelerometer, over="accelerometer works again"),
     Condition("drift_too_strong", _drift_too_strong, over="drift within limit again"),
     Condition("no_way_made", _no_way_made, over="comes nearer again", steering=True),
     Condition("radius_contradicted", _radius_contradicted, over="radius fits turns", steering=True),

@@ -570,6 +570,8 @@ class Pilot:
             sensor_clock_doubted=ranging.clock.doubted,
             source_choice="" if ranging.sender_stays else ranging.sources.short_choice(now),
             lost_reports=self._lost_reports,
+            failed_imu=session.motion.accelerations.failed,
+            used_imu=session.motion.accelerations.used,
             heading_jump=session.motion.jumped,
             height_held=height.is_held(now),
             altitude_jump=height.jump,

@@ -83,6 +83,10 @@ class StepView:
     # motion
     lost_reports: tuple[str, ...]
     """Telemetry that is missing or too rare."""
+    failed_imu: str
+    """Message of the first IMU if its accelerometer has failed, else empty."""
+    used_imu: str
+    """Message of the IMU in use, empty if no accelerations are received."""
     heading_jump: float
     """Sum of the heading jumps that are not treated as turns, rad."""
     height_held: bool

@@ -143,6 +143,20 @@ def test_on_gps_loss_exit_leaves_copter_to_failsafe() -> None:
     assert flown.vehicle.truth.mode == LAND
 
 
+@pytest.mark.parametrize("fault", ["frozen", "zero"])
+def test_second_imu_is_used_when_first_accelerometer_fails(fault: str) -> None:
+    failed = f'sim.events=[{{at_s=40.0,action="imu_first_{fault}"}}]'
+    texts: set[str] = set()
+    flown = flight("arducopter_nogps", failed, law="auto").fly(
+        95, watch=lambda step: texts.update(step.pilot.conditions.alarms.values())
+    )
+    after = [truth for truth in flown.truths if truth.time > 40.0]
+    assert max(abs(true_radius(truth) - 30.0) for truth in after) < 2.0
+    assert rms_error(last_third(flown), 30.0) < 0.5
+    assert any("RAW_IMU" in text and "SCALED_IMU2 is used" in text for text in texts)
+    assert flown.pilot.session.motion.accelerations.used == "SCALED_IMU2"
+
+
 def test_flight_without_gps_replays_identically() -> None:
     """The recorded frames must be sufficient to reproduce the switch to GUIDED_NOGPS."""
     flown = _lost()

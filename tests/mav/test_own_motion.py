@@ -256,6 +256,19 @@ def test_imu_in_coordinated_turn_shows_centripetal_velocity(type_, yaw):
     assert (acceleration.x, acceleration.y) == pytest.approx((east, north), abs=0.02)
 
 
+def test_repeated_accelerations_are_used_until_vehicle_tilts():
+    """A simulator without noise repeats the accelerations of a steady flight."""
+    sensor = OwnMotionSensor()
+    used = {}
+    for ms in range(0, 10_001, 40):
+        tilt = 0.1 if ms > 5000 else 0.0
+        sensor.receive(attitude(ms, roll=tilt), ms / 1000)
+        sensor.receive(imu(ms, (0.5, 0.0, -9.8)), ms / 1000)
+        used[ms] = sensor.accelerations.used
+    assert used[5000] == "RAW_IMU"
+    assert used[10_000] == ""
+
+
 def test_imu_integration_restarts_after_a_gap():
     sensor = OwnMotionSensor()
     since = set()

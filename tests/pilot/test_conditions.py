@@ -53,6 +53,8 @@ def views() -> list[StepView]:
         sensor_clock_doubted=True,
         source_choice="2 range sources: set component_id",
         lost_reports=tuple(LOST),
+        failed_imu="RAW_IMU",
+        used_imu="",
         heading_jump=1.0,
         height_held=True,
         altitude_jump=300.0,
