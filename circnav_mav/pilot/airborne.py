@@ -36,6 +36,8 @@ class Airborne:
         self._settings = settings
         self._session = session
         self._in_air = Hysteresis(raise_after=settings.timing.airborne)
+        self._stood = False
+        """True after the vehicle was seen on the ground, until its flight is established."""
         self._ground: float | None = None
         """Altitude of the place of arming, m, None if it was not seen."""
 
@@ -45,14 +47,20 @@ class Airborne:
         given = self._settings.min_height
         return self._session.adapter.min_height if given is None else given
 
-    def step(self, now: float) -> None:
-        """Process the newest reports."""
+    def step(self, now: float) -> bool:
+        """Process the newest reports. Return True in the step in which a flight that began on the
+        ground is established."""
         vehicle = self._session.vehicle
         motion = self._session.motion.at(now)
-        self._in_air.update(vehicle.armed and not vehicle.on_ground, now)
+        in_air = self._in_air.update(vehicle.armed and not vehicle.on_ground, now)
         stands = vehicle.landed.value == MAV_LANDED_STATE_ON_GROUND
         if stands or (vehicle.mode is not None and not vehicle.armed):
             self._ground = motion.altitude
+            self._stood = True
+        flies = in_air and not self._too_low(now) and not self._too_slow(now)
+        begins = flies and self._stood
+        self._stood &= not flies
+        return begins
 
     def height(self, now: float) -> float | None:
         """Return the height above the place of arming, m, or None if it is unknown."""

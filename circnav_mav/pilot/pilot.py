@@ -316,7 +316,10 @@ class Pilot:
 
     def _watch_ground(self, now: float) -> None:
         """End the flight if a steered aircraft lands or flies too low."""
-        self.airborne.step(now)
+        if self.airborne.step(now):
+            # On the ground and in the take-off a plane does not fly along its nose at its measured
+            # airspeed. The estimator had learned an airspeed scale of 0.87 from this motion.
+            self.tracker.estimator.reset()
         if self.mission.steering and self.flies and (why := self.airborne.grounded(now)):
             self._exit_action.low = True
             self._finish(Outcome(Ending.ABORTED, why), now)
