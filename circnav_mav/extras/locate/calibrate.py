@@ -226,13 +226,17 @@ def keys_of(calibration: Calibration) -> dict[str, float | list[list[float]]]:
 
 
 def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[RangeLog, str]:
-    """Return the radio to calibrate, with its log. Raises Refused unless there is exactly one."""
+    """Return the radio to calibrate, with its log. Of several boots, return the
+    longest. Raises Refused unless there is exactly one radio."""
     radios = [(log, name) for log in logs if len(log.positions) > 1 for name in log.ranges]
     chosen = [(log, name) for log, name in radios if tag in (None, name)]
-    if len(chosen) != 1:
-        names = ", ".join(repr(name) for _, name in radios)
+    if len({name for _, name in chosen}) != 1:
+        names = ", ".join(repr(name) for name in dict.fromkeys(name for _, name in radios))
         raise Refused(f"{source}: has several radios: give --tag, one of {names}")
-    return chosen[0]
+    log, name = max(chosen, key=lambda radio: len(radio[0].ranges[radio[1]]))
+    if len(chosen) > 1:
+        log.note(f"{log.vehicle} is used: it has the most ranges")
+    return log, name
 
 
 def _target_height(

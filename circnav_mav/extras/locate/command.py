@@ -92,7 +92,9 @@ def locate_log(
             )
             place = _one(log, tag, sigma, known, calibration, search_unit=unit is None)
             if place is not None:
-                places[tag] = place
+                # The same tag may be in several boots, or a CSV's tag on several vehicles.
+                several = sum(name == tag for _, name in jobs) > 1
+                places[f"{tag}, {log.vehicle}" if several else tag] = place
         if not places:
             raise Refused(f"{source}: no target was located", Exit.NOTHING_RECEIVED)
         _write(out, source, places, logs)

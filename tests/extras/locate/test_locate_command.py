@@ -340,7 +340,7 @@ HEAD = "time,latitude,longitude,range\n"
         (f"{HEAD}1782907200000,2,3,5\n", "line 2: time: 1.78291e.12 is not a time in s"),
         (f"{HEAD}1,2,3,\n2,2,3,\n", "no ranges in it"),
         (f"{HEAD}1,,,5\n2,,,6\n", "no positions in it"),
-        (f"{HEAD}1,95,3,5\n", "line 2: 95 3 is not a position"),
+        (f"{HEAD}1,95,3,5\n", "line 2: latitude: 95 is not in degrees"),
         (f"{HEAD}1,2,3,far\n", "line 2: range: 'far' is not a number"),
         (f"{HEAD}1,2,3,1e160\n", "line 2: range: 1e.160 is too large"),
         (f"{HEAD}1e300,2,3,5\n", "line 2: time: 1e.300 is not a time in s: name its unit, time_ms"),

@@ -1,8 +1,11 @@
 """Log formats: cases reduced from public bug reports, and logs written from the specifications."""
 
+import json
 import os
 import pty
 import re
+import struct
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -553,12 +556,179 @@ def test_csv_skips_single_damaged_rows(tmp_path):
     assert any("1 damaged rows are left out" in note for note in log.notes)
 
 
-def test_two_logs_joined_in_one_file_are_reported(tmp_path):
-    lines = [f"{t:.1f},{lat:.8f},{lon:.8f},{r:.2f}" for t, lat, lon, r in lap(200)]
-    file = tmp_path / "joined.csv"
-    file.write_text("time,latitude,longitude,range\n" + "\n".join(2 * lines) + "\n")
-    (log,) = read_logs(file)
-    assert any("the times step back by 20 s" in note for note in log.notes)
+def two_boots() -> tuple[list[list[float]], list[list[float]]]:
+    """Return the rows of two flights of one logger: time, latitude, longitude, range. The beacon of
+    the second flight is 200 m north."""
+    first = [list(row) for row in lap()]
+    second = [[t, lat + 200 / 111_000, lon, r] for t, lat, lon, r in first]
+    return first, second
+
+
+def csv_of(rows: Iterable[Sequence[float]]) -> str:
+    lines = (f"{t:.1f},{lat:.8f},{lon:.8f},{r:.2f}\n" for t, lat, lon, r in rows)
+    return "time,latitude,longitude,range\n" + "".join(lines)
+
+
+def dataflash_of(rows: Iterable[Sequence[float]]) -> list[tuple[str, tuple]]:
+    messages: list[tuple[str, tuple]] = []
+    for t, lat, lon, r in rows:
+        us = round(t * 1e6)
+        messages += [
+            ("POS", (us, round(lat * 1e7), round(lon * 1e7), 584.0, 0.0, 0.0)),
+            ("RFND", (us, 0, round(r * 100), 4, 24, -1)),
+        ]
+    return messages
+
+
+@pytest.mark.parametrize("kind", ["csv", "bin", "tlog"])
+def test_log_with_two_boots_gives_one_place_per_boot(tmp_path, kind, capsys, monkeypatch):
+    first, second = two_boots()
+    file = tmp_path / f"log.{kind}"
+    if kind == "csv":
+        file.write_text(csv_of(first + second))
+    elif kind == "bin":
+        write.write_dataflash(file, dataflash_of(first + second))
+    else:  # a computer that sets its clock back by an hour
+        parts = [tmp_path / "one", tmp_path / "two"]
+        for part, rows, zero in zip(parts, (first, second), (1.75e9, 1.75e9 - 3600), strict=True):
+            write.write_tlog(part, tlog_of(rows), zero)
+        file.write_bytes(b"".join(part.read_bytes() for part in parts))
+    logs = read_logs(file)
+    assert [log.vehicle for log in logs] == ["boot 1", "boot 2"]
+    north = (BEACON[0] + 200 / 111_000, BEACON[1])
+    for log, beacon in zip(logs, (BEACON, north), strict=True):
+        assert off(placed(log, *log.ranges), beacon) < 3.0
+    monkeypatch.setattr("circnav_mav.extras.locate.command.plot_map", lambda *what: None)
+    assert not cli.circnav.main(["locate", str(file)], standalone_mode=False)
+    printed = capsys.readouterr().out
+    assert "boots is located by itself" in printed and "two tags" not in printed
+    places = json.loads(Path(f"{tmp_path}/log.locate.geojson").read_text())["features"]
+    names = [one["properties"]["name"] for one in places if one["geometry"]["type"] == "Point"]
+    assert [name.rpartition(", ")[2] for name in names] == ["boot 1", "boot 2"]
+
+
+def tlog_of(rows: Iterable[Sequence[float]]) -> list[tuple[float, int, int, object]]:
+    records: list[tuple[float, int, int, object]] = []
+    for t, lat, lon, r in rows:
+        place = round(lat * 1e7), round(lon * 1e7)
+        ms = round(t * 1e3)
+        position = mavlink.MAVLink_global_position_int_message(ms, *place, 584_000, 0, 0, 0, 0, 0)
+        distance = mavlink.MAVLink_distance_sensor_message(
+            ms, 1, 60000, round(r * 100), 4, 0, 24, 0
+        )
+        records += [(t, 1, 1, position), (t, 1, 1, distance)]
+    return records
+
+
+def test_damaged_dataflash_log_is_read_behind_damage(tmp_path, capfd):
+    whole = write.write_dataflash(tmp_path / "log.bin", dataflash_of(lap())).read_bytes()
+    middle = len(whole) // 2
+    noise = np.random.default_rng(1).bytes(3000)
+    gap = "damaged: 3031 of 32067 bytes, in 1 place, are left out"
+    for damaged, count, notes in (
+        (whole, 600, []),
+        (whole[:-7], 599, []),  # the log ended with the power
+        (whole[:middle] + noise + whole[middle:], 600, [gap]),
+        (
+            whole[:middle] + bytes(9000) + whole[middle + 9000 :],
+            412,
+            ["damaged: 9024 of 29067 bytes, in 1 place, are left out"],
+        ),
+        (b"log " + whole, 600, ["damaged: 4 of 29071 bytes, in 1 place, are left out"]),
+    ):
+        (tmp_path / "log.bin").write_bytes(damaged)
+        (log,) = read_logs(tmp_path / "log.bin")
+        assert (len(log.ranges["rangefinder 0"]), log.notes) == (count, notes)
+        assert off(placed(log, "rangefinder 0"), BEACON) < 3.0
+    assert capfd.readouterr() == ("", "")
+
+
+def test_ulog_with_nested_formats_is_refused_within_memory(tmp_path):
+    nested = [b"vehicle_global_position:a[1000] x;", b"a:b[1000] x;", b"b:float[1000] x;"]
+    parts = [(b"B", bytes(40)), *((b"F", one) for one in nested)]
+    parts.append((b"A", b"\0\0\0vehicle_global_position"))
+    body = b"".join(struct.pack("<Hc", len(one), kind) + one for kind, one in parts)
+    (tmp_path / "a.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(8) + body)
+    with pytest.raises(RunError, match="its topics have too many fields"):
+        read_logs(tmp_path / "a.ulg")
+
+
+def test_ulog_topic_without_orientation_is_named(tmp_path, monkeypatch):
+    layout, fields = write.TOPICS["distance_sensor"]
+    other = layout, fields.replace("orientation", "direction")
+    monkeypatch.setitem(write.TOPICS, "distance_sensor", other)
+    rows = [("distance_sensor", 0, (1000 * t, 0.0, 655.0, 9.0, 0.0, 0.0, -1, 24)) for t in range(9)]
+    with pytest.raises(EmptyLogError, match="distance_sensor has no field orientation"):
+        read_logs(write.write_ulog(tmp_path / "a.ulg", rows))
+
+
+LINES = [f"{t:.1f},{lat:.7f},{lon:.7f},{r:.2f}" for t, lat, lon, r in zip(
+    0.1 * np.arange(40), 47.2 + 1e-5 * np.arange(40), 8.4 + 0 * np.arange(40), range(60, 100),
+    strict=True)]  # fmt: skip
+NAMES = "time,latitude,longitude,range"
+
+
+def with_cells(change: Callable[[list[str]], list[str]], separator: str = ",") -> str:
+    return "".join(separator.join(change(line.split(","))) + "\n" for line in LINES)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sep=;\n" + NAMES.replace(",", ";") + "\n" + with_cells(list, ";"),
+        "sep=|\r\n" + NAMES.replace(",", "|") + "\n" + with_cells(list, "|"),
+        NAMES.replace(",", "\t") + "\n" + with_cells(list, "\t").replace(".", ","),
+        f"# {NAMES}\n" + with_cells(list),
+        f"{NAMES}\n" + with_cells(lambda row: [f'"{cell.replace(".", ",")}"' for cell in row]),
+        f"{NAMES},altitude,sigma,tag\n"
+        + with_cells(lambda row: [*row, "NA", "NaN", "NULL\n" + row[0], "NA", "N/A", "-"]),
+        "time_h,latitude_e7,longitude_e7,range\n"
+        + with_cells(
+            lambda row: (
+                [f"{float(row[0]) / 3600:.9f}"]
+                + [f"{1e7 * float(cell):.0f}" for cell in row[1:3]]
+                + row[3:]
+            )
+        ),
+    ],
+    ids=["sep", "sep |", "tab", "numpy", "quotes", "missing", "units"],
+)
+def test_csv_of_other_programs_is_read(tmp_path, text):
+    (tmp_path / "log.csv").write_text(text, newline="")
+    (log,) = read_logs(tmp_path / "log.csv")
+    assert (len(log.positions), log.notes) == (40, [])
+    assert log.positions[-1][:3] == pytest.approx((3.9, 47.20039, 8.4))
+    assert [row[1] for row in log.ranges["target"]] == [*range(60, 100)]
+
+
+@pytest.mark.parametrize(
+    ("names", "change", "error"),
+    [
+        (NAMES, lambda row: ",".join(row).replace(".", ",").split(","), "line 2 has 8 values for 4"
+         " names: decimal commas"),
+        (NAMES.replace("time", "time_ms"), list, "time_ms: .* in s. Name the column time_s"),
+        (NAMES, lambda row: [f"{1e3 * float(row[0])}", *row[1:]], "time: .* the column time_ms"),
+        (NAMES, lambda row: [f"{float(row[0]) / 60}", *row[1:]], "time: .* the column time_min"),
+        (NAMES, lambda row: [row[0], "472007239", *row[2:]], "line 2: latitude: .* times 1e7"),
+        (NAMES, lambda row: [row[0], "4712.0434", *row[2:]], "degrees and minutes"),
+        (NAMES, lambda row: ["NA", *row[1:]], "line 2: time: is missing"),
+    ],
+    ids=["commas", "s as ms", "ms as s", "min as s", "1e7", "NMEA", "no time"],
+)  # fmt: skip
+def test_csv_error_names_likely_cause(tmp_path, names, change, error):
+    (tmp_path / "log.csv").write_text(f"{names}\n{with_cells(change)}")
+    with pytest.raises(RunError, match=error):
+        read_logs(tmp_path / "log.csv")
+
+
+def test_rows_without_order_of_time_are_one_log(tmp_path):
+    rows = list(lap())
+    shuffled = [rows[at] for at in np.random.default_rng(1).permutation(len(rows))]
+    damaged = [[9999.0, *rows[0][1:]] if at == 300 else row for at, row in enumerate(rows)]
+    for order in (shuffled, damaged):
+        (tmp_path / "log.csv").write_text(csv_of(order))
+        (log,) = read_logs(tmp_path / "log.csv")
+        assert off(placed(log, "target"), BEACON) < 3.0
 
 
 def test_error_names_time_difference_of_positions_and_ranges():

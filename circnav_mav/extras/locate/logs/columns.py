@@ -1,25 +1,28 @@
-"""CSV with a fixed header, separated by commas or semicolons: time, latitude, longitude, range, and
-optionally altitude, sigma, tag. With semicolons, a number may have a decimal comma.
+"""CSV with a fixed header: time, latitude, longitude, range, and optionally altitude, sigma, tag.
 
-A name may end in the unit of its column: time_ms, range_ft. Other columns are ignored.
+The header shows the separator: comma, semicolon or tab. A number may have a decimal comma, with
+commas as separators only in quotes. A name may end in the unit of its column: time_ms, range_ft.
+Other columns are ignored.
 """
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import chain
 from math import inf, isfinite, isnan, nan
 from pathlib import Path
 
-from circnav_mav.extras.locate.logs.interface import FAR, METERS, Format, ReadOptions
+import numpy as np
+
+from circnav_mav.extras.locate.logs.interface import FAR, METERS, Format, ReadOptions, by_boot
 from circnav_mav.extras.locate.range_log import RangeLog
 from circnav_mav.foreign import printable, read_lines
 from circnav_mav.runlog.run_folder import RunError
 
-DEGREES = {"deg": 1.0}
+DEGREES = {"deg": 1.0, "e7": 1e-7}
 UNITS: Mapping[str, Mapping[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
     "latitude": DEGREES,
     "longitude": DEGREES,
     "range": METERS,
@@ -30,11 +33,15 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 """Factors from the units of a column to s, degrees or m, by the name of the column."""
 REQUIRED = ("time", "latitude", "longitude", "range")
 HEADER = (
-    "the first line must name, separated by commas or semicolons, time (s or ISO 8601), latitude,"
-    " longitude (degrees) and range (m), and may name altitude, sigma, tag; a unit is a suffix:"
-    " range_ft, time_ms"
+    "the first line must name, separated by commas, semicolons or tabs, time (s or ISO 8601),"
+    " latitude, longitude (degrees) and range (m), and may name altitude, sigma, tag; a unit is a"
+    " suffix: range_ft, time_ms"
 )
 ONE_TAG = "target"
+MISSING = frozenset({"", "na", "n/a", "#n/a", "nan", "null", "none", "nil", "-", "--"})
+"""Texts of a cell without a value, in lower case: pandas and R write NaN and NA, databases NULL."""
+MIN_COMPARED = 20
+"""Smallest number of positions with which the unit of the times is checked."""
 LEAST_SIGMA = 1e-3
 """Smallest standard deviation that is used, m. Some tables contain zero for an unknown one."""
 
@@ -53,19 +60,20 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """Cells of a row. line: number of its line in the file."""
+    """Cells of a row. line: number of its line in the file. separator: text between its cells."""
 
     cells: Sequence[str]
     line: int
     columns: Mapping[str, Column]
-    decimal_comma: bool
+    separator: str
 
     def text(self, name: str) -> str:
-        """Return the text of a cell, empty if the row or the file has none."""
+        """Return the text of a cell, empty if the row or the file has no value."""
         column = self.columns.get(name)
         if column is None or column.index >= len(self.cells):
             return ""
-        return self.cells[column.index].strip()
+        cell = self.cells[column.index].strip()
+        return "" if cell.lower() in MISSING else cell
 
     def number(self, name: str) -> float:
         """Return the number in a cell in s, degrees or m, NaN if the cell is empty. Raises
@@ -80,6 +88,19 @@ class _Row:
         if 10 * FAR < abs(value) < inf:
             raise self.error(name, f"{value:g} is too large: degrees or m expected")
         return value
+
+    def degrees(self, name: str, most: float) -> float:
+        """Return an angle up to `most` degrees, NaN if the cell is empty. Raises RunError."""
+        value = self.number(name)
+        if abs(value) <= most or not isfinite(value):
+            return value
+        # Autopilots store degrees times ten million. NMEA receivers write degrees and minutes
+        # without a separator: 4712.043.
+        if abs(value) >= 1e6:
+            likely = f"degrees times 1e7? Name the column {name}_e7"
+        else:
+            likely = "degrees and minutes, or latitude and longitude swapped?"
+        raise self.error(name, f"{self.text(name)[:40]} is not in degrees: {likely}")
 
     def time(self) -> float:
         """Return the time, s. A time in ISO 8601 is counted from 1970, and is UTC without a zone.
@@ -100,7 +121,10 @@ class _Row:
         return value
 
     def _float(self, cell: str) -> float:
-        return float(cell.replace(",", ".") if self.decimal_comma else cell)
+        # A comma in a quoted cell of a table with commas groups thousands or marks decimals. A
+        # latitude has no thousands, so it shows the decimal comma.
+        decimal_comma = self.separator != "," or "," in self.text("latitude")
+        return float(cell.replace(",", ".") if decimal_comma else cell)
 
     def _moment(self, cell: str) -> float:
         try:
@@ -119,37 +143,97 @@ class _Row:
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
-    log = RangeLog()
-    dropped = 0
-    read = 0
     damaged: list[RunError] = []
     try:
         lines = read_lines(path, "replace")
-        header = next(lines, "")
-        semicolons = ";" in header
-        rows = csv.reader(
-            chain([header], lines), delimiter=";" if semicolons else ",", skipinitialspace=True
+        first = next(lines, "")
+        # Spreadsheets name the separator in a line before the header: sep=;
+        named = first.lower().startswith("sep=")
+        # numpy writes a header behind a comment sign.
+        header = (next(lines, "") if named else first).removeprefix("#")
+        separator = first[4:5] if named else max(",;\t", key=header.count)
+        table = csv.reader(chain([header], lines), delimiter=separator, skipinitialspace=True)
+        names = next(table, [])
+        columns = _columns(names, options)
+        rows = (
+            _Row(cells, table.line_num + named, columns, separator) for cells in table if any(cells)
         )
-        columns = _columns(next(rows, []), options)
-        for cells in rows:
-            if not any(cells):
-                continue
-            read += 1
-            try:
-                dropped += _add(log, _Row(cells, rows.line_num, columns, semicolons))
-            except RunError as error:
-                damaged.append(error)
-    except (csv.Error, ValueError) as error:  # for example a quoted text without an end
+        logs = by_boot(_stamped(rows, len(names), damaged), lambda part: [_log(part, damaged)])
+        read = table.line_num
+    except (csv.Error, TypeError, ValueError) as error:  # e.g. a quoted text without an end
         raise RunError(f"is not a CSV: {error}") from None
     # A wrong unit or column damages every row. A few damaged rows are defects of the file.
     # 0.02: largest share of rows with an unreadable cell. With more, the table is refused.
     if len(damaged) > 0.02 * read:
         raise damaged[0]
     if damaged:
-        log.note(f"{len(damaged)} damaged rows are left out, the first: {damaged[0]}")
+        logs[0].note(f"{len(damaged)} damaged rows are left out, the first: {damaged[0]}")
+    for log in logs:
+        _check_time_unit(log, columns["time"], names[columns["time"].index].strip())
+    return logs
+
+
+def _stamped(
+    rows: Iterable[_Row], width: int, damaged: list[RunError]
+) -> Iterator[tuple[float | None, _Row]]:
+    """Yield time and content of each row, the time only for a row with a position: a table may have
+    the positions before the ranges, and the ranges by tag. Errors of rows are added to `damaged`.
+
+    width: number of names in the header.
+    """
+    for row in rows:
+        try:
+            if any(row.cells[width:]):
+                # A decimal comma splits a number of a table with commas into two cells.
+                likely = ": decimal commas?" if row.separator == "," else ""
+                raise RunError(
+                    f"line {row.line} has {len(row.cells)} values for {width} names{likely}"
+                )
+            time = row.time()
+            yield time if row.text("latitude") else None, row
+        except RunError as error:
+            damaged.append(error)
+
+
+def _log(rows: Iterable[_Row], damaged: list[RunError]) -> RangeLog:
+    """Return the positions and ranges of one boot. Errors of rows are added to `damaged`."""
+    log = RangeLog()
+    dropped = 0
+    for row in rows:
+        try:
+            dropped += _add(log, row)
+        except RunError as error:
+            damaged.append(error)
     if dropped:
         log.note(f"{dropped} ranges of 0 m or less are left out")
-    return [log]
+    return log
+
+
+def _check_time_unit(log: RangeLog, column: Column, name: str) -> None:
+    """Raise RunError if the positions fit another unit of time much better."""
+    if len(log.positions) < MIN_COMPARED:
+        return
+    track = log.track(log.plane())
+    steps = np.diff(track.time)
+    moved = np.hypot(np.diff(track.east), np.diff(track.north))[steps > 0]
+    steps = steps[steps > 0]
+    if not len(steps):
+        return
+    speed = float(np.median(moved / steps))
+    period = float(np.median(steps))
+
+    def fits(factor: float) -> bool:
+        # 350.0: largest speed of a vehicle with a ranging radio, m/s. 20.0: longest usual time
+        # between two positions, s. No range between positions farther apart can be used.
+        ratio = factor / column.factor
+        return speed < 350.0 * ratio and period * ratio <= 20.0
+
+    likely = next((unit for unit, factor in UNITS["time"].items() if fits(factor)), None)
+    if not fits(column.factor) and likely is not None:
+        raise RunError(
+            f"{name}: positions {period:.3g} s apart at {speed:.3g} m/s: are the times in"
+            f" {likely}? Name the column time_{likely}"
+        )
 
 
 def _columns(header: Sequence[str], options: ReadOptions) -> dict[str, Column]:
@@ -175,13 +259,9 @@ def _add(log: RangeLog, row: _Row) -> bool:
     """Add the position and the range of a row. Return True if the range is not a valid distance.
     Raises RunError."""
     time = row.time()
-    latitude = row.number("latitude")
-    longitude = row.number("longitude")
+    latitude = row.degrees("latitude", 90.0)
+    longitude = row.degrees("longitude", 360.0)
     if isfinite(latitude) and isfinite(longitude):
-        if abs(latitude) > 90 or abs(longitude) > 360:
-            raise RunError(
-                f"line {row.line}: {latitude:g} {longitude:g} is not a position: in degrees?"
-            )
         altitude = row.number("altitude")
         if (
             not isnan(altitude) and not -1000 <= altitude <= 1e5

@@ -1,21 +1,37 @@
 """ArduPilot's dataflash logs, binary (.BIN) and text (.log), read by pymavlink's DFReader."""
 
 import io
-from collections.abc import Iterator
+import mmap
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from itertools import pairwise
 from math import nan
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from pymavlink.DFReader import DFReader, DFReader_binary, DFReader_text
 
-from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, with_fix
+from circnav_mav.extras.locate.logs.interface import (
+    FAR,
+    FIX_3D,
+    Format,
+    ReadOptions,
+    by_boot,
+    with_fix,
+)
 from circnav_mav.extras.locate.place import Plane
 from circnav_mav.extras.locate.range_log import Position, RangeLog
 from circnav_mav.mav.ranging.distance_sensor import DOWNWARD
 from circnav_mav.runlog.run_folder import RunError
 
-BINARY = b"\xa3\x95\x80"
+HEAD = b"\xa3\x95"
+"""First bytes of every message. The message type and its fields follow."""
+FMT = 128
+"""Type of the message that defines the length and the fields of a type."""
+LONGEST = 255
+"""Length of the longest message, bytes."""
+BINARY = HEAD + bytes([FMT])
 TEXT = b"FMT, 128, "
 GOOD = 4
 """Value of RangeFinder::Status with a valid distance."""
@@ -34,39 +50,108 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
     try:
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
             with path.open("rb") as file:
-                binary = file.read(len(BINARY)) == BINARY
-            reader = (DFReader_binary if binary else DFReader_text)(str(path), zero_time_base=True)
-            try:
-                log = _collect(reader, options)
-            finally:
-                reader.close()
+                text = file.read(len(TEXT)) == TEXT
+            if text:
+                return _logs(DFReader_text(str(path), zero_time_base=True), options)
+            with TemporaryDirectory() as folder:
+                whole, note = _without_damage(path, Path(folder))
+                logs = _logs(DFReader_binary(str(whole), zero_time_base=True), options)
+            if note:
+                logs[0].note(note)
+            return logs
     except (RunError, OSError):
         raise
     except Exception as error:
         raise RunError(f"cannot be read as a dataflash log: {error!r}") from None
-    return [log]
 
 
-def _collect(reader: DFReader, options: ReadOptions) -> RangeLog:
+def _without_damage(path: Path, folder: Path) -> tuple[Path, str]:
+    """Return the path of a binary log without damage, and a note about the bytes left out.
+
+    A damaged log is copied into the folder, without its damaged bytes. DFReader reads no message
+    behind some kinds of damage, and its indexer in C prints a line for each damaged byte.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        parts = list(_whole_parts(data))
+        size = len(data)
+        ends = [0, *(byte for part in parts for byte in part), size]
+        gaps = [end - begin for begin, end in list(pairwise(ends))[::2] if end > begin]
+        if not gaps:
+            return path, ""
+        whole = folder / "whole.bin"
+        with whole.open("wb") as copy:
+            for begin, end in parts:
+                copy.write(data[begin:end])
+    # A log that ended with the power ends within a message.
+    if ends[-2] == size - gaps[-1] and gaps[-1] <= LONGEST:
+        gaps.pop()
+    where = "1 place" if len(gaps) == 1 else f"{len(gaps)} places"
+    return whole, f"damaged: {sum(gaps)} of {size} bytes, in {where}, are left out" if gaps else ""
+
+
+def _whole_parts(data: mmap.mmap) -> Iterator[tuple[int, int]]:
+    """Yield begin and end of each stretch of whole messages. A message is whole if the next one
+    begins at its end."""
+    lengths = {FMT: 89}
+    begin = at = 0
+    while 0 <= at <= len(data) - 3:
+        kind = data[at + 2]
+        end = at + lengths.get(kind, 0) if data[at : at + 2] == HEAD else at
+        whole = end > at and (end == len(data) or data[end : end + 2] == HEAD)
+        if whole and kind == FMT:
+            # A message has at least the three bytes of its header.
+            whole = data[at + 4] >= 3
+            lengths[data[at + 3]] = data[at + 4]
+        if whole:
+            at = end
+            continue
+        if at > begin:
+            yield begin, at
+        begin = at = data.find(HEAD, at + 1)
+    if at > begin >= 0:
+        yield begin, at
+
+
+def _logs(reader: DFReader, options: ReadOptions) -> list[RangeLog]:
+    """Return the log of each boot, and close the reader."""
+    try:
+        fields = {
+            format.name: format.columns
+            for format in reader.formats.values()
+            if format.name not in NO_READINGS
+        }
+        with_names = {
+            name
+            for name, columns in fields.items()
+            if "Name" in columns and {"Val", "Value"} & set(columns)
+        }
+        named, _, _ = options.range_name.partition(".")
+        wanted = {"POS", "ORGN", "XKF1", "GPS", "RFND", "BCN", *with_names, named}
+        rows = ((time, (time, message)) for time, message in _messages(reader, wanted))
+        return by_boot(rows, lambda part: [_collect(part, fields, with_names, options)])
+    finally:
+        reader.close()
+
+
+def _collect(
+    messages: Iterable[tuple[float, Message]],
+    fields: Mapping[str, Sequence[str]],
+    with_names: Collection[str],
+    options: ReadOptions,
+) -> RangeLog:
+    """Return the positions and ranges of one boot.
+
+    messages: time since boot (s) and message.
+    fields: names of the fields, by message.
+    with_names: messages of named values.
+    """
     log = RangeLog()
     receivers: dict[int, bool] = {}
     fixed: bool | None = None
     tracks: dict[str, list[tuple[Position, bool | None]]] = {"POS": [], "XKF1": [], "GPS": []}
     origin: tuple[Plane, float] | None = None
     named, _, field = options.range_name.partition(".")
-    fields = {
-        format.name: format.columns
-        for format in reader.formats.values()
-        if format.name not in NO_READINGS
-    }
-    with_names = {
-        name
-        for name, columns in fields.items()
-        if "Name" in columns and {"Val", "Value"} & set(columns)
-    }
-    for time, message in _messages(
-        reader, {"POS", "ORGN", "XKF1", "GPS", "RFND", "BCN", *with_names, named}
-    ):
+    for time, message in messages:
         kind = message.get_type()
         # In ORGN, Type 0 is the origin of the estimator (ArduPilot's LogOriginType).
         match kind:
@@ -149,7 +234,8 @@ def _add(log: RangeLog, tag: str, time: float, slant: float, options: ReadOption
 
 DATAFLASH = Format(
     name="an ArduPilot dataflash log",
-    matches=lambda head: head.startswith((BINARY, TEXT)),
+    # Download tools may put bytes before the first message.
+    matches=lambda head: head.startswith((BINARY, TEXT)) or BINARY + b"\x80\x59FMT" in head,
     read=_read,
     ranges="RFND of a rangefinder that does not look down, BCN",
     positions="POS, XKF1 or GPS with a 3D fix",

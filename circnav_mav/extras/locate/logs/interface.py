@@ -1,9 +1,12 @@
 """Interface of the log readers."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, groupby, pairwise
+from math import inf
+from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from circnav_mav.extras.locate.range_log import Position, RangeLog
 from circnav_mav.foreign import printable
@@ -27,6 +30,9 @@ MOST_NAMES = 20
 """Largest number of names listed in a message."""
 FIX_3D = 3
 """Smallest fix type with a three-dimensional position, in MAVLink, ArduPilot and PX4 alike."""
+MOST_BOOTS = 20
+"""Largest number of boots in one log. The times of rows in no order step back more often."""
+Row = TypeVar("Row")
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,3 +100,58 @@ def with_fix(rows: Sequence[tuple[Position, bool | None]]) -> list[Position]:
     if all(fixed is None for _, fixed in rows):
         return [position for position, _ in rows]
     return [position for position, fixed in rows if fixed]
+
+
+def by_boot(
+    rows: Iterable[tuple[float | None, Row]], collect: Callable[[Iterable[Row]], list[RangeLog]]
+) -> list[RangeLog]:
+    """Return the vehicles of each boot in a log.
+
+    rows: time (s) and content of each row, in the order of the file. The time is None for a row
+        that belongs to the boot of the row before it.
+    collect: function that returns the vehicles of the rows of one boot.
+    """
+    boots = groupby(_numbered(rows), key=itemgetter(0))
+    parts = [collect(row for _, row in group) for _, group in boots] or [collect(())]
+    if len(parts) > MOST_BOOTS:
+        return _merged(parts)
+    # A short boot, for example on the bench, may have no fix or no radio.
+    usable = [part for part in parts if any(log.ranges and log.positions for log in part)]
+    if len(usable) < 2:
+        return usable[0] if usable else _merged(parts)
+    for number, part in enumerate(usable, 1):
+        for log in part:
+            log.vehicle = f"{log.vehicle}, boot {number}".removeprefix(", ")
+            log.note(f"the times step back: each of {len(usable)} boots is located by itself")
+    return [log for part in usable for log in part]
+
+
+def _numbered(rows: Iterable[tuple[float | None, Row]]) -> Iterator[tuple[int, Row]]:
+    """Yield the rows with the number of their boot."""
+    last = before = -inf
+    boot = 0
+    end: tuple[float | None, Any] = None, None
+    for (time, row), (following, _) in pairwise(chain(rows, [end])):
+        if time is not None:
+            # 10.0: largest step back of reordered rows, s. A restarted logger, or a second log
+            # appended to the first, steps back by minutes. A single damaged time is no restart: the
+            # row after it continues the rows before it.
+            begin = min(last, before) - 10.0
+            boot += time < begin and (following is None or following < begin)
+            before = last
+            last = time
+        yield boot, row
+
+
+def _merged(parts: Sequence[Sequence[RangeLog]]) -> list[RangeLog]:
+    """Return the vehicles of all parts of a log, one for each name."""
+    merged: dict[str, RangeLog] = {}
+    for log in (log for part in parts for log in part):
+        whole = merged.setdefault(log.vehicle, RangeLog(vehicle=log.vehicle))
+        whole.positions += log.positions
+        whole.names |= log.names
+        for tag, ranges in log.ranges.items():
+            whole.ranges.setdefault(tag, []).extend(ranges)
+        for note in log.notes:
+            whole.note(note)
+    return list(merged.values())

@@ -25,11 +25,6 @@ def screen(log: RangeLog) -> None:
         log.note(
             f"{len(log.positions) - len(kept)} positions near 0 N 0 E, before a fix, are left out"
         )
-    # Reordered rows step back in time by seconds. A restarted logger, or a second log appended to
-    # the first, steps back by minutes. Then positions of two logs are mixed in time.
-    back = -float(np.diff([row[0] for row in kept]).min(initial=0.0))
-    if back > 10.0:
-        log.note(f"the times step back by {back:.0f} s: if the file has several logs, split it")
     log.positions = _moving(log, kept)
     log.ranges = {tag: _measured(log, tag, rows) for tag, rows in log.ranges.items()}
 

@@ -1,5 +1,6 @@
 """Reads the positions and ranges in a log of any supported format."""
 
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -47,6 +48,8 @@ def recognize(head: bytes) -> Format:
     for known in FORMATS:
         if known.matches(head):
             return known
+    if head.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        raise RunError("is a text in UTF-16: save it in UTF-8")
     if b"\0" in head:
         raise RunError(
             f"is none of {', '.join(known.name for known in FORMATS)}; convert it to a CSV"

@@ -1,5 +1,6 @@
 """MAVLink telemetry logs: positions of every vehicle, each with the ranges of its own radios."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import nan
 from pathlib import Path
@@ -7,7 +8,14 @@ from pathlib import Path
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.extras.locate.gps_fix import RECEIVERS
-from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, with_fix
+from circnav_mav.extras.locate.logs.interface import (
+    FAR,
+    FIX_3D,
+    Format,
+    ReadOptions,
+    by_boot,
+    with_fix,
+)
 from circnav_mav.extras.locate.range_log import EmptyLogError, Position, Range, RangeLog
 from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.mav.ranging.interface import Reading, boot_stamp
@@ -66,12 +74,19 @@ class _Sender:
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
+    named, _, _ = options.range_name.partition(".")
+    wanted = WANTED | {kind.id for kind in dialect.mavlink_map.values() if kind.msgname == named}
+    rows = ((stamp / 1e6, (stamp, message)) for stamp, message in read_messages(path, wanted))
+    return by_boot(rows, lambda part: _collect(part, options))
+
+
+def _collect(messages: Iterable[tuple[int, Message]], options: ReadOptions) -> list[RangeLog]:
+    """Return the vehicles in messages, each with its time in us since 1970."""
     senders = dict[Ids, _Sender]()
     newest = dict[str, tuple[float | None, float]]()
     began: int | None = None
     named, _, part = options.range_name.partition(".")
-    wanted = WANTED | {kind.id for kind in dialect.mavlink_map.values() if kind.msgname == named}
-    for stamp, message in read_messages(path, wanted):
+    for stamp, message in messages:
         began = stamp if began is None else began
         time = (stamp - began) / 1e6
         sender = senders.setdefault(ids(message), _Sender())

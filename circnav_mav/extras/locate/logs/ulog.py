@@ -1,5 +1,7 @@
 """PX4's ULog files (.ulg), read by pyulog."""
 
+import io
+from contextlib import redirect_stdout
 from importlib.util import find_spec
 from math import nan
 from pathlib import Path
@@ -28,16 +30,55 @@ TOPICS = [
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
     if find_spec("pyulog") is None:
         raise RunError(INSTALL)
-    from pyulog.core import ULog
-
+    named, _, _ = options.range_name.partition(".")
     try:
-        named, _, part = options.range_name.partition(".")
-        data = ULog(str(path), [*TOPICS, named], True).data_list
+        with redirect_stdout(io.StringIO()):  # pyulog prints warnings
+            parsed = _bounded_parser()(str(path), [*TOPICS, named], True)
+    except RunError:
+        raise
     except Exception as error:  # pyulog raises exceptions of any kind on damaged files
         raise RunError(f"cannot be read as a ULog file: {error!r}") from None
+    data = parsed.data_list
     log = RangeLog()
+    if parsed.file_corruption:
+        log.note("damaged: parts of the log are left out")
+    try:
+        _collect(log, data, options)
+    except KeyError as error:
+        raise RunError(f"cannot be read as a ULog file: no field {error.args[0]}") from None
+    return [log]
+
+
+def _bounded_parser() -> Any:
+    """Return pyulog's parser with a limit of memory for the fields of the topics."""
+    from pyulog.core import ULog
+
+    size = 0
+
+    class Parser(ULog):
+        class _MessageAddLogged(ULog._MessageAddLogged):  # type: ignore[misc]
+            def _parse_nested_type(self, prefix: str, kind: str, formats: Any) -> None:
+                # pyulog stores a name for each field and each element of an array, before it has
+                # read any data. Nested arrays multiply: 200 bytes needed 1.6 GB.
+                nonlocal size
+                for _, count, name in formats[kind].fields:
+                    size += max(count, 1) * (len(prefix) + len(name) + 10)
+                # Largest length of all names, characters. Logs of PX4 have less than a million.
+                if size > 10_000_000:
+                    raise RunError("cannot be read as a ULog file: its topics have too many fields")
+                super()._parse_nested_type(prefix, kind, formats)
+
+    return Parser
+
+
+def _collect(log: RangeLog, data: list[Any], options: ReadOptions) -> None:
+    """Add the positions and ranges of the topics. Raises KeyError for a missing field."""
+    named, _, part = options.range_name.partition(".")
     for topic in data:
-        _ranges(log, topic, options)
+        try:
+            _ranges(log, topic, options)
+        except KeyError as error:
+            log.note(f"{topic.name} has no field {error.args[0]} and is left out")
         if topic.name == named and part in topic.data:
             for time, slant in zip(_time(topic.data), topic.data[part], strict=True):
                 if 0 < slant <= FAR:
@@ -49,7 +90,6 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
     log.names = {
         name for topic in data if topic.name == "debug_key_value" for name in _keys(topic.data)
     }
-    return [log]
 
 
 def _time(data: dict[str, Array]) -> Array:
