@@ -4,8 +4,10 @@ import traceback
 from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
 from functools import partial
+from importlib import import_module
 from itertools import chain, count
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from rich.console import Console
@@ -84,6 +86,7 @@ def fly_mission(
             )
         )
     outlive_terminal()
+    Thread(target=_import_libraries, daemon=True).start()
     # From now on, a signal ends the flight, not the process.
     stop = StopRequest()
     output_mode = OutputMode.SHADOW if shadow else OutputMode.DRY_RUN if dry_run else OutputMode.FLY
@@ -150,6 +153,13 @@ def fly_mission(
     if crash is not None:
         raise Refused(crash, Exit.INTERNAL)
     return code
+
+
+def _import_libraries() -> None:
+    """Import the libraries of filter and lap plan. The import takes a second, in which the link
+    opens and the heartbeats begin. The first range waits until it is done."""
+    for library in ("filterpy.kalman", "scipy.optimize"):
+        import_module(library)
 
 
 def _run_folder(out: str | None, mission: Mission) -> Path:

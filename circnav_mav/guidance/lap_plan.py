@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from circnav_mav.guidance.maths import Vector, wrap
 
@@ -79,6 +78,8 @@ def plan(d: Vector, *, V: float, r_d: float, limit: float) -> Lap | None:
 @lru_cache(maxsize=512)
 def _table(drift_cell: int, limit_cell: int) -> NDArray[np.float64]:
     """Return e/r_d and its slope over a lap, at the center of a grid cell."""
+    from scipy.optimize import nnls  # imported here because its import takes half a second
+
     drift = (drift_cell + 0.5) * DRIFT_STEP
     limit = (limit_cell + 0.5) * LIMIT_STEP
     angle = _SPACING * np.arange(ANGLES) - pi

@@ -9,15 +9,17 @@ first sample starts the filter with r' = 0 and a variance of r' of V^2/2. This i
 from dataclasses import dataclass
 from functools import lru_cache
 from math import hypot, sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
-from filterpy.kalman import KalmanFilter, predict
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_are
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
 from circnav_mav.guidance.laws import max_range_acceleration
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
+
+if TYPE_CHECKING:
+    from filterpy.kalman import KalmanFilter
 
 Array = NDArray[np.float64]
 RANGE = 0
@@ -43,12 +45,14 @@ class KalmanRangeRate(Estimator):
     """Kalman filter of range and range rate. Its time step is the difference of two sensor
     timestamps, so transport jitter has no effect."""
 
+    _filter: "KalmanFilter"
+    """Created by the first sample."""
+
     def __init__(self, settings: EstimatorSettings) -> None:
         self._settings = settings
         self.reset()
 
     def reset(self) -> None:
-        self._filter = KalmanFilter(dim_x=2, dim_z=1)
         self._newest: RangeSample | RateSample | None = None
         self._samples = self._refused = 0
         self._refused_range: RangeSample | None = None
@@ -109,10 +113,9 @@ class KalmanRangeRate(Estimator):
         sample."""
         if self._newest is None:
             return None
-        x = self._filter.x
-        P = self._filter.P
         F, Q = self._model(max(time - self._newest.time, 0.0))
-        x, P = predict(x, P, F=F, Q=Q)
+        x = F @ self._filter.x
+        P = F @ self._filter.P @ F.T + Q
         r = float(x[0, 0])
         r_dot = float(x[1, 0])
         if r < 0:  # a vehicle that flies straight over the target flies away from it afterwards
@@ -150,6 +153,11 @@ class KalmanRangeRate(Estimator):
         )
 
     def _start(self, sample: RangeSample) -> None:
+        # The import takes a second, because filterpy loads scipy.stats. So no command waits for it
+        # that estimates nothing.
+        from filterpy.kalman import KalmanFilter
+
+        self._filter = KalmanFilter(dim_x=2, dim_z=1)
         self._filter.x = np.array([[sample.r], [0.0]])
         self._filter.P = np.diag([sample.sigma**2, self._settings.speed**2 / 2])
         self._samples = 1
@@ -175,12 +183,13 @@ def steady_state(
     """Return the filter's steady state for samples of noise sigma (m) every `period` (s) at range r
     (m).
 
-    The lag is that of an alpha-beta filter under constant acceleration, T (2 alpha - beta)/(2
-    beta).
+    The steady filter is an alpha-beta filter. Its gains follow from the tracking index (Kalata,
+    1984), with alpha = 1 - root^2 and beta = 2 (1 - root)^2. Under constant acceleration its lag is
+    T (2 alpha - beta)/(2 beta).
     """
-    F, Q = motion_model(period, acceleration_variance(settings, r))
-    P = solve_discrete_are(F.T, np.array([[1.0], [0.0]]), Q, np.array([[sigma**2]]))
-    alpha, beta = (float(P[row, 0] / (P[0, 0] + sigma**2)) for row in (0, 1))
+    index = sqrt(acceleration_variance(settings, r)) * period**2 / sigma
+    root = 4 / (4 + index + sqrt(index * (index + 8)))
     return SteadyState(
-        sqrt(P[1, 1] - beta * P[0, 1]), period * (2 * alpha - beta * period) / (2 * beta * period)
+        r_dot_sigma=2 * sigma / period * sqrt((1 - root) ** 3 / root),
+        lag=period * root / (1 - root),
     )

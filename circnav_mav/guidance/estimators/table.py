@@ -1,11 +1,10 @@
 """Estimators by their names in mission files."""
 
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
-from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
-from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
 from circnav_mav.guidance.own_code import NameTable, checked
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
@@ -61,10 +60,22 @@ def _own_estimator(name: str, make: Any) -> MakeEstimator:
     return checked(name, make, form, lambda made: isinstance(made, Estimator))
 
 
+def _imported(module: str, name: str) -> MakeEstimator:
+    """Return an estimator of this package. Its module is imported when the estimator is built, so
+    that checks of a mission do not wait for it."""
+
+    def make(settings: EstimatorSettings) -> Estimator:
+        estimators = import_module(f"circnav_mav.guidance.estimators.{module}")
+        made: Estimator = getattr(estimators, name)(settings)
+        return made
+
+    return make
+
+
 _BUILT_IN: dict[str, MakeEstimator] = {
-    "kalman": KalmanRangeRate,
-    "drift": DriftEstimator,
-    "auto": AutoEstimator,
+    "kalman": _imported("range_rate", "KalmanRangeRate"),
+    "drift": _imported("relative_motion", "DriftEstimator"),
+    "auto": _imported("relative_motion", "AutoEstimator"),
     "measured": MeasuredRate,
 }
 ESTIMATORS = NameTable("circnav.estimators", _BUILT_IN, _own_estimator)
