@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from circnav_sim.config import VehicleConfig
 
 from circnav_mav.cli.bundled import bundled, names
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extension import extensions, load
-from circnav_mav.mission.load import whole_schema
 from circnav_mav.runlog.atomic_write import write_text
 
 SCHEMA = "mission.schema.json"
@@ -45,7 +43,7 @@ def write_mission(vehicle: str | None, file: str | None) -> int:
         write_text(path, text)
         schema = path.with_name(SCHEMA)
         if not schema.exists():
-            write_text(schema, schema_text("mission"))
+            write_text(schema, (source.parent / SCHEMA).read_text(encoding="utf-8"))
     about = next((line[2:] for line in text.splitlines() if line.startswith("# ")), "")
     where = "on the bundled emulator" if '\nendpoint = "sim"' in text else "on your vehicle"
     say(f"{path}: {about}\nEvery value has a comment. Adapt the values, then:")
@@ -63,6 +61,10 @@ def print_schema(kind: str) -> int:
 def schema_text(kind: str) -> str:
     """Return the JSON schema of mission files, or of a kind of file that an extension adds."""
     if kind == "mission":
+        from circnav_sim.config import VehicleConfig
+
+        from circnav_mav.mission.load import whole_schema
+
         table: dict[str, Any] = whole_schema().model_json_schema()
         table["properties"]["sim"] = sim = VehicleConfig.model_json_schema()
         table["$defs"] |= sim.pop("$defs")

@@ -8,10 +8,10 @@ from pydantic import Field
 from circnav_mav.mav.check_result import WARN, Check
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import Table
-from circnav_mav.runtime.onlookers import OnlookerSettings
 
 if TYPE_CHECKING:
     from circnav_mav.extras.fleet.onlooker import FleetOnlooker
+    from circnav_mav.runtime.onlookers import OnlookerSettings
 
 LEAST_LAYER = 15.0
 """Smallest distance of two height layers, m: twice the error of a barometer in a turn, plus the
@@ -64,7 +64,7 @@ def preflight_fleet(mission: Mission) -> Iterator[Check]:
         yield from listen_to_fleet(mission, table)
 
 
-def open_onlooker(given: OnlookerSettings) -> "FleetOnlooker | None":
+def open_onlooker(given: "OnlookerSettings") -> "FleetOnlooker | None":
     """Return the onlooker of a fleet member, None for a single vehicle. Raises Refused."""
     if table_of(given.mission).id is None:
         return None

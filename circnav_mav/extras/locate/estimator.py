@@ -17,7 +17,6 @@ from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from circnav_mav.extras.locate.place import SIGNIFICANT, Array, Place, Plane
 
@@ -432,6 +431,8 @@ class Problem:
 
         start: east, north and, for a moving target, velocity; or all states except the nodes.
         """
+        from scipy.optimize import least_squares  # imported here because it takes half a second
+
         x = np.zeros(self.own + 3 * self._between.shape[1])
         # Start below the track. At the vehicle's own height, the derivative of the range with
         # respect to the height is zero, and the fit would stay there.

@@ -1,13 +1,15 @@
 """Mission table [locate]: keys, and the settings derived from them."""
 
 from collections.abc import Container
-from typing import Annotated, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 from pydantic import Field
 
-from circnav_mav.extras.locate.locator import LocateSettings
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import Table
+
+if TYPE_CHECKING:
+    from circnav_mav.extras.locate.locator import LocateSettings
 
 COMPANIONS = (194, 193, 191)
 """Component ids that circnav may use, in order of preference (MAV_COMP_ID_ONBOARD_COMPUTER4, 3 and
@@ -31,9 +33,11 @@ def table_of(mission: Mission) -> LocateTable:
     return cast(LocateTable, mission.file.locate)  # type: ignore[attr-defined]
 
 
-def locate_settings(mission: Mission) -> LocateSettings | None:
+def locate_settings(mission: Mission) -> "LocateSettings | None":
     """Return the settings of the survey, None if the mission does not enable it."""
     table = table_of(mission)
     if not table.enabled:
         return None
+    from circnav_mav.extras.locate.locator import LocateSettings
+
     return LocateSettings(companion({mission.file.link.component_id}), table.gps_sigma_m)
