@@ -17,7 +17,10 @@ class ConfigError(ValueError):
 class Table(BaseModel):
     """A table that rejects unknown keys and converts no types."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    # defer_build: build each validator once, at its first use, not again for each table around it
+    model_config = ConfigDict(
+        defer_build=True, extra="forbid", strict=True, frozen=True, allow_inf_nan=False
+    )
 
     def changed(self, **values: Any) -> Self:
         """Return a copy with other values. They are not validated."""

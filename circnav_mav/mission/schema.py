@@ -86,7 +86,10 @@ class Table(BaseModel):
     """A table that rejects unknown keys, silent conversions, NaN and infinity. TOML allows NaN and
     infinity, but a bound with such a value would be violated never, or always."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    # defer_build: build each validator once, at its first use, not again for each table around it
+    model_config = ConfigDict(
+        defer_build=True, extra="forbid", strict=True, frozen=True, allow_inf_nan=False
+    )
 
 
 class VehicleTable(Table):
