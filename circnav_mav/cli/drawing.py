@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import circnav_mav
+from circnav_mav.cli.progress import progress
 
 
 class Drawing:
@@ -46,7 +47,8 @@ class Drawing:
         drawn = ""
         why = "no room for one more process"
         if process is not None:
-            drawn, errors = process.communicate("over\n")
+            with progress("drawing flight.png and report.html"):
+                drawn, errors = process.communicate("over\n")
             why = (
                 errors.strip().rpartition("\n")[2].removeprefix("circnav: ")
                 or f"exit code {process.returncode}"

@@ -1,7 +1,8 @@
 """`circnav replay`: feeds a recorded flight to the guidance loop."""
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from circnav_sim.config import ConfigError
 
 from circnav_mav.cli.check import refuse_failing
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.cli.progress import Show, progress
 from circnav_mav.foreign import printable
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.ranging.interface import describe_rejected
@@ -17,7 +19,6 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
 from circnav_mav.pilot.controller import FlownCommands
 from circnav_mav.pilot.loop_step import STEPS, LoopStep
-from circnav_mav.report.plots import plot_replay
 from circnav_mav.runlog.atomic_write import atomic_write
 from circnav_mav.runlog.loop_steps import check_tlog, recorded_steps, tlog_steps
 from circnav_mav.runlog.replay import (
@@ -97,7 +98,10 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
         pilot = Pilot(settings)
     pilot.controller.flown = _flown_commands(run, settings)
     empty = "nothing to replay: flight.tlog or steps.csv is empty, or damaged from its beginning on"
-    done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty=empty)
+    until = None
+    with suppress(RunError):  # damaged ticks are reported after the replay
+        until = _end(run.ticks)
+    done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty=empty, until=until)
     whole = _say_damage(run, done, pilot)
     if pilot.controller.flown is not None:
         say("  response   learned from the commands of the flight, to which the vehicle responded")
@@ -134,12 +138,22 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
 
 
 def _replayed(
-    name: Path, pilot: Pilot, steps: Iterable[LoopStep], *, empty: str, ticking: bool = False
+    name: Path,
+    pilot: Pilot,
+    steps: Iterable[LoopStep],
+    *,
+    empty: str,
+    ticking: bool = False,
+    until: float | None = None,
 ) -> ReplayResult:
-    """Replay, and print how much was replayed. ticking: True for a plain tlog. empty: message for a
-    log without steps. Raises Refused."""
+    """Replay, and print how much was replayed. Raises Refused.
+
+    ticking: True for a plain tlog. empty: message for a log without steps. until: time of the last
+        tick in the log, s, None if it is unknown.
+    """
     began = time.perf_counter()
-    done = replay(pilot, steps, ticking=ticking)
+    with progress(f"replaying {name}", until) as show:
+        done = replay(pilot, _shown(steps, show), ticking=ticking)
     took = time.perf_counter() - began
     if not done.steps:
         raise Refused(f"{name}: {empty}", Exit.NOTHING_RECEIVED)
@@ -149,6 +163,18 @@ def _replayed(
         )
     say(f"{name}: {done.until:.1f} s, {done.frames} received frames, replayed in {took:.2f} s")
     return done
+
+
+def _shown(steps: Iterable[LoopStep], show: Show) -> Iterator[LoopStep]:
+    """Yield the steps, and show the time of each."""
+    for step in steps:
+        show(step.time, "")
+        yield step
+
+
+def _end(ticks: Ticks) -> float:
+    """Return the time of the last tick, s, or 0 without ticks."""
+    return float(ticks.time[-1]) if len(ticks.time) else 0.0
 
 
 def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]) -> Mission:
@@ -203,7 +229,7 @@ def _check_steered(name: Path, pilot: Pilot) -> None:
 def _say_damage(run: Run, done: ReplayResult, pilot: Pilot) -> bool:
     """Print warnings about missing or damaged parts of the log. Return True if the log is
     complete."""
-    end = float(run.ticks.time[-1]) if len(run.ticks.time) else 0.0
+    end = _end(run.ticks)
     short = end - done.until > UNRECORDED
     spoilt = pilot.connection.counts[VEHICLE].bad
     problems = [run.damage_text] if run.damage_text else []
@@ -273,6 +299,8 @@ def _write(
         return
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
+    from circnav_mav.report.plots import plot_replay  # imported here because it loads matplotlib
+
     plot_replay(
         folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{printable(log)}, replayed"
     )

@@ -11,6 +11,7 @@ import tomlkit
 
 from circnav_mav import __version__
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.cli.progress import progress
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.types import Direction
@@ -45,9 +46,10 @@ def report_run(folder: str, after_flight: bool) -> int:
         mission = _mission(run)
         if run.damage_text is not None:
             say(f"  WARNING    {run.damage_text}")
-        _picture(run, mission)
-        # The page contains the picture, so draw the page last.
-        _page(run, mission)
+        with progress("drawing flight.png and report.html"):
+            _picture(run, mission)
+            # The page contains the picture, so draw the page last.
+            _page(run, mission)
         say(f"{run.folder / 'report.html'}\n{run.folder / 'flight.png'}")
     return Exit.DONE
 

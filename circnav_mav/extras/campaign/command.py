@@ -1,23 +1,15 @@
 """The command `circnav campaign`: many flights, their table and pictures."""
 
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.cli.progress import progress
 from circnav_mav.extras.campaign.execute import cores, on_cores, on_scheduler
 from circnav_mav.extras.campaign.figures import SUMMARY, summarize
 from circnav_mav.extras.campaign.fly import Row
@@ -82,27 +74,16 @@ def _fly(campaign: Campaign, store: Store, scheduler: str | None, processes: int
 @contextmanager
 def _progress(done: int, total: int) -> Iterator[Callable[[int, Row], None]]:
     """Show progress: a bar on a terminal, otherwise a line every REPORT_EVERY seconds."""
-    console = Console()
-    if not console.is_terminal:
+    if not sys.stderr.isatty():
         yield _lines(done, total)
         return
-    columns = (
-        TextColumn("flights"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[lost]}"),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("", total=total, completed=done, lost="")
-        lost = 0
+    lost = 0
+    with progress("flights", total, done) as update:
 
         def show(done: int, row: Row) -> None:
             nonlocal lost
             lost += not row["kept"]
-            bar.update(task, completed=done, lost=f"{lost} not kept")
+            update(done, f"{done} of {total}, {lost} not kept")
 
         yield show
 

@@ -12,11 +12,11 @@ from circnav_mav.cli.closing import close_flight, write_manifest
 from circnav_mav.cli.connect import open_onlookers
 from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing, say
 from circnav_mav.cli.fly import EXITS, new_folder
+from circnav_mav.cli.progress import each, progress
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.extras.fleet.carrier import FrameCarrier, LocalNetwork
 from circnav_mav.extras.fleet.flight import FleetFlight, Member, member_overrides
 from circnav_mav.extras.fleet.metrics import FleetFigures, figures
-from circnav_mav.extras.fleet.picture import animate_fleet, draw_fleet
 from circnav_mav.extras.fleet.settings import table_of
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
@@ -82,20 +82,26 @@ def fly_fleet(
         flight = FleetFlight(members, network)
         flight.fly(watch=_watch(members[0].onlookers.pace, stop), stopped=lambda: stop.signal_name)
         found = figures(flight.tracks)
-        codes = [_close(member, epoch_us) for member in members]
+        codes = [
+            _close(member, epoch_us)
+            for member in each("writing the run folders", members, len(members))
+        ]
     rows = [_row(member, code) for member, code in zip(flight.members, codes, strict=True)]
     link = {"loss": fleet_loss or 0.0, "delay_s": fleet_delay or 0.0}
     with refusing(folder):
         write_json(
             folder / "fleet.json", {"mission": path, "link": link, **found.plain(), "each": rows}
         )
-    try:
-        draw_fleet(flight.tracks, folder / "fleet.png")
-        animate_fleet(flight.tracks, folder / "fleet.gif")
-    except Exception as error:
-        say(f"  WARNING    the pictures in {folder} could not be made: {error}")
     _show(found, flight.tracks.radius, rows)
     say(f"  fleet folder {folder}")
+    try:
+        with progress("drawing fleet.png and fleet.gif"):
+            from circnav_mav.extras.fleet.picture import animate_fleet, draw_fleet
+
+            draw_fleet(flight.tracks, folder / "fleet.png")
+            animate_fleet(flight.tracks, folder / "fleet.gif")
+    except Exception as error:
+        say(f"  WARNING    the pictures in {folder} could not be made: {error}")
     return max(codes)
 
 

@@ -5,16 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.cli.progress import progress
 from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, locate_as_it_shows
 from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.logs.interface import METERS, ReadOptions, meters_in
 from circnav_mav.extras.locate.logs.table import read_logs
-from circnav_mav.extras.locate.map_picture import plot_map
 from circnav_mav.extras.locate.parameters import PARAMETERS
 from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Place
 from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, corrected, tracks
@@ -58,7 +55,7 @@ def locate_log(
                 " meters"
             )
         options = ReadOptions(name_of(range_name, flown), unit, vehicle)
-        with _busy(f"reading {printable(source.name)}"):
+        with progress(f"reading {source.name}"):
             logs = read(source, options)
         if flown is not None:
             sigma = flown.file.ranging.sigma_m if sigma is None else sigma
@@ -135,22 +132,6 @@ def output(out: str | None, source: Path, kind: str) -> Path:
     return folder / (kind if source.is_dir() else f"{source.stem}.{kind}")
 
 
-def _busy(what: str) -> Progress:
-    """Return a context that shows the elapsed time on a terminal until it ends."""
-    console = Console(stderr=True)
-    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
-    line = Progress(
-        *columns,
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-        redirect_stdout=False,
-        redirect_stderr=False,
-    )
-    line.add_task(escape(what), total=None)
-    return line
-
-
 def _one(
     log: RangeLog,
     tag: str,
@@ -167,7 +148,7 @@ def _one(
     track = log.track(plane)
     known = replace(known, sigma_known=sigma_known)
     say(f"{tag}: {len(ranges.r)} ranges{f' of {log.vehicle}' if log.vehicle else ''}")
-    with _busy(f"locating {tag}"):
+    with progress(f"locating {tag}"):
         place = locate_as_it_shows(plane, track, ranges, known)
         found = place if isinstance(place, Place) else None
         likely = likely_unit(plane, track, ranges, known, found) if search_unit else None
@@ -243,5 +224,8 @@ def _write(
     table = geojson(places, *tracks(logs))
     write_text(Path(f"{path}.geojson"), table)
     write_text(Path(f"{path}.kml"), kml(places))
-    plot_map(Path(f"{path}.png"), table, printable(str(source)))
+    with progress(f"drawing {path}.png"):
+        from circnav_mav.extras.locate.map_picture import plot_map
+
+        plot_map(Path(f"{path}.png"), table, printable(str(source)))
     say(f"  written    {path}.geojson, .kml, .png")

@@ -9,6 +9,7 @@ from circnav_mav.cli.bundled import bundled
 from circnav_mav.cli.check import read_mission
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.cli.init import write_mission
+from circnav_mav.cli.progress import each
 from circnav_mav.extras.plan.candidates import (
     Candidate,
     Site,
@@ -52,8 +53,10 @@ def print_plan(
     for speed in speeds or (read_mission(path, tuple(changes)).orbit.speed,):
         changed = [*changes, *at_speed(path, speed)]
         start = read_mission(path, tuple(changed))
+        sizes = _radii(start, site)
         found += [
-            candidate(_with_radius(path, changed, radius), site) for radius in _radii(start, site)
+            candidate(_with_radius(path, changed, radius), site)
+            for radius in each(f"computing circles at {speed:g} m/s", sizes, len(sizes))
         ]
     best, reason = recommended(found)
     changes += at_speed(path, best.speed)
