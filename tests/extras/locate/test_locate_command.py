@@ -169,7 +169,7 @@ def smoothed():
 @pytest.fixture(autouse=True)
 def no_map(monkeypatch):
     """Draw no map, which takes half of the time. test_logs.py tests a command that draws it."""
-    monkeypatch.setattr("circnav_mav.extras.locate.command.plot_map", lambda *what: None)
+    monkeypatch.setattr("circnav_mav.extras.locate.map_picture.plot_map", lambda *what: None)
 
 
 AS_TOLD = ("--altitude", "400")

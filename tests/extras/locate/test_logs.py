@@ -339,7 +339,7 @@ def test_long_range_unit_is_identified(monkeypatch):
 
 
 def test_units_option_gives_place_from_ranges_in_feet(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("circnav_mav.extras.locate.command.plot_map", lambda *what: None)
+    monkeypatch.setattr("circnav_mav.extras.locate.map_picture.plot_map", lambda *what: None)
     command = ["locate", str(CASES / "02-feet.csv"), "--out", str(tmp_path), "--units", "ft"]
     assert not cli.circnav.main(command, standalone_mode=False)
     text = capsys.readouterr().out
