@@ -91,10 +91,10 @@ def mission(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run folder of 10 s of the quickstart without summary.json, as a killed process leaves it.
+    """Run folder of 13 s of the quickstart without summary.json, as a killed process leaves it.
     Tests must not change it."""
     folder = tmp_path_factory.mktemp("flown")
-    recorded_flight(folder, "quickstart", "limits.duration_s=10").fly(20).recorder.close()
+    recorded_flight(folder, "quickstart", "limits.duration_s=13").fly(20).recorder.close()
     return folder
 
 

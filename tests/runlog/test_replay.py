@@ -82,7 +82,7 @@ def test_unchanged_replay_sends_identical_frames(tmp_path, overrides, output):
 
 @pytest.mark.parametrize(
     ("event", "at", "reason"),
-    [("interrupt_at", 5.0, "SIGINT"), ("slow_at", 6.0, "flown to its end")],
+    [("interrupt_at", 8.0, "SIGINT"), ("slow_at", 9.0, "flown to its end")],
 )
 def test_interrupts_and_late_steps_are_replayed(tmp_path, event, at, reason):
     """The interrupt is followed by safe setpoints. A late step sends no setpoint, and neither ticks
@@ -93,7 +93,7 @@ def test_interrupts_and_late_steps_are_replayed(tmp_path, event, at, reason):
     pilot, done = replayed(tmp_path)
     assert done.identical
     assert pilot.mission.outcome.reason == reason
-    assert done.until < 9
+    assert done.until < 13
     assert pilot.setpoints_sent == flight.pilot.setpoints_sent == len(done.was_setpoints)
     steered = [tick for tick in done.ticks if tick.phase is Phase.ENGAGED and tick.time > 5]
     assert [tick.yaw_rate_sent is None for tick in steered].count(True) == (event == "slow_at")
@@ -106,7 +106,7 @@ def test_replay_distinguishes_senders_by_source(tmp_path):
     loiter = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3).pack(
         mavlink.MAVLink(None, 1, 1)
     )
-    flight.fly(5)
+    flight.fly(9)
     flight.others = [(bytes(loiter), "another address")]
     flight.fly(30).recorder.close()
     pilot, done = replayed(tmp_path)
@@ -136,14 +136,14 @@ def test_truncated_log_is_replayed_to_its_end(flown, tmp_path, kept):
         (tmp_path / path.name).write_bytes(data[: int(cut * len(data))])
     _, done = replayed(tmp_path)
     assert done.identical
-    assert done.until == pytest.approx(kept * 21, abs=3)
+    assert done.until == pytest.approx(kept * 25, abs=3)
 
 
 def test_replay_ignores_ranges_after_end_of_pilot(flown):
     """The replayed pilot ends after 5 s of the recorded 20 s. The ranges of the other 15 s are not
     rejected as stalled."""
     pilot, done = replayed(flown, "limits.duration_s=5")
-    assert done.ended < 10 < done.until
+    assert done.ended < 13 < done.until
     assert "stalled" not in pilot.tracker.ranging.rejected
     assert len(done.was_setpoints) > len(done.setpoints) > 0
 

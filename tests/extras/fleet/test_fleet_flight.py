@@ -25,8 +25,8 @@ from tests.tools.bench.bench_fleet import RANGES
 COPTER = ROOT / "config" / "arducopter.toml"
 PLANE = ROOT / "config" / "arduplane.toml"
 NEAR = ("sim.truth.rate_hz=0", "sim.start.north_m=45", "sim.start.east_m=-20")
-TAKEN = 66.0
-SILENT = 76.0
+TAKEN = 71.0
+SILENT = 81.0
 BEFORE = TAKEN - 2.0
 AFTER = TAKEN + 4.0
 """Times in the flight, s: takeover of member 2, loss of all reports, and two evaluations."""

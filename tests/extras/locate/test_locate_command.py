@@ -24,6 +24,9 @@ from circnav_mav.extras.locate.range_log import RangeLog
 from tests.extras.locate.worlds import PLANE, circles
 from tests.small_mission import TEXT
 
+PLOT_MAP = map_picture.plot_map
+"""The real function, which other tests replace."""
+
 Row = Sequence[object]
 HEADER = ("time", "latitude", "longitude", "altitude", "range", "tag")
 PRECISE = ("--gps-sigma", "0.05", "--altitude", "400")
@@ -117,7 +120,7 @@ def drawn(folder, monkeypatch):
     figures = []
     monkeypatch.setattr(map_picture, "save", lambda figure, path: figures.append(figure))
     table = (folder / "log.locate.geojson").read_text()
-    map_picture.plot_map(folder / "map.png", table, "map")
+    PLOT_MAP(folder / "map.png", table, "map")
     near = figures[0].axes[1]
     points = [
         (one["latitude_deg"], one["longitude_deg"])

@@ -598,7 +598,7 @@ def test_log_with_two_boots_gives_one_place_per_boot(tmp_path, kind, capsys, mon
     north = (BEACON[0] + 200 / 111_000, BEACON[1])
     for log, beacon in zip(logs, (BEACON, north), strict=True):
         assert off(placed(log, *log.ranges), beacon) < 3.0
-    monkeypatch.setattr("circnav_mav.extras.locate.command.plot_map", lambda *what: None)
+    monkeypatch.setattr("circnav_mav.extras.locate.map_picture.plot_map", lambda *what: None)
     assert not cli.circnav.main(["locate", str(file)], standalone_mode=False)
     printed = capsys.readouterr().out
     assert "boots is located by itself" in printed and "two tags" not in printed
