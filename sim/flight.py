@@ -221,7 +221,8 @@ class Flight:
         return self.boot_us // 1000 & 0xFFFFFFFF
 
     def charge(self, percent: float) -> None:
-        self.battery, self._battery_at = percent, self.now
+        self.battery = percent
+        self._battery_at = self.now
 
     def battery_percent(self) -> float:
         minutes = (self.now - self._battery_at) / 60e6

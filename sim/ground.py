@@ -77,13 +77,17 @@ class LandedState:
         disarm_us: time from "landed" to disarming, None: no disarming.
         """
         self._check_at = now + CHECK_US
-        change, delay = None, 0
+        change = None
+        delay = 0
         if self.landed and climbs:
-            change, delay = "lift off", self._delays["lift off"]
+            change = "lift off"
+            delay = self._delays["lift off"]
         elif self.landed and disarm_us is not None:
-            change, delay = "disarm", disarm_us
+            change = "disarm"
+            delay = disarm_us
         elif not self.landed and sinks:
-            change, delay = "settle", self._delays["settle"]
+            change = "settle"
+            delay = self._delays["settle"]
         if change is None:
             self._pending = None
         elif self._pending is None or self._pending[0] != change:

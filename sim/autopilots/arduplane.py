@@ -113,7 +113,8 @@ class ArduPlane(ArduPilot):
             return rolling(self.body, dt, wind, aim)
         _, pitch, throttle = self._forced or Forced(None, None, None)
         if self._taking_off():
-            pitch, throttle = CLIMB_PITCH, 0.5
+            pitch = CLIMB_PITCH
+            throttle = 0.5
         demand = Bank(self._bank, self._aim() * self._scale, self._height, pitch, throttle)
         return self._airframe.step(self.body, demand, dt, wind)
 
