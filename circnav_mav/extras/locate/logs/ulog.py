@@ -55,7 +55,7 @@ def _bounded_parser() -> Any:
 
     size = 0
 
-    class Parser(ULog):
+    class Parser(ULog):  # type: ignore[misc]
         class _MessageAddLogged(ULog._MessageAddLogged):  # type: ignore[misc]
             def _parse_nested_type(self, prefix: str, kind: str, formats: Any) -> None:
                 # pyulog stores a name for each field and each element of an array, before it has
