@@ -1,4 +1,4 @@
-"""Airborne state of an aircraft: established flight before the engagement, contact with the ground
+"""Airborne state of an aircraft: established flight before the engagement, height above the ground
 after it.
 
 Guidance must not take an aircraft out of its take-off: near the ground, every turn is a crash. So

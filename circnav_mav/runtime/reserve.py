@@ -14,12 +14,12 @@ from circnav_mav.pilot import PilotSettings
 NAME = ".reserve"
 """File that holds the disk space. At the end it becomes summary.json."""
 SPACE = 4 << 20
-"""Reserved disk space, bytes: twice the size of report and picture of a flight of one hour."""
+"""Reserved disk space, bytes. The size is chosen, not measured."""
 DESCRIPTORS = 16
 """Number of reserved file descriptors: the pipes of the drawing process, and the files that are
 read and written at the end."""
 MEMORY = 16 << 20
-"""Reserved memory, bytes."""
+"""Reserved memory, bytes. The size is chosen, not measured."""
 _pinned: list[bytes] = []
 """Objects that keep the arenas of Python's allocator."""
 
