@@ -31,10 +31,9 @@ def open_links(
 ) -> dict[str, Link]:
     """Open the endpoints of a mission, except for the bundled vehicle. Raises Refused.
 
-    stop: with this argument, wait up to `link.wait_s` for an address, name or TCP peer that is not
-        there yet, until a signal arrives.
+    stop: with this argument, wait up to `link.wait_s` for each address, name or TCP peer that is
+        not there yet, until a signal arrives.
     """
-    until = steady() + mission.file.link.wait_s
     endpoints = {VEHICLE: mission.file.link.endpoint, RANGING: mission.file.ranging.endpoint}
     links: dict[str, Link] = {}
     for name, endpoint in endpoints.items():
@@ -43,21 +42,25 @@ def open_links(
         opens = open_radio if name == RANGING and mission.ranging_driver else open_link
         with refusing(endpoint, LinkError):
             opened = partial(opens, endpoint, mission.file.link.peer or ())
-            link = opened() if stop is None else _await(opened, until, stop)
+            waits = mission.file.link.wait_s
+            link = opened() if stop is None else _await(opened, waits, stop)
             links[name] = open_things.enter_context(closing(link))
         for trouble in links[name].troubles:
             say(f"  WARNING    {endpoint}: {trouble}: waiting for the device")
     return links
 
 
-def _await(opened: Callable[[], Link], until: float, stop: StopRequest) -> Link:
+def _await(opened: Callable[[], Link], waits: float, stop: StopRequest) -> Link:
     """Return the link that a function opens. Try again each second if the endpoint may appear
-    later. Raises LinkError at the time `until`, and Refused after a signal."""
+    later. Raises LinkError `waits` seconds after the first failure, and Refused after a signal."""
     shown = ""
+    until = None
     while True:
         try:
             return opened()
         except LinkError as error:
+            # from the first failure: the import of a driver takes longer than a short wait
+            until = steady() + waits if until is None else until
             if not error.no_peer or steady() >= until:
                 raise
             if str(error) != shown:
