@@ -49,6 +49,7 @@ class FixedWing:
     pitch: pitch above the path in level flight, and increase of this pitch with tan(bank), rad. In
         a bank this pitch is also a yaw angle between nose and path.
     fin: further part of that yaw angle, in the same form.
+    held: share of the commanded bank that the autopilot holds.
     """
 
     effectiveness: float
@@ -59,6 +60,7 @@ class FixedWing:
     nose_frequency: float = 0.0
     pitch: tuple[float, float] = (0.0, 0.0)
     fin: tuple[float, float] = (0.0, 0.0)
+    held: float = 1.0
 
     def configured(self, config: Airframe) -> "FixedWing":
         """Apply the vehicle file. The ideal plane has a bank lag and no side-slip."""
@@ -100,7 +102,7 @@ class FixedWing:
 
     def _roll(self, body: Body, commanded: float, h: float) -> Body:
         line = through_line(body.on_the_way, commanded, self.dead_time, h)
-        error = line[0][1] - body.error.tilt(body.heading)[0] - body.roll
+        error = self.held * line[0][1] - body.error.tilt(body.heading)[0] - body.roll
         if self.roll_frequency > 0:
             rate = second_order(error, body.roll_rate, self.roll_frequency, self.roll_damping, h)
             rate = within(rate, MOST_ROLL_RATE)

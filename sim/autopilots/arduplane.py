@@ -69,8 +69,9 @@ UNINTENDED_LIFT = 0.94
 UNSUPPRESSED_MPS = 5.0  # speed above which the throttle works on the ground (suppress_throttle)
 LIFT = (-0.067, 0.044)
 FIN = (0.0173, -0.0346)
+HELD = 0.994  # 4.6.3: 26.61 deg of bank at a command of 26.77 deg
 AIRFRAME = FixedWing(
-    0.747, 0.0, 5.3, 0.52, dead_time=0.18, nose_frequency=13.6, pitch=LIFT, fin=FIN
+    0.747, 0.0, 5.3, 0.52, dead_time=0.18, nose_frequency=13.6, pitch=LIFT, fin=FIN, held=HELD
 )
 
 

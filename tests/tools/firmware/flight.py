@@ -105,6 +105,13 @@ class Flight:
     takeover: float | None = _option(
         None, "the operator takes the vehicle T s after the start of circnav", metavar="T"
     )
+    climb: tuple[float, float] | None = _option(
+        None,
+        "the operator takes the copter T s after the start of circnav, climbs by M meters, and"
+        " returns to the guided mode (ArduCopter)",
+        nargs=2,
+        metavar=("T", "M"),
+    )
     # the target
     start_range: float | None = _option(None, "first range to the target, m [2.5 radii]")
     start_bearing: float = _option(70.0, "first bearing of the target, degrees right of the nose")

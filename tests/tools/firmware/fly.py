@@ -230,6 +230,8 @@ def _events(flown: Flight, bench: Bench) -> Iterator[tuple[float, Callable[[], N
         yield from firmware.take_off(bench)
     if flown.takeover is not None:
         yield flown.takeover, lambda: firmware.ask_mode(bench, firmware.holding)
+    if flown.climb is not None:
+        yield from firmware.climb(bench, *flown.climb)
     if flown.gps_off is not None:
         yield flown.gps_off, lambda: firmware.without_gps(bench)
     if flown.wind_change is not None:
@@ -253,7 +255,7 @@ def _circled(flown: Flight, bench: Bench, began: float) -> tuple[float, float]:
     if not entered or not bench.setpoints:
         raise NoFlightError("circnav never steered, see circnav.log")
     left = [
-        at for at, mode in bench.modes if mode not in bench.firmware.steered and at > entered[0]
+        at for at, mode in bench.modes if mode not in bench.firmware.steered and at > entered[-1]
     ]
     ends = [bench.setpoints[-1].time, *left[-1:]]
     if flown.takeover is not None:

@@ -160,6 +160,12 @@ class Px4(Firmware):
         yield 5.0, lambda: self._command(bench, mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, *4 * (nan,))
         yield 6.0, lambda: self._command(bench, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, *6 * (0,))
 
+    def climb(
+        self, bench: Bench, at: float, meters: float
+    ) -> Iterator[tuple[float, Callable[[], None]]]:
+        """Raise NoFlightError."""
+        raise NoFlightError("--climb is for ArduCopter")
+
     def _command(self, bench: Bench, number: int, *values: float) -> None:
         bench.send(mavlink.MAVLink_command_long_message(self.system, 1, number, 0, *values))
 

@@ -203,6 +203,16 @@ class ArduPilot(Firmware):
         yield 8.0, lambda: self._move_throttle(0.9)
         yield 8.0 + self._flight.altitude / 1.8, lambda: self._move_throttle(0.5)
 
+    def climb(
+        self, bench: Bench, at: float, meters: float
+    ) -> Iterator[tuple[float, Callable[[], None]]]:
+        """Take the copter, raise the stick until it has climbed, and return to the guided mode."""
+        yield at, lambda: self.ask_mode(bench, self.holding)
+        yield at + 1.0, lambda: self._move_throttle(0.9)
+        yield at + 1.0 + meters / 1.8, lambda: self._move_throttle(0.5)
+        guided = GUIDED_NOGPS if self._starts_without_gps else self.guided
+        yield at + 4.0 + meters / 1.8, lambda: self.ask_mode(bench, guided)
+
     def _move_throttle(self, stick: float) -> None:
         self._throttle = stick
 
