@@ -52,6 +52,8 @@ def in_one_line(error: BaseException) -> str:
         return "out of memory"
     if isinstance(error, StuckCodeError):
         return str(error)
+    if isinstance(error, ModuleNotFoundError):
+        return f"the Python package {error.name} is not installed: install it with pip"
     if isinstance(error, OSError):
         return f"{error.filename or 'this computer'}: {error.strerror or error}"
     at = traceback.extract_tb(error.__traceback__)[-1]

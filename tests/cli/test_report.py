@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.runlog.tlog import message_id, read_tlog
 from tests.flight.recorded import recorded_flight
+from tests.process import python
 from tests.runlog.conftest import rewrite_ticks
 
 # import the module by name, because the attribute `report` of the package is the command
@@ -280,3 +281,15 @@ def test_browser_zooms_charts_and_shows_values(browser, page_of, run):
     estimated = np.interp(time, *(np.array(column, float) for column in data["columns"]["r"]))
     assert float(re.search(r"estimated ([\d.]+)", shown)[1]) == pytest.approx(estimated, abs=1.0)
     assert browser.complaints == []
+
+
+def test_missing_matplotlib_is_named(run):
+    program = (
+        "import sys; sys.modules['matplotlib'] = None; from circnav_mav.cli import main; main()"
+    )
+    drawing = python("-c", program, "report", str(run))
+    output, errors = drawing.communicate()
+    assert (drawing.returncode, output) == (1, "")
+    assert errors == (
+        "circnav: the Python package matplotlib is not installed: install it with pip\n"
+    )
