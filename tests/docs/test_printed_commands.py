@@ -30,7 +30,7 @@ NOT_RUN = {
     ),
     r"\. \.venv/bin/activate": "the same",
     r"pip install": "the same; the driver of radios.md: test_commands.py",
-    r"sudo ": "changes the computer",
+    r"sudo |pip uninstall": "changes the computer",
     r"docker |deploy/build-deb": "needs a container engine, or builds for minutes",
     r"plotjuggler ": "opens a window; its layout: test_pages.py",
     r"sim_vehicle.py|(PX4_HOME_ALT=0 )?make px4|export CIRCNAV|python -m tests.tools.firmware": (
