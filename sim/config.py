@@ -232,7 +232,7 @@ class Event(Table):
 class VehicleConfig(Table):
     """One vehicle file, validated."""
 
-    seed: int = 0
+    seed: int = Field(default=0, ge=0)
     vehicle: Airframe = Airframe()
     start: Start = Start()
     target: Target = Target()

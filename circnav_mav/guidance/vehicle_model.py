@@ -54,7 +54,7 @@ class TurnGain:
     """Time constant of the low-pass, s."""
     MEMORY = 15.0
     """Time constant of the least squares, s."""
-    PRIOR = 0.01
+    PRIOR = 0.003
     """Weight of the prior, a gain of 1, in the least squares, (rad/s)^2 s."""
     LOWEST = 0.6
     """Lower bound of the learned gain."""

@@ -44,11 +44,22 @@ def read_toml(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        at = re.search(r"at line (\d+)", str(error))
+        words = str(error).replace("Cannot overwrite a value", "The key is repeated")
+        at = re.search(r"at line (\d+)", words)
         line = text.split("\n")[int(at[1]) - 1].strip()[:MOST_SHOWN] if at else ""
         raise MissionError(
-            f"{where}: not valid TOML: {error}" + (f": {line!r}" if line else "")
+            f"{where}: not valid TOML: {words}" + (f": {line!r}" if line else "") + _remedy(line)
         ) from None
+
+
+def _remedy(line: str) -> str:
+    """Return the remedy for a line with an error that is common in TOML; "" for others."""
+    value = line.partition("=")[2].partition("#")[0].strip()
+    if re.fullmatch(r"[-+]?\d+,\d+", value):
+        return f": write {value.replace(',', '.')}"
+    if re.fullmatch(r"[A-Za-z][\w.:/-]*", value):
+        return f': write "{value}" in quotes'
+    return ""
 
 
 def _refuse_long(text: str, where: str) -> None:

@@ -1,5 +1,6 @@
 """Text of pydantic's validation errors of a TOML file: one line for the author of the file."""
 
+import re
 from collections.abc import Iterator
 from difflib import get_close_matches
 from typing import Any, get_args
@@ -45,7 +46,7 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
             f"did you mean {near[0]}?" if near else f"keys of this table: {', '.join(known)}"
         )
     if kind == "literal_error":
-        return f"{key}: {_shown(given)} is not one of {context['expected']}"
+        return f"{key}: {_shown(given)} is not one of {context['expected']}{_meant(given, context)}"
     if kind == "model_type":
         return f"{key}: must be a table, not {_shown(given)}"
     if kind == "finite_number":
@@ -60,6 +61,15 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
         return f"{key}: must be {bound}, not {given:g}"
     text = problem["msg"][:1].lower() + problem["msg"][1:]
     return f"{key}: {text.removeprefix('input ')}, not {_shown(given)}{_remedy(kind, given)}"
+
+
+def _meant(given: Any, context: dict[str, Any]) -> str:
+    """Return a question with the permitted value that was probably meant; "" if none is close."""
+    permitted = re.findall(r"'([^']*)'", context["expected"])
+    word = str(given).lower()
+    short = {"cw": "clockwise", "ccw": "counterclockwise"}
+    near = get_close_matches(short.get(word, word), permitted, n=1)
+    return f", did you mean '{near[0]}'?" if near else ""
 
 
 def _shown(given: Any) -> str:

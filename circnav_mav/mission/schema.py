@@ -148,7 +148,8 @@ class RangingTable(Table):
     """[ranging]: ranging message, its rate, noise, source and calibration."""
 
     message: Literal[tuple(RANGING_MESSAGES)]  # type: ignore[valid-type]
-    rate_hz: Positive
+    # 1000: the fastest radios measure 100 Hz
+    rate_hz: Annotated[float, Field(gt=0, le=1000)]
     sigma_m: Positive
     endpoint: Name | None = None
     beacon_id: Annotated[int, Field(ge=0, le=65535)] | None = None

@@ -1,6 +1,7 @@
 """Mission files: their meaning, and one line for each mistake."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -319,6 +320,7 @@ MISTAKES = [
     ("orbit.zzz=1", "orbit.zzz: unknown key, keys of this table: radius_m,"),
     ("orbit.radius_m=0.0", "orbit.radius_m: must be above 0, not 0"),
     ('orbit.radius_m="100"', "orbit.radius_m: should be a valid number, not '100'"),
+    ("ranging.rate_hz=1e9", "ranging.rate_hz: must be at most 1000, not 1e+09"),
     ("limits.tick_hz=4.0", "limits.tick_hz: must be at least 5, not 4"),
     ("limits.stale_s=6.0", "limits.stale_s: must be at most 5, not 6"),
     # mistake: a time in milliseconds
@@ -329,6 +331,11 @@ MISTAKES = [
     ("bounds.min_altitude_m=nan", "bounds.min_altitude_m: must be a finite number, not nan: omit"),
     ("engage.request_mode=1", "engage.request_mode: should be a valid boolean, not 1: write true"),
     ("orbit.direction=left", "orbit.direction: 'left' is not one of 'clockwise' or"),
+    (
+        "orbit.direction=cw",
+        "orbit.direction: 'cw' is not one of 'clockwise' or 'counterclockwise', did you mean"
+        " 'clockwise'?",
+    ),
     ("guidance.law=magic", "guidance.law: 'magic' is not one of 'smooth'"),
     ("name=../../etc", "name: "),
     (f"name={300 * 'x'}", "name: string should have at most 100 characters, not 'xxx"),
@@ -475,3 +482,16 @@ def test_accept_unsigned_selects_links(mission, accepted, links):
         "ranging.endpoint=udpin:0.0.0.0:14560",
     )
     assert mission(*table).pilot_settings().unsigned_links == links
+
+
+@pytest.mark.parametrize(
+    ("line", "remedy"),
+    [
+        ("radius_m = 150,0", "'radius_m = 150,0': write 150.0"),
+        ("direction = clockwise  # above", ': write "clockwise" in quotes'),
+        ("radius_m = 1.0\nradius_m = 2.0", "The key is repeated"),
+    ],
+)
+def test_invalid_toml_is_refused_with_remedy(line: str, remedy: str) -> None:
+    with pytest.raises(MissionError, match=re.escape(remedy)):
+        parse_mission(f"[orbit]\n{line}\n", "small.toml")
