@@ -1,5 +1,4 @@
-"""Changes of the circle in flight: radius, direction or speed, from a mission's list of radii, the
-operator or a fleet.
+"""Changes of the circle in flight: radius, direction or speed, from the operator or a fleet.
 
 Every change is a request, which is checked here. Requests are recorded and replayed.
 """

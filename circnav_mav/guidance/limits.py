@@ -8,7 +8,7 @@ from cmath import rect
 from math import atan, exp, inf, pi, radians, remainder
 
 from circnav_mav.guidance.forgetting_fit import ForgettingFit
-from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
+from circnav_mav.guidance.types import GRAVITY, LONGEST_REPORT_GAP, OwnMotion
 
 SHORT = 0.95
 """A plane is limited if it turns less than this share of the commanded turn. A copter is limited if
@@ -17,8 +17,6 @@ may result from the response lag, or from the error of the fit in turns."""
 STEADY_FOR = 1.0
 """Least duration, s, for which a bank or lean must be steady before it can be a limit. A bank that
 still changes is no limit."""
-GRAVITY = 9.80665
-"""Standard gravity, m/s^2."""
 
 
 class BankLimit:

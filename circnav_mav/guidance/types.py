@@ -11,6 +11,8 @@ from typing import NamedTuple, NewType
 
 SAME_TIME = 1e-6
 """Times are stored in microseconds. Smaller differences (s) are rounding error."""
+GRAVITY = 9.80665
+"""Standard gravity, m/s^2."""
 LONGEST_REPORT_GAP = 0.5
 """Gap between two reports of own motion, s, after which filters on them restart."""
 TurnRate = NewType("TurnRate", float)

@@ -265,7 +265,7 @@ class UtcClock:
         self._offsets.append(unix - now)
 
 
-# --- speed of a remote clock ---
+# --- speed of a remote clock
 
 OFF = 0.2
 """Least deviation of the vehicle's clock speed from ours that is reported, as a fraction. A radio
@@ -332,7 +332,7 @@ def span_speed(span: Span) -> float:
     return (at_last - at_first) / (ended - began) if ended > began else 1.0
 
 
-# --- round-trip time to the vehicle ---
+# --- round-trip time to the vehicle
 
 KEPT = 5
 """Number of newest round trips in use. After this number of answers, requests become less

@@ -8,10 +8,8 @@ from collections.abc import Sequence
 from math import asin, atan, atan2, cos, pi, sin, tan
 from typing import NewType
 
-from circnav_mav.guidance.types import TurnRate
+from circnav_mav.guidance.types import GRAVITY, TurnRate
 
-GRAVITY = 9.80665
-"""Standard gravity, m/s^2."""
 YawRate = NewType("YawRate", float)
 """Yaw rate in rad/s, clockwise positive seen from above (MAVLink's NED frame)."""
 

@@ -10,11 +10,10 @@ from collections import deque
 from math import cos, hypot, isinf, nan, remainder, sin, tan, tau
 from typing import NamedTuple
 
-from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
+from circnav_mav.guidance.types import GRAVITY, IntegratedAcceleration, OwnMotion
 from circnav_mav.mav.clocks import BOOT_WRAP, Order, Slower, StampFilter, no_link_delay
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import (
-    GRAVITY,
     YawRate,
     drag_from_body,
     euler_from_quaternion,

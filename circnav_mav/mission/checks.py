@@ -7,12 +7,11 @@ from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
 from circnav_mav.guidance.own_code import FAILURES, OwnCodeError, StuckCodeError
-from circnav_mav.guidance.types import OwnLaw, RangeEstimate
+from circnav_mav.guidance.types import GRAVITY, OwnLaw, RangeEstimate
 from circnav_mav.guidance.vehicle_model import MEASUREMENT_DELAY
 from circnav_mav.mav.autopilots.interface import FOLLOWED
 from circnav_mav.mav.autopilots.table import REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
-from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mission.checks_ranging import check_ranging
 from circnav_mav.mission.mission import Mission

@@ -11,11 +11,10 @@ from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
-from circnav_mav.guidance.types import Direction, Orbit, OwnLaw
+from circnav_mav.guidance.types import GRAVITY, Direction, Orbit, OwnLaw
 from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
-from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mav.ranging.interface import RATE_SIGMA, RangingSettings

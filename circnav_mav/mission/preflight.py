@@ -75,7 +75,6 @@ def parameter_context(mission: Mission, system: int, values: Mapping[str, float]
 
 
 # --- identity
-# ------------------------------------------------------------
 
 
 def _identity(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
@@ -192,7 +191,6 @@ def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
 
 
 # --- telemetry
-# ------------------------------------------------------------
 
 
 def _streams(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
@@ -299,7 +297,6 @@ def _battery(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
 
 
 # --- time
-# ------------------------------------------------------------
 
 
 def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) -> Iterator[Check]:

@@ -116,7 +116,6 @@ class Conditions:
 
 
 # --- sender and link
-# ------------------------------------------------------------
 
 
 def _second_sender(name: str) -> Callable[[StepView], Active | None]:
@@ -189,7 +188,6 @@ def _link_too_slow(view: StepView) -> Active | None:
 
 
 # --- ranges
-# ------------------------------------------------------------
 
 
 def _holding(view: StepView) -> Active | None:
@@ -282,7 +280,6 @@ def _range_sources(view: StepView) -> Active | None:
 
 
 # --- vehicle
-# ------------------------------------------------------------
 
 
 def _not_airborne(view: StepView) -> Active | None:

@@ -17,13 +17,12 @@ from circnav_mav.guidance.circle_change import (
 from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.limits import LeanLimit
-from circnav_mav.guidance.types import SAME_TIME, Orbit, RangeEstimate, TurnCommand
+from circnav_mav.guidance.types import GRAVITY, SAME_TIME, Orbit, RangeEstimate, TurnCommand
 from circnav_mav.guidance.vehicle_model import VehicleModel
 from circnav_mav.mav.autopilots.interface import SetpointContext
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.frames import (
-    GRAVITY,
     YawRate,
     turn_rate_from_yaw_rate,
     yaw_rate_from_turn_rate,

@@ -17,7 +17,7 @@ from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.own_code import StuckCodeError
-from circnav_mav.guidance.types import Orbit, OwnMotion, RangeEstimate, TurnCommand
+from circnav_mav.guidance.types import GRAVITY, Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import (
     AirspeedAlarm,
     DriftAlarm,
@@ -31,7 +31,7 @@ from circnav_mav.guidance.watches import (
 )
 from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.frames import GRAVITY, YawRate
+from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.identity import Allowance
 from circnav_mav.mav.parameter_server import REQUESTS, ParameterServer
 from circnav_mav.mav.request_server import RequestServer

@@ -20,7 +20,7 @@ from tests.process import circnav as process_of
 MISSIONS = sorted(path.stem for path in (ROOT / "config").glob("*.toml"))
 
 
-# --- help and version ---
+# --- help and version
 
 
 @pytest.mark.parametrize("flag", ["--help", "-h"])
@@ -49,7 +49,7 @@ def test_help_lists_commands_and_exit_codes(circnav, flag):
     assert project["project"]["version"] == __version__
 
 
-# --- check ---
+# --- check
 
 
 @pytest.mark.parametrize("name", MISSIONS)
@@ -113,7 +113,7 @@ def test_check_compares_emulated_vehicle_with_mission(circnav, name, overrides, 
     assert [line[:4] for line in out.splitlines() if line[6:].startswith("sim ")] == grades
 
 
-# --- preflight ---
+# --- preflight
 
 
 def test_preflight_of_bundled_vehicle_passes(circnav):
@@ -153,7 +153,7 @@ def test_preflight_follows_clock_of_fast_simulator(circnav, port):
     assert "and the flight follows it" in ran.done
 
 
-# --- commands that end on request ---
+# --- commands that end on request
 
 
 @pytest.mark.parametrize(

@@ -104,7 +104,7 @@ def test_report_refuses_invalid_start_time(printed_by, with_manifest):
         assert "has the start time of the run (epoch_us)" in printed_by("report").refused, epoch
 
 
-# --- damaged logs: replayed up to the damage, which is reported ---
+# --- damaged logs: replayed up to the damage, which is reported
 
 
 def records(log):
@@ -163,4 +163,4 @@ def test_replay_counts_frames_with_wrong_checksum(printed_by, run):
     assert "flight.tlog: 1 damaged frames left out\n" in printed_by("replay").done
 
 
-# --- names ---
+# --- names

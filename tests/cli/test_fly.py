@@ -177,7 +177,7 @@ def test_fly_waits_for_address_that_is_not_there_yet(
     assert ": waiting" in ran.out
 
 
-# --- with a signing key ---
+# --- with a signing key
 
 
 @pytest.fixture

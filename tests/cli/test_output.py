@@ -40,7 +40,7 @@ def test_closed_stdout_pipe_ends_command_silently(ran_with, command):
     assert result == (1, "")
 
 
-# --- disks ---
+# --- disks
 
 
 @pytest.mark.parametrize(

@@ -111,7 +111,7 @@ def test_replay_refuses_gain_of_another_law(circnav, tmp_path):
     assert "belongs to the law smooth" in circnav("replay", tmp_path, "--law", "switching").refused
 
 
-# --- a plain tlog ---
+# --- a plain tlog
 
 
 @pytest.fixture(scope="session")

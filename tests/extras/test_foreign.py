@@ -35,7 +35,7 @@ def circle_log(tag):
     return "\n".join(rows)
 
 
-# --- texts ---
+# --- texts
 
 
 def test_printable_escapes_control_characters():
@@ -87,7 +87,7 @@ def test_report_omits_escape_codes_of_run_folder(circnav, run, with_manifest):
     assert [text[:99] for text in outputs if OBEYED.search(text)] == []
 
 
-# --- files ---
+# --- files
 
 
 def pipe(path):
@@ -180,7 +180,7 @@ def test_output_refuses_root_folder_and_links(circnav, mission, tmp_path, comman
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
 
 
-# --- missions of extreme size ---
+# --- missions of extreme size
 
 
 def test_live_page_shows_longest_mission_name():
@@ -190,7 +190,7 @@ def test_live_page_shows_longest_mission_name():
     assert len(json.dumps(_facts(pilot, "x" * MAX_NAME, 1.0))) < select.PIPE_BUF
 
 
-# --- computers ---
+# --- computers
 
 
 @pytest.mark.parametrize(

@@ -131,7 +131,7 @@ def test_operator_with_key_takes_over(tmp_path: Path) -> None:
     assert "pilot or failsafe switched to LOITER" in flown.outcome.reason
 
 
-# --- the command `circnav fly` ---
+# --- the command `circnav fly`
 
 
 def test_signed_run_replays_without_its_key(circnav, undrawn, tmp_path):

@@ -7,8 +7,8 @@ from math import atan, degrees, pi, radians, tan
 import numpy as np
 import pytest
 
-from circnav_mav.guidance.limits import GRAVITY, LeanLimit
-from circnav_mav.guidance.types import OwnMotion
+from circnav_mav.guidance.limits import LeanLimit
+from circnav_mav.guidance.types import GRAVITY, OwnMotion
 
 V = 5.0
 DRAG = 0.35

@@ -56,7 +56,7 @@ def test_stamp_filter_dates_no_sample_after_its_arrival(pairs):
     assert all(clock.local(stamp, arrival) <= arrival for stamp, arrival in pairs)
 
 
-# --- stamps in order ---
+# --- stamps in order
 
 
 def test_stamp_counter_continues_through_32_bit_wrap():
@@ -108,7 +108,7 @@ def test_stamp_order_depends_on_difference_to_last_stamp():
                       52.2: Order.JUMPED, 48.9: Order.JUMPED}  # fmt: skip
 
 
-# --- a remote clock that stops ---
+# --- a remote clock that stops
 
 
 def ages(lag, *, slower=lambda since, now: 0.0, jitter=0.0, seconds=8.0):
@@ -213,7 +213,7 @@ def test_step_without_timesync_answer_is_marked_as_doubted():
     assert doubts == [False] * 21 + [True] * 9
 
 
-# --- rate of the clock ---
+# --- rate of the clock
 
 
 def found(times):

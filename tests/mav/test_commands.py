@@ -174,7 +174,7 @@ def test_dropped_command_is_removed_while_queued_or_pending(sender):
     assert poll_until(sender, 3.0) == []
 
 
-# --- streams ---
+# --- streams
 
 ATTITUDE = 30
 TIME = 2

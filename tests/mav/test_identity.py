@@ -21,7 +21,7 @@ def flying(rig):
     return rig
 
 
-# --- unknown senders while our vehicle is silent ---
+# --- unknown senders while our vehicle is silent
 
 
 def outage(rig, seconds):
@@ -244,7 +244,7 @@ def test_ranges_of_another_autopilot_are_dropped_after_heartbeat(make_rig):
     assert rig.pilot.tracker.newest.time < 5.0
 
 
-# --- late frames ---
+# --- late frames
 
 
 def test_overtaken_heartbeat_in_guided_does_not_engage(rig):
@@ -300,7 +300,7 @@ def test_heartbeats_with_separate_sequence_numbers_are_accepted(rig):
     assert rig.setpoints(since)
 
 
-# --- frames under our own ids ---
+# --- frames under our own ids
 
 
 @pytest.mark.parametrize(
@@ -421,7 +421,7 @@ def test_two_vehicle_senders_prevent_engagement(rig):
     assert rig.setpoints() == []
 
 
-# --- another program that steers and is not received here ---
+# --- another program that steers and is not received here
 
 
 def test_unrequested_answers_reveal_another_program(rig):

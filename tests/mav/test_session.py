@@ -54,7 +54,7 @@ def here(line):
     return here
 
 
-# --- the vehicle that is flown ---
+# --- the vehicle that is flown
 
 
 def test_session_selects_first_vehicle_matching_mission(line):
@@ -158,7 +158,7 @@ def test_mavlink_1_vehicle_is_reported_with_remedy(line):
     assert here.session.up
 
 
-# --- reported state ---
+# --- reported state
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_boot_time_step_back_is_counted_as_reboot(here, carrier, times, reboots)
     assert again == (set(here.session.streams.rates) if reboots else set())
 
 
-# --- own messages ---
+# --- own messages
 
 
 def test_heartbeat_is_sent_every_second_without_vehicle(line):

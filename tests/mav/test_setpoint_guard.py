@@ -69,7 +69,7 @@ def test_guard_passes_turns_within_limits():
     assert [guard.admit(one, 0.001 * i) for i, one in enumerate(wanted)] == wanted
 
 
-# --- limits of each kind of message ---
+# --- limits of each kind of message
 
 ALL = Limits(max_yaw_rate=0.35, max_speed=15.0, max_bank=0.7)
 VELOCITY = [("ardupilot", "copter"), ("ardupilot", "rover"), ("px4", "copter")]

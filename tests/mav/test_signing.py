@@ -155,7 +155,7 @@ def test_signing_key_has_32_bytes_and_stays_secret(key):
     assert repr(KEY) not in repr(Signing(KEY))
 
 
-# --- signed frames in decoder and pilot: accepted, counted, logged and reported ---
+# --- signed frames in decoder and pilot: accepted, counted, logged and reported
 
 
 def keyed_decoder(**options):

@@ -30,7 +30,7 @@ def refusal(text, *overrides):
     return line
 
 
-# --- bundled mission files ---
+# --- bundled mission files
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_paper_examples_contain_values_of_the_paper(config, example, law, k, cor
     assert random == {"north_m": [0.0, 10.0], "east_m": [0.0, 10.0], "heading_deg": [0.0, 360.0]}
 
 
-# --- meaning of a file ---
+# --- meaning of a file
 
 
 def test_mission_values_reach_pilot_settings(mission):
@@ -178,7 +178,7 @@ def test_tcp_and_serial_endpoints_are_stream_links(mission, link, ranging, strea
     assert settings.ranging_apart == (ranging is not None)
 
 
-# --- overrides ---
+# --- overrides
 
 
 def test_overrides_replace_and_are_saved(mission):
@@ -215,7 +215,7 @@ def test_override_is_validated_like_mission_key(text):
     assert refusal(text, "orbit.radius_m.x=1") == line
 
 
-# --- one line for each mistake ---
+# --- one line for each mistake
 
 
 @pytest.mark.parametrize(
@@ -449,7 +449,7 @@ def test_dotted_mission_is_saved_as_flown(text, override):
     assert flown.file == parse_mission(flown.text, "flown.toml").file
 
 
-# --- keys ---
+# --- keys
 
 
 @pytest.mark.parametrize(

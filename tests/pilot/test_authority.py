@@ -22,7 +22,7 @@ def commanded(rig: Rig, since: float = -1.0) -> list:
     return rig.setpoints(since) + rig.commands(SET_MODE, since)
 
 
-# --- before the engagement ---
+# --- before the engagement
 
 SLOW = "link too slow: round trip {} s (at most 0.6 s, 1.2 times limits.stale_s)"
 ON_GROUND = "the vehicle is on the ground, takes off or lands"
@@ -91,7 +91,7 @@ def test_denied_streams_are_requested_once_and_named():
     assert rig.setpoints() == []
 
 
-# --- after a stall ---
+# --- after a stall
 
 
 def test_no_setpoint_after_stall_until_new_heartbeat(rig):
@@ -117,7 +117,7 @@ def test_loop_gap_below_half_second_is_no_stall(rig):
     assert rig.setpoints(before)
 
 
-# --- a dry run, and an end before the flight ---
+# --- a dry run, and an end before the flight
 
 
 def test_dry_run_computes_setpoints_without_sending():
@@ -152,7 +152,7 @@ def test_interrupt_before_engagement_sends_no_setpoint(output_mode, mode):
     assert rig.setpoints() == [] and rig.pilot.last_frames(rig.now) == b""
 
 
-# --- the mission's own bounds, and another companion ---
+# --- the mission's own bounds, and another companion
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ def safe(rig: Rig, since: float) -> bool:
     return {message.vx for message in rig.setpoints(since)} == {0.0}
 
 
-# --- the guided mode ---
+# --- the guided mode
 
 
 def test_mode_is_requested_when_ready_and_confirmed_by_heartbeat():
@@ -151,7 +151,7 @@ def test_no_mode_request_after_stall_until_heartbeat(exits):
     assert modes(rig.run(4.0, speaks=True), since), "request after the heartbeat"
 
 
-# --- the exit action ---
+# --- the exit action
 
 
 def test_exit_action_sends_safe_setpoints_until_mode_change():
@@ -264,7 +264,7 @@ def test_exit_action_interrupted_by_stalls_is_repeated_until_timeout():
     assert rig.pilot.mission.outcome.reason == "SIGINT; exit action brake had no effect"
 
 
-# --- last frames ---
+# --- last frames
 
 
 def last_frames(rig: Rig) -> list:

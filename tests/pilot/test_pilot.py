@@ -25,7 +25,7 @@ def flown(setpoints):
     return [(message.vx, message.yaw_rate) for message in setpoints]
 
 
-# --- other output and kept values ---
+# --- other output and kept values
 
 
 def test_plot_values_are_sent_at_4_hz_or_less(rig):
@@ -127,7 +127,7 @@ def test_unsent_setpoint_is_neither_counted_nor_recorded(rig):
     assert [record.yaw_rate_sent is None for record in rig.pilot.take_records()] == [True, False]
 
 
-# --- steering: phases and estimates ---
+# --- steering: phases and estimates
 
 
 def test_mission_waits_for_link_then_ranging_then_mode(rig):
@@ -278,7 +278,7 @@ def test_setpoints_stop_with_lost_link_and_resume(rig):
     assert rig.setpoints(quiet)
 
 
-# --- end of the mission ---
+# --- end of the mission
 
 
 def holds(rig):

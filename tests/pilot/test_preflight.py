@@ -153,7 +153,7 @@ def failing(lines):
     return [line.subject for line in lines if line.grade is FAIL]
 
 
-# --- every vehicle ---
+# --- every vehicle
 
 
 @pytest.mark.parametrize("name", MISSIONS)
@@ -244,7 +244,7 @@ def test_preflight_measures_stream_rates_after_changing_them(name):
         assert measured == pytest.approx(expected, rel=0.1)
 
 
-# --- lines that depend only on keys of the mission ---
+# --- lines that depend only on keys of the mission
 
 BEACON = (
     'ranging.message="ranging_beacon"',
@@ -303,7 +303,7 @@ def test_preflight_line_is_graded_by_received_data(keys, subject, grade, text):
     assert line.grade is grade and re.search(text, line.text), line.text
 
 
-# --- no vehicle, or several ---
+# --- no vehicle, or several
 
 
 def test_missing_vehicle_fails_with_received_byte_count():
@@ -335,7 +335,7 @@ def test_preflight_fails_when_vehicle_stops_sending():
     assert {"heartbeat", "age"} <= set(failing(bench.lines()))
 
 
-# --- signatures ---
+# --- signatures
 
 
 @pytest.mark.parametrize(
@@ -392,7 +392,7 @@ def test_frames_signed_with_zero_key_are_treated_as_unsigned():
     assert (received.signed, received.zero_key, received.refused) == (0, received.frames, {})
 
 
-# --- streams ---
+# --- streams
 
 
 @pytest.mark.parametrize(
@@ -416,7 +416,7 @@ def test_preflight_grades_missing_stream_by_its_use(name, keys, message_id, grad
     assert (line.grade, mavlink.mavlink_map[message_id].msgname in line.text) == (grade, True)
 
 
-# --- time ---
+# --- time
 
 
 @pytest.mark.parametrize(
@@ -532,7 +532,7 @@ def test_preflight_grades_state_of_vehicle_and_radio(changes, subject, grade, te
     assert (line.grade, text in line.text) == (grade, True), line.text
 
 
-# --- ranging ---
+# --- ranging
 
 
 @pytest.mark.parametrize(("noise", "grade"), [(0.05, PASS), (0.5, PASS), (1.2, WARN), (3.0, FAIL)])
@@ -671,7 +671,7 @@ def test_preflight_fails_without_home_altitude_for_height():
     assert (line.grade, line.text.startswith("no home altitude (HOME_POSITION)")) == (FAIL, True)
 
 
-# --- parameters ---
+# --- parameters
 
 
 @pytest.mark.parametrize(

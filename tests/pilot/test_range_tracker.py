@@ -20,7 +20,7 @@ def ranging(**changes):
     return replace(MISSION.ranging, **changes)
 
 
-# --- other senders ---
+# --- other senders
 
 
 def test_tracker_rejects_same_component_of_another_vehicle():
@@ -140,7 +140,7 @@ def test_range_jump_beyond_vehicle_speed_loses_range(rig, cm):
     )
 
 
-# --- one source ---
+# --- one source
 
 
 def two(rig, *, equal_stamps=True, **other):
@@ -234,7 +234,7 @@ def test_missing_value_name_is_reported_with_received_names():
     assert "compare ranging.name" in waits
 
 
-# --- ranges faster than the tick rate ---
+# --- ranges faster than the tick rate
 
 
 def fast(rig, hz, values=lambda n: 15000 + n % 2):
@@ -277,7 +277,7 @@ def test_outlier_among_merged_ranges_has_no_effect():
     assert rig.pilot.tracker.newest.sigma < ranging().sigma_m
 
 
-# --- unusable ranges ---
+# --- unusable ranges
 
 
 def test_outlier_is_counted_without_effect_on_setpoints():
@@ -351,7 +351,7 @@ def test_outcome_names_estimator_when_ranges_give_no_estimate():
     assert "estimator drift has not converged" in rig.pilot.status.waits_for(rig.now)
 
 
-# --- delay ---
+# --- delay
 
 
 @pytest.mark.parametrize(("stale", "phase"), [(0.5, Phase.HOLDING), (1.5, Phase.ENGAGED)])
@@ -381,7 +381,7 @@ def test_vehicle_link_delay_excludes_separate_ranging_link():
     assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
-# --- a separate link ---
+# --- a separate link
 
 
 def test_ranges_are_accepted_only_on_their_configured_link():

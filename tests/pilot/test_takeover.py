@@ -216,7 +216,7 @@ def test_takeover_stops_commands_until_guided_mode_is_reentered(how):
         assert rig.run(GIVEN_BACK, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
 
 
-# --- events that are neither a return nor a takeover ---
+# --- events that are neither a return nor a takeover
 
 
 @pytest.fixture
@@ -339,7 +339,7 @@ def test_replacement_radio_is_accepted_after_takeover(waiting):
     assert waiting.pilot.mission.phase is Phase.ENGAGED
 
 
-# --- any order of events ---
+# --- any order of events
 
 REPORTS = [(GUIDED, True), (LOITER, True), (GUIDED, False)]
 FOREVER = timing(duration=1e9, hold=1e9, outage=1e9)

@@ -57,7 +57,7 @@ def points(drawn):
     ]
 
 
-# --- strips ---
+# --- strips
 
 
 def test_chart_line_is_clipped_by_its_frame():
@@ -123,7 +123,7 @@ def test_columns_without_data_give_no_chart():
     assert charts[2]["lines"][0]["values"] == pytest.approx([5.7296, 11.4592], abs=1e-3)
 
 
-# --- words over time, and marks ---
+# --- words over time, and marks
 
 
 def test_band_of_words_has_stretches_with_stable_colors():
@@ -206,7 +206,7 @@ def test_takeovers_and_outages_are_marked_once(phases, alarms, marks):
     assert [mark[:3] for mark in found] == marks
 
 
-# --- the track ---
+# --- the track
 
 
 def track(east, north, **options):
@@ -243,7 +243,7 @@ def test_map_track_has_gap_without_position():
     assert track([None], [None]) is None
 
 
-# --- the data ---
+# --- the data
 
 
 def test_thinned_chart_line_keeps_peaks_and_gaps():

@@ -95,7 +95,7 @@ def test_swept_angle_gives_direction_from_quarter_turn(turns, direction):
     assert metrics.direction_of(swept) is direction
 
 
-# --- the turn command ---
+# --- the turn command
 
 
 def needed(wind):

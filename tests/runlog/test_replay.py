@@ -60,7 +60,7 @@ def flown(tmp_path_factory):
     return folder
 
 
-# --- replay of recorded steps ---
+# --- replay of recorded steps
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_replay_ignores_ranges_after_end_of_pilot(flown):
     assert len(done.was_setpoints) > len(done.setpoints) > 0
 
 
-# --- a plain tlog ---
+# --- a plain tlog
 
 
 def replayed_plain(flown, steps):

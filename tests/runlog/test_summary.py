@@ -153,7 +153,7 @@ def test_turn_figures_cover_last_third_of_steering(summary):
     assert made["turn_variation_rad_s2"] == pytest.approx(0.2 / 0.5, rel=0.01)
 
 
-# --- the file ---
+# --- the file
 
 
 def test_summary_file_is_standard_json(summary, tmp_path):

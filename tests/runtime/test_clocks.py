@@ -33,7 +33,7 @@ def whole_microseconds(moment):
     return moment * 1e6 == pytest.approx(round(moment * 1e6), abs=1e-4)
 
 
-# --- the local clock ---
+# --- the local clock
 
 
 @pytest.mark.parametrize("speed", [1.0, 10.0])
@@ -76,7 +76,7 @@ def test_local_clock_ignores_wall_clock_jumps(make, ticking, monkeypatch):
     assert clock.now() == 1.0
 
 
-# --- the autopilot's clock ---
+# --- the autopilot's clock
 
 
 class Autopilot:
@@ -224,7 +224,7 @@ def test_autopilot_clock_follows_changes_of_simulation_speed(autopilot, speeds):
     assert all(map(whole_microseconds, autopilot.times))
 
 
-# --- simulated time ---
+# --- simulated time
 
 
 class Metronome:

@@ -21,7 +21,7 @@ def patient(monkeypatch):
     monkeypatch.setattr(display_module, "PATIENCE", PATIENCE)
 
 
-# --- no delay of the loop ---
+# --- no delay of the loop
 
 
 class Screen:
@@ -100,7 +100,7 @@ def test_late_status_does_not_delay_next_status():
     assert screen.seen == [0.0, 1.04, 2.03, 7.0, 8.0]
 
 
-# --- plain lines ---
+# --- plain lines
 
 
 def test_picture_is_drawn_only_on_capable_terminal(monkeypatch):

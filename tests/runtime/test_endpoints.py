@@ -58,7 +58,7 @@ def test_invalid_endpoint_is_refused_in_one_line(text, problem):
     assert "\n" not in str(caught.value)
 
 
-# --- endpoints that cannot be opened: one line, and a flag if the peer may still appear ---
+# --- endpoints that cannot be opened: one line, and a flag if the peer may still appear
 
 
 def refusal(text):

@@ -26,7 +26,7 @@ def written(path: Path, data: bytes, mode: int = 0o600) -> Path:
     return path
 
 
-# --- the key ---
+# --- the key
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_missing_key_folder_and_pipe_are_refused(path: Path, tmp_path: Path) -> 
             read_key(wrong)
 
 
-# --- the signing timestamp ---
+# --- the signing timestamp
 
 
 class Flight:

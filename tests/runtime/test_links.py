@@ -77,7 +77,7 @@ def tcp(request, server):
     return opened(request, f"tcp:localhost:{server.getsockname()[1]}")
 
 
-# --- UDP ---
+# --- UDP
 
 
 BOTH_VERSIONS = pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
@@ -204,7 +204,7 @@ def test_oversized_datagrams_and_unreachable_networks_are_counted(udp, udpin):
     assert udpin.troubles.total() >= 3
 
 
-# --- TCP ---
+# --- TCP
 
 
 @BOTH_VERSIONS
@@ -279,7 +279,7 @@ def test_blocked_tcp_peer_does_not_delay_loop(server, tcp):
         assert tcp.troubles["TX buffer full: lower stream rates or raise the baud rate"] > 0
 
 
-# --- serial ---
+# --- serial
 
 
 class Line:

@@ -112,7 +112,7 @@ def test_recorded_data_are_flushed_at_once(recorder):
     )
 
 
-# --- disks that fail ---
+# --- disks that fail
 
 
 @pytest.mark.parametrize(

@@ -239,7 +239,7 @@ def test_long_status_texts_are_complete_at_80_columns(statuses):
     assert "commanded -20.0 deg/s (AT LIMIT 20.0)" in "\n".join(lines)
 
 
-# --- an alarm requires an action ---
+# --- an alarm requires an action
 
 
 def alarms_of(name, seconds, *overrides):

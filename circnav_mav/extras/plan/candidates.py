@@ -9,8 +9,8 @@ import numpy as np
 from circnav_mav.extension import extensions, load
 from circnav_mav.extras.plan.radius_error import radius_rms
 from circnav_mav.guidance.laws import settling_time
+from circnav_mav.guidance.types import GRAVITY
 from circnav_mav.mav.check_result import PASS, Grade
-from circnav_mav.mav.frames import GRAVITY
 from circnav_mav.mission.checks import (
     TURN_USED,
     check_mission,

@@ -381,7 +381,7 @@ def polar(p: Array, P: Array) -> tuple[Array, Array]:
 
 def position(x: Array) -> Array:
     """Return p = vehicle - target (2, ...), m."""
-    return x[R] * np.array((np.cos(x[THETA]), np.sin(x[THETA])))
+    return np.asarray(x[R] * np.array((np.cos(x[THETA]), np.sin(x[THETA]))))
 
 
 def drift(x: Array) -> Array:

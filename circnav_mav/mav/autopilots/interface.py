@@ -9,13 +9,13 @@ from typing import ClassVar, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.guidance.types import GRAVITY
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.parameters import Name, Rule
 from circnav_mav.mav.clocks import our_boot_ms
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.frames import (
-    GRAVITY,
     YawRate,
     euler_from_quaternion,
     pitch_from_push,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from math import atan, ceil, degrees, hypot, isfinite, radians, sqrt, tan
 from typing import NamedTuple
 
+from circnav_mav.guidance.types import GRAVITY
 from circnav_mav.mav.check_result import Check, Grade
-from circnav_mav.mav.frames import GRAVITY
 
 PASS = Grade.PASS
 WARN = Grade.WARN
@@ -151,7 +151,6 @@ def enough_speed(usual: float) -> Callable[[Context], float]:
 
 
 # --- judges that several vehicles share
-# ------------------------------------------------------------
 
 
 def below(value: float, other: float) -> bool:

@@ -72,7 +72,7 @@ def test_signal_keeps_finished_rows_and_prints_resume_command(
     Store(tmp_path / "out", load_campaign(tmp_path / "campaign.toml"), resume=True).close()
 
 
-# --- a Dask scheduler ---
+# --- a Dask scheduler
 
 
 @pytest.fixture

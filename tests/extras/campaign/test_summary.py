@@ -106,7 +106,7 @@ def test_paired_difference_removes_spread_of_shared_draws():
     assert by["1"]["difference_interval"] == pytest.approx((0.1, 0.1), abs=1e-3)
 
 
-# --- pictures ---
+# --- pictures
 
 
 def test_pictured_median_equals_summary():

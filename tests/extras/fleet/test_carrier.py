@@ -47,7 +47,7 @@ def decoded(data: bytes):
     return mavlink.MAVLink(None).decode(bytearray(data))
 
 
-# --- the format ---
+# --- the format
 
 
 @pytest.mark.parametrize(("key", "size"), [(None, 80), (KEY, 93)])
@@ -119,7 +119,7 @@ def test_unknown_height_in_report_stays_unknown():
     assert isnan(from_message(decoded(frame(report(2, NOON, height=nan)))).height)
 
 
-# --- sockets ---
+# --- sockets
 
 
 @pytest.mark.parametrize("key", [None, KEY], ids=["unsigned", "signed"])
@@ -284,7 +284,7 @@ def test_impossible_peers_are_refused(peers, words):
     assert "\n" not in str(refused.value)
 
 
-# --- the recording ---
+# --- the recording
 
 
 def test_recorded_fleet_reports_are_read_back(tmp_path):

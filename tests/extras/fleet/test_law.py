@@ -31,7 +31,7 @@ def spacing(member=1):
     return Spacing(SpacingSettings(member, 100.0, 15.0, 1))
 
 
-# --- phase ---
+# --- phase
 
 
 @pytest.mark.parametrize("drift", [(0.0, 0.0), (5.0, 0.0), (-4.0, 7.0)])
@@ -100,7 +100,7 @@ def test_compass_offset_is_learned_from_range_between_members(ahead):
     assert degrees(found.value) == pytest.approx(-5.0, abs=0.3)
 
 
-# --- slots ---
+# --- slots
 
 
 def test_slot_errors_are_independent_of_phase_origin():
@@ -174,7 +174,7 @@ def test_single_member_flies_circle_of_its_mission():
     assert one.step(301.0, OwnState(None, pi, nan)).state is State.SEARCH
 
 
-# --- flights of kinematic vehicles, compared with the figures of the design ---
+# --- flights of kinematic vehicles, compared with the figures of the design
 
 
 @pytest.mark.parametrize(("n", "duration", "seconds"), [(3, 160, 75.0), (10, 130, 80.0)])

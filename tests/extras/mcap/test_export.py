@@ -219,4 +219,4 @@ def test_wrong_usage_of_export_prints_one_error_line(circnav):
     assert circnav("export", "nowhere").refused.startswith("export: name the output format: --mcap")
 
 
-# --- damaged runs ---
+# --- damaged runs

@@ -111,7 +111,7 @@ class Stream:
                 return tick
 
 
-# --- HTTP ---
+# --- HTTP
 
 
 def test_page_loads_nothing_from_other_hosts(idle):
@@ -145,7 +145,7 @@ def test_idle_connections_do_not_block_the_page(idle):
         assert Stream(idle).response.status == 200
 
 
-# --- the stream ---
+# --- the stream
 
 
 def test_browser_receives_history_state_and_verdict(flown, page, tmp_path):
@@ -167,7 +167,7 @@ def test_browser_receives_history_state_and_verdict(flown, page, tmp_path):
     assert stream.until("end") == {"verdict": VERDICT, "report": str(tmp_path / "report.html")}
 
 
-# --- after the flight ---
+# --- after the flight
 
 
 def test_finished_page_reloads_with_report(flown, page, tmp_path):
@@ -201,7 +201,7 @@ def test_server_ends_after_flight_without_browser(flown, monkeypatch, tmp_path):
     assert seen._process.wait(PATIENCE) == 0
 
 
-# --- page and browser do not delay the flight ---
+# --- page and browser do not delay the flight
 
 
 @pytest.fixture(scope="module")
@@ -238,7 +238,7 @@ def test_slow_browser_does_not_delay_flight_or_page(flown, page, ticks_alone, tm
         assert stream.until("end")["verdict"] == VERDICT
 
 
-# --- frames that any sender may send ---
+# --- frames that any sender may send
 
 
 def truth_frame(north, east):
@@ -266,7 +266,7 @@ def test_truth_of_flown_vehicle_is_sent(flown, monkeypatch, bundled):
     assert [(what["east"], what["north"]) for what in queued] == known
 
 
-# --- bounded ---
+# --- bounded
 
 
 def history_of(many):
@@ -300,7 +300,7 @@ def test_history_of_long_flight_is_bounded():
     ]
 
 
-# --- refusals ---
+# --- refusals
 
 
 def test_missing_web_packages_are_named(flown, monkeypatch):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.mav.ranging.receiver import DISTANCE, Receiver
 from tests.rig import Voice
 
-# --- senders ---
+# --- senders
 
 
 def test_reader_changes_sensor_after_five_seconds_of_silence():
@@ -93,7 +93,7 @@ def test_restarted_radio_is_accepted_from_new_port(boot):
     assert send(12, 13, 4000) == 0
 
 
-# --- each measurement once, in the order of the sensor's clock ---
+# --- each measurement once, in the order of the sensor's clock
 
 
 @given(order=st.permutations([*range(12), 0, 5]))
@@ -208,7 +208,7 @@ def test_repeated_range_is_accepted_once_per_measurement_period(constant, compon
     assert receiver.rejected == {"repeat": 30}
 
 
-# --- age and slant ---
+# --- age and slant
 
 
 @pytest.mark.parametrize(("delay", "accepted"), [(0.49, True), (0.51, False)])
