@@ -9,6 +9,7 @@ from typing import NamedTuple
 from circnav_mav.guidance.laws import tolerated_drift
 from circnav_mav.guidance.maths import wrap
 from circnav_mav.guidance.types import Orbit, RangeEstimate
+from circnav_mav.timers import Hysteresis, LowPass
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,35 +50,43 @@ class DriftAlarm(NamedTuple):
     """Alarm for a drift (wind minus target motion) in which the circle cannot be held.
 
     on: True while raised.
-    since: time when the drift became too strong, s, or None.
-    drift: newest estimate, m/s.
+    drift: newest trusted estimate, m/s.
     allowed: largest drift in which the circle can be held, m/s.
     """
 
     on: bool = False
-    since: float | None = None
     drift: float = 0.0
     allowed: float = 0.0
 
 
-def watch_drift(
-    alarm: DriftAlarm, estimate: RangeEstimate | None, orbit: Orbit, most_turn: float
-) -> DriftAlarm:
-    """Return the alarm after an estimate; unchanged if the drift is not trusted. most_turn: learned
-    turn rate that the vehicle reaches, rad/s."""
-    motion = estimate.relative if estimate is not None else None
-    if estimate is None or motion is None or not motion.trusted:
-        return alarm
-    V = max(motion.airspeed, 0.1 * orbit.speed)
-    allowed = max(tolerated_drift(V, orbit.radius, most_turn), 0.0)
-    drift = motion.drift
-    # 0.9: share of the allowed drift below which a raised alarm ends.
-    if not drift > allowed * (0.9 if alarm.on else 1.0):
-        return DriftAlarm(False, None, drift, allowed)
-    since = estimate.time if alarm.since is None else alarm.since
-    # 3.0: time, s, for which the drift must be too strong to raise the alarm. Single gusts also
-    # change the estimated drift.
-    return DriftAlarm(alarm.on or estimate.time - since >= 3.0, since, drift, allowed)
+class DriftWatch:
+    """Compares the estimated drift with the drift that the circle allows."""
+
+    def __init__(self) -> None:
+        # 3.0: time, s, for which the drift must be too strong to raise the alarm. Single gusts also
+        # change the estimated drift. 10.0: time, s, for which it must be weak enough to end the
+        # alarm.
+        self._strong = Hysteresis(raise_after=3.0, clear_after=10.0)
+        self.alarm = DriftAlarm()
+
+    def update(self, estimate: RangeEstimate | None, orbit: Orbit, most_turn: float) -> None:
+        """Process an estimate. Without a trusted drift, the alarm is unchanged.
+
+        estimate: None while the vehicle is not steered.
+        most_turn: learned turn rate that the vehicle reaches, rad/s.
+        """
+        if estimate is None:
+            self._strong.clear()
+            self.alarm = DriftAlarm()
+            return
+        motion = estimate.relative
+        if motion is None or not motion.trusted:
+            self._strong.since = None
+            return
+        V = max(motion.airspeed, 0.1 * orbit.speed)
+        allowed = max(tolerated_drift(V, orbit.radius, most_turn), 0.0)
+        strong = self._strong.update(motion.drift > allowed, estimate.time)
+        self.alarm = DriftAlarm(strong, motion.drift, allowed)
 
 
 class AirspeedAlarm(NamedTuple):
@@ -140,42 +149,53 @@ def watch_airspeed(
 class WayAlarm(NamedTuple):
     """Alarm for a vehicle that does not come nearer, for example in wind above its airspeed.
 
-    blocks: number of consecutive blocks of 25 s in which the vehicle did not come nearer. The first
-        block may contain the turn toward the target, so the alarm needs two.
-    since: start of the present block, s, or None.
-    r: range at the start of the present block, m.
+    on: True while raised.
+    r: newest range, m.
     drift: wind minus target motion, m/s, or None while it is unknown.
     airspeed: m/s.
     """
 
-    blocks: int = 0
-    since: float | None = None
+    on: bool = False
     r: float = 0.0
     drift: float | None = None
     airspeed: float = 0.0
 
-    @property
-    def on(self) -> bool:
-        """True while raised."""
-        return self.blocks >= 2
 
+class WayWatch:
+    """Compares the range rate of a vehicle outside its circle with its speed."""
 
-def watch_way(alarm: WayAlarm, estimate: RangeEstimate | None, orbit: Orbit) -> WayAlarm:
-    """Return the alarm after an estimate. estimate: None while the vehicle is not engaged. Far
-    outside the circle, a vehicle must come nearer at 5 % of its speed at least."""
-    if estimate is None or estimate.r < 2 * orbit.radius:
-        return WayAlarm()
-    if alarm.since is None:
-        return WayAlarm(0, estimate.time, estimate.r)
-    passed = estimate.time - alarm.since
-    if passed < 25.0:
-        return alarm
-    came_nearer = alarm.r - estimate.r > 0.05 * orbit.speed * passed
-    blocks = 0 if came_nearer else alarm.blocks + 1
-    motion = estimate.relative
-    drift = None if motion is None else motion.drift
-    airspeed = orbit.speed if motion is None else motion.airspeed
-    return WayAlarm(blocks, estimate.time, estimate.r, drift, airspeed)
+    def __init__(self) -> None:
+        # 3.0: time constant of the low-pass on the range rate, s.
+        self._range_rate = LowPass(3.0)
+        self._time = inf
+        # 25.0: time without coming nearer, s, for an alarm. On good emulated vehicles it was at
+        # most 16 s: the turn toward the target, and an acquisition that begins in the wrong
+        # direction.
+        self._stays_away = Hysteresis(raise_after=25.0, clear_after=10.0)
+        # 10.0: the same time, s, while the estimated drift exceeds the airspeed. On good
+        # vehicles in gusts it was at most 6 s.
+        self._blown_away = Hysteresis(raise_after=10.0, clear_after=10.0)
+        self.alarm = WayAlarm()
+
+    def update(self, estimate: RangeEstimate | None, orbit: Orbit) -> None:
+        """Process an estimate. estimate: None while the vehicle is not engaged. A vehicle outside
+        the circle must come nearer at 5 % of its speed at least."""
+        if estimate is None or estimate.r < 1.2 * orbit.radius:
+            self._range_rate.clear()
+            self._stays_away.clear()
+            self._blown_away.clear()
+            self.alarm = WayAlarm()
+            return
+        rate = self._range_rate.update(estimate.r_dot, max(estimate.time - self._time, 0.0))
+        self._time = estimate.time
+        motion = estimate.relative
+        drift = None if motion is None else motion.drift
+        airspeed = orbit.speed if motion is None else motion.airspeed
+        away = rate > -0.05 * orbit.speed
+        stays_away = self._stays_away.update(away, estimate.time)
+        blown = away and drift is not None and drift > airspeed
+        blown_away = self._blown_away.update(blown, estimate.time)
+        self.alarm = WayAlarm(stays_away or blown_away, estimate.r, drift, airspeed)
 
 
 class LapAlarm(NamedTuple):

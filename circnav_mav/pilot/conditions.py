@@ -380,8 +380,8 @@ def _no_way_made(view: StepView) -> Active | None:
     speeds = f"{wind}airspeed {alarm.airspeed:.0f} m/s"
     return Active(
         f"no way made, {speeds}",
-        f"NO WAY MADE: {alarm.r:.0f} m from the target, not nearer than 25 s before ({speeds}):"
-        " fly faster, or end the flight",
+        f"NO WAY MADE: {alarm.r:.0f} m from the target, and not coming nearer ({speeds}): fly"
+        " faster, or end the flight",
     )
 
 

@@ -20,14 +20,12 @@ from circnav_mav.guidance.own_code import StuckCodeError
 from circnav_mav.guidance.types import GRAVITY, Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.guidance.watches import (
     AirspeedAlarm,
-    DriftAlarm,
+    DriftWatch,
     LapAlarm,
-    WayAlarm,
+    WayWatch,
     breach,
     watch_airspeed,
-    watch_drift,
     watch_lap,
-    watch_way,
 )
 from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.codec import Message
@@ -94,9 +92,9 @@ class Pilot:
         self._why = ""
         """Reason for the law that `auto` or `drift` flies now, human-readable. Empty for other
         laws."""
-        self._drift_alarm = DriftAlarm()
+        self._drift_watch = DriftWatch()
         self._airspeed_alarm = AirspeedAlarm()
-        self._way_alarm = WayAlarm()
+        self._way_watch = WayWatch()
         self._lap_alarm = LapAlarm()
         self._rates = RateMeter()
         self._unchecked = Hysteresis(raise_after=settings.timing.hold)
@@ -500,15 +498,12 @@ class Pilot:
         """Update the state that exists only for conditions and display."""
         tracker = self.tracker
         controller = self.controller
-        self._drift_alarm = watch_drift(
-            self._drift_alarm, estimate, controller.orbit, controller.vehicle.most
-        )
+        steered = estimate if self.mission.steering else None
+        self._drift_watch.update(steered, controller.orbit, controller.vehicle.most)
         engaged = self.mission.phase is Phase.ENGAGED
         if self.session.adapter.measures_airspeed:
             self._airspeed_alarm = watch_airspeed(self._airspeed_alarm, estimate, controller.orbit)
-        self._way_alarm = watch_way(
-            self._way_alarm, estimate if engaged else None, controller.orbit
-        )
+        self._way_watch.update(estimate if engaged else None, controller.orbit)
         estimation = self.settings.tuning.estimation
         if self.gps_loss.changed_at is not None:
             estimation = self.settings.estimation_without_gps
@@ -581,9 +576,9 @@ class Pilot:
             implausible_airspeed=self._path.implausible_airspeed,
             unchecked_bound=unwatched(self.settings, session, now),
             gps_lost=None if self.gps_loss.changed_at is None else self.gps_loss.failure,
-            drift_alarm=self._drift_alarm,
+            drift_alarm=self._drift_watch.alarm,
             airspeed_alarm=self._airspeed_alarm,
-            way_alarm=self._way_alarm,
+            way_alarm=self._way_watch.alarm,
             lap_alarm=self._lap_alarm,
             circle=controller.circle,
             law=self._law,

@@ -8,10 +8,9 @@ import pytest
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
 from circnav_mav.guidance.watches import (
     AirspeedAlarm,
-    DriftAlarm,
+    DriftWatch,
     LapAlarm,
     watch_airspeed,
-    watch_drift,
     watch_lap,
 )
 from tests.guidance.relative import known
@@ -23,20 +22,16 @@ ORBIT = Orbit(R, Direction.CLOCKWISE, V, LIMIT)
 ALLOWED = sqrt(R * V * LIMIT) - V
 """Largest drift W at which the vehicle can fly the circle: (V + W)^2 = V omega_max r_d gives 7.91
 m/s."""
-QUIET = DriftAlarm()
 
 
-def after(drifts, most_turn=LIMIT, *, alarm=QUIET, start=0.0, trusted=True):
-    """Return the alarm after drift estimates at 10 Hz."""
+def after(drifts, most_turn=LIMIT, *, watch=None, start=0.0, trusted=True):
+    """Return the watch after drift estimates at 10 Hz."""
+    watch = watch or DriftWatch()
     for at, drift in enumerate(drifts):
         motion = known(drift_x=0.6 * drift, drift_y=0.8 * drift, trusted=trusted)
-        alarm = watch_drift(
-            alarm,
-            RangeEstimate(start + 0.1 * at, 100.0, 0.0, 0.5, 0.1, relative=motion),
-            ORBIT,
-            most_turn,
-        )
-    return alarm
+        estimate = RangeEstimate(start + 0.1 * at, 100.0, 0.0, 0.5, 0.1, relative=motion)
+        watch.update(estimate, ORBIT, most_turn)
+    return watch
 
 
 @pytest.mark.parametrize(
@@ -45,20 +40,27 @@ def after(drifts, most_turn=LIMIT, *, alarm=QUIET, start=0.0, trusted=True):
 def test_drift_alarm_starts_at_drift_allowed_by_turn_rate(most, allowed):
     """Downwind the ground speed is at most V + W. The course then turns at V/(V + W) times the turn
     rate of the nose."""
-    assert not after([allowed - 0.01] * 100, most).on
-    raised = after([allowed + 0.01] * 100, most)
+    assert not after([allowed - 0.01] * 100, most).alarm.on
+    raised = after([allowed + 0.01] * 100, most).alarm
     assert (raised.on, raised.allowed) == (True, pytest.approx(allowed))
 
 
 def test_drift_alarm_ignores_gusts_lulls_and_untrusted_drift():
-    assert not after(([ALLOWED + 2] * 25 + [ALLOWED - 0.1] * 5) * 4).on
+    assert not after(([ALLOWED + 2] * 25 + [ALLOWED - 0.1] * 5) * 4).alarm.on
+    assert not after([ALLOWED + 2] * 40, trusted=False).alarm.on
     raised = after([ALLOWED + 2] * 40)
-    assert after([0.95 * ALLOWED], alarm=raised, start=5.0).on
-    assert not after([0.89 * ALLOWED], alarm=raised, start=5.0).on
-    assert after([0.0] * 40, alarm=raised, trusted=False) == raised
-    assert (
-        after([ALLOWED + 2] * 40, trusted=False) == watch_drift(QUIET, None, ORBIT, LIMIT) == QUIET
-    )
+    assert after([0.0] * 200, watch=raised, start=4.0, trusted=False).alarm.on
+    assert after([0.95 * ALLOWED] * 90, watch=raised, start=24.0).alarm.on
+    assert not after([0.95 * ALLOWED] * 20, watch=raised, start=33.0).alarm.on
+
+
+def test_drift_alarm_needs_trust_throughout_its_hold_time():
+    """The vehicle is engaged 2 s after the drift was trusted, and the trust is lost for a step."""
+    watch = after([ALLOWED + 2] * 20)
+    watch.update(None, ORBIT, LIMIT)
+    after([ALLOWED + 2] * 20, watch=watch, start=2.0)
+    after([0.0], watch=watch, start=4.0, trusted=False)
+    assert not after([ALLOWED + 2] * 20, watch=watch, start=4.1).alarm.on
 
 
 @pytest.mark.parametrize("wind", [0.0, 5.0])

@@ -63,7 +63,7 @@ def views() -> list[StepView]:
         not_airborne="5 m of height",
         gps_lost="",
         drift_alarm=DriftAlarm(on=True, drift=6.0, allowed=2.7),
-        way_alarm=WayAlarm(2, 50.0, 2100.0, 18.0, 15.4),
+        way_alarm=WayAlarm(True, 2100.0, 18.0, 15.4),
         lap_alarm=LapAlarm(by_ranges=150.0, by_turns=192.4, on=True),
         circle=replace(view.circle, radius=120.0),
         law="drift",
