@@ -172,7 +172,9 @@ class OwnMotionSensor:
         """VFR_HUD.alt. `_above_home` at its newest change is `_above_home_then`."""
         self._above_home: Report[float | None] = Report()
         self._above_home_then: float | None = None
-        self._rare = Hysteresis(raise_after=0.0, clear_after=10.0)
+        # 1.0: time, s, until rare attitudes are reported: a stream of 10 Hz that begins at the
+        # engagement is frequent after 0.4 s.
+        self._rare = Hysteresis(raise_after=1.0, clear_after=10.0)
         self.accelerations = Accelerations()
         # 0.5: backward step of the vehicle's clock, s, that is taken as a clock reset. After a
         # stamp that is wrongly ahead by less, later stamps look older and are rejected for up to
@@ -240,11 +242,14 @@ class OwnMotionSensor:
         return self._altitude.live(now, AIR_MAX_AGE, FROZEN_ALTITUDE)
 
     def seldom(self, now: float) -> bool:
-        """True if attitudes are missing, or too few to follow the vehicle's turns. Afterwards
-        True until they have been frequent for 10 s."""
+        """True if attitudes are missing, or too few to follow the vehicle's turns. While the
+        vehicle is steered, it is then True until they have been frequent for 10 s."""
         rare = now - self._received[0] > FEWEST_WITHIN
-        if isinf(self._received[0]):
-            return rare  # at the start, attitudes become frequent at once
+        # Before the autopilot has answered the stream requests, attitudes are rare. This is over at
+        # the engagement.
+        if isinf(self._received[0]) or not self.keeps_heading:
+            self._rare.clear()
+            return rare
         return self._rare.update(rare, now)
 
     def _watch_yaw(self, body: Attitude, now: float) -> None:

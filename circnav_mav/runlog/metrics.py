@@ -17,29 +17,24 @@ Column = NDArray[np.float64]
 TOLERANCE = 0.05
 """Half width of the band round the desired radius, as a fraction of the desired radius. A radius in
 the band is settled."""
+MOSTLY = 0.95
+"""Least share of the rest of the flight in the band, from the settling time on."""
 LAST = 1 / 3
 """Final fraction of the flight, over which radius error, sense of rotation and turn command are
 judged."""
 
 
-def settling_time(
-    time: Column, radius: Column, desired: float, tolerance: float = TOLERANCE
-) -> float | None:
-    """Return the time from the first sample to the last entry of the radius into the band, s. The
-    band is `desired` ± `tolerance` * `desired`. None if the flight ends outside the band."""
-    outside = np.flatnonzero(~(np.abs(radius - desired) <= tolerance * desired))
-    if not len(radius) or (len(outside) and outside[-1] == len(radius) - 1):
-        return None
-    first_inside = outside[-1] + 1 if len(outside) else 0
-    return float(time[first_inside] - time[0])
-
-
 def settled(time: Column, radius: Column, desired: float) -> float | None:
-    """Return the settling time, s. None if the radius was last outside the band in the final part
-    of the flight."""
-    # A flight that leaves the band on every lap also has a last entry, but it has not settled.
-    first = settling_time(time, radius, desired)
-    return None if first is None or first > (1 - LAST) * (time[-1] - time[0]) else first
+    """Return the settling time, s: from the first sample to the first one in the band from which
+    the radius is in the band for 95 % of the rest of the flight. The band is `desired` ± TOLERANCE
+    * `desired`. None if this time is in the final part of the flight."""
+    inside = np.abs(radius - desired) <= TOLERANCE * desired
+    # A flight that leaves the band on every lap also returns to it, but it has not settled. A
+    # single estimate outside the band does not begin the settling again.
+    share = np.cumsum(inside[::-1])[::-1] / np.arange(len(inside), 0, -1)
+    early = time <= time[-1] - LAST * (time[-1] - time[0]) if len(time) else inside
+    found = np.flatnonzero(inside & (share >= MOSTLY) & early)
+    return float(time[found[0]] - time[0]) if len(found) else None
 
 
 def last_part(time: Column, values: Column) -> Column:

@@ -108,7 +108,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         "steered_s": 0.0
         if start is None
         else max(end - start - float(np.diff(ticks.time)[without].sum()), 0.0),
-        **{name: circles[-1][name] for name in FIGURES},
+        **{name: circles[-1][name] for name in (*FIGURES, "radius_sigma_m")},
         "circles": circles,
         "height_min_m": float(height.min()) if len(height) else None,
         "height_max_m": float(height.max()) if len(height) else None,
@@ -153,6 +153,8 @@ def _circles(
         direction = str(directions[part[0]]) if len(part) else first.direction.value
         begun = float(ticks.time[part[0]]) if circles else start
         figures = _circle(ticks.time[part], ticks.numbers["r"][part], radius)
+        sigma = metrics.last_part(ticks.time[part], ticks.numbers["r_sigma"][part])
+        figures["radius_sigma_m"] = metrics.rms_error(sigma[~np.isnan(sigma)], 0.0)
         begins = {"desired_radius_m": radius, "direction": direction, "begun_s": begun}
         circles.append(begins | figures)
     return circles

@@ -49,7 +49,8 @@ def verdict_of(**changes: Any) -> str:
         ),
         ({"truth": {**TRUTH, "direction": None}}, "rotation unknown, closest"),
         ({"truth": None}, "rotation   clockwise commanded; ranges cannot confirm the direction"),
-        ({}, "estimated  settled after 20 s, radius 100.50 m, RMS error 0.70 m (0.70 %)"),
+        ({}, "estimated  settled after 20 s, radius 100.50 m, RMS error 0.70 m (0.70 %)\n"),
+        ({"radius_sigma_m": 0.213}, "(0.70 %) + estimator's own error, sigma 0.21 m\n"),
         (
             {"height_max_m": 37.0},
             "rests on   the radio, and height 37.0 m; 1 m of height: 0.37 m of radius, 1 m of range"

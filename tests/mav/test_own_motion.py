@@ -76,6 +76,19 @@ def test_own_motion_reports_rare_attitudes():
         assert sensor.seldom(every * 19 + 0.1) is seldom
 
 
+def test_attitudes_rare_before_engagement_are_not_reported_after_it():
+    """The autopilot answers the stream requests 0.1 s before the engagement."""
+    sensor = OwnMotionSensor()
+    reported = []
+    times = [*(1.5 * n for n in range(7)), *(10 + 0.1 * n for n in range(100))]
+    for now in times:
+        sensor.keeps_heading = now > 10.05
+        sensor.receive(attitude(round(1000 * now), 0.0), now)
+        reported.append(sensor.seldom(now))
+    assert any(reported[:7])
+    assert not any(reported[8:])
+
+
 def received(delays, boot_ms=0, seconds=20.0):
     """Return own motion and the true time (s) of its attitude, for attitudes at 20 Hz. delays():
     delay of the next attitude, s."""

@@ -105,7 +105,7 @@ def figures(rows: Rows, points: int = 1) -> dict[str, Any]:
         RMS error and no settling time, so these figures cover the other flights.
     wrong_way: number of flights in the wrong sense.
     rms_*: RMS radius error of the last third, m.
-    settled_*: time from the engagement until the error stays within 5 %, s; None: never.
+    settled_*: time from the engagement to settling (`metrics.settled`), s; None: never.
     closest: closest approach of all flights, m.
     worlds: number of different draws.
     turn_*: medians of the figures of the turn command (see `TurnFigures`).
