@@ -303,7 +303,7 @@ def _not_following(view: StepView) -> Active | None:
     return Active(
         "vehicle does not follow turn commands",
         "VEHICLE DOES NOT FOLLOW turn commands: the flight ends after"
-        f" {view.settings.timing.unfollowed:g} s away from the circle",
+        f" {view.settings.timing.unfollowed:g} s in which it does not turn along its circle",
     )
 
 

@@ -370,7 +370,12 @@ class Pilot:
         unfollowed = min(now - obedience.since, self._since_circling.age(now))
         if self.mission.steering and not obedience.follows and unfollowed > most:
             self._finish(
-                Outcome(Ending.ABORTED, f"vehicle did not follow turn commands for {most:g} s"), now
+                Outcome(
+                    Ending.ABORTED,
+                    "vehicle did not follow turn commands, and did not turn along its circle for"
+                    f" {most:g} s: check steering and compass",
+                ),
+                now,
             )
 
     def _keeps_circle(self, estimate: RangeEstimate | None) -> bool:

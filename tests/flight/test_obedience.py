@@ -43,7 +43,10 @@ def test_guidance_ends_when_vehicle_never_follows_turn_commands(
     flown = flight(mission, fault, FAR, AWAY, "limits.unfollowed_s=4.0", law="auto").fly(60)
     assert alarmed_at(flown) - engaged_at(flown) < 5.0
     assert flown.outcome.ending is Ending.ABORTED
-    assert flown.outcome.reason == "vehicle did not follow turn commands for 4 s"
+    assert flown.outcome.reason == (
+        "vehicle did not follow turn commands, and did not turn along its circle for 4 s: check"
+        " steering and compass"
+    )
     assert flown.now - engaged_at(flown) < 12.0
     exits = flown.pilot.session.adapter.exits
     wanted = flown.pilot.settings.exit or "loiter"
@@ -94,3 +97,11 @@ def test_uplink_outage_is_not_reported_as_unfollowed_commands() -> None:
     flown.vehicle.receive = receive  # type: ignore[method-assign]
     flown.fly(120)
     assert flown.outcome.ending is Ending.COMPLETED
+
+
+def test_rover_with_weak_steering_on_circle_flies_on() -> None:
+    """The rover turns at 40 % of the command, too little for a verdict, and keeps its circle."""
+    weak = 'sim.events=[{at_s=2.0,action="steering_weak",value=0.4}]'
+    flown = flight("ardurover", weak, "limits.duration_s=60.0", law="auto").fly(90)
+    assert flown.outcome.ending is Ending.COMPLETED
+    assert abs(flown.ticks[-1].r - 20.0) < 2.0
