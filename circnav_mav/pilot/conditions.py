@@ -530,7 +530,9 @@ TABLE = (
     Condition("lean_limit", _lean_limit),
     Condition("airspeed_sensor", _airspeed_sensor, over="airspeed is right again", steering=True),
     Condition("accelerometer", _accelerometer, over="accelerometer works again"),
-    Condition("drift_too_strong", _drift_too_strong, over="drift within limit again"),
+    Condition(
+        "drift_too_strong", _drift_too_strong, over="drift within limit again", steering=True
+    ),
     Condition("no_way_made", _no_way_made, over="comes nearer again", steering=True),
     Condition("radius_contradicted", _radius_contradicted, over="radius fits turns", steering=True),
     Condition("bound_not_watched", _bound_not_watched, over="bounds checked again", steering=True),

@@ -194,3 +194,42 @@ def test_interrupt_just_after_gps_loss_lands_copter() -> None:
     flown.fly(flown.now + 3.0)
     assert flown.pilot.done
     assert flown.vehicle.truth.mode == LAND
+
+
+@pytest.mark.parametrize("start", [("80.0", "-40.0", "120.0"), ("30.0", "0.0", "90.0")])
+def test_wind_above_airspeed_raises_alarm_within_20_s(start: tuple[str, str, str]) -> None:
+    """A wind of 6.5 m/s carries a copter with an airspeed of 5 m/s away from its circle."""
+    north, east, heading = start
+    seen: list[float] = []
+
+    def watch(step: Flight) -> None:
+        if {"no_way_made", "drift_too_strong"} & set(step.pilot.conditions.alarms):
+            seen.append(step.now)
+
+    flown = flight(
+        "arducopter_nogps",
+        "sim.wind.speed_mps=6.5",
+        f"sim.start.north_m={north}",
+        f"sim.start.east_m={east}",
+        f"sim.start.heading_deg={heading}",
+        law="auto",
+    ).fly(45, watch=watch)
+    nearest = min(flown.truths, key=true_radius)
+    engaged = flown.pilot.mission.engaged_at
+    assert engaged is not None
+    assert seen[0] < max(nearest.time, engaged) + 20.0
+
+
+@pytest.mark.parametrize("drift", [0.5, -0.5])
+def test_circle_is_kept_while_heading_drifts_without_compass(drift: float) -> None:
+    flown = flight(
+        "arducopter_nogps",
+        "sim.sensors.compass=false",
+        f'sim.events=[{{at_s=30.0,action="heading_drift",value={drift}}}]',
+        "limits.duration_s=100.0",
+        law="auto",
+    ).fly(120)
+    after = [truth for truth in flown.truths if truth.time > 40.0]
+    assert flown.outcome.ending is Ending.COMPLETED
+    assert max(abs(true_radius(truth) - 30.0) for truth in after) < 3.0
+    assert not any(b"does not follow" in data for _, data in flown.sent)
