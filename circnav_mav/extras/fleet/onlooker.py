@@ -189,7 +189,7 @@ class FleetOnlooker(Onlooker):
             behind = LAP - apart[-1] if len(apart) > 1 else LAP
             words += f", gap {degrees(ahead):.0f} deg ahead, {degrees(behind):.0f} deg behind"
             if not isnan(sigma := gap_sigma(adjusted, self.spacing.offsets)):
-                words += f", +-{degrees(sigma):.0f} deg"
+                words += f", known to {degrees(sigma):.0f} deg"
             words += f", radius {adjusted.offset:+.1f} m"
         return {"fleet": words}
 

@@ -184,7 +184,8 @@ def test_planes_with_compass_errors_reach_even_spacing():
     late_errors = np.degrees(errors[time > 60.0])
     assert len(late_errors) > 100
     assert rms(late_errors) < 4.0
-    known = time > 0.0
+    # The first reports of the third plane may be lost.
+    known = time > 2.0
     assert not (errors[known, None] > 3 * np.array(stated)[known]).any()
     found = figures(tracks)
     assert found.too_near == 0
