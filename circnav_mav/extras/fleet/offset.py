@@ -15,7 +15,7 @@ from circnav_mav.extras.fleet.phase import Drift, PhaseMap, wrapped
 PRIOR = radians(7.0)
 """Standard deviation of the phase difference of two members caused by their compasses, rad: two
 compass errors of 5 deg."""
-MOST = radians(30.0)
+MOST = 3 * PRIOR
 """Largest offset that is used, rad. A larger one has another cause: wind shear between the height
 layers, or a member that was assumed on the wrong side of the circle."""
 LEAST_DRIFT = 1.0

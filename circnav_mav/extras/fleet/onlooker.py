@@ -14,6 +14,7 @@ from typing import Any
 
 from circnav_mav.cli.exits import Refused
 from circnav_mav.extras.fleet.acceptance import CLOCK_TOLERANCE
+from circnav_mav.extras.fleet.evenness import EVEN
 from circnav_mav.extras.fleet.law import Adjustment, Spacing
 from circnav_mav.extras.fleet.limits import spacing_settings
 from circnav_mav.extras.fleet.link import FleetLink, Transport
@@ -57,11 +58,14 @@ def layer_lines(heights: Mapping[int, float], layer: float) -> list[str]:
 def fleet_line(found: Mapping[str, Any]) -> str:
     """Return the line of the verdict from the fleet's part of the summary."""
     even = "never evenly spaced (within 5 deg for 20 s)"
+    known = found["compass_deg"]
     if found["even_after_s"] is not None:
         worst = f"worst gap off by {found['worst_gap_deg']:.1f} deg rms"
         even = f"even {found['even_after_s']:.0f} s after entering the circle, {worst}"
-    if found["compass_deg"] is not None:
-        even += f", gaps known to {found['compass_deg']:.1f} deg at the end"
+    elif known is not None and known > degrees(EVEN):
+        even = "evenness unknown"
+    if known is not None:
+        even += f", gaps known to {known:.1f} deg at the end (compass errors)"
     nearest = found["nearest_layer_m"]
     layer = "" if nearest is None else f", nearest in height {nearest:.0f} m"
     return f"  fleet      id {found['id']}, {len(found['members'])} members, {even}{layer}"

@@ -17,6 +17,7 @@ from circnav_mav.extras.fleet.law import (
     slot_errors,
 )
 from circnav_mav.extras.fleet.offset import PhaseOffset, offset_by_drift, offset_by_range
+from circnav_mav.extras.fleet.onlooker import fleet_line
 from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, wrapped
 from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.extras.fleet.ring_log import RingLog
@@ -105,6 +106,8 @@ def test_member_reports_even_gaps_only_with_compared_compasses(drift, even):
             log.step(now, adjusted, 2, offsets, {})
     found = log.figures()
     assert found["even_after_s"] == even
+    line = fleet_line(found | {"id": 1, "members": [1, 2]})
+    assert ("evenness unknown, gaps known to 7.0 deg" in line) == (even is None)
     assert found["compass_deg"] == pytest.approx(7.0 if even is None else 0.9, abs=0.2)
 
 
