@@ -48,7 +48,7 @@ class Air:
 Attack = Callable[[Air], list[bytes]]
 
 
-def sends_report(member: int, *, key: bytes | None = None, ahead: float = 0.0, **changes) -> Attack:
+def sends_report(member: int, *, key: bytes | None = None, **changes) -> Attack:
     """Return an attack: a report with these changes at every step of 0.2 s."""
 
     def attack(air: Air) -> list[bytes]:
@@ -58,7 +58,7 @@ def sends_report(member: int, *, key: bytes | None = None, ahead: float = 0.0, *
         one = report(
             member, stamp, **{name: value for name, value in changes.items() if name != "late"}
         )
-        return [frame(one, key or air.key, ahead)]
+        return [frame(one, key or air.key)]
 
     return attack
 
