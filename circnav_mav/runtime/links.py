@@ -125,7 +125,7 @@ class UdpLink:
         self._peer = address if endpoint.kind == "udpout" else None
         try:
             if self._peer is None:
-                self._socket.bind(address)
+                self._bind(address)
             else:
                 self._bind_local()
         except OSError:
@@ -179,6 +179,9 @@ class UdpLink:
     def _refuse(self, words: str) -> None:
         """Count a datagram that is ignored because it is too long or its sender is not accepted."""
         note(self.troubles, words, FROM_OTHERS)
+
+    def _bind(self, address: Any) -> None:
+        self._socket.bind(address)
 
     def _bind_local(self) -> None:
         try:

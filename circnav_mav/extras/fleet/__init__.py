@@ -1,4 +1,4 @@
-"""Fleet on one circle: spacing law, carrier and commands."""
+"""Fleet on one circle: spacing law, link and commands."""
 
 from circnav_mav.extension import Extension
 

@@ -12,18 +12,11 @@ from dataclasses import dataclass
 from enum import Enum
 from math import hypot, inf, isfinite, isnan, pi, remainder, tau
 
-from circnav_mav.extras.fleet.frames import (
-    COMPONENT,
-    LONGEST_FRAME,
-    MESSAGE,
-    from_message,
-    is_report,
-)
+from circnav_mav.extras.fleet.frames import MESSAGE, from_message, is_report
 from circnav_mav.extras.fleet.report import MemberReport, State
-from circnav_mav.mav.codec import Decoder
-from circnav_mav.mav.framing import SIGNATURE, frame_at, is_good
-from circnav_mav.mav.identity import address_text
-from circnav_mav.mav.signing import EPOCH, SECOND, is_signed, is_signed_with
+from circnav_mav.mav.codec import Decoder, Message
+from circnav_mav.mav.identity import MOVES_AFTER, address_text
+from circnav_mav.mav.signing import is_signed, is_signed_with
 
 CLOCK_TOLERANCE = 0.5
 """Largest difference between a report's timestamp and this member's own clock, s. The delay of the
@@ -68,7 +61,7 @@ class Rejection(Enum):
 
     MALFORMED = "frames are not complete MAVLink 2 reports: give each program its own port"
     OTHER_MESSAGE = ""
-    OTHER_ADDRESS = "a sender is not in the list of peers: if it is a member, add it"
+    LINK = "reports are not sent, or not received"
     UNSIGNED = "frames are not signed: give every member the key of the fleet"
     WRONG_KEY = "frames are signed with another key: give every member the same key file"
     REPLAYED = "frames are repeated or late, and are ignored"
@@ -149,18 +142,6 @@ class Member:
     jumped: tuple[MemberReport, MemberReport] | None = None
 
 
-@dataclass(slots=True)
-class _Reason:
-    """Newest rejections for one reason.
-
-    times: Unix times of the rejections, s.
-    detail: details of the newest rejection.
-    """
-
-    times: deque[float]
-    detail: str = ""
-
-
 class Acceptance:
     """Decides on every datagram of the fleet link, and keeps a bounded table of the members."""
 
@@ -170,26 +151,23 @@ class Acceptance:
         member: int,
         key: bytes | None = None,
         *,
-        hosts: frozenset[str] | None = None,
         tolerance: float = CLOCK_TOLERANCE,
     ) -> None:
         """group, member: ids of this member.
         key: signing key of the fleet, None for unsigned frames.
-        hosts: addresses of accepted senders, None for all senders.
         tolerance: largest difference between a stamp and this member's clock, s.
         """
         self.members: dict[int, Member] = {}
         self.rejected: Counter[Rejection] = Counter()
         self.accepted = self.copies = 0
-        self._group = group
-        self._member = member
+        self._ids = group, member
         self._key = key
-        self._hosts = hosts
         self._tolerance = tolerance
         self._newest = -inf
         self._decoder = Decoder(wanted={MESSAGE})
         self._seen: dict[bytes, float] = {}
-        self._reasons: dict[Rejection, _Reason] = {}
+        self._recent: dict[Rejection, deque[tuple[str, float]]] = {}
+        """Details and times of the newest rejections, s, by reason."""
 
     def remember(self, frame: bytes, now: float) -> None:
         """Store a frame, to recognize its copies."""
@@ -215,33 +193,24 @@ class Acceptance:
     def note(self, reason: Rejection, detail: str, now: float) -> None:
         """Count a rejection."""
         self.rejected[reason] += 1
-        noted = self._reasons.setdefault(reason, _Reason(deque(maxlen=ALARM_COUNT)))
-        noted.times.append(now)
-        noted.detail = detail
+        self._recent.setdefault(reason, deque(maxlen=ALARM_COUNT)).append((detail, now))
 
     def alarms(self, now: float) -> list[str]:
         """Return a line for each reason with repeated rejections in the last ALARM_TIME."""
         lines = []
-        for reason, noted in self._reasons.items():
-            needed = 1 if reason is Rejection.FLOOD else ALARM_COUNT
+        for reason, noted in self._recent.items():
+            needed = 1 if reason in (Rejection.FLOOD, Rejection.LINK) else ALARM_COUNT
             # abs(): after the clock was set back, old times lie in the future.
-            recent = sum(abs(now - time) <= ALARM_TIME for time in noted.times)
-            if reason.value and recent >= needed:
-                lines.append(f"fleet link: {reason.value} ({noted.detail})")
+            recent = [detail for detail, time in noted if abs(now - time) <= ALARM_TIME]
+            if reason.value and len(recent) >= needed:
+                lines.append(f"fleet link: {reason.value} ({recent[-1]})")
         return lines
 
     def _take(self, data: bytes, address: Hashable, now: float) -> MemberReport | None:
-        self._check_address(address)
-        frame = frame_at(data, 0) if data else None
-        if (
-            len(data) > LONGEST_FRAME
-            or frame is None
-            or frame.end != len(data)
-            or not is_good(data, frame)
-        ):
+        messages = self._decoder.decode(data)
+        if self._decoder.frames != [data]:
             raise RejectedError(Rejection.MALFORMED, f"{len(data)} bytes")
-        # Copies arrive by multicast loopback, by a mesh, or by a second route. The first copy was
-        # already processed, and the signature check would reject the second one as a replay.
+        # Copies arrive by multicast loopback, by a mesh, or by a second route.
         if data in self._seen:
             age = now - self._seen[data]
             if age > CLOCK_TOLERANCE:
@@ -250,64 +219,25 @@ class Acceptance:
                 )
             self.copies += 1
             return None
-        if self._key is not None:
-            self._check_signature(self._key, data, now)
-        report = self._report(data)
+        # MAVLink's rule of increasing timestamps is not applied: it locks out a member whose clock
+        # was ahead once. The stamp in the report protects from replayed frames.
+        if self._key is not None and not is_signed(data):
+            raise RejectedError(Rejection.UNSIGNED, f"id {data[5]}")
+        if self._key is not None and not is_signed_with(self._key, data):
+            raise RejectedError(Rejection.WRONG_KEY, f"id {data[5]}")
+        report = _report(messages)
         self.remember(data, now)
-        if report.group != self._group:
-            raise RejectedError(Rejection.OTHER_GROUP, f"group {report.group}, not {self._group}")
+        group, member = self._ids
+        if report.group != group:
+            raise RejectedError(Rejection.OTHER_GROUP, f"group {report.group}, not {group}")
         check_numbers(report)
         self._check_time(report, now)
-        if report.member == self._member:
-            raise RejectedError(
-                Rejection.SAME_ID, f"another sender has this member's id {self._member}"
-            )
+        if report.member == member:
+            raise RejectedError(Rejection.SAME_ID, f"another sender has this member's id {member}")
         self._check_member(report, address, now)
         self.members[report.member] = Member(report, address, now)
         self.accepted += 1
         return report
-
-    def _check_address(self, address: Hashable) -> None:
-        host = address[0] if isinstance(address, tuple) else address
-        if self._hosts is not None and host not in self._hosts:
-            raise RejectedError(Rejection.OTHER_ADDRESS, "not a peer")
-
-    def _report(self, data: bytes) -> MemberReport:
-        """Return the report in a complete frame."""
-        messages = self._decoder.decode(data)
-        if (
-            not messages
-            or not is_report(messages[0])
-            or messages[0].get_srcComponent() != COMPONENT
-        ):
-            raise RejectedError(Rejection.OTHER_MESSAGE, f"system {data[5]}")
-        try:
-            report = from_message(messages[0])
-        except ValueError as error:
-            raise RejectedError(Rejection.OUT_OF_BOUNDS, str(error)) from None
-        if not report.member:
-            raise RejectedError(Rejection.OUT_OF_BOUNDS, "id 0, not 1 to 255")
-        return report
-
-    def _check_signature(self, key: bytes, data: bytes, now: float) -> None:
-        """Raise RejectedError for a frame that is not signed with the fleet's key.
-
-        MAVLink's rule of increasing timestamps is not applied: it locks out a member whose clock
-        was ahead once. The stamp in the report protects from replayed frames.
-        """
-        if not is_signed(data):
-            raise RejectedError(Rejection.UNSIGNED, f"id {data[5]}")
-        if not is_signed_with(key, data):
-            raise RejectedError(Rejection.WRONG_KEY, f"id {data[5]}")
-        # Time of the signature relative to this member's clock, s: the bytes between link id and
-        # the 6 bytes of the hash.
-        ahead = (
-            int.from_bytes(data[1 - SIGNATURE : -6], "little") / SECOND + EPOCH - max(now, EPOCH)
-        )
-        if ahead > max(60.0, self._tolerance):
-            # Store the frame: a copy of it must not be accepted later, when its timestamp is valid.
-            self.remember(data, now)
-            raise RejectedError(Rejection.CLOCKS_DISAGREE, f"id {data[5]} is {ahead:.0f} s ahead")
 
     def _check_time(self, report: MemberReport, now: float) -> None:
         known = self.members.get(report.member)
@@ -322,7 +252,11 @@ class Acceptance:
 
     def _check_member(self, report: MemberReport, address: Hashable, now: float) -> None:
         """Raise RejectedError if a report contradicts earlier reports of the same member."""
-        self._forget(now)
+        # 60.0: silence after which a member is removed from the table, s. After the clock was set
+        # back, reception times lie in the future.
+        self.members = {
+            ident: one for ident, one in self.members.items() if abs(now - one.received_at) <= 60.0
+        }
         known = self.members.get(report.member)
         if known is None:
             if len(self.members) >= MOST_MEMBERS:
@@ -333,9 +267,7 @@ class Acceptance:
         # Signed frames are accepted from any address: otherwise a relay that is faster than the
         # sender could make the sender's own frames look foreign. Two addresses still raise an
         # alarm. Without signatures, only the first address is accepted until it is silent.
-        # 1.5: silence of a member, s, after which another address may use its id, as for a vehicle
-        # (mav/identity.py).
-        if address != known.address and now - known.received_at <= 1.5:
+        if address != known.address and now - known.received_at <= MOVES_AFTER:
             first = address_text(known.address)
             detail = f"id {report.member} at {first} and at {address_text(address)}"
             if self._key is None:
@@ -375,11 +307,15 @@ class Acceptance:
                 Rejection.PHASE_JUMP, f"id {report.member} by {error * 180 / pi:.0f} deg"
             )
 
-    def _forget(self, now: float) -> None:
-        """Remove silent members, and members with reception times in the future after the clock was
-        set back."""
-        # 60.0: silence after which a member is removed from the table, s.
-        for ident in [
-            one for one, member in self.members.items() if abs(now - member.received_at) > 60.0
-        ]:
-            del self.members[ident]
+
+def _report(messages: list[Message]) -> MemberReport:
+    """Return the report in the messages of one frame."""
+    if not messages or not is_report(messages[0]):
+        raise RejectedError(Rejection.OTHER_MESSAGE, "not a report")
+    try:
+        report = from_message(messages[0])
+    except ValueError as error:
+        raise RejectedError(Rejection.OUT_OF_BOUNDS, str(error)) from None
+    if not report.member:
+        raise RejectedError(Rejection.OUT_OF_BOUNDS, "id 0, not 1 to 255")
+    return report

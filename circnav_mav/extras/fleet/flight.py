@@ -5,7 +5,8 @@ The members run in the order of simulated time, so the result is identical on ev
 """
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from cmath import rect
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from math import cos, radians, sin
 from pathlib import Path
@@ -15,14 +16,13 @@ import numpy as np
 from circnav_sim.config import parse_vehicle
 from circnav_sim.vehicle import Truth, Vehicle
 
-from circnav_mav.extras.fleet.carrier import FrameCarrier, LocalNetwork
+from circnav_mav.extras.fleet.link import FleetLink, LocalNetwork
 from circnav_mav.extras.fleet.onlooker import FleetOnlooker
 from circnav_mav.extras.fleet.report import State
 from circnav_mav.extras.fleet.settings import table_of
 from circnav_mav.mission.load import load_mission
 from circnav_mav.mission.mission import Mission
-from circnav_mav.pilot import Pilot, TickRecord
-from circnav_mav.pilot.loop_step import LoopStep
+from circnav_mav.pilot import Pilot
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
@@ -49,43 +49,32 @@ def member_overrides(
     file = mission.file
     sim = mission.file.sim or {}
     layer = table_of(mission).layer_m * (member - 1) if file.vehicle.kind != "rover" else 0.0
+    seed = sim.get("seed", 0)
     start = sim.get("start", {})
     target = sim.get("target", {})
-    north, east = start.get("north_m", -200.0), start.get("east_m", 0.0)
-    center = target.get("north_m", 0.0), target.get("east_m", 0.0)
-    turn = radians(START_APART_DEG * (member - 1))
-    away = north - center[0], east - center[1]
+    turn = START_APART_DEG * (member - 1)
+    # Horizontal positions as complex numbers: north + i east.
+    center = complex(target.get("north_m", 0.0), target.get("east_m", 0.0))
+    place = complex(start.get("north_m", -200.0), start.get("east_m", 0.0))
+    place = center + (place - center) * rect(1.0, radians(turn))
     altitude = start.get("altitude_m")
-    heading = start.get("heading_deg", 0.0) + START_APART_DEG * (member - 1)
     found = [
         f'name="{file.name}-{member}"',
         f"fleet.id={member}",
         f"fleet.size={max(size, 2)}",
-        f"sim.seed={sim.get('seed', 0) * 1000 + member}",
-        f"sim.start.north_m={center[0] + cos(turn) * away[0] - sin(turn) * away[1]:.3f}",
-        f"sim.start.east_m={center[1] + sin(turn) * away[0] + cos(turn) * away[1]:.3f}",
-        f"sim.start.heading_deg={heading:.1f}",
+        f"sim.seed={seed * 1000 + member}",
+        f"sim.start.north_m={place.real:.3f}",
+        f"sim.start.east_m={place.imag:.3f}",
+        f"sim.start.heading_deg={start.get('heading_deg', 0.0) + turn:.1f}",
     ]
     if compass:
-        error = Random(f"{sim.get('seed', 0)}:compass:{member}").gauss(0.0, compass)
+        error = Random(f"{seed}:compass:{member}").gauss(0.0, compass)
         found.append(f"sim.sensors.heading_bias_deg={error:.2f}")
     if altitude is not None:
         found.append(f"sim.start.altitude_m={altitude + layer:.1f}")
     if file.orbit.height_above_target_m is not None:
         found.append(f"orbit.height_above_target_m={file.orbit.height_above_target_m + layer:.1f}")
     return [*overrides, *found]
-
-
-class NoRecord:
-    """Recorder that keeps nothing."""
-
-    problem: str | None = None
-
-    def step(self, step: LoopStep) -> None:
-        """Discard the step."""
-
-    def ticks(self, records: list[TickRecord]) -> None:
-        """Discard the ticks."""
 
 
 @dataclass
@@ -118,8 +107,8 @@ class Member:
     def __init__(
         self,
         mission: Mission,
-        carrier: FrameCarrier,
-        recorder: Recorder | NoRecord,
+        link: FleetLink,
+        recorder: Recorder,
         onlookers: Onlookers,
         pilot: Pilot,
     ) -> None:
@@ -127,14 +116,14 @@ class Member:
         self.mission = mission
         self.pilot = pilot
         self.onlookers = onlookers
-        self.carrier = carrier
+        self.link = link
         self.recorder = recorder
         self.alarms: AlarmLog | None = None
         self.vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
         self.clock = Lockstep(self.vehicle)
         links = self.clock.links(ranging_apart=pilot.settings.ranging_apart)
         self.fleet = next(one for one in onlookers.attached if isinstance(one, FleetOnlooker))
-        self.loop = Loop(pilot, links, self.clock, recorder, onlookers)  # type: ignore[arg-type]
+        self.loop = Loop(pilot, links, self.clock, recorder, onlookers)
 
     @property
     def next_event(self) -> float:
@@ -222,30 +211,3 @@ class FleetFlight:
                 if node is not member:
                     ident = node.fleet.spacing.settings.member
                     member.vehicle.range_node(first + ident, float(np.linalg.norm(one - other)))
-
-
-def bare_fleet(
-    path: str | Path,
-    size: int,
-    overrides: Sequence[str] = (),
-    each: Callable[[int], Sequence[str]] = lambda member: (),
-    *,
-    loss: float = 0.0,
-    delay: float = 0.0,
-    seed: int = 0,
-) -> FleetFlight:
-    """Return a fleet without run folders, for tests and benchmarks. each(member): further overrides
-    of a member."""
-    network = LocalNetwork(loss, delay, seed)
-
-    def members() -> Iterator[Member]:
-        for member in range(1, size + 1):
-            mission = load_mission(
-                path, [*member_overrides(path, member, overrides, size), *each(member)]
-            )
-            pilot = Pilot(mission.pilot_settings())
-            carrier = FrameCarrier(network.port(member), table_of(mission).group, member)
-            onlooker = FleetOnlooker(mission, pilot, table_of(mission), carrier, lockstep=True)
-            yield Member(mission, carrier, NoRecord(), Onlookers([onlooker]), pilot)
-
-    return FleetFlight(members(), network)

@@ -14,8 +14,8 @@ from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing, say
 from circnav_mav.cli.fly import EXITS, new_folder
 from circnav_mav.cli.progress import each, progress
 from circnav_mav.cli.verdict import verdict
-from circnav_mav.extras.fleet.carrier import FrameCarrier, LocalNetwork
 from circnav_mav.extras.fleet.flight import FleetFlight, Member, member_overrides
+from circnav_mav.extras.fleet.link import FleetLink, LocalNetwork
 from circnav_mav.extras.fleet.metrics import FleetFigures, figures
 from circnav_mav.extras.fleet.settings import table_of
 from circnav_mav.mav.check_result import Grade
@@ -126,14 +126,14 @@ def _member(
     table = table_of(mission)
     assert table.id is not None
     pilot = Pilot(mission.pilot_settings())
-    carrier = FrameCarrier(network.port(table.id), table.group, table.id)
-    onlookers = open_onlookers(mission, pilot, None, options | {"fleet_carrier": carrier}, opened)
+    link = FleetLink(network.port(table.id), table.group, table.id)
+    onlookers = open_onlookers(mission, pilot, None, options | {"fleet_link": link}, opened)
     try:
         recorder = Recorder(folder / f"{table.id:02d}", mission.text)
     except RecorderError as error:
         raise Refused(str(error)) from None
     opened.enter_context(closing(recorder))
-    return Member(mission, carrier, recorder, onlookers, pilot)
+    return Member(mission, link, recorder, onlookers, pilot)
 
 
 def _start(member: Member, epoch_us: int) -> None:
@@ -205,7 +205,7 @@ def _row(member: Member, code: Exit) -> dict[str, Any]:
         "folder": f"{ident:02d}",
         "outcome": outcome.reason if outcome else "",
         "exit": int(code),
-        "link": member.carrier.summary(),
+        "link": member.link.summary(),
         "alarms": member.alarms.begun if member.alarms else [],
     }
 

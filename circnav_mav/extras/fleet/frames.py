@@ -19,8 +19,6 @@ from circnav_mav.mav.codec import Message
 NAME = "circfleet1"
 COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 MESSAGE = dialect.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY
-LONGEST_FRAME = 280
-"""Longest frame of MAVLink 2, with signature, bytes."""
 _SENSES = {1.0: 1, -1.0: -1}
 
 
@@ -36,7 +34,8 @@ def to_message(report: MemberReport) -> Message:
 
 def is_report(message: Message) -> bool:
     """True if a message holds a report in this version of the format."""
-    return bool(message.get_msgId() == MESSAGE and message.name == NAME)
+    ours = message.get_srcComponent() == COMPONENT and message.name == NAME
+    return bool(ours and message.get_msgId() == MESSAGE)
 
 
 def from_message(message: Message) -> MemberReport:

@@ -19,6 +19,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import exp, log, pi, sqrt
 
+from circnav_mav.extras.fleet.offset import PhaseOffset
 from circnav_mav.extras.fleet.phase import LAP
 from circnav_mav.extras.fleet.report import MemberReport, State
 
@@ -143,8 +144,10 @@ class Adjustment:
     speed: factor of the speed.
     error: smoothed lag u, rad, None while not on the circle.
     counted: phases of the members on the circle including this one, rad, by id.
+    own: state of this member at this step.
     """
 
+    own: OwnState
     state: State
     offset: float
     speed: float
@@ -160,9 +163,8 @@ class Spacing:
         self.settings = settings
         self.known: dict[int, MemberReport] = {}
         """Newest report of every other member."""
-        self.offsets: dict[int, float] = {}
-        """Correction of the phase of every other member, rad, for the difference of the
-        compasses."""
+        self.offsets: dict[int, PhaseOffset] = {}
+        """Correction of the phase of every other member for the difference of the compasses."""
         self.sense = settings.sense
         """Current sense of rotation, which the operator may reverse."""
         self.trim = 0.0
@@ -193,7 +195,8 @@ class Spacing:
         }
         # Skip phases with a sigma above half the even gap: their rank on the ring is uncertain.
         sure = {m: r for m, r in ring.items() if r.phase_sigma <= pi / (len(ring) + 1)}
-        return {m: (r.phase_at(now) + self.offsets.get(m, 0.0)) % LAP for m, r in sure.items()}
+        known = {m: one.value for m, one in self.offsets.items()}
+        return {m: (r.phase_at(now) + known.get(m, 0.0)) % LAP for m, r in sure.items()}
 
     def step(self, now: float, own: OwnState) -> Adjustment:
         """Return the changes of radius and speed for this time."""
@@ -206,7 +209,7 @@ class Spacing:
             self._decay(dt, FORGET_ALONE)
             # Members that leave, or wait for a free height layer, fly in the outer lane.
             waits = state is State.LEAVING or (state is State.PHASE_KNOWN and own.shares_layer)
-            return Adjustment(state, self.settings.lane if waits else 0.0, 1.0, None, others)
+            return Adjustment(own, state, self.settings.lane if waits else 0.0, 1.0, None, others)
         counted = others | {self.settings.member: own.phase}
         error = slot_errors(counted)[self.settings.member]
         before = error if self._error is None else self._error
@@ -273,7 +276,7 @@ class Spacing:
         quick = GAIN * (self._error - self._closing(own.range)) + self.trim
         faster = min(max(quick, -settings.speed_share), settings.speed_share)
         inward = min(max(quick - faster, -settings.radius_share), settings.radius_share)
-        return Adjustment(state, -inward * settings.radius, 1 + faster, self._error, counted)
+        return Adjustment(own, state, -inward * settings.radius, 1 + faster, self._error, counted)
 
 
 def least_time_to_even(n: int, angular_rate: float, most: float) -> float:

@@ -10,7 +10,6 @@ from circnav_mav.extras.fleet.law import (
     least_time_to_even,
 )
 from circnav_mav.extras.fleet.settings import FleetTable
-from circnav_mav.guidance.circle_change import CircleRequest, obstacle
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
 from circnav_mav.mission.mission import Mission
 
@@ -27,19 +26,10 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
     changes."""
     orbit = mission.orbit
     limits = mission.pilot_settings().circle_limits
-    # Largest offset of the radius, inward and outward, that the mission's bounds allow, m.
-    # 25: largest offset that the fleet law uses, m.
-    inward, outward = (
-        max(
-            (
-                float(room)
-                for room in range(25 + 1)
-                if not obstacle(CircleRequest(offset=side * room), orbit, limits)
-            ),
-            default=0.0,
-        )
-        for side in (-1, 1)
-    )
+    tightest = orbit.speed / (limits.turn_gain * orbit.max_turn_rate)
+    # 1.0: distance kept from the bounds, m.
+    inward = orbit.radius - max(limits.nearest, tightest) - 1.0
+    outward = limits.farthest - orbit.radius - 1.0
     return SpacingSettings(
         member=member,
         radius=orbit.radius,
@@ -48,8 +38,8 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
         speed_share=0.0 if limits.keeps_speed else MAX_SPEED_SHARE,
         # A copter changes only its speed for the spacing: the speed is enough, and the circle stays
         # the same.
-        inward=0.0 if mission.file.vehicle.kind == "copter" else inward,
-        outward=outward,
+        inward=0.0 if mission.file.vehicle.kind == "copter" else max(inward, 0.0),
+        outward=max(outward, 0.0),
     )
 
 

@@ -6,7 +6,7 @@ from math import inf
 
 from circnav_mav.cli.exits import Refused
 from circnav_mav.extras.fleet.acceptance import CLOCK_TOLERANCE, Rejection
-from circnav_mav.extras.fleet.onlooker import layer_lines, mission_carrier
+from circnav_mav.extras.fleet.onlooker import layer_lines, mission_link
 from circnav_mav.extras.fleet.report import MemberReport
 from circnav_mav.extras.fleet.settings import FleetTable
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check
@@ -47,16 +47,16 @@ def _listen(
     """Return the newest report of each member, the counts of rejections and the problems. Raises
     Refused."""
     # The stamps are UTC of the autopilots. Before the flight, this computer cannot check them.
-    carrier = mission_carrier(table, inf if table.clock == "autopilot" else CLOCK_TOLERANCE)
+    link = mission_link(table, inf if table.clock == "autopilot" else CLOCK_TOLERANCE)
     newest: dict[int, MemberReport] = {}
     until = steady() + seconds
     try:
         while steady() < until:
-            newest |= {report.member: report for report in carrier.received(unix_time())}
+            newest |= {report.member: report for report in link.received(unix_time())}
             select.select([], [], [], 0.05)
-        return newest, dict(carrier.acceptance.rejected), carrier.alarms(unix_time())
+        return newest, dict(link.acceptance.rejected), link.alarms(unix_time())
     finally:
-        carrier.close()
+        link.close()
 
 
 def judge_fleet(

@@ -1,6 +1,7 @@
 """Figures of a fleet from its true tracks: evenness in time, separation, radius."""
 
 from dataclasses import asdict, dataclass
+from itertools import combinations
 from math import inf
 from typing import Any
 
@@ -104,21 +105,16 @@ def figures(tracks: Tracks) -> FleetFigures:
 def _separation(tracks: Tracks) -> tuple[float | None, float | None, int]:
     """Return the smallest horizontal and vertical distance of two steered members, m, and the
     number of pairs that were too near each other."""
-    east = np.array(tracks.east)
-    north = np.array(tracks.north)
-    height = np.array(tracks.height)
+    places = np.array([tracks.east, tracks.north, tracks.height])
     flying = np.array(tracks.flying)
     beside = []
     above = []
     near = 0
-    for i in range(east.shape[1] if len(east) else 0):
-        for j in range(i):
-            both = flying[:, i] & flying[:, j]
-            if not both.any():
-                continue
-            flat = np.hypot(east[:, i] - east[:, j], north[:, i] - north[:, j])[both]
-            up = np.abs(height[:, i] - height[:, j])[both]
+    for i, j in combinations(range(len(tracks.flying and tracks.flying[0])), 2):
+        east, north, up = (places[:, :, i] - places[:, :, j])[:, flying[:, i] & flying[:, j]]
+        if len(up):
+            flat = np.hypot(east, north)
             beside.append(float(flat.min()))
-            above.append(float(up.min()))
-            near += bool(((flat < NEAR_BESIDE) & (up < NEAR_ABOVE)).any())
+            above.append(float(np.abs(up).min()))
+            near += bool(((flat < NEAR_BESIDE) & (np.abs(up) < NEAR_ABOVE)).any())
     return min(beside, default=None), min(above, default=None), near

@@ -12,14 +12,12 @@ from math import acos, atan2, exp, hypot, inf, radians, sin, sqrt
 
 from circnav_mav.extras.fleet.phase import Drift, PhaseMap, wrapped
 
-PRIOR = radians(3.0)
-"""Standard deviation of the phase difference of two members caused by their compasses, rad."""
-MOST_BY_DRIFT = radians(10.0)
-"""Limit of the offset computed from the directions of two drifts, rad. Gusts and wind shear between
-the height layers also change these directions."""
-MOST_BY_RANGE = radians(30.0)
-"""Largest offset computed from the distance of two members, rad. A larger one is discarded: the
-other member was then assumed on the wrong side."""
+PRIOR = radians(7.0)
+"""Standard deviation of the phase difference of two members caused by their compasses, rad: two
+compass errors of 5 deg."""
+MOST = 3 * PRIOR
+"""Largest offset that is used, rad. A larger one has another cause: wind shear between the height
+layers, or a member that was assumed on the wrong side of the circle."""
 LEAST_DRIFT = 1.0
 """Smallest reported drift from which an offset is computed, m/s. The direction of a slower drift is
 too uncertain."""
@@ -31,23 +29,35 @@ CORRELATION = 15.0
 
 @dataclass(slots=True)
 class PhaseOffset:
-    """Filter of the offset: a weighted mean of observations and of the prior 0."""
+    """Filter of the offset: a weighted mean of observations and of the prior 0.
 
+    stamp: time of the newest observations, s.
+    """
+
+    stamp: float
     _sum: float = 0.0
     _weight: float = 0.0
 
     @property
     def value(self) -> float:
         """Offset, rad, to be added to the phase of the other member."""
-        return self._sum / (self._weight + 1 / PRIOR**2)
+        return self._sum * self.sigma**2
 
-    def observe(self, seen: Iterable[tuple[float, float]], dt: float) -> None:
-        """Add observations of the offset, each with its standard deviation, rad. dt: time since the
-        previous observations, s."""
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the offset, rad."""
+        return 1 / sqrt(self._weight + 1 / PRIOR**2)
+
+    def observe(self, seen: Iterable[tuple[float, float]], stamp: float) -> None:
+        """Add observations of the offset, each with its standard deviation, rad."""
+        dt = min(max(stamp - self.stamp, 0.0), 1.0)
+        self.stamp = stamp
         keep = exp(-dt / MEMORY)
         self._sum *= keep
         self._weight *= keep
         for offset, sigma in seen:
+            if abs(offset) > MOST:
+                continue
             # 0.01: smallest standard deviation of a direction, rad. A reported covariance may be
             # too small.
             weight = dt / CORRELATION / max(sigma, 0.01) ** 2
@@ -55,19 +65,18 @@ class PhaseOffset:
             self._weight += weight
 
 
-def offset_by_drift(own: Drift, other: Drift, sense: int, rate: float) -> tuple[float, float]:
+def offset_by_drift(own: Drift, other: Drift, sense: int, phases: PhaseMap) -> tuple[float, float]:
     """Return the offset computed from the directions of two drifts, and its standard deviation,
     rad.
 
-    rate: derivative of the phase with respect to the angle at angle 0, from which both members
-        count their phases.
+    phases: phase of this member as a function of its angle. Both members count from angle 0.
     """
     if min(hypot(*own.mean), hypot(*other.mean)) < LEAST_DRIFT:
         return 0.0, inf
     turn = atan2(*other.mean[::-1]) - atan2(*own.mean[::-1])
     sigma = hypot(_direction_sigma(own), _direction_sigma(other))
-    offset = -sense * wrapped(turn) * rate
-    return min(max(offset, -MOST_BY_DRIFT), MOST_BY_DRIFT), sigma * rate
+    offset, rate = phases.at(-sense * turn)
+    return wrapped(offset), sigma * rate
 
 
 def offset_by_range(
@@ -98,10 +107,9 @@ def offset_by_range(
         return 0.0, inf
     gap = acos(cosine)
     found, rate = phases.at(angle + (gap if ahead >= 0 else -gap))
-    offset = wrapped(found - phase)
     # 1.0: standard deviation of the distance and of the radii together, m.
     sigma = 1.0 * distance / (one * other * sin(gap)) * rate
-    return (offset, sigma) if abs(offset) <= MOST_BY_RANGE else (0.0, inf)
+    return wrapped(found - phase), sigma
 
 
 def _direction_sigma(drift: Drift) -> float:

@@ -25,7 +25,7 @@ def draw_fleet(tracks: Tracks, path: Path) -> None:
     # most changes happen.
     share = np.array([0.0, 0.08, 0.2, 0.34, 0.52, 0.95])
     for place, index in enumerate((first + share * (last - first)).astype(int)):
-        _frame(figure.add_subplot(grid[0, place]), tracks, int(index), is_first=place == 0)
+        _frame(figure.add_subplot(grid[0, place]), tracks, int(index))
     _gaps(figure.add_subplot(grid[1, :]), tracks)
     figure.savefig(path, dpi=110)
 
@@ -39,7 +39,7 @@ def animate_fleet(tracks: Tracks, path: Path) -> None:
     with writer.saving(figure, path, dpi=90):
         for index in np.linspace(first, last, 50).astype(int):
             axes.clear()
-            _frame(axes, tracks, int(index), is_first=True)
+            _frame(axes, tracks, int(index))
             writer.grab_frame()
 
 
@@ -50,59 +50,24 @@ def _flown(tracks: Tracks) -> tuple[int, int]:
     return (int(on[0]), int(on[-1])) if len(on) else (0, len(tracks.time) - 1)
 
 
-def _color(member: int) -> str:
-    return COLORS[member % len(COLORS)]
-
-
-def _frame(axes: Axes, tracks: Tracks, index: int, *, is_first: bool) -> None:
-    """Draw one snapshot with the fading trail of each member. The first snapshot has a scale bar
-    and a drift arrow."""
-    east, north = np.array(tracks.east), np.array(tracks.north)
+def _frame(axes: Axes, tracks: Tracks, index: int) -> None:
+    """Draw one snapshot with the fading trail of each member."""
     # 15.0: length of the trails, s.
     since = max(index - round(15.0 / SAMPLE_EVERY), 0)
     angle = np.linspace(0.0, LAP, 200)
-    axes.plot(
-        tracks.radius * np.cos(angle), tracks.radius * np.sin(angle), color="0.75", ls="--", lw=0.8
-    )
+    circle = tracks.radius * np.cos(angle), tracks.radius * np.sin(angle)
+    axes.plot(*circle, color="0.75", ls="--", lw=0.8)
     axes.plot(0, 0, "x", color="0.3", ms=5)
     extent = 1.35 * tracks.radius
-    for member in range(east.shape[1]):
-        trail = np.column_stack([east[since : index + 1, member], north[since : index + 1, member]])
-        if len(trail) > 1:
-            pieces = np.stack([trail[:-1], trail[1:]], axis=1)
-            fading = np.linspace(0.0, 1.0, len(pieces))
-            axes.add_collection(
-                LineCollection(list(pieces), colors=_color(member), alpha=fading, lw=1.6)
-            )
-        here = trail[-1]
-        if max(map(abs, here)) < extent:
-            axes.plot(*here, "o", color=_color(member), ms=9)
-            axes.text(
-                here[0],
-                here[1],
-                str(member + 1),
-                color="white",
-                fontsize=6.5,
-                weight="bold",
-                ha="center",
-                va="center_baseline",
-            )
-    if is_first:
-        low = -0.93 * extent
-        axes.plot([low, low + tracks.radius], [low, low], color="0.3", lw=1.2)
-        axes.text(low, low, f"{tracks.radius:g} m", fontsize=7, color="0.3", va="bottom")
-        drift = np.array(tracks.drift[index])
-        # 0.3: smallest drift that is drawn, m/s.
-        if (speed := float(np.hypot(*drift))) > 0.3:
-            tail = np.array([0.0, 0.35]) * extent
-            tip = 0.5 * extent * drift / speed
-            arrow = {"arrowstyle": "->", "color": "0.4"}
-            axes.annotate(
-                "", (tail + tip / 2).tolist(), (tail - tip / 2).tolist(), arrowprops=arrow
-            )
-            axes.text(
-                0, -0.3 * extent, f"wind {speed:.0f} m/s", fontsize=7, color="0.4", ha="center"
-            )
+    trails = np.array([tracks.east, tracks.north])[:, since : index + 1]
+    fading = np.linspace(0.0, 1.0, trails.shape[1])
+    for member, trail in enumerate(trails.transpose(2, 1, 0)):
+        color = COLORS[member % len(COLORS)]
+        pieces = np.stack([trail[:-1], trail[1:]], axis=1)
+        axes.add_collection(LineCollection(list(pieces), colors=color, alpha=fading[1:], lw=1.6))
+        axes.plot(*trail[-1], "o", color=color, ms=9)
+        place = {"ha": "center", "va": "center_baseline", "clip_on": True}
+        axes.text(*trail[-1], str(member + 1), color="white", fontsize=6.5, weight="bold", **place)
     axes.set(xlim=(-extent, extent), ylim=(-extent, extent), aspect="equal", xticks=[], yticks=[])
     axes.set_title(f"{tracks.time[index]:.0f} s", fontsize=10)
     axes.spines[:].set_visible(False)
@@ -113,6 +78,10 @@ def _gaps(axes: Axes, tracks: Tracks) -> None:
     errors = np.degrees(gap_errors(tracks))
     axes.semilogy(tracks.time, np.maximum(errors, 0.5), color="0.2", lw=1.2)
     axes.axhline(5.0, color="#ee6677", ls="--", lw=1.0)
-    axes.set(xlabel="time, s", title="Worst gap error, deg (aim: 5)", ylim=(0.5, 400))
+    axes.set(
+        xlabel="time, s",
+        title=f"Worst gap error, deg (aim: 5), circle of {tracks.radius:g} m",
+        ylim=(0.5, 400),
+    )
     axes.title.set_fontsize(10)
     axes.grid(alpha=0.3, which="both")

@@ -13,6 +13,11 @@ class State(IntEnum):
     ON_CIRCLE = 2
     LEAVING = 3
 
+    @property
+    def words(self) -> str:
+        """Human-readable name."""
+        return self.name.lower().replace("_", " ")
+
 
 @dataclass(frozen=True, slots=True)
 class MemberReport:

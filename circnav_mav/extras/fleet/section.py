@@ -43,6 +43,7 @@ def _figures(found: dict[str, Any]) -> dict[str, str]:
         "members": ("ids of all members", ""),
         "even_after_s": ("time from entering the circle to even within 5 deg", " s"),
         "worst_gap_deg": ("largest gap error from then on, rms", " deg"),
+        "compass_deg": ("standard deviation of the gaps by compass errors, at the end", " deg"),
         "nearest_layer_m": ("smallest vertical distance to another member", " m"),
         "nearest_m": ("smallest measured distance to another member", " m"),
     }

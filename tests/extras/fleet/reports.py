@@ -35,10 +35,9 @@ def report(member: int, stamp: float, **changes) -> MemberReport:
     return replace(made, **changes)
 
 
-def frame(one: MemberReport, key: bytes | None = None, ahead: float = 0.0) -> bytes:
-    """Return the frame of a report as its sender encodes it. ahead: error of the sender's signing
-    clock, s."""
+def frame(one: MemberReport, key: bytes | None = None) -> bytes:
+    """Return the frame of a report as its sender encodes it."""
     signing = None if key is None else Signing(key, link_id=1)
     if signing is not None:
-        signing.advance(one.stamp + ahead)
+        signing.advance(one.stamp)
     return Encoder(one.member, COMPONENT, signing).encode(to_message(one))

@@ -9,6 +9,7 @@ import pytest
 from circnav_mav.extras.fleet.evenness import rms
 from circnav_mav.extras.fleet.law import (
     SILENT,
+    Adjustment,
     OwnState,
     Spacing,
     SpacingSettings,
@@ -16,8 +17,10 @@ from circnav_mav.extras.fleet.law import (
     slot_errors,
 )
 from circnav_mav.extras.fleet.offset import PhaseOffset, offset_by_drift, offset_by_range
+from circnav_mav.extras.fleet.onlooker import fleet_line
 from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, wrapped
 from circnav_mav.extras.fleet.report import MemberReport, State
+from circnav_mav.extras.fleet.ring_log import RingLog
 from tests.extras.fleet.kinematic import STEP, Fleet, World, time_to_even
 
 
@@ -70,22 +73,42 @@ def test_compass_offset_is_learned_from_common_drift(sense):
     # phase in the axes rotated by the compass bias, minus the true phase: the learned offset
     wrong = wrapped(turned_map.at(angle + sense * bias)[0] - right.at(angle)[0])
     assert abs(wrong) > radians(3.0)
-    found = PhaseOffset()
+    found = PhaseOffset(0.0)
     covariance = (0.005, 0.0, 0.005)
-    for _ in range(600):
-        seen = offset_by_drift(
-            Drift(drift, covariance), Drift(turned, covariance), sense, right.at(0.0)[1]
-        )
-        found.observe([seen], 0.2)
+    for step in range(600):
+        seen = offset_by_drift(Drift(drift, covariance), Drift(turned, covariance), sense, right)
+        found.observe([seen], 0.2 * step)
     assert found.value == pytest.approx(-wrong, abs=radians(0.8))
 
 
 def test_compass_offset_stays_zero_in_weak_drift():
     weak = Drift((0.6, 0.0), (1e-6, 0.0, 1e-6))
     turned = Drift((0.0, 0.6), (1e-6, 0.0, 1e-6))
-    found = PhaseOffset()
-    found.observe([offset_by_drift(weak, turned, 1, 1.0)], 1.0)
+    found = PhaseOffset(0.0)
+    found.observe([offset_by_drift(weak, turned, 1, PhaseMap.of(15.0, weak.mean, 1))], 1.0)
     assert found.value == 0.0
+
+
+@pytest.mark.parametrize(("drift", "even"), [((4.0, -3.0), 0.0), ((0.0, 0.0), None)])
+def test_member_reports_even_gaps_only_with_compared_compasses(drift, even):
+    """The exchanged phases are even. Only the drift shows the difference of the compasses."""
+    log = RingLog()
+    offsets = {2: PhaseOffset(0.0)}
+    own = Drift(drift, (0.01, 0.0, 0.01))
+    for step in range(600):
+        now = 0.2 * step
+        seen = offset_by_drift(own, own, 1, PhaseMap.of(15.0, drift, 1))
+        offsets[2].observe([seen], now)
+        if now > 60.0:
+            adjusted = Adjustment(
+                OwnState(0.0, 0.01, 100.0), State.ON_CIRCLE, 0.0, 1.0, 0.0, {1: 0.0, 2: pi}
+            )
+            log.step(now, adjusted, 2, offsets, {})
+    found = log.figures()
+    assert found["even_after_s"] == even
+    line = fleet_line(found | {"id": 1, "members": [1, 2]})
+    assert ("evenness unknown, gaps known to 7.0 deg" in line) == (even is None)
+    assert found["compass_deg"] == pytest.approx(7.0 if even is None else 0.9, abs=0.2)
 
 
 @pytest.mark.parametrize("ahead", [1.2, -1.2])
@@ -93,10 +116,10 @@ def test_compass_offset_is_learned_from_range_between_members(ahead):
     phases = PhaseMap.of(15.0, (0.0, 0.0), 1)
     distance = hypot(2 * 100.0 * sin(1.2 / 2), 15.0)
     reported = 0.5 + ahead + radians(5.0)
-    found = PhaseOffset()
-    for _ in range(600):
+    found = PhaseOffset(0.0)
+    for step in range(600):
         seen = offset_by_range(distance, 15.0, (100.0, 100.0), 0.5, ahead, reported, phases)
-        found.observe([seen], 0.2)
+        found.observe([seen], 0.2 * step)
     assert degrees(found.value) == pytest.approx(-5.0, abs=0.3)
 
 

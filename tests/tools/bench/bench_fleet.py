@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 
 from circnav_mav.extras.fleet.evenness import even_from
-from circnav_mav.extras.fleet.flight import bare_fleet
 from circnav_mav.extras.fleet.metrics import figures, gap_errors
 from circnav_mav.extras.fleet.report import State
+from tests.extras.fleet.bare import bare_fleet
 
 CONFIG = Path(__file__).parents[3] / "config"
 PLANE = (

@@ -1,16 +1,17 @@
-"""Carrier of the fleet's reports between companion computers, on a separate socket, never through
-an autopilot.
+"""Link of a fleet member: reports to and from the other members, between the companion computers,
+never through an autopilot.
 
-Transport: UDP multicast, or a list of peers. An open carrier never blocks and never raises: a
-network failure raises an alarm and is retried. The carrier reads no clock: it uses the stamp of
-this member's report, and the argument `now` of `received`.
+Transport: UDP multicast, or a list of peers. An open link never blocks and never raises: a network
+failure raises an alarm and is retried. The link reads no clock: it uses the stamp of this member's
+report, and the argument `now` of `received`.
 """
 
 import socket
 import struct
 import sys
-from collections.abc import Hashable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from ipaddress import ip_address
 from math import inf
 from random import Random
@@ -23,36 +24,31 @@ from circnav_mav.extras.fleet.acceptance import (
     Rejection,
     check_numbers,
 )
-from circnav_mav.extras.fleet.frames import COMPONENT, LONGEST_FRAME, to_message
+from circnav_mav.extras.fleet.frames import COMPONENT, to_message
 from circnav_mav.extras.fleet.report import MemberReport
+from circnav_mav.extras.fleet.settings import PORT
 from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.signing import Signing, without_signature
-from circnav_mav.runtime.endpoint import LinkError, explain, parse_endpoint, resolve
+from circnav_mav.runtime.endpoint import Endpoint, LinkError, explain, parse_endpoint, resolve
+from circnav_mav.runtime.links import UdpLink
 
 MULTICAST = "239.255.145.51"
 """Multicast group of the fleet."""
-PORT = 14560
-"""UDP port of the fleet, next to the usual ports of ground stations."""
 MOST_DATAGRAMS = 64
-"""Largest number of datagrams read in one step. At 5 Hz each, 255 members send this many in 50
+"""Largest number of datagrams processed in one step. At 5 Hz each, 255 members send this many in 50
 ms."""
-RECEIVE_BUFFER = 1 << 16
-"""Receive buffer of the socket, bytes. Linux doubles it, so that it holds about 170 reports. A
-longer queue would only delay reports."""
 RETRY = 2.0
 """Time, s, between two attempts to open the socket."""
-PROBLEM_LASTS = 5.0
-"""Time, s, for which a problem is reported after it last occurred."""
 
 Datagram = tuple[bytes, Hashable]
 
 
-class FrameCarrier:
-    """Sends and receives reports as signed MAVLink frames over a port."""
+class FleetLink:
+    """Sends and receives reports as signed MAVLink frames."""
 
     def __init__(
         self,
-        port: "UdpPort | LocalPort",
+        transport: "Transport | LocalPort",
         group: int,
         member: int,
         key: bytes | None = None,
@@ -66,16 +62,13 @@ class FrameCarrier:
         # timestamp that signs commands to the autopilot.
         # 1: link id of signatures on the fleet link. The vehicle's link has 0.
         signing = None if key is None else Signing(key, link_id=1)
-        self.acceptance = Acceptance(group, member, key, hosts=port.hosts, tolerance=tolerance)
+        self.acceptance = Acceptance(group, member, key, tolerance=tolerance)
         self.sent = 0
-        self._port = port
+        self._transport = transport
         self._signing = signing
-        self._ids = group, member
         self._encoder = Encoder(member, COMPONENT, signing)
         self._frames: list[bytes] = []
         self._sent_at = -inf
-        self._problem = ""
-        self._problem_at = -inf
 
     def send(self, report: MemberReport) -> None:
         """Send a report, unless the last one was sent less than 0.2 s ago."""
@@ -88,14 +81,9 @@ class FrameCarrier:
         if abs(now - self._sent_at) < 0.2 - 0.01:
             return
         try:
-            if (report.group, report.member) != self._ids:
-                raise RejectedError(
-                    Rejection.OUT_OF_BOUNDS,
-                    f"ids {report.group}, {report.member} are not those of this member",
-                )
             check_numbers(report)
         except RejectedError as wrong:
-            self._note(f"this member's report is not sent: {wrong}", now)
+            self.acceptance.note(Rejection.LINK, f"the report of this member: {wrong}", now)
             return
         self._sent_at = now
         if self._signing is not None:
@@ -103,22 +91,22 @@ class FrameCarrier:
         frame = self._encoder.encode(to_message(report))
         # Multicast sends this frame back to this member.
         self.acceptance.remember(frame, now)
-        if problem := self._port.send(frame, now):
-            self._note(problem, now)
-        else:
+        if self._transport.send(frame, now):
             self.sent += 1
             self._record(frame)
+        self._note_problems(now)
 
     def received(self, now: float) -> list[MemberReport]:
         """Return the reports accepted since the last call. now: Unix time, s; in lockstep the
         simulated time, s."""
-        datagrams = self._port.receive(MOST_DATAGRAMS, now)
-        if len(datagrams) == MOST_DATAGRAMS:
+        datagrams = self._transport.receive(now)
+        self._note_problems(now)
+        if len(datagrams) > MOST_DATAGRAMS:
             self.acceptance.note(
                 Rejection.FLOOD, f"more than {MOST_DATAGRAMS} datagrams in a step", now
             )
         reports = []
-        for data, address in datagrams:
+        for data, address in datagrams[:MOST_DATAGRAMS]:
             if (report := self.acceptance.take(data, address, now)) is not None:
                 reports.append(report)
                 self._record(data)
@@ -132,10 +120,7 @@ class FrameCarrier:
 
     def alarms(self, now: float) -> list[str]:
         """Return the problems of the link, one line each."""
-        problem = (
-            [f"fleet link: {self._problem}"] if abs(now - self._problem_at) <= PROBLEM_LASTS else []
-        )
-        return problem + self.acceptance.alarms(now)
+        return self.acceptance.alarms(now)
 
     def summary(self) -> dict[str, Any]:
         """Return the counts of the link for summary.json."""
@@ -150,22 +135,25 @@ class FrameCarrier:
         }
 
     def close(self) -> None:
-        """Close the port."""
-        self._port.close()
+        """Close the transport."""
+        self._transport.close()
 
     def _record(self, frame: bytes) -> None:
         # 4096: largest number of frames that wait for the recorder. Later frames are not recorded.
         if len(self._frames) < 4096:
             self._frames.append(without_signature(frame))
 
-    def _note(self, problem: str, now: float) -> None:
-        self._problem = problem
-        self._problem_at = now
+    def _note_problems(self, now: float) -> None:
+        for problem in self._transport.problems:
+            self.acceptance.note(Rejection.LINK, problem, now)
 
 
-class UdpPort:
-    """A UDP socket: multicast, or a list of peers. A socket that fails is closed and opened
-    again."""
+class Transport:
+    """A UDP socket for the multicast group or for a list of peers. A socket that fails is closed
+    and opened again.
+
+    problems: problems of the newest call.
+    """
 
     def __init__(self, port: int = PORT, interface: str = "", peers: Sequence[str] = ()) -> None:
         """interface: name or IPv4 address of the network interface for multicast, empty for the
@@ -174,59 +162,58 @@ class UdpPort:
 
         Raises LinkError if an endpoint is invalid or in use. A missing network is not an error.
         """
-        self._port = port
-        self._interface = interface
-        self._peers = [_peer(text) for text in peers]
-        if len({family for family, _ in self._peers}) > 1:
+        found = [_peer(text) for text in peers]
+        families = {family for family, _ in found}
+        if len(families) > 1:
             raise LinkError(
                 f"fleet peers {', '.join(peers)}: use either IPv4 or IPv6 for all of them"
             )
-        # Addresses of allowed senders, None for all senders.
-        self.hosts = frozenset(address[0] for _, address in self._peers) if self._peers else None
-        self._socket: socket.socket | None = None
+        self.problems: list[str] = []
+        self._where = "peers"
+        self._open: Callable[[], UdpLink]
+        self._targets: list[Any] = [address for _, address in found] or [(MULTICAST, port)]
+        self._multicasts = not peers
+        if peers:
+            any_host = "::" if socket.AF_INET6 in families else "0.0.0.0"
+            hosts = [address[0].partition("%")[0] for address in self._targets]
+            self._open = partial(UdpLink, Endpoint("udpin", any_host, port), hosts)
+        else:
+            self._where = f"{MULTICAST} on {interface or 'the default interface'}"
+            self._open = partial(MulticastLink, port, interface)
+        self._link: UdpLink | None = None
         self._retry_at = self._received_at = -inf
-        self._problem: str | None = None
         try:
-            self._socket = self._open()
+            self._link = self._open()
         except OSError as error:
-            if self._peers:
+            if peers:
                 raise LinkError(f"fleet link on port {port}: {explain(error)}") from None
-            self._problem = self._explain(error)
 
-    def send(self, frame: bytes, now: float) -> str | None:
-        """Send a frame to the group or to every peer. Return the problem, or None."""
-        opened = self._opened(now)
-        if opened is None:
-            return self._problem
-        self._problem = None
-        for address in [address for _, address in self._peers] or [(MULTICAST, self._port)]:
-            try:
-                opened.sendto(frame, address)
-            except OSError as error:
-                self._problem = self._explain(error)
+    def send(self, frame: bytes, now: float) -> bool:
+        """Send a frame to the group or to every peer. Return True if all were sent."""
+        link = self._opened(now)
+        if link is None:
+            return False
+        for target in self._targets:
+            link.send(frame, target)
+        self._take_problems(link)
         # Keep the socket if a peer is unreachable: the other peers still receive.
-        if self._problem and not self._peers:
+        if self.problems and self._multicasts:
             self._close(now)
-        return self._problem
+        return not self.problems
 
-    def receive(self, most: int, now: float) -> list[Datagram]:
-        """Return at most this number of datagrams that have arrived."""
-        datagrams: list[Datagram] = []
-        opened = self._opened(now)
-        for _ in range(most if opened else 0):
-            assert opened is not None
-            try:
-                datagrams.append(opened.recvfrom(LONGEST_FRAME + 1))
-            except BlockingIOError:
-                break
-            except OSError as error:  # a peer without a socket on its port is reported by ICMP
-                self._problem = self._explain(error)
+    def receive(self, now: float) -> list[Datagram]:
+        """Return the datagrams that have arrived."""
+        link = self._opened(now)
+        if link is None:
+            return []
+        datagrams = link.receive(now)
+        self._take_problems(link)
         if datagrams or self._received_at == -inf:
             self._received_at = now
         # 5.0: time without any datagram after which a multicast socket is reopened, s. The socket
         # also receives this member's own datagrams, so silence is a fault: unplugging an interface
         # ends the group membership without an error.
-        elif not self._peers and abs(now - self._received_at) > 5.0:
+        elif self._multicasts and abs(now - self._received_at) > 5.0:
             self._received_at = now
             self._close(now - RETRY)
         return datagrams
@@ -235,46 +222,44 @@ class UdpPort:
         """Close the socket. It is not opened again."""
         self._close(inf)
 
-    def _opened(self, now: float) -> socket.socket | None:
+    def _opened(self, now: float) -> UdpLink | None:
         """Return the socket. Reopen it if a retry is due."""
-        if self._socket is None and self._retry_at != inf and abs(now - self._retry_at) >= RETRY:
+        if self._link is None and self._retry_at != inf and abs(now - self._retry_at) >= RETRY:
             self._retry_at = now
             try:
-                self._socket = self._open()
+                self._link = self._open()
                 self._received_at = now
+                self.problems = []
             except OSError as error:
-                self._problem = self._explain(error)
-        return self._socket
+                self.problems = [f"{self._where}: {explain(error)}"]
+        return self._link
+
+    def _take_problems(self, link: UdpLink) -> None:
+        """Move the problems of the socket to `problems`."""
+        self.problems = [f"{self._where}: {trouble}" for trouble in link.troubles]
+        link.troubles.clear()
 
     def _close(self, now: float) -> None:
         self._retry_at = now
-        if self._socket is not None:
-            with suppress(OSError):
-                self._socket.close()
-        self._socket = None
+        if self._link is not None:
+            self._link.close()
+        self._link = None
 
-    def _open(self) -> socket.socket:
-        """Return a bound nonblocking socket. Raises OSError."""
-        family = self._peers[0][0] if self._peers else socket.AF_INET
-        opened = socket.socket(family, socket.SOCK_DGRAM)
-        try:
-            opened.setblocking(False)
-            opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
-            if self._peers:
-                opened.bind(("", self._port))
-            else:
-                self._join(opened)
-        except OSError:
-            opened.close()
-            raise
-        return opened
 
-    def _join(self, opened: socket.socket) -> None:
-        """Bind the socket to the group and join the group. Datagrams to other addresses of this
-        computer are then not received."""
+class MulticastLink(UdpLink):
+    """UDP socket of the multicast group. Datagrams to other addresses of this computer are not
+    received."""
+
+    def __init__(self, port: int, interface: str) -> None:
+        """Raises OSError."""
+        self._interface = interface
+        super().__init__(Endpoint("udpin", MULTICAST, port), ())
+
+    def _bind(self, address: Any) -> None:
+        opened = self._socket
         membership = _membership(self._interface)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        opened.bind((MULTICAST, self._port))
+        opened.bind(address)
         # Time to live 1: no router forwards the datagram.
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
@@ -287,23 +272,17 @@ class UdpPort:
         if self._interface:
             opened.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, membership)
 
-    def _explain(self, error: OSError) -> str:
-        where = (
-            "peers"
-            if self._peers
-            else f"{MULTICAST} on {self._interface or 'the default interface'}"
-        )
-        return f"reports can be neither sent to nor received from {where}: {explain(error)}"
-
 
 class LocalNetwork:
     """Simulated network of a fleet in lockstep, within one process. It drops and delays frames,
-    reproducibly for each seed."""
+    reproducibly for each seed.
+
+    cut: addresses that neither send nor receive.
+    """
 
     def __init__(self, loss: float = 0.0, delay: float = 0.0, seed: int = 0) -> None:
         """loss: share of frames lost at each receiver. delay: delay of each frame, s."""
         self.cut: set[Hashable] = set()
-        """Addresses that neither send nor receive."""
         self._loss = loss
         self._delay = delay
         self._random = Random(f"{seed}:fleet link")
@@ -322,32 +301,31 @@ class LocalNetwork:
                 port.under_way.append((now + self._delay, frame, sender.address))
 
 
+@dataclass(eq=False)
 class LocalPort:
-    """A port of a `LocalNetwork`."""
+    """A port of a `LocalNetwork`.
 
-    hosts: frozenset[str] | None = None
+    under_way: time of arrival, frame and sender of each datagram.
+    """
 
-    def __init__(self, network: LocalNetwork, address: Hashable) -> None:
-        self.under_way: list[tuple[float, bytes, Hashable]] = []
-        """Time of arrival, frame and sender of each datagram."""
-        self.address = address
-        self._network = network
+    network: LocalNetwork
+    address: Hashable
+    under_way: list[tuple[float, bytes, Hashable]] = field(default_factory=list)
+    problems: Sequence[str] = ()
 
-    def send(self, frame: bytes, now: float) -> str | None:
+    def send(self, frame: bytes, now: float) -> bool:
         """Send a frame to every other port."""
-        self._network.deliver(frame, self, now)
-        return None
+        self.network.deliver(frame, self, now)
+        return True
 
-    def receive(self, most: int, now: float) -> list[Datagram]:
-        """Return at most this number of datagrams that have arrived. The rest is lost, as in a full
-        socket."""
+    def receive(self, now: float) -> list[Datagram]:
+        """Return the datagrams that have arrived."""
         arrived = [(frame, sender) for due, frame, sender in self.under_way if due <= now]
         self.under_way = [one for one in self.under_way if one[0] > now]
-        return arrived[:most]
+        return arrived
 
     def close(self) -> None:
-        """Discard all waiting datagrams."""
-        self.under_way.clear()
+        """Do nothing."""
 
 
 def _peer(text: str) -> tuple[socket.AddressFamily, Any]:
