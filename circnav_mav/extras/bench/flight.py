@@ -32,7 +32,8 @@ TRUTH = "truth"
 PUBLISHED = "circnav_mav.extras.bench.published_laws:"
 POLICIES: dict[str, tuple[str, str]] = {
     **{law: (law, default_estimator(law)) for law in reversed(LAWS)},
-    **{law: (PUBLISHED + law, "kalman") for law in ("bounded", "relay", "pd", "pi")},
+    **{law: (PUBLISHED + law, "kalman") for law in ("bounded", "barrier", "relay", "pd", "pi")},
+    "bounded, sliding mode": (PUBLISHED + "bounded", PUBLISHED + "SlidingMode"),
     "full information": ("drift", TRUTH),
 }
 """Policies of the benchmark: law and estimator."""

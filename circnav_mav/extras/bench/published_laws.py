@@ -1,15 +1,16 @@
-"""Four published laws on range and range rate, for comparison, written as user-defined laws
-(docs/own-law.md).
+"""Published laws on range and range rate, and a published estimator, for comparison, written as
+user-defined laws (docs/own-law.md).
 
 Each function here returns, for a circle, a function from an estimate to a turn rate (rad/s,
 counter-clockwise positive). e is the radius error r - r_d, V the speed, and k the gain at `lag`,
 the delay of the loop in s.
 """
 
-from math import sqrt, tanh
+from math import copysign, inf, sqrt, tanh
 
-from circnav_mav.guidance.laws import rate_gain
-from circnav_mav.guidance.types import Orbit, OwnLaw, RangeEstimate
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.laws import max_range_acceleration, rate_gain
+from circnav_mav.guidance.types import Orbit, OwnLaw, RangeEstimate, RangeSample
 
 LAG = 0.55
 """Delay of turn and filter, s, for which the gains are chosen."""
@@ -25,8 +26,7 @@ def bounded(orbit: Orbit, lag: float = LAG) -> OwnLaw:
     range-only measurements", Automatica 55 (2015). Inside r_s, the law's two-sided form is used.
     """
     V = orbit.speed
-    k = max(0.5 * rate_gain(V, orbit.radius, lag), 1.5 / orbit.radius)
-    r_s = sqrt(orbit.radius**2 - 1 / k**2)
+    k, r_s = _bounded_gain(orbit, lag)
 
     def law(estimate: RangeEstimate) -> float:
         r = max(estimate.r, 0.0)
@@ -37,6 +37,109 @@ def bounded(orbit: Orbit, lag: float = LAG) -> OwnLaw:
         return orbit.direction.turn_sign * k * (estimate.r_dot + closing)
 
     return law
+
+
+def _bounded_gain(orbit: Orbit, lag: float) -> tuple[float, float]:
+    """Return gain k (1/m) and inner radius r_s (m) of the law `bounded`."""
+    k = max(0.5 * rate_gain(orbit.speed, orbit.radius, lag), 1.5 / orbit.radius)
+    return k, sqrt(orbit.radius**2 - 1 / k**2)
+
+
+def barrier(orbit: Orbit, lag: float = LAG) -> OwnLaw:
+    """omega = f(r) + k r' with f = k V sqrt(1 - (r_a/r)^2) outside the auxiliary circle r_a, and
+    f = -k V (r_a - r)/(r - r_c) between the safety circle r_c and r_a.
+
+    k and r_a are k and r_s of `bounded`; r_c = r_d/2. While the vehicle flies away from the target
+    inside r_a, f is at least -k V.
+
+    Source: Bhati, Vaishnavi, Jain, "Safe circumnavigation of a hostile target using range-based
+    measurements", arXiv 2501.06528 (2025). Only its abstract was read: three circles (stabilizing,
+    auxiliary, safety), a barrier Lyapunov function, and a gain inside the auxiliary circle. The
+    equations here are not from the paper. They are derived as follows. With the distance p from the
+    target to the line of flight, p' = omega r r'/V. So E = 1/V int r f dr - p has the derivative
+    E' = -k r r'^2/V <= 0. E is a barrier: it grows without bound towards r_c.
+
+    Limits: the safety circle is kept only with exact ranges, without drift, and within the limit of
+    the turn rate. A start inside r_c is outside the domain of E. There the law turns away from the
+    target at the limit, until the vehicle flies away from the target.
+    """
+    V = orbit.speed
+    k, r_a = _bounded_gain(orbit, lag)
+    r_c = 0.5 * orbit.radius
+
+    def law(estimate: RangeEstimate) -> float:
+        r = estimate.r
+        if r >= r_a:
+            feedforward = k * V * sqrt(1 - (r_a / r) ** 2)
+        else:
+            push = (r_a - r) / (r - r_c) if r > r_c else inf
+            # E decreases with any f that is larger while the range grows. A vehicle that leaves the
+            # safety circle would otherwise turn back at its edge.
+            if estimate.r_dot >= 0:
+                push = min(push, 1.0)
+            feedforward = max(-k * V * push, -orbit.max_turn_rate)
+        return orbit.direction.turn_sign * (feedforward + k * estimate.r_dot)
+
+    return law
+
+
+class SlidingMode(Estimator):
+    """Second-order sliding-mode estimator of range z and range rate v from the range alone, for
+    `bounded`, whose paper replaces the measured range rate by such an estimate.
+
+    z' = v - 1.5 sqrt(L |z - r|) sign(z - r), v' = -1.1 L sign(z - r).
+
+    L: bound of |r''|, m/s^2, by `max_range_acceleration`. Without noise v is exact after a finite
+    time. With range errors up to e the error of v is proportional to sqrt(L e).
+
+    Source of the second step of `bounded`: Cao, Automatica 55 (2015), of which the abstract was
+    read. Source of the equations and of 1.5 and 1.1: Levant, "Robust exact differentiation via
+    sliding mode technique", Automatica 34 (1998), as in public implementations.
+
+    Limits: the estimator has no gate for outliers, and does not use the sigma of a range.
+    """
+
+    nis = None
+
+    def __init__(self, settings: EstimatorSettings) -> None:
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        self._count = 0
+        self._newest: RangeSample | None = None
+        self._r = 0.0
+        self._r_dot = 0.0
+
+    @property
+    def ready(self) -> bool:
+        return self._count >= self._settings.min_samples
+
+    def observe(self, sample: RangeSample) -> Fused:
+        # 1.0: longest Euler step, s, chosen. After a longer gap the estimate starts again.
+        if self._newest is None or not 0 < sample.time - self._newest.time <= 1.0:
+            self.reset()
+            self._r = sample.r
+        else:
+            dt = sample.time - self._newest.time
+            L = self._bound()
+            miss = self._r - sample.r
+            self._r += dt * (self._r_dot - copysign(1.5 * sqrt(L * abs(miss)), miss))
+            self._r_dot -= copysign(1.1 * L * dt, miss)
+        self._newest = sample
+        self._count += 1
+        return Fused.ACCEPTED
+
+    def at(self, time: float) -> RangeEstimate | None:
+        if self._newest is None:
+            return None
+        sigma = self._newest.sigma
+        r = self._r + (time - self._newest.time) * self._r_dot
+        return RangeEstimate(time, r, self._r_dot, sigma, sqrt(self._bound() * sigma))
+
+    def _bound(self) -> float:
+        settings = self._settings
+        return max_range_acceleration(settings.speed, settings.max_turn_rate, self._r)
 
 
 def relay(orbit: Orbit, lag: float = LAG) -> OwnLaw:
