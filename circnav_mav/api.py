@@ -104,7 +104,7 @@ class Guidance:
         self._estimator = wanted
         self._newest: RangeSample | None = None
 
-    def observe(self, sample: RangeSample) -> bool:
+    def update_range(self, sample: RangeSample) -> bool:
         """Add a range. Return True if it was accepted, False for an outlier or an invalid
         sample."""
         # Radios and ROS drivers report NaN, an infinity, 0 or -1 where no range was measured. One
@@ -123,11 +123,16 @@ class Guidance:
         self._newest = sample
         return True
 
-    def move(self, own: OwnMotion) -> bool:
+    def update_motion(self, own: OwnMotion) -> bool:
         """Add a report of own motion. Reports may have any rate. Without reports only range-only
-        laws work. Return False, and ignore the report, if a value is not finite."""
+        laws work. Return False, and ignore the report, if a value is not finite or the airspeed is
+        0, which is unknown."""
         vectors = (own.push or (), own.acceleration or (), own.drag or ())
         if not _are_plausible((*own[:4], own.bank_turn or 0.0, *chain(*vectors))):
+            return False
+        # Odometry without a twist reports 0 for every velocity. The estimator would take the whole
+        # motion of the vehicle for drift.
+        if own.airspeed == 0:
             return False
         if self._is_far(own.time):
             self._restart()
@@ -145,7 +150,10 @@ class Guidance:
         """Return the turn rate to command now, finite and within the vehicle's limit.
 
         None without a valid estimate (too few ranges, or the newest one is stale), and if your law
-        returns no finite number.
+        returns NaN or an infinity.
+
+        Raises OwnCodeError, a ValueError with file and line, if your law fails or returns no
+        number.
         """
         estimate = self.estimate(now)
         # abs: a range with a timestamp in the future would otherwise steer until that time.

@@ -72,7 +72,7 @@ class Circle(Node):
     def on_range(self, message):
         """Process a range."""
         stamp = seconds(message.header.stamp)
-        self.guidance.observe(
+        self.guidance.update_range(
             RangeSample(stamp=stamp, time=self.now(), r=message.range, sigma=self.sigma)
         )
 
@@ -80,7 +80,9 @@ class Circle(Node):
         """Process yaw, yaw rate and speed."""
         twist = message.twist.twist
         yaw = yaw_of(message.pose.pose.orientation)
-        self.guidance.move(OwnMotion(self.now(), yaw, twist.angular.z, airspeed=twist.linear.x))
+        self.guidance.update_motion(
+            OwnMotion(self.now(), yaw, twist.angular.z, airspeed=twist.linear.x)
+        )
 
     def on_timer(self):
         """Publish the turn command, if the guidance returns one."""

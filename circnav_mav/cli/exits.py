@@ -13,7 +13,7 @@ from typing import Any, TextIO
 import click
 
 from circnav_mav.foreign import printable
-from circnav_mav.guidance.own_code import StuckCodeError
+from circnav_mav.guidance.own_code import OwnCodeError, StuckCodeError
 
 OUT_OF_MEMORY = ("failed to map segment", "can't start new thread", "cannot allocate memory")
 """Parts of error messages that mean out of memory."""
@@ -50,7 +50,7 @@ def in_one_line(error: BaseException) -> str:
     program."""
     if isinstance(error, MemoryError) or any(words in str(error) for words in OUT_OF_MEMORY):
         return "out of memory"
-    if isinstance(error, StuckCodeError):
+    if isinstance(error, OwnCodeError | StuckCodeError):
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename or 'this computer'}: {error.strerror or error}"

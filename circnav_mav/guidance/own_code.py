@@ -4,7 +4,10 @@ point or `module:name`."""
 import re
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
 from pkgutil import resolve_name
+from traceback import extract_tb
 from typing import Any, TypeVar
 
 from circnav_mav.installed import find_entry_point, installed_entry_points
@@ -18,7 +21,8 @@ FAILURES = (Exception, SystemExit)
 
 
 class OwnCodeError(ValueError):
-    """User-defined law or estimator that is missing or does not fit. The message is one line."""
+    """User-defined law or estimator that is missing, does not fit or fails. The message is one
+    line."""
 
 
 class NameTable(dict[str, T]):
@@ -96,3 +100,25 @@ def checked(name: str, make: Any, form: str, fits: Callable[[Any], bool]) -> Cal
         return made
 
     return made_by
+
+
+def turn_rate_of(law: Callable[[T], Any], estimate: T) -> float:
+    """Return the turn rate that a user-defined law returns, rad/s. Raises OwnCodeError with the
+    file and line of the law if it fails or returns no number."""
+    function = law.args[-1] if isinstance(law, partial) and law.func is call else law
+    name = law.args[0] if function is not law else getattr(function, "__qualname__", repr(function))
+    try:
+        turn = law(estimate)
+    except FAILURES as error:
+        frames = [frame for frame in extract_tb(error.__traceback__) if frame.filename != __file__]
+        # The error may come from a library that the law calls: name the line of the law.
+        own = [frame for frame in frames if frame.filename == frames[0].filename]
+        at = f" at {own[-1].filename}, line {own[-1].lineno}" if own else ""
+        raise OwnCodeError(f"law {name} failed{at}: {error!r}") from error
+    # float() would accept the text "0.1", which the law cannot have meant as a turn rate.
+    if not isinstance(turn, str | bytes):
+        with suppress(TypeError, ValueError):
+            return float(turn)
+    code = getattr(function, "__code__", None)
+    at = f" ({code.co_filename}, line {code.co_firstlineno})" if code else ""
+    raise OwnCodeError(f"law {name}{at} returns {turn!r:.60}, not a turn rate in rad/s")

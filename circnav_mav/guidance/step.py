@@ -16,6 +16,7 @@ from typing import NamedTuple
 from circnav_mav.guidance import lap_plan
 from circnav_mav.guidance.laws import LAWS, Kind, Law
 from circnav_mav.guidance.maths import clip
+from circnav_mav.guidance.own_code import turn_rate_of
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import (
     SAME_TIME,
@@ -418,14 +419,14 @@ class Steering:
     def __call__(
         self, estimate: RangeEstimate, pending: Pending | None = None, share: float = 1.0
     ) -> TurnCommand:
-        """Return the command.
+        """Return the command. Raises OwnCodeError if a user-defined law fails.
 
         pending: commanded turn not flown yet. None: there is no such turn, and the delay is the lag
             of the law choice.
         share: factor on the gains.
         """
         if self._own is not None:
-            return limited(float(self._own(estimate)), self._limit)
+            return limited(turn_rate_of(self._own, estimate), self._limit)
         inputs = Inputs(
             estimate.time,
             estimate.r,

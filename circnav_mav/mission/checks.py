@@ -6,7 +6,7 @@ from math import atan, ceil, degrees, floor, inf, isfinite
 from circnav_mav.extension import extensions, load
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
-from circnav_mav.guidance.own_code import FAILURES, OwnCodeError, StuckCodeError
+from circnav_mav.guidance.own_code import OwnCodeError, StuckCodeError, turn_rate_of
 from circnav_mav.guidance.types import OwnLaw, RangeEstimate
 from circnav_mav.guidance.vehicle_model import MEASUREMENT_DELAY
 from circnav_mav.mav.autopilots.interface import FOLLOWED
@@ -150,11 +150,9 @@ def _called_once(law: OwnLaw, mission: Mission) -> str:
     name = mission.law.name
     orbit = mission.orbit
     sigma = mission.file.ranging.sigma_m
-    try:
-        with time_limit():
-            found = float(law(RangeEstimate(0.0, orbit.radius, 0.0, sigma, r_dot_sigma=1.0)))
-    except FAILURES as error:
-        raise OwnCodeError(f"law {name} fails on the circle: {error!r}") from None
+    with time_limit():
+        on_circle = RangeEstimate(0.0, orbit.radius, 0.0, sigma, r_dot_sigma=1.0)
+        found = turn_rate_of(law, on_circle)
     if not isfinite(found):
         raise OwnCodeError(f"law {name} returns {found} on the circle, not a turn rate in rad/s")
     needed = orbit.direction.turn_sign * orbit.speed / orbit.radius

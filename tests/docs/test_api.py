@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import takewhile
+from json import loads
 from math import cos, hypot, inf, nan, radians, sin
 from pathlib import Path
 from rlcompleter import Completer
@@ -59,8 +60,8 @@ class World:
 
     def fly(self, guidance: Guidance, seconds: float) -> None:
         for _ in range(round(seconds * 20)):
-            guidance.observe(RangeSample(self.now, self.now, hypot(self.x, self.y), 0.5))
-            guidance.move(OwnMotion(self.now, self.heading, self.turn_rate, self.V))
+            guidance.update_range(RangeSample(self.now, self.now, hypot(self.x, self.y), 0.5))
+            guidance.update_motion(OwnMotion(self.now, self.heading, self.turn_rate, self.V))
             command = guidance.command(self.now)
             self.step(command.turn_rate if command else 0.0)
 
@@ -119,17 +120,17 @@ def test_guidance_with_user_law_and_gain_reaches_circle(name, direction):
 
 def received(guidance: Guidance, ranges: Callable[[float], float] = lambda time: 150.0) -> Guidance:
     for step in range(20):
-        assert guidance.observe(RangeSample(step / 10, step / 10, ranges(step / 10), 0.5))
+        assert guidance.update_range(RangeSample(step / 10, step / 10, ranges(step / 10), 0.5))
     return guidance
 
 
 def test_guidance_commands_nothing_without_fresh_estimate():
     guidance = Guidance(ORBIT, "feedforward")
     assert guidance.command(0.0) is None
-    guidance.observe(RangeSample(-0.1, -0.1, 150.0, 0.5))
+    guidance.update_range(RangeSample(-0.1, -0.1, 150.0, 0.5))
     assert guidance.command(0.0) is None  # one range gives no range rate
     received(guidance)
-    assert not guidance.observe(RangeSample(2.3, 2.3, 400.0, 0.5))
+    assert not guidance.update_range(RangeSample(2.3, 2.3, 400.0, 0.5))
     assert guidance.command(2.4) is not None
     assert guidance.command(2.5) is None
     assert guidance.estimate(nan) is None
@@ -137,7 +138,7 @@ def test_guidance_commands_nothing_without_fresh_estimate():
 
 def test_guidance_does_not_steer_by_range_stamped_ahead():
     guidance = received(Guidance(ORBIT, "feedforward"))
-    assert guidance.observe(RangeSample(32.0, 32.0, 150.0, 0.5))
+    assert guidance.update_range(RangeSample(32.0, 32.0, 150.0, 0.5))
     assert guidance.command(2.1) is None
 
 
@@ -186,6 +187,7 @@ NO_MEASUREMENT = (
 NO_MOTION = (
     *({name: nan} for name in ("time", "heading", "turn_rate", "airspeed", "bank_turn")),
     {"airspeed": 1e200},
+    {"airspeed": 0.0},
     {"push": (nan, 0.0)},
     {"acceleration": IntegratedAcceleration(nan, 0.0, 0.0)},
     {"drag": (0.0, inf)},
@@ -201,13 +203,15 @@ def test_guidance_rejects_invalid_samples_and_motion(law):
     for step in range(100):
         sample = RangeSample(world.now, world.now, world.radius, 0.5)
         own = OwnMotion(world.now, world.heading, world.turn_rate, world.V)
-        assert not spoiled.observe(sample._replace(**NO_MEASUREMENT[step % len(NO_MEASUREMENT)]))
-        assert not spoiled.move(own._replace(**NO_MOTION[step % len(NO_MOTION)]))
+        assert not spoiled.update_range(
+            sample._replace(**NO_MEASUREMENT[step % len(NO_MEASUREMENT)])
+        )
+        assert not spoiled.update_motion(own._replace(**NO_MOTION[step % len(NO_MOTION)]))
         for guidance in (spoiled, whole):
-            assert guidance.observe(
+            assert guidance.update_range(
                 sample._replace(r_dot=nan if guidance is spoiled and step % 2 else None)
             )
-            assert guidance.move(own)
+            assert guidance.update_motion(own)
         command = whole.command(world.now)
         assert spoiled.command(world.now) == command
         world.step(command.turn_rate if command else 0.0)
@@ -216,6 +220,28 @@ def test_guidance_rejects_invalid_samples_and_motion(law):
 def test_guidance_commands_only_finite_turn_rates():
     for turn in (nan, inf):
         assert received(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0) is None
+
+
+def law_of_text(estimate):
+    return "0.1"
+
+
+def law_of_library(estimate):
+    return loads("{")
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        (law_of_text, r"law law_of_text \(.*test_api\.py, line \d+\) returns '0\.1', not a turn"),
+        (lambda estimate: None, r"test_api\.py, line \d+\) returns None, not a turn rate in rad/s"),
+        (lambda estimate: 1 / 0, r"test_api\.py, line \d+: ZeroDivisionError"),
+        (law_of_library, r"law law_of_library failed at .*test_api\.py, line \d+: JSONDecodeError"),
+    ],
+)
+def test_guidance_names_line_of_failing_user_law(law, words):
+    with pytest.raises(ValueError, match=words):
+        received(Guidance(ORBIT, law)).command(2.0)
 
 
 @pytest.mark.parametrize("law", ["auto", "feedforward", "smooth", "switching"])

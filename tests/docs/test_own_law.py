@@ -2,6 +2,7 @@
 missions and on a vehicle."""
 
 import json
+import re
 import signal
 import sys
 from dataclasses import replace
@@ -39,6 +40,7 @@ def modules(tmp_path, monkeypatch):
         "def number(orbit): return 1.0\n"
         "def nan(orbit): return lambda estimate: float('nan')\n"
         "def crash(orbit): return lambda estimate: 1 / 0\n"
+        "def text(orbit): return lambda estimate: '0.1'\n"
         "def late(orbit): return lambda estimate: 1 / (estimate.time < 5)\n"
         "def stuck(orbit):\n"
         "    def law(estimate):\n"
@@ -97,7 +99,8 @@ def test_unusable_law_is_refused_with_reason(name, error, circnav):
     [
         ("mine:law", "on the circle it returns -0.150 rad/s, the circle needs -0.150 rad/s"),
         ("wrong:nan", "law wrong:nan returns nan on the circle, not a turn rate in rad/s"),
-        ("wrong:crash", "law wrong:crash fails on the circle: ZeroDivisionError"),
+        ("wrong:crash", "wrong.py, line 4: ZeroDivisionError('division by zero')"),
+        ("wrong:text", "wrong.py, line 5) returns '0.1', not a turn rate in rad/s"),
         ("wrong:never", "law wrong:never did not return within 0.3 s"),
     ],
 )
@@ -216,4 +219,6 @@ def test_law_that_raises_ends_flight_with_safe_setpoint(circnav, undrawn, tmp_pa
         "fly", "quickstart", "--set", "guidance.law=wrong:late", "--out", tmp_path / "run"
     )
     assert ran.code == 1
-    assert "ZeroDivisionError" in ran.line
+    assert re.match(
+        r"circnav: law wrong:late failed at .*wrong\.py, line 6: ZeroDivisionError", ran.line
+    )

@@ -49,15 +49,15 @@ def test_measured_range_rate_improves_every_estimator(name, rate_first):
 
 def test_estimator_measured_passes_range_and_rate_unfiltered():
     guidance = Guidance(Orbit(100.0, Direction.CLOCKWISE, V, 0.35), "smooth", "measured")
-    guidance.observe(RangeSample(1.0, 1.0, 150.0, 0.5))
+    guidance.update_range(RangeSample(1.0, 1.0, 150.0, 0.5))
     assert guidance.command(1.0) is None
-    guidance.observe(RangeSample(1.1, 1.1, 148.0, 0.5, r_dot=-9.0))
+    guidance.update_range(RangeSample(1.1, 1.1, 148.0, 0.5, r_dot=-9.0))
     assert (guidance.estimate(1.15).r, guidance.estimate(1.15).r_dot) == (148.0, -9.0)
     assert guidance.command(1.15) is not None
-    guidance.observe(RangeSample(1.2, 1.2, 147.0, 0.5))
+    guidance.update_range(RangeSample(1.2, 1.2, 147.0, 0.5))
     assert guidance.estimate(1.2).r_dot == -9.0
     for i in range(1, 4):
-        guidance.observe(RangeSample(1.2 + i / 10, 1.2 + i / 10, 147.0, 0.5))
+        guidance.update_range(RangeSample(1.2 + i / 10, 1.2 + i / 10, 147.0, 0.5))
     assert guidance.command(1.5) is None  # the range rate is too old
 
 

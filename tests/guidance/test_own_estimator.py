@@ -73,11 +73,11 @@ def test_user_estimator_in_table_flies_circle(monkeypatch, measures_rate):
     x, y, heading, turn_rate = 200.0, 0.0, 2.0, 0.0
     for step in range(1400):
         now = 0.05 * step
-        guidance.move(OwnMotion(now, heading, turn_rate, orbit.speed))
+        guidance.update_motion(OwnMotion(now, heading, turn_rate, orbit.speed))
         r = hypot(x, y)
         r_dot = orbit.speed * (x * cos(heading) + y * sin(heading)) / r
         rate = r_dot + rng.normal(0, 0.2) if measures_rate else None
-        guidance.observe(RangeSample(now, now, r + rng.normal(0, 0.3), 0.3, "", rate, 0.2))
+        guidance.update_range(RangeSample(now, now, r + rng.normal(0, 0.3), 0.3, "", rate, 0.2))
         command = guidance.command(now)
         turn_rate = orbit.steady_turn_rate if command is None else command.turn_rate
         heading += 0.05 * turn_rate

@@ -345,9 +345,9 @@ def fly(situation: Situation, policy: str, seed: int, flight: int) -> Track:
     rows = {name: np.full(steps, np.nan, np.float32) for name in ROWS}
     for step in range(steps):
         now = step * situation.dt
-        guidance.move(sensors.report(world, now))
+        guidance.update_motion(sensors.report(world, now))
         sample = radio.measure(world, step, situation.dt)
-        accepted = sample is not None and guidance.observe(sample)
+        accepted = sample is not None and guidance.update_range(sample)
         command = guidance.command(now)
         # Without a valid estimate the vehicle keeps the steady turn of the circle.
         turn = orbit.steady_turn_rate if command is None else command.turn_rate
