@@ -3,7 +3,7 @@
     python -m tests.tools.bench.citable --out benchmark
 
 Guidance: every law in every situation of `circnav bench`. Place of the beacon: flights of the
-bundled vehicle (`bench_locate`), and Plaza 1 and 2 if the extra [survey-bench] is installed
+bundled vehicle (`bench_locate`), and Plaza 1 and 2 if the extra [peers] is installed
 (`bench_plaza`).
 """
 
@@ -92,9 +92,7 @@ def plaza() -> str:
     """Return the table of Plaza 1 and 2, or the reason why it is missing."""
     spec = find_spec("gtsam")
     if spec is None or spec.origin is None:
-        return (
-            "Not computed: the data are in the wheel of gtsam (`pip install '.[survey-bench]'`).\n"
-        )
+        return "Not computed: the data are in the wheel of gtsam (`pip install '.[peers]'`).\n"
     from tests.tools.bench import bench_plaza
 
     given = list(bench_plaza.beacons(Path(spec.origin).parent / "Data"))
@@ -102,7 +100,7 @@ def plaza() -> str:
         bench_plaza.row(name, method, given, each=False)
         for name, method in bench_plaza.METHODS.items()
     ]
-    return "\n".join((bench_plaza.HEADER, "|---|---|---|---|---|", *rows)) + "\n"
+    return "\n".join((bench_plaza.HEADER, "|---|---|---|---|---|---|", *rows)) + "\n"
 
 
 def write(
