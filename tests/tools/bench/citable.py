@@ -43,19 +43,8 @@ method, not the radio. Without line of sight their online estimate did not conve
 tried that.
 """
 BIBTEX = """\
-@software{{circnav,
-  title = {{circnav: circle an unknown target with nothing but a range}},
-  author = {{{{The circnav authors}}}},
-  version = {{{version}}},
-  note = {{benchmark of seed {seed}, {flights} flights a cell}}
-}}
-@inproceedings{{cao2013circumnavigation,
-  title = {{Circumnavigation of an Unknown Target Using {{UAV}}s with Range and Range Rate
-           Measurements}},
-  author = {{Cao, Yongcan and Muse, Jonathan and Casbeer, David and Kingston, Derek}},
-  booktitle = {{52nd IEEE Conference on Decision and Control}},
-  year = {{2013}}
-}}
+% Benchmark of seed {seed}, {flights} flights a cell
+{entries}
 @misc{{arxiv260600075,
   title = {{Towards Networked One Search Agent Systems: Multilateration of {{WiFi}} Fine Time
            Measurement Responders Using {{GNSS}} References}},
@@ -113,9 +102,8 @@ def write(
     found = places(place_flights)
     errors = [one.error for one in found[FTM] if one is not None]
     rows = [bench_locate.row(one, found[one.name]) for one in bench_locate.SITUATIONS]
-    (out / "CITATION.bib").write_text(
-        BIBTEX.format(version=__version__, seed=seed, flights=flights)
-    )
+    entries = (ROOT / "docs" / "circnav.bib").read_text()
+    (out / "CITATION.bib").write_text(BIBTEX.format(entries=entries, seed=seed, flights=flights))
     guidance = f"""\
 Seed {seed}, {flights} flights a cell. The laws of a situation fly in the same worlds. Situations:
 docs/measured.md. All figures: table.csv.
