@@ -3,7 +3,7 @@
     python -m tests.tools.bench.citable --out benchmark
 
 Guidance: every law in every situation of `circnav bench`. Place of the beacon: flights of the
-bundled vehicle (`bench_locate`), and Plaza 1 and 2 if the extra [survey-bench] is installed
+bundled vehicle (`bench_locate`), and Plaza 1 and 2 if the extra [peers] is installed
 (`bench_plaza`).
 """
 
@@ -43,19 +43,8 @@ method, not the radio. Without line of sight their online estimate did not conve
 tried that.
 """
 BIBTEX = """\
-@software{{circnav,
-  title = {{circnav: circle an unknown target with nothing but a range}},
-  author = {{{{The circnav authors}}}},
-  version = {{{version}}},
-  note = {{benchmark of seed {seed}, {flights} flights a cell}}
-}}
-@inproceedings{{cao2013circumnavigation,
-  title = {{Circumnavigation of an Unknown Target Using {{UAV}}s with Range and Range Rate
-           Measurements}},
-  author = {{Cao, Yongcan and Muse, Jonathan and Casbeer, David and Kingston, Derek}},
-  booktitle = {{52nd IEEE Conference on Decision and Control}},
-  year = {{2013}}
-}}
+% Benchmark of seed {seed}, {flights} flights a cell
+{entries}
 @misc{{arxiv260600075,
   title = {{Towards Networked One Search Agent Systems: Multilateration of {{WiFi}} Fine Time
            Measurement Responders Using {{GNSS}} References}},
@@ -92,9 +81,7 @@ def plaza() -> str:
     """Return the table of Plaza 1 and 2, or the reason why it is missing."""
     spec = find_spec("gtsam")
     if spec is None or spec.origin is None:
-        return (
-            "Not computed: the data are in the wheel of gtsam (`pip install '.[survey-bench]'`).\n"
-        )
+        return "Not computed: the data are in the wheel of gtsam (`pip install '.[peers]'`).\n"
     from tests.tools.bench import bench_plaza
 
     given = list(bench_plaza.beacons(Path(spec.origin).parent / "Data"))
@@ -102,7 +89,7 @@ def plaza() -> str:
         bench_plaza.row(name, method, given, each=False)
         for name, method in bench_plaza.METHODS.items()
     ]
-    return "\n".join((bench_plaza.HEADER, "|---|---|---|---|---|", *rows)) + "\n"
+    return "\n".join((bench_plaza.HEADER, "|---|---|---|---|---|---|", *rows)) + "\n"
 
 
 def write(
@@ -115,9 +102,8 @@ def write(
     found = places(place_flights)
     errors = [one.error for one in found[FTM] if one is not None]
     rows = [bench_locate.row(one, found[one.name]) for one in bench_locate.SITUATIONS]
-    (out / "CITATION.bib").write_text(
-        BIBTEX.format(version=__version__, seed=seed, flights=flights)
-    )
+    entries = (ROOT / "docs" / "circnav.bib").read_text()
+    (out / "CITATION.bib").write_text(BIBTEX.format(entries=entries, seed=seed, flights=flights))
     guidance = f"""\
 Seed {seed}, {flights} flights a cell. The laws of a situation fly in the same worlds. Situations:
 docs/measured.md. All figures: table.csv.

@@ -128,3 +128,31 @@ def test_citable_folder_has_table_versions_and_references(tmp_path, monkeypatch)
     assert "| numpy | " in page
     assert {path.suffix for path in tmp_path.iterdir()} == {".csv", ".md", ".pdf", ".png", ".bib"}
     assert "2606.00075" in (tmp_path / "CITATION.bib").read_text()
+
+
+def test_public_filters_find_target_of_recording():
+    pytest.importorskip("bayesian_filters")
+    from tests.tools.bench import bench_peers
+
+    steps = bench_peers.record("calm", 1)
+    found = {
+        name: bench_peers.run(bench_peers.PEERS[name](), steps)
+        for name in ("circnav auto", "bayesian-filters EKF")
+    }
+    assert all(one.position < 10.0 and one.r_dot < 0.5 for one in found.values())
+    assert bench_peers.row("calm", "both", list(found.values())).count("|") == 11
+
+
+def test_locating_methods_agree_on_synthetic_log():
+    pytest.importorskip("multilat_solver")
+    from tests.tools.bench import bench_plaza
+
+    log = bench_plaza.synthetic("white noise", 1)
+    for name in ("multilat-solver", "plain least squares", "circnav locate"):
+        found = bench_plaza.METHODS[name](log)
+        assert found is not None
+        assert found[0] == pytest.approx(log.true, abs=1.0)
+    walk = bench_plaza.synthetic("straight walk", 1)
+    assert bench_plaza.ours(walk) is None
+    line = bench_plaza.row("circnav locate", bench_plaza.ours, [log, walk], each=False)
+    assert "1 of 1 | 1 of 2" in line
