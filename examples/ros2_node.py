@@ -4,14 +4,14 @@
         -r odom:=/mavros/local_position/odom
 
 The node subscribes to `range` (sensor_msgs/Range, horizontal, m) and `odom` (nav_msgs/Odometry:
-yaw, yaw rate, speed; not the position), also from best-effort publishers such as MAVROS. It
+yaw, yaw rate, speed; not the position), also from best-effort publishers such as MAVROS. Messages
+with empty fields, or in another frame, are named in warnings: see ros2_inputs.py. The node
 publishes `cmd_vel` (geometry_msgs/Twist) at 20 Hz, but not before the first estimate and not while
 ranges are missing. If commands are missing, the bridge to the autopilot must return control to the
 autopilot.
 """
 
 from contextlib import suppress
-from math import atan2
 
 import rclpy
 from geometry_msgs.msg import Twist
@@ -20,22 +20,12 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
+from ros2_inputs import Inputs
 from sensor_msgs.msg import Range
 
-from circnav_mav import Direction, Guidance, Orbit, OwnMotion, RangeSample
+from circnav_mav import Direction, Guidance, Orbit
 
 PERIOD = 0.05
-
-
-def seconds(stamp):
-    """Return a ROS time stamp in seconds."""
-    return stamp.sec + 1e-9 * stamp.nanosec
-
-
-def yaw_of(q):
-    """Return the yaw of a quaternion, rad, counter-clockwise positive, as in the guidance and in
-    ROS (REP 103)."""
-    return atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
 
 
 class Circle(Node):
@@ -57,9 +47,10 @@ class Circle(Node):
             for name, value in defaults.items()
         }
         direction = Direction.CLOCKWISE if values["clockwise"] else Direction.COUNTERCLOCKWISE
-        self.sigma = values["range_sigma"]
         self.orbit = Orbit(values["radius"], direction, values["speed"], values["max_turn_rate"])
         self.guidance = Guidance(self.orbit)
+        warn = self.get_logger().warning
+        self.inputs = Inputs(warn, values["range_sigma"], self.orbit.speed)
         self.commands = self.create_publisher(Twist, "cmd_vel", 10)
         self.create_subscription(Range, "range", self.on_range, qos_profile_sensor_data)
         self.create_subscription(Odometry, "odom", self.on_odometry, qos_profile_sensor_data)
@@ -71,18 +62,13 @@ class Circle(Node):
 
     def on_range(self, message):
         """Process a range."""
-        stamp = seconds(message.header.stamp)
-        self.guidance.update_range(
-            RangeSample(stamp=stamp, time=self.now(), r=message.range, sigma=self.sigma)
-        )
+        self.guidance.update_range(self.inputs.range(message, self.now()))
 
     def on_odometry(self, message):
         """Process yaw, yaw rate and speed."""
-        twist = message.twist.twist
-        yaw = yaw_of(message.pose.pose.orientation)
-        self.guidance.update_motion(
-            OwnMotion(self.now(), yaw, twist.angular.z, airspeed=twist.linear.x)
-        )
+        motion = self.inputs.motion(message, self.now())
+        if motion is not None:
+            self.guidance.update_motion(motion)
 
     def on_timer(self):
         """Publish the turn command, if the guidance returns one."""

@@ -4,7 +4,8 @@ mission."""
 from collections import Counter
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from enum import Enum
+from typing import ClassVar, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -120,6 +121,29 @@ class Allowance:
         return True
 
 
+class _Relation(Enum):
+    """Relation of a sender to the vehicle."""
+
+    VEHICLE = "ids and address of the vehicle"
+    TWIN = "ids of the vehicle, another address"
+    STRANGER = "other ids, or no vehicle was found yet"
+
+
+class _Kind(Enum):
+    """Kind of a message."""
+
+    AUTOPILOT = "heartbeat of an autopilot"
+    NO_AUTOPILOT = "heartbeat of a radio, gimbal or companion"
+    OTHER = "no heartbeat"
+
+
+def _kind_of(message: Message) -> _Kind:
+    if message.get_type() != "HEARTBEAT":
+        return _Kind.OTHER
+    invalid = message.autopilot == dialect.MAV_AUTOPILOT_INVALID
+    return _Kind.NO_AUTOPILOT if invalid else _Kind.AUTOPILOT
+
+
 class Identity:
     """The vehicle's ids and address, the address to reply to, and the reasons why other senders are
     rejected.
@@ -193,45 +217,72 @@ class Identity:
         counted. continues: True if a message carries the expected time since boot.
         """
         who = Sender(*ids(message), source)
-        is_heartbeat = message.get_type() == "HEARTBEAT"
-        home = self.home
-        # A radio, gimbal or companion may have the vehicle's ids (default 1/1), often behind the
-        # same router. Its heartbeat reports mode 0 and disarmed, which looks like a takeover.
-        if is_heartbeat and who == self.peer and message.autopilot == dialect.MAV_AUTOPILOT_INVALID:
-            self.ignored["no_autopilot"] += 1
-            return False
-        if (
-            is_heartbeat
-            and who.component == AUTOPILOT_COMPONENT
-            and message.autopilot not in NO_AUTOPILOT
-        ):
-            self.vehicles[who.system] = source  # not for heartbeats of radios
-        if home is not None and (who.system, source) == (home.system, home.source):
-            self._since_received.restart(now)
+        kind = _kind_of(message)
+        relation = self._relation(who)
+        for step in self._STEPS[relation, kind]:
+            step(self, message, who, now)
         silent = self._since_received.age(now) > MOVES_AFTER
-        if home is not None and who.ids == home.ids and silent and continues(message, now):
+        if relation is _Relation.TWIN and silent and continues(message, now):
             self._proven = (source, now)
+        return who == self.peer and kind is not _Kind.NO_AUTOPILOT
+
+    def _relation(self, who: Sender) -> "_Relation":
+        home = self.home
+        if home is None or who.ids != home.ids:
+            return _Relation.STRANGER
+        return _Relation.VEHICLE if who.source == home.source else _Relation.TWIN
+
+    # --- steps of the table
+
+    def _ignore(self, message: Message, who: Sender, now: float) -> None:
+        """Count the heartbeat of a radio, gimbal or companion that has the vehicle's ids (default
+        1/1), often behind the same router. It reports mode 0 and disarmed, which looks like a
+        takeover."""
+        self.ignored["no_autopilot"] += 1
+
+    def _note(self, message: Message, who: Sender, now: float) -> None:
+        """Note the address of an autopilot, and end the silence of the vehicle's address."""
+        is_autopilot = message.get_type() == "HEARTBEAT" and message.autopilot not in NO_AUTOPILOT
+        if is_autopilot and who.component == AUTOPILOT_COMPONENT:
+            self.vehicles[who.system] = who.source
+        home = self.home
+        if home is not None and (who.system, who.source) == (home.system, home.source):
+            self._since_received.restart(now)
+
+    def _pin(self, message: Message, who: Sender, now: float) -> None:
+        """Pin the sender of a heartbeat, or move the vehicle to its address, if that is allowed."""
         ours = self.peer is None or who.ids == self.peer.ids
-        if is_heartbeat and ours and who != self.peer and self._may_be_at(source, now):
+        if ours and who != self.peer and self._may_be_at(who.source, now):
             self._consider(message, who, now)
-        if who == self.peer:
-            return True
-        # A vehicle that changes its address sends a few messages before its first heartbeat. They
-        # do not indicate a second sender.
-        if (
-            home is not None
-            and who.ids == home.ids
-            and source != home.source
-            and (is_heartbeat or not silent)
-        ):
+
+    def _reject(self, message: Message, who: Sender, now: float) -> None:
+        """Report a second sender that was not pinned."""
+        home = self.home
+        if home is not None and who.source != home.source:
             self.second_senders.received(VEHICLE_NAME, who, home, now)
-        if (
-            is_heartbeat
-            and self.peer is not None
-            and message.autopilot != dialect.MAV_AUTOPILOT_INVALID
-        ):
+
+    def _reject_unless_silent(self, message: Message, who: Sender, now: float) -> None:
+        """Report a second sender. A vehicle that changes its address sends a few messages before
+        its first heartbeat. They do not indicate a second sender."""
+        if self._since_received.age(now) <= MOVES_AFTER:
+            self._reject(message, who, now)
+
+    def _count(self, message: Message, who: Sender, now: float) -> None:
+        """Count the heartbeat of another vehicle."""
+        if self.peer is not None and who != self.peer:
             self.ignored["other_vehicle"] += 1
-        return False
+
+    _STEPS: ClassVar = {
+        (_Relation.VEHICLE, _Kind.AUTOPILOT): (_note, _pin),
+        (_Relation.VEHICLE, _Kind.NO_AUTOPILOT): (_ignore,),
+        (_Relation.VEHICLE, _Kind.OTHER): (_note,),
+        (_Relation.TWIN, _Kind.AUTOPILOT): (_note, _pin, _reject, _count),
+        (_Relation.TWIN, _Kind.NO_AUTOPILOT): (_reject,),
+        (_Relation.TWIN, _Kind.OTHER): (_reject_unless_silent,),
+        (_Relation.STRANGER, _Kind.AUTOPILOT): (_note, _pin, _count),
+        (_Relation.STRANGER, _Kind.NO_AUTOPILOT): (_note,),
+        (_Relation.STRANGER, _Kind.OTHER): (_note,),
+    }
 
     def _may_be_at(self, source: Hashable, now: float) -> bool:
         """True if the vehicle may send from this address."""
@@ -248,10 +299,7 @@ class Identity:
     def _consider(self, heartbeat: Message, who: Sender, now: float) -> None:
         """Pin the sender of this heartbeat if it is the mission's vehicle. Otherwise record the
         reason."""
-        if (
-            heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID
-            or heartbeat.type == dialect.MAV_TYPE_GCS
-        ):
+        if heartbeat.type == dialect.MAV_TYPE_GCS:
             return
         adapter = next((one for one in self._adapters if _fits(one, heartbeat)), None)
         reason = self._misfit(heartbeat, who, adapter, now)

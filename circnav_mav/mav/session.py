@@ -16,7 +16,7 @@ from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Sender
 from circnav_mav.mav.own_motion import ACCELERATIONS, OwnMotionSensor
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
-from circnav_mav.mav.vehicle_state import READ, VehicleState
+from circnav_mav.mav.vehicle_state import READ, Change, VehicleState
 from circnav_mav.timers import Every
 
 HEARTBEAT_PERIOD = 1.0
@@ -67,6 +67,7 @@ class Session:
         # Number of our newest frames that are kept to recognize an echo: the frames of twenty
         # seconds.
         self._sent: deque[bytes] = deque(maxlen=1024)
+        self._changes: set[Change] = set()
         self._twin_received: deque[float] = deque(maxlen=TWIN_FRAMES)
         self.identity = Identity(settings, adapters)
         self.vehicle = VehicleState(self.identity.adapter)
@@ -156,10 +157,11 @@ class Session:
         if not ours:
             return False
         self.streams.received(message.get_msgId())
-        reboots = self.vehicle.reboots
-        self.vehicle.receive(message, now)
-        if self.vehicle.reboots > reboots:
+        change = self.vehicle.receive(message, now)
+        if change is Change.REBOOTED:
             self.streams.restart()
+        if change is not None:
+            self._changes.add(change)
         if message.get_type() == "COMMAND_ACK":
             self.commands.acknowledge(message, self.us, now)
         elif message.get_type() == "TIMESYNC" and message.tc1:
@@ -169,6 +171,12 @@ class Session:
             # answer a request (tc1 = 0) with our clock in ns and the mirrored time of its sender
             self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
         return True
+
+    def take_changes(self) -> set[Change]:
+        """Return the changes of the vehicle's state since the last call."""
+        changes = self._changes
+        self._changes = set()
+        return changes
 
     def change_method(self, adapter: Autopilot) -> None:
         """Steer the pinned vehicle by another method from now on. Until the vehicle reports the new

@@ -2,6 +2,7 @@
 reboots."""
 
 from collections import deque
+from enum import Enum
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -42,6 +43,14 @@ READ = (
 """Message types that this module reads."""
 
 
+class Change(Enum):
+    """Change of the vehicle's state that a message reports."""
+
+    LEFT = "the vehicle left the guided mode"
+    DISARMED = "the vehicle was disarmed in the guided mode"
+    REBOOTED = "the autopilot rebooted, or another vehicle has taken over its ids"
+
+
 class VehicleState:
     """Newest reported state of the pinned vehicle. Messages of other senders must not be passed
     in."""
@@ -59,12 +68,10 @@ class VehicleState:
         self.armed = False
         self.received_at = float("-inf")
         """Time of the vehicle's last mode report, s."""
-        self.heartbeats = 0
-        self.departures = 0
-        """Number of times that the vehicle left the guided mode or was disarmed in it, even for
-        less than a step."""
+        self.heartbeat_at = float("-inf")
+        """Time of the newest heartbeat that is not reordered, s."""
         self.left_for: str | None = None
-        """Mode entered at the newest departure, None if the vehicle was disarmed."""
+        """Mode entered when the vehicle last left the guided mode, None if it was disarmed."""
         self.landed: Report[int | None] = Report()
         """MAV_LANDED_STATE, None if undefined."""
         self.waypoint: int | None = None
@@ -136,26 +143,26 @@ class VehicleState:
         step = self.boot.unwrapped(message.time_boot_ms / 1000) - self.boot.newest
         return step > 0 and abs(step - passed) <= AHEAD + AHEAD_SHARE * passed
 
-    def receive(self, message: Message, now: float) -> None:
+    def receive(self, message: Message, now: float) -> Change | None:
+        """Process a message. Return the change that it reports, even if the vehicle's next message
+        in the same step reverses the change."""
         kind = message.get_type()
         self._late = self._overtaken(message.get_seq())
         if kind == "HEARTBEAT":
             self._late = self._is_late_heartbeat(message.get_seq(), now)
-            self._on_mode(
-                message.custom_mode,
-                bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
-                now,
-            )
-            self.heartbeats += not self._late
-        elif kind == "CURRENT_MODE" and message.custom_mode:
+            if not self._late:
+                self.heartbeat_at = now
+            armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+            return self._on_mode(message.custom_mode, armed, now)
+        if kind == "CURRENT_MODE" and message.custom_mode:
             # CURRENT_MODE reports the mode as a heartbeat does. PX4 sends heartbeats at 1 Hz only,
             # and some are lost.
-            self._on_mode(message.custom_mode, self.armed, now)
-        elif kind in BOOT_TIMES:
-            self._on_boot_time(message.time_boot_ms / 1000, now)
+            return self._on_mode(message.custom_mode, self.armed, now)
+        if kind in BOOT_TIMES:
             if kind == "SYSTEM_TIME":
                 self.utc.received(message.time_unix_usec / 1e6, now)
-        elif kind == "SYS_STATUS":
+            return self._on_boot_time(message.time_boot_ms / 1000, now)
+        if kind == "SYS_STATUS":
             charge = float(message.battery_remaining)
             self._battery.update(charge if charge >= 0 else None, now)
         elif kind == "EXTENDED_SYS_STATE":
@@ -171,6 +178,7 @@ class VehicleState:
         elif kind == "AUTOPILOT_VERSION":
             version = message.flight_sw_version
             self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
+        return None
 
     def _overtaken(self, sequence: int) -> bool:
         """True if a frame is reordered: the vehicle sent it before a frame that has already
@@ -197,39 +205,41 @@ class VehicleState:
             return before is None or not 0 < (sequence - before[0]) % 256 < 128
         return self._late
 
-    def _on_mode(self, mode: int, armed: bool, now: float) -> None:
-        """Store the mode and armed state, and count a departure from the guided mode."""
+    def _on_mode(self, mode: int, armed: bool, now: float) -> Change | None:
+        """Store the mode and armed state. Return the end of the guided mode, or None."""
         self.received_at = now
         # A reordered report may end our control, but never start it: the operator may have taken
         # over after the report was sent.
         if self._late and not self.in_our_mode and armed and mode in self._adapter.our_modes:
-            return
+            return None
         was_ours = self.in_our_mode or self._lost_ours
         self._lost_ours = False
         self.mode = mode
         self.armed = armed
-        if was_ours and not self.in_our_mode:
-            self.departures += 1
-            self.left_for = None if mode in self._adapter.our_modes else self.mode_name
+        if not was_ours or self.in_our_mode:
+            return None
+        self.left_for = None if mode in self._adapter.our_modes else self.mode_name
+        return Change.DISARMED if self.left_for is None else Change.LEFT
 
-    def _on_boot_time(self, stamp: float, now: float) -> None:
-        """Count a backward step of the time since boot as a reboot, but not its wrap after 49.7
+    def _on_boot_time(self, stamp: float, now: float) -> Change | None:
+        """Return a reboot if the time since boot steps backward, but not for its wrap after 49.7
         days.
 
         After a silence, a boot time that has advanced more than plausible (AHEAD) belongs to
-        another vehicle. It is counted as a reboot, too.
+        another vehicle. It is treated as a reboot, too.
         """
         boot = self.boot.unwrapped(stamp)
         newest = self.boot.newest
         order = self.boot.order(boot, now)
         if order in (Order.OLDER, Order.JUMPED):
-            return
-        if order is Order.RESTARTED:
-            self.reboots += 1
-        else:
+            return None
+        rebooted = order is Order.RESTARTED
+        if not rebooted:
             if newest is not None and self.unproven and self.clock_speed.noticed is None:
                 silence = now - self.boot.newest_at
-                self.reboots += boot - newest - silence > AHEAD + AHEAD_SHARE * silence
+                rebooted = boot - newest - silence > AHEAD + AHEAD_SHARE * silence
             self.clock_speed.received(boot, now)
         self.boot.take(boot, now)
         self.unproven = False
+        self.reboots += rebooted
+        return Change.REBOOTED if rebooted else None

@@ -7,11 +7,13 @@ confirmed.
 from enum import Enum
 
 from circnav_mav.mav.session import Session
+from circnav_mav.mav.vehicle_state import Change
 from circnav_mav.pilot.airborne import Airborne
 from circnav_mav.pilot.mission_state import NOT_OURS, Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.settings import OutputMode, PilotSettings
-from circnav_mav.timers import Since
+from circnav_mav.pilot.stalls import Stalls
+from circnav_mav.timers import Hysteresis
 
 GIVEN_AFTER = 1.5
 """Time, s, for which all reports must show the guided mode before circnav takes control again. A
@@ -42,6 +44,16 @@ class Allowed(Enum):
     STEER = "a steering setpoint"
 
 
+TAKEOVERS = {
+    (False, False): (Holder.OPERATOR_IN_MODE, "vehicle disarmed", Ending.ABORTED),
+    (False, True): (Holder.OPERATOR, "{guided} left for {mode}", Ending.TAKEN_OVER),
+    (True, False): (Holder.OPERATOR_IN_MODE, "autopilot rebooted", Ending.ABORTED),
+    (True, True): (Holder.OPERATOR, "autopilot rebooted", Ending.ABORTED),
+}
+"""Controller, text and ending after a takeover. Key: the autopilot rebooted, the vehicle left the
+guided mode."""
+
+
 class Authority:
     """Tracks the controller of the vehicle. Another mode, disarming or a reboot ends our
     control."""
@@ -61,17 +73,11 @@ class Authority:
         self.holder = Holder.US
         self.rebooted = False
         """True if the newest `watch_takeover` found a reboot of the autopilot."""
-        self._departures = self._reboots = 0
-        self._back_since: float | None = None
-        """Time of the first report of the guided mode after the operator had left it, s."""
-        self._stepped: float | None = None
-        self._backlog_until = float("-inf")
-        self._stall = 0.0
-        """Length of the newest gap between two steps, s. `_since_stall`: time since its end."""
-        self._since_stall = Since()
-        self._confirmed = True
-        """True if the vehicle has reported its mode since the last gap between steps."""
-        self._heartbeats = 0
+        self._given_back = Hysteresis(GIVEN_AFTER)
+        """Reports of the guided mode after the operator had left it."""
+        self._stalls = Stalls()
+        self._backlog_at: float | None = None
+        """Time of the newest step whose data may date from a gap between steps, s."""
         self.broken_bound: str | None = None
         """Description of a bound of the mission that is violated now, or None."""
         self._request = ModeRequest()
@@ -98,7 +104,12 @@ class Authority:
     def certain(self) -> bool:
         """True if the vehicle's identity and its controller are confirmed. Always true in a dry
         run."""
-        return not self._flies or (self._confirmed and not self._session.vehicle.unproven)
+        return not self._flies or (self._reported and not self._session.vehicle.unproven)
+
+    @property
+    def _reported(self) -> bool:
+        """True if the vehicle has reported its mode since the last gap between steps."""
+        return self._backlog_at is None or self._session.vehicle.heartbeat_at > self._backlog_at
 
     @property
     def in_our_hands(self) -> bool:
@@ -140,41 +151,54 @@ class Authority:
     # ------------------------------------------------------------
 
     def obstacle(self, now: float) -> str:
-        """Return a text about a condition that must be met before the vehicle is engaged, or an
-        empty string."""
-        vehicle = self._session.vehicle
+        """Return the first of the obstacles, or an empty string."""
+        return next(iter(self.obstacles(now)), "")
+
+    def obstacles(self, now: float) -> list[str]:
+        """Return texts about the conditions that must be met before the vehicle is engaged."""
+        texts = (self._operator_control(), *self._hindrances(now), self._missing_mode())
+        return [text for text in texts if text]
+
+    def _operator_control(self) -> str:
+        """Return a text if the operator has control, else an empty string."""
+        if self.holder is Holder.US:
+            return ""
         guided = self._session.adapter.guided_name
-        if self.holder is not Holder.US:
-            enter = (
-                f"leave {guided} and enter it"
-                if self.holder is Holder.OPERATOR_IN_MODE
-                else f"enter {guided}"
-            )
-            return f"the operator has control: {enter} again to give control to circnav"
-        if hindrance := self._hindrance(now):
-            return hindrance
+        leave = f"leave {guided} and enter it" if self.holder is Holder.OPERATOR_IN_MODE else ""
+        enter = leave or f"enter {guided}"
+        return f"the operator has control: {enter} again to give control to circnav"
+
+    def _missing_mode(self) -> str:
+        """Return a text if the vehicle is not armed in the guided mode, else an empty string."""
+        vehicle = self._session.vehicle
         if vehicle.in_our_mode:
             return ""
+        if not vehicle.armed:
+            return "the vehicle is not armed"
         enter = "requested" if self._asks_for_mode else "the operator must enter it"
-        return f"mode {guided}: {enter}" if vehicle.armed else "the vehicle is not armed"
+        return f"mode {self._session.adapter.guided_name}: {enter}"
 
-    def _hindrance(self, now: float, *, over_slow_link: bool = False) -> str:
-        """Return the reason why the vehicle cannot be steered, regardless of its controller and
-        mode, or an empty string."""
-        second_senders = (
-            [] if self._mission.begun else self._session.identity.second_senders.recent(now)
-        )
-        disputed = (
-            f"{second_senders[0]}: select yours by link.peer, or sign" if second_senders else ""
-        )
-        contested = "" if self._mission.begun else self._session.contested(now)
-        slow = "" if over_slow_link else self._slow_link(now)
-        silent = unreported(self._session, now) or unwatched(self._settings, self._session, now)
+    def _hindrances(self, now: float, *, over_slow_link: bool = False) -> list[str]:
+        """Return the reasons why the vehicle cannot be steered, regardless of its controller and
+        mode."""
+        session = self._session
+        begun = self._mission.begun
+        rivals = [] if begun else session.identity.second_senders.recent(now)[:1]
+        disputed = [f"{one}: select yours by link.peer, or sign" for one in rivals]
         # Do not engage outside a bound: an engagement would command the exit action at once, and a
         # vehicle that hovers too far away would land or fly home. A flight that resumes after a
         # lost link is under our control and ends by the exit action.
         outside = "" if self._goes_on or not self.broken_bound else f"[bounds]: {self.broken_bound}"
-        return disputed or contested or slow or silent or outside or self._not_flying(now)
+        texts = (
+            *disputed,
+            "" if begun else session.contested(now),
+            "" if over_slow_link else self._slow_link(now),
+            unreported(session, now),
+            unwatched(self._settings, session, now),
+            outside,
+            self._not_flying(now),
+        )
+        return [text for text in texts if text]
 
     def _slow_link(self, now: float) -> str:
         """Return a text if the round trip exceeds the mission's bound before the first engagement,
@@ -214,7 +238,7 @@ class Authority:
             session.vehicle.mode
         ):
             return False
-        return self.holder is Holder.US and not self._hindrance(
+        return self.holder is Holder.US and not self._hindrances(
             now, over_slow_link=session.vehicle.in_our_mode
         )
 
@@ -233,7 +257,7 @@ class Authority:
             and not mission.begun
             and mission.phase is Phase.READY
         )
-        if not asks or session.vehicle.mode == adapter.guided_mode or self._hindrance(now):
+        if not asks or session.vehicle.mode == adapter.guided_mode or self._hindrances(now):
             session.drop_mode_requests()
             return None
         self._asked_in = session.vehicle.mode if self._asked_in is None else self._asked_in
@@ -252,55 +276,52 @@ class Authority:
     def watch_takeover(self, now: float) -> tuple[str, Outcome] | None:
         """Return a takeover detected in this step, as STATUSTEXT and as outcome, or None."""
         session = self._session
-        vehicle = self._session.vehicle
-        # circnav keeps the control while the link is lost. It also has the control if the operator
-        # has given it back but the vehicle cannot be steered yet.
-        ours = self.holder is Holder.US or self._mission.phase not in (
-            Phase.WAIT_LINK,
-            Phase.YIELDED,
-        )
-        departed = vehicle.departures > self._departures
-        self._departures = vehicle.departures
-        self.rebooted = vehicle.reboots > self._reboots
-        self._reboots = vehicle.reboots
-        outside = (
-            session.up
-            and vehicle.mode is not None
-            and vehicle.mode not in session.adapter.our_modes
-        )
+        vehicle = session.vehicle
+        changes = session.take_changes()
+        self.rebooted = Change.REBOOTED in changes
+        departed = not changes.isdisjoint((Change.LEFT, Change.DISARMED))
+        outside = session.up and vehicle.mode not in (None, *session.adapter.our_modes)
         left_for = vehicle.mode_name if outside else vehicle.left_for if departed else None
         in_mode = vehicle.in_our_mode and not departed
         if self._asked_in is not None:
             self._operator_chose |= departed or (outside and vehicle.mode != self._asked_in)
+        was_ours = self._has_control
         self._watch_return(left=left_for is not None, in_mode=in_mode)
-        if not (ours and self._mission.begun and self._flies and session.up) or (
-            in_mode and not self.rebooted
-        ):
+        if not was_ours or (in_mode and not self.rebooted):
             return None
-        self.holder = Holder.OPERATOR_IN_MODE if left_for is None else Holder.OPERATOR
-        if self.rebooted or left_for is None:
-            what = f"{TAKEN_OVER}, {'autopilot rebooted' if self.rebooted else 'vehicle disarmed'}"
-            return what, Outcome(Ending.ABORTED, what)
+        self.holder, text, ending = TAKEOVERS[self.rebooted, left_for is not None]
+        what = f"{TAKEN_OVER}, {text.format(guided=session.adapter.guided_name, mode=left_for)}"
+        if ending is Ending.ABORTED:
+            return what, Outcome(ending, what)
         # The heartbeat does not show the cause of a mode change. `report.html` contains the
         # autopilot's message about a failsafe.
         flown = now - (self._mission.engaged_at or now)
-        reason = f"pilot or failsafe switched to {left_for} after {flown:.0f} s"
-        return f"{TAKEN_OVER}, {session.adapter.guided_name} left for {left_for}", Outcome(
-            Ending.TAKEN_OVER, reason
+        return what, Outcome(
+            ending, f"pilot or failsafe switched to {left_for} after {flown:.0f} s"
         )
+
+    @property
+    def _has_control(self) -> bool:
+        """True if circnav controls a vehicle that it has engaged.
+
+        circnav keeps the control while the link is lost. It also has the control if the operator
+        has given it back but the vehicle cannot be steered yet.
+        """
+        ours = self.holder is Holder.US or self._mission.phase not in (
+            Phase.WAIT_LINK,
+            Phase.YIELDED,
+        )
+        return ours and self._mission.begun and self._flies and self._session.up
 
     def _watch_return(self, *, left: bool, in_mode: bool) -> None:
         """Detect that the operator gives control back: the vehicle leaves the guided mode, enters
         it again and stays in it for GIVEN_AFTER."""
-        reported_at = self._session.vehicle.received_at
         if left and self.holder is Holder.OPERATOR_IN_MODE:
             self.holder = Holder.OPERATOR
-        if not in_mode or self.holder is not Holder.OPERATOR:
-            self._back_since = None
-        elif self._back_since is None:
-            self._back_since = reported_at
-        elif reported_at - self._back_since >= GIVEN_AFTER:
+        again = in_mode and self.holder is Holder.OPERATOR
+        if self._given_back.update(again, self._session.vehicle.received_at):
             self.holder = Holder.US
+            self._given_back.clear()
 
     # --- confirmation after gaps
     # ------------------------------------------------------------
@@ -311,36 +332,20 @@ class Authority:
         After such a gap, assume that the operator may have taken over, until a heartbeat reports
         the vehicle's mode.
         """
-        heartbeats = self._session.vehicle.heartbeats
         backlog = self.may_be_backlog(now)
-        if self._stepped is not None and self._stood_still(now):
-            # 0.2: time after a gap between two steps, s, in which received data may still be stale,
-            # because reading the backlog takes a few steps.
-            self._backlog_until = now + 0.2
-            self._stall = now - self._stepped
-            self._since_stall.restart(now)
+        self._stalls.step(now)
         if backlog:
-            self._confirmed = False
-            self._heartbeats = heartbeats
+            self._backlog_at = now
             self._session.drop_mode_requests()
-        else:
-            self._confirmed |= heartbeats > self._heartbeats
-        self._stepped = now
         return backlog
 
     def stalled(self, now: float) -> float:
-        """Return the length of the newest gap between two steps, s, for 4 s after it, because rates
-        and ages still show its effects. Then return 0."""
-        return self._stall if self._since_stall.age(now) < 4.0 else 0.0
+        """Return the length of the newest stall, s, as long as it has effects, else 0."""
+        return self._stalls.length(now)
 
     def may_be_backlog(self, now: float) -> bool:
         """True if data received now may date from a gap between steps."""
-        return now < self._backlog_until or self._stood_still(now)
-
-    def _stood_still(self, now: float) -> bool:
-        # 0.5: gap between two steps, s, above which data received during the gap is treated as
-        # stale.
-        return self._stepped is not None and now - self._stepped > 0.5
+        return self._stalls.may_be_backlog(now)
 
 
 def unreported(session: Session, now: float) -> str:

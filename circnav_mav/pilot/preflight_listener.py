@@ -19,7 +19,7 @@ from circnav_mav.mav.clocks import Moment, Span, quick_span
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.identity import RADIO_NAME, describe_vehicle
 from circnav_mav.mav.params import ParameterReader
-from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
+from circnav_mav.mav.ranging.reader import Accepted, RangeRateReader, RangeReader
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import TextReader, plain_text
@@ -224,16 +224,18 @@ class PreflightListener:
         words = ", ".join(f"{mark} {plain_text(str(value))}" for mark, value in marks.items())
         self.carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {words}"] += 1
         peer = None if self._settings.ranging_apart else self.session.peer
-        sample = self.ranging.read(
+        answer = self.ranging.read(
             message, now, source=source, vehicle=peer.source if peer else None
         )
-        if self.ranging.rival is not None and self.ranging.trusted is not None:
-            self.session.identity.second_senders.received(
-                RADIO_NAME, self.ranging.rival, self.ranging.trusted, now
-            )
-        if sample is None:
+        if not isinstance(answer, Accepted):
+            rival = None if answer is None else answer.rival
+            if rival is not None and self.ranging.trusted is not None:
+                self.session.identity.second_senders.received(
+                    RADIO_NAME, rival, self.ranging.trusted, now
+                )
             return
-        self.rate_reader.range_taken(sample)
+        self.rate_reader.range_taken(answer)
+        sample = answer.sample
         if self._settled(now):
             self.ranges.append(
                 ReceivedRange(sample.stamp, sample.time, now, sample.r, sample.sigma)

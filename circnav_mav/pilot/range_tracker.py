@@ -13,7 +13,7 @@ from circnav_mav.mav.clocks import no_link_delay
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.ranging.interface import Reject
-from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
+from circnav_mav.mav.ranging.reader import Accepted, RangeRateReader, RangeReader
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.settings import PilotSettings
@@ -88,7 +88,7 @@ class RangeTracker:
                 self.newest_rate = rate
                 self.estimator.observe_rate(rate)
             return False
-        sample = self.ranging.read(
+        answer = self.ranging.read(
             message,
             now,
             height=height,
@@ -97,27 +97,24 @@ class RangeTracker:
             source=source,
             vehicle=peer.source if peer else None,
         )
-        if self.ranging.rival is not None and self.ranging.trusted is not None:
-            identity.second_senders.received(
-                RADIO_NAME, self.ranging.rival, self.ranging.trusted, now
-            )
-        if self.ranging.restarted:
+        if not isinstance(answer, Accepted):
+            rival = None if answer is None else answer.rival
+            if rival is not None and self.ranging.trusted is not None:
+                identity.second_senders.received(RADIO_NAME, rival, self.ranging.trusted, now)
+            return False
+        if answer.restarted:
             self.estimator.restamp()
             self._thinning.reset()
-        if self.ranging.stepped:
-            self._session.announcer.say(
-                "clock", f"sensor clock stalled {self.ranging.stepped:.1f} s"
-            )
-        if sample is None:
-            return False
+        if answer.stepped:
+            self._session.announcer.say("clock", f"sensor clock stalled {answer.stepped:.1f} s")
         if stalled:
             self.ranging.reject(Reject.STALLED)
             return False
         if height is None and self._needs_altitude:
             self.ranging.reject(Reject.NO_HEIGHT)
             return False
-        self.rates.range_taken(sample)
-        merged = self._thinning.take(sample)
+        self.rates.range_taken(answer)
+        merged = self._thinning.take(answer.sample)
         if merged is None:
             return False
         sample, count = merged

@@ -39,6 +39,7 @@ MANY = 64
 """Number of undecoded bytes in this time from which a wrong baud rate is reported."""
 SHOWN = 24
 """Number of undecoded bytes that are shown."""
+LINE_ENDS = (b"\n", b"\r")
 BATCH = (
     "several ranges without a time arrive at once: only the newest is used. Send each range when it"
     " is measured, or with its time"
@@ -153,7 +154,9 @@ class RadioLink:
                 self._reading.succeeded()
             except FAILURES as error:
                 self._failed(error, self._reading, now)
-            sender.between_lines = data.endswith((b"\n", b"\r"))
+            sender.between_lines = data.endswith(LINE_ENDS)
+            if found and (hint := getattr(sender.driver, "hint", "")):
+                self.troubles[hint] += 1
             readings += [(reading, source) for reading in found]
             self._count_batch(found)
             self._watch(source, data, sender.driver.unread - before, bool(found), now)
@@ -233,9 +236,14 @@ class RadioLink:
             return
         text, has_end = _text(host.tail)
         of = f", from {key}" if isinstance(source, tuple) else ""
-        if text and (host.unread or not has_end):
+        ends_first = has_end and data.startswith(LINE_ENDS)
+        if text and (host.unread or not has_end or ends_first):
             unreadable = f"received text is no {self._name} data"
             end = "" if has_end else " (without a line end)"
+            # Each datagram of a new port begins with the line end of the datagram before. Its line
+            # would be read one datagram late.
+            if ends_first:
+                end = " (its line end comes first: send the line end after the line)"
             note(self.troubles, f"{unreadable}: {text!r}{end}{of}", f"{unreadable}, other lines")
         elif host.unread >= MANY or _ends_with_nul(host.tail):
             shown = f"received bytes are no {self._name} data"

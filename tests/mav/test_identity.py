@@ -292,11 +292,11 @@ def test_heartbeats_with_separate_sequence_numbers_are_accepted(rig):
     rig.receive(attitude(0), voice=Voice(1, 1))
     rig.pass_time(0.6)
     since = rig.now
-    received = rig.pilot.session.vehicle.heartbeats
+    received = rig.pilot.session.vehicle.heartbeat_at
     for _ in range(40):
         rig.receive(attitude(0), voice=Voice(1, 1))
         rig.run(0.05)
-    assert rig.pilot.session.vehicle.heartbeats > received
+    assert rig.pilot.session.vehicle.heartbeat_at > received
     assert rig.setpoints(since)
 
 
@@ -462,5 +462,5 @@ def test_heartbeat_of_peripheral_with_vehicle_ids_is_ignored(rig):
             rig.tick % 20 or rig.receive(heartbeat(0, armed=False, autopilot=8), voice=peripheral)
         ),
     )
-    assert rig.pilot.mission.phase is Phase.ENGAGED and rig.pilot.session.vehicle.departures == 0
+    assert rig.pilot.mission.phase is Phase.ENGAGED and rig.pilot.session.vehicle.left_for is None
     assert rig.pilot.session.ignored["no_autopilot"] == 19

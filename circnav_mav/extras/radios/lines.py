@@ -21,8 +21,26 @@ COLUMNS = {
 """Columns of a line without names, by the number of values."""
 
 
+DECIMAL_COMMA = (
+    "received lines are an id and a whole number of meters (12,5 is id 12, 5 m): decimal commas are"
+    " not read, send decimal points"
+)
+"""Hint to lines with decimal commas, and to whole numbers of meters, which look the same."""
+
+
 class Lines(LineDriver):
     """Driver with one reading per line."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._whole_ranges = 0
+        """Number of lines in a row whose range follows a comma and has no decimal point."""
+
+    @property
+    def hint(self) -> str:
+        """Probable mistake of the sender, human-readable, or empty."""
+        # 10: a sender that omits the decimals of a round value sends fewer in a row.
+        return DECIMAL_COMMA if self._whole_ranges >= 10 else ""
 
     def read_line(self, line: str) -> Sequence[RadioReading] | None:
         """Return the reading of a line, None for a header or other text."""
@@ -33,6 +51,8 @@ class Lines(LineDriver):
             time = values.get("time")
             if isinstance(values["range"], bool):
                 return None
+            whole = "," in line and str(values["range"]).isdecimal()
+            self._whole_ranges = self._whole_ranges + 1 if whole and line[0] != "{" else 0
             return [RadioReading(float(values["range"]), beacon, _number(sigma), _number(time))]
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             return None

@@ -57,10 +57,15 @@ class Driver(Protocol):
 
     baud: baud rate of the serial port if the endpoint specifies none.
     unread: number of bytes so far that could not be decoded.
+    hint: probable mistake of the sender, human-readable, or empty. Optional.
     """
 
     baud: int
     unread: int
+
+    @property
+    def hint(self) -> str:
+        return ""
 
     def receive(self, data: bytes, now: float) -> Sequence[RadioReading]:
         """Return the readings that these bytes complete. A message may arrive in any number of

@@ -9,6 +9,7 @@ and `sources` defines a source.
 from collections import Counter, deque
 from collections.abc import Callable, Hashable, Mapping
 from math import inf, isfinite
+from typing import NamedTuple
 
 from circnav_mav.guidance.maths import horizontal, horizontal_rate
 from circnav_mav.guidance.range_noise import NoiseCheck
@@ -44,6 +45,61 @@ def same_radio(sender: Sender, other: Sender) -> bool:
     return sender.ids == other.ids and host_of(sender.source) == host_of(other.source)
 
 
+class Accepted(NamedTuple):
+    """A message that became a sample.
+
+    sample: the sample.
+    restarted: True if the sensor's clock was reset or replaced since the last accepted message.
+    stepped: pause of the sensor's clock that this message showed, s, or 0.
+    """
+
+    sample: RangeSample
+    restarted: bool
+    stepped: float
+
+
+class Rejected(NamedTuple):
+    """A ranging message that did not become a sample.
+
+    reason: first check that the message did not pass.
+    rival: sender of the message if it is a second sender: a selected range from another address.
+    """
+
+    reason: Reject
+    rival: Sender | None
+
+
+class _Radio(NamedTuple):
+    """Sender and sensor of the ranges in use.
+
+    since: time of the first range from the present address, s.
+    with_vehicle: True if the ranges arrive from the address of the vehicle.
+    """
+
+    sender: Sender
+    sensor: RangeSource
+    since: float
+    with_vehicle: bool
+
+
+class _Received(NamedTuple):
+    """A ranging message, as the checks use it.
+
+    reading: calibrated reading, or the reason why the message contains none.
+    picked: True if the mission selects the sensor.
+    fits: True if the sender has the configured ids and is no other vehicle.
+    moved: True if the trusted radio sends from another port now.
+    """
+
+    sender: Sender
+    sensor: RangeSource
+    reading: Reading | Reject
+    picked: bool
+    fits: bool
+    moved: bool
+    now: float
+
+
 class RangeReader:
     """Converter of messages to samples, each measurement at most once and in the order of the
     sensor's clock."""
@@ -65,30 +121,15 @@ class RangeReader:
         )
         """The sensor's clock, also used for the range rates of the sensor."""
         self.sources = RangeSources(self._kind, settings)
-        self.trusted: Sender | None = None
-        """Sender and address of the ranges in use."""
-        self._source: RangeSource | None = None
-        """Sensor of the trusted sender that is in use."""
-        self.rival: Sender | None = None
-        """Sender of the newest message if it is a second sender: a selected range from another
-        address."""
         self._reach = reach
-        self._here_since = -inf
-        """Time of the first range from the present address of the trusted sender, s."""
+        self._radio: _Radio | None = None
         self._left: deque[Hashable] = deque(maxlen=8)
         """Earlier addresses of the trusted sender."""
-        self._with_vehicle = False
         self._taken = 0
         self._since_ahead = Since()
-        self._sequence: int | None = None
-        self.slant = 0.0
-        """Newest slant range, m."""
-        self.stamped = True
-        """False if the newest message has no usable timestamp."""
-        self.restarted = False
-        """True if the newest message showed a reset of the sensor's clock."""
-        self.stepped = 0.0
-        """Pause of the sensor's clock that the newest message showed, s, or 0."""
+        self._newest: Reading | None = None
+        self._restarted = False
+        """True if the clock was reset since the last accepted message."""
         self.moving = False
         """True if the vehicle certainly moves, so that its range cannot stay constant."""
         self.sender_stays = False
@@ -99,47 +140,24 @@ class RangeReader:
         """Time, s, and newest slant range, m, of the radio's other beacons, by id."""
 
     @property
+    def trusted(self) -> Sender | None:
+        """Sender and address of the ranges in use."""
+        return None if self._radio is None else self._radio.sender
+
+    @property
+    def slant(self) -> float:
+        """Newest slant range, m, 0 before the first range."""
+        return 0.0 if self._newest is None else self._newest.slant
+
+    @property
+    def stamped(self) -> bool:
+        """False if the newest range has no usable timestamp."""
+        return self._newest is None or self._newest.stamp is not None
+
+    @property
     def refused(self) -> int:
         """Number of rejected ranges of our sensor, without ranges of other sensors."""
         return self.rejected.total() - sum(self.rejected[reason] for reason in OTHERS)
-
-    def read(
-        self,
-        message: Message,
-        now: float,
-        *,
-        height: float | None = None,
-        other_vehicles: Mapping[int, Hashable] | None = None,
-        one_way: float = 0.0,
-        source: Hashable = None,
-        vehicle: Hashable = None,
-    ) -> RangeSample | None:
-        """Return the sample that a message carries, or None. A rejection is counted in `rejected`.
-
-        height: height of the vehicle above the target, m, None to take ranges as horizontal.
-        other_vehicles: system ids of other vehicles, with the addresses of their autopilots. Their
-            ranges are rejected unless the mission specifies that system id.
-        one_way: least one-way delay of this link, s. Stamps alone do not show it.
-        source: address of the sender.
-        vehicle: address of the vehicle, or None. Ranges that the autopilot forwards arrive from
-            this address, even after the vehicle has changed it.
-        """
-        self.restarted = False
-        self.stepped = 0.0
-        self.rival = None
-        if message.get_type() != self._kind.type:
-            return None
-        if self._with_vehicle and self.trusted is not None and vehicle is not None:
-            self.trusted = self.trusted._replace(source=vehicle)
-        answer = self._judge(message, now, height, other_vehicles or {}, source)
-        if isinstance(answer, RangeSample) and vehicle is not None:
-            self._with_vehicle = source == vehicle
-        if isinstance(answer, RangeSample) and one_way > self._settings.max_age - SAME_TIME:
-            answer = Reject.TOO_OLD
-        if isinstance(answer, Reject):
-            self.reject(answer)
-            return None
-        return answer
 
     @property
     def unexplained(self) -> int:
@@ -155,77 +173,165 @@ class RangeReader:
         """Count rejections, including later rejections by the gate or after a stall."""
         self.rejected[reason.value] += count
 
-    def _judge(
+    def read(
         self,
         message: Message,
         now: float,
-        height: float | None,
+        *,
+        height: float | None = None,
+        other_vehicles: Mapping[int, Hashable] | None = None,
+        one_way: float = 0.0,
+        source: Hashable = None,
+        vehicle: Hashable = None,
+    ) -> Accepted | Rejected | None:
+        """Return the sample that a message carries, or the reason for its rejection, which is
+        counted in `rejected`. Return None if the message is no range.
+
+        height: height of the vehicle above the target, m, None to take ranges as horizontal.
+        other_vehicles: system ids of other vehicles, with the addresses of their autopilots. Their
+            ranges are rejected unless the mission specifies that system id.
+        one_way: least one-way delay of this link, s. Stamps alone do not show it.
+        source: address of the sender.
+        vehicle: address of the vehicle, or None. Ranges that the autopilot forwards arrive from
+            this address, even after the vehicle has changed it.
+        """
+        if message.get_type() != self._kind.type:
+            return None
+        radio = self._radio
+        if radio is not None and radio.with_vehicle and vehicle is not None:
+            self._radio = radio._replace(sender=radio.sender._replace(source=vehicle))
+        received = self._received(message, now, other_vehicles or {}, source)
+        if received is None:
+            return None
+        failed = (reason for check in self._CHECKS if (reason := check(self, received)))
+        answer = next(failed, None) or self._take(received, height, vehicle)
+        if isinstance(answer, RangeSample) and one_way > self._settings.max_age - SAME_TIME:
+            answer = Reject.TOO_OLD
+        if isinstance(answer, Reject):
+            self.reject(answer)
+            return Rejected(
+                answer, self._rival(received) if answer is Reject.WRONG_SOURCE else None
+            )
+        restarted = self._restarted
+        self._restarted = False
+        return Accepted(answer, restarted, self.clock.followed)
+
+    def _received(
+        self,
+        message: Message,
+        now: float,
         other_vehicles: Mapping[int, Hashable],
         source: Hashable,
-    ) -> RangeSample | Reject | None:
-        settings = self._settings
+    ) -> _Received | None:
+        """Note the source of a message. Return the message for the checks, or None if it is no
+        range."""
         reading = self._kind.read(message)
-        picked = self._kind.picked(message, settings)
         if reading is None:
             return None
         sender = Sender(*ids(message), source)
+        picked = self._kind.picked(message, self._settings)
         fits = self._fits(sender, other_vehicles)
         slant = None if isinstance(reading, Reject) else reading.slant
         sensor = self.sources.receive(message, slant, now, picked=picked and fits)
         if self._kind.for_anything and not picked:
             return None
-        if not picked and fits and isinstance(reading, Reading):
-            self._note_other_beacon(sensor, reading, now)
-        moved = picked and slant is not None and self._moved(sender, sensor, slant, now)
-        if not fits or not (
-            moved or self._counts(sender, sensor, now, picked=picked and slant is not None)
-        ):
-            return Reject.OTHER_SENSOR if fits and sender == self.trusted else Reject.WRONG_SOURCE
-        if not picked:
-            return Reject.OTHER_SENSOR
+        moved = False
+        if isinstance(reading, Reading):
+            reading = reading.calibrated(self._settings.calibration)
+            if picked:
+                moved = self._moved(sender, sensor, reading.slant, now)
+            elif fits:
+                self._note_other_beacon(sensor, reading.slant, now)
+        return _Received(sender, sensor, reading, picked, fits, moved, now)
+
+    # --- checks, in the order in which they are made ---
+
+    def _check_sender(self, received: _Received) -> Reject | None:
+        """Only the trusted sensor is used, until it is silent."""
+        radio = self._radio
+        if received.fits:
+            if radio is None or received.moved or self._is_trusted(received):
+                return None
+            if self._silent(received.now) and not self.sender_stays:
+                return None
+            if received.sender == radio.sender:
+                return Reject.OTHER_SENSOR
+        return Reject.WRONG_SOURCE
+
+    def _check_sensor(self, received: _Received) -> Reject | None:
+        """The mission selects the sensor."""
+        return None if received.picked else Reject.OTHER_SENSOR
+
+    def _check_reading(self, received: _Received) -> Reject | None:
+        """The message contains a plausible range."""
+        reading = received.reading
         if isinstance(reading, Reject):
             return reading
-        reading = reading.calibrated(settings.calibration)
         if reading.slant <= 0:  # near the beacon, a corrected bias of meters can give this
             return Reject.NO_RANGE
-        if reading.slant > self._kind.farthest:
-            return Reject.ABOVE_MAX
-        # Before the engagement, a second source may be the intended source. In flight a second
-        # source has no effect.
-        if self._ambiguous(now):
-            return Reject.AMBIGUOUS
-        changed = (sender, sensor) != (self.trusted, self._source)
-        if self.trusted is not None and changed and not moved:
-            self._restart()
-            self._with_vehicle = False
-        carried = reading.stamp if settings.stamp == "sensor" else None
-        self.stamped = reading.stamp is not None
-        stamp = now if carried is None else self.clock.unwrapped(carried)
-        rejection = self._order(reading, stamp, now)
-        if rejection is not None:
-            return rejection
-        if self.trusted is not None and moved:
-            self._left.append(self.trusted.source)
-        if changed:
-            self._here_since = now
-        self.trusted = sender
-        self._source = sensor
-        self._sequence = reading.sequence
-        self.slant = reading.slant
-        self._taken += 1
-        self.clock.take(stamp, now)
-        return self._sample(reading, stamp, now, height)
+        return Reject.ABOVE_MAX if reading.slant > self._kind.farthest else None
 
-    def _note_other_beacon(self, sensor: RangeSource, reading: Reading, now: float) -> None:
-        """Store the range of the trusted radio to another beacon, such as a member of a fleet."""
-        trusted = self._source
-        beacon = sensor.keys.get("beacon_id")
-        # 256: limit of stored beacon ids. In an unsigned network any sender can invent ids.
-        if trusted is None or sensor[:2] != trusted[:2] or not isinstance(beacon, int):
-            return
-        if beacon in self.other_beacons or len(self.other_beacons) < 256:
-            slant = reading.calibrated(self._settings.calibration).slant
-            self.other_beacons[beacon] = (now, slant)
+    def _check_single_source(self, received: _Received) -> Reject | None:
+        """Before the engagement, a second source may be the intended source. In flight a second
+        source has no effect."""
+        return Reject.AMBIGUOUS if self._ambiguous(received.now) else None
+
+    def _check_stamp(self, received: _Received) -> Reject | None:
+        """The stamp is newer than the newest stamp of the same clock."""
+        if self._radio is not None and not (received.moved or self._is_trusted(received)):
+            self._restart()
+        clock = self.clock
+        now = received.now
+        if clock.newest is None:
+            return None
+        stamp = self._stamp(received)
+        most_ahead = FUTURE if self._taken > KNOWN_AFTER else JUMP
+        if most_ahead < clock.ahead(stamp, now) <= JUMP:
+            self._since_ahead.restart(now)
+        # A looped route repeats old frames while the sensor still sends. So a new clock is followed
+        # only after some range periods without a stamp of the old clock.
+        patience = LISTEN_PERIODS / self._settings.rate_hz
+        newest = clock.newest
+        order = clock.order(stamp, now, most_ahead=most_ahead, steady=JUMP, patience=patience)
+        if order is Order.RESTARTED:
+            self._restart()
+            return None
+        if order is Order.JUMPED:
+            return Reject.STAMP_JUMP
+        # 0.5: time after a stamp with a lead above FUTURE, s, in which stamps of the old clock are
+        # rejected too. If the link has become faster, these ranges are older than the clock
+        # estimate shows.
+        if self._since_ahead.age(now) < 0.5:
+            clock.newest_at = now
+            return Reject.CLOCK
+        if order is Order.OLDER:
+            return Reject.OLDER
+        again = order is Order.REPEATED or self._repeats(received, stamp - newest)
+        return Reject.REPEAT if again else None
+
+    _CHECKS = (_check_sender, _check_sensor, _check_reading, _check_single_source, _check_stamp)
+
+    def _take(
+        self, received: _Received, height: float | None, vehicle: Hashable
+    ) -> RangeSample | Reject:
+        """Take a new reading as the newest. Return its sample, or the reason to reject it by age,
+        noise or height."""
+        reading = received.reading
+        assert isinstance(reading, Reading)
+        stamp = self._stamp(received)
+        radio = self._radio
+        same = self._is_trusted(received)
+        if radio is not None and received.moved:
+            self._left.append(radio.sender.source)
+        with_vehicle = received.sender.source == vehicle
+        if vehicle is None:
+            with_vehicle = radio is not None and radio.with_vehicle and (same or received.moved)
+        since = radio.since if radio is not None and same else received.now
+        self._radio = _Radio(received.sender, received.sensor, since, with_vehicle)
+        self._newest = reading
+        self._taken += 1
+        self.clock.take(stamp, received.now)
+        return self._sample(reading, stamp, received.now, height)
 
     def _sample(
         self, reading: Reading, stamp: float, now: float, height: float | None
@@ -234,7 +340,6 @@ class RangeReader:
         settings = self._settings
         noise = self._noise
         time = self.clock.local(stamp, now) - settings.calibration.delay
-        self.stepped = self.clock.followed
         if now - time > settings.max_age:
             return Reject.CLOCK if self.clock.doubted else Reject.TOO_OLD
         sigma = reading.sigma or settings.sigma_m
@@ -251,109 +356,106 @@ class RangeReader:
             else RangeSample(stamp, time, *flat, source=self._kind.type)
         )
 
+    def _note_other_beacon(self, sensor: RangeSource, slant: float, now: float) -> None:
+        """Store the range of the trusted radio to another beacon, such as a member of a fleet."""
+        radio = self._radio
+        beacon = sensor.keys.get("beacon_id")
+        # 256: limit of stored beacon ids. In an unsigned network any sender can invent ids.
+        if radio is None or sensor[:2] != radio.sensor[:2] or not isinstance(beacon, int):
+            return
+        if beacon in self.other_beacons or len(self.other_beacons) < 256:
+            self.other_beacons[beacon] = (now, slant)
+
     def _ambiguous(self, now: float) -> bool:
         return not self.sender_stays and self.sources.several(now)
+
+    def _silent(self, now: float) -> bool:
+        return now - self.clock.newest_at > SOURCE_SILENT
+
+    def _is_trusted(self, received: _Received) -> bool:
+        """True if the message is from the trusted sensor at its present address."""
+        radio = self._radio
+        return (
+            radio is not None
+            and received.sender == radio.sender
+            and (received.sensor == radio.sensor)
+        )
+
+    def _rival(self, received: _Received) -> Sender | None:
+        """Return the sender of a rejected message if it is a second sender."""
+        trusted = self.trusted
+        ranges = received.fits and received.picked and isinstance(received.reading, Reading)
+        if trusted is None or not ranges or self._silent(received.now):
+            return None
+        return None if received.sender.source == trusted.source else received.sender
 
     def _fits(self, sender: Sender, other_vehicles: Mapping[int, Hashable]) -> bool:
         """True if a sender has the configured ids and does not belong to another vehicle."""
         settings = self._settings
-        if settings.system_id not in (None, sender.system) or settings.component_id not in (
-            None,
-            sender.component,
-        ):
+        if settings.component_id not in (None, sender.component):
             return False
+        if settings.system_id is not None:
+            return settings.system_id == sender.system
+        if sender.system not in other_vehicles:
+            return True
         # Ranges of another vehicle's autopilot may have been accepted before its first heartbeat,
         # which arrives from the same address. A heartbeat with the radio's system id from another
         # address may be an imitation. Rejecting the radio because of such a heartbeat would end the
         # flight.
         its_own = (
             sender.component == AUTOPILOT_COMPONENT
-            and other_vehicles.get(sender.system) == sender.source
+            and other_vehicles[sender.system] == sender.source
         )
-        stays = self.sender_stays and sender == self.trusted and not its_own
-        return settings.system_id is not None or sender.system not in other_vehicles or stays
-
-    def _counts(self, sender: Sender, sensor: RangeSource, now: float, *, picked: bool) -> bool:
-        """True if ranges of this sensor are used: it is the trusted sensor, or the trusted sensor
-        is silent.
-
-        picked: True for a range that the mission selects. Such a range from another address
-        indicates a second sender.
-        """
-        if self.trusted is None or (sender, sensor) == (self.trusted, self._source):
-            return True
-        silent = now - self.clock.newest_at > SOURCE_SILENT
-        self.rival = (
-            sender if picked and not silent and sender.source != self.trusted.source else None
-        )
-        return silent and not self.sender_stays
+        return self.sender_stays and sender == self.trusted and not its_own
 
     def _moved(self, sender: Sender, sensor: RangeSource, slant: float, now: float) -> bool:
         """True if the trusted radio sends from another port of its host now."""
-        trusted = self.trusted
+        radio = self._radio
         if (
-            trusted is None
-            or sender.source == trusted.source
-            or sensor != self._source
-            or not same_radio(sender, trusted)
+            radio is None
+            or sender.source == radio.sender.source
+            or sensor != radio.sensor
+            or not same_radio(sender, radio.sender)
         ):
             return False
         # An ESP8266 or a script may open a new socket for each datagram. Each port of such a radio
         # sends once, and no port sends again. A second program on the same host uses its port
         # again, and is a second sender.
         newest_at = self.clock.newest_at
-        if self._here_since == newest_at and sender.source not in self._left:
+        if radio.since == newest_at and sender.source not in self._left:
             return True
         # A radio that restarts is silent before it sends from a new port. Its range continues.
         silence = max(MOVES_AFTER, LISTEN_PERIODS / self._settings.rate_hz)
         return now - newest_at > silence and abs(slant - self.slant) <= self._reach(now - newest_at)
 
-    def _order(self, reading: Reading, stamp: float, now: float) -> Reject | None:
-        """Return the reason to reject a reading by its stamp, or None if it is newer than the last
-        reading."""
-        clock = self.clock
-        settings = self._settings
-        if clock.newest is None:
-            return None
-        most_ahead = FUTURE if self._taken > KNOWN_AFTER else JUMP
-        if most_ahead < clock.ahead(stamp, now) <= JUMP:
-            self._since_ahead.restart(now)
-        # A looped route repeats old frames while the sensor still sends. So a new clock is followed
-        # only after 2.5 range periods without a stamp of the old clock.
-        order = clock.order(
-            stamp, now, most_ahead=most_ahead, steady=JUMP, patience=2.5 / settings.rate_hz
-        )
-        if order is Order.RESTARTED:
-            self._restart()
-            return None
-        if order is Order.JUMPED:
-            return Reject.STAMP_JUMP
-        # 0.5: time after a stamp with a lead above FUTURE, s, in which stamps of the old clock are
-        # rejected too. If the link has become faster, these ranges are older than the clock
-        # estimate shows.
-        if self._since_ahead.age(now) < 0.5:
-            clock.newest_at = now
-            return Reject.CLOCK
-        if order is Order.OLDER:
-            return Reject.OLDER
+    def _stamp(self, received: _Received) -> float:
+        """Return the unwrapped stamp of a reading, s, or its arrival time if it has none."""
+        reading = received.reading
+        uses_stamp = self._settings.stamp == "sensor" and isinstance(reading, Reading)
+        carried = reading.stamp if uses_stamp else None
+        return received.now if carried is None else self.clock.unwrapped(carried)
+
+    def _repeats(self, received: _Received, step: float) -> bool:
+        """True if a message repeats the newest range. step: advance of its stamp, s."""
+        before = self._newest
+        reading = received.reading
+        assert before is not None and isinstance(reading, Reading)
         again = (
             reading.sequence is not None
-            and reading.sequence == self._sequence
-            and now - clock.newest_at < 10
+            and reading.sequence == before.sequence
+            and received.now - self.clock.newest_at < 10
         )
         # ArduPilot repeats the last range of its rangefinder with new stamps until the next
         # measurement, and many radios print each line several times. A radio of coarse resolution
         # may measure equal ranges, once per period: those are not rejected.
-        resent = reading.slant == self.slant and stamp - clock.newest < 0.9 / settings.rate_hz
-        return Reject.REPEAT if order is Order.REPEATED or again or resent else None
+        return again or (reading.slant == before.slant and step < 0.9 / self._settings.rate_hz)
 
     def _restart(self) -> None:
         """Reset the clock state for another clock or another sensor."""
         self.clock.reset()
-        self._sequence = None
         self._taken = 0
         self._since_ahead.clear()
-        self.restarted = True
+        self._restarted = True
 
 
 class RangeRateReader:
@@ -391,9 +493,10 @@ class RangeRateReader:
             name is not None and message.get_type() == "NAMED_VALUE_FLOAT" and message.name == name
         )
 
-    def range_taken(self, sample: RangeSample) -> None:
+    def range_taken(self, accepted: Accepted) -> None:
         """Process an accepted range, to compare measured range rates with the change of ranges."""
-        if self._ranging.restarted:
+        sample = accepted.sample
+        if accepted.restarted:
             self._check.reset()
             self._stamp = None
         if self._settings.rate_name is not None:

@@ -8,7 +8,7 @@ from importlib.metadata import EntryPoint
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.extras.radios.lines import Lines
+from circnav_mav.extras.radios.lines import DECIMAL_COMMA, Lines
 from circnav_mav.extras.radios.linktrack import LinkTrack
 from circnav_mav.mav.ranging.driver import RadioReading
 from circnav_mav.mav.ranging.line_driver import LineDriver
@@ -315,6 +315,33 @@ def test_bytes_of_lines_that_end_with_nul_are_shown():
         "received bytes are no lines data: b'12.0\\x0012.1\\x0012.2\\x0012.3\\x0012.4', from"
         " 10.0.0.7: wrong baud rate, driver or output of the radio?"
     ]
+
+
+def test_line_end_before_line_from_new_ports_is_named():
+    radio = Radio("lines", Lines())
+    for step in range(30):
+        sent = (b"\r\n12.%d" % (step % 10), ("10.0.0.7", 4000 + step))
+        assert received(radio, sent, now=0.1 * step) == []
+    assert list(radio.link.troubles) == [
+        "received text is no lines data: '12.9' (its line end comes first: send the line end after"
+        " the line), from 10.0.0.7"
+    ]
+
+
+@pytest.mark.parametrize("line", ["12,%d\n", "3;12,%d\n", "7.25,3,12,%d\n"])
+def test_decimal_commas_are_named(line):
+    radio = Radio("lines", Lines())
+    for step in range(20):
+        received(radio, (line.encode() % (1 + step % 9), NODE), now=0.1 * step)
+    assert list(radio.link.troubles) == [DECIMAL_COMMA]
+
+
+def test_range_without_decimals_among_others_is_not_named():
+    radio = Radio("lines", Lines())
+    for step in range(40):
+        sent = b"3,12%s\n" % (b"" if step % 10 else b".5")
+        received(radio, (sent, NODE), now=0.1 * step)
+    assert not radio.link.troubles
 
 
 def test_newest_of_several_ranges_without_time_is_used():

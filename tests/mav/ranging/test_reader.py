@@ -53,8 +53,8 @@ def test_radio_with_new_port_for_each_datagram_is_accepted():
             sample = receiver.distance(
                 10000 + 20 * i + 10 * part, stamp, now=1 + 0.1 * i, source=(HOST, 4000 + i)
             )
-            assert sample is not None and not receiver.reader.restarted
-    assert receiver.reader.rival is None
+            assert sample is not None and not receiver.restarted
+    assert receiver.rival is None
 
 
 def test_second_program_on_host_of_radio_is_second_sender():
@@ -62,7 +62,7 @@ def test_second_program_on_host_of_radio_is_second_sender():
     rivals = 0
     for i in range(40):
         receiver.distance(10000 + 7 * i, now=1 + 0.1 * i, source=(HOST, 4000 + i % 2))
-        rivals += receiver.reader.rival is not None
+        rivals += receiver.rival is not None
     assert receiver.rejected == {"wrong_source": rivals}
     assert rivals >= 19
 
@@ -121,7 +121,7 @@ def test_reader_accepts_wrap_of_sensor_time_since_boot():
         )
         last = sample.stamp
     assert receiver.rejected == {}
-    assert not receiver.reader.restarted
+    assert not receiver.restarted
 
 
 @pytest.mark.parametrize("jump_ms", [-600_000, 3_600_000, -1_500])
@@ -134,7 +134,7 @@ def test_sensor_clock_jump_rejects_two_samples_and_restarts_estimator(jump_ms):
         sample = receiver.distance(
             stamp=700_000 + 100 * i + (jump_ms if i >= 5 else 0), now=1 + 0.1 * i
         )
-        seen.append((sample is not None, receiver.reader.restarted))
+        seen.append((sample is not None, receiver.restarted))
         assert sample is None or sample.time == pytest.approx(1 + 0.1 * i)
     assert seen[5:] == [(False, False), (False, False), (True, True), (True, False)]
     assert receiver.rejected == {"stamp_jump": 2}
@@ -149,7 +149,7 @@ def test_reader_rejects_frames_repeated_by_routing_loop():
             again = 700_000 + round(1000 * (now - 5 - late))
             assert receiver.distance(stamp=again, now=now - late) is None
         assert receiver.distance(stamp=700_000 + round(1000 * now), now=now) is not None
-    assert not receiver.reader.restarted
+    assert not receiver.restarted
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_unconfirmed_stamp_jump_does_not_restart_estimator(stamps):
     ]
     assert accepted == [700_000 <= stamp <= 700_400 for stamp in stamps[:-1]]
     receiver.distance(stamp=stamps[-1], now=1 + 0.1 * len(accepted))
-    assert receiver.reader.restarted == (stamps[-1] == 100_200)
+    assert receiver.restarted == (stamps[-1] == 100_200)
 
 
 def test_slow_radio_recovers_after_clock_jump():
@@ -178,10 +178,10 @@ def test_slow_radio_recovers_after_clock_jump():
     receiver = Receiver(replace(DISTANCE, rate_hz=0.4))
     assert receiver.distance(stamp=700_000, now=1.0) is not None
     assert receiver.distance(stamp=730_000, now=31.0) is not None
-    assert not receiver.reader.restarted
+    assert not receiver.restarted
     assert receiver.distance(stamp=100_000, now=38.5) is None
     assert receiver.distance(stamp=102_500, now=41.0) is not None
-    assert receiver.reader.restarted
+    assert receiver.restarted
 
 
 @pytest.mark.parametrize(("whose", "stamp"), [("sensor", 0), ("arrival", 700_000)])
