@@ -18,7 +18,7 @@ from circnav_mav.extras.locate.estimator import (
     NotLocated,
     Ranges,
     Track,
-    locate_as_it_shows,
+    locate,
 )
 from circnav_mav.extras.locate.logs.interface import ReadOptions
 from circnav_mav.extras.locate.place import Array, Place, Plane
@@ -137,12 +137,12 @@ def measure(
     plane: Plane, track: Track, ranges: Ranges, known: Knowledge
 ) -> CalibrationFit | NotLocated:
     """Return the error of a radio from positions and reported ranges."""
-    place = free = locate_as_it_shows(plane, track, ranges, known)
+    place = free = locate(plane, track, ranges, known)
     if isinstance(free, NotLocated):
         return free
     # On a single radius, every scale fits with a suitable bias.
     if not free.scale_found:
-        place = locate_as_it_shows(plane, track, ranges, replace(known, scale_sigma=CALIBRATED))
+        place = locate(plane, track, ranges, replace(known, scale_sigma=CALIBRATED))
         if isinstance(place, NotLocated):
             return place
     assert isinstance(place, Place)
@@ -188,9 +188,7 @@ def measure(
         if not rising(points):
             return straight
         calibration = Calibration(points=points, delay=delay)
-        again = locate_as_it_shows(
-            plane, track, corrected(ranges, replace(calibration, delay=0.0)), settled
-        )
+        again = locate(plane, track, corrected(ranges, replace(calibration, delay=0.0)), settled)
         if isinstance(again, NotLocated):
             return straight
         curved = CalibrationFit(

@@ -8,11 +8,11 @@ import numpy as np
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.cli.progress import progress
-from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, locate_as_it_shows
+from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, locate
 from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.logs.interface import METERS, ReadOptions, meters_in
 from circnav_mav.extras.locate.logs.table import read_logs
-from circnav_mav.extras.locate.parameters import PARAMETERS
+from circnav_mav.extras.locate.parameters import ardupilot
 from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Place
 from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, corrected, tracks
 from circnav_mav.extras.locate.units import is_plausible, likely_unit
@@ -96,7 +96,7 @@ def locate_log(
             raise Refused(f"{source}: no target was located", Exit.NOTHING_RECEIVED)
         _write(out, source, places, logs)
         if params is not None:
-            say("\n".join(PARAMETERS[params](places)))
+            say("\n".join(ardupilot(places)))
     return Exit.DONE
 
 
@@ -149,7 +149,7 @@ def _one(
     known = replace(known, sigma_known=sigma_known)
     say(f"{tag}: {len(ranges.r)} ranges{f' of {log.vehicle}' if log.vehicle else ''}")
     with progress(f"locating {tag}"):
-        place = locate_as_it_shows(plane, track, ranges, known)
+        place = locate(plane, track, ranges, known)
         found = place if isinstance(place, Place) else None
         likely = likely_unit(plane, track, ranges, known, found) if search_unit else None
     if isinstance(place, NotLocated):

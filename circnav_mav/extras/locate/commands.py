@@ -65,7 +65,7 @@ OUT = click.option(
 )
 @click.option(
     "--params",
-    type=click.Choice(["px4", "ardupilot"]),
+    type=click.Choice(["ardupilot"]),
     help="Also print the places as parameters of this autopilot.",
 )
 @OUT

@@ -4,7 +4,7 @@ from math import pi
 
 import numpy as np
 
-from circnav_mav.extras.locate.estimator import Knowledge, Problem, Ranges, Track
+from circnav_mav.extras.locate.estimator import AT_REST, Knowledge, Problem, Ranges, Track
 from circnav_mav.extras.locate.locator import HEIGHT_SIGMA
 from circnav_mav.extras.locate.settings import table_of
 from circnav_mav.mission.mission import Mission
@@ -36,7 +36,10 @@ def survey_sigma(mission: Mission, seconds: float) -> float | None:
     # Do not call `locate` here: it also decides if these ranges determine the place, and the plan's
     # figures would jump at the limits of its decisions.
     problem = Problem(track, ranges, known)
-    fit = problem.fit(np.zeros(2))
-    if fit is None:
+    prior = AT_REST[0].prior(known)
+    fit = problem.fit(np.zeros((1, prior.size)), prior[None])
+    try:
+        covariance = problem.covariance(fit.x[0], prior)
+    except np.linalg.LinAlgError:
         return None
-    return float(np.sqrt(np.linalg.eigvalsh(problem.covariance(fit)[:2, :2])[-1]))
+    return float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))

@@ -210,7 +210,7 @@ class Locator:
     # --- the estimate
     # ------------------------------------------------------------
 
-    def job(self, now: float) -> tuple[Plane, Track, Ranges, Knowledge, Place | None] | None:
+    def job(self, now: float) -> tuple[Plane, Track, Ranges, Knowledge] | None:
         """Return the arguments of the next `locate` call, or None if none is due.
 
         The caller runs `locate` in another process, because a call takes several hundredths of a
@@ -238,7 +238,6 @@ class Locator:
             track,
             ranges,
             Knowledge(up=up, up_sigma=sigma, gps_sigma=self._gps_sigma),
-            self.place,
         )
 
     def found(self, place: Place | NotLocated) -> None:

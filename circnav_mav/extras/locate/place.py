@@ -74,7 +74,6 @@ class Place:
     velocity_sigma: standard deviation of the velocity per axis, m/s, None for a stationary target.
     bias, scale: a measured range is too long by bias (m) + scale times its length.
     radio_covariance: (2, 2) of bias and scale.
-    bias_prior: prior standard deviation of the bias, m.
     delay: time, s, by which positions are older than ranges with the same timestamp.
     noise: standard deviation of the range residuals, m.
     used, outliers: numbers of used ranges and of outliers.
@@ -92,7 +91,6 @@ class Place:
     bias: float = 0.0
     scale: float = 0.0
     radio_covariance: Array = field(default_factory=lambda: np.zeros((2, 2)))
-    bias_prior: float = 2.0
     delay: float = 0.0
     delay_sigma: float = 0.0
     noise: float = 0.0

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, _locate
+from circnav_mav.extras.locate.estimator import AT_REST, Knowledge, Ranges, Track, locate
 from circnav_mav.extras.locate.logs.interface import METERS
 from circnav_mav.extras.locate.place import Place, Plane
 
@@ -47,12 +47,15 @@ def likely_unit(
     for unit, meters in METERS.items():
         r = thin.r * meters
         sigma = np.full(len(r), max(0.01 * float(np.median(r)), 0.01)) if len(r) else r
-        # Do not call `locate` here: it may also estimate the scale of the radio, and the ranges
-        # would fit in every unit.
-        fit = _locate(
-            plane, track, Ranges(thin.time, r, sigma), replace(known, sigma_known=False), None
+        # With a free scale, the ranges would fit in every unit.
+        fit = locate(
+            plane,
+            track,
+            Ranges(thin.time, r, sigma),
+            replace(known, sigma_known=False),
+            AT_REST[:1],
         )
-        if isinstance(fit, Place) and not fit.moves and is_plausible(fit, known):
+        if isinstance(fit, Place) and is_plausible(fit, known):
             found[unit] = fit
     if not found:
         return None

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, locate_as_it_shows
+from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, locate
 from circnav_mav.extras.locate.logs.table import read_logs
 from tests.extras.locate.worlds import KNOWN, PLANE, circles
 from tests.tools.bench.bench_undetermined import judged
@@ -19,7 +19,7 @@ def test_log_without_unique_place_is_not_located(case, why):
     (log,) = read_logs(Path(__file__).parent / "cases" / case)
     ranges, known = log.of("target", None)
     track = log.track(log.plane())
-    answer = locate_as_it_shows(log.plane(), track, ranges, Knowledge(500.0, sigma_known=known))
+    answer = locate(log.plane(), track, ranges, Knowledge(500.0, sigma_known=known))
     assert isinstance(answer, NotLocated) and why in answer.why
 
 
@@ -27,7 +27,7 @@ def test_constant_range_is_not_located():
     track, ranges, _ = circles(target=(0.0, 0.0))
     constant = replace(ranges, r=np.full(len(ranges.r), 100.0))
     known = replace(KNOWN, up_sigma=50.0, sigma_known=False)
-    answer = locate_as_it_shows(PLANE, track, constant, known)
+    answer = locate(PLANE, track, constant, known)
     assert isinstance(answer, NotLocated) and "do not change" in answer.why
 
 

@@ -37,7 +37,7 @@ import numpy as np
 from scipy.io import loadmat
 from scipy.optimize import least_squares
 
-from circnav_mav.extras.locate.estimator import Knowledge, Place, Ranges, Track, locate_as_it_shows
+from circnav_mav.extras.locate.estimator import Knowledge, Place, Ranges, Track, locate
 from circnav_mav.extras.locate.place import Array, Plane
 
 NOISE = 0.5
@@ -119,7 +119,7 @@ def ours(beacon: Beacon) -> Estimate | None:
     known = Knowledge(
         up=0.0, up_sigma=0.05, gps_sigma=0.05, bias_sigma=BIAS, delay_sigma=0.5, sigma_known=False
     )
-    place = locate_as_it_shows(Plane(40.4, -79.9), beacon.track, beacon.ranges, known)
+    place = locate(Plane(40.4, -79.9), beacon.track, beacon.ranges, known)
     if not isinstance(place, Place):
         return None
     return np.array([place.east, place.north]), place.covariance

@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate_as_it_shows
+from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
 from circnav_mav.extras.locate.place import Place, Plane
 from tests.extras.locate.worlds import gps_error
 
@@ -111,7 +111,7 @@ def judged(kind: str, seed: int) -> str:
     )
     if known.sigma_known:
         ranges = Ranges(ranges.time, ranges.r, np.full(len(ranges.r), 1.0))
-    place = locate_as_it_shows(PLANE, track, ranges, known)
+    place = locate(PLANE, track, ranges, known)
     if not isinstance(place, Place):
         return "not located"
     if truth is None:
