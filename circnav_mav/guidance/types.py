@@ -160,8 +160,6 @@ class RangeEstimate(NamedTuple):
     r_sigma, r_dot_sigma: their standard deviations.
     eta: angle from the heading to the line of sight (target to the left positive), rad.
     relative: the whole relative motion.
-    missed: share of recent samples that were rejected as outliers. None: not provided by the
-        estimator.
     """
 
     time: float
@@ -171,7 +169,6 @@ class RangeEstimate(NamedTuple):
     r_dot_sigma: float
     eta: float | None = None
     relative: RelativeMotion | None = None
-    missed: float | None = None
 
 
 OwnLaw = Callable[[RangeEstimate], float]

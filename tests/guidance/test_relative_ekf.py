@@ -8,6 +8,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 
+from circnav_mav.guidance.estimators.acquisition import Estimate
 from circnav_mav.guidance.estimators.dead_reckoning import predict_mixture
 from circnav_mav.guidance.estimators.relative_ekf import (
     ACCELERATION_BIAS_TIME,
@@ -22,12 +23,15 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     Hypotheses,
     R,
     VelocityChange,
+    acceleration_measurements,
+    correct,
     mixture,
     polar,
     position,
     predict,
     range_measurement,
     rate_measurement,
+    transition,
     update,
 )
 from circnav_mav.guidance.maths import chord
@@ -118,7 +122,7 @@ def test_filter_with_one_hypothesis_matches_filterpy_ekf():
         reference.P = F @ reference.P @ F.T + process_noise(reference.x[:, 0])
         z = float(reference.x[0, 0] + rng.normal(0, 1.0))
         reference.update(np.array([[z]]), lambda _: H, lambda s: H @ s, R=(WHITE * SIGMA) ** 2)
-        ours = predict(ours, NOISE, DT, path, SIGMA)
+        ours = predict(ours, transition(ours, NOISE, DT, path, SIGMA))
         ours, *_ = update(ours, NOISE, range_measurement(ours, NOISE, z, SIGMA), gate=1e3)
     assert ours.x[:, 0] == pytest.approx(reference.x[:, 0], rel=1e-6, abs=1e-6)
     assert ours.P[:, :, 0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
@@ -191,19 +195,13 @@ def test_mixture_prediction_equals_prediction_of_one_hypothesis(seed, dt, headin
     chord = rng.normal(size=2) * 10 * dt
     psd = 0.02
     gust = 1.3
-    after = predict(
-        hypothesis(mean, P),
-        noise(psd, gust, 0.7, 0.5),
-        dt,
-        chord,
-        0.5,
-    )
+    before = hypothesis(mean, P)
+    after = predict(before, transition(before, noise(psd, gust, 0.7, 0.5), dt, chord, 0.5))
     x = after.x[:, 0]
     Q = after.P[:, :, 0]
 
-    ours = predict_mixture(
-        mean, P, np.array([psd, gust, 0.0]), dt, (chord[0], chord[1]), heading, airspeed, None
-    )
+    estimate = Estimate(mean, P, drift_psd=psd, gust=gust)
+    ours = predict_mixture(estimate, dt, (chord[0], chord[1]), heading, airspeed, None)
 
     n = np.array([np.cos(x[THETA]), np.sin(x[THETA])])
     air = airspeed * np.array([np.cos(heading), np.sin(heading)])
@@ -227,10 +225,10 @@ def test_predicted_drift_includes_measured_velocity_change(
     accelerometer's error is (0.1, -0.2) m/s^2, forward and left, for 0.1 s at a heading of
     north."""
     acceleration = VelocityChange((0.35, 0.1), (-0.1, 0.2), (0.0, 0.1), 0.0)
-    assumed = np.array([PSD, GUST, acceleration_weight])
-    ours = predict_mixture(
-        STATE, np.eye(STATES), assumed, DT, (0.5, 1.4), pi / 2, 15.0, acceleration
+    estimate = Estimate(
+        STATE, np.eye(STATES), drift_psd=PSD, gust=GUST, acceleration_weight=acceleration_weight
     )
+    ours = predict_mixture(estimate, DT, (0.5, 1.4), pi / 2, 15.0, acceleration)
     stays = 1.0 if acceleration_weight else np.exp(-DT / GUST_TIME)
     measured = acceleration_weight * np.array([0.35 + 1.02 * 0.1, 0.1 - 1.02 * 0.2])
     left = (
@@ -257,9 +255,11 @@ def test_prediction_with_measured_acceleration_matches_bayes_rule():
     left = np.array([-np.sin(psi), np.cos(psi)])
     acceleration = VelocityChange(change, air, u * DT, turn)
     before = hypothesis(x, P)
-    step = (DT, path, SIGMA)
-    plain = predict(before, assumed, *step)
-    ours = predict(before, assumed, *step, acceleration)
+    plain = predict(before, transition(before, assumed, DT, path, SIGMA))
+    step = transition(before, assumed, DT, path, SIGMA, accelerations=True)
+    ours = predict(before, step)
+    for measured in acceleration_measurements(before, step, DT, acceleration):
+        ours = correct(ours, assumed, measured, assumed.acceleration_weight)
 
     F = jacobian(x, path)
     I2 = np.eye(2)

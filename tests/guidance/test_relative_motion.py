@@ -1,4 +1,4 @@
-"""The multiple-model filter with asynchronous, lost, false and interrupted ranges and own
+"""The relative-motion filter with asynchronous, lost, false and interrupted ranges and own
 motion."""
 
 from dataclasses import replace
@@ -46,9 +46,10 @@ def test_search_continues_between_first_estimate_and_next_range():
     world = Circling()
     estimator = DriftEstimator(SETTINGS)
     observe(estimator, world, 0.0, 2.0)
-    estimator.filter._due = 0.5
+    acquisition = estimator.filter.acquisition
+    acquisition.due = 0.5
     assert [
-        (estimator.at(t) is not None, estimator.filter._due is not None) for t in (1.95, 1.95, 2.0)
+        (estimator.at(t) is not None, acquisition.due is not None) for t in (1.95, 1.95, 2.0)
     ] == [(True, True), (True, True), (True, False)]
 
 
@@ -187,14 +188,14 @@ def test_filter_finds_wind_changed_during_gap():
 def test_lost_track_discards_remembered_drift():
     world, estimator = converged(seconds=45.0)
     observe(estimator, world, 80.0, 110.0)
-    assert estimator.ready and estimator.filter.remembers
+    assert estimator.ready and estimator.filter.acquisition.remembers
     world.target = (-250.0, 300.0)
     observe(estimator, world, 110.0, 114.5)
-    assert not estimator.ready and not estimator.filter.remembers
+    assert not estimator.ready and not estimator.filter.acquisition.remembers
 
 
 def test_estimator_auto_keeps_target_after_sensor_clock_jump():
-    """Stamps jump by one hour. The estimator `auto` keeps the multiple-model filter; only the range
+    """Stamps jump by one hour. The estimator `auto` keeps the relative-motion filter; only the range
     filter `kalman` restarts."""
     world, estimator = converged(AutoEstimator)
     assert estimator.drift.ready
@@ -210,7 +211,7 @@ def test_estimator_auto_keeps_target_after_sensor_clock_jump():
 
 
 def test_filter_is_ready_only_with_own_motion():
-    """Without own motion the multiple-model filter uses no ranges, and the range filter accepts or
+    """Without own motion the relative-motion filter uses no ranges, and the range filter accepts or
     rejects them."""
     world, estimator = converged(AutoEstimator)
     for t in np.arange(30.0, 31.0, 0.05):
@@ -243,8 +244,8 @@ def test_filter_separates_wrong_airspeed_from_gust():
 
     observe_accelerations(0.0, 40.0)
     assert estimator.ready
-    tracks = estimator.filter._tracks
-    noise = estimator.filter.noise
+    tracks = estimator.filter.tracker.tracks
+    noise = estimator.filter.tracker.noise
     nose = OMEGA * 40.0
     acceleration_weight = noise.acceleration_weight > 0
     # models with accelerations, and models initialized from them

@@ -369,8 +369,9 @@ def fly(situation: Situation, policy: str, seed: int, flight: int) -> Track:
 
 def _nees(estimator: AutoEstimator, world: World) -> float:
     """Return the normalized estimation error squared of range and direction at the newest range."""
-    tracking = estimator.drift.filter
-    covariance = tracking.covariance[:2, :2]
-    direction = float(tracking.mean[1]) - atan2(world.y, world.x)
-    error = np.array([tracking.mean[0] - world.r, (direction + pi) % (2 * pi) - pi])
+    estimate = estimator.drift.filter.estimate
+    assert estimate is not None
+    covariance = estimate.covariance[:2, :2]
+    direction = float(estimate.mean[1]) - atan2(world.y, world.x)
+    error = np.array([estimate.mean[0] - world.r, (direction + pi) % (2 * pi) - pi])
     return float(error @ np.linalg.solve(covariance, error))

@@ -12,7 +12,7 @@ Arrays have the axes M hypotheses, N bins. Frame and symbols as in `relative_ekf
 """
 
 from dataclasses import dataclass
-from math import hypot, sqrt
+from math import atan2, hypot, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.range_bins import Bins, RangeWindow
+from circnav_mav.guidance.estimators.relative_ekf import STATES
 from circnav_mav.guidance.maths import Vector
 
 Array = NDArray[np.float64]
@@ -107,10 +108,37 @@ class Solution(NamedTuple):
     P: Array
 
 
+class Estimate(NamedTuple):
+    """Relative motion at the newest range.
+
+    mean (12,), covariance (12, 12): state of `relative_ekf`.
+    hypothesis: number of the most likely hypothesis of a search, else None. A hypothesis is
+        unconfirmed: a law may fly it on trial, but must not trust it.
+    spread: standard deviation of the position as a share of the range; infinite during a search.
+    trusted: True if the estimate may steer.
+    drift_psd, gust, acceleration_weight: weighted averages of the noise models, as in `Noise`.
+    """
+
+    mean: Array
+    covariance: Array
+    hypothesis: int | None = None
+    spread: float = inf
+    trusted: bool = False
+    drift_psd: float = 0.0
+    gust: float = 0.0
+    acceleration_weight: float = 0.0
+
+    @property
+    def finite(self) -> bool:
+        """True if mean and covariance contain only finite numbers."""
+        return bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
+
+
 class Acquisition:
     """Search for the target. The window also stores ranges while no search is running.
 
-    most_likely: number of the most likely hypothesis; None without a search.
+    estimate: most likely hypothesis of the search; None without a search.
+    due: standard deviation of the ranges, m, if an iteration of the search is due.
     remembers: True if the search has a prior of the drift.
     """
 
@@ -120,15 +148,20 @@ class Acquisition:
         self._window = RangeWindow(settings.speed)
         self._prior = known or self._unknown()
         self.remembers = known is not None
-        self.most_likely: int | None = None
+        self.estimate: Estimate | None = None
+        self.due: float | None = None
+        self._most_likely = 0
         self._candidates: Candidates
         """Hypotheses of the present search, predicted to the time and path in `_carried`."""
         self._carried: tuple[float, Vector] = (0.0, (0.0, 0.0))
 
-    def observe(self, dt: float, chord: Vector, z: float | None, sigma: float) -> bool:
+    def observe(self, dt: float, chord: Vector, z: float | None, sigma: float) -> None:
         """Advance time by dt (s) and path by chord (m), and add the range z (m) unless it is None.
-        Return True if a bin was closed: then an iteration of the search is due."""
-        return self._window.add(dt, chord, z, sigma)
+        A closed bin makes an iteration of the search due."""
+        closed = self._window.add(dt, chord, z, sigma)
+        if self.estimate is not None:
+            self.due = sigma if closed else None
+            self._update()
 
     def forget(self) -> None:
         """Discard the prior of drift and airspeed scale."""
@@ -139,11 +172,16 @@ class Acquisition:
         """Start a search on the circle with the radius r, m."""
         self._candidates = on_circle(r, self._prior)
         self._carried = (self._window.now, self._window.path)
-        self.most_likely = 0
+        self._most_likely = 0
+        self._update()
 
-    def iterate(self, sigma: float) -> Solution | None:
-        """Improve the hypotheses. Return the solution if it is unique, and end the search."""
-        assert self.most_likely is not None
+    def search(self) -> Solution | None:
+        """Run an iteration of the search if one is due. Return the solution if it is unique, and end
+        the search."""
+        if self.due is None:
+            return None
+        sigma = self.due
+        self.due = None
         self._carry()
         bins = self._window.bins(sigma)
         g = self._candidates
@@ -152,18 +190,28 @@ class Acquisition:
             g = improve(g, bins, self._prior)
         self._candidates = g
         best = int(g.cost.argmin())
-        cost = float(g.cost[best])
         # 0.5: advantage in log likelihood with which another hypothesis replaces the most likely
         # hypothesis.
-        if cost < g.cost[self.most_likely] - 0.5:
-            self.most_likely = best
+        if g.cost[best] < g.cost[self._most_likely] - 0.5:
+            self._most_likely = best
+        solution = self._solution(best, bins)
+        if solution is None:
+            self._update()
+        else:
+            self.estimate = None
+        return solution
+
+    def _solution(self, best: int, bins: Bins) -> Solution | None:
+        """Return the best hypothesis if it is precise, its drift is plausible and no hypothesis at
+        another position fits nearly as well."""
+        g = self._candidates
+        cost = float(g.cost[best])
         filled = bins.z.size
         # 8: fewest filled bins before a solution is accepted.
         if filled < 8:
             return None
-        # Accept a solution if it is precise, its drift is plausible and no hypothesis at another
-        # position fits nearly as well. If the ranges are noisier than assumed, `scale` (the reduced
-        # chi-square) increases the covariance and the required advantage over other positions.
+        # If the ranges are noisier than assumed, `scale` (the reduced chi-square) increases the
+        # covariance and the required advantage over other positions.
         scale = max(1.0, 2 * cost / (filled - UNKNOWNS + 1))
         x = g.x[best]
         P = covariance(x, bins, self._prior) * scale
@@ -175,18 +223,16 @@ class Acquisition:
         elsewhere = np.hypot(g.x[:, 0] - x[0], g.x[:, 1] - x[1]) > APART * r
         # 5.0: least advantage in log likelihood of an accepted solution over every other position.
         unique = g.cost[elsewhere].min(initial=np.inf) - cost > 5.0 * scale
-        if not (precise and plausible and unique):
-            return None
-        self.most_likely = None
-        return Solution(x, P)
+        return Solution(x, P) if precise and plausible and unique else None
 
-    def most_likely_state(self) -> Array:
-        """Return the most likely hypothesis, predicted to now, (5,).
-
-        This hypothesis is unconfirmed: a law may fly it on trial, but must not trust it.
-        """
+    def _update(self) -> None:
+        """Store the most likely hypothesis, predicted to now, as the estimate."""
         self._carry()
-        return np.array(self._candidates.x[self.most_likely])
+        x = self._candidates.x[self._most_likely]
+        mean = np.zeros(STATES)
+        mean[:2] = hypot(x[0], x[1]), atan2(x[1], x[0])
+        mean[2:UNKNOWNS] = x[2:]
+        self.estimate = Estimate(mean, np.zeros((STATES, STATES)), self._most_likely)
 
     def _unknown(self) -> Prior:
         return Prior(self._settings.drift_sigma * self._settings.speed, self._settings.scale_sigma)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from circnav_mav.guidance.estimators import relative_ekf as ekf
+from circnav_mav.guidance.estimators.acquisition import Estimate
 from circnav_mav.guidance.maths import Vector, chord, wrap
 from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
 
@@ -184,9 +185,7 @@ class Prediction(NamedTuple):
 
 
 def predict_mixture(
-    mean: ekf.Array,
-    covariance: ekf.Array,
-    assumed: ekf.Array,
+    estimate: Estimate,
     dt: float,
     path: Vector,
     heading: float,
@@ -195,18 +194,16 @@ def predict_mixture(
 ) -> Prediction:
     """Return the estimate predicted by dt (s) along an air path (m, at the measured airspeed).
 
-    mean (12,), covariance (12, 12): of the state of `relative_ekf`.
-    assumed (3,): averages of the noise models: drift_psd (m^2/s^3), gust (m/s) and
-        acceleration_weight (0 to 1).
     heading (rad) and measured airspeed (m/s): at the end of the path.
     change: measured accelerations, from `PathPoint.velocity_change_since`.
     """
-    drift_psd, gust, weight = assumed
-    distance, theta, place = ekf.motion(mean, dt, path)
-    r = float(distance)
+    mean = estimate.mean
+    distance, direction, J = ekf.motion(mean[:, None], dt, path)
+    r = distance.item()
+    theta = direction.item()
     n = (cos(theta), sin(theta))
     t = (-n[1], n[0])
-    d = _drift(mean.tolist(), dt, weight, change)
+    d = _drift(mean.tolist(), dt, estimate.acceleration_weight, change)
     kappa = float(mean[ekf.KAPPA])
     air = _along(heading, airspeed)
     v = (kappa * air[0] + d[0], kappa * air[1] + d[1])
@@ -215,8 +212,7 @@ def predict_mixture(
     # Rows: derivatives of range, direction and range rate by the state. The range rate is n.v, and
     # a direction error rotates n.
     rows = np.empty((3, ekf.STATES))
-    rows[0] = place.real
-    rows[1] = place.imag / r
+    rows[:2] = J[..., 0]
     rows[2] = across * rows[1]
     rows[2, ekf.KAPPA] += ahead
     calm = exp(-dt / ekf.GUST_TIME)
@@ -225,8 +221,8 @@ def predict_mixture(
         rows[2, ekf.GX + axis] += calm * along
         if change is not None:
             rows[2, ekf.EX + axis] += along
-    r_variance, direction_variance, rate_variance = (rows @ covariance * rows).sum(axis=1).tolist()
-    steady, gusty = ekf.steps(drift_psd, gust, dt)
+    r_variance, direction_variance, rate_variance = (rows @ estimate.covariance * rows).sum(axis=1).tolist()
+    steady, gusty = ekf.steps(estimate.drift_psd, estimate.gust, dt)
     wander = ekf.wandered(steady, gusty, dt)
     turned = wander / r**2
     added = across**2 * turned + steady + gusty + ekf.KAPPA_PSD * dt * ahead**2

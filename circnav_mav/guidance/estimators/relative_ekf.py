@@ -30,7 +30,7 @@ for bearings-only tracking" (1983).
 """
 
 from math import exp
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,8 @@ from numpy.typing import NDArray
 from circnav_mav.guidance.maths import Vector
 
 Array = NDArray[np.float64]
+Value = TypeVar("Value", float, Array)
+"""A value of one noise model, or the values of M noise models."""
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
 """Number of states. Rows of the state: range, direction, drift, airspeed scale, range error, gust,
@@ -46,6 +48,10 @@ DRIFT = np.zeros((2, STATES))
 DRIFT[0, [DX, GX, EX]] = 1.0
 DRIFT[1, [DY, GY, EY]] = 1.0
 """Matrix from the state to the total drift d + g + e, along x and y."""
+MOVES = DRIFT.copy()
+MOVES[:, EX:] /= 2
+"""Matrix from the state to the displacement by the drift in a second: e lasts on average half of a
+step."""
 BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s. UWB and LoRa radios show 1 to 3 s."""
 GUST_TIME = 10.0
@@ -139,159 +145,114 @@ class Measurement(NamedTuple):
     innovation: Array
     cross: Array
     variance: Array
-    outlier_spread: float
+    outlier_spread: float = OUTLIER_SPREAD
 
 
-def predict(
-    h: Hypotheses,
-    noise: Noise,
-    dt: float,
-    chord: Vector,
-    sigma: float,
-    acceleration: VelocityChange | None = None,
-) -> Hypotheses:
-    """Return the hypotheses predicted by dt (s) along an air path with this chord, m, at the
-    measured airspeed.
+class Transition(NamedTuple):
+    """Linearized motion and process noise of M hypotheses over a step.
+
+    x: states after the step, (12, M).
+    J: Jacobian of range and direction, (2, 12, M). The other rows of the Jacobian are diagonal.
+    keep: factor of each of the other states, (12,).
+    added: variances of the process noise, (12, M).
+    moved: covariances of the process noise of range and direction with the other states, (2, 12, M).
+    log_keep: factor of the log weights.
+    """
+
+    x: Array
+    J: Array
+    keep: Array
+    added: Array
+    moved: Array
+    log_keep: float
+
+
+def transition(
+    h: Hypotheses, noise: Noise, dt: float, chord: Vector, sigma: float, accelerations: bool = False
+) -> Transition:
+    """Return the step of dt (s) along an air path with this chord, m, at the measured airspeed.
 
     sigma: standard deviation of the ranges, m.
-    acceleration: measured during dt, or None.
+    accelerations: True if accelerations were measured during dt. Otherwise e is 0.
     """
-    r, theta, place = motion(h.x, dt, chord)
+    r, theta, J = motion(h.x, dt, chord)
     keep = decay(dt)
     x = h.x * keep[:, None]
     x[R] = r
     x[THETA] = theta
-    # F: Jacobian of the step. Its rows of range and direction are J. The other rows are diagonal.
-    J = np.array((place.real, place.imag / r))
-    FP = h.P * keep[:, None, None]
-    FP[:2] = np.einsum("akm,kjm->ajm", J, h.P)
-    FPF = FP * keep[:, None]
-    FPF[:, :2] = np.einsum("ikm,akm->iam", FP, J)
-    nose = noise.nose if acceleration is not None and dt > 0 else np.zeros_like(noise.nose)
-    Q = process_noise(noise._replace(nose=nose), J, r, dt, sigma)
-    P = (FPF + np.swapaxes(FPF, 0, 1)) / 2 + Q
-    if acceleration is not None:
-        H = _acceleration_matrix(acceleration, keep[GX])
-        expected = np.outer(acceleration.air, h.x[KAPPA]) + H[:, GX:] @ h.x[GX:]
-        innovation = np.array(acceleration.change)[:, None] - expected
-        added = np.einsum("ak,kjm->ajm", DRIFT, Q)
-        cross = np.einsum("ak,jkm->ajm", H, FP) + added
-        S = np.einsum("ak,kjm,bj->abm", H, h.P, H) + np.einsum("ajm,bj->abm", added, DRIFT)
-        S[[0, 1], [0, 1]] += ACCELERATION_PSD * dt
-        _correct(x, P, noise, cross, S, innovation)
+    steady, gusty = steps(noise.drift_psd, noise.gust, dt)
+    fresh = noise.nose**2 * (accelerations and dt > 0)
+    added = np.zeros(h.x.shape)
+    added[DX : DY + 1] = steady
+    added[GX : GY + 1] = gusty
+    added[EX:] = fresh
+    # The drift grows linearly over the step, so half of its growth moves the position.
+    moved = np.zeros(J.shape)
+    for drift in (DX, GX, EX):
+        moved[:, drift : drift + 2] = J[:, DX : DY + 1] * (0.5 * added[drift])
+    added[R] = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
+    added[THETA] = added[R] / r**2
+    added[KAPPA] = KAPPA_PSD * dt
+    added[B] = (1 - exp(-2 * dt / BIAS_TIME)) * (noise.drifting * sigma) ** 2
+    added[FORWARD : LEFT + 1] = noise.acceleration_bias**2 / ACCELERATION_BIAS_TIME * dt
     # 20.0: time, s, in which the log weight of a hypothesis decays to 1/e: older evidence has less
     # weight.
-    return Hypotheses(x, P, h.log_weight * exp(-dt / 20.0))
+    return Transition(x, J, keep, added, moved, exp(-dt / 20.0))
+
+
+def predict(h: Hypotheses, step: Transition) -> Hypotheses:
+    """Return the hypotheses after a step."""
+    P = h.P * np.outer(step.keep, step.keep)[..., None]
+    JP = np.einsum("akm,kjm->ajm", step.J, h.P)
+    place = np.einsum("akm,bkm->abm", JP, step.J)
+    place[1, 0] = place[0, 1]
+    rows = JP * step.keep[:, None] + step.moved
+    rows[:, :2] = place
+    P[:2] = rows
+    P[:, :2] = np.swapaxes(rows, 0, 1)
+    P.reshape(STATES * STATES, -1)[:: STATES + 1] += step.added
+    return Hypotheses(step.x, P, h.log_weight * step.log_keep)
 
 
 def decay(dt: float) -> Array:
     """Return the factor of each state over dt (s), (12,). Range and direction change in `motion`
     instead."""
-    keep = np.ones(STATES)
-    keep[B] = exp(-dt / BIAS_TIME)
-    keep[GX : GY + 1] = exp(-dt / GUST_TIME)
-    keep[EX:] = 1.0 if dt <= 0 else 0.0
-    return keep
+    bias = exp(-dt / BIAS_TIME)
+    gust = exp(-dt / GUST_TIME)
+    nose = 1.0 if dt <= 0 else 0.0
+    return np.array((1.0, 1.0, 1.0, 1.0, 1.0, bias, gust, gust, 1.0, 1.0, nose, nose))
 
 
-def process_noise(noise: Noise, J: Array, r: Array, dt: float, sigma: float) -> Array:
-    """Return the process noise of a step, (12, 12, M). J (2, 12, M): Jacobian of range and
-    direction. r (M,): range after the step."""
-    steady, gusty = steps(noise.drift_psd, noise.gust, dt)
-    fresh = noise.nose**2
-    Q = np.zeros((STATES, STATES, r.size))
-    for drift, variance in ((DX, steady), (GX, gusty), (EX, fresh)):
-        for axis in (0, 1):
-            # The drift grows linearly over the step, so half of its growth moves the position.
-            Q[drift + axis, drift + axis] = variance
-            Q[:2, drift + axis] = Q[drift + axis, :2] = J[:, DX + axis] / 2 * variance
-    wander = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
-    Q[R, R] = wander
-    Q[THETA, THETA] = wander / r**2
-    Q[KAPPA, KAPPA] = KAPPA_PSD * dt
-    Q[B, B] = (1 - exp(-2 * dt / BIAS_TIME)) * (noise.drifting * sigma) ** 2
-    Q[FORWARD, FORWARD] = noise.acceleration_bias**2 / ACCELERATION_BIAS_TIME * dt
-    Q[LEFT, LEFT] = Q[FORWARD, FORWARD]
-    return Q
+def motion(x: Array, dt: float, chord: Vector) -> tuple[Array, Array, Array]:
+    """Return range (m) and direction (rad) of states x (12, M) after dt (s) along a chord (m), and
+    their Jacobian, (2, 12, M)."""
+    moves = dt * MOVES  # matrix from the state to the displacement
+    moves[:, KAPPA] = chord
+    east, north = moves @ x
+    c = np.cos(x[THETA])
+    s = np.sin(x[THETA])
+    along = x[R] + c * east + s * north
+    across = c * north - s * east
+    turn = np.arctan2(across, along)
+    theta = x[THETA] + turn
+    r = np.maximum(np.hypot(along, across), CLOSEST)
+    c = np.cos(theta)
+    s = np.sin(theta)
+    J: Array = moves.T @ np.array(((c, s), (-s, c)))
+    J[0, R] = np.cos(turn)
+    J[0, THETA] = x[R] * np.sin(turn)
+    J[1, R] = -np.sin(turn)
+    J[1, THETA] = x[R] * J[0, R]
+    J[1] /= r
+    return r, theta, J
 
 
-def _acceleration_matrix(acceleration: VelocityChange, gust_keep: float) -> Array:
-    """Return the Jacobian of the measured change of velocity by the states before the step, (2,
-    12):
-
-    change = kappa air + (d + g + e) after - (d + g + e) before + (f, l) turned by the nose + white
-    noise
-    """
-    c, s = acceleration.nose
-    H = np.zeros((2, STATES))
-    # Estimate kappa from the turn rate of the gyros. The heading noise in `air` would bias kappa to
-    # smaller values.
-    H[:, KAPPA] = (-acceleration.across * s, acceleration.across * c)
-    H[0, GX] = H[1, GY] = gust_keep - 1
-    H[:, FORWARD] = (c, s)
-    H[:, LEFT] = (-s, c)
-    H[0, EX] = H[1, EY] = -1.0
-    return H
-
-
-def _correct(x: Array, P: Array, noise: Noise, cross: Array, S: Array, innovation: Array) -> None:
-    """Correct x and P in place by the two components of the measured acceleration, for the models
-    that use it.
-
-    cross (2, 12, M): covariance of measurements and state. S (2, 2, M): covariance of the
-    innovation (2, M).
-    """
-    # Solving the 2 x 2 system by its Cholesky factor (a, 0; b, e) keeps P symmetric.
-    a = np.sqrt(S[0, 0])
-    b = S[0, 1] / a
-    e = np.sqrt(np.maximum(S[1, 1] - b * b, 1e-12))
-    gain = cross / a
-    gain[1] = (cross[1] - b * gain[0]) / e
-    gain *= noise.acceleration_weight
-    first = innovation[0] / a
-    x += gain[0] * first + gain[1] * ((innovation[1] - b * first) / e)
-    P -= np.einsum("kim,kjm->ijm", gain, gain)
-    _within_bounds(x, noise)
-
-
-def _within_bounds(x: Array, noise: Noise) -> None:
-    least, most = noise.scale_bounds
-    x[R] = np.maximum(x[R], CLOSEST)
-    x[KAPPA] = np.minimum(np.maximum(x[KAPPA], least), most)
-
-
-def motion(x: Array, dt: float, chord: Vector) -> tuple[Array, Array, NDArray[np.complex128]]:
-    """Return range (m) and direction (rad) after dt (s) along a chord (m), and their Jacobian, with
-    the shape of x: one state (12,) or M states (12, M).
-
-    The Jacobian's real part is the derivative of the range. Its imaginary part is the derivative of
-    the direction, times the range. Complex numbers contain east and north components. Multiplying
-    by conj(u) converts them to the components along and across the line of sight u.
-    """
-    towards = np.exp(-1j * x[THETA])
-    path = complex(*chord)
-    drifts = x[DX] + x[GX] + x[EX] / 2 + 1j * (x[DY] + x[GY] + x[EY] / 2)
-    seen = x[R] + (x[KAPPA] * path + drifts * dt) * towards
-    turn = np.arctan2(seen.imag, seen.real)
-    turned = np.exp(-1j * turn)
-    after = towards * turned
-    place = np.zeros(x.shape, complex)
-    place[R] = turned
-    place[THETA] = 1j * x[R] * turned
-    place[KAPPA] = after * path
-    place[DX] = place[GX] = after * dt
-    place[DY] = place[GY] = 1j * place[DX]
-    place[EX] = place[DX] / 2
-    place[EY] = place[DY] / 2
-    return np.maximum(abs(seen), CLOSEST), x[THETA] + turn, place
-
-
-def steps(drift_psd: Array, gust: Array, dt: float) -> tuple[Array, Array]:
+def steps(drift_psd: Value, gust: Value, dt: float) -> tuple[Value, Value]:
     """Return the growth of the variances of d and g in dt, m^2/s^2."""
     return drift_psd * dt, (1 - exp(-2 * dt / GUST_TIME)) * gust**2
 
 
-def wandered(steady: Array, gusty: Array, dt: float) -> Array:
+def wandered(steady: Value, gusty: Value, dt: float) -> Value:
     """Return the process noise of the position in dt, m^2. steady, gusty: growth of the variances
     of d and g, from `steps`."""
     return (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
@@ -302,7 +263,7 @@ def range_measurement(h: Hypotheses, noise: Noise, z: float, sigma: float) -> Me
     hypothesis."""
     cross = h.P[:, R] + h.P[:, B]
     variance = np.maximum(cross[R] + cross[B], 0.0) + (noise.white * sigma) ** 2
-    return Measurement(z - h.x[R] - h.x[B], cross, variance, OUTLIER_SPREAD)
+    return Measurement(z - h.x[R] - h.x[B], cross, variance)
 
 
 def rate_measurement(h: Hypotheses, r_dot: float, sigma: float, air: Vector) -> Measurement:
@@ -330,26 +291,74 @@ def rate_measurement(h: Hypotheses, r_dot: float, sigma: float, air: Vector) -> 
     return Measurement(r_dot - (n * v).sum(axis=0), cross, variance, 10.0)
 
 
+def acceleration_measurements(
+    h: Hypotheses, step: Transition, dt: float, acceleration: VelocityChange
+) -> tuple[Measurement, Measurement]:
+    """Return the measured change of velocity as two uncorrelated measurements for each hypothesis
+    after the step.
+
+    change = kappa air + (d + g + e) after - (d + g + e) before + (f, l) turned by the nose + white
+    noise
+
+    h: hypotheses before the step.
+    dt: duration of the step, s.
+    """
+    c, s = acceleration.nose
+    H = np.zeros((2, STATES))  # Jacobian by the states before the step
+    # Estimate kappa from the turn rate of the gyros. The heading noise in `air` would bias kappa to
+    # smaller values.
+    H[:, KAPPA] = (-acceleration.across * s, acceleration.across * c)
+    H[0, GX] = H[1, GY] = step.keep[GX] - 1
+    H[:, FORWARD] = (c, s)
+    H[:, LEFT] = (-s, c)
+    H[0, EX] = H[1, EY] = -1.0
+    expected = np.outer(acceleration.air, h.x[KAPPA]) + H[:, GX:] @ h.x[GX:]
+    innovation = np.array(acceleration.change)[:, None] - expected
+    HP = (H @ h.P.reshape(STATES, -1)).reshape(step.J.shape)
+    variance = H @ HP
+    variance[[0, 1], [0, 1]] += DRIFT @ step.added + ACCELERATION_PSD * dt
+    cross = HP * step.keep[:, None] + DRIFT[..., None] * step.added
+    moved = step.moved[:, DX : DY + 1] + step.moved[:, GX : GY + 1] + step.moved[:, EX:]
+    cross[:, :2] = np.einsum("ajm,bjm->abm", HP, step.J) + np.swapaxes(moved, 0, 1)
+    # The second component without its regression on the first.
+    slope = variance[0, 1] / variance[0, 0]
+    rest = np.maximum(variance[1, 1] - slope * variance[0, 1], 1e-12)
+    return (
+        Measurement(innovation[0], cross[0], variance[0, 0]),
+        Measurement(innovation[1] - slope * innovation[0], cross[1] - slope * cross[0], rest),
+    )
+
+
 Updated = tuple[Hypotheses, Array, NDArray[np.bool_]]
 """Hypotheses after a measurement, their normalized innovations squared (M,), and an array (M,) that
 is True for each hypothesis that accepted the measurement."""
 
 
+def correct(h: Hypotheses, noise: Noise, measured: Measurement, weight: Array) -> Hypotheses:
+    """Return the hypotheses corrected by a measurement.
+
+    weight (M,): 1 for each hypothesis that uses the measurement, else 0.
+    """
+    share = weight / measured.variance
+    x = h.x + measured.cross * (share * measured.innovation)
+    least, most = noise.scale_bounds
+    x[R] = np.maximum(x[R], CLOSEST)
+    x[KAPPA] = np.minimum(np.maximum(x[KAPPA], least), most)
+    # K S K' = root root', which is exactly symmetric in floating point.
+    root = measured.cross * np.sqrt(share)
+    return Hypotheses(x, h.P - root[:, None] * root, h.log_weight)
+
+
 def update(h: Hypotheses, noise: Noise, measured: Measurement, gate: float) -> Updated:
     """Return the hypotheses after a measurement. Each hypothesis accepts or rejects the measurement
     by its own innovation. gate: in standard deviations."""
-    innovation, cross, variance, spread = measured
-    nis = innovation**2 / variance
+    nis = measured.innovation**2 / measured.variance
     accepted = nis < gate**2
-    share = accepted / variance
-    x = h.x + cross * (share * innovation)
-    _within_bounds(x, noise)
-    # K S K' = root root', which is exactly symmetric in floating point.
-    root = cross * np.sqrt(share)
-    P = h.P - root[:, None] * root
-    fits = (1 - OUTLIER_SHARE) * np.exp(-0.5 * np.minimum(nis, 1e3)) / np.sqrt(2 * np.pi * variance)
-    log_weight = h.log_weight + np.log(fits + OUTLIER_SHARE / spread)
-    return Hypotheses(x, P, log_weight - log_weight.max()), nis, accepted
+    h = correct(h, noise, measured, accepted)
+    fits = np.exp(-0.5 * np.minimum(nis, 1e3)) / np.sqrt(2 * np.pi * measured.variance)
+    likelihood = (1 - OUTLIER_SHARE) * fits + OUTLIER_SHARE / measured.outlier_spread
+    log_weight = h.log_weight + np.log(likelihood)
+    return h._replace(log_weight=log_weight - log_weight.max()), nis, accepted
 
 
 def mixture(h: Hypotheses) -> tuple[Array, Array]:

@@ -12,14 +12,10 @@ from circnav_mav.guidance.estimators.interface import (
     Fused,
     MethodChange,
 )
-from circnav_mav.guidance.estimators.multiple_model import (
-    TRUSTED,
-    MultipleModelFilter,
-    Rate,
-    Stage,
-)
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
 from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, drift
+from circnav_mav.guidance.estimators.relative_filter import RelativeFilter
+from circnav_mav.guidance.estimators.tracker import TRUSTED, Rate
 from circnav_mav.guidance.maths import Vector
 from circnav_mav.guidance.types import (
     OwnMotion,
@@ -51,7 +47,7 @@ class DriftEstimator(Estimator):
         self.reset()
 
     def reset(self) -> None:
-        self.filter = MultipleModelFilter(self._settings)
+        self.filter = RelativeFilter(self._settings)
         self._path = FlownPath()
         self._used: PathPoint | None = None
         self._range_at = float("-inf")
@@ -71,7 +67,7 @@ class DriftEstimator(Estimator):
     @property
     def nis(self) -> float | None:
         """Normalized innovation squared of the newest sample, or None while searching."""
-        return self.filter.nis
+        return None if self.filter.tracker is None else self.filter.tracker.nis
 
     def move(self, motion: OwnMotion) -> None:
         self._path.move(motion)
@@ -80,15 +76,12 @@ class DriftEstimator(Estimator):
         """Continue a trusted track with the wind in its drift. A search starts again with the wind
         as its prior."""
         self._settings = change.settings
-        before = self.filter
         x, y = change.wind
         drift_sigma = hypot(change.wind_sigma, REMEMBERED * change.settings.speed)
         known = Prior(drift_sigma, change.scale_sigma, x, y, change.scale)
-        self.filter = MultipleModelFilter(change.settings, known=known)
+        self.filter = self.filter.fly_through_air(change, known)
         self._lately = self._before = None
-        if before.stage == Stage.TRACKING:
-            self.filter.tracked_from(before, change)
-        else:
+        if self.filter.tracker is None:
             self._used = None
 
     def observe(self, sample: RangeSample) -> Fused:
@@ -120,7 +113,8 @@ class DriftEstimator(Estimator):
         self._remember(sample.time)
         if sample.rate is not None:
             self.observe_rate(sample.rate)
-        return Fused.GATED if self.filter.refused else Fused.ACCEPTED
+        tracker = self.filter.tracker
+        return Fused.GATED if tracker is not None and tracker.refused else Fused.ACCEPTED
 
     def observe_rate(self, sample: RateSample) -> None:
         """Add a range rate, unless it is older than the newest sample. The search uses ranges
@@ -149,45 +143,37 @@ class DriftEstimator(Estimator):
             self.filter.search()
         self._asked = time if self._asked is None else self._asked
         point = self._path.at(time)
-        if (
-            point is None
-            or self._used is None
-            or point.piece != self._used.piece
-            or self.filter.stage == Stage.EMPTY
-        ):
-            return None
+        estimate = self.filter.estimate
         then = self._used
+        if point is None or then is None or point.piece != then.piece or estimate is None:
+            return None
         own = point.motion
-        tracks = self.filter.stage == Stage.TRACKING
-        mean = self.filter.mean
-        covariance = self.filter.covariance
-        assumed = self.filter.assumed
+        tracker = self.filter.tracker
+        covariance = estimate.covariance
         dt, chord = _step(then, point)
         change = point.velocity_change_since(then)
-        at = predict_mixture(
-            mean, covariance, assumed, dt, chord, own.heading, own.airspeed, change
-        )
+        at = predict_mixture(estimate, dt, chord, own.heading, own.airspeed, change)
         # Without ranges, the uncertainty of the prediction grows.
         # 1.1: largest uncertainty of a prediction that may steer, relative to the uncertainty of
         # the estimate at the newest range.
-        bound = max(TRUSTED, 1.1 * self.filter.spread)
+        bound = max(TRUSTED, 1.1 * estimate.spread)
         steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
         relative = RelativeMotion(
             x=at.x,
             y=at.y,
             sigma=sqrt(max(at.r_variance + at.r**2 * at.direction_variance, 0.0))
-            if tracks
+            if tracker is not None
             else at.r,
             drift_x=at.drift[0],
             drift_y=at.drift[1],
             heading=own.heading,
             turn_rate=own.turn_rate,
             airspeed=at.airspeed,
-            scale=float(mean[KAPPA]),
+            scale=float(estimate.mean[KAPPA]),
             trusted=steers,
-            trial=self.filter.most_likely,
-            drift_remembered=self.filter.remembers,
-            acceleration_weight=float(assumed[2]) if tracks and change is not None else 0.0,
+            trial=estimate.hypothesis,
+            drift_remembered=self.filter.acquisition.remembers,
+            acceleration_weight=0.0 if change is None else estimate.acceleration_weight,
             drift_covariance=(
                 covariance.item(DX, DX),
                 covariance.item(DX, DY),
@@ -196,9 +182,9 @@ class DriftEstimator(Estimator):
         )
         return RangeEstimate(
             time, at.r, at.r_dot,
-            sqrt(max(at.r_variance, 0.0)) if tracks else self._sigma,
-            sqrt(max(at.r_dot_variance, 0.0)) if tracks else self._settings.speed,
-            eta=relative.eta, relative=relative, missed=self.filter.missed,
+            sqrt(max(at.r_variance, 0.0)) if tracker is not None else self._sigma,
+            sqrt(max(at.r_dot_variance, 0.0)) if tracker is not None else self._settings.speed,
+            eta=relative.eta, relative=relative,
         )  # fmt: skip
 
     def _restart(self, now: float) -> None:
@@ -211,19 +197,20 @@ class DriftEstimator(Estimator):
         if self._before is not None:
             time, known = self._before
             sigma = sqrt(known.drift**2 + FORGOTTEN * (now - time))
-            if self.filter.stage == Stage.TRACKING and not self._astray:
-                dx, dy = drift(self.filter.mean)
+            if self.filter.tracker is not None and not self._astray:
+                dx, dy = drift(self.filter.tracker.estimate.mean)
                 sigma = max(sigma, hypot(dx - known.dx, dy - known.dy))
             known = replace(known, drift=sigma)
         self._lately = self._before
-        self.filter = MultipleModelFilter(self._settings, known=known)
+        self.filter = RelativeFilter(self._settings, known=known)
 
     def _remember(self, now: float) -> None:
         """Store drift and airspeed scale every MEMORY seconds, and keep the previously stored
         values."""
-        if self.ready and (self._lately is None or now - self._lately[0] > MEMORY):
-            dx, dy = drift(self.filter.mean).tolist()
-            scale = float(self.filter.mean[KAPPA])
+        estimate = self.filter.estimate
+        if self.ready and estimate and (self._lately is None or now - self._lately[0] > MEMORY):
+            dx, dy = drift(estimate.mean).tolist()
+            scale = float(estimate.mean[KAPPA])
             known = Prior(REMEMBERED * self._settings.speed, dx=dx, dy=dy, scale=scale)
             self._before = self._lately
             self._lately = (now, known)
@@ -280,7 +267,7 @@ class AutoEstimator(Estimator):
         by_range = self.kalman.at(time)
         if by_drift is None or by_range is None:
             return by_range
-        return by_range._replace(relative=by_drift.relative, missed=by_drift.missed)
+        return by_range._replace(relative=by_drift.relative)
 
 
 def _step(before: PathPoint, after: PathPoint) -> tuple[float, Vector]:

@@ -13,6 +13,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     mixture,
     predict,
     range_measurement,
+    transition,
     update,
 )
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
@@ -40,7 +41,7 @@ def filter_step(count: int) -> Callable[[int], object]:
     noise = Noise(*(np.full(count, value) for value in (1e-2, 1.5, 0.7, 0.7, 0.0, 0.0)))
 
     def step(number: int) -> None:
-        predicted = predict(h, noise, 0.05, (1.0, 1.0), 0.5)
+        predicted = predict(h, transition(h, noise, 0.05, (1.0, 1.0), 0.5))
         measured = range_measurement(predicted, noise, 100.0, 0.5)
         mixture(update(predicted, noise, measured, 5.0)[0])
 

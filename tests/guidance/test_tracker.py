@@ -1,4 +1,4 @@
-"""The multiple-model filter keeps finite numbers, even if the reported sigma of its ranges is
+"""The tracker keeps finite numbers, even if the reported sigma of its ranges is
 impossible."""
 
 from copy import deepcopy
@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.multiple_model import MultipleModelFilter, Stage
+from circnav_mav.guidance.estimators.relative_filter import RelativeFilter
 from circnav_mav.guidance.estimators.relative_ekf import (
     CLOSEST,
     KAPPA,
@@ -34,11 +34,11 @@ ROUNDING = 1e-9
 
 
 class Flown:
-    """A multiple-model filter and the vehicle that it observes, which turns steadily in the
+    """A relative-motion filter and the vehicle that it observes, which turns steadily in the
     wind."""
 
     def __init__(self):
-        self.filter = MultipleModelFilter(EstimatorSettings(V, 0.35))
+        self.filter = RelativeFilter(EstimatorSettings(V, 0.35))
         self.t = 0.0
         self.p = np.array(TARGET)
 
@@ -61,14 +61,14 @@ class Flown:
     @property
     def off(self):
         """Error of the estimated position, m."""
-        r, theta = self.filter.mean[:2]
+        r, theta = self.filter.estimate.mean[:2]
         return hypot(*(r * np.array([np.cos(theta), np.sin(theta)]) - self.p))
 
 
 @pytest.fixture(scope="module")
 def tracking():
     flown = Flown().observe_for(25.0)
-    assert flown.filter.stage == Stage.TRACKING
+    assert flown.filter.tracker
     return flown
 
 
@@ -76,9 +76,9 @@ def test_tracking_starts_with_prior_sigma_of_unobserved_states():
     """Expected prior sigma: 0.25 m for the slow range error (half of the range sigma), 0.3 m/s
     (0.02 V) for a gust, and 0.2 m/s^2 for the accelerometer bias."""
     flown = Flown()
-    while flown.filter.stage != Stage.TRACKING:
+    while not flown.filter.tracker:
         flown.observe(STEP, 0.5)
-    spread = np.sqrt(np.diag(flown.filter.covariance))
+    spread = np.sqrt(np.diag(flown.filter.estimate.covariance))
     assert spread[B : LEFT + 1] == pytest.approx([0.25, 0.3, 0.3, 0.2, 0.2])
 
 
@@ -102,16 +102,17 @@ def test_filter_state_stays_finite_and_covariance_valid(tracking, sequence):
     flown = deepcopy(tracking)
     for one in sequence:
         flown.observe(*one)
-        tracker = flown.filter
-        x = tracker.mean
-        P = tracker.covariance
-        assert np.isfinite(x).all()
-        assert np.isfinite(P).all()
-        if tracker.stage != Stage.TRACKING:
-            assert tracker.spread == np.inf
+        estimate = flown.filter.estimate
+        if estimate is None:
             continue
-        assert tracker.spread == pytest.approx(hypot(np.sqrt(P[R, R]) / x[R], np.sqrt(P[1, 1])))
-        P = np.moveaxis(tracker._tracks.P, -1, 0)
+        x = estimate.mean
+        P = estimate.covariance
+        assert estimate.finite
+        if flown.filter.tracker is None:
+            assert estimate.spread == np.inf
+            continue
+        assert estimate.spread == pytest.approx(hypot(np.sqrt(P[R, R]) / x[R], np.sqrt(P[1, 1])))
+        P = np.moveaxis(flown.filter.tracker.tracks.P, -1, 0)
         assert np.array_equal(P, P.swapaxes(1, 2))
         deviation = np.sqrt(np.einsum("nii->ni", P))
         deviation[deviation == 0] = (
@@ -137,11 +138,11 @@ def test_filter_finds_target_after_ranges_with_impossible_sigma(tracking, sigma)
 @pytest.mark.parametrize("part", ["x", "P"])
 def test_filter_with_nan_state_restarts_search(part, tracking):
     flown = deepcopy(tracking)
-    getattr(flown.filter._tracks, part)[KAPPA] = np.nan
+    getattr(flown.filter.tracker.tracks, part)[KAPPA] = np.nan
     flown.observe(STEP, 0.5)
-    assert flown.filter.stage == Stage.SEARCH
+    assert flown.filter.estimate.hypothesis is not None
     assert not flown.filter.trusted
-    assert np.isfinite(flown.filter.mean).all() and np.isfinite(flown.filter.covariance).all()
+    assert flown.filter.estimate.finite
     flown.observe_for(30.0)
     assert flown.filter.trusted
     assert flown.off < 5.0
@@ -169,17 +170,17 @@ def test_trust_in_relative_motion_has_hysteresis(tracking):
     changes of sigma change the law: PX4's copter around a moving target changed it 29 times in a
     flight."""
     flown = deepcopy(tracking)
-    tracker = flown.filter
     worst = 0.0
     while worst < 0.55:
         flown.observe(4 * STEP, 0.5, valid=False)
-        worst = max(worst, tracker.spread)
-        assert tracker.trusted == (worst < 0.5)
+        worst = max(worst, flown.filter.estimate.spread)
+        assert flown.filter.trusted == (worst < 0.5)
     between = False
     for _ in range(200):
         flown.observe(STEP, 0.5)
-        between |= 0.25 < tracker.spread < 0.5
-        assert tracker.stage == Stage.TRACKING and tracker.trusted == (tracker.spread < 0.25)
-        if tracker.trusted:
+        spread = flown.filter.tracker.estimate.spread
+        between |= 0.25 < spread < 0.5
+        assert flown.filter.trusted == (spread < 0.25)
+        if flown.filter.trusted:
             break
-    assert between and tracker.trusted
+    assert between and flown.filter.trusted

@@ -1,0 +1,242 @@
+"""Tracking of the target: one Kalman filter per noise model (drift from steady to gusty, range error
+from white to drifting), weighted by its likelihood.
+
+A model of negligible weight restarts from the mixture of its kind. There are two kinds: models that
+use accelerations, and models that do not.
+"""
+
+from math import hypot, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circnav_mav.guidance.estimators import relative_ekf as ekf
+from circnav_mav.guidance.estimators.acquisition import DRIFT_MOST, Estimate, Solution
+from circnav_mav.guidance.estimators.interface import EstimatorSettings, MethodChange
+from circnav_mav.guidance.estimators.relative_ekf import (
+    KAPPA,
+    STATES,
+    THETA,
+    Array,
+    Hypotheses,
+    Noise,
+    R,
+    VelocityChange,
+)
+from circnav_mav.guidance.maths import Vector
+
+TRUSTED = 0.25
+"""Standard deviation of the position, as a share of the range, below which an estimate begins to
+steer."""
+KEPT = 0.5
+"""Standard deviation of the position, as a share of the range, above which a steering estimate
+stops steering."""
+LOST = 0.6
+"""Standard deviation of the position, as a share of the range, above which the estimate is
+discarded and the filter searches again."""
+MISSED = 0.6
+"""Share of recent samples outside the gate above which the filter searches again."""
+RECENT = 3.0
+"""Time constant of the share of recent samples outside the gate, s."""
+MODELS = (
+    (1e-7, 0, 0, 0, 1, 0),  # steady drift
+    (1e-7, 0, 0, 0, 0.4, 0.9),
+    (3e-4, 0, 0, 0, 1, 0),  # changes slowly
+    (3e-4, 0, 0, 0, 0.4, 0.9),
+    (5e-2, 0, 0, 0, 1, 0),  # changes quickly
+    (1e-2, 0.1, 0, 0, 1, 0),  # gusts
+    (1e-7, 0.08, 0, 0, 1, 0),  # gusts in a steady wind
+    (1e-7, 0.02, 0, 0, 1, 0),  # weak gusts, or a heading that is wrong by 1 deg for seconds
+    (3e-4, 0.2, 0.03, 1, 1, 0),  # gusts and a veering wind, measured by the accelerometers
+)
+"""Noise models. Columns: drift_psd (m^2/s^3), gust (as a share of V), nose (as a share of V),
+acceleration_weight, white, drifting, as in `Noise`. Only models with a steady or slowly changing
+drift have a drifting range error: with other drifts it cannot be observed."""
+FORGOTTEN = -12.0
+"""Log weight below which a model restarts from the mixture. The heaviest model has 0."""
+REVIVED = -6.0
+"""Log weight of a model after its restart."""
+
+
+class Rate(NamedTuple):
+    """Measured range rate.
+
+    r_dot: range rate, m/s.
+    sigma: standard deviation of r_dot, m/s.
+    air: velocity through the air V u(psi) at the same time, with the measured airspeed V, m/s.
+    """
+
+    r_dot: float
+    sigma: float
+    air: Vector
+
+
+class Tracker:
+    """Kalman filters of all noise models.
+
+    noise: noise models.
+    tracks: hypotheses of the models.
+    estimate: mixture of the hypotheses.
+    nis: normalized innovation squared of the most likely model; None before the first range.
+    refused: True if the last range was rejected.
+    missed: share of recent ranges outside the gate.
+    """
+
+    def __init__(
+        self, settings: EstimatorSettings, mean: Array, covariance: Array, trusted: bool = False
+    ) -> None:
+        """mean (12,), covariance (12, 12): initial estimate of every model."""
+        self._settings = settings
+        models = np.array(MODELS)
+        models[:, 1:3] *= settings.speed
+        psd, gust, nose, acceleration_weight, white, drifting = models.T
+        bounds = settings.scale_bounds
+        bias = settings.acceleration_bias
+        self.noise = Noise(psd, gust, white, drifting, nose, acceleration_weight, bounds, bias)
+        x = np.repeat(mean[:, None], len(MODELS), axis=1)
+        P = np.repeat(covariance[:, :, None], len(MODELS), axis=2)
+        self.tracks = Hypotheses(x, P, np.zeros(len(MODELS)))
+        self.estimate = self._estimate(mean, covariance, trusted)
+        self.nis: float | None = None
+        self.refused = False
+        self.missed = 0.0
+
+    @classmethod
+    def located(cls, settings: EstimatorSettings, solution: Solution, sigma: float) -> "Tracker":
+        """Return a tracker that starts from the solution of an acquisition. sigma: standard
+        deviation of the ranges, m."""
+        known = slice(0, ekf.B)
+        mean = np.zeros(STATES)
+        mean[known] = solution.x
+        sigmas = np.zeros(STATES)
+        sigmas[ekf.B] = 0.5 * sigma
+        sigmas[[ekf.GX, ekf.GY]] = 0.02 * settings.speed
+        sigmas[[ekf.FORWARD, ekf.LEFT]] = settings.acceleration_bias
+        covariance = np.diag(sigmas**2)
+        covariance[known, known] = solution.P
+        return cls(settings, *ekf.polar(mean, covariance))
+
+    def through_air(self, change: MethodChange) -> "Tracker":
+        """Return a tracker that continues this track with own motion through the air. This tracker
+        uses own motion over the ground."""
+        mean = self.estimate.mean.copy()
+        covariance = self.estimate.covariance.copy()
+        mean[ekf.DX] += change.wind[0]
+        mean[ekf.DY] += change.wind[1]
+        mean[KAPPA] = change.scale
+        covariance[ekf.DX, ekf.DX] += change.wind_sigma**2
+        covariance[ekf.DY, ekf.DY] += change.wind_sigma**2
+        bias = change.settings.acceleration_bias
+        for state, sigma in (
+            (KAPPA, change.scale_sigma),
+            (ekf.FORWARD, bias),
+            (ekf.LEFT, bias),
+        ):
+            covariance[state] = 0.0
+            covariance[:, state] = 0.0
+            covariance[state, state] = sigma**2
+        return Tracker(change.settings, mean, covariance, self.estimate.trusted)
+
+    @property
+    def lost(self) -> bool:
+        """True if the estimate is inconsistent, and the target must be acquired again."""
+        estimate = self.estimate
+        return not (
+            estimate.finite
+            and self.missed <= MISSED
+            and estimate.spread <= LOST
+            and hypot(*ekf.drift(estimate.mean)) <= DRIFT_MOST * self._settings.speed
+        )
+
+    def observe(
+        self,
+        dt: float,
+        chord: Vector,
+        z: float | None,
+        sigma: float,
+        since: float,
+        acceleration: VelocityChange | None = None,
+        rate: Rate | None = None,
+    ) -> None:
+        """Predict by dt (s) along a chord (m), and add the measurements at its end.
+
+        z: range, m, or None.
+        sigma: standard deviation of ranges, m.
+        since: time since the range before, s.
+        acceleration: measured during dt.
+        rate: range rate.
+        """
+        h = self.tracks
+        noise = self.noise
+        gate = self._settings.gate
+        if dt > 0:  # 0 for a rate measured at the same time as its range
+            step = ekf.transition(h, noise, dt, chord, sigma, acceleration is not None)
+            before = h
+            h = ekf.predict(h, step)
+            if acceleration is not None:
+                for one in ekf.acceleration_measurements(before, step, dt, acceleration):
+                    h = ekf.correct(h, noise, one, noise.acceleration_weight)
+        if z is not None:
+            h, nis, accepted = ekf.update(h, noise, ekf.range_measurement(h, noise, z, sigma), gate)
+            heaviest = h.log_weight.argmax()
+            self.nis = float(nis[heaviest])
+            self.refused = not accepted[heaviest]
+            self.missed += (self.refused - self.missed) * min(since / RECENT, 0.2)
+        if rate is not None:
+            h, _, _ = ekf.update(h, noise, ekf.rate_measurement(h, *rate), gate)
+        mean, covariance = ekf.mixture(h)
+        self.tracks = _revive(h, noise.acceleration_weight > 0, mean, covariance)
+        self.estimate = self._estimate(mean, covariance, self.estimate.trusted)
+
+    def _estimate(self, mean: Array, covariance: Array, trusted: bool) -> Estimate:
+        """Return the mixture as an estimate. trusted: True if the estimate before could steer."""
+        variance = covariance[R, R] / max(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
+        spread = sqrt(max(variance, 0.0))
+        noise = self.noise
+        weight = self.tracks.weight
+        # Hysteresis: an estimate that steers is used until it is much worse. Even then it holds the
+        # circle better than a range-only law. A single bound would switch the law whenever the
+        # spread fluctuates around this bound.
+        return Estimate(
+            mean,
+            covariance,
+            spread=spread,
+            trusted=spread < (KEPT if trusted else TRUSTED),
+            drift_psd=float(noise.drift_psd @ weight),
+            gust=float(noise.gust @ weight),
+            acceleration_weight=float(noise.acceleration_weight @ weight),
+        )
+
+
+def _revive(
+    h: Hypotheses, uses_accelerations: NDArray[np.bool_], mean: Array, covariance: Array
+) -> Hypotheses:
+    """Return the hypotheses with the models of negligible weight restarted.
+
+    uses_accelerations: for each model, (M,).
+    mean (12,), covariance (12, 12): mixture of all models.
+
+    Each model restarts from the mixture of its own kind. If no model of this kind is left, the
+    model restarts from the mixture of all models.
+
+    Models that use accelerations can mistake a wrong airspeed for a gust that turns with the
+    heading. The other models reveal this error only if they do not restart from an estimate with
+    this error.
+    """
+    forgotten = h.log_weight < FORGOTTEN
+    if not forgotten.any():
+        return h
+    x = h.x.copy()
+    P = h.P.copy()
+    for kind in (uses_accelerations, ~uses_accelerations):
+        restarts = forgotten & kind
+        if restarts.any():
+            start, spread = mean, covariance
+            if h.log_weight[kind].max() >= FORGOTTEN:
+                start, spread = ekf.mixture(
+                    Hypotheses(h.x[:, kind], h.P[:, :, kind], h.log_weight[kind])
+                )
+            x[:, restarts] = start[:, None]
+            P[:, :, restarts] = spread[:, :, None]
+    return Hypotheses(x, P, np.where(forgotten, REVIVED, h.log_weight))
