@@ -195,8 +195,8 @@ def test_lost_track_discards_remembered_drift():
 
 
 def test_estimator_auto_keeps_target_after_sensor_clock_jump():
-    """Stamps jump by one hour. The estimator `auto` keeps the relative-motion filter; only the range
-    filter `kalman` restarts."""
+    """Stamps jump by one hour. The estimator `auto` keeps the target. Only the range filter
+    `kalman` restarts."""
     world, estimator = converged(AutoEstimator)
     assert estimator.drift.ready
     estimator.restamp()

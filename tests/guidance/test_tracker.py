@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.relative_filter import RelativeFilter
 from circnav_mav.guidance.estimators.relative_ekf import (
     CLOSEST,
     KAPPA,
@@ -21,6 +20,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     range_measurement,
     update,
 )
+from circnav_mav.guidance.estimators.relative_filter import RelativeFilter
 from circnav_mav.guidance.maths import chord
 from tests.guidance.relative import hypothesis, noise
 

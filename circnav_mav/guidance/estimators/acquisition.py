@@ -12,7 +12,7 @@ Arrays have the axes M hypotheses, N bins. Frame and symbols as in `relative_ekf
 """
 
 from dataclasses import dataclass
-from math import atan2, hypot, inf, sqrt
+from math import atan2, hypot, inf, isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -131,7 +131,7 @@ class Estimate(NamedTuple):
     @property
     def finite(self) -> bool:
         """True if mean and covariance contain only finite numbers."""
-        return bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
+        return isfinite(self.mean.sum()) and isfinite(self.covariance.sum())
 
 
 class Acquisition:
@@ -176,8 +176,7 @@ class Acquisition:
         self._update()
 
     def search(self) -> Solution | None:
-        """Run an iteration of the search if one is due. Return the solution if it is unique, and end
-        the search."""
+        """Run an iteration of the search if one is due. A unique solution ends the search."""
         if self.due is None:
             return None
         sigma = self.due

@@ -221,11 +221,13 @@ def predict_mixture(
         rows[2, ekf.GX + axis] += calm * along
         if change is not None:
             rows[2, ekf.EX + axis] += along
-    r_variance, direction_variance, rate_variance = (rows @ estimate.covariance * rows).sum(axis=1).tolist()
-    steady, gusty = ekf.steps(estimate.drift_psd, estimate.gust, dt)
-    wander = ekf.wandered(steady, gusty, dt)
+    r_variance, direction_variance, rate_variance = (
+        (rows @ estimate.covariance * rows).sum(axis=1).tolist()
+    )
+    grown = estimate.drift_psd * dt + (1 - calm**2) * estimate.gust**2
+    wander = grown * (dt**2 / 3) + ekf.POSITION_PSD * dt
     turned = wander / r**2
-    added = across**2 * turned + steady + gusty + ekf.KAPPA_PSD * dt * ahead**2
+    added = across**2 * turned + grown + ekf.KAPPA_PSD * dt * ahead**2
     return Prediction(
         r=r,
         x=r * n[0],

@@ -158,6 +158,7 @@ class KalmanRangeRate(Estimator):
         from filterpy.kalman import KalmanFilter
 
         self._filter = KalmanFilter(dim_x=2, dim_z=1)
+        self._filter.inv = np.reciprocal  # of 1 x 1 matrices, faster than a general inverse
         self._filter.x = np.array([[sample.r], [0.0]])
         self._filter.P = np.diag([sample.sigma**2, self._settings.speed**2 / 2])
         self._samples = 1

@@ -29,8 +29,10 @@ Kalman filter in polar coordinates, as Aidala and Hammel, "Utilization of modifi
 for bearings-only tracking" (1983).
 """
 
+from dataclasses import dataclass
+from functools import cached_property
 from math import exp
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +40,6 @@ from numpy.typing import NDArray
 from circnav_mav.guidance.maths import Vector
 
 Array = NDArray[np.float64]
-Value = TypeVar("Value", float, Array)
-"""A value of one noise model, or the values of M noise models."""
 R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
 """Number of states. Rows of the state: range, direction, drift, airspeed scale, range error, gust,
@@ -48,10 +48,10 @@ DRIFT = np.zeros((2, STATES))
 DRIFT[0, [DX, GX, EX]] = 1.0
 DRIFT[1, [DY, GY, EY]] = 1.0
 """Matrix from the state to the total drift d + g + e, along x and y."""
-MOVES = DRIFT.copy()
-MOVES[:, EX:] /= 2
-"""Matrix from the state to the displacement by the drift in a second: e lasts on average half of a
-step."""
+MOVES = DRIFT[0] + 1j * DRIFT[1]
+MOVES[EX:] /= 2
+"""Displacement by the drift in a second, by the state, (12,): east + 1j north. The noise e lasts on
+average half of a step."""
 BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s. UWB and LoRa radios show 1 to 3 s."""
 GUST_TIME = 10.0
@@ -75,7 +75,8 @@ OUTLIER_SPREAD = 100.0
 """Width of the interval over which outliers of the range are uniformly distributed, m."""
 
 
-class Noise(NamedTuple):
+@dataclass(frozen=True)
+class Noise:
     """Noise model of each of M hypotheses, arrays (M,).
 
     drift_psd: spectral density of d', m^2/s^3.
@@ -96,6 +97,18 @@ class Noise(NamedTuple):
     acceleration_weight: Array
     scale_bounds: tuple[float, float] = (0.85, 1.15)
     acceleration_bias: float = 0.2
+
+    @cached_property
+    def growth(self) -> Array:
+        """Variances of the process noise before their factors of `transition`, (12, M)."""
+        none = np.zeros_like(self.gust)
+        bias = none + self.acceleration_bias**2 / ACCELERATION_BIAS_TIME
+        gust = self.gust**2
+        nose = self.nose**2
+        error = self.drifting**2
+        scale = none + KAPPA_PSD
+        psd = self.drift_psd
+        return np.array((none, none, psd, psd, scale, error, gust, gust, bias, bias, nose, nose))
 
 
 class VelocityChange(NamedTuple):
@@ -155,7 +168,7 @@ class Transition(NamedTuple):
     J: Jacobian of range and direction, (2, 12, M). The other rows of the Jacobian are diagonal.
     keep: factor of each of the other states, (12,).
     added: variances of the process noise, (12, M).
-    moved: covariances of the process noise of range and direction with the other states, (2, 12, M).
+    moved: covariances of the process noise: range and direction with the other states, (2, 12, M).
     log_keep: factor of the log weights.
     """
 
@@ -180,21 +193,18 @@ def transition(
     x = h.x * keep[:, None]
     x[R] = r
     x[THETA] = theta
-    steady, gusty = steps(noise.drift_psd, noise.gust, dt)
-    fresh = noise.nose**2 * (accelerations and dt > 0)
-    added = np.zeros(h.x.shape)
-    added[DX : DY + 1] = steady
-    added[GX : GY + 1] = gusty
-    added[EX:] = fresh
-    # The drift grows linearly over the step, so half of its growth moves the position.
-    moved = np.zeros(J.shape)
-    for drift in (DX, GX, EX):
-        moved[:, drift : drift + 2] = J[:, DX : DY + 1] * (0.5 * added[drift])
-    added[R] = wandered(steady, gusty, dt) + fresh * (dt / 2) ** 2
+    error = (1 - keep[B] ** 2) * sigma**2
+    gust = 1 - keep[GX] ** 2
+    nose = 1.0 if accelerations and dt > 0 else 0.0
+    factors = np.array((0, 0, dt, dt, dt, error, gust, gust, dt, dt, nose, nose))
+    added = noise.growth * factors[:, None]
+    # The drift grows linearly over the step, so half of its growth moves the position. In J, e
+    # moves the position by half already.
+    moved = J * (added * DRIFT.sum(axis=0)[:, None] * 0.5)
+    moved[:, EX:] *= 2
+    added[R] = added[DX] * (dt**2 / 3) + added[GX] * (dt**2 / 3) + added[EX] * (dt**2 / 4)
+    added[R] += POSITION_PSD * dt
     added[THETA] = added[R] / r**2
-    added[KAPPA] = KAPPA_PSD * dt
-    added[B] = (1 - exp(-2 * dt / BIAS_TIME)) * (noise.drifting * sigma) ** 2
-    added[FORWARD : LEFT + 1] = noise.acceleration_bias**2 / ACCELERATION_BIAS_TIME * dt
     # 20.0: time, s, in which the log weight of a hypothesis decays to 1/e: older evidence has less
     # weight.
     return Transition(x, J, keep, added, moved, exp(-dt / 20.0))
@@ -225,37 +235,24 @@ def decay(dt: float) -> Array:
 
 def motion(x: Array, dt: float, chord: Vector) -> tuple[Array, Array, Array]:
     """Return range (m) and direction (rad) of states x (12, M) after dt (s) along a chord (m), and
-    their Jacobian, (2, 12, M)."""
-    moves = dt * MOVES  # matrix from the state to the displacement
-    moves[:, KAPPA] = chord
-    east, north = moves @ x
-    c = np.cos(x[THETA])
-    s = np.sin(x[THETA])
-    along = x[R] + c * east + s * north
-    across = c * north - s * east
-    turn = np.arctan2(across, along)
-    theta = x[THETA] + turn
-    r = np.maximum(np.hypot(along, across), CLOSEST)
-    c = np.cos(theta)
-    s = np.sin(theta)
-    J: Array = moves.T @ np.array(((c, s), (-s, c)))
-    J[0, R] = np.cos(turn)
-    J[0, THETA] = x[R] * np.sin(turn)
-    J[1, R] = -np.sin(turn)
-    J[1, THETA] = x[R] * J[0, R]
+    their Jacobian, (2, 12, M).
+
+    Complex numbers contain east and north components. Multiplying by conj(u) converts them to the
+    components along and across the line of sight u.
+    """
+    moves = dt * MOVES
+    moves[KAPPA] = complex(*chord)
+    towards = np.exp(-1j * x[THETA])
+    seen = x[R] + (moves @ x) * towards
+    r = np.maximum(np.abs(seen), CLOSEST)
+    turned = seen.conj() / r
+    place = np.outer(moves, towards * turned)
+    place[R] = turned
+    place[THETA] = 1j * x[R] * turned
+    J = np.array((place.real, place.imag))
     J[1] /= r
+    theta = x[THETA] + np.arctan2(seen.imag, seen.real)
     return r, theta, J
-
-
-def steps(drift_psd: Value, gust: Value, dt: float) -> tuple[Value, Value]:
-    """Return the growth of the variances of d and g in dt, m^2/s^2."""
-    return drift_psd * dt, (1 - exp(-2 * dt / GUST_TIME)) * gust**2
-
-
-def wandered(steady: Value, gusty: Value, dt: float) -> Value:
-    """Return the process noise of the position in dt, m^2. steady, gusty: growth of the variances
-    of d and g, from `steps`."""
-    return (steady + gusty) * (dt**2 / 3) + POSITION_PSD * dt
 
 
 def range_measurement(h: Hypotheses, noise: Noise, z: float, sigma: float) -> Measurement:
@@ -312,15 +309,16 @@ def acceleration_measurements(
     H[:, FORWARD] = (c, s)
     H[:, LEFT] = (-s, c)
     H[0, EX] = H[1, EY] = -1.0
-    expected = np.outer(acceleration.air, h.x[KAPPA]) + H[:, GX:] @ h.x[GX:]
-    innovation = np.array(acceleration.change)[:, None] - expected
+    expected = H.copy()
+    expected[:, KAPPA] = acceleration.air
+    innovation = np.array(acceleration.change)[:, None] - expected @ h.x
     HP = (H @ h.P.reshape(STATES, -1)).reshape(step.J.shape)
     variance = H @ HP
-    variance[[0, 1], [0, 1]] += DRIFT @ step.added + ACCELERATION_PSD * dt
+    variance.reshape(4, -1)[::3] += DRIFT @ step.added + ACCELERATION_PSD * dt
     cross = HP * step.keep[:, None] + DRIFT[..., None] * step.added
-    moved = step.moved[:, DX : DY + 1] + step.moved[:, GX : GY + 1] + step.moved[:, EX:]
-    cross[:, :2] = np.einsum("ajm,bjm->abm", HP, step.J) + np.swapaxes(moved, 0, 1)
-    # The second component without its regression on the first.
+    place = np.einsum("ajm,bjm->abm", HP, step.J)
+    cross[:, :2] = place + np.swapaxes(DRIFT @ step.moved, 0, 1)
+    # The second component, without its regression on the first component.
     slope = variance[0, 1] / variance[0, 0]
     rest = np.maximum(variance[1, 1] - slope * variance[0, 1], 1e-12)
     return (

@@ -1,5 +1,5 @@
-"""Tracking of the target: one Kalman filter per noise model (drift from steady to gusty, range error
-from white to drifting), weighted by its likelihood.
+"""Tracking of the target by one Kalman filter per noise model, weighted by its likelihood. The
+models assume a steady to gusty drift, and a white to drifting range error.
 
 A model of negligible weight restarts from the mixture of its kind. There are two kinds: models that
 use accelerations, and models that do not.
@@ -191,7 +191,8 @@ class Tracker:
 
     def _estimate(self, mean: Array, covariance: Array, trusted: bool) -> Estimate:
         """Return the mixture as an estimate. trusted: True if the estimate before could steer."""
-        variance = covariance[R, R] / max(mean[R], 1.0) ** 2 + covariance[THETA, THETA]
+        r = max(mean.item(R), 1.0)
+        variance = covariance.item(R, R) / r**2 + covariance.item(THETA, THETA)
         spread = sqrt(max(variance, 0.0))
         noise = self.noise
         weight = self.tracks.weight
@@ -203,9 +204,9 @@ class Tracker:
             covariance,
             spread=spread,
             trusted=spread < (KEPT if trusted else TRUSTED),
-            drift_psd=float(noise.drift_psd @ weight),
-            gust=float(noise.gust @ weight),
-            acceleration_weight=float(noise.acceleration_weight @ weight),
+            drift_psd=noise.drift_psd.dot(weight).item(),
+            gust=noise.gust.dot(weight).item(),
+            acceleration_weight=noise.acceleration_weight.dot(weight).item(),
         )
 
 
