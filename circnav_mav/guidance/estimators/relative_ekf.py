@@ -245,7 +245,7 @@ def motion(x: Array, dt: float, chord: Vector) -> tuple[Array, Array, Array]:
     towards = np.exp(-1j * x[THETA])
     seen = x[R] + (moves @ x) * towards
     r = np.maximum(np.abs(seen), CLOSEST)
-    turned = seen.conj() / r
+    turned = seen.conj() * (1 / r)
     place = np.outer(moves, towards * turned)
     place[R] = turned
     place[THETA] = 1j * x[R] * turned
