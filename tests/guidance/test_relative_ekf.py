@@ -258,7 +258,7 @@ def test_prediction_with_measured_acceleration_matches_bayes_rule():
     plain = predict(before, transition(before, assumed, DT, path, SIGMA))
     step = transition(before, assumed, DT, path, SIGMA, accelerations=True)
     ours = predict(before, step)
-    for measured in acceleration_measurements(before, step, DT, acceleration):
+    for measured in acceleration_measurements(before, step, acceleration):
         ours = correct(ours, assumed, measured, assumed.acceleration_weight)
 
     F = jacobian(x, path)

@@ -26,6 +26,8 @@ RANGE = 0
 """Index of the range in the state."""
 RATE = 1
 """Index of the range rate in the state."""
+ROWS = np.eye(2)[:, None]
+"""Matrix from the state to each of its components, (2, 1, 2)."""
 
 
 def acceleration_variance(settings: EstimatorSettings, r: float) -> float:
@@ -37,8 +39,9 @@ def acceleration_variance(settings: EstimatorSettings, r: float) -> float:
 def motion_model(h: float, q: float) -> tuple[Array, Array]:
     """Return the transition matrix F and the process noise Q over h seconds of an acceleration with
     variance q."""
-    G = np.array([[h * h / 2], [h]])
-    return np.array([[1.0, h], [0.0, 1.0]]), q * G @ G.T
+    moved = h * h / 2
+    Q = np.array(((q * moved * moved, q * moved * h), (q * h * moved, q * h * h)))
+    return np.array(((1.0, h), (0.0, 1.0))), Q
 
 
 class KalmanRangeRate(Estimator):
@@ -135,7 +138,7 @@ class KalmanRangeRate(Estimator):
             self._nis = nis
         if nis > self._settings.gate**2:
             return False
-        self._filter.update(z, R=sigma**2, H=np.eye(2)[component : component + 1])
+        self._filter.update(z, R=sigma**2, H=ROWS[component])
         return True
 
     def _model(self, h: float) -> tuple[Array, Array]:

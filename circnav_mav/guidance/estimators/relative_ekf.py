@@ -169,7 +169,7 @@ class Transition(NamedTuple):
     keep: factor of each of the other states, (12,).
     added: variances of the process noise, (12, M).
     moved: covariances of the process noise: range and direction with the other states, (2, 12, M).
-    log_keep: factor of the log weights.
+    dt: duration of the step, s.
     """
 
     x: Array
@@ -177,7 +177,7 @@ class Transition(NamedTuple):
     keep: Array
     added: Array
     moved: Array
-    log_keep: float
+    dt: float
 
 
 def transition(
@@ -205,9 +205,7 @@ def transition(
     added[R] = added[DX] * (dt**2 / 3) + added[GX] * (dt**2 / 3) + added[EX] * (dt**2 / 4)
     added[R] += POSITION_PSD * dt
     added[THETA] = added[R] / r**2
-    # 20.0: time, s, in which the log weight of a hypothesis decays to 1/e: older evidence has less
-    # weight.
-    return Transition(x, J, keep, added, moved, exp(-dt / 20.0))
+    return Transition(x, J, keep, added, moved, dt)
 
 
 def predict(h: Hypotheses, step: Transition) -> Hypotheses:
@@ -221,7 +219,9 @@ def predict(h: Hypotheses, step: Transition) -> Hypotheses:
     P[:2] = rows
     P[:, :2] = np.swapaxes(rows, 0, 1)
     P.reshape(STATES * STATES, -1)[:: STATES + 1] += step.added
-    return Hypotheses(step.x, P, h.log_weight * step.log_keep)
+    # 20.0: time, s, in which the log weight of a hypothesis decays to 1/e: older evidence has less
+    # weight.
+    return Hypotheses(step.x, P, h.log_weight * exp(-step.dt / 20.0))
 
 
 def decay(dt: float) -> Array:
@@ -289,7 +289,7 @@ def rate_measurement(h: Hypotheses, r_dot: float, sigma: float, air: Vector) -> 
 
 
 def acceleration_measurements(
-    h: Hypotheses, step: Transition, dt: float, acceleration: VelocityChange
+    h: Hypotheses, step: Transition, acceleration: VelocityChange
 ) -> tuple[Measurement, Measurement]:
     """Return the measured change of velocity as two uncorrelated measurements for each hypothesis
     after the step.
@@ -298,7 +298,6 @@ def acceleration_measurements(
     noise
 
     h: hypotheses before the step.
-    dt: duration of the step, s.
     """
     c, s = acceleration.nose
     H = np.zeros((2, STATES))  # Jacobian by the states before the step
@@ -314,7 +313,7 @@ def acceleration_measurements(
     innovation = np.array(acceleration.change)[:, None] - expected @ h.x
     HP = (H @ h.P.reshape(STATES, -1)).reshape(step.J.shape)
     variance = H @ HP
-    variance.reshape(4, -1)[::3] += DRIFT @ step.added + ACCELERATION_PSD * dt
+    variance.reshape(4, -1)[::3] += DRIFT @ step.added + ACCELERATION_PSD * step.dt
     cross = HP * step.keep[:, None] + DRIFT[..., None] * step.added
     place = np.einsum("ajm,bjm->abm", HP, step.J)
     cross[:, :2] = place + np.swapaxes(DRIFT @ step.moved, 0, 1)
@@ -369,7 +368,8 @@ def mixture(h: Hypotheses) -> tuple[Array, Array]:
     x[THETA] = direction + (x[THETA] - direction + np.pi) % (2 * np.pi) - np.pi
     mean = x @ weight
     apart = (x - mean[:, None]) * np.sqrt(weight)
-    return mean, np.einsum("m,ijm->ij", weight, h.P) + apart @ apart.T
+    covariance: Array = h.P @ weight
+    return mean, covariance + apart @ apart.T
 
 
 def polar(p: Array, P: Array) -> tuple[Array, Array]:

@@ -174,11 +174,9 @@ class DriftEstimator(Estimator):
             trial=estimate.hypothesis,
             drift_remembered=self.filter.acquisition.remembers,
             acceleration_weight=0.0 if change is None else estimate.acceleration_weight,
-            drift_covariance=(
-                covariance.item(DX, DX),
-                covariance.item(DX, DY),
-                covariance.item(DY, DY),
-            ),
+            drift_covariance=None
+            if tracker is None
+            else (covariance.item(DX, DX), covariance.item(DX, DY), covariance.item(DY, DY)),
         )
         return RangeEstimate(
             time, at.r, at.r_dot,

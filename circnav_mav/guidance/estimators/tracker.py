@@ -175,7 +175,7 @@ class Tracker:
             before = h
             h = ekf.predict(h, step)
             if acceleration is not None:
-                for one in ekf.acceleration_measurements(before, step, dt, acceleration):
+                for one in ekf.acceleration_measurements(before, step, acceleration):
                     h = ekf.correct(h, noise, one, noise.acceleration_weight)
         if z is not None:
             h, nis, accepted = ekf.update(h, noise, ekf.range_measurement(h, noise, z, sigma), gate)
