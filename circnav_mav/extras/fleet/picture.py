@@ -65,9 +65,19 @@ def _frame(axes: Axes, tracks: Tracks, index: int) -> None:
         color = COLORS[member % len(COLORS)]
         pieces = np.stack([trail[:-1], trail[1:]], axis=1)
         axes.add_collection(LineCollection(list(pieces), colors=color, alpha=fading[1:], lw=1.6))
-        axes.plot(*trail[-1], "o", color=color, ms=9)
-        place = {"ha": "center", "va": "center_baseline", "clip_on": True}
-        axes.text(*trail[-1], str(member + 1), color="white", fontsize=6.5, weight="bold", **place)
+        east, north = trail[-1]
+        axes.plot(east, north, "o", color=color, ms=9)
+        axes.text(
+            east,
+            north,
+            str(member + 1),
+            color="white",
+            fontsize=6.5,
+            weight="bold",
+            ha="center",
+            va="center_baseline",
+            clip_on=True,
+        )
     axes.set(xlim=(-extent, extent), ylim=(-extent, extent), aspect="equal", xticks=[], yticks=[])
     axes.set_title(f"{tracks.time[index]:.0f} s", fontsize=10)
     axes.spines[:].set_visible(False)
