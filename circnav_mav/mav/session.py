@@ -16,7 +16,7 @@ from circnav_mav.mav.identity import OUR_NAME, Identity, LinkSettings, Sender
 from circnav_mav.mav.own_motion import ACCELERATIONS, OwnMotionSensor
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
-from circnav_mav.mav.vehicle_state import READ, Change, VehicleState
+from circnav_mav.mav.vehicle_state import Change, VehicleState
 from circnav_mav.timers import Every
 
 HEARTBEAT_PERIOD = 1.0
@@ -40,7 +40,15 @@ AIR_DATA = ("VFR_HUD", "GLOBAL_POSITION_INT")
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT")
 HANDLED = frozenset(
     getattr(dialect, f"MAVLINK_MSG_ID_{name}")
-    for name in (*READ, "COMMAND_ACK", "TIMESYNC", *AIR_DATA, *ACCELERATIONS, *ECHOES, *GPS_HEALTH)
+    for name in (
+        *VehicleState.READERS,
+        "COMMAND_ACK",
+        "TIMESYNC",
+        *AIR_DATA,
+        *ACCELERATIONS,
+        *ECHOES,
+        *GPS_HEALTH,
+    )
 )
 """Ids of the messages that the session, the motion sensor or `Pilot` reads."""
 

@@ -2,7 +2,9 @@
 reboots."""
 
 from collections import deque
+from collections.abc import Callable, Mapping
 from enum import Enum
+from typing import ClassVar
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -28,19 +30,6 @@ NOT_FLYING = (
 """Values of EXTENDED_SYS_STATE.landed_state in which an aircraft must not be steered."""
 BOOT_TIMES = ("SYSTEM_TIME", "ATTITUDE", "ATTITUDE_QUATERNION")
 """Message types from which the time since boot is read."""
-READ = (
-    *(
-        "HEARTBEAT",
-        "CURRENT_MODE",
-        "SYS_STATUS",
-        "EXTENDED_SYS_STATE",
-        "MISSION_CURRENT",
-        "STATUSTEXT",
-        "AUTOPILOT_VERSION",
-    ),
-    *BOOT_TIMES,
-)
-"""Message types that this module reads."""
 
 
 class Change(Enum):
@@ -146,39 +135,64 @@ class VehicleState:
     def receive(self, message: Message, now: float) -> Change | None:
         """Process a message. Return the change that it reports, even if the vehicle's next message
         in the same step reverses the change."""
-        kind = message.get_type()
         self._late = self._overtaken(message.get_seq())
-        if kind == "HEARTBEAT":
-            self._late = self._is_late_heartbeat(message.get_seq(), now)
-            if not self._late:
-                self.heartbeat_at = now
-            armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-            return self._on_mode(message.custom_mode, armed, now)
-        if kind == "CURRENT_MODE" and message.custom_mode:
-            # CURRENT_MODE reports the mode as a heartbeat does. PX4 sends heartbeats at 1 Hz only,
-            # and some are lost.
-            return self._on_mode(message.custom_mode, self.armed, now)
-        if kind in BOOT_TIMES:
-            if kind == "SYSTEM_TIME":
-                self.utc.received(message.time_unix_usec / 1e6, now)
-            return self._on_boot_time(message.time_boot_ms / 1000, now)
-        if kind == "SYS_STATUS":
-            charge = float(message.battery_remaining)
-            self._battery.update(charge if charge >= 0 else None, now)
-        elif kind == "EXTENDED_SYS_STATE":
-            # MAV_LANDED_STATE_UNDEFINED is 0. PX4 sends it until its land detector runs.
-            self.landed.update(message.landed_state or None, now)
-        elif kind == "MISSION_CURRENT":
-            self.waypoint = message.seq
-        elif kind == "STATUSTEXT":
-            text, before = self._text_reader.read(message)
-            if before is not None and self.texts:
-                self.texts.pop()
-            self.texts.append(text)
-        elif kind == "AUTOPILOT_VERSION":
-            version = message.flight_sw_version
-            self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
-        return None
+        reader = self.READERS.get(message.get_type())
+        return None if reader is None else reader(self, message, now)
+
+    def _read_heartbeat(self, message: Message, now: float) -> Change | None:
+        self._late = self._is_late_heartbeat(message.get_seq(), now)
+        if not self._late:
+            self.heartbeat_at = now
+        armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        return self._on_mode(message.custom_mode, armed, now)
+
+    def _read_mode(self, message: Message, now: float) -> Change | None:
+        """Process a CURRENT_MODE, which reports the mode as a heartbeat does. PX4 sends heartbeats
+        at 1 Hz only, and some are lost."""
+        mode = message.custom_mode
+        return self._on_mode(mode, self.armed, now) if mode else None
+
+    def _read_boot_time(self, message: Message, now: float) -> Change | None:
+        return self._on_boot_time(message.time_boot_ms / 1000, now)
+
+    def _read_system_time(self, message: Message, now: float) -> Change | None:
+        self.utc.received(message.time_unix_usec / 1e6, now)
+        return self._read_boot_time(message, now)
+
+    def _read_battery(self, message: Message, now: float) -> None:
+        charge = float(message.battery_remaining)
+        self._battery.update(charge if charge >= 0 else None, now)
+
+    def _read_landed_state(self, message: Message, now: float) -> None:
+        # MAV_LANDED_STATE_UNDEFINED is 0. PX4 sends it until its land detector runs.
+        self.landed.update(message.landed_state or None, now)
+
+    def _read_waypoint(self, message: Message, now: float) -> None:
+        self.waypoint = message.seq
+
+    def _read_text(self, message: Message, now: float) -> None:
+        text, before = self._text_reader.read(message)
+        if before is not None and self.texts:
+            self.texts.pop()
+        self.texts.append(text)
+
+    def _read_version(self, message: Message, now: float) -> None:
+        version = message.flight_sw_version
+        self.firmware = f"{version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}"
+
+    READERS: ClassVar[Mapping[str, Callable[["VehicleState", Message, float], Change | None]]] = {
+        "HEARTBEAT": _read_heartbeat,
+        "CURRENT_MODE": _read_mode,
+        "SYSTEM_TIME": _read_system_time,
+        "ATTITUDE": _read_boot_time,
+        "ATTITUDE_QUATERNION": _read_boot_time,
+        "SYS_STATUS": _read_battery,
+        "EXTENDED_SYS_STATE": _read_landed_state,
+        "MISSION_CURRENT": _read_waypoint,
+        "STATUSTEXT": _read_text,
+        "AUTOPILOT_VERSION": _read_version,
+    }
+    """Readers by message type."""
 
     def _overtaken(self, sequence: int) -> bool:
         """True if a frame is reordered: the vehicle sent it before a frame that has already

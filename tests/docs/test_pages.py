@@ -1,7 +1,6 @@
 """The documents against the code: links, keys, names, columns, messages and commands exist."""
 
 import ast
-import json
 import re
 import shlex
 from pathlib import Path
@@ -198,16 +197,6 @@ def test_plotjuggler_curves_are_recorded_numeric_columns():
     assert (
         layout.find(".//plugin[@ID='DataLoad CSV']/parameters").get("time_axis") == TICK_COLUMNS[0]
     )
-
-
-def test_foxglove_layout_plots_recorded_columns():
-    layout = json.loads((DOCS / "foxglove.json").read_text())
-    plotted = [
-        path["value"] for panel in layout["configById"].values() for path in panel.get("paths", ())
-    ]
-    assert {value.removeprefix("/ticks.") for value in plotted} <= set(TICK_COLUMNS)
-    placed = re.findall(r'"(?:first|second)": "(.*?)"', json.dumps(layout["layout"]))
-    assert sorted(placed) == sorted(layout["configById"])
 
 
 def test_fly_help_lists_bundled_missions():

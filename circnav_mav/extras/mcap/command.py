@@ -3,7 +3,9 @@
 from pathlib import Path
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.extras.mcap.layout import foxglove_layout
 from circnav_mav.foreign import open_file
+from circnav_mav.runlog.atomic_write import write_json
 from circnav_mav.runlog.run_folder import Run, RunError, is_run, open_run
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -11,7 +13,8 @@ MAGIC = b"\x89MCAP0\r\n"
 
 
 def export_run(folder: str, mcap: str | None) -> int:
-    """Write the MCAP file, by default into the folder, and print its topics. Raises Refused."""
+    """Write the MCAP file, by default into the folder, and its layout. Print the topics.
+    Raises Refused."""
     if mcap is None:
         raise Refused("export: name the output format: --mcap")
     path = Path(mcap) if mcap else Path(folder) / "flight.mcap"
@@ -25,6 +28,8 @@ def export_run(folder: str, mcap: str | None) -> int:
             from circnav_mav.extras.mcap.export import export_mcap
 
             counts = export_mcap(runs, path)
+            layout = path.with_suffix(".layout.json")
+            write_json(layout, foxglove_layout(list(runs)))
         except ImportError:
             raise Refused(
                 "export --mcap needs the extra [mcap]: pip install 'circnav-mav[mcap]'"
@@ -33,6 +38,7 @@ def export_run(folder: str, mcap: str | None) -> int:
         if run.damage_text is not None:
             say(f"  WARNING    {run.damage_text}")
     say(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
+    say(f"{layout}: layout for Foxglove (Layouts, Import from file)")
     return Exit.DONE
 
 

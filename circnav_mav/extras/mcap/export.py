@@ -3,7 +3,8 @@
 The file contains ticks and truth as JSON, and Foxglove's own messages (poses, scene, log and fixes
 for the 3D, log and map panels). The export needs the optional dependencies [mcap]. Times are
 wall-clock times of the flight. Unknown values are left out of messages. Positions are in the frame
-"beacon": x east, y north, z up, m. Its origin is the beacon and moves with the beacon.
+"beacon" (of a fleet: "01/beacon"): x east, y north, z up, m. Its origin is the beacon and moves
+with the beacon.
 """
 
 import json
@@ -32,6 +33,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.extras.mcap.layout import frame
 from circnav_mav.mav.frames import heading_enu_from_yaw_ned
 from circnav_mav.pilot.record import COLUMNS
 from circnav_mav.runlog.atomic_write import atomic_write
@@ -96,6 +98,7 @@ def _add_run(writer: Writer, prefix: str, run: Run) -> Counter[str]:
             )
         for stamped in getattr(message, "entities", [message]):
             stamped.timestamp.FromNanoseconds(_ns(run, time))
+            _name_frame(stamped, prefix)
         add(channels[topic], topic, _ns(run, time), message.SerializeToString())
     writer.add_metadata(
         f"{prefix.lstrip('/')} manifest".strip(),
@@ -109,6 +112,13 @@ def _add_run(writer: Writer, prefix: str, run: Run) -> Counter[str]:
         data=run.mission_text.encode(),
     )
     return counts
+
+
+def _name_frame(message: Any, prefix: str) -> None:
+    """Give each vehicle frames of its own, below the common frame "map"."""
+    field = "child_frame_id" if isinstance(message, FrameTransform) else "frame_id"
+    if field in message.DESCRIPTOR.fields_by_name:
+        setattr(message, field, frame(prefix, getattr(message, field)))
 
 
 def _tick_rows(table: Ticks) -> Iterator[dict[str, Any]]:

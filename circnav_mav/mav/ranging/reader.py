@@ -431,9 +431,9 @@ class RangeReader:
     def _stamp(self, received: _Received) -> float:
         """Return the unwrapped stamp of a reading, s, or its arrival time if it has none."""
         reading = received.reading
-        uses_stamp = self._settings.stamp == "sensor" and isinstance(reading, Reading)
-        carried = reading.stamp if uses_stamp else None
-        return received.now if carried is None else self.clock.unwrapped(carried)
+        if self._settings.stamp != "sensor" or isinstance(reading, Reject) or reading.stamp is None:
+            return received.now
+        return self.clock.unwrapped(reading.stamp)
 
     def _repeats(self, received: _Received, step: float) -> bool:
         """True if a message repeats the newest range. step: advance of its stamp, s."""

@@ -9,6 +9,7 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.runtime.recorder import TICK_COLUMNS
 from tests.flight.recorded import EPOCH_US, recorded_flight
 
 reader = pytest.importorskip("mcap.reader")
@@ -82,6 +83,40 @@ def test_fleet_folder_is_exported_to_one_file(circnav, flown, tmp_path):
     assert topics == {
         f"/{member}{topic}" for member in ("01", "02") for topic in OURS | set(FOXGLOVE)
     }
+
+
+def strings(value):
+    """Return all texts in JSON values, keys included."""
+    if isinstance(value, dict):
+        value = [*value, *value.values()]
+    if isinstance(value, list):
+        return set().union(*map(strings, value))
+    return {value} if isinstance(value, str) else set()
+
+
+@pytest.mark.parametrize("members", [(), ("01", "02")])
+def test_layout_names_topics_columns_and_frames_of_its_file(circnav, flown, tmp_path, members):
+    folder = tmp_path / "run"
+    for member in members or ("",):
+        shutil.copytree(flown, folder / member)
+    assert circnav("export", folder, "--mcap").done
+    layout = json.loads((folder / "flight.layout.json").read_text())
+    frames = set()
+    with (folder / "flight.mcap").open("rb") as file:
+        found = reader.make_reader(file, [protobuf.DecoderFactory()])
+        topics = {channel.topic for _, channel, _ in found.iter_messages()}
+        for *_, message in found.iter_decoded_messages(["/tf", "/01/tf", "/02/tf"]):
+            frames.add((message.parent_frame_id, message.child_frame_id))
+    panels = layout["configById"]
+    plotted = {path["value"] for panel in panels.values() for path in panel.get("paths", ())}
+    assert {value.partition(".")[0] for value in plotted} <= topics
+    assert {value.partition(".")[2] for value in plotted} <= set(TICK_COLUMNS)
+    named = set(panels["3D!scene"]["topics"]) | {panels["map!place"]["followTopic"]}
+    named |= {panel["topicToRender"] for panel in panels.values() if "topicToRender" in panel}
+    assert named <= topics
+    assert frames == {("map", f"{one}/beacon".lstrip("/")) for one in members or ("",)}
+    assert panels["3D!scene"]["followTf"] in {child for _, child in frames}
+    assert set(panels) <= strings(layout["layout"])
 
 
 def test_exported_file_contains_mission_and_manifest(circnav, flown, tmp_path):
