@@ -141,7 +141,9 @@ class Product:
         if found is None or found.relative is None or not self._auto.drift.ready:
             return None
         relative = found.relative
-        tracking = self._auto.drift.filter
+        tracking = self._auto.drift.filter.estimate
+        if tracking is None:
+            return None
         r = hypot(relative.x, relative.y)
         out = np.array([relative.x, relative.y]) / r
         to_plane = np.column_stack([out, r * np.array([-out[1], out[0]])])
