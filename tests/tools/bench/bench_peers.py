@@ -14,8 +14,8 @@ error; the motion is the chord of the measured air path. They share no code with
 Tuning: the filters have the true noises of heading, airspeed and ranges, the gate of 5 sigma, and
 the priors of drift and scale of the product. One Gaussian cannot represent the ring of the first
 range: each filter starts as a bank of 64 directions, weighted by likelihood. The process noise of
-the drift and the share of the slowly varying range error are the best of a grid for all situations
-together, on other seeds than the table (--tune). The product has its fixed noises.
+the drift and the share of the slowly varying range error are chosen; --tune prints the errors of a
+grid of them, on other seeds than the table. The product has its fixed noises.
 
 Position, drift, range rate: RMS error of the last 60 s, median of the flights. NEES: of the
 position, mean of the last 60 s and of the flights; in brackets its 95 % band for one instant of all
