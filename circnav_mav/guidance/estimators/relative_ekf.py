@@ -331,7 +331,9 @@ Updated = tuple[Hypotheses, Array, NDArray[np.bool_]]
 is True for each hypothesis that accepted the measurement."""
 
 
-def correct(h: Hypotheses, noise: Noise, measured: Measurement, weight: Array) -> Hypotheses:
+def correct(
+    h: Hypotheses, noise: Noise, measured: Measurement, weight: Array | NDArray[np.bool_]
+) -> Hypotheses:
     """Return the hypotheses corrected by a measurement.
 
     weight (M,): 1 for each hypothesis that uses the measurement, else 0.
