@@ -105,8 +105,10 @@ def checked(name: str, make: Any, form: str, fits: Callable[[Any], bool]) -> Cal
 def turn_rate_of(law: Callable[[T], Any], estimate: T) -> float:
     """Return the turn rate that a user-defined law returns, rad/s. Raises OwnCodeError with the
     file and line of the law if it fails or returns no number."""
-    function = law.args[-1] if isinstance(law, partial) and law.func is call else law
-    name = law.args[0] if function is not law else getattr(function, "__qualname__", repr(function))
+    function: Any = law
+    name = getattr(law, "__qualname__", repr(law))
+    if isinstance(law, partial) and law.func is call:
+        name, function = law.args
     try:
         turn = law(estimate)
     except FAILURES as error:

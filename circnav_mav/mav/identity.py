@@ -126,7 +126,7 @@ class _Relation(Enum):
 
     VEHICLE = "ids and address of the vehicle"
     TWIN = "ids of the vehicle, another address"
-    STRANGER = "other ids, or no vehicle was found yet"
+    UNKNOWN = "other ids, or no vehicle was found yet"
 
 
 class _Kind(Enum):
@@ -229,7 +229,7 @@ class Identity:
     def _relation(self, who: Sender) -> "_Relation":
         home = self.home
         if home is None or who.ids != home.ids:
-            return _Relation.STRANGER
+            return _Relation.UNKNOWN
         return _Relation.VEHICLE if who.source == home.source else _Relation.TWIN
 
     # --- steps of the table
@@ -279,9 +279,9 @@ class Identity:
         (_Relation.TWIN, _Kind.AUTOPILOT): (_note, _pin, _reject, _count),
         (_Relation.TWIN, _Kind.NO_AUTOPILOT): (_reject,),
         (_Relation.TWIN, _Kind.OTHER): (_reject_unless_silent,),
-        (_Relation.STRANGER, _Kind.AUTOPILOT): (_note, _pin, _count),
-        (_Relation.STRANGER, _Kind.NO_AUTOPILOT): (_note,),
-        (_Relation.STRANGER, _Kind.OTHER): (_note,),
+        (_Relation.UNKNOWN, _Kind.AUTOPILOT): (_note, _pin, _count),
+        (_Relation.UNKNOWN, _Kind.NO_AUTOPILOT): (_note,),
+        (_Relation.UNKNOWN, _Kind.OTHER): (_note,),
     }
 
     def _may_be_at(self, source: Hashable, now: float) -> bool:

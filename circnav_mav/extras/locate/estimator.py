@@ -211,8 +211,8 @@ def _contest(
     problem = Problem(track, ranges, known)
     fit = problem.fit(start, prior)
     # The ranges that the best hypothesis explains, and their noise, serve all.
-    best = [_best(fit.chi2, penalty, len(ranges.r))]
-    residual, sigma = (part[0] for part in problem.residual(fit.x[best]))
+    chosen = [_best(fit.chi2, penalty, len(ranges.r))]
+    residual, sigma = (part[0] for part in problem.residual(fit.x[chosen]))
     off = residual / sigma
     keep = np.abs(off) <= OUTLIER * max(1.4826 * float(np.median(np.abs(off))), 1.0)
     if keep.sum() < LEAST:
@@ -336,7 +336,7 @@ def _noise(variance: float, sigma: Array, ranges: Ranges) -> float:
     """
     white = float(np.mean(sigma**2 - ranges.sigma**2))
     # 0.01: smallest share of the variance that is noise of the ranges, and their least noise, m.
-    return max(variance - white, 0.01 * variance, _rounding(ranges.r) ** 2, 0.01**2) ** 0.5
+    return float(max(variance - white, 0.01 * variance, _rounding(ranges.r) ** 2, 0.01**2) ** 0.5)
 
 
 def _rounding(values: Array) -> float:
@@ -485,12 +485,15 @@ class Problem:
             slope = np.einsum("fsn,fn->fs", table, weight * off)
             slope += np.einsum("fst,ft->fs", precision[open_], x[open_] - mean)
             diagonal = np.einsum("fss->fs", normal)
+            # A vehicle that has not moved sees the target along one line: the damping, and 1e-9,
+            # keep the matrix regular.
             diagonal *= 1 + damping[open_, None]
+            diagonal += 1e-9
             new = x[open_] - np.linalg.solve(normal, slope[:, :, None])[:, :, 0]
             after = self._chi2(new, mean, precision[open_])
             better = after < chi2[open_]
             gain = chi2[open_] - after
-            damping[open_] *= np.where(better, 0.1, 10.0)
+            damping[open_] = np.maximum(damping[open_] * np.where(better, 0.1, 10.0), 1e-9)
             x[open_[better]] = new[better]
             chi2[open_[better]] = after[better]
             done = (better & (gain < 1e-5 * after)) | (damping[open_] > 1e6)
@@ -529,7 +532,7 @@ class Problem:
         off = np.abs(self.off(x))
         loss = np.where(off > HUBER, HUBER * (2 * off - HUBER), off**2).sum(axis=1)
         apart = x - mean
-        return loss + np.einsum("fs,fst,ft->f", apart, precision, apart)
+        return np.asarray(loss + np.einsum("fs,fst,ft->f", apart, precision, apart))
 
     def _precision(self, prior: Array) -> Array:
         """Return the inverse prior covariances."""

@@ -103,8 +103,10 @@ def test_layout_names_topics_columns_and_frames_of_its_file(circnav, flown, tmp_
     layout = json.loads((folder / "flight.layout.json").read_text())
     frames = set()
     with (folder / "flight.mcap").open("rb") as file:
-        found = reader.make_reader(file, [protobuf.DecoderFactory()])
+        found = reader.make_reader(file)
         topics = {channel.topic for _, channel, _ in found.iter_messages()}
+    with (folder / "flight.mcap").open("rb") as file:
+        found = reader.make_reader(file, decoder_factories=[protobuf.DecoderFactory()])
         for *_, message in found.iter_decoded_messages(["/tf", "/01/tf", "/02/tf"]):
             frames.add((message.parent_frame_id, message.child_frame_id))
     panels = layout["configById"]
