@@ -10,9 +10,10 @@ from circnav_mav.extras.campaign.fly import Row, fly_run
 from circnav_mav.extras.campaign.plan import CampaignError, campaign_of, unflyable_value
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.own_code import NameTable
 from circnav_mav.runtime import jobs
 
-OWN = {"guidance.law": LAWS, "guidance.estimator": ESTIMATORS}
+OWN: dict[str, NameTable[Any]] = {"guidance.law": LAWS, "guidance.estimator": ESTIMATORS}
 
 
 def campaign(
