@@ -1,7 +1,8 @@
 """circnav_mav: circle an unknown target with nothing but a range, over MAVLink.
 
 `from circnav_mav import Guidance, ...` is the public API (see `circnav_mav.api`). It is loaded at
-first use: importing its filters is slow, and `circnav --help` does not need them.
+first use: importing its filters is slow, and `circnav --help` does not need them. Extras add
+functions to it (`Extension.functions`).
 """
 
 from importlib import import_module
@@ -46,6 +47,11 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
+        if not name.startswith("_"):
+            extension = import_module("circnav_mav.extension")
+            for one in extension.extensions():
+                if name in one.functions:
+                    return extension.load(one.functions[name])
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     modules = (
         import_module(f"circnav_mav.{one}")

@@ -32,6 +32,7 @@ class Extension:
         not need one.
     report_section: function from a run folder to HTML for its report, empty for nothing.
     schemas: pydantic models of other files, by the names that `circnav schema` takes.
+    functions: functions of the public API, by name: `from circnav_mav import NAME`.
     survey_forecast: function from a mission and the time on its circle (s) to the expected standard
         deviation of the beacon's place, m, or None.
     order: place among the commands that `circnav --help` lists.
@@ -46,6 +47,7 @@ class Extension:
     onlooker: str | None = None
     report_section: str | None = None
     schemas: Mapping[str, str] = field(default_factory=dict)
+    functions: Mapping[str, str] = field(default_factory=dict)
     survey_forecast: str | None = None
     order: int = 100
 

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TypeVar
 
+from circnav_mav.cli.exits import say
 from circnav_mav.foreign import printable
 
 T = TypeVar("T")
@@ -72,3 +73,27 @@ def each(what: str, items: Iterable[T], count: int) -> Iterator[T]:
         for done, item in enumerate(items):
             show(done, "")
             yield item
+
+
+@contextmanager
+def flights(done: int, total: int) -> Iterator[Callable[[bool], None]]:
+    """Show the flights done, the flights not kept, and the time left: a bar on a terminal,
+    otherwise a line every 10 s. Yield a function to call after each flight: show(kept)."""
+    before = done
+    began = reported = monotonic()
+    lost = 0
+    on_terminal = sys.stderr.isatty()
+    with progress("flights", total, done) as update:
+
+        def show(kept: bool) -> None:
+            nonlocal done, lost, reported
+            done += 1
+            lost += not kept
+            update(done, f"{done} of {total}, {lost} not kept")
+            now = monotonic()
+            if not on_terminal and now - reported >= 10.0:
+                reported = now
+                left = (total - done) * (now - began) / (done - before)
+                say(f"  {done} of {total} flights, {left:.0f} s left")
+
+        yield show

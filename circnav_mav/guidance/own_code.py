@@ -48,6 +48,15 @@ class NameTable(dict[str, T]):
         """True if a name may be looked up. Its code is not imported."""
         return REFERENCE.fullmatch(name) is not None or name in self.names()
 
+    def add(self, found: Any) -> str:
+        """Return the name `module:name` of a user-defined object, and let the name mean this very
+        object, which a notebook may have defined anew. Raises OwnCodeError."""
+        name = f"{found.__module__}:{getattr(found, '__qualname__', repr(found))}"
+        if REFERENCE.fullmatch(name) is None:
+            raise OwnCodeError(f"{name}: define it with a name, at the top of a module or notebook")
+        self._imported[name] = self._adapt(name, found)
+        return name
+
     def __missing__(self, name: str) -> T:
         """Return the user-defined value of a name that is not built in. Raises KeyError,
         OwnCodeError."""

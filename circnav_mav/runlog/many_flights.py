@@ -4,7 +4,7 @@ flights. SI units.
 See `circnav_mav.runlog.metrics` for a single recorded flight and for the commands.
 """
 
-from math import ceil, floor, sqrt
+from math import ceil, floor, inf, nan, sqrt
 from typing import Any
 
 import numpy as np
@@ -90,6 +90,20 @@ def tangent_time(
         length = turn * rho + line
         best = np.minimum(best, np.where(exists, length, np.inf))
     return best / V
+
+
+def quantile(values: Any, share: float) -> float:
+    """Return a quantile, share 0 to 1, interpolated linearly between the values. The median of an
+    even number of values is the mean of the middle two. NaN without values.
+
+    Infinity means "never". A quantile between a number and infinity is infinite.
+    """
+    if len(values) == 0:
+        return nan
+    # numpy interpolates with an infinite value to NaN, so a number of this size replaces infinity.
+    never = 1e300
+    found = float(np.quantile(np.minimum(values, never), share))
+    return found if found < 1e200 else inf
 
 
 def median_interval(ordered: Any, worlds: int) -> Interval:

@@ -2,4 +2,8 @@
 
 from circnav_mav.extension import Extension
 
-EXTENSION = Extension(commands={"bench": "circnav_mav.extras.bench.commands:bench"}, order=60)
+EXTENSION = Extension(
+    commands={"bench": "circnav_mav.extras.bench.commands:bench"},
+    functions={"bench": "circnav_mav.extras.bench.api:bench"},
+    order=60,
+)

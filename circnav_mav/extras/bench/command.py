@@ -1,14 +1,13 @@
 """The command `circnav bench`."""
 
-import os
+import signal
 from pathlib import Path
 
-from circnav_mav.api import Guidance
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extras.bench import bench
-from circnav_mav.extras.bench.flight import POLICIES, law_and_estimator
-from circnav_mav.extras.bench.situations import ORBIT, SITUATIONS
-from circnav_mav.runtime.worker_pool import WorkerDiedError
+from circnav_mav.extras.bench.flight import POLICIES, check_policy
+from circnav_mav.extras.bench.situations import SITUATIONS
+from circnav_mav.runtime.jobs import JobsError, cores
 
 
 def fly_bench(
@@ -17,30 +16,50 @@ def fly_bench(
     situations: tuple[str, ...],
     seed: int,
     out: str | None,
+    *,
+    resume: bool,
+    scheduler: str | None,
+    processes: int | None,
     form: str,
 ) -> int:
     """Fly the requested situations with the requested laws, by default all, and print a line for
     each pair. Raises Refused."""
     for law in laws:
         try:
-            if law not in POLICIES:
-                Guidance(ORBIT, *law_and_estimator(law))  # imports user-defined code
+            check_policy(law)
         except ValueError as error:
             raise Refused(f"--law: {error}") from None
     for name in situations:
         if name not in SITUATIONS:
             raise Refused(f'--situation: "{name}" is not one of: {"; ".join(SITUATIONS)}')
+    if resume and out is None:
+        raise Refused("--resume: name the folder of the benchmark to continue: --out DIR")
     folder = Path(out) if out else None
-    cells = [(situation, law) for situation in situations or SITUATIONS for law in laws or POLICIES]
-    with refusing(out or "bench"):
+    cells = [
+        (SITUATIONS[name], law)
+        for name in dict.fromkeys(situations or SITUATIONS)
+        for law in dict.fromkeys(laws or POLICIES)
+    ]
+    # Let SIGTERM act as Ctrl-C: the results are kept and written.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with refusing(out or "bench", bench.BenchError, JobsError):
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "table.csv").open("ab").close()  # fail now, not after hours of flight
-        cores = os.cpu_count() or 1
-        try:
-            bench.run(cells, flights, seed, folder, report=say, cores=cores, form=form)
-        except WorkerDiedError:
-            raise Refused(
-                "a worker process died (out of memory?): reduce --flights", Exit.INTERNAL
-            ) from None
-    return Exit.DONE
+        rows = bench.run(
+            cells,
+            flights,
+            seed,
+            folder,
+            report=say,
+            processes=processes or cores(),
+            scheduler=scheduler,
+            resume=resume,
+            form=form,
+        )
+    wanted = len(cells) * flights
+    if len(rows) == wanted:
+        return Exit.DONE
+    remedy = f"continue with --out {out} --resume" if out else "only --out DIR keeps them"
+    say(f"  stopped after {len(rows)} of {wanted} flights; {remedy}")
+    return Exit.INTERRUPTED

@@ -32,8 +32,18 @@ from circnav_mav.cli.describe import FORMAT, Folder, command
 @click.option(
     "--seed", type=click.IntRange(0), default=1, metavar="N", help="Seed of all random numbers."
 )
+@click.option("--out", type=Folder(), metavar="DIR", help="Write the tables and pictures there.")
+@click.option("--resume", is_flag=True, help="Fly the missing flights of the folder of --out.")
 @click.option(
-    "--out", type=Folder(), metavar="DIR", help="Write table.csv, table.md and table.png there."
+    "--processes",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Parallel processes. [default: one per core]",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDR",
+    help="Fly on the workers of this Dask scheduler, e.g. tcp://host:8786.",
 )
 @FORMAT
 def bench() -> None:

@@ -45,7 +45,7 @@ VEER_EVERY = 50.0
 """Time from the start of a change of the wind direction to the start of the next one, s."""
 GAUSS = ((0.5 - sqrt(15) / 10, 5 / 18), (0.5, 8 / 18), (0.5 + sqrt(15) / 10, 5 / 18))
 """Gauss-Legendre rule with three points on 0 to 1: place and weight."""
-ROWS = ("r", "r_dot", "angle", "command", "r_hat", "r_dot_hat", "nees")
+ROWS = ("r", "r_dot", "angle", "command", "r_hat", "r_dot_hat", "nees", "nis")
 Pair = tuple[float, float]
 
 
@@ -61,6 +61,12 @@ def law_and_estimator(policy: str) -> tuple[str, str]:
         names = (*POLICIES, *LAWS.names()[len(LAWS) :], "module:name", "law+estimator")
         raise ValueError(f'"{policy}" is not one of: {"; ".join(names)}')
     return law, estimator
+
+
+def check_policy(policy: str) -> None:
+    """Import the user-defined code of a policy. Raises ValueError."""
+    if policy not in POLICIES:
+        Guidance(ORBIT, *law_and_estimator(policy))
 
 
 @dataclass(frozen=True, slots=True)
@@ -362,6 +368,7 @@ def fly(situation: Situation, policy: str, seed: int, flight: int) -> Track:
                 rows["r_dot_hat"][step] = estimate.r_dot
             if accepted and isinstance(estimator, AutoEstimator) and estimator.drift.ready:
                 rows["nees"][step] = _nees(estimator, world)
+                rows["nis"][step] = estimator.nis
         world.step(situation.dt, turn)
     times = np.arange(steps) * situation.dt
     return Track(rows, times, float(direction.turn_sign), start, heading)

@@ -1,13 +1,11 @@
 """Results of the benchmark, as one cell per law and situation: printed line, tables of
-docs/measured.md, picture."""
+docs/measured.md."""
 
 import csv
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
-
-import numpy as np
 
 from circnav_mav.extras.bench.situations import SITUATIONS
 from circnav_mav.runlog.atomic_write import atomic_write
@@ -24,7 +22,8 @@ class Cell:
     over the flights.
 
     kept: number of flights that kept the circle.
-    rms_*: RMS radius error over the last 100 s.
+    rms_*: RMS radius error over the last 100 s. rms_low, rms_high: 95 % interval of its median (NaN
+        below six flights).
     peak_median: median of the largest radius error over the last 100 s.
     mean_error: mean radius error over the last 100 s.
     settled10_*, settled2_*: time of the last exit from ±10 % and ±2 % of the radius, divided by the
@@ -35,9 +34,11 @@ class Cell:
     turn_*: medians of the figures of the turn command over the last 100 s.
     limit_cycles: number of flights with a limit cycle (see `TurnFigures`).
     range_rmse, rate_rmse: RMS error of the estimated range (m) and range rate (m/s) over the last
-        100 s.
+        100 s. rate_p99: median of the 99th percentile of the absolute error in a flight.
     nees_mean: mean normalized estimation error squared (NEES) of (r, theta).
     nees_in_band: fraction of steps with this NEES in its 95 % band.
+    nees_last, nis_last: mean NEES, and mean normalized innovation squared (NIS), at the last range
+        of each flight. These values are independent. consistency_flights: their number.
     difference_*: RMS radius error minus the RMS error of the situation's first policy in the same
     world: median, and its 95 % interval (NaN below six flights).
     seconds: processor time of all flights.
@@ -48,6 +49,8 @@ class Cell:
     flights: int
     kept: int
     rms_median: float
+    rms_low: float
+    rms_high: float
     rms_p95: float
     rms_max: float
     peak_median: float
@@ -68,6 +71,9 @@ class Cell:
     rate_p99: float
     nees_mean: float
     nees_in_band: float
+    nees_last: float
+    nis_last: float
+    consistency_flights: int
     difference_median: float
     difference_low: float
     difference_high: float
@@ -81,21 +87,24 @@ def line(cell: Cell) -> str:
     required = "" if need is None or cell.policy != OWN else f" (<= {need:.2f})"
     wrong = f"wrong way {cell.wrong_way}  " if cell.wrong_way else ""
     cycles = f", limit cycles {cell.limit_cycles}" if cell.limit_cycles else ""
-    interval = ""
-    if isfinite(cell.difference_low):
-        interval = f" ({cell.difference_low:+.3f} to {cell.difference_high:+.3f})"
     paired = ""
     if cell.difference_median:
-        paired = f", minus the first law's {cell.difference_median:+.3f}{interval}"
+        between = interval(cell.difference_low, cell.difference_high, "+.3f")
+        paired = f", minus the first law's {cell.difference_median:+.3f}{between}"
     return (
         f"{cell.situation:24s} {cell.policy:22s} kept {cell.kept:4d} of {cell.flights}  {wrong}RMS"
-        f" {cell.rms_median:7.3f} p95 {cell.rms_p95:8.3f}{required}{paired}, peak"
-        f" {cell.peak_median:.2f} "
+        f" {cell.rms_median:7.3f} m{interval(cell.rms_low, cell.rms_high)} p95"
+        f" {cell.rms_p95:8.3f}{required}{paired}, peak {cell.peak_median:.2f} "
         f" settled to 10 % in {cell.settled10_median:.2f}/{cell.settled10_p95:.2f} ideal times, to"
         f" 2 % in {cell.settled2_median:.2f}  turn sd {cell.turn_std_deg_s:.1f} deg/s, at the limit"
         f" {100 * cell.turn_at_limit:.0f} %, varies {cell.turn_variation_rad_s2:.2f} rad/s per"
         f" s{cycles}  r' {cell.rate_rmse:.3f}  {cell.seconds:.0f} s"
     )
+
+
+def interval(low: float, high: float, form: str = ".3f") -> str:
+    """Return a 95 % interval in brackets, or nothing if it is not known."""
+    return f" ({low:{form}} to {high:{form}})" if isfinite(low) else ""
 
 
 def write_csv(cells: list[Cell], path: Path) -> None:
@@ -111,9 +120,9 @@ def write_csv(cells: list[Cell], path: Path) -> None:
 COLUMNS: dict[str, Callable[[Cell], str]] = {
     "situation": lambda cell: cell.situation,
     "flights that kept the circle": lambda cell: f"{cell.kept} of {cell.flights}",
-    "RMS radius error, m: median / 95th percentile / worst; median peak": lambda cell: (
-        f"**{cell.rms_median:.3f}** / {cell.rms_p95:.3f} / {cell.rms_max:.2f};"
-        f" {cell.peak_median:.2f}"
+    "RMS radius error, m: median (95 % interval) / 95th percentile / worst; peak": lambda cell: (
+        f"**{cell.rms_median:.3f}**{interval(cell.rms_low, cell.rms_high)} / {cell.rms_p95:.3f} /"
+        f" {cell.rms_max:.2f}; {cell.peak_median:.2f}"
     ),
     "required RMS, m": lambda cell: (
         "report" if (need := SITUATIONS[cell.situation].required) is None else f"{need:.2f}"
@@ -145,8 +154,9 @@ COLUMNS: dict[str, Callable[[Cell], str]] = {
 def markdown(cells: Sequence[Cell]) -> str:
     """Return the table of `auto`, and then the table of the other laws that were flown.
 
-    A cell of the second table has three figures: the median RMS radius error, the number of flights
-    that kept the circle, and the standard deviation of the turn command. The number (in brackets)
+    A cell of the second table has four figures: the median RMS radius error, its 95 % interval
+    (from six flights on), the number of flights that kept the circle, and the standard deviation of
+    the turn command. The number (in brackets)
     is left out if all flights kept the circle.
     """
     own, others = (
@@ -165,10 +175,14 @@ def markdown(cells: Sequence[Cell]) -> str:
         for cell in others:
             kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
             rows[cell.situation][cell.policy] = (
-                f"{median_or_lost(cell)}{kept}, sd {cell.turn_std_deg_s:.1f}"
+                f"{median_or_lost(cell)}{interval(cell.rms_low, cell.rms_high, '.2f')}{kept}, sd"
+                f" {cell.turn_std_deg_s:.1f}"
             )
+        fewest, most = (pick(cell.flights for cell in others) for pick in (min, max))
+        count = f"{most}" if fewest == most else f"{fewest} to {most}"
+        heading = f"situation ({count} flights a cell; median RMS radius error, m, 95 % interval)"
         tables.append(
-            _table(("situation", *laws), [(row, *texts.values()) for row, texts in rows.items()])
+            _table((heading, *laws), [(row, *texts.values()) for row, texts in rows.items()])
         )
     return "\n".join(tables)
 
@@ -176,42 +190,6 @@ def markdown(cells: Sequence[Cell]) -> str:
 def median_or_lost(cell: Cell) -> str:
     """Return the median RMS radius error for the tables, or "lost"."""
     return f"{cell.rms_median:.2f}" if cell.rms_median < LOST else "lost"
-
-
-def draw(cells: Sequence[Cell], path: Path) -> None:
-    """Draw the table: color by median RMS error, text with error and number of flights that kept
-    the circle. Rows are situations, columns are laws."""
-    import matplotlib as mpl  # the workers do not need matplotlib
-    from matplotlib.colors import LogNorm
-    from matplotlib.figure import Figure
-
-    from circnav_mav.report.plots import COLUMN, PAGE, PAPER, save
-
-    rows = list(dict.fromkeys(c.situation for c in cells))
-    columns = list(dict.fromkeys(c.policy for c in cells))
-    values = np.full((len(rows), len(columns)), np.nan)
-    scale = LogNorm(0.05, 50)
-    with mpl.rc_context(PAPER | {"axes.grid": False, "font.size": 7}):
-        # 2.7: width of the names of the situations (1.9) and of the color scale (0.8), inches.
-        width = min(max(COLUMN, 2.7 + 0.5 * len(columns)), PAGE)
-        figure = Figure(figsize=(width, max(2.2, 1.3 + 0.22 * len(rows))), layout="constrained")
-        axes = figure.subplots()
-        for cell in cells:
-            i = rows.index(cell.situation)
-            j = columns.index(cell.policy)
-            values[i, j] = max(cell.rms_median, 1e-3)
-            kept = "" if cell.kept == cell.flights else f" ({cell.kept})"
-            ink = "white" if scale(values[i, j]) < 0.55 else "black"
-            text = median_or_lost(cell)
-            if 10 <= cell.rms_median < LOST:
-                text = f"{cell.rms_median:.3g}"
-            axes.text(j, i, text + kept, ha="center", va="center", fontsize=5.5, color=ink)
-        image = axes.imshow(values, norm=scale, cmap="viridis", aspect="auto")
-        axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right")
-        axes.set_yticks(range(len(rows)), rows)
-        axes.set_xlabel(f"in brackets: flights of {cells[0].flights} that kept the circle")
-        figure.colorbar(image, ax=axes, label="median RMS radius error, m", format="%g")
-        save(figure, path, dpi=200)
 
 
 def _times(value: float) -> str:

@@ -1,28 +1,23 @@
 """The command `circnav campaign`: many flights, their table and pictures."""
 
 import signal
-import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
-from circnav_mav.cli.progress import progress
-from circnav_mav.extras.campaign.execute import cores, on_cores, on_scheduler
+from circnav_mav.cli.progress import flights
 from circnav_mav.extras.campaign.figures import SUMMARY, summarize
-from circnav_mav.extras.campaign.fly import Row
+from circnav_mav.extras.campaign.fly import fly_run
 from circnav_mav.extras.campaign.plan import Campaign, CampaignError, load_campaign, unflyable_value
 from circnav_mav.extras.campaign.plots import plot_campaign
 from circnav_mav.extras.campaign.store import TABLE, Store
 from circnav_mav.foreign import printable
 from circnav_mav.runlog.atomic_write import write_json
 from circnav_mav.runtime.clock import local_time_name
+from circnav_mav.runtime.jobs import JobsError, cores, fly
 
 SETTLED = ("settled_median", "settled_p95")
-REPORT_EVERY = 10.0
-"""Time between two lines of progress without a terminal, s."""
 
 
 def fly_campaign(
@@ -36,7 +31,7 @@ def fly_campaign(
     form: str,
 ) -> int:
     """Fly the missing runs, print the results, and return the exit code. Raises Refused."""
-    with refusing(file, CampaignError):
+    with refusing(file, CampaignError, JobsError):
         campaign = load_campaign(file, runs)
         if reason := unflyable_value(campaign):
             raise Refused(reason)
@@ -53,53 +48,20 @@ def fly_campaign(
 
 
 def _fly(campaign: Campaign, store: Store, scheduler: str | None, processes: int | None) -> bool:
-    """Fly the missing runs. Return True if interrupted. Raises CampaignError."""
+    """Fly the missing runs. Return True if interrupted. Raises CampaignError, JobsError."""
     missing = [number for number in range(campaign.runs) if number not in store.done]
     if not missing:
         return False
-    if scheduler is None:
-        results = on_cores(campaign, missing, processes or cores())
-    else:
-        results = on_scheduler(campaign, missing, scheduler)
+    jobs = ((campaign, number) for number in missing)
+    results = fly(fly_run, jobs, processes or cores(), scheduler)
     try:
-        with _progress(len(store.done), campaign.runs) as show, closing(results):
+        with flights(len(store.done), campaign.runs) as show, closing(results):
             for row in results:
                 store.add([row])
-                show(len(store.done), row)
+                show(row["kept"])
     except KeyboardInterrupt:
         return True
     return False
-
-
-@contextmanager
-def _progress(done: int, total: int) -> Iterator[Callable[[int, Row], None]]:
-    """Show progress: a bar on a terminal, otherwise a line every REPORT_EVERY seconds."""
-    if not sys.stderr.isatty():
-        yield _lines(done, total)
-        return
-    lost = 0
-    with progress("flights", total, done) as update:
-
-        def show(done: int, row: Row) -> None:
-            nonlocal lost
-            lost += not row["kept"]
-            update(done, f"{done} of {total}, {lost} not kept")
-
-        yield show
-
-
-def _lines(before: int, total: int) -> Callable[[int, Row], None]:
-    began = reported = time.monotonic()
-
-    def show(done: int, row: Row) -> None:
-        nonlocal reported
-        now = time.monotonic()
-        if now - reported >= REPORT_EVERY:
-            reported = now
-            rate = max(done - before, 1) / (now - began)
-            say(f"  {done} of {total} flights, {(total - done) / rate:.0f} s left")
-
-    return show
 
 
 def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool, form: str) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from circnav_mav.extras.campaign.lockstep import COMPLETED, FlightResult
 from circnav_mav.extras.campaign.plan import Campaign, Run
 from circnav_mav.runlog import metrics
-from circnav_mav.runlog.many_flights import Interval, Z, median_interval
+from circnav_mav.runlog.many_flights import Interval, Z, median_interval, quantile
 from circnav_mav.runlog.metrics import NAMES, late_figures
 
 FIGURES = (
@@ -203,8 +203,7 @@ def wilson(share: float, worlds: int) -> Interval:
     return 0.0 if share == 0 else middle - half, 1.0 if share == 1 else middle + half
 
 
-def percentile(ordered: Any, q: float) -> float | None:
-    """Return a percentile that is one of the values: an interpolation between a number and "never"
-    (infinity) would be infinite. None: never, or no values."""
-    value = float(np.percentile(ordered, q, method="higher")) if len(ordered) else float("inf")
+def percentile(values: Any, q: float) -> float | None:
+    """Return a percentile for JSON. None: never (infinity), or no values."""
+    value = quantile(values, q / 100)
     return value if isfinite(value) else None

@@ -191,27 +191,35 @@ def load_campaign(path: str | Path, runs: int | None = None) -> Campaign:
         raise CampaignError(str(error)) from None
     if "vehicle" in table and "vary" not in table:
         raise CampaignError(f"{path}: is a mission file, fly it with: circnav fly {path}")
+    return campaign_of(
+        table if runs is None else table | {"runs": runs}, str(path), path.parent, text
+    )
+
+
+def campaign_of(table: Mapping[str, Any], where: str, folder: Path, text: str = "") -> Campaign:
+    """Return the campaign of a table. where: its name in messages. folder: folder of the mission.
+    text: the file as written. Raises CampaignError."""
     try:
-        file = CampaignFile.model_validate(table if runs is None else table | {"runs": runs})
+        file = CampaignFile.model_validate(table)
     except ValidationError as error:
-        raise CampaignError(f"{path}: {in_words(error, CampaignFile)}") from None
-    mission_path = path.parent / file.mission
+        raise CampaignError(f"{where}: {in_words(error, CampaignFile)}") from None
+    mission_path = folder / file.mission
     try:
         mission = load_mission(mission_path)
     except MissionError as error:
-        raise CampaignError(f"{path}: mission: {error}") from None
+        raise CampaignError(f"{where}: mission: {error}") from None
     if mission.file.sim is None or not mission.flies_sim:
         raise CampaignError(
-            f'{path}: mission: {file.mission}: needs a [sim] table and link.endpoint = "sim"'
+            f'{where}: mission: {file.mission}: needs a [sim] table and link.endpoint = "sim"'
         )
     return Campaign(
-        where=str(path),
+        where=where,
         mission=tomllib.loads(mission.text),
         mission_text=mission.text,
         text=text,
         runs=file.runs,
         seed=file.seed,
-        specs=_specs(file.vary, str(path)),
+        specs=_specs(file.vary, where),
     )
 
 

@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from math import isfinite, prod
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from circnav_mav.extras.campaign.figures import figures, percentile
+from circnav_mav.extras.campaign.figures import figures, wilson
 from circnav_mav.extras.campaign.plan import START
 from circnav_mav.report.plots import PAGE, PAPER, literal, save
+from circnav_mav.runlog.many_flights import median_interval, quantile
 
 Rows = Sequence[dict[str, str]]
 LOST = "#c8501e"
@@ -58,6 +60,7 @@ def _pictures(
 ) -> Iterator[tuple[str, Callable[[], Figure]]]:
     """Yield file names without suffix, and their drawing functions."""
     flown = [row for row in rows if row["rms_m"]]
+    points = prod(len({row[key] for row in rows}) for key in swept)
     if (
         len(
             {
@@ -67,9 +70,12 @@ def _pictures(
         )
         > 7
     ):
-        yield "starts", partial(_starts, [row for row in rows if row["start_range_m"]], title)
+        yield (
+            "starts",
+            partial(_starts, [row for row in rows if row["start_range_m"]], title, points),
+        )
     if len(flown) > 1:
-        yield "distributions", partial(_distributions, rows, title)
+        yield "distributions", partial(_distributions, rows, title, points)
         for key in keys:
             if key not in START and len({row[key] for row in rows}) > 1:
                 yield (
@@ -78,15 +84,25 @@ def _pictures(
                 )
 
 
+def _worlds(rows: Rows, points: int) -> Any:
+    """Return the number of the draws of each flight. All points of the grid share the draws."""
+    return np.array([int(row["run"]) // points for row in rows])
+
+
 def _numbers(rows: Rows, key: str) -> Any:
     return np.array([float(row[key] or "nan") for row in rows])
 
 
-def _starts(rows: Rows, title: str) -> Figure:
+def _starts(rows: Rows, title: str, points: int = 1) -> Figure:
     """Draw starting positions relative to the target and starting headings, colored by the share of
     kept flights."""
     figure = Figure(figsize=(PAGE, 3.5), layout="constrained")
-    figure.suptitle(f"{title}: starts, and the share of flights kept")
+    found = figures(rows, points)
+    low, high = (100 * bound for bound in found["kept_interval"])
+    figure.suptitle(
+        f"{title}: starts of {len(rows)} flights, {100 * found['kept_share']:.0f} % kept (95 %"
+        f" interval {low:.0f} to {high:.0f})"
+    )
     place, turned = figure.subplots(1, 2)
     r, bearing, heading = (
         _numbers(rows, f"start_{name}") for name in ("range_m", "bearing_deg", "heading_deg")
@@ -123,11 +139,12 @@ def _shares(kept: Any, *coordinates: Any) -> tuple[Any, dict[str, Any]]:
     }
 
 
-def _distributions(rows: Rows, title: str) -> Figure:
+def _distributions(rows: Rows, title: str, points: int = 1) -> Figure:
     """Draw the distributions of error, settling time and closest approach."""
     figure = Figure(figsize=(PAGE, 2.6), layout="constrained")
     found = figures(rows)
     rows = [row for row in rows if row["rms_m"]]
+    worlds = len(np.unique(_worlds(rows, points)))
     others = (("not_engaged", "never engaged"), ("failed", "could not be flown"))
     unflown = "".join(f", {found[name]} more {what}" for name, what in others if found[name])
     figure.suptitle(f"{title}: {len(rows)} flights{unflown}")
@@ -139,15 +156,14 @@ def _distributions(rows: Rows, title: str) -> Figure:
     )
     error.set_xscale("log")
     _label_decades(error.xaxis, rms)
-    error.axvline(
-        found["rms_median"], color=LOST, lw=1, label=f"median {found['rms_median']:.3g} m"
-    )
-    error.legend()
+    _mark_median(error, _numbers(rows, "rms_m"), worlds, "m")
     never = int(np.isnan(settled).sum())
     if never < len(rows):
         settling.hist(settled[~np.isnan(settled)], bins=40, color=LINE)
+        _mark_median(settling, np.where(np.isnan(settled), np.inf, settled), worlds, "s")
     settling.set_title(f"never: {never}", fontsize=9)
     nearest.hist(_numbers(rows, "closest_m"), bins=40, color=LINE)
+    _mark_median(nearest, _numbers(rows, "closest_m"), worlds, "m")
     error.set_ylabel("flights")
     labels = (
         "RMS radius error of the last third, m",
@@ -158,6 +174,20 @@ def _distributions(rows: Rows, title: str) -> Figure:
         axis.set_xlabel(label)
         axis.yaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
+
+
+def _mark_median(axes: Any, values: Any, worlds: int, unit: str) -> None:
+    """Draw the median of the flights as a line, and its 95 % interval as a band."""
+    middle = quantile(values, 0.5)
+    if not isfinite(middle):
+        return
+    low, high = median_interval(np.sort(values), worlds)
+    label = f"median {middle:.3g} {unit}"
+    if low is not None and high is not None and isfinite(high):
+        axes.axvspan(low, high, color=LOST, alpha=0.25, lw=0)
+        label += f"\n95 %: {low:.3g} to {high:.3g}"
+    axes.axvline(middle, color=LOST, lw=1, label=label)
+    axes.legend(fontsize=7)
 
 
 def _label_decades(axis: Any, values: Any) -> None:
@@ -181,7 +211,7 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     With exactly one other swept key, each of its values has its own line.
     """
     figure = Figure(figsize=(PAGE, 5.0), layout="constrained")
-    figure.suptitle(f"{title}: error against {literal(key)}")
+    figure.suptitle(f"{title}: error against {literal(key)}, {len(rows)} flights")
     error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     # 8: largest number of values of a key for which a picture has a line for each value; chosen.
     others = [other for other in swept if other != key and len({row[other] for row in rows}) <= 8]
@@ -194,15 +224,21 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
     lines = np.array([row[others[0]] for row in rows] if len(others) == 1 else [""] * len(rows))
     rms = np.maximum(_numbers(rows, "rms_m"), 1e-6)  # NaN: never engaged
     kept = np.array([row["kept"] == "true" for row in rows])
+    worlds = _worlds(rows, prod(len({row[key] for row in rows}) for key in swept))
     labels = list(dict.fromkeys(lines))
     for number, label in enumerate(labels):
         mine = lines == label
         color = f"C{number}" if len(labels) > 1 else LINE
         spots, parts = _binned(x[mine], key in swept)
-        known = [part[np.isfinite(part)] for part in (rms[mine][part] for part in parts)]
-        middle, low, high = (
-            np.array([percentile(one, q) for one in known], float) for q in (50, 5, 95)
-        )
+        engaged = [np.arange(mine.sum())[part] for part in parts]
+        engaged = [part[np.isfinite(rms[mine][part])] for part in engaged]
+        known = [rms[mine][part] for part in engaged]
+        middle = np.array([quantile(one, 0.5) for one in known])
+        bounds = [
+            median_interval(np.sort(one), len(np.unique(worlds[mine][part])))
+            for one, part in zip(known, engaged, strict=True)
+        ]
+        low, high = np.array(bounds, float).T
         shift = 0.0 if numeric else 0.06 * (number - (len(labels) - 1) / 2)
         style: dict[str, Any] = {
             "color": color,
@@ -216,15 +252,28 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
             [middle - low, high - middle],
             capsize=2,
             elinewidth=0.7,
-            label=literal(label) or "median, 5 to 95 %",
+            label=literal(label) or "median, 95 % interval",
             **style,
         )
-        share.plot(spots + shift, [100 * kept[mine][part].mean() for part in parts], **style)
+        shares = np.array([kept[mine][part].mean() for part in parts])
+        ends = [
+            wilson(one, len(np.unique(worlds[mine][part])))
+            for one, part in zip(shares, parts, strict=True)
+        ]
+        less, more = np.array(ends, float).T
+        share.errorbar(
+            spots + shift,
+            100 * shares,
+            [100 * (shares - less), 100 * (more - shares)],
+            capsize=2,
+            elinewidth=0.7,
+            **style,
+        )
     if not numeric:
         share.set_xticks(range(len(names)), [literal(name) for name in names])
     error.set_yscale("log")
     _label_decades(error.yaxis, rms[np.isfinite(rms)])
-    error.set_ylabel("RMS radius error, m\n(median, 5 to 95 %)")
+    error.set_ylabel("RMS radius error, m\n(median, 95 % interval)")
     error.legend(title=literal(others[0]) if len(labels) > 1 else None, fontsize=8)
     drawn = len(np.unique(x))
     bins = (
@@ -232,7 +281,7 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
         if key in swept or drawn <= BINS
         else f" ({drawn} drawn values, in {BINS} bins of equally many flights)"
     )
-    share.set(ylim=(-5, 105), ylabel="kept, %", xlabel=literal(key) + bins)
+    share.set(ylim=(-5, 105), ylabel="kept, %\n(95 % interval)", xlabel=literal(key) + bins)
     return figure
 
 

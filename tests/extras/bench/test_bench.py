@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from circnav_mav.api import tune
-from circnav_mav.extras.bench.bench import evaluate, rms_errors, run
+from circnav_mav.extras.bench.bench import FLIGHTS, BenchError, cell_of, figures, run, table
 from circnav_mav.extras.bench.flight import ROWS, Track
+from circnav_mav.extras.bench.pictures import draw, draw_consistency
 from circnav_mav.extras.bench.situations import ORBIT, SITUATIONS, TURN_LAG
-from circnav_mav.extras.bench.table import draw, line, markdown
+from circnav_mav.extras.bench.table import line, markdown
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mission.checks import check_mission
 from circnav_mav.mission.load import load_mission
@@ -32,19 +33,22 @@ def test_benchmark_gain_matches_check_of_quickstart(law):
     assert f"k = {tune(ORBIT, law, turn_lag=TURN_LAG).gain:.4g} " in printed
 
 
-def test_benchmark_separates_laws_in_wind(tmp_path, monkeypatch):
-    name = "wind 0.20 V"
-    monkeypatch.setitem(
-        SITUATIONS, name, replace(SITUATIONS[name], start=(80.0, 160.0), duration=125.0)
-    )
-    full, feedforward = run([(name, "full information"), (name, "feedforward")], 1, 1, tmp_path)
+SHORT = replace(SITUATIONS["wind 0.20 V"], start=(80.0, 160.0), duration=125.0)
+
+
+def test_benchmark_separates_laws_in_wind(tmp_path):
+    cells = [(SHORT, "full information"), (SHORT, "feedforward")]
+    full, feedforward = table(run(cells, 1, 1, tmp_path))
     assert full.kept == feedforward.kept == 1
     assert full.rms_median < 0.05 < 1.0 < feedforward.rms_median
     assert (tmp_path / "table.png").stat().st_size > 10_000
     assert (tmp_path / "table.csv").read_text().count("\n") == 3
-    table = (tmp_path / "table.md").read_text().splitlines()
-    assert table[0] == "| situation | full information | feedforward |"
-    assert table[2].startswith(
+    page = (tmp_path / "table.md").read_text().splitlines()
+    assert page[0] == (
+        "| situation (1 flights a cell; median RMS radius error, m, 95 % interval) |"
+        " full information | feedforward |"
+    )
+    assert page[2].startswith(
         f"| wind 0.20 V | {full.rms_median:.2f}, sd {full.turn_std_deg_s:.1f} | "
     )
     assert "at the limit 0 %" in line(full) and "limit cycles" not in line(full)
@@ -63,7 +67,7 @@ def cell():
     still = np.zeros((800, 5))
     command = np.full((800, 5), 0.15)
     nees = np.broadcast_to([0.01, 1.0, 1.0, 1.0, np.nan], (800, 5))
-    columns = (r, still, angle, command, r + 0.1, still + 0.2, nees)
+    columns = (r, still, angle, command, r + 0.1, still + 0.2, nees, nees / 2)
     tracks = [
         Track(
             {name: column[:, i] for name, column in zip(ROWS, columns, strict=True)},
@@ -74,7 +78,9 @@ def cell():
         )
         for i in range(5)
     ]
-    return evaluate(SITUATIONS["calm"], "auto", tracks, 0.0, rms_errors(tracks) - 2.0)
+    cell = {"situation": "calm", "policy": "auto", "seconds": 0.0}
+    rows = [cell | {"flight": i} | figures(track) for i, track in enumerate(tracks)]
+    return cell_of(rows, [row | {"rms": row["rms"] - 2.0} for row in rows])
 
 
 def test_cell_figures_match_hand_calculation(cell):
@@ -82,7 +88,7 @@ def test_cell_figures_match_hand_calculation(cell):
     flight from 200 m to the tangent point takes about 12 s."""
     assert (cell.flights, cell.kept, cell.wrong_way, cell.limit_cycles) == (5, 2, 1, 0)
     assert (cell.rms_median, cell.rms_p95, cell.rms_max, cell.mean_error) == pytest.approx(
-        (1.0, 300.0, 300.0, 64.2)
+        (1.0, 244.0, 300.0, 64.2)
     )
     assert 40.0 / 15 < cell.settled10_median < 40.0 / 11 and cell.settled10_p95 == inf
     assert cell.settled2_median == cell.settled10_median
@@ -91,9 +97,45 @@ def test_cell_figures_match_hand_calculation(cell):
     )
     assert (cell.range_rmse, cell.rate_rmse) == pytest.approx((0.1, 0.2))
     assert (cell.nees_mean, cell.nees_in_band) == pytest.approx((3.01 / 4, 0.75))
-    shown = "RMS   1.000 p95  300.000 (<= 0.12), minus the first law's +2.000"
+    assert (cell.nis_last, cell.consistency_flights) == pytest.approx((3.01 / 8, 4))
+    shown = "RMS   1.000 m p95  244.000 (<= 0.12), minus the first law's +2.000"
     assert f"kept    2 of 5  wrong way 1  {shown}" in line(cell)
-    assert "| calm | 2 of 5 | **1.000** / 300.000 / 300.00;" in markdown([cell])
+    assert "| calm | 2 of 5 | **1.000** / 244.000 / 300.00;" in markdown([cell])
+
+
+def test_benchmark_rows_are_independent_of_processes_and_resuming(tmp_path):
+    """The first run ends by Ctrl-C after one flight, in the middle of a line of the table."""
+    cells = [(replace(SHORT, duration=101.0), law) for law in ("smooth", "feedforward")]
+
+    def interrupt(line):
+        raise KeyboardInterrupt
+
+    def rows(**how):
+        return [row | {"seconds": 0.0} for row in run(cells, 2, **how)]
+
+    assert len(run(cells, 2, out=tmp_path, report=interrupt)) == 2
+    with pytest.raises(BenchError, match="--resume"):
+        run(cells, 2, out=tmp_path)
+    with pytest.raises(BenchError, match="seed 1"):
+        run(cells, 2, 2, tmp_path, resume=True)
+    kept = (tmp_path / FLIGHTS).read_text().splitlines(keepends=True)
+    (tmp_path / FLIGHTS).write_text("".join(kept[:2]) + kept[2][:40])
+    alone = rows()
+    resumed = rows(out=tmp_path, resume=True)
+    for other in (resumed, rows(processes=2)):
+        assert list(map(str, other)) == list(map(str, alone))
+
+
+def test_consistency_picture_shows_chi_squared_band(cell, monkeypatch):
+    """Band of the mean of ten values with two degrees of freedom: 9.591 / 10 to 34.170 / 10."""
+    drawn = []
+    monkeypatch.setattr(plots, "save", lambda figure, path, dpi: drawn.append(figure))
+    draw_consistency([replace(cell, consistency_flights=10)], Path("consistency.svg"))
+    (band,) = drawn[0].axes[0].patches
+    assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx(
+        (0.9591, 3.4170), abs=1e-4
+    )
+    assert list(drawn[0].axes[1].lines[1].get_xdata()) == [cell.nis_last]
 
 
 def test_picture_of_single_law_shows_scale_and_lost_cells(cell, monkeypatch):
@@ -118,8 +160,9 @@ def test_benchmark_stops_remaining_cells_when_output_closes():
 
     shown = []
     began = time.monotonic()
-    cells = [("calm", "smooth"), *[("calm", "auto")] * 100]
+    calm = SITUATIONS["calm"]
+    cells = [(calm, "smooth"), *((replace(calm, name=f"calm {n}"), "auto") for n in range(100))]
     with pytest.raises(BrokenPipeError):
-        run(cells, flights=1, report=show, cores=2)
+        run(cells, flights=1, report=show, processes=2)
     assert [line.split()[1] for line in shown] == ["smooth"]
     assert time.monotonic() - began < PATIENCE

@@ -10,11 +10,11 @@ from circnav_sim.config import parse_vehicle
 from circnav_sim.vehicle import Vehicle
 
 from circnav_mav.cli.bundled import bundled
-from circnav_mav.extras.campaign.execute import on_cores
 from circnav_mav.extras.campaign.fly import fly_run
 from circnav_mav.extras.campaign.plan import START, load_campaign, prepare
 from circnav_mav.extras.campaign.store import Store
 from circnav_mav.mission.load import load_mission
+from circnav_mav.runtime import jobs
 from tests.extras.campaign.conftest import CONFIG
 
 SHORT = '"limits.duration_s" = [3.0]\n"guidance.law" = ["smooth", "feedforward"]\n'
@@ -29,19 +29,21 @@ def flown(store, results):
     return (store.folder / "runs.csv").read_bytes()
 
 
+def rows_of(campaign, runs, processes):
+    return jobs.fly(fly_run, ((campaign, number) for number in runs), processes, None)
+
+
 @pytest.fixture
 def table(write, tmp_path):
     """The campaign table of SHORT, flown in this process."""
     campaign = load_campaign(write(SHORT))
-    return flown(Store(tmp_path / "here", campaign), on_cores(campaign, range(8), 1))
+    return flown(Store(tmp_path / "here", campaign), rows_of(campaign, range(8), 1))
 
 
 def test_campaign_table_is_independent_of_processes_and_resuming(write, tmp_path, table):
     campaign = load_campaign(write(SHORT))
     assert table.count(b"\n") == 9
-    assert (
-        flown(Store(tmp_path / "two", campaign), on_cores(campaign, range(7, -1, -1), 2)) == table
-    )
+    assert flown(Store(tmp_path / "two", campaign), rows_of(campaign, range(7, -1, -1), 2)) == table
     store = Store(tmp_path / "torn", campaign)
     store.add([fly_run(campaign, 1)])
     store.close()
@@ -49,7 +51,7 @@ def test_campaign_table_is_independent_of_processes_and_resuming(write, tmp_path
         file.write(b"5,1234,smo")
     store = Store(tmp_path / "torn", campaign, resume=True)
     assert store.done == {1}
-    assert flown(store, on_cores(campaign, [0, *range(2, 8)], 1)) == table
+    assert flown(store, rows_of(campaign, [0, *range(2, 8)], 1)) == table
 
 
 def test_campaign_table_on_dask_worker_equals_local_table(circnav, write, tmp_path, table):

@@ -13,10 +13,9 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from circnav_mav.extras.campaign import execute
-from circnav_mav.extras.campaign.execute import on_scheduler
-from circnav_mav.extras.campaign.plan import CampaignError, load_campaign
+from circnav_mav.extras.campaign.plan import load_campaign
 from circnav_mav.extras.campaign.store import Store
+from circnav_mav.runtime import jobs
 from tests.process import PATIENCE, ROOT, running
 
 SHORT = '"limits.duration_s" = [1.0]\n'
@@ -76,13 +75,13 @@ def test_signal_keeps_finished_rows_and_prints_resume_command(
 
 
 @pytest.fixture
-def refusal(write):
+def refusal():
     """Return a function that gives the reason why an address is no usable scheduler:
     refusal(address)."""
 
     def refusal(address):
-        with pytest.raises(CampaignError) as caught:
-            list(on_scheduler(load_campaign(write(SHORT)), [0], address))
+        with pytest.raises(jobs.JobsError) as caught:
+            list(jobs.fly(abs, [(1,)], 1, address))
         assert "\n" not in str(caught.value)
         return str(caught.value)
 
@@ -109,7 +108,7 @@ def test_impossible_scheduler_address_is_refused(
     refusal, distributed, monkeypatch, address, listens, error
 ):
     monkeypatch.setattr(distributed, "Client", None)
-    monkeypatch.setattr(execute, "CONNECT_TIMEOUT", 0.2)
+    monkeypatch.setattr(jobs, "CONNECT_TIMEOUT", 0.2)
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         if listens:
@@ -125,7 +124,7 @@ def test_lost_scheduler_prints_resume_command(refusal, distributed, monkeypatch)
     client.return_value.get_executor.return_value.submit.return_value = died
     client.return_value.__exit__.return_value = False
     monkeypatch.setattr(distributed, "Client", client)
-    monkeypatch.setattr(execute, "_check_scheduler", lambda address: None)
+    monkeypatch.setattr(jobs, "_check_scheduler", lambda address: None)
     assert re.search(
         "scheduler-connection-lost.*--resume flies the missing runs", refusal("tcp://there:1")
     )

@@ -2,6 +2,7 @@
 and in simulation, and pictures."""
 
 import json
+from math import inf, isnan
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from circnav_mav.extras.campaign.command import _print_figures
 from circnav_mav.extras.campaign.figures import figures, summarize, wilson
 from circnav_mav.extras.campaign.plots import _against, _distributions, _starts, plot_campaign
-from circnav_mav.runlog.many_flights import median_interval
+from circnav_mav.runlog.many_flights import median_interval, quantile
 
 TURN = {
     "turn_std_deg_s": "1",
@@ -43,6 +44,16 @@ def test_confidence_intervals_match_textbook():
     rank 40 and 61 of 100 enclose the median with 95 % confidence."""
     assert wilson(0.8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
     assert median_interval(list(range(1, 101)), 100) == (40.0, 61.0)
+
+
+def test_quantile_interpolates_and_keeps_never():
+    assert quantile([4.2, 5.8, 10.8, 12.0], 0.5) == pytest.approx(8.3)
+    assert [quantile(values, 0.5) for values in ([1, 2, inf], [1, inf], [inf, inf])] == [
+        2,
+        inf,
+        inf,
+    ]
+    assert isnan(quantile([], 0.5))
 
 
 def test_interval_of_share_0_or_1_reaches_end():
@@ -111,9 +122,10 @@ def test_paired_difference_removes_spread_of_shared_draws():
 
 def test_pictured_median_equals_summary():
     rows = rows_of([True] * 4, [1.0, 2.0, 4.0, 8.0])
-    (legend,) = (axis.get_legend() for axis in _distributions(rows, "x").axes if axis.get_legend())
-    assert [text.get_text() for text in legend.get_texts()] == ["median 4 m"]
-    assert figures(rows)["rms_median"] == 4.0
+    legends = [axis.get_legend() for axis in _distributions(rows, "x").axes]
+    texts = [text.get_text() for legend in legends for text in legend.get_texts()]
+    assert texts == ["median 3 m", "median 5 s", "median 3 m"]
+    assert figures(rows)["rms_median"] == 3.0
 
 
 def never_engaged(run, k):
@@ -135,8 +147,8 @@ def test_printed_summary_shows_median_interval_and_percentile(capsys):
     _print_figures("all flights", figures(rows_of([True] * 20, np.arange(1.0, 21.0))))
     printed = capsys.readouterr().out
     assert (
-        "kept 20 of 20 (100.0 %, 83.9 to 100.0)  RMS 11 m (5 to 16), p95 20 m  settled 5 s, p95 5 s"
-        in printed
+        "kept 20 of 20 (100.0 %, 83.9 to 100.0)  RMS 10.5 m (5 to 16), p95 19.1 m  settled 5 s,"
+        " p95 5 s" in printed
     )
     assert "  turn sd 1.0 deg/s, at the limit 25 %\n" in printed
 

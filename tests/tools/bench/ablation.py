@@ -17,7 +17,6 @@ import json
 import random
 import sys
 import time
-import zlib
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -28,8 +27,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from circnav_mav.extras.bench import flight
-from circnav_mav.extras.bench.bench import evaluate
+from circnav_mav.extras.bench.bench import cell_of, fly_one
 from circnav_mav.extras.bench.situations import SITUATIONS
 from tests.tools.firmware.emulated import CIRCLES, ROWS, fly
 
@@ -243,15 +241,14 @@ def fly_row(row: str, seed: int, layer: str) -> Result:
 def fly_bench(row: str, layer: str) -> Result:
     """Fly one row of the benchmark."""
     situation = SITUATIONS[row]
-    world = BENCH_SEED + zlib.crc32(row.encode()) % 1_000_000
     flown = replace(
         situation, duration=LASTS, imu=None if layer == ACCELERATIONS else situation.imu
     )
     with ExitStack() as off:
         if layer not in (FULL, ACCELERATIONS):
             off.enter_context(without(_layer(layer)))
-        tracks = [flight.fly(flown, "auto", world, number) for number in range(BENCH_FLIGHTS)]
-        cell = evaluate(situation, "auto", tracks, 0.0)
+        rows = [fly_one(flown, "auto", BENCH_SEED, number) for number in range(BENCH_FLIGHTS)]
+    cell = cell_of(rows, rows)
     figures = cell.rms_median, cell.turn_std_deg_s, cell.turn_at_limit
     return Result(row, BENCH_SEED, layer, *figures, cell.kept, cell.flights)
 

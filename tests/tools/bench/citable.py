@@ -23,8 +23,9 @@ import numpy as np
 from circnav_mav import __version__
 from circnav_mav.extras.bench import bench
 from circnav_mav.extras.bench.flight import POLICIES
-from circnav_mav.extras.bench.situations import SITUATIONS
-from circnav_mav.extras.bench.table import draw
+from circnav_mav.extras.bench.pictures import draw
+from circnav_mav.extras.bench.situations import SITUATIONS, Situation
+from circnav_mav.runtime.jobs import cores
 from tests.process import ROOT
 from tests.tools.bench import bench_locate
 
@@ -93,12 +94,12 @@ def plaza() -> str:
 
 
 def write(
-    out: Path, *, flights: int, place_flights: int, seed: int, cells: list[tuple[str, str]]
+    out: Path, *, flights: int, place_flights: int, seed: int, cells: list[tuple[Situation, str]]
 ) -> None:
     """Fly, and write the folder."""
     out.mkdir(parents=True, exist_ok=True)
-    done = bench.run(cells, flights, seed, out, report=print, cores=os.cpu_count() or 1, form="pdf")
-    draw(done, out / "table.png")
+    done = bench.run(cells, flights, seed, out, report=print, processes=cores(), form="pdf")
+    draw(bench.table(done), out / "table.png")
     found = places(place_flights)
     errors = [one.error for one in found[FTM] if one is not None]
     rows = [bench_locate.row(one, found[one.name]) for one in bench_locate.SITUATIONS]
@@ -139,7 +140,7 @@ def main() -> None:
     parser.add_argument("--place-flights", type=int, default=50, help="flights a situation")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    cells = [(situation, law) for situation in SITUATIONS for law in POLICIES]
+    cells = [(situation, law) for situation in SITUATIONS.values() for law in POLICIES]
     write(
         options.out,
         flights=options.flights,

@@ -118,8 +118,7 @@ def test_citable_folder_has_table_versions_and_references(tmp_path, monkeypatch)
     names = [one.name for one in bench_locate.SITUATIONS]
     result = bench_locate.Result(1.6, 1.0, 1.4, 1.0, (1.0, 2.0), None, None)
     monkeypatch.setattr(citable, "places", lambda flights: {name: [result] for name in names})
-    monkeypatch.setitem(SITUATIONS, "calm", replace(SITUATIONS["calm"], duration=125.0))
-    cells = [("calm", "smooth")]
+    cells = [(replace(SITUATIONS["calm"], duration=125.0), "smooth")]
     citable.write(tmp_path, flights=1, place_flights=1, seed=7, cells=cells)
     page = (tmp_path / "README.md").read_text()
     assert "Seed 7, 1 flights a cell" in page

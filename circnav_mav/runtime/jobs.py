@@ -1,20 +1,18 @@
-"""Execution of a campaign's runs on the cores of this computer or on the workers of a Dask
-scheduler."""
+"""Execution of many independent jobs: in this process, on the cores of this computer, or on the
+workers of a Dask scheduler. The results are the same."""
 
 import logging
 import os
 import socket
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future
-from itertools import islice
+from itertools import islice, starmap
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
-from circnav_mav.extras.campaign.fly import Row, fly_run
-from circnav_mav.extras.campaign.plan import Campaign, CampaignError
 from circnav_mav.runtime.worker_pool import Submit, WorkerDiedError, workers
 
-Rows = Generator[Row, None, None]
+T = TypeVar("T")
 SERVER_FIRST = ("", "tcp")
 """Schemes of addresses at which a Dask scheduler sends the first byte. With other schemes, the
 scheduler waits for the client."""
@@ -27,54 +25,73 @@ AHEAD = 1000
 few enough for the memory of this process."""
 
 
+class JobsError(Exception):
+    """Jobs that cannot be executed; the message is one line with the remedy."""
+
+
 def cores() -> int:
     """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def on_cores(campaign: Campaign, runs: Iterable[int], processes: int) -> Rows:
-    """Yield the rows of the runs as they finish, in any order. Raises CampaignError."""
-    if processes == 1:
-        for number in runs:
-            yield fly_run(campaign, number)
-        return
-    try:
-        with workers(processes) as submit:
-            yield from _gathered(submit, campaign, runs)
-    except WorkerDiedError:
-        raise CampaignError(
-            "a worker process died (out of memory?): --resume flies the missing runs"
-        ) from None
+def fly(
+    function: Callable[..., T],
+    jobs: Iterable[tuple[Any, ...]],
+    processes: int,
+    scheduler: str | None,
+) -> Generator[T, None, None]:
+    """Yield the results of function(*job) as they finish, in any order.
+
+    processes: number of worker processes; 1: this process.
+    scheduler: address of a Dask scheduler, whose workers replace the processes; or None.
+
+    Raises JobsError.
+    """
+    if scheduler is not None:
+        yield from _on_scheduler(function, jobs, scheduler)
+    elif processes == 1:
+        yield from starmap(function, jobs)
+    else:
+        try:
+            with workers(processes) as submit:
+                yield from _gathered(submit, function, jobs)
+        except WorkerDiedError:
+            raise JobsError(
+                "a worker process died (out of memory?): --resume flies the missing runs"
+            ) from None
 
 
-def _gathered(submit: Submit, campaign: Campaign, runs: Iterable[int]) -> Rows:
-    """Yield the rows, flown by the workers behind `submit`, with at most AHEAD jobs under way."""
-    ready: SimpleQueue[Future[Row]] = SimpleQueue()
-    left = iter(runs)
+def _gathered(
+    submit: Submit, function: Callable[..., T], jobs: Iterable[tuple[Any, ...]]
+) -> Generator[T, None, None]:
+    """Yield the results of the workers behind `submit`, with at most AHEAD jobs under way."""
+    ready: SimpleQueue[Future[T]] = SimpleQueue()
+    left = iter(jobs)
     under_way = 0
-    for number in islice(left, AHEAD):
-        submit(fly_run, campaign, number).add_done_callback(ready.put)
+    for job in islice(left, AHEAD):
+        submit(function, *job).add_done_callback(ready.put)
         under_way += 1
     while under_way:
         yield ready.get().result()
         under_way -= 1
-        for number in islice(left, 1):
-            submit(fly_run, campaign, number).add_done_callback(ready.put)
+        for job in islice(left, 1):
+            submit(function, *job).add_done_callback(ready.put)
             under_way += 1
 
 
-def on_scheduler(campaign: Campaign, runs: Iterable[int], address: str) -> Rows:
-    """Yield the rows as `on_cores` does, flown by the workers of a Dask scheduler. Raises
-    CampaignError."""
+def _on_scheduler(
+    function: Callable[..., T], jobs: Iterable[tuple[Any, ...]], address: str
+) -> Generator[T, None, None]:
+    """Yield the results of the workers of a Dask scheduler. Raises JobsError."""
     try:
         import distributed
     except ImportError:
-        raise CampaignError("--scheduler needs Dask: pip install distributed") from None
+        raise JobsError("--scheduler needs Dask: pip install distributed") from None
     _check_scheduler(address)
     safe = distributed.Security().get_connection_args("client").get("ssl_context")  # type: ignore[no-untyped-call]
     if address.startswith(("tls:", "wss:")) and safe is None:
         scheme = address.partition(":")[0]
-        raise CampaignError(
+        raise JobsError(
             f"--scheduler {address}: {scheme} needs the certificates named in Dask's configuration"
         )
     # Dask sets the log level of `distributed.client` separately.
@@ -89,31 +106,31 @@ def on_scheduler(campaign: Campaign, runs: Iterable[int], address: str) -> Rows:
         Exception
     ) as error:  # Dask raises many types: there is no scheduler, or it requires certificates
         reason = str(error).splitlines()[0] if str(error) else "no answer"
-        raise CampaignError(f"--scheduler {address}: no Dask scheduler answers: {reason}") from None
+        raise JobsError(f"--scheduler {address}: no Dask scheduler answers: {reason}") from None
     with client:
         if not client.scheduler_info()["workers"]:
-            raise CampaignError(
+            raise JobsError(
                 f"--scheduler {address}: has no workers: start some with: dask worker {address}"
             )
         try:
-            yield from _gathered(client.get_executor(pure=False).submit, campaign, runs)
+            yield from _gathered(client.get_executor(pure=False).submit, function, jobs)
         except Exception as error:
             reason = " ".join(str(error).split())[:200]
-            raise CampaignError(
+            raise JobsError(
                 f"--scheduler {address}: {type(error).__name__}: {reason}; --resume flies the"
                 " missing runs"
             ) from None
 
 
 def _check_scheduler(address: str) -> None:
-    """Check that a scheduler answers at an address. Raises CampaignError.
+    """Check that a scheduler answers at an address. Raises JobsError.
 
     Dask itself would retry for a long time, and its threads would print errors afterwards.
     """
     scheme, _, place = address.rpartition("://")
     host, _, port = place.rpartition(":")
     if scheme not in SCHEMES or not host or not port.isdecimal() or int(port) > 65535:
-        raise CampaignError(
+        raise JobsError(
             f"--scheduler {address}: write it as tcp://HOST:PORT (or tls://, ws://, wss://)"
         )
     try:
@@ -121,8 +138,8 @@ def _check_scheduler(address: str) -> None:
             answered = scheme not in SERVER_FIRST or there.recv(1)
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise CampaignError(f"--scheduler {address}: no answer: {reason}") from None
+        raise JobsError(f"--scheduler {address}: no answer: {reason}") from None
     if not answered:
-        raise CampaignError(
+        raise JobsError(
             f"--scheduler {address}: the program at this address is not a Dask scheduler"
         )

@@ -1,0 +1,46 @@
+"""The notebook in examples/: its cells run from top to bottom, and functions take objects."""
+
+import json
+
+import pytest
+
+import circnav_mav
+from circnav_mav import bench, campaign
+from tests.process import ROOT
+
+
+def test_notebook_compares_own_law_from_top_to_bottom():
+    cells = json.loads((ROOT / "examples" / "own_law.ipynb").read_text())["cells"]
+    assert not any(cell.get("outputs") for cell in cells)
+    names = {"__name__": "notebook"}
+    for number, cell in enumerate(cells):
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), f"cell {number}", "exec"), names)
+    rows = names["rows"]
+    assert [row["policy"] for row in rows] == ["smooth", "feedforward", "notebook:own"] * 2
+    assert all(row["kept"] == row["flights"] == 6 for row in rows if "calm" in row["situation"])
+    assert all(row["rms_low"] <= row["rms_median"] <= row["rms_high"] for row in rows)
+    assert len(names["axes"].containers) == 2
+
+
+def steady(orbit):
+    """Law that keeps the turn rate of the circle."""
+    return lambda estimate: orbit.direction.turn_sign * orbit.speed / orbit.radius
+
+
+def test_campaign_function_flies_law_objects_beside_named_laws():
+    vary = {"guidance.law": ["smooth", steady], "limits.duration_s": [3.0]}
+    rows = campaign(ROOT / "config" / "campaign_mission.toml", vary, 2)
+    assert [row["guidance.law"] for row in rows] == ["smooth", f"{__name__}:steady"]
+    assert [row["outcome"] for row in rows] == ["completed"] * 2
+    with pytest.raises(ValueError, match="law: is an empty list"):
+        campaign(ROOT / "config" / "campaign_mission.toml", {"guidance.law": []}, 2)
+
+
+def test_bench_function_refuses_unknown_names_and_nameless_laws():
+    with pytest.raises(ValueError, match='situation "rain" is not one of: calm'):
+        bench(["smooth"], ["rain"])
+    with pytest.raises(ValueError, match="define it with a name"):
+        bench([lambda orbit: None])
+    with pytest.raises(AttributeError):
+        _ = circnav_mav.benchmark
