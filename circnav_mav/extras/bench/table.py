@@ -83,7 +83,8 @@ class Cell:
 def line(cell: Cell) -> str:
     """Return the printed line of a cell. Settling: median and 95th percentile, in ideal times
     (Dubins times)."""
-    need = SITUATIONS[cell.situation].required
+    situation = SITUATIONS.get(cell.situation)  # None for one that the caller has defined
+    need = None if situation is None else situation.required
     required = "" if need is None or cell.policy != OWN else f" (<= {need:.2f})"
     wrong = f"wrong way {cell.wrong_way}  " if cell.wrong_way else ""
     cycles = f", limit cycles {cell.limit_cycles}" if cell.limit_cycles else ""
