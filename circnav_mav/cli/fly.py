@@ -158,8 +158,10 @@ def fly_mission(
 def _import_libraries() -> None:
     """Import the libraries of filter and lap plan. The import takes a second, in which the link
     opens and the heartbeats begin. The first range waits until it is done."""
-    for library in ("filterpy.kalman", "scipy.optimize"):
-        import_module(library)
+    # An error, such as too many open files, is raised again where the flight imports the library.
+    with suppress(Exception):
+        for library in ("filterpy.kalman", "scipy.optimize"):
+            import_module(library)
 
 
 def _run_folder(out: str | None, mission: Mission) -> Path:
