@@ -143,7 +143,7 @@ def test_on_gps_loss_exit_leaves_copter_to_failsafe() -> None:
     assert flown.vehicle.truth.mode == LAND
 
 
-@pytest.mark.parametrize("fault", ["frozen", "zero"])
+@pytest.mark.parametrize("fault", ["frozen", pytest.param("zero", marks=pytest.mark.nightly)])
 def test_second_imu_is_used_when_first_accelerometer_fails(fault: str) -> None:
     failed = f'sim.events=[{{at_s=40.0,action="imu_first_{fault}"}}]'
     texts: set[str] = set()
@@ -220,7 +220,7 @@ def test_wind_above_airspeed_raises_alarm_within_20_s(start: tuple[str, str, str
     assert seen[0] < max(nearest.time, engaged) + 20.0
 
 
-@pytest.mark.parametrize("drift", [0.5, -0.5])
+@pytest.mark.parametrize("drift", [0.5, pytest.param(-0.5, marks=pytest.mark.nightly)])
 def test_circle_is_kept_while_heading_drifts_without_compass(drift: float) -> None:
     flown = flight(
         "arducopter_nogps",
