@@ -20,6 +20,17 @@ FORMAT = click.option(
     default="png",
     help="Format of the figures.",
 )
+PROCESSES = click.option(
+    "--processes",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Parallel processes. [default: one per core]",
+)
+SCHEDULER = click.option(
+    "--scheduler",
+    metavar="ADDR",
+    help="Fly on the workers of this Dask scheduler, e.g. tcp://host:8786.",
+)
 
 
 class Finite(click.FloatRange):

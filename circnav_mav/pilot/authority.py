@@ -87,7 +87,6 @@ class Authority:
         """True if the operator, or a failsafe, has changed the mode since that request."""
 
     # --- setpoints that may be sent
-    # ------------------------------------------------------------
 
     def allowed(self, now: float) -> Allowed:
         """Return the setpoint that may be sent in this step."""
@@ -148,7 +147,6 @@ class Authority:
         )
 
     # --- conditions of an engagement
-    # ------------------------------------------------------------
 
     def obstacle(self, now: float) -> str:
         """Return the first of the obstacles, or an empty string."""
@@ -243,7 +241,6 @@ class Authority:
         )
 
     # --- request of the guided mode
-    # ------------------------------------------------------------
 
     def ask_for_mode(self, now: float) -> str | None:
         """Request the guided mode if only the mode is missing for the first engagement. Return the
@@ -271,7 +268,6 @@ class Authority:
         return self._settings.request_mode and not self._operator_chose
 
     # --- controller of the vehicle
-    # ------------------------------------------------------------
 
     def watch_takeover(self, now: float) -> tuple[str, Outcome] | None:
         """Return a takeover detected in this step, as STATUSTEXT and as outcome, or None."""
@@ -324,7 +320,6 @@ class Authority:
             self._given_back.clear()
 
     # --- confirmation after gaps
-    # ------------------------------------------------------------
 
     def stepped(self, now: float) -> bool:
         """Begin a step. Return True if received data may date from a gap between steps.

@@ -123,7 +123,6 @@ class Pilot:
         self._spacing_refused = ""
 
     # --- input: received messages
-    # ------------------------------------------------------------
 
     def receive(
         self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE
@@ -199,7 +198,6 @@ class Pilot:
             self.scheduler.received(now)
 
     # --- output: one step
-    # ------------------------------------------------------------
 
     def step(self, now: float, send: Callable[[bytes], bool]) -> None:
         """Run a step if a fresh range is waiting or a tick is due: first send the setpoint, then
@@ -596,7 +594,6 @@ class Pilot:
         )
 
     # --- state for display and recording
-    # ------------------------------------------------------------
 
     def _not_airborne(self, now: float) -> str:
         """Return the condition that the flight of an armed vehicle does not meet yet, or an empty

@@ -132,7 +132,6 @@ class PreflightListener:
         return b"" if self.done else self.connection.hello(now)
 
     # --- received data, once done
-    # ------------------------------------------------------------
 
     @property
     def seconds(self) -> float:
@@ -159,7 +158,6 @@ class PreflightListener:
         return self._parameters.values if self._parameters else {}
 
     # --- while listening
-    # ------------------------------------------------------------
 
     def _settled(self, now: float) -> bool:
         return self._found is not None and now - self._found >= SETTLE

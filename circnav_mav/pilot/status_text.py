@@ -69,7 +69,6 @@ class StatusText:
         return None
 
     # --- missing data
-    # ------------------------------------------------------------
 
     def _no_vehicle(self) -> str:
         """Return a text about why no vehicle of the mission was found."""
@@ -116,7 +115,6 @@ class StatusText:
         return f"no ranging: no usable {wanted.type}, {words}"
 
     # --- lost data
-    # ------------------------------------------------------------
 
     def _why_held(self, now: float) -> str:
         """Return the reason why no range could be used while holding."""

@@ -33,7 +33,7 @@ from circnav_mav.runlog.metrics import turn_figures
 from circnav_mav.runtime import jobs
 
 Row = dict[str, Any]
-"""Figures of one flight, by the names of NAMES."""
+"""Figures of one flight. Its keys are NAMES."""
 FLIGHTS = "flights.csv"
 """Table of the flights, appended flight by flight, so that an interrupted benchmark continues."""
 NAMES = (

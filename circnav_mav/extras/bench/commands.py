@@ -2,7 +2,7 @@
 
 import click
 
-from circnav_mav.cli.describe import FORMAT, Folder, command
+from circnav_mav.cli.describe import FORMAT, PROCESSES, SCHEDULER, Folder, command
 
 
 @command(
@@ -34,17 +34,8 @@ from circnav_mav.cli.describe import FORMAT, Folder, command
 )
 @click.option("--out", type=Folder(), metavar="DIR", help="Write the tables and pictures there.")
 @click.option("--resume", is_flag=True, help="Fly the missing flights of the folder of --out.")
-@click.option(
-    "--processes",
-    type=click.IntRange(1),
-    metavar="N",
-    help="Parallel processes. [default: one per core]",
-)
-@click.option(
-    "--scheduler",
-    metavar="ADDR",
-    help="Fly on the workers of this Dask scheduler, e.g. tcp://host:8786.",
-)
+@PROCESSES
+@SCHEDULER
 @FORMAT
 def bench() -> None:
     """Compare the laws over many simulated flights, with wind, gusts, moving targets and bad

@@ -104,7 +104,7 @@ def line(cell: Cell) -> str:
 
 
 def interval(low: float, high: float, form: str = ".3f") -> str:
-    """Return a 95 % interval in brackets, or nothing if it is not known."""
+    """Return the text of a 95 % interval, or an empty string if the interval is unknown."""
     return f" ({low:{form}} to {high:{form}})" if isfinite(low) else ""
 
 

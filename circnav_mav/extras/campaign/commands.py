@@ -3,7 +3,7 @@
 import click
 
 from circnav_mav.cli.bundled import FileOrName
-from circnav_mav.cli.describe import FORMAT, Folder, command
+from circnav_mav.cli.describe import FORMAT, PROCESSES, SCHEDULER, Folder, command
 
 
 @command(
@@ -21,17 +21,8 @@ from circnav_mav.cli.describe import FORMAT, Folder, command
     "--out", type=Folder(), metavar="DIR", help="Output folder. [default: campaigns/<time>-<name>]"
 )
 @click.option("--resume", is_flag=True, help="Continue the campaign in the folder of --out.")
-@click.option(
-    "--processes",
-    type=click.IntRange(1),
-    metavar="N",
-    help="Parallel processes. [default: one per core]",
-)
-@click.option(
-    "--scheduler",
-    metavar="ADDR",
-    help="Fly on the workers of this Dask scheduler, e.g. tcp://host:8786.",
-)
+@PROCESSES
+@SCHEDULER
 @FORMAT
 def campaign() -> None:
     """Fly a mission many times on the bundled vehicle, with varied values. CAMPAIGN is a file or

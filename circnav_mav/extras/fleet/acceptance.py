@@ -252,8 +252,8 @@ class Acceptance:
 
     def _check_member(self, report: MemberReport, address: Hashable, now: float) -> None:
         """Raise RejectedError if a report contradicts earlier reports of the same member."""
-        # 60.0: silence after which a member is removed from the table, s. After the clock was set
-        # back, reception times lie in the future.
+        # 60.0: silence after which a member is removed from the table, s. If the clock was set
+        # back, the reception times of earlier reports are in the future.
         self.members = {
             ident: one for ident, one in self.members.items() if abs(now - one.received_at) <= 60.0
         }
@@ -309,7 +309,7 @@ class Acceptance:
 
 
 def _report(messages: list[Message]) -> MemberReport:
-    """Return the report in the messages of one frame."""
+    """Return the report that a decoded frame contains. Raises RejectedError."""
     if not messages or not is_report(messages[0]):
         raise RejectedError(Rejection.OTHER_MESSAGE, "not a report")
     try:

@@ -63,9 +63,9 @@ def fleet_line(found: Mapping[str, Any]) -> str:
         worst = f"worst gap off by {found['worst_gap_deg']:.1f} deg rms"
         even = f"even {found['even_after_s']:.0f} s after entering the circle, {worst}"
     elif known is not None and known > degrees(EVEN):
-        even = "evenness unknown"
+        even = "even spacing cannot be verified"
     if known is not None:
-        even += f", gaps known to {known:.1f} deg at the end (compass errors)"
+        even += f", gap uncertainty {known:.1f} deg at the end (compass errors)"
     nearest = found["nearest_layer_m"]
     layer = "" if nearest is None else f", nearest in height {nearest:.0f} m"
     return f"  fleet      id {found['id']}, {len(found['members'])} members, {even}{layer}"
@@ -193,7 +193,7 @@ class FleetOnlooker(Onlooker):
             behind = LAP - apart[-1] if len(apart) > 1 else LAP
             words += f", gap {degrees(ahead):.0f} deg ahead, {degrees(behind):.0f} deg behind"
             if not isnan(sigma := gap_sigma(adjusted, self.spacing.offsets)):
-                words += f", known to {degrees(sigma):.0f} deg"
+                words += f", gap uncertainty {degrees(sigma):.0f} deg"
             words += f", radius {adjusted.offset:+.1f} m"
         return {"fleet": words}
 

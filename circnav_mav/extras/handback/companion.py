@@ -79,7 +79,6 @@ class Companion:
         return self._given or self._survey.plane
 
     # --- in
-    # ------------------------------------------------------------
 
     def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
         """Process complete, trusted frames after the pilot and the survey have processed them. now:
@@ -125,7 +124,6 @@ class Companion:
             self.reckoning.compass.learn(rect(1.0, off), now)
 
     # --- out
-    # ------------------------------------------------------------
 
     @property
     def busy(self) -> bool:

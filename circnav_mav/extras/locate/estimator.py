@@ -462,11 +462,11 @@ class Problem:
         return np.concatenate([x, along])
 
     def fit(self, start: Array, prior: Array, up: float | None = None) -> Fit:
-        """Return the robust fits.
+        """Return the robust fits of all hypotheses, by damped Gauss-Newton steps.
 
-        start: states, with or without those of the nodes.
-        prior: standard deviations of the states.
-        up: prior height, if not the known one.
+        start: initial states, (fits, states). Without columns for the nodes, the nodes begin at 0.
+        prior: standard deviations of the states before the fit, (fits, OWN).
+        up: height of the target before the fit, m. None: the height in `known`.
         """
         nodes = len(self._nodes)
         x = np.zeros((len(start), OWN + nodes))

@@ -119,7 +119,6 @@ class Locator:
         the error."""
 
     # --- in
-    # ------------------------------------------------------------
 
     def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
         """Process complete, trusted frames after the pilot has processed them. now: run time, s."""
@@ -208,7 +207,6 @@ class Locator:
             self._ranges = deque(islice(self._ranges, 0, None, 2))
 
     # --- the estimate
-    # ------------------------------------------------------------
 
     def job(self, now: float) -> tuple[Plane, Track, Ranges, Knowledge] | None:
         """Return the arguments of the next `locate` call, or None if none is due.
@@ -302,7 +300,6 @@ class Locator:
             )
 
     # --- out
-    # ------------------------------------------------------------
 
     def step(self, now: float) -> list[bytes]:
         """Return the frames to send now."""

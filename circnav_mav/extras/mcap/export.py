@@ -115,7 +115,7 @@ def _add_run(writer: Writer, prefix: str, run: Run) -> Counter[str]:
 
 
 def _name_frame(message: Any, prefix: str) -> None:
-    """Give each vehicle frames of its own, below the common frame "map"."""
+    """Prefix the frame of a message with its vehicle. Vehicles share only the frame "map"."""
     field = "child_frame_id" if isinstance(message, FrameTransform) else "frame_id"
     if field in message.DESCRIPTOR.fields_by_name:
         setattr(message, field, frame(prefix, getattr(message, field)))

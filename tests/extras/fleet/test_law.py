@@ -107,7 +107,7 @@ def test_member_reports_even_gaps_only_with_compared_compasses(drift, even):
     found = log.figures()
     assert found["even_after_s"] == even
     line = fleet_line(found | {"id": 1, "members": [1, 2]})
-    assert ("evenness unknown, gaps known to 7.0 deg" in line) == (even is None)
+    assert ("even spacing cannot be verified, gap uncertainty 7.0 deg" in line) == (even is None)
     assert found["compass_deg"] == pytest.approx(7.0 if even is None else 0.9, abs=0.2)
 
 

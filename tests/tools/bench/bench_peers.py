@@ -1,7 +1,7 @@
 """Estimator of the product beside public filters, on the same recorded ranges and own motion.
 
     pip install -e '.[peers]'
-    python -m tests.tools.bench.bench_peers               # the table: 10 minutes on two cores
+    python -m tests.tools.bench.bench_peers               # the table
     python -m tests.tools.bench.bench_peers --tune        # process noises of the public filters
 
 Recordings: point-mass flights of `circnav bench`, 150 s, ranges at 10 Hz, start within 100 to 300
@@ -116,7 +116,7 @@ class Peer(Protocol):
     """An estimator under test."""
 
     def feed(self, own: OwnMotion, sample: RangeSample | None) -> None:
-        """Add the reports of one step."""
+        """Process the own motion of one step, and its range if there is one."""
 
     def estimate(self) -> Estimate | None:
         """Return the estimate at the newest step, or None."""
@@ -178,7 +178,7 @@ class Filter(Protocol):
 
 
 def expected(x: Array) -> Array:
-    """Return the range that a state expects, as a vector of one."""
+    """Return the predicted range of a state, m, as an array (1,)."""
     return np.array([hypot(x[0], x[1]) + x[5]])
 
 
