@@ -179,7 +179,7 @@ def _uplink_silent(view: StepView) -> Active | None:
 
 def _link_too_slow(view: StepView) -> Active | None:
     age = view.one_way
-    if view.engaged_at is None or age <= view.settings.timing.stale:
+    if view.engaged_at is None or age <= view.settings.stale:
         return None
     return Active(
         long=f"LINK TOO SLOW: round trip {2 * age:.1f} s, ranges may be {age:.1f} s old and are"
@@ -198,13 +198,13 @@ def _holding(view: StepView) -> Active | None:
         "range lost, holding",
         f"RANGE STALE {view.tick.range_age or 0.0:.1f} s: holding the circle's turn rate with"
         f" {rate:.0f} setpoints per second, the flight ends after"
-        f" {view.settings.timing.stale + view.hold:g} s without a range",
+        f" {view.settings.stale + view.hold:g} s without a range",
     )
 
 
 def _range_stale(view: StepView) -> Active | None:
     age = view.tick.range_age or 0.0
-    if view.tick.phase is Phase.HOLDING or age <= view.settings.timing.stale:
+    if view.tick.phase is Phase.HOLDING or age <= view.settings.stale:
         return None
     return Active(long=f"RANGE STALE {age:.1f} s")
 
@@ -303,7 +303,7 @@ def _not_following(view: StepView) -> Active | None:
     return Active(
         "vehicle does not follow turn commands",
         "VEHICLE DOES NOT FOLLOW turn commands: the flight ends after"
-        f" {view.settings.timing.unfollowed:g} s in which it does not turn along its circle",
+        f" {view.settings.file.limits.unfollowed_s:g} s in which it does not turn along its circle",
     )
 
 
@@ -469,7 +469,7 @@ def _altitude_jumped(view: StepView) -> Active | None:
 
 def _few_setpoints(view: StepView) -> Active | None:
     rates = view.steered_rates
-    wanted = 1 / view.settings.timing.tick
+    wanted = 1 / view.settings.file.limits.tick
     # 0.5: share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too
     # few setpoints.
     if not view.flies or rates is None or rates.setpoints >= 0.5 * wanted:

@@ -14,12 +14,12 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.session import Session
+from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.air_path import AirPath
 from circnav_mav.pilot.connection import GPS_HEALTH_RATE
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.range_tracker import RangeTracker
-from circnav_mav.pilot.settings import PilotSettings
 
 RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
 POSITION_FLAGS = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
@@ -34,7 +34,7 @@ class GpsLoss:
 
     def __init__(
         self,
-        settings: PilotSettings,
+        settings: Mission,
         session: Session,
         tracker: RangeTracker,
         controller: Controller,
@@ -119,6 +119,6 @@ class GpsLoss:
                 wind.sigma,
                 fit.scale,
                 fit.sigma,
-                self._settings.estimation_without_gps,
+                self._settings.estimation_by_drag,
             )
         )

@@ -4,7 +4,7 @@
 
 A fresh range causes a step that steers by this range. Between ranges, a step at each tick steers by
 a prediction. While ranges are missing, the circle's turn rate is commanded. After a time limit
-(`Timing.hold`) the flight ends. The operator always has priority: see `authority`.
+(`limits.hold_s`) the flight ends. The operator always has priority: see `authority`.
 """
 
 from collections import Counter
@@ -36,6 +36,7 @@ from circnav_mav.mav.request_server import RequestServer
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mav.signing import Signing
+from circnav_mav.mission.mission import VEHICLE, Mission
 from circnav_mav.pilot.air_path import AirPath
 from circnav_mav.pilot.airborne import Airborne
 from circnav_mav.pilot.authority import SILENT, Allowed, Authority, unwatched
@@ -43,14 +44,21 @@ from circnav_mav.pilot.conditions import NOT_FOLLOWING, Conditions
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.gps_loss import GpsLoss
-from circnav_mav.pilot.mission_state import NO_FAILURE, Ending, Event, MissionState, Outcome, Phase
+from circnav_mav.pilot.mission_state import (
+    NO_FAILURE,
+    Ending,
+    Event,
+    MissionState,
+    Outcome,
+    OutputMode,
+    Phase,
+)
 from circnav_mav.pilot.mode_request import ExitAction
 from circnav_mav.pilot.parameters import flight_parameters
 from circnav_mav.pilot.range_tracker import RangeTracker
 from circnav_mav.pilot.rates import RateMeter, Rates
 from circnav_mav.pilot.record import TickRecord, plot_values, tick_record
 from circnav_mav.pilot.second_controller import SecondController
-from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 from circnav_mav.pilot.status_text import StatusText
 from circnav_mav.pilot.step_view import StepView
 from circnav_mav.pilot.tick_scheduler import TickScheduler
@@ -62,20 +70,28 @@ UNSIGNED = "the link is not signed; to allow changes: link.unsigned_parameters =
 class Pilot:
     """The guidance application: ranging and vehicle telemetry in, setpoints out."""
 
-    def __init__(self, settings: PilotSettings, signing: Signing | None = None) -> None:
+    def __init__(
+        self,
+        settings: Mission,
+        signing: Signing | None = None,
+        output_mode: OutputMode = OutputMode.FLY,
+    ) -> None:
         """signing: signs sent frames and authenticates received ones, or None."""
         self.settings = settings
-        self.flies = settings.output_mode is OutputMode.FLY
+        self.output_mode = output_mode
+        self.flies = output_mode is OutputMode.FLY
         self.connection = Connection(settings, signing)
         self.session = self.connection.session
         session = self.session
         self._say = session.announcer.say
         self.tracker = RangeTracker(settings, session)
         self.controller = Controller(settings)
-        self.mission = MissionState(settings.timing.hold)
+        self.mission = MissionState(settings.file.limits.hold_s)
         self.airborne = Airborne(settings, session)
-        self._authority = Authority(settings, session, self.mission, self.airborne)
-        self._exit_action = ExitAction(settings.exit)
+        self._authority = Authority(
+            settings, session, self.mission, self.airborne, flies=self.flies
+        )
+        self._exit_action = ExitAction(settings.file.exit.action)
         self._requests = RequestServer()
         self.parameters = ParameterServer(
             flight_parameters(
@@ -84,9 +100,9 @@ class Pilot:
         )
         """Parameters that a ground station may read and set."""
         self._signed = signing is not None and VEHICLE not in settings.unsigned_links
-        self.scheduler = TickScheduler(settings.timing.tick)
+        self.scheduler = TickScheduler(settings.file.limits.tick)
         self.status = StatusText(
-            settings, self.connection, self.mission, self._authority, self.tracker
+            settings, self.connection, self.mission, self._authority, self.tracker, self.flies
         )
         self._law = ""
         self._why = ""
@@ -97,7 +113,7 @@ class Pilot:
         self._way_watch = WayWatch()
         self._lap_alarm = LapAlarm()
         self._rates = RateMeter()
-        self._unchecked = Hysteresis(raise_after=settings.timing.hold)
+        self._unchecked = Hysteresis(raise_after=settings.file.limits.hold_s)
         """State of bounds that cannot be checked: as long as ranges, they may be missing."""
         self.allowance = Allowance()
         self.second_controller = SecondController(session, self.mission)
@@ -185,7 +201,7 @@ class Pilot:
 
     def _take_parameter_request(self, message: Message, now: float) -> None:
         """Answer a ground station."""
-        refusal = "" if self._signed or self.settings.unsigned_parameters else UNSIGNED
+        refusal = "" if self._signed or self.settings.file.link.unsigned_parameters else UNSIGNED
         refusal = "the flight is over" if self.mission.outcome is not None else refusal
         if why := self.parameters.receive(message, self.session.us, refusal, now):
             name = why.partition(" ")[0]
@@ -301,7 +317,7 @@ class Pilot:
             return
         what, outcome = takeover
         self._say("yield", what, severity=MAV_SEVERITY_WARNING)
-        if self.settings.end_on_takeover:
+        if self.settings.file.engage.on_takeover == "end":
             self._finish(outcome, now)
 
     def _watch_gps(self, now: float) -> None:
@@ -327,7 +343,7 @@ class Pilot:
         MAVLink ids. A bound that is violated before the engagement prevents it."""
         session = self.session
         if session.doubled:
-            ids = f"{session.encoder.system}/{self.settings.link.component_id}"
+            ids = f"{session.encoder.system}/{self.settings.file.link.component_id}"
             reason = (
                 f"another companion sends with our ids {ids}: change link.component_id on one of"
                 " the two companions"
@@ -353,7 +369,7 @@ class Pilot:
         session = self.session
         vehicle = self.controller.vehicle
         obedience = vehicle.obedience
-        most = self.settings.timing.unfollowed
+        most = self.settings.file.limits.unfollowed_s
         # A vehicle that does not receive setpoints cannot follow them. Such an outage of the uplink
         # must not end the flight: while answers to TIMESYNC are missing, do not judge the turns.
         # After the outage start the judgment again, because a plane that flies straight back to the
@@ -486,7 +502,7 @@ class Pilot:
         plots = self.session.announcer.plots(
             plot_values(self.controller.circle, estimate, command), now
         )
-        if self.settings.output_mode is OutputMode.SHADOW:
+        if self.output_mode is OutputMode.SHADOW:
             return self.session.heartbeats_due(now) + plots
         if self.done:
             self.session.drop_mode_requests()
@@ -511,7 +527,7 @@ class Pilot:
         self._way_watch.update(estimate if engaged else None, controller.orbit)
         estimation = self.settings.tuning.estimation
         if self.gps_loss.changed_at is not None:
-            estimation = self.settings.estimation_without_gps
+            estimation = self.settings.estimation_by_drag
         # Tolerance of the lap alarm: three standard deviations of the airspeed scale.
         tolerance = max(3 * estimation.scale_sigma, 0.1)
         self._lap_alarm = watch_lap(self._lap_alarm, estimate if engaged else None, tolerance)
@@ -545,6 +561,7 @@ class Pilot:
         return StepView(
             tick=tick,
             settings=self.settings,
+            output_mode=self.output_mode,
             engaged_at=mission.engaged_at,
             outcome=mission.outcome,
             hold=mission.hold,

@@ -7,9 +7,8 @@ from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.controller import Controller
-from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.pilot.mission_state import OutputMode, Phase
 from circnav_mav.pilot.range_tracker import RangeTracker
-from circnav_mav.pilot.settings import OutputMode
 
 _WOULD = {Phase.ENGAGED: "would steer", Phase.HOLDING: "would hold"}
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from circnav_mav.guidance.types import Orbit
 from circnav_mav.guidance.watches import AirspeedAlarm, DriftAlarm, LapAlarm, WayAlarm
-from circnav_mav.pilot.mission_state import STEERING, Outcome, Phase
+from circnav_mav.mission.mission import Mission
+from circnav_mav.pilot.mission_state import STEERING, Outcome, OutputMode, Phase
 from circnav_mav.pilot.rates import Rates
 from circnav_mav.pilot.record import TickRecord
-from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,7 +17,8 @@ class StepView:
     human-readable, and empty if they do not apply."""
 
     tick: TickRecord
-    settings: PilotSettings
+    settings: Mission
+    output_mode: OutputMode
 
     # mission
     engaged_at: float | None
@@ -125,7 +126,7 @@ class StepView:
     @property
     def flies(self) -> bool:
         """True if setpoints are sent."""
-        return self.settings.output_mode is OutputMode.FLY
+        return self.output_mode is OutputMode.FLY
 
     @property
     def steering(self) -> bool:

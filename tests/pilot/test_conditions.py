@@ -18,7 +18,7 @@ from circnav_mav.pilot.step_view import StepView
 from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import Flight, flight
-from tests.rig import LOITER, MISSION, Rig
+from tests.rig import LOITER, Rig
 
 TROUBLESHOOTING = (Path(__file__).parents[2] / "docs" / "troubleshooting.md").read_text()
 
@@ -114,7 +114,7 @@ def test_display_and_statustext_show_texts_of_condition_table(rig):
 
 
 def test_condition_of_steering_ends_silently_on_takeover():
-    rig = Rig(end_on_takeover=False).engage()
+    rig = Rig("engage.on_takeover=wait").engage()
     rig.run(2.0, ranges=False).run(1.0, mode=LOITER, ranges=False)
     assert rig.pilot.mission.phase is Phase.YIELDED
     assert list(rig.pilot.conditions.alarms) == ["range_stale"]
@@ -144,7 +144,7 @@ def flown_in_wind(max_turn_rate: float, seconds: float) -> tuple[Flight, list[st
 
 @pytest.mark.parametrize(("component", "asked"), [(1, True), (7, False)])
 def test_range_stream_is_requested_only_from_autopilot(component, asked):
-    rig = Rig(ranging=replace(MISSION.ranging, component_id=component))
+    rig = Rig(f"ranging.component_id={component}")
     rig.run(5.0, lambda: rig.acknowledge(511), ranges=False)
     asked_for = {command.param1 for command in rig.commands(511)}
     assert (mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR in asked_for) is asked

@@ -243,7 +243,7 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
         "tolerance": tolerance,
         "limit": orbit.max_turn_rate,
         "steady": orbit.steady_turn_rate,
-        "silenced": SILENCED.get(pilot.settings.output_mode),
+        "silenced": SILENCED.get(pilot.output_mode),
     }
 
 
