@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import Decoder, Message
-from circnav_mav.mav.identity import AUTOPILOT_COMPONENT, LinkSettings
+from circnav_mav.mav.identity import AUTOPILOT_COMPONENT, Allowance, LinkSettings, Sender
 from circnav_mav.mav.parameter_server import REQUESTS
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.request_server import ANSWERED
@@ -63,6 +63,8 @@ class Connection:
         }
         self.counts = {link: decoder.counts for link, decoder in self.decoders.items()}
         """Counts of received frames by link."""
+        self.allowance = Allowance()
+        self._frames: list[bytes] = []
         self._hello_timer = Every(HEARTBEAT_PERIOD)
 
     def receive(
@@ -85,6 +87,28 @@ class Connection:
             )
         if link == VEHICLE and decoder.behind:
             self.session.identity.say_hello(source, now)
+        self._frames += decoder.frames
+
+    def admits(
+        self, size: int, now: float, source: Hashable, link: str, radio: Sender | None
+    ) -> bool:
+        """True if a datagram must be read. Data of the vehicle and the ranging radio are always
+        read, data of other senders up to an allowance. radio: trusted radio, or None."""
+        peer = self.session.peer
+        if (peer if link == VEHICLE else radio) is None:
+            return True
+        trusted = {
+            sender.source
+            for sender, of_link in ((peer, VEHICLE), (radio, self.ranging_link))
+            if sender is not None and link == of_link
+        }
+        return source in trusted or self.allowance.take(size, now)
+
+    def take_frames(self) -> list[bytes]:
+        """Return the complete frames received on all links since the last call."""
+        frames = self._frames
+        self._frames = []
+        return frames
 
     def hello(self, now: float) -> bytes:
         """Return the frames for a separate ranging link: a heartbeat, because routers forward

@@ -130,23 +130,18 @@ class MissionState:
     def happened(self, event: Event, now: float) -> bool:
         """Apply an event. Return True if it changed the phase."""
         before = self.phase
+        if event is Event.LINK_LOST and self.steering:
+            self.lost_at = now
+        if event is Event.MODE_LEFT:  # the time limit of a lost link no longer applies
+            self.lost_at = None
         self.phase = TRANSITIONS.get((self.phase, event), self.phase)
         if self.phase is before:
             return False
         self.since = now
+        if event is Event.MODE_OURS and self.steering:
+            self.lost_at = None
+            self.engaged_at = now if self.engaged_at is None else self.engaged_at
         return True
-
-    def engage(self, now: float) -> None:
-        """Begin to steer the vehicle, for the first time or again."""
-        self.happened(Event.MODE_OURS, now)
-        self.lost_at = None
-        self.engaged_at = now if self.engaged_at is None else self.engaged_at
-
-    def lose(self, now: float) -> None:
-        """Handle the loss of the link."""
-        if self.steering:
-            self.lost_at = now
-        self.happened(Event.LINK_LOST, now)
 
     def finish(self, outcome: Outcome, now: float, *, ours: bool) -> bool:
         """End the mission. Return True at the first call, which sets the outcome. ours: True if the

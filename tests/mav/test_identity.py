@@ -369,7 +369,7 @@ def test_unknown_senders_are_read_up_to_a_limit(rig):
             rig.pilot.receive(junk, rig.now, source)
         assert received.bytes - before == 1000 * read
         before = received.bytes
-    assert rig.pilot.allowance.dropped == 468_000
+    assert rig.pilot.connection.allowance.dropped == 468_000
     rig.pilot.receive(junk, rig.now + 1.0, "elsewhere")
     assert received.bytes - before == 1000
 
