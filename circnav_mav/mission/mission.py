@@ -13,7 +13,6 @@ from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import GRAVITY, Direction, Orbit, OwnLaw
-from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.ranging.driver import split_driver
@@ -221,18 +220,6 @@ class Mission:
             max_bank=radians(vehicle.max_bank_deg or 0.0),
             drag=coefficient_at(vehicle.drag_per_s, vehicle.speed_mps),
             tilts_by_stick=any(one.tilts_by_stick for one in self.vehicles),
-        )
-
-    @cached_property
-    def bounds(self) -> Bounds:
-        """Bounds at which the flight ends."""
-        bounds = self.file.bounds
-        return Bounds(
-            closest=bounds.min_range_m,
-            farthest=self.farthest,
-            lowest=bounds.min_altitude_m,
-            highest=bounds.max_altitude_m,
-            battery=bounds.min_battery_percent,
         )
 
     @cached_property

@@ -364,10 +364,12 @@ def unreported(session: Session, now: float) -> str:
 def unwatched(settings: Mission, session: Session, now: float) -> str:
     """Return a text about missing telemetry that a bound of the mission needs, or an empty
     string."""
-    bounds = settings.bounds
-    if (bounds.lowest, bounds.highest) != (None, None) and session.motion.at(now).altitude is None:
+    bounds = settings.file.bounds
+    if (bounds.min_altitude_m, bounds.max_altitude_m) != (None, None) and session.motion.at(
+        now
+    ).altitude is None:
         return "no altitude above sea level: bounds.min_altitude_m and max_altitude_m need it"
-    if bounds.battery is not None and session.vehicle.battery(now) is None:
+    if bounds.min_battery_percent is not None and session.vehicle.battery(now) is None:
         return "no battery in SYS_STATUS: bounds.min_battery_percent needs it"
     return ""
 

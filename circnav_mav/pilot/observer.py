@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from math import atan, inf
-from typing import TYPE_CHECKING
+from math import atan, inf, isfinite
+from typing import TYPE_CHECKING, Any
 
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.types import GRAVITY, RangeEstimate, TurnCommand
+from circnav_mav.guidance.types import GRAVITY, Orbit, TurnCommand
 from circnav_mav.guidance.watches import (
     AirspeedAlarm,
     DriftWatch,
@@ -15,6 +15,7 @@ from circnav_mav.guidance.watches import (
     watch_airspeed,
     watch_lap,
 )
+from circnav_mav.mav.frames import YawRate
 from circnav_mav.mission.mission import VEHICLE
 from circnav_mav.pilot.authority import SILENT, unwatched
 from circnav_mav.pilot.mission_state import Phase
@@ -25,6 +26,16 @@ from circnav_mav.timers import Since
 
 if TYPE_CHECKING:
     from circnav_mav.pilot.pilot import Pilot
+
+
+class Unknown:
+    """Stands for a value that is missing. Each of its attributes is None."""
+
+    def __getattr__(self, name: str) -> Any:
+        return None
+
+
+UNKNOWN = Unknown()
 
 
 class Observer:
@@ -50,13 +61,19 @@ class Observer:
     def step(
         self,
         pilot: Pilot,
-        tick: TickRecord,
-        estimate: RangeEstimate | None,
+        circle: Orbit,
         command: TurnCommand | None,
+        sent: YawRate | None,
         now: float,
     ) -> StepView:
-        """Return the step. tick: its record."""
-        self._judge(pilot, estimate)
+        """Return the step.
+
+        circle: circle for which the command was computed.
+        sent: yaw rate in the setpoint of this step, rad/s, or None.
+        """
+        estimate = pilot.tracker.estimate or UNKNOWN
+        turn = command or UNKNOWN
+        self._judge(pilot)
         session = pilot.session
         tracker = pilot.tracker
         ranging = tracker.ranging
@@ -68,12 +85,51 @@ class Observer:
         counts = Rates(frames, tracker.accepted, ranging.unexplained, self.setpoints_sent)
         self._rates.take(now, counts, steering=mission.steering)
         law, why = self._law(pilot, command)
+        engaged = mission.phase is Phase.ENGAGED
+        link_age = session.heartbeat_age(now)
+        motion = session.motion.at(now)
+        model = controller.vehicle
+        relative = estimate.relative or UNKNOWN
+        where = relative if relative.trusted else UNKNOWN
         vehicle = session.adapter.name if session.up else "no vehicle yet"
-        lateral = controller.vehicle.bank_limit.bank * (pilot.own.airspeed if pilot.own else inf)
+        lateral = model.bank_limit.bank * (pilot.own.airspeed if pilot.own else inf)
         # uplink_silent, 2.0: time without an answer to TIMESYNC, s, after which an alarm is raised.
         # Requests are sent once a second and repeated if lost.
         self.view = StepView(
-            tick=tick,
+            time=now,
+            phase=mission.phase,
+            measured=(tracker.newest or UNKNOWN).r,
+            r=estimate.r,
+            r_dot=estimate.r_dot,
+            r_sigma=estimate.r_sigma,
+            r_dot_sigma=estimate.r_dot_sigma,
+            nis=tracker.estimator.nis,
+            demanded=turn.demanded,
+            turn_rate=turn.turn_rate,
+            saturated=bool(turn.saturated),
+            yaw_rate_sent=sent,
+            turn_gain=model.gain,
+            turn_delay=model.response.delay,
+            gain_share=model.limit_cycle.share,
+            law=(command.flies or controller.law) if command and engaged else "",
+            x=where.x,
+            y=where.y,
+            drift_x=where.drift_x,
+            drift_y=where.drift_y,
+            airspeed_scale=where.scale,
+            acceleration_weight=where.acceleration_weight,
+            heading=motion.yaw,
+            airspeed=motion.airspeed,
+            altitude=motion.altitude,
+            height=height.at(now),
+            range_age=tracker.age(now),
+            link_age=link_age if isfinite(link_age) else None,
+            mode=session.vehicle.mode_name,
+            accepted=tracker.accepted,
+            rejected=ranging.refused,
+            measured_rate=tracker.measured_rate(now),
+            desired=circle.radius,
+            direction=circle.direction.value,
             settings=pilot.settings,
             output_mode=pilot.output_mode,
             engaged_at=mission.engaged_at,
@@ -91,7 +147,7 @@ class Observer:
             stalled=pilot.authority.stalled(now),
             clock_speed=session.clock_speed.found,
             setpoints=self.setpoints_sent,
-            rejected=dict(ranging.rejected.most_common()),
+            rejected_by=dict(ranging.rejected.most_common()),
             rates=None if pilot.done else self._rates.newest,
             full_rates=self._rates.whole,
             steered_rates=self._rates.while_steering,
@@ -117,19 +173,20 @@ class Observer:
             way_alarm=self._way_watch.alarm,
             lap_alarm=self._lap_alarm,
             circle=controller.circle,
-            law=law,
+            flown_law=law,
             why=why,
-            follows=controller.vehicle.obedience.follows,
+            follows=model.obedience.follows,
             speed=controller.speed,
-            lean_share=controller.vehicle.lean_limit.share,
-            lean_limit=atan(controller.vehicle.lean_limit.found / GRAVITY),
+            lean_share=model.lean_limit.share,
+            lean_limit=atan(model.lean_limit.found / GRAVITY),
             bank_limit=atan(lateral / GRAVITY) if lateral < inf else None,
         )
-        self.records.append(tick)
+        self.records.append(self.view)
         return self.view
 
-    def _judge(self, pilot: Pilot, estimate: RangeEstimate | None) -> None:
+    def _judge(self, pilot: Pilot) -> None:
         """Update the alarms of the guidance."""
+        estimate = pilot.tracker.estimate
         orbit = pilot.controller.orbit
         steered = estimate if pilot.mission.steering else None
         self._drift_watch.update(steered, orbit, pilot.controller.vehicle.most)
@@ -150,7 +207,7 @@ class Observer:
         relative = LAWS[pilot.controller.law].flies_relative_motion
         if command is not None and (command.flies or not relative):
             return command.flies, command.why
-        return ("", "") if self.view is None else (self.view.law, self.view.why)
+        return ("", "") if self.view is None else (self.view.flown_law, self.view.why)
 
     def _lost_reports(self, pilot: Pilot, now: float) -> tuple[str, ...]:
         """Return the names of telemetry that is missing or too rare. Unchanged while the vehicle is

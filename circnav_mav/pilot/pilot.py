@@ -8,7 +8,7 @@ a prediction. While ranges are missing, the circle's turn rate is commanded. Aft
 """
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
@@ -43,12 +43,12 @@ from circnav_mav.pilot.mode_request import ExitAction
 from circnav_mav.pilot.observer import Observer
 from circnav_mav.pilot.parameters import flight_parameters
 from circnav_mav.pilot.range_tracker import RangeTracker
-from circnav_mav.pilot.record import TickRecord, plot_values, tick_record
+from circnav_mav.pilot.record import TickRecord, plot_values
 from circnav_mav.pilot.second_controller import SecondController
 from circnav_mav.pilot.status_text import StatusText
 from circnav_mav.pilot.step_view import StepView
 from circnav_mav.pilot.tick_scheduler import TickScheduler
-from circnav_mav.pilot.watches import BEFORE_ESTIMATE, Watch, after_estimate
+from circnav_mav.pilot.watches import watches_of
 
 
 class Pilot:
@@ -94,7 +94,7 @@ class Pilot:
             for kind in frozenset().union(*(one.reads for one in listeners))
         }
         """Receivers of the vehicle's messages, by message type."""
-        self._watches = after_estimate(settings)
+        self._watches = watches_of(settings)
 
     # --- input: received messages
     # ------------------------------------------------------------
@@ -165,53 +165,25 @@ class Pilot:
             return
         self.tracker.fresh = False
         self.mission.started = now if self.mission.started is None else self.mission.started
-        self._watch(BEFORE_ESTIMATE, None, now)
-        estimate = self.tracker.estimator.at(now)
-        self._watch(self._watches, estimate, now)
+        for watch in self._watches:
+            for found in watch(self, now):
+                self._apply(found, now)
         circle = self.controller.circle
-        self.tracker.estimate = estimate
-        command = None
-        try:
-            command = self.controller.command(
-                self.mission.phase, estimate, self.session.timesync.worst, now
-            )
-        except StuckCodeError as error:
-            self._finish(Outcome(Ending.ABORTED, str(error)), now)
-        message, yaw_rate = self._setpoint(command, now)
-        phase = self.mission.phase
-        was_sent = False
-        if message is not None and (was_sent := send(self.session.encode(message))):
-            self.observer.setpoints_sent += 1
-            self.second_controller.sent(message, now)
-            if yaw_rate is not None:
-                self.controller.commanded(yaw_rate, now)
+        command = self._command(now)
+        sent = self._steer(command, send, now)
         self.scheduler.stepped(now)
-        record = tick_record(
-            now,
-            phase,
-            estimate,
-            command,
-            yaw_rate if was_sent else None,
-            circle=circle,
-            session=self.session,
-            tracker=self.tracker,
-            controller=self.controller,
-            law=self.controller.law,
-        )
-        self.conditions.update(self.observer.step(self, record, estimate, command, now))
-        if rest := b"".join(map(self.session.encode, self._housekeeping(estimate, command, now))):
+        self.conditions.update(self.observer.step(self, circle, command, sent, now))
+        if rest := b"".join(map(self.session.encode, self._housekeeping(command, now))):
             send(rest)
 
     # --- changes of phase
 
-    def _watch(self, watches: Iterable[Watch], estimate: RangeEstimate | None, now: float) -> None:
-        """Run the watches, and apply the findings of each before the next."""
-        for watch in watches:
-            for found in watch(self, estimate, now):
-                if isinstance(found, Event):
-                    self.mission.happened(found, now)
-                else:
-                    self._finish(found, now)
+    def _apply(self, found: Event | Outcome, now: float) -> None:
+        """Apply a finding of a watch."""
+        if isinstance(found, Event):
+            self.mission.happened(found, now)
+        else:
+            self._finish(found, now)
 
     def _finish(self, outcome: Outcome, now: float) -> None:
         if self.mission.finish(outcome, now, ours=self.authority.may_be_ours(now)):
@@ -220,6 +192,29 @@ class Pilot:
             self.session.announcer.say("end", f"ended, {outcome.reason}", severity=severity)
 
     # --- the setpoint
+
+    def _command(self, now: float) -> TurnCommand | None:
+        """Return the turn command of this step, or None."""
+        phase = self.mission.phase
+        round_trip = self.session.timesync.worst
+        try:
+            return self.controller.command(phase, self.tracker.estimate, round_trip, now)
+        except StuckCodeError as error:
+            self._finish(Outcome(Ending.ABORTED, str(error)), now)
+            return None
+
+    def _steer(
+        self, command: TurnCommand | None, send: Callable[[bytes], bool], now: float
+    ) -> YawRate | None:
+        """Send the setpoint of this step, if one may be sent. Return the yaw rate that was sent."""
+        message, yaw_rate = self._setpoint(command, now)
+        if message is None or not send(self.session.encode(message)):
+            return None
+        self.observer.setpoints_sent += 1
+        self.second_controller.sent(message, now)
+        if yaw_rate is not None:
+            self.controller.commanded(yaw_rate, now)
+        return yaw_rate
 
     def _setpoint(
         self, command: TurnCommand | None, now: float
@@ -270,13 +265,11 @@ class Pilot:
 
     # --- other frames sent
 
-    def _housekeeping(
-        self, estimate: RangeEstimate | None, command: TurnCommand | None, now: float
-    ) -> list[Message]:
+    def _housekeeping(self, command: TurnCommand | None, now: float) -> list[Message]:
         """Return the due heartbeat, commands, stream requests, texts and plot values. At the end of
         the mission, add the farewell."""
         plots = self.session.announcer.plots(
-            plot_values(self.controller.circle, estimate, command), now
+            plot_values(self.controller.circle, self.tracker.estimate, command), now
         )
         if self.output_mode is OutputMode.SHADOW:
             return self.session.heartbeats_due(now) + plots

@@ -61,7 +61,7 @@ class RangeTracker:
         self.newest_rate: RateSample | None = None
         self.fresh = False
         self.estimate: RangeEstimate | None = None
-        """Estimate of the newest step."""
+        """Estimate of the newest step, or of the step that runs now."""
         self.accepted = 0
         self._since_stale = Since()
 
@@ -159,7 +159,7 @@ class RangeTracker:
         rate = self.newest_rate
         return None if rate is None or now - rate.time > self._stale + SAME_TIME else rate.r_dot
 
-    def good(self, estimate: RangeEstimate | None, now: float, *, holding: bool) -> bool:
+    def good(self, now: float, *, holding: bool) -> bool:
         """True if the current estimate may steer: the estimator is ready and the newest range is
         not stale.
 
@@ -175,7 +175,10 @@ class RangeTracker:
         # again and again.
         fresh = not holding or age <= FRESH * self._stale or self._since_stale.age(now) > 1.0
         return (
-            self.estimator.ready and estimate is not None and fresh and self.ranging.one_source(now)
+            self.estimator.ready
+            and self.estimate is not None
+            and fresh
+            and self.ranging.one_source(now)
         )
 
     def age(self, now: float) -> float | None:

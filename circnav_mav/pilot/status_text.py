@@ -49,7 +49,6 @@ class StatusText:
         None."""
         mission = self.mission
         limits = self.settings.file.limits
-        wait = self.settings.file.link.wait_s
         waited = now - self.mission.since
         if mission.engaged_at is not None and now - mission.engaged_at >= limits.duration_s:
             if mission.steering:
@@ -64,9 +63,16 @@ class StatusText:
             return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {limits.outage:.0f} s")
         if mission.begun or mission.started is None:
             return None
-        if mission.phase is Phase.WAIT_LINK and now - mission.started > wait:
+        return self._nothing_received(now - mission.started, waited, now)
+
+    def _nothing_received(self, run: float, waited: float, now: float) -> Outcome | None:
+        """Return the outcome if vehicle or ranging were not received in time. run, waited: time
+        since the first step and since the beginning of the phase, s."""
+        phase = self.mission.phase
+        wait = self.settings.file.link.wait_s
+        if phase is Phase.WAIT_LINK and run > wait:
             return Outcome(Ending.NOTHING_RECEIVED, f"no vehicle: {self._no_vehicle()}")
-        if mission.phase is Phase.WAIT_RANGING and waited > wait:
+        if phase is Phase.WAIT_RANGING and waited > wait:
             return Outcome(Ending.NOTHING_RECEIVED, self._not_ready(now))
         return None
 

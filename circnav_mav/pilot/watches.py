@@ -1,7 +1,7 @@
 """Watches of a flight. In each step, each watch looks at one thing, and returns the events that
 change the phase and the outcomes that end the flight.
 
-`Pilot.step` applies them in the order of `BEFORE_ESTIMATE` and `after_estimate`.
+`Pilot.step` applies them in the order of `watches_of`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20.all import MAV_SEVERITY_WARNING
 
-from circnav_mav.guidance.types import RangeEstimate
-from circnav_mav.guidance.watches import breach
 from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mission.mission import Mission
@@ -25,10 +23,10 @@ if TYPE_CHECKING:
     from circnav_mav.pilot.pilot import Pilot
 
 Findings = Iterable[Event | Outcome]
-Watch = Callable[["Pilot", RangeEstimate | None, float], Findings]
+Watch = Callable[["Pilot", float], Findings]
 
 
-def link(pilot: Pilot, _: RangeEstimate | None, now: float) -> Findings:
+def link(pilot: Pilot, now: float) -> Findings:
     """Change the phase when the link is established or lost."""
     session = pilot.session
     if not session.up:
@@ -43,7 +41,7 @@ def link(pilot: Pilot, _: RangeEstimate | None, now: float) -> Findings:
     return () if pilot.mission.phase is Phase.LEAVING else (Event.LINK_LOST,)
 
 
-def takeover(pilot: Pilot, _: RangeEstimate | None, now: float) -> Findings:
+def takeover(pilot: Pilot, now: float) -> Findings:
     """Stop sending setpoints in the same step in which a takeover is detected."""
     found = pilot.authority.watch_takeover(now)
     if pilot.authority.rebooted:
@@ -62,7 +60,7 @@ def takeover(pilot: Pilot, _: RangeEstimate | None, now: float) -> Findings:
     return (Event.MODE_LEFT, outcome) if ends else (Event.MODE_LEFT,)
 
 
-def gps(pilot: Pilot, _: RangeEstimate | None, now: float) -> Findings:
+def gps(pilot: Pilot, now: float) -> Findings:
     """Continue by attitude setpoints if a steered copter has lost its GPS."""
     if pilot.flies and pilot.mission.steering and (text := pilot.gps_loss.step(now)):
         pilot.second_controller.reset()
@@ -70,13 +68,19 @@ def gps(pilot: Pilot, _: RangeEstimate | None, now: float) -> Findings:
     return ()
 
 
-def time_limits(pilot: Pilot, _: RangeEstimate | None, now: float) -> Findings:
+def time_limits(pilot: Pilot, now: float) -> Findings:
     """End the flight after its duration, or if a time limit has passed."""
     outcome = pilot.status.overdue(now)
     return () if outcome is None else (outcome,)
 
 
-def ground(pilot: Pilot, _: RangeEstimate | None, now: float) -> Findings:
+def estimate(pilot: Pilot, now: float) -> Findings:
+    """Predict the range for this step, after the watches that may change the estimator."""
+    pilot.tracker.estimate = pilot.tracker.estimator.at(now)
+    return ()
+
+
+def ground(pilot: Pilot, now: float) -> Findings:
     """End the flight if a steered aircraft lands or flies too low."""
     if pilot.airborne.step(now):
         # On the ground and in the take-off a plane does not fly along its nose at its measured
@@ -88,7 +92,7 @@ def ground(pilot: Pilot, _: RangeEstimate | None, now: float) -> Findings:
     return (Outcome(Ending.ABORTED, why),)
 
 
-def companion(pilot: Pilot, _: RangeEstimate | None, now: float) -> Findings:
+def companion(pilot: Pilot, now: float) -> Findings:
     """End the flight if another companion uses our MAVLink ids."""
     if not pilot.session.doubled:
         return ()
@@ -108,21 +112,37 @@ class Bounds:
         self._unchecked = Hysteresis(raise_after=mission.file.limits.hold_s)
         """State of bounds that cannot be checked: as long as ranges, they may be missing."""
 
-    def __call__(self, pilot: Pilot, estimate: RangeEstimate | None, now: float) -> Findings:
-        session = pilot.session
-        broken = breach(
-            pilot.settings.bounds,
-            r=estimate.r if estimate and pilot.mission.phase is not Phase.HOLDING else None,
-            altitude=session.motion.at(now).altitude,
-            battery=session.vehicle.battery(now),
-        )
+    def __call__(self, pilot: Pilot, now: float) -> Findings:
+        broken = _broken_bound(pilot, now)
         pilot.authority.broken_bound = broken
-        unchecked = unwatched(pilot.settings, session, now)
+        unchecked = unwatched(pilot.settings, pilot.session, now)
         if self._unchecked.update(bool(unchecked), now) and broken is None:
             broken = f"bound not checked for {pilot.mission.hold:g} s: {unchecked}"
         if broken is None or not pilot.mission.steering:
             return ()
         return (Outcome(Ending.ABORTED, broken),)
+
+
+def _broken_bound(pilot: Pilot, now: float) -> str | None:
+    """Return a description of the first violated bound, or None. Unknown values violate no
+    bound."""
+    session = pilot.session
+    bounds = pilot.settings.file.bounds
+    estimate = pilot.tracker.estimate
+    r = estimate.r if estimate and pilot.mission.phase is not Phase.HOLDING else None
+    altitude = session.motion.at(now).altitude
+    battery = session.vehicle.battery(now)
+    limits = (
+        (r, bounds.min_range_m, -1, "range {:.1f} m is nearer than {:.1f} m"),
+        (r, pilot.settings.farthest, 1, "range {:.1f} m is farther than {:.1f} m"),
+        (altitude, bounds.min_altitude_m, -1, "altitude {:.1f} m is below {:.1f} m"),
+        (altitude, bounds.max_altitude_m, 1, "altitude {:.1f} m is above {:.1f} m"),
+        (battery, bounds.min_battery_percent, -1, "battery {:.0f} % is below {:.0f} %"),
+    )
+    for value, bound, side, words in limits:
+        if value is not None and bound is not None and side * (value - bound) > 0:
+            return words.format(value, bound)
+    return None
 
 
 class Following:
@@ -136,7 +156,7 @@ class Following:
         self._since_circling = Since()
         """Since the newest step in which the vehicle kept its circle (`_keeps_circle`)."""
 
-    def __call__(self, pilot: Pilot, estimate: RangeEstimate | None, now: float) -> Findings:
+    def __call__(self, pilot: Pilot, now: float) -> Findings:
         vehicle = pilot.controller.vehicle
         obedience = vehicle.obedience
         most = pilot.settings.file.limits.unfollowed_s
@@ -151,7 +171,7 @@ class Following:
         if self._since_unanswered.age(now) < 3.0:
             vehicle.judge_again()
             pilot.conditions.forget(NOT_FOLLOWING)
-        if _keeps_circle(pilot, estimate):
+        if _keeps_circle(pilot):
             self._since_circling.restart(now)
         unfollowed = min(now - obedience.since, self._since_circling.age(now))
         if obedience.follows or unfollowed <= most or not pilot.mission.steering:
@@ -159,26 +179,27 @@ class Following:
         return (Outcome(Ending.ABORTED, f"vehicle did not follow turn commands for {most:g} s"),)
 
 
-def _keeps_circle(pilot: Pilot, estimate: RangeEstimate | None) -> bool:
+def _keeps_circle(pilot: Pilot) -> bool:
     """True if the vehicle is near its circle, and turns in the circle's direction at more than a
     third of the circle's turn rate. In wind, the turn rate varies along the circle."""
     circle = pilot.controller.orbit
+    estimate = pilot.tracker.estimate
     if estimate is None or abs(estimate.r - circle.radius) > 0.1 * circle.radius:
         return False
     turn = circle.direction.turn_sign * pilot.controller.vehicle.command_gain.rate
     return turn > circle.speed / circle.radius / 3
 
 
-def ranging(pilot: Pilot, estimate: RangeEstimate | None, now: float) -> Findings:
+def ranging(pilot: Pilot, now: float) -> Findings:
     """Change the phase when ranges may steer, and when they may not."""
     phase = pilot.mission.phase
-    good = pilot.tracker.good(estimate, now, holding=phase is Phase.HOLDING)
+    good = pilot.tracker.good(now, holding=phase is Phase.HOLDING)
     if phase is Phase.WAIT_RANGING and pilot.session.missing(now):
         return ()
     return (Event.RANGE_GOOD if good else Event.RANGE_LOST,)
 
 
-def engagement(pilot: Pilot, _: RangeEstimate | None, now: float) -> Findings:
+def engagement(pilot: Pilot, now: float) -> Findings:
     """Engage the vehicle when no obstacle is left. Request the guided mode if only the mode is
     missing."""
     phase = pilot.mission.phase
@@ -209,10 +230,8 @@ def _begin(pilot: Pilot) -> None:
     session.announcer.say("engage", f"{how}, {pilot.controller.circle.label}")
 
 
-BEFORE_ESTIMATE: tuple[Watch, ...] = (link, takeover, gps, time_limits)
-"""Watches that may change the estimator, and need no estimate."""
-
-
-def after_estimate(mission: Mission) -> tuple[Watch, ...]:
-    """Return the watches of a flight that follow the estimate of the step."""
-    return (ground, companion, Bounds(mission), Following(), ranging, engagement)
+def watches_of(mission: Mission) -> tuple[Watch, ...]:
+    """Return the watches of a flight, in their order."""
+    before = (link, takeover, gps, time_limits)
+    after = (ground, companion, Bounds(mission), Following(), ranging, engagement)
+    return (*before, estimate, *after)

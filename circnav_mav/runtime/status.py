@@ -1,7 +1,7 @@
 """Status of a flight at one moment, shared by the terminal and the live page."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import takewhile
 from math import degrees, hypot, isfinite
 
@@ -83,7 +83,7 @@ class StatusSource:
             # Without an estimate of the relative motion, the predicted range continues linearly
             # while the vehicle turns: show no range. With this estimate, the prediction follows the
             # vehicle during HOLDING.
-            tick = tick._replace(r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
+            tick = replace(tick, r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
         return Status(
             time=now,
             view=view,
@@ -93,8 +93,8 @@ class StatusSource:
             why=view.why if tick.law else "",
             target=_target(tick),
             conditions=conditions,
-            rejected={why: count for why, count in view.rejected.items() if why not in OTHERS},
-            others=sum(count for why, count in view.rejected.items() if why in OTHERS),
+            rejected={why: count for why, count in view.rejected_by.items() if why not in OTHERS},
+            others=sum(count for why, count in view.rejected_by.items() if why in OTHERS),
             added=self._onlookers.facts(now),
         )
 

@@ -86,7 +86,6 @@ def test_mission_derives_values_of_flight(mission):
         5,
     )
     assert (ranging.max_age, ranging.stamp, ranging.rate_hz) == (0.4, "arrival", 10.0)
-    assert (settings.bounds.lowest, settings.bounds.highest) == (-20.0, -5.5)
     assert (settings.stale, settings.slowest_answer) == (0.4, pytest.approx(0.48))
     assert (settings.file.limits.tick, settings.file.limits.outage) == (0.04, 60.0)
 
@@ -122,7 +121,7 @@ def test_default_stale_age_follows_ranging_rate(mission, rate, stale):
     ids=["distance_sensor", "given", "named_value_float", "ranging_beacon"],
 )
 def test_default_farthest_range_follows_ranging_message(mission, overrides, farthest):
-    assert mission(*overrides).bounds.farthest == farthest
+    assert mission(*overrides).farthest == farthest
 
 
 @pytest.mark.parametrize(("law", "default"), [("smooth", 1e-4), ("switching", 0.18)])

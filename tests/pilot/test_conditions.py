@@ -34,7 +34,10 @@ def views() -> list[StepView]:
     identities = (VEHICLE_NAME, OUR_NAME, RADIO_NAME)
     holding = replace(
         view,
-        tick=view.tick._replace(phase=Phase.HOLDING, range_age=5.0, link_age=1.0, gain_share=0.5),
+        phase=Phase.HOLDING,
+        range_age=5.0,
+        link_age=1.0,
+        gain_share=0.5,
         outcome=Outcome(Ending.ABORTED, "battery at 5 %"),
         second_senders=tuple(f"{name} has a second sender" for name in identities),
         second_controller="the vehicle flies +20 deg/s, commanded -3 deg/s",
@@ -66,7 +69,7 @@ def views() -> list[StepView]:
         way_alarm=WayAlarm(True, 2100.0, 18.0, 15.4),
         lap_alarm=LapAlarm(by_ranges=150.0, by_turns=192.4, on=True),
         circle=replace(view.circle, radius=120.0),
-        law="drift",
+        flown_law="drift",
         why="drift: wind 5 m/s",
         follows=False,
         lean_share=0.8,
@@ -75,7 +78,9 @@ def views() -> list[StepView]:
     )
     stale = replace(
         holding,
-        tick=holding.tick._replace(phase=Phase.ENGAGED, link_age=3.0, height=20.0),
+        phase=Phase.ENGAGED,
+        link_age=3.0,
+        height=20.0,
         drift_alarm=DriftAlarm(),
     )
     alarmed = replace(holding, lap_alarm=LapAlarm())

@@ -38,7 +38,8 @@ def settings_of(folder, *overrides):
 
 def replayed(folder, *overrides):
     """Return the pilot of a replay, and the result of the replay."""
-    pilot = Pilot(settings_of(folder, *overrides))
+    output_mode = OutputMode(open_run(folder).output_mode)
+    pilot = Pilot(settings_of(folder, *overrides), output_mode=output_mode)
     return pilot, replay(pilot, recorded_steps(folder))
 
 

@@ -140,8 +140,8 @@ def test_status_shows_no_range_age_for_lost_vehicle(statuses):
 def test_status_shows_target_drift_and_recording_problem():
     """The vehicle is 30 m east and 40 m south of the target, and the drift is to the north."""
     flown = flight("quickstart").fly(6.0)
-    tick = flown.ticks[-1]._replace(
-        x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46
+    tick = replace(
+        flown.ticks[-1], x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46
     )
     status = StatusSource(flown.pilot, Onlookers()).status(tick, 6.0, "disk full")
     assert status.target == "bearing 323 deg, drift 2.0 m/s towards 000 deg"
@@ -223,7 +223,7 @@ def test_every_fact_of_status_has_value(statuses, seconds, event):
 def test_long_status_texts_are_complete_at_80_columns(statuses):
     flown = statuses(6.0)[-1]
     senders = "1/1 at 192.168.144.11:14550, ranges of 1/192 at 192.168.144.12:14560"
-    tick = flown.tick._replace(saturated=True, turn_rate=-0.349)
+    tick = replace(flown.tick, saturated=True, turn_rate=-0.349)
     lines = drawn(
         replace(
             flown,
