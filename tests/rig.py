@@ -31,6 +31,7 @@ autopilot = "ardupilot"
 kind = "copter"
 speed_mps = 15.0
 max_turn_rate_deg_s = 20.05352282957881
+max_bank_deg = 40.107045659157625
 turn_gain = 1.0
 
 [orbit]
@@ -57,7 +58,7 @@ min_height_m = 0.0
 [limits]
 duration_s = 600.0
 """
-"""The rig's mission. Its largest turn rate is 0.35 rad/s."""
+"""The rig's mission. Its largest turn rate is 0.35 rad/s, its largest bank 0.7 rad."""
 
 
 ANY_SENSOR = MISSION.replace("orientation = 24\n", "")

@@ -176,7 +176,11 @@ class Following:
         unfollowed = min(now - obedience.since, self._since_circling.age(now))
         if obedience.follows or unfollowed <= most or not pilot.mission.steering:
             return ()
-        return (Outcome(Ending.ABORTED, f"vehicle did not follow turn commands for {most:g} s"),)
+        reason = (
+            "vehicle did not follow turn commands, and did not turn along its circle for"
+            f" {most:g} s: check steering and compass"
+        )
+        return (Outcome(Ending.ABORTED, reason),)
 
 
 def _keeps_circle(pilot: Pilot) -> bool:

@@ -1,8 +1,6 @@
 """The controller: detection that a copter flies at the commanded speed, the integral of the radius
 error, changes of the circle, and the setpoint guard."""
 
-from math import degrees
-
 import pytest
 
 from circnav_mav.guidance.circle_change import CircleLimits, CircleRequest
@@ -35,7 +33,6 @@ PLANE = ("ardupilot", "plane")
 STICK = ("px4", "plane")
 BANK = 0.4
 """Largest bank of the mission, rad. At 15 m/s a plane with this bank turns at 0.276 rad/s."""
-BANKED = f"vehicle.max_bank_deg={degrees(BANK)}"
 
 
 class Vehicle:
@@ -130,8 +127,10 @@ def test_fleet_offset_does_not_change_circle_of_operator():
 
 
 @pytest.mark.parametrize(("key", "sent"), [(PLANE, [16.5]), (COPTER, []), (STICK, [])])
-def test_airspeed_is_commanded_if_setpoints_contain_no_speed(key, sent):
-    controller = Controller(rig_mission(BANKED))
+def test_airspeed_is_commanded_if_setpoints_contain_no_speed(key, sent, monkeypatch):
+    mission = rig_mission()
+    monkeypatch.setitem(mission.__dict__, "facts", VehicleFacts(15.0, max_bank=BANK))
+    controller = Controller(mission)
     session = Session(LinkSettings(), (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=BANK)),))
     session.identity.peer = Sender(1, 1, "here")
     command = TurnCommand(TurnRate(0.1), TurnRate(0.1), saturated=False)
@@ -152,7 +151,8 @@ def test_airspeed_is_commanded_if_setpoints_contain_no_speed(key, sent):
 def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_bank=BANK):
     """Return True if the setpoint guard passes a setpoint with this turn rate (rad/s) and speed
     (m/s), from an adapter with this largest bank (rad)."""
-    mission = rig_mission(BANKED)
+    mission = rig_mission()
+    monkeypatch.setitem(mission.__dict__, "facts", VehicleFacts(15.0, max_bank=BANK))
     monkeypatch.setitem(mission.__dict__, "circle_limits", limits)
     controller = Controller(mission)
     monkeypatch.setattr(Controller, "speed", speed)

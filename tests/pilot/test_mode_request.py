@@ -227,7 +227,7 @@ def test_mission_end_during_outage_requests_exit_action(why):
     since = rig.now
     if why == "interrupted":
         rig.pilot.interrupt(rig.now, "SIGTERM")
-    rig.run(0.5 if why == "interrupted" else 12.0)
+    rig.run(0.5 if why == "interrupted" else 62.0)
     assert modes(rig, since)[:1] == [RTL]
     assert safe(rig, since)
 
