@@ -118,6 +118,11 @@ class OrbitTable(Table):
     target_altitude_m: Height | None = None
     target_above_home_m: Height | None = None
 
+    @property
+    def needs_altitude(self) -> bool:
+        """True if the height is unknown until the vehicle reports its altitude."""
+        return self.target_altitude_m is not None or self.target_above_home_m is not None
+
 
 def _named(table: NameTable[Any]) -> Any:
     """Return the type of the name of a built-in or user-defined law or estimator. Editors complete
@@ -220,6 +225,16 @@ class LimitsTable(Table):
     hold_s: Patience = 10.0
     unfollowed_s: Patience = 10.0
     tick_hz: Annotated[float, Field(ge=5, le=100)] = 20.0  # PX4 leaves OFFBOARD below 2 Hz
+
+    @property
+    def tick(self) -> float:
+        """Period of the steps without fresh ranges, s."""
+        return 1 / self.tick_hz
+
+    @property
+    def outage(self) -> float:
+        """Longest time from the loss of the link until the vehicle is steered again, s."""
+        return max(60.0, self.hold_s)
 
 
 class ExitTable(Table):

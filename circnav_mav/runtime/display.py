@@ -159,7 +159,13 @@ def display_for(
     second."""
     if console.is_terminal and not console.is_dumb_terminal:
         screen: Screen = LiveScreen(
-            console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only)
+            console,
+            Picture(
+                pilot.settings.orbit,
+                pilot.output_mode,
+                title,
+                ascii_only=console.options.ascii_only,
+            ),
         )
         # 4: refreshes of the live picture per real second. More cannot be read.
         return Display(screen, pilot, onlookers, speed / 4, last=True)

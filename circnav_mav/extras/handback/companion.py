@@ -146,7 +146,7 @@ class Companion:
     def step(self, now: float) -> list[bytes]:
         """Return the frames to send now."""
         session = self._pilot.session
-        mode = self._pilot.settings.output_mode
+        mode = self._pilot.output_mode
         self._now = now
         if session.peer is None or mode is OutputMode.SHADOW:
             return []

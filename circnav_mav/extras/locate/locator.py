@@ -304,7 +304,7 @@ class Locator:
     def step(self, now: float) -> list[bytes]:
         """Return the frames to send now."""
         session = self._pilot.session
-        mode = self._pilot.settings.output_mode
+        mode = self._pilot.output_mode
         if session.peer is None:
             return []
         self._encoder.system = session.encoder.system

@@ -338,7 +338,7 @@ def test_fleet_reports_do_not_change_replay(flown, tmp_path):
                     struct.pack(">Q", stamp)
                     + Encoder(*ids).encode(to_message(report(ids[0], stamp / 1e6)))
                 )
-    settings = without_timeouts(load_mission(flown / "mission.toml").pilot_settings())
+    settings = without_timeouts(load_mission(flown / "mission.toml"))
     done = [replay(Pilot(settings), tlog_steps(log, 191), ticking=True) for log in (plain, mixed)]
     assert done[1].frames > done[0].frames and done[0].setpoints
     assert done[0].sent == done[1].sent and done[0].ticks == done[1].ticks

@@ -116,7 +116,7 @@ def test_handback_stops_when_second_gps_has_fix(lost, fix, is_given):
 
 @pytest.mark.parametrize("how", ["the position is back", "a signal"])
 def test_handback_restores_stream_rates_at_its_end(monkeypatch, how):
-    beside = Beside(monkeypatch, Rig(exit="stop"))
+    beside = Beside(monkeypatch, Rig("exit.action=stop"))
     beside.steps(3.0)
     beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
     beside.steps(1.0)
@@ -133,7 +133,7 @@ def test_handback_restores_stream_rates_at_its_end(monkeypatch, how):
 
 
 def test_working_handback_raises_no_alarm_after_guidance(monkeypatch):
-    beside = Beside(monkeypatch, Rig(exit="stop"))
+    beside = Beside(monkeypatch, Rig("exit.action=stop"))
     beside.companion.reckoning.where = PositionEstimate(
         beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False
     )

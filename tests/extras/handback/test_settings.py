@@ -46,8 +46,6 @@ def test_handback_has_its_own_component_id(ours, component):
 def test_handback_starts_after_survey():
     flown = mission(*ON)
     with ExitStack() as open_things:
-        opened = open_onlookers(
-            flown, Pilot(flown.pilot_settings()), None, {"web": None}, open_things
-        )
+        opened = open_onlookers(flown, Pilot(flown), None, {"web": None}, open_things)
         names = [one.name for one in opened.attached if one.name in ("survey", "hand-back")]
         assert names == ["survey", "hand-back"]
