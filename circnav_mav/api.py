@@ -7,7 +7,6 @@ seconds of any clock.
 """
 
 from collections.abc import Iterable
-from itertools import chain
 from math import inf, isfinite, pi
 from typing import Any
 
@@ -127,8 +126,8 @@ class Guidance:
         """Add a report of own motion. Reports may have any rate. Without reports only range-only
         laws work. Return False, and ignore the report, if a value is not finite or the airspeed is
         0, which is unknown."""
-        vectors = (own.push or (), own.acceleration or (), own.drag or ())
-        if not _are_plausible((*own[:4], own.bank_turn or 0.0, *chain(*vectors))):
+        numbers = (*own[:4], own.bank_turn or 0.0, *(own.acceleration or ()))
+        if not _are_plausible(numbers):
             return False
         # Odometry without a twist reports 0 for every velocity. The estimator would take the whole
         # motion of the vehicle for drift.

@@ -4,11 +4,10 @@ Both limits are found in flight. A vehicle at its limit banks or leans less than
 requires, and keeps this smaller angle.
 """
 
-from cmath import rect
 from math import atan, exp, inf, pi, radians, remainder
 
-from circnav_mav.guidance.forgetting_fit import ForgettingFit
 from circnav_mav.guidance.types import GRAVITY, LONGEST_REPORT_GAP, OwnMotion
+from circnav_mav.timers import Hysteresis, LowPass
 
 SHORT = 0.95
 """A plane is limited if it turns less than this share of the commanded turn. A copter is limited if
@@ -89,23 +88,14 @@ class LeanLimit:
 
     A copter leans against the air that it flies through: at ground speed V against a wind W it
     needs the lean for V + W. If its autopilot allows less, the ground speed drops on the upwind
-    part of the circle. The heading does not show this.
+    part of the circle. The heading does not show this. The lean is at its limit if the copter leans
+    less than its velocity requires, keeps this lean steady, and has hardly leaned more before.
 
-        push = kappa v + b + v',   least squares of kappa and b (complex; earth frame)
-
-    push: horizontal acceleration by the lean. v: velocity that the copter should have. kappa: drag
-    (1/s); its imaginary part is a push fixed to the nose (a trimmed attitude). b: push of the wind.
-    The lean is at its limit if the copter leans less than the fit requires, keeps this lean steady,
-    and has hardly leaned more before.
-
-    found: push at the limit, m/s^2; inf while unknown.
+    short: True if the copter leans less than required now, and has hardly leaned more before.
+    found: push (horizontal acceleration by the lean) at the limit, m/s^2; inf while unknown.
     share: factor on the commanded speed. It is lowered each time that the lean is at its limit.
     """
 
-    MEMORY = 60.0
-    """Time constant of the least squares, s: more than a lap, to separate wind from drag."""
-    SMOOTHING = 1.0
-    """Time constant of the low-pass on the lean, s. The low-pass suppresses single gusts."""
     STEADY = radians(1.5)
     """Largest difference of a steady lean from its mean over a second, rad. PX4's estimate of the
     lean varies by 1 deg RMS within seconds."""
@@ -123,74 +113,40 @@ class LeanLimit:
     the lean that a reduction makes available."""
 
     def __init__(self) -> None:
+        self.short = False
         self.found = inf
         self.share = 1.0
-        self._fit = ForgettingFit(self.MEMORY)
-        self._time = inf
-        self._turned = 0.0
-        self._push = 0.0
-        self._required = 0.0
-        """Magnitudes of push and required push, smoothed, m/s^2."""
+        # 1.0: time constant of the low-pass on the push, s. The low-pass suppresses single gusts.
+        self._push = LowPass(1.0)
+        self._required = LowPass(1.0)
         self._most = 0.0
         """Largest smoothed lean so far, rad."""
-        self._steady_since = inf
-        self._lowered_at = -inf
+        self._steady = Hysteresis(raise_after=STEADY_FOR)
         self._stood: tuple[float, float] | None = None
-        """First steady lean, rad, and its time, s."""
+        """Steady lean, rad, and the time from which it is a limit, s."""
 
-    def follow(self, own: OwnMotion) -> None:
-        """Update with a report, while the copter follows its commands.
+    def update(self, now: float, step: float, push: float, required: float | None) -> None:
+        """Process a report, while the copter follows its commands.
 
-        own: motion with the velocity that the copter should have.
+        step: time since the report before, s.
+        push: flown, m/s^2.
+        required: push that the velocity requires, m/s^2; None while it is unknown.
         """
-        if own.push is None:
-            return
-        push = complex(*own.push)
-        step = own.time - self._time
-        self._time = own.time
-        if not 0 < step <= LONGEST_REPORT_GAP:
-            self._steady_since = inf
-            self._push = abs(push)
-            self._required = abs(push)
-            return
-        v = rect(own.airspeed, own.heading)
-        turn = 1j * own.turn_rate * v
-        keep = exp(-step / self.SMOOTHING)
-        self._push = abs(push) + keep * (self._push - abs(push))
-        required = abs(self._straight_push(v) + turn)
-        self._required = required + keep * (self._required - required)
-        # Before a full turn the fit cannot separate drag from wind.
-        short = self._turned >= 2 * pi and self._push < SHORT * self._required
-        lean = atan(self._push / GRAVITY)
-        is_steady = abs(atan(abs(push) / GRAVITY) - lean) < self.STEADY
-        if not (short and is_steady and lean > self.NEAR_MOST * self._most):
-            self._steady_since = inf
-        else:
-            self._steady_since = min(self._steady_since, own.time)
-        self._turned += abs(own.turn_rate) * step
+        smooth = self._push.update(push, step)
+        lean = atan(smooth / GRAVITY)
         self._most = max(self._most, lean)
-        if not short:  # a limited push does not show drag and wind
-            self._fit.add(v, push - turn, step, step)
-        self._judge(own.time, lean)
-
-    def _judge(self, now: float, lean: float) -> None:
-        """Lower the speed if the lean stays at its limit."""
-        if now - self._steady_since < STEADY_FOR or now - self._lowered_at < self.EVERY:
+        if required is None:
+            return
+        misses = smooth < SHORT * self._required.update(required, step)
+        self.short = misses and lean > self.NEAR_MOST * self._most
+        is_steady = abs(atan(push / GRAVITY) - lean) < self.STEADY
+        if not self._steady.update(self.short and is_steady, now):
             return
         # In gusts a lean may be steady once by chance. At a limit the lean stays steady, or becomes
         # steady again at the same angle.
         if self._stood is None or abs(lean - self._stood[0]) > self.STEADY:
-            self._stood = (lean, now)
-        elif now - self._stood[1] >= self.AGAIN:
-            self.found = self._push
+            self._stood = (lean, now + self.AGAIN)
+        elif now >= self._stood[1]:
+            self.found = smooth
             self.share = max(self.LOWERED * self.share, 0.5)
-            self._lowered_at = now
-
-    def _straight_push(self, v: complex) -> complex:
-        """Return the push that the fit requires at a velocity in straight flight, m/s^2."""
-        fit = self._fit
-        if fit.n == 0:
-            return 0j
-        # The prior, a drag of 0 with a weight of 1 m^2/s, keeps the fit defined on a straight path.
-        kappa = fit.product() / (fit.spread() + 1.0)
-        return complex(fit.y / fit.n + kappa * (v - fit.x / fit.n))
+            self._stood = (lean, now + self.EVERY)

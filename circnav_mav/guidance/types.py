@@ -89,10 +89,7 @@ class OwnMotion(NamedTuple):
     airspeed: as measured, m/s.
     bank_turn: turn rate of the coordinated turn at this bank, rad/s; None for vehicles that do not
         bank to turn.
-    push: horizontal acceleration (x, y) by the tilt of the thrust, m/s^2, or None.
     acceleration: integrated accelerometer measurement, or None.
-    drag: specific force (forward, left) by the drag of a copter, m/s^2, along its horizontal axes,
-        or None. The thrust is not included.
     """
 
     time: float
@@ -100,9 +97,7 @@ class OwnMotion(NamedTuple):
     turn_rate: float
     airspeed: float
     bank_turn: float | None = None
-    push: tuple[float, float] | None = None
     acceleration: IntegratedAcceleration | None = None
-    drag: tuple[float, float] | None = None
 
 
 class RelativeMotion(NamedTuple):

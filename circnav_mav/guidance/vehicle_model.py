@@ -11,7 +11,7 @@ from math import exp, inf, pi, remainder
 from typing import Any, NamedTuple
 
 from circnav_mav.guidance.forgetting_fit import ForgettingFit
-from circnav_mav.guidance.limits import BankLimit, LeanLimit
+from circnav_mav.guidance.limits import BankLimit
 from circnav_mav.guidance.obedience import BEGINS, LimitCycle, Obedience
 from circnav_mav.guidance.turn_response import (
     CandidateTurns,
@@ -138,7 +138,7 @@ class VehicleModel:
     command_gain: flown over commanded turn rate.
     bank_gain: flown turn rate over the coordinated turn rate of the bank; None until a commanded
         vehicle has reported a bank.
-    bank_limit, lean_limit: limits of the autopilot, as found in flight.
+    bank_limit: bank limit of the autopilot, as found in flight.
     obedience: verdict whether the vehicle follows turn commands.
     limit_cycle: detection of limit cycles, and the factor on the law's gains.
     """
@@ -156,7 +156,6 @@ class VehicleModel:
         self.command_gain = TurnGain(gain or 1.0)
         self.bank_gain: TurnGain | None = None
         self.bank_limit = BankLimit()
-        self.lean_limit = LeanLimit()
         self.obedience = Obedience()
         self.limit_cycle = LimitCycle(limit)
         self._learner = ResponseLearner(lag)
@@ -289,8 +288,6 @@ class VehicleModel:
         self.command_gain.learn(own.time, own.heading, self._commanded, lag)
         if self.bank_gain is not None and own.bank_turn is not None:
             self.bank_limit.follow(own, self.command_gain.command, self.bank_gain.command)
-        if self.at_speed:
-            self.lean_limit.follow(own)
 
     def _watch(self, own: OwnMotion) -> None:
         """Discard recent learning if the vehicle turned out unresponsive: if the uplink is dead,

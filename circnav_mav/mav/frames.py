@@ -33,16 +33,14 @@ def heading_enu_from_yaw_ned(yaw: float) -> float:
     return pi - (pi / 2 + yaw) % (2 * pi)
 
 
-def push_from_tilt(roll: float, pitch: float, psi: float) -> tuple[float, float]:
-    """Return the horizontal acceleration (m/s^2; x, y in the paper's frame) of a thrust that
+def push_from_tilt(roll: float, pitch: float) -> complex:
+    """Return the horizontal acceleration (forward + j left of the nose, m/s^2) of a thrust that
     balances the weight.
 
     roll: right positive, rad.
     pitch: nose up positive, rad.
-    psi: direction of the nose in the paper's frame, rad.
     """
-    forward, right = -GRAVITY * tan(pitch), GRAVITY * tan(roll) / cos(pitch)
-    return vector_from_level(forward, right, psi)
+    return complex(-GRAVITY * tan(pitch), -GRAVITY * tan(roll) / cos(pitch))
 
 
 def level_from_body(
@@ -59,15 +57,15 @@ def level_from_body(
     ) * z
 
 
-def drag_from_body(force: tuple[float, float], roll: float, pitch: float) -> tuple[float, float]:
-    """Return the horizontal drag (forward, left of the nose, m/s^2) of a multicopter.
+def drag_from_body(force: tuple[float, float], roll: float, pitch: float) -> complex:
+    """Return the horizontal drag (forward + j left of the nose, m/s^2) of a multicopter.
 
     force: specific force along the body's forward and right axes, m/s^2, which contains no thrust.
     roll, pitch: rad.
     """
     forward = force[0] / cos(pitch)
     right = (force[1] - sin(roll) * sin(pitch) * forward) / cos(roll)
-    return forward, -right
+    return complex(forward, -right)
 
 
 def pitch_from_push(push: float) -> float:

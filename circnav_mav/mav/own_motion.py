@@ -295,7 +295,7 @@ class OwnMotionSensor:
         """Return the motion in guidance's frame, or None without an attitude.
 
         airspeed: true airspeed, m/s, measured or commanded. banks: True for a vehicle that banks to
-        turn. False: the tilt of the vehicle accelerates it.
+        turn.
         """
         body = self._attitude(now)
         if body is None:
@@ -309,13 +309,20 @@ class OwnMotionSensor:
             airspeed,
             acceleration=self.accelerations.acceleration,
         )
-        roll, pitch = (min(max(angle, -MOST_TILT), MOST_TILT) for angle in (body.roll, body.pitch))
         if banks:
+            roll, _ = _tilt(body)
             turn = turn_rate_from_yaw_rate(YawRate(GRAVITY * tan(roll) / max(airspeed, 1.0)))
             return own._replace(bank_turn=turn)
+        return own
+
+    def forces(self, now: float) -> tuple[complex, complex | None]:
+        """Return the horizontal acceleration by the tilt of a copter's thrust, and the specific
+        force by its drag, or None if it is not measured: forward + j left, m/s^2."""
+        body = self._attitude(now)
+        roll, pitch = (0.0, 0.0) if body is None else _tilt(body)
         force = self.accelerations.across_thrust(now)
         drag = None if force is None else drag_from_body(force, roll, pitch)
-        return own._replace(push=push_from_tilt(roll, pitch, psi), drag=drag)
+        return push_from_tilt(roll, pitch), drag
 
     def at(self, now: float) -> Motion:
         """Return the motion at this time, stale values as None."""
@@ -334,6 +341,11 @@ class OwnMotionSensor:
         interval = (self._received[-1] - self._received[0]) / (FEWEST - 1)
         oldest = max(1.6 * interval, ATTITUDE_MAX_AGE) if interval < 1.3 else ATTITUDE_MAX_AGE
         return self._body if now - self._attitude_at <= oldest else None
+
+
+def _tilt(body: Attitude) -> tuple[float, float]:
+    """Return roll and pitch for calculations, rad."""
+    return min(max(body.roll, -MOST_TILT), MOST_TILT), min(max(body.pitch, -MOST_TILT), MOST_TILT)
 
 
 def _angles(message: Message) -> tuple[float, float, float] | None:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, radians, tan
 
-from circnav_mav.guidance.air_drag import SCALE_BOUNDS, SCALE_SIGMA, coefficient_at
 from circnav_mav.guidance.circle_change import CircleLimits
+from circnav_mav.guidance.copter_air import SCALE_BOUNDS, SCALE_SIGMA, coefficient_at
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS

@@ -3,9 +3,8 @@ turn response."""
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.guidance.air_drag import AirVelocity, MeanWind, ScaleFit
+from circnav_mav.guidance.copter_air import CopterAir
 from circnav_mav.guidance.types import OwnMotion
-from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.own_motion import ACCELERATIONS
@@ -24,8 +23,6 @@ class AirPath:
 
     own: newest motion through the air, or None before an attitude was received.
     implausible_airspeed: measured airspeed (m/s) that is ignored, or None while it is plausible.
-    scale_fit, wind: ratio of the true airspeed to the airspeed measured by the accelerometer, and
-    wind. Both are learned while a copter holds its speed over the ground.
     """
 
     reads = READ | {"GLOBAL_POSITION_INT", "ATTITUDE", "ATTITUDE_QUATERNION", *ACCELERATIONS}
@@ -46,13 +43,9 @@ class AirPath:
         self._flies = flies
         self._tracker = tracker
         self._controller = controller
-        self._copter_motion = CopterMotion()
         self._other_imus_requested = False
         self.own: OwnMotion | None = None
         self.implausible_airspeed: float | None = None
-        self.air = AirVelocity()
-        self.scale_fit = ScaleFit()
-        self.wind = MeanWind()
 
     def receive(self, message: Message, now: float) -> None:
         """Process a message of the vehicle. Update the height and, if the message is an attitude,
@@ -69,32 +62,14 @@ class AirPath:
             self._tracker.height.receive(message, motion.at(now), now)
         if not is_attitude:
             return
-        own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
-        if own is None or nose is None:
+        nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
+        if nose is None:
             return
-        if not adapter.flies:  # a rover tilts with the ground: its tilt shows no acceleration
-            own = own._replace(push=None)
-        if own.drag is not None:
-            self.air = self.air.follow(own, controller.drag_coefficient)
-        if adapter.airspeed_from_drag:
-            own = self._through_air(own, steering=steering)
-        elif own.drag is not None:
-            self.scale_fit.follow(own, self.air)
-            if steering and controller.vehicle.at_speed:
-                self.wind = self.wind.follow(own, self.air, self.scale_fit.scale)
-        # ArduPilot's copters and rovers hold the commanded speed over ground. Their measured
-        # accelerations are not used: they contain the lag of the velocity behind the nose. Guidance
-        # would compensate this lag as drift, which made the emulated copter oscillate until its
-        # gains were lowered. For PX4's copter, the model of its velocity loop (below) computes the
-        # lag.
+        own = nose if adapter.air is None else self._by_air(adapter.air, nose, now)
         holds_ground_speed = not adapter.measures_airspeed and not adapter.airspeed_from_drag
-        if holds_ground_speed and adapter.velocity_loop is None:
+        if adapter.air is None and holds_ground_speed:
+            # A rover drives along its nose: its acceleration shows no wind.
             own = own._replace(acceleration=None)
-        if adapter.velocity_loop is not None and steering:
-            own = self._copter_motion.follow(own, adapter.velocity_loop)
-            controller.drag = self._copter_motion.drag
-        else:
-            self._copter_motion.stop()
         self.own = own
         controller.vehicle.on_motion(own, nose)
         # A vehicle without an airspeed sensor has the commanded airspeed while it follows its
@@ -103,6 +78,16 @@ class AirPath:
         follows = controller.vehicle.at_speed if self._flies else controller.vehicle.followed
         if not holds_ground_speed or (steering and follows):
             self._tracker.estimator.move(own)
+
+    def _by_air(self, air: CopterAir, nose: OwnMotion, now: float) -> OwnMotion:
+        """Return the motion of a copter along its path."""
+        push, force = self._session.motion.forces(now)
+        steering = self._mission.steering
+        if self._session.adapter.airspeed_from_drag:
+            scale = self._tracker.trusted_scale
+            return air.through_air(nose, force, steering=steering, scale=scale)
+        settled = self._controller.vehicle.at_speed
+        return air.over_ground(nose, push, force, steering=steering, settled=settled)
 
     def _request_other_imus(self) -> None:
         """Request the other IMUs once, without a check that they arrive: the vehicle may have
@@ -113,16 +98,6 @@ class AirPath:
             interval = Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (ident, 1e6 / 25))
             self._session.commands.send(interval)
 
-    def _through_air(self, own: OwnMotion, *, steering: bool) -> OwnMotion:
-        """Return the motion of a copter flown by attitude, as the accelerometer measures it, and
-        update the controller that holds its airspeed."""
-        controller = self._controller
-        if own.drag is not None and steering:
-            controller.airspeed_hold.follow(self.air, controller.speed, self._tracker.trusted_scale)
-        # The tilt balances the drag, so it is no evidence of a lean limit.
-        own = own._replace(push=None)
-        return own if own.drag is None else self.air.motion(own)
-
     def _airspeed(self, now: float) -> float:
         """Return the true airspeed, m/s: the measured airspeed if a plausible one is available,
         else the commanded speed."""
@@ -131,4 +106,6 @@ class AirPath:
         measured = motion.airspeed if adapter.measures_airspeed else None
         used = adapter.airspeed(measured)
         self.implausible_airspeed = measured if measured != used else None
-        return motion.true_airspeed(used) if adapter.measures_airspeed else self._controller.speed
+        if adapter.measures_airspeed:
+            return motion.true_airspeed(used)
+        return self._controller.speed(self._session)

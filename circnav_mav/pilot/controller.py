@@ -7,7 +7,6 @@ from math import ceil, tan
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.guidance.air_drag import AirspeedHold
 from circnav_mav.guidance.circle_change import (
     MIN_INTERVAL,
     SPEED_SHARE,
@@ -16,7 +15,6 @@ from circnav_mav.guidance.circle_change import (
 )
 from circnav_mav.guidance.closed_loop import ClosedLoop
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.limits import LeanLimit
 from circnav_mav.guidance.types import GRAVITY, SAME_TIME, Orbit, RangeEstimate, TurnCommand
 from circnav_mav.guidance.vehicle_model import VehicleModel
 from circnav_mav.mav.autopilots.interface import SetpointContext
@@ -80,11 +78,6 @@ class Controller:
         """Airspeed that the autopilot was last commanded to hold, m/s."""
         self._wind = 0.0
         """Newest trusted drift, m/s."""
-        self.drag = 0.0
-        """Drag coefficient of a copter, 1/s, measured in flight."""
-        self.drag_coefficient = facts.drag
-        """Coefficient of `air_drag` from the mission, 1/s."""
-        self.airspeed_hold = AirspeedHold(facts.drag)
 
     @property
     def orbit(self) -> Orbit:
@@ -96,10 +89,9 @@ class Controller:
         """Name of the law: from the mission, or changed by the operator."""
         return self._tuning.law
 
-    @property
-    def speed(self) -> float:
-        """Speed to command, m/s: V, reduced by the lean limit of a copter."""
-        return self.orbit.speed * self.vehicle.lean_limit.share
+    def speed(self, session: Session) -> float:
+        """Return the speed to command, m/s: V, reduced by the lean limit of a copter."""
+        return self.orbit.speed * session.adapter.speed_share
 
     def command(
         self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None, now: float
@@ -171,7 +163,7 @@ class Controller:
     ) -> tuple[Message, YawRate]:
         """Return the setpoint message for a command, and its yaw rate. Raises
         UnsafeSetpointError."""
-        wanted = Steer(yaw_rate_from_turn_rate(command.turn_rate), self.speed)
+        wanted = Steer(yaw_rate_from_turn_rate(command.turn_rate), self.speed(session))
         steer = self._guard.admit(wanted, now)
         state = self._state(session, now, engaged=True)
         message = self._guard.check_message(
@@ -183,12 +175,13 @@ class Controller:
     def _command_airspeed(self, session: Session) -> None:
         """Queue the command for a new airspeed, if the autopilot holds the airspeed by such a
         command. A newer command replaces an older command without an answer."""
-        if self.speed == self._airspeed:
+        speed = self.speed(session)
+        if speed == self._airspeed:
             return
-        self._airspeed = self.speed
+        self._airspeed = speed
         if (number := session.adapter.airspeed_command) is not None:
             session.commands.drop(number)
-            session.commands.send(Command(number, (dialect.SPEED_TYPE_AIRSPEED, self.speed)))
+            session.commands.send(Command(number, (dialect.SPEED_TYPE_AIRSPEED, speed)))
 
     def commanded(self, sent: YawRate, now: float) -> None:
         """Record a yaw rate that was sent, to compare the vehicle's turn with it."""
@@ -204,17 +197,11 @@ class Controller:
             session.adapter.safe_setpoint(state, now), session.adapter.shapes
         )
 
-    def hold_airspeed(self, scale: float) -> None:
-        """Hold the airspeed from now on. Before, the autopilot held the speed over the ground."""
-        self.airspeed_hold.reset(scale)
-        self.vehicle.lean_limit = LeanLimit()
-
     def disengage(self) -> None:
         """End the stream of setpoints. The next setpoint starts a new stream, at a new height."""
         self._loop.reset()
         self._height = None
         self._airspeed = self._settings.orbit.speed  # a mode change restores this airspeed
-        self.airspeed_hold.reset(self.airspeed_hold.scale)
 
     def _state(self, session: Session, now: float, *, engaged: bool) -> SetpointContext:
         """Return the context of a setpoint for the adapter. The height to hold is the altitude at
@@ -222,7 +209,4 @@ class Controller:
         motion = session.motion.at(now)
         if engaged and self._height is None:
             self._height = motion.altitude
-        push = self.airspeed_hold.push(self.speed)
-        return SetpointContext(
-            *session.vehicle_ids, motion=motion, height=self._height, drag=self.drag, push=push
-        )
+        return SetpointContext(*session.vehicle_ids, motion=motion, height=self._height)

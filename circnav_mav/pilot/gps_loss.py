@@ -111,18 +111,18 @@ class GpsLoss:
         return ""
 
     def _change(self, adapter: Autopilot, now: float) -> None:
-        """Steer by another method from now on. Target, wind and airspeed scale are kept."""
+        """Steer by another method from now on. Target, wind and drag are kept."""
         self.changed_at = now
-        fit = self.path.scale_fit
-        wind = self.path.wind
+        air = self._session.adapter.air
+        assert air is not None
+        air.lose_ground_speed()
+        adapter.air = air
         self._session.change_method(adapter)
-        self._controller.hold_airspeed(fit.scale)
         self._tracker.estimator.fly_through_air(
             MethodChange(
-                (wind.x, wind.y),
-                wind.sigma,
-                fit.scale,
-                fit.sigma,
+                (air.wind.real, air.wind.imag),
+                air.wind_sigma,
+                air.scale_sigma,
                 self._settings.estimation_by_drag,
             )
         )

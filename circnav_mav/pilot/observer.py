@@ -89,6 +89,7 @@ class Observer:
         link_age = session.heartbeat_age(now)
         motion = session.motion.at(now)
         model = controller.vehicle
+        air = session.adapter.air
         relative = estimate.relative or UNKNOWN
         where = relative if relative.trusted else UNKNOWN
         vehicle = session.adapter.name if session.up else "no vehicle yet"
@@ -176,9 +177,9 @@ class Observer:
             flown_law=law,
             why=why,
             follows=model.obedience.follows,
-            speed=controller.speed,
-            lean_share=model.lean_limit.share,
-            lean_limit=atan(model.lean_limit.found / GRAVITY),
+            speed=controller.speed(session),
+            lean_share=session.adapter.speed_share,
+            lean_limit=0.0 if air is None else atan(air.lean.found / GRAVITY),
             bank_limit=atan(lateral / GRAVITY) if lateral < inf else None,
         )
         self.records.append(self.view)

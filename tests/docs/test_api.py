@@ -188,9 +188,7 @@ NO_MOTION = (
     *({name: nan} for name in ("time", "heading", "turn_rate", "airspeed", "bank_turn")),
     {"airspeed": 1e200},
     {"airspeed": 0.0},
-    {"push": (nan, 0.0)},
     {"acceleration": IntegratedAcceleration(nan, 0.0, 0.0)},
-    {"drag": (0.0, inf)},
 )
 
 

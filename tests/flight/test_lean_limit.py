@@ -32,7 +32,7 @@ def test_copter_lowers_speed_when_lean_limit_is_found(mission, overrides, lean, 
     assert any(alarm.startswith(text) for alarm in alarms)
     end = last_third(flown)
     speeds = [truth.ground_speed for truth in end]
-    assert speed[0] < flown.pilot.controller.speed < speed[1]
+    assert speed[0] < flown.pilot.view.speed < speed[1]
     assert max(speeds) - min(speeds) < 2.0
     assert rms_error(end, flown.pilot.settings.orbit.radius) < most
     assert unrest(flown) < 5.0

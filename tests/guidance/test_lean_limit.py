@@ -7,7 +7,7 @@ from math import atan, degrees, pi, radians, tan
 import numpy as np
 import pytest
 
-from circnav_mav.guidance.limits import LeanLimit
+from circnav_mav.guidance.copter_air import CopterAir
 from circnav_mav.guidance.types import GRAVITY, OwnMotion
 
 V = 5.0
@@ -21,7 +21,8 @@ def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0, lag=0.0):
     s."""
     rng = np.random.default_rng(2)
     limit = GRAVITY * tan(radians(limit_deg))
-    lean = LeanLimit()
+    air = CopterAir(0.25, V)
+    lean = air.lean
     gusts = 0j
     flown = 0j
     for i in range(round(laps * 2 * pi / TURN / 0.05)):
@@ -36,8 +37,8 @@ def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0, lag=0.0):
         )
         push = rect(min(abs(push), limit), phase(push))
         flown = push if lag == 0 else flown + (push - flown) * 0.05 / lag
-        own = OwnMotion(0.05 * i, heading, TURN, V * lean.share, push=(flown.real, flown.imag))
-        lean.follow(own)
+        own = OwnMotion(0.05 * i, heading, TURN, V * lean.share)
+        air.over_ground(own, flown * nose.conjugate(), None, steering=True, settled=True)
     return lean
 
 

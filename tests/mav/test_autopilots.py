@@ -10,12 +10,12 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.types import Direction, TurnRate
-from circnav_mav.mav.autopilots.interface import SetpointContext, VehicleFacts, turn_in
+from circnav_mav.mav.autopilots.interface import SetpointContext, VehicleFacts, tilt, turn_in
 from circnav_mav.mav.autopilots.parameters import Context
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mav.codec import Encoder
-from circnav_mav.mav.frames import yaw_rate_from_turn_rate
+from circnav_mav.mav.frames import euler_from_quaternion, yaw_rate_from_turn_rate
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
 from tests.rig import Rig, Voice, decode, heartbeat, x25
@@ -25,7 +25,8 @@ VEHICLE_IDS = (7, 1)
 # airspeed, m/s; turn rate, rad/s, positive to the left
 SPEED = 10.0
 TURN = 0.2
-FACTS = VehicleFacts(speed=SPEED, max_bank=0.7)
+FACTS = VehicleFacts(speed=SPEED, max_bank=0.7, drag=0.08)
+"""With a drag coefficient of 0.08/s, 10 m/s require a push of 1.8 m/s^2."""
 FULL_STICK = radians(50)
 AT = 12.345
 LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=0.0, climb=0.5)
@@ -104,7 +105,7 @@ def at_airspeed(airspeed: float | None) -> SetpointContext:
 def test_copter_and_rover_setpoints_match_frames_built_by_hand(side: str) -> None:
     """The masks ignore position (bits 0 to 2) and yaw (bit 10), for the rover also acceleration
     (bits 6 to 8). The acceleration V w is 2 m/s^2 to the right. PX4 is 1 m too high and descends at
-    0.5/s times 1 m. PX4 gets 1.2 V w to the right and, for a drag of 0.3/s at 10 m/s, 3 m/s^2
+    0.5/s times 1 m. PX4 gets 1.2 V w to the right and, for a drag of 0.18/s at 10 m/s, 1.8 m/s^2
     forward."""
     turn_rate, sense = SIDES[side]
     rate = 0.2 * sense if sense else -0.0
@@ -112,8 +113,8 @@ def test_copter_and_rover_setpoints_match_frames_built_by_hand(side: str) -> Non
     copter = velocity_frame(0x407, **turn, down=0.0, right=10.0 * rate)
     assert sent(("ardupilot", "copter"), turn_rate) == copter
     assert sent(("ardupilot", "rover"), turn_rate) == velocity_frame(0x5C7, **turn, down=0.0)
-    px4 = velocity_frame(0x407, **turn, down=0.5, ahead=3.0, right=1.2 * 10.0 * 0.2 * sense)
-    assert sent(("px4", "copter"), turn_rate, STATE._replace(drag=0.3)) == px4
+    px4 = velocity_frame(0x407, **turn, down=0.5, ahead=1.8, right=1.2 * 10.0 * 0.2 * sense)
+    assert sent(("px4", "copter"), turn_rate) == px4
 
 
 def test_leaning_px4_copter_gets_level_acceleration() -> None:
@@ -121,11 +122,11 @@ def test_leaning_px4_copter_gets_level_acceleration() -> None:
     must be level after this rotation."""
     roll = 0.2
     pitch = -0.45
-    leaning = STATE._replace(drag=0.3, motion=STATE.motion._replace(roll=roll, pitch=pitch))
+    leaning = STATE._replace(motion=STATE.motion._replace(roll=roll, pitch=pitch))
     fed = struct.unpack_from("<3f", sent(("px4", "copter"), -0.2, leaning), 10 + 4 + 6 * 4)
     by_roll = np.array([[1, 0, 0], [0, cos(roll), -sin(roll)], [0, sin(roll), cos(roll)]])
     by_pitch = np.array([[cos(pitch), 0, sin(pitch)], [0, 1, 0], [-sin(pitch), 0, cos(pitch)]])
-    assert by_pitch @ by_roll @ fed == pytest.approx([3.0, 2.4, 0.0], abs=1e-6)
+    assert by_pitch @ by_roll @ fed == pytest.approx([1.8, 2.4, 0.0], abs=1e-6)
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -163,27 +164,24 @@ def test_copter_attitude_leans_forward_and_into_its_turn(side: str) -> None:
     the target is the yaw rate times 0.1 s farther."""
     turn_rate, sense = SIDES[side]
     adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
-    state = STATE._replace(push=(1.8, 0.0))
     steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn_rate)), SPEED)
     pitch = -atan(1.8 / 9.80665)
     # The thrust balances the weight: roll = atan(a cos(pitch)/g).
     lean = {"roll": atan(tan(BANK) * cos(pitch)) * sense, "pitch": pitch}
     encoder = Encoder(*US)
-    assert_alike(encoder.encode(adapter.setpoint(steer, state, AT)), yawed_frame(**lean, yaw=1.0))
-    later = adapter.setpoint(steer, state, AT + 0.1)
+    assert_alike(encoder.encode(adapter.setpoint(steer, STATE, AT)), yawed_frame(**lean, yaw=1.0))
+    later = adapter.setpoint(steer, STATE, AT + 0.1)
     later.time_boot_ms = 12345
     assert_alike(Encoder(*US).encode(later), yawed_frame(**lean, yaw=1.0 + 0.1 * TURN * sense))
 
 
-@pytest.mark.parametrize("push", [(9.0, 0.0), (6.0, -9.0), (-9.0, -9.0)])
-def test_copter_attitude_limits_total_tilt(push: tuple[float, float]) -> None:
+@pytest.mark.parametrize("push", [9.0, 6 - 9j, -9 - 9j])
+def test_copter_attitude_limits_total_tilt(push: complex) -> None:
     """Roll and pitch of 25 deg each are a tilt of 34.8 deg, at which a copter sinks."""
-    adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
     steer = Steer(yaw_rate_from_turn_rate(TurnRate(-0.3)), SPEED)
-    message = adapter.setpoint(steer, STATE._replace(push=push), AT)
-    w, x, y, z = message.q
-    up = w**2 - x**2 - y**2 + z**2  # cosine between body and world z axes
-    assert acos(up) == pytest.approx(FACTS.max_bank, abs=1e-6)
+    roll, pitch = tilt(steer, push, FACTS.max_bank)
+    # The product is the cosine between body and world z axes.
+    assert acos(cos(roll) * cos(pitch)) == pytest.approx(FACTS.max_bank, abs=1e-6)
 
 
 def test_copter_attitude_limits_lead_of_yaw_target() -> None:
@@ -193,13 +191,12 @@ def test_copter_attitude_limits_lead_of_yaw_target() -> None:
         message = adapter.setpoint(
             Steer(yaw_rate_from_turn_rate(TurnRate(-0.5)), SPEED), STATE, AT + tick / 20
         )
-    w, _, _, z = message.q
-    assert 2 * atan(z / w) == pytest.approx(1.0 + radians(20), abs=0.02)
+    assert euler_from_quaternion(message.q)[2] == pytest.approx(1.0 + radians(20), abs=0.02)
 
 
 def test_copter_attitude_safe_setpoint_is_level() -> None:
     adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
-    level = adapter.safe_setpoint(STATE._replace(push=(1.8, 0.3)), AT)
+    level = adapter.safe_setpoint(STATE, AT)
     assert_alike(Encoder(*US).encode(level), yawed_frame(roll=0.0, pitch=0.0, yaw=1.0))
 
 
@@ -211,7 +208,7 @@ def test_px4_copter_stick_deflections_match_calculation(side: str) -> None:
     turn_rate, sense = SIDES[side]
     adapter = AUTOPILOTS["px4", "copter stick"](FACTS)
     steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn_rate)), SPEED)
-    sent_sticks = adapter.setpoint(steer, STATE._replace(push=(1.8, 0.0)), AT)
+    sent_sticks = adapter.setpoint(steer, STATE, AT)
     expected = (262, 291 * sense, 500, 264 * sense)
     assert (sent_sticks.x, sent_sticks.y, sent_sticks.z, sent_sticks.r) == expected
 
@@ -393,5 +390,8 @@ def test_turn_in_setpoint_equals_commanded_turn(key: tuple[str, str]) -> None:
         steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn)), SPEED)
         setpoint = adapter.setpoint(steer, STATE, AT)
         kind = setpoint.get_msgId()
-        expected = atan(-turn * SPEED / 9.80665) if kind == 82 else -turn
+        bank = -turn * SPEED / 9.80665
+        if key == ("ardupilot", "copter attitude"):
+            bank *= cos(atan(1.8 / 9.80665))  # the pitch reduces the lift, too
+        expected = atan(bank) if kind == 82 else -turn
         assert turn_in(setpoint) == pytest.approx(expected, abs=1e-6)

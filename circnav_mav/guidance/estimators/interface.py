@@ -49,14 +49,12 @@ class MethodChange:
 
     wind: velocity of the air over the ground, x and y, m/s.
     wind_sigma: standard deviation of each component of the wind, m/s.
-    scale: true over measured airspeed from now on.
-    scale_sigma: standard deviation of `scale`.
+    scale_sigma: standard deviation of the airspeed scale, which is 1 from now on.
     settings: estimator settings from now on.
     """
 
     wind: tuple[float, float]
     wind_sigma: float
-    scale: float
     scale_sigma: float
     settings: EstimatorSettings
 

@@ -78,7 +78,7 @@ class DriftEstimator(Estimator):
         self._settings = change.settings
         x, y = change.wind
         drift_sigma = hypot(change.wind_sigma, REMEMBERED * change.settings.speed)
-        known = Prior(drift_sigma, change.scale_sigma, x, y, change.scale)
+        known = Prior(drift_sigma, change.scale_sigma, x, y)
         self.filter = self.filter.fly_through_air(change, known)
         self._lately = self._before = None
         if self.filter.tracker is None:

@@ -124,7 +124,7 @@ class Tracker:
         covariance = self.estimate.covariance.copy()
         mean[ekf.DX] += change.wind[0]
         mean[ekf.DY] += change.wind[1]
-        mean[KAPPA] = change.scale
+        mean[KAPPA] = 1.0
         covariance[ekf.DX, ekf.DX] += change.wind_sigma**2
         covariance[ekf.DY, ekf.DY] += change.wind_sigma**2
         bias = change.settings.acceleration_bias

@@ -14,9 +14,8 @@ from circnav_mav.mav.autopilots.ardupilot import (
     gcs_failsafe,
 )
 from circnav_mav.mav.autopilots.interface import (
-    COPTER_TYPES,
     FOLLOWED,
-    Autopilot,
+    Copter,
     SetpointContext,
     VehicleFacts,
     attitude,
@@ -165,7 +164,7 @@ def _tilt_limit(degrees_: float, context: Context) -> Verdict:
     return PASS, f"the copter may tilt {degrees_:g} deg, the mission needs {context.max_bank_deg:g}"
 
 
-class ArduCopterAttitude(Autopilot):
+class ArduCopterAttitude(Copter):
     """GUIDED_NOGPS (20): attitude, for flights without any position. The autopilot holds the
     height.
 
@@ -182,7 +181,6 @@ class ArduCopterAttitude(Autopilot):
     firmware = ARDUPILOT
     name = "ardupilot copter without GPS"
     bundled = ("arducopter_nogps", "arducopter")
-    vehicle_types = COPTER_TYPES
     guided_mode = 20
     mode_names = MODE_NAMES
     exits = MappingProxyType({"hold": 2, "land": 9})
@@ -224,7 +222,7 @@ class ArduCopterAttitude(Autopilot):
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the attitude that turns in coordination and holds the airspeed. The yaw target
         moves at the commanded yaw rate."""
-        roll, pitch = tilt(steer, to.push, self._facts.max_bank)
+        roll, pitch = tilt(steer, self.air.push(steer.speed), self._facts.max_bank)
         return attitude(
             self.MASK, to, now, roll=roll, pitch=pitch, yaw=self._turned(steer, to, now), thrust=0.5
         )
@@ -247,7 +245,7 @@ class ArduCopterAttitude(Autopilot):
         return self._yaw
 
 
-class ArduCopter(Autopilot):
+class ArduCopter(Copter):
     """GUIDED (4): body velocity, lateral acceleration feed-forward and yaw rate. Needs a velocity
     estimate (GPS, flow).
 
@@ -265,7 +263,6 @@ class ArduCopter(Autopilot):
     firmware = ARDUPILOT
     name = "ardupilot copter"
     bundled = ("arducopter",)
-    vehicle_types = COPTER_TYPES
     guided_mode = 4
     mode_names = MODE_NAMES
     exits = MappingProxyType({"loiter": 5, "rtl": 6, "land": 9, "brake": 17, "hold": 2})

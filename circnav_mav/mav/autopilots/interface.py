@@ -9,6 +9,7 @@ from typing import ClassVar, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.guidance.copter_air import CopterAir
 from circnav_mav.guidance.types import GRAVITY
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.parameters import Name, Rule
@@ -57,7 +58,7 @@ class VehicleFacts:
 
     speed: V, m/s.
     max_bank: rad, for vehicles that turn by banking, and for copters flown by attitude.
-    drag: coefficient of `guidance.air_drag`, 1/s, for copters flown by attitude.
+    drag: coefficient of `guidance.copter_air`, 1/s.
     tilts_by_stick: True for a copter flown by the sticks.
     """
 
@@ -84,17 +85,12 @@ class SetpointContext(NamedTuple):
     motion: the vehicle's own motion.
     height: altitude to hold, m above sea level; None if the altitude is unknown or the vehicle
         holds its own.
-    drag: learned drag coefficient of a copter, 1/s.
-    push: acceleration by the thrust, forward and to the left, that holds the airspeed of a copter
-        flown by attitude, m/s^2.
     """
 
     target_system: int
     target_component: int
     motion: Motion
     height: float | None
-    drag: float = 0.0
-    push: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,9 +176,6 @@ class Autopilot(ABC):
     ground_speed_sigma: ClassVar[float | None] = None
     """Standard deviation of the ground speed, as a share of the commanded speed. None if the
     vehicle drifts with the wind."""
-    velocity_loop: ClassVar[VelocityLoop | None] = None
-    """Gains of the autopilot's velocity loop, from which circnav computes the lag of the velocity.
-    None if the vehicle flies along its nose."""
     least_turn_gain: ClassVar[float] = 1.0
     """Smallest expected ratio of realized to commanded turn rate."""
     acceleration_limit: ClassVar[tuple[str, float] | None] = None
@@ -202,9 +195,16 @@ class Autopilot(ABC):
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts
         self._doubts_airspeed = False
+        self.air: CopterAir | None = None
+        """Air of a copter, None for other vehicles."""
         self.our_modes: frozenset[int] = frozenset((self.guided_mode,))
         """Modes in which the vehicle is under our control: the guided mode. During a change of the
         steering method, the guided modes of the old and of the new method."""
+
+    @property
+    def speed_share(self) -> float:
+        """Factor on the speed of the mission: below 1 at the lean limit of a copter."""
+        return 1.0
 
     @property
     def guided_name(self) -> str:
@@ -262,6 +262,24 @@ class Autopilot(ABC):
         airspeed = to.motion.true_airspeed(self.airspeed(to.motion.airspeed))
         most = self._facts.max_bank
         return min(max(atan(steer.yaw_rate * airspeed / GRAVITY), -most), most)
+
+
+class Copter(Autopilot):
+    """Adapter of a multicopter."""
+
+    vehicle_types = COPTER_TYPES
+    velocity_loop: ClassVar[VelocityLoop | None] = None
+    """Gains of the autopilot's velocity loop, from which circnav computes the lag of the velocity.
+    None if the copter flies along its nose."""
+    air: CopterAir
+
+    def __init__(self, facts: VehicleFacts) -> None:
+        super().__init__(facts)
+        self.air = CopterAir(facts.drag, facts.speed, self.velocity_loop)
+
+    @property
+    def speed_share(self) -> float:
+        return self.air.lean.share
 
 
 def rules_by_parameter(
@@ -345,18 +363,17 @@ def attitude(
     )
 
 
-def tilt(steer: Steer, push: tuple[float, float], most: float) -> tuple[float, float]:
+def tilt(steer: Steer, push: complex, most: float) -> tuple[float, float]:
     """Return roll and pitch, rad, of a copter that accelerates by `push` and banks into its turn.
 
-    push: acceleration by the thrust, forward and to the left, m/s^2. most: limit of the total tilt,
-    rad.
+    push: acceleration by the thrust, forward + j left, m/s^2. most: limit of the total tilt, rad.
     """
     forward, right = level_acceleration(steer, push, most)
     pitch = pitch_from_push(forward)
     return roll_from_push(right, pitch), pitch
 
 
-def level_acceleration(steer: Steer, push: tuple[float, float], most: float) -> tuple[float, float]:
+def level_acceleration(steer: Steer, push: complex, most: float) -> tuple[float, float]:
     """Return the acceleration by the thrust, forward and to the right, m/s^2, of a copter that
     accelerates by `push` and turns. (0, 0) at a commanded speed of 0.
 
@@ -365,7 +382,6 @@ def level_acceleration(steer: Steer, push: tuple[float, float], most: float) -> 
     """
     if steer.speed == 0:
         return 0.0, 0.0
-    forward, left = push
-    right = steer.yaw_rate * steer.speed - left
-    share = min(GRAVITY * tan(most) / max(hypot(forward, right), 1e-9), 1.0)
-    return share * forward, share * right
+    right = steer.yaw_rate * steer.speed - push.imag
+    share = min(GRAVITY * tan(most) / max(hypot(push.real, right), 1e-9), 1.0)
+    return share * push.real, share * right

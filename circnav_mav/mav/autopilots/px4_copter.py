@@ -7,8 +7,8 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.interface import (
-    COPTER_TYPES,
     FULL_TILT,
+    Copter,
     SetpointContext,
     body_velocity,
     level_acceleration,
@@ -59,7 +59,7 @@ def _enough_yaw_rate(context: Context) -> float:
     return max(200.0, context.max_turn_rate_deg)
 
 
-class PX4Copter(PX4Vehicle):
+class PX4Copter(Copter, PX4Vehicle):
     """OFFBOARD (6): body velocity and yaw rate. circnav holds the height by the climb rate.
 
     SET_POSITION_TARGET_LOCAL_NED, frame BODY_NED (8; PX4 drops 7, 9, 12 and 20), mask 0x407: all
@@ -73,7 +73,6 @@ class PX4Copter(PX4Vehicle):
     MASK = 0x407
     name = "px4 copter"
     bundled = ("px4_copter",)
-    vehicle_types = COPTER_TYPES
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     needs = frozenset({"altitude"})
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
@@ -91,7 +90,7 @@ class PX4Copter(PX4Vehicle):
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the setpoint of forward speed, yaw rate and climb rate, with the feed-forward
         acceleration."""
-        push, right = self.velocity_loop.fed(steer.speed, steer.yaw_rate, to.drag)
+        push, right = self.air.feed(steer.speed, steer.yaw_rate)
         # PX4 rotates velocities by the yaw alone, but accelerations by the whole attitude. Without
         # `body_from_level` the feed-forward has an error of 10 % at 26 deg of tilt.
         fed = body_from_level(push, right, to.motion.roll or 0.0, to.motion.pitch or 0.0)
@@ -153,7 +152,7 @@ def _equals(wanted: float) -> Judge:
     return judge
 
 
-class PX4CopterStick(PX4Vehicle):
+class PX4CopterStick(Copter, PX4Vehicle):
     """ALTCTL (2): all sticks by MANUAL_CONTROL, for flights without any position. PX4 holds the
     height.
 
@@ -166,7 +165,6 @@ class PX4CopterStick(PX4Vehicle):
 
     name = "px4 copter by stick"
     bundled = ("px4_copter",)
-    vehicle_types = COPTER_TYPES
     guided_mode = custom_mode(ALTCTL)
     exits = MappingProxyType({"land": PX4Vehicle.exits["land"]})
     default_exit = "land"
@@ -205,7 +203,7 @@ class PX4CopterStick(PX4Vehicle):
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the sticks that turn in coordination and hold the airspeed."""
-        forward, right = level_acceleration(steer, to.push, self._facts.max_bank)
+        forward, right = level_acceleration(steer, self.air.push(steer.speed), self._facts.max_bank)
         x = round(self._facts.tilt_stick(forward))
         y = round(self._facts.tilt_stick(right))
         return dialect.MAVLink_manual_control_message(
