@@ -19,9 +19,9 @@ v_2 was measured on ArduCopter's simulated quadrotor, straight and in turns.
 from cmath import rect
 from math import atan2, exp, hypot, sqrt
 
-from circnav_mav.guidance.forgetting_fit import ForgettingFit
 from circnav_mav.guidance.limits import LeanLimit
 from circnav_mav.guidance.maths import clip
+from circnav_mav.guidance.recursive_least_squares import RecursiveLeastSquares
 from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 from circnav_mav.guidance.velocity_loop import AT_REST, VelocityLoop
 from circnav_mav.timers import LowPass
@@ -82,7 +82,7 @@ class CopterAir:
         self._speed = speed
         self._drag_of_mission = drag_force(speed, coefficient) / speed
         # 60.0: time constant of the least squares, s: more than a lap, to separate wind from drag.
-        self._fit = ForgettingFit(60.0)
+        self._fit = RecursiveLeastSquares(60.0)
         # The first pair, at rest in calm air, keeps the fit defined. It is soon forgotten.
         self._fit.add(0j, 0j, 0.0, 1e-3)
         self._time = float("-inf")
