@@ -171,7 +171,7 @@ class Mission:
         """Return the speed of the run relative to real time. Infinity: as fast as possible.
 
         speed: requested by the user.
-        pace: requested by an onlooker.
+        pace: requested by a listener.
 
         A real vehicle or a separate ranging radio requires real time.
         """

@@ -6,15 +6,15 @@ from math import atan, inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.types import GRAVITY, Orbit, TurnCommand
-from circnav_mav.guidance.watches import (
+from circnav_mav.guidance.monitors import (
     AirspeedAlarm,
-    DriftWatch,
+    ClosingMonitor,
+    DriftMonitor,
     LapAlarm,
-    WayWatch,
     watch_airspeed,
     watch_lap,
 )
+from circnav_mav.guidance.types import GRAVITY, Orbit, TurnCommand
 from circnav_mav.mav.frames import YawRate
 from circnav_mav.mission.mission import VEHICLE
 from circnav_mav.pilot.authority import SILENT, unwatched
@@ -50,9 +50,9 @@ class Observer:
         self.view: StepView | None = None
         self.records: list[TickRecord] = []
         self.setpoints_sent = 0
-        self._drift_watch = DriftWatch()
+        self._drift_monitor = DriftMonitor()
         self._airspeed_alarm = AirspeedAlarm()
-        self._way_watch = WayWatch()
+        self._closing_monitor = ClosingMonitor()
         self._lap_alarm = LapAlarm()
         self._rates = RateMeter()
         self._since_silent = Since()
@@ -134,7 +134,7 @@ class Observer:
             output_mode=pilot.output_mode,
             engaged_at=mission.engaged_at,
             outcome=mission.outcome,
-            hold=mission.hold,
+            coast=mission.coast,
             waits=pilot.status.waits_for(now),
             not_airborne=_not_airborne(pilot, now),
             exit_name=pilot.exit_action.named(session),
@@ -168,14 +168,14 @@ class Observer:
             implausible_airspeed=pilot.gps_loss.path.implausible_airspeed,
             unchecked_bound=unwatched(pilot.settings, session, now),
             gps_lost=None if pilot.gps_loss.changed_at is None else pilot.gps_loss.failure,
-            drift_alarm=self._drift_watch.alarm,
+            drift_alarm=self._drift_monitor.alarm,
             airspeed_alarm=self._airspeed_alarm,
-            way_alarm=self._way_watch.alarm,
+            closing_alarm=self._closing_monitor.alarm,
             lap_alarm=self._lap_alarm,
             circle=controller.circle,
             flown_law=law,
             why=why,
-            follows=model.obedience.follows,
+            follows=model.command_following.follows,
             speed=controller.speed,
             lean_share=model.lean_limit.share,
             lean_limit=atan(model.lean_limit.found / GRAVITY),
@@ -189,11 +189,11 @@ class Observer:
         estimate = pilot.tracker.estimate
         orbit = pilot.controller.orbit
         steered = estimate if pilot.mission.steering else None
-        self._drift_watch.update(steered, orbit, pilot.controller.vehicle.most)
+        self._drift_monitor.update(steered, orbit, pilot.controller.vehicle.most)
         if pilot.session.adapter.measures_airspeed:
             self._airspeed_alarm = watch_airspeed(self._airspeed_alarm, estimate, orbit)
         engaged = estimate if pilot.mission.phase is Phase.ENGAGED else None
-        self._way_watch.update(engaged, orbit)
+        self._closing_monitor.update(engaged, orbit)
         estimation = pilot.settings.tuning.estimation
         if pilot.gps_loss.changed_at is not None:
             estimation = pilot.settings.estimation_by_drag

@@ -4,7 +4,7 @@
 
 A fresh range causes a step that steers by this range. Between ranges, a step at each tick steers by
 a prediction. While ranges are missing, the circle's turn rate is commanded. After a time limit
-(`limits.hold_s`) the flight ends. The operator always has priority: see `authority`.
+(`limits.coast_s`) the flight ends. The operator always has priority: see `authority`.
 """
 
 from collections import Counter
@@ -40,6 +40,7 @@ from circnav_mav.pilot.mission_state import (
     Phase,
 )
 from circnav_mav.pilot.mode_request import ExitAction
+from circnav_mav.pilot.monitors import monitors_of
 from circnav_mav.pilot.observer import Observer
 from circnav_mav.pilot.parameters import flight_parameters
 from circnav_mav.pilot.range_tracker import RangeTracker
@@ -48,7 +49,6 @@ from circnav_mav.pilot.second_controller import SecondController
 from circnav_mav.pilot.status_text import StatusText
 from circnav_mav.pilot.step_view import StepView
 from circnav_mav.pilot.tick_scheduler import TickScheduler
-from circnav_mav.pilot.watches import watches_of
 
 
 class Pilot:
@@ -68,7 +68,7 @@ class Pilot:
         tracker = RangeTracker(settings, session)
         self.tracker = tracker
         self.controller = Controller(settings)
-        self.mission = MissionState(settings.file.limits.hold_s)
+        self.mission = MissionState(settings.file.limits.coast_s)
         self.airborne = Airborne(settings, session)
         self.authority = Authority(settings, session, self.mission, self.airborne, flies=self.flies)
         self.exit_action = ExitAction(settings.file.exit.action)
@@ -94,7 +94,7 @@ class Pilot:
             for kind in frozenset().union(*(one.reads for one in listeners))
         }
         """Receivers of the vehicle's messages, by message type."""
-        self._watches = watches_of(settings)
+        self._monitors = monitors_of(settings)
 
     # --- input: received messages
 
@@ -163,8 +163,8 @@ class Pilot:
             return
         self.tracker.fresh = False
         self.mission.started = now if self.mission.started is None else self.mission.started
-        for watch in self._watches:
-            for found in watch(self, now):
+        for monitor in self._monitors:
+            for found in monitor(self, now):
                 self._apply(found, now)
         circle = self.controller.circle
         command = self._command(now)
@@ -177,7 +177,7 @@ class Pilot:
     # --- changes of phase
 
     def _apply(self, found: Event | Outcome, now: float) -> None:
-        """Apply a finding of a watch."""
+        """Apply a finding of a monitor."""
         if isinstance(found, Event):
             self.mission.happened(found, now)
         else:

@@ -7,7 +7,7 @@ from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.pilot.mission_state import OutputMode, Phase
 
-_WOULD = {Phase.ENGAGED: "would steer", Phase.HOLDING: "would hold"}
+_WOULD = {Phase.ENGAGED: "would steer", Phase.COASTING: "would coast"}
 
 
 def phase_name(phase: Phase, output_mode: OutputMode) -> str:

@@ -26,7 +26,7 @@ WITHIN = 5.0
 """Time in which differing reports are counted, s."""
 
 
-class EchoWatch:
+class EchoMonitor:
     """Detects reported turns outside the range of the turns sent recently. Turns are yaw rates
     (rad/s) or banks (rad), right positive."""
 
@@ -87,11 +87,11 @@ class SecondController:
     def __init__(self, session: Session, mission: MissionState) -> None:
         self._session = session
         self._mission = mission
-        self._echo = EchoWatch()
+        self._echo = EchoMonitor()
 
     def reset(self) -> None:
         """Forget the setpoints. Call after a change of the setpoint method."""
-        self._echo = EchoWatch()
+        self._echo = EchoMonitor()
 
     def sent(self, message: Message, now: float) -> None:
         """Record a setpoint that is sent now."""

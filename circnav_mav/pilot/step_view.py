@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from circnav_mav.guidance.monitors import AirspeedAlarm, ClosingAlarm, DriftAlarm, LapAlarm
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.guidance.watches import AirspeedAlarm, DriftAlarm, LapAlarm, WayAlarm
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.mission_state import STEERING, Outcome, OutputMode, Phase
 from circnav_mav.pilot.rates import Rates
@@ -23,8 +23,8 @@ class StepView(TickRecord):
     engaged_at: float | None
     """Time of the first engagement, s."""
     outcome: Outcome | None
-    hold: float
-    """Longest time in the phase HOLDING, s."""
+    coast: float
+    """Longest time in the phase COASTING, s."""
     waits: str
     """Reason why the vehicle is not steered."""
     not_airborne: str
@@ -101,7 +101,7 @@ class StepView(TickRecord):
     """State of the flight by attitude after the loss of the GPS, None before it."""
     drift_alarm: DriftAlarm
     airspeed_alarm: AirspeedAlarm
-    way_alarm: WayAlarm
+    closing_alarm: ClosingAlarm
     lap_alarm: LapAlarm
 
     # steering

@@ -113,7 +113,7 @@ def without_timeouts(mission: Mission) -> Mission:
     """Return the mission for a plain tlog: without timeouts, and with a single link."""
     file = mission.file
     changes = {
-        "limits": file.limits.model_copy(update={"duration_s": inf, "hold_s": inf}),
+        "limits": file.limits.model_copy(update={"duration_s": inf, "coast_s": inf}),
         "link": file.link.model_copy(update={"wait_s": inf, "endpoint": "udpin"}),
         "ranging": file.ranging.model_copy(update={"endpoint": None}),
     }

@@ -90,7 +90,7 @@ def backlog(rig: Rig) -> None:
 
 
 def holds(rig: Rig) -> None:
-    assert rig.run(2.0, ranges=False).pilot.mission.phase is Phase.HOLDING
+    assert rig.run(2.0, ranges=False).pilot.mission.phase is Phase.COASTING
 
 
 def loses_heartbeats(rig: Rig) -> None:
@@ -114,7 +114,7 @@ TAKEOVERS = {
     "return to launch": Takeover(stays(mode=RTL), "taken over, GUIDED left for RTL"),
     "disarmed": Takeover(stays(armed=False), DISARMED, left=False),
     "rebooted": Takeover(reboots, REBOOTED, stays=False, left=False),
-    "another mode while holding": Takeover(stays(mode=LOITER), before=holds),
+    "another mode while coasting": Takeover(stays(mode=LOITER), before=holds),
     "CURRENT_MODE without heartbeats": Takeover(current_modes(LOITER), before=loses_heartbeats),
     "between two steps, another mode": Takeover(
         lambda rig: heartbeats(rig, (LOITER, True), (GUIDED, True)), stays=False
@@ -166,7 +166,7 @@ def taken(how: str, *, end: bool) -> tuple[Rig, float]:
     else:
         rig.engage()
     takeover.before(rig)
-    if rig.pilot.mission.phase in (Phase.ENGAGED, Phase.HOLDING):
+    if rig.pilot.mission.phase in (Phase.ENGAGED, Phase.COASTING):
         assert rig.setpoints()
     since = rig.now
     rig.now = round(rig.now + 0.02, 6)
@@ -315,7 +315,7 @@ def test_current_mode_message_with_mode_0_is_ignored(rig):
 @pytest.mark.parametrize(
     ("limits", "before", "how", "ends"),
     [
-        ("limits.hold_s=10.0", 5.0, {"mode": LOITER}, None),
+        ("limits.coast_s=10.0", 5.0, {"mode": LOITER}, None),
         ("limits.duration_s=10.0", 0.0, {"mode": LOITER}, Ending.ABORTED),
         ("limits.duration_s=10.0", 0.0, {"speaks": False}, Ending.ABORTED),
     ],
@@ -346,7 +346,7 @@ def test_replacement_radio_is_accepted_after_takeover(waiting):
 # --- any order of events
 
 REPORTS = [(GUIDED, True), (LOITER, True), (GUIDED, False)]
-FOREVER = ("limits.duration_s=1e9", "limits.hold_s=3600.0")
+FOREVER = ("limits.duration_s=1e9", "limits.coast_s=3600.0")
 
 
 class Watched(Rig):

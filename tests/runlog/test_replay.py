@@ -158,7 +158,7 @@ def replayed_plain(flown, steps):
 def test_replay_of_plain_tlog_steers_without_timeouts(flown):
     mission = without_timeouts(settings_of(flown, "limits.stale_s=0.75"))
     assert (mission.slowest_answer, mission.stale) == (pytest.approx(0.9), 0.75)
-    assert mission.file.limits.hold_s == math.inf
+    assert mission.file.limits.coast_s == math.inf
     pilot, done = replayed_plain(flown, tlog_steps(flown / "flight.tlog", 191))
     assert pilot.mission.engaged_at is not None
     assert pilot.session.ignored["twin"] == pilot.session.ignored["echo"] == 0

@@ -1,7 +1,7 @@
-"""Watches of a flight. In each step, each watch looks at one thing, and returns the events that
+"""Monitors of a flight. In each step, each monitor looks at one thing, and returns the events that
 change the phase and the outcomes that end the flight.
 
-`Pilot.step` applies them in the order of `watches_of`.
+`Pilot.step` applies them in the order of `monitors_of`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from circnav_mav.pilot.pilot import Pilot
 
 Findings = Iterable[Event | Outcome]
-Watch = Callable[["Pilot", float], Findings]
+Monitor = Callable[["Pilot", float], Findings]
 
 
 def link(pilot: Pilot, now: float) -> Findings:
@@ -75,7 +75,7 @@ def time_limits(pilot: Pilot, now: float) -> Findings:
 
 
 def estimate(pilot: Pilot, now: float) -> Findings:
-    """Predict the range for this step, after the watches that may change the estimator."""
+    """Predict the range for this step, after the monitors that may change the estimator."""
     pilot.tracker.estimate = pilot.tracker.estimator.at(now)
     return ()
 
@@ -109,7 +109,7 @@ class Bounds:
     before the engagement prevents it."""
 
     def __init__(self, mission: Mission) -> None:
-        self._unchecked = Hysteresis(raise_after=mission.file.limits.hold_s)
+        self._unchecked = Hysteresis(raise_after=mission.file.limits.coast_s)
         """State of bounds that cannot be checked: as long as ranges, they may be missing."""
 
     def __call__(self, pilot: Pilot, now: float) -> Findings:
@@ -117,7 +117,7 @@ class Bounds:
         pilot.authority.broken_bound = broken
         unchecked = unwatched(pilot.settings, pilot.session, now)
         if self._unchecked.update(bool(unchecked), now) and broken is None:
-            broken = f"bound not checked for {pilot.mission.hold:g} s: {unchecked}"
+            broken = f"bound not checked for {pilot.mission.coast:g} s: {unchecked}"
         if broken is None or not pilot.mission.steering:
             return ()
         return (Outcome(Ending.ABORTED, broken),)
@@ -129,7 +129,7 @@ def _broken_bound(pilot: Pilot, now: float) -> str | None:
     session = pilot.session
     bounds = pilot.settings.file.bounds
     estimate = pilot.tracker.estimate
-    r = estimate.r if estimate and pilot.mission.phase is not Phase.HOLDING else None
+    r = estimate.r if estimate and pilot.mission.phase is not Phase.COASTING else None
     altitude = session.motion.at(now).altitude
     battery = session.vehicle.battery(now)
     limits = (
@@ -158,8 +158,8 @@ class Following:
 
     def __call__(self, pilot: Pilot, now: float) -> Findings:
         vehicle = pilot.controller.vehicle
-        obedience = vehicle.obedience
-        most = pilot.settings.file.limits.unfollowed_s
+        command_following = vehicle.command_following
+        most = pilot.settings.file.limits.not_following_s
         # A vehicle that does not receive setpoints cannot follow them. Such an outage of the uplink
         # must not end the flight: while answers to TIMESYNC are missing, do not judge the turns.
         # After the outage start the judgment again, because a plane that flies straight back to the
@@ -173,8 +173,8 @@ class Following:
             pilot.conditions.forget(NOT_FOLLOWING)
         if _keeps_circle(pilot):
             self._since_circling.restart(now)
-        unfollowed = min(now - obedience.since, self._since_circling.age(now))
-        if obedience.follows or unfollowed <= most or not pilot.mission.steering:
+        not_following = min(now - command_following.since, self._since_circling.age(now))
+        if command_following.follows or not_following <= most or not pilot.mission.steering:
             return ()
         reason = (
             "vehicle did not follow turn commands, and did not turn along its circle for"
@@ -197,7 +197,7 @@ def _keeps_circle(pilot: Pilot) -> bool:
 def ranging(pilot: Pilot, now: float) -> Findings:
     """Change the phase when ranges may steer, and when they may not."""
     phase = pilot.mission.phase
-    good = pilot.tracker.good(now, holding=phase is Phase.HOLDING)
+    good = pilot.tracker.good(now, coasting=phase is Phase.COASTING)
     if phase is Phase.WAIT_RANGING and pilot.session.missing(now):
         return ()
     return (Event.RANGE_GOOD if good else Event.RANGE_LOST,)
@@ -234,8 +234,8 @@ def _begin(pilot: Pilot) -> None:
     session.announcer.say("engage", f"{how}, {pilot.controller.circle.label}")
 
 
-def watches_of(mission: Mission) -> tuple[Watch, ...]:
-    """Return the watches of a flight, in their order."""
+def monitors_of(mission: Mission) -> tuple[Monitor, ...]:
+    """Return the monitors of a flight, in their order."""
     before = (link, takeover, gps, time_limits)
     after = (ground, companion, Bounds(mission), Following(), ranging, engagement)
     return (*before, estimate, *after)
