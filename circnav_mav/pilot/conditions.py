@@ -381,7 +381,7 @@ def _not_closing(view: StepView) -> Active | None:
     wind = "" if alarm.drift is None else f"wind {alarm.drift:.0f}, "
     speeds = f"{wind}airspeed {alarm.airspeed:.0f} m/s"
     return Active(
-        f"not closing on target, {speeds}",
+        f"not closing, {speeds}",
         f"NOT CLOSING ON TARGET: {alarm.r:.0f} m from the target ({speeds}): fly faster, or end"
         " the flight",
     )
