@@ -38,8 +38,8 @@ MOST_STALE = 5.0
 """Largest value of `limits.stale_s`, s: age of the newest range up to which the vehicle is
 steered."""
 MAX_PATIENCE = 3600.0
-"""Largest value of `limits.coast_s` and `limits.not_following_s`, s. A larger value was probably meant
-in ms, and would disable the exit action."""
+"""Largest value of `limits.coast_s` and `limits.not_following_s`, s. A larger value was probably
+meant in ms, and would disable the exit action."""
 MAX_NAME = 100
 """Largest number of characters in a mission's name. The name of the run folder consists of a time
 and this name."""

@@ -303,7 +303,8 @@ def _not_following(view: StepView) -> Active | None:
     return Active(
         "vehicle does not follow turn commands",
         "VEHICLE DOES NOT FOLLOW turn commands: the flight ends after"
-        f" {view.settings.file.limits.not_following_s:g} s in which it does not turn along its circle",
+        f" {view.settings.file.limits.not_following_s:g} s in which it does not turn along its"
+        " circle",
     )
 
 
@@ -368,7 +369,8 @@ def _wind_too_strong(view: StepView) -> Active | None:
     drift = f"{alarm.drift:.1f} m/s"
     allowed = f"circle allows {alarm.allowed:.1f} m/s"
     return Active(
-        f"drift {drift}, {allowed}", f"WIND TOO STRONG: {drift} by wind or target, {allowed}"
+        f"wind {drift}, {allowed}",
+        f"WIND TOO STRONG: {drift} (wind minus the target's motion), {allowed}",
     )
 
 
@@ -379,9 +381,9 @@ def _not_closing(view: StepView) -> Active | None:
     wind = "" if alarm.drift is None else f"wind {alarm.drift:.0f}, "
     speeds = f"{wind}airspeed {alarm.airspeed:.0f} m/s"
     return Active(
-        f"no way made, {speeds}",
-        f"NOT CLOSING ON TARGET: {alarm.r:.0f} m from the target, and not coming nearer ({speeds}): fly"
-        " faster, or end the flight",
+        f"not closing, {speeds}",
+        f"NOT CLOSING ON TARGET: {alarm.r:.0f} m from the target ({speeds}): fly faster, or end"
+        " the flight",
     )
 
 
@@ -475,8 +477,8 @@ def _setpoint_rate_low(view: StepView) -> Active | None:
     if not view.flies or rates is None or rates.setpoints >= 0.5 * wanted:
         return None
     return Active(
-        long=f"SETPOINT RATE LOW: only {rates.setpoints:.1f} of {wanted:.0f} per second are sent: the"
-        " computer is overloaded, stop other programs or lower limits.tick_hz"
+        long=f"SETPOINT RATE LOW: only {rates.setpoints:.1f} of {wanted:.0f} per second are sent:"
+        " the computer is overloaded, stop other programs or lower limits.tick_hz"
     )
 
 

@@ -102,9 +102,9 @@ class Outcome:
 class MissionState:
     """Phase, times and outcome of a mission. Only events change the phase."""
 
-    def __init__(self, hold: float = 10.0) -> None:
-        """hold: longest time in the phase COASTING, s."""
-        self.hold = hold
+    def __init__(self, coast: float = 10.0) -> None:
+        """coast: longest time in the phase COASTING, s."""
+        self.coast = coast
         self.phase = Phase.WAIT_LINK
         self.since = 0.0
         """Beginning of the phase, s."""

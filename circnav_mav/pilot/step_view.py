@@ -23,7 +23,7 @@ class StepView(TickRecord):
     engaged_at: float | None
     """Time of the first engagement, s."""
     outcome: Outcome | None
-    hold: float
+    coast: float
     """Longest time in the phase COASTING, s."""
     waits: str
     """Reason why the vehicle is not steered."""

@@ -37,8 +37,8 @@ class PlainScreen:
 
     def draw(self, status: Status) -> None:
         """Print the lines of a status."""
-        # After the end of the flight, the extra `external_position` may run for a long time: print only new
-        # facts, no more status lines.
+        # After the end of the flight, the extra `external_position` may run for a long time: print
+        # only new facts, no more status lines.
         ended = self._ended
         self._ended = status.tick.phase is Phase.ENDED
         if not (ended and self._ended):

@@ -78,8 +78,8 @@ class LocateSettings:
 
 
 class Locator:
-    """Live locator of the target. It receives the same frames as the pilot, after the pilot, and does not
-    change the pilot."""
+    """Live locator of the target. It receives the same frames as the pilot, after the pilot, and
+    does not change the pilot."""
 
     def __init__(
         self, settings: LocateSettings, pilot: Pilot, signing: Signing | None = None

@@ -26,8 +26,8 @@ PLACE = Place(0.0, Plane(47.3, 8.5), 30.0, 40.0, 584.0, np.eye(2), up_sigma=0.5,
 
 
 class Beside:
-    """Locator and external position beside a rig, as in the loop of a flight. The locator computes no
-    position."""
+    """Locator and external position beside a rig, as in the loop of a flight. The locator computes
+    no position."""
 
     def __init__(self, monkeypatch, rig=None):
         self.rig = rig or Rig()
@@ -42,7 +42,8 @@ class Beside:
         self.rig.run(3.0)
 
     def steps(self, seconds, *others, called_off=False):
-        """Return the messages of the external position while GPS and estimator report a lost position.
+        """Return the messages of the external position while GPS and estimator report a lost
+        position.
         others: further messages of the vehicle."""
         sent_messages = []
         for _ in range(round(seconds / 0.05)):
