@@ -134,9 +134,9 @@ class CopterAir:
     @property
     def wind_sigma(self) -> float:
         """Standard deviation of each component of the wind, m/s."""
-        # 0.4: standard deviation of each component of a learned wind, m/s.
-        # 4.0: standard deviation of each component of the wind before it is learned, m/s.
-        return hypot(0.4, 4.0 * (1 - self._known))
+        # 3: the wind is the difference of the velocities over the ground and through the air. Its
+        # error is that of the airspeed, and the gusts.
+        return 3 * self._speed * self.scale_sigma
 
     def over_ground(
         self, own: OwnMotion, push: complex, force: complex | None, *, steering: bool, settled: bool
@@ -168,7 +168,7 @@ class CopterAir:
         else:
             flown, self._motion = self._loop.update(self._motion, own, self.drag.real, step)
             v = self._motion.velocity
-            acceleration = (v - before) / max(step, 1e-3)
+            acceleration = (v - before) / step if step > 0 else 0j
         if not 0 < step <= LONGEST_REPORT_GAP:
             return flown
         if settled:
