@@ -87,8 +87,8 @@ class CopterAir:
         self._fit.add(0j, 0j, 0.0, 1e-3)
         self._time = float("-inf")
         # 20.0: time constant of the mean error of the accelerometer, s: about half a lap.
-        self._errors = (LowPass(20.0), LowPass(20.0))
-        """Error of the measured drag, forward and left, m/s^2."""
+        self._errors = RecursiveLeastSquares(20.0)
+        """Mean error of the measured force, forward + j left, m/s^2."""
         # 0.5: time constant of the low-pass on the speed along the nose, s. A shorter one would
         # pass gusts and vibration.
         # 1.0: time constant of the low-pass on the speed to the left, s. The low-pass is slower,
@@ -155,7 +155,7 @@ class CopterAir:
         if not steering:
             # At a handover the copter hovers, and its acceleration then shows the drag.
             self._motion = AT_REST
-            self._learn_errors(own, thrust, force, step)
+            self._compare(push, force, step)
             return own
         before = self._motion.velocity
         if self._loop is None:
@@ -176,17 +176,20 @@ class CopterAir:
         limited = settled and self.lean.short  # a limited push does not show drag and wind
         if not limited and (settled or self._loop is not None):
             self._fit.add(v, thrust - acceleration, step, step)
-            self._learn_errors(own, thrust - acceleration, force, step)
+            self._compare((thrust - acceleration) * rect(1.0, -own.heading), force, step)
         return flown
 
-    def _learn_errors(
-        self, own: OwnMotion, drag: complex, force: complex | None, step: float
-    ) -> None:
-        """Average the difference between the drag (east + j north) and the measured force."""
-        if force is not None:
-            error = force + drag * rect(1.0, -own.heading)
-            self._errors[0].update(error.real, step)
-            self._errors[1].update(error.imag, step)
+    def _compare(self, drag: complex, force: complex | None, step: float) -> None:
+        """Learn the error of the accelerometer from the drag by the attitude, forward + j left,
+        m/s^2. While circnav does not steer, the thrust balances the drag on average."""
+        if force is not None and 0 < step <= LONGEST_REPORT_GAP:
+            self._errors.add(0j, force + drag, step, step)
+
+    @property
+    def error(self) -> complex:
+        """Error of the accelerometer, forward + j left, m/s^2."""
+        # 1.0: weight of the prior, an error of 0, s. The accelerations are noisy.
+        return complex(self._errors.y / (self._errors.n + 1.0))
 
     def _required(self, v: complex, acceleration: complex) -> float | None:
         """Return the push that a velocity over the ground requires, m/s^2, or None while drag and
@@ -213,6 +216,7 @@ class CopterAir:
     def through_air(
         self,
         own: OwnMotion,
+        push: complex,
         force: complex | None,
         *,
         steering: bool,
@@ -221,7 +225,7 @@ class CopterAir:
         """Measure the air velocity by a report. Return the motion along the path through the air.
 
         own: heading of the nose and commanded airspeed.
-        force: specific force by the drag, forward + j left, m/s^2. None: `own` is returned.
+        push, force: as in `over_ground`. Without a force, `own` is returned.
         steering: True while circnav steers. The integrals of the push are then updated.
         scale: estimated airspeed scale, or None while it is not trusted.
         """
@@ -229,15 +233,13 @@ class CopterAir:
         self._time = own.time
         if not steering:
             self._trim = 0j
+            self._compare(push, force, step)
         if force is None:
             return own
-        errors = (error.value or 0.0 for error in self._errors)
-        forward, left = (
-            speed.update(speed_of_drag(error - part, self.coefficient), max(step, 0.0))
-            for speed, error, part in zip(
-                self._speeds, errors, (force.real, force.imag), strict=True
-            )
-        )
+        drag = self.error - force
+        step = max(step, 0.0)
+        forward = self._speeds[0].update(speed_of_drag(drag.real, self.coefficient), step)
+        left = self._speeds[1].update(speed_of_drag(drag.imag, self.coefficient), step)
         if steering and 0 < step <= LONGEST_REPORT_GAP:
             self._hold(own.airspeed, scale, step)
         # 0.6: largest side-slip angle, rad. Larger angles occur only near standstill, where they

@@ -101,12 +101,14 @@ class LeanLimit:
     lean varies by 1 deg RMS within seconds."""
     AGAIN = 3.0
     """Least time, s, from the first steady lean to a steady lean at the same angle that confirms a
-    limit, and between two reductions of the speed. The velocity loop needs 1 to 2 s to use the lean
-    that a reduction makes available."""
+    limit."""
     NEAR_MOST = 0.93
     """A lean at its limit is at least this share of the largest lean so far. With 0.8, a limit of
     11 deg was found on a circle of 10 m radius in wind. The copter had leaned 12 deg one lap
     before."""
+    EVERY = 2.0
+    """Least time between two reductions of the speed, s. The velocity loop needs 1 to 2 s to use
+    the lean that a reduction makes available."""
     LOWERED = 0.95
     """Factor on the speed each time that the lean is at its limit."""
 
@@ -121,7 +123,7 @@ class LeanLimit:
         """Largest smoothed lean so far, rad."""
         self._steady = Hysteresis(raise_after=STEADY_FOR)
         self._stood: tuple[float, float] | None = None
-        """Steady lean, rad, and the time of its beginning or of the newest reduction, s."""
+        """Steady lean, rad, and the time from which it is a limit, s."""
 
     def update(self, now: float, step: float, push: float, required: float | None) -> None:
         """Process a report, while the copter follows its commands.
@@ -143,8 +145,8 @@ class LeanLimit:
         # In gusts a lean may be steady once by chance. At a limit the lean stays steady, or becomes
         # steady again at the same angle.
         if self._stood is None or abs(lean - self._stood[0]) > self.STEADY:
-            self._stood = (lean, now)
-        elif now - self._stood[1] >= self.AGAIN:
+            self._stood = (lean, now + self.AGAIN)
+        elif now >= self._stood[1]:
             self.found = smooth
             self.share = max(self.LOWERED * self.share, 0.5)
-            self._stood = (lean, now)
+            self._stood = (lean, now + self.EVERY)

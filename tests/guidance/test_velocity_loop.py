@@ -8,7 +8,7 @@ import pytest
 
 from circnav_mav.guidance.copter_air import CopterAir, coefficient_at
 from circnav_mav.guidance.types import OwnMotion
-from circnav_mav.guidance.velocity_loop import VelocityLoop
+from circnav_mav.guidance.velocity_loop import AT_REST, VelocityLoop
 
 LOOP = VelocityLoop(proportional=1.8, integral=0.4, derivative=0.2)
 V = 5.0
@@ -73,17 +73,23 @@ def test_copter_motion_starts_from_low_speed_after_handover():
     """In straight flight without drag and feedforward, the loop 1.8 + 0.4/s takes at least 1/1.8 ln
     5 = 0.9 s to reach 0.8 V. Below 0.3 V the estimated course is not used, and the report stays
     unchanged."""
-    motion = CopterAir(1e-6, V, LOOP)
-    update(motion, OwnMotion(-STEP, 0.5, 0.0, V), steering=False)
-    reports = [OwnMotion(i * STEP, 0.5, 0.0, V) for i in range(100)]
-    speeds = [update(motion, report).airspeed for report in reports]
+    motion = AT_REST
+    speeds = []
+    for i in range(100):
+        own, motion = LOOP.update(motion, OwnMotion(i * STEP, 0.5, 0.0, V), 0.0, STEP)
+        speeds.append(own.airspeed)
     slow = speeds.index(min(speeds))
     assert speeds[:slow] == [V] * slow
     assert speeds[slow] == pytest.approx(0.3 * V, abs=0.1 * V)
-    reached = STEP * next(i for i in range(slow, 100) if speeds[i] > 0.8 * V)
+    reached = STEP * next(i + 1 for i in range(slow, 100) if speeds[i] > 0.8 * V)
     assert 0.9 < reached < 1.8
-    update(motion, OwnMotion(4.0, 0.5, 0.0, V), steering=False)
-    assert update(motion, OwnMotion(4.04, 0.5, 0.0, V)).airspeed == V
+
+
+def test_copter_motion_restarts_at_rest_after_handover():
+    air, own, _ = flown(0.3, 1.0)
+    update(air, own._replace(time=own.time + STEP), steering=False)
+    later = OwnMotion(own.time + 2 * STEP, 0.5, 0.0, V)
+    assert update(air, later) == later
 
 
 def test_copter_motion_restarts_along_nose_after_gap():

@@ -155,7 +155,7 @@ def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_
     monkeypatch.setitem(mission.__dict__, "facts", VehicleFacts(15.0, max_bank=BANK))
     monkeypatch.setitem(mission.__dict__, "circle_limits", limits)
     controller = Controller(mission)
-    monkeypatch.setattr(Controller, "speed", speed)
+    monkeypatch.setattr(Controller, "speed", lambda controller, session: speed)
     session = Session(
         LinkSettings(), (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=adapters_bank)),)
     )
