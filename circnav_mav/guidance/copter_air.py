@@ -97,6 +97,8 @@ class CopterAir:
         """Measured speed through the air, forward and left, m/s, at an airspeed scale of 1."""
         self._trim = 0j
         """Integrals of the push, m/s^2."""
+        self._turned = False
+        """True if circnav has steered the copter without GPS."""
 
     # --- learned while the autopilot holds the speed over the ground
 
@@ -231,8 +233,11 @@ class CopterAir:
         """
         step = own.time - self._time
         self._time = own.time
+        self._turned |= steering
         if not steering:
             self._trim = 0j
+        # Without GPS, the attitude estimate is wrong for some time after turns.
+        if not self._turned:
             self._compare(push, force, step)
         if force is None:
             return own
