@@ -97,8 +97,6 @@ class CopterAir:
         """Measured speed through the air, forward and left, m/s, at an airspeed scale of 1."""
         self._trim = 0j
         """Integrals of the push, m/s^2."""
-        self._turned = False
-        """True if circnav has steered the copter without GPS."""
 
     # --- learned while the autopilot holds the speed over the ground
 
@@ -218,7 +216,6 @@ class CopterAir:
     def through_air(
         self,
         own: OwnMotion,
-        push: complex,
         force: complex | None,
         *,
         steering: bool,
@@ -227,18 +224,14 @@ class CopterAir:
         """Measure the air velocity by a report. Return the motion along the path through the air.
 
         own: heading of the nose and commanded airspeed.
-        push, force: as in `over_ground`. Without a force, `own` is returned.
+        force: as in `over_ground`. Without a force, `own` is returned.
         steering: True while circnav steers. The integrals of the push are then updated.
         scale: estimated airspeed scale, or None while it is not trusted.
         """
         step = own.time - self._time
         self._time = own.time
-        self._turned |= steering
         if not steering:
             self._trim = 0j
-        # Without GPS, the attitude estimate is wrong for some time after turns.
-        if not self._turned:
-            self._compare(push, force, step)
         if force is None:
             return own
         drag = self.error - force

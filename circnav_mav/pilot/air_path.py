@@ -85,7 +85,7 @@ class AirPath:
         steering = self._mission.steering
         if self._session.adapter.airspeed_from_drag:
             scale = self._tracker.trusted_scale
-            return air.through_air(nose, push, force, steering=steering, scale=scale)
+            return air.through_air(nose, force, steering=steering, scale=scale)
         settled = self._controller.vehicle.at_speed
         return air.over_ground(nose, push, force, steering=steering, settled=settled)
 

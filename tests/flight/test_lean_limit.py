@@ -15,7 +15,7 @@ and less while a part of the lean turns the path."""
 @pytest.mark.parametrize(
     ("mission", "overrides", "lean", "until", "speed", "most"),
     [
-        ("px4_copter", (), 45, 75.0, (3.7, 4.2), 1.2),
+        ("px4_copter", (), 45, 75.0, (4.0, 4.2), 1.2),
         pytest.param(
             "arducopter", LEANS_LITTLE, 20, 140.0, (4.4, 4.9), 0.6, marks=pytest.mark.nightly
         ),

@@ -39,7 +39,7 @@ def through_air(
     coefficient of 0.25/s. velocity: through the air, forward + j left, m/s."""
     force = complex(-drag_force(velocity.real, 0.25), -drag_force(velocity.imag, 0.25))
     own = OwnMotion(tick * STEP, heading=1.0, turn_rate=0.0, airspeed=V)
-    return air.through_air(own, 0j, force, steering=True, scale=scale)
+    return air.through_air(own, force, steering=True, scale=scale)
 
 
 def test_air_velocity_corrects_heading_by_side_slip() -> None:
@@ -52,23 +52,9 @@ def test_air_velocity_corrects_heading_by_side_slip() -> None:
     assert moved.airspeed == pytest.approx(hypot(5.0, 0.5))
 
 
-def test_accelerometer_error_is_learned_at_hover_without_gps() -> None:
-    """After 6 s at hover, at least 80 % of the error is corrected. An uncorrected error of 0.3
-    m/s^2 is a side-slip of 12 deg."""
-    air = CopterAir(0.25, V)
-    for tick in range(300):
-        own = OwnMotion(tick * STEP, heading=1.0, turn_rate=0.0, airspeed=V)
-        force = 0.3 - 0.3j
-        if tick > 120:
-            force -= drag_force(V, 0.25)
-        moved = air.through_air(own, 0j, force, steering=tick > 120, scale=None)
-    assert moved.airspeed == pytest.approx(V, abs=0.15)
-    assert degrees(moved.heading - own.heading) == pytest.approx(0.0, abs=3.0)
-
-
 def test_motion_is_unchanged_without_measured_drag() -> None:
     own = OwnMotion(1.05, 0.0, 0.0, V)
-    assert CopterAir(0.25, V).through_air(own, 0j, None, steering=True, scale=None) == own
+    assert CopterAir(0.25, V).through_air(own, None, steering=True, scale=None) == own
 
 
 def drag_of(air: complex, heading: float, coefficient: float) -> complex:
@@ -109,7 +95,7 @@ def test_accelerometer_error_is_learned_before_loss_of_gps() -> None:
     air.lose_ground_speed()
     for tick in range(100):
         own = OwnMotion(76.0 + tick * STEP, 1.0, 0.0, V)
-        own = air.through_air(own, 0j, force, steering=True, scale=None)
+        own = air.through_air(own, force, steering=True, scale=None)
     assert own.airspeed == pytest.approx(V, abs=0.15)
     assert own.heading == pytest.approx(1.0, abs=0.03)
 
