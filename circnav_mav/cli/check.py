@@ -137,7 +137,7 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
     ):
         cruises = f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps)"
         yield Grade.WARN, f"{cruises}, but vehicle.speed_mps = {wanted.speed_mps:g}"
-    in_air = any(vehicle.ground_speed_sigma is None for vehicle in mission.vehicles)
+    in_air = any(not vehicle.holds_ground_speed for vehicle in mission.vehicles)
     drift = _drift(config, in_air=in_air)
     tolerated = drift_allowed(mission)
     if drift > tolerated > 0:

@@ -82,14 +82,13 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
 def _tilt(mission: Mission) -> Iterator[Check]:
     """Check that the tilt limit of a copter flown by attitude suffices for its airspeed and its
     turns."""
-    by_attitude = any(one.airspeed_from_drag for one in mission.vehicles)
-    if not by_attitude and not mission.flies_without_gps:
+    if not mission.by_attitude:
         return
     vehicle = mission.file.vehicle
     most = vehicle.max_bank_deg or 0.0
     needed = degrees(atan(vehicle.drag_per_s * vehicle.speed_mps / GRAVITY))
     lateral = degrees(atan(mission.orbit.speed * abs(mission.orbit.steady_turn_rate) / GRAVITY))
-    when = "" if by_attitude else "after a loss of GPS, "
+    when = "" if mission.by_attitude[0] in mission.vehicles else "after a loss of GPS, "
     words = (
         f"{when}{vehicle.speed_mps:g} m/s through the air needs {needed:.0f} deg of forward tilt"
         f" and {lateral:.0f} deg of roll of the {most:g} deg allowed (vehicle.drag_per_s ="
@@ -101,14 +100,18 @@ def _tilt(mission: Mission) -> Iterator[Check]:
 
 
 def _gps_loss(mission: Mission) -> Iterator[Check]:
-    """Report a mode request that the operator may not expect."""
-    if not mission.flies_without_gps or mission.file.engage.request_mode:
+    """Report a mode request that the operator may not expect, and a vehicle that cannot continue
+    after a loss of GPS."""
+    engage = mission.file.engage
+    words = 'engage.on_gps_loss = "attitude": '
+    if engage.on_gps_loss == "exit":
         return
-    words = (
-        'engage.on_gps_loss = "attitude": after a loss of GPS circnav requests GUIDED_NOGPS,'
-        ' although engage.request_mode = false. With "exit" circnav requests no mode'
-    )
-    yield Check(WARN, "gps loss", words)
+    if not any(one.replacement for one in mission.vehicles):
+        yield Check(FAIL, "gps loss", f"{words}only an ArduPilot copter in GUIDED can: omit it")
+    elif not engage.request_mode:
+        words += "after a loss of GPS circnav requests GUIDED_NOGPS,"
+        words += ' although engage.request_mode = false. With "exit" circnav requests no mode'
+        yield Check(WARN, "gps loss", words)
 
 
 def _estimator(mission: Mission) -> Iterator[Check]:

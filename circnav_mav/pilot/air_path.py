@@ -87,8 +87,7 @@ class AirPath:
         # would compensate this lag as drift, which made the emulated copter oscillate until its
         # gains were lowered. For PX4's copter, the model of its velocity loop (below) computes the
         # lag.
-        holds_ground_speed = not adapter.measures_airspeed and not adapter.airspeed_from_drag
-        if holds_ground_speed and adapter.velocity_loop is None:
+        if adapter.holds_ground_speed and adapter.velocity_loop is None:
             own = own._replace(acceleration=None)
         if adapter.velocity_loop is not None and steering:
             own = self._copter_motion.follow(own, adapter.velocity_loop)
@@ -101,7 +100,7 @@ class AirPath:
         # commands. In a dry run another program commands the vehicle: assume the commanded airspeed
         # while the vehicle turns as our commands would turn it.
         follows = controller.vehicle.at_speed if self._flies else controller.vehicle.followed
-        if not holds_ground_speed or (steering and follows):
+        if not adapter.holds_ground_speed or (steering and follows):
             self._tracker.estimator.move(own)
 
     def _request_other_imus(self) -> None:

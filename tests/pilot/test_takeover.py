@@ -274,7 +274,7 @@ def test_no_setpoint_before_confirmed_return(waiting, what, waits_for):
             seconds, mode=mode, **{"speaks": True, "armed": True, "landed_state": IN_AIR, **state}
         )
     assert waiting.setpoints(since) == [] and waiting.commands(SET_MODE, since) == []
-    assert waits_for in waiting.pilot.status.waits_for(waiting.now)
+    assert waits_for in waits_for(waiting.pilot, waiting.now)
     assert waiting.run(2.0, mode=GUIDED, landed_state=IN_AIR).pilot.mission.phase is Phase.ENGAGED
 
 
