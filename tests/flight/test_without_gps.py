@@ -7,7 +7,7 @@ from functools import cache
 import pytest
 from circnav_sim.config import Event
 
-from circnav_mav.pilot import Ending, Pilot
+from circnav_mav.pilot import Ending, Phase, Pilot
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runlog.replay import replay
 from tests.flight.ground_station import Operator
@@ -126,6 +126,17 @@ def test_returning_gps_does_not_change_guided_nogps() -> None:
     flown.fly(LOST_AT + 20.0)
     assert flown.vehicle.truth.mode == GUIDED_NOGPS
     assert flown.pilot.mission.steering
+
+
+def test_flight_without_gps_resumes_after_lost_link() -> None:
+    """The vehicle that is found again is an ArduCopter without GPS, as before."""
+    flown = lost()
+    flown.hears = lambda frame, now: not LOST_AT + 6.0 < now < LOST_AT + 11.0
+    flown.fly(LOST_AT + 9.5)
+    assert flown.pilot.mission.phase is Phase.WAIT_LINK
+    flown.fly(LOST_AT + 14.0)
+    assert flown.pilot.mission.phase is Phase.ENGAGED
+    assert flown.vehicle.truth.mode == GUIDED_NOGPS
 
 
 def test_short_gps_loss_does_not_change_guided() -> None:
