@@ -31,7 +31,7 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 def check_mission(mission: Mission) -> list[Check]:
     """Return all check lines of a mission."""
     parts = (
-        *(_keys, _vehicle, _tilt, _gps_loss, _own_code, _estimator, _gain, _radius),
+        *(_keys, _vehicle, _tilt, _gps_loss, _own_code, _estimator, _gain),
         *(_turn_rate, _acceleration, check_ranging, _drift, _margin, _signing),
     )
     lines = [line for part in parts for line in part(mission)]
@@ -181,26 +181,6 @@ def _gain(mission: Mission) -> Iterator[Check]:
     yield Check(
         grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({origin}), needs {needs}{weak}"
     )
-
-
-def _radius(mission: Mission) -> Iterator[Check]:
-    law = LAWS.get(mission.law.name)
-    gain = mission.law.gain
-    orbit = mission.orbit
-    if law is None or gain <= law.gain_bound(orbit.speed, orbit.radius):
-        return
-    fed = (
-        law.fed_radius(orbit.speed, orbit.radius, gain)
-        if mission.law.correct_radius
-        else orbit.radius
-    )
-    reached = law.reached_radius(orbit.speed, fed, gain)
-    # 0.01: steady radius error of a law from which `check` warns, as a share of the radius. A
-    # smaller error is below the noise of the ranges.
-    beside = abs(reached / orbit.radius - 1) >= 0.01
-    advice = "; set guidance.correct_radius = true to correct it" if beside else ""
-    words = f"steady radius {reached:.3f} m, desired {orbit.radius:g} m{advice}"
-    yield Check(WARN if beside else PASS, "radius", words)
 
 
 def _turn_rate(mission: Mission) -> Iterator[Check]:

@@ -74,7 +74,6 @@ class Mission:
             ranging.sigma_m,
             1 / ranging.rate_hz,
             guidance.gain,
-            guidance.correct_radius,
             RATE_SIGMA if self.estimator == "measured" else None,
         )
 
