@@ -86,10 +86,6 @@ class Session:
         self.announcer = Announcer()
         self.mode_requests_dropped = 0
         """Number of mode requests that were dropped before their answer."""
-        self.ignored = self.identity.ignored
-        self.misfits = self.identity.misfits
-        self.clock_speed = self.vehicle.clock_speed
-        self.texts = self.vehicle.texts
 
     @property
     def peer(self) -> Sender | None:
@@ -205,9 +201,9 @@ class Session:
         # The vehicle has forwarded a foreign frame that arrives from its address: another companion
         # is connected to the vehicle. From another address, any sender may use our ids.
         if bytes(message.get_msgbuf()) in self._sent:
-            self.ignored["echo"] += 1
+            self.identity.ignored["echo"] += 1
         elif source == peer.source:
-            self.ignored["twin"] += 1
+            self.identity.ignored["twin"] += 1
             # A second circnav must not end the flight of the first circnav. Once the vehicle is
             # steered, only the heartbeats of a companion that may steer too are counted.
             waits = message.get_type() != "HEARTBEAT" or message.system_status == WAITING

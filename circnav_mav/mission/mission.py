@@ -212,7 +212,6 @@ class Mission:
             speed=vehicle.speed_mps,
             max_bank=radians(vehicle.max_bank_deg or 0.0),
             drag=coefficient_at(vehicle.drag_per_s, vehicle.speed_mps),
-            tilts_by_stick=any(one.tilts_by_stick for one in self.vehicles),
         )
 
     @cached_property

@@ -59,7 +59,8 @@ class Controller:
         self._loop = ClosedLoop(orbit, settings.tuning.choice(orbit), self.vehicle)
         self._changed_at = self._spaced_at = float("-inf")
         stick = ceil(facts.stick(facts.max_bank))
-        if facts.tilts_by_stick:
+        tilts_by_stick = any(one.tilts_by_stick for one in settings.vehicles)
+        if tilts_by_stick:
             stick = ceil(facts.tilt_stick(GRAVITY * tan(facts.max_bank)))
         self._guard = SetpointGuard(
             Limits(
@@ -68,8 +69,8 @@ class Controller:
                 * (1 if settings.circle_limits.keeps_speed else 1 + SPEED_SHARE),
                 max_bank=facts.max_bank,
                 max_stick=stick,
-                max_pitch_stick=stick if facts.tilts_by_stick else 0,
-                max_yaw_stick=1000 if facts.tilts_by_stick else 0,
+                max_pitch_stick=stick if tilts_by_stick else 0,
+                max_yaw_stick=1000 if tilts_by_stick else 0,
             )
         )
         self._height: float | None = None

@@ -10,6 +10,7 @@ these messages are never read.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import inf
 from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import all as dialect
@@ -22,7 +23,7 @@ from circnav_mav.mav.session import Session
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.mission_state import Event, Outcome
 from circnav_mav.pilot.mode_request import ModeRequest
-from circnav_mav.timers import Hysteresis
+from circnav_mav.timers import Every, Hysteresis
 
 if TYPE_CHECKING:
     from circnav_mav.pilot.pilot import Pilot
@@ -63,18 +64,16 @@ class MethodMonitor:
 
     reads = frozenset(dialect.mavlink_map[ident].msgname for ident in READS)
 
-    def __init__(self, mission: Mission, session: Session) -> None:
-        self._session = session
-        self._changes = bool(streams(mission))
+    def __init__(self) -> None:
         self._fixes: dict[str, bool] = {}
-        """True for the receivers that have a 3D fix, by message type."""
-        self._had_fix = False
+        """True for the receivers that have a 3D fix now, False for those that have lost it. The key
+        is the message type."""
         # 1.0: time without a fix of any receiver, s, after which the GPS is treated as lost. The
         # autopilot's estimator bridges shorter gaps.
         self._without_fix = Hysteresis(raise_after=1.0)
-        self._had_position = False
-        self._without_position = 0
+        self._without_position = -inf
         """Number of consecutive EKF_STATUS_REPORT without a position, after one with a position."""
+        self._second_receiver = Every(inf)
         self._request = ModeRequest()
         self.failure: str | None = None
 
@@ -82,37 +81,37 @@ class MethodMonitor:
         """Process a message of the vehicle."""
         kind = message.get_type()
         if kind in RECEIVERS:
-            if not self._fixes and self._changes:
-                # The stream of a second receiver is requested once, without a check that it
-                # arrives.
-                second = Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (READS[1], 1e6 / RATE))
-                self._session.commands.send(second)
-            self._fixes[kind] = message.fix_type >= dialect.GPS_FIX_TYPE_3D_FIX
-            self._had_fix |= self._fixes[kind]
+            has_fix = message.fix_type >= dialect.GPS_FIX_TYPE_3D_FIX
+            if has_fix or kind in self._fixes:
+                self._fixes[kind] = has_fix
             self._is_without_fix(now)
+        elif message.flags & POSITION_FLAGS:
+            self._without_position = 0
         else:
-            has_position = bool(message.flags & POSITION_FLAGS)
-            self._had_position |= has_position
-            lost = self._had_position and not has_position
-            self._without_position = self._without_position + 1 if lost else 0
+            self._without_position += 1
 
     def __call__(self, pilot: Pilot, now: float) -> tuple[Event | Outcome, ...]:
         """Change the method of a steered vehicle if it has lost its GPS. Then request the mode of
         the new method until the vehicle reports it."""
-        session = pilot.session
-        if not (pilot.flies and pilot.mission.steering):
-            return ()
-        if self.failure is None:
-            for method in pilot.settings.methods(type(session.adapter))[1:]:
-                if self._is_lost(now):
-                    self._change(pilot, method(pilot.settings.facts))
-            return ()
+        for method in pilot.settings.methods(type(pilot.session.adapter))[1:]:
+            if self._fixes and self._second_receiver.due(now):
+                # The stream of a second receiver is requested once, without a check that it
+                # arrives.
+                stream = Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (READS[1], 1e6 / RATE))
+                pilot.session.commands.send(stream)
+            if pilot.flies and pilot.mission.steering and self._is_lost(now):
+                self._change(pilot, method(pilot.settings.facts))
+                return ()
+        if self.failure is not None and pilot.mission.steering:
+            self._request_mode(pilot.session, now)
+        return ()
+
+    def _request_mode(self, session: Session, now: float) -> None:
         mode = session.adapter.guided_mode
         self.failure = self.failure or self._request.ask(session, mode, now) or ""
         if session.vehicle.mode == mode:
             # From now on the mode of the old method is a takeover.
             session.adapter.our_modes = frozenset((mode,))
-        return ()
 
     def _is_lost(self, now: float) -> bool:
         """True if the vehicle loses its position now, or soon."""
@@ -123,7 +122,7 @@ class MethodMonitor:
 
     def _is_without_fix(self, now: float) -> bool:
         """True if all receivers have lost their fix for long enough."""
-        lost = self._had_fix and not any(self._fixes.values())
+        lost = bool(self._fixes) and not any(self._fixes.values())
         return self._without_fix.update(lost, now)
 
     def _change(self, pilot: Pilot, adapter: Autopilot) -> None:

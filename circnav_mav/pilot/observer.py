@@ -146,7 +146,7 @@ class Observer:
             flood=allowance.dropped / 1000 if allowance.flooded(now) else 0.0,
             uplink_silent=session.timesync.silent(now, 2.0),
             stalled=pilot.authority.stalled(now),
-            clock_speed=session.clock_speed.found,
+            clock_speed=session.vehicle.clock_speed.found,
             setpoints=self.setpoints_sent,
             rejected_by=dict(ranging.rejected.most_common()),
             rates=None if pilot.done else self._rates.newest,

@@ -82,7 +82,7 @@ class Pilot:
         self.scheduler = TickScheduler(settings.file.limits.tick)
         self.second_controller = SecondController(session, self.mission)
         self.path = AirPath(session, tracker, self.controller, self.mission, flies=self.flies)
-        self.method = MethodMonitor(settings, session)
+        self.method = MethodMonitor()
         self.conditions = Conditions(session.announcer)
         self.observer = Observer()
         listeners = (self.path, self.method, self.second_controller)

@@ -75,8 +75,8 @@ def _no_vehicle(pilot: Pilot) -> str:
     session = pilot.session
     if session.up and session.vehicle.unproven:
         return "the vehicle's identity is not confirmed: no boot time yet (ATTITUDE, SYSTEM_TIME)"
-    if session.misfits:
-        return "; ".join(session.misfits.values())
+    if session.identity.misfits:
+        return "; ".join(session.identity.misfits.values())
     return f"no autopilot heartbeat, {pilot.connection.counts[VEHICLE].describe()}"
 
 

@@ -29,7 +29,7 @@ def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.
     """Return all lines of a completed preflight. clock_speed: speed of the run's clock relative to
     real time. It differs from 1 only if the run follows the autopilot's clock."""
     if not listener.session.up:
-        misfits = "; ".join(listener.session.misfits.values())
+        misfits = "; ".join(listener.session.identity.misfits.values())
         why = misfits or f"no autopilot heartbeat, {listener.connection.counts[VEHICLE].describe()}"
         return [Check(FAIL, "vehicle", f"no vehicle for this mission: {why}")]
     parts = (_identity, _mode, _protocol, _signing, _company, _streams, _motion, _battery)
@@ -162,19 +162,21 @@ def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     session = listener.session
     ours = mission.file.link.component_id
     second_senders = session.identity.second_senders.recent(listener.end)
-    if twins := session.ignored["twin"]:
+    if twins := session.identity.ignored["twin"]:
         words = (
             f"{twins} frames of another companion with our component id {ours}: "
             "change link.component_id on one of the two companions"
         )
         yield Check(FAIL, "others", words)
-    if others := session.ignored["other_vehicle"]:
-        also = f": {'; '.join(session.misfits.values())}" if session.misfits else ""
+    if others := session.identity.ignored["other_vehicle"]:
+        also = (
+            f": {'; '.join(session.identity.misfits.values())}" if session.identity.misfits else ""
+        )
         advice = "" if mission.file.vehicle.system_id else "; select yours by vehicle.system_id"
         yield Check(
             WARN, "others", f"{others} heartbeats of another autopilot on the link{also}{advice}"
         )
-    if peripherals := session.ignored["no_autopilot"]:
+    if peripherals := session.identity.ignored["no_autopilot"]:
         ids = "{}/{}".format(*session.vehicle_ids)
         words = (
             f"{peripherals} heartbeats from a component that is no autopilot, but has the vehicle's"

@@ -43,7 +43,7 @@ def test_identity_ignores_heartbeat_of_system_0(make_rig):
     rig.run(3.0, mode=LOITER)
     assert rig.of("COMMAND_LONG") == [] and not rig.pilot.session.up
     assert (
-        rig.pilot.session.misfits[0, 1]
+        rig.pilot.session.identity.misfits[0, 1]
         == "system 0 is no id of a vehicle: set its system id to 1 to 255"
     )
 
@@ -60,7 +60,7 @@ def test_vehicle_of_another_autopilot_is_rejected_after_silence(make_rig, source
     assert rig.setpoints(since) + rig.of("SET_ATTITUDE_TARGET", since) == []
     assert rig.pilot.session.reply_to == "vehicle"
     reasons = [
-        *rig.pilot.session.misfits.values(),
+        *rig.pilot.session.identity.misfits.values(),
         *rig.pilot.session.identity.second_senders.recent(rig.now),
     ]
     assert (
@@ -463,4 +463,4 @@ def test_heartbeat_of_peripheral_with_vehicle_ids_is_ignored(rig):
         ),
     )
     assert rig.pilot.mission.phase is Phase.ENGAGED and rig.pilot.session.vehicle.left_for is None
-    assert rig.pilot.session.ignored["no_autopilot"] == 19
+    assert rig.pilot.session.identity.ignored["no_autopilot"] == 19

@@ -168,8 +168,8 @@ def test_echo_of_own_frames_is_not_another_companion(apart):
         )
 
     rig.run(20.0, echo)
-    assert rig.pilot.session.ignored["twin"] == 0
-    assert rig.pilot.session.ignored["echo"] >= 15
+    assert rig.pilot.session.identity.ignored["twin"] == 0
+    assert rig.pilot.session.identity.ignored["echo"] >= 15
     assert rig.pilot.mission.phase is (Phase.WAIT_RANGING if apart else Phase.ENGAGED)
 
 

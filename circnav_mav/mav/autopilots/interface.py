@@ -61,13 +61,11 @@ class VehicleFacts:
     speed: V, m/s.
     max_bank: rad, for vehicles that turn by banking, and for copters flown by attitude.
     drag: coefficient of `guidance.air_drag`, 1/s, for copters flown by attitude.
-    tilts_by_stick: True for a copter flown by the sticks.
     """
 
     speed: float
     max_bank: float = 0.7
     drag: float = 0.25
-    tilts_by_stick: bool = False
 
     def stick(self, bank: float) -> float:
         """Return the roll stick of MANUAL_CONTROL, thousandths to the right, for a bank (rad, right
