@@ -132,7 +132,7 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
     # 0.05: largest accepted difference of the bundled plane's cruise speed from the mission's
     # speed, as a fraction of the mission's speed.
     if (
-        any(vehicle.cruises for vehicle in mission.vehicles)
+        any(vehicle.fixed_wing for vehicle in mission.vehicles)
         and abs(cruise / wanted.speed_mps - 1) > 0.05
     ):
         cruises = f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps)"

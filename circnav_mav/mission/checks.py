@@ -118,7 +118,7 @@ def _estimator(mission: Mission) -> Iterator[Check]:
     """Check that an estimator that needs own motion receives it before the engagement."""
     if mission.estimator != "drift":
         return
-    if mission.vehicles and not any(one.measures_airspeed for one in mission.vehicles):
+    if mission.vehicles and not any(one.fixed_wing for one in mission.vehicles):
         needs = f"{mission.estimator} needs the airspeed before the vehicle can be engaged"
         why = (
             f"a {mission.file.vehicle.kind} measures none: its speed is given only while circnav"
@@ -306,7 +306,7 @@ def _design_drift(mission: Mission) -> float:
 def _turn_loop(mission: Mission) -> tuple[float, float, float]:
     """Return delay from a command to its turn (s), delay of the reported turn rate (s) and
     turn-rate limit (rad/s)."""
-    late = MEASUREMENT_DELAY if any(one.banks for one in mission.vehicles) else 0.0
+    late = MEASUREMENT_DELAY if any(one.fixed_wing for one in mission.vehicles) else 0.0
     return mission.file.vehicle.turn_lag_s, late, mission.orbit.max_turn_rate
 
 

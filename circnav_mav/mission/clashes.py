@@ -58,7 +58,7 @@ def _of_vehicle(mission: Mission) -> Iterator[str]:
     vehicle = mission.file.vehicle
     if vehicle.max_bank_deg is None and mission.by_attitude:
         yield "vehicle.max_bank_deg: missing, the tilt limit of a copter flown by attitude: add it"
-    elif vehicle.max_bank_deg is None and any(row.banks for row in mission.vehicles):
+    elif vehicle.max_bank_deg is None and any(row.fixed_wing for row in mission.vehicles):
         yield f"vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit"
     elif vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
         yield "vehicle.max_turn_rate_deg_s: missing, add it"

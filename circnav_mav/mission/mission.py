@@ -222,7 +222,9 @@ class Mission:
             speed=self.orbit.speed,
             nearest=bounds.min_range_m or 0.0,
             farthest=min(bounds.max_range_m or inf, self.max_range),
-            keeps_speed=any(one.cruises and one.airspeed_command is None for one in self.vehicles),
+            keeps_speed=any(
+                one.fixed_wing and one.airspeed_command is None for one in self.vehicles
+            ),
             turn_gain=self.least_turn_gain,
         )
 

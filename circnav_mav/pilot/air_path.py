@@ -69,7 +69,7 @@ class AirPath:
             self._tracker.height.receive(message, motion.at(now), now)
         if not is_attitude:
             return
-        own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
+        own = nose = motion.own(now, self._airspeed(now), banks=adapter.fixed_wing)
         if own is None or nose is None:
             return
         if not adapter.flies:  # a rover tilts with the ground: its tilt shows no acceleration
@@ -127,7 +127,7 @@ class AirPath:
         else the commanded speed."""
         adapter = self._session.adapter
         motion = self._session.motion.at(now)
-        measured = motion.airspeed if adapter.measures_airspeed else None
+        measured = motion.airspeed if adapter.fixed_wing else None
         used = adapter.airspeed(measured)
         self.implausible_airspeed = measured if measured != used else None
-        return motion.true_airspeed(used) if adapter.measures_airspeed else self._controller.speed
+        return motion.true_airspeed(used) if adapter.fixed_wing else self._controller.speed

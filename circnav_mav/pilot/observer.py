@@ -191,7 +191,7 @@ class Observer:
         orbit = pilot.controller.orbit
         steered = estimate if pilot.mission.steering else None
         self._drift_monitor.update(steered, orbit, pilot.controller.vehicle.most)
-        if pilot.session.adapter.measures_airspeed:
+        if pilot.session.adapter.fixed_wing:
             self._airspeed_alarm = watch_airspeed(self._airspeed_alarm, estimate, orbit)
         engaged = estimate if pilot.mission.phase is Phase.ENGAGED else None
         self._closing_monitor.update(engaged, orbit)

@@ -183,19 +183,14 @@ class Autopilot(ABC):
     waypoint_mode: ClassVar[int | None] = None
     """custom_mode in which the vehicle flies a mission of the autopilot, whose item 1 is the
     take-off, or None."""
-    banks: ClassVar[bool] = False
-    """True if the vehicle turns by banking. The mission must then limit the bank."""
     tilts_by_stick: ClassVar[bool] = False
     """True for a copter flown by the sticks."""
     airspeed_from_drag: ClassVar[bool] = False
     """True for a copter flown by attitude: circnav holds its airspeed, which the accelerometer
     measures. The mission must limit the tilt (vehicle.max_bank_deg)."""
-    measures_airspeed: ClassVar[bool] = False
-    """True if VFR_HUD.airspeed is measured. A copter without an airspeed sensor sends its ground
-    speed in this field."""
-    cruises: ClassVar[bool] = False
-    """True if the autopilot holds the airspeed of a parameter and ignores the speed of the
-    mission."""
+    fixed_wing: ClassVar[bool] = False
+    """True if the vehicle turns by banking, measures VFR_HUD.airspeed and holds the airspeed of a
+    parameter. The mission must limit the bank. A copter sends its ground speed as airspeed."""
     airspeed_command: ClassVar[int | None] = None
     """MAV_CMD that changes the airspeed that the autopilot holds, or None."""
     holds_ground_speed: ClassVar[bool] = False
