@@ -38,7 +38,7 @@ def test_no_command_in_other_mode_without_request_mode(rig, mode):
 
 
 @pytest.mark.parametrize(
-    ("state", "seconds", "waits_for", "then"),
+    ("state", "seconds", "reason", "then"),
     [
         # a disarmed aircraft is on the ground, even if it reports no landed state
         ({"armed": False}, 5.0, NOT_ARMED, {"armed": True}),
@@ -60,13 +60,13 @@ def test_no_command_in_other_mode_without_request_mode(rig, mode):
     "request_mode", [False, True], ids=["operator enters mode", "circnav requests mode"]
 )
 def test_no_command_until_every_engagement_condition_is_met(
-    state, seconds, waits_for, then, request_mode
+    state, seconds, reason, then, request_mode
 ):
     rig = Rig(f"engage.request_mode={str(request_mode).lower()}").run(
         seconds, mode=LOITER if request_mode else GUIDED, **state
     )
     assert (rig.pilot.mission.phase, commanded(rig)) == (Phase.READY, [])
-    assert waits_for(rig.pilot, rig.now) == waits_for
+    assert waits_for(rig.pilot, rig.now) == reason
     assert commanded(rig.run(25.0 if seconds == 25.0 else 5.0, **then))
 
 
