@@ -332,8 +332,8 @@ MISTAKES = [
     ("orbit.radius_m=150,0", "orbit.radius_m: should be a valid number, not '150,0': write 150.0"),
     (
         "guidance.law=pid",
-        "guidance.law: 'pid' is not one of 'smooth', 'switching', 'feedforward', 'drift', 'auto', or"
-        " your own module:name",
+        "guidance.law: 'pid' is not one of 'smooth', 'switching', 'feedforward', 'drift', 'auto',"
+        " or your own module:name",
     ),
     ("engage.request_mode=1", "engage.request_mode: should be a valid boolean, not 1: write true"),
     ("orbit.direction=left", "orbit.direction: 'left' is not one of 'clockwise' or"),
