@@ -52,7 +52,7 @@ def test_web_port_in_use_is_refused_before_flight(circnav, mission, tmp_path):
 def test_page_before_first_step_shows_missing_inputs_alone(browser, port):
     with process_of(
         "fly", "quickstart", "--endpoint", f"udpin:127.0.0.1:{port}", "--web", "0"
-    ) as it:
+    ) as waiting:
         address = next(line for line in waiting.stdout if line.startswith("live page at "))
         browser.open(address.split()[-1])
         browser.until("document.getElementById('link').innerText.startsWith('no step yet')")
