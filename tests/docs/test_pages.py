@@ -14,6 +14,7 @@ from circnav_mav.cli import circnav as cli
 from circnav_mav.cli import fly
 from circnav_mav.cli.bundled import names
 from circnav_mav.cli.exits import Exit
+from circnav_mav.extras.fleet.settings import FleetTable
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.check_result import PASS
@@ -141,6 +142,15 @@ def test_mission_of_page_is_complete():
     (text,) = re.findall(r"^```toml\n(.*?)^```", (DOCS / "mission.md").read_text(), re.M | re.S)
     mission = parse_mission(text, "mission.md")
     assert [check for check in check_mission(mission) if check.grade is not PASS] == []
+
+
+def test_ports_of_vehicle_radio_and_fleet_differ():
+    template = (ROOT / "config" / "vehicle_udp.toml").read_text()
+    ports = re.findall(r'^(?:# )?endpoint = "udpin:0.0.0.0:(\d+)"', template, re.MULTILINE)
+    fleet = FleetTable().port
+    assert len({*map(int, ports), fleet}) == 3
+    page = (DOCS / "own-vehicle.md").read_text()
+    assert all(str(port) in page for port in (*ports, fleet))
 
 
 def test_options_of_printed_commands_exist():
