@@ -62,12 +62,11 @@ class AirPath:
             self._tracker.height.receive(message, motion.at(now), now)
         if not is_attitude:
             return
-        nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
+        nose = motion.own(now, self._airspeed(now), banks=adapter.fixed_wing)
         if nose is None:
             return
         own = nose if adapter.air is None else self._by_air(adapter.air, nose, now)
-        holds_ground_speed = not adapter.measures_airspeed and not adapter.airspeed_from_drag
-        if adapter.air is None and holds_ground_speed:
+        if adapter.air is None and adapter.holds_ground_speed:
             # A rover drives along its nose: its acceleration shows no wind.
             own = own._replace(acceleration=None)
         self.own = own
@@ -76,7 +75,7 @@ class AirPath:
         # commands. In a dry run another program commands the vehicle: assume the commanded airspeed
         # while the vehicle turns as our commands would turn it.
         follows = controller.vehicle.at_speed if self._flies else controller.vehicle.followed
-        if not holds_ground_speed or (steering and follows):
+        if not adapter.holds_ground_speed or (steering and follows):
             self._tracker.estimator.move(own)
 
     def _by_air(self, air: CopterAir, nose: OwnMotion, now: float) -> OwnMotion:
@@ -103,9 +102,11 @@ class AirPath:
         else the commanded speed."""
         adapter = self._session.adapter
         motion = self._session.motion.at(now)
-        measured = motion.airspeed if adapter.measures_airspeed else None
+        measured = motion.airspeed if adapter.fixed_wing else None
         used = adapter.airspeed(measured)
         self.implausible_airspeed = measured if measured != used else None
-        if adapter.measures_airspeed:
-            return motion.true_airspeed(used)
-        return self._controller.speed(self._session)
+        return (
+            motion.true_airspeed(used)
+            if adapter.fixed_wing
+            else self._controller.speed(self._session)
+        )

@@ -14,12 +14,14 @@ from circnav_mav.mav.autopilots.ardupilot import (
     gcs_failsafe,
 )
 from circnav_mav.mav.autopilots.interface import (
+    AIRSPEED_FROM_DRAG,
     FOLLOWED,
     Copter,
     SetpointContext,
     VehicleFacts,
     attitude,
     body_velocity,
+    ground_speed,
     tilt,
 )
 from circnav_mav.mav.autopilots.parameters import (
@@ -190,6 +192,7 @@ class ArduCopterAttitude(Copter):
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     echo = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET
     airspeed_from_drag = True
+    estimation = AIRSPEED_FROM_DRAG
     parameters = (
         rule("GUID_TIMEOUT", timeout("levels and drifts with the wind"), advised=always(3.0)),
         rule("GUID_OPTIONS", _options_without_gps, advised=always(0.0)),
@@ -271,8 +274,9 @@ class ArduCopter(Copter):
     waypoint_mode = 3
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
-    ground_speed_sigma = 0.02
-    without_gps = ArduCopterAttitude
+    holds_ground_speed = True
+    estimation = ground_speed(0.02)
+    replacement = ArduCopterAttitude
     acceleration_limit = "WP_ACC (before 4.7: WPNAV_ACCEL)", 2.5
     parameters = (
         rule("GUID_TIMEOUT", timeout("brakes and hovers in GUIDED"), advised=always(3.0)),
