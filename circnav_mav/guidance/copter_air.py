@@ -36,9 +36,9 @@ SCALE_BOUNDS = (0.5, 2.0)
 drag coefficients of copters are between 0.2/s and 1/s."""
 SCALE_SIGMA = 0.25
 """Standard deviation of the airspeed scale before the drag is learned."""
-PRIOR = 20.0
+PRIOR = 10.0
 """Weight of the drag of the mission in the least squares, m^2/s. A circle at 2 m/s adds the same
-weight in 5 s."""
+weight in 2.5 s."""
 
 
 def drag_force(speed: float, coefficient: float) -> float:
