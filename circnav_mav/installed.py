@@ -1,15 +1,21 @@
 """Entry points of installed packages: laws, estimators and drivers from outside the repository."""
 
 from contextlib import suppress
-from importlib.metadata import EntryPoint, distributions
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 
-def installed_entry_points(group: str) -> list[EntryPoint]:
+def installed_entry_points(group: str) -> "list[EntryPoint]":
     """Return the entry points of a group, of the first distribution with each name on the search
     path.
 
     A distribution with unreadable metadata is ignored: it may belong to any other program.
     """
+    # Imported here because its import is slow, and most missions name built-in code only.
+    from importlib.metadata import distributions
+
     found: list[EntryPoint] = []
     seen: set[str] = set()
     for distribution in distributions():
@@ -22,7 +28,7 @@ def installed_entry_points(group: str) -> list[EntryPoint]:
     return found
 
 
-def find_entry_point(group: str, name: str) -> EntryPoint | None:
+def find_entry_point(group: str, name: str) -> "EntryPoint | None":
     """Return the entry point of this name, or None. Raises ValueError if several packages define
     it."""
     points = [point for point in installed_entry_points(group) if point.name == name]

@@ -159,6 +159,8 @@ class OwnMotionSensor:
         """Newest attitude, its yaw without resets by the autopilot."""
         self._turned = Motion()
         """Roll, pitch, yaw and yaw rate of the newest attitude, as reported."""
+        self._newest: tuple[float, Motion] | None = None
+        """Time and result of the newest call of `at` since the newest message."""
         self._attitude_at = float("-inf")
         self._received: deque[float] = deque([float("-inf")] * FEWEST, maxlen=FEWEST)
         """Arrival times of the newest attitudes, s."""
@@ -184,6 +186,7 @@ class OwnMotionSensor:
     def receive(self, message: Message, now: float) -> bool:
         """Process one message of the pinned vehicle. Return True if it was a usable attitude, newer
         than all earlier attitudes."""
+        self._newest = None
         if message.get_type() == "VFR_HUD":
             self._on_air_data(message, now)
             return False
@@ -326,13 +329,17 @@ class OwnMotionSensor:
 
     def at(self, now: float) -> Motion:
         """Return the motion at this time, stale values as None."""
-        turned = Motion() if self._attitude(now) is None else self._turned
-        return turned._replace(
-            airspeed=self._airspeed.live(now, AIR_MAX_AGE, FROZEN_AIRSPEED),
-            altitude=self._altitude_at(now),
-            climb=self._climb.live(now, AIR_MAX_AGE),
-            above_home=self._above_home.live(now, AIR_MAX_AGE),
-        )
+        # Eight readers ask in each step, at the same time.
+        if self._newest is None or self._newest[0] != now:
+            turned = Motion() if self._attitude(now) is None else self._turned
+            motion = turned._replace(
+                airspeed=self._airspeed.live(now, AIR_MAX_AGE, FROZEN_AIRSPEED),
+                altitude=self._altitude_at(now),
+                climb=self._climb.live(now, AIR_MAX_AGE),
+                above_home=self._above_home.live(now, AIR_MAX_AGE),
+            )
+            self._newest = (now, motion)
+        return self._newest[1]
 
     def _attitude(self, now: float) -> Attitude | None:
         # Attitudes that arrive rarely, but at least every 1.3 s on average, stay valid for 1.6

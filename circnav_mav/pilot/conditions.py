@@ -93,9 +93,11 @@ class Conditions:
 
     def update(self, view: StepView) -> None:
         """Evaluate the table, and send texts for the conditions that have begun or ended."""
+        steering = view.steering
+        done = view.done
         for row in TABLE:
-            hidden = row.steering and not view.steering
-            hidden |= view.done and row is not ENDED
+            hidden = row.steering and not steering
+            hidden |= done and row is not ENDED
             hidden |= row.by_stall and view.stalled > 0
             active = None if hidden else row.find(view)
             if active is not None:

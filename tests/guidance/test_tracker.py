@@ -49,7 +49,8 @@ class Flown:
         self.t = self.t + dt
         self.p = self.p + path + dt * np.array(WIND)
         z = hypot(*self.p) + error if r is None else r
-        self.filter.step(dt, path, z if valid else None, sigma)
+        self.filter.observe(dt, path, z if valid else None, sigma)
+        self.filter.search()
 
     def observe_for(self, seconds):
         """Pass ranges with valid sigma to the filter for some time."""

@@ -52,6 +52,11 @@ MOVES = DRIFT[0] + 1j * DRIFT[1]
 MOVES[EX:] /= 2
 """Displacement by the drift in a second, by the state, (12,): east + 1j north. The noise e lasts on
 average half of a step."""
+MOVED = 0.5 * DRIFT.sum(axis=0)[:, None]
+MOVED[EX:] = 1.0
+"""Share of the growth over a step that moves the position with `MOVES`, by the state, (12, 1). The
+drift grows linearly, so half of its growth moves the position. `MOVES` contains this half for the
+noise e already."""
 BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s. UWB and LoRa radios show 1 to 3 s."""
 GUST_TIME = 10.0
@@ -198,10 +203,7 @@ def transition(
     nose = 1.0 if accelerations and dt > 0 else 0.0
     factors = np.array((0, 0, dt, dt, dt, error, gust, gust, dt, dt, nose, nose))
     added = noise.growth * factors[:, None]
-    # The drift grows linearly over the step, so half of its growth moves the position. In J, e
-    # moves the position by half already.
-    moved = J * (added * DRIFT.sum(axis=0)[:, None] * 0.5)
-    moved[:, EX:] *= 2
+    moved = J * (added * MOVED)
     added[R] = added[DX] * (dt**2 / 3) + added[GX] * (dt**2 / 3) + added[EX] * (dt**2 / 4)
     added[R] += POSITION_PSD * dt
     added[THETA] = added[R] / r**2
@@ -210,7 +212,7 @@ def transition(
 
 def predict(h: Hypotheses, step: Transition) -> Hypotheses:
     """Return the hypotheses after a step."""
-    P = h.P * np.outer(step.keep, step.keep)[..., None]
+    P = h.P * (step.keep[:, None] * step.keep)[..., None]
     JP = np.einsum("akm,kjm->ajm", step.J, h.P)
     place = np.einsum("akm,bkm->abm", JP, step.J)
     place[1, 0] = place[0, 1]
@@ -246,7 +248,7 @@ def motion(x: Array, dt: float, chord: Vector) -> tuple[Array, Array, Array]:
     seen = x[R] + (moves @ x) * towards
     r = np.maximum(np.abs(seen), CLOSEST)
     turned = seen.conj() * (1 / r)
-    place = np.outer(moves, towards * turned)
+    place = moves[:, None] * (towards * turned)
     place[R] = turned
     place[THETA] = 1j * x[R] * turned
     J = np.array((place.real, place.imag))

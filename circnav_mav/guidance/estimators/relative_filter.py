@@ -12,7 +12,7 @@ from circnav_mav.guidance.maths import Vector
 
 
 class RelativeFilter:
-    """Acquires and tracks the target. Input: `step`, or `observe` and `search`.
+    """Acquires and tracks the target. Input: `observe`, then `search`.
 
     acquisition: window of ranges and search.
     tracker: filters of the noise models; None before the target is located.
@@ -44,19 +44,6 @@ class RelativeFilter:
         if self.tracker is not None:
             after.tracker = self.tracker.through_air(change)
         return after
-
-    def step(
-        self,
-        dt: float,
-        chord: Vector,
-        z: float | None,
-        sigma: float,
-        acceleration: VelocityChange | None = None,
-        rate: Rate | None = None,
-    ) -> None:
-        """Run `observe`, then `search`."""
-        self.observe(dt, chord, z, sigma, acceleration, rate)
-        self.search()
 
     def observe(
         self,

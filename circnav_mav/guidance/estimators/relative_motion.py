@@ -132,7 +132,8 @@ class DriftEstimator(Estimator):
         psi = point.motion.heading
         rate = Rate(sample.r_dot, sample.sigma, (V * cos(psi), V * sin(psi)))
         change = point.velocity_change_since(before)
-        self.filter.step(*_step(before, point), None, self._sigma, change, rate)
+        self.filter.observe(*_step(before, point), None, self._sigma, change, rate)
+        self.filter.search()
         self._used = point
 
     def at(self, time: float) -> RangeEstimate | None:

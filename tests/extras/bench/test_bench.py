@@ -126,6 +126,20 @@ def test_benchmark_rows_are_independent_of_processes_and_resuming(tmp_path):
         assert list(map(str, other)) == list(map(str, alone))
 
 
+def test_benchmark_rows_on_dask_worker_equal_local_rows():
+    distributed = pytest.importorskip("distributed", reason="needs the extra [cluster]")
+    cells = [(replace(SHORT, duration=101.0), "smooth")]
+    local = run(cells, 2)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        there = run(cells, 2, scheduler=cluster.scheduler_address)
+    for rows in (local, there):
+        for row in rows:
+            del row["seconds"]
+    assert list(map(str, there)) == list(map(str, local))
+
+
 def test_consistency_picture_shows_chi_squared_band(cell, monkeypatch):
     """Band of the mean of ten values with two degrees of freedom: 9.591 / 10 to 34.170 / 10."""
     drawn = []
