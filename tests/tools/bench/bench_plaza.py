@@ -3,7 +3,7 @@ filter and least squares, on real ranges and on synthetic logs.
 
     pip install -e '.[peers]'
     python -m tests.tools.bench.bench_plaza               # Plaza 1 and 2
-    python -m tests.tools.bench.bench_plaza --logs 20     # synthetic logs
+    python -m tests.tools.bench.bench_plaza --logs 20     # synthetic logs, 20 of a kind
 
 Plaza 1 and 2 (Djugash and Singh, Carnegie Mellon University): a robot mower with an RTK receiver
 and a radio that measures 7 % too far, with four surveyed beacons each. The data come in the `gtsam`
@@ -17,7 +17,8 @@ beacon, or one straight walk, whose ranges do not show the side of the beacon; p
 of noise.
 
 Sigma: standard deviation along the long axis of the stated covariance, m. Inside: number of beacons
-in the 95 % ellipse, of those with a stated covariance. Refused: number of logs without a place.
+in the 95 % ellipse, of those with a stated covariance, with the interval of the share. Refused:
+number of logs without a place.
 """
 
 import argparse
@@ -39,6 +40,7 @@ from scipy.optimize import least_squares
 
 from circnav_mav.extras.locate.estimator import Knowledge, Place, Ranges, Track, locate
 from circnav_mav.extras.locate.place import Array, Plane
+from tests.tools.bench import intervals
 
 NOISE = 0.5
 HUBER = 1.345
@@ -278,8 +280,8 @@ METHODS: dict[str, Callable[[Beacon], Estimate | None]] = {
 
 
 HEADER = (
-    "| method | error, median / worst, m | sigma, median / worst, m | inside | refused"
-    " | CPU s a beacon |"
+    "| method | error, m: median (95 % interval), worst | sigma, m: median, worst"
+    " | inside (95 % interval) | refused | CPU s a beacon |"
 )
 
 
@@ -301,16 +303,13 @@ def row(
             sigmas.append(float(np.linalg.eigvalsh(found[1])[-1]) ** 0.5)
             inside += float(off @ np.linalg.solve(found[1], off)) <= INSIDE
     seconds = (time.process_time() - began) / len(given)
-    kept = f"{inside} of {len(sigmas)}" if sigmas else "none stated"
+    error = f"{intervals.median(errors)}, {max(errors):.2f}" if errors else "-"
+    sigma = f"{np.median(sigmas):.2f}, {max(sigmas):.2f}" if sigmas else "none stated"
     line = (
-        f"| {name} | {_middle_and_worst(errors)} | {_middle_and_worst(sigmas)} | {kept} |"
+        f"| {name} | {error} | {sigma} | {intervals.count(inside, len(sigmas))} |"
         f" {len(given) - len(errors)} of {len(given)} | {seconds:.2f} |"
     )
     return line + (" " + ", ".join(f"{error:.2f}" for error in errors) + " |" if each else "")
-
-
-def _middle_and_worst(values: list[float]) -> str:
-    return f"{np.median(values):.2f} / {max(values):.2f}" if values else "-"
 
 
 def main() -> None:

@@ -154,4 +154,4 @@ def test_locating_methods_agree_on_synthetic_log():
     walk = bench_plaza.synthetic("straight walk", 1)
     assert bench_plaza.ours(walk) is None
     line = bench_plaza.row("circnav locate", bench_plaza.ours, [log, walk], each=False)
-    assert "1 of 1 | 1 of 2" in line
+    assert "1 of 1 (21 to 100 %) | 1 of 2" in line
