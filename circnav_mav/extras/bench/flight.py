@@ -44,7 +44,7 @@ VEER_TIME = 10.0
 VEER_EVERY = 50.0
 """Time from the start of a change of the wind direction to the start of the next one, s."""
 COAST = 10.0
-"""Time without ranges in which the turn rate of the circle is commanded, s: `limits.hold_s` of a
+"""Time without ranges in which the turn rate of the circle is commanded, s: `limits.coast_s` of a
 mission by default."""
 GAUSS = ((0.5 - sqrt(15) / 10, 5 / 18), (0.5, 8 / 18), (0.5 + sqrt(15) / 10, 5 / 18))
 """Gauss-Legendre rule with three points on 0 to 1: place and weight."""

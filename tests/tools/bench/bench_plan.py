@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.extras.locate.forecast import survey_sigma
+from circnav_mav.extras.locate.forecast import position_sigma
 from circnav_mav.extras.locate.place import Place
 from circnav_mav.extras.plan.command import at_speed
 from circnav_mav.extras.plan.radius_error import radius_rms
@@ -34,7 +34,7 @@ from circnav_mav.mav.check_result import PASS
 from circnav_mav.mission.checks import check_mission, drift_allowed
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import Mission
-from tests.extras.locate.flown import Surveyed, surveyed
+from tests.extras.locate.flown import LocatingFlight, locating_flight
 from tests.flight.lockstep import CONFIG
 
 WINDOW = 240.0
@@ -117,7 +117,7 @@ def draw(number: int) -> Drawn:
 
 def fly(drawn: Drawn) -> dict[str, object]:
     """Fly a mission. Return what was flown."""
-    flown = surveyed(drawn.vehicle, *drawn.overrides, law="auto", gps_sigma=1.5)
+    flown = locating_flight(drawn.vehicle, *drawn.overrides, law="auto", gps_sigma=1.5)
     flown.solve_from = 1e9
     while flown.pilot.mission.engaged_at is None and flown.now < 60.0:
         flown.fly(flown.now + 1.0)
@@ -148,11 +148,11 @@ def fly(drawn: Drawn) -> dict[str, object]:
         "seconds": flown.now - begun,
         "rms": float(np.sqrt(np.mean(off**2))),
         "mean": float(off.mean()),
-        "survey": found,
+        "locate": found,
     }
 
 
-def _on_circle(flown: Surveyed, radius: float) -> bool:
+def _on_circle(flown: LocatingFlight, radius: float) -> bool:
     """Return True if the radius error was below a tenth of the radius for the last 20 s."""
     late = [one for one in flown.truths if one.time >= flown.now - 20.0]
     return all(
@@ -186,7 +186,7 @@ def fly_all(path: Path, numbers: Iterator[int], seconds: float) -> None:
 def planned(drawn: Drawn) -> tuple[float, float | None]:
     """Return the planned radius RMS and standard deviation of the place, m."""
     mission = drawn.mission()
-    return radius_rms(mission, drawn.gust), survey_sigma(mission, WINDOW)
+    return radius_rms(mission, drawn.gust), position_sigma(mission, WINDOW)
 
 
 def compare(path: Path) -> None:
@@ -206,7 +206,7 @@ def compare(path: Path) -> None:
             rms.append(float("inf"))
             continue
         expected, sigma = planned(drawn)
-        found: dict[str, float] = line["survey"]
+        found: dict[str, float] = line["locate"]
         rms.append(float(line["rms"]) / expected)
         survey.append(found["sigma"] / sigma if sigma and found else float("inf"))
         errors.append(found["error"] / sigma if sigma and found else float("inf"))

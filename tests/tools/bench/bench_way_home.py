@@ -1,5 +1,5 @@
 """Position error of a plane without GPS that flies home, 2 km away from the beacon, with positions
-of the hand-back.
+of the external position.
 
     python -m tests.tools.bench.bench_way_home --reach 500 --flights 4 [--change] [--heading 3]
         [--gusts 1 3]
@@ -18,7 +18,10 @@ from math import hypot
 import numpy as np
 from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 
-from tests.extras.handback.handed_back import HandedBack, handed_back
+from tests.extras.external_position.external_position_flight import (
+    ExternalPositionFlight,
+    external_position_flight,
+)
 
 AWAY = 2000.0
 OFF = 100.0
@@ -55,7 +58,7 @@ class WayHome:
     def __post_init__(self) -> None:
         self.errors: list[tuple[float, float, float]] = []
 
-    def watch(self, flown: HandedBack) -> None:
+    def watch(self, flown: ExternalPositionFlight) -> None:
         """Apply the events that are due and record the error."""
         flight = flown.vehicle._flight
         companion = flown.companion
@@ -81,7 +84,7 @@ class WayHome:
         rms, time = self.options.gusts
         changes = (f"sim.ranging.max_range_m={self.options.reach}", f"sim.wind.gust_rms_mps={rms}",
                    f"sim.wind.gust_time_s={time}", f"sim.seed={seed}")  # fmt: skip
-        flown = handed_back("arduplane", *WORLD, *changes, law="auto")
+        flown = external_position_flight("arduplane", *WORLD, *changes, law="auto")
         flown.solve_from = 60.0
         flown.solve_every = 30.0
         flown.fly(LONGEST, self.watch)

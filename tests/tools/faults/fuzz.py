@@ -69,7 +69,7 @@ class Target:
             'engage.on_takeover="wait"',
             "limits.duration_s=1e9",
         ]
-        overrides += ["limits.hold_s=3600", "link.wait_s=1e6"]
+        overrides += ["limits.coast_s=3600", "link.wait_s=1e6"]
         if ranging == "ranging_beacon":
             overrides += ['ranging.endpoint="udpin:127.0.0.1:14560"']
         self.settings = load_mission(CONFIG / f"{profile}.toml", overrides).pilot_settings()

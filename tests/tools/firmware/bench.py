@@ -256,7 +256,7 @@ class Bench:
         if self.flight.attitude_hz:
             data = b"".join(frame for number, frame in cut if self._attitude_due(number))
             cut = list(frames(data))
-        if not (self.flight.keep_position or self.flight.handback):
+        if not (self.flight.keep_position or self.flight.external_position):
             hidden = POSITIONS - GPS_HEALTH if self.flight.gps_shown else POSITIONS
             kept = b"".join(
                 without_position(frame) if number == GLOBAL_POSITION_INT else frame
