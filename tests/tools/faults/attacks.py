@@ -55,7 +55,7 @@ def ranges(share: float, ahead: float, ids: tuple[int, int] = RADIO) -> Say:
 
     def say(course: Course, now: float, n: int) -> list[bytes]:
         stamp = round(1000 * (now + ahead))
-        height = course.pilot.settings.height.above_target or 0.0
+        height = course.pilot.settings.file.orbit.height_above_target_m or 0.0
         cm = round(100 * hypot(share * course.radius, height))
         return [
             write(
@@ -289,7 +289,7 @@ def second_circnav(*overrides: str) -> Callable[[Course, int], None]:
         mission = load_mission(
             CONFIG / f"{course.profile}.toml", (*PATIENT, f'guidance.law="{LAW}"', *overrides)
         )
-        second = Pilot(mission.pilot_settings())
+        second = Pilot(mission)
         start = course.now
 
         def overhear(way: str, data: bytes, now: float) -> list[Passage]:

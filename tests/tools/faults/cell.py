@@ -249,7 +249,7 @@ def _to_safe(course: Course, start: float) -> float | None:
 
 
 def _age_faults(course: Course, scenario: Scenario) -> list[str]:
-    stale = course.pilot.settings.timing.stale
+    stale = course.pilot.settings.stale
     faults = []
     if course.worst_told_age > stale + 1e-6:
         faults.append(f"steered by a range {course.worst_told_age:.2f} s old, bound {stale:g} s")
