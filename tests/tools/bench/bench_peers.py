@@ -519,8 +519,9 @@ class Bank:
             for noise in noises:
                 noise[:2, :2] = dt * POSITION_PSD * from_plane @ from_plane.T
             one.predict(move, noises)
-        R = sum(variances) / len(variances)
-        misses = np.array([self._miss(one, sample.r, R) for one in self._filters])
+        # The weights of the directions use the whole variance of a range. With the share that
+        # varies fast, a wrong share would remove the true direction.
+        misses = np.array([self._miss(one, sample.r, sample.sigma**2) for one in self._filters])
         squared = misses[:, 0] ** 2 / misses[:, 1]
         # An outlier is outside the gate of every direction. After five in a row the filters are
         # wrong, and not the ranges.
@@ -643,7 +644,7 @@ class Public(NamedTuple):
         return Bank(self.make, self.space, tuning)
 
 
-SINGLE = Tuning((Mode(1e-5, 0.0, 0.9),))
+SINGLE = Tuning((Mode(1e-5, 0.0, 0.5),))
 SEPARATE = {
     "calm": Tuning((Mode(1e-5, 0.0, 0.5),)),
     "wind 0.33 V": Tuning((Mode(1e-5, 0.0, 0.5),)),
@@ -656,7 +657,7 @@ SEPARATE = {
 MODES = Tuning((STEADY, STEADY_SLOW, GUSTY, TURNING), 0.999)
 """Best tunings by --tune: of an EKF, of an EKF in each situation, and of an IMM."""
 PUBLIC = {
-    "EKF, x and y": Public(bayesian_ekf, Cartesian(), SINGLES, Tuning((Mode(1e-5, 0.0, 0.5),))),
+    "EKF, x and y": Public(bayesian_ekf, Cartesian(), SINGLES, SINGLE),
     "EKF": Public(bayesian_ekf, Polar(), SINGLES, SINGLE),
     "EKF, tuned to the situation": Public(bayesian_ekf, Polar(), SINGLES, SINGLE, SEPARATE),
     "UKF": Public(bayesian_ukf, Polar(), SINGLES, SINGLE),
