@@ -44,7 +44,11 @@ def read_toml(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        words = str(error).replace("Cannot overwrite a value", "The key is repeated")
+        words = str(error).replace("Cannot overwrite a value", "The key is repeated: delete one")
+        if twice := re.match(r"Cannot declare \((.*?)\) twice", words):
+            name = ".".join(re.findall(r"\w+", twice[1]))
+            rest = words.removeprefix(twice[0])
+            words = f"The table [{name}] is repeated: put all its keys under one heading{rest}"
         at = re.search(r"at line (\d+)", words)
         line = text.split("\n")[int(at[1]) - 1].strip()[:MOST_SHOWN] if at else ""
         raise MissionError(
@@ -57,8 +61,13 @@ def _remedy(line: str) -> str:
     value = line.partition("=")[2].partition("#")[0].strip()
     if re.fullmatch(r"[-+]?\d+,\d+", value):
         return f": write {value.replace(',', '.')}"
-    if re.fullmatch(r"[A-Za-z][\w.:/-]*", value):
-        return f': write "{value}" in quotes'
+    # a text without quotes, or with one of the two
+    if re.fullmatch(r"[A-Za-z][\w.:/-]*", word := value.strip("\"'")) and value in (
+        word,
+        *(f"{quote}{word}" for quote in "\"'"),
+        *(f"{word}{quote}" for quote in "\"'"),
+    ):
+        return f': write "{word}" in quotes'
     return ""
 
 
@@ -146,9 +155,9 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
         file = whole_schema().model_validate(table)
     except ValidationError as error:
         raise MissionError(f"{where}: {in_words(error, whole_schema())}") from None
-    if problems := list(clashes(file)):
-        raise MissionError(f"{where}: {'; '.join(problems)}")
     mission = Mission(file, text)
+    if problems := list(clashes(mission)):
+        raise MissionError(f"{where}: {'; '.join(problems)}")
     _check_numbers(mission, where)
     return mission
 
@@ -166,7 +175,7 @@ def _check_numbers(mission: Mission, where: str) -> None:
     overflow. Raises MissionError."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            _ = mission.facts, mission.ranging, mission.circle_limits, mission.estimation_by_drag
+            _ = mission.facts, mission.ranging, mission.circle_limits
             mission.tuning.loop_lag(mission.orbit.radius)
     except ArithmeticError as error:
         reason = str(error.args[-1]) if error.args else "not a finite number"

@@ -131,7 +131,9 @@ def _named(table: NameTable[Any]) -> Any:
     def check(name: str) -> str:
         if not table.knows(name):
             raise PydanticCustomError(
-                "literal_error", "unknown name", {"expected": ", ".join(map(repr, table.names()))}
+                "literal_error",
+                "unknown name",
+                {"expected": f"{', '.join(map(repr, table.names()))}, or your own module:name"},
             )
         return name
 
@@ -144,7 +146,6 @@ class GuidanceTable(Table):
 
     law: _named(LAWS) = "auto"  # type: ignore[valid-type]
     gain: Positive | None = None
-    correct_radius: bool = True
     estimator: _named(ESTIMATORS) | None = None  # type: ignore[valid-type]
     own_code_on_vehicle: bool = False
 
