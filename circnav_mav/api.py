@@ -73,19 +73,23 @@ class Guidance:
         *,
         turn_lag: float = 0.4,
         stale: float = 0.5,
+        coast: float = 0.0,
     ) -> None:
         """law: name, result of `tune`, or your function. The name of a user-defined law is an entry
             point or `module:name`.
         estimator: name, or your object. None: the default estimator of the law.
         turn_lag: delay from a command to its turn, s.
-        stale: age of the newest range, s, above which no turn rate is commanded.
+        stale: age of the newest range, s, above which the law does not steer.
+        coast: time after `stale`, s, in which the turn rate of the circle is commanded, corrected
+            for the estimated drift.
 
         Raises ValueError for an unknown name, and for a value that is impossible for a vehicle.
         """
         _check_circle(orbit)
         _check_lag(turn_lag)
-        if not stale >= 0:
-            raise ValueError(f"stale: must be at least 0 s, not {stale:g}")
+        for name, value in (("stale", stale), ("coast", coast)):
+            if not value >= 0:
+                raise ValueError(f"{name}: must be at least 0 s, not {value:g}")
         if isinstance(law, str):
             law = tune(orbit, law, turn_lag=turn_lag)
         name = ""
@@ -96,6 +100,7 @@ class Guidance:
             _check_lag(turn_lag)
         self._loop = ClosedLoop(orbit, law, VehicleModel(turn_lag, orbit.max_turn_rate))
         self._stale = stale
+        self._coast = coast
         wanted = estimator or default_estimator(name)
         if isinstance(wanted, str):
             _known("estimator", wanted, ESTIMATORS)
@@ -148,8 +153,8 @@ class Guidance:
     def command(self, now: float) -> TurnCommand | None:
         """Return the turn rate to command now, finite and within the vehicle's limit.
 
-        None without a valid estimate (too few ranges, or the newest one is stale), and if your law
-        returns NaN or an infinity.
+        None without a valid estimate (too few ranges, or the newest one is older than `stale` and
+        `coast`), and if your law returns NaN or an infinity.
 
         Raises OwnCodeError, a ValueError with file and line, if your law fails or returns no
         number.
@@ -157,11 +162,14 @@ class Guidance:
         estimate = self.estimate(now)
         # abs: a range with a timestamp in the future would otherwise steer until that time.
         age = inf if self._newest is None else abs(now - self._newest.time)
-        fresh = age <= self._stale + SAME_TIME
-        if estimate is None or not fresh or not self._estimator.ready:
+        known = age <= self._stale + self._coast + SAME_TIME
+        if estimate is None or not known or not self._estimator.ready:
             self._loop.reset()
             return None
-        command = self._loop.command(estimate, now)
+        if age <= self._stale + SAME_TIME:
+            command = self._loop.command(estimate, now)
+        else:
+            command = self._loop.hold(estimate, now)
         if not isfinite(command.demanded):
             self._loop.reset()
             return None

@@ -58,9 +58,10 @@ class World:
         self.turn_rate = 0.0
         self.now = 0.0
 
-    def fly(self, guidance: Guidance, seconds: float) -> None:
+    def fly(self, guidance: Guidance, seconds: float, *, ranging: bool = True) -> None:
         for _ in range(round(seconds * 20)):
-            guidance.update_range(RangeSample(self.now, self.now, hypot(self.x, self.y), 0.5))
+            if ranging:
+                guidance.update_range(RangeSample(self.now, self.now, self.radius, 0.5))
             guidance.update_motion(OwnMotion(self.now, self.heading, self.turn_rate, self.V))
             command = guidance.command(self.now)
             self.step(command.turn_rate if command else 0.0)
@@ -116,6 +117,17 @@ def test_guidance_with_user_law_and_gain_reaches_circle(name, direction):
     world.fly(examples()[name], 80.0)
     assert world.radius == pytest.approx(60.0, rel=0.05)
     assert world.sense is direction
+
+
+def test_guidance_coasts_on_circle_during_outage_in_wind():
+    world = World(15.0, wind=4.0)
+    guidance = Guidance(ORBIT, coast=10.0)
+    world.fly(guidance, 70.0)
+    world.fly(guidance, 10.0, ranging=False)
+    assert guidance.command(world.now) is not None
+    assert world.radius == pytest.approx(100.0, rel=0.05)
+    world.fly(guidance, 1.0, ranging=False)
+    assert guidance.command(world.now) is None
 
 
 def received(guidance: Guidance, ranges: Callable[[float], float] = lambda time: 150.0) -> Guidance:

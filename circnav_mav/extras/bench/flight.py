@@ -43,6 +43,9 @@ VEER_TIME = 10.0
 """Duration of a change of the wind direction, s."""
 VEER_EVERY = 50.0
 """Time from the start of a change of the wind direction to the start of the next one, s."""
+COAST = 10.0
+"""Time without ranges in which the turn rate of the circle is commanded, s: `limits.coast_s` of a
+mission by default."""
 GAUSS = ((0.5 - sqrt(15) / 10, 5 / 18), (0.5, 8 / 18), (0.5 + sqrt(15) / 10, 5 / 18))
 """Gauss-Legendre rule with three points on 0 to 1: place and weight."""
 ROWS = ("r", "r_dot", "angle", "command", "r_hat", "r_dot_hat", "nees", "nis")
@@ -346,7 +349,7 @@ def fly(situation: Situation, policy: str, seed: int, flight: int) -> Track:
     law, name = law_and_estimator(policy)
     settings = EstimatorSettings(orbit.speed, orbit.max_turn_rate)
     estimator = FullInformation(world) if name == TRUTH else ESTIMATORS[name](settings)
-    guidance = Guidance(orbit, tune(orbit, law, turn_lag=TURN_LAG), estimator)
+    guidance = Guidance(orbit, tune(orbit, law, turn_lag=TURN_LAG), estimator, coast=COAST)
     steps = round(situation.duration / situation.dt)
     rows = {name: np.full(steps, np.nan, np.float32) for name in ROWS}
     for step in range(steps):

@@ -135,8 +135,8 @@ def test_public_filters_find_target_of_recording():
 
     steps = bench_peers.record("calm", 1)
     found = {
-        name: bench_peers.run(bench_peers.PEERS[name](), steps)
-        for name in ("circnav auto", "bayesian-filters EKF")
+        name: bench_peers.run(bench_peers.PEERS[name]("calm"), steps)
+        for name in ("circnav auto", "EKF")
     }
     assert all(one.position < 10.0 and one.r_dot < 0.5 for one in found.values())
     assert bench_peers.row("calm", "both", list(found.values())).count("|") == 11
@@ -154,4 +154,4 @@ def test_locating_methods_agree_on_synthetic_log():
     walk = bench_plaza.synthetic("straight walk", 1)
     assert bench_plaza.ours(walk) is None
     line = bench_plaza.row("circnav locate", bench_plaza.ours, [log, walk], each=False)
-    assert "1 of 1 | 1 of 2" in line
+    assert "1 of 1 (21 to 100 %) | 1 of 2" in line
