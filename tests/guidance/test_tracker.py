@@ -2,7 +2,7 @@
 impossible."""
 
 from copy import deepcopy
-from math import hypot
+from math import asin, cos, hypot, pi, sin
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from circnav_mav.guidance.estimators.relative_ekf import (
     STATES,
     B,
     R,
+    VelocityChange,
     range_measurement,
     update,
 )
@@ -185,3 +186,43 @@ def test_trust_in_relative_motion_has_hysteresis(tracking):
         if flown.filter.trusted:
             break
     assert between and flown.filter.trusted
+
+
+def test_tracker_keeps_airspeed_scale_when_wind_turns():
+    """The plane stays on its circle. The wind of 3 m/s from the north becomes 9 m/s from the east
+    within 3 s. The nose swings by 1.7 deg at 0.85 Hz while the path is smooth: ArduPlane's roll
+    loop rings at this frequency, and a roll turns the nose. To models that use accelerations, a
+    wrong airspeed scale explains such a swing."""
+    airspeed = 22.0
+    radius = 150.0
+    scale = 1.03
+    dt = 0.1
+    rng = np.random.default_rng(1)
+    filter_ = RelativeFilter(EstimatorSettings(airspeed, 0.44))
+    direction = 0.0
+    before = None
+    scales = []
+    for t in np.arange(0.0, 165.0, dt):
+        turned = np.clip((t - 90.0) / 3.0, 0.0, 1.0)
+        wind = np.array((-9.0 * turned, -3.0 * (1 - turned)))
+        course = direction - pi / 2
+        along = np.array((cos(course), sin(course)))
+        crab = asin((along[0] * wind[1] - along[1] * wind[0]) / (scale * airspeed))
+        speed = scale * airspeed * cos(crab) + along @ wind
+        nose = course - crab + 0.03 * sin(2 * pi * 0.85 * t)
+        air = airspeed * np.array((cos(nose), sin(nose)))
+        velocity = speed * along + rng.normal(0, 0.03, 2)
+        if before is not None:
+            mean = (air + before[1]) / 2
+            change = VelocityChange(
+                velocity - before[0],
+                air - before[1],
+                mean * dt / airspeed,
+                airspeed * (nose - before[2]) / dt,
+            )
+            filter_.step(dt, mean * dt, radius + rng.normal(0, 0.5), 0.5, change)
+        before = velocity, air, nose
+        direction -= speed * dt / radius
+        if t > 60.0:
+            scales.append(filter_.estimate.mean[KAPPA])
+    assert scales == pytest.approx([scale] * len(scales), abs=0.01)

@@ -2,7 +2,7 @@
 models assume a steady to gusty drift, and a white to drifting range error.
 
 A model of negligible weight restarts from the mixture of its kind. There are two kinds: models that
-use accelerations, and models that do not.
+use accelerations, and models that do not. The latter also supply the airspeed scale of the former.
 """
 
 from math import hypot, sqrt
@@ -186,7 +186,9 @@ class Tracker:
         if rate is not None:
             h, _, _ = ekf.update(h, noise, ekf.rate_measurement(h, *rate), gate)
         mean, covariance = ekf.mixture(h)
-        self.tracks = _revive(h, noise.acceleration_weight > 0, mean, covariance)
+        uses_accelerations = noise.acceleration_weight > 0
+        h = _revive(h, uses_accelerations, mean, covariance)
+        self.tracks = _supply_scale(h, uses_accelerations)
         self.estimate = self._estimate(mean, covariance, self.estimate.trusted)
 
     def _estimate(self, mean: Array, covariance: Array, trusted: bool) -> Estimate:
@@ -235,9 +237,29 @@ def _revive(
         if restarts.any():
             start, spread = mean, covariance
             if h.log_weight[kind].max() >= FORGOTTEN:
-                start, spread = ekf.mixture(
-                    Hypotheses(h.x[:, kind], h.P[:, :, kind], h.log_weight[kind])
-                )
+                start, spread = _mixture_of(h, kind)
             x[:, restarts] = start[:, None]
             P[:, :, restarts] = spread[:, :, None]
     return Hypotheses(x, P, np.where(forgotten, REVIVED, h.log_weight))
+
+
+def _supply_scale(h: Hypotheses, uses_accelerations: NDArray[np.bool_]) -> Hypotheses:
+    """Return the hypotheses with the airspeed scale of the models without accelerations in each
+    model with accelerations that is less certain of it. The other states of this model change by
+    their covariance with the scale.
+
+    Models with accelerations mistake side-slip, and a change of the wind, for a wrong scale. In a
+    flight of ArduPlane their scale fell from 1.01 to 0.88 after the wind had changed. The true
+    scale was 1.03, as the other models had found before.
+    """
+    mean, covariance = _mixture_of(h, ~uses_accelerations)
+    variance = h.P[KAPPA, KAPPA]
+    excess = np.where(uses_accelerations, np.maximum(variance - covariance[KAPPA, KAPPA], 0.0), 0.0)
+    gain = h.P[:, KAPPA] / variance
+    error = np.where(excess > 0, h.x[KAPPA] - mean[KAPPA], 0.0)
+    return Hypotheses(h.x - gain * error, h.P - gain[:, None] * gain * excess, h.log_weight)
+
+
+def _mixture_of(h: Hypotheses, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return mean (12,) and covariance (12, 12) of the weighted hypotheses of some models, (M,)."""
+    return ekf.mixture(Hypotheses(h.x[:, chosen], h.P[:, :, chosen], h.log_weight[chosen]))
