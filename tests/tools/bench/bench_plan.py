@@ -117,7 +117,7 @@ def draw(number: int) -> Drawn:
 
 def fly(drawn: Drawn) -> dict[str, object]:
     """Fly a mission. Return what was flown."""
-    flown = locating_flight(drawn.vehicle, *drawn.overrides, law="auto", gps_sigma=1.5)
+    flown = locating_flight(drawn.vehicle, *drawn.overrides, law="auto")
     flown.solve_from = 1e9
     while flown.pilot.mission.engaged_at is None and flown.now < 60.0:
         flown.fly(flown.now + 1.0)

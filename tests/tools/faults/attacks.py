@@ -321,7 +321,7 @@ def to_loiter(course: Course, seed: int) -> None:
 
 def no_raw_text(course: Course) -> str | None:
     """Return a fault unless all texts of the vehicle are safe to print on a terminal."""
-    messages = course.pilot.session.texts
+    messages = course.pilot.session.vehicle.texts
     return (
         None if messages and all(map(str.isprintable, messages)) else f"texts: {list(messages)!r}"
     )
