@@ -18,6 +18,7 @@ OPTIONS = (
     "--disable-gpu",
     "--remote-debugging-pipe",
     "--no-first-run",
+    "--hide-scrollbars",
 )
 
 
