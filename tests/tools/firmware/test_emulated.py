@@ -4,10 +4,11 @@ from statistics import median
 
 import pytest
 
+from tests.tools import cells
 from tests.tools.firmware.emulated import fly
-from tests.tools.firmware.table import FLIGHTS, stored
+from tests.tools.firmware.table import FLIGHTS
 
-STORED = stored(FLIGHTS)
+STORED = cells.read(FLIGHTS)
 
 
 @pytest.mark.parametrize(
