@@ -9,7 +9,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from math import inf
 from pathlib import Path
@@ -75,7 +75,7 @@ def _cell(fly: Fly, row: str, seed: int, until: float) -> Result | None:
     return None if time.monotonic() > until else {"row": row, "seed": seed, **fly(row, seed)}
 
 
-def table(head: str, rows: Iterable[Sequence[object]]) -> str:
+def table(head: str, rows: Iterable[Iterable[object]]) -> str:
     """Return a table in Markdown. head: titles of the columns, separated by `|`. A cell is a text,
     or a number with two decimals; None: not known."""
     lines = [f"| {head} |", "|---" * (head.count("|") + 1) + "|"]

@@ -20,7 +20,8 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot.tick_scheduler import TickScheduler
 from tests.flight.lockstep import true_radius
-from tests.tools.bench.on_port import ROOT, SETPOINT, VehicleOnPort, flown, resident_mb
+from tests.process import ROOT, resident_mb
+from tests.tools.bench.on_port import SETPOINT, VehicleOnPort, flown
 from tests.tools.fault_link.frames import frames, message_id, write
 
 MISSION = ROOT / "config" / "arducopter.toml"
@@ -67,7 +68,7 @@ class Bench:
                     )
                     vehicle.vehicle.receive(write(ask, *GCS))
             if now >= len(self.memory):
-                self.memory.append((now, resident_mb(process)))
+                self.memory.append((now, resident_mb(process.pid)))
                 self.errors.append(true_radius(vehicle.vehicle.truth) - RADIUS)
 
 

@@ -14,7 +14,8 @@ from collections.abc import Callable
 from typing import Any
 
 from tests.frames import read
-from tests.tools.bench.on_port import ROOT, SETPOINT, VehicleOnPort, flown
+from tests.process import ROOT
+from tests.tools.bench.on_port import SETPOINT, VehicleOnPort, flown
 from tests.tools.fault_link.frames import frames, message_id
 
 PATIENCE = 60.0

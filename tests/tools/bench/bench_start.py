@@ -13,7 +13,8 @@ import statistics
 import subprocess
 import sys
 
-from tests.tools.bench.on_port import ROOT, SETPOINT, flown, resident_mb
+from tests.process import ROOT, resident_mb
+from tests.tools.bench.on_port import SETPOINT, flown
 from tests.tools.fault_link.frames import frames, message_id
 
 MISSION = ROOT / "config" / "quickstart.toml"
@@ -46,7 +47,7 @@ def fly(law: str, steered: float) -> tuple[float, float]:
             if not steering and any(message_id(frame) == SETPOINT for frame in frames(data)):
                 steering = True
                 until = vehicle.now + steered
-        return spoke, resident_mb(process)
+        return spoke, resident_mb(process.pid)
 
 
 def main(arguments: list[str] | None = None) -> int:

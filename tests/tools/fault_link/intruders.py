@@ -1,7 +1,6 @@
 """Other senders on the link. Each function returns an `Intruder` that sends at a constant rate."""
 
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from random import Random
 
 from pymavlink.dialects.v20 import all as mavlink
@@ -96,14 +95,6 @@ def unknown_senders(rate: float, seed: int) -> Intruder:
         ]
 
     return periodic(rate, make)
-
-
-def recorded(path: Path, rate: float) -> Intruder:
-    """Return an intruder that repeats the frames of a tlog. Raises ValueError."""
-    kept = tlog_frames(path.read_bytes())
-    if not kept:
-        raise ValueError(f"{path}: contains no MAVLink 2 frame")
-    return periodic(rate, lambda n: [kept[n % len(kept)]])
 
 
 def tlog_frames(data: bytes) -> list[bytes]:

@@ -23,6 +23,7 @@ from circnav_mav.pilot import RANGING, VEHICLE, Pilot
 from circnav_mav.pilot.mission_state import Phase
 from tests.flight.lockstep import CONFIG
 from tests.frames import output
+from tests.process import resident_mb
 from tests.rig import beacon, distance
 from tests.tools.fault_link.frames import frames, raw_frame, write
 from tests.tools.faults.judge import Allowed, broken_rule, is_setpoint
@@ -284,12 +285,6 @@ def hostile(target: Target, make: Hostile, chance: Random, wanted: int) -> Itera
         if n % FRESH == 0:
             corpus = corpus_of(target)
         yield make(chance, corpus)
-
-
-def resident_mb() -> float:
-    """Resident memory of this process, MB."""
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * 4096 / 1e6
 
 
 def run(what: str, count: int, seed: int) -> tuple[list[str], str]:

@@ -8,7 +8,6 @@ of the process.
 """
 
 import argparse
-import os
 import subprocess
 import sys
 import tempfile
@@ -24,7 +23,7 @@ from circnav_mav.runlog.replay import SETPOINT_IDS
 from circnav_mav.runlog.run_folder import open_run
 from circnav_mav.runlog.ticks import Truth
 from circnav_mav.runlog.tlog import message_id, read_tlog
-from tests.process import ROOT, UNDRAWN
+from tests.process import ROOT, UNDRAWN, resident_mb
 
 WRAP = 2**32 / 1000
 """Time after which a 32-bit millisecond counter wraps, s: 49.7 days."""
@@ -68,11 +67,6 @@ def flown(folder: Path, profile: str, law: str, seconds: float) -> Iterator[tupl
         finally:
             process.kill()
             process.wait()
-
-
-def resident_mb(pid: int) -> float:
-    """Return the resident memory of a process, MB."""
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def memory_slope(memory: Memory) -> float:

@@ -37,7 +37,7 @@ STARTS = ((70, True), (-70, False), (140, True), (-10, False), (-110, True))
 """Start of a flight, by seed: bearing of the target from the nose, deg, and True for a clockwise
 circle."""
 OF_FLIGHT = ("vehicle", "radius", "speed", "direction", "wind", "turbulence", "start_bearing")
-LEFT_OUT = {"title", "texts", "modes", "from_app", "ranges", "hidden", "exit_code", "cpu",
+LEFT_OUT = {"title", "texts", "modes", "from_app", "ranges", "hidden", "exit_code",
             "own_position"}  # fmt: skip
 """OF_FLIGHT: options that are stored with the flights of the page. LEFT_OUT: keys of a result that
 are not stored."""

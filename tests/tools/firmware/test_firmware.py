@@ -67,20 +67,20 @@ def test_score_matches_synthetic_circle_with_2_m_error(
         turn_limit=radians(8.0),
         home=584.0,
     )
-    assert (scored.kept, scored.direction) == (
+    assert (scored["kept"], scored["direction"]) == (
         True,
         "clockwise" if clockwise else "counterclockwise",
     )
-    assert (scored.rms, scored.mean, scored.sd) == pytest.approx((2.0, 2.0, 0.0), abs=0.01)
-    assert scored.settled == pytest.approx((375.0 - 157.5) / 22.0, abs=0.1)
-    assert (scored.closest, scored.led_away) == pytest.approx((152.0, 0.0), abs=0.1)
-    assert (scored.turn_sd, scored.turn_at_limit) == pytest.approx((2.0, 0.5), abs=0.01)
-    assert scored.total_variation == pytest.approx(4.0 * 20, rel=0.01)
+    assert (scored["rms"], scored["mean"], scored["sd"]) == pytest.approx((2.0, 2.0, 0.0), abs=0.01)
+    assert scored["settled"] == pytest.approx((375.0 - 157.5) / 22.0, abs=0.1)
+    assert (scored["closest"], scored["led_away"]) == pytest.approx((152.0, 0.0), abs=0.1)
+    assert (scored["turn_sd"], scored["turn_at_limit"]) == pytest.approx((2.0, 0.5), abs=0.01)
+    assert scored["total_variation"] == pytest.approx(4.0 * 20, rel=0.01)
     elsewhere = (TARGET[0] + 40.0, TARGET[1])
     scored = score(
         PLANE, track, [], lambda _: elsewhere, engaged=0.0, ended=200.0, turn_limit=1.0, home=584.0
     )
-    assert (scored.kept, scored.settled, scored.turn_sd) == (False, None, None), (
+    assert (scored["kept"], scored["settled"], scored["turn_sd"]) == (False, None, None), (
         "a circle around another position is not kept"
     )
 
