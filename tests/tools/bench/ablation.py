@@ -251,24 +251,29 @@ def table(results: dict[str, list[Result]]) -> str:
     """Return the table in Markdown. A cell contains the median radius RMS, m, the standard
     deviation of the turn command, deg/s, and the share of commands at the limit if it is 1 % or
     more. A dash: the layer changed no result, or the row has not been flown."""
-    ratios: dict[str, list[float]] = {name: [] for name in NAMES}
     lines = []
+    spread: dict[str, list[float]] = {name: [] for name in NAMES}
     for row, flights in results.items():
-        layers = [one["layers"] for one in flights]
-        full = [one[FULL] for one in layers]
-        cells_of_row = [_cell(full)]
-        for name in NAMES:
-            if not any(name in one for one in layers):
-                cells_of_row.append("-")
-                continue
-            off = [one.get(name, one[FULL]) for one in layers]
-            cells_of_row.append(_cell(off))
-            ratios[name].append(_median(off, "rms") / _median(full, "rms"))
-        lines.append([row if row in FLOWN else f"benchmark: {row}", *cells_of_row])
-    spread = [sorted(ratios[name]) or [1.0] for name in NAMES]
-    lines.append(["median ratio of RMS", "1", *(f"{median(one):.2f}" for one in spread)])
-    lines.append(["least and largest", "1", *(f"{one[0]:.2f}, {one[-1]:.2f}" for one in spread)])
+        pairs = {name: _with_and_without(name, flights) for name in NAMES}
+        full = [one["layers"][FULL] for one in flights]
+        title = row if row in FLOWN else f"benchmark: {row}"
+        lines.append([title, _cell(full), *(_cell(off) for _, off in pairs.values())])
+        for name, (on, off) in pairs.items():
+            if off:
+                spread[name].append(_median(off, "rms") / _median(on, "rms"))
+    ratios = [sorted(values) or [1.0] for values in spread.values()]
+    lines.append(["median ratio of RMS", "1", *(f"{median(one):.2f}" for one in ratios)])
+    lines.append(["least and largest", "1", *(f"{one[0]:.2f}, {one[-1]:.2f}" for one in ratios)])
     return cells.table(" | ".join(("row", FULL, *NAMES)), lines)
+
+
+def _with_and_without(name: str, flights: Sequence[Result]) -> tuple[list[Result], list[Result]]:
+    """Return the figures of the flights with all layers, and without a layer. Both are empty if
+    the layer acted in no flight."""
+    layers = [one["layers"] for one in flights]
+    if not any(name in one for one in layers):
+        return [], []
+    return [one[FULL] for one in layers], [one.get(name, one[FULL]) for one in layers]
 
 
 def _median(flights: Sequence[Result], figure: str) -> float:

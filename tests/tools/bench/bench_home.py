@@ -75,6 +75,13 @@ def fly(row: str, seed: int, overrides: Iterable[str] = (), **changes: float) ->
     flown.fly(5.0, watch)
     while not flown.pilot.done and flown.now <= arrived + LAPS * lap:
         flown.fly(flown.now + 1.0, watch)
+    return {**angles, **figures(flown, arrived, lap)}
+
+
+def figures(flown: Flight, arrived: float, lap: float) -> Result:
+    """Return the figures of a flight. arrived: time at which it came within HOME, s. lap: duration
+    of a lap, s."""
+    orbit = flown.pilot.settings.orbit
     engaged = flown.pilot.mission.engaged_at
     assert engaged is not None
     under_way = [truth for truth in flown.truths if truth.time >= engaged]
@@ -89,7 +96,6 @@ def fly(row: str, seed: int, overrides: Iterable[str] = (), **changes: float) ->
     ranges = [true_radius(truth) for truth in late] or [inf]
     last = [true_radius(truth) - orbit.radius for truth in late if truth.time > flown.now - lap]
     return {
-        **angles,
         "straight": straight,
         "home": home,
         "ratio": home / straight,

@@ -12,7 +12,7 @@ import os
 import subprocess
 import sys
 import time
-from math import sqrt
+from math import inf, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -49,27 +49,31 @@ class Bench:
     def fly(
         self, vehicle: VehicleOnPort, process: "subprocess.Popen[bytes]", seconds: float
     ) -> None:
-        range_at: float | None = None
+        range_at = inf
         while (now := vehicle.now) < seconds and process.poll() is None:
             for frame in vehicle.speak():
                 self.sent += 1
                 if message_id(frame) == RANGE:
                     range_at = time.perf_counter()
             first = not vehicle.received
-            if any(message_id(frame) == SETPOINT for frame in frames(vehicle.receive())):
+            if SETPOINT in map(message_id, frames(vehicle.receive())):
                 self.setpoints.append(now)
-                if range_at is not None:
+                if range_at < inf:
                     self.latencies.append(time.perf_counter() - range_at)
-                    range_at = None
+                range_at = inf
             if first and vehicle.received:
-                for number, rate in EXTRA.items():
-                    ask = mavlink.MAVLink_command_long_message(
-                        1, 1, 511, 0, number, 1e6 / rate, 0, 0, 0, 0, 0
-                    )
-                    vehicle.vehicle.receive(write(ask, *GCS))
+                request(vehicle)
             if now >= len(self.memory):
                 self.memory.append((now, resident_mb(process.pid)))
                 self.errors.append(true_radius(vehicle.vehicle.truth) - RADIUS)
+
+
+def request(vehicle: VehicleOnPort) -> None:
+    """Request the additional messages as a ground station."""
+    for number, rate in EXTRA.items():
+        values = (number, 1e6 / rate, 0, 0, 0, 0, 0)
+        ask = mavlink.MAVLink_command_long_message(1, 1, 511, 0, *values)
+        vehicle.vehicle.receive(write(ask, *GCS))
 
 
 def lateness(ticks: Path) -> list[float]:

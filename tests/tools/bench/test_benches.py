@@ -13,8 +13,7 @@ from tests.tools.bench import (
     bench_load,
     bench_locate,
     bench_loop,
-    bench_sigterm,
-    bench_start,
+    bench_process,
     citable,
 )
 from tests.tools.bench.on_port import VehicleOnPort
@@ -43,16 +42,16 @@ def test_vehicle_on_port_answers_latest_sender(vehicle, application):
     assert application.recv(65535)[0] == 0xFD
 
 
-def test_bench_sigterm_waits_for_matching_setpoint(vehicle, application):
+def test_bench_process_waits_for_matching_setpoint(vehicle, application):
     steers = bench_loop.dialect.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, 8, 0x407, 0, 0, 0, 5.0, 0, 0, 0, 0, 0, 0, 0
     )
-    assert bench_sigterm.wait_for(vehicle, lambda setpoint: True, vehicle.now + 0.05) == float(
+    assert bench_process.wait_for(vehicle, lambda setpoint: True, vehicle.now + 0.05) == float(
         "inf"
     )
     application.send(Voice(1, 191).pack(steers))
     assert (
-        bench_sigterm.wait_for(vehicle, lambda setpoint: setpoint.vx == 5.0, vehicle.now + 5.0)
+        bench_process.wait_for(vehicle, lambda setpoint: setpoint.vx == 5.0, vehicle.now + 5.0)
         <= vehicle.now
     )
 
@@ -92,7 +91,7 @@ def test_bench_estimators_measures_step_times():
     assert (bench_estimators.timed(bench_estimators.in_flight(), 30) > 0).all()
 
 
-def test_bench_locate_prints_row_and_bench_start_measures_time():
+def test_bench_locate_prints_row_and_bench_process_measures_time():
     place = bench_locate.Result(
         error=2.0, gps=1.5, sigma=1.0, nees=1.0, bound=(0.1, 5.0), up=None, speed=0.2
     )
@@ -101,7 +100,7 @@ def test_bench_locate_prints_row_and_bench_start_measures_time():
         "| one lap, 0.5 m | 1 of 2 | 2.00 | 2.00 | 0.50 | 0.10, up 5.00 | 1.00 | 100 % (100 % below"
         " its top) | 0 | 1, 0.20"
     )
-    assert bench_start.processor_time(["-c", "pass"]) > 0
+    assert bench_process.processor_time("-c", "pass") > 0
 
 
 def test_citable_folder_has_table_versions_and_references(tmp_path, monkeypatch):

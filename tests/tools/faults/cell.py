@@ -2,7 +2,7 @@
 criteria."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import partial
@@ -152,25 +152,17 @@ def fly(
     outcome = course.pilot.mission.outcome
     to_safe = _to_safe(course, start)
     _part(course)
-    texts = "\n".join(shown.lines)
+    own = scenario.check(course) if scenario.check else None
+    backward = 0 if scenario.clocks else course.spy.backward - backward
     checks = (
         *_age_faults(course, scenario),
-        (wanting, wanting),
-        (
-            course.spy.backward > backward and not scenario.clocks,
-            f"{course.spy.backward - backward} samples fused twice or backwards",
-        ),
-        (
-            scenario.reported not in texts,
-            f"the operator was not shown {scenario.reported!r} but {texts!r}",
-        ),
-        *((not rejects[name], f"no reject counted as {name}") for name in scenario.rejects),
+        (bool(wanting), wanting),
+        (backward > 0, f"{backward} samples fused twice or backwards"),
+        *_count_faults(scenario, rejects, "\n".join(shown.lines)),
+        (own is not None, own or ""),
     )
-    faults = [*course.broken[:3], *(text for broken, text in checks if broken)]
-    if scenario.check is not None and (found := scenario.check(course)) is not None:
-        faults.append(found)
     return Verdict(
-        tuple(faults),
+        (*course.broken[:3], *(text for fault, text in checks if fault)),
         rms,
         course.worst_told_age if scenario.clocks else course.worst_age,
         to_safe,
@@ -283,6 +275,16 @@ def _age_faults(course: Course, scenario: Scenario) -> list[tuple[bool, str]]:
             f"steered by a range truly {true:.2f} s old, bound {bound:.2f} s",
         ),
     ]
+
+
+def _count_faults(
+    scenario: Scenario, rejects: Mapping[str, int], texts: str
+) -> Iterator[tuple[bool, str]]:
+    """Yield pairs: True if a text was not shown or a rejection not counted, and the text."""
+    unseen = scenario.reported not in texts
+    yield unseen, f"the operator was not shown {scenario.reported!r} but {texts!r}"
+    for name in scenario.rejects:
+        yield not rejects.get(name), f"no reject counted as {name}"
 
 
 def _want_fault(course: Course, scenario: Scenario, rms: float, recovery: float | None) -> str:

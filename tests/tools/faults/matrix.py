@@ -8,7 +8,6 @@ with the same seed repeats the same flight.
 """
 
 import sys
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -16,7 +15,7 @@ from pathlib import Path
 
 from tests.tools import cells
 from tests.tools.cells import Result
-from tests.tools.faults.cell import LAW, Scenario, Want, fly
+from tests.tools.faults.cell import LAW, Want, fly
 from tests.tools.faults.scenarios.attacks import ATTACKS
 from tests.tools.faults.scenarios.line import LINE
 from tests.tools.faults.scenarios.pauses import STANDSTILLS
@@ -104,36 +103,47 @@ def row(one: Result) -> list[object]:
 def by_fault(flown: Mapping[str, Sequence[Result]]) -> str:
     """Return a table with a line for each fault: the reactions of the vehicles, the worst figures
     of all cells of the fault, and the vehicles that passed."""
-    faults: dict[str, list[tuple[Scenario, str, Result]]] = {}
+    faults: dict[str, list[Result]] = {}
     for name, flights in flown.items():
-        scenario, profile = CELLS[name]
-        faults.setdefault(scenario.fault, []).extend((scenario, profile, one) for one in flights)
+        faults.setdefault(CELLS[name][0].fault, []).extend(flights)
     return cells.table(BY_FAULT, (_fault_row(fault, found) for fault, found in faults.items()))
 
 
-def _fault_row(fault: str, found: Sequence[tuple[Scenario, str, Result]]) -> list[object]:
-    wants = [scenario.on.get(profile, scenario.want) for scenario, profile, _ in found]
-    answers = Counter(want.value for want in wants if want is not Want.SAFE)
-    flights = [(want, one) for want, (_, _, one) in zip(wants, found, strict=True)]
-    going_on = [(want, one) for want, one in flights if not one["outcome"]]
-    failing = {profile for _, profile, one in found if one["faults"]}
-    passed = [name for name in dict.fromkeys(profile for _, profile, _ in found)
-              if name not in failing]  # fmt: skip
-    everyone = f"all {len(passed)}" if len(passed) == len(PROFILES) else ", ".join(passed)
+def _wanted(one: Result) -> Want:
+    scenario, profile = CELLS[one["row"]]
+    return scenario.on.get(profile, scenario.want)
+
+
+def _passed(flights: Sequence[Result]) -> str:
+    """Return the vehicles that passed all cells."""
+    flew = dict.fromkeys(CELLS[one["row"]][1] for one in flights)
+    failing = {CELLS[one["row"]][1] for one in flights if one["faults"]}
+    passed = [name for name in flew if name not in failing]
+    return f"all {len(passed)}" if len(passed) == len(PROFILES) else ", ".join(passed) or "none"
+
+
+def _fault_row(fault: str, flights: Sequence[Result]) -> list[object]:
+    answers = dict.fromkeys(want.value for want in map(_wanted, flights) if want is not Want.SAFE)
+    held = [one for one in flights if _wanted(one) is Want.HOLD]
+    back = [one for one in flights if _wanted(one) is Want.REGAIN] + held
     return [
         fault,
         FAULTS[fault],
-        len({scenario.level for scenario, _, _ in found}),
+        len({CELLS[one["row"]][0].level for one in flights}),
         "; ".join(answers) or "breaks no rule",
-        _worst(100 * one["rms"] for want, one in going_on if want is Want.HOLD),
-        _worst(one["recovery"] for want, one in going_on if want in (Want.HOLD, Want.REGAIN)),
-        _worst(one["to_safe"] for _, one in flights if one["outcome"]),
-        everyone or "none",
+        _worst("rms", held, 100.0, ended=False),
+        _worst("recovery", back, ended=False),
+        _worst("to_safe", flights, ended=True),
+        _passed(flights),
     ]
 
 
-def _worst(values: Iterable[float | None]) -> float | None:
-    return max((value for value in values if value is not None), default=None)
+def _worst(
+    figure: str, flights: Iterable[Result], unit: float = 1.0, *, ended: bool
+) -> float | None:
+    """Return the largest known figure of the flights that have ended their mission, or not."""
+    known = [one[figure] for one in flights if bool(one["outcome"]) is ended]
+    return max((unit * value for value in known if value is not None), default=None)
 
 
 def main() -> int:

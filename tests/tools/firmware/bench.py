@@ -174,7 +174,7 @@ class Bench:
         self.counts: Counter[str] = Counter()
         self.from_app: Counter[str] = Counter()
         self._acks: list[tuple[int, int]] = []
-        self._params: dict[str, Any] = {}
+        self._params: set[str] = set()
         self.modes: list[tuple[float, int]] = []
         self.texts: list[tuple[float, str]] = []
         self.track: list[Truth] = []
@@ -285,22 +285,9 @@ class Bench:
         kind = message.get_type()
         self.latest[kind] = message
         self.counts[kind] += 1
-        if kind == "ATTITUDE":
-            self._boot = message.time_boot_ms / 1000
-            self._boot_at = time.monotonic()
-        elif kind == "GLOBAL_POSITION_INT" and self.track:
-            place = self.firmware.metres(message.lat, message.lon)
-            motion = (message.vx / 100, message.vy / 100, radians(message.hdg / 100))
-            self.reported.append(Reported(message.time_boot_ms / 1000, *place, *motion))
-        elif kind == "COMMAND_ACK":
-            self._acks.append((message.command, message.result))
-        elif kind == "PARAM_VALUE":
-            self._params[message.param_id.rstrip("\0")] = message.param_value
-        elif kind == "STATUSTEXT":
-            self.texts.append((self.now, message.text))
-            note(f"  [{self.now:8.2f}] {message.text}")
-        elif kind == "HEARTBEAT" and (not self.modes or self.modes[-1][1] != message.custom_mode):
-            self.modes.append((self.now, message.custom_mode))
+        handle = getattr(self, f"_on_{kind.lower()}", None)
+        if handle is not None:
+            handle(message)
         truth = self.firmware.truth(self, message)
         if truth is None:
             return
@@ -310,7 +297,30 @@ class Bench:
         if self.on_truth:
             self.on_truth(truth)
 
-    # ---- the operator
+    def _on_attitude(self, message: Any) -> None:
+        self._boot = message.time_boot_ms / 1000
+        self._boot_at = time.monotonic()
+
+    def _on_global_position_int(self, message: Any) -> None:
+        if self.track:
+            place = self.firmware.metres(message.lat, message.lon)
+            motion = (message.vx / 100, message.vy / 100, radians(message.hdg / 100))
+            self.reported.append(Reported(message.time_boot_ms / 1000, *place, *motion))
+
+    def _on_command_ack(self, message: Any) -> None:
+        self._acks.append((message.command, message.result))
+
+    def _on_param_value(self, message: Any) -> None:
+        self._params.add(message.param_id.rstrip("\0"))
+
+    def _on_statustext(self, message: Any) -> None:
+        self.texts.append((self.now, message.text))
+        note(f"  [{self.now:8.2f}] {message.text}")
+
+    def _on_heartbeat(self, message: Any) -> None:
+        if not self.modes or self.modes[-1][1] != message.custom_mode:
+            self.modes.append((self.now, message.custom_mode))
+
     def pump_until(self, condition: Callable[[], bool], seconds: float) -> bool:
         """Process datagrams until a condition is true, up to a time of the computer, s. Return True
         if the condition is true."""
@@ -372,7 +382,7 @@ class Bench:
     ) -> None:
         """Set a parameter and wait for the confirmation."""
         for _ in range(8):
-            self._params.pop(name, None)
+            self._params.discard(name)
             self.send_parameter(name, value, kind)
             if self.pump_until(lambda: name in self._params, 0.7):
                 return

@@ -226,28 +226,32 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
 def _loop(flown: Flight, bench: Bench, began: float) -> None:
     """Run until circnav has ended or the time limit has passed."""
     todo = sorted(_events(flown, bench), key=lambda event: event[0])
-    sticks = 0.0
-    longest = (
-        flown.duration
-        + flown.home_s
-        + (0.0 if flown.baseline else ENGAGE_PATIENCE + LEAVE_PATIENCE)
-    )
+    longest = flown.duration + flown.home_s
+    if not flown.baseline:
+        longest += ENGAGE_PATIENCE + LEAVE_PATIENCE
     hopeless = time.monotonic() + SLOWEST * longest
-    while bench.now - began < longest:
+    sticks = time.monotonic()
+    while bench.now - began < longest and not _has_ended(flown, bench, began):
         bench.pump(0.002)
         if time.monotonic() > hopeless:
             raise NoFlightError("the simulation hardly runs")
-        since = bench.now - began
-        while todo and since > todo[0][0]:
+        while todo and bench.now - began > todo[0][0]:
             todo.pop(0)[1]()
         if flown.baseline and time.monotonic() > sticks:
             sticks = time.monotonic() + 0.3
             bench.firmware.circling(bench)
-        on_the_way = flown.home_s and since < flown.duration + flown.home_s
-        if bench.app and bench.app.poll() is not None and not on_the_way:
-            return
-        if bench.app and since > ENGAGE_PATIENCE and not _in_guided(bench, began):
-            raise NoFlightError("circnav did not engage, see circnav.log")
+
+
+def _has_ended(flown: Flight, bench: Bench, began: float) -> bool:
+    """Return True if circnav has ended, and the vehicle is not on its recorded way home. Raise
+    NoFlightError if circnav has not engaged in time."""
+    if bench.app is None:
+        return False
+    since = bench.now - began
+    if since > ENGAGE_PATIENCE and not _in_guided(bench, began):
+        raise NoFlightError("circnav did not engage, see circnav.log")
+    on_the_way = flown.home_s and since < flown.duration + flown.home_s
+    return bench.app.poll() is not None and not on_the_way
 
 
 def _events(flown: Flight, bench: Bench) -> Iterator[tuple[float, Callable[[], None]]]:
@@ -296,18 +300,9 @@ def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any]
     if flown.takeover is None:
         return None
     asked = began + flown.takeover
-    shown = next(
-        (at for at, mode in bench.shown_modes if at > asked and mode not in bench.firmware.steered),
-        None,
-    )
-    again = next(
-        (
-            at
-            for at, mode in bench.shown_modes
-            if shown and at > shown and mode in bench.firmware.steered
-        ),
-        1e9,
-    )
+    modes = [(at, mode in bench.firmware.steered) for at, mode in bench.shown_modes if at > asked]
+    shown = next((at for at, steered in modes if not steered), None)
+    again = next((at for at, steered in modes if steered and shown and at > shown), inf)
     late = [one.time for one in bench.setpoints if asked < one.time < again]
     return {
         "after_command": len(late),

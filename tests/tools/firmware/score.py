@@ -68,12 +68,13 @@ def score(
     laps = float(np.ptp(phase[late])) / (2 * pi)
     clockwise = "clockwise" if phase[-1] > phase[0] else "counterclockwise"
     rms = np.sqrt(np.mean(last**2))
-    kept = rms < KEPT * flight.radius and np.abs(last).max() < 2 * KEPT * flight.radius
+    near = rms < KEPT * flight.radius and np.abs(last).max() < 2 * KEPT * flight.radius
+    going_round = laps > GOING_ROUND
     course = np.unwrap(np.arctan2(way["v_east"], way["v_north"])[late])
     figures = {
         "flown": time[-1],
-        "kept": bool(kept and laps > GOING_ROUND and time[-1] > flight.window),
-        "direction": clockwise if laps > GOING_ROUND else "none",
+        "kept": bool(near and going_round and time[-1] > flight.window),
+        "direction": clockwise if going_round else "none",
         "laps": laps,
         "rms": rms,
         "mean": last.mean(),
@@ -92,23 +93,28 @@ def score(
         ),
     }
     sent = [one for one in setpoints if engaged <= one.time <= ended]
-    figures |= commanded([one for one in sent if one.time > ended - flight.window], turn_limit)
+    figures |= commanded(sent, ended - flight.window, turn_limit)
+    return {name: _rounded(value) for name, value in figures.items()}
+
+
+def commanded(sent: Sequence[Setpoint], since: float, turn_limit: float) -> dict[str, Any]:
+    """Return the figures of the setpoints, and of the turn command since a time; None: fewer than
+    three commands."""
     gaps = np.diff([one.time for one in sent])
-    figures |= {
+    figures: dict[str, Any] = {
+        "turn_sd": None,
+        "turn_at_limit": None,
+        "total_variation": None,
         "setpoints": len(sent),
         "setpoint_gap": gaps.max() if len(gaps) else None,
         "not_finite": sum(not one.finite for one in sent),
     }
-    return {name: _rounded(value) for name, value in figures.items()}
-
-
-def commanded(late: Sequence[Setpoint], turn_limit: float) -> dict[str, Any]:
-    """Return the figures of the turn command; None: fewer than three commands."""
-    commands = np.array([(one.time, one.turn) for one in late if one.turn is not None])
-    if len(commands) < 3:
-        return dict.fromkeys(("turn_sd", "turn_at_limit", "total_variation"))
+    late = [one for one in sent if one.turn is not None and one.time > since]
+    if len(late) < 3:
+        return figures
+    commands = np.array([(one.time, one.turn) for one in late])
     turns = np.degrees(commands[:, 1])
-    return {
+    return figures | {
         "turn_sd": turns.std(),
         "turn_at_limit": np.mean(np.abs(turns) > AT_LIMIT * degrees(turn_limit)),
         "total_variation": np.abs(np.diff(turns)).sum() / np.ptp(commands[:, 0]),
