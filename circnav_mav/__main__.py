@@ -2,5 +2,5 @@
 
 from circnav_mav.cli import main
 
-if __name__ == "__main__":  # the survey's process imports this, too
+if __name__ == "__main__":  # the locator's process imports this, too
     main()

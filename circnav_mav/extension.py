@@ -28,12 +28,12 @@ class Extension:
     fly_options: click options that `circnav fly` gets.
     flies: functions that replace `circnav fly` if an option is given, by the name of this option.
         They get all options and return the exit code.
-    onlooker: function from an `OnlookerSettings` to an `Onlooker`, or to None if this flight does
+    listener: function from an `ListenerSettings` to an `Listener`, or to None if this flight does
         not need one.
     report_section: function from a run folder to HTML for its report, empty for nothing.
     schemas: pydantic models of other files, by the names that `circnav schema` takes.
     functions: functions of the public API, by name: `from circnav_mav import NAME`.
-    survey_forecast: function from a mission and the time on its circle (s) to the expected standard
+    position_forecast: function from a mission and the time on its circle (s) to the expected standard
         deviation of the beacon's place, m, or None.
     order: place among the commands that `circnav --help` lists.
     """
@@ -44,11 +44,11 @@ class Extension:
     preflight: Sequence[str] = ()
     fly_options: Sequence[str] = ()
     flies: Mapping[str, str] = field(default_factory=dict)
-    onlooker: str | None = None
+    listener: str | None = None
     report_section: str | None = None
     schemas: Mapping[str, str] = field(default_factory=dict)
     functions: Mapping[str, str] = field(default_factory=dict)
-    survey_forecast: str | None = None
+    position_forecast: str | None = None
     order: int = 100
 
 

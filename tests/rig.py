@@ -10,9 +10,9 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.monitors import Bounds
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import Direction, Orbit
-from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.identity import LinkSettings

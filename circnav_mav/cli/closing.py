@@ -17,7 +17,7 @@ from circnav_mav.pilot import Ending, Pilot
 from circnav_mav.runlog.atomic_write import json_text, write_json, write_text
 from circnav_mav.runlog.summary import FlightFacts, summarise
 from circnav_mav.runlog.ticks import NO_TICKS, Ticks, Truth, read_ticks, read_truth
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.recorder import Recorder
 from circnav_mav.runtime.reserve import Reserve
 
@@ -70,7 +70,7 @@ def close_flight(
     epoch_us: int,
     code: Exit,
     alarms: list[dict[str, float | str]],
-    onlookers: Onlookers,
+    listeners: Listeners,
     reserve: Reserve | None = None,
 ) -> tuple[dict[str, Any], Exit]:
     """Write summary.json and the end of manifest.json. Return the summary and the exit code, which
@@ -85,7 +85,7 @@ def close_flight(
     summary = _summary(pilot, recorder, mission, epoch_us)
     summary["notes"] = []
     summary["alarms"] = alarms
-    for name, text in onlookers.finish(summary).items():
+    for name, text in listeners.finish(summary).items():
         gaps |= not _written(summary, name, partial(write_text, folder / name, text))
     write = write_text if reserve is None else reserve.write
     gaps |= not _written(

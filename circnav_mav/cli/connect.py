@@ -1,4 +1,4 @@
-"""Resources that `fly` and `preflight` open: links, signing key, onlookers, clock, and the bundled
+"""Resources that `fly` and `preflight` open: links, signing key, listeners, clock, and the bundled
 vehicle."""
 
 from collections.abc import Callable, Iterator, Mapping
@@ -20,8 +20,8 @@ from circnav_mav.runtime.clock import AutopilotClock, Clock, steady
 from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.keys import KeyFileError, SigningTime, read_key, timestamp_path
 from circnav_mav.runtime.links import RETRY, Link, open_link
+from circnav_mav.runtime.listeners import Listeners, ListenerSettings
 from circnav_mav.runtime.lockstep import Lockstep
-from circnav_mav.runtime.onlookers import Onlookers, OnlookerSettings
 from circnav_mav.runtime.radio_link import open_radio
 from circnav_mav.runtime.runner import StopRequest, wait
 
@@ -100,24 +100,24 @@ def open_signing(
         raise Refused(f"signing.key_file: {error}") from None
 
 
-def open_onlookers(
+def open_listeners(
     mission: Mission,
     pilot: Pilot,
     signing: Signing | None,
     options: Mapping[str, Any],
     open_things: ExitStack,
-) -> Onlookers:
-    """Open the onlookers of extensions. options: options of `circnav fly`. Raises Refused."""
-    onlookers = Onlookers()
-    open_things.callback(onlookers.close)
-    settings = OnlookerSettings(mission, pilot, signing, options, onlookers)
+) -> Listeners:
+    """Open the listeners of extensions. options: options of `circnav fly`. Raises Refused."""
+    listeners = Listeners()
+    open_things.callback(listeners.close)
+    settings = ListenerSettings(mission, pilot, signing, options, listeners)
     for extension in extensions():
         if (
-            extension.onlooker is not None
-            and (one := load(extension.onlooker)(settings)) is not None
+            extension.listener is not None
+            and (one := load(extension.listener)(settings)) is not None
         ):
-            onlookers.attached.append(one)
-    return onlookers
+            listeners.attached.append(one)
+    return listeners
 
 
 def start_clock(
@@ -131,7 +131,7 @@ def start_clock(
     vehicle's links are added to `links`.
 
     speed: simulation speed that the user requests, times real time.
-    pace: simulation speed that an onlooker requests, times real time.
+    pace: simulation speed that a listener requests, times real time.
     """
     if mission.flies_sim and mission.file.sim is not None:
         vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))

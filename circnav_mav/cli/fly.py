@@ -17,7 +17,7 @@ from circnav_mav.cli.closing import close_flight, write_manifest
 from circnav_mav.cli.connect import (
     link_troubles,
     open_links,
-    open_onlookers,
+    open_listeners,
     open_signing,
     start_clock,
 )
@@ -108,7 +108,7 @@ def fly_mission(
             links = open_links(mission, open_things, stop)
             stop.claim()
             pilot = Pilot(mission.pilot_settings(output_mode), signing)
-            onlookers = open_onlookers(
+            listeners = open_listeners(
                 mission, pilot, signing, options | {"speed": speed}, watched_open
             )
             recorder = open_things.enter_context(closing(_recorder(out, mission)))
@@ -116,35 +116,35 @@ def fly_mission(
             with refusing(folder):
                 reserve = watched_open.enter_context(closing(Reserve(folder)))
             take_memory(pilot.settings)
-            clock = start_clock(mission, pilot.session, links, speed, onlookers.pace)
+            clock = start_clock(mission, pilot.session, links, speed, listeners.pace)
             recorder.start(clock.epoch_us, at_once=isinstance(clock, Lockstep))
-            onlookers.start(clock.epoch_us)
+            listeners.start(clock.epoch_us)
             write_manifest(folder, mission, pilot, clock.epoch_us)
             # With the bundled vehicle, load the plotting packages (1 s) during the flight. For a
             # real flight, start the drawing only at the end: a companion computer must send
             # setpoints, and has little memory.
             drawing = Drawing(folder) if isinstance(clock, Lockstep) else None
-            alarms = AlarmLog(pilot, onlookers)
+            alarms = AlarmLog(pilot, listeners)
             display = display_for(
-                Console(), pilot, onlookers, mission.file.name, min(clock.speed, MOST_WATCHED)
+                Console(), pilot, listeners, mission.file.name, min(clock.speed, MOST_WATCHED)
             )
             open_things.callback(display.close)
-            onlookers.attached += [alarms, display]
-            loop = partial(run, pilot, links, clock, recorder, onlookers, stop, signing_time)
+            listeners.attached += [alarms, display]
+            loop = partial(run, pilot, links, clock, recorder, listeners, stop, signing_time)
             crash = _crash_of(loop, pilot, links, clock, folder)
         assert pilot.mission.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.mission.outcome.ending]
         summary, code = close_flight(
-            pilot, recorder, mission, clock.epoch_us, code, alarms.begun, onlookers, reserve
+            pilot, recorder, mission, clock.epoch_us, code, alarms.begun, listeners, reserve
         )
         if out is None and crash is None:
             folder = _dated(folder, mission.file.name, clock, pilot.session.vehicle.utc.offset)
         words = verdict(summary, folder)
-        onlookers.show_verdict(words, folder)
+        listeners.show_verdict(words, folder)
     say(words)
     problems = [
         *link_troubles(links, mission),
-        *onlookers.all_problems(),
+        *listeners.all_problems(),
         signing_time.problem if signing_time else None,
     ]
     for problem in filter(None, (*problems, *(drawing or Drawing(folder)).draw())):

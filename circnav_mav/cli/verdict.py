@@ -17,7 +17,7 @@ NOTABLE = 1.0
 
 def verdict(summary: dict[str, Any], folder: Path) -> str:
     """Return the result of a flight in a few lines. summary: from `summarise`, with additions of
-    onlookers."""
+    listeners."""
     lines = [f"{summary['outcome'].upper()}: {summary['reason']}"]
     if summary["output_mode"] != "fly":
         title = f"{summary['output_mode'].upper():<9}"

@@ -20,7 +20,7 @@ from cmath import rect
 from math import atan2, exp, hypot, sqrt
 from typing import NamedTuple
 
-from circnav_mav.guidance.forgetting_fit import ForgettingFit
+from circnav_mav.guidance.recursive_least_squares import RecursiveLeastSquares
 from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 
 EQUAL_DRAG_SPEED = 8.0
@@ -115,7 +115,7 @@ class ScaleFit:
 
     def __init__(self) -> None:
         # Time constant of the least squares, s.
-        self._fit = ForgettingFit(120.0)
+        self._fit = RecursiveLeastSquares(120.0)
         self._time = float("-inf")
         self._since = float("nan")
         """Beginning of the integral of the acceleration, s."""

@@ -8,7 +8,7 @@ the response of the vehicle and monitors it.
 
 from math import pi
 
-from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, holding
+from circnav_mav.guidance.step import LawChoice, Steering, coasting, compensate_turn_gain
 from circnav_mav.guidance.types import Orbit, OwnLaw, RangeEstimate, TurnCommand
 from circnav_mav.guidance.vehicle_model import VehicleModel
 
@@ -50,7 +50,7 @@ class ClosedLoop:
         """Return the steady turn of the circle, with all corrections."""
         motion = estimate.relative if estimate is not None else None
         pending = self.vehicle.pending(now, 0.0 if motion is None else motion.turn_rate)
-        return self._compensated(holding(self.orbit, motion, pending))
+        return self._compensated(coasting(self.orbit, motion, pending))
 
     def reset(self) -> None:
         """Forget the commands. Call when another controller, or no controller, steers the

@@ -7,7 +7,7 @@ requires, and keeps this smaller angle.
 from cmath import rect
 from math import atan, exp, inf, pi, radians, remainder
 
-from circnav_mav.guidance.forgetting_fit import ForgettingFit
+from circnav_mav.guidance.recursive_least_squares import RecursiveLeastSquares
 from circnav_mav.guidance.types import GRAVITY, LONGEST_REPORT_GAP, OwnMotion
 
 SHORT = 0.95
@@ -125,7 +125,7 @@ class LeanLimit:
     def __init__(self) -> None:
         self.found = inf
         self.share = 1.0
-        self._fit = ForgettingFit(self.MEMORY)
+        self._fit = RecursiveLeastSquares(self.MEMORY)
         self._time = inf
         self._turned = 0.0
         self._push = 0.0

@@ -366,7 +366,7 @@ def _by_drift(
     )
 
 
-def holding(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> TurnCommand:
+def coasting(orbit: Orbit, motion: RelativeMotion | None, pending: Pending) -> TurnCommand:
     """Return the steady turn of the circle without any range. If drift and heading are trusted and
     finite, the turn follows from them, else it is V/r_d.
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from circnav_mav.guidance.forgetting_fit import ForgettingFit
+from circnav_mav.guidance.recursive_least_squares import RecursiveLeastSquares
 
 Array = NDArray[Any]
 BIN = 0.2
@@ -202,7 +202,7 @@ class ResponseLearner:
         prior = (LOG_DELAYS - log(max(expected, 0.05))) / PRIOR_SIGMA
         # Standard deviation of lag/(dead time + lag) about its mean of 0.5.
         self._prior = -0.5 * (prior**2 + ((LAGS / DELAYS - 0.5) / 0.5) ** 2)
-        self._fit = ForgettingFit(self.MEMORY)
+        self._fit = RecursiveLeastSquares(self.MEMORY)
         self._best: tuple[Any, float, float, float] | None = None
         """Best candidate, its slope, offset (rad/s) and noise (rad/s)."""
         self._response = Response(0.5 * expected, 0.5 * expected, 2 / max(expected, 0.05))

@@ -10,9 +10,9 @@ from copy import copy
 from math import exp, inf, pi, remainder
 from typing import Any, NamedTuple
 
-from circnav_mav.guidance.forgetting_fit import ForgettingFit
+from circnav_mav.guidance.command_following import BEGINS, CommandFollowing, LimitCycle
 from circnav_mav.guidance.limits import BankLimit, LeanLimit
-from circnav_mav.guidance.obedience import BEGINS, LimitCycle, Obedience
+from circnav_mav.guidance.recursive_least_squares import RecursiveLeastSquares
 from circnav_mav.guidance.turn_response import (
     CandidateTurns,
     Pending,
@@ -69,7 +69,7 @@ class TurnGain:
         self.heading = 0.0
         self._lagged = 0.0
         self._follows_for = 0.0
-        self._fit = ForgettingFit(self.MEMORY)
+        self._fit = RecursiveLeastSquares(self.MEMORY)
 
     @property
     def followed(self) -> bool:
@@ -139,7 +139,7 @@ class VehicleModel:
     bank_gain: flown turn rate over the coordinated turn rate of the bank; None until a commanded
         vehicle has reported a bank.
     bank_limit, lean_limit: limits of the autopilot, as found in flight.
-    obedience: verdict whether the vehicle follows turn commands.
+    command_following: verdict whether the vehicle follows turn commands.
     limit_cycle: detection of limit cycles, and the factor on the law's gains.
     """
 
@@ -157,7 +157,7 @@ class VehicleModel:
         self.bank_gain: TurnGain | None = None
         self.bank_limit = BankLimit()
         self.lean_limit = LeanLimit()
-        self.obedience = Obedience()
+        self.command_following = CommandFollowing()
         self.limit_cycle = LimitCycle(limit)
         self._learner = ResponseLearner(lag)
         self._pending = PendingTurn()
@@ -256,7 +256,7 @@ class VehicleModel:
         # these turns.
         if new is not None and new.time - self._candidates.begun >= BEGINS:
             self.limit_cycle.judge(new.time, new.flown, self._commanded)
-            self.obedience.judge(new)
+            self.command_following.judge(new)
 
     def _sum_up(self, own: OwnMotion) -> None:
         if own.bank_turn is None:
@@ -333,5 +333,5 @@ class VehicleModel:
 
     def judge_again(self) -> None:
         """Restart the judgement of the turns. Learned and lowered gains do not change."""
-        self.obedience.reset()
+        self.command_following.reset()
         self.limit_cycle.reset()

@@ -18,7 +18,7 @@ from cmath import phase, rect
 from dataclasses import dataclass
 from math import pi, remainder
 
-from circnav_mav.guidance.forgetting_fit import ForgettingFit
+from circnav_mav.guidance.recursive_least_squares import RecursiveLeastSquares
 from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
 
 MEMORY = 60.0
@@ -64,7 +64,7 @@ class CopterMotion:
 
     def __init__(self) -> None:
         self.drag = FIRST_DRAG
-        self._fit = ForgettingFit(MEMORY)
+        self._fit = RecursiveLeastSquares(MEMORY)
         self.stop()
 
     def stop(self) -> None:

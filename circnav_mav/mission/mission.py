@@ -9,10 +9,10 @@ from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
+from circnav_mav.guidance.monitors import Bounds
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import GRAVITY, Direction, Orbit, OwnLaw
-from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.identity import LinkSettings
@@ -180,7 +180,7 @@ class Mission:
         """Return the speed of the run relative to real time. Infinity: as fast as possible.
 
         speed: requested by the user.
-        pace: requested by an onlooker.
+        pace: requested by a listener.
 
         A real vehicle or a separate ranging radio requires real time.
         """
@@ -219,7 +219,7 @@ class Mission:
         correction of the radius."""
         file = self.file
         # 60.0 (outage): time after the loss of the link, s, at which the mission ends unless the
-        # vehicle is steered again. If `limits.hold_s` is longer, it is used instead.
+        # vehicle is steered again. If `limits.coast_s` is longer, it is used instead.
         return PilotSettings(
             orbit=self.orbit,
             estimator=self.estimator,
@@ -246,9 +246,9 @@ class Mission:
                 wait_link=file.link.wait_s,
                 wait_ranging=file.link.wait_s,
                 stale=self.stale,
-                hold=file.limits.hold_s,
-                unfollowed=file.limits.unfollowed_s,
-                outage=max(60.0, file.limits.hold_s),
+                hold=file.limits.coast_s,
+                unfollowed=file.limits.not_following_s,
+                outage=max(60.0, file.limits.coast_s),
                 round_trip=self.slowest_answer,
                 tick=1 / file.limits.tick_hz,
             ),

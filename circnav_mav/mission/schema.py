@@ -38,7 +38,7 @@ MOST_STALE = 5.0
 """Largest value of `limits.stale_s`, s: age of the newest range up to which the vehicle is
 steered."""
 MAX_PATIENCE = 3600.0
-"""Largest value of `limits.hold_s` and `limits.unfollowed_s`, s. A larger value was probably meant
+"""Largest value of `limits.coast_s` and `limits.not_following_s`, s. A larger value was probably meant
 in ms, and would disable the exit action."""
 MAX_NAME = 100
 """Largest number of characters in a mission's name. The name of the run folder consists of a time
@@ -217,8 +217,8 @@ class LimitsTable(Table):
 
     duration_s: Positive
     stale_s: Annotated[float, Field(gt=0, le=MOST_STALE)] | None = None
-    hold_s: Patience = 10.0
-    unfollowed_s: Patience = 10.0
+    coast_s: Patience = 10.0
+    not_following_s: Patience = 10.0
     tick_hz: Annotated[float, Field(ge=5, le=100)] = 20.0  # PX4 leaves OFFBOARD below 2 Hz
 
 

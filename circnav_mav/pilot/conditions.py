@@ -3,7 +3,7 @@ STATUSTEXT and verdict.
 
 `Conditions` evaluates the table after each step. It sends texts to ground stations once when a
 condition begins and once when it ends. `alarms` holds the current texts. Extras report their own
-conditions by `Onlooker.alarms`.
+conditions by `Listener.alarms`.
 """
 
 from collections.abc import Callable
@@ -32,8 +32,8 @@ LOST = {
     "climb": "NO CLIMB RATE from the vehicle: the commanded pitch is not corrected for it",
 }
 """Alarms for telemetry that a steered vehicle no longer sends."""
-FEW_ATTITUDES = (
-    "FEW ATTITUDES from the vehicle: extrapolated by body rates, no check that it follows turn"
+ATTITUDE_RATE_LOW = (
+    "ATTITUDE RATE LOW from the vehicle: extrapolated by body rates, no check that it follows turn"
     " commands: raise the rate of ATTITUDE to 10 Hz (ArduPilot: SRn_EXTRA1, PX4: MAV_n_RATE)"
 )
 
@@ -190,21 +190,21 @@ def _link_too_slow(view: StepView) -> Active | None:
 # --- ranges
 
 
-def _holding(view: StepView) -> Active | None:
-    if view.tick.phase is not Phase.HOLDING:
+def _coasting(view: StepView) -> Active | None:
+    if view.tick.phase is not Phase.COASTING:
         return None
     rate = view.rates.setpoints if view.rates is not None else 0.0
     return Active(
-        "range lost, holding",
+        "range lost, coasting",
         f"RANGE STALE {view.tick.range_age or 0.0:.1f} s: holding the circle's turn rate with"
         f" {rate:.0f} setpoints per second, the flight ends after"
-        f" {view.settings.timing.stale + view.hold:g} s without a range",
+        f" {view.settings.timing.stale + view.coast:g} s without a range",
     )
 
 
 def _range_stale(view: StepView) -> Active | None:
     age = view.tick.range_age or 0.0
-    if view.tick.phase is Phase.HOLDING or age <= view.settings.timing.stale:
+    if view.tick.phase is Phase.COASTING or age <= view.settings.timing.stale:
         return None
     return Active(long=f"RANGE STALE {age:.1f} s")
 
@@ -360,7 +360,7 @@ def _accelerometer(view: StepView) -> Active | None:
     )
 
 
-def _drift_too_strong(view: StepView) -> Active | None:
+def _wind_too_strong(view: StepView) -> Active | None:
     alarm = view.drift_alarm
     # A wrong airspeed or wrong ranges look like a drift, and have alarms of their own.
     if not alarm.on or view.airspeed_alarm.on or view.lap_alarm.on:
@@ -368,24 +368,24 @@ def _drift_too_strong(view: StepView) -> Active | None:
     drift = f"{alarm.drift:.1f} m/s"
     allowed = f"circle allows {alarm.allowed:.1f} m/s"
     return Active(
-        f"drift {drift}, {allowed}", f"DRIFT TOO STRONG: {drift} by wind or target, {allowed}"
+        f"drift {drift}, {allowed}", f"WIND TOO STRONG: {drift} by wind or target, {allowed}"
     )
 
 
-def _no_way_made(view: StepView) -> Active | None:
-    alarm = view.way_alarm
+def _not_closing(view: StepView) -> Active | None:
+    alarm = view.closing_alarm
     if not alarm.on or view.drift_alarm.on:
         return None
     wind = "" if alarm.drift is None else f"wind {alarm.drift:.0f}, "
     speeds = f"{wind}airspeed {alarm.airspeed:.0f} m/s"
     return Active(
         f"no way made, {speeds}",
-        f"NO WAY MADE: {alarm.r:.0f} m from the target, and not coming nearer ({speeds}): fly"
+        f"NOT CLOSING ON TARGET: {alarm.r:.0f} m from the target, and not coming nearer ({speeds}): fly"
         " faster, or end the flight",
     )
 
 
-def _radius_contradicted(view: StepView) -> Active | None:
+def _radius_mismatch(view: StepView) -> Active | None:
     alarm = view.lap_alarm
     if not alarm.on or view.airspeed_alarm.on:
         return None
@@ -393,7 +393,7 @@ def _radius_contradicted(view: StepView) -> Active | None:
     off = hypot(alarm.by_ranges, height) - hypot(alarm.by_turns, height)
     return Active(
         f"radius {alarm.by_turns:.0f} m by turns, {alarm.by_ranges:.0f} m by range",
-        f"RADIUS CONTRADICTED: {alarm.by_turns:.0f} m by airspeed and turns,"
+        f"RADIUS MISMATCH: {alarm.by_turns:.0f} m by airspeed and turns,"
         f" {alarm.by_ranges:.0f} m by ranges. The radio may measure {abs(off):.0f} m too"
         f" {'long' if off > 0 else 'short'}: calibrate it, and check the height ({height:.0f} m)"
         " and the airspeed",
@@ -428,7 +428,7 @@ def _lost(name: str) -> Callable[[StepView], Active | None]:
         if name not in view.lost_reports:
             return None
         if name == "attitude" and view.tick.heading is not None:
-            return Active("attitude rarer than 1.3 Hz", FEW_ATTITUDES, key="rare")
+            return Active("attitude rarer than 1.3 Hz", ATTITUDE_RATE_LOW, key="rare")
         return Active(f"no {name}", LOST[name])
 
     return find
@@ -467,7 +467,7 @@ def _altitude_jumped(view: StepView) -> Active | None:
     )
 
 
-def _few_setpoints(view: StepView) -> Active | None:
+def _setpoint_rate_low(view: StepView) -> Active | None:
     rates = view.steered_rates
     wanted = 1 / view.settings.timing.tick
     # 0.5: share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too
@@ -475,7 +475,7 @@ def _few_setpoints(view: StepView) -> Active | None:
     if not view.flies or rates is None or rates.setpoints >= 0.5 * wanted:
         return None
     return Active(
-        long=f"FEW SETPOINTS: only {rates.setpoints:.1f} of {wanted:.0f} per second are sent: the"
+        long=f"SETPOINT RATE LOW: only {rates.setpoints:.1f} of {wanted:.0f} per second are sent: the"
         " computer is overloaded, stop other programs or lower limits.tick_hz"
     )
 
@@ -519,7 +519,7 @@ TABLE = (
     Condition("link_silent", _link_silent, over="link restored", by_stall=True),
     Condition("uplink_silent", _uplink_silent, steering=True, by_stall=True),
     Condition("link_too_slow", _link_too_slow, by_stall=True),
-    Condition("holding", _holding, over="range regained", steering=True, by_stall=True),
+    Condition("coasting", _coasting, over="range regained", steering=True, by_stall=True),
     Condition("range_stale", _range_stale, by_stall=True),
     Condition("range_frozen", _range_frozen, over="range accepted again"),
     Condition("range_jumped", _range_jumped, over="range jumped back", steering=True),
@@ -530,11 +530,9 @@ TABLE = (
     Condition("lean_limit", _lean_limit),
     Condition("airspeed_sensor", _airspeed_sensor, over="airspeed is right again", steering=True),
     Condition("accelerometer", _accelerometer, over="accelerometer works again"),
-    Condition(
-        "drift_too_strong", _drift_too_strong, over="drift within limit again", steering=True
-    ),
-    Condition("no_way_made", _no_way_made, over="comes nearer again", steering=True),
-    Condition("radius_contradicted", _radius_contradicted, over="radius fits turns", steering=True),
+    Condition("wind_too_strong", _wind_too_strong, over="drift within limit again", steering=True),
+    Condition("not_closing", _not_closing, over="comes nearer again", steering=True),
+    Condition("radius_mismatch", _radius_mismatch, over="radius fits turns", steering=True),
     Condition("bound_not_watched", _bound_not_watched, over="bounds checked again", steering=True),
     Condition("most_ranges_rejected", _most_ranges_rejected, by_stall=True),
     Condition("sensor_clock_stepped", _sensor_clock_stepped, over="sensor clock steady again"),
@@ -548,7 +546,7 @@ TABLE = (
     Condition("heading_jumped", _heading_jumped, over="heading jumped back"),
     Condition("altitude_lost", _altitude_lost, over="altitude received again"),
     Condition("altitude_jumped", _altitude_jumped, over="altitude jumped back"),
-    Condition("few_setpoints", _few_setpoints, by_stall=True),
+    Condition("setpoint_rate_low", _setpoint_rate_low, by_stall=True),
     # not alarms: only sent to ground stations
     Condition("not_airborne", _not_airborne, severity=NOTICE),
     Condition("range_noise", _range_noise, severity=NOTICE),

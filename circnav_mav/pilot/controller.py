@@ -105,7 +105,7 @@ class Controller:
         self, phase: Phase, estimate: RangeEstimate | None, round_trip: float | None, now: float
     ) -> TurnCommand | None:
         """Return the turn command: the command of the law while engaged, the circle's turn rate
-        while holding, else None. round_trip: delay of the link in both directions, s."""
+        while coasting, else None. round_trip: delay of the link in both directions, s."""
         # 2.0: largest link delay, s, that the gains are tuned for.
         self.vehicle.link = min(
             self._settings.timing.tick if round_trip is None else round_trip, 2.0
@@ -113,7 +113,7 @@ class Controller:
         motion = None if estimate is None else estimate.relative
         if motion is not None and motion.trusted:
             self._wind = motion.drift
-        if phase is Phase.HOLDING:
+        if phase is Phase.COASTING:
             return self._loop.hold(estimate, now)
         if phase is not Phase.ENGAGED or estimate is None:
             return None

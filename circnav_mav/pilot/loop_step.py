@@ -20,11 +20,11 @@ class LoopStep:
     received: (link, source, complete frames) of each datagram.
     sent: frames sent to the vehicle.
     hello: frames sent to the ranging link.
-    attached: frames that onlookers sent to the vehicle.
+    attached: frames that listeners sent to the vehicle.
     requests: requests for another circle from callers outside `Pilot`.
     interrupt: reason why the flight was ended from outside in this step.
     held_back: True if nothing was sent because the step took too long.
-    exchanged: frames between onlookers and systems other than the vehicle, such as the members of a
+    exchanged: frames between listeners and systems other than the vehicle, such as the members of a
         fleet.
     """
 

@@ -11,7 +11,7 @@ class Phase(Enum):
     WAIT_RANGING = "waiting for ranging"
     READY = "ready"
     ENGAGED = "engaged"
-    HOLDING = "holding"
+    COASTING = "coasting"
     YIELDED = "yielded"
     LEAVING = "leaving"
     ENDED = "ended"
@@ -31,7 +31,7 @@ class Event(Enum):
     SAFE_SENT = "safe setpoint sent"
 
 
-STEERING = frozenset({Phase.ENGAGED, Phase.HOLDING})
+STEERING = frozenset({Phase.ENGAGED, Phase.COASTING})
 """The only phases in which steering setpoints are sent."""
 IN_REACH = STEERING | {Phase.WAIT_RANGING, Phase.READY}
 """Phases in which a vehicle that was engaged may be in the guided mode and reachable."""
@@ -43,8 +43,8 @@ TRANSITIONS: dict[tuple[Phase, Event], Phase] = {
     (Phase.WAIT_RANGING, Event.RANGE_GOOD): Phase.READY,
     (Phase.READY, Event.RANGE_LOST): Phase.WAIT_RANGING,
     (Phase.READY, Event.MODE_OURS): Phase.ENGAGED,
-    (Phase.ENGAGED, Event.RANGE_LOST): Phase.HOLDING,
-    (Phase.HOLDING, Event.RANGE_GOOD): Phase.ENGAGED,
+    (Phase.ENGAGED, Event.RANGE_LOST): Phase.COASTING,
+    (Phase.COASTING, Event.RANGE_GOOD): Phase.ENGAGED,
     (Phase.YIELDED, Event.MODE_OURS): Phase.WAIT_RANGING,
     **{(phase, Event.MODE_LEFT): Phase.YIELDED for phase in IN_REACH},
     **{(phase, Event.LINK_LOST): Phase.WAIT_LINK for phase in (*IN_REACH, Phase.YIELDED)},
@@ -93,7 +93,7 @@ class Timing:
     duration: time from the engagement to the end of the flight.
     wait_link, wait_ranging: longest waits before the first engagement.
     stale: largest age of the newest range at which the estimator's prediction steers.
-    hold: longest time in the phase HOLDING, in which the circle's turn rate is commanded without
+    hold: longest time in the phase COASTING, in which the circle's turn rate is commanded without
         ranges.
     unfollowed: longest time in which the vehicle may ignore turn commands before the exit action.
     outage: longest time from the loss of the link until the vehicle is steered again.
@@ -119,7 +119,7 @@ class MissionState:
     """Phase, times and outcome of a mission. Only events change the phase."""
 
     def __init__(self, hold: float = 10.0) -> None:
-        """hold: longest time in the phase HOLDING, s."""
+        """hold: longest time in the phase COASTING, s."""
         self.hold = hold
         self.phase = Phase.WAIT_LINK
         self.since = 0.0

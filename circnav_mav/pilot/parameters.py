@@ -16,7 +16,7 @@ from circnav_mav.pilot.range_tracker import RangeTracker
 
 DIRECTIONS = {1.0: Direction.CLOCKWISE, -1.0: Direction.COUNTERCLOCKWISE}
 LONGEST_HOLD = 600.0
-"""Largest value of CN_HOLD, s: the time for which the turn rate is held without ranges. The circle
+"""Largest value of CN_COAST, s: the time for which the turn rate is held without ranges. The circle
 drifts with the wind during this time."""
 BY = "ground station"
 
@@ -56,10 +56,10 @@ def flight_parameters(
             )
         return controller.change_law(laws[int(value)])
 
-    def set_hold(value: float, now: float) -> str:
+    def set_coast(value: float, now: float) -> str:
         if not 0 <= value <= LONGEST_HOLD:
             return f"{value:g} s outside 0 to {LONGEST_HOLD:g} s"
-        mission.hold = value
+        mission.coast = value
         return ""
 
     def set_exit(value: float, now: float) -> str:
@@ -90,6 +90,6 @@ def flight_parameters(
             set_height,
         ),
         Parameter("CN_LAW", lambda: laws.index(controller.law), set_law),
-        Parameter("CN_HOLD", lambda: mission.hold, set_hold),
+        Parameter("CN_COAST", lambda: mission.coast, set_coast),
         Parameter("CN_EXIT", lambda: actions.index(exits.action), set_exit),
     )

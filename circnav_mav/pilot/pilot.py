@@ -16,17 +16,17 @@ from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING
 
 from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.own_code import StuckCodeError
-from circnav_mav.guidance.types import GRAVITY, Orbit, OwnMotion, RangeEstimate, TurnCommand
-from circnav_mav.guidance.watches import (
+from circnav_mav.guidance.monitors import (
     AirspeedAlarm,
-    DriftWatch,
+    ClosingMonitor,
+    DriftMonitor,
     LapAlarm,
-    WayWatch,
     breach,
     watch_airspeed,
     watch_lap,
 )
+from circnav_mav.guidance.own_code import StuckCodeError
+from circnav_mav.guidance.types import GRAVITY, Orbit, OwnMotion, RangeEstimate, TurnCommand
 from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import YawRate
@@ -92,9 +92,9 @@ class Pilot:
         self._why = ""
         """Reason for the law that `auto` or `drift` flies now, human-readable. Empty for other
         laws."""
-        self._drift_watch = DriftWatch()
+        self._drift_monitor = DriftMonitor()
         self._airspeed_alarm = AirspeedAlarm()
-        self._way_watch = WayWatch()
+        self._closing_monitor = ClosingMonitor()
         self._lap_alarm = LapAlarm()
         self._rates = RateMeter()
         self._unchecked = Hysteresis(raise_after=settings.timing.hold)
@@ -333,14 +333,14 @@ class Pilot:
             self._finish(Outcome(Ending.ABORTED, reason), now)
         broken = breach(
             self.settings.bounds,
-            r=estimate.r if estimate and self.mission.phase is not Phase.HOLDING else None,
+            r=estimate.r if estimate and self.mission.phase is not Phase.COASTING else None,
             altitude=session.motion.at(now).altitude,
             battery=session.vehicle.battery(now),
         )
         self._authority.broken_bound = broken
         unchecked = unwatched(self.settings, session, now)
         if self._unchecked.update(bool(unchecked), now) and broken is None:
-            broken = f"bound not checked for {self.mission.hold:g} s: {unchecked}"
+            broken = f"bound not checked for {self.mission.coast:g} s: {unchecked}"
         if broken is not None and self.mission.steering:
             self._finish(Outcome(Ending.ABORTED, broken), now)
 
@@ -350,8 +350,8 @@ class Pilot:
         keep its circle."""
         session = self.session
         vehicle = self.controller.vehicle
-        obedience = vehicle.obedience
-        most = self.settings.timing.unfollowed
+        command_following = vehicle.command_following
+        most = self.settings.timing.not_following
         # A vehicle that does not receive setpoints cannot follow them. Such an outage of the uplink
         # must not end the flight: while answers to TIMESYNC are missing, do not judge the turns.
         # After the outage start the judgment again, because a plane that flies straight back to the
@@ -365,8 +365,8 @@ class Pilot:
             self.conditions.forget(NOT_FOLLOWING)
         if self._keeps_circle(estimate):
             self._since_circling.restart(now)
-        unfollowed = min(now - obedience.since, self._since_circling.age(now))
-        if self.mission.steering and not obedience.follows and unfollowed > most:
+        not_following = min(now - command_following.since, self._since_circling.age(now))
+        if self.mission.steering and not command_following.follows and not_following > most:
             self._finish(
                 Outcome(
                     Ending.ABORTED,
@@ -386,7 +386,7 @@ class Pilot:
         return turn > circle.speed / circle.radius / 3
 
     def _watch_ranging(self, estimate: RangeEstimate | None, now: float) -> None:
-        good = self.tracker.good(estimate, now, holding=self.mission.phase is Phase.HOLDING)
+        good = self.tracker.good(estimate, now, coasting=self.mission.phase is Phase.COASTING)
         if self.mission.phase is Phase.WAIT_RANGING and self.session.missing(now):
             return
         self.mission.happened(Event.RANGE_GOOD if good else Event.RANGE_LOST, now)
@@ -502,11 +502,11 @@ class Pilot:
         tracker = self.tracker
         controller = self.controller
         steered = estimate if self.mission.steering else None
-        self._drift_watch.update(steered, controller.orbit, controller.vehicle.most)
+        self._drift_monitor.update(steered, controller.orbit, controller.vehicle.most)
         engaged = self.mission.phase is Phase.ENGAGED
         if self.session.adapter.measures_airspeed:
             self._airspeed_alarm = watch_airspeed(self._airspeed_alarm, estimate, controller.orbit)
-        self._way_watch.update(estimate if engaged else None, controller.orbit)
+        self._closing_monitor.update(estimate if engaged else None, controller.orbit)
         estimation = self.settings.tuning.estimation
         if self.gps_loss.changed_at is not None:
             estimation = self.settings.estimation_without_gps
@@ -545,7 +545,7 @@ class Pilot:
             settings=self.settings,
             engaged_at=mission.engaged_at,
             outcome=mission.outcome,
-            hold=mission.hold,
+            coast=mission.coast,
             waits=self.status.waits_for(now),
             not_airborne=self._not_airborne(now),
             exit_name=self._exit_action.named(session),
@@ -579,14 +579,14 @@ class Pilot:
             implausible_airspeed=self._path.implausible_airspeed,
             unchecked_bound=unwatched(self.settings, session, now),
             gps_lost=None if self.gps_loss.changed_at is None else self.gps_loss.failure,
-            drift_alarm=self._drift_watch.alarm,
+            drift_alarm=self._drift_monitor.alarm,
             airspeed_alarm=self._airspeed_alarm,
-            way_alarm=self._way_watch.alarm,
+            closing_alarm=self._closing_monitor.alarm,
             lap_alarm=self._lap_alarm,
             circle=controller.circle,
             law=self._law,
             why=self._why,
-            follows=controller.vehicle.obedience.follows,
+            follows=controller.vehicle.command_following.follows,
             speed=controller.speed,
             lean_share=controller.vehicle.lean_limit.share,
             lean_limit=atan(controller.vehicle.lean_limit.found / GRAVITY),

@@ -159,11 +159,11 @@ class RangeTracker:
         rate = self.newest_rate
         return None if rate is None or now - rate.time > self._stale + SAME_TIME else rate.r_dot
 
-    def good(self, estimate: RangeEstimate | None, now: float, *, holding: bool) -> bool:
+    def good(self, estimate: RangeEstimate | None, now: float, *, coasting: bool) -> bool:
         """True if the current estimate may steer: the estimator is ready and the newest range is
         not stale.
 
-        holding: True while steering is suspended. Steering resumes if the newest range is fresh
+        coasting: True while steering is suspended. Steering resumes if the newest range is fresh
         (FRESH), or if no range was stale for 1 s.
         """
         age = self.age(now)
@@ -173,7 +173,7 @@ class RangeTracker:
         # 1.0: time, s, without stale ranges after which steering resumes even if the range is older
         # than FRESH. Without this wait, ranges with ages near `stale` would start and stop steering
         # again and again.
-        fresh = not holding or age <= FRESH * self._stale or self._since_stale.age(now) > 1.0
+        fresh = not coasting or age <= FRESH * self._stale or self._since_stale.age(now) > 1.0
         return (
             self.estimator.ready and estimate is not None and fresh and self.ranging.one_source(now)
         )

@@ -11,7 +11,7 @@ from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.range_tracker import RangeTracker
 from circnav_mav.pilot.settings import OutputMode
 
-_WOULD = {Phase.ENGAGED: "would steer", Phase.HOLDING: "would hold"}
+_WOULD = {Phase.ENGAGED: "would steer", Phase.COASTING: "would coast"}
 
 
 def phase_name(phase: Phase, output_mode: OutputMode) -> str:

@@ -23,7 +23,7 @@ WITHIN = 5.0
 """Time in which differing reports are counted, s."""
 
 
-class EchoWatch:
+class EchoMonitor:
     """Detects reported turns outside the range of the turns sent recently. Turns are yaw rates
     (rad/s) or banks (rad), right positive."""
 
@@ -79,7 +79,7 @@ class SecondController:
     def __init__(self, session: Session, mission: MissionState) -> None:
         self._session = session
         self._mission = mission
-        self._echo = EchoWatch()
+        self._echo = EchoMonitor()
 
     def sent(self, message: Message, now: float) -> None:
         """Record a setpoint that is sent now."""

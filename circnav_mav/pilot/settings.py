@@ -5,9 +5,9 @@ from enum import Enum
 
 from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
+from circnav_mav.guidance.monitors import Bounds
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.guidance.watches import Bounds
 from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.interface import RangingSettings

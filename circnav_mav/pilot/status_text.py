@@ -56,7 +56,7 @@ class StatusText:
             return Outcome(
                 Ending.ABORTED, f"time ran out while {mission.phase.value}{self._what_is_gone(now)}"
             )
-        if mission.phase is Phase.HOLDING and waited > mission.hold:
+        if mission.phase is Phase.COASTING and waited > mission.coast:
             return Outcome(Ending.ABORTED, self._why_held(now))
         if mission.lost_at is not None and now - mission.lost_at > timing.outage:
             return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {timing.outage:.0f} s")
@@ -117,7 +117,7 @@ class StatusText:
     # --- lost data
 
     def _why_held(self, now: float) -> str:
-        """Return the reason why no range could be used while holding."""
+        """Return the reason why no range could be used while coasting."""
         tracker = self.tracker
         waited = now - self.mission.since
         age = self.tracker.age(now)

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from circnav_mav.guidance.monitors import AirspeedAlarm, ClosingAlarm, DriftAlarm, LapAlarm
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.guidance.watches import AirspeedAlarm, DriftAlarm, LapAlarm, WayAlarm
 from circnav_mav.pilot.mission_state import STEERING, Outcome, Phase
 from circnav_mav.pilot.rates import Rates
 from circnav_mav.pilot.record import TickRecord
@@ -24,7 +24,7 @@ class StepView:
     """Time of the first engagement, s."""
     outcome: Outcome | None
     hold: float
-    """Longest time in the phase HOLDING, s."""
+    """Longest time in the phase COASTING, s."""
     waits: str
     """Reason why the vehicle is not steered."""
     not_airborne: str
@@ -101,7 +101,7 @@ class StepView:
     """State of the flight by attitude after the loss of the GPS, None before it."""
     drift_alarm: DriftAlarm
     airspeed_alarm: AirspeedAlarm
-    way_alarm: WayAlarm
+    closing_alarm: ClosingAlarm
     lap_alarm: LapAlarm
 
     # steering

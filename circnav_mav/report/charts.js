@@ -39,7 +39,7 @@ const Charts = (() => {
   }
 
   // --- marks: [from, to, kind, text], to = from for a single moment ---
-  const AWAY = { yielded: "takeover", holding: "outage", "would hold": "outage", "waiting for ranging": "outage", "waiting for the link": "outage" };
+  const AWAY = { yielded: "takeover", coasting: "outage", "would coast": "outage", "waiting for ranging": "outage", "waiting for the link": "outage" };
   const SAID = { takeover: /taken over|operator has the vehicle/i, outage: /^(range (lost|stale)|(link|vehicle) silent)/i };
   const LETTERS = { takeover: "T", outage: "O", law: "L", alarm: "!" };
   const KINDS = { takeover: "operator has the vehicle", outage: "no ranges or no link", law: "change of law", alarm: "alarm" };
@@ -146,7 +146,7 @@ const Charts = (() => {
   const KNOWN = new Map(Object.entries({
     waits: ["waiting for the link", "waiting for ranging", "unknown"], ready: ["ready", "trial", "LOITER", "AUTO.LOITER", "HOLD"],
     good: ["engaged", "would steer", "drift", "GUIDED", "OFFBOARD"], other0: ["feedforward", "leaving", "RTL", "AUTO.RTL", "LAND", "AUTO.LAND"],
-    held: ["holding", "would hold"], away: ["yielded"], over: ["ended"],
+    held: ["coasting", "would coast"], away: ["yielded"], over: ["ended"],
   }).flatMap(([colour, words]) => words.map(word => [word, colour])));
 
   // Known words have the same color on every page. Other words get colors in order of appearance.

@@ -51,7 +51,7 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
     desired = ticks.desired(orbit.radius)
     track = known_track(ticks, truth)
     new = fresh(ticks)
-    holding = np.array([phase == "holding" for phase in ticks.words["phase"]])
+    coasting = np.array([phase == "coasting" for phase in ticks.words["phase"]])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(12, 7))  # no automatic layout: it draws everything twice
         figure.suptitle(literal(title), y=0.985)
@@ -83,11 +83,11 @@ def plot_flight(path: Path, ticks: Ticks, truth: Truth | None, orbit: Orbit, tit
         for axis, label in zip(axes, labels, strict=True):
             axis.set_ylabel(label)
             # Mark intervals without ranges, in which the vehicle kept its turn.
-            if holding.any():
+            if coasting.any():
                 limits = axis.get_ylim()
-                label = "no range, holding"
+                label = "no range, coasting"
                 axis.fill_between(
-                    time, *limits, where=holding, color=HOLD_BAND, alpha=0.7, lw=0, label=label
+                    time, *limits, where=coasting, color=HOLD_BAND, alpha=0.7, lw=0, label=label
                 )
                 axis.set_ylim(*limits)
             _legend_above(axis)

@@ -15,7 +15,7 @@ from circnav_mav.foreign import printable
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.runtime.onlookers import Onlooker, Onlookers
+from circnav_mav.runtime.listeners import Listener, Listeners
 from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import NewAlarms, Status, StatusSource, kind, shown
 
@@ -25,7 +25,7 @@ PATIENCE = 1.0
 
 class PlainScreen:
     """Prints one line for each status. Further lines report each new alarm, changed lines of
-    onlookers, and, after engaging, the trusted vehicle. The reason why the vehicle is not steered
+    listeners, and, after engaging, the trusted vehicle. The reason why the vehicle is not steered
     is reported if it lasts for two draws."""
 
     def __init__(self, console: Console) -> None:
@@ -37,7 +37,7 @@ class PlainScreen:
 
     def draw(self, status: Status) -> None:
         """Print the lines of a status."""
-        # After the end of the flight, the extra `handback` may run for a long time: print only new
+        # After the end of the flight, the extra `external_position` may run for a long time: print only new
         # facts, no more status lines.
         ended = self._ended
         self._ended = status.tick.phase is Phase.ENDED
@@ -89,13 +89,13 @@ class LiveScreen:
 Screen = PlainScreen | LiveScreen
 
 
-class Display(Onlooker):
+class Display(Listener):
     """Passes the newest status to a screen when a refresh is due. `on_step` never blocks."""
 
     name = "display"
 
     def __init__(
-        self, screen: Screen, pilot: Pilot, onlookers: Onlookers, period: float, *, last: bool
+        self, screen: Screen, pilot: Pilot, listeners: Listeners, period: float, *, last: bool
     ) -> None:
         """period: run time between two refreshes, s. last: True to draw the end of the flight even
         if no refresh is due."""
@@ -103,7 +103,7 @@ class Display(Onlooker):
         self._pilot = pilot
         self._period = period
         self._last = last
-        self._watch = StatusSource(pilot, onlookers)
+        self._watch = StatusSource(pilot, listeners)
         self._due = 0.0
         self.problem: str | None = None
         """Reason why drawing stopped, or None. A closed terminal is no problem."""
@@ -153,7 +153,7 @@ class Display(Onlooker):
 
 
 def display_for(
-    console: Console, pilot: Pilot, onlookers: Onlookers, title: str, speed: float
+    console: Console, pilot: Pilot, listeners: Listeners, title: str, speed: float
 ) -> Display:
     """Return a live display for a terminal, else a plain one. speed: run seconds per real
     second."""
@@ -162,8 +162,8 @@ def display_for(
             console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only)
         )
         # 4: refreshes of the live picture per real second. More cannot be read.
-        return Display(screen, pilot, onlookers, speed / 4, last=True)
-    return Display(PlainScreen(console), pilot, onlookers, speed, last=False)
+        return Display(screen, pilot, listeners, speed / 4, last=True)
+    return Display(PlainScreen(console), pilot, listeners, speed, last=False)
 
 
 def one_line(status: Status) -> str:

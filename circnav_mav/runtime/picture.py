@@ -18,7 +18,7 @@ from circnav_mav.runtime.status import SILENCED, Status, status_facts
 
 STYLES = {
     Phase.ENGAGED: "green",
-    Phase.HOLDING: "yellow",
+    Phase.COASTING: "yellow",
     Phase.YIELDED: "magenta",
     Phase.LEAVING: "cyan",
 }

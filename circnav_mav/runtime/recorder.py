@@ -60,9 +60,9 @@ received: received datagrams, each as initial of the link, number of the source 
 sent: number of frames sent to the vehicle, or HELD_BACK if they were not sent.
 hello: number of frames sent to the ranging link.
 interrupt: signal that ended the flight.
-attached: number of frames of onlookers.
+attached: number of frames of listeners.
 requests: requests for another circle, JSON.
-exchanged: number of frames between onlookers and other systems.
+exchanged: number of frames between listeners and other systems.
 """
 
 

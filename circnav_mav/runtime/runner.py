@@ -15,7 +15,7 @@ from circnav_mav.pilot.preflight_listener import PreflightListener
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.recorder import Recorder
 from circnav_mav.time_limit import time_limit
 
@@ -60,12 +60,12 @@ def run(
     links: Mapping[str, Link],
     clock: Clock,
     recorder: Recorder,
-    onlookers: Onlookers,
+    listeners: Listeners,
     stop: StopRequest,
     signing_time: SigningTime | None = None,
 ) -> None:
-    """Fly until `Pilot` is done and no onlooker is busy. Record every step and tick."""
-    loop = Loop(pilot, links, clock, recorder, onlookers)
+    """Fly until `Pilot` is done and no listener is busy. Record every step and tick."""
+    loop = Loop(pilot, links, clock, recorder, listeners)
     while not loop.over:
         wait(links, stop, min(clock.until(loop.due), clock.longest_wait))
         if signing_time is not None:
@@ -83,7 +83,7 @@ class Loop:
         links: Mapping[str, Link],
         clock: Clock,
         recorder: Recorder,
-        onlookers: Onlookers,
+        listeners: Listeners,
     ) -> None:
         self.now = 0.0
         """Time of the newest step, s."""
@@ -91,13 +91,13 @@ class Loop:
         self._links = links
         self._clock = clock
         self._recorder = recorder
-        self._onlookers = onlookers
+        self._listeners = listeners
         self._newest: TickRecord | None = None
 
     @property
     def over(self) -> bool:
-        """True if `Pilot` is done and no onlooker is busy."""
-        return self._pilot.done and not self._onlookers.busy
+        """True if `Pilot` is done and no listener is busy."""
+        return self._pilot.done and not self._listeners.busy
 
     @property
     def due(self) -> float:
@@ -111,21 +111,21 @@ class Loop:
         flight, or None."""
         pilot = self._pilot
         links = self._links
-        onlookers = self._onlookers
+        listeners = self._listeners
         self._clock.advance(self.due)
         step = run_step(
-            pilot, links, self._clock, self.now, signal_name, onlookers.circle_requests(self.now)
+            pilot, links, self._clock, self.now, signal_name, listeners.circle_requests(self.now)
         )
         self.now = step.time
         records = pilot.take_records()
         self._newest = records[-1] if records else self._newest
-        frames = onlookers.on_step(
+        frames = listeners.on_step(
             self._newest, step, self._recorder.problem, called_off=signal_name is not None
         )
         if frames:
             links[VEHICLE].send(b"".join(frames), pilot.session.reply_to)
             step.attached = frames
-        step.exchanged = onlookers.take_exchanged(self.now)
+        step.exchanged = listeners.take_exchanged(self.now)
         self._recorder.step(step)
         self._recorder.ticks(records)
 
@@ -142,7 +142,7 @@ def run_step(
 
     before: time of the previous step, s.
     signal_name: received signal that ends the flight, or None.
-    requests: requests of onlookers for another circle.
+    requests: requests of listeners for another circle.
     """
     began = clock.real()
     received = [(name, *one) for name, link in links.items() for one in link.receive(before)]

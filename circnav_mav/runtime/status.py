@@ -10,7 +10,7 @@ from circnav_mav.mav.ranging.interface import OTHERS
 from circnav_mav.pilot import OutputMode, Pilot, TickRecord, phase_name
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.step_view import StepView
-from circnav_mav.runtime.onlookers import Onlooker, Onlookers
+from circnav_mav.runtime.listeners import Listener, Listeners
 from circnav_mav.timers import Every
 
 LOOK = 1.0
@@ -29,7 +29,7 @@ class Status:
 
     time: run time, s.
     view: newest step.
-    tick: record of this step, with None as range if the newest range is too old for holding.
+    tick: record of this step, with None as range if the newest range is too old for coasting.
     flown: time since the first engagement, s, None before it.
     phase: name of the phase.
     why: reason for the active law.
@@ -37,7 +37,7 @@ class Status:
     conditions: alarms by name of condition.
     rejected: rejected ranges by reason.
     others: number of ignored ranges of other sensors.
-    added: lines of onlookers, by label.
+    added: lines of listeners, by label.
     """
 
     time: float
@@ -59,11 +59,11 @@ class Status:
 
 
 class StatusSource:
-    """Source of statuses of `Pilot` and its onlookers."""
+    """Source of statuses of `Pilot` and its listeners."""
 
-    def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
+    def __init__(self, pilot: Pilot, listeners: Listeners) -> None:
         self._pilot = pilot
-        self._onlookers = onlookers
+        self._listeners = listeners
 
     def status(self, tick: TickRecord, now: float, problem: str | None = None) -> Status:
         """Return the status.
@@ -74,15 +74,15 @@ class StatusSource:
         """
         view = self._pilot.view
         assert view is not None, "no step yet, and so no tick"
-        conditions = self._pilot.conditions.alarms | self._onlookers.alarms(now)
+        conditions = self._pilot.conditions.alarms | self._listeners.alarms(now)
         if problem is not None:
             conditions["not_recording"] = f"NOT RECORDING: {problem}"
         stale = view.settings.timing.stale
-        lost = stale if tick.x is None else stale + view.hold
+        lost = stale if tick.x is None else stale + view.coast
         if tick.range_age is not None and tick.range_age > lost:
             # Without an estimate of the relative motion, the predicted range continues linearly
             # while the vehicle turns: show no range. With this estimate, the prediction follows the
-            # vehicle during HOLDING.
+            # vehicle during COASTING.
             tick = tick._replace(r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
         return Status(
             time=now,
@@ -95,7 +95,7 @@ class StatusSource:
             conditions=conditions,
             rejected={why: count for why, count in view.rejected.items() if why not in OTHERS},
             others=sum(count for why, count in view.rejected.items() if why in OTHERS),
-            added=self._onlookers.facts(now),
+            added=self._listeners.facts(now),
         )
 
 
@@ -112,15 +112,15 @@ class NewAlarms:
         return begun
 
 
-class AlarmLog(Onlooker):
+class AlarmLog(Listener):
     """Records each alarm of a flight once, when it begins."""
 
     name = "alarms"
 
-    def __init__(self, pilot: Pilot, onlookers: Onlookers) -> None:
+    def __init__(self, pilot: Pilot, listeners: Listeners) -> None:
         self.begun: list[dict[str, float | str]] = []
         """Alarms as stored in summary.json."""
-        self._watch = StatusSource(pilot, onlookers)
+        self._watch = StatusSource(pilot, listeners)
         self._news = NewAlarms()
         self._check_timer = Every(LOOK)
 

@@ -208,7 +208,7 @@ def test_flight_continues_when_terminal_closes(tmp_path):
     assert (
         moments(folder, "leaving")[0]
         >= summary["engaged_s"] + 12.0
-        > moments(folder, "engaged", "holding")[-1]
+        > moments(folder, "engaged", "coasting")[-1]
     )
     assert summary["truth"]["radius_mean_m"] is not None
     assert (folder / "report.html").stat().st_size > 10_000

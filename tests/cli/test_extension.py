@@ -1,5 +1,5 @@
-"""The core with two extras that this test writes: command, option, mission table, check, onlooker,
-files and report section. An onlooker that fails in flight does not end the flight."""
+"""The core with two extras that this test writes: command, option, mission table, check, listener,
+files and report section. A listener that fails in flight does not end the flight."""
 
 import json
 import re
@@ -26,7 +26,7 @@ EXTENSION = Extension(
     tables={"sight": "circnav_mav.extras.sight.parts:SightTable"},
     checks=["circnav_mav.extras.sight.parts:check"],
     fly_options=["circnav_mav.extras.sight.parts:OPTION"],
-    onlooker="circnav_mav.extras.sight.parts:open_onlooker",
+    listener="circnav_mav.extras.sight.parts:open_listener",
     report_section="circnav_mav.extras.sight.parts:report_section",
     schemas={"sight": "circnav_mav.extras.sight.parts:SightTable"},
 )
@@ -38,7 +38,7 @@ import click
 
 from circnav_mav.mav.check_result import WARN, Check
 from circnav_mav.mission.schema import Table
-from circnav_mav.runtime.onlookers import Onlooker
+from circnav_mav.runtime.listeners import Listener
 
 
 class SightTable(Table):
@@ -61,7 +61,7 @@ def check(mission):
         yield Check(WARN, "sight", f"{mission.file.sight.miles:g} miles: haze")
 
 
-class Sight(Onlooker):
+class Sight(Listener):
     name = "sight"
 
     def __init__(self, glass):
@@ -81,7 +81,7 @@ class Sight(Onlooker):
         return {"sight.txt": " ".join(sorted(self.ticks))}
 
 
-def open_onlooker(given):
+def open_listener(given):
     return Sight(given.options["glass"]) if given.options["glass"] else None
 
 
@@ -95,22 +95,22 @@ def report_section(run):
 from circnav_mav.extension import Extension
 
 PARTS = "circnav_mav.extras.broken.parts"
-EXTENSION = Extension(onlooker=f"{PARTS}:open_onlooker", report_section=f"{PARTS}:report_section")
+EXTENSION = Extension(listener=f"{PARTS}:open_listener", report_section=f"{PARTS}:report_section")
 """
     ),
     "broken/parts": (
         """
-from circnav_mav.runtime.onlookers import Onlooker
+from circnav_mav.runtime.listeners import Listener
 
 
-class Broken(Onlooker):
+class Broken(Listener):
     name = "broken"
 
     def on_step(self, newest, step, recording_problem):
         return 1 / 0 if step.time > 5.0 else ()
 
 
-def open_onlooker(given):
+def open_listener(given):
     return Broken() if given.mission.file.sight.miles == 3 else None
 
 
@@ -169,7 +169,7 @@ def test_extension_adds_command_table_check_and_schema(circnav):
     assert "locate" not in schema["properties"]
 
 
-def test_failing_onlooker_does_not_end_the_flight(circnav, folder):
+def test_failing_listener_does_not_end_the_flight(circnav, folder):
     run = folder / "run"
     options = ("--duration", "8", "--set", "sight.miles=3", "--glass", "green")
     printed = circnav("fly", "quickstart", "--out", run, *options)

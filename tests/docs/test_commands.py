@@ -30,8 +30,8 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 
-def block(page: str, language: str, holding: str = "") -> str:
-    return next(one for one in blocks(page, language) if holding in one)
+def block(page: str, language: str, coasting: str = "") -> str:
+    return next(one for one in blocks(page, language) if coasting in one)
 
 
 def test_printed_driver_passes_preflight_with_printed_mission_lines(tmp_path, port):

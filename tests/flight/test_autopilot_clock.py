@@ -5,7 +5,7 @@ import pytest
 
 from circnav_mav.runtime import clock as clock_module
 from circnav_mav.runtime.clock import AutopilotClock
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import flight, message_ids
 from tests.frames import output
@@ -70,7 +70,7 @@ def test_unexpected_vehicle_clock_speed_raises_an_alarm(
     )
     alarms = [
         one
-        for one in StatusSource(pilot, Onlookers()).status(ticks[-1], 15.0).alarms
+        for one in StatusSource(pilot, Listeners()).status(ticks[-1], 15.0).alarms
         if one.startswith("CLOCK")
     ]
     words = (

@@ -15,7 +15,7 @@ from tests.pilot.test_preflight import Bench
 from tests.process import ROOT
 
 
-class SurveyedError(Exception):
+class PreflightDoneError(Exception):
     """Raised when the preflight has finished, to end docs/beacon.py."""
 
 
@@ -36,7 +36,7 @@ class Wire:
     def recv_match(self, type: str, **_: object) -> Any:
         while not self._heard:
             if self._bench.listener.done:
-                raise SurveyedError
+                raise PreflightDoneError
             self._bench.step()
             frames = b"".join(self._bench.vehicle.outgoing("radio"))
             self._heard += [
@@ -54,7 +54,7 @@ def test_beacon_program_supplies_ranges_to_simulator(
     monkeypatch.setattr(
         sys, "argv", ["beacon.py", "udpout:here", "--north", "30", "--east", "40", "--seed", "1"]
     )
-    with pytest.raises(SurveyedError):
+    with pytest.raises(PreflightDoneError):
         runpy.run_path(str(ROOT / "docs" / "beacon.py"))["main"]()
     lines = {line.subject: line for line in judge(bench.mission, bench.listener)}
     assert {subject: lines[subject].grade for subject in ("ranging", "noise", "stamps")} == {

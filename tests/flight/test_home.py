@@ -43,10 +43,10 @@ def test_plane_without_gps_flies_home_and_circles() -> None:
 
 
 @pytest.mark.parametrize(("wind", "raised"), [(12.0, False), (16.0, True)])
-def test_home_raises_no_way_made_alarm_in_strong_wind(wind: float, raised: bool) -> None:
+def test_home_raises_not_closing_alarm_in_strong_wind(wind: float, raised: bool) -> None:
     """The plane's true airspeed is 15.4 m/s, so it cannot reach home against a wind of 16 m/s."""
     flown = flight("home", f"sim.wind.speed_mps={wind}", law="auto").fly(56.0)
-    alarm = flown.pilot.conditions.alarms.get("no_way_made", "")
+    alarm = flown.pilot.conditions.alarms.get("not_closing", "")
     named = re.search(rf"\(wind {wind:.0f}, airspeed 1[56] m/s\)", alarm)
     assert (named is not None) is raised
     assert len(flown.pilot.conditions.alarms) == raised
@@ -55,11 +55,11 @@ def test_home_raises_no_way_made_alarm_in_strong_wind(wind: float, raised: bool)
 def lost(at: float, away: float, hold: float) -> list[Truth]:
     """Fly to the end; the beacon stops at the time `at`, s. Return the track between the alarm and
     the exit action."""
-    flown, _ = prepared(11, (STOPS(at), f"limits.hold_s={hold}"), away=away)
+    flown, _ = prepared(11, (STOPS(at), f"limits.coast_s={hold}"), away=away)
     alarmed: list[float] = []
 
     def watch(now: Flight) -> None:
-        if not alarmed and "holding" in now.pilot.conditions.alarms:
+        if not alarmed and "coasting" in now.pilot.conditions.alarms:
             alarmed.append(now.now)
 
     flown.fly(at + STALE + hold + 30.0, watch)

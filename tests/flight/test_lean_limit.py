@@ -3,7 +3,7 @@ an alarm, and flown at a lower speed."""
 
 import pytest
 
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import clockwise_turns, flight, last_third, rms_error, unrest
 
@@ -27,7 +27,7 @@ def test_copter_lowers_speed_when_lean_limit_is_found(mission, overrides, lean, 
     flown = flight(mission, "sim.wind.speed_mps=6.0", *overrides, law="auto").fly(until)
     reduced = f"lean limit {lean} deg, speed cut to {int(speed[0])}.".encode()
     assert any(reduced in data for _, data in flown.sent)
-    alarms = StatusSource(flown.pilot, Onlookers()).status(flown.ticks[-1], flown.now).alarms
+    alarms = StatusSource(flown.pilot, Listeners()).status(flown.ticks[-1], flown.now).alarms
     text = f"LEAN LIMIT: the copter leans {lean} deg at most"
     assert any(alarm.startswith(text) for alarm in alarms)
     end = last_third(flown)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from circnav_mav.pilot import Phase
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import (
     Flight,
@@ -30,7 +30,7 @@ def flown(until, *overrides, law="smooth"):
     alarm by its first words."""
     under_way = flight("quickstart", *RADIO, *overrides, law=law)
     alarms = {}
-    watch = StatusSource(under_way.pilot, Onlookers())
+    watch = StatusSource(under_way.pilot, Listeners())
 
     def look(now: Flight) -> None:
         if len(now.ticks) % 5 == 1:
@@ -66,7 +66,7 @@ def test_frozen_radio_is_treated_as_lost_range():
     one, alarms = flown(48.0, events)
     assert 30.0 < alarms["RANGE RATE NOT USED"] <= 33.0
     assert 39.5 <= alarms["RANGE FROZEN"] <= 41.0
-    held = [tick.time for tick in one.ticks if tick.phase is Phase.HOLDING]
+    held = [tick.time for tick in one.ticks if tick.phase is Phase.COASTING]
     assert 40.0 <= held[0] <= 41.5
     assert held[-1] < 46.0
     assert one.pilot.mission.phase is Phase.ENGAGED

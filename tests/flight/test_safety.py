@@ -65,14 +65,14 @@ def test_dry_run_beside_steering_pilot_reports_drift_law() -> None:
 
 
 def test_range_outage_is_held_then_circle_is_kept() -> None:
-    flown = flight("quickstart", "limits.hold_s=20")
+    flown = flight("quickstart", "limits.coast_s=20")
     flown.hears = lambda frame, now: not (is_ranging(frame) and 30 < now < 36)
     phases = []
     flown.fly(54, lambda f: phases.append((f.now, f.pilot.mission.phase)))
-    holding = [now for now, phase in phases if phase is Phase.HOLDING]
-    assert 30.3 < holding[0] < 30.8
-    assert 35.9 < holding[-1] < 37.0  # the first range after the outage arrives at 36.0 s
-    steady = [tick.turn_rate for tick in flown.ticks if tick.phase is Phase.HOLDING]
+    coasting = [now for now, phase in phases if phase is Phase.COASTING]
+    assert 30.3 < coasting[0] < 30.8
+    assert 35.9 < coasting[-1] < 37.0  # the first range after the outage arrives at 36.0 s
+    steady = [tick.turn_rate for tick in flown.ticks if tick.phase is Phase.COASTING]
     # V/r_d; 1 % for the error of the learned turn gain
     assert steady == pytest.approx([-15.0 / 100.0] * len(steady), rel=0.01)
     assert rms_error(last_third(flown), 100.0) < 2.0

@@ -36,7 +36,7 @@ def take_over(flown: Flight, mission: str) -> None:
 @cache
 def begun(mission: str) -> Flight:
     """Return a flight 8 s after its start, engaged, without its records. Copy it before use."""
-    flown = flight(mission, "limits.hold_s=4.0").fly(8)
+    flown = flight(mission, "limits.coast_s=4.0").fly(8)
     flown.truths = []
     flown.ticks = []
     flown.sent = []

@@ -203,7 +203,7 @@ def test_wind_above_airspeed_raises_alarm_within_20_s(start: tuple[str, str, str
     seen: list[float] = []
 
     def watch(step: Flight) -> None:
-        if {"no_way_made", "drift_too_strong"} & set(step.pilot.conditions.alarms):
+        if {"not_closing", "wind_too_strong"} & set(step.pilot.conditions.alarms):
             seen.append(step.now)
 
     flown = flight(

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circnav_mav.guidance.maths import chord
-from circnav_mav.guidance.step import LawChoice, Steering, compensate_turn_gain, holding, limited
+from circnav_mav.guidance.step import LawChoice, Steering, coasting, compensate_turn_gain, limited
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
 from circnav_mav.guidance.vector_field import drift, drift_gains
@@ -186,7 +186,7 @@ def test_steering_attenuates_drift_oscillation_of_1_hz():
 
 
 @pytest.mark.parametrize("direction", Direction)
-def test_holding_flies_circle_in_wind_without_ranges(direction):
+def test_coasting_flies_circle_in_wind_without_ranges(direction):
     """One lap of 40 s by heading alone in 6 m/s of wind. A constant turn rate V/r_d would let the
     wind carry the vehicle 240 m away."""
     s = direction.turn_sign
@@ -199,7 +199,7 @@ def test_holding_flies_circle_in_wind_without_ranges(direction):
     swept = 0.0
     farthest = 0.0
     for _ in range(round(60 / dt)):
-        turned = holding(orbit, known(drift_y=6.0, heading=psi), AT_REST).turn_rate * dt
+        turned = coasting(orbit, known(drift_y=6.0, heading=psi), AT_REST).turn_rate * dt
         before = p
         p = p + chord(V, psi, turned, dt) + d * dt
         psi = psi + turned
@@ -209,9 +209,9 @@ def test_holding_flies_circle_in_wind_without_ranges(direction):
     assert farthest < 0.5
 
 
-def test_holding_adds_pending_turn_to_heading():
-    ahead = holding(ORBIT, known(drift_y=6.0, heading=0.7), Pending(0.3, 0.4))
-    assert ahead == holding(ORBIT, known(drift_y=6.0, heading=1.0), AT_REST)
+def test_coasting_adds_pending_turn_to_heading():
+    ahead = coasting(ORBIT, known(drift_y=6.0, heading=0.7), Pending(0.3, 0.4))
+    assert ahead == coasting(ORBIT, known(drift_y=6.0, heading=1.0), AT_REST)
 
 
 @pytest.mark.parametrize("direction", Direction)
@@ -229,11 +229,11 @@ def test_holding_adds_pending_turn_to_heading():
     ],
     ids=str,
 )
-def test_holding_turns_at_v_over_r_without_trusted_motion(direction, not_known):
+def test_coasting_turns_at_v_over_r_without_trusted_motion(direction, not_known):
     orbit = Orbit(R_D, direction, V, LIMIT)
     motion = {"drift_y": 6.0, "heading": pi / 2}
-    assert holding(orbit, known(**motion), AT_REST).turn_rate != orbit.steady_turn_rate
-    held = holding(
+    assert coasting(orbit, known(**motion), AT_REST).turn_rate != orbit.steady_turn_rate
+    held = coasting(
         orbit, None if not_known is None else known(**motion | not_known), Pending(-0.04, 0.4)
     )
     assert (
@@ -244,6 +244,6 @@ def test_holding_turns_at_v_over_r_without_trusted_motion(direction, not_known):
 
 # flight downwind: ground speed 24 m/s
 @pytest.mark.parametrize("motion", [None, known(drift_y=-9.0, heading=-pi / 2)])
-def test_holding_saturates_at_turn_limit(motion):
-    held = holding(Orbit(R_D, Direction.CLOCKWISE, V, 0.1), motion, AT_REST)
+def test_coasting_saturates_at_turn_limit(motion):
+    held = coasting(Orbit(R_D, Direction.CLOCKWISE, V, 0.1), motion, AT_REST)
     assert (held.turn_rate, held.saturated) == (-0.1, True)

@@ -240,7 +240,7 @@ def test_ranges_of_another_autopilot_are_dropped_after_heartbeat(make_rig):
     assert rig.pilot.mission.phase is Phase.ENGAGED
     rig.receive(heartbeat(GUIDED), voice=other)
     rig.run(3.0, lambda: rig.range(4000, voice=other))
-    assert rig.pilot.mission.phase is Phase.HOLDING
+    assert rig.pilot.mission.phase is Phase.COASTING
     assert rig.pilot.tracker.newest.time < 5.0
 
 

@@ -6,7 +6,7 @@ import re
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.watches import Bounds
+from circnav_mav.guidance.monitors import Bounds
 from circnav_mav.pilot import Ending, Outcome, OutputMode, Phase
 from tests.rig import Rig, timing, vfr_hud
 

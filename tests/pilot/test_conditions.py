@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.watches import AirspeedAlarm, DriftAlarm, LapAlarm, WayAlarm
+from circnav_mav.guidance.monitors import AirspeedAlarm, ClosingAlarm, DriftAlarm, LapAlarm
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.identity import OUR_NAME, RADIO_NAME, VEHICLE_NAME
 from circnav_mav.pilot.conditions import ENDED, LOST, TABLE
 from circnav_mav.pilot.mission_state import Ending, Outcome, Phase
 from circnav_mav.pilot.rates import Rates
 from circnav_mav.pilot.step_view import StepView
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import Flight, flight
 from tests.rig import LOITER, MISSION, Rig
@@ -32,9 +32,9 @@ def views() -> list[StepView]:
     view = Rig().engage().pilot.view
     assert view is not None
     identities = (VEHICLE_NAME, OUR_NAME, RADIO_NAME)
-    holding = replace(
+    coasting = replace(
         view,
-        tick=view.tick._replace(phase=Phase.HOLDING, range_age=5.0, link_age=1.0, gain_share=0.5),
+        tick=view.tick._replace(phase=Phase.COASTING, range_age=5.0, link_age=1.0, gain_share=0.5),
         outcome=Outcome(Ending.ABORTED, "battery at 5 %"),
         second_senders=tuple(f"{name} has a second sender" for name in identities),
         second_controller="the vehicle flies +20 deg/s, commanded -3 deg/s",
@@ -63,7 +63,7 @@ def views() -> list[StepView]:
         not_airborne="5 m of height",
         gps_lost="",
         drift_alarm=DriftAlarm(on=True, drift=6.0, allowed=2.7),
-        way_alarm=WayAlarm(True, 2100.0, 18.0, 15.4),
+        closing_alarm=ClosingAlarm(True, 2100.0, 18.0, 15.4),
         lap_alarm=LapAlarm(by_ranges=150.0, by_turns=192.4, on=True),
         circle=replace(view.circle, radius=120.0),
         law="drift",
@@ -74,12 +74,12 @@ def views() -> list[StepView]:
         bank_limit=0.5,
     )
     stale = replace(
-        holding,
-        tick=holding.tick._replace(phase=Phase.ENGAGED, link_age=3.0, height=20.0),
+        coasting,
+        tick=coasting.tick._replace(phase=Phase.ENGAGED, link_age=3.0, height=20.0),
         drift_alarm=DriftAlarm(),
     )
-    alarmed = replace(holding, lap_alarm=LapAlarm())
-    return [holding, stale, alarmed, replace(stale, airspeed_alarm=AirspeedAlarm(True, 4.6, 0.2))]
+    alarmed = replace(coasting, lap_alarm=LapAlarm())
+    return [coasting, stale, alarmed, replace(stale, airspeed_alarm=AirspeedAlarm(True, 4.6, 0.2))]
 
 
 VIEWS = views()
@@ -96,19 +96,19 @@ def test_condition_texts_fit_and_are_documented(row):
         assert row is ENDED or title in TROUBLESHOOTING
 
 
-@pytest.mark.parametrize("title", ["NOT RECORDING", "HAND-BACK", "RANGING"])
+@pytest.mark.parametrize("title", ["NOT RECORDING", "EXTERNAL POSITION", "RANGING"])
 def test_alarms_outside_condition_table_are_documented(title):
     assert title in TROUBLESHOOTING
 
 
 def test_display_and_statustext_show_texts_of_condition_table(rig):
     rig.engage().run(2.0, ranges=False)
-    alarm = rig.pilot.conditions.alarms["holding"]
+    alarm = rig.pilot.conditions.alarms["coasting"]
     assert alarm.startswith("RANGE STALE ") and "setpoints per second" in alarm
     rig.run(2.0, ranges=True)
     assert rig.pilot.conditions.alarms.keys() == {"no_attitude"}, "the rig sends no attitude"
     assert [text for text in texts(rig) if "range" in text] == [
-        "range lost, holding",
+        "range lost, coasting",
         "range regained",
     ]
 
@@ -118,7 +118,7 @@ def test_condition_of_steering_ends_silently_on_takeover():
     rig.run(2.0, ranges=False).run(1.0, mode=LOITER, ranges=False)
     assert rig.pilot.mission.phase is Phase.YIELDED
     assert list(rig.pilot.conditions.alarms) == ["range_stale"]
-    assert texts(rig)[-2:] == ["range lost, holding", "taken over, GUIDED left for LOITER"]
+    assert texts(rig)[-2:] == ["range lost, coasting", "taken over, GUIDED left for LOITER"]
 
 
 def test_lost_uplink_and_lost_downlink_are_separate_alarms():
@@ -156,8 +156,8 @@ def test_excessive_drift_is_reported_once_and_displayed():
     (said,) = (text for text in texts if "allows" in text)
     assert said.startswith(("circnav: drift 6.", "circnav: drift 5."))
     assert said.endswith("m/s, circle allows 2.7 m/s")
-    alarms = StatusSource(flown.pilot, Onlookers()).status(flown.ticks[-1], 30.0).alarms
-    assert [alarm.split(":")[0] for alarm in alarms] == ["DRIFT TOO STRONG"]
+    alarms = StatusSource(flown.pilot, Listeners()).status(flown.ticks[-1], 30.0).alarms
+    assert [alarm.split(":")[0] for alarm in alarms] == ["WIND TOO STRONG"]
 
 
 def test_alarm_sends_one_warning_and_one_end_text(rig):

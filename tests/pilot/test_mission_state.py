@@ -43,8 +43,8 @@ def reachable(start, allowed):
         ({Phase.LEAVING}, Event.SAFE_SENT, Phase.ENDED),
         ({Phase.LEAVING}, Event.MODE_LEFT, Phase.ENDED),
         ({Phase.LEAVING}, Event.LINK_LOST, Phase.ENDED),
-        ({Phase.ENGAGED}, Event.RANGE_LOST, Phase.HOLDING),
-        ({Phase.HOLDING}, Event.RANGE_GOOD, Phase.ENGAGED),
+        ({Phase.ENGAGED}, Event.RANGE_LOST, Phase.COASTING),
+        ({Phase.COASTING}, Event.RANGE_GOOD, Phase.ENGAGED),
         *(({Phase.ENDED}, event, Phase.ENDED) for event in Event),
     ],
 )

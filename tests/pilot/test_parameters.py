@@ -9,7 +9,7 @@ from tests.rig import Voice, decode
 
 GCS = Voice(255, 190)
 OURS = (1, 191)
-NAMES = ["CN_RADIUS", "CN_DIRECTION", "CN_SPEED", "CN_HEIGHT", "CN_LAW", "CN_HOLD", "CN_EXIT"]
+NAMES = ["CN_RADIUS", "CN_DIRECTION", "CN_SPEED", "CN_HEIGHT", "CN_LAW", "CN_COAST", "CN_EXIT"]
 
 
 def setting(name, value, kind=mavlink.MAV_PARAM_TYPE_REAL32, target=OURS):
@@ -57,7 +57,7 @@ def test_parameter_read_returns_value(flying, request_):
     [
         ("CN_RADIUS", 80.0, lambda pilot: pilot.controller.orbit.radius),
         ("CN_SPEED", 14.0, lambda pilot: pilot.controller.orbit.speed),
-        ("CN_HOLD", 20.0, lambda pilot: pilot.mission.hold),
+        ("CN_COAST", 20.0, lambda pilot: pilot.mission.coast),
     ],
 )
 def test_set_parameter_is_applied_and_answered(flying, name, value, read):
@@ -99,7 +99,7 @@ def test_direction_and_law_are_set_by_number(flying):
             "CN_LAW not set: law auto needs estimator auto, the mission has kalman",
         ),
         (setting("CN_LAW", 0.5), "CN_LAW not set: 0.5 is not a law: 0 smooth, 1 switching"),
-        (setting("CN_HOLD", 1e9), "CN_HOLD not set: 1e+09 s outside 0 to 600 s"),
+        (setting("CN_COAST", 1e9), "CN_COAST not set: 1e+09 s outside 0 to 600 s"),
         (setting("CN_EXIT", 99.0), "CN_EXIT not set: 99 is not an exit action: 0 to 6"),
     ],
 )
@@ -187,7 +187,7 @@ def test_repeated_list_requests_send_one_list(flying):
 
 
 def test_pymavlink_decodes_parameter_values(flying):
-    flying.receive(mavlink.MAVLink_param_request_read_message(*OURS, b"CN_HOLD", -1), voice=GCS)
+    flying.receive(mavlink.MAVLink_param_request_read_message(*OURS, b"CN_COAST", -1), voice=GCS)
     flying.run(0.2)
     frames = b"".join(flying.raw)
     assert [m.param_value for m in decode(frames) if m.get_type() == "PARAM_VALUE"] == [10.0]

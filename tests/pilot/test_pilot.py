@@ -1,4 +1,4 @@
-"""Setpoints and other output of a pilot: for fresh ranges, while holding, in outages and at the
+"""Setpoints and other output of a pilot: for fresh ranges, while coasting, in outages and at the
 end."""
 
 from dataclasses import replace
@@ -258,12 +258,12 @@ def test_lost_range_is_predicted_then_steady_turn_held(
     last = rig.engage().now
     assert rig.run(0.45, ranges=False).pilot.mission.phase is Phase.ENGAGED
     since = rig.run(0.15).now
-    assert rig.pilot.mission.phase is Phase.HOLDING
+    assert rig.pilot.mission.phase is Phase.COASTING
     rig.run(2.0)
     assert {round(message.yaw_rate, 6) for message in rig.setpoints(since)} == {STEADY}
     assert rig.run(1.0, ranges=True).pilot.mission.phase is Phase.ENGAGED
     texts = [text for text in rig.texts(last) if "range" in text]
-    assert texts == ["circnav: range lost, holding", "circnav: range regained"]
+    assert texts == ["circnav: range lost, coasting", "circnav: range regained"]
 
 
 def test_setpoints_stop_with_lost_link_and_resume(rig):
@@ -282,7 +282,7 @@ def test_setpoints_stop_with_lost_link_and_resume(rig):
 
 
 def holds(rig):
-    assert rig.run(10.3, ranges=False).pilot.mission.phase is Phase.HOLDING
+    assert rig.run(10.3, ranges=False).pilot.mission.phase is Phase.COASTING
 
 
 def fails(rig):
@@ -302,7 +302,7 @@ def fails(rig):
         (lambda rig: rig.pilot.interrupt(rig.now, "SIGINT"), Ending.INTERRUPTED, "SIGINT"),
         (fails, Ending.ABORTED, "unsafe setpoint of law smooth not sent"),
     ],
-    ids=["holding", "timeout", "interrupt", "law fails"],
+    ids=["coasting", "timeout", "interrupt", "law fails"],
 )
 def test_flight_ends_with_three_safe_setpoints(happens, ending, reason):
     """The end of the flight also restores the default stream rates of the vehicle."""

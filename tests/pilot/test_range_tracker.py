@@ -62,7 +62,7 @@ def test_tracker_accepts_no_replacement_radio_in_flight(output_mode):
     rig.run(9.0, lambda: rig.range(4000, voice=other), ranges=False)
     newest = rig.pilot.tracker.newest
     if output_mode is OutputMode.FLY:
-        assert rig.pilot.mission.phase is Phase.HOLDING and newest.time <= since
+        assert rig.pilot.mission.phase is Phase.COASTING and newest.time <= since
     else:
         assert newest.r == pytest.approx(40.0, abs=0.02)
 
@@ -122,7 +122,7 @@ def test_heartbeat_of_other_vehicle_ends_its_ranges_in_flight(rig):
             rig.range(voice=other)
 
     assert rig.run(5.0, speaks, ranges=False).pilot.mission.phase is Phase.ENGAGED
-    assert rig.run(1.0, speaks).pilot.mission.phase is Phase.HOLDING
+    assert rig.run(1.0, speaks).pilot.mission.phase is Phase.COASTING
 
 
 @pytest.mark.parametrize("cm", [30_000, 50_000, 4_000])
@@ -130,8 +130,9 @@ def test_range_jump_beyond_vehicle_speed_loses_range(rig, cm):
     """Examples: the radio changes its unit or its anchor, or reports its largest range. The filter
     once followed such jumps after 1 s."""
     rig.engage().run(5.0, range_cm=cm)
-    assert rig.pilot.mission.phase is Phase.HOLDING and rig.pilot.tracker.newest.r == pytest.approx(
-        150.0, abs=0.02
+    assert (
+        rig.pilot.mission.phase is Phase.COASTING
+        and rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
     )
     assert "circnav: range jumped, rejected" in rig.texts()
     assert rig.run(3.0, range_cm=15_000).pilot.mission.phase is Phase.ENGAGED
@@ -354,7 +355,7 @@ def test_outcome_names_estimator_when_ranges_give_no_estimate():
 # --- delay
 
 
-@pytest.mark.parametrize(("stale", "phase"), [(0.5, Phase.HOLDING), (1.5, Phase.ENGAGED)])
+@pytest.mark.parametrize(("stale", "phase"), [(0.5, Phase.COASTING), (1.5, Phase.ENGAGED)])
 def test_link_delay_above_range_age_limit_loses_range(stale, phase):
     """The delay is constant, so stamps do not show it. Answers to TIMESYNC do."""
     rig = (
@@ -365,7 +366,7 @@ def test_link_delay_above_range_age_limit_loses_range(stale, phase):
     assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
     assert rig.pilot.mission.phase is phase
     ended = rig.run(8.0).pilot.mission.outcome
-    assert bool(ended and ended.reason.startswith("no range for")) is (phase is Phase.HOLDING)
+    assert bool(ended and ended.reason.startswith("no range for")) is (phase is Phase.COASTING)
 
 
 def test_vehicle_link_delay_excludes_separate_ranging_link():

@@ -90,7 +90,7 @@ def backlog(rig: Rig) -> None:
 
 
 def holds(rig: Rig) -> None:
-    assert rig.run(2.0, ranges=False).pilot.mission.phase is Phase.HOLDING
+    assert rig.run(2.0, ranges=False).pilot.mission.phase is Phase.COASTING
 
 
 def loses_heartbeats(rig: Rig) -> None:
@@ -114,7 +114,7 @@ TAKEOVERS = {
     "return to launch": Takeover(stays(mode=RTL), "taken over, GUIDED left for RTL"),
     "disarmed": Takeover(stays(armed=False), DISARMED, left=False),
     "rebooted": Takeover(reboots, REBOOTED, stays=False, left=False),
-    "another mode while holding": Takeover(stays(mode=LOITER), before=holds),
+    "another mode while coasting": Takeover(stays(mode=LOITER), before=holds),
     "CURRENT_MODE without heartbeats": Takeover(current_modes(LOITER), before=loses_heartbeats),
     "between two steps, another mode": Takeover(
         lambda rig: heartbeats(rig, (LOITER, True), (GUIDED, True)), stays=False
@@ -162,7 +162,7 @@ def taken(how: str, *, end: bool) -> tuple[Rig, float]:
     else:
         rig.engage()
     takeover.before(rig)
-    if rig.pilot.mission.phase in (Phase.ENGAGED, Phase.HOLDING):
+    if rig.pilot.mission.phase in (Phase.ENGAGED, Phase.COASTING):
         assert rig.setpoints()
     since = rig.now
     rig.now = round(rig.now + 0.02, 6)

@@ -133,7 +133,7 @@ def test_band_of_words_has_stretches_with_stable_colors():
     assert re.findall('class="stretch (other[01])"', drawn) == ["other0", "other1", "other0"]
     assert "<i>" not in script(f"Charts.band([[0, 1, '<i>']], [0, 1], {WIDTH})")
     assert "<" not in as_script({"mode": "</script>"})
-    for words in ("holding", "would hold", "yielded", "GUIDED", "drift"):
+    for words in ("coasting", "would coast", "yielded", "GUIDED", "drift"):
         first, second = script(
             f"[Charts.colour('{words}'), Charts.colour('{words}', ['x', 'y', '{words}'])]"
         )
@@ -147,7 +147,7 @@ def test_chart_marks_show_takeovers_outages_laws_and_alarms():
             (0, 2, "waiting for ranging"),
             (2, 3, "ready"),
             (3, 9, "engaged"),
-            (9, 11, "holding"),
+            (9, 11, "coasting"),
             (11, 20, "engaged"),
             (20, 25, "yielded"),
             (25, 30, "waiting for the link"),
@@ -193,8 +193,8 @@ DISARMED = "ABORTED: taken over, vehicle disarmed"
         # an outage with a phase is marked once, although it also raises an alarm; an outage without
         # a phase is marked by its alarm
         (
-            [(9, 12, "holding"), (12, 40, "engaged")],
-            [(9, "range lost, holding"), (9.1, "RANGE STALE 0.6 s"), (20, "vehicle silent")],
+            [(9, 12, "coasting"), (12, 40, "engaged")],
+            [(9, "range lost, coasting"), (9.1, "RANGE STALE 0.6 s"), (20, "vehicle silent")],
             [[9, 12, "outage"], [20, 20, "outage"]],
         ),
         ([(9, 40, "engaged")], [(30, "range frozen, rejected")], [[30, 30, "alarm"]]),

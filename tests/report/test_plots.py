@@ -62,11 +62,11 @@ def test_picture_legend_covers_no_line(run_folder, ticks, drawn):
 
 def test_picture_legend_names_outages_and_unsent_commands(run_folder, drawn):
     folder = rewrite_ticks(
-        run_folder(), lambda time, row: row.update(phase="holding") if 120 <= time < 130 else None
+        run_folder(), lambda time, row: row.update(phase="coasting") if 120 <= time < 130 else None
     )
     ticks = read_ticks(folder)
     *others, turn_rate = drawn(plot_flight, ticks, None, ORBIT).axes
-    assert all("no range, holding" in legend(axis) for axis in (*others, turn_rate))
+    assert all("no range, coasting" in legend(axis) for axis in (*others, turn_rate))
     (shaded,) = turn_rate.collections[-1].get_paths()
     assert shaded.get_extents().intervalx == pytest.approx([120, 130], abs=0.5)
     assert legend(turn_rate)[0] == "commanded"

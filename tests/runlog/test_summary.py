@@ -68,7 +68,7 @@ ORDERED_LEFT = {"direction_commanded": "counterclockwise", "direction": "clockwi
 TAKEOVER = {
     (100, 150): {"phase": "yielded"},
     (200, 200.5): {"phase": "ready"},
-    (250, 260): {"phase": "holding"},
+    (250, 260): {"phase": "coasting"},
 }
 EVENTS = {
     "wrong direction": ({"clockwise": False}, {}, ORDERED_LEFT),
@@ -87,7 +87,7 @@ EVENTS = {
     # a range outside the band (106 m) for a moment begins no new settling, for 11 s it does
     "single range": ({}, {(250, 250.5): {"r": "106.0"}}, {"settled_s": 90.0}),
     "outside the band": ({}, {(250, 261): {"r": "106.0"}}, {"settled_s": None}),
-    # steered time excludes the takeover, and includes holding
+    # steered time excludes the takeover, and includes coasting
     "takeover": ({}, TAKEOVER, {"flown_s": 290.0, "steered_s": 239.5}),
 }
 
@@ -147,7 +147,7 @@ def test_turn_figures_cover_last_third_of_steering(summary):
             saturated=str(int(swings and at % 4 == 0)),
         )
         if time > 295:
-            row.update(phase="holding", turn_rate="9.0")
+            row.update(phase="coasting", turn_rate="9.0")
 
     made = summary(change)
     assert made["turn_std_deg_s"] == pytest.approx(5.73, abs=0.01)

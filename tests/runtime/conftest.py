@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.status import Status, StatusSource
 from tests.flight.lockstep import Flight, flight
 
@@ -28,7 +28,7 @@ def statuses() -> Callable[..., list[Status]]:
     def fly(seconds: float, *overrides: str, event: str | None = None, **how: Any) -> list[Status]:
         under_way = flight("quickstart", f"sim.events=[{EVENTS[event]}]", *overrides, **how)
         found = list[Status]()
-        watch = StatusSource(under_way.pilot, Onlookers())
+        watch = StatusSource(under_way.pilot, Listeners())
 
         def look(flown: Flight) -> None:
             if flown.ticks and (

@@ -9,7 +9,7 @@ from rich.console import Console
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime import display as display_module
 from circnav_mav.runtime.display import Display, LiveScreen, PlainScreen, display_for
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import flight
 from tests.process import PATIENCE
@@ -58,7 +58,7 @@ def test_blocked_terminal_does_not_delay_ticks():
     flown = flight("quickstart")
     screen = Screen()
     screen.go_on.clear()
-    display = Display(screen, flown.pilot, Onlookers(), 0.0, last=True)
+    display = Display(screen, flown.pilot, Listeners(), 0.0, last=True)
     flown.fly(1.0, showing(display))
     assert screen.entered.wait(PATIENCE)
     # this call would never return if the display waited for the terminal
@@ -81,7 +81,7 @@ def test_blocked_terminal_does_not_delay_ticks():
 def test_failing_screen_does_not_end_flight(fails, problem):
     flown = flight("quickstart")
     screen = Screen(fails)
-    display = Display(screen, flown.pilot, Onlookers(), 0.0, last=True)
+    display = Display(screen, flown.pilot, Listeners(), 0.0, last=True)
     flown.fly(5.0, showing(display))
     display.close()
     assert flown.pilot.mission.outcome is None
@@ -91,7 +91,7 @@ def test_failing_screen_does_not_end_flight(fails, problem):
 def test_late_status_does_not_delay_next_status():
     flown = flight("quickstart").fly(5.0)
     screen = Screen()
-    display = Display(screen, flown.pilot, Onlookers(), 1.0, last=False)
+    display = Display(screen, flown.pilot, Listeners(), 1.0, last=False)
     for now in (0.0, 0.97, 1.04, 1.99, 2.03, 2.9, 7.0, 7.5, 8.0):
         display.on_step(flown.ticks[-1], LoopStep(now), None)
         while display._waiting:
@@ -114,7 +114,7 @@ def test_picture_is_drawn_only_on_capable_terminal(monkeypatch):
         display = display_for(
             Console(file=io.StringIO(), force_terminal=is_terminal),
             pilot,
-            Onlookers(),
+            Listeners(),
             "small",
             1.0,
         )
@@ -125,7 +125,7 @@ def test_picture_is_drawn_only_on_capable_terminal(monkeypatch):
 def test_plain_status_lines_are_printed_once_per_second():
     flown = flight("quickstart", "limits.duration_s=7.5")
     console = Console(record=True, width=300, file=io.StringIO())
-    display = display_for(console, flown.pilot, Onlookers(), "small", 1.0)
+    display = display_for(console, flown.pilot, Listeners(), "small", 1.0)
 
     def show_and_let_print(now):
         showing(display)(now)
@@ -164,7 +164,7 @@ def test_plain_status_lines_end_with_flight():
     flown = flight("quickstart", "limits.duration_s=2.0").fly(40.0)
     out = io.StringIO()
     screen = PlainScreen(Console(file=out, width=200))
-    watch = StatusSource(flown.pilot, Onlookers())
+    watch = StatusSource(flown.pilot, Listeners())
     for second in range(30):
         screen.draw(watch.status(flown.ticks[-1], flown.now + second))
     assert flown.pilot.done

@@ -73,7 +73,7 @@ def test_pymavlink_reads_recorded_tlog(recorder):
 
 
 def test_every_recorded_tick_is_row_of_ticks_csv(recorder):
-    recorder.ticks([tick(), tick(time=1.3, phase=Phase.HOLDING, saturated=False, r=None)])
+    recorder.ticks([tick(), tick(time=1.3, phase=Phase.COASTING, saturated=False, r=None)])
     recorder.close()
     with (recorder.folder / "ticks.csv").open(newline="", encoding="utf-8") as file:
         first, second = csv.DictReader(file)
@@ -95,7 +95,7 @@ def test_every_recorded_tick_is_row_of_ticks_csv(recorder):
         "GUIDED",
     )
     assert (first["r"], first["accepted"], first["r_dot"]) == ("101.234568", "7", "")
-    assert (second["phase"], second["saturated"], second["r"]) == ("holding", "0", "")
+    assert (second["phase"], second["saturated"], second["r"]) == ("coasting", "0", "")
 
 
 def test_recorded_data_are_flushed_at_once(recorder):

@@ -6,7 +6,7 @@ from unittest.mock import Mock
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.runtime.onlookers import Onlooker, Onlookers
+from circnav_mav.runtime.listeners import Listener, Listeners
 from circnav_mav.runtime.runner import ENDING, StopRequest, listen, run
 
 
@@ -105,8 +105,8 @@ class FakePilot:
         return [self.left]
 
 
-class Showing(Onlooker):
-    """An onlooker that calls a function with the newest tick and the step."""
+class Showing(Listener):
+    """A listener that calls a function with the newest tick and the step."""
 
     def __init__(self, show):
         self.show = show
@@ -141,9 +141,9 @@ def stop():
 def fly(stop):
     """Return a function that runs a pilot to its end and returns the recorder."""
 
-    def run_to_the_end(pilot, *onlookers, clock=None, recorder=None, signing_time=None, **links):
+    def run_to_the_end(pilot, *listeners, clock=None, recorder=None, signing_time=None, **links):
         recorder = recorder or FakeRecorder()
-        attached = Onlookers([*onlookers])
+        attached = Listeners([*listeners])
         run(
             pilot,
             {"vehicle": FakeLink()} | links,
@@ -191,8 +191,8 @@ def test_repeated_signals_interrupt_pilot_once(fly, number):
     assert len(vehicle.sent) == 4
 
 
-class Lasting(Onlooker):
-    """An onlooker that is busy until a signal and then sends one frame."""
+class Lasting(Listener):
+    """A listener that is busy until a signal and then sends one frame."""
 
     busy = True
     steps = 0
@@ -205,8 +205,8 @@ class Lasting(Onlooker):
         return [b"streams"] if self.called_off else []
 
 
-def test_busy_onlooker_continues_the_loop_until_a_signal(fly):
-    """In the step after the signal, the onlooker restores the stream rates. The sent frames are
+def test_busy_listener_continues_the_loop_until_a_signal(fly):
+    """In the step after the signal, the listener restores the stream rates. The sent frames are
     recorded."""
     lasting = Lasting()
     pilot = FakePilot(1)
@@ -218,7 +218,7 @@ def test_busy_onlooker_continues_the_loop_until_a_signal(fly):
 
 
 def test_exchanged_frames_are_recorded_but_not_sent_to_vehicle(fly):
-    class Member(Onlooker):
+    class Member(Listener):
         def take_exchanged(self):
             return [b"report"]
 

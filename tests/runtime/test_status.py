@@ -11,7 +11,7 @@ from rich.console import Console
 from circnav_mav.pilot import OutputMode, Phase
 from circnav_mav.pilot.settings import HeightSettings
 from circnav_mav.runtime.display import LiveScreen
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.picture import Picture
 from circnav_mav.runtime.status import StatusSource, status_facts
 from tests.flight.lockstep import flight
@@ -44,7 +44,7 @@ STATES = {
     "mode": (4.0, [MANUAL], None, "ready", "mode GUIDED: the operator must enter it", ""),
     "ground": (4.0, GROUND, None, "ready", "the vehicle is on the ground", ""),
     "engaged": (12.0, [], None, "engaged", "", ""),
-    "outage": (10.2, [], "outage", "holding", "", STALE),
+    "outage": (10.2, [], "outage", "coasting", "", STALE),
     "takeover": (9.0, ['engage.on_takeover="wait"'], "takeover", "yielded", BACK, ""),
     "ended": (9.0, [], "takeover", "ended", "", ""),
     "rejected": (
@@ -114,7 +114,7 @@ def test_status_counts_rejected_ranges_by_reason(statuses):
     flown = flight("px4_copter")
     assert flown.pilot.status.waits_for(0.0) == "no autopilot heartbeat, 0 bytes received"
     flown.fly(8.0)
-    status = StatusSource(flown.pilot, Onlookers()).status(flown.ticks[-1], 8.0)
+    status = StatusSource(flown.pilot, Listeners()).status(flown.ticks[-1], 8.0)
     assert status.others > 30
     assert "wrong_source" not in status.rejected
     assert flown.ticks[-1].rejected == sum(status.rejected.values())
@@ -132,7 +132,7 @@ def test_status_shows_dry_run_and_reason_of_law(statuses):
 
 
 def test_status_shows_no_range_age_for_lost_vehicle(statuses):
-    flown = statuses(30.0, "limits.hold_s=2.0", event="gone")
+    flown = statuses(30.0, "limits.coast_s=2.0", event="gone")
     old = [status.tick for status in flown if (status.tick.range_age or 0.0) > 2.6]
     assert old
     assert {(tick.r, tick.r_dot) for tick in old} == {(None, None)}
@@ -144,7 +144,7 @@ def test_status_shows_target_drift_and_recording_problem():
     tick = flown.ticks[-1]._replace(
         x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46
     )
-    status = StatusSource(flown.pilot, Onlookers()).status(tick, 6.0, "disk full")
+    status = StatusSource(flown.pilot, Listeners()).status(tick, 6.0, "disk full")
     assert status.target == "bearing 323 deg, drift 2.0 m/s towards 000 deg"
     assert status.alarms == ("NOT RECORDING: disk full",)
     lines = "\n".join(drawn(status))
@@ -185,7 +185,7 @@ def test_status_picture_on_low_terminal_shows_phase_and_alarm(statuses, height):
     screen.draw(statuses(10.2, event="outage")[-1])
     seen = console.file.getvalue()
     screen.close()
-    assert [words in seen for words in (" HOLDING ", "RANGE STALE", "Ctrl-C ends")] == [
+    assert [words in seen for words in (" COASTING ", "RANGE STALE", "Ctrl-C ends")] == [
         True,
         True,
         False,
@@ -246,7 +246,7 @@ def alarms_of(name, seconds, *overrides):
     """Return all alarms of the first seconds of a bundled flight."""
     under_way = flight(name, *overrides)
     found = set()
-    watch = StatusSource(under_way.pilot, Onlookers())
+    watch = StatusSource(under_way.pilot, Listeners())
     under_way.fly(
         seconds, lambda f: f.ticks and found.update(watch.status(f.ticks[-1], f.now).alarms)
     )
@@ -265,7 +265,7 @@ def test_radio_matching_mission_raises_no_alarm(name, rate, seconds):
 
 def test_unknown_height_is_shown_as_reason_for_waiting():
     rig = Rig(height=HeightSettings(target_altitude=500.0)).run(5.0)
-    watch = StatusSource(rig.pilot, Onlookers())
+    watch = StatusSource(rig.pilot, Listeners())
     for _ in range(10):
         status = watch.status(rig.run(0.5).pilot.take_records()[-1], rig.now)
     assert status.alarms == () and status.rejected["no_height"] > 90
@@ -275,7 +275,7 @@ def test_unknown_height_is_shown_as_reason_for_waiting():
 def test_low_setpoint_rate_raises_alarm():
     """The loop steps only twice per second, so setpoints are up to 0.5 s late in every phase."""
     rig = Rig().engage()
-    watch = StatusSource(rig.pilot, Onlookers())
+    watch = StatusSource(rig.pilot, Listeners())
     found = []
     for n in range(60):
         rig.pass_time(0.45)
@@ -285,7 +285,8 @@ def test_low_setpoint_rate_raises_alarm():
         if n % 2:
             records = rig.pilot.take_records()
             found = list(watch.status(records[-1], rig.now).alarms)
-    (few,) = [alarm for alarm in found if alarm.startswith("FEW SETPOINTS")]
+    (few,) = [alarm for alarm in found if alarm.startswith("SETPOINT RATE LOW")]
     assert re.match(
-        r"FEW SETPOINTS: only [012]\.\d of 20 per second are sent: the computer is overloaded", few
+        r"SETPOINT RATE LOW: only [012]\.\d of 20 per second are sent: the computer is overloaded",
+        few,
     )

@@ -11,7 +11,7 @@ EXTENSION = Extension(
         for name in ("COMPASS", "DELAY", "LOSS", "FLEET")
     ],
     flies={"fleet": "circnav_mav.extras.fleet.fly:fly_fleet"},
-    onlooker="circnav_mav.extras.fleet.settings:open_onlooker",
+    listener="circnav_mav.extras.fleet.settings:open_listener",
     report_section="circnav_mav.extras.fleet.section:report_section",
     order=15,
 )

@@ -17,14 +17,14 @@ from circnav_sim.config import parse_vehicle
 from circnav_sim.vehicle import Truth, Vehicle
 
 from circnav_mav.extras.fleet.link import FleetLink, LocalNetwork
-from circnav_mav.extras.fleet.onlooker import FleetOnlooker
+from circnav_mav.extras.fleet.listener import FleetListener
 from circnav_mav.extras.fleet.report import State
 from circnav_mav.extras.fleet.settings import table_of
 from circnav_mav.mission.load import load_mission
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.lockstep import Lockstep
-from circnav_mav.runtime.onlookers import Onlookers
 from circnav_mav.runtime.recorder import Recorder
 from circnav_mav.runtime.runner import Loop
 from circnav_mav.runtime.status import AlarmLog
@@ -109,21 +109,21 @@ class Member:
         mission: Mission,
         link: FleetLink,
         recorder: Recorder,
-        onlookers: Onlookers,
+        listeners: Listeners,
         pilot: Pilot,
     ) -> None:
         assert mission.file.sim is not None
         self.mission = mission
         self.pilot = pilot
-        self.onlookers = onlookers
+        self.listeners = listeners
         self.link = link
         self.recorder = recorder
         self.alarms: AlarmLog | None = None
         self.vehicle = Vehicle(parse_vehicle(mission.file.sim, "sim"))
         self.clock = Lockstep(self.vehicle)
         links = self.clock.links(ranging_apart=pilot.settings.ranging_apart)
-        self.fleet = next(one for one in onlookers.attached if isinstance(one, FleetOnlooker))
-        self.loop = Loop(pilot, links, self.clock, recorder, onlookers)
+        self.fleet = next(one for one in listeners.attached if isinstance(one, FleetListener))
+        self.loop = Loop(pilot, links, self.clock, recorder, listeners)
 
     @property
     def next_event(self) -> float:

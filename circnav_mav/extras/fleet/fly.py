@@ -9,7 +9,7 @@ from typing import Any
 
 from circnav_mav.cli.check import read_mission, refuse_failing
 from circnav_mav.cli.closing import close_flight, write_manifest
-from circnav_mav.cli.connect import open_onlookers
+from circnav_mav.cli.connect import open_listeners
 from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing, say
 from circnav_mav.cli.fly import EXITS, new_folder
 from circnav_mav.cli.progress import each, progress
@@ -80,7 +80,7 @@ def fly_fleet(
         for member in members:
             _start(member, epoch_us)
         flight = FleetFlight(members, network)
-        flight.fly(watch=_watch(members[0].onlookers.pace, stop), stopped=lambda: stop.signal_name)
+        flight.fly(watch=_watch(members[0].listeners.pace, stop), stopped=lambda: stop.signal_name)
         found = figures(flight.tracks)
         codes = [
             _close(member, epoch_us)
@@ -127,13 +127,13 @@ def _member(
     assert table.id is not None
     pilot = Pilot(mission.pilot_settings())
     link = FleetLink(network.port(table.id), table.group, table.id)
-    onlookers = open_onlookers(mission, pilot, None, options | {"fleet_link": link}, opened)
+    listeners = open_listeners(mission, pilot, None, options | {"fleet_link": link}, opened)
     try:
         recorder = Recorder(folder / f"{table.id:02d}", mission.text)
     except RecorderError as error:
         raise Refused(str(error)) from None
     opened.enter_context(closing(recorder))
-    return Member(mission, link, recorder, onlookers, pilot)
+    return Member(mission, link, recorder, listeners, pilot)
 
 
 def _start(member: Member, epoch_us: int) -> None:
@@ -141,9 +141,9 @@ def _start(member: Member, epoch_us: int) -> None:
     assert isinstance(recorder, Recorder)
     member.vehicle.set_time(epoch_us / 1e6)
     recorder.start(epoch_us, at_once=True)
-    member.onlookers.start(epoch_us)
-    member.alarms = AlarmLog(member.pilot, member.onlookers)
-    member.onlookers.attached.append(member.alarms)
+    member.listeners.start(epoch_us)
+    member.alarms = AlarmLog(member.pilot, member.listeners)
+    member.listeners.attached.append(member.alarms)
     with refusing(recorder.folder):
         write_manifest(recorder.folder, member.mission, member.pilot, epoch_us)
 
@@ -190,9 +190,9 @@ def _close(member: Member, epoch_us: int) -> Exit:
         epoch_us,
         code,
         member.alarms.begun,
-        member.onlookers,
+        member.listeners,
     )
-    member.onlookers.show_verdict(verdict(summary, recorder.folder), recorder.folder)
+    member.listeners.show_verdict(verdict(summary, recorder.folder), recorder.folder)
     return code
 
 

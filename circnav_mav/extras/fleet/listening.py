@@ -6,7 +6,7 @@ from math import inf
 
 from circnav_mav.cli.exits import Refused
 from circnav_mav.extras.fleet.acceptance import CLOCK_TOLERANCE, Rejection
-from circnav_mav.extras.fleet.onlooker import layer_lines, mission_link
+from circnav_mav.extras.fleet.listener import layer_lines, mission_link
 from circnav_mav.extras.fleet.report import MemberReport
 from circnav_mav.extras.fleet.settings import FleetTable
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check

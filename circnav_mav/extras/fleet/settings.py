@@ -10,8 +10,8 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import Table
 
 if TYPE_CHECKING:
-    from circnav_mav.extras.fleet.onlooker import FleetOnlooker
-    from circnav_mav.runtime.onlookers import OnlookerSettings
+    from circnav_mav.extras.fleet.listener import FleetListener
+    from circnav_mav.runtime.listeners import ListenerSettings
 
 LEAST_LAYER = 15.0
 """Smallest distance of two height layers, m: twice the error of a barometer in a turn, plus the
@@ -64,10 +64,10 @@ def preflight_fleet(mission: Mission) -> Iterator[Check]:
         yield from listen_to_fleet(mission, table)
 
 
-def open_onlooker(given: "OnlookerSettings") -> "FleetOnlooker | None":
-    """Return the onlooker of a fleet member, None for a single vehicle. Raises Refused."""
+def open_listener(given: "ListenerSettings") -> "FleetListener | None":
+    """Return the listener of a fleet member, None for a single vehicle. Raises Refused."""
     if table_of(given.mission).id is None:
         return None
-    from circnav_mav.extras.fleet.onlooker import join_fleet
+    from circnav_mav.extras.fleet.listener import join_fleet
 
     return join_fleet(given)

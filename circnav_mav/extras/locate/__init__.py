@@ -13,8 +13,8 @@ EXTENSION = Extension(
     tables={
         "locate": "circnav_mav.extras.locate.settings:LocateTable",
     },
-    onlooker="circnav_mav.extras.locate.onlooker:open_onlooker",
+    listener="circnav_mav.extras.locate.listener:open_listener",
     report_section="circnav_mav.extras.locate.report:report_section",
-    survey_forecast="circnav_mav.extras.locate.forecast:survey_sigma",
+    position_forecast="circnav_mav.extras.locate.forecast:position_sigma",
     order=10,
 )

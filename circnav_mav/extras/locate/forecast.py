@@ -1,4 +1,4 @@
-"""Expected accuracy of a survey, computed before the flight by the estimator of the flight."""
+"""Expected accuracy of a locator, computed before the flight by the estimator of the flight."""
 
 from math import pi
 
@@ -10,7 +10,7 @@ from circnav_mav.extras.locate.settings import table_of
 from circnav_mav.mission.mission import Mission
 
 
-def survey_sigma(mission: Mission, seconds: float) -> float | None:
+def position_sigma(mission: Mission, seconds: float) -> float | None:
     """Return the standard deviation per axis of the beacon's place after this time on the circle,
     m, or None if no fit is found.
 

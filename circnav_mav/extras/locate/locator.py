@@ -1,7 +1,7 @@
 """Live target localization. Input: vehicle positions and ranges. Output: target estimate and its
 messages. No socket, no clock.
 
-The survey sends as a separate MAVLink component, so the pilot's frames stay the same, byte for
+The locator sends as a separate MAVLink component, so the pilot's frames stay the same, byte for
 byte. It sends only the message types in `SENT_TYPES`: none of them moves the vehicle.
 """
 
@@ -41,7 +41,7 @@ STREAMS = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0, dialect.MAVLINK_MSG_
 SENT_TYPES = frozenset(
     {"NAMED_VALUE_FLOAT", "STATUSTEXT", "ORBIT_EXECUTION_STATUS", "COMMAND_LONG"}
 )
-"""Message types that the survey may send. The only command is SET_MESSAGE_INTERVAL."""
+"""Message types that the locator may send. The only command is SET_MESSAGE_INTERVAL."""
 WINDOW = 600.0
 """Length, s, of the window of positions and ranges used for the estimate."""
 SOLVE_EVERY = 1.0
@@ -67,7 +67,7 @@ with which both radii are compared. During the approach, the mean distance is no
 
 @dataclass(frozen=True, slots=True)
 class LocateSettings:
-    """Settings of the survey.
+    """Settings of the locator.
 
     component: own MAVLink component id.
     gps_sigma: standard deviation of a position, m.
@@ -78,7 +78,7 @@ class LocateSettings:
 
 
 class Locator:
-    """Survey of the target. It receives the same frames as the pilot, after the pilot, and does not
+    """Live locator of the target. It receives the same frames as the pilot, after the pilot, and does not
     change the pilot."""
 
     def __init__(
@@ -359,13 +359,13 @@ class Locator:
                 )
 
     def _encode(self, message: Message) -> bytes:
-        """Return one frame. Raises ValueError if the survey must not send this message."""
+        """Return one frame. Raises ValueError if the locator must not send this message."""
         kind = message.get_type()
         is_command = kind == "COMMAND_LONG"
         if kind not in SENT_TYPES or (
             is_command and message.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL
         ):
-            raise ValueError(f"the survey must not send {kind}")
+            raise ValueError(f"the locator must not send {kind}")
         return self._encoder.encode(message)
 
 

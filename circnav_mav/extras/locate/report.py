@@ -1,4 +1,4 @@
-"""The survey's lines in the verdict of a flight, and the survey's section in the report."""
+"""The locator's lines in the verdict of a flight, and the locator's section in the report."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ SHOWN = (
 
 
 def verdict_lines(found: dict[str, Any]) -> list[str]:
-    """Return the verdict lines: target place, true radius, alarm. found: the survey's fields of
+    """Return the verdict lines: target place, true radius, alarm. found: the locator's fields of
     summary.json."""
     lines = []
     place = found["place"]

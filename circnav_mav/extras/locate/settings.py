@@ -34,7 +34,7 @@ def table_of(mission: Mission) -> LocateTable:
 
 
 def locate_settings(mission: Mission) -> "LocateSettings | None":
-    """Return the settings of the survey, None if the mission does not enable it."""
+    """Return the settings of the locator, None if the mission does not enable it."""
     table = table_of(mission)
     if not table.enabled:
         return None

@@ -1,4 +1,4 @@
-"""Process of the survey's estimator. This module imports few modules, so that the process starts
+"""Process of the locator's estimator. This module imports few modules, so that the process starts
 quickly."""
 
 import multiprocessing

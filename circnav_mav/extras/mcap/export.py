@@ -267,7 +267,7 @@ def _fixes(run: Run) -> Iterator[Entry]:
 
 
 def _target(run: Run) -> Iterator[Entry]:
-    """Yield the surveyed place of the target from the summary."""
+    """Yield the estimated position of the target from the summary."""
     if not (place := run.summary.get("place")):
         return
     variance = place["sigma_m"] ** 2

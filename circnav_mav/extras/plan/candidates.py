@@ -31,7 +31,7 @@ class Site:
     smallest, largest: bounds of the radius, m.
     wind: steady wind, m/s.
     gusts: RMS of the gusts per axis, m/s.
-    laps: number of laps of the survey.
+    laps: number of laps of the locator.
     """
 
     smallest: float
@@ -60,7 +60,7 @@ class Candidate:
     lap: duration of a lap, s.
     flight: duration of approach and survey, s.
     rms: RMS of the radius error, m.
-    place: standard deviation of the beacon's place, m, None without a survey.
+    place: standard deviation of the beacon's place, m, None without a locator.
     problems: subjects of the check lines that do not pass.
     """
 
@@ -137,7 +137,7 @@ def candidate(mission: Mission, site: Site) -> Candidate:
         lap=lap,
         flight=way + survey,
         rms=radius_rms(mission, site.gusts),
-        place=survey_sigma(mission, survey),
+        place=position_sigma(mission, survey),
         problems=tuple(dict.fromkeys(failing)),
     )
 
@@ -147,9 +147,9 @@ def holds_ground_speed(mission: Mission) -> bool:
     return any(one.ground_speed_sigma is not None for one in mission.vehicles)
 
 
-def survey_sigma(mission: Mission, seconds: float) -> float | None:
+def position_sigma(mission: Mission, seconds: float) -> float | None:
     """Return the expected standard deviation of the beacon's place, m, if an extra computes it."""
-    reference = next((one.survey_forecast for one in extensions() if one.survey_forecast), None)
+    reference = next((one.position_forecast for one in extensions() if one.position_forecast), None)
     sigma: float | None = load(reference)(mission, seconds) if reference else None
     return sigma
 

@@ -5,6 +5,6 @@ from circnav_mav.extension import Extension
 
 EXTENSION = Extension(
     fly_options=["circnav_mav.extras.web.commands:WEB"],
-    onlooker="circnav_mav.extras.web.feed:open_onlooker",
+    listener="circnav_mav.extras.web.feed:open_listener",
     order=40,
 )

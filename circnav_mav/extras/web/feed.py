@@ -26,7 +26,7 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runtime.clock import utc_minute
-from circnav_mav.runtime.onlookers import Onlooker, Onlookers, OnlookerSettings
+from circnav_mav.runtime.listeners import Listener, Listeners, ListenerSettings
 from circnav_mav.runtime.status import SILENCED, Status, StatusSource, status_facts
 
 HOST = "127.0.0.1"
@@ -50,8 +50,8 @@ class WebError(Exception):
     """The live page cannot be served. The error message is one line."""
 
 
-class LivePage(Onlooker):
-    """Onlooker that runs the server's process and feeds it through a pipe. `on_step` never
+class LivePage(Listener):
+    """Listener that runs the server's process and feeds it through a pipe. `on_step` never
     blocks."""
 
     name = "live page"
@@ -59,7 +59,7 @@ class LivePage(Onlooker):
     def __init__(
         self,
         pilot: Pilot,
-        onlookers: Onlookers,
+        listeners: Listeners,
         port: int,
         *,
         name: str,
@@ -79,8 +79,8 @@ class LivePage(Onlooker):
             raise WebError(
                 f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}"
             )
-        self._watch = StatusSource(pilot, onlookers)
-        self._onlookers = onlookers
+        self._watch = StatusSource(pilot, listeners)
+        self._listeners = listeners
         self._period = speed / LINES_A_SECOND
         self._due = 0.0
         self._receives_truth = truth
@@ -113,7 +113,7 @@ class LivePage(Onlooker):
         (east, north) = map(_plain, self._place)
         # 20: maximum number of other vehicles on the page. A line of the feed must fit into
         # PIPE_BUF bytes.
-        others = self._onlookers.vehicles(step.time)[:20]
+        others = self._listeners.vehicles(step.time)[:20]
         tick = _tick(status) | {
             "east": east,
             "north": north,
@@ -166,7 +166,7 @@ class LivePage(Onlooker):
             self._pipe = None
 
 
-def open_onlooker(given: OnlookerSettings) -> LivePage | None:
+def open_listener(given: ListenerSettings) -> LivePage | None:
     """Return the live page if `--web` is given, else None. Raises Refused."""
     port = given.options.get("web")
     mission = given.mission

@@ -5,12 +5,12 @@ from pathlib import Path
 
 from circnav_mav.extras.fleet.flight import FleetFlight, Member, member_overrides
 from circnav_mav.extras.fleet.link import FleetLink, LocalNetwork
-from circnav_mav.extras.fleet.onlooker import FleetOnlooker
+from circnav_mav.extras.fleet.listener import FleetListener
 from circnav_mav.extras.fleet.settings import table_of
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 
 
 class NoRecord:
@@ -46,7 +46,7 @@ def bare_fleet(
             )
             pilot = Pilot(mission.pilot_settings())
             link = FleetLink(network.port(member), table_of(mission).group, member)
-            onlooker = FleetOnlooker(mission, pilot, link)
-            yield Member(mission, link, NoRecord(), Onlookers([onlooker]), pilot)  # type: ignore[arg-type]
+            listener = FleetListener(mission, pilot, link)
+            yield Member(mission, link, NoRecord(), Listeners([listener]), pilot)  # type: ignore[arg-type]
 
     return FleetFlight(members(), network)

@@ -10,8 +10,8 @@ import pytest
 
 from circnav_mav.extras.fleet.evenness import rms
 from circnav_mav.extras.fleet.flight import SAMPLE_EVERY
+from circnav_mav.extras.fleet.listener import FleetListener
 from circnav_mav.extras.fleet.metrics import figures, gap_errors
-from circnav_mav.extras.fleet.onlooker import FleetOnlooker
 from circnav_mav.extras.fleet.report import State
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Ending, Pilot
@@ -112,7 +112,7 @@ def test_three_copters_space_evenly_despite_takeover_and_lost_reports():
     radius = np.hypot(flight.tracks.east, flight.tracks.north)
     silent = (time > SILENT + 12.0) & (time < SILENT + 16.0)
     assert np.abs(radius[silent][:, [0, 2]] - 30.0).max() < 1.0
-    assert not any(member.onlookers.problems for member in flight.members)
+    assert not any(member.listeners.problems for member in flight.members)
 
 
 def test_members_too_close_to_each_other_raise_alarms():
@@ -126,17 +126,17 @@ def test_members_too_close_to_each_other_raise_alarms():
     )
     flight.fly(12.0)
     for member in flight.members:
-        alarms = member.onlookers.alarms(12.0)
+        alarms = member.listeners.alarms(12.0)
         assert "members 1 and 2 are 1 m apart in height" in alarms["fleet_layer"]
     for member, other in ((0, 2), (1, 1)):
-        alarm = flight.members[member].onlookers.alarms(12.0)["fleet_near"]
+        alarm = flight.members[member].listeners.alarms(12.0)["fleet_near"]
         assert re.search(rf"member {other} is \d+ m away, limit 18 m", alarm)
 
 
 def test_fleet_reports_are_stamped_by_autopilot_clock():
     mission = load_mission(COPTER, ("fleet.id=1", 'link.endpoint="udpin:0.0.0.0:14550"'))
     pilot = Pilot(mission.pilot_settings())
-    one = FleetOnlooker(mission, pilot, None)
+    one = FleetListener(mission, pilot, None)
     one.start(5_000_000)
     assert one.report(2.0).stamp == 7.0
     pilot.session.vehicle.utc.received(1.8e9, 1.0)

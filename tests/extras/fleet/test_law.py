@@ -16,8 +16,8 @@ from circnav_mav.extras.fleet.law import (
     gaps,
     slot_errors,
 )
+from circnav_mav.extras.fleet.listener import fleet_line
 from circnav_mav.extras.fleet.offset import PhaseOffset, offset_by_drift, offset_by_range
-from circnav_mav.extras.fleet.onlooker import fleet_line
 from circnav_mav.extras.fleet.phase import LAP, Drift, PhaseMap, wrapped
 from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.extras.fleet.ring_log import RingLog

@@ -1,4 +1,4 @@
-"""Flights of the bundled vehicle in lockstep, with the survey beside the pilot, as in the loop of a
+"""Flights of the bundled vehicle in lockstep, with the locator beside the pilot, as in the loop of a
 flight."""
 
 from collections.abc import Sequence
@@ -21,12 +21,12 @@ COMPONENT = 194
 
 
 @dataclass
-class Surveyed(Flight):
-    """A flight with its survey. survey_frames: (time, frame) sent by the survey. solve_from: time
-    at which the survey may compute its first solution, s."""
+class LocatingFlight(Flight):
+    """A flight with its locator. locator_frames: (time, frame) sent by the locator. solve_from: time
+    at which the locator may compute its first solution, s."""
 
     locator: Locator | None = None
-    survey_frames: list[tuple[float, bytes]] = field(default_factory=list)
+    locator_frames: list[tuple[float, bytes]] = field(default_factory=list)
     solve_from: float = 0.0
     solve_every: float = 1.0
     _solve_at: float = 0.0
@@ -44,11 +44,11 @@ class Surveyed(Flight):
             self._solve_at = self.now + self.solve_every
             locator.found(locate(*job))
         for frame in locator.step(self.now):
-            self.survey_frames.append((self.now, frame))
+            self.locator_frames.append((self.now, frame))
             self.vehicle.receive(frame)
 
     def solve(self) -> Place | NotLocated:
-        """Return the survey's solution from all frames received."""
+        """Return the locator's solution from all frames received."""
         assert self.locator is not None
         self.locator._solve_at = 0.0
         job = self.locator.job(self.now)
@@ -56,7 +56,7 @@ class Surveyed(Flight):
         return locate(*job)
 
     def solve_since(self, since: float) -> Place | NotLocated:
-        """Return the survey's solution from the frames received since a time, s."""
+        """Return the locator's solution from the frames received since a time, s."""
         assert self.locator is not None
         for received in (self.locator._track, self.locator._ranges):
             while received and received[0][0] < since:
@@ -65,11 +65,11 @@ class Surveyed(Flight):
 
     @property
     def messages(self) -> list[tuple[float, mavlink.MAVLink_message]]:
-        """Messages of the survey with their times, decoded by pymavlink."""
+        """Messages of the locator with their times, decoded by pymavlink."""
         parser = mavlink.MAVLink(None)
         return [
             (time, message)
-            for time, frame in self.survey_frames
+            for time, frame in self.locator_frames
             for message in parser.parse_buffer(frame) or ()
         ]
 
@@ -82,16 +82,18 @@ class Surveyed(Flight):
         return np.array([there.east - east, there.north - north])
 
 
-def surveyed(mission: str, *overrides: str, law: str | None = None, **settings: object) -> Surveyed:
-    """Return a flight of a file in config/ with its survey."""
+def locating_flight(
+    mission: str, *overrides: str, law: str | None = None, **settings: object
+) -> LocatingFlight:
+    """Return a flight of a file in config/ with its locator."""
     flown = flight(mission, *overrides, law=law)
     locator = Locator(LocateSettings(COMPONENT, **settings), flown.pilot)  # type: ignore[arg-type]
-    return Surveyed(flown.pilot, flown.vehicle, locator=locator)
+    return LocatingFlight(flown.pilot, flown.vehicle, locator=locator)
 
 
 @dataclass
-class Taped(Surveyed):
-    """A flight that keeps the received frames. Its survey requests positions, but computes no
+class Taped(LocatingFlight):
+    """A flight that keeps the received frames. Its locator requests positions, but computes no
     place."""
 
     solve_from: float = 1e9
@@ -110,7 +112,7 @@ class Taped(Surveyed):
 
 def taped(mission: str, *overrides: str, law: str | None = None) -> Taped:
     """Return a flight of a file in config/ that can be written as a log."""
-    flown = surveyed(mission, *overrides, law=law)
+    flown = locating_flight(mission, *overrides, law=law)
     return Taped(flown.pilot, flown.vehicle, locator=flown.locator)
 
 
@@ -120,7 +122,7 @@ def laps(truths: Sequence[Truth]) -> float:
     return abs(float(np.unwrap(angles)[-1]) - angles[0]) / (2 * pi) if angles else 0.0
 
 
-def nees(flown: Surveyed, place: Place) -> float:
+def nees(flown: LocatingFlight, place: Place) -> float:
     """Return the squared error of a place in units of its covariance (NEES)."""
     error = flown.error(place)
     return float(error @ np.linalg.solve(place.at(flown.now).covariance, error))

@@ -98,7 +98,7 @@ def distances(ms, r):
 
 def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
     """Write a run folder with a radio that sends ranges under a name, and with messages of
-    circnav's survey."""
+    circnav's locator."""
 
     def say(ms, r):
         yield 1, mavlink.MAVLink_named_value_float_message(ms, b"UWB", r)

@@ -1,15 +1,15 @@
-"""The survey beside a pilot in a rig: received frames and failures."""
+"""The locator beside a pilot in a rig: received frames and failures."""
 
 from concurrent.futures import Future
 from types import SimpleNamespace
 
 import pytest
 
-from circnav_mav.extras.locate import onlooker
+from circnav_mav.extras.locate import listener
 from circnav_mav.extras.locate.locator import LocateSettings, Locator
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.status import StatusSource
 from tests.rig import Rig, scattering
 
@@ -18,7 +18,7 @@ def beside(rig):
     return Locator(LocateSettings(194), rig.pilot)
 
 
-def test_survey_uses_every_range_of_datagram():
+def test_locator_uses_every_range_of_datagram():
     rig = Rig()
     locator = beside(rig)
 
@@ -36,20 +36,20 @@ def test_survey_uses_every_range_of_datagram():
 
 
 @pytest.mark.parametrize("broken", ["job", "_say"])
-def test_failing_survey_raises_an_alarm(monkeypatch, broken):
+def test_failing_locator_raises_an_alarm(monkeypatch, broken):
     answer = Future()
     answer.set_exception(RuntimeError("the process is gone"))
     pool = SimpleNamespace(submit=lambda *job: answer, shutdown=lambda **how: None)
-    monkeypatch.setattr(onlooker, "start_solver", lambda: pool)
+    monkeypatch.setattr(listener, "start_solver", lambda: pool)
     rig = Rig()
     rig.run(3.0)
     locator = beside(rig)
     monkeypatch.setattr(locator, "job", lambda now: ())
     if broken != "job":  # simulate a broken worker process
         monkeypatch.setattr(locator, broken, lambda *given: 1 / 0)
-    onlookers = Onlookers([onlooker.LocateOnlooker(locator, waits=True)])
+    listeners = Listeners([listener.LocateListener(locator, waits=True)])
     for _ in range(3):
         rig.run(0.05)
-        onlookers.on_step(None, LoopStep(rig.now), None)
-    status = StatusSource(rig.pilot, onlookers).status(rig.pilot.take_records()[-1], rig.now)
-    assert any(alarm.startswith("survey: stopped at 3.") for alarm in status.alarms)
+        listeners.on_step(None, LoopStep(rig.now), None)
+    status = StatusSource(rig.pilot, listeners).status(rig.pilot.take_records()[-1], rig.now)
+    assert any(alarm.startswith("locate: stopped at 3.") for alarm in status.alarms)

@@ -1,4 +1,4 @@
-"""Output of the survey, read by independent readers: the wire layout of MAVLink by hand, pymavlink,
+"""Output of the locator, read by independent readers: the wire layout of MAVLink by hand, pymavlink,
 the package `geojson`, an XML parser."""
 
 import struct

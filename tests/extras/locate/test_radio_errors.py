@@ -21,7 +21,7 @@ from circnav_mav.extras.locate.units import likely_unit
 from circnav_mav.mav.ranging.calibration import Calibration
 from circnav_mav.mission.load import load_mission
 from tests import small_mission
-from tests.extras.locate.flown import surveyed, taped
+from tests.extras.locate.flown import locating_flight, taped
 from tests.extras.locate.worlds import KNOWN, PLANE, V, gps_error
 from tests.flight.lockstep import CONFIG, true_radius
 
@@ -239,7 +239,7 @@ def test_calibrated_plane_flies_circle_of_true_radius(tmp_path):
 def test_radius_alarm_names_range_offset_and_calibration():
     """Ranges 22 m too short give a circle that is 22 m too wide."""
     short = "sim.ranging.bias_m=-22"
-    flown = surveyed("quickstart", *ON_CIRCLE, short, "sim.sensors.gps_error_m=1.0")
+    flown = locating_flight("quickstart", *ON_CIRCLE, short, "sim.sensors.gps_error_m=1.0")
     flown.solve_from = 1e9
     flown.fly(75.0)
     flown.locator.found(flown.solve())
@@ -249,7 +249,7 @@ def test_radius_alarm_names_range_offset_and_calibration():
 
 def test_radius_alarm_states_true_radius_for_overmeasured_ranges():
     for keys, alarm in ((), True), (("ranging.scale=1.07",), False):
-        flown = surveyed("quickstart", *ON_CIRCLE, "sim.ranging.scale=1.07", *keys)
+        flown = locating_flight("quickstart", *ON_CIRCLE, "sim.ranging.scale=1.07", *keys)
         flown.solve_from = 1e9
         flown.fly(60.0)
         flown.locator.found(flown.solve())

@@ -1,4 +1,4 @@
-"""Lines of the survey in the verdict and the report of a flight, also without a result."""
+"""Lines of the locator in the verdict and the report of a flight, also without a result."""
 
 import json
 
@@ -42,7 +42,7 @@ def test_verdict_contains_target_place_and_warnings(found, words):
     assert words in line
 
 
-def test_verdict_omits_missing_results_of_survey():
+def test_verdict_omits_missing_results_of_locator():
     assert verdict_lines(NOTHING | {"radius_alarm": None}) == []
 
 
@@ -80,8 +80,15 @@ def test_report_without_place_has_no_map(circnav, run, changed):
 @pytest.mark.usefixtures("undrawn")
 def test_unwritable_map_file_is_reported(circnav, tmp_path):
     (tmp_path / "run" / "target.geojson").mkdir(parents=True)
-    surveyed = ("--set", "locate.enabled=true", "--set", 'guidance.law="smooth"', "--duration", 36)
-    ran = circnav("fly", "quickstart", *surveyed, "--out", tmp_path / "run")
+    locating_flight = (
+        "--set",
+        "locate.enabled=true",
+        "--set",
+        'guidance.law="smooth"',
+        "--duration",
+        36,
+    )
+    ran = circnav("fly", "quickstart", *locating_flight, "--out", tmp_path / "run")
     assert (ran.code, ran.err) == (5, "")
     assert "WARNING    target.geojson cannot be written: Is a directory\n" in ran.out
     assert (tmp_path / "run" / "target.kml").is_file()

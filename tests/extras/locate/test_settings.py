@@ -1,4 +1,4 @@
-"""The mission table of the survey and its settings."""
+"""The mission table of the locator and its settings."""
 
 from circnav_mav.extras.locate.settings import locate_settings
 from circnav_mav.mission.load import parse_mission
@@ -9,7 +9,7 @@ def mission(*overrides):
     return parse_mission(TEXT, "m.toml", overrides)
 
 
-def test_survey_has_its_own_component_id():
+def test_locator_has_its_own_component_id():
     assert locate_settings(mission()) is None
     assert locate_settings(mission("locate.enabled=true")).component == 194
     assert locate_settings(mission("locate.enabled=true", "link.component_id=194")).component == 193

@@ -4,16 +4,16 @@ requests it."""
 import pytest
 
 from circnav_mav.guidance.circle_change import CircleRequest
-from tests.extras.locate.flown import surveyed
+from tests.extras.locate.flown import locating_flight
 
 ON_CIRCLE = ("sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_deg=90")
-SURVEYED = (*ON_CIRCLE, "sim.sensors.gps_error_m=0.02", "sim.ranging.bias_m=1.5")
+LOCATED = (*ON_CIRCLE, "sim.sensors.gps_error_m=0.02", "sim.ranging.bias_m=1.5")
 
 
 def test_second_circle_separates_target_height_and_range_bias():
     """The target is 584 m above the sea and 30 m below the vehicle. All ranges are 1.5 m too
     long."""
-    flown = surveyed(*("quickstart", *SURVEYED), law="feedforward", gps_sigma=0.02)
+    flown = locating_flight(*("quickstart", *LOCATED), law="feedforward", gps_sigma=0.02)
     flown.solve_from = 1e9
     flown.fly(56.0)
     one = flown.solve()

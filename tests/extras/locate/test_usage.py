@@ -1,4 +1,4 @@
-"""Wrong options and mission keys of the survey: one line, and no file written."""
+"""Wrong options and mission keys of the locator: one line, and no file written."""
 
 import pytest
 

@@ -83,7 +83,7 @@ def test_copter_circles_selected_beacon_and_replays(tmp_path, monkeypatch, port)
     held = [
         time
         for time, phase in zip(run.ticks.time, run.ticks.words["phase"], strict=True)
-        if phase == "holding"
+        if phase == "coasting"
     ]
     assert SILENT[0] < min(held) < max(held) < SILENT[1] + 1
     settings = parse_mission(run.mission_text, "mission.toml").pilot_settings()

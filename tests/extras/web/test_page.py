@@ -7,7 +7,7 @@ from contextlib import closing
 import pytest
 
 from circnav_mav.extras.web.feed import LivePage
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from tests.flight.lockstep import flight
 from tests.process import PATIENCE
 from tests.process import circnav as process_of
@@ -125,7 +125,7 @@ def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
 
 def test_page_shows_lost_connection(browser):
     with closing(
-        LivePage(flight("quickstart").pilot, Onlookers(), 0, name="small", tolerance=5.0, speed=1.0)
+        LivePage(flight("quickstart").pilot, Listeners(), 0, name="small", tolerance=5.0, speed=1.0)
     ) as page:
         browser.open(page.url)
         browser.until("document.getElementById('name').innerText === 'small'")

@@ -19,7 +19,7 @@ from circnav_mav.extras.web import feed
 from circnav_mav.extras.web.__main__ import COLUMNS, MOST_POINTS, NEWEST, History
 from circnav_mav.extras.web.feed import LivePage, WebError
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from tests.flight.lockstep import flight
 from tests.process import PATIENCE
 
@@ -38,7 +38,7 @@ def patient():
 
 def open_page(pilot, port=0, *, truth=False):
     # send every tick to the page
-    return LivePage(pilot, Onlookers(), port, name="small", tolerance=5.0, speed=0.0, truth=truth)
+    return LivePage(pilot, Listeners(), port, name="small", tolerance=5.0, speed=0.0, truth=truth)
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from circnav_mav.extras.locate.estimator import Knowledge
 from circnav_mav.extras.locate.locator import HOME_SIGMA, Locator
 from circnav_mav.extras.locate.place import CHI95, Place
 from circnav_mav.guidance.circle_change import CircleRequest
-from tests.extras.locate.flown import Surveyed, laps, nees, surveyed
+from tests.extras.locate.flown import LocatingFlight, laps, locating_flight, nees
 from tests.tools import cells
 
 BAND = (0.0506, 7.378)
@@ -99,7 +99,7 @@ class Result:
     speed: float | None
 
 
-def circled(flown: Surveyed, count: float, step: float) -> None:
+def circled(flown: LocatingFlight, count: float, step: float) -> None:
     """Fly laps round the true target, from now on."""
     since = flown.now
     while flown.now < LONGEST and laps([t for t in flown.truths if t.time >= since]) < count:
@@ -110,7 +110,7 @@ def fly(situation: Situation, seed: int) -> Result | None:
     """Fly once. Return None if no position was found. Only ranges from the first circle on are
     used."""
     changes = (*WORLD, *situation.changes, f"sim.seed={seed}")
-    flown = surveyed("quickstart", *changes, law="auto", gps_sigma=situation.gps)
+    flown = locating_flight("quickstart", *changes, law="auto", gps_sigma=situation.gps)
     flown.solve_from = 1e9
     flown.fly(SETTLED)
     begun = flown.now
@@ -134,7 +134,7 @@ def fly(situation: Situation, seed: int) -> Result | None:
     )
 
 
-def bound(flown: Surveyed, locator: Locator) -> tuple[float, float]:
+def bound(flown: LocatingFlight, locator: Locator) -> tuple[float, float]:
     """Return the Cramer-Rao bound of the used ranges, m: 95 % radius of the position, and 95 % of
     the height error. The states are east, north, up, bias and, for a moving target, its velocity,
     with the localization's priors of height and bias. A radio's drift is an AR(1) process."""
@@ -158,7 +158,7 @@ def bound(flown: Surveyed, locator: Locator) -> tuple[float, float]:
     return CHI95 * float(np.sqrt(variances[:2].mean())), 1.96 * float(np.sqrt(variances[2]))
 
 
-def _gps_error(flown: Surveyed, locator: Locator) -> np.ndarray:
+def _gps_error(flown: LocatingFlight, locator: Locator) -> np.ndarray:
     """Return the mean error of the reported positions in the evaluated time, east and north, m."""
     assert locator.plane is not None
     track = np.array(locator._track)

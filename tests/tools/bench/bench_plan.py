@@ -16,7 +16,7 @@ from math import hypot, inf, nan
 
 import numpy as np
 
-from circnav_mav.extras.locate.forecast import survey_sigma
+from circnav_mav.extras.locate.forecast import position_sigma
 from circnav_mav.extras.locate.place import Place
 from circnav_mav.extras.plan.command import at_speed
 from circnav_mav.extras.plan.radius_error import radius_rms
@@ -24,7 +24,7 @@ from circnav_mav.mav.check_result import PASS
 from circnav_mav.mission.checks import check_mission, drift_allowed
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import Mission
-from tests.extras.locate.flown import Surveyed, surveyed
+from tests.extras.locate.flown import LocatingFlight, locating_flight
 from tests.flight.lockstep import CONFIG, true_radius
 from tests.tools import cells
 from tests.tools.cells import Result
@@ -117,7 +117,7 @@ def fly(row: str, number: int) -> Result:
     """Fly a mission. Return what was flown; sigma and error: stated deviation of the place, and its
     error, m. ended: outcome of a mission that ended too early."""
     drawn = draw(number)
-    flown = surveyed(drawn.vehicle, *drawn.overrides, law="auto", gps_sigma=1.5)
+    flown = locating_flight(drawn.vehicle, *drawn.overrides, law="auto", gps_sigma=1.5)
     flown.solve_from = 1e9
     while flown.pilot.mission.engaged_at is None and flown.now < 60.0:
         flown.fly(flown.now + 1.0)
@@ -139,7 +139,7 @@ def fly(row: str, number: int) -> Result:
     }
 
 
-def _errors(flown: Surveyed, since: float, drawn: Drawn) -> np.ndarray:
+def _errors(flown: LocatingFlight, since: float, drawn: Drawn) -> np.ndarray:
     """Return the radius errors since a time, as shares of the radius."""
     return np.array([true_radius(t) / drawn.radius - 1 for t in flown.truths if t.time >= since])
 
@@ -147,7 +147,7 @@ def _errors(flown: Surveyed, since: float, drawn: Drawn) -> np.ndarray:
 def planned(drawn: Drawn) -> tuple[float, float | None]:
     """Return the planned radius RMS and standard deviation of the place, m."""
     mission = drawn.mission()
-    return radius_rms(mission, drawn.gust), survey_sigma(mission, WINDOW)
+    return radius_rms(mission, drawn.gust), position_sigma(mission, WINDOW)
 
 
 def compared(flown: Result) -> tuple[float, float, float]:

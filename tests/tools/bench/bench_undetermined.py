@@ -1,4 +1,4 @@
-"""Logs that do not determine the place: share of logs for which the survey gives a wrong place
+"""Logs that do not determine the place: share of logs for which the locator gives a wrong place
 without a warning.
 
     python -m tests.tools.bench.bench_undetermined --seeds 0 249

@@ -1,5 +1,5 @@
 """Position error of a plane without GPS that flies home, 2 km away from the beacon, with positions
-of the hand-back.
+of the external position.
 
     python -m tests.tools.bench.bench_way_home --seeds 1 4
 
@@ -15,7 +15,10 @@ from math import hypot
 import numpy as np
 from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 
-from tests.extras.handback.handed_back import HandedBack, handed_back
+from tests.extras.external_position.external_position_flight import (
+    ExternalPositionFlight,
+    external_position_flight,
+)
 from tests.tools import cells
 from tests.tools.cells import Result
 
@@ -68,7 +71,7 @@ def fly(row: str, seed: int) -> Result:
     given = ROWS[row]
     rms, time = given.gusts
     gusts = f"sim.wind.gust_rms_mps={rms}", f"sim.wind.gust_time_s={time}"
-    flown = handed_back("arduplane", *WORLD, *gusts, f"sim.seed={seed}", law="auto")
+    flown = external_position_flight("arduplane", *WORLD, *gusts, f"sim.seed={seed}", law="auto")
     flown.solve_from = 60.0
     flown.solve_every = 30.0
     flown.fly(CHANGED)
@@ -79,7 +82,7 @@ def fly(row: str, seed: int) -> Result:
     errors: list[tuple[float, float, float]] = []
     left: list[float] = []
 
-    def watch(flown: HandedBack) -> None:
+    def watch(flown: ExternalPositionFlight) -> None:
         if flown.pilot.done and not left:
             left.append(flown.now)
             instruments = flown.vehicle._flight.instruments

@@ -10,7 +10,7 @@ from math import inf, sqrt
 from typing import Any
 
 from circnav_mav.pilot import Ending
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.status import StatusSource
 from tests.tools.fault_link import CLEAN, Impairment
 from tests.tools.fault_link.link import Intruder, Tamper
@@ -184,7 +184,7 @@ class ShownTexts:
     """Texts shown to the operator: alarms, waiting conditions and texts of the vehicle."""
 
     def __init__(self, course: Course) -> None:
-        self._watch = StatusSource(course.pilot, Onlookers())
+        self._watch = StatusSource(course.pilot, Listeners())
         self._next = course.now
         self.lines: dict[str, None] = {}
 

@@ -34,7 +34,7 @@ from tests.tools.faults.judge import (
     is_setpoint,
 )
 
-PATIENT = ("limits.hold_s=70.0", "limits.duration_s=100000.0")
+PATIENT = ("limits.coast_s=70.0", "limits.duration_s=100000.0")
 BAND = 0.05
 """Largest radius error on a held circle, as a share of the radius."""
 SETTLED = 110.0

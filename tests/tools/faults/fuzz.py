@@ -82,7 +82,7 @@ class Target:
             f'ranging.message="{self.ranging}"',
             'engage.on_takeover="wait"',
             "limits.duration_s=1e9",
-            "limits.hold_s=3600",
+            "limits.coast_s=3600",
             "link.wait_s=1e6",
         ]
         if self.ranging == "ranging_beacon":

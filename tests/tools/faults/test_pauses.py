@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.runtime.onlookers import Onlookers
+from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.status import StatusSource
 from tests.frames import read
 from tests.rig import Rig, distance
@@ -42,7 +42,7 @@ def test_stopped_sensor_clock_is_reported() -> None:
     course.fly(course.now + 0.4)
     assert any(
         "SENSOR CLOCK" in alarm
-        for alarm in StatusSource(course.pilot, Onlookers())
+        for alarm in StatusSource(course.pilot, Listeners())
         .status(course.ticks[-1], course.now)
         .alarms
     )
@@ -50,7 +50,7 @@ def test_stopped_sensor_clock_is_reported() -> None:
         on(253, lambda frame, now: texts.append(frame) or [frame], direction=UP)
     )
     course.fly(course.now + 6.0)
-    assert StatusSource(course.pilot, Onlookers()).status(course.ticks[-1], course.now).alarms == ()
+    assert StatusSource(course.pilot, Listeners()).status(course.ticks[-1], course.now).alarms == ()
     reported = [
         read(text).text.removeprefix("circnav: sensor clock ") for text in texts if b"clock" in text
     ]

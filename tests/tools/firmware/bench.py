@@ -183,7 +183,7 @@ class Bench:
         self.hidden = 0
         """Number of frames with a position that were not forwarded, or forwarded without it."""
         self._hidden = POSITIONS - GPS_HEALTH if flight.gps_shown else POSITIONS
-        if flight.handback:
+        if flight.external_position:
             self._hidden = frozenset()
         self.on_truth: Callable[[Truth], None] | None = None
         self.app: subprocess.Popen[bytes] | None = None

@@ -71,8 +71,8 @@ class Flight:
         False, "fly the autopilot's own circle by GPS around the known target instead"
     )
     gps_shown: bool = _option(False, "do not hide GPS_RAW_INT, whose fix type shows a loss of GPS")
-    handback: bool = _option(
-        False, "set handback.enabled and do not hide positions; use with --gps-off"
+    external_position: bool = _option(
+        False, "set external_position.enabled and do not hide positions; use with --gps-off"
     )
     home_s: float = _option(0.0, "exit action rtl, and record T s of the way home", metavar="T")
     home_away: float = _option(

@@ -214,9 +214,9 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
         "component_id": 192,
     }
     mission["limits"]["duration_s"] = flown.duration
-    if flown.handback:
+    if flown.external_position:
         mission["locate"] = {"enabled": True}
-        mission["handback"] = {"enabled": True}
+        mission["external_position"] = {"enabled": True}
     if flown.home_s:
         mission["exit"] = {"action": "rtl"}
     path.write_text(tomlkit.dumps(mission))
@@ -354,7 +354,7 @@ def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dic
     if not late:
         return None
     given = Counter[str]()
-    record = bench.folder / "circnav" / "handback.csv"
+    record = bench.folder / "circnav" / "external_position.csv"
     if record.is_file():
         with record.open() as file:
             given.update(f"{row['answer']}, by {row['by']}" for row in csv.DictReader(file))

@@ -24,7 +24,7 @@ from circnav_mav.runlog.run_folder import RunError
 from circnav_mav.runlog.tlog import read_messages
 
 OURS = "CN_TEAST"
-"""Name of the NAMED_VALUE_FLOAT by which the survey of circnav is recognized. Values of the survey
+"""Name of the NAMED_VALUE_FLOAT by which the locator of circnav is recognized. Values of the locator
 are not ranges."""
 NOT_VEHICLES = {
     dialect.MAV_TYPE_ANTENNA_TRACKER,

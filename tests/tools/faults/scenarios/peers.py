@@ -240,7 +240,7 @@ IDENTITY = [
 ]
 
 
-def no_answer_no_obedience(way: str, data: bytes, now: float) -> Iterable[Passage]:
+def no_answer_not_following(way: str, data: bytes, now: float) -> Iterable[Passage]:
     """The vehicle neither answers nor obeys commands."""
     return () if way == UP and message_id(data) == 76 else [(way, data)]
 
@@ -266,7 +266,7 @@ COMMANDS = [
         "temporarily rejected", tamper(answered(SET_MODE, 1)), Want.REFUSE, "temporarily rejected"
     ),
     commands("accepted, not obeyed", tamper(answered(SET_MODE, 0)), Want.REFUSE, "stays in"),
-    commands("ignores commands", tamper(no_answer_no_obedience), Want.REFUSE, "no answer"),
+    commands("ignores commands", tamper(no_answer_not_following), Want.REFUSE, "no answer"),
 ]
 
 

@@ -156,7 +156,7 @@ def beside(**fields: int) -> Callable[[int], Change]:
     return change
 
 
-def few_setpoints(course: Course) -> str | None:
+def setpoint_rate_low(course: Course) -> str | None:
     """Return a fault if circnav sends a setpoint for each range, so 100 or 1,000 per second."""
     sent = [time for time, _ in course.vehicle.setpoint_log if time > course.now - 10.0]
     most = 10.0 / (0.75 * course.pilot.settings.timing.tick) + 1
@@ -197,7 +197,7 @@ RATES = [
         overrides=(f"sim.ranging.rate_hz={hz}.0", f"ranging.rate_hz={hz}.0"),
         lasts=20.0,
         after=10.0,
-        check=few_setpoints,
+        check=setpoint_rate_low,
         profiles=("arducopter", "arduplane"),
         quick=hz == 100,
     )

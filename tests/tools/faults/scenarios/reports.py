@@ -72,7 +72,9 @@ REPORTS = [
         fixed(yaw=nan, rollspeed=nan, pitchspeed=nan, yawspeed=nan),
         **BLIND,
     ),
-    reports("ATTITUDE at 1 Hz", ATTITUDE, every_second, **(BLIND | {"reported": "FEW ATTITUDES"})),
+    reports(
+        "ATTITUDE at 1 Hz", ATTITUDE, every_second, **(BLIND | {"reported": "ATTITUDE RATE LOW"})
+    ),
     reports(
         "airspeed without a number",
         VFR_HUD,

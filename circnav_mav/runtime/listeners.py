@@ -1,7 +1,7 @@
-"""Interface for extras that observe a flight: the live page, the survey and others.
+"""Interface for extras that observe a flight: the live page, the locator and others.
 
-An onlooker receives every step of the loop, and an error in it never ends the flight. The only
-influence of an onlooker on `Pilot` is a request for another circle, which `Pilot` checks. An import
+A listener receives every step of the loop, and an error in it never ends the flight. The only
+influence of a listener on `Pilot` is a request for another circle, which `Pilot` checks. An import
 contract denies such requests to extras that use positions.
 """
 
@@ -18,7 +18,7 @@ from circnav_mav.pilot.loop_step import LoopStep
 
 
 class OtherVehicle(NamedTuple):
-    """Another vehicle as known to an onlooker, for the live page.
+    """Another vehicle as known to a listener, for the live page.
 
     place: position east and north of the target, m, None if unknown.
     words: human-readable state of the vehicle.
@@ -29,18 +29,18 @@ class OtherVehicle(NamedTuple):
     words: str
 
 
-class Onlooker:
-    """Base class of onlookers: every method does nothing.
+class Listener:
+    """Base class of listeners: every method does nothing.
 
-    name: name of the onlooker in messages.
-    pace: simulation speed of the bundled vehicle that the onlooker needs, times real time, None for
+    name: name of the listener in messages.
+    pace: simulation speed of the bundled vehicle that the listener needs, times real time, None for
         any.
     busy: True to keep the loop running after guidance has ended.
     called_off: True after a signal to end the program.
     problem: description of a failure in one line, or None.
     """
 
-    name = "onlooker"
+    name = "listener"
     pace: float | None = None
     busy = False
     called_off = False
@@ -91,46 +91,46 @@ class Onlooker:
 
 
 @dataclass(frozen=True, slots=True)
-class OnlookerSettings:
-    """Inputs of an onlooker. options: options of `circnav fly`, by name. others: all onlookers of
+class ListenerSettings:
+    """Inputs of a listener. options: options of `circnav fly`, by name. others: all listeners of
     the flight."""
 
     mission: Mission
     pilot: Pilot
     signing: Signing | None
     options: Mapping[str, Any]
-    others: "Onlookers"
+    others: "Listeners"
 
 
 @dataclass(slots=True)
-class Onlookers:
-    """Onlookers of a flight. An onlooker that fails receives no more steps. problems: failures, one
+class Listeners:
+    """Listeners of a flight. A listener that fails receives no more steps. problems: failures, one
     line each."""
 
-    attached: list[Onlooker] = field(default_factory=list)
+    attached: list[Listener] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     _failed: set[int] = field(default_factory=set)
 
     @property
     def pace(self) -> float | None:
-        """Simulation speed of the emulator that all onlookers can follow, times real time. None:
+        """Simulation speed of the emulator that all listeners can follow, times real time. None:
         any speed."""
         return min(
-            (onlooker.pace for onlooker in self.attached if onlooker.pace is not None), default=None
+            (listener.pace for listener in self.attached if listener.pace is not None), default=None
         )
 
     @property
     def busy(self) -> bool:
-        """True while an onlooker still has work after guidance has ended."""
+        """True while a listener still has work after guidance has ended."""
         return any(
-            self._guarded(onlooker, "", lambda one=onlooker: one.busy)
-            for onlooker in self._working()
+            self._guarded(listener, "", lambda one=listener: one.busy)
+            for listener in self._working()
         )
 
     def start(self, epoch_us: int) -> None:
-        """Start every onlooker. epoch_us: Unix time of run time zero, us."""
-        for onlooker in self.attached:
-            self._guarded(onlooker, " at 0.0 s", onlooker.start, epoch_us)
+        """Start every listener. epoch_us: Unix time of run time zero, us."""
+        for listener in self.attached:
+            self._guarded(listener, " at 0.0 s", listener.start, epoch_us)
 
     def on_step(
         self,
@@ -140,30 +140,30 @@ class Onlookers:
         *,
         called_off: bool = False,
     ) -> list[bytes]:
-        """Pass a step to every onlooker. Return the frames to send to the vehicle."""
-        for onlooker in self._working():
-            onlooker.called_off = called_off
+        """Pass a step to every listener. Return the frames to send to the vehicle."""
+        for listener in self._working():
+            listener.called_off = called_off
         return self._all(step.time, "on_step", newest, step, recording_problem)
 
     def take_exchanged(self, now: float) -> list[bytes]:
-        """Return the frames that onlookers exchanged with other systems than the vehicle, for the
+        """Return the frames that listeners exchanged with other systems than the vehicle, for the
         recorder."""
         return self._all(now, "take_exchanged")
 
     def circle_requests(self, now: float) -> list[CircleRequest]:
-        """Return the requests of all onlookers for another circle."""
+        """Return the requests of all listeners for another circle."""
         return self._all(now, "circle_requests", now)
 
     def facts(self, now: float) -> dict[str, str]:
-        """Return the lines of all onlookers, by label."""
+        """Return the lines of all listeners, by label."""
         return dict(self._all(now, "facts", now, by=Mapping.items))
 
     def vehicles(self, now: float) -> list[OtherVehicle]:
-        """Return the other vehicles known to all onlookers."""
+        """Return the other vehicles known to all listeners."""
         return self._all(now, "vehicles", now)
 
     def alarms(self, now: float) -> dict[str, str]:
-        """Return the alarms of all onlookers by name, and one alarm that lists failed onlookers, if
+        """Return the alarms of all listeners by name, and one alarm that lists failed listeners, if
         any."""
         alarms = dict(self._all(now, "alarms", now, by=Mapping.items))
         if self.problems:
@@ -171,35 +171,35 @@ class Onlookers:
         return alarms
 
     def finish(self, summary: dict[str, Any]) -> dict[str, str]:
-        """Let every onlooker add to the summary. Return the files for the run folder, by name."""
+        """Let every listener add to the summary. Return the files for the run folder, by name."""
         files: dict[str, str] = {}
-        for onlooker in self.attached:
-            files |= self._guarded(onlooker, " at the end", onlooker.finish, summary) or {}
+        for listener in self.attached:
+            files |= self._guarded(listener, " at the end", listener.finish, summary) or {}
         return files
 
     def show_verdict(self, verdict: str, folder: Path) -> None:
-        """Show the verdict to every onlooker. folder: run folder."""
-        for onlooker in self.attached:
-            self._guarded(onlooker, " at the end", onlooker.show_verdict, verdict, folder)
+        """Show the verdict to every listener. folder: run folder."""
+        for listener in self.attached:
+            self._guarded(listener, " at the end", listener.show_verdict, verdict, folder)
 
     def all_problems(self) -> Iterator[str]:
         """Yield all failures, one line each."""
         yield from self.problems
-        yield from filter(None, (onlooker.problem for onlooker in self.attached))
+        yield from filter(None, (listener.problem for listener in self.attached))
 
     def close(self) -> None:
-        """Close every onlooker."""
-        for onlooker in self.attached:
-            self._guarded(onlooker, " at the end", onlooker.close)
+        """Close every listener."""
+        for listener in self.attached:
+            self._guarded(listener, " at the end", listener.close)
 
-    def _working(self) -> list[Onlooker]:
-        """Return the onlookers that have not failed."""
-        return [onlooker for onlooker in self.attached if id(onlooker) not in self._failed]
+    def _working(self) -> list[Listener]:
+        """Return the listeners that have not failed."""
+        return [listener for listener in self.attached if id(listener) not in self._failed]
 
     def _all(
         self, now: float, name: str, *arguments: Any, by: Callable[[Any], Iterable[Any]] = iter
     ) -> list[Any]:
-        """Return the results of a method of all working onlookers. by: function from one result to
+        """Return the results of a method of all working listeners. by: function from one result to
         its items."""
         results = [
             self._guarded(one, f" at {now:.1f} s", getattr(one, name), *arguments)
@@ -208,13 +208,13 @@ class Onlookers:
         return [item for result in results if result for item in by(result)]
 
     def _guarded(
-        self, onlooker: Onlooker, when: str, call: Callable[..., Any], *arguments: Any
+        self, listener: Listener, when: str, call: Callable[..., Any], *arguments: Any
     ) -> Any:
-        """Return the result of a call, or None if it raised. An onlooker that raised receives no
+        """Return the result of a call, or None if it raised. A listener that raised receives no
         more steps."""
         try:
             return call(*arguments)
         except Exception as error:
-            self._failed.add(id(onlooker))
-            self.problems.append(f"{onlooker.name}: stopped{when}: {error!r}")
+            self._failed.add(id(listener))
+            self.problems.append(f"{listener.name}: stopped{when}: {error!r}")
             return None

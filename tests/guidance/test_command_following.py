@@ -6,7 +6,7 @@ from math import pi, sin
 import numpy as np
 import pytest
 
-from circnav_mav.guidance.obedience import LEAST, LimitCycle, Obedience
+from circnav_mav.guidance.command_following import LEAST, CommandFollowing, LimitCycle
 from circnav_mav.guidance.turn_response import BIN, CandidateTurns, TurnBin, TurnBins
 
 LIMIT = 0.5
@@ -18,12 +18,12 @@ class Monitor:
     """The check of followed turns and the detection of a limit cycle for one vehicle."""
 
     def __init__(self):
-        self.obedience = Obedience()
+        self.command_following = CommandFollowing()
         self.limit_cycle = LimitCycle(LIMIT)
 
     @property
     def follows(self):
-        return self.obedience.follows
+        return self.command_following.follows
 
     @property
     def share(self):
@@ -43,7 +43,7 @@ def monitored(command, flown, seconds=30.0, *, noise=0.0, monitor=None, start=0.
         sent.append(min(max(command(time), -LIMIT), LIMIT))
         predicted = np.array([sent[-1 - late] for late in DELAYS])
         turn = flown(time, sent) + noise * rng.standard_normal()
-        monitor.obedience.judge(TurnBin(time, BIN, predicted, turn))
+        monitor.command_following.judge(TurnBin(time, BIN, predicted, turn))
         monitor.limit_cycle.judge(time, turn, sent[-1])
     return monitor
 
@@ -55,11 +55,11 @@ def circle(time):
 
 
 @pytest.mark.parametrize(("gain", "late"), [(0.4, 0), (0.4, 4), (1.0, 2), (1.5, 0), (1.5, 4)])
-def test_obedience_accepts_delay_gain_and_gusts(gain, late):
+def test_command_following_accepts_delay_gain_and_gusts(gain, late):
     assert monitored(circle, lambda time, sent: gain * sent[-1 - late], 60.0, noise=0.05).follows
 
 
-def test_obedience_accepts_steady_turn_at_bank_limit():
+def test_command_following_accepts_steady_turn_at_bank_limit():
     """The command stays above the turn rate that the vehicle's own bank limit allows."""
 
     def command(time):
@@ -81,19 +81,19 @@ def test_obedience_accepts_steady_turn_at_bank_limit():
     ],
     ids=["straight", "constant turn", "reversed", "weak"],
 )
-def test_obedience_detects_vehicle_that_ignores_turns_within_5_s(flown):
+def test_command_following_detects_vehicle_that_ignores_turns_within_5_s(flown):
     assert not monitored(circle, flown, 5.0, noise=0.01).follows
 
 
-def test_obedience_tolerates_single_wrong_bin():
+def test_command_following_tolerates_single_wrong_bin():
     assert monitored(
         lambda t: 0.2, lambda t, sent: -0.5 if t % 15 < BIN else sent[-2], 120.0, noise=0.01
     ).follows
 
 
-def test_obedience_recovers_only_with_followed_turn_changes():
+def test_command_following_recovers_only_with_followed_turn_changes():
     stopped = monitored(circle, lambda time, sent: 0.0, 5.0)
-    assert stopped.obedience.since < 5.0
+    assert stopped.command_following.since < 5.0
     steady = monitored(lambda time: 0.3, lambda time, sent: 0.3, 20.0, monitor=stopped, start=5.0)
     assert not steady.follows
     assert monitored(
@@ -101,7 +101,7 @@ def test_obedience_recovers_only_with_followed_turn_changes():
     ).follows
 
 
-def test_obedience_ignores_small_commands():
+def test_command_following_ignores_small_commands():
     assert monitored(lambda time: 0.01, lambda time, sent: 0.0, 60.0, noise=0.01).follows
 
 

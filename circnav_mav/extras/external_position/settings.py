@@ -1,4 +1,4 @@
-"""Mission table [handback]: keys, check, and the settings derived from them."""
+"""Mission table [external_position]: keys, check, and the settings derived from them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import Table
 
 
-class HandBackTable(Table):
-    """[handback]: positions for an autopilot that has lost its own."""
+class ExternalPositionTable(Table):
+    """[external_position]: positions for an autopilot that has lost its own."""
 
     enabled: bool = False
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
@@ -30,32 +30,34 @@ class HandBackTable(Table):
 
 
 @dataclass(frozen=True, slots=True)
-class HandBackSettings:
-    """Settings of the hand-back.
+class ExternalPositionSettings:
+    """Settings of the external position.
 
     component: own MAVLink component id.
-    place: latitude and longitude of the target, degrees, None for the surveyed place.
+    place: latitude and longitude of the target, degrees, None for the estimated position.
     """
 
     component: int
     place: tuple[float, float] | None = None
 
 
-def handback_settings(mission: Mission) -> HandBackSettings | None:
-    """Return the settings of the hand-back, None if the mission does not enable it."""
-    table = cast(HandBackTable, mission.file.handback)  # type: ignore[attr-defined]
+def external_position_settings(mission: Mission) -> ExternalPositionSettings | None:
+    """Return the settings of the external position, None if the mission does not enable it."""
+    table = cast(ExternalPositionTable, mission.file.external_position)  # type: ignore[attr-defined]
     if not table.enabled:
         return None
     place = None
     if table.latitude_deg is not None and table.longitude_deg is not None:
         place = table.latitude_deg, table.longitude_deg
     ours = mission.file.link.component_id
-    return HandBackSettings(companion({ours, companion({ours})}), place)
+    return ExternalPositionSettings(companion({ours, companion({ours})}), place)
 
 
 def check_table(mission: Mission) -> Iterator[Check]:
     """Check the table against the rest of the mission."""
-    if handback_settings(mission) is not None and not table_of(mission).enabled:
+    if external_position_settings(mission) is not None and not table_of(mission).enabled:
         yield Check(
-            FAIL, "handback", "handback.enabled = true needs the survey, set locate.enabled = true"
+            FAIL,
+            "external_position",
+            "external_position.enabled = true needs `locate`, set locate.enabled = true",
         )

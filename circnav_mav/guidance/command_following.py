@@ -75,7 +75,7 @@ rad/s it stops at a sixth. With a tenth of the gains, a vehicle in wind was 71 m
 circle of 60 m radius."""
 
 
-class Obedience:
+class CommandFollowing:
     """Judges whether the vehicle follows turn commands.
 
     follows: False while the vehicle does not follow turn commands.

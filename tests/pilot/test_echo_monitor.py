@@ -5,7 +5,7 @@ from math import cos, sin
 
 import pytest
 
-from circnav_mav.pilot.second_controller import WITHIN, EchoWatch
+from circnav_mav.pilot.second_controller import WITHIN, EchoMonitor
 
 TICK = 0.05
 
@@ -15,7 +15,7 @@ def watched(
 ):
     """Return the time (s) at which another sender was first detected, or None. ours, reported:
     functions of time; sent and reported turn rate, rad/s."""
-    watch = EchoWatch()
+    watch = EchoMonitor()
     found = None
     for step in range(round(seconds / TICK)):
         now = step * TICK

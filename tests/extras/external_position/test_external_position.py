@@ -8,12 +8,20 @@ import pytest
 from circnav_sim.world import to_degrees
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.extras.handback.companion import COMMANDS, SENT_TYPES
-from circnav_mav.extras.handback.handback import DeadReckoning, HandBack, Health, PositionEstimate
+from circnav_mav.extras.external_position.companion import COMMANDS, SENT_TYPES
+from circnav_mav.extras.external_position.external_position import (
+    DeadReckoning,
+    ExternalPosition,
+    Health,
+    PositionEstimate,
+)
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RelativeMotion
-from tests.extras.handback.handed_back import GPS_LOST, handed_back
-from tests.extras.locate.flown import surveyed
+from tests.extras.external_position.external_position_flight import (
+    GPS_LOST,
+    external_position_flight,
+)
+from tests.extras.locate.flown import locating_flight
 from tests.flight.lockstep import flight
 
 POSITION = mavlink.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
@@ -37,11 +45,11 @@ def own_error(flown):
     return hypot(*flown.vehicle._flight.position_error)
 
 
-def test_handback_keeps_autopilot_position_without_changing_guidance():
-    """The autopilot's own position drifts at 1 m/s in each axis: without hand-back, by about 30 m
-    in each axis after 30 s. The positions are sent beside the output of pilot and survey."""
+def test_external_position_keeps_autopilot_position_without_changing_guidance():
+    """The autopilot's own position drifts at 1 m/s in each axis: without external position, by about 30 m
+    in each axis after 30 s. The positions are sent beside the output of pilot and locator."""
     errors: list[tuple[float, float]] = []
-    flown = handed_back("arduplane", *GPS_LOST, law="auto")
+    flown = external_position_flight("arduplane", *GPS_LOST, law="auto")
     flown.solve_from = 30.0
     flown.solve_every = 10.0
     flown.fly(END, lambda one: errors.append((one.now, own_error(one))))
@@ -50,7 +58,7 @@ def test_handback_keeps_autopilot_position_without_changing_guidance():
     assert len(given) >= 8 and flown.pilot.done
     late = sorted(error for time, error in errors if time > LOST_AT + 15)
     assert late[len(late) // 2] < 10.0 and late[-1] < 25.0
-    (_, first), back = given[0], flown.companion.handback
+    (_, first), back = given[0], flown.companion.external_position
     assert first.frame == mavlink.MAV_FRAME_GLOBAL and first.z != first.z and first.param3 >= 1.0
     assert all(0 <= one.param2 < 0.15 for _, one in given)
     assert flown.locator.job(END + 100.0) is None
@@ -80,26 +88,26 @@ def lost_early(kind, law, until, **settings):
     return flown.fly(until)
 
 
-def test_autopilot_without_handback_drifts_away():
-    assert own_error(lost_early(surveyed, "smooth", 40.0)) > 30.0
+def test_autopilot_without_external_position_drifts_away():
+    assert own_error(lost_early(locating_flight, "smooth", 40.0)) > 30.0
 
 
-def test_target_position_of_mission_replaces_survey():
-    flown = lost_early(handed_back, "auto", 70.0, place=to_degrees(0.0, 0.0))
+def test_target_position_of_mission_replaces_locator():
+    flown = lost_early(external_position_flight, "auto", 70.0, place=to_degrees(0.0, 0.0))
     assert commands(flown)[0][0] < 45.0
     assert own_error(flown) < 10.0
     asked = [one.param1 for _, one in flown.given_messages if one.get_type() == "COMMAND_LONG"]
     assert sorted(asked) == [GPS2, EKF], (
-        "no streams of the survey, and no second request for a missing receiver"
+        "no streams of the locator, and no second request for a missing receiver"
     )
 
 
 def give(goods, result, off=0.0, until=1e9):
-    """Return the hand-back and the times (s) at which it sent positions. goods: True while the
+    """Return the external position and the times (s) at which it sent positions. goods: True while the
     autopilot's own position is valid, one value per 0.1 s. result: answer to each position. off:
     error of the position that the autopilot reports, m. until: time at which circnav loses its
     estimate, s."""
-    back = HandBack()
+    back = ExternalPosition()
     times = []
     for tick, good in enumerate(goods):
         where = HERE if tick / 10 < until else None
@@ -216,9 +224,9 @@ def test_slow_tick_increases_uncertainty_but_positions_continue():
 
 
 def late(*results, delay):
-    """Return the hand-back and the times of its positions. The autopilot answers each position with
+    """Return the external position and the times of its positions. The autopilot answers each position with
     these results, one after the other, at intervals of `delay` s."""
-    back = HandBack()
+    back = ExternalPosition()
     answers = []
     times = []
     for now in (round(0.05 * tick, 6) for tick in range(600)):
@@ -235,7 +243,7 @@ def late(*results, delay):
     return back, times
 
 
-def test_handback_waits_after_in_progress_answers():
+def test_external_position_waits_after_in_progress_answers():
     progress = mavlink.MAV_RESULT_IN_PROGRESS
     accepted = mavlink.MAV_RESULT_ACCEPTED
     back, times = late(progress, accepted, delay=0.2)
@@ -253,7 +261,7 @@ def test_late_answers_are_matched_with_their_positions():
 
 
 def test_newest_positions_are_stored_and_all_are_counted(monkeypatch):
-    monkeypatch.setattr("circnav_mav.extras.handback.handback.MOST_GIVEN", 5)
+    monkeypatch.setattr("circnav_mav.extras.external_position.external_position.MOST_GIVEN", 5)
     back, times = late(mavlink.MAV_RESULT_ACCEPTED, delay=0.2)
     assert [one.time for one in back.given] == times[-5:] and len(times) > 20
     assert back.plain() == {"sent": len(times), "accepted": len(times), "ended": "going on"}

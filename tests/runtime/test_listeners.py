@@ -1,16 +1,16 @@
-"""Onlookers: a failure in any call is reported, and neither ends the flight nor affects other
-onlookers."""
+"""Listeners: a failure in any call is reported, and neither ends the flight nor affects other
+listeners."""
 
 from pathlib import Path
 
 import pytest
 
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.runtime.onlookers import Onlooker, Onlookers
+from circnav_mav.runtime.listeners import Listener, Listeners
 
 
-class Sound(Onlooker):
-    """An onlooker without a failure, which records the steps that it receives."""
+class Sound(Listener):
+    """A listener without a failure, which records the steps that it receives."""
 
     name = "sound"
 
@@ -41,20 +41,20 @@ def fails(*given):
 
 
 def flown(one, other):
-    """Return the results of a short flight with two onlookers."""
-    onlookers = Onlookers([one, other])
+    """Return the results of a short flight with two listeners."""
+    listeners = Listeners([one, other])
     summary = {"notes": []}
-    onlookers.start(1)
+    listeners.start(1)
     frames = []
     for moment in (1.0, 2.0, 3.0):
-        if onlookers.busy:
-            frames += onlookers.on_step(None, LoopStep(moment), None)
-            onlookers.take_exchanged(moment)
-        seen = onlookers.facts(moment), onlookers.alarms(moment)
-    files = onlookers.finish(summary)
-    onlookers.show_verdict("COMPLETED", Path())
-    onlookers.close()
-    return frames, seen, files, summary["notes"], list(onlookers.all_problems())
+        if listeners.busy:
+            frames += listeners.on_step(None, LoopStep(moment), None)
+            listeners.take_exchanged(moment)
+        seen = listeners.facts(moment), listeners.alarms(moment)
+    files = listeners.finish(summary)
+    listeners.show_verdict("COMPLETED", Path())
+    listeners.close()
+    return frames, seen, files, summary["notes"], list(listeners.all_problems())
 
 
 @pytest.mark.parametrize(
@@ -71,8 +71,8 @@ def flown(one, other):
         ("close", " at the end"),
     ],
 )
-def test_failing_onlooker_is_reported_once_and_detached(what, when):
-    class Broken(Onlooker):
+def test_failing_listener_is_reported_once_and_detached(what, when):
+    class Broken(Listener):
         name = "broken"
         busy = property(fails) if what == "busy" else True
 
@@ -90,28 +90,28 @@ def test_failing_onlooker_is_reported_once_and_detached(what, when):
     assert seen[0] == {"place": "known"} and seen[1]["sound"] == "SOUND: loud"
 
 
-def test_failed_onlooker_raises_alarm():
+def test_failed_listener_raises_alarm():
     tries = []
 
-    class Broken(Onlooker):
+    class Broken(Listener):
         name = "live page"
 
         def on_step(self, newest, step, recording_problem):
             tries.append(step.time)
             return fails() if step.time > 1.0 else ()
 
-    onlookers = Onlookers([Broken()])
+    listeners = Listeners([Broken()])
     for moment in (1.0, 2.0, 3.0):
-        assert onlookers.on_step(None, LoopStep(moment), None) == []
-        assert bool(onlookers.alarms(moment)) == (moment > 1.0)
+        assert listeners.on_step(None, LoopStep(moment), None) == []
+        assert bool(listeners.alarms(moment)) == (moment > 1.0)
     assert tries == [1.0, 2.0]
-    assert list(onlookers.alarms(3.0).values()) == onlookers.problems
+    assert list(listeners.alarms(3.0).values()) == listeners.problems
 
 
 def test_smallest_requested_speed_of_run_is_used():
-    slow = Onlooker()
-    slower = Onlooker()
-    assert Onlookers([Onlooker()]).pace is None
+    slow = Listener()
+    slower = Listener()
+    assert Listeners([Listener()]).pace is None
     slow.pace = 6.0
     slower.pace = 2.0
-    assert Onlookers([Onlooker(), slow, slower]).pace == 2.0
+    assert Listeners([Listener(), slow, slower]).pace == 2.0

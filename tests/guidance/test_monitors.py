@@ -5,14 +5,14 @@ from math import asin, cos, pi, sin, sqrt
 
 import pytest
 
-from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
-from circnav_mav.guidance.watches import (
+from circnav_mav.guidance.monitors import (
     AirspeedAlarm,
-    DriftWatch,
+    DriftMonitor,
     LapAlarm,
     watch_airspeed,
     watch_lap,
 )
+from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
 from tests.guidance.relative import known
 
 V = 15.0
@@ -26,7 +26,7 @@ m/s."""
 
 def after(drifts, most_turn=LIMIT, *, watch=None, start=0.0, trusted=True):
     """Return the watch after drift estimates at 10 Hz."""
-    watch = watch or DriftWatch()
+    watch = watch or DriftMonitor()
     for at, drift in enumerate(drifts):
         motion = known(drift_x=0.6 * drift, drift_y=0.8 * drift, trusted=trusted)
         estimate = RangeEstimate(start + 0.1 * at, 100.0, 0.0, 0.5, 0.1, relative=motion)

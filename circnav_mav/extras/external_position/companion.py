@@ -1,7 +1,7 @@
-"""MAVLink component of the hand-back. Input: reports of the autopilot. Output: positions. It has no
+"""MAVLink component of the external position. Input: reports of the autopilot. Output: positions. It has no
 socket and no clock.
 
-It sends as a separate component, so the frames of the pilot and of the survey stay the same, byte
+It sends as a separate component, so the frames of the pilot and of the locator stay the same, byte
 for byte. It sends only the message types in `SENT_TYPES`: none of them moves the vehicle.
 """
 
@@ -11,8 +11,14 @@ from collections.abc import Hashable, Iterable
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.handback.handback import FUSES, REPORTS, DeadReckoning, HandBack, Health
-from circnav_mav.extras.handback.settings import HandBackSettings
+from circnav_mav.extras.external_position.external_position import (
+    FUSES,
+    REPORTS,
+    DeadReckoning,
+    ExternalPosition,
+    Health,
+)
+from circnav_mav.extras.external_position.settings import ExternalPositionSettings
 from circnav_mav.extras.locate.gps_fix import RECEIVERS
 from circnav_mav.extras.locate.locator import HOME_SIGMA, STREAMS, Locator, vehicle_frames
 from circnav_mav.extras.locate.place import Place, Plane
@@ -33,7 +39,7 @@ AFTER = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_VFR_HUD: 
 """Streams that dead reckoning needs after the pilot has released its own streams: rate in Hz, by
 message id."""
 SENT_TYPES = frozenset({"COMMAND_LONG", "COMMAND_INT"})
-"""Message types that the hand-back may send. Commands are limited to COMMANDS."""
+"""Message types that the external position may send. Commands are limited to COMMANDS."""
 COMMANDS = frozenset(
     {dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE}
 )
@@ -42,24 +48,24 @@ GONE = 10.0
 
 
 class Companion:
-    """Hand-back component. It receives the same frames as the pilot, after the pilot and the
-    survey, and changes neither."""
+    """External position component. It receives the same frames as the pilot, after the pilot and the
+    locator, and changes neither."""
 
     def __init__(
         self,
-        settings: HandBackSettings,
+        settings: ExternalPositionSettings,
         pilot: Pilot,
-        survey: Locator,
+        locator: Locator,
         signing: Signing | None = None,
     ) -> None:
         self._settings = settings
         self._pilot = pilot
-        self._survey = survey
+        self._locator = locator
         self._decoder = Decoder(wanted=WANTED)
         self._encoder = Encoder(1, settings.component, signing)
         self._commands = CommandSender()
         self._streams: StreamRequests | None = None
-        self.handback = HandBack()
+        self.external_position = ExternalPosition()
         self._health = Health()
         self.reckoning = DeadReckoning()
         self._given = None if settings.place is None else Plane(*settings.place)
@@ -75,13 +81,13 @@ class Companion:
     @property
     def plane(self) -> Plane | None:
         """Plane in which all positions are expressed. None if the mission gives no place and the
-        survey has no position yet."""
-        return self._given or self._survey.plane
+        locator has no position yet."""
+        return self._given or self._locator.plane
 
     # --- in
 
     def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
-        """Process complete, trusted frames after the pilot and the survey have processed them. now:
+        """Process complete, trusted frames after the pilot and the locator have processed them. now:
         run time, s."""
         for ident, frame in vehicle_frames(self._pilot.session, link, source, frames):
             if self._streams is not None:
@@ -97,16 +103,16 @@ class Companion:
         elif kind == "COMMAND_ACK":
             us = self._encoder.system, self._settings.component
             self._commands.acknowledge(message, us, now)
-            self.handback.answered(message, us, now)
+            self.external_position.answered(message, us, now)
         elif self.plane is not None and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7:
             east, north = self.plane.to_metres(message.lat / 1e7, message.lon / 1e7)
-            self.handback.reported(east, north, self.reckoning.where, now)
+            self.external_position.reported(east, north, self.reckoning.where, now)
 
     def _compare_compass(self, now: float) -> None:
-        """Compare two bearings of the surveyed place: by the compass, and by the newest position
+        """Compare two bearings of the estimated position: by the compass, and by the newest position
         with a GPS fix."""
-        place = self._survey.place
-        position = self._survey.newest_position
+        place = self._locator.place
+        position = self._locator.newest_position
         newest = self._pilot.tracker.newest
         if place is None or position is None or newest is None:
             return
@@ -139,7 +145,7 @@ class Companion:
     @property
     def _gives(self) -> bool:
         session = self._pilot.session
-        if not self.handback.begun or self.called_off:
+        if not self.external_position.begun or self.called_off:
             return False
         return session.vehicle.armed and session.heartbeat_age(self._now) < GONE
 
@@ -166,7 +172,7 @@ class Companion:
         session = self._pilot.session
         done = self._pilot.done
         if self._streams is None or (done and not self._alone and self._gives):
-            # After guidance, pilot and survey have released their own streams.
+            # After guidance, pilot and locator have released their own streams.
             self._alone = done
             health = {REPORTS[session.adapter.firmware.key]: 2.0, SECOND: 2.0}
             self._streams = StreamRequests(
@@ -182,13 +188,13 @@ class Companion:
         return [once(request, target) for request in self._streams.give_back()]
 
     def _place(self, now: float) -> Place | None:
-        """Return the target's place: the place given by the mission, else the surveyed place. None
+        """Return the target's place: the place given by the mission, else the estimated position. None
         if it is unknown."""
         if self._given is not None:
             return Place(
                 now, self._given, 0.0, 0.0, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False
             )
-        surveyed = self._survey.place
+        surveyed = self._locator.place
         return None if surveyed is None else surveyed.at(now)
 
     def _give_back(self, target: tuple[int, int], now: float) -> list[Message]:
@@ -203,7 +209,7 @@ class Companion:
             now, self._own(now), self._place(now), tracker.estimator.at(now) if fresh else None
         )
         good = self._health.good(now) if self._pilot.session.vehicle.armed else None
-        message = self.handback.step(
+        message = self.external_position.step(
             now, good=good, where=self.reckoning.where, plane=self.plane, target=target
         )
         return [] if message is None else [message]
@@ -214,8 +220,8 @@ class Companion:
         return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
 
     def _encode(self, message: Message) -> bytes:
-        """Return one frame. Raises ValueError if the hand-back must not send this message."""
+        """Return one frame. Raises ValueError if the external position must not send this message."""
         kind = message.get_type()
         if kind not in SENT_TYPES or message.command not in COMMANDS:
-            raise ValueError(f"the hand-back must not send {kind}")
+            raise ValueError(f"the external position must not send {kind}")
         return self._encoder.encode(message)

@@ -1,6 +1,6 @@
-"""Positions never steer: with and without survey and hand-back, the pilot sends the same bytes.
+"""Positions never steer: with and without locator and external position, the pilot sends the same bytes.
 
-test_handback.py tests a complete flight.
+test_external_position.py tests a complete flight.
 """
 
 from collections.abc import Callable
@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.extras.handback import companion
-from circnav_mav.extras.handback.companion import COMMANDS, Companion
-from circnav_mav.extras.handback.settings import HandBackSettings
+from circnav_mav.extras.external_position import companion
+from circnav_mav.extras.external_position.companion import COMMANDS, Companion
+from circnav_mav.extras.external_position.settings import ExternalPositionSettings
 from circnav_mav.extras.locate.estimator import locate
 from circnav_mav.extras.locate.locator import SENT_TYPES, LocateSettings, Locator
 from circnav_mav.pilot import VEHICLE
@@ -27,14 +27,16 @@ SETPOINTS = {
 ALLOWED = SENT_TYPES | companion.SENT_TYPES
 
 
-class SurveyedRig(Rig):
-    """A rig with survey and hand-back beside its pilot."""
+class LocatingRig(Rig):
+    """A rig with locator and external position beside its pilot."""
 
     def __init__(self, **changes):
         super().__init__(**changes)
         self.locator = Locator(LocateSettings(194), self.pilot)
-        self.companion = Companion(HandBackSettings(193, (47.3, 8.5)), self.pilot, self.locator)
-        self.survey: list[bytes] = []
+        self.companion = Companion(
+            ExternalPositionSettings(193, (47.3, 8.5)), self.pilot, self.locator
+        )
+        self.locator: list[bytes] = []
 
     def receive(self, message, **how):
         super().receive(message, **how)
@@ -49,8 +51,8 @@ class SurveyedRig(Rig):
         messages = super().step()
         if (job := self.locator.job(self.now)) is not None and self.tick % 40 == 0:
             self.locator.found(locate(*job))
-        self.survey += self.locator.step(self.now)
-        self.survey += self.companion.step(self.now)
+        self.locator += self.locator.step(self.now)
+        self.locator += self.companion.step(self.now)
         return messages
 
 
@@ -84,7 +86,7 @@ FALSE_POSITIONS: dict[str, Callable[[int], list[Any]]] = {
 @pytest.mark.parametrize("lie", FALSE_POSITIONS.values(), ids=FALSE_POSITIONS)
 def test_false_positions_change_no_output(lie):
     honest = Rig()
-    deceived = SurveyedRig()
+    deceived = LocatingRig()
     for tick in range(160):
         honest.run(0.05)
         deceived.run(0.05)
@@ -96,7 +98,7 @@ def test_false_positions_change_no_output(lie):
             deceived.show(deceived.source)
     assert honest.pilot.mission.phase is Phase.ENGAGED
     assert deceived.raw == honest.raw
-    sent_messages = [message for frame in deceived.survey for message in decode(frame)]
+    sent_messages = [message for frame in deceived.locator for message in decode(frame)]
     assert sent_messages
     assert {one.get_type() for one in sent_messages} <= ALLOWED and not ALLOWED & SETPOINTS
     assert {
@@ -122,11 +124,11 @@ def test_late_position_stamps_do_not_change_timesync():
         rig.run(8.0, positions)
         return rig.run(6.0, positions, round_trip=None).raw
 
-    assert flown(SurveyedRig, 8) == flown(SurveyedRig, 0) == flown(Rig, 8)
+    assert flown(LocatingRig, 8) == flown(LocatingRig, 0) == flown(Rig, 8)
 
 
-def test_survey_refuses_to_send_setpoints():
-    rig = SurveyedRig()
+def test_locator_refuses_to_send_setpoints():
+    rig = LocatingRig()
     for message in (
         mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
         mavlink.MAVLink_command_long_message(

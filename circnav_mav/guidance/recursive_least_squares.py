@@ -4,7 +4,7 @@ from math import exp
 from typing import Any
 
 
-class ForgettingFit:
+class RecursiveLeastSquares:
     """Weighted sums for the fit y = slope x + offset. Older pairs have a smaller weight.
 
     x, y: floats or complex numbers (vectors in the plane). x may be an array of candidates.

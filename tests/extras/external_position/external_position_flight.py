@@ -1,13 +1,13 @@
-"""Flights of the bundled vehicle in lockstep, with survey and hand-back beside the pilot."""
+"""Flights of the bundled vehicle in lockstep, with locator and external position beside the pilot."""
 
 from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.extras.handback.companion import Companion
-from circnav_mav.extras.handback.settings import HandBackSettings
+from circnav_mav.extras.external_position.companion import Companion
+from circnav_mav.extras.external_position.settings import ExternalPositionSettings
 from circnav_mav.pilot.loop_step import LoopStep
-from tests.extras.locate.flown import Surveyed, surveyed
+from tests.extras.locate.flown import LocatingFlight, locating_flight
 
 COMPONENT = 193
 GPS_LOST = (
@@ -24,8 +24,8 @@ GPS_LOST = (
 
 
 @dataclass
-class HandedBack(Surveyed):
-    """A flight with survey and hand-back. given: (time, frame) sent by the hand-back."""
+class ExternalPositionFlight(LocatingFlight):
+    """A flight with locator and external position. given: (time, frame) sent by the external position."""
 
     companion: Companion | None = None
     given: list[tuple[float, bytes]] = field(default_factory=list)
@@ -40,7 +40,7 @@ class HandedBack(Surveyed):
             self.vehicle.receive(frame)
 
     def fly(self, until, watch=None):  # type: ignore[no-untyped-def, override]
-        """Fly until a time, and also after the end of guidance while the hand-back is busy."""
+        """Fly until a time, and also after the end of guidance while the external position is busy."""
         assert self.companion is not None
         while self.now < until and (not self.pilot.done or self.companion.busy):
             self._step(until if self.pilot.done else min(self.pilot.scheduler.due, until))
@@ -50,7 +50,7 @@ class HandedBack(Surveyed):
 
     @property
     def given_messages(self) -> list[tuple[float, mavlink.MAVLink_message]]:
-        """Messages of the hand-back with their times, decoded by pymavlink."""
+        """Messages of the external position with their times, decoded by pymavlink."""
         parser = mavlink.MAVLink(None)
         return [
             (time, message)
@@ -59,12 +59,14 @@ class HandedBack(Surveyed):
         ]
 
 
-def handed_back(
+def external_position_flight(
     mission: str, *overrides: str, law: str | None = None, place: tuple[float, float] | None = None
-) -> HandedBack:
-    """Return a flight of a file in config/ with survey and hand-back. place: position of the
+) -> ExternalPositionFlight:
+    """Return a flight of a file in config/ with locator and external position. place: position of the
     target, given by the mission."""
-    flown = surveyed(mission, *overrides, law=law)
+    flown = locating_flight(mission, *overrides, law=law)
     assert flown.locator is not None
-    companion = Companion(HandBackSettings(COMPONENT, place), flown.pilot, flown.locator)
-    return HandedBack(flown.pilot, flown.vehicle, locator=flown.locator, companion=companion)
+    companion = Companion(ExternalPositionSettings(COMPONENT, place), flown.pilot, flown.locator)
+    return ExternalPositionFlight(
+        flown.pilot, flown.vehicle, locator=flown.locator, companion=companion
+    )

@@ -59,7 +59,7 @@ class DriftAlarm(NamedTuple):
     allowed: float = 0.0
 
 
-class DriftWatch:
+class DriftMonitor:
     """Compares the estimated drift with the drift that the circle allows."""
 
     def __init__(self) -> None:
@@ -146,7 +146,7 @@ def watch_airspeed(
     return new._replace(on=abs(new.change) > most * (0.9 if alarm.on else 1.0))
 
 
-class WayAlarm(NamedTuple):
+class ClosingAlarm(NamedTuple):
     """Alarm for a vehicle that does not come nearer, for example in wind above its airspeed.
 
     on: True while raised.
@@ -161,7 +161,7 @@ class WayAlarm(NamedTuple):
     airspeed: float = 0.0
 
 
-class WayWatch:
+class ClosingMonitor:
     """Compares the range rate of a vehicle outside its circle with its speed."""
 
     def __init__(self) -> None:
@@ -175,7 +175,7 @@ class WayWatch:
         # 10.0: the same time, s, while the estimated drift exceeds the airspeed. On good
         # vehicles in gusts it was at most 6 s.
         self._blown_away = Hysteresis(raise_after=10.0, clear_after=10.0)
-        self.alarm = WayAlarm()
+        self.alarm = ClosingAlarm()
 
     def update(self, estimate: RangeEstimate | None, orbit: Orbit) -> None:
         """Process an estimate. estimate: None while the vehicle is not engaged. A vehicle outside
@@ -184,7 +184,7 @@ class WayWatch:
             self._range_rate.clear()
             self._stays_away.clear()
             self._blown_away.clear()
-            self.alarm = WayAlarm()
+            self.alarm = ClosingAlarm()
             return
         rate = self._range_rate.update(estimate.r_dot, max(estimate.time - self._time, 0.0))
         self._time = estimate.time
@@ -195,7 +195,7 @@ class WayWatch:
         stays_away = self._stays_away.update(away, estimate.time)
         blown = away and drift is not None and drift > airspeed
         blown_away = self._blown_away.update(blown, estimate.time)
-        self.alarm = WayAlarm(stays_away or blown_away, estimate.r, drift, airspeed)
+        self.alarm = ClosingAlarm(stays_away or blown_away, estimate.r, drift, airspeed)
 
 
 class LapAlarm(NamedTuple):

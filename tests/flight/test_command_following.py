@@ -1,5 +1,5 @@
 """A vehicle that stays in its mode but does not fly the commanded turns: reported within 5 s. After
-`limits.unfollowed_s` the exit action follows."""
+`limits.not_following_s` the exit action follows."""
 
 import copy
 
@@ -40,7 +40,7 @@ def test_guidance_ends_when_vehicle_never_follows_turn_commands(
 ) -> None:
     """The vehicle starts on a heading away from the target, so that the law commands a turn."""
     fault = f'sim.vehicle.steering="{steering}"'
-    flown = flight(mission, fault, FAR, AWAY, "limits.unfollowed_s=4.0", law="auto").fly(60)
+    flown = flight(mission, fault, FAR, AWAY, "limits.not_following_s=4.0", law="auto").fly(60)
     assert alarmed_at(flown) - engaged_at(flown) < 5.0
     assert flown.outcome.ending is Ending.ABORTED
     assert flown.outcome.reason == (

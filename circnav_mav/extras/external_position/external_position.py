@@ -1,4 +1,4 @@
-"""Hand-back: send MAV_CMD_EXTERNAL_POSITION_ESTIMATE once a second to an autopilot that has lost
+"""External position: send MAV_CMD_EXTERNAL_POSITION_ESTIMATE once a second to an autopilot that has lost
 its position.
 
 No position is sent while the autopilot has an absolute position, or while its status is not
@@ -39,7 +39,7 @@ ANSWER_PATIENCE = 2.0
 """Time to wait for the answer to a position, s. Without an answer, the next position is sent after
 the same time again, because the answer may be late."""
 MOST_SILENT = 3
-"""Number of consecutive unanswered positions after which the hand-back stops."""
+"""Number of consecutive unanswered positions after which the external position stops."""
 LOOK_AFTER = 0.5
 """Time from the acceptance of a position to the check of its effect, s."""
 EFFECT = 30.0
@@ -47,14 +47,14 @@ EFFECT = 30.0
 position without effect. For an uncertain estimate, five standard deviations are used if they are
 larger."""
 MOST_WITHOUT = 3
-"""Number of consecutive positions without effect after which the hand-back stops."""
+"""Number of consecutive positions without effect after which the external position stops."""
 LEAST_SIGMA = 1.0
 """Smallest standard deviation that is sent, m. With a smaller one, PX4 makes a hard reset."""
 MOST_SIGMA = 300.0
-"""Largest standard deviation with which a position is still sent, m. Without hand-back, the
+"""Largest standard deviation with which a position is still sent, m. Without external position, the
 autopilot's own position was several km off."""
 MOST_GIVEN = 10_000
-"""Number of newest positions kept for handback.csv: 2.7 hours at 1 Hz."""
+"""Number of newest positions kept for external_position.csv: 2.7 hours at 1 Hz."""
 COMPASS_SIGMA = 0.03
 """Standard deviation of the estimated compass bias, rad. Before the bias is estimated, three times
 this value is used."""
@@ -303,8 +303,8 @@ def _at_distance(r: float, target: Place, here: PositionEstimate) -> PositionEst
     return replace(here, east=target.east + way.real, north=target.north + way.imag, by_ranges=True)
 
 
-class HandBack:
-    """Hand-back: decides when a position is sent, and when sending stops for the rest of the
+class ExternalPosition:
+    """External position: decides when a position is sent, and when sending stops for the rest of the
     flight."""
 
     def __init__(self) -> None:
@@ -315,7 +315,7 @@ class HandBack:
         self.ended = "the position was not lost"
         """Human-readable reason why no position is sent."""
         self.over = False
-        """True if the hand-back has stopped for the rest of the flight."""
+        """True if the external position has stopped for the rest of the flight."""
         self._lost_since: float | None = None
         self._lacks = ""
         """Human-readable reason why no position is available."""
@@ -328,12 +328,12 @@ class HandBack:
 
     @property
     def begun(self) -> bool:
-        """True if the autopilot has lost its position and the hand-back has not stopped."""
+        """True if the autopilot has lost its position and the external position has not stopped."""
         return self._lost_since is not None and not self.over
 
     @property
     def works(self) -> bool:
-        """True while the hand-back has not failed."""
+        """True while the external position has not failed."""
         return not self.over and not self._lacks
 
     @property

@@ -1,7 +1,7 @@
-"""Onlooker of a fleet member: sends and receives reports, and requests changes that space the fleet
+"""Listener of a fleet member: sends and receives reports, and requests changes that space the fleet
 evenly.
 
-The onlooker uses the relative motion estimated by the pilot. It requests only changes of radius and
+The listener uses the relative motion estimated by the pilot. It requests only changes of radius and
 speed within narrow limits. Without reports from other members it requests nothing, and the vehicle
 flies as a single vehicle.
 """
@@ -31,7 +31,7 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.keys import KeyFileError, read_key
-from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings, OtherVehicle
+from circnav_mav.runtime.listeners import Listener, ListenerSettings, OtherVehicle
 from circnav_mav.timers import Since
 
 LAYER_SHARE = 0.5
@@ -71,8 +71,8 @@ def fleet_line(found: Mapping[str, Any]) -> str:
     return f"  fleet      id {found['id']}, {len(found['members'])} members, {even}{layer}"
 
 
-class FleetOnlooker(Onlooker):
-    """Onlooker of one fleet member."""
+class FleetListener(Listener):
+    """Listener of one fleet member."""
 
     name = "fleet"
 
@@ -368,8 +368,8 @@ def mission_link(table: FleetTable, tolerance: float = CLOCK_TOLERANCE) -> Fleet
         raise Refused(f"fleet: {error}") from None
 
 
-def join_fleet(given: OnlookerSettings) -> FleetOnlooker:
-    """Return the onlooker of a fleet member. Raises Refused.
+def join_fleet(given: ListenerSettings) -> FleetListener:
+    """Return the listener of a fleet member. Raises Refused.
 
     With the bundled vehicle, only `circnav fly --fleet` provides a link: a real network is slower
     than simulated time.
@@ -382,4 +382,4 @@ def join_fleet(given: OnlookerSettings) -> FleetOnlooker:
         table = table_of(mission)
         refuse_taken(mission, table)
         link = mission_link(table)
-    return FleetOnlooker(mission, given.pilot, link)
+    return FleetListener(mission, given.pilot, link)

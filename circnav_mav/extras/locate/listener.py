@@ -1,4 +1,4 @@
-"""Onlooker that runs the survey of the target, with its own process."""
+"""Listener that runs the locator of the target, with its own process."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
@@ -13,14 +13,14 @@ from circnav_mav.extras.locate.settings import locate_settings
 from circnav_mav.extras.locate.solver import start_solver
 from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.runtime.onlookers import Onlooker, OnlookerSettings
+from circnav_mav.runtime.listeners import Listener, ListenerSettings
 
 
-class LocateOnlooker(Onlooker):
-    """Onlooker that runs a `Locator`. The estimator has its own process, because an estimate takes
-    longer than a tick. A thread would hold the interpreter lock and delay setpoints."""
+class LocateListener(Listener):
+    """Listener that runs a `Locator`. The estimator has its own process, because an estimate takes
+    longer than a tick. A thread would coast the interpreter lock and delay setpoints."""
 
-    name = "survey"
+    name = "locate"
 
     def __init__(self, locator: Locator, *, waits: bool) -> None:
         """waits: True to wait for the result of every estimate, so that simulated flights are
@@ -40,7 +40,7 @@ class LocateOnlooker(Onlooker):
         if step.held_back:
             return []
         frames = self.locator.step(step.time)
-        self._survey(step.time)
+        self._locator(step.time)
         return frames
 
     def facts(self, now: float) -> Mapping[str, str]:
@@ -74,7 +74,7 @@ class LocateOnlooker(Onlooker):
         """End the process."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
-    def _survey(self, now: float) -> None:
+    def _locator(self, now: float) -> None:
         if self._under_way is not None and (self._waits or self._under_way.done()):
             self.locator.found(self._under_way.result())
             self._under_way = None
@@ -82,11 +82,11 @@ class LocateOnlooker(Onlooker):
             self._under_way = self._pool.submit(locate, *job)
 
 
-def open_onlooker(given: OnlookerSettings) -> LocateOnlooker | None:
-    """Return the survey onlooker, or None if the mission does not enable it."""
+def open_listener(given: ListenerSettings) -> LocateListener | None:
+    """Return the locator listener, or None if the mission does not enable it."""
     settings = locate_settings(given.mission)
     if settings is None:
         return None
-    return LocateOnlooker(
+    return LocateListener(
         Locator(settings, given.pilot, given.signing), waits=given.mission.flies_sim
     )
