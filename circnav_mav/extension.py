@@ -33,8 +33,8 @@ class Extension:
     report_section: function from a run folder to HTML for its report, empty for nothing.
     schemas: pydantic models of other files, by the names that `circnav schema` takes.
     functions: functions of the public API, by name: `from circnav_mav import NAME`.
-    position_forecast: function from a mission and the time on its circle (s) to the expected standard
-        deviation of the beacon's place, m, or None.
+    position_forecast: function from a mission and the time on its circle (s) to the expected
+        standard deviation of the beacon's place, m, or None.
     order: place among the commands that `circnav --help` lists.
     """
 

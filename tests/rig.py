@@ -2,23 +2,19 @@
 tick."""
 
 from collections.abc import Callable, Hashable
-from dataclasses import replace
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.circle_change import CircleLimits
-from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.monitors import Bounds
-from circnav_mav.guidance.tuning import LawTuning
-from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.identity import LinkSettings
-from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.session import Session
-from circnav_mav.pilot import VEHICLE, Pilot, PilotSettings, Timing
+from circnav_mav.mission.load import parse_mission
+from circnav_mav.mission.mission import Mission
+from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
+from circnav_mav.timers import Hysteresis
 from tests.frames import output
 
 GUIDED = 4
@@ -27,23 +23,57 @@ ARMED = 128 | 1
 """MAV_MODE_FLAG_SAFETY_ARMED and CUSTOM_MODE_ENABLED."""
 TICK = 0.05
 
-ORBIT = Orbit(radius=100.0, direction=Direction.CLOCKWISE, speed=15.0, max_turn_rate=0.35)
-MISSION = PilotSettings(
-    orbit=ORBIT,
-    tuning=LawTuning(
-        "smooth", EstimatorSettings(15.0, 0.35), turn_lag=0.4, sigma=0.5, period=0.1, gain=1e-4
-    ),
-    circle_limits=CircleLimits(speed=15.0),
-    estimator="kalman",
-    ranging=RangingSettings(message="distance_sensor", orientation=24),
-    link=LinkSettings(),
-    autopilot="ardupilot",
-    kind="copter",
-    facts=VehicleFacts(speed=15.0),
-    timing=Timing(duration=600.0, airborne=0.0),  # the rig's vehicle has flown for long
-    bounds=Bounds(),
-    min_height=0.0,
-)
+MISSION = """\
+name = "rig"
+
+[vehicle]
+autopilot = "ardupilot"
+kind = "copter"
+speed_mps = 15.0
+max_turn_rate_deg_s = 20.05352282957881
+max_bank_deg = 40.107045659157625
+turn_gain = 1.0
+
+[orbit]
+radius_m = 100.0
+direction = "clockwise"
+
+[guidance]
+law = "smooth"
+gain = 1e-4
+estimator = "kalman"
+
+[ranging]
+message = "distance_sensor"
+rate_hz = 10.0
+sigma_m = 0.5
+orientation = 24
+
+[link]
+endpoint = "udpin:127.0.0.1:14550"
+
+[engage]
+min_height_m = 0.0
+
+[limits]
+duration_s = 600.0
+"""
+"""The rig's mission. Its largest turn rate is 0.35 rad/s, its largest bank 0.7 rad."""
+
+
+ANY_SENSOR = MISSION.replace("orientation = 24\n", "")
+"""The rig's mission without a choice of the range sensor."""
+
+
+def rig_mission(*overrides: str, text: str = MISSION) -> Mission:
+    """Return the rig's mission with overrides."""
+    return parse_mission(text, "rig.toml", overrides)
+
+
+def flown_for_long(pilot: Pilot) -> Pilot:
+    """Return the pilot of a vehicle that has been in the air for a long time."""
+    pilot.airborne.in_air = Hysteresis(raise_after=0.0)
+    return pilot
 
 
 class Voice:
@@ -108,11 +138,6 @@ def beacon(mm: int, stamp_us: int, sequence: int, **rest: Any) -> Any:
     )
 
 
-def timing(**changes: float) -> Timing:
-    """Return the timing of the rig's mission, with changes."""
-    return replace(MISSION.timing, **changes)
-
-
 def decode(data: bytes) -> list[Any]:
     """Return all messages in the output of the pilot, decoded by pymavlink."""
     parser = mavlink.MAVLink(None)
@@ -123,8 +148,11 @@ class Rig:
     """A pilot without links, and the messages of its vehicle. Every 0.05 s the vehicle sends what
     is due (heartbeats at 4 Hz, ranges at 10 Hz), then the pilot makes a step."""
 
-    def __init__(self, **changes: Any) -> None:
-        self.pilot = Pilot(replace(MISSION, **changes))
+    def __init__(
+        self, *overrides: str, output_mode: OutputMode = OutputMode.FLY, text: str = MISSION
+    ) -> None:
+        mission = rig_mission(*overrides, text=text)
+        self.pilot = flown_for_long(Pilot(mission, output_mode=output_mode))
         self.vehicle = Voice()
         self.source: Hashable = "vehicle"
         self.mode = GUIDED

@@ -53,7 +53,7 @@ def write_manifest(
         autopilot["firmware"] = session.vehicle.firmware
     facts = {
         "mission": mission.file.name,
-        "output_mode": pilot.settings.output_mode.value,
+        "output_mode": pilot.output_mode.value,
         "epoch_us": epoch_us,
         "utc_epoch_us": session.vehicle.utc.offset and round(session.vehicle.utc.offset * 1e6),
         "seeds": {} if seed is None else {"sim": seed},
@@ -129,7 +129,7 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) 
         version=__version__,
         epoch_us=epoch_us,
         recording_problem=recorder.problem,
-        output_mode=pilot.settings.output_mode.value,
+        output_mode=pilot.output_mode.value,
         clock_speed=pilot.session.clock_speed.noticed,
         engaged_s=pilot.mission.engaged_at,
         until_s=recorder.until,

@@ -107,7 +107,7 @@ def fly_mission(
             signing, signing_time = open_signing(mission, open_things)
             links = open_links(mission, open_things, stop)
             stop.claim()
-            pilot = Pilot(mission.pilot_settings(output_mode), signing)
+            pilot = Pilot(mission, signing, output_mode)
             listeners = open_listeners(
                 mission, pilot, signing, options | {"speed": speed}, watched_open
             )

@@ -10,7 +10,7 @@ from circnav_mav.mav.autopilots.interface import Autopilot, rules_by_parameter
 from circnav_mav.mav.autopilots.parameters import Rule
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mission.mission import Mission
-from circnav_mav.mission.preflight import parameter_context
+from circnav_mav.preflight.checks import parameter_context
 
 INT8 = 2
 INT16 = 4

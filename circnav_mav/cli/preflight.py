@@ -7,8 +7,8 @@ from circnav_mav.cli.connect import link_troubles, open_links, open_signing, sta
 from circnav_mav.cli.exits import Exit, Refused, say
 from circnav_mav.extension import extensions, load
 from circnav_mav.mav.check_result import Check, Grade
-from circnav_mav.mission.preflight import judge
-from circnav_mav.pilot.preflight_listener import PreflightListener
+from circnav_mav.preflight.checks import judge
+from circnav_mav.preflight.listener import PreflightListener
 from circnav_mav.runtime.clock import AutopilotClock
 from circnav_mav.runtime.runner import StopRequest, listen
 
@@ -31,7 +31,7 @@ def preflight_file(
     with ExitStack() as open_things:
         signing, signing_time = open_signing(mission, open_things)
         links = open_links(mission, open_things)
-        listener = PreflightListener(mission.pilot_settings(), seconds=seconds, signing=signing)
+        listener = PreflightListener(mission, seconds=seconds, signing=signing)
         clock = start_clock(mission, listener.session, links)
         stop = StopRequest()
         listen(listener, links, clock, stop, signing_time)

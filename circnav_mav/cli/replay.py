@@ -16,7 +16,7 @@ from circnav_mav.guidance.laws import LAWS
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mission.load import MissionError, load_mission, parse_mission
 from circnav_mav.mission.mission import Mission
-from circnav_mav.pilot import VEHICLE, OutputMode, Pilot, PilotSettings
+from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
 from circnav_mav.pilot.controller import FlownCommands
 from circnav_mav.pilot.loop_step import STEPS, LoopStep
 from circnav_mav.runlog.atomic_write import atomic_write
@@ -93,10 +93,10 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
         raise Refused(
             f"{run.folder / 'manifest.json'}: output_mode: {run.output_mode!r} is unknown"
         ) from None
-    settings = mission.pilot_settings(output_mode)
     with refusing(run.folder):
-        pilot = Pilot(settings)
-    pilot.controller.flown = _flown_commands(run, settings)
+        pilot = Pilot(mission, output_mode=output_mode)
+    if pilot.flies:
+        pilot.controller.flown = _flown_commands(run, mission)
     empty = "nothing to replay: flight.tlog or steps.csv is empty, or damaged from its beginning on"
     until = None
     with suppress(RunError):  # damaged ticks are reported after the replay
@@ -123,7 +123,7 @@ def _replay_plain(log: str, path: str | None, overrides: Sequence[str], out: str
     refuse_failing(path, mission, shown=())
     tlog = Path(log)
     check_tlog(tlog)
-    pilot = Pilot(without_timeouts(mission.pilot_settings(OutputMode.DRY_RUN)))
+    pilot = Pilot(without_timeouts(mission), output_mode=OutputMode.DRY_RUN)
     steps = tlog_steps(tlog, mission.file.link.component_id)
     done = _replayed(
         tlog,
@@ -196,14 +196,12 @@ def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]
     return mission
 
 
-def _flown_commands(run: Run, settings: PilotSettings) -> FlownCommands | None:
+def _flown_commands(run: Run, mission: Mission) -> FlownCommands | None:
     """Return the result of `flown_commands`. None if mission or ticks cannot be read, which is
     reported later."""
     try:
-        flown = parse_mission(run.mission_text, str(run.folder / "mission.toml")).pilot_settings(
-            settings.output_mode
-        )
-        return flown_commands(settings, flown, run.ticks)
+        flown = parse_mission(run.mission_text, str(run.folder / "mission.toml"))
+        return flown_commands(mission, flown, run.ticks)
     except (MissionError, RunError):
         return None
 

@@ -1,8 +1,7 @@
-"""Monitors beside the law: violated mission bounds, too strong a drift, an airspeed error that
+"""Monitors beside the law: too strong a drift, an airspeed error that
 changes, a vehicle that does not approach the target, and ranges that contradict the turns."""
 
 from cmath import rect
-from dataclasses import dataclass
 from math import exp, inf, pi
 from typing import NamedTuple
 
@@ -10,40 +9,6 @@ from circnav_mav.guidance.laws import tolerated_drift
 from circnav_mav.guidance.maths import wrap
 from circnav_mav.guidance.types import Orbit, RangeEstimate
 from circnav_mav.timers import Hysteresis, LowPass
-
-
-@dataclass(frozen=True, slots=True)
-class Bounds:
-    """Bounds of the mission. None: no bound.
-
-    closest, farthest: bounds of the range, m.
-    lowest, highest: bounds of the altitude above sea level, m.
-    battery: least remaining charge, percent.
-    """
-
-    closest: float | None = None
-    farthest: float | None = None
-    lowest: float | None = None
-    highest: float | None = None
-    battery: float | None = None
-
-
-def breach(
-    bounds: Bounds, *, r: float | None, altitude: float | None, battery: float | None
-) -> str | None:
-    """Return a description of the first violated bound, or None. Unknown values (None) violate no
-    bound."""
-    limits = (
-        (r, bounds.closest, -1, "range {:.1f} m is nearer than {:.1f} m"),
-        (r, bounds.farthest, 1, "range {:.1f} m is farther than {:.1f} m"),
-        (altitude, bounds.lowest, -1, "altitude {:.1f} m is below {:.1f} m"),
-        (altitude, bounds.highest, 1, "altitude {:.1f} m is above {:.1f} m"),
-        (battery, bounds.battery, -1, "battery {:.0f} % is below {:.0f} %"),
-    )
-    for value, bound, side, words in limits:
-        if value is not None and bound is not None and side * (value - bound) > 0:
-            return words.format(value, bound)
-    return None
 
 
 class DriftAlarm(NamedTuple):

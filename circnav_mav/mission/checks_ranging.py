@@ -72,7 +72,7 @@ def _bounds(mission: Mission) -> Iterator[Check]:
 def _radio(mission: Mission) -> Iterator[Check]:
     table = mission.file.ranging
     message = RANGING_MESSAGES[table.message]
-    if why := message.why_never(mission.pilot_settings().ranging):
+    if why := message.why_never(mission.ranging):
         yield Check(FAIL, "ranging", why)
     if not message.forwarded and table.endpoint is None:
         remedy = "set ranging.endpoint, unless the radio itself sends to link.endpoint"
@@ -146,7 +146,7 @@ def _noise(mission: Mission) -> Iterator[Check]:
 def _slant(mission: Mission) -> Iterator[Check]:
     radius = mission.orbit.radius
     height = mission.file.orbit.height_above_target_m
-    if mission.height.needs_altitude:
+    if mission.file.orbit.needs_altitude:
         yield Check(
             PASS,
             "height",

@@ -166,7 +166,7 @@ def _check_numbers(mission: Mission, where: str) -> None:
     overflow. Raises MissionError."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            mission.pilot_settings()
+            _ = mission.facts, mission.ranging, mission.circle_limits, mission.estimation_by_drag
             mission.tuning.loop_lag(mission.orbit.radius)
     except ArithmeticError as error:
         reason = str(error.args[-1]) if error.args else "not a finite number"

@@ -2,6 +2,7 @@
 derived from them."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, radians, tan
 
 from circnav_mav.guidance.air_drag import SCALE_BOUNDS, SCALE_SIGMA, coefficient_at
@@ -9,19 +10,15 @@ from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.guidance.monitors import Bounds
 from circnav_mav.guidance.step import LawChoice
 from circnav_mav.guidance.tuning import LawTuning
 from circnav_mav.guidance.types import GRAVITY, Direction, Orbit, OwnLaw
 from circnav_mav.mav.autopilots.interface import Autopilot, VehicleFacts
 from circnav_mav.mav.autopilots.table import allowed, table_key
-from circnav_mav.mav.identity import LinkSettings
 from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mav.ranging.interface import RATE_SIGMA, RangingSettings
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.schema import MOST_STALE, MissionFile
-from circnav_mav.pilot import LINKS, RANGING, VEHICLE, OutputMode, PilotSettings, Timing
-from circnav_mav.pilot.settings import HeightSettings
 
 STALE_PERIODS = 2.5
 """Default of `limits.stale_s`, in periods of the ranging radio. With it, a single lost range does
@@ -35,9 +32,11 @@ CARRIES_FAR = 1000.0
 """`bounds.max_range_m` has no default for messages that can report at least this range, m."""
 SIM = "sim"
 """Endpoint of the bundled vehicle."""
+VEHICLE, RANGING = LINKS = ("vehicle", "ranging")
+"""Names of the links: to the vehicle, and to a ranging radio with a separate endpoint."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Mission:
     """A validated mission.
 
@@ -49,7 +48,7 @@ class Mission:
     file: MissionFile
     text: str
 
-    @property
+    @cached_property
     def orbit(self) -> Orbit:
         """Circle, in SI units and radians. max_turn_rate is the smaller of the given limit and the
         rate of a coordinated turn at the bank limit."""
@@ -63,7 +62,7 @@ class Mission:
         direction = Direction(self.file.orbit.direction)
         return Orbit(self.file.orbit.radius_m, direction, vehicle.speed_mps, min(banked, given))
 
-    @property
+    @cached_property
     def tuning(self) -> LawTuning:
         """Law, and the values that determine its gain on any circle."""
         guidance = self.file.guidance
@@ -79,7 +78,7 @@ class Mission:
             RATE_SIGMA if self.estimator == "measured" else None,
         )
 
-    @property
+    @cached_property
     def law(self) -> LawChoice:
         """Law with its gain. The gain is that of the file, or the default of the law."""
         return self.tuning.choice(self.orbit)
@@ -105,17 +104,17 @@ class Mission:
             ESTIMATORS[self.estimator](self.estimation)
         return own_law
 
-    @property
+    @cached_property
     def estimation(self) -> EstimatorSettings:
         """Settings of the estimator."""
         settings = EstimatorSettings(self.orbit.speed, self.orbit.max_turn_rate)
         if any(vehicle.airspeed_from_drag for vehicle in self.vehicles):
-            return self._estimation_by_drag
+            return self.estimation_by_drag
         sigma = next((vehicle.ground_speed_sigma for vehicle in self.vehicles), None)
         return settings if sigma is None else replace(settings, drift_sigma=0.1, scale_sigma=sigma)
 
-    @property
-    def _estimation_by_drag(self) -> EstimatorSettings:
+    @cached_property
+    def estimation_by_drag(self) -> EstimatorSettings:
         """Settings of the estimator for a copter whose accelerometer measures its airspeed."""
         # 0.5: error of the measured accelerations of a copter without GPS, m/s^2. In turns its
         # estimated attitude is wrong by 3 deg.
@@ -133,14 +132,6 @@ class Mission:
         return self.file.engage.on_gps_loss == "attitude"
 
     @property
-    def height(self) -> HeightSettings:
-        """Height settings of the mission."""
-        orbit = self.file.orbit
-        return HeightSettings(
-            orbit.height_above_target_m, orbit.target_altitude_m, orbit.target_above_home_m
-        )
-
-    @property
     def max_range(self) -> float:
         """Largest range that the ranging message can report, m."""
         return RANGING_MESSAGES[self.file.ranging.message].farthest
@@ -152,7 +143,7 @@ class Mission:
         end = self.max_range
         return self.file.bounds.max_range_m or (END_SHARE * end if end < CARRIES_FAR else None)
 
-    @property
+    @cached_property
     def stale(self) -> float:
         """Largest age of the newest range with which the vehicle is steered, s: the file's value,
         or a default that tolerates one lost range."""
@@ -192,13 +183,13 @@ class Mission:
             return 1.0
         return inf if pace is None else pace
 
-    @property
+    @cached_property
     def vehicle_key(self) -> tuple[str, str]:
         """Key of the vehicle in the table of vehicles."""
         vehicle = self.file.vehicle
         return table_key(vehicle.autopilot, vehicle.kind, vehicle.method)
 
-    @property
+    @cached_property
     def vehicles(self) -> tuple[type[Autopilot], ...]:
         """Adapters of the vehicles that may be flown. Empty if the requested vehicle is not
         supported."""
@@ -214,69 +205,26 @@ class Mission:
             else min((one.least_turn_gain for one in self.vehicles), default=1.0)
         )
 
-    def pilot_settings(self, output_mode: OutputMode = OutputMode.FLY) -> PilotSettings:
-        """Return the settings of the pilot. Raises ValueError if the gain is too small for a
-        correction of the radius."""
-        file = self.file
-        # 60.0 (outage): time after the loss of the link, s, at which the mission ends unless the
-        # vehicle is steered again. If `limits.coast_s` is longer, it is used instead.
-        return PilotSettings(
-            orbit=self.orbit,
-            estimator=self.estimator,
-            ranging=self._ranging(),
-            link=LinkSettings(file.vehicle.system_id, file.link.component_id),
-            autopilot=self.vehicle_key[0],
-            kind=self.vehicle_key[1],
-            facts=VehicleFacts(
-                speed=file.vehicle.speed_mps,
-                max_bank=radians(file.vehicle.max_bank_deg or 0.0),
-                drag=coefficient_at(file.vehicle.drag_per_s, file.vehicle.speed_mps),
-                tilts_by_stick=any(one.tilts_by_stick for one in self.vehicles),
-            ),
-            bounds=Bounds(
-                closest=file.bounds.min_range_m,
-                farthest=self.farthest,
-                lowest=file.bounds.min_altitude_m,
-                highest=file.bounds.max_altitude_m,
-                battery=file.bounds.min_battery_percent,
-            ),
-            turn_gain=None if file.vehicle.turn_gain == "learn" else file.vehicle.turn_gain,
-            timing=Timing(
-                duration=file.limits.duration_s,
-                wait_link=file.link.wait_s,
-                wait_ranging=file.link.wait_s,
-                stale=self.stale,
-                hold=file.limits.coast_s,
-                unfollowed=file.limits.not_following_s,
-                outage=max(60.0, file.limits.coast_s),
-                round_trip=self.slowest_answer,
-                tick=1 / file.limits.tick_hz,
-            ),
-            request_mode=file.engage.request_mode,
-            end_on_takeover=file.engage.on_takeover == "end",
-            min_height=file.engage.min_height_m,
-            exit=file.exit.action,
-            output_mode=output_mode,
-            ranging_apart=file.ranging.endpoint is not None,
-            stream_links=frozenset(
-                link
-                for link, endpoint in (
-                    (VEHICLE, file.link.endpoint),
-                    (RANGING, file.ranging.endpoint),
-                )
-                if endpoint and endpoint.startswith(("tcp", "serial"))
-            ),
-            unsigned_links=self._unsigned_links(),
-            height=self.height,
-            tuning=self.tuning,
-            unsigned_parameters=file.link.unsigned_parameters,
-            flies_without_gps=self.flies_without_gps,
-            estimation_without_gps=self._estimation_by_drag,
-            circle_limits=self._circle_limits(),
+    @property
+    def turn_gain(self) -> float | None:
+        """Ratio of realized to commanded turn rate, None to learn it in flight."""
+        given = self.file.vehicle.turn_gain
+        return given if isinstance(given, float) else None
+
+    @cached_property
+    def facts(self) -> VehicleFacts:
+        """Vehicle data for the adapters and the controller."""
+        vehicle = self.file.vehicle
+        return VehicleFacts(
+            speed=vehicle.speed_mps,
+            max_bank=radians(vehicle.max_bank_deg or 0.0),
+            drag=coefficient_at(vehicle.drag_per_s, vehicle.speed_mps),
+            tilts_by_stick=any(one.tilts_by_stick for one in self.vehicles),
         )
 
-    def _circle_limits(self) -> CircleLimits:
-        """Return the limits of a change of the circle in flight."""
+    @cached_property
+    def circle_limits(self) -> CircleLimits:
+        """Limits of a change of the circle in flight."""
         bounds = self.file.bounds
         return CircleLimits(
             speed=self.orbit.speed,
@@ -286,7 +234,22 @@ class Mission:
             turn_gain=self.least_turn_gain,
         )
 
-    def _unsigned_links(self) -> frozenset[str]:
+    @property
+    def ranging_apart(self) -> bool:
+        """True if the radio has a separate link."""
+        return self.file.ranging.endpoint is not None
+
+    @property
+    def stream_links(self) -> frozenset[str]:
+        """Links that are byte streams (TCP, serial), not datagrams."""
+        endpoints = {VEHICLE: self.file.link.endpoint, RANGING: self.file.ranging.endpoint or ""}
+        return frozenset(
+            link for link, endpoint in endpoints.items() if endpoint.startswith(("tcp", "serial"))
+        )
+
+    @property
+    def unsigned_links(self) -> frozenset[str]:
+        """Links on which unsigned frames are accepted despite a signing key."""
         accepted = self.file.signing.accept_unsigned if self.file.signing else False
         if accepted == "ranging" or (
             self.ranging_driver and not accepted
@@ -294,7 +257,9 @@ class Mission:
             return frozenset((RANGING,))
         return frozenset(LINKS if accepted else ())
 
-    def _ranging(self) -> RangingSettings:
+    @cached_property
+    def ranging(self) -> RangingSettings:
+        """Selection of the ranging telemetry."""
         calibration = {"scale", "bias_m", "delay_s", "points_m"}
         given = self.file.ranging.model_dump(exclude={"endpoint", *calibration})
         # 0.5: largest useful standard deviation of a range, as a share of the radius.

@@ -38,8 +38,8 @@ MOST_STALE = 5.0
 """Largest value of `limits.stale_s`, s: age of the newest range up to which the vehicle is
 steered."""
 MAX_PATIENCE = 3600.0
-"""Largest value of `limits.coast_s` and `limits.not_following_s`, s. A larger value was probably meant
-in ms, and would disable the exit action."""
+"""Largest value of `limits.coast_s` and `limits.not_following_s`, s. A larger value was probably
+meant in ms, and would disable the exit action."""
 MAX_NAME = 100
 """Largest number of characters in a mission's name. The name of the run folder consists of a time
 and this name."""
@@ -117,6 +117,11 @@ class OrbitTable(Table):
     height_above_target_m: NotNegative | None = None
     target_altitude_m: Height | None = None
     target_above_home_m: Height | None = None
+
+    @property
+    def needs_altitude(self) -> bool:
+        """True if the height is unknown until the vehicle reports its altitude."""
+        return self.target_altitude_m is not None or self.target_above_home_m is not None
 
 
 def _named(table: NameTable[Any]) -> Any:
@@ -220,6 +225,16 @@ class LimitsTable(Table):
     coast_s: Patience = 10.0
     not_following_s: Patience = 10.0
     tick_hz: Annotated[float, Field(ge=5, le=100)] = 20.0  # PX4 leaves OFFBOARD below 2 Hz
+
+    @property
+    def tick(self) -> float:
+        """Period of the steps without fresh ranges, s."""
+        return 1 / self.tick_hz
+
+    @property
+    def outage(self) -> float:
+        """Longest time from the loss of the link until the vehicle is steered again, s."""
+        return max(60.0, self.coast_s)
 
 
 class ExitTable(Table):

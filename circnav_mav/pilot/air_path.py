@@ -8,9 +8,11 @@ from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.guidance.velocity_loop import CopterMotion
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
+from circnav_mav.mav.own_motion import ACCELERATIONS
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.height import READ
+from circnav_mav.pilot.mission_state import MissionState
 from circnav_mav.pilot.range_tracker import RangeTracker
 
 OTHER_IMUS = dialect.MAVLINK_MSG_ID_SCALED_IMU2, dialect.MAVLINK_MSG_ID_SCALED_IMU3
@@ -26,8 +28,22 @@ class AirPath:
     wind. Both are learned while a copter holds its speed over the ground.
     """
 
-    def __init__(self, session: Session, tracker: RangeTracker, controller: Controller) -> None:
+    reads = READ | {"GLOBAL_POSITION_INT", "ATTITUDE", "ATTITUDE_QUATERNION", *ACCELERATIONS}
+    """Types of the messages that `receive` processes."""
+
+    def __init__(
+        self,
+        session: Session,
+        tracker: RangeTracker,
+        controller: Controller,
+        mission: MissionState,
+        *,
+        flies: bool,
+    ) -> None:
+        """flies: False in a dry run."""
         self._session = session
+        self._mission = mission
+        self._flies = flies
         self._tracker = tracker
         self._controller = controller
         self._copter_motion = CopterMotion()
@@ -38,9 +54,10 @@ class AirPath:
         self.scale_fit = ScaleFit()
         self.wind = MeanWind()
 
-    def receive(self, message: Message, now: float, *, steering: bool, flies: bool) -> None:
+    def receive(self, message: Message, now: float) -> None:
         """Process a message of the vehicle. Update the height and, if the message is an attitude,
-        the turn response and the estimators. flies: False in a dry run."""
+        the turn response and the estimators."""
+        steering = self._mission.steering
         adapter = self._session.adapter
         motion = self._session.motion
         controller = self._controller
@@ -83,7 +100,7 @@ class AirPath:
         # A vehicle without an airspeed sensor has the commanded airspeed while it follows its
         # commands. In a dry run another program commands the vehicle: assume the commanded airspeed
         # while the vehicle turns as our commands would turn it.
-        follows = controller.vehicle.at_speed if flies else controller.vehicle.followed
+        follows = controller.vehicle.at_speed if self._flies else controller.vehicle.followed
         if not holds_ground_speed or (steering and follows):
             self._tracker.estimator.move(own)
 

@@ -11,11 +11,14 @@ from typing import NamedTuple
 from pymavlink.dialects.v20.all import MAV_LANDED_STATE_ON_GROUND
 
 from circnav_mav.mav.session import Session
-from circnav_mav.pilot.settings import PilotSettings
+from circnav_mav.mission.mission import Mission
 from circnav_mav.timers import Hysteresis
 
 LEAST_AIRSPEED = 0.7
 """Least airspeed of a plane at the engagement, as a share of the mission's speed."""
+ESTABLISHED = 5.0
+"""Time in the air without interruption after which a flight is established, s. ArduCopter reports
+IN_AIR 0.1 s after lift-off."""
 
 
 class Obstacle(NamedTuple):
@@ -32,10 +35,10 @@ class Obstacle(NamedTuple):
 class Airborne:
     """Airborne state of the pinned vehicle."""
 
-    def __init__(self, settings: PilotSettings, session: Session) -> None:
+    def __init__(self, settings: Mission, session: Session) -> None:
         self._settings = settings
         self._session = session
-        self._in_air = Hysteresis(raise_after=settings.timing.airborne)
+        self.in_air = Hysteresis(raise_after=ESTABLISHED)
         self._stood = False
         """True after the vehicle was seen on the ground, until its flight is established."""
         self._ground: float | None = None
@@ -44,7 +47,7 @@ class Airborne:
     @property
     def floor(self) -> float:
         """Least height above the place of arming at which a flight begins, m."""
-        given = self._settings.min_height
+        given = self._settings.file.engage.min_height_m
         return self._session.adapter.min_height if given is None else given
 
     def step(self, now: float) -> bool:
@@ -52,7 +55,7 @@ class Airborne:
         ground is established."""
         vehicle = self._session.vehicle
         motion = self._session.motion.at(now)
-        in_air = self._in_air.update(vehicle.armed and not vehicle.on_ground, now)
+        in_air = self.in_air.update(vehicle.armed and not vehicle.on_ground, now)
         stands = vehicle.landed.value == MAV_LANDED_STATE_ON_GROUND
         if stands or (vehicle.mode is not None and not vehicle.armed):
             self._ground = motion.altitude
@@ -87,9 +90,9 @@ class Airborne:
             name = vehicle.mode_name
             remedy = "enter another mode when the vehicle flies"
             return Obstacle(f"mode {name}", f"mode {name} takes off or lands: {remedy}")
-        if not self._in_air.on:
-            flown = 0.0 if self._in_air.since is None else now - self._in_air.since
-            needed = f"{self._settings.timing.airborne:g} s in the air"
+        if not self.in_air.on:
+            flown = 0.0 if self.in_air.since is None else now - self.in_air.since
+            needed = f"{ESTABLISHED:g} s in the air"
             return Obstacle(needed, f"{needed}: {flown:.0f} s so far")
         return self._too_low(now) or self._too_slow(now)
 

@@ -8,10 +8,10 @@ from enum import Enum
 
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.vehicle_state import Change
+from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.airborne import Airborne
 from circnav_mav.pilot.mission_state import NOT_OURS, Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.mode_request import ModeRequest
-from circnav_mav.pilot.settings import OutputMode, PilotSettings
 from circnav_mav.pilot.stalls import Stalls
 from circnav_mav.timers import Hysteresis
 
@@ -60,16 +60,18 @@ class Authority:
 
     def __init__(
         self,
-        settings: PilotSettings,
+        settings: Mission,
         session: Session,
         mission: MissionState,
         airborne: Airborne,
+        *,
+        flies: bool,
     ) -> None:
         self._settings = settings
         self._airborne = airborne
         self._session = session
         self._mission = mission
-        self._flies = settings.output_mode is OutputMode.FLY
+        self._flies = flies
         self.holder = Holder.US
         self.rebooted = False
         """True if the newest `watch_takeover` found a reboot of the autopilot."""
@@ -202,7 +204,7 @@ class Authority:
         """Return a text if the round trip exceeds the mission's bound before the first engagement,
         else an empty string."""
         trip = self._session.timesync
-        most = self._settings.timing.round_trip
+        most = self._settings.slowest_answer
         if self._mission.begun or (trip.settled(now) and (trip.typical or 0.0) <= most):
             return ""
         if trip.typical is None:
@@ -265,7 +267,7 @@ class Authority:
     def _asks_for_mode(self) -> bool:
         """True if the guided mode may be requested. If another mode was chosen since the first
         request, a new request would override the operator or a failsafe."""
-        return self._settings.request_mode and not self._operator_chose
+        return self._settings.file.engage.request_mode and not self._operator_chose
 
     # --- controller of the vehicle
 
@@ -354,13 +356,15 @@ def unreported(session: Session, now: float) -> str:
     )
 
 
-def unwatched(settings: PilotSettings, session: Session, now: float) -> str:
+def unwatched(settings: Mission, session: Session, now: float) -> str:
     """Return a text about missing telemetry that a bound of the mission needs, or an empty
     string."""
-    bounds = settings.bounds
-    if (bounds.lowest, bounds.highest) != (None, None) and session.motion.at(now).altitude is None:
+    bounds = settings.file.bounds
+    if (bounds.min_altitude_m, bounds.max_altitude_m) != (None, None) and session.motion.at(
+        now
+    ).altitude is None:
         return "no altitude above sea level: bounds.min_altitude_m and max_altitude_m need it"
-    if bounds.battery is not None and session.vehicle.battery(now) is None:
+    if bounds.min_battery_percent is not None and session.vehicle.battery(now) is None:
         return "no battery in SYS_STATUS: bounds.min_battery_percent needs it"
     return ""
 

@@ -162,14 +162,14 @@ def _stalled(view: StepView) -> Active | None:
 
 
 def _link_silent(view: StepView) -> Active | None:
-    age = view.tick.link_age
+    age = view.link_age
     if age is None or age <= SILENT:
         return None
     return Active("link silent", f"LINK SILENT for {age:.1f} s")
 
 
 def _uplink_silent(view: StepView) -> Active | None:
-    age = view.tick.link_age
+    age = view.link_age
     if not view.uplink_silent or age is None or age > SILENT:
         return None
     return Active(
@@ -179,7 +179,7 @@ def _uplink_silent(view: StepView) -> Active | None:
 
 def _link_too_slow(view: StepView) -> Active | None:
     age = view.one_way
-    if view.engaged_at is None or age <= view.settings.timing.stale:
+    if view.engaged_at is None or age <= view.settings.stale:
         return None
     return Active(
         long=f"LINK TOO SLOW: round trip {2 * age:.1f} s, ranges may be {age:.1f} s old and are"
@@ -191,20 +191,20 @@ def _link_too_slow(view: StepView) -> Active | None:
 
 
 def _coasting(view: StepView) -> Active | None:
-    if view.tick.phase is not Phase.COASTING:
+    if view.phase is not Phase.COASTING:
         return None
     rate = view.rates.setpoints if view.rates is not None else 0.0
     return Active(
         "range lost, coasting",
-        f"RANGE STALE {view.tick.range_age or 0.0:.1f} s: holding the circle's turn rate with"
+        f"RANGE STALE {view.range_age or 0.0:.1f} s: holding the circle's turn rate with"
         f" {rate:.0f} setpoints per second, the flight ends after"
-        f" {view.settings.timing.stale + view.coast:g} s without a range",
+        f" {view.settings.stale + view.coast:g} s without a range",
     )
 
 
 def _range_stale(view: StepView) -> Active | None:
-    age = view.tick.range_age or 0.0
-    if view.tick.phase is Phase.COASTING or age <= view.settings.timing.stale:
+    age = view.range_age or 0.0
+    if view.phase is Phase.COASTING or age <= view.settings.stale:
         return None
     return Active(long=f"RANGE STALE {age:.1f} s")
 
@@ -303,7 +303,8 @@ def _not_following(view: StepView) -> Active | None:
     return Active(
         "vehicle does not follow turn commands",
         "VEHICLE DOES NOT FOLLOW turn commands: the flight ends after"
-        f" {view.settings.timing.unfollowed:g} s in which it does not turn along its circle",
+        f" {view.settings.file.limits.not_following_s:g} s in which it does not turn along its"
+        " circle",
     )
 
 
@@ -313,7 +314,7 @@ def limit_cycle_alarm(share: float) -> str:
 
 
 def _limit_cycle(view: StepView) -> Active | None:
-    share = view.tick.gain_share
+    share = view.gain_share
     if share >= 1:
         return None
     return Active(
@@ -368,7 +369,8 @@ def _wind_too_strong(view: StepView) -> Active | None:
     drift = f"{alarm.drift:.1f} m/s"
     allowed = f"circle allows {alarm.allowed:.1f} m/s"
     return Active(
-        f"drift {drift}, {allowed}", f"WIND TOO STRONG: {drift} by wind or target, {allowed}"
+        f"wind {drift}, {allowed}",
+        f"WIND TOO STRONG: {drift} (wind minus the target's motion), {allowed}",
     )
 
 
@@ -379,9 +381,9 @@ def _not_closing(view: StepView) -> Active | None:
     wind = "" if alarm.drift is None else f"wind {alarm.drift:.0f}, "
     speeds = f"{wind}airspeed {alarm.airspeed:.0f} m/s"
     return Active(
-        f"no way made, {speeds}",
-        f"NOT CLOSING ON TARGET: {alarm.r:.0f} m from the target, and not coming nearer ({speeds}): fly"
-        " faster, or end the flight",
+        f"not closing, {speeds}",
+        f"NOT CLOSING ON TARGET: {alarm.r:.0f} m from the target ({speeds}): fly faster, or end"
+        " the flight",
     )
 
 
@@ -389,7 +391,7 @@ def _radius_mismatch(view: StepView) -> Active | None:
     alarm = view.lap_alarm
     if not alarm.on or view.airspeed_alarm.on:
         return None
-    height = view.tick.height or 0.0
+    height = view.height or 0.0
     off = hypot(alarm.by_ranges, height) - hypot(alarm.by_turns, height)
     return Active(
         f"radius {alarm.by_turns:.0f} m by turns, {alarm.by_ranges:.0f} m by range",
@@ -427,7 +429,7 @@ def _lost(name: str) -> Callable[[StepView], Active | None]:
     def find(view: StepView) -> Active | None:
         if name not in view.lost_reports:
             return None
-        if name == "attitude" and view.tick.heading is not None:
+        if name == "attitude" and view.heading is not None:
             return Active("attitude rarer than 1.3 Hz", ATTITUDE_RATE_LOW, key="rare")
         return Active(f"no {name}", LOST[name])
 
@@ -446,7 +448,7 @@ def _heading_jumped(view: StepView) -> Active | None:
 
 
 def _altitude_lost(view: StepView) -> Active | None:
-    height = view.tick.height
+    height = view.height
     if not view.height_held or height is None:
         return None
     return Active(
@@ -469,14 +471,14 @@ def _altitude_jumped(view: StepView) -> Active | None:
 
 def _setpoint_rate_low(view: StepView) -> Active | None:
     rates = view.steered_rates
-    wanted = 1 / view.settings.timing.tick
+    wanted = 1 / view.settings.file.limits.tick
     # 0.5: share of the setpoint rate `limits.tick_hz` below which a steered vehicle receives too
     # few setpoints.
     if not view.flies or rates is None or rates.setpoints >= 0.5 * wanted:
         return None
     return Active(
-        long=f"SETPOINT RATE LOW: only {rates.setpoints:.1f} of {wanted:.0f} per second are sent: the"
-        " computer is overloaded, stop other programs or lower limits.tick_hz"
+        long=f"SETPOINT RATE LOW: only {rates.setpoints:.1f} of {wanted:.0f} per second are sent:"
+        " the computer is overloaded, stop other programs or lower limits.tick_hz"
     )
 
 
@@ -500,7 +502,7 @@ def _next_circle(view: StepView) -> Active | None:
 
 
 def _law(view: StepView) -> Active | None:
-    return Active(view.why, key=view.law) if view.flies and view.law else None
+    return Active(view.why, key=view.flown_law) if view.flies and view.flown_law else None
 
 
 ENDED = Condition("ended", _ended)

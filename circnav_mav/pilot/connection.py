@@ -6,13 +6,13 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.table import adapters
 from circnav_mav.mav.codec import Decoder, Message
-from circnav_mav.mav.identity import AUTOPILOT_COMPONENT
+from circnav_mav.mav.identity import AUTOPILOT_COMPONENT, Allowance, LinkSettings, Sender
 from circnav_mav.mav.parameter_server import REQUESTS
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.request_server import ANSWERED
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session
 from circnav_mav.mav.signing import Signing
-from circnav_mav.pilot.settings import LINKS, RANGING, VEHICLE, PilotSettings
+from circnav_mav.mission.mission import LINKS, RANGING, VEHICLE, Mission
 from circnav_mav.timers import Every
 
 GPS_HEALTH_RATE = 4.0
@@ -24,7 +24,7 @@ class Connection:
     """Decodes the data of each link, and encodes the hello message of a ranging link."""
 
     def __init__(
-        self, settings: PilotSettings, signing: Signing | None, also: Iterable[int] = ()
+        self, settings: Mission, signing: Signing | None, also: Iterable[int] = ()
     ) -> None:
         """signing: signs sent frames and authenticates received ones, or None. also: ids of further
         messages to decode."""
@@ -34,7 +34,7 @@ class Connection:
         ranges, and home."""
         if settings.ranging.component_id == AUTOPILOT_COMPONENT and not settings.ranging_apart:
             self.more_streams[self.ranging_message.id] = settings.ranging.rate_hz
-        if settings.height.target_above_home is not None:
+        if settings.file.orbit.target_above_home_m is not None:
             # HOME_POSITION at 1 Hz, if the height is relative to home. Home may change until the
             # engagement.
             self.more_streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = 1.0
@@ -44,8 +44,10 @@ class Connection:
                 dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
             ):
                 self.more_streams[ident] = GPS_HEALTH_RATE
-        vehicles = adapters(settings.autopilot, settings.kind, settings.facts)
-        self.session = Session(settings.link, vehicles, self.more_streams, signing)
+        file = settings.file
+        vehicles = adapters(*settings.vehicle_key, settings.facts)
+        ids = LinkSettings(file.vehicle.system_id, file.link.component_id)
+        self.session = Session(ids, vehicles, self.more_streams, signing)
         self.ranging_link = RANGING if settings.ranging_apart else VEHICLE
         self.decoders = {
             link: Decoder(
@@ -61,6 +63,8 @@ class Connection:
         }
         self.counts = {link: decoder.counts for link, decoder in self.decoders.items()}
         """Counts of received frames by link."""
+        self.allowance = Allowance()
+        self._frames: list[bytes] = []
         self._hello_timer = Every(HEARTBEAT_PERIOD)
 
     def receive(
@@ -83,6 +87,28 @@ class Connection:
             )
         if link == VEHICLE and decoder.behind:
             self.session.identity.say_hello(source, now)
+        self._frames += decoder.frames
+
+    def admits(
+        self, size: int, now: float, source: Hashable, link: str, radio: Sender | None
+    ) -> bool:
+        """True if a datagram must be read. Data of the vehicle and the ranging radio are always
+        read, data of other senders up to an allowance. radio: trusted radio, or None."""
+        peer = self.session.peer
+        if (peer if link == VEHICLE else radio) is None:
+            return True
+        trusted = {
+            sender.source
+            for sender, of_link in ((peer, VEHICLE), (radio, self.ranging_link))
+            if sender is not None and link == of_link
+        }
+        return source in trusted or self.allowance.take(size, now)
+
+    def take_frames(self) -> list[bytes]:
+        """Return the complete frames received on all links since the last call."""
+        frames = self._frames
+        self._frames = []
+        return frames
 
     def hello(self, now: float) -> bytes:
         """Return the frames for a separate ranging link: a heartbeat, because routers forward

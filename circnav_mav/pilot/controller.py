@@ -29,8 +29,8 @@ from circnav_mav.mav.frames import (
 )
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.setpoint_guard import Limits, SetpointGuard, Steer
+from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.pilot.settings import PilotSettings
 
 RELATIVE = ("auto", "drift")
 """Names of the estimators that estimate the relative motion."""
@@ -42,7 +42,7 @@ class Controller:
     """Steers the vehicle of a session. Every message that it returns has passed the setpoint
     guard."""
 
-    def __init__(self, settings: PilotSettings) -> None:
+    def __init__(self, settings: Mission) -> None:
         orbit = settings.orbit
         facts = settings.facts
         self._settings = settings
@@ -53,7 +53,7 @@ class Controller:
         self._tuning = settings.tuning
         lag = settings.tuning.turn_lag
         gain = settings.turn_gain
-        link = settings.timing.tick
+        link = settings.file.limits.tick
         self.vehicle = VehicleModel(lag, orbit.max_turn_rate, gain=gain, link=link)
         """Model of the vehicle, learned in flight."""
         self._loop = ClosedLoop(orbit, settings.tuning.choice(orbit), self.vehicle)
@@ -108,7 +108,7 @@ class Controller:
         while coasting, else None. round_trip: delay of the link in both directions, s."""
         # 2.0: largest link delay, s, that the gains are tuned for.
         self.vehicle.link = min(
-            self._settings.timing.tick if round_trip is None else round_trip, 2.0
+            self._settings.file.limits.tick if round_trip is None else round_trip, 2.0
         )
         motion = None if estimate is None else estimate.relative
         if motion is not None and motion.trusted:

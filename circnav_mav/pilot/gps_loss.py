@@ -14,12 +14,12 @@ from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import Command
 from circnav_mav.mav.session import Session
+from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.air_path import AirPath
 from circnav_mav.pilot.connection import GPS_HEALTH_RATE
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mode_request import ModeRequest
 from circnav_mav.pilot.range_tracker import RangeTracker
-from circnav_mav.pilot.settings import PilotSettings
 
 RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
 POSITION_FLAGS = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
@@ -28,13 +28,17 @@ POSITION_FLAGS = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_A
 class GpsLoss:
     """Detects the loss of GPS, and changes the steering method once.
 
+    reads: types of the messages that `receive` processes.
+    path: motion through the air.
     changed_at: time of the change, s, or None before it.
     failure: human-readable reason why the vehicle refused the new mode, or empty.
     """
 
+    reads = frozenset((*RECEIVERS, "EKF_STATUS_REPORT"))
+
     def __init__(
         self,
-        settings: PilotSettings,
+        settings: Mission,
         session: Session,
         tracker: RangeTracker,
         controller: Controller,
@@ -44,7 +48,7 @@ class GpsLoss:
         self._session = session
         self._tracker = tracker
         self._controller = controller
-        self._path = path
+        self.path = path
         self._fixes: dict[str, bool] = {}
         """True for the receivers that have a 3D fix, by message type."""
         self._without_fix_since: float | None = None
@@ -70,7 +74,7 @@ class GpsLoss:
                 self._without_fix_since = None
             elif had_fix:
                 self._without_fix_since = now
-        elif kind == "EKF_STATUS_REPORT":
+        else:
             has_position = bool(message.flags & POSITION_FLAGS)
             self._had_position |= has_position
             lost = self._had_position and not has_position
@@ -109,8 +113,8 @@ class GpsLoss:
     def _change(self, adapter: Autopilot, now: float) -> None:
         """Steer by another method from now on. Target, wind and airspeed scale are kept."""
         self.changed_at = now
-        fit = self._path.scale_fit
-        wind = self._path.wind
+        fit = self.path.scale_fit
+        wind = self.path.wind
         self._session.change_method(adapter)
         self._controller.hold_airspeed(fit.scale)
         self._tracker.estimator.fly_through_air(
@@ -119,6 +123,6 @@ class GpsLoss:
                 wind.sigma,
                 fit.scale,
                 fit.sigma,
-                self._settings.estimation_without_gps,
+                self._settings.estimation_by_drag,
             )
         )

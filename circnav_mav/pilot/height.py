@@ -6,7 +6,7 @@ from the altitude of HOME_POSITION. Latitude, longitude and local position are n
 
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.own_motion import AIR_MAX_AGE, MOST_ALTITUDE, Motion
-from circnav_mav.pilot.settings import HeightSettings
+from circnav_mav.mission.schema import OrbitTable
 
 MOST_CLIMB = 20.0
 """Largest plausible climb or sink rate, m/s, more than any supported vehicle has. A faster change
@@ -26,10 +26,10 @@ class Height:
     height changes with the altitude alone. While no altitude is received, the last height is kept.
     """
 
-    def __init__(self, settings: HeightSettings) -> None:
+    def __init__(self, settings: OrbitTable) -> None:
         self._settings = settings
-        self._base = settings.above_target or 0.0
-        self._zero = settings.target_altitude
+        self._base = settings.height_above_target_m or 0.0
+        self._zero = settings.target_altitude_m
         """Altitude at which the height is `_base`, m, or None while unknown."""
         self._altitude: float | None = None
         self._received_at = float("-inf")
@@ -48,9 +48,9 @@ class Height:
         """Process a message of the vehicle. motion: newest motion of the vehicle."""
         altitude = motion.altitude
         # A height at the engagement needs only changes of the altitude.
-        if altitude is None and self._settings.above_target is not None:
+        if altitude is None and self._settings.height_above_target_m is not None:
             altitude = motion.above_home
-        above_home = self._settings.target_above_home
+        above_home = self._settings.target_above_home_m
         if message.get_type() == "HOME_POSITION" and above_home is not None and not self._engaged:
             home = message.altitude / 1000
             self._zero = home + above_home if abs(home) <= MOST_ALTITUDE else self._zero
@@ -65,7 +65,7 @@ class Height:
         ):  # a home set late changes the altitude by hundreds of meters, which is no jump
             return
         if self._zero is None:
-            self._zero = altitude if self._settings.above_target is not None else None
+            self._zero = altitude if self._settings.height_above_target_m is not None else None
             return
         change = 0.0 if before is None else altitude - before
         if before is None or abs(change) <= MOST_CLIMB * waited:
@@ -93,7 +93,7 @@ class Height:
         """Return the height, m, or None if it is unknown or the mission gives no height."""
         live = self._engaged or now - self._received_at <= AIR_MAX_AGE
         if self._zero is None or self._altitude is None or not live:
-            return self._settings.above_target
+            return self._settings.height_above_target_m
         return self._base + (self._altitude - self._zero)
 
     @property
@@ -106,7 +106,8 @@ class Height:
         an empty string."""
         if self._altitude is None or now - self._received_at > AIR_MAX_AGE:
             return "no altitude (VFR_HUD.alt)"
-        self._settings = HeightSettings(above_target=height)
+        only = {"target_altitude_m": None, "target_above_home_m": None}
+        self._settings = self._settings.model_copy(update={"height_above_target_m": height, **only})
         self._base = height
         self._zero = self._altitude
         self._doubt = None

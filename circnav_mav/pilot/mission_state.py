@@ -4,6 +4,19 @@ from dataclasses import dataclass
 from enum import Enum
 
 
+class OutputMode(Enum):
+    """Messages that `Pilot` may send.
+
+    FLY: all.
+    DRY_RUN: all but setpoints and mode requests.
+    SHADOW: heartbeats and plot values only.
+    """
+
+    FLY = "fly"
+    DRY_RUN = "dry run"
+    SHADOW = "shadow"
+
+
 class Phase(Enum):
     """Phase of the mission."""
 
@@ -86,41 +99,12 @@ class Outcome:
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
-class Timing:
-    """Time limits, all in s.
-
-    duration: time from the engagement to the end of the flight.
-    wait_link, wait_ranging: longest waits before the first engagement.
-    stale: largest age of the newest range at which the estimator's prediction steers.
-    hold: longest time in the phase COASTING, in which the circle's turn rate is commanded without
-        ranges.
-    unfollowed: longest time in which the vehicle may ignore turn commands before the exit action.
-    outage: longest time from the loss of the link until the vehicle is steered again.
-    round_trip: largest round-trip time of the link at which the vehicle is engaged.
-    tick: period of the steps without fresh ranges.
-    airborne: time in the air without interruption after which a flight is established. ArduCopter
-        reports IN_AIR 0.1 s after lift-off.
-    """
-
-    duration: float
-    wait_link: float = 30.0
-    wait_ranging: float = 30.0
-    stale: float = 0.5
-    hold: float = 10.0
-    unfollowed: float = 10.0
-    outage: float = 60.0
-    round_trip: float = 0.6
-    tick: float = 0.05
-    airborne: float = 5.0
-
-
 class MissionState:
     """Phase, times and outcome of a mission. Only events change the phase."""
 
-    def __init__(self, hold: float = 10.0) -> None:
-        """hold: longest time in the phase COASTING, s."""
-        self.hold = hold
+    def __init__(self, coast: float = 10.0) -> None:
+        """coast: longest time in the phase COASTING, s."""
+        self.coast = coast
         self.phase = Phase.WAIT_LINK
         self.since = 0.0
         """Beginning of the phase, s."""
@@ -146,23 +130,18 @@ class MissionState:
     def happened(self, event: Event, now: float) -> bool:
         """Apply an event. Return True if it changed the phase."""
         before = self.phase
+        if event is Event.LINK_LOST and self.steering:
+            self.lost_at = now
+        if event is Event.MODE_LEFT:  # the time limit of a lost link no longer applies
+            self.lost_at = None
         self.phase = TRANSITIONS.get((self.phase, event), self.phase)
         if self.phase is before:
             return False
         self.since = now
+        if event is Event.MODE_OURS and self.steering:
+            self.lost_at = None
+            self.engaged_at = now if self.engaged_at is None else self.engaged_at
         return True
-
-    def engage(self, now: float) -> None:
-        """Begin to steer the vehicle, for the first time or again."""
-        self.happened(Event.MODE_OURS, now)
-        self.lost_at = None
-        self.engaged_at = now if self.engaged_at is None else self.engaged_at
-
-    def lose(self, now: float) -> None:
-        """Handle the loss of the link."""
-        if self.steering:
-            self.lost_at = now
-        self.happened(Event.LINK_LOST, now)
 
     def finish(self, outcome: Outcome, now: float, *, ours: bool) -> bool:
         """End the mission. Return True at the first call, which sets the outcome. ours: True if the

@@ -15,8 +15,8 @@ from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.ranging.interface import Reject
 from circnav_mav.mav.ranging.reader import Accepted, RangeRateReader, RangeReader
 from circnav_mav.mav.session import Session
+from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.height import Height
-from circnav_mav.pilot.settings import PilotSettings
 from circnav_mav.timers import Since
 
 FRESH = 0.6
@@ -31,15 +31,15 @@ class RangeTracker:
     """Reads ranges and updates the estimator. fresh: True if a range was added since the newest
     step."""
 
-    def __init__(self, settings: PilotSettings, session: Session) -> None:
+    def __init__(self, settings: Mission, session: Session) -> None:
         self._session = session
         self._apart = settings.ranging_apart
-        self._stale = settings.timing.stale
+        self._stale = settings.stale
         speed = settings.orbit.speed
         max_turn_rate = settings.orbit.max_turn_rate
         self.noise = NoiseCheck.of_ranges(speed, max_turn_rate)
-        self._needs_altitude = settings.height.needs_altitude
-        self.height = Height(settings.height)
+        self._needs_altitude = settings.file.orbit.needs_altitude
+        self.height = Height(settings.file.orbit)
         slower = no_link_delay if self._apart else session.timesync.slower
         # 0.5: smallest jump of the range that is rejected, as a share of the radius. Noise of this
         # size is rejected, too.
@@ -52,7 +52,7 @@ class RangeTracker:
         # 0.75: least time between two ranges that are added to the estimator, in ticks. Ranges in
         # between are merged, because each added range causes a setpoint and takes 1 to 2 ms of
         # processor time.
-        self._thinning = Thinning(0.75 * settings.timing.tick)
+        self._thinning = Thinning(0.75 * settings.file.limits.tick)
         self.newest: RangeSample | None = None
         # 64: number of newest ranges that are stored, as many as one datagram of a slow link may
         # contain.
@@ -61,7 +61,7 @@ class RangeTracker:
         self.newest_rate: RateSample | None = None
         self.fresh = False
         self.estimate: RangeEstimate | None = None
-        """Estimate of the newest step."""
+        """Estimate of the newest step, or of the step that runs now."""
         self.accepted = 0
         self._since_stale = Since()
 
@@ -159,7 +159,7 @@ class RangeTracker:
         rate = self.newest_rate
         return None if rate is None or now - rate.time > self._stale + SAME_TIME else rate.r_dot
 
-    def good(self, estimate: RangeEstimate | None, now: float, *, coasting: bool) -> bool:
+    def good(self, now: float, *, coasting: bool) -> bool:
         """True if the current estimate may steer: the estimator is ready and the newest range is
         not stale.
 
@@ -175,7 +175,10 @@ class RangeTracker:
         # again and again.
         fresh = not coasting or age <= FRESH * self._stale or self._since_stale.age(now) > 1.0
         return (
-            self.estimator.ready and estimate is not None and fresh and self.ranging.one_source(now)
+            self.estimator.ready
+            and self.estimate is not None
+            and fresh
+            and self.ranging.one_source(now)
         )
 
     def age(self, now: float) -> float | None:

@@ -1,15 +1,11 @@
-"""Record of a step, and the values that a ground station plots."""
+"""Columns of ticks.csv, and the values that a ground station plots."""
 
-from math import isfinite
+from dataclasses import dataclass
 from typing import Annotated, NamedTuple, get_type_hints
 
 from circnav_mav.guidance.types import Orbit, RangeEstimate, TurnCommand
-from circnav_mav.mav.frames import YawRate, yaw_rate_from_turn_rate
-from circnav_mav.mav.session import Session
-from circnav_mav.pilot.controller import Controller
-from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.pilot.range_tracker import RangeTracker
-from circnav_mav.pilot.settings import OutputMode
+from circnav_mav.mav.frames import yaw_rate_from_turn_rate
+from circnav_mav.pilot.mission_state import OutputMode, Phase
 
 _WOULD = {Phase.ENGAGED: "would steer", Phase.COASTING: "would coast"}
 
@@ -39,7 +35,8 @@ class Column(NamedTuple):
         return f"{self.meaning} ({self.unit})" if self.unit else self.meaning
 
 
-class TickRecord(NamedTuple):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TickRecord:
     """One step: a row of ticks.csv. None means "unknown" or "not sent".
 
     Turn rates are counterclockwise positive, except `yaw_rate_sent`, which is clockwise positive as
@@ -131,66 +128,3 @@ def plot_values(
         "CN_ERR": estimate.r - orbit.radius,
         "CN_YRATE": yaw_rate,
     }
-
-
-def tick_record(
-    now: float,
-    phase: Phase,
-    estimate: RangeEstimate | None,
-    command: TurnCommand | None,
-    sent: YawRate | None,
-    *,
-    circle: Orbit,
-    session: Session,
-    tracker: RangeTracker,
-    controller: Controller,
-    law: str,
-) -> TickRecord:
-    """Return the record of a step.
-
-    sent: yaw rate in the setpoint of this step, rad/s, or None.
-    circle: circle of the mission, or of the newest accepted request.
-    law: name of the law (`Controller.law`).
-    """
-    link_age = session.heartbeat_age(now)
-    motion = session.motion.at(now)
-    newest = tracker.newest
-    where = (
-        estimate.relative if estimate and estimate.relative and estimate.relative.trusted else None
-    )
-    return TickRecord(
-        time=now,
-        phase=phase,
-        measured=newest.r if newest else None,
-        r=estimate.r if estimate else None,
-        r_dot=estimate.r_dot if estimate else None,
-        r_sigma=estimate.r_sigma if estimate else None,
-        r_dot_sigma=estimate.r_dot_sigma if estimate else None,
-        nis=tracker.estimator.nis,
-        demanded=command.demanded if command else None,
-        turn_rate=command.turn_rate if command else None,
-        saturated=command.saturated if command else False,
-        yaw_rate_sent=sent,
-        turn_gain=controller.vehicle.gain,
-        turn_delay=controller.vehicle.response.delay,
-        gain_share=controller.vehicle.limit_cycle.share,
-        law=(command.flies or law) if command and phase is Phase.ENGAGED else "",
-        x=where.x if where else None,
-        y=where.y if where else None,
-        drift_x=where.drift_x if where else None,
-        drift_y=where.drift_y if where else None,
-        airspeed_scale=where.scale if where else None,
-        acceleration_weight=where.acceleration_weight if where else None,
-        heading=motion.yaw,
-        airspeed=motion.airspeed,
-        altitude=motion.altitude,
-        height=tracker.height.at(now),
-        range_age=tracker.age(now),
-        link_age=link_age if isfinite(link_age) else None,
-        mode=session.vehicle.mode_name,
-        accepted=tracker.accepted,
-        rejected=tracker.ranging.refused,
-        measured_rate=tracker.measured_rate(now),
-        desired=circle.radius,
-        direction=circle.direction.value,
-    )

@@ -4,7 +4,10 @@ did not send, and answers to commands that we did not send."""
 from collections import deque
 from math import degrees
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.mav.autopilots.interface import turn_in
+from circnav_mav.mav.autopilots.table import AUTOPILOTS
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.session import Session
 from circnav_mav.pilot.mission_state import MissionState
@@ -76,9 +79,18 @@ class SecondController:
     """Compares the setpoints that the vehicle reports, and the commands that it acknowledges, with
     the setpoints and commands that circnav has sent."""
 
+    reads = frozenset(
+        dialect.mavlink_map[one.echo].msgname for one in AUTOPILOTS.values() if one.echo is not None
+    )
+    """Types of the messages that `receive` processes."""
+
     def __init__(self, session: Session, mission: MissionState) -> None:
         self._session = session
         self._mission = mission
+        self._echo = EchoMonitor()
+
+    def reset(self) -> None:
+        """Forget the setpoints. Call after a change of the setpoint method."""
         self._echo = EchoMonitor()
 
     def sent(self, message: Message, now: float) -> None:

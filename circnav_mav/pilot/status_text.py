@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
+from circnav_mav.mission.mission import VEHICLE, Mission
 from circnav_mav.pilot.authority import Authority, denied, unreported
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Phase
 from circnav_mav.pilot.range_tracker import FRESH, RangeTracker
-from circnav_mav.pilot.settings import VEHICLE, OutputMode, PilotSettings
 
 _NEEDS = {
     "auto": "",
@@ -22,11 +22,12 @@ _NEEDS = {
 class StatusText:
     """Texts about the state of the parts of `Pilot`."""
 
-    settings: PilotSettings
+    settings: Mission
     connection: Connection
     mission: MissionState
     authority: Authority
     tracker: RangeTracker
+    flies: bool
 
     def waits_for(self, now: float) -> str:
         """Return the reason why the vehicle is not steered now, or an empty string."""
@@ -47,24 +48,31 @@ class StatusText:
         """Return the outcome if the duration or a time limit of the mission has passed, else
         None."""
         mission = self.mission
-        timing = self.settings.timing
+        limits = self.settings.file.limits
         waited = now - self.mission.since
-        if mission.engaged_at is not None and now - mission.engaged_at >= timing.duration:
+        if mission.engaged_at is not None and now - mission.engaged_at >= limits.duration_s:
             if mission.steering:
-                flown = "flown" if self.settings.output_mode is OutputMode.FLY else "dry run"
+                flown = "flown" if self.flies else "dry run"
                 return Outcome(Ending.COMPLETED, f"{flown} to its end")
             return Outcome(
                 Ending.ABORTED, f"time ran out while {mission.phase.value}{self._what_is_gone(now)}"
             )
         if mission.phase is Phase.COASTING and waited > mission.coast:
             return Outcome(Ending.ABORTED, self._why_held(now))
-        if mission.lost_at is not None and now - mission.lost_at > timing.outage:
-            return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {timing.outage:.0f} s")
+        if mission.lost_at is not None and now - mission.lost_at > limits.outage:
+            return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {limits.outage:.0f} s")
         if mission.begun or mission.started is None:
             return None
-        if mission.phase is Phase.WAIT_LINK and now - mission.started > timing.wait_link:
+        return self._nothing_received(now - mission.started, waited, now)
+
+    def _nothing_received(self, run: float, waited: float, now: float) -> Outcome | None:
+        """Return the outcome if vehicle or ranging were not received in time. run, waited: time
+        since the first step and since the beginning of the phase, s."""
+        phase = self.mission.phase
+        wait = self.settings.file.link.wait_s
+        if phase is Phase.WAIT_LINK and run > wait:
             return Outcome(Ending.NOTHING_RECEIVED, f"no vehicle: {self._no_vehicle()}")
-        if mission.phase is Phase.WAIT_RANGING and waited > timing.wait_ranging:
+        if phase is Phase.WAIT_RANGING and waited > wait:
             return Outcome(Ending.NOTHING_RECEIVED, self._not_ready(now))
         return None
 
@@ -89,7 +97,7 @@ class StatusText:
             return unknown
         age = tracker.age(now)
         ready = tracker.estimator.ready
-        if not ready and not missing and age is not None and age <= self.settings.timing.stale:
+        if not ready and not missing and age is not None and age <= self.settings.stale:
             name = self.settings.estimator
             needs = _NEEDS.get(
                 name, "; this estimator first needs the vehicle's motion (estimator auto does not)"
@@ -124,12 +132,12 @@ class StatusText:
         if (
             tracker.estimator.ready
             and age is not None
-            and FRESH * self.settings.timing.stale < age < waited
+            and FRESH * self.settings.stale < age < waited
         ):
             return f"no fresh range for {waited:.1f} s, the newest is {age:.2f} s old"
         if tracker.ranging.clock.doubted:
             return f"no range for {waited:.1f} s: all ranges rejected, the sensor clock stepped"
-        if tracker.one_way > self.settings.timing.stale:
+        if tracker.one_way > self.settings.stale:
             return (
                 f"no range for {waited:.1f} s: all ranges rejected, the round trip takes"
                 f" {2 * tracker.one_way:.1f} s"

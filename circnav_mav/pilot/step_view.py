@@ -1,29 +1,29 @@
-"""State of `Pilot` after a step, for conditions, display and live page."""
+"""The frozen step: read by record, conditions, display and live page."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from circnav_mav.guidance.monitors import AirspeedAlarm, ClosingAlarm, DriftAlarm, LapAlarm
 from circnav_mav.guidance.types import Orbit
-from circnav_mav.pilot.mission_state import STEERING, Outcome, Phase
+from circnav_mav.mission.mission import Mission
+from circnav_mav.pilot.mission_state import STEERING, Outcome, OutputMode, Phase
 from circnav_mav.pilot.rates import Rates
 from circnav_mav.pilot.record import TickRecord
-from circnav_mav.pilot.settings import OutputMode, PilotSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StepView:
-    """One step: its record, and the state of `Pilot` that is not recorded. Texts are
+class StepView(TickRecord):
+    """One step: the columns of ticks.csv, and the state of `Pilot` that is not recorded. Texts are
     human-readable, and empty if they do not apply."""
 
-    tick: TickRecord
-    settings: PilotSettings
+    settings: Mission
+    output_mode: OutputMode
 
     # mission
     engaged_at: float | None
     """Time of the first engagement, s."""
     outcome: Outcome | None
-    hold: float
+    coast: float
     """Longest time in the phase COASTING, s."""
     waits: str
     """Reason why the vehicle is not steered."""
@@ -52,7 +52,7 @@ class StepView:
 
     # counts
     setpoints: int
-    rejected: Mapping[str, int]
+    rejected_by: Mapping[str, int]
     """Rejected ranges by reason, the most frequent reason first."""
     rates: Rates | None
     """Newest rates, None before and after the flight."""
@@ -107,7 +107,7 @@ class StepView:
     # steering
     circle: Orbit
     """Circle of the mission, or of the newest accepted request."""
-    law: str
+    flown_law: str
     """Law that `auto` or `drift` flies now."""
     why: str
     """Reason for this law."""
@@ -125,14 +125,14 @@ class StepView:
     @property
     def flies(self) -> bool:
         """True if setpoints are sent."""
-        return self.settings.output_mode is OutputMode.FLY
+        return self.output_mode is OutputMode.FLY
 
     @property
     def steering(self) -> bool:
         """True if the vehicle is steered."""
-        return self.tick.phase in STEERING
+        return self.phase in STEERING
 
     @property
     def done(self) -> bool:
         """True if the mission is over."""
-        return self.tick.phase is Phase.ENDED
+        return self.phase is Phase.ENDED

@@ -6,13 +6,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from math import inf
+from operator import attrgetter
 
 import numpy as np
 
 from circnav_mav.guidance.types import SAME_TIME
 from circnav_mav.mav.frames import YawRate
 from circnav_mav.mav.framing import split_frames
-from circnav_mav.pilot import OutputMode, Pilot, PilotSettings, TickRecord
+from circnav_mav.mission.mission import Mission
+from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.controller import FlownCommands
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runlog.ticks import NAMES, WORDS, Column, Ticks
@@ -20,8 +22,8 @@ from circnav_mav.runlog.tlog import message_id
 
 SETPOINT_IDS = frozenset({69, 82, 84})
 """Message ids of setpoints: MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
-STEERING = ("orbit", "tuning", "estimator", "ranging", "height", "turn_gain")
-"""Settings that determine the turn commands of a pilot."""
+STEERING = attrgetter("orbit", "tuning", "estimator", "ranging", "turn_gain", "file.orbit")
+"""Values of a mission that determine the turn commands of a pilot."""
 COMPARED = ("r", "r_dot", "demanded", "turn_rate")
 
 Sent = list[tuple[float, bytes]]
@@ -107,21 +109,21 @@ def _step(pilot: Pilot, now: float, done: ReplayResult, *, held_back: bool = Fal
     done.ended = now if pilot.done else None
 
 
-def without_timeouts(settings: PilotSettings) -> PilotSettings:
-    """Return settings for a plain tlog: without timeouts, and with a single link."""
-    endless = replace(
-        settings.timing, duration=inf, wait_link=inf, wait_ranging=inf, hold=inf, outage=inf
-    )
-    return replace(settings, timing=endless, ranging_apart=False, stream_links=frozenset())
+def without_timeouts(mission: Mission) -> Mission:
+    """Return the mission for a plain tlog: without timeouts, and with a single link."""
+    file = mission.file
+    changes = {
+        "limits": file.limits.model_copy(update={"duration_s": inf, "coast_s": inf}),
+        "link": file.link.model_copy(update={"wait_s": inf, "endpoint": "udpin"}),
+        "ranging": file.ranging.model_copy(update={"endpoint": None}),
+    }
+    return replace(mission, file=file.model_copy(update=changes))
 
 
-def flown_commands(
-    settings: PilotSettings, flown: PilotSettings, was: Ticks
-) -> FlownCommands | None:
-    """Return the commands of the flight. None if the replay steers by the same settings as the
-    flight, or if the flight was a dry run."""
-    same = all(getattr(settings, name) == getattr(flown, name) for name in STEERING)
-    if same or settings.output_mode is not OutputMode.FLY:
+def flown_commands(mission: Mission, flown: Mission, was: Ticks) -> FlownCommands | None:
+    """Return the commands of the flight. None if the replay steers by the same mission as the
+    flight."""
+    if STEERING(mission) == STEERING(flown):
         return None
     sent = was.numbers["yaw_rate_sent"]
     known = np.isfinite(sent)

@@ -17,11 +17,12 @@ from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.truth import read_truth_frame
 from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.pilot.record import COLUMNS
 from circnav_mav.runlog.tlog import read_tlog
 
 Column = NDArray[np.float64]
 
-NAMES = frozenset(TickRecord._fields)
+NAMES = frozenset(COLUMNS)
 WORDS = frozenset(name for name, kind in get_type_hints(TickRecord).items() if kind in (str, Phase))
 """Columns of ticks.csv that hold text."""
 CHOICES = {

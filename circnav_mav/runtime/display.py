@@ -37,8 +37,8 @@ class PlainScreen:
 
     def draw(self, status: Status) -> None:
         """Print the lines of a status."""
-        # After the end of the flight, the extra `external_position` may run for a long time: print only new
-        # facts, no more status lines.
+        # After the end of the flight, the extra `external_position` may run for a long time: print
+        # only new facts, no more status lines.
         ended = self._ended
         self._ended = status.tick.phase is Phase.ENDED
         if not (ended and self._ended):
@@ -159,7 +159,13 @@ def display_for(
     second."""
     if console.is_terminal and not console.is_dumb_terminal:
         screen: Screen = LiveScreen(
-            console, Picture(pilot.settings, title, ascii_only=console.options.ascii_only)
+            console,
+            Picture(
+                pilot.settings.orbit,
+                pilot.output_mode,
+                title,
+                ascii_only=console.options.ascii_only,
+            ),
         )
         # 4: refreshes of the live picture per real second. More cannot be read.
         return Display(screen, pilot, listeners, speed / 4, last=True)

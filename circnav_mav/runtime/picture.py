@@ -10,9 +10,9 @@ from rich.panel import Panel
 from rich.text import Text
 
 from circnav_mav.foreign import printable
-from circnav_mav.guidance.types import TurnRate
+from circnav_mav.guidance.types import Orbit, TurnRate
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
-from circnav_mav.pilot import PilotSettings, TickRecord
+from circnav_mav.pilot import OutputMode, TickRecord
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.status import SILENCED, Status, status_facts
 
@@ -60,10 +60,13 @@ ASCII = Symbols("-", "|", "O", "_.-=+*%#", "+-")
 class Picture:
     """Draws the statuses of a flight, and keeps the recent radius errors for the sparkline."""
 
-    def __init__(self, settings: PilotSettings, name: str, *, ascii_only: bool) -> None:
-        self._settings = settings
+    def __init__(
+        self, orbit: Orbit, output_mode: OutputMode, name: str, *, ascii_only: bool
+    ) -> None:
+        self._orbit = orbit
+        self._silenced = SILENCED.get(output_mode, "")
         self._signs = ASCII if ascii_only else FINE
-        self._title = f"{name}: {settings.orbit.words()}"
+        self._title = f"{name}: {orbit.words()}"
         self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS + WIDEST - NARROWEST)
         self._width = NARROWEST
 
@@ -110,16 +113,15 @@ class Picture:
     def _phase(self, status: Status, flown: str) -> list[Row]:
         """Return the rows of phase, mode and time flown, and a notice if nothing is sent."""
         badge = (f" {status.phase.upper()} ", f"bold reverse {_style(status)}")
-        mode = self._settings.output_mode
         rows: list[Row] = [
             ("phase", Text.assemble(badge, f"  mode {status.tick.mode}", flown and f"   {flown}"))
         ]
-        return [*rows, ("", Text(SILENCED[mode], "bold"))] if mode in SILENCED else rows
+        return [*rows, ("", Text(self._silenced, "bold"))] if self._silenced else rows
 
     def _circle(self, tick: TickRecord, facts: dict[str, str]) -> list[Row]:
         """Return the rows of range, radius error, range rate and turn rate."""
-        desired = tick.desired or self._settings.orbit.radius
-        limit = self._settings.orbit.max_turn_rate
+        desired = tick.desired or self._orbit.radius
+        limit = self._orbit.max_turn_rate
         share = None if tick.r is None else tick.r / desired - 1
         to_right = (
             None

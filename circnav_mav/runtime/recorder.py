@@ -26,6 +26,7 @@ from circnav_mav.mav.identity import host_of
 from circnav_mav.mav.signing import without_signature
 from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.loop_step import HELD_BACK, STEPS, LoopStep, requests_text
+from circnav_mav.pilot.record import COLUMNS
 
 MOST_MB = 2000.0
 """Largest total size of the three files, MB: about 65 h of flight."""
@@ -40,7 +41,7 @@ MOST_SOURCES = 1000
 number."""
 CLOSE_PATIENCE = 10.0
 """Longest wait for a slow disk at the end of the flight, s."""
-TICK_COLUMNS = TickRecord._fields
+TICK_COLUMNS = tuple(COLUMNS)
 STEP_COLUMNS = (
     "time_us",
     "received",
@@ -236,7 +237,7 @@ def write_ticks(path: Path, records: Iterable[TickRecord]) -> None:
 
 def tick_row(record: TickRecord) -> list[Any]:
     """Return a tick as a row of ticks.csv."""
-    return list(map(_plain, record))
+    return [_plain(getattr(record, name)) for name in TICK_COLUMNS]
 
 
 def _plain(value: Any) -> Any:

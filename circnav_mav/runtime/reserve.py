@@ -9,7 +9,7 @@ from pathlib import Path
 
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.types import OwnMotion, RangeSample
-from circnav_mav.pilot import PilotSettings
+from circnav_mav.mission.mission import Mission
 
 NAME = ".reserve"
 """File that holds the disk space. At the end it becomes summary.json."""
@@ -24,7 +24,7 @@ _pinned: list[bytes] = []
 """Objects that keep the arenas of Python's allocator."""
 
 
-def take_memory(settings: PilotSettings) -> None:
+def take_memory(settings: Mission) -> None:
     """Take the memory of a flight: the buffers of the linear algebra, and room in the heap. Raises
     MemoryError."""
     # The first product of matrices allocates a buffer of 32 MB (OpenBLAS). If a limit denies it,

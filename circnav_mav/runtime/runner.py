@@ -11,7 +11,7 @@ from circnav_mav.guidance.circle_change import CircleRequest
 from circnav_mav.mav.framing import split_frames
 from circnav_mav.pilot import RANGING, VEHICLE, Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.pilot.preflight_listener import PreflightListener
+from circnav_mav.preflight.listener import PreflightListener
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.keys import SigningTime
 from circnav_mav.runtime.links import Link

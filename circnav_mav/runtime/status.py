@@ -1,7 +1,7 @@
 """Status of a flight at one moment, shared by the terminal and the live page."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import takewhile
 from math import degrees, hypot, isfinite
 
@@ -77,24 +77,24 @@ class StatusSource:
         conditions = self._pilot.conditions.alarms | self._listeners.alarms(now)
         if problem is not None:
             conditions["not_recording"] = f"NOT RECORDING: {problem}"
-        stale = view.settings.timing.stale
+        stale = view.settings.stale
         lost = stale if tick.x is None else stale + view.coast
         if tick.range_age is not None and tick.range_age > lost:
             # Without an estimate of the relative motion, the predicted range continues linearly
             # while the vehicle turns: show no range. With this estimate, the prediction follows the
             # vehicle during COASTING.
-            tick = tick._replace(r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
+            tick = replace(tick, r=None, r_dot=None, r_sigma=None, r_dot_sigma=None)
         return Status(
             time=now,
             view=view,
             tick=tick,
             flown=None if view.engaged_at is None else now - view.engaged_at,
-            phase=phase_name(tick.phase, view.settings.output_mode),
+            phase=phase_name(tick.phase, view.output_mode),
             why=view.why if tick.law else "",
             target=_target(tick),
             conditions=conditions,
-            rejected={why: count for why, count in view.rejected.items() if why not in OTHERS},
-            others=sum(count for why, count in view.rejected.items() if why in OTHERS),
+            rejected={why: count for why, count in view.rejected_by.items() if why not in OTHERS},
+            others=sum(count for why, count in view.rejected_by.items() if why in OTHERS),
             added=self._listeners.facts(now),
         )
 
@@ -153,7 +153,7 @@ def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, s
     most_reasons: maximum number of rejection reasons listed, None for all."""
     tick = status.tick
     view = status.view
-    timing = view.settings.timing
+    flight_time = view.settings.file.limits.duration_s
     orbit = view.settings.orbit
     # After the flight there are no rates. The texts then omit them.
     frames, accepted, _, setpoints = (
@@ -163,7 +163,7 @@ def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, s
     heartbeat = (
         "no heartbeat yet" if tick.link_age is None else f"heartbeat {tick.link_age:.2f} s old"
     )
-    duration = f" of {timing.duration:.0f} s" if isfinite(timing.duration) else ""
+    duration = f" of {flight_time:.0f} s" if isfinite(flight_time) else ""
     desired = tick.desired or orbit.radius
     measured = "" if tick.measured_rate is None else f", measured {tick.measured_rate:+.2f} m/s"
     turn = (
@@ -199,7 +199,7 @@ def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, s
         "target": status.target,
         **status.added,
         "ranging": _listed(
-            accepted and f"{accepted} accepted", newest, f"stale at {timing.stale:.2f} s"
+            accepted and f"{accepted} accepted", newest, f"stale at {view.settings.stale:.2f} s"
         ),
         "rejected": f"{refused} of {refused + tick.accepted}{why}{others}",
         "link": _listed(frames and f"{frames} frames", heartbeat),

@@ -192,5 +192,5 @@ def test_failing_listener_does_not_end_the_flight(circnav, folder):
     page = (run / "report.html").read_text()
     assert f"<h2>Seen for {summary['sight']['steps']} steps</h2>" in page
     assert "through green glass" in page
-    alone = load_mission(QUICKSTART, ["limits.duration_s=8"]).pilot_settings()
+    alone = load_mission(QUICKSTART, ["limits.duration_s=8"])
     assert replay(Pilot(alone), recorded_steps(run)).identical

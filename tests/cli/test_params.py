@@ -10,7 +10,7 @@ from circnav_mav.cli.bundled import bundled
 from circnav_mav.cli.params import parameter_lines
 from circnav_mav.mav.check_result import FAIL, PASS
 from circnav_mav.mission.load import load_mission
-from circnav_mav.mission.preflight import parameter_context
+from circnav_mav.preflight.checks import parameter_context
 from tests.pilot.test_preflight import Bench
 from tests.rig import Voice
 

@@ -121,7 +121,7 @@ def test_mission_of_radios_page_loads():
     lines = re.findall(r"^(\w+) = (\S+)", block("radios", "toml", "linktrack:"), re.MULTILINE)
     mission = load_mission(COPTER, [f"ranging.{key}={value}" for key, value in lines])
     assert mission.ranging_driver == "linktrack"
-    settings = mission.pilot_settings()
+    settings = mission
     assert (settings.ranging.beacon_id, settings.ranging.sigma_m, settings.ranging_apart) == (
         3,
         0.1,
@@ -129,4 +129,4 @@ def test_mission_of_radios_page_loads():
     )
     assert settings.unsigned_links == {"ranging"}
     without = [f"ranging.{key}={value}" for key, value in lines if key != "beacon_id"]
-    assert load_mission(COPTER, without).pilot_settings().ranging.beacon_id is None
+    assert load_mission(COPTER, without).ranging.beacon_id is None

@@ -186,7 +186,7 @@ def test_output_refuses_root_folder_and_links(circnav, mission, tmp_path, comman
 def test_live_page_shows_longest_mission_name():
     """The page's server receives each state as a line over a pipe. A line longer than PIPE_BUF
     would be dropped."""
-    pilot = Pilot(parse_mission(small_mission.TEXT, "x").pilot_settings())
+    pilot = Pilot(parse_mission(small_mission.TEXT, "x"))
     assert len(json.dumps(_facts(pilot, "x" * MAX_NAME, 1.0))) < select.PIPE_BUF
 
 

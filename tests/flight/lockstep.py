@@ -7,7 +7,7 @@ import math
 import statistics
 import struct
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from circnav_sim.config import parse_vehicle
@@ -20,7 +20,7 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.links import Link
 from circnav_mav.runtime.lockstep import Lockstep
 from circnav_mav.runtime.runner import run_step
-from tests.rig import decode
+from tests.rig import decode, flown_for_long
 from tests.tools.fault_link.frames import frames, message_id
 from tests.tools.fault_link.pipe import Pipe
 
@@ -156,11 +156,11 @@ def flight(
             CONFIG / f"{mission}.toml", (*overrides, f'guidance.law="{law or "smooth"}"')
         )
     assert loaded.file.sim is not None
-    settings = loaded.pilot_settings(output)
+    pilot = Pilot(loaded, output_mode=output)
     # The vehicle has flown for long before the test begins, unless it starts on the ground.
     if loaded.file.sim["start"].get("armed", True):
-        settings = replace(settings, timing=replace(settings.timing, airborne=0.0))
-    return Flight(Pilot(settings), Vehicle(parse_vehicle(loaded.file.sim, mission)))
+        flown_for_long(pilot)
+    return Flight(pilot, Vehicle(parse_vehicle(loaded.file.sim, mission)))
 
 
 def tangent(distance: float) -> tuple[str, ...]:

@@ -54,7 +54,7 @@ def recorded_flight(
     loaded = load_mission(CONFIG / f"{mission}.toml", overrides)
     assert loaded.file.sim is not None
     recorder = Recorder(folder, loaded.text)
-    pilot = Pilot(loaded.pilot_settings(output))
+    pilot = Pilot(loaded, output_mode=output)
     write_manifest(folder, loaded, pilot, EPOCH_US)
     recorder.start(EPOCH_US)
     vehicle = Vehicle(parse_vehicle(loaded.file.sim, mission))

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot import Pilot
 from tests.flight.lockstep import Flight, flight
+from tests.rig import flown_for_long
 
 KEY = bytes(range(32))
 OTHER = bytes(range(1, 33))
@@ -48,7 +49,7 @@ def signed_flight(
     made = flight(mission, *overrides)
     signing = Signing(ours) if ours is not None else None
     return Flight(
-        Pilot(made.pilot.settings, signing),
+        flown_for_long(Pilot(made.pilot.settings, signing)),
         made.vehicle,
         signing=signing,
         vehicle_clock=vehicle_clock,

@@ -10,7 +10,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.mav.check_result import Grade
-from circnav_mav.mission.preflight import judge
+from circnav_mav.preflight.checks import judge
 from tests.pilot.test_preflight import Bench
 from tests.process import ROOT
 

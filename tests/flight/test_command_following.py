@@ -49,7 +49,7 @@ def test_guidance_ends_when_vehicle_never_follows_turn_commands(
     )
     assert flown.now - engaged_at(flown) < 12.0
     exits = flown.pilot.session.adapter.exits
-    wanted = flown.pilot.settings.exit or "loiter"
+    wanted = flown.pilot.settings.file.exit.action or "loiter"
     assert flown.vehicle.truth.mode == exits[wanted]
 
 

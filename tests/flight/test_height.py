@@ -24,7 +24,7 @@ def flight_with_height(mission: str, key: str, *overrides: str) -> Flight:
     assert count == 1
     loaded = parse_mission(text, mission, (*overrides, 'guidance.law="smooth"'))
     assert loaded.file.sim is not None
-    return Flight(Pilot(loaded.pilot_settings()), Vehicle(parse_vehicle(loaded.file.sim, mission)))
+    return Flight(Pilot(loaded), Vehicle(parse_vehicle(loaded.file.sim, mission)))
 
 
 def test_horizontal_radius_is_constant_while_plane_climbs() -> None:

@@ -23,7 +23,7 @@ __all__ = ["circnav"]
 def again(folder: Path) -> ReplayResult:
     run = open_run(folder)
     return replay(
-        Pilot(parse_mission(run.mission_text, "mission.toml").pilot_settings()),
+        Pilot(parse_mission(run.mission_text, "mission.toml")),
         recorded_steps(folder),
     )
 

@@ -2,7 +2,6 @@
 computer."""
 
 import itertools
-from dataclasses import replace
 
 import pytest
 
@@ -51,8 +50,7 @@ def test_plane_keeps_circle_with_one_attitude_per_second() -> None:
 
 def test_dry_run_beside_steering_pilot_reports_drift_law() -> None:
     flown = flight("arducopter", law="auto")
-    settings = replace(flown.pilot.settings, output_mode=OutputMode.DRY_RUN)
-    dry = Pilot(settings)
+    dry = Pilot(flown.pilot.settings, output_mode=OutputMode.DRY_RUN)
 
     def listens(frame: bytes, now: float) -> bool:
         dry.receive(frame, now, "sim", VEHICLE)

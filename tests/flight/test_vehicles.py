@@ -70,7 +70,7 @@ def test_vehicle_settles_on_counterclockwise_circle(
     flown = flight(mission, reverse, *overrides, "limits.duration_s=58.0", law="auto").fly(90)
     assert flown.outcome.ending is Ending.COMPLETED
     exits = flown.pilot.session.adapter.exits
-    assert flown.vehicle.truth.mode == exits[flown.pilot.settings.exit or "loiter"]
+    assert flown.vehicle.truth.mode == exits[flown.pilot.settings.file.exit.action or "loiter"]
     orbit = flown.pilot.settings.orbit
     circle = [truth for truth in flown.truths if truth.time > 45.0]
     laps = (circle[-1].time - 45.0) * orbit.speed / (2 * pi * orbit.radius)
@@ -183,7 +183,7 @@ def test_lost_ranging_ends_flight_with_exit_mode(mission: str) -> None:
     assert "no range" in flown.outcome.reason
     assert (
         flown.vehicle.truth.mode
-        == flown.pilot.session.adapter.exits[flown.pilot.settings.exit or "loiter"]
+        == flown.pilot.session.adapter.exits[flown.pilot.settings.file.exit.action or "loiter"]
     )
 
 

@@ -19,6 +19,7 @@ from tests.flight.lockstep import (
     rms_error,
     true_radius,
 )
+from tests.rig import flown_for_long
 
 GUIDED = 4
 LOITER = 5
@@ -160,7 +161,7 @@ def test_second_imu_is_used_when_first_accelerometer_fails(fault: str) -> None:
 def test_flight_without_gps_replays_identically() -> None:
     """The recorded frames must be sufficient to reproduce the switch to GUIDED_NOGPS."""
     flown = _lost()
-    assert replay(Pilot(flown.pilot.settings), flown.steps).identical
+    assert replay(flown_for_long(Pilot(flown.pilot.settings)), flown.steps).identical
 
 
 def test_single_report_without_position_does_not_change_guided() -> None:

@@ -3,7 +3,6 @@ from the MAVLink definitions. Rules: wire order by field size, trailing zeros cu
 with the message's extra byte."""
 
 import struct
-from dataclasses import replace
 from math import acos, atan, cos, inf, nan, radians, sin, sqrt, tan
 
 import numpy as np
@@ -19,7 +18,7 @@ from circnav_mav.mav.codec import Encoder
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
-from tests.rig import ORBIT, Rig, Voice, decode, heartbeat, x25
+from tests.rig import Rig, Voice, decode, heartbeat, x25
 
 US = (7, 191)
 VEHICLE_IDS = (7, 1)
@@ -271,7 +270,7 @@ def test_setpoints_before_engagement_are_sent_only_in_harmless_modes(key, mode, 
 def test_engaged_pilot_sends_frame_built_by_hand(direction: Direction, sign: int) -> None:
     """Without ranges the pilot holds the turn rate V/r_d = 15/100 rad/s. Clockwise is positive in
     MAVLink."""
-    rig = Rig(orbit=replace(ORBIT, direction=direction))
+    rig = Rig(f"orbit.direction={direction.value}")
     rig.vehicle = Voice(*VEHICLE_IDS)
     rig.engage()
     rig.ranges = False

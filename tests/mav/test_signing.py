@@ -21,7 +21,7 @@ from circnav_mav.pilot import RANGING, Pilot
 from tests.flight.signed import KEY, OTHER, voice
 from tests.frames import output
 from tests.mav.test_codec import decoded
-from tests.rig import MISSION, heartbeat
+from tests.rig import heartbeat, rig_mission
 
 NOW = 37_000_000_000_000
 """A signing timestamp of the year 2026, 10 us since 2015."""
@@ -208,7 +208,7 @@ def test_setup_signing_message_is_not_logged():
 
 
 def pilot_with(key=KEY, **options):
-    return Pilot(MISSION, key and Signing(key, timestamp=NOW, **options))
+    return Pilot(rig_mission(), key and Signing(key, timestamp=NOW, **options))
 
 
 def beat(pilot, theirs, now=0.0, source="vehicle"):

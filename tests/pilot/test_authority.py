@@ -6,9 +6,8 @@ import re
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.guidance.monitors import Bounds
 from circnav_mav.pilot import Ending, Outcome, OutputMode, Phase
-from tests.rig import Rig, timing, vfr_hud
+from tests.rig import Rig, vfr_hud
 
 GUIDED = 4
 LOITER = 5
@@ -62,7 +61,7 @@ def test_no_command_in_other_mode_without_request_mode(rig, mode):
 def test_no_command_until_every_engagement_condition_is_met(
     state, seconds, waits_for, then, request_mode
 ):
-    rig = Rig(request_mode=request_mode).run(
+    rig = Rig(f"engage.request_mode={str(request_mode).lower()}").run(
         seconds, mode=LOITER if request_mode else GUIDED, **state
     )
     assert (rig.pilot.mission.phase, commanded(rig)) == (Phase.READY, [])
@@ -76,7 +75,7 @@ def test_vehicle_without_landed_state_resumes_after_lost_link(rig):
 
 
 def test_denied_streams_are_requested_once_and_named():
-    rig = Rig(timing=timing(wait_ranging=20.0))
+    rig = Rig("link.wait_s=20.0")
 
     def denies():
         for number in {message.command for message in rig.of("COMMAND_LONG", rig.now - 0.01)}:
@@ -121,10 +120,9 @@ def test_loop_gap_below_half_second_is_no_stall(rig):
 
 
 def test_dry_run_computes_setpoints_without_sending():
-    limits = timing(duration=4.0)
-    rig = Rig(output_mode=OutputMode.DRY_RUN, request_mode=True, timing=limits).run(
-        4.0, mode=LOITER, armed=False
-    )
+    rig = Rig(
+        "engage.request_mode=true", "limits.duration_s=4.0", output_mode=OutputMode.DRY_RUN
+    ).run(4.0, mode=LOITER, armed=False)
     assert rig.pilot.mission.phase is Phase.ENGAGED
     newest = rig.pilot.take_records()[-1]
     assert newest.turn_rate is not None and newest.yaw_rate_sent is None
@@ -134,7 +132,7 @@ def test_dry_run_computes_setpoints_without_sending():
 
 
 def test_shadow_sends_only_heartbeat_and_plot_values():
-    rig = Rig(output_mode=OutputMode.SHADOW, request_mode=True).run(10.0)
+    rig = Rig("engage.request_mode=true", output_mode=OutputMode.SHADOW).run(10.0)
     rig.pilot.interrupt(rig.now, "SIGINT")
     assert rig.run(1.0).pilot.done
     assert {message.get_type() for _, message in rig.sent} == {"HEARTBEAT", "NAMED_VALUE_FLOAT"}
@@ -159,7 +157,7 @@ def test_interrupt_before_engagement_sends_no_setpoint(output_mode, mode):
     "apart", [False, True], ids=["frames echoed by router", "first frame echoed on ranging link"]
 )
 def test_echo_of_own_frames_is_not_another_companion(apart):
-    rig = Rig(ranging_apart=apart)
+    rig = Rig(*(["ranging.endpoint=udpin:127.0.0.1:14560"] if apart else []))
 
     def echo():
         rig.pilot.receive(
@@ -183,16 +181,16 @@ def reported(rig, *messages):
 
 
 @pytest.mark.parametrize(
-    ("bounds", "inside", "beyond", "message", "reason"),
+    ("bound", "inside", "beyond", "message", "reason"),
     [
-        (Bounds(farthest=200.0), 19000, 21000, None, "range 2.* m is farther than 200.0 m"),
-        (Bounds(closest=80.0), 8500, 7500, None, "range 7.* m is nearer than 80.0 m"),
-        (Bounds(battery=20.0), 15000, 15000, battery(19), "battery 19 % is below 20 %"),
-        (Bounds(highest=120.0), 15000, 15000, vfr_hud(121.0), "altitude 121.0 m is above 120.0 m"),
+        ("max_range_m=200.0", 19000, 21000, None, "range 2.* m is farther than 200.0 m"),
+        ("min_range_m=80.0", 8500, 7500, None, "range 7.* m is nearer than 80.0 m"),
+        ("min_battery_percent=20.0", 15000, 15000, battery(19), "battery 19 % is below 20 %"),
+        ("max_altitude_m=120.0", 15000, 15000, vfr_hud(121.0), "altitude 121.0 m is above 120.0 m"),
     ],
 )
-def test_broken_bound_prevents_engagement_and_ends_flight(bounds, inside, beyond, message, reason):
-    rig = Rig(bounds=bounds, request_mode=True)
+def test_broken_bound_prevents_engagement_and_ends_flight(bound, inside, beyond, message, reason):
+    rig = Rig(f"bounds.{bound}", "engage.request_mode=true")
     good = (battery(20), vfr_hud(119.0))
     rig.run(5.0, reported(rig, *good, message), range_cm=beyond, mode=LOITER)
     assert rig.commands(mavlink.MAV_CMD_DO_SET_MODE) == rig.setpoints() == []
@@ -204,17 +202,15 @@ def test_broken_bound_prevents_engagement_and_ends_flight(bounds, inside, beyond
 
 
 @pytest.mark.parametrize(
-    ("bounds", "told", "unknown", "needs"),
+    ("bound", "told", "unknown", "needs"),
     [
-        (Bounds(battery=20.0), battery(50), battery(-1), "no battery in SYS_STATUS"),
-        (Bounds(battery=20.0), battery(50), None, "no battery in SYS_STATUS"),
-        (Bounds(lowest=20.0), vfr_hud(100.0), None, "no altitude above sea level"),
+        ("min_battery_percent=20.0", battery(50), battery(-1), "no battery in SYS_STATUS"),
+        ("min_battery_percent=20.0", battery(50), None, "no battery in SYS_STATUS"),
+        ("min_altitude_m=20.0", vfr_hud(100.0), None, "no altitude above sea level"),
     ],
 )
-def test_unreported_value_of_bound_prevents_engagement_or_raises_alarm(
-    bounds, told, unknown, needs
-):
-    rig = Rig(bounds=bounds)
+def test_unreported_value_of_bound_prevents_engagement_or_raises_alarm(bound, told, unknown, needs):
+    rig = Rig(f"bounds.{bound}")
     assert rig.run(3.0, lambda: unknown and rig.receive(unknown)).setpoints() == []
     assert rig.pilot.status.waits_for(rig.now).startswith(f"{needs}: bounds.min_")
     assert rig.run(2.0, lambda: rig.receive(told)).setpoints()

@@ -18,7 +18,7 @@ from circnav_mav.pilot.step_view import StepView
 from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.status import StatusSource
 from tests.flight.lockstep import Flight, flight
-from tests.rig import LOITER, MISSION, Rig
+from tests.rig import LOITER, Rig
 
 TROUBLESHOOTING = (Path(__file__).parents[2] / "docs" / "troubleshooting.md").read_text()
 
@@ -34,7 +34,10 @@ def views() -> list[StepView]:
     identities = (VEHICLE_NAME, OUR_NAME, RADIO_NAME)
     coasting = replace(
         view,
-        tick=view.tick._replace(phase=Phase.COASTING, range_age=5.0, link_age=1.0, gain_share=0.5),
+        phase=Phase.COASTING,
+        range_age=5.0,
+        link_age=1.0,
+        gain_share=0.5,
         outcome=Outcome(Ending.ABORTED, "battery at 5 %"),
         second_senders=tuple(f"{name} has a second sender" for name in identities),
         second_controller="the vehicle flies +20 deg/s, commanded -3 deg/s",
@@ -66,7 +69,7 @@ def views() -> list[StepView]:
         closing_alarm=ClosingAlarm(True, 2100.0, 18.0, 15.4),
         lap_alarm=LapAlarm(by_ranges=150.0, by_turns=192.4, on=True),
         circle=replace(view.circle, radius=120.0),
-        law="drift",
+        flown_law="drift",
         why="drift: wind 5 m/s",
         follows=False,
         lean_share=0.8,
@@ -75,7 +78,9 @@ def views() -> list[StepView]:
     )
     stale = replace(
         coasting,
-        tick=coasting.tick._replace(phase=Phase.ENGAGED, link_age=3.0, height=20.0),
+        phase=Phase.ENGAGED,
+        link_age=3.0,
+        height=20.0,
         drift_alarm=DriftAlarm(),
     )
     alarmed = replace(coasting, lap_alarm=LapAlarm())
@@ -114,7 +119,7 @@ def test_display_and_statustext_show_texts_of_condition_table(rig):
 
 
 def test_condition_of_steering_ends_silently_on_takeover():
-    rig = Rig(end_on_takeover=False).engage()
+    rig = Rig("engage.on_takeover=wait").engage()
     rig.run(2.0, ranges=False).run(1.0, mode=LOITER, ranges=False)
     assert rig.pilot.mission.phase is Phase.YIELDED
     assert list(rig.pilot.conditions.alarms) == ["range_stale"]
@@ -144,7 +149,7 @@ def flown_in_wind(max_turn_rate: float, seconds: float) -> tuple[Flight, list[st
 
 @pytest.mark.parametrize(("component", "asked"), [(1, True), (7, False)])
 def test_range_stream_is_requested_only_from_autopilot(component, asked):
-    rig = Rig(ranging=replace(MISSION.ranging, component_id=component))
+    rig = Rig(f"ranging.component_id={component}")
     rig.run(5.0, lambda: rig.acknowledge(511), ranges=False)
     asked_for = {command.param1 for command in rig.commands(511)}
     assert (mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR in asked_for) is asked
@@ -154,7 +159,7 @@ def test_range_stream_is_requested_only_from_autopilot(component, asked):
 def test_excessive_drift_is_reported_once_and_displayed():
     flown, texts = flown_in_wind(12.0, 30.0)
     (said,) = (text for text in texts if "allows" in text)
-    assert said.startswith(("circnav: drift 6.", "circnav: drift 5."))
+    assert said.startswith(("circnav: wind 6.", "circnav: wind 5."))
     assert said.endswith("m/s, circle allows 2.7 m/s")
     alarms = StatusSource(flown.pilot, Listeners()).status(flown.ticks[-1], 30.0).alarms
     assert [alarm.split(":")[0] for alarm in alarms] == ["WIND TOO STRONG"]

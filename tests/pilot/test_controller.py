@@ -1,21 +1,19 @@
 """The controller: detection that a copter flies at the commanded speed, the integral of the radius
 error, changes of the circle, and the setpoint guard."""
 
-from dataclasses import replace
-
 import pytest
 
 from circnav_mav.guidance.circle_change import CircleLimits, CircleRequest
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, TurnCommand, TurnRate
 from circnav_mav.mav.autopilots.interface import VehicleFacts
 from circnav_mav.mav.autopilots.table import AUTOPILOTS, adapters
-from circnav_mav.mav.identity import Sender
+from circnav_mav.mav.identity import LinkSettings, Sender
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.setpoint_guard import UnsafeSetpointError
 from circnav_mav.mission.load import parse_mission
 from circnav_mav.pilot.controller import Controller
 from circnav_mav.pilot.mission_state import Phase
-from tests.rig import MISSION
+from tests.rig import rig_mission
 from tests.small_mission import TEXT
 
 COMMANDED = TurnRate(-0.2)
@@ -42,10 +40,8 @@ class Vehicle:
     reports."""
 
     def __init__(self, *overrides):
-        settings = parse_mission(TEXT, "small.toml", overrides).pilot_settings()
-        session = Session(
-            settings.link, adapters(settings.autopilot, settings.kind, settings.facts)
-        )
+        settings = parse_mission(TEXT, "small.toml", overrides)
+        session = Session(LinkSettings(), adapters(*settings.vehicle_key, settings.facts))
         session.identity.peer = Sender(1, 1, "here")
         self.controller = Controller(settings)
         self.now = 0.0
@@ -131,9 +127,11 @@ def test_fleet_offset_does_not_change_circle_of_operator():
 
 
 @pytest.mark.parametrize(("key", "sent"), [(PLANE, [16.5]), (COPTER, []), (STICK, [])])
-def test_airspeed_is_commanded_if_setpoints_contain_no_speed(key, sent):
-    controller = Controller(replace(MISSION, facts=VehicleFacts(15.0, max_bank=BANK)))
-    session = Session(MISSION.link, (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=BANK)),))
+def test_airspeed_is_commanded_if_setpoints_contain_no_speed(key, sent, monkeypatch):
+    mission = rig_mission()
+    monkeypatch.setitem(mission.__dict__, "facts", VehicleFacts(15.0, max_bank=BANK))
+    controller = Controller(mission)
+    session = Session(LinkSettings(), (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=BANK)),))
     session.identity.peer = Sender(1, 1, "here")
     command = TurnCommand(TurnRate(0.1), TurnRate(0.1), saturated=False)
     for now, pace in enumerate((1.0, 0.95, 1.1), 1):
@@ -153,11 +151,14 @@ def test_airspeed_is_commanded_if_setpoints_contain_no_speed(key, sent):
 def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_bank=BANK):
     """Return True if the setpoint guard passes a setpoint with this turn rate (rad/s) and speed
     (m/s), from an adapter with this largest bank (rad)."""
-    controller = Controller(
-        replace(MISSION, facts=VehicleFacts(15.0, max_bank=BANK), circle_limits=limits)
-    )
+    mission = rig_mission()
+    monkeypatch.setitem(mission.__dict__, "facts", VehicleFacts(15.0, max_bank=BANK))
+    monkeypatch.setitem(mission.__dict__, "circle_limits", limits)
+    controller = Controller(mission)
     monkeypatch.setattr(Controller, "speed", speed)
-    session = Session(MISSION.link, (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=adapters_bank)),))
+    session = Session(
+        LinkSettings(), (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=adapters_bank)),)
+    )
     session.identity.peer = Sender(1, 1, "here")
     command = TurnCommand(TurnRate(rate), TurnRate(rate), saturated=False)
     try:

@@ -7,12 +7,11 @@ from circnav_mav.mav.own_motion import Motion
 from circnav_mav.pilot import OutputMode
 from circnav_mav.pilot.height import Height
 from circnav_mav.pilot.mission_state import Phase
-from circnav_mav.pilot.settings import HeightSettings
-from tests.rig import vfr_hud
+from tests.rig import rig_mission, vfr_hud
 
-FIXED = HeightSettings(above_target=60.0)
-ABSOLUTE = HeightSettings(target_altitude=500.0)
-FROM_HOME = HeightSettings(target_above_home=-4.0)
+FIXED = "height_above_target_m=60.0"
+ABSOLUTE = "target_altitude_m=500.0"
+FROM_HOME = "target_above_home_m=-4.0"
 
 
 def home(altitude, latitude=473_000_000, x=0.0):
@@ -24,8 +23,8 @@ def home(altitude, latitude=473_000_000, x=0.0):
 class Climb:
     """A height that receives an altitude every 0.2 s."""
 
-    def __init__(self, settings):
-        self.height = Height(settings)
+    def __init__(self, given):
+        self.height = Height(rig_mission(f"orbit.{given}").file.orbit)
         self.now = 0.0
 
     def at(self, altitude):
@@ -120,7 +119,7 @@ def test_height_accepts_altitude_that_returns_after_jump():
 def test_home_position_without_altitude_has_no_effect(make_rig):
     """Only the altitude of HOME_POSITION may affect the guidance, because the guidance uses no
     positions."""
-    rigs = [make_rig(height=FROM_HOME), make_rig(height=FROM_HOME)]
+    rigs = [make_rig(f"orbit.{FROM_HOME}"), make_rig(f"orbit.{FROM_HOME}")]
     for rig, place in zip(rigs, ((473_000_000, 0.0), (-10_000_000, 1e6)), strict=True):
 
         def report(rig=rig, place=place):
@@ -136,7 +135,7 @@ def test_home_position_without_altitude_has_no_effect(make_rig):
     ("output_mode", "expected"), [(OutputMode.FLY, 88.0), (OutputMode.DRY_RUN, 60.0)]
 )
 def test_dry_run_keeps_mission_height(make_rig, output_mode, expected):
-    rig = make_rig(height=FIXED, output_mode=output_mode)
+    rig = make_rig(f"orbit.{FIXED}", output_mode=output_mode)
     for second in range(60):
         rig.run(0.5)
         rig.receive(vfr_hud(500.0 + max(0, second - 30)))

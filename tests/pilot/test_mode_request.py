@@ -5,7 +5,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Ending, Phase
-from tests.rig import Rig, decode, timing
+from tests.rig import Rig, decode
 
 GUIDED = 4
 LOITER = 5
@@ -15,9 +15,9 @@ POSHOLD = 16
 SET_MODE = 176
 
 
-def asked(mode: int = LOITER, **settings) -> Rig:
+def asked(*overrides: str, mode: int = LOITER) -> Rig:
     """Return a rig that has just sent its first request for the guided mode."""
-    rig = Rig(request_mode=True, **settings)
+    rig = Rig("engage.request_mode=true", *overrides)
     while not rig.commands(SET_MODE):
         rig.run(0.05, mode=mode)
     return rig
@@ -25,7 +25,7 @@ def asked(mode: int = LOITER, **settings) -> Rig:
 
 def interrupted(exit: str = "rtl") -> tuple[Rig, float]:
     """Return a rig that flew and was interrupted, and the time of the interrupt."""
-    rig = Rig(exit=exit).engage()
+    rig = Rig(f"exit.action={exit}").engage()
     rig.pilot.interrupt(rig.now, "SIGINT")
     return rig, rig.now
 
@@ -44,7 +44,7 @@ def safe(rig: Rig, since: float) -> bool:
 
 
 def test_mode_is_requested_when_ready_and_confirmed_by_heartbeat():
-    rig = Rig(request_mode=True).run(3.0, mode=LOITER, ranges=False)
+    rig = Rig("engage.request_mode=true").run(3.0, mode=LOITER, ranges=False)
     assert rig.commands(SET_MODE) == [], "no mode request without ranging"
     rig.run(1.5, ranges=True)
     first = rig.commands(SET_MODE)[0]
@@ -108,7 +108,7 @@ def test_mode_change_of_operator_after_request_is_not_reversed(acknowledged):
 @pytest.mark.parametrize("shows", [GUIDED, LOITER, LAND])
 @pytest.mark.parametrize("why", ["interrupted", "ranging lost"])
 def test_requested_mode_gets_exit_action_without_flight(why, shows):
-    rig = asked(exit="rtl", timing=timing(wait_ranging=1.0))
+    rig = asked("exit.action=rtl", "link.wait_s=1.0")
     rig.acknowledge(SET_MODE)
     since = rig.now
     if why == "interrupted":
@@ -124,7 +124,7 @@ def test_requested_mode_gets_exit_action_without_flight(why, shows):
 
 def test_pending_mode_request_is_dropped_with_lost_link():
     """The mode request is unanswered. After the outage the operator may control the vehicle."""
-    rig = Rig(request_mode=True).run(3.0, mode=LOITER, ranges=False)
+    rig = Rig("engage.request_mode=true").run(3.0, mode=LOITER, ranges=False)
     rig.run(1.8, speaks=False).run(1.5, ranges=True)
     assert rig.pilot.mission.phase is Phase.WAIT_LINK
     assert 1 <= len(rig.commands(SET_MODE)) <= 3, "the mode is requested before the outage"
@@ -165,7 +165,7 @@ def test_exit_action_sends_safe_setpoints_until_mode_change():
 
 
 def test_exit_action_is_requested_despite_unanswered_mode_request():
-    rig = asked(POSHOLD, exit="loiter").run(5.0, mode=GUIDED)
+    rig = asked("exit.action=loiter", mode=POSHOLD).run(5.0, mode=GUIDED)
     assert rig.pilot.mission.phase is Phase.ENGAGED
     since = rig.now
     rig.pilot.interrupt(rig.now, "SIGINT")
@@ -218,8 +218,8 @@ def test_exit_action_times_out_without_answer_or_during_stalls():
 
 @pytest.mark.parametrize("why", ["interrupted", "timeout", "ranging lost"])
 def test_mission_end_during_outage_requests_exit_action(why):
-    limits = timing(duration=12.0 if why == "timeout" else 600.0, outage=10.0)
-    rig = Rig(exit="rtl", timing=limits).engage()
+    duration = 12.0 if why == "timeout" else 600.0
+    rig = Rig("exit.action=rtl", f"limits.duration_s={duration}").engage()
     assert (
         rig.run(5.0, speaks=False, ranges=False).run(1.0, speaks=True).pilot.mission.phase
         is Phase.WAIT_RANGING
@@ -227,13 +227,13 @@ def test_mission_end_during_outage_requests_exit_action(why):
     since = rig.now
     if why == "interrupted":
         rig.pilot.interrupt(rig.now, "SIGTERM")
-    rig.run(0.5 if why == "interrupted" else 12.0)
+    rig.run(0.5 if why == "interrupted" else 62.0)
     assert modes(rig, since)[:1] == [RTL]
     assert safe(rig, since)
 
 
 def test_mission_end_after_takeover_requests_nothing():
-    rig = Rig(exit="rtl", end_on_takeover=False).engage().run(2.0, mode=LOITER)
+    rig = Rig("exit.action=rtl", "engage.on_takeover=wait").engage().run(2.0, mode=LOITER)
     since = rig.now
     rig.pilot.interrupt(rig.now, "SIGTERM")
     assert rig.run(2.0).pilot.done
@@ -241,7 +241,7 @@ def test_mission_end_after_takeover_requests_nothing():
 
 
 def test_exit_action_after_stall_waits_for_heartbeat():
-    rig = Rig(exit="rtl").engage()
+    rig = Rig("exit.action=rtl").engage()
     rig.pass_time(1.0)
     since = rig.now
     rig.pilot.interrupt(rig.now, "SIGTERM")
@@ -274,7 +274,7 @@ def last_frames(rig: Rig) -> list:
 @pytest.mark.parametrize("exit", ["stop", "rtl"])
 @pytest.mark.parametrize("waits", [False, True], ids=["in flight", "during outage"])
 def test_last_frames_are_safe_setpoint_and_exit_action(waits, exit):
-    rig = Rig(exit=exit, end_on_takeover=False)
+    rig = Rig(f"exit.action={exit}", "engage.on_takeover=wait")
     assert last_frames(rig.run(0.3)) == []
     rig.engage()
     if waits:
@@ -297,7 +297,7 @@ def test_last_frames_are_safe_setpoint_and_exit_action(waits, exit):
     ids=["short stall", "long stall", "no heartbeats"],
 )
 def test_last_frames_request_no_mode_without_confirmed_control(passes):
-    rig = Rig(exit="rtl").engage()
+    rig = Rig("exit.action=rtl").engage()
     passes(rig)
     assert rig.pilot.mission.phase is Phase.ENGAGED
     (safe,) = last_frames(rig)

@@ -18,7 +18,7 @@ def setting(name, value, kind=mavlink.MAV_PARAM_TYPE_REAL32, target=OURS):
 
 @pytest.fixture
 def flying(make_rig):
-    rig = make_rig(unsigned_parameters=True)
+    rig = make_rig("link.unsigned_parameters=true")
     rig.run(5.0)
     return rig
 

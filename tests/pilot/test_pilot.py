@@ -1,7 +1,6 @@
 """Setpoints and other output of a pilot: for fresh ranges, while coasting, in outages and at the
 end."""
 
-from dataclasses import replace
 from itertools import pairwise
 from math import nan
 
@@ -10,7 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.types import Direction, TurnCommand, TurnRate
 from circnav_mav.pilot import Ending, Phase
-from tests.rig import ORBIT, Rig, Voice, attitude, decode, heartbeat, timing
+from tests.rig import Rig, Voice, attitude, decode, heartbeat
 
 GUIDED = 4
 LOITER = 5
@@ -174,13 +173,11 @@ def test_fresh_range_gets_setpoint_in_next_step(rig):
 def test_law_turns_at_constant_range_only_outside_circle(direction, sign):
     """Outside the circle a constant range means flight across the line of sight, so the law turns.
     Clockwise is to the right, positive in MAVLink."""
-    orbit = replace(ORBIT, direction=direction)
-    setpoint = Rig(orbit=orbit).engage().setpoints()[-1]
+    way = f"orbit.direction={direction.value}"
+    setpoint = Rig(way).engage().setpoints()[-1]
     assert setpoint.yaw_rate * sign > 0
     assert (setpoint.vx, setpoint.vy, setpoint.vz) == (15.0, 0.0, 0.0)
-    assert {message.yaw_rate for message in Rig(orbit=orbit).engage(range_cm=5000).setpoints()} == {
-        0.0
-    }
+    assert {message.yaw_rate for message in Rig(way).engage(range_cm=5000).setpoints()} == {0.0}
 
 
 def test_setpoints_stay_within_turn_limit(rig):
@@ -306,7 +303,7 @@ def fails(rig):
 )
 def test_flight_ends_with_three_safe_setpoints(happens, ending, reason):
     """The end of the flight also restores the default stream rates of the vehicle."""
-    rig = Rig(timing=timing(duration=15.0)).engage()
+    rig = Rig("limits.duration_s=15.0").engage()
     happens(rig)
     since = rig.now
     assert rig.run(1.0).pilot.done
@@ -328,17 +325,17 @@ def test_flight_ends_with_three_safe_setpoints(happens, ending, reason):
 def test_lost_link_ends_mission_after_outage_limit():
     """The outage begins when the link is lost, 3 s after the last heartbeat. The wait for the first
     heartbeat is not an outage."""
-    rig = Rig(timing=timing(outage=10.0, wait_link=2.0)).engage()
-    assert not rig.run(12.9, speaks=False).pilot.done
+    rig = Rig("link.wait_s=2.0").engage()
+    assert not rig.run(62.9, speaks=False).pilot.done
     assert rig.run(1.0).pilot.done
     assert (rig.pilot.mission.outcome.ending, rig.pilot.mission.outcome.reason) == (
-        Ending.ABORTED, "no vehicle or no ranging for 10 s"
+        Ending.ABORTED, "no vehicle or no ranging for 60 s"
     )  # fmt: skip
 
 
 @pytest.mark.parametrize(("comes_back", "what"), [(False, "heartbeat"), (True, "range")])
 def test_timeout_during_outage_names_missing_message(comes_back, what):
-    rig = Rig(timing=timing(duration=10.0)).engage()
+    rig = Rig("limits.duration_s=10.0").engage()
     outage_since = rig.now
     rig.run(4.0, speaks=False, ranges=False).now_is(speaks=comes_back)
     while not rig.pilot.done:
@@ -394,7 +391,7 @@ MISFIT = "no vehicle: system 1 is px4 quadrotor, the mission is for ardupilot co
     ids=["no vehicle", "other vehicle", "no range"],
 )
 def test_mission_timeout_reports_received_data(limit, received, state, begins, ends):
-    rig = Rig(timing=timing(**{limit: 2.0}))
+    rig = Rig("link.wait_s=2.0")
     rig.pilot.receive(received, rig.now, rig.source)
     outcome = rig.run(3.0, **state).pilot.mission.outcome
     assert outcome.ending is Ending.NOTHING_RECEIVED

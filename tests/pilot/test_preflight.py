@@ -20,9 +20,9 @@ from circnav_mav.mav.commands import USUAL
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.load import load_mission
-from circnav_mav.mission.preflight import judge
 from circnav_mav.pilot import RANGING, VEHICLE
-from circnav_mav.pilot.preflight_listener import PreflightListener, ReceivedRange
+from circnav_mav.preflight.checks import judge
+from circnav_mav.preflight.listener import PreflightListener, ReceivedRange
 from tests.flight.signed import KEY, OTHER, key_file
 from tests.rig import Voice, beacon, heartbeat
 from tests.tools.fault_link.frames import message_id
@@ -56,7 +56,7 @@ class Bench:
         self.mission = mission
         self.vehicle = Vehicle(parse_vehicle(mission.file.sim, name))
         self.listener = PreflightListener(
-            mission.pilot_settings(), seconds=seconds, signing=signing and Signing(signing)
+            mission, seconds=seconds, signing=signing and Signing(signing)
         )
         self.sent = []
         self.speed = 1.0

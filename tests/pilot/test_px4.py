@@ -23,8 +23,9 @@ KINDS = [
 class PX4(Rig):
     """A rig with a PX4 vehicle at 104 m above sea level."""
 
-    def __init__(self, mode: int = OFFBOARD, kind: str = "copter", **settings) -> None:
-        super().__init__(autopilot="px4", kind=kind, **settings)
+    def __init__(self, mode: int = OFFBOARD, kind: str = "copter", then: str = "end") -> None:
+        keys = ("vehicle.autopilot=px4", f"vehicle.kind={kind}", f"engage.on_takeover={then}")
+        super().__init__(*keys)
         self.mode = mode
         self.altitude = 104.0
         self.kind, self.airspeed = (2, float("nan")) if kind == "copter" else (1, 15.0)
@@ -62,7 +63,7 @@ def test_px4_setpoints_before_offboard_command_no_motion():
 def test_no_setpoints_to_vehicle_rearmed_in_offboard():
     """The mission is ready, but the operator has not left and entered OFFBOARD again, so the
     vehicle is not handed over."""
-    rig = PX4(end_on_takeover=False).engage()
+    rig = PX4(then="wait").engage()
     since = rig.run(0.3, armed=False).now
     rig.run(1.0).run(4.0, speaks=False).run(3.0, speaks=True, armed=True)
     assert (rig.pilot.mission.phase, rig.pilot.session.vehicle.in_our_mode) == (Phase.READY, True)
@@ -81,7 +82,7 @@ def test_slow_link_keeps_setpoints_in_offboard_but_starts_none(mode, setpoints):
 
 
 def test_each_engagement_holds_its_own_initial_height():
-    rig = PX4(POSCTL, end_on_takeover=False).run(3.0)
+    rig = PX4(POSCTL, then="wait").run(3.0)
     since = rig.run(1.0, altitude=120.0).now
     assert rig.run(2.0, mode=OFFBOARD).pilot.mission.phase is Phase.ENGAGED
     assert {message.vz for message in rig.setpoints(since)} == {0.0}

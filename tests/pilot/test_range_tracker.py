@@ -1,7 +1,6 @@
 """The range tracker: ranges accepted or rejected by sender and value, and the effects of their
 delay."""
 
-from dataclasses import replace
 from itertools import count, pairwise
 from random import Random
 
@@ -9,22 +8,17 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import RANGING, OutputMode, Phase
-from tests.rig import MISSION, Rig, Voice, beacon, decode, distance, heartbeat, scattering, timing
+from tests.rig import ANY_SENSOR, Rig, Voice, beacon, decode, distance, heartbeat, scattering
 
 GUIDED = 4
 LOITER = 5
-
-
-def ranging(**changes):
-    """Return the ranging of the rig's mission, with changes."""
-    return replace(MISSION.ranging, **changes)
 
 
 # --- other senders
 
 
 def test_tracker_rejects_same_component_of_another_vehicle():
-    rig = Rig(ranging=ranging(component_id=192))
+    rig = Rig("ranging.component_id=192")
     received = []
     ours = Voice(1, 192)
     theirs = Voice(2, 192)
@@ -158,7 +152,6 @@ def two(rig, *, equal_stamps=True, **other):
     return speaks
 
 
-ANY = {"sensor_id": None, "orientation": None}
 NOT_ENGAGED = (
     "2 range sources: 1/1 sensor_id 0 orientation 24 (150.0 m), 1/1 sensor_id 1 orientation {}"
     " (40.0 m): "
@@ -174,7 +167,7 @@ NOT_ENGAGED = (
 def test_two_range_sensors_prevent_engagement_until_one_is_selected(equal_stamps, other, keys):
     """The mission does not select a sensor, as one written by `init`. The waiting text contains the
     ids, the ranges and the key that selects a sensor."""
-    rig = Rig(ranging=ranging(**ANY), timing=timing(wait_ranging=10.0))
+    rig = Rig("link.wait_s=10.0", text=ANY_SENSOR)
     rig.run(8.0, two(rig, equal_stamps=equal_stamps, **other), ranges=False)
     expected = NOT_ENGAGED.format(other.get("orientation", 24)) + f"select yours by {keys}"
     assert rig.pilot.status.waits_for(rig.now) == expected
@@ -184,7 +177,7 @@ def test_two_range_sensors_prevent_engagement_until_one_is_selected(equal_stamps
         rig.run(5.0, two(rig, equal_stamps=equal_stamps, **other)).pilot.mission.outcome.reason
         == expected
     )
-    named = Rig(ranging=ranging(**ANY | {"sensor_id": 0}))
+    named = Rig("ranging.sensor_id=0", text=ANY_SENSOR)
     named.run(5.0, two(named, equal_stamps=equal_stamps, **other), ranges=False)
     assert named.pilot.mission.phase is Phase.ENGAGED
     assert named.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.02)
@@ -194,7 +187,7 @@ def test_two_range_sensors_prevent_engagement_until_one_is_selected(equal_stamps
 def test_slow_second_sensor_prevents_engagement():
     """The second sensor measures once per second. The pilot therefore listens for some time before
     it engages."""
-    rig = Rig(ranging=ranging(**ANY))
+    rig = Rig(text=ANY_SENSOR)
 
     def late():
         if rig.tick % 20 == 19:
@@ -205,8 +198,8 @@ def test_slow_second_sensor_prevents_engagement():
 
 
 def test_second_sensor_in_flight_changes_no_setpoint():
-    rig = Rig(ranging=ranging(**ANY)).engage()
-    alone = Rig(ranging=ranging(**ANY)).engage()
+    rig = Rig(text=ANY_SENSOR).engage()
+    alone = Rig(text=ANY_SENSOR).engage()
     rig.run(10.0, two(rig), ranges=False)
     alone.run(10.0)
     assert rig.pilot.mission.phase is Phase.ENGAGED
@@ -215,14 +208,14 @@ def test_second_sensor_in_flight_changes_no_setpoint():
 
 
 def test_remaining_sensor_is_accepted_after_other_stops():
-    rig = Rig(ranging=ranging(**ANY))
+    rig = Rig(text=ANY_SENSOR)
     rig.run(4.0, two(rig), ranges=False)
     assert rig.run(4.0, ranges=True).pilot.mission.phase is Phase.WAIT_RANGING
     assert rig.run(4.0).pilot.mission.phase is Phase.ENGAGED
 
 
 def test_missing_value_name_is_reported_with_received_names():
-    rig = Rig(ranging=ranging(message="named_value_float", name="UWB"))
+    rig = Rig("ranging.message=named_value_float", "ranging.name=UWB")
     values = [
         mavlink.MAVLink_named_value_float_message(0, name, 30.0) for name in (b"UWB1", b"UWB2")
     ]
@@ -275,7 +268,7 @@ def test_outlier_among_merged_ranges_has_no_effect():
     rig = Rig().engage()
     rig.run(3.0, fast(rig, 400, lambda n: 40000 if n % 20 == 0 else 15000 + n % 2), ranges=False)
     assert rig.pilot.tracker.newest.r == pytest.approx(150.0, abs=0.1)
-    assert rig.pilot.tracker.newest.sigma < ranging().sigma_m
+    assert rig.pilot.tracker.newest.sigma < 0.5
 
 
 # --- unusable ranges
@@ -304,7 +297,7 @@ def test_sensor_clock_jump_restarts_estimate(rig):
 
 @pytest.mark.parametrize("accuracy_mm", [80_000, 4_294_967_294])
 def test_tracker_rejects_range_of_excessive_sigma(accuracy_mm):
-    rig = Rig(ranging=ranging(message="ranging_beacon", max_sigma=50.0), ranging_apart=True)
+    rig = Rig("ranging.message=ranging_beacon", "ranging.endpoint=udpin:127.0.0.1:14560")
     for i in range(100):
         message = beacon(150_000, 1_000_000 + i * 100_000, i, range_accuracy=accuracy_mm)
         rig.run(0.1).receive(message, link=RANGING)
@@ -337,7 +330,7 @@ def test_constant_range_delay_is_treated_as_clock_offset(round_trip, delay):
 def test_ranges_with_scatter_above_half_radius_are_lost():
     """A range with a measured scatter above half of the radius cannot be used for steering."""
     draw = Random(3)
-    rig = Rig(ranging=ranging(max_sigma=50.0), exit="rtl").engage()
+    rig = Rig("exit.action=rtl").engage()
     since = rig.now
     rig.run(30.0, lambda: rig.tick % 2 or rig.range(draw.randrange(3000, 60000)), ranges=False)
     steered = [time for time, sent in rig.sent if time > since + 1.0 and getattr(sent, "vx", 0) > 0]
@@ -348,7 +341,7 @@ def test_ranges_with_scatter_above_half_radius_are_lost():
 
 
 def test_outcome_names_estimator_when_ranges_give_no_estimate():
-    rig = Rig(estimator="drift").run(10.0)
+    rig = Rig("guidance.estimator=drift").run(10.0)
     assert "estimator drift has not converged" in rig.pilot.status.waits_for(rig.now)
 
 
@@ -358,11 +351,7 @@ def test_outcome_names_estimator_when_ranges_give_no_estimate():
 @pytest.mark.parametrize(("stale", "phase"), [(0.5, Phase.COASTING), (1.5, Phase.ENGAGED)])
 def test_link_delay_above_range_age_limit_loses_range(stale, phase):
     """The delay is constant, so stamps do not show it. Answers to TIMESYNC do."""
-    rig = (
-        Rig(ranging=ranging(max_age=stale), timing=timing(stale=stale))
-        .engage()
-        .run(8.0, round_trip=2.0)
-    )
+    rig = Rig(f"limits.stale_s={stale}").engage().run(8.0, round_trip=2.0)
     assert rig.pilot.session.timesync.typical == pytest.approx(2.0)
     assert rig.pilot.mission.phase is phase
     ended = rig.run(8.0).pilot.mission.outcome
@@ -370,7 +359,7 @@ def test_link_delay_above_range_age_limit_loses_range(stale, phase):
 
 
 def test_vehicle_link_delay_excludes_separate_ranging_link():
-    rig = Rig(ranging_apart=True)
+    rig = Rig("ranging.endpoint=udpin:127.0.0.1:14560")
 
     def by_radio():
         if rig.tick % 2 == 0:
@@ -386,20 +375,20 @@ def test_vehicle_link_delay_excludes_separate_ranging_link():
 
 
 def test_ranges_are_accepted_only_on_their_configured_link():
-    rig = Rig(ranging_apart=True).run(3.0)
+    rig = Rig("ranging.endpoint=udpin:127.0.0.1:14560").run(3.0)
     assert rig.pilot.tracker.accepted == 0, "ranges on the vehicle's link are rejected"
     rig.run(3.0, lambda: rig.tick % 2 or rig.range(link=RANGING, source="radio"), ranges=False)
     assert rig.pilot.mission.phase is Phase.ENGAGED
 
 
 def test_ranging_link_gets_one_heartbeat_per_second():
-    rig = Rig(ranging_apart=True)
+    rig = Rig("ranging.endpoint=udpin:127.0.0.1:14560")
     hellos = [message for i in range(61) for message in decode(rig.pilot.hello(i / 20))]
     assert [message.get_type() for message in hellos] == ["HEARTBEAT"] * 4
 
 
 def test_vehicle_on_ranging_link_is_ignored():
-    rig = Rig(ranging_apart=True)
+    rig = Rig("ranging.endpoint=udpin:127.0.0.1:14560")
     rig.run(
         2.0,
         lambda: rig.receive(heartbeat(GUIDED), link=RANGING, source="radio"),
@@ -410,7 +399,7 @@ def test_vehicle_on_ranging_link_is_ignored():
 
 
 def test_autopilot_reboot_resets_range_estimate():
-    rig = Rig(end_on_takeover=False).engage()
+    rig = Rig("engage.on_takeover=wait").engage()
     rig.receive(mavlink.MAVLink_system_time_message(0, 900_000))
     rig.run(0.5).now_is(ranges=False)
     assert rig.pilot.take_records()[-1].r == pytest.approx(150.0, abs=0.5)

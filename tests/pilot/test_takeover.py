@@ -11,7 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_a
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Ending, Phase
-from tests.rig import Rig, Voice, attitude, decode, heartbeat, timing
+from tests.rig import Rig, Voice, attitude, decode, heartbeat
 
 GUIDED = 4
 LOITER = 5
@@ -151,7 +151,11 @@ TAKEOVERS = {
 def taken(how: str, *, end: bool) -> tuple[Rig, float]:
     """Fly a rig, then take over its vehicle. Return the rig after the step that received the
     takeover, and the time before this step."""
-    rig = Rig(end_on_takeover=end, request_mode=True, exit="rtl")
+    rig = Rig(
+        f"engage.on_takeover={'end' if end else 'wait'}",
+        "engage.request_mode=true",
+        "exit.action=rtl",
+    )
     takeover = TAKEOVERS[how]
     # The acknowledgement of the mode request was lost. Repeating the request would undo the
     # takeover.
@@ -223,7 +227,7 @@ def test_takeover_stops_commands_until_guided_mode_is_reentered(how):
 def waiting() -> Rig:
     """A flying rig that may request the mode. After a takeover it waits until the vehicle is
     returned."""
-    return Rig(request_mode=True, end_on_takeover=False).engage()
+    return Rig("engage.request_mode=true", "engage.on_takeover=wait").engage()
 
 
 NO_HEARTBEATS = {"speaks": False}
@@ -278,7 +282,7 @@ def test_no_setpoint_before_confirmed_return(waiting, what, waits_for):
 def test_heartbeats_of_delayed_second_link_do_not_return_vehicle(offset):
     """Over each of two links one heartbeat per second arrives, numbered separately. The second link
     is 1.2 s slower, so it reports GUIDED after the takeover."""
-    rig = Rig(end_on_takeover=False)
+    rig = Rig("engage.on_takeover=wait")
     late = Voice(1, 1)
     for _ in range(offset):
         late.pack(heartbeat(GUIDED))
@@ -311,9 +315,9 @@ def test_current_mode_message_with_mode_0_is_ignored(rig):
 @pytest.mark.parametrize(
     ("limits", "before", "how", "ends"),
     [
-        ({"outage": 10.0}, 5.0, {"mode": LOITER}, None),
-        ({"duration": 10.0}, 0.0, {"mode": LOITER}, Ending.ABORTED),
-        ({"duration": 10.0}, 0.0, {"speaks": False}, Ending.ABORTED),
+        ("limits.coast_s=10.0", 5.0, {"mode": LOITER}, None),
+        ("limits.duration_s=10.0", 0.0, {"mode": LOITER}, Ending.ABORTED),
+        ("limits.duration_s=10.0", 0.0, {"speaks": False}, Ending.ABORTED),
     ],
     ids=[
         "outage before takeover",
@@ -322,7 +326,7 @@ def test_current_mode_message_with_mode_0_is_ignored(rig):
     ],
 )
 def test_taken_over_mission_never_completes_and_ignores_earlier_outage(limits, before, how, ends):
-    rig = Rig(end_on_takeover=False, timing=timing(**limits)).engage()
+    rig = Rig("engage.on_takeover=wait", limits).engage()
     rig.run(before, speaks=False).run(12.0, **{"speaks": True, **how})
     assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.ending) is ends
 
@@ -342,7 +346,7 @@ def test_replacement_radio_is_accepted_after_takeover(waiting):
 # --- any order of events
 
 REPORTS = [(GUIDED, True), (LOITER, True), (GUIDED, False)]
-FOREVER = timing(duration=1e9, hold=1e9, outage=1e9)
+FOREVER = ("limits.duration_s=1e9", "limits.coast_s=3600.0")
 
 
 class Watched(Rig):
@@ -350,7 +354,7 @@ class Watched(Rig):
     vehicle's reports alone if circnav has control."""
 
     def __init__(self) -> None:
-        super().__init__(end_on_takeover=False, request_mode=True, timing=FOREVER)
+        super().__init__("engage.on_takeover=wait", "engage.request_mode=true", *FOREVER)
         self.ours = True
         self.left = False
         self.proven = True

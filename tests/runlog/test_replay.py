@@ -33,14 +33,13 @@ PLAIN = ('guidance.law="smooth"', 'guidance.estimator="kalman"')
 
 def settings_of(folder, *overrides):
     run = open_run(folder)
-    return parse_mission(run.mission_text, "mission.toml", overrides).pilot_settings(
-        OutputMode(run.output_mode)
-    )
+    return parse_mission(run.mission_text, "mission.toml", overrides)
 
 
 def replayed(folder, *overrides):
     """Return the pilot of a replay, and the result of the replay."""
-    pilot = Pilot(settings_of(folder, *overrides))
+    output_mode = OutputMode(open_run(folder).output_mode)
+    pilot = Pilot(settings_of(folder, *overrides), output_mode=output_mode)
     return pilot, replay(pilot, recorded_steps(folder))
 
 
@@ -152,15 +151,14 @@ def test_replay_ignores_ranges_after_end_of_pilot(flown):
 
 
 def replayed_plain(flown, steps):
-    pilot = Pilot(
-        dataclasses.replace(without_timeouts(settings_of(flown)), output_mode=OutputMode.DRY_RUN)
-    )
+    pilot = Pilot(without_timeouts(settings_of(flown)), output_mode=OutputMode.DRY_RUN)
     return pilot, replay(pilot, steps, ticking=True)
 
 
 def test_replay_of_plain_tlog_steers_without_timeouts(flown):
-    timing = without_timeouts(settings_of(flown, "limits.stale_s=0.75")).timing
-    assert (timing.round_trip, timing.stale, timing.hold) == (pytest.approx(0.9), 0.75, math.inf)
+    mission = without_timeouts(settings_of(flown, "limits.stale_s=0.75"))
+    assert (mission.slowest_answer, mission.stale) == (pytest.approx(0.9), 0.75)
+    assert mission.file.limits.coast_s == math.inf
     pilot, done = replayed_plain(flown, tlog_steps(flown / "flight.tlog", 191))
     assert pilot.mission.engaged_at is not None
     assert pilot.session.ignored["twin"] == pilot.session.ignored["echo"] == 0
@@ -169,7 +167,8 @@ def test_replay_of_plain_tlog_steers_without_timeouts(flown):
         open_run(flown).ticks.numbers["r"][-1], abs=1.0
     )
     assert (
-        max(b.time - a.time for a, b in pairwise(done.ticks)) <= pilot.settings.timing.tick + 1e-6
+        max(b.time - a.time for a, b in pairwise(done.ticks))
+        <= pilot.settings.file.limits.tick + 1e-6
     )
 
 

@@ -85,7 +85,7 @@ from circnav_mav.pilot import OutputMode
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.types import OwnMotion, RangeSample
 from circnav_mav.runtime.reserve import take_memory
-settings = load_mission("config/quickstart.toml", ()).pilot_settings(OutputMode.FLY)
+settings = load_mission("config/quickstart.toml", ())
 take_memory(settings)
 size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size, size))

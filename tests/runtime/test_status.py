@@ -9,7 +9,6 @@ import pytest
 from rich.console import Console
 
 from circnav_mav.pilot import OutputMode, Phase
-from circnav_mav.pilot.settings import HeightSettings
 from circnav_mav.runtime.display import LiveScreen
 from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.picture import Picture
@@ -17,7 +16,7 @@ from circnav_mav.runtime.status import StatusSource, status_facts
 from tests.flight.lockstep import flight
 from tests.rig import Rig
 
-SETTINGS = flight("quickstart").pilot.settings
+ORBIT = flight("quickstart").pilot.settings.orbit
 GROUND = ("sim.start.altitude_m=0.0", "sim.start.armed=false", 'sim.start.mode="STABILIZE"')
 BACK = "the operator has control: enter GUIDED again to give control to circnav"
 STALE = (
@@ -26,10 +25,10 @@ STALE = (
 )
 
 
-def drawn(*statuses, ascii_only=False, settings=SETTINGS, columns=80):
+def drawn(*statuses, ascii_only=False, output_mode=OutputMode.FLY, columns=80):
     """Return the picture of the last of these statuses as lines of text."""
     console = Console(width=columns, file=io.StringIO(), color_system=None)
-    picture = Picture(settings, "small", ascii_only=ascii_only)
+    picture = Picture(ORBIT, output_mode, "small", ascii_only=ascii_only)
     for status in statuses:
         last = picture.draw(status, columns)
     console.print(last)
@@ -127,7 +126,7 @@ def test_status_shows_dry_run_and_reason_of_law(statuses):
     assert seen[-1].tick.law == ""
     dry = statuses(6.0, output=OutputMode.DRY_RUN)[-1]
     assert (dry.phase, dry.view.setpoints) == ("would steer", 0)
-    shown = "\n".join(drawn(dry, settings=replace(SETTINGS, output_mode=OutputMode.DRY_RUN)))
+    shown = "\n".join(drawn(dry, output_mode=OutputMode.DRY_RUN))
     assert "DRY RUN: no setpoint" in shown
 
 
@@ -141,8 +140,8 @@ def test_status_shows_no_range_age_for_lost_vehicle(statuses):
 def test_status_shows_target_drift_and_recording_problem():
     """The vehicle is 30 m east and 40 m south of the target, and the drift is to the north."""
     flown = flight("quickstart").fly(6.0)
-    tick = flown.ticks[-1]._replace(
-        x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46
+    tick = replace(
+        flown.ticks[-1], x=30.0, y=-40.0, drift_x=0.0, drift_y=2.0, turn_gain=0.72, turn_delay=0.46
     )
     status = StatusSource(flown.pilot, Listeners()).status(tick, 6.0, "disk full")
     assert status.target == "bearing 323 deg, drift 2.0 m/s towards 000 deg"
@@ -157,7 +156,9 @@ def test_status_picture_uses_width_of_terminal(statuses):
     """The bar has 41 cells at 80 columns and 101 cells at 140 columns. At 140 columns no text is
     shortened."""
     for columns, cells in ((60, 41), (80, 41), (140, 101)):
-        picture = Picture(SETTINGS, "small", ascii_only=False).draw(statuses(12.0)[-1], columns)
+        picture = Picture(ORBIT, OutputMode.FLY, "small", ascii_only=False).draw(
+            statuses(12.0)[-1], columns
+        )
         assert picture.width == max(columns, 80)
         assert (
             max(
@@ -180,7 +181,7 @@ def test_status_picture_on_low_terminal_shows_phase_and_alarm(statuses, height):
     console = Console(
         width=80, height=height, file=io.StringIO(), color_system=None, force_terminal=True
     )
-    screen = LiveScreen(console, Picture(SETTINGS, "small", ascii_only=False))
+    screen = LiveScreen(console, Picture(ORBIT, OutputMode.FLY, "small", ascii_only=False))
     assert console.file.getvalue() == ""
     screen.draw(statuses(10.2, event="outage")[-1])
     seen = console.file.getvalue()
@@ -197,7 +198,7 @@ def test_status_bars_and_sparkline_follow_turn_and_error(statuses):
     circle."""
     far = next(line for line in drawn(statuses(6.0)[-1]) if line.startswith("│             0 "))
     assert far.rstrip(" │").endswith("> 200 m")
-    picture = Picture(SETTINGS, "small", ascii_only=False)
+    picture = Picture(ORBIT, OutputMode.FLY, "small", ascii_only=False)
     flown = statuses(40.0)
     for status in flown:
         lines = picture.draw(status).renderable.plain.splitlines()
@@ -222,7 +223,7 @@ def test_every_fact_of_status_has_value(statuses, seconds, event):
 def test_long_status_texts_are_complete_at_80_columns(statuses):
     flown = statuses(6.0)[-1]
     senders = "1/1 at 192.168.144.11:14550, ranges of 1/192 at 192.168.144.12:14560"
-    tick = flown.tick._replace(saturated=True, turn_rate=-0.349)
+    tick = replace(flown.tick, saturated=True, turn_rate=-0.349)
     lines = drawn(
         replace(
             flown,
@@ -264,7 +265,7 @@ def test_radio_matching_mission_raises_no_alarm(name, rate, seconds):
 
 
 def test_unknown_height_is_shown_as_reason_for_waiting():
-    rig = Rig(height=HeightSettings(target_altitude=500.0)).run(5.0)
+    rig = Rig("orbit.target_altitude_m=500.0").run(5.0)
     watch = StatusSource(rig.pilot, Listeners())
     for _ in range(10):
         status = watch.status(rig.run(0.5).pilot.take_records()[-1], rig.now)

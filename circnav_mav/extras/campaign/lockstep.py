@@ -48,7 +48,7 @@ class Flight:
     """A running flight. ticks: ticks with a turn command."""
 
     def __init__(self, run: Run) -> None:
-        self.pilot = Pilot(run.mission.pilot_settings())
+        self.pilot = Pilot(run.mission)
         self.vehicle = Vehicle(run.vehicle)
         self.ticks = list[TickRecord]()
         self._clock = Lockstep(self.vehicle)
@@ -71,21 +71,22 @@ def fly_lockstep(run: Run) -> FlightResult:
     flight = Flight(run)
     pilot = flight.pilot
     mission = flight.pilot.mission
-    timing = flight.pilot.settings.timing
+    limits = run.mission.file.limits
     start = flight.vehicle.truth
     truths = list[Truth]()
     due = 0.0
-    until = timing.duration + timing.wait_link + timing.wait_ranging + timing.outage + EXIT_TIME
+    waits = 2 * run.mission.file.link.wait_s
+    until = limits.duration_s + waits + limits.outage + EXIT_TIME
     while not pilot.done and flight.now < until:
         flight.step(until)
         ours = mission.engaged_at is not None and mission.outcome is None
         if (
             ours
             and flight.now >= due - 1e-9
-            and flight.now - (mission.engaged_at or 0.0) < timing.duration - 1e-6
+            and flight.now - (mission.engaged_at or 0.0) < limits.duration_s - 1e-6
         ):
             truths.append(flight.vehicle.truth)
-            due = flight.now + timing.tick
+            due = flight.now + limits.tick
     ended = mission.outcome
     outcome = (
         COMPLETED

@@ -1,5 +1,5 @@
-"""MAVLink component of the external position. Input: reports of the autopilot. Output: positions. It has no
-socket and no clock.
+"""MAVLink component of the external position. Input: reports of the autopilot. Output: positions.
+It has no socket and no clock.
 
 It sends as a separate component, so the frames of the pilot and of the locator stay the same, byte
 for byte. It sends only the message types in `SENT_TYPES`: none of them moves the vehicle.
@@ -48,8 +48,8 @@ GONE = 10.0
 
 
 class Companion:
-    """External position component. It receives the same frames as the pilot, after the pilot and the
-    locator, and changes neither."""
+    """External position component. It receives the same frames as the pilot, after the pilot and
+    the locator, and changes neither."""
 
     def __init__(
         self,
@@ -87,8 +87,8 @@ class Companion:
     # --- in
 
     def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
-        """Process complete, trusted frames after the pilot and the locator have processed them. now:
-        run time, s."""
+        """Process complete, trusted frames after the pilot and the locator have processed them.
+        now: run time, s."""
         for ident, frame in vehicle_frames(self._pilot.session, link, source, frames):
             if self._streams is not None:
                 self._streams.received(ident)
@@ -109,8 +109,8 @@ class Companion:
             self.external_position.reported(east, north, self.reckoning.where, now)
 
     def _compare_compass(self, now: float) -> None:
-        """Compare two bearings of the estimated position: by the compass, and by the newest position
-        with a GPS fix."""
+        """Compare two bearings of the estimated position: by the compass, and by the newest
+        position with a GPS fix."""
         place = self._locator.place
         position = self._locator.newest_position
         newest = self._pilot.tracker.newest
@@ -152,7 +152,7 @@ class Companion:
     def step(self, now: float) -> list[bytes]:
         """Return the frames to send now."""
         session = self._pilot.session
-        mode = self._pilot.settings.output_mode
+        mode = self._pilot.output_mode
         self._now = now
         if session.peer is None or mode is OutputMode.SHADOW:
             return []
@@ -188,8 +188,8 @@ class Companion:
         return [once(request, target) for request in self._streams.give_back()]
 
     def _place(self, now: float) -> Place | None:
-        """Return the target's place: the place given by the mission, else the estimated position. None
-        if it is unknown."""
+        """Return the target's place: the place given by the mission, else the estimated position.
+        None if it is unknown."""
         if self._given is not None:
             return Place(
                 now, self._given, 0.0, 0.0, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False
@@ -220,7 +220,8 @@ class Companion:
         return own if own is not None and now - own.time <= ATTITUDE_MAX_AGE else None
 
     def _encode(self, message: Message) -> bytes:
-        """Return one frame. Raises ValueError if the external position must not send this message."""
+        """Return one frame. Raises ValueError if the external position must not send this
+        message."""
         kind = message.get_type()
         if kind not in SENT_TYPES or message.command not in COMMANDS:
             raise ValueError(f"the external position must not send {kind}")

@@ -1,5 +1,5 @@
-"""External position: send MAV_CMD_EXTERNAL_POSITION_ESTIMATE once a second to an autopilot that has lost
-its position.
+"""External position: send MAV_CMD_EXTERNAL_POSITION_ESTIMATE once a second to an autopilot that has
+lost its position.
 
 No position is sent while the autopilot has an absolute position, or while its status is not
 reported. Sending stops for the rest of the flight in four cases: no answer, command not supported,
@@ -304,8 +304,8 @@ def _at_distance(r: float, target: Place, here: PositionEstimate) -> PositionEst
 
 
 class ExternalPosition:
-    """External position: decides when a position is sent, and when sending stops for the rest of the
-    flight."""
+    """External position: decides when a position is sent, and when sending stops for the rest of
+    the flight."""
 
     def __init__(self) -> None:
         self.given: list[SentPosition] = []

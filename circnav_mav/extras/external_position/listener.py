@@ -14,8 +14,8 @@ COLUMNS = "time,latitude_deg,longitude_deg,sigma_m,by,answer,reported_off_m"
 
 
 class ExternalPositionListener(Listener):
-    """Listener that runs a `Companion`. If the locator fails, the external position continues with the last
-    place of the target."""
+    """Listener that runs a `Companion`. If the locator fails, the external position continues with
+    the last place of the target."""
 
     name = "external position"
 
@@ -58,15 +58,15 @@ class ExternalPositionListener(Listener):
         )
 
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
-        """Add the figures of the external position of positions to the summary. If positions were sent,
-        return file name and text of external_position.csv."""
+        """Add the figures of the external position to the summary. If positions were
+        sent, return file name and text of external_position.csv."""
         external_position = self.companion.external_position
         summary["external_position"] = external_position.plain()
         if not external_position.given:
             return {}
         summary["notes"].append(
-            f"  external position  {external_position.sent} positions sent, {external_position.accepted} accepted;"
-            f" {external_position.ended}"
+            f"  external position  {external_position.sent} positions sent,"
+            f" {external_position.accepted} accepted; {external_position.ended}"
         )
         rows = [
             f"{one.time:.2f},{one.latitude:.7f},{one.longitude:.7f},{one.sigma:.1f},{one.by},{one.answer},"

@@ -125,7 +125,7 @@ def _member(
 ) -> Member:
     table = table_of(mission)
     assert table.id is not None
-    pilot = Pilot(mission.pilot_settings())
+    pilot = Pilot(mission)
     link = FleetLink(network.port(table.id), table.group, table.id)
     listeners = open_listeners(mission, pilot, None, options | {"fleet_link": link}, opened)
     try:

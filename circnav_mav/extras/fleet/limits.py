@@ -25,7 +25,7 @@ def spacing_settings(mission: Mission, member: int) -> SpacingSettings:
     """Return the spacing settings of a member. The mission's circle limits bound the requested
     changes."""
     orbit = mission.orbit
-    limits = mission.pilot_settings().circle_limits
+    limits = mission.circle_limits
     tightest = orbit.speed / (limits.turn_gain * orbit.max_turn_rate)
     # 1.0: distance kept from the bounds, m.
     inward = orbit.radius - max(limits.nearest, tightest) - 1.0

@@ -243,8 +243,8 @@ def _target_height(
     """Return the beacon's altitude and its standard deviation, m. The altitude is the given one,
     else that of the mission, else the track's lowest point."""
     if altitude is None and mission is not None:
-        above = mission.height.above_target
-        altitude = mission.height.target_altitude
+        above = mission.file.orbit.height_above_target_m
+        altitude = mission.file.orbit.target_altitude_m
         altitude = (
             float(np.median(track.up)) - above
             if altitude is None and above is not None

@@ -59,7 +59,7 @@ def locate_log(
             logs = read(source, options)
         if flown is not None:
             sigma = flown.file.ranging.sigma_m if sigma is None else sigma
-            altitude = flown.height.target_altitude if altitude is None else altitude
+            altitude = flown.file.orbit.target_altitude_m if altitude is None else altitude
         calibration = Calibration() if flown is None else flown.file.ranging.calibration
         if calibration.is_set:
             say(

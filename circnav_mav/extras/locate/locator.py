@@ -78,8 +78,8 @@ class LocateSettings:
 
 
 class Locator:
-    """Live locator of the target. It receives the same frames as the pilot, after the pilot, and does not
-    change the pilot."""
+    """Live locator of the target. It receives the same frames as the pilot, after the pilot, and
+    does not change the pilot."""
 
     def __init__(
         self, settings: LocateSettings, pilot: Pilot, signing: Signing | None = None
@@ -304,7 +304,7 @@ class Locator:
     def step(self, now: float) -> list[bytes]:
         """Return the frames to send now."""
         session = self._pilot.session
-        mode = self._pilot.settings.output_mode
+        mode = self._pilot.output_mode
         if session.peer is None:
             return []
         self._encoder.system = session.encoder.system

@@ -9,8 +9,8 @@ from statistics import median, mode
 from circnav_mav.cli.exits import Exit, refusing, say
 from circnav_mav.guidance.white_noise import bulk_sigma
 from circnav_mav.mav.clocks import quick_span, span_speed
-from circnav_mav.mission.preflight_ranging import outliers_among, residuals_of
-from circnav_mav.pilot.preflight_listener import ReceivedRange
+from circnav_mav.preflight.listener import ReceivedRange
+from circnav_mav.preflight.ranging import outliers_among, residuals_of
 from circnav_mav.runtime.clock import Clock
 from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.radio_link import RadioLink, open_radio

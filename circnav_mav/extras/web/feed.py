@@ -24,6 +24,7 @@ from circnav_mav.mission.schema import MOST_PORT
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.pilot.record import COLUMNS
 from circnav_mav.runlog.metrics import TOLERANCE
 from circnav_mav.runtime.clock import utc_minute
 from circnav_mav.runtime.listeners import Listener, Listeners, ListenerSettings
@@ -243,7 +244,7 @@ def _facts(pilot: Pilot, name: str, tolerance: float) -> dict[str, Any]:
         "tolerance": tolerance,
         "limit": orbit.max_turn_rate,
         "steady": orbit.steady_turn_rate,
-        "silenced": SILENCED.get(pilot.settings.output_mode),
+        "silenced": SILENCED.get(pilot.output_mode),
     }
 
 
@@ -255,7 +256,8 @@ def _tick(status: Status) -> dict[str, Any]:
         "alarms": [alarm[:LONGEST_TEXT] for alarm in status.alarms],
         "facts": {name: fact[:LONGEST_TEXT] for name, fact in status_facts(status).items()},
     }
-    return {name: _plain(value) for name, value in (status.tick._asdict() | about).items()}
+    tick = {name: getattr(status.tick, name) for name in COLUMNS}
+    return {name: _plain(value) for name, value in (tick | about).items()}
 
 
 def _plain(value: Any) -> Any:

@@ -1,4 +1,5 @@
-"""Flights of the bundled vehicle in lockstep, with locator and external position beside the pilot."""
+"""Flights of the bundled vehicle in lockstep, with locator and external position beside the
+pilot."""
 
 from dataclasses import dataclass, field
 
@@ -25,7 +26,8 @@ GPS_LOST = (
 
 @dataclass
 class ExternalPositionFlight(LocatingFlight):
-    """A flight with locator and external position. given: (time, frame) sent by the external position."""
+    """A flight with locator and external position. given: (time, frame) sent by the external
+    position."""
 
     companion: Companion | None = None
     given: list[tuple[float, bytes]] = field(default_factory=list)
@@ -40,7 +42,8 @@ class ExternalPositionFlight(LocatingFlight):
             self.vehicle.receive(frame)
 
     def fly(self, until, watch=None):  # type: ignore[no-untyped-def, override]
-        """Fly until a time, and also after the end of guidance while the external position is busy."""
+        """Fly until a time, and also after the end of guidance while the external position is
+        busy."""
         assert self.companion is not None
         while self.now < until and (not self.pilot.done or self.companion.busy):
             self._step(until if self.pilot.done else min(self.pilot.scheduler.due, until))
@@ -62,8 +65,8 @@ class ExternalPositionFlight(LocatingFlight):
 def external_position_flight(
     mission: str, *overrides: str, law: str | None = None, place: tuple[float, float] | None = None
 ) -> ExternalPositionFlight:
-    """Return a flight of a file in config/ with locator and external position. place: position of the
-    target, given by the mission."""
+    """Return a flight of a file in config/ with locator and external position. place: position of
+    the target, given by the mission."""
     flown = locating_flight(mission, *overrides, law=law)
     assert flown.locator is not None
     companion = Companion(ExternalPositionSettings(COMPONENT, place), flown.pilot, flown.locator)

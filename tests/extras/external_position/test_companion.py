@@ -26,8 +26,8 @@ PLACE = Place(0.0, Plane(47.3, 8.5), 30.0, 40.0, 584.0, np.eye(2), up_sigma=0.5,
 
 
 class Beside:
-    """Locator and external position beside a rig, as in the loop of a flight. The locator computes no
-    position."""
+    """Locator and external position beside a rig, as in the loop of a flight. The locator computes
+    no position."""
 
     def __init__(self, monkeypatch, rig=None):
         self.rig = rig or Rig()
@@ -42,7 +42,8 @@ class Beside:
         self.rig.run(3.0)
 
     def steps(self, seconds, *others, called_off=False):
-        """Return the messages of the external position while GPS and estimator report a lost position.
+        """Return the messages of the external position while GPS and estimator report a lost
+        position.
         others: further messages of the vehicle."""
         sent_messages = []
         for _ in range(round(seconds / 0.05)):
@@ -116,7 +117,7 @@ def test_external_position_stops_when_second_gps_has_fix(lost, fix, is_given):
 
 @pytest.mark.parametrize("how", ["the position is back", "a signal"])
 def test_external_position_restores_stream_rates_at_its_end(monkeypatch, how):
-    beside = Beside(monkeypatch, Rig(exit="stop"))
+    beside = Beside(monkeypatch, Rig("exit.action=stop"))
     beside.steps(3.0)
     beside.rig.pilot.interrupt(beside.rig.now, "SIGINT")
     beside.steps(1.0)
@@ -133,7 +134,7 @@ def test_external_position_restores_stream_rates_at_its_end(monkeypatch, how):
 
 
 def test_working_external_position_raises_no_alarm_after_guidance(monkeypatch):
-    beside = Beside(monkeypatch, Rig(exit="stop"))
+    beside = Beside(monkeypatch, Rig("exit.action=stop"))
     beside.companion.reckoning.where = PositionEstimate(
         beside.rig.now, 0.0, 0.0, 3.0, 0j, 1.0, False
     )

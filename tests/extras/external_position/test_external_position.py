@@ -46,8 +46,9 @@ def own_error(flown):
 
 
 def test_external_position_keeps_autopilot_position_without_changing_guidance():
-    """The autopilot's own position drifts at 1 m/s in each axis: without external position, by about 30 m
-    in each axis after 30 s. The positions are sent beside the output of pilot and locator."""
+    """The autopilot's own position drifts at 1 m/s in each axis: without external position, by
+    about 30 m in each axis after 30 s. The positions are sent beside the output of pilot and
+    locator."""
     errors: list[tuple[float, float]] = []
     flown = external_position_flight("arduplane", *GPS_LOST, law="auto")
     flown.solve_from = 30.0
@@ -103,9 +104,9 @@ def test_target_position_of_mission_replaces_locator():
 
 
 def give(goods, result, off=0.0, until=1e9):
-    """Return the external position and the times (s) at which it sent positions. goods: True while the
-    autopilot's own position is valid, one value per 0.1 s. result: answer to each position. off:
-    error of the position that the autopilot reports, m. until: time at which circnav loses its
+    """Return the external position and the times (s) at which it sent positions. goods: True while
+    the autopilot's own position is valid, one value per 0.1 s. result: answer to each position.
+    off: error of the position that the autopilot reports, m. until: time at which circnav loses its
     estimate, s."""
     back = ExternalPosition()
     times = []
@@ -224,8 +225,8 @@ def test_slow_tick_increases_uncertainty_but_positions_continue():
 
 
 def late(*results, delay):
-    """Return the external position and the times of its positions. The autopilot answers each position with
-    these results, one after the other, at intervals of `delay` s."""
+    """Return the external position and the times of its positions. The autopilot answers each
+    position with these results, one after the other, at intervals of `delay` s."""
     back = ExternalPosition()
     answers = []
     times = []

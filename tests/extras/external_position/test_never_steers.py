@@ -1,4 +1,5 @@
-"""Positions never steer: with and without locator and external position, the pilot sends the same bytes.
+"""Positions never steer: with and without locator and external position, the pilot sends the same
+bytes.
 
 test_external_position.py tests a complete flight.
 """
@@ -36,7 +37,7 @@ class LocatingRig(Rig):
         self.companion = Companion(
             ExternalPositionSettings(193, (47.3, 8.5)), self.pilot, self.locator
         )
-        self.locator: list[bytes] = []
+        self.beside: list[bytes] = []
 
     def receive(self, message, **how):
         super().receive(message, **how)
@@ -51,8 +52,8 @@ class LocatingRig(Rig):
         messages = super().step()
         if (job := self.locator.job(self.now)) is not None and self.tick % 40 == 0:
             self.locator.found(locate(*job))
-        self.locator += self.locator.step(self.now)
-        self.locator += self.companion.step(self.now)
+        self.beside += self.locator.step(self.now)
+        self.beside += self.companion.step(self.now)
         return messages
 
 
@@ -98,7 +99,7 @@ def test_false_positions_change_no_output(lie):
             deceived.show(deceived.source)
     assert honest.pilot.mission.phase is Phase.ENGAGED
     assert deceived.raw == honest.raw
-    sent_messages = [message for frame in deceived.locator for message in decode(frame)]
+    sent_messages = [message for frame in deceived.beside for message in decode(frame)]
     assert sent_messages
     assert {one.get_type() for one in sent_messages} <= ALLOWED and not ALLOWED & SETPOINTS
     assert {

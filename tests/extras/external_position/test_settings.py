@@ -52,8 +52,6 @@ def test_external_position_has_its_own_component_id(ours, component):
 def test_external_position_starts_after_locator():
     flown = mission(*ON)
     with ExitStack() as open_things:
-        opened = open_listeners(
-            flown, Pilot(flown.pilot_settings()), None, {"web": None}, open_things
-        )
+        opened = open_listeners(flown, Pilot(flown), None, {"web": None}, open_things)
         names = [one.name for one in opened.attached if one.name in ("locate", "external position")]
         assert names == ["locate", "external position"]

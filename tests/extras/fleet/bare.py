@@ -44,7 +44,7 @@ def bare_fleet(
             mission = load_mission(
                 path, [*member_overrides(path, member, overrides, size), *each(member)]
             )
-            pilot = Pilot(mission.pilot_settings())
+            pilot = Pilot(mission)
             link = FleetLink(network.port(member), table_of(mission).group, member)
             listener = FleetListener(mission, pilot, link)
             yield Member(mission, link, NoRecord(), Listeners([listener]), pilot)  # type: ignore[arg-type]

@@ -135,7 +135,7 @@ def test_members_too_close_to_each_other_raise_alarms():
 
 def test_fleet_reports_are_stamped_by_autopilot_clock():
     mission = load_mission(COPTER, ("fleet.id=1", 'link.endpoint="udpin:0.0.0.0:14550"'))
-    pilot = Pilot(mission.pilot_settings())
+    pilot = Pilot(mission)
     one = FleetListener(mission, pilot, None)
     one.start(5_000_000)
     assert one.report(2.0).stamp == 7.0
@@ -202,9 +202,7 @@ def test_fleet_command_flies_shows_and_replays(request, tmp_path):
     for member in (folder / "01", folder / "02"):
         steps = list(recorded_steps(member))
         assert any(request.offset is not None for step in steps for request in step.requests)
-        assert replay(
-            Pilot(load_mission(member / "mission.toml").pilot_settings()), steps
-        ).identical
+        assert replay(Pilot(load_mission(member / "mission.toml")), steps).identical
         assert json.loads((member / "summary.json").read_text())["desired_radius_m"] == 30.0
 
 

@@ -1,5 +1,5 @@
-"""Flights of the bundled vehicle in lockstep, with the locator beside the pilot, as in the loop of a
-flight."""
+"""Flights of the bundled vehicle in lockstep, with the locator beside the pilot, as in the loop of
+a flight."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,8 +22,8 @@ COMPONENT = 194
 
 @dataclass
 class LocatingFlight(Flight):
-    """A flight with its locator. locator_frames: (time, frame) sent by the locator. solve_from: time
-    at which the locator may compute its first solution, s."""
+    """A flight with its locator. locator_frames: (time, frame) sent by the locator. solve_from:
+    time at which the locator may compute its first solution, s."""
 
     locator: Locator | None = None
     locator_frames: list[tuple[float, bytes]] = field(default_factory=list)

@@ -1,5 +1,5 @@
-"""Output of the locator, read by independent readers: the wire layout of MAVLink by hand, pymavlink,
-the package `geojson`, an XML parser."""
+"""Output of the locator, read by independent readers: the wire layout of MAVLink by hand,
+pymavlink, the package `geojson`, an XML parser."""
 
 import struct
 from xml.etree import ElementTree as Xml

@@ -36,7 +36,7 @@ def test_flight_with_locate_locates_target_and_replays(circnav, tmp_path):
     circle = log.recv_match(type="ORBIT_EXECUTION_STATUS")
     assert circle.get_srcComponent() == 194 and circle.radius == 100.0
     again = replay(
-        Pilot(parse_mission(open_run(run).mission_text, "mission.toml").pilot_settings()),
+        Pilot(parse_mission(open_run(run).mission_text, "mission.toml")),
         recorded_steps(run),
     )
     assert again.identical

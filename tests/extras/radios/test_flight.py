@@ -86,7 +86,7 @@ def test_copter_circles_selected_beacon_and_replays(tmp_path, monkeypatch, port)
         if phase == "coasting"
     ]
     assert SILENT[0] < min(held) < max(held) < SILENT[1] + 1
-    settings = parse_mission(run.mission_text, "mission.toml").pilot_settings()
+    settings = parse_mission(run.mission_text, "mission.toml")
     done = replay(Pilot(settings), recorded_steps(tmp_path))
     assert done.identical
 

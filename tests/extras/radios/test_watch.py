@@ -4,7 +4,7 @@ from collections import deque
 from random import Random
 
 from circnav_mav.extras.radios.command import _lines
-from circnav_mav.pilot.preflight_listener import ReceivedRange
+from circnav_mav.preflight.listener import ReceivedRange
 
 
 def lines(seconds, **beacons):

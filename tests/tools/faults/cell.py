@@ -265,7 +265,7 @@ def _to_safe(course: Course, start: float) -> float | None:
 
 def _age_faults(course: Course, scenario: Scenario) -> list[tuple[bool, str]]:
     """Return pairs: True if a range was too old, and the text."""
-    stale = course.pilot.settings.timing.stale
+    stale = course.pilot.settings.stale
     told, true = course.worst_told_age, course.worst_age
     bound = stale + scenario.blind + scenario.down.delay + scenario.down.jitter + 1e-3
     return [

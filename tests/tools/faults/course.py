@@ -95,19 +95,19 @@ class Course:
     ) -> None:
         mission = load_mission(CONFIG / f"{profile}.toml", (*PATIENT, *overrides))
         assert mission.file.sim is not None
-        settings = mission.pilot_settings()
         if stream:
-            settings = replace(settings, stream_links=frozenset({VEHICLE}))
+            link = mission.file.link.model_copy(update={"endpoint": "tcp:127.0.0.1:5760"})
+            mission = replace(mission, file=mission.file.model_copy(update={"link": link}))
         self.stream = stream
         self.profile = profile
-        self._settings = settings
+        self._settings = mission
         self._key = keys[0]
         self.signing: Signing | None = None
         self._start_pilot()
         self.vehicle = _vehicle(mission.file.sim, profile, keys[1])
         self.wall: float = UNIX
         self.vehicle_wall: float | None = UNIX
-        self.allowed = Allowed.of(settings)
+        self.allowed = Allowed.of(mission)
         self.link = FaultLink()
         self.witness = Witness(profile, keys[0])
         self.source = SOURCE

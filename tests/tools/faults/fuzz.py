@@ -87,7 +87,7 @@ class Target:
         ]
         if self.ranging == "ranging_beacon":
             overrides.append('ranging.endpoint="udpin:127.0.0.1:14560"')
-        self.settings = load_mission(CONFIG / f"{profile}.toml", overrides).pilot_settings()
+        self.settings = load_mission(CONFIG / f"{profile}.toml", overrides)
         self.allowed = Allowed.of(self.settings)
         self.now = 0.0
         self.broken: list[str] = []
@@ -157,7 +157,7 @@ class Target:
 
     def _measured(self, ms: int) -> bytes:
         r = self.settings.orbit.radius + 1.0
-        if height := self.settings.height.above_target:
+        if height := self.settings.file.orbit.height_above_target_m:
             r = (r * r + height**2) ** 0.5
         if self.ranging == "distance_sensor":
             message = distance(

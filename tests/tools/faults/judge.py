@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from circnav_mav.pilot import PilotSettings
+from circnav_mav.mission.mission import Mission
 from tests.frames import read
 from tests.tools.fault_link.frames import message_id
 
@@ -27,7 +27,7 @@ class Allowed:
     climb: float
 
     @classmethod
-    def of(cls, settings: PilotSettings) -> "Allowed":
+    def of(cls, settings: Mission) -> "Allowed":
         facts = settings.facts
         orbit = settings.orbit
         return cls(orbit.max_turn_rate, orbit.speed, facts.max_bank, pitch=0.2618, climb=1.0)

@@ -24,8 +24,8 @@ from circnav_mav.runlog.run_folder import RunError
 from circnav_mav.runlog.tlog import read_messages
 
 OURS = "CN_TEAST"
-"""Name of the NAMED_VALUE_FLOAT by which the locator of circnav is recognized. Values of the locator
-are not ranges."""
+"""Name of the NAMED_VALUE_FLOAT by which the locator of circnav is recognized. Values of the
+locator are not ranges."""
 NOT_VEHICLES = {
     dialect.MAV_TYPE_ANTENNA_TRACKER,
     dialect.MAV_TYPE_GCS,

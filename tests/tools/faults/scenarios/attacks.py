@@ -70,7 +70,7 @@ def ranges(share: float, ahead: float, ids: tuple[int, int] = RADIO) -> Say:
 
     def say(course: Course, n: int) -> list[bytes]:
         stamp = round(1000 * (course.now + ahead))
-        height = course.pilot.settings.height.above_target or 0.0
+        height = course.pilot.settings.file.orbit.height_above_target_m or 0.0
         cm = round(100 * hypot(share * course.radius, height))
         one = mavlink.MAVLink_distance_sensor_message(stamp, 1, 65000, cm, 3, 0, 24, 0)
         return packed(n, one, ids=ids)
@@ -254,7 +254,7 @@ def second_circnav(*overrides: str) -> Arrange:
         mission = load_mission(
             CONFIG / f"{course.profile}.toml", (*PATIENT, f'guidance.law="{LAW}"', *overrides)
         )
-        second = Pilot(mission.pilot_settings())
+        second = Pilot(mission)
         start = course.now
 
         def overhear(way: str, data: bytes, now: float) -> list[Passage]:

@@ -159,7 +159,7 @@ def beside(**fields: int) -> Callable[[int], Change]:
 def setpoint_rate_low(course: Course) -> str | None:
     """Return a fault if circnav sends a setpoint for each range, so 100 or 1,000 per second."""
     sent = [time for time, _ in course.vehicle.setpoint_log if time > course.now - 10.0]
-    most = 10.0 / (0.75 * course.pilot.settings.timing.tick) + 1
+    most = 10.0 / (0.75 * course.pilot.settings.file.limits.tick) + 1
     return f"{len(sent)} setpoints in 10 s, at most {most:.0f}" if len(sent) > most else None
 
 

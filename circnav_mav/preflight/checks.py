@@ -13,9 +13,9 @@ from circnav_mav.mav.clocks import span_speed
 from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.own_motion import ACCELERATIONS
 from circnav_mav.mission.mission import Mission
-from circnav_mav.mission.preflight_ranging import FULL_RATE, SPEED_OFF, judge_ranging
 from circnav_mav.pilot import VEHICLE
-from circnav_mav.pilot.preflight_listener import PreflightListener
+from circnav_mav.preflight.listener import PreflightListener
+from circnav_mav.preflight.ranging import FULL_RATE, SPEED_OFF, judge_ranging
 
 SILENT = 2.0
 """Age of the newest heartbeat at the end of preflight, s, above which the check fails. Autopilots
@@ -278,7 +278,7 @@ def _motion(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
 def _needs(mission: Mission, listener: PreflightListener) -> frozenset[str]:
     bounds = mission.file.bounds
     bounded = (bounds.min_altitude_m, bounds.max_altitude_m) != (None, None)
-    needed = bounded or mission.height.needs_altitude
+    needed = bounded or mission.file.orbit.needs_altitude
     return listener.session.adapter.needs | ({"altitude"} if needed else frozenset())
 
 

@@ -11,7 +11,7 @@ from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.mav.ranging.interface import OTHERS, RATE_SIGMA, describe_rejected
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import RANGING, VEHICLE
-from circnav_mav.pilot.preflight_listener import PreflightListener, ReceivedRange
+from circnav_mav.preflight.listener import PreflightListener, ReceivedRange
 
 FULL_RATE = 0.8
 """A measured rate passes from this share of the expected rate on. Expected is `ranging.rate_hz`, or
@@ -208,7 +208,7 @@ def _height(mission: Mission, listener: PreflightListener, height: float | None)
     is checked by `circnav check`."""
     if unknown := listener.height.why_unknown(listener.end):
         yield Check(FAIL, "height", unknown)
-    elif mission.height.needs_altitude and height is not None:
+    elif mission.file.orbit.needs_altitude and height is not None:
         words = (
             f"{height:.1f} m above the target. {radius_sensitivity(mission.orbit.radius, height)}"
         )

@@ -23,9 +23,9 @@ from circnav_mav.mav.ranging.reader import Accepted, RangeRateReader, RangeReade
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import TextReader, plain_text
+from circnav_mav.mission.mission import VEHICLE, Mission
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.height import Height
-from circnav_mav.pilot.settings import VEHICLE, PilotSettings
 
 TICK = 0.05
 """Time between two steps, s, as in a flight."""
@@ -57,7 +57,7 @@ class PreflightListener:
     `done`. Its attributes then hold the received data."""
 
     def __init__(
-        self, settings: PilotSettings, *, seconds: float, signing: Signing | None = None
+        self, settings: Mission, *, seconds: float, signing: Signing | None = None
     ) -> None:
         """seconds: duration of the measurement, s. It begins SETTLE seconds after the vehicle was
         found."""
@@ -82,7 +82,7 @@ class PreflightListener:
         self.other_ranging: Counter[str] = Counter()
         """Number of messages that could contain ranges, but are not selected by the mission, by
         type and sender."""
-        self.height = Height(settings.height)
+        self.height = Height(settings.file.orbit)
         self.kind = ""
         """Autopilot and type of the vehicle, human-readable."""
         self.airspeed: float | None = None
@@ -165,7 +165,7 @@ class PreflightListener:
     def _over(self, now: float) -> bool:
         assert self._began is not None
         if self._found is None:
-            return now - self._began > self._settings.timing.wait_link
+            return now - self._began > self._settings.file.link.wait_s
         end = self._found + SETTLE + self._listens
         answered = self._parameters is None or self._parameters.done
         # 10.0: longest time, s, for which the listener waits for missing parameters after the
