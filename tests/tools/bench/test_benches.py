@@ -71,20 +71,14 @@ def test_bench_loop_measures_latency_of_each_range(monkeypatch):
     assert len(listener.latencies) + listener.missed >= 2
 
 
-def test_bench_load_reports_lateness_and_memory(tmp_path, capsys):
-    rows = [(0.05 * n, "engaged", 1 + n // 2) for n in range(20)]
-    table = "".join(f"{time:.6f},{phase},{accepted}\n" for time, phase, accepted in rows)
-    (tmp_path / "ticks.csv").write_text("time,phase,accepted\n" + table)
-    late = bench_load.lateness(tmp_path / "ticks.csv")
-    assert len(late) == 10 and max(map(abs, late)) < 0.051
-    bench = bench_load.Bench()
-    bench.setpoints = [0.0, 0.1, 0.2]
-    bench.latencies = [0.001]
-    bench.errors = [1.0, 2.0]
-    bench.memory = [(1.0, 80.0), (2.0, 81.0), (3.0, 82.0)]
-    options = bench_load.argparse.Namespace(seconds=3.0, law="smooth", hogs=1)
-    bench_load.report(options, bench, tmp_path)
-    assert "memory: 82.0 MB, +2.00 MB" in capsys.readouterr().out
+def test_bench_load_reports_latency_and_radius_error():
+    record = bench_load.Record()
+    record.setpoints = [0.0, 0.1, 0.2]
+    record.latencies = [0.001]
+    record.errors = [(1.0, 1.0), (91.0, 3.0)]
+    text = record.report()
+    assert "clock: p50 1.0 ms" in text and "gaps: p50 100.0 ms" in text
+    assert "RMS 3.00 m (10.0 %), worst 3.00 m" in text
 
 
 def test_bench_estimators_measures_step_times():
