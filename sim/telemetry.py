@@ -64,7 +64,15 @@ def gps_raw_int(flight: Flight) -> Message:
     place = *flight.degrees_e7(), round((HOME_AMSL_M - body.down) * 1000)
     speed = min(65534, round(body.ground_speed * 100))
     return mavlink.MAVLink_gps_raw_int_message(
-        flight.boot_us, GPS_FIX_RTK, *place, 121, 200, speed, _centidegrees(body.course), 10
+        flight.boot_us,
+        GPS_FIX_RTK,
+        *place,
+        121,
+        200,
+        speed,
+        _centidegrees(body.course),
+        10,
+        h_acc=round(1000 * math.sqrt(2) * flight.config.sensors.gps_error_m),
     )
 
 

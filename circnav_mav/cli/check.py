@@ -132,12 +132,12 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
     # 0.05: largest accepted difference of the bundled plane's cruise speed from the mission's
     # speed, as a fraction of the mission's speed.
     if (
-        any(vehicle.cruises for vehicle in mission.vehicles)
+        any(vehicle.fixed_wing for vehicle in mission.vehicles)
         and abs(cruise / wanted.speed_mps - 1) > 0.05
     ):
         cruises = f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps)"
         yield Grade.WARN, f"{cruises}, but vehicle.speed_mps = {wanted.speed_mps:g}"
-    in_air = any(vehicle.ground_speed_sigma is None for vehicle in mission.vehicles)
+    in_air = any(not vehicle.holds_ground_speed for vehicle in mission.vehicles)
     drift = _drift(config, in_air=in_air)
     tolerated = drift_allowed(mission)
     if drift > tolerated > 0:

@@ -130,7 +130,7 @@ def _summary(pilot: Pilot, recorder: Recorder, mission: Mission, epoch_us: int) 
         epoch_us=epoch_us,
         recording_problem=recorder.problem,
         output_mode=pilot.output_mode.value,
-        clock_speed=pilot.session.clock_speed.noticed,
+        clock_speed=pilot.session.vehicle.clock_speed.noticed,
         engaged_s=pilot.mission.engaged_at,
         until_s=recorder.until,
     )

@@ -48,7 +48,7 @@ def parameter_lines(
     system = mission.file.vehicle.system_id or 1
     yield f"# {vehicle.name}, circnav mission {mission.file.name}"
     yours = []
-    methods = vehicle.methods(mission.flies_without_gps)
+    methods = mission.methods(vehicle)
     for names, rules in rules_by_parameter(methods).items():
         value = _advised(rules, mission, system)
         if value is None:

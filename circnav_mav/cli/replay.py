@@ -213,7 +213,7 @@ def _check_steered(name: Path, pilot: Pilot) -> None:
     if pilot.mission.outcome is not None:
         why = pilot.mission.outcome.reason
     elif not pilot.session.up:
-        misfits = "; ".join(pilot.session.misfits.values())
+        misfits = "; ".join(pilot.session.identity.misfits.values())
         why = f"no vehicle: {misfits or pilot.connection.counts[VEHICLE].describe()}"
     else:
         refused = describe_rejected(pilot.tracker.ranging.rejected)

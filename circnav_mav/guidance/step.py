@@ -72,13 +72,11 @@ class LawChoice:
 
     name: of the law in `LAWS`.
     gain: magnitude of its gain.
-    correct_radius: True if the law's radius bias is compensated.
     lag: delay from a command to its turn, s; sets the gains of the drift law.
     """
 
     name: str
     gain: float
-    correct_radius: bool = True
     lag: float = 0.4
 
 
@@ -90,7 +88,7 @@ class StepSettings:
     sense: +1 counter-clockwise, -1 clockwise.
     V: speed, m/s.
     r_d: radius of the circle, m.
-    fed: input radius of the law, m. It differs from r_d if the radius bias is compensated.
+    fed: input radius of the law, m, with which the vehicle settles on r_d.
     k: signed gain. As in the paper, k > 0 flies clockwise.
     limit: limit of the turn rate, rad/s.
     """
@@ -114,9 +112,7 @@ class StepSettings:
             )
         law = LAWS[choice.name]
         sense = orbit.direction.turn_sign
-        fed = orbit.radius
-        if choice.correct_radius:
-            fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain)
+        fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain)
         return cls(
             law, sense, orbit.speed, orbit.radius, fed, -sense * choice.gain, orbit.max_turn_rate
         )

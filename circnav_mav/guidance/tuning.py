@@ -23,7 +23,6 @@ class LawTuning:
     turn_lag: delay from a command to its turn, s.
     sigma, period: noise (m) and period (s) of the ranges.
     gain: gain of the mission; None if the law's rule computes it.
-    correct_radius: True if the law's radius bias is compensated.
     rate_sigma: noise of a measured range rate that the law uses directly, m/s; None if a filter
         estimates the rate.
     """
@@ -34,7 +33,6 @@ class LawTuning:
     sigma: float
     period: float
     gain: float | None = None
-    correct_radius: bool = True
     rate_sigma: float | None = None
 
     def steady_estimate(self, radius: float) -> SteadyState:
@@ -62,6 +60,4 @@ class LawTuning:
 
     def choice(self, orbit: Orbit) -> LawChoice:
         """Return the law with its gain for a circle."""
-        return LawChoice(
-            self.law, self.gain or self.default_gain(orbit), self.correct_radius, self.turn_lag
-        )
+        return LawChoice(self.law, self.gain or self.default_gain(orbit), self.turn_lag)

@@ -284,6 +284,11 @@ class Identity:
         (_Relation.UNKNOWN, _Kind.OTHER): (_note,),
     }
 
+    def change_method(self, adapter: Autopilot) -> None:
+        """Steer the pinned vehicle by another method from now on, also if it is found again."""
+        self._adapters = (adapter,)
+        self.adapter = adapter
+
     def _may_be_at(self, source: Hashable, now: float) -> bool:
         """True if the vehicle may send from this address."""
         if self.home is None or source == self.home.source:

@@ -33,8 +33,6 @@ WAITING = dialect.MAV_STATE_BOOT
 heartbeats with this state from a second circnav."""
 ECHO_RATE = 4.0
 """Requested rate of the vehicle's setpoint reports, Hz."""
-GPS_HEALTH = ("GPS_RAW_INT", "GPS2_RAW", "EKF_STATUS_REPORT")
-"""Messages from which only the fix type and the status flags are read, to detect a loss of GPS."""
 AIR_DATA = ("VFR_HUD", "GLOBAL_POSITION_INT")
 """Messages with airspeed, climb rate and altitudes. Positions in them are never read."""
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT")
@@ -47,7 +45,6 @@ HANDLED = frozenset(
         *AIR_DATA,
         *ACCELERATIONS,
         *ECHOES,
-        *GPS_HEALTH,
     )
 )
 """Ids of the messages that the session, the motion sensor or `Pilot` reads."""
@@ -78,7 +75,7 @@ class Session:
         self._changes: set[Change] = set()
         self._twin_received: deque[float] = deque(maxlen=TWIN_FRAMES)
         self.identity = Identity(settings, adapters)
-        self.vehicle = VehicleState(self.identity.adapter)
+        self.vehicle = VehicleState(self.identity)
         self.encoder = Encoder(settings.system_id or 1, settings.component_id, signing)
         self.commands = CommandSender()
         self.airspeed_refused = False
@@ -89,10 +86,6 @@ class Session:
         self.announcer = Announcer()
         self.mode_requests_dropped = 0
         """Number of mode requests that were dropped before their answer."""
-        self.ignored = self.identity.ignored
-        self.misfits = self.identity.misfits
-        self.clock_speed = self.vehicle.clock_speed
-        self.texts = self.vehicle.texts
 
     @property
     def peer(self) -> Sender | None:
@@ -190,8 +183,7 @@ class Session:
         """Steer the pinned vehicle by another method from now on. Until the vehicle reports the new
         guided mode, its old guided mode is treated as ours, too."""
         adapter.our_modes = frozenset((adapter.guided_mode, self.adapter.guided_mode))
-        self.identity.adapter = adapter
-        self.vehicle.change_method(adapter)
+        self.identity.change_method(adapter)
         if adapter.echo is not None:
             self.commands.send(
                 Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (adapter.echo, 1e6 / ECHO_RATE))
@@ -209,9 +201,9 @@ class Session:
         # The vehicle has forwarded a foreign frame that arrives from its address: another companion
         # is connected to the vehicle. From another address, any sender may use our ids.
         if bytes(message.get_msgbuf()) in self._sent:
-            self.ignored["echo"] += 1
+            self.identity.ignored["echo"] += 1
         elif source == peer.source:
-            self.ignored["twin"] += 1
+            self.identity.ignored["twin"] += 1
             # A second circnav must not end the flight of the first circnav. Once the vehicle is
             # steered, only the heartbeats of a companion that may steer too are counted.
             waits = message.get_type() != "HEARTBEAT" or message.system_status == WAITING
@@ -228,7 +220,7 @@ class Session:
         if not new_vehicle:
             self.vehicle.moved()
         else:
-            self.vehicle.found(self.adapter)
+            self.vehicle.found()
             echo = {} if self.adapter.echo is None else {self.adapter.echo: ECHO_RATE}
             wanted = {**self.adapter.firmware.streams, **echo, **self._more_streams}
             self.streams = StreamRequests(wanted, maybe=echo)

@@ -8,9 +8,9 @@ from typing import ClassVar
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.interface import Autopilot
 from circnav_mav.mav.clocks import BOOT_WRAP, ClockSpeed, Order, StampFilter, UtcClock
 from circnav_mav.mav.codec import Message
+from circnav_mav.mav.identity import Identity
 from circnav_mav.mav.statustext import TextReader
 from circnav_mav.timers import Report
 
@@ -44,8 +44,9 @@ class VehicleState:
     """Newest reported state of the pinned vehicle. Messages of other senders must not be passed
     in."""
 
-    def __init__(self, adapter: Autopilot) -> None:
-        self._adapter = adapter
+    def __init__(self, identity: Identity) -> None:
+        """identity: holds the adapter of the vehicle."""
+        self._identity = identity
         self.boot = StampFilter(wrap=BOOT_WRAP)
         """Filter of the vehicle's times since boot. Its `newest` is None until the vehicle has
         reported a time since boot."""
@@ -81,7 +82,7 @@ class VehicleState:
     @property
     def in_our_mode(self) -> bool:
         """True if the vehicle follows setpoints: it is armed and reports the guided mode."""
-        return self.armed and self.mode in self._adapter.our_modes
+        return self.armed and self.mode in self._identity.adapter.our_modes
 
     @property
     def on_ground(self) -> bool | None:
@@ -93,7 +94,7 @@ class VehicleState:
         return (
             "unknown"
             if self.mode is None
-            else self._adapter.mode_names.get(self.mode, f"mode {self.mode}")
+            else self._identity.adapter.mode_names.get(self.mode, f"mode {self.mode}")
         )
 
     def battery(self, now: float) -> float | None:
@@ -101,15 +102,10 @@ class VehicleState:
         # Largest age of a battery level that is used, s. SYS_STATUS arrives once a second.
         return self._battery.live(now, 5.0)
 
-    def found(self, adapter: Autopilot) -> None:
+    def found(self) -> None:
         """Prepare for a vehicle that was found, for the first time or again."""
-        self._adapter = adapter
         self.landed = Report()
         self.moved()
-
-    def change_method(self, adapter: Autopilot) -> None:
-        """Prepare for another steering method of the same vehicle."""
-        self._adapter = adapter
 
     def moved(self) -> None:
         """Prepare for messages of the vehicle from another address, possibly by another route."""
@@ -222,9 +218,10 @@ class VehicleState:
     def _on_mode(self, mode: int, armed: bool, now: float) -> Change | None:
         """Store the mode and armed state. Return the end of the guided mode, or None."""
         self.received_at = now
+        ours = mode in self._identity.adapter.our_modes
         # A reordered report may end our control, but never start it: the operator may have taken
         # over after the report was sent.
-        if self._late and not self.in_our_mode and armed and mode in self._adapter.our_modes:
+        if self._late and not self.in_our_mode and armed and ours:
             return None
         was_ours = self.in_our_mode or self._lost_ours
         self._lost_ours = False
@@ -232,7 +229,7 @@ class VehicleState:
         self.armed = armed
         if not was_ours or self.in_our_mode:
             return None
-        self.left_for = None if mode in self._adapter.our_modes else self.mode_name
+        self.left_for = None if ours else self.mode_name
         return Change.DISARMED if self.left_for is None else Change.LEFT
 
     def _on_boot_time(self, stamp: float, now: float) -> Change | None:

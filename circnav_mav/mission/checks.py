@@ -31,7 +31,7 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 def check_mission(mission: Mission) -> list[Check]:
     """Return all check lines of a mission."""
     parts = (
-        *(_keys, _vehicle, _tilt, _gps_loss, _own_code, _estimator, _gain, _radius),
+        *(_keys, _vehicle, _tilt, _gps_loss, _own_code, _estimator, _gain),
         *(_turn_rate, _acceleration, check_ranging, _drift, _margin, _signing),
     )
     lines = [line for part in parts for line in part(mission)]
@@ -82,14 +82,13 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
 def _tilt(mission: Mission) -> Iterator[Check]:
     """Check that the tilt limit of a copter flown by attitude suffices for its airspeed and its
     turns."""
-    by_attitude = any(one.airspeed_from_drag for one in mission.vehicles)
-    if not by_attitude and not mission.flies_without_gps:
+    if not mission.by_attitude:
         return
     vehicle = mission.file.vehicle
     most = vehicle.max_bank_deg or 0.0
     needed = degrees(atan(vehicle.drag_per_s * vehicle.speed_mps / GRAVITY))
     lateral = degrees(atan(mission.orbit.speed * abs(mission.orbit.steady_turn_rate) / GRAVITY))
-    when = "" if by_attitude else "after a loss of GPS, "
+    when = "" if mission.by_attitude[0] in mission.vehicles else "after a loss of GPS, "
     words = (
         f"{when}{vehicle.speed_mps:g} m/s through the air needs {needed:.0f} deg of forward tilt"
         f" and {lateral:.0f} deg of roll of the {most:g} deg allowed (vehicle.drag_per_s ="
@@ -101,21 +100,25 @@ def _tilt(mission: Mission) -> Iterator[Check]:
 
 
 def _gps_loss(mission: Mission) -> Iterator[Check]:
-    """Report a mode request that the operator may not expect."""
-    if not mission.flies_without_gps or mission.file.engage.request_mode:
+    """Report a mode request that the operator may not expect, and a vehicle that cannot continue
+    after a loss of GPS."""
+    engage = mission.file.engage
+    words = 'engage.on_gps_loss = "attitude": '
+    if engage.on_gps_loss == "exit":
         return
-    words = (
-        'engage.on_gps_loss = "attitude": after a loss of GPS circnav requests GUIDED_NOGPS,'
-        ' although engage.request_mode = false. With "exit" circnav requests no mode'
-    )
-    yield Check(WARN, "gps loss", words)
+    if not any(one.replacement for one in mission.vehicles):
+        yield Check(FAIL, "gps loss", f"{words}only an ArduPilot copter in GUIDED can: omit it")
+    elif not engage.request_mode:
+        words += "after a loss of GPS circnav requests GUIDED_NOGPS,"
+        words += ' although engage.request_mode = false. With "exit" circnav requests no mode'
+        yield Check(WARN, "gps loss", words)
 
 
 def _estimator(mission: Mission) -> Iterator[Check]:
     """Check that an estimator that needs own motion receives it before the engagement."""
     if mission.estimator != "drift":
         return
-    if mission.vehicles and not any(one.measures_airspeed for one in mission.vehicles):
+    if mission.vehicles and not any(one.fixed_wing for one in mission.vehicles):
         needs = f"{mission.estimator} needs the airspeed before the vehicle can be engaged"
         why = (
             f"a {mission.file.vehicle.kind} measures none: its speed is given only while circnav"
@@ -178,26 +181,6 @@ def _gain(mission: Mission) -> Iterator[Check]:
     yield Check(
         grade, "gain", f"{law.name}: k = {gain:.4g} {law.gain_unit} ({origin}), needs {needs}{weak}"
     )
-
-
-def _radius(mission: Mission) -> Iterator[Check]:
-    law = LAWS.get(mission.law.name)
-    gain = mission.law.gain
-    orbit = mission.orbit
-    if law is None or gain <= law.gain_bound(orbit.speed, orbit.radius):
-        return
-    fed = (
-        law.fed_radius(orbit.speed, orbit.radius, gain)
-        if mission.law.correct_radius
-        else orbit.radius
-    )
-    reached = law.reached_radius(orbit.speed, fed, gain)
-    # 0.01: steady radius error of a law from which `check` warns, as a share of the radius. A
-    # smaller error is below the noise of the ranges.
-    beside = abs(reached / orbit.radius - 1) >= 0.01
-    advice = "; set guidance.correct_radius = true to correct it" if beside else ""
-    words = f"steady radius {reached:.3f} m, desired {orbit.radius:g} m{advice}"
-    yield Check(WARN if beside else PASS, "radius", words)
 
 
 def _turn_rate(mission: Mission) -> Iterator[Check]:
@@ -323,7 +306,7 @@ def _design_drift(mission: Mission) -> float:
 def _turn_loop(mission: Mission) -> tuple[float, float, float]:
     """Return delay from a command to its turn (s), delay of the reported turn rate (s) and
     turn-rate limit (rad/s)."""
-    late = MEASUREMENT_DELAY if any(one.banks for one in mission.vehicles) else 0.0
+    late = MEASUREMENT_DELAY if any(one.fixed_wing for one in mission.vehicles) else 0.0
     return mission.file.vehicle.turn_lag_s, late, mission.orbit.max_turn_rate
 
 

@@ -4,17 +4,17 @@ from collections.abc import Iterator
 
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.laws import LAWS
-from circnav_mav.mav.autopilots.table import allowed, table_key
 from circnav_mav.mav.ranging.driver import split_driver
-from circnav_mav.mission.mission import SIM
+from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.mission.schema import MissionFile
 
 
-def clashes(file: MissionFile) -> Iterator[str]:
+def clashes(mission: Mission) -> Iterator[str]:
     """Yield a line for each combination of keys that cannot be flown."""
+    file = mission.file
     yield from _of_endpoints(file)
     yield from _of_range_rate(file)
-    yield from _of_vehicle(file)
+    yield from _of_vehicle(mission)
     yield from _of_pairs(file)
     yield from _of_own_code(file)
 
@@ -54,20 +54,11 @@ def _of_range_rate(file: MissionFile) -> Iterator[str]:
         )
 
 
-def _of_vehicle(file: MissionFile) -> Iterator[str]:
-    vehicle = file.vehicle
-    rows = allowed(*table_key(vehicle.autopilot, vehicle.kind, vehicle.method)).values()
-    by_attitude = any(row.airspeed_from_drag for row in rows)
-    if file.engage.on_gps_loss == "attitude":
-        if not any(row.without_gps for row in rows):
-            yield (
-                'engage.on_gps_loss: is "attitude", which only an ArduPilot copter in GUIDED can'
-                " fly: omit it"
-            )
-        by_attitude = True
-    if vehicle.max_bank_deg is None and by_attitude:
+def _of_vehicle(mission: Mission) -> Iterator[str]:
+    vehicle = mission.file.vehicle
+    if vehicle.max_bank_deg is None and mission.by_attitude:
         yield "vehicle.max_bank_deg: missing, the tilt limit of a copter flown by attitude: add it"
-    elif vehicle.max_bank_deg is None and any(row.banks for row in rows):
+    elif vehicle.max_bank_deg is None and any(row.fixed_wing for row in mission.vehicles):
         yield f"vehicle.max_bank_deg: missing, a {vehicle.kind} turns by banking: add its limit"
     elif vehicle.max_bank_deg is None and vehicle.max_turn_rate_deg_s is None:
         yield "vehicle.max_turn_rate_deg_s: missing, add it"

@@ -146,9 +146,9 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
         file = whole_schema().model_validate(table)
     except ValidationError as error:
         raise MissionError(f"{where}: {in_words(error, whole_schema())}") from None
-    if problems := list(clashes(file)):
-        raise MissionError(f"{where}: {'; '.join(problems)}")
     mission = Mission(file, text)
+    if problems := list(clashes(mission)):
+        raise MissionError(f"{where}: {'; '.join(problems)}")
     _check_numbers(mission, where)
     return mission
 
@@ -166,7 +166,7 @@ def _check_numbers(mission: Mission, where: str) -> None:
     overflow. Raises MissionError."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            _ = mission.facts, mission.ranging, mission.circle_limits, mission.estimation_by_drag
+            _ = mission.facts, mission.ranging, mission.circle_limits
             mission.tuning.loop_lag(mission.orbit.radius)
     except ArithmeticError as error:
         reason = str(error.args[-1]) if error.args else "not a finite number"

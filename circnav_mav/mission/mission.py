@@ -1,11 +1,11 @@
 """A mission as the flight uses it: the values of its file in SI units and radians, and values
 derived from them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import inf, radians, tan
 
-from circnav_mav.guidance.air_drag import SCALE_BOUNDS, SCALE_SIGMA, coefficient_at
+from circnav_mav.guidance.air_drag import coefficient_at
 from circnav_mav.guidance.circle_change import CircleLimits
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
@@ -74,7 +74,6 @@ class Mission:
             ranging.sigma_m,
             1 / ranging.rate_hz,
             guidance.gain,
-            guidance.correct_radius,
             RATE_SIGMA if self.estimator == "measured" else None,
         )
 
@@ -106,30 +105,24 @@ class Mission:
 
     @cached_property
     def estimation(self) -> EstimatorSettings:
-        """Settings of the estimator."""
-        settings = EstimatorSettings(self.orbit.speed, self.orbit.max_turn_rate)
-        if any(vehicle.airspeed_from_drag for vehicle in self.vehicles):
-            return self.estimation_by_drag
-        sigma = next((vehicle.ground_speed_sigma for vehicle in self.vehicles), None)
-        return settings if sigma is None else replace(settings, drift_sigma=0.1, scale_sigma=sigma)
+        """Settings of the estimator for the method that begins the flight."""
+        return self.estimation_of(next(iter(self.vehicles), Autopilot))
 
-    @cached_property
-    def estimation_by_drag(self) -> EstimatorSettings:
-        """Settings of the estimator for a copter whose accelerometer measures its airspeed."""
-        # 0.5: error of the measured accelerations of a copter without GPS, m/s^2. In turns its
-        # estimated attitude is wrong by 3 deg.
-        return EstimatorSettings(
-            self.orbit.speed,
-            self.orbit.max_turn_rate,
-            scale_sigma=SCALE_SIGMA,
-            scale_bounds=SCALE_BOUNDS,
-            acceleration_bias=0.5,
-        )
+    def estimation_of(self, method: type[Autopilot]) -> EstimatorSettings:
+        """Return the settings of the estimator for a method."""
+        return method.estimation(self.orbit.speed, self.orbit.max_turn_rate)
+
+    def methods(self, vehicle: type[Autopilot]) -> tuple[type[Autopilot], ...]:
+        """Return the adapters that may steer a vehicle in one flight, in their order. After a loss
+        of GPS, a method that needs no position continues the flight, if the mission permits it."""
+        continues = self.file.engage.on_gps_loss == "attitude"
+        return (vehicle, vehicle.replacement) if continues and vehicle.replacement else (vehicle,)
 
     @property
-    def flies_without_gps(self) -> bool:
-        """True if the flight continues by attitude setpoints after a loss of GPS."""
-        return self.file.engage.on_gps_loss == "attitude"
+    def by_attitude(self) -> list[type[Autopilot]]:
+        """Methods of this flight that steer a copter by attitude."""
+        methods = [method for vehicle in self.vehicles for method in self.methods(vehicle)]
+        return [method for method in methods if method.airspeed_from_drag]
 
     @property
     def max_range(self) -> float:
@@ -219,7 +212,6 @@ class Mission:
             speed=vehicle.speed_mps,
             max_bank=radians(vehicle.max_bank_deg or 0.0),
             drag=coefficient_at(vehicle.drag_per_s, vehicle.speed_mps),
-            tilts_by_stick=any(one.tilts_by_stick for one in self.vehicles),
         )
 
     @cached_property
@@ -230,7 +222,9 @@ class Mission:
             speed=self.orbit.speed,
             nearest=bounds.min_range_m or 0.0,
             farthest=min(bounds.max_range_m or inf, self.max_range),
-            keeps_speed=any(one.cruises and one.airspeed_command is None for one in self.vehicles),
+            keeps_speed=any(
+                one.fixed_wing and one.airspeed_command is None for one in self.vehicles
+            ),
             turn_gain=self.least_turn_gain,
         )
 

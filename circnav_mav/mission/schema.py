@@ -144,7 +144,6 @@ class GuidanceTable(Table):
 
     law: _named(LAWS) = "auto"  # type: ignore[valid-type]
     gain: Positive | None = None
-    correct_radius: bool = True
     estimator: _named(ESTIMATORS) | None = None  # type: ignore[valid-type]
     own_code_on_vehicle: bool = False
 

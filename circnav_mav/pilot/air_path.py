@@ -69,7 +69,7 @@ class AirPath:
             self._tracker.height.receive(message, motion.at(now), now)
         if not is_attitude:
             return
-        own = nose = motion.own(now, self._airspeed(now), banks=adapter.measures_airspeed)
+        own = nose = motion.own(now, self._airspeed(now), banks=adapter.fixed_wing)
         if own is None or nose is None:
             return
         if not adapter.flies:  # a rover tilts with the ground: its tilt shows no acceleration
@@ -87,8 +87,7 @@ class AirPath:
         # would compensate this lag as drift, which made the emulated copter oscillate until its
         # gains were lowered. For PX4's copter, the model of its velocity loop (below) computes the
         # lag.
-        holds_ground_speed = not adapter.measures_airspeed and not adapter.airspeed_from_drag
-        if holds_ground_speed and adapter.velocity_loop is None:
+        if adapter.holds_ground_speed and adapter.velocity_loop is None:
             own = own._replace(acceleration=None)
         if adapter.velocity_loop is not None and steering:
             own = self._copter_motion.follow(own, adapter.velocity_loop)
@@ -101,7 +100,7 @@ class AirPath:
         # commands. In a dry run another program commands the vehicle: assume the commanded airspeed
         # while the vehicle turns as our commands would turn it.
         follows = controller.vehicle.at_speed if self._flies else controller.vehicle.followed
-        if not holds_ground_speed or (steering and follows):
+        if not adapter.holds_ground_speed or (steering and follows):
             self._tracker.estimator.move(own)
 
     def _request_other_imus(self) -> None:
@@ -128,7 +127,7 @@ class AirPath:
         else the commanded speed."""
         adapter = self._session.adapter
         motion = self._session.motion.at(now)
-        measured = motion.airspeed if adapter.measures_airspeed else None
+        measured = motion.airspeed if adapter.fixed_wing else None
         used = adapter.airspeed(measured)
         self.implausible_airspeed = measured if measured != used else None
-        return motion.true_airspeed(used) if adapter.measures_airspeed else self._controller.speed
+        return motion.true_airspeed(used) if adapter.fixed_wing else self._controller.speed

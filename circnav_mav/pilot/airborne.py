@@ -118,7 +118,7 @@ class Airborne:
     def _too_slow(self, now: float) -> Obstacle | None:
         airspeed = self._session.motion.at(now).airspeed
         least = LEAST_AIRSPEED * self._settings.facts.speed
-        if not self._session.adapter.measures_airspeed or airspeed is None or airspeed >= least:
+        if not self._session.adapter.fixed_wing or airspeed is None or airspeed >= least:
             return None
         needed = f"{least:.1f} m/s of airspeed"
         return Obstacle(needed, f"{needed}: {airspeed:.1f} m/s now")

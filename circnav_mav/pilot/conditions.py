@@ -288,9 +288,9 @@ def _not_airborne(view: StepView) -> Active | None:
 
 
 def _gps_lost(view: StepView) -> Active | None:
-    if view.gps_lost is None:
+    if view.method_failure is None:
         return None
-    state = view.gps_lost or "the autopilot holds no place now"
+    state = view.method_failure or "the autopilot holds no place now"
     return Active(
         long=f"GPS LOST: flown by attitude, {state}. At the end the exit action is"
         f" {view.exit_name}; without setpoints the copter levels and drifts with the wind"

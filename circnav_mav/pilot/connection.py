@@ -13,11 +13,8 @@ from circnav_mav.mav.request_server import ANSWERED
 from circnav_mav.mav.session import HANDLED, HEARTBEAT_PERIOD, Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mission.mission import LINKS, RANGING, VEHICLE, Mission
+from circnav_mav.pilot.method import streams
 from circnav_mav.timers import Every
-
-GPS_HEALTH_RATE = 4.0
-"""Requested rate, Hz, of the messages that show a loss of GPS. ArduCopter clears its estimator
-flags only 0.8 s before its failsafe acts."""
 
 
 class Connection:
@@ -38,12 +35,7 @@ class Connection:
             # HOME_POSITION at 1 Hz, if the height is relative to home. Home may change until the
             # engagement.
             self.more_streams[dialect.MAVLINK_MSG_ID_HOME_POSITION] = 1.0
-        if settings.flies_without_gps:
-            for ident in (
-                dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
-                dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
-            ):
-                self.more_streams[ident] = GPS_HEALTH_RATE
+        self.more_streams.update(streams(settings))
         file = settings.file
         vehicles = adapters(*settings.vehicle_key, settings.facts)
         ids = LinkSettings(file.vehicle.system_id, file.link.component_id)

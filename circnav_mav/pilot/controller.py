@@ -57,9 +57,11 @@ class Controller:
         self.vehicle = VehicleModel(lag, orbit.max_turn_rate, gain=gain, link=link)
         """Model of the vehicle, learned in flight."""
         self._loop = ClosedLoop(orbit, settings.tuning.choice(orbit), self.vehicle)
-        self._changed_at = self._spaced_at = float("-inf")
+        self._changed_at = dict.fromkeys((False, True), float("-inf"))
+        """Times of the newest change of the circle and of the newest spacing in a fleet, s."""
         stick = ceil(facts.stick(facts.max_bank))
-        if facts.tilts_by_stick:
+        tilts_by_stick = any(one.tilts_by_stick for one in settings.vehicles)
+        if tilts_by_stick:
             stick = ceil(facts.tilt_stick(GRAVITY * tan(facts.max_bank)))
         self._guard = SetpointGuard(
             Limits(
@@ -68,8 +70,8 @@ class Controller:
                 * (1 if settings.circle_limits.keeps_speed else 1 + SPEED_SHARE),
                 max_bank=facts.max_bank,
                 max_stick=stick,
-                max_pitch_stick=stick if facts.tilts_by_stick else 0,
-                max_yaw_stick=1000 if facts.tilts_by_stick else 0,
+                max_pitch_stick=stick if tilts_by_stick else 0,
+                max_yaw_stick=1000 if tilts_by_stick else 0,
             )
         )
         self._height: float | None = None
@@ -124,7 +126,7 @@ class Controller:
         string."""
         # Spacing in a fleet and other changes of the circle have separate timers, so that spacing
         # never delays a change by the operator.
-        changed_at = self._spaced_at if request.spaces else self._changed_at
+        changed_at = self._changed_at[request.spaces]
         if now - changed_at < MIN_INTERVAL - SAME_TIME:
             ago = f"{now - changed_at:.2f} s ago"
             return (
@@ -147,10 +149,7 @@ class Controller:
             return str(error)
         self.circle = circle
         self._spacing = (offset, pace)
-        if spaces:
-            self._spaced_at = now
-        else:
-            self._changed_at = now
+        self._changed_at[spaces] = now
         return ""
 
     def change_law(self, name: str) -> str:

@@ -34,7 +34,9 @@ class ModeRequest:
             self._due = float("-inf")
             self._tries = 0
             return None
-        report = f', the vehicle reports "{session.texts[-1]}"' if session.texts else ""
+        report = (
+            f', the vehicle reports "{session.vehicle.texts[-1]}"' if session.vehicle.texts else ""
+        )
         refusals = [result for result in session.take_mode_results() if not result.accepted]
         if refusals:
             self._due = float("-inf")

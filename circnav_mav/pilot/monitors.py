@@ -16,7 +16,9 @@ from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.authority import unwatched
 from circnav_mav.pilot.conditions import NOT_FOLLOWING
+from circnav_mav.pilot.method import MethodMonitor
 from circnav_mav.pilot.mission_state import Ending, Event, Outcome, Phase
+from circnav_mav.pilot.status_text import overdue
 from circnav_mav.timers import Hysteresis, Since
 
 if TYPE_CHECKING:
@@ -60,17 +62,9 @@ def takeover(pilot: Pilot, now: float) -> Findings:
     return (Event.MODE_LEFT, outcome) if ends else (Event.MODE_LEFT,)
 
 
-def gps(pilot: Pilot, now: float) -> Findings:
-    """Continue by attitude setpoints if a steered copter has lost its GPS."""
-    if pilot.flies and pilot.mission.steering and (text := pilot.gps_loss.step(now)):
-        pilot.second_controller.reset()
-        pilot.session.announcer.say("gps", text, severity=MAV_SEVERITY_WARNING)
-    return ()
-
-
 def time_limits(pilot: Pilot, now: float) -> Findings:
     """End the flight after its duration, or if a time limit has passed."""
-    outcome = pilot.status.overdue(now)
+    outcome = overdue(pilot, now)
     return () if outcome is None else (outcome,)
 
 
@@ -234,8 +228,8 @@ def _begin(pilot: Pilot) -> None:
     session.announcer.say("engage", f"{how}, {pilot.controller.circle.label}")
 
 
-def monitors_of(mission: Mission) -> tuple[Monitor, ...]:
+def monitors_of(mission: Mission, method: MethodMonitor) -> tuple[Monitor, ...]:
     """Return the monitors of a flight, in their order."""
-    before = (link, takeover, gps, time_limits)
+    before = (link, takeover, method, time_limits)
     after = (ground, companion, Bounds(mission), Following(), ranging, engagement)
     return (*before, estimate, *after)

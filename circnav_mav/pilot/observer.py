@@ -21,6 +21,7 @@ from circnav_mav.pilot.authority import SILENT, unwatched
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.pilot.rates import RateMeter, Rates
 from circnav_mav.pilot.record import TickRecord
+from circnav_mav.pilot.status_text import waits_for
 from circnav_mav.pilot.step_view import StepView
 from circnav_mav.timers import Since
 
@@ -135,7 +136,7 @@ class Observer:
             engaged_at=mission.engaged_at,
             outcome=mission.outcome,
             coast=mission.coast,
-            waits=pilot.status.waits_for(now),
+            waits=waits_for(pilot, now),
             not_airborne=_not_airborne(pilot, now),
             exit_name=pilot.exit_action.named(session),
             vehicle=f"{vehicle}, firmware {session.vehicle.firmware or 'unknown'}",
@@ -145,7 +146,7 @@ class Observer:
             flood=allowance.dropped / 1000 if allowance.flooded(now) else 0.0,
             uplink_silent=session.timesync.silent(now, 2.0),
             stalled=pilot.authority.stalled(now),
-            clock_speed=session.clock_speed.found,
+            clock_speed=session.vehicle.clock_speed.found,
             setpoints=self.setpoints_sent,
             rejected_by=dict(ranging.rejected.most_common()),
             rates=None if pilot.done else self._rates.newest,
@@ -165,9 +166,9 @@ class Observer:
             heading_jump=session.motion.jumped,
             height_held=height.is_held(now),
             altitude_jump=height.jump,
-            implausible_airspeed=pilot.gps_loss.path.implausible_airspeed,
+            implausible_airspeed=pilot.path.implausible_airspeed,
             unchecked_bound=unwatched(pilot.settings, session, now),
-            gps_lost=None if pilot.gps_loss.changed_at is None else pilot.gps_loss.failure,
+            method_failure=pilot.method.failure,
             drift_alarm=self._drift_monitor.alarm,
             airspeed_alarm=self._airspeed_alarm,
             closing_alarm=self._closing_monitor.alarm,
@@ -190,13 +191,11 @@ class Observer:
         orbit = pilot.controller.orbit
         steered = estimate if pilot.mission.steering else None
         self._drift_monitor.update(steered, orbit, pilot.controller.vehicle.most)
-        if pilot.session.adapter.measures_airspeed:
+        if pilot.session.adapter.fixed_wing:
             self._airspeed_alarm = watch_airspeed(self._airspeed_alarm, estimate, orbit)
         engaged = estimate if pilot.mission.phase is Phase.ENGAGED else None
         self._closing_monitor.update(engaged, orbit)
-        estimation = pilot.settings.tuning.estimation
-        if pilot.gps_loss.changed_at is not None:
-            estimation = pilot.settings.estimation_by_drag
+        estimation = pilot.settings.estimation_of(type(pilot.session.adapter))
         # Tolerance of the lap alarm: three standard deviations of the airspeed scale.
         tolerance = max(3 * estimation.scale_sigma, 0.1)
         self._lap_alarm = watch_lap(self._lap_alarm, engaged, tolerance)

@@ -28,8 +28,9 @@ from circnav_mav.pilot.authority import Allowed, Authority
 from circnav_mav.pilot.conditions import Conditions
 from circnav_mav.pilot.connection import Connection
 from circnav_mav.pilot.controller import Controller
-from circnav_mav.pilot.gps_loss import GpsLoss
 from circnav_mav.pilot.ground_station import READS, GroundStation
+from circnav_mav.pilot.method import READS as METHOD_READS
+from circnav_mav.pilot.method import MethodMonitor
 from circnav_mav.pilot.mission_state import (
     NO_FAILURE,
     Ending,
@@ -46,7 +47,6 @@ from circnav_mav.pilot.parameters import flight_parameters
 from circnav_mav.pilot.range_tracker import RangeTracker
 from circnav_mav.pilot.record import TickRecord, plot_values
 from circnav_mav.pilot.second_controller import SecondController
-from circnav_mav.pilot.status_text import StatusText
 from circnav_mav.pilot.step_view import StepView
 from circnav_mav.pilot.tick_scheduler import TickScheduler
 
@@ -63,7 +63,7 @@ class Pilot:
         """signing: signs sent frames and authenticates received ones, or None."""
         self.settings = settings
         self.output_mode = output_mode
-        self.connection = Connection(settings, signing)
+        self.connection = Connection(settings, signing, also=METHOD_READS)
         session = self.connection.session
         tracker = RangeTracker(settings, session)
         self.tracker = tracker
@@ -80,21 +80,18 @@ class Pilot:
             may_set=signed or settings.file.link.unsigned_parameters,
         )
         self.scheduler = TickScheduler(settings.file.limits.tick)
-        self.status = StatusText(
-            settings, self.connection, self.mission, self.authority, tracker, self.flies
-        )
         self.second_controller = SecondController(session, self.mission)
-        path = AirPath(session, tracker, self.controller, self.mission, flies=self.flies)
-        self.gps_loss = GpsLoss(settings, session, tracker, self.controller, path)
+        self.path = AirPath(session, tracker, self.controller, self.mission, flies=self.flies)
+        self.method = MethodMonitor()
         self.conditions = Conditions(session.announcer)
         self.observer = Observer()
-        listeners = (path, self.gps_loss, self.second_controller)
+        listeners = (self.path, self.method, self.second_controller)
         self._listeners = {
             kind: [one.receive for one in listeners if kind in one.reads]
             for kind in frozenset().union(*(one.reads for one in listeners))
         }
         """Receivers of the vehicle's messages, by message type."""
-        self._monitors = monitors_of(settings)
+        self._monitors = monitors_of(settings, self.method)
 
     # --- input: received messages
 
@@ -324,7 +321,7 @@ class Pilot:
     @property
     def own(self) -> OwnMotion | None:
         """Newest motion through the air, or None before an attitude was received."""
-        return self.gps_loss.path.own
+        return self.path.own
 
     @property
     def trusted(self) -> str:

@@ -105,7 +105,9 @@ class SecondController:
         timesync = self._session.timesync
         # 3.0: time without an answer to TIMESYNC, s, after which reports are ignored.
         if message.get_msgId() == adapter.echo and not timesync.silent(now, 3.0):
-            self._echo.reported(turn_in(message), now, timesync.worst or 0.0, limited=adapter.banks)
+            self._echo.reported(
+                turn_in(message), now, timesync.worst or 0.0, limited=adapter.fixed_wing
+            )
 
     def evidence(self, now: float) -> str:
         """Return the evidence that another program steers the vehicle, human-readable, or an empty
@@ -114,7 +116,7 @@ class SecondController:
             return "the vehicle answers commands that were sent with our ids by another program"
         if not self._mission.steering or (turns := self._echo.other(now)) is None:
             return ""
-        unit = "deg of bank" if self._session.adapter.banks else "deg/s"
+        unit = "deg of bank" if self._session.adapter.fixed_wing else "deg/s"
         reported, sent = turns
         flown = (
             "another kind of setpoint" if reported is None else f"{degrees(reported):+.0f} {unit}"

@@ -1,15 +1,19 @@
 """Texts for the operator: the condition that a mission waits for, and the reason why the mission
 ends."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from circnav_mav.mav.ranging.interface import describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mission.mission import VEHICLE, Mission
-from circnav_mav.pilot.authority import Authority, denied, unreported
-from circnav_mav.pilot.connection import Connection
-from circnav_mav.pilot.mission_state import Ending, MissionState, Outcome, Phase
-from circnav_mav.pilot.range_tracker import FRESH, RangeTracker
+from circnav_mav.mission.mission import VEHICLE
+from circnav_mav.pilot.authority import denied, unreported
+from circnav_mav.pilot.mission_state import Ending, Outcome, Phase
+from circnav_mav.pilot.range_tracker import FRESH
+
+if TYPE_CHECKING:
+    from circnav_mav.pilot.pilot import Pilot
 
 _NEEDS = {
     "auto": "",
@@ -18,138 +22,119 @@ _NEEDS = {
 }
 
 
-@dataclass(frozen=True)
-class StatusText:
-    """Texts about the state of the parts of `Pilot`."""
+def waits_for(pilot: Pilot, now: float) -> str:
+    """Return the reason why the vehicle is not steered now, or an empty string."""
+    phase = pilot.mission.phase
+    if phase is Phase.WAIT_LINK:
+        rejected = pilot.session.identity.second_senders.recent(now) if pilot.mission.begun else ()
+        until = "until the rejected one reports its time since boot as expected"
+        return "; ".join(f"{line} {until}" for line in rejected) or _no_vehicle(pilot)
+    if phase is Phase.WAIT_RANGING:
+        return _not_ready(pilot, now)
+    return pilot.authority.obstacle(now) if phase in (Phase.READY, Phase.YIELDED) else ""
 
-    settings: Mission
-    connection: Connection
-    mission: MissionState
-    authority: Authority
-    tracker: RangeTracker
-    flies: bool
 
-    def waits_for(self, now: float) -> str:
-        """Return the reason why the vehicle is not steered now, or an empty string."""
-        phase = self.mission.phase
-        if phase is Phase.WAIT_LINK:
-            rejected = (
-                self.connection.session.identity.second_senders.recent(now)
-                if self.mission.begun
-                else ()
-            )
-            until = "until the rejected one reports its time since boot as expected"
-            return "; ".join(f"{line} {until}" for line in rejected) or self._no_vehicle()
-        if phase is Phase.WAIT_RANGING:
-            return self._not_ready(now)
-        return self.authority.obstacle(now) if phase in (Phase.READY, Phase.YIELDED) else ""
-
-    def overdue(self, now: float) -> Outcome | None:
-        """Return the outcome if the duration or a time limit of the mission has passed, else
-        None."""
-        mission = self.mission
-        limits = self.settings.file.limits
-        waited = now - self.mission.since
-        if mission.engaged_at is not None and now - mission.engaged_at >= limits.duration_s:
-            if mission.steering:
-                flown = "flown" if self.flies else "dry run"
-                return Outcome(Ending.COMPLETED, f"{flown} to its end")
-            return Outcome(
-                Ending.ABORTED, f"time ran out while {mission.phase.value}{self._what_is_gone(now)}"
-            )
-        if mission.phase is Phase.COASTING and waited > mission.coast:
-            return Outcome(Ending.ABORTED, self._why_held(now))
-        if mission.lost_at is not None and now - mission.lost_at > limits.outage:
-            return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {limits.outage:.0f} s")
-        if mission.begun or mission.started is None:
-            return None
-        return self._nothing_received(now - mission.started, waited, now)
-
-    def _nothing_received(self, run: float, waited: float, now: float) -> Outcome | None:
-        """Return the outcome if vehicle or ranging were not received in time. run, waited: time
-        since the first step and since the beginning of the phase, s."""
-        phase = self.mission.phase
-        wait = self.settings.file.link.wait_s
-        if phase is Phase.WAIT_LINK and run > wait:
-            return Outcome(Ending.NOTHING_RECEIVED, f"no vehicle: {self._no_vehicle()}")
-        if phase is Phase.WAIT_RANGING and waited > wait:
-            return Outcome(Ending.NOTHING_RECEIVED, self._not_ready(now))
-        return None
-
-    # --- missing data
-
-    def _no_vehicle(self) -> str:
-        """Return a text about why no vehicle of the mission was found."""
-        session = self.connection.session
-        if session.up and session.vehicle.unproven:
-            return (
-                "the vehicle's identity is not confirmed: no boot time yet (ATTITUDE, SYSTEM_TIME)"
-            )
-        if session.misfits:
-            return "; ".join(session.misfits.values())
-        return f"no autopilot heartbeat, {self.connection.counts[VEHICLE].describe()}"
-
-    def _not_ready(self, now: float) -> str:
-        """Return a text about missing ranging or missing required telemetry."""
-        tracker = self.tracker
-        missing = unreported(self.connection.session, now)
-        if not missing and (unknown := tracker.height.why_unknown(now)):
-            return unknown
-        age = tracker.age(now)
-        ready = tracker.estimator.ready
-        if not ready and not missing and age is not None and age <= self.settings.stale:
-            name = self.settings.estimator
-            needs = _NEEDS.get(
-                name, "; this estimator first needs the vehicle's motion (estimator auto does not)"
-            )
-            return (
-                f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
-            )
-        if ready and missing:
-            return missing
-        sources = tracker.ranging.sources
-        if choice := sources.choice(now):
-            return choice
-        if ready and not sources.listened(now):
-            return "checking for a second range source"
-        wanted = RANGING_MESSAGES[self.settings.ranging.message]
-        rejected = tracker.ranging.rejected
-        received = self.connection.counts[self.connection.ranging_link].describe()
-        others = f"; {found}" if (found := sources.others(now)) else ""
-        words = (
-            f"rejected: {describe_rejected(rejected)};"
-            f" {received}{denied(self.connection.session)}{others}"
+def overdue(pilot: Pilot, now: float) -> Outcome | None:
+    """Return the outcome if the duration or a time limit of the mission has passed, else None."""
+    mission = pilot.mission
+    limits = pilot.settings.file.limits
+    waited = now - mission.since
+    if mission.engaged_at is not None and now - mission.engaged_at >= limits.duration_s:
+        if mission.steering:
+            flown = "flown" if pilot.flies else "dry run"
+            return Outcome(Ending.COMPLETED, f"{flown} to its end")
+        return Outcome(
+            Ending.ABORTED, f"time ran out while {mission.phase.value}{_what_is_gone(pilot, now)}"
         )
-        return f"no ranging: no usable {wanted.type}, {words}"
+    if mission.phase is Phase.COASTING and waited > mission.coast:
+        return Outcome(Ending.ABORTED, _why_held(pilot, now))
+    if mission.lost_at is not None and now - mission.lost_at > limits.outage:
+        return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {limits.outage:.0f} s")
+    if mission.begun or mission.started is None:
+        return None
+    return _nothing_received(pilot, now - mission.started, waited, now)
 
-    # --- lost data
 
-    def _why_held(self, now: float) -> str:
-        """Return the reason why no range could be used while coasting."""
-        tracker = self.tracker
-        waited = now - self.mission.since
-        age = self.tracker.age(now)
-        if (
-            tracker.estimator.ready
-            and age is not None
-            and FRESH * self.settings.stale < age < waited
-        ):
-            return f"no fresh range for {waited:.1f} s, the newest is {age:.2f} s old"
-        if tracker.ranging.clock.doubted:
-            return f"no range for {waited:.1f} s: all ranges rejected, the sensor clock stepped"
-        if tracker.one_way > self.settings.stale:
-            return (
-                f"no range for {waited:.1f} s: all ranges rejected, the round trip takes"
-                f" {2 * tracker.one_way:.1f} s"
-            )
-        if jump := tracker.jumps.found:
-            return f"no range for {waited:.1f} s: all ranges rejected, they jumped by {jump:+.0f} m"
-        return f"no range for {waited:.1f} s"
+def _nothing_received(pilot: Pilot, run: float, waited: float, now: float) -> Outcome | None:
+    """Return the outcome if vehicle or ranging were not received in time. run, waited: time since
+    the first step and since the beginning of the phase, s."""
+    phase = pilot.mission.phase
+    wait = pilot.settings.file.link.wait_s
+    if phase is Phase.WAIT_LINK and run > wait:
+        return Outcome(Ending.NOTHING_RECEIVED, f"no vehicle: {_no_vehicle(pilot)}")
+    if phase is Phase.WAIT_RANGING and waited > wait:
+        return Outcome(Ending.NOTHING_RECEIVED, _not_ready(pilot, now))
+    return None
 
-    def _what_is_gone(self, now: float) -> str:
-        """Return the age of the lost data, as text, if the mission waits for the link or for
-        ranges. Otherwise return an empty string."""
-        if self.mission.phase is Phase.WAIT_LINK:
-            return f", no heartbeat for {self.connection.session.heartbeat_age(now):.0f} s"
-        age = self.tracker.age(now) if self.mission.phase is Phase.WAIT_RANGING else None
-        return "" if age is None else f", no range for {age:.0f} s"
+
+# --- missing data
+
+
+def _no_vehicle(pilot: Pilot) -> str:
+    """Return a text about why no vehicle of the mission was found."""
+    session = pilot.session
+    if session.up and session.vehicle.unproven:
+        return "the vehicle's identity is not confirmed: no boot time yet (ATTITUDE, SYSTEM_TIME)"
+    if session.identity.misfits:
+        return "; ".join(session.identity.misfits.values())
+    return f"no autopilot heartbeat, {pilot.connection.counts[VEHICLE].describe()}"
+
+
+def _not_ready(pilot: Pilot, now: float) -> str:
+    """Return a text about missing ranging or missing required telemetry."""
+    tracker = pilot.tracker
+    missing = unreported(pilot.session, now)
+    if not missing and (unknown := tracker.height.why_unknown(now)):
+        return unknown
+    age = tracker.age(now)
+    ready = tracker.estimator.ready
+    if not ready and not missing and age is not None and age <= pilot.settings.stale:
+        name = pilot.settings.estimator
+        needs = _NEEDS.get(
+            name, "; this estimator first needs the vehicle's motion (estimator auto does not)"
+        )
+        return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
+    if ready and missing:
+        return missing
+    sources = tracker.ranging.sources
+    if choice := sources.choice(now):
+        return choice
+    if ready and not sources.listened(now):
+        return "checking for a second range source"
+    wanted = RANGING_MESSAGES[pilot.settings.ranging.message]
+    rejected = tracker.ranging.rejected
+    received = pilot.connection.counts[pilot.connection.ranging_link].describe()
+    others = f"; {found}" if (found := sources.others(now)) else ""
+    words = f"rejected: {describe_rejected(rejected)}; {received}{denied(pilot.session)}{others}"
+    return f"no ranging: no usable {wanted.type}, {words}"
+
+
+# --- lost data
+
+
+def _why_held(pilot: Pilot, now: float) -> str:
+    """Return the reason why no range could be used while coasting."""
+    tracker = pilot.tracker
+    waited = now - pilot.mission.since
+    age = tracker.age(now)
+    if tracker.estimator.ready and age is not None and FRESH * pilot.settings.stale < age < waited:
+        return f"no fresh range for {waited:.1f} s, the newest is {age:.2f} s old"
+    if tracker.ranging.clock.doubted:
+        return f"no range for {waited:.1f} s: all ranges rejected, the sensor clock stepped"
+    if tracker.one_way > pilot.settings.stale:
+        return (
+            f"no range for {waited:.1f} s: all ranges rejected, the round trip takes"
+            f" {2 * tracker.one_way:.1f} s"
+        )
+    if jump := tracker.jumps.found:
+        return f"no range for {waited:.1f} s: all ranges rejected, they jumped by {jump:+.0f} m"
+    return f"no range for {waited:.1f} s"
+
+
+def _what_is_gone(pilot: Pilot, now: float) -> str:
+    """Return the age of the lost data, as text, if the mission waits for the link or for ranges.
+    Otherwise return an empty string."""
+    if pilot.mission.phase is Phase.WAIT_LINK:
+        return f", no heartbeat for {pilot.session.heartbeat_age(now):.0f} s"
+    age = pilot.tracker.age(now) if pilot.mission.phase is Phase.WAIT_RANGING else None
+    return "" if age is None else f", no range for {age:.0f} s"

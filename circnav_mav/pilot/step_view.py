@@ -97,8 +97,9 @@ class StepView(TickRecord):
     """Measured airspeed that is ignored, m/s."""
     unchecked_bound: str
     """Bound of the mission that cannot be checked, and the missing telemetry."""
-    gps_lost: str | None
-    """State of the flight by attitude after the loss of the GPS, None before it."""
+    method_failure: str | None
+    """None before a change of the steering method. Then the reason why the vehicle refused the
+    mode of this method, or an empty string."""
     drift_alarm: DriftAlarm
     airspeed_alarm: AirspeedAlarm
     closing_alarm: ClosingAlarm

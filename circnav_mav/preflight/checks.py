@@ -14,6 +14,7 @@ from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.own_motion import ACCELERATIONS
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE
+from circnav_mav.pilot.method import WITHOUT_STREAM
 from circnav_mav.preflight.listener import PreflightListener
 from circnav_mav.preflight.ranging import FULL_RATE, SPEED_OFF, judge_ranging
 
@@ -28,7 +29,7 @@ def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.
     """Return all lines of a completed preflight. clock_speed: speed of the run's clock relative to
     real time. It differs from 1 only if the run follows the autopilot's clock."""
     if not listener.session.up:
-        misfits = "; ".join(listener.session.misfits.values())
+        misfits = "; ".join(listener.session.identity.misfits.values())
         why = misfits or f"no autopilot heartbeat, {listener.connection.counts[VEHICLE].describe()}"
         return [Check(FAIL, "vehicle", f"no vehicle for this mission: {why}")]
     parts = (_identity, _mode, _protocol, _signing, _company, _streams, _motion, _battery)
@@ -42,7 +43,7 @@ def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.
 
 def _methods(mission: Mission, listener: PreflightListener) -> tuple[type[Autopilot], ...]:
     """Return the adapters that may steer the connected vehicle. The first one begins the flight."""
-    return listener.session.adapter.methods(mission.flies_without_gps)
+    return mission.methods(type(listener.session.adapter))
 
 
 def _parameters(methods: tuple[type[Autopilot], ...], context: Context) -> list[Check]:
@@ -54,7 +55,7 @@ def _parameters(methods: tuple[type[Autopilot], ...], context: Context) -> list[
         for rule, method in rules.items():
             result = rule.check(context)
             if result not in results:
-                when = "" if method is methods[0] else "after a loss of GPS: "
+                when = "" if method is methods[0] else f"as {method.name}: "
                 lines.append(rule.check(context, when))
             results.add(result)
     return [line for line in lines if line is not None]
@@ -106,7 +107,7 @@ def _mode(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
             else "entered by the operator"
         )
         later = "".join(
-            f"; after a loss of GPS in {method.mode_names[method.guided_mode]}"
+            f"; as {method.name} in {method.mode_names[method.guided_mode]}"
             f" ({method.guided_mode}), requested by circnav"
             for method in _methods(mission, listener)[1:]
         )
@@ -161,19 +162,21 @@ def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
     session = listener.session
     ours = mission.file.link.component_id
     second_senders = session.identity.second_senders.recent(listener.end)
-    if twins := session.ignored["twin"]:
+    if twins := session.identity.ignored["twin"]:
         words = (
             f"{twins} frames of another companion with our component id {ours}: "
             "change link.component_id on one of the two companions"
         )
         yield Check(FAIL, "others", words)
-    if others := session.ignored["other_vehicle"]:
-        also = f": {'; '.join(session.misfits.values())}" if session.misfits else ""
+    if others := session.identity.ignored["other_vehicle"]:
+        also = (
+            f": {'; '.join(session.identity.misfits.values())}" if session.identity.misfits else ""
+        )
         advice = "" if mission.file.vehicle.system_id else "; select yours by vehicle.system_id"
         yield Check(
             WARN, "others", f"{others} heartbeats of another autopilot on the link{also}{advice}"
         )
-    if peripherals := session.ignored["no_autopilot"]:
+    if peripherals := session.identity.ignored["no_autopilot"]:
         ids = "{}/{}".format(*session.vehicle_ids)
         words = (
             f"{peripherals} heartbeats from a component that is no autopilot, but has the vehicle's"
@@ -223,12 +226,9 @@ def _without(mission: Mission, listener: PreflightListener, name: str) -> tuple[
         return FAIL, f"the mission needs its {' and '.join(sorted(needs))}"
     if name == "ATTITUDE" and mission.file.vehicle.turn_gain == "learn":
         return FAIL, "the turn gain is learned from it"
-    if name in ACCELERATIONS and listener.session.adapter.airspeed_from_drag:
-        return FAIL, "the airspeed is measured by it"
-    if name in ACCELERATIONS and any(
-        method.airspeed_from_drag for method in _methods(mission, listener)
-    ):
-        return FAIL, "after a loss of GPS the airspeed is measured by it"
+    for method in _methods(mission, listener) if name in ACCELERATIONS else ():
+        if method.airspeed_from_drag:
+            return FAIL, f"{method.name}: the airspeed is measured by it"
     if name == "SYS_STATUS" and mission.file.bounds.min_battery_percent is not None:
         return FAIL, "bounds.min_battery_percent needs it"
     if name == mission.file.ranging.message.upper():
@@ -236,7 +236,7 @@ def _without(mission: Mission, listener: PreflightListener, name: str) -> tuple[
     return WARN, _WITHOUT.get(name, "circnav requested it")
 
 
-_WITHOUT = {
+_WITHOUT = WITHOUT_STREAM | {
     "HEARTBEAT": "a change of mode is detected late",
     "CURRENT_MODE": "a change of mode is detected by the heartbeat only, once a second",
     "SYSTEM_TIME": "a reboot is detected by ATTITUDE only",
@@ -245,8 +245,6 @@ _WITHOUT = {
     "VFR_HUD": "no altitude and airspeed",
     "GLOBAL_POSITION_INT": "no height above home: start circnav before the take-off",
     "MISSION_CURRENT": "the end of a take-off in AUTO is not detected",
-    "GPS_RAW_INT": "a loss of GPS is detected only 1 s before the failsafe",
-    "EKF_STATUS_REPORT": "a loss of GPS is detected only by the fix type",
     "RAW_IMU": "no accelerations",
     "HIGHRES_IMU": "no accelerations",
     "HOME_POSITION": "a change of the home position is detected late",

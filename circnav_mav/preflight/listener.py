@@ -177,7 +177,7 @@ class PreflightListener:
         if self._parameters is None:
             adapter = self.session.adapter
             self._found = now
-            methods = adapter.methods(self._settings.flies_without_gps)
+            methods = self._settings.methods(type(adapter))
             names = [
                 name
                 for rules in rules_by_parameter(methods).values()

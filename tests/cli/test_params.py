@@ -21,7 +21,7 @@ WITHOUT_GPS = ["arducopter_nogps", "px4_copter_nogps"]
 def grades_of(mission, values):
     """Return the grades of all methods of the mission for the parameters that the file sets."""
     context = parameter_context(mission, 1, values)
-    methods = mission.vehicles[0].methods(mission.flies_without_gps)
+    methods = mission.methods(mission.vehicles[0])
     checks = [
         rule.check(context)
         for method in methods

@@ -65,7 +65,7 @@ def test_unexpected_vehicle_clock_speed_raises_an_alarm(
             pilot.receive(frame, now, "sim")
         vehicle.receive(output(pilot, now))
         ticks += pilot.take_records()
-    assert pilot.session.clock_speed.noticed == (
+    assert pilot.session.vehicle.clock_speed.noticed == (
         noticed if noticed is None else pytest.approx(noticed, rel=0.02)
     )
     alarms = [

@@ -4,6 +4,7 @@ comes near the ground."""
 import pytest
 
 from circnav_mav.pilot import Ending, Phase
+from circnav_mav.pilot.status_text import waits_for
 from tests.flight.lockstep import Flight, flight
 
 GROUND = "sim.start.armed=false", "sim.start.altitude_m=0.0", "sim.start.speed_mps=0.0"
@@ -50,7 +51,7 @@ def test_guidance_waits_for_established_flight(name: str) -> None:
     while not flown.pilot.mission.begun:
         flown.fly(flown.now + 0.1)
         in_air = in_air + 0.1 if flown.vehicle.truth.down < 0 else 0.0
-        assert flown.now < 90.0, flown.pilot.status.waits_for(flown.now)
+        assert flown.now < 90.0, waits_for(flown.pilot, flown.now)
     assert in_air >= 4.9
     assert -flown.vehicle.truth.down >= floor - 0.2
     if "plane" in mission:
@@ -75,14 +76,14 @@ def test_hand_entered_mode_obeys_least_height() -> None:
     texts = flown.texts
     assert "circnav: waits: 5 s in the air" in texts
     assert "circnav: waits: 5 m of height" in texts
-    assert "5 m of height above the place of arming" in flown.pilot.status.waits_for(flown.now)
+    assert "5 m of height above the place of arming" in waits_for(flown.pilot, flown.now)
 
 
 def test_least_height_of_mission_is_used() -> None:
     flown = from_ground("arducopter", "LOITER", STICK, "engage.min_height_m=12.0")
     while not flown.pilot.mission.begun:
         flown.fly(flown.now + 0.1)
-        assert flown.now < 60.0, flown.pilot.status.waits_for(flown.now)
+        assert flown.now < 60.0, waits_for(flown.pilot, flown.now)
     assert -flown.vehicle.truth.down >= 11.8
 
 

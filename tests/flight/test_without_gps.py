@@ -7,7 +7,7 @@ from functools import cache
 import pytest
 from circnav_sim.config import Event
 
-from circnav_mav.pilot import Ending, Pilot
+from circnav_mav.pilot import Ending, Phase, Pilot
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runlog.replay import replay
 from tests.flight.ground_station import Operator
@@ -71,8 +71,7 @@ def lost() -> Recorded:
 
 def test_gps_loss_changes_mode_and_keeps_circle() -> None:
     flown = lost().fly(100)
-    changed_at = flown.pilot.gps_loss.changed_at
-    assert changed_at is not None
+    changed_at = next(truth.time for truth in flown.truths if truth.mode == GUIDED_NOGPS)
     assert changed_at - LOST_AT < 2.0
     after = [truth for truth in flown.truths if truth.time > LOST_AT]
     assert max(abs(true_radius(truth) - 30.0) for truth in after) < 2.0
@@ -112,7 +111,7 @@ def test_operator_takes_over_copter_without_gps(mode: int) -> None:
 def test_operator_takes_over_during_switch_to_guided_nogps() -> None:
     """The operator selects a mode just after circnav has requested GUIDED_NOGPS."""
     flown = copy.deepcopy(_circling())
-    while flown.pilot.gps_loss.changed_at is None:
+    while flown.pilot.method.failure is None:
         flown.fly(flown.now + 0.02)
     flown.fly(flown.now + 0.1)
     Operator(flown.vehicle).set_mode(ALT_HOLD)
@@ -129,10 +128,21 @@ def test_returning_gps_does_not_change_guided_nogps() -> None:
     assert flown.pilot.mission.steering
 
 
+def test_flight_without_gps_resumes_after_lost_link() -> None:
+    """The vehicle that is found again is an ArduCopter without GPS, as before."""
+    flown = lost()
+    flown.hears = lambda frame, now: not LOST_AT + 6.0 < now < LOST_AT + 11.0
+    flown.fly(LOST_AT + 9.5)
+    assert flown.pilot.mission.phase is Phase.WAIT_LINK
+    flown.fly(LOST_AT + 14.0)
+    assert flown.pilot.mission.phase is Phase.ENGAGED
+    assert flown.vehicle.truth.mode == GUIDED_NOGPS
+
+
 def test_short_gps_loss_does_not_change_guided() -> None:
     events = 'sim.events=[{at_s=12.0,action="gps_off"},{at_s=12.6,action="gps_on"}]'
     flown = flight("arducopter", events).fly(20)
-    assert flown.pilot.gps_loss.changed_at is None
+    assert flown.pilot.method.failure is None
     assert flown.vehicle.truth.mode == GUIDED
 
 
@@ -168,7 +178,7 @@ def test_single_report_without_position_does_not_change_guided() -> None:
     """EKF_STATUS_REPORT with flags 0 while the GPS has a fix, seen once at a lane switch."""
     events = 'sim.events=[{at_s=12.0,action="ekf_zero",value=1}]'
     flown = flight("arducopter", events).fly(20)
-    assert flown.pilot.gps_loss.changed_at is None
+    assert flown.pilot.method.failure is None
     assert flown.vehicle.truth.mode == GUIDED
 
 
@@ -178,7 +188,7 @@ def test_operator_lands_copter_during_mode_request(lost_message: str) -> None:
     repeated request must not replace LAND."""
     flown = copy.deepcopy(_circling())
     flown.vehicle._run_event(Event(action=f"lose_mode_{lost_message}", value=1))
-    while flown.pilot.gps_loss.changed_at is None:
+    while flown.pilot.method.failure is None:
         flown.fly(flown.now + 0.02)
     flown.fly(flown.now + (0.3 if lost_message == "request" else 0.6))
     Operator(flown.vehicle).set_mode(LAND)

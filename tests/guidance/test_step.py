@@ -33,9 +33,6 @@ def estimate(r, r_dot=0.0, time=0.0, relative=None):
         # example 2: commanded radius 8.66025404, settled radius 10
         (LawChoice("smooth", 0.01), 10.0, -0.1),
         (LawChoice("smooth", 0.01), 8.6602, 0.0),
-        (LawChoice("smooth", 0.01, correct_radius=False), 9.99, 0.0),
-        # example 1
-        (LawChoice("smooth", 0.01, correct_radius=False), 10.98684113, -1 / 10.98684113),
         (LawChoice("switching", 0.12), 10.9, -0.12),  # example 3
     ],
 )

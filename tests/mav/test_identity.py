@@ -6,6 +6,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.mission_state import Phase
+from circnav_mav.pilot.status_text import waits_for
 from tests.rig import Voice, attitude, boot_time, heartbeat, scattering, vfr_hud
 
 GUIDED = 4
@@ -42,7 +43,7 @@ def test_identity_ignores_heartbeat_of_system_0(make_rig):
     rig.run(3.0, mode=LOITER)
     assert rig.of("COMMAND_LONG") == [] and not rig.pilot.session.up
     assert (
-        rig.pilot.session.misfits[0, 1]
+        rig.pilot.session.identity.misfits[0, 1]
         == "system 0 is no id of a vehicle: set its system id to 1 to 255"
     )
 
@@ -59,7 +60,7 @@ def test_vehicle_of_another_autopilot_is_rejected_after_silence(make_rig, source
     assert rig.setpoints(since) + rig.of("SET_ATTITUDE_TARGET", since) == []
     assert rig.pilot.session.reply_to == "vehicle"
     reasons = [
-        *rig.pilot.session.misfits.values(),
+        *rig.pilot.session.identity.misfits.values(),
         *rig.pilot.session.identity.second_senders.recent(rig.now),
     ]
     assert (
@@ -154,7 +155,7 @@ def test_vehicle_with_duplicate_ids_gets_no_setpoints(flying, offset, seconds):
             rig.receive(boot_time(stamp), voice=twin, source="elsewhere")
         rig.run(0.05)
     assert (rig.setpoints(since + 1.5), rig.pilot.session.reply_to) == ([], "vehicle")
-    assert "its time since boot" in rig.pilot.status.waits_for(rig.now)
+    assert "its time since boot" in waits_for(rig.pilot, rig.now)
     rig.run(0.5, speaks=True, ranges=True).receive(boot_time(1000.0 + rig.now))
     since = rig.run(1.5).now
     rig.run(1.0)
@@ -197,7 +198,7 @@ def test_link_is_treated_as_lost_until_identity_is_confirmed(make_rig, source):
         "vehicle": "the vehicle's identity is not confirmed",
         "elsewhere": "its time since boot",
     }
-    assert waits[source] in rig.pilot.status.waits_for(rig.now)
+    assert waits[source] in waits_for(rig.pilot, rig.now)
     rig.run(61.0)
     asked = [message.param1 for message in rig.commands(512, since)]
     assert (mavlink.MAVLINK_MSG_ID_SYSTEM_TIME in asked) is (source == "vehicle")
@@ -413,11 +414,10 @@ def test_two_vehicle_senders_prevent_engagement(rig):
         rig.receive(heartbeat(GUIDED), source="elsewhere")
         rig.run(0.1)
     assert rig.pilot.mission.phase is Phase.READY
-    assert (
-        "the vehicle has a second sender: 1/1 at vehicle is rejected"
-        in rig.pilot.status.waits_for(rig.now)
+    assert "the vehicle has a second sender: 1/1 at vehicle is rejected" in waits_for(
+        rig.pilot, rig.now
     )
-    assert rig.pilot.status.waits_for(rig.now).endswith("select yours by link.peer, or sign")
+    assert waits_for(rig.pilot, rig.now).endswith("select yours by link.peer, or sign")
     assert rig.setpoints() == []
 
 
@@ -463,4 +463,4 @@ def test_heartbeat_of_peripheral_with_vehicle_ids_is_ignored(rig):
         ),
     )
     assert rig.pilot.mission.phase is Phase.ENGAGED and rig.pilot.session.vehicle.left_for is None
-    assert rig.pilot.session.ignored["no_autopilot"] == 19
+    assert rig.pilot.session.identity.ignored["no_autopilot"] == 19

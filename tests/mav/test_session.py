@@ -82,8 +82,8 @@ def test_other_vehicles_are_counted_without_effect(line):
         here.receive(mavlink.MAVLink_system_time_message(0, ms), voice=camera)
     session = here.session
     assert (session.peer.ids, session.vehicle.mode, session.vehicle.reboots) == ((1, 1), 5, 0)
-    assert session.ignored["other_vehicle"] == 6
-    assert list(session.texts) == []
+    assert session.identity.ignored["other_vehicle"] == 6
+    assert list(session.vehicle.texts) == []
 
 
 def test_selected_vehicle_may_change_address_by_boot_time(line):
@@ -100,7 +100,7 @@ def test_selected_vehicle_may_change_address_by_boot_time(line):
     here.session.lose()
     here.beat(now=5.0, voice=Voice(2, 1))
     assert not here.session.up
-    assert "not the vehicle received first, system 1" in here.session.misfits[2, 1]
+    assert "not the vehicle received first, system 1" in here.session.identity.misfits[2, 1]
     here.beat(now=5.1, source="elsewhere")
     assert here.session.up
 
@@ -120,8 +120,8 @@ def test_session_ignores_heartbeats_of_stations_and_companions(line, fields, mov
     here.beat(now=0.1, mode=4)
     here.beat(now=0.2, voice=Voice(1, 100), mode=5, **fields)
     assert here.session.vehicle.mode == 4
-    assert here.session.ignored["other_vehicle"] == (not movable)
-    assert here.session.misfits == {}
+    assert here.session.identity.ignored["other_vehicle"] == (not movable)
+    assert here.session.identity.misfits == {}
 
 
 @pytest.mark.parametrize(
@@ -137,11 +137,11 @@ def test_vehicle_that_does_not_match_mission_is_reported(line, voice, fields, re
     here = line(system_id=7)
     here.beat(voice=Voice(*voice), **fields)
     assert not here.session.up
-    (misfit,) = here.session.misfits.values()
+    (misfit,) = here.session.identity.misfits.values()
     assert misfit.startswith(reason)
     for system in range(10, 250):
         here.beat(voice=Voice(system, 1))
-    assert len(here.session.misfits) == 16
+    assert len(here.session.identity.misfits) == 16
     here.beat(voice=Voice(7, 1))
     assert here.session.peer.ids == (7, 1)
 
@@ -150,7 +150,7 @@ def test_mavlink_1_vehicle_is_reported_with_remedy(line):
     here = line()
     here.beat(voice=Voice(1, 1, version=1), source="old port")
     assert not here.session.up
-    (reason,) = here.session.misfits.values()
+    (reason,) = here.session.identity.misfits.values()
     assert "MAVLink 1 only" in reason
     assert "SERIALn_PROTOCOL = 2" in reason
     assert here.session.reply_to == "old port"

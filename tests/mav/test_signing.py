@@ -241,8 +241,8 @@ def test_echo_of_own_signed_frames_is_not_another_sender():
     pilot = pilot_with()
     beat(pilot, peer())
     pilot.receive(output(pilot, 0.0), 0.01, "vehicle")
-    assert pilot.session.ignored["echo"] > 0
-    assert pilot.session.ignored["twin"] == 0
+    assert pilot.session.identity.ignored["echo"] > 0
+    assert pilot.session.identity.ignored["twin"] == 0
 
 
 def test_vehicle_with_late_clock_adopts_our_timestamp():

@@ -19,7 +19,6 @@ SUBJECTS = [
     "keys",
     "autopilot",
     "gain",
-    "radius",
     "drift",
     "settling",
     "height",
@@ -150,17 +149,11 @@ def test_check_grade_changes_at_documented_bound(mission, subject, overrides, gr
     assert only(mission, subject, *overrides.split()).grade is grade
 
 
-PAPER = "orbit.radius_m=10.0 guidance.gain=0.01 vehicle.speed_mps=1.0"
-
-
 @pytest.mark.parametrize(
     ("subject", "overrides", "parts"),
     [
         ("gain", "guidance.gain=2e-4", "k = 0.0002 1/m^2 (given), needs k > .* = 5e-05"),
         ("gain", "orbit.radius_m=100", "k = 0.0001 1/m^2 (default), needs k >"),
-        # example 1 of the paper: r_a = 10.98684113 at r_d = 10, k = 0.01
-        ("radius", f"{PAPER} guidance.correct_radius=false", "10.987 m, desired 10 m; set"),
-        ("radius", PAPER, "steady radius 10.000 m, desired 10 m"),
         # g tan(45 deg)/V = 37.46 deg/s; a plane that slips reaches 0.72 of it
         (
             "turn rate",
@@ -185,7 +178,6 @@ def test_check_line_contains_value_and_bound(mission, subject, overrides, parts)
 @pytest.mark.parametrize(
     ("subject", "overrides"),
     [
-        ("radius", "guidance.gain=4e-5"),  # this gain has no steady radius
         ("switching", "guidance.law=smooth"),
         ("margin", "guidance.law=smooth"),  # only laws tuned by the delay have a margin
         ("ranging", f"{BEACON} ranging.endpoint=udpin:0.0.0.0:14560"),

@@ -7,6 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Ending, Outcome, OutputMode, Phase
+from circnav_mav.pilot.status_text import waits_for
 from tests.rig import Rig, vfr_hud
 
 GUIDED = 4
@@ -33,11 +34,11 @@ MEASURING = "measuring the round-trip time of the link (TIMESYNC)"
 def test_no_command_in_other_mode_without_request_mode(rig, mode):
     assert rig.run(5.0, mode=mode).pilot.mission.phase is Phase.READY
     assert commanded(rig) == []
-    assert rig.pilot.status.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
+    assert waits_for(rig.pilot, rig.now) == "mode GUIDED: the operator must enter it"
 
 
 @pytest.mark.parametrize(
-    ("state", "seconds", "waits_for", "then"),
+    ("state", "seconds", "reason", "then"),
     [
         # a disarmed aircraft is on the ground, even if it reports no landed state
         ({"armed": False}, 5.0, NOT_ARMED, {"armed": True}),
@@ -59,13 +60,13 @@ def test_no_command_in_other_mode_without_request_mode(rig, mode):
     "request_mode", [False, True], ids=["operator enters mode", "circnav requests mode"]
 )
 def test_no_command_until_every_engagement_condition_is_met(
-    state, seconds, waits_for, then, request_mode
+    state, seconds, reason, then, request_mode
 ):
     rig = Rig(f"engage.request_mode={str(request_mode).lower()}").run(
         seconds, mode=LOITER if request_mode else GUIDED, **state
     )
     assert (rig.pilot.mission.phase, commanded(rig)) == (Phase.READY, [])
-    assert rig.pilot.status.waits_for(rig.now) == waits_for
+    assert waits_for(rig.pilot, rig.now) == reason
     assert commanded(rig.run(25.0 if seconds == 25.0 else 5.0, **then))
 
 
@@ -167,8 +168,8 @@ def test_echo_of_own_frames_is_not_another_companion(apart):
         )
 
     rig.run(20.0, echo)
-    assert rig.pilot.session.ignored["twin"] == 0
-    assert rig.pilot.session.ignored["echo"] >= 15
+    assert rig.pilot.session.identity.ignored["twin"] == 0
+    assert rig.pilot.session.identity.ignored["echo"] >= 15
     assert rig.pilot.mission.phase is (Phase.WAIT_RANGING if apart else Phase.ENGAGED)
 
 
@@ -194,7 +195,7 @@ def test_broken_bound_prevents_engagement_and_ends_flight(bound, inside, beyond,
     good = (battery(20), vfr_hud(119.0))
     rig.run(5.0, reported(rig, *good, message), range_cm=beyond, mode=LOITER)
     assert rig.commands(mavlink.MAV_CMD_DO_SET_MODE) == rig.setpoints() == []
-    assert re.fullmatch(rf"\[bounds\]: {reason}", rig.pilot.status.waits_for(rig.now))
+    assert re.fullmatch(rf"\[bounds\]: {reason}", waits_for(rig.pilot, rig.now))
     rig.run(5.0, reported(rig, *good), range_cm=inside, mode=GUIDED)
     assert rig.pilot.mission.phase is Phase.ENGAGED
     rig.run(3.0, reported(rig, *good, message), range_cm=beyond)
@@ -212,7 +213,7 @@ def test_broken_bound_prevents_engagement_and_ends_flight(bound, inside, beyond,
 def test_unreported_value_of_bound_prevents_engagement_or_raises_alarm(bound, told, unknown, needs):
     rig = Rig(f"bounds.{bound}")
     assert rig.run(3.0, lambda: unknown and rig.receive(unknown)).setpoints() == []
-    assert rig.pilot.status.waits_for(rig.now).startswith(f"{needs}: bounds.min_")
+    assert waits_for(rig.pilot, rig.now).startswith(f"{needs}: bounds.min_")
     assert rig.run(2.0, lambda: rig.receive(told)).setpoints()
     assert f"circnav: {needs}" not in rig.texts()
     assert f"circnav: {needs}" in rig.run(6.0, lambda: unknown and rig.receive(unknown)).texts()

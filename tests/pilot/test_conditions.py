@@ -64,7 +64,7 @@ def views() -> list[StepView]:
         implausible_airspeed=99.0,
         unchecked_bound="no battery in SYS_STATUS: bounds.min_battery_percent needs it",
         not_airborne="5 m of height",
-        gps_lost="",
+        method_failure="",
         drift_alarm=DriftAlarm(on=True, drift=6.0, allowed=2.7),
         closing_alarm=ClosingAlarm(True, 2100.0, 18.0, 15.4),
         lap_alarm=LapAlarm(by_ranges=150.0, by_turns=192.4, on=True),

@@ -5,6 +5,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Ending, Phase
+from circnav_mav.pilot.status_text import waits_for
 from tests.rig import Rig, decode
 
 GUIDED = 4
@@ -89,7 +90,7 @@ def test_mode_left_before_engagement_is_not_requested_again():
     since = rig.run(0.5, mode=GUIDED).now
     assert rig.run(0.5, mode=LOITER).run(10.0, ranges=True).pilot.mission.phase is Phase.READY
     assert rig.commands(SET_MODE, since) == []
-    assert rig.pilot.status.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
+    assert waits_for(rig.pilot, rig.now) == "mode GUIDED: the operator must enter it"
 
 
 @pytest.mark.parametrize("acknowledged", [False, True])
@@ -99,7 +100,7 @@ def test_mode_change_of_operator_after_request_is_not_reversed(acknowledged):
         rig.acknowledge(SET_MODE)
     since = rig.run(0.3, mode=RTL).now
     assert rig.run(8.0).run(8.0, mode=LOITER).commands(SET_MODE, since) == []
-    assert rig.pilot.status.waits_for(rig.now) == "mode GUIDED: the operator must enter it"
+    assert waits_for(rig.pilot, rig.now) == "mode GUIDED: the operator must enter it"
     assert rig.run(1.0, mode=GUIDED).setpoints(), (
         "setpoints after the operator has entered the mode"
     )

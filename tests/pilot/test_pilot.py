@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.guidance.types import Direction, TurnCommand, TurnRate
 from circnav_mav.pilot import Ending, Phase
+from circnav_mav.pilot.status_text import waits_for
 from tests.rig import Rig, Voice, attitude, decode, heartbeat
 
 GUIDED = 4
@@ -151,7 +152,7 @@ def test_first_setpoint_waits_for_five_ranges(rig):
 def test_first_setpoint_waits_1_s_for_second_range_source(rig):
     rig.run(1.0, ranges=False)
     assert rig.run(1.0, ranges=True).setpoints() == []
-    assert rig.pilot.status.waits_for(rig.now) == "checking for a second range source"
+    assert waits_for(rig.pilot, rig.now) == "checking for a second range source"
     assert rig.run(0.2).setpoints()
 
 

@@ -221,7 +221,7 @@ def test_preflight_reads_each_parameter_value(name):
     listener = good(name).listener
     table = good(name).vehicle._flight.autopilot.params.all_values()
     held = {value.param_id: value.param_value if value.param_type == 9 else None for value in table}
-    methods = listener.session.adapter.methods(good(name).mission.flies_without_gps)
+    methods = good(name).mission.methods(type(listener.session.adapter))
     asked = {
         name for method in methods for rule in method.parameters for name in rule.requested
     } & set(held)
@@ -719,7 +719,7 @@ def test_preflight_grades_parameter_by_value(name, key, grades):
         assert line.grade is grade, line.text
 
 
-LATER = "after a loss of GPS: "
+LATER = "as ardupilot copter without GPS: "
 
 
 @pytest.mark.parametrize(
@@ -741,7 +741,7 @@ def test_preflight_judges_attitudes_only_if_flown():
     values = {**good("arducopter").listener.parameters, "GUID_OPTIONS": 8.0, "ANGLE_MAX": 1500.0}
     lines = judge(mission, Overridden(good("arducopter").listener, {"parameters": values}))
     assert [line for line in of(lines, "parameter") if line.grade is FAIL] == []
-    assert not [line for line in lines if "a loss of GPS" in line.text and line.subject == "mode"]
+    assert not [line for line in lines if "GUIDED_NOGPS" in line.text and line.subject == "mode"]
 
 
 def test_copter_needs_accelerations_after_gps_loss():
@@ -750,7 +750,7 @@ def test_copter_needs_accelerations_after_gps_loss():
     (line,) = [
         line for line in changed_lines("arducopter", {"streams": streams}) if "RAW_IMU" in line.text
     ]
-    assert line.grade is FAIL and "after a loss of GPS the airspeed is measured by it" in line.text
+    assert line.grade is FAIL and "copter without GPS: the airspeed is measured by it" in line.text
 
 
 COMPASSES = {"COMPASS_ENABLE": 1, "COMPASS_USE": 1, "COMPASS_USE2": 1, "COMPASS_USE3": 1}

@@ -5,6 +5,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Phase
+from circnav_mav.pilot.status_text import waits_for
 from tests.rig import Rig, attitude, heartbeat, vfr_hud
 
 OFFBOARD = 6 << 16
@@ -47,7 +48,7 @@ def test_px4_stream_needs_flight_and_reported_state(kind, message):
     rig.run(3.0, mode=ALTCTL if kind == "plane" else OFFBOARD)
     assert rig.of(message, since) == []
     assert rig.pilot.mission.phase is Phase.READY
-    assert "in VFR_HUD: a px4" in rig.pilot.status.waits_for(rig.now)
+    assert "in VFR_HUD: a px4" in waits_for(rig.pilot, rig.now)
     assert rig.run(2.0, altitude=104.0).pilot.mission.phase is Phase.ENGAGED
 
 

@@ -8,6 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import RANGING, OutputMode, Phase
+from circnav_mav.pilot.status_text import waits_for
 from tests.rig import ANY_SENSOR, Rig, Voice, beacon, decode, distance, heartbeat, scattering
 
 GUIDED = 4
@@ -170,7 +171,7 @@ def test_two_range_sensors_prevent_engagement_until_one_is_selected(equal_stamps
     rig = Rig("link.wait_s=10.0", text=ANY_SENSOR)
     rig.run(8.0, two(rig, equal_stamps=equal_stamps, **other), ranges=False)
     expected = NOT_ENGAGED.format(other.get("orientation", 24)) + f"select yours by {keys}"
-    assert rig.pilot.status.waits_for(rig.now) == expected
+    assert waits_for(rig.pilot, rig.now) == expected
     assert rig.setpoints() == []
     assert "circnav: 2 range sources: set ranging.sensor_id" in rig.texts()
     assert (
@@ -220,7 +221,7 @@ def test_missing_value_name_is_reported_with_received_names():
         mavlink.MAVLink_named_value_float_message(0, name, 30.0) for name in (b"UWB1", b"UWB2")
     ]
     rig.run(3.0, lambda: [rig.receive(value) for value in values], ranges=False)
-    waits = rig.pilot.status.waits_for(rig.now)
+    waits = waits_for(rig.pilot, rig.now)
     assert (
         "received: 1/1 name UWB1 (30.0 m), 1/1 name UWB2 (30.0 m), which the mission does not"
         " select" in waits
@@ -342,7 +343,7 @@ def test_ranges_with_scatter_above_half_radius_are_lost():
 
 def test_outcome_names_estimator_when_ranges_give_no_estimate():
     rig = Rig("guidance.estimator=drift").run(10.0)
-    assert "estimator drift has not converged" in rig.pilot.status.waits_for(rig.now)
+    assert "estimator drift has not converged" in waits_for(rig.pilot, rig.now)
 
 
 # --- delay

@@ -11,6 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_a
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Ending, Phase
+from circnav_mav.pilot.status_text import waits_for
 from tests.rig import Rig, Voice, attitude, decode, heartbeat
 
 GUIDED = 4
@@ -235,7 +236,7 @@ LANDED = {"landed_state": ON_GROUND}
 
 
 @pytest.mark.parametrize(
-    ("what", "waits_for"),
+    ("what", "reason"),
     [
         # without heartbeats, the operator may have selected another mode meanwhile
         (
@@ -267,14 +268,14 @@ LANDED = {"landed_state": ON_GROUND}
         "on the ground, then taken over in the air",
     ],
 )
-def test_no_setpoint_before_confirmed_return(waiting, what, waits_for):
+def test_no_setpoint_before_confirmed_return(waiting, what, reason):
     since = waiting.run(0.2, mode=what[0][1]).now  # wait for the next heartbeat
     for state, mode, seconds in what:
         waiting.run(
             seconds, mode=mode, **{"speaks": True, "armed": True, "landed_state": IN_AIR, **state}
         )
     assert waiting.setpoints(since) == [] and waiting.commands(SET_MODE, since) == []
-    assert waits_for in waiting.pilot.status.waits_for(waiting.now)
+    assert reason in waits_for(waiting.pilot, waiting.now)
     assert waiting.run(2.0, mode=GUIDED, landed_state=IN_AIR).pilot.mission.phase is Phase.ENGAGED
 
 

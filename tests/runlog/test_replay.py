@@ -161,7 +161,7 @@ def test_replay_of_plain_tlog_steers_without_timeouts(flown):
     assert mission.file.limits.coast_s == math.inf
     pilot, done = replayed_plain(flown, tlog_steps(flown / "flight.tlog", 191))
     assert pilot.mission.engaged_at is not None
-    assert pilot.session.ignored["twin"] == pilot.session.ignored["echo"] == 0
+    assert pilot.session.identity.ignored["twin"] == pilot.session.identity.ignored["echo"] == 0
     assert done.setpoints == []
     assert as_ticks(done.ticks).numbers["r"][-1] == pytest.approx(
         open_run(flown).ticks.numbers["r"][-1], abs=1.0

@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from circnav_mav.pilot import OutputMode, Phase
+from circnav_mav.pilot.status_text import waits_for
 from circnav_mav.runtime.display import LiveScreen
 from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.picture import Picture
@@ -111,7 +112,7 @@ def test_status_counts_rejected_ranges_by_reason(statuses):
     assert re.search(r"rejected +\d+ of \d+: \d+ no_range", "\n".join(drawn(rejecting)))
     assert statuses(10.2, event="outage")[-1].view.rates.taken == 0
     flown = flight("px4_copter")
-    assert flown.pilot.status.waits_for(0.0) == "no autopilot heartbeat, 0 bytes received"
+    assert waits_for(flown.pilot, 0.0) == "no autopilot heartbeat, 0 bytes received"
     flown.fly(8.0)
     status = StatusSource(flown.pilot, Listeners()).status(flown.ticks[-1], 8.0)
     assert status.others > 30

@@ -1,6 +1,6 @@
 """Acceptance of frames from the fleet link, without sockets and without a clock.
 
-A datagram is accepted if it is one complete report of another member of the same group. The report
+A datagram is accepted if it is one complete report of another member of the fleet. The report
 must be authentic, new, finite and within bounds. Its timestamp must agree with this member's own
 clock, and its phase with the sender's earlier reports. Rejections are counted by reason. Repeated
 rejections raise an alarm for the operator.
@@ -65,16 +65,15 @@ class Rejection(Enum):
     UNSIGNED = "frames are not signed: give every member the key of the fleet"
     WRONG_KEY = "frames are signed with another key: give every member the same key file"
     REPLAYED = "frames are repeated or late, and are ignored"
-    OTHER_GROUP = "another group uses this address: correct the group, or use another address"
     NOT_FINITE = "a number is not finite"
     OUT_OF_BOUNDS = "a number is out of bounds"
-    CLOCKS_DISAGREE = "clocks disagree, or frames are late: check fleet.clock of every member"
+    CLOCKS_DISAGREE = "clocks disagree, or frames are late: synchronize the clocks of all members"
     SAME_ID = "two members have the same id: give each member its own id"
     PHASE_JUMP = (
         "a phase jumps: the member's estimate is wrong, or another program sends as this member"
     )
     TOO_OFTEN = "a member sends more than 10 reports a second"
-    TABLE_FULL = "the group has more members than its limit"
+    TABLE_FULL = "the fleet has more members than its limit"
     FLOOD = "network flood: frames are lost"
 
 
@@ -147,20 +146,19 @@ class Acceptance:
 
     def __init__(
         self,
-        group: int,
         member: int,
         key: bytes | None = None,
         *,
         tolerance: float = CLOCK_TOLERANCE,
     ) -> None:
-        """group, member: ids of this member.
+        """member: id of this member.
         key: signing key of the fleet, None for unsigned frames.
         tolerance: largest difference between a stamp and this member's clock, s.
         """
         self.members: dict[int, Member] = {}
         self.rejected: Counter[Rejection] = Counter()
         self.accepted = self.copies = 0
-        self._ids = group, member
+        self._member = member
         self._key = key
         self._tolerance = tolerance
         self._newest = -inf
@@ -227,13 +225,11 @@ class Acceptance:
             raise RejectedError(Rejection.WRONG_KEY, f"id {data[5]}")
         report = _report(messages)
         self.remember(data, now)
-        group, member = self._ids
-        if report.group != group:
-            raise RejectedError(Rejection.OTHER_GROUP, f"group {report.group}, not {group}")
         check_numbers(report)
         self._check_time(report, now)
-        if report.member == member:
-            raise RejectedError(Rejection.SAME_ID, f"another sender has this member's id {member}")
+        if report.member == self._member:
+            words = f"another sender has this member's id {self._member}"
+            raise RejectedError(Rejection.SAME_ID, words)
         self._check_member(report, address, now)
         self.members[report.member] = Member(report, address, now)
         self.accepted += 1

@@ -126,7 +126,7 @@ def _member(
     table = table_of(mission)
     assert table.id is not None
     pilot = Pilot(mission)
-    link = FleetLink(network.port(table.id), table.group, table.id)
+    link = FleetLink(network.port(table.id), table.id)
     listeners = open_listeners(mission, pilot, None, options | {"fleet_link": link}, opened)
     try:
         recorder = Recorder(folder / f"{table.id:02d}", mission.text)

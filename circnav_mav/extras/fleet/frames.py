@@ -1,9 +1,9 @@
 """Conversion between member reports and MAVLink messages.
 
 A report is one DEBUG_FLOAT_ARRAY: every log reader decodes it, and no autopilot acts on it. The
-sender's system id is its id within the group, its component id is COMPONENT, and `array_id` is the
-group. `time_usec` holds the stamp in microseconds, so that it is not rounded to a 32-bit float.
-NAME ends in the version of the format.
+sender's system id is its id within the fleet, and its component id is COMPONENT. `time_usec` holds
+the stamp in microseconds, so that it is not rounded to a 32-bit float. NAME ends in the version of
+the format.
 
 The other fields are 32-bit floats in the order of `_numbers`. Their coarsest steps are 1 mm in
 height (at 10 km), 0.25 ms in lap period (at one hour), and 0.5 microradian in phase.
@@ -29,7 +29,7 @@ def to_message(report: MemberReport) -> Message:
     stamp_us = round(min(max(report.stamp, 0.0), 1e13) * 1e6)
     # 58: number of floats in DEBUG_FLOAT_ARRAY.
     data = [*numbers, *[0.0] * (58 - len(numbers))]
-    return dialect.MAVLink_debug_float_array_message(stamp_us, NAME.encode(), report.group, data)
+    return dialect.MAVLink_debug_float_array_message(stamp_us, NAME.encode(), 0, data)
 
 
 def is_report(message: Message) -> bool:
@@ -44,7 +44,6 @@ def from_message(message: Message) -> MemberReport:
     if state not in tuple(State) or sense not in _SENSES:
         raise ValueError(f"state {state:g} or sense {sense:g} does not exist")
     return MemberReport(
-        group=message.array_id,
         member=message.get_srcSystem(),
         state=State(int(state)),
         stamp=message.time_usec / 1e6,

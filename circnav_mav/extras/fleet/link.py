@@ -49,12 +49,11 @@ class FleetLink:
     def __init__(
         self,
         transport: "Transport | LocalPort",
-        group: int,
         member: int,
         key: bytes | None = None,
         tolerance: float = CLOCK_TOLERANCE,
     ) -> None:
-        """group, member: ids of this member.
+        """member: id of this member.
         key: the fleet's key, 32 bytes; None for unsigned frames.
         tolerance: largest accepted difference of clocks, s.
         """
@@ -62,7 +61,7 @@ class FleetLink:
         # timestamp that signs commands to the autopilot.
         # 1: link id of signatures on the fleet link. The vehicle's link has 0.
         signing = None if key is None else Signing(key, link_id=1)
-        self.acceptance = Acceptance(group, member, key, tolerance=tolerance)
+        self.acceptance = Acceptance(member, key, tolerance=tolerance)
         self.sent = 0
         self._transport = transport
         self._signing = signing

@@ -114,11 +114,9 @@ class FleetListener(Listener):
         return table_of(self._mission)
 
     def _stamp(self, now: float) -> float:
-        """Return the stamp of a time, s: UTC of the autopilot if known and configured, else of this
-        computer."""
+        """Return the stamp of a time, s: UTC of the autopilot if known, else of this computer."""
         utc = self._pilot.session.vehicle.utc.offset
-        by_computer = self._mission.flies_sim or self._table.clock == "computer"
-        return now + (self._started if by_computer or utc is None else utc)
+        return now + (self._started if self._mission.flies_sim or utc is None else utc)
 
     def _present(self, now: float) -> dict[int, MemberReport]:
         """Return the newest reports of the members that are not silent."""
@@ -245,7 +243,6 @@ class FleetListener(Listener):
         """Return this member's report."""
         own = self.adjusted.own if self.adjusted is not None else None
         return MemberReport(
-            group=self._table.group,
             member=self.spacing.settings.member,
             state=self.state,
             stamp=self._stamp(now),
@@ -262,7 +259,6 @@ class FleetListener(Listener):
     def finish(self, summary: dict[str, Any]) -> Mapping[str, str]:
         member = self.spacing.settings.member
         summary["fleet"] = {
-            "group": self._table.group,
             "id": member,
             "members": sorted({member, *self.spacing.known}),
             **self._ring.figures(),
@@ -363,7 +359,7 @@ def mission_link(table: FleetTable, tolerance: float = CLOCK_TOLERANCE) -> Fleet
     try:
         key = None if table.key_file is None else read_key(Path(table.key_file))
         transport = Transport(table.port, table.interface, table.peers or ())
-        return FleetLink(transport, table.group, table.id, key, tolerance)
+        return FleetLink(transport, table.id, key, tolerance)
     except (LinkError, KeyFileError) as error:
         raise Refused(f"fleet: {error}") from None
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from math import inf
 
 from circnav_mav.cli.exits import Refused
-from circnav_mav.extras.fleet.acceptance import CLOCK_TOLERANCE, Rejection
+from circnav_mav.extras.fleet.acceptance import Rejection
 from circnav_mav.extras.fleet.listener import layer_lines, mission_link
 from circnav_mav.extras.fleet.report import MemberReport
 from circnav_mav.extras.fleet.settings import FleetTable
@@ -47,7 +47,7 @@ def _listen(
     """Return the newest report of each member, the counts of rejections and the problems. Raises
     Refused."""
     # The stamps are UTC of the autopilots. Before the flight, this computer cannot check them.
-    link = mission_link(table, inf if table.clock == "autopilot" else CLOCK_TOLERANCE)
+    link = mission_link(table, inf)
     newest: dict[int, MemberReport] = {}
     until = steady() + seconds
     try:
@@ -68,7 +68,7 @@ def judge_fleet(
 ) -> Iterator[Check]:
     """Yield the checks of the received reports. newest: newest report of each member, by id."""
     others = ", ".join(map(str, sorted(newest))) or "none yet"
-    yield Check(PASS, "fleet", f"group {table.group}, id {table.id}; members received: {others}")
+    yield Check(PASS, "fleet", f"id {table.id}; members received: {others}")
     fatal = any(rejected.get(reason) for reason in REFUSED)
     for line in problems:
         yield Check(FAIL if fatal else WARN, "fleet link", line.removeprefix("fleet link: "))

@@ -23,8 +23,7 @@ class State(IntEnum):
 class MemberReport:
     """State of one member at one time.
 
-    group: group of the fleet, 0 to 255.
-    member: id within the group, 1 to 255.
+    member: id within the fleet, 1 to 255.
     stamp: Unix time of the sender, s; in lockstep the simulated time.
     phase: temporal phase in the sense of rotation, rad, 0 to 2 pi.
     phase_sigma: standard deviation of the phase, rad.
@@ -36,7 +35,6 @@ class MemberReport:
     drift_covariance: ee, en, nn, (m/s)^2.
     """
 
-    group: int
     member: int
     state: State
     stamp: float

@@ -1,7 +1,7 @@
 """Mission table [fleet]. A mission with one vehicle imports no other module of this package."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 from pydantic import Field
 
@@ -24,14 +24,12 @@ class FleetTable(Table):
     """[fleet]: several vehicles on one circle. Without an id a vehicle flies alone."""
 
     id: Annotated[int, Field(ge=1, le=255)] | None = None
-    group: Annotated[int, Field(ge=0, le=255)] = 0
     layer_m: Annotated[float, Field(ge=LEAST_LAYER, le=500)] = LEAST_LAYER
     size: Annotated[int, Field(ge=2, le=100)] = 6
     peers: Annotated[list[str], Field(max_length=100)] | None = None
     interface: str = ""
     key_file: Annotated[str, Field(min_length=1)] | None = None
     port: Annotated[int, Field(ge=1, le=65535)] = PORT
-    clock: Literal["autopilot", "computer"] = "autopilot"
     ranging: Annotated[int, Field(ge=0, le=65000)] | None = None
     nearest_m: Annotated[float, Field(ge=1, le=500)] = 10.0
 

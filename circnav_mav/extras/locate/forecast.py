@@ -6,7 +6,6 @@ import numpy as np
 
 from circnav_mav.extras.locate.estimator import AT_REST, Knowledge, Problem, Ranges, Track
 from circnav_mav.extras.locate.locator import HEIGHT_SIGMA
-from circnav_mav.extras.locate.settings import table_of
 from circnav_mav.mission.mission import Mission
 
 
@@ -32,7 +31,7 @@ def position_sigma(mission: Mission, seconds: float) -> float | None:
     track = Track(positions, *at(positions), np.full(positions.size, height or 0.0))
     slant = np.full(times.size, float(np.hypot(orbit.radius, height or 0.0)))
     ranges = Ranges(times, slant, np.full(times.size, ranging.sigma_m))
-    known = Knowledge(up=0.0, up_sigma=HEIGHT_SIGMA, gps_sigma=table_of(mission).gps_sigma_m)
+    known = Knowledge(up=0.0, up_sigma=HEIGHT_SIGMA)
     # Do not call `locate` here: it also decides if these ranges determine the place, and the plan's
     # figures would jump at the limits of its decisions.
     problem = Problem(track, ranges, known)

@@ -9,7 +9,7 @@ from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.locator import Locator
 from circnav_mav.extras.locate.place import Place
 from circnav_mav.extras.locate.report import verdict_lines
-from circnav_mav.extras.locate.settings import locate_settings
+from circnav_mav.extras.locate.settings import locator_component
 from circnav_mav.extras.locate.solver import start_solver
 from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
@@ -84,9 +84,9 @@ class LocateListener(Listener):
 
 def open_listener(given: ListenerSettings) -> LocateListener | None:
     """Return the locator listener, or None if the mission does not enable it."""
-    settings = locate_settings(given.mission)
-    if settings is None:
+    component = locator_component(given.mission)
+    if component is None:
         return None
     return LocateListener(
-        Locator(settings, given.pilot, given.signing), waits=given.mission.flies_sim
+        Locator(component, given.pilot, given.signing), waits=given.mission.flies_sim
     )

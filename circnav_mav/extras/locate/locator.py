@@ -7,7 +7,6 @@ byte. It sends only the message types in `SENT_TYPES`: none of them moves the ve
 
 from collections import deque
 from collections.abc import Hashable, Iterable, Iterator
-from dataclasses import dataclass
 from itertools import islice
 from math import hypot, isfinite, pi
 
@@ -65,29 +64,20 @@ SETTLED = 0.05
 with which both radii are compared. During the approach, the mean distance is not a radius."""
 
 
-@dataclass(frozen=True, slots=True)
-class LocateSettings:
-    """Settings of the locator.
-
-    component: own MAVLink component id.
-    gps_sigma: standard deviation of a position, m.
-    """
-
-    component: int
-    gps_sigma: float = 1.5
+GPS_SIGMA = 1.5
+"""Standard deviation of a position without RTK, per axis, m, unless the receiver reports more."""
 
 
 class Locator:
     """Live locator of the target. It receives the same frames as the pilot, after the pilot, and
     does not change the pilot."""
 
-    def __init__(
-        self, settings: LocateSettings, pilot: Pilot, signing: Signing | None = None
-    ) -> None:
-        self._settings = settings
+    def __init__(self, component: int, pilot: Pilot, signing: Signing | None = None) -> None:
+        """component: own MAVLink component id."""
+        self._component = component
         self._pilot = pilot
         self._decoder = Decoder(wanted=WANTED)
-        self._encoder = Encoder(1, settings.component, signing)
+        self._encoder = Encoder(1, component, signing)
         self._announcer = Announcer()
         self._commands = CommandSender()
         self._streams: StreamRequests | None = None
@@ -99,7 +89,7 @@ class Locator:
         self._track: deque[tuple[float, float, float, float]] = deque()
         self._ranges: deque[tuple[float, float, float]] = deque()
         self._accepted = 0
-        self._gps_sigma = settings.gps_sigma
+        self._gps_sigma = GPS_SIGMA
         self._home = 0.0
         self._clock = StampFilter(pilot.session.timesync.delay_increase, wrap=BOOT_WRAP)
         self._solve_at = 0.0
@@ -138,12 +128,14 @@ class Locator:
         if kind in RECEIVERS:
             self._gps.on_message(message, now)
         if kind == "GPS_RAW_INT":
-            reported = (
-                message.h_acc / 1000 / 1.414 if message.h_acc else 0.0
-            )  # standard deviation per axis, m; 0 if not reported
-            self._gps_sigma = max(self._settings.gps_sigma, min(reported, 100.0))
+            # standard deviation per axis, m; 0 if not reported
+            reported = message.h_acc / 1000 / 1.414 if message.h_acc else 0.0
+            # Without RTK, the error of a receiver changes slowly and is larger than reported.
+            is_exact = reported > 0 and message.fix_type >= dialect.GPS_FIX_TYPE_RTK_FLOAT
+            least = 0.01 if is_exact else GPS_SIGMA
+            self._gps_sigma = max(least, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
-            us = self._encoder.system, self._settings.component
+            us = self._encoder.system, self._component
             self._commands.acknowledge(message, us, now)
         elif (
             kind == "GLOBAL_POSITION_INT"

@@ -144,7 +144,7 @@ def candidate(mission: Mission, site: Site) -> Candidate:
 
 def holds_ground_speed(mission: Mission) -> bool:
     """True if the autopilot compensates the wind, as ArduPilot's copters and rovers do."""
-    return any(one.ground_speed_sigma is not None for one in mission.vehicles)
+    return any(one.holds_ground_speed for one in mission.vehicles)
 
 
 def position_sigma(mission: Mission, seconds: float) -> float | None:

@@ -179,7 +179,7 @@ def _write(path: str, changes: list[str], start: Mission, site: Site, target: st
             f"sim.wind.speed_mps={site.wind!r}", f"sim.wind.gust_rms_mps={site.gusts!r}",
             f"sim.ranging.noise_m={ranging.sigma_m!r}", f"sim.ranging.rate_hz={ranging.rate_hz!r}",
         ]  # fmt: skip
-        if any(one.cruises for one in start.vehicles):
+        if any(one.fixed_wing for one in start.vehicles):
             changes.append(f"sim.vehicle.cruise_speed_mps={start.orbit.speed!r}")
     source = Path(path)
     name = Path(path).stem

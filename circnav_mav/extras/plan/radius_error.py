@@ -52,8 +52,8 @@ def radius_rms(mission: Mission, gust: float) -> float:
     orbit = mission.orbit
     ranging = mission.file.ranging
     delay = mission.file.vehicle.turn_lag_s
-    banks = any(one.banks for one in mission.vehicles)
-    holds_ground_speed = any(one.ground_speed_sigma is not None for one in mission.vehicles)
+    banks = any(one.fixed_wing for one in mission.vehicles)
+    holds_ground_speed = any(one.holds_ground_speed for one in mission.vehicles)
     noise = ranging.sigma_m**2 / ranging.rate_hz
     # 0.147: effective bandwidth of the radius error in calm air, 1/s: variance of this error
     # divided by the power density of the range noise.

@@ -14,6 +14,7 @@ from circnav_mav.mav.autopilots.ardupilot import (
     gcs_failsafe,
 )
 from circnav_mav.mav.autopilots.interface import (
+    AIRSPEED_FROM_DRAG,
     COPTER_TYPES,
     FOLLOWED,
     Autopilot,
@@ -21,6 +22,7 @@ from circnav_mav.mav.autopilots.interface import (
     VehicleFacts,
     attitude,
     body_velocity,
+    ground_speed,
     tilt,
 )
 from circnav_mav.mav.autopilots.parameters import (
@@ -192,6 +194,7 @@ class ArduCopterAttitude(Autopilot):
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     echo = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET
     airspeed_from_drag = True
+    estimation = AIRSPEED_FROM_DRAG
     parameters = (
         rule("GUID_TIMEOUT", timeout("levels and drifts with the wind"), advised=always(3.0)),
         rule("GUID_OPTIONS", _options_without_gps, advised=always(0.0)),
@@ -274,8 +277,9 @@ class ArduCopter(Autopilot):
     waypoint_mode = 3
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
-    ground_speed_sigma = 0.02
-    without_gps = ArduCopterAttitude
+    holds_ground_speed = True
+    estimation = ground_speed(0.02)
+    replacement = ArduCopterAttitude
     acceleration_limit = "WP_ACC (before 4.7: WPNAV_ACCEL)", 2.5
     parameters = (
         rule("GUID_TIMEOUT", timeout("brakes and hovers in GUIDED"), advised=always(3.0)),

@@ -67,7 +67,7 @@ class ArduPlane(Autopilot):
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     echo = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
     needs = frozenset({"airspeed"})
-    banks = measures_airspeed = cruises = True
+    fixed_wing = True
     airspeed_command = dialect.MAV_CMD_GUIDED_CHANGE_SPEED
     least_turn_gain = 0.72  # the plane slips in turns (measured in flight: 0.70 to 0.75)
     parameters = (

@@ -12,7 +12,12 @@ from circnav_mav.mav.autopilots.ardupilot import (
     ekf_action,
     gcs_failsafe,
 )
-from circnav_mav.mav.autopilots.interface import Autopilot, SetpointContext, body_velocity
+from circnav_mav.mav.autopilots.interface import (
+    Autopilot,
+    SetpointContext,
+    body_velocity,
+    ground_speed,
+)
 from circnav_mav.mav.autopilots.parameters import (
     PASS,
     Context,
@@ -74,7 +79,8 @@ class ArduRover(Autopilot):
     default_exit = "stop"
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     flies = False
-    ground_speed_sigma = 0.02
+    holds_ground_speed = True
+    estimation = ground_speed(0.02)
     parameters = (
         rule("WP_SPEED", _wp_speed, advised=mission_speed),
         rule("CRUISE_SPEED", _cruise_speed, advised=mission_speed),

@@ -4,11 +4,14 @@ messages."""
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import atan, hypot, radians, tan
 from typing import ClassVar, NamedTuple
 
 from pymavlink.dialects.v20 import all as dialect
 
+from circnav_mav.guidance.air_drag import SCALE_BOUNDS, SCALE_SIGMA
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.types import GRAVITY
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.parameters import Name, Rule
@@ -58,13 +61,11 @@ class VehicleFacts:
     speed: V, m/s.
     max_bank: rad, for vehicles that turn by banking, and for copters flown by attitude.
     drag: coefficient of `guidance.air_drag`, 1/s, for copters flown by attitude.
-    tilts_by_stick: True for a copter flown by the sticks.
     """
 
     speed: float
     max_bank: float = 0.7
     drag: float = 0.25
-    tilts_by_stick: bool = False
 
     def stick(self, bank: float) -> float:
         """Return the roll stick of MANUAL_CONTROL, thousandths to the right, for a bank (rad, right
@@ -121,9 +122,29 @@ class Firmware:
     why_must_leave: str = ""
 
 
+MakeSettings = partial[EstimatorSettings]
+"""Function from the speed V (m/s) and the largest turn rate (rad/s) to settings."""
+# 0.5: error of the measured accelerations of a copter without GPS, m/s^2. In turns its estimated
+# attitude is wrong by 3 deg.
+AIRSPEED_FROM_DRAG = partial(
+    EstimatorSettings,
+    scale_sigma=SCALE_SIGMA,
+    scale_bounds=SCALE_BOUNDS,
+    acceleration_bias=0.5,
+)
+"""Settings for a copter whose accelerometer measures its airspeed."""
+
+
+def ground_speed(sigma: float) -> MakeSettings:
+    """Return the settings for a vehicle that holds its speed over the ground. sigma: standard
+    deviation of this speed, as a share of the commanded speed."""
+    return partial(EstimatorSettings, drift_sigma=0.1, scale_sigma=sigma)
+
+
 class Autopilot(ABC):
-    """Adapter of one vehicle kind: its guided mode, its setpoint message and its special
-    properties."""
+    """Adapter of one steering method of a vehicle: its guided mode, its setpoint message, the
+    source of its motion and the settings of an estimator of this motion. A loss of the position in
+    flight replaces the adapter, and with it the method."""
 
     firmware: ClassVar[Firmware]
     name: ClassVar[str]
@@ -162,24 +183,21 @@ class Autopilot(ABC):
     waypoint_mode: ClassVar[int | None] = None
     """custom_mode in which the vehicle flies a mission of the autopilot, whose item 1 is the
     take-off, or None."""
-    banks: ClassVar[bool] = False
-    """True if the vehicle turns by banking. The mission must then limit the bank."""
     tilts_by_stick: ClassVar[bool] = False
     """True for a copter flown by the sticks."""
     airspeed_from_drag: ClassVar[bool] = False
     """True for a copter flown by attitude: circnav holds its airspeed, which the accelerometer
     measures. The mission must limit the tilt (vehicle.max_bank_deg)."""
-    measures_airspeed: ClassVar[bool] = False
-    """True if VFR_HUD.airspeed is measured. A copter without an airspeed sensor sends its ground
-    speed in this field."""
-    cruises: ClassVar[bool] = False
-    """True if the autopilot holds the airspeed of a parameter and ignores the speed of the
-    mission."""
+    fixed_wing: ClassVar[bool] = False
+    """True if the vehicle turns by banking, measures VFR_HUD.airspeed and holds the airspeed of a
+    parameter. The mission must limit the bank. A copter sends its ground speed as airspeed."""
     airspeed_command: ClassVar[int | None] = None
     """MAV_CMD that changes the airspeed that the autopilot holds, or None."""
-    ground_speed_sigma: ClassVar[float | None] = None
-    """Standard deviation of the ground speed, as a share of the commanded speed. None if the
-    vehicle drifts with the wind."""
+    holds_ground_speed: ClassVar[bool] = False
+    """True if the vehicle holds the commanded speed over the ground. Otherwise it drifts with the
+    wind."""
+    estimation: ClassVar[MakeSettings] = partial(EstimatorSettings)
+    """Settings of an estimator of the vehicle's motion."""
     velocity_loop: ClassVar[VelocityLoop | None] = None
     """Gains of the autopilot's velocity loop, from which circnav computes the lag of the velocity.
     None if the vehicle flies along its nose."""
@@ -188,16 +206,10 @@ class Autopilot(ABC):
     acceleration_limit: ClassVar[tuple[str, float] | None] = None
     """Parameter that limits the acceleration across the path, and its default, m/s^2; None without
     such a limit."""
-    without_gps: ClassVar["type[Autopilot] | None"] = None
-    """Adapter of the same vehicle that steers it after a loss of GPS, or None."""
+    replacement: ClassVar["type[Autopilot] | None"] = None
+    """Adapter of another steering method of the same vehicle, which needs no position, or None."""
     echo: ClassVar[int | None] = None
     """Id of the message in which the autopilot reports the setpoint that it uses, or None."""
-
-    @classmethod
-    def methods(cls, flies_without_gps: bool) -> tuple["type[Autopilot]", ...]:
-        """Return the adapters that may steer this vehicle in one flight: this one, and its
-        replacement after a loss of GPS if the mission continues then."""
-        return (cls, cls.without_gps) if flies_without_gps and cls.without_gps else (cls,)
 
     def __init__(self, facts: VehicleFacts) -> None:
         self._facts = facts

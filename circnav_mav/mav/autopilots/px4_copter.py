@@ -7,10 +7,12 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.velocity_loop import VelocityLoop
 from circnav_mav.mav.autopilots.interface import (
+    AIRSPEED_FROM_DRAG,
     COPTER_TYPES,
     FULL_TILT,
     SetpointContext,
     body_velocity,
+    ground_speed,
     level_acceleration,
 )
 from circnav_mav.mav.autopilots.parameters import (
@@ -77,7 +79,8 @@ class PX4Copter(PX4Vehicle):
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     needs = frozenset({"altitude"})
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
-    ground_speed_sigma = 0.05  # the drag, unknown before a flight, reduces the speed
+    holds_ground_speed = True
+    estimation = ground_speed(0.05)  # the drag, unknown before a flight, reduces the speed
     velocity_loop = VelocityLoop(
         proportional=1.8, integral=0.4, derivative=0.2
     )  # MPC_XY_VEL_P_ACC, _I_, _D_
@@ -172,6 +175,7 @@ class PX4CopterStick(PX4Vehicle):
     default_exit = "land"
     shapes = frozenset({("MANUAL_CONTROL", None)})
     airspeed_from_drag = True
+    estimation = AIRSPEED_FROM_DRAG
     tilts_by_stick = True
     parameters = (
         rule(

@@ -129,7 +129,7 @@ class PX4PlaneStick(PX4Vehicle):
     )
     shapes = frozenset({("MANUAL_CONTROL", None)})
     needs = frozenset({"airspeed"})
-    banks = measures_airspeed = cruises = True
+    fixed_wing = True
     least_turn_gain = 0.72  # value of ArduPlane; too few flights of PX4 for a value of its own
     parameters = (
         rule(

@@ -13,7 +13,7 @@ from circnav_mav.extras.external_position.external_position import PositionEstim
 from circnav_mav.extras.external_position.listener import ExternalPositionListener
 from circnav_mav.extras.external_position.settings import ExternalPositionSettings
 from circnav_mav.extras.locate.listener import LocateListener
-from circnav_mav.extras.locate.locator import STREAMS, LocateSettings, Locator
+from circnav_mav.extras.locate.locator import STREAMS, Locator
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.pilot import VEHICLE
@@ -31,7 +31,7 @@ class Beside:
 
     def __init__(self, monkeypatch, rig=None):
         self.rig = rig or Rig()
-        self.locator = Locator(LocateSettings(194), self.rig.pilot)
+        self.locator = Locator(194, self.rig.pilot)
         monkeypatch.setattr(self.locator, "job", lambda now: None)
         monkeypatch.setattr("circnav_mav.extras.locate.listener.start_solver", lambda: None)
         self.companion = Companion(

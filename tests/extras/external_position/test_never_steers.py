@@ -14,7 +14,7 @@ from circnav_mav.extras.external_position import companion
 from circnav_mav.extras.external_position.companion import COMMANDS, Companion
 from circnav_mav.extras.external_position.settings import ExternalPositionSettings
 from circnav_mav.extras.locate.estimator import locate
-from circnav_mav.extras.locate.locator import SENT_TYPES, LocateSettings, Locator
+from circnav_mav.extras.locate.locator import SENT_TYPES, Locator
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.mission_state import Phase
 from tests.rig import Rig, decode
@@ -33,7 +33,7 @@ class LocatingRig(Rig):
 
     def __init__(self, **changes):
         super().__init__(**changes)
-        self.locator = Locator(LocateSettings(194), self.pilot)
+        self.locator = Locator(194, self.pilot)
         self.companion = Companion(
             ExternalPositionSettings(193, (47.3, 8.5)), self.pilot, self.locator
         )

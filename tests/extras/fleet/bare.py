@@ -6,7 +6,6 @@ from pathlib import Path
 from circnav_mav.extras.fleet.flight import FleetFlight, Member, member_overrides
 from circnav_mav.extras.fleet.link import FleetLink, LocalNetwork
 from circnav_mav.extras.fleet.listener import FleetListener
-from circnav_mav.extras.fleet.settings import table_of
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.loop_step import LoopStep
@@ -45,7 +44,7 @@ def bare_fleet(
                 path, [*member_overrides(path, member, overrides, size), *each(member)]
             )
             pilot = Pilot(mission)
-            link = FleetLink(network.port(member), table_of(mission).group, member)
+            link = FleetLink(network.port(member), member)
             listener = FleetListener(mission, pilot, link)
             yield Member(mission, link, NoRecord(), Listeners([listener]), pilot)  # type: ignore[arg-type]
 

@@ -10,7 +10,6 @@ from circnav_mav.mav.signing import Signing
 
 NOON = 1_790_000_000.0
 """Unix time at which tests begin, s."""
-GROUP = 3
 LAP = 41.9
 KEY = bytes(range(32))
 OTHER_KEY = bytes(range(1, 33))
@@ -19,7 +18,6 @@ OTHER_KEY = bytes(range(1, 33))
 def report(member: int, stamp: float, **changes) -> MemberReport:
     """Return the report of a member at a time. Members are evenly spaced by 60 deg."""
     made = MemberReport(
-        group=GROUP,
         member=member,
         state=State.ON_CIRCLE,
         stamp=stamp,

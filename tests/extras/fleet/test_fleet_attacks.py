@@ -20,7 +20,7 @@ from circnav_mav.extras.fleet.frames import COMPONENT, to_message
 from circnav_mav.extras.fleet.link import MOST_DATAGRAMS, FleetLink
 from circnav_mav.extras.fleet.report import MemberReport, State
 from circnav_mav.mav.codec import Encoder
-from tests.extras.fleet.reports import GROUP, KEY, NOON, OTHER_KEY, frame, report
+from tests.extras.fleet.reports import KEY, NOON, OTHER_KEY, frame, report
 
 STEP = 0.05
 LASTS = 10.0
@@ -123,7 +123,7 @@ def takeover(air: Air) -> list[bytes]:
 def other_version(air: Air) -> list[bytes]:
     message = to_message(report(9, air.now))
     newer = mavlink.MAVLink_debug_float_array_message(
-        message.time_usec, b"circfleet2", GROUP, message.data
+        message.time_usec, b"circfleet2", 0, message.data
     )
     return [Encoder(9, COMPONENT).encode(newer)]
 
@@ -198,7 +198,6 @@ ROWS = [
         "repeated or late",
         WITH_KEY,
     ),
-    Row("another group", sends_report(9, group=4), R.OTHER_GROUP, "group 4, not 3"),
     Row("this member's id", sends_report(1), R.SAME_ID, "another sender has this member's id 1"),
     Row(
         "this member's id by a member with the key",
@@ -263,8 +262,8 @@ class _Port:
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_attack_is_rejected_with_alarm(row):
     port = _Port()
-    victim = FleetLink(port, GROUP, 1, row.key)
-    honest = FleetLink(honest_port := _Port(), GROUP, 2, row.key)
+    victim = FleetLink(port, 1, row.key)
+    honest = FleetLink(honest_port := _Port(), 2, row.key)
     air = Air(key=row.key, captured=honest_port.sent, victim=port.sent)
     received: list[MemberReport] = []
     alarms: set[str] = set()
@@ -299,15 +298,15 @@ def test_attack_is_rejected_with_alarm(row):
     system=st.integers(0, 255),
     stamp=st.one_of(st.integers(0, 2**64 - 1), st.just(round(NOON * 1e6))),
     name=st.one_of(st.binary(min_size=10, max_size=10), st.just(b"circfleet1")),
-    group=st.one_of(st.integers(0, 2**16 - 1), st.just(GROUP)),
+    array=st.integers(0, 2**16 - 1),
     numbers=st.lists(st.floats(width=32), min_size=12, max_size=12),
     cut=st.integers(0, 100),
 )
 def test_random_frame_is_rejected_or_has_values_within_bounds(
-    system, stamp, name, group, numbers, cut
+    system, stamp, name, array, numbers, cut
 ):
-    victim = FleetLink(port := _Port(), GROUP, 1)
-    message = mavlink.MAVLink_debug_float_array_message(stamp, name, group, [*numbers, *[0.0] * 46])
+    victim = FleetLink(port := _Port(), 1)
+    message = mavlink.MAVLink_debug_float_array_message(stamp, name, array, [*numbers, *[0.0] * 46])
     port.queue = [
         (Encoder(system, COMPONENT).encode(message)[: cut if cut < 80 else None], STRANGER)
     ]
@@ -319,7 +318,7 @@ def test_random_frame_is_rejected_or_has_values_within_bounds(
 def test_honest_phase_jump_is_accepted_after_two_seconds():
     """The member's estimate jumps, and its reports continue from the new phase. Until they are
     accepted, the victim extrapolates the last accepted report."""
-    victim = FleetLink(port := _Port(), GROUP, 1)
+    victim = FleetLink(port := _Port(), 1)
     accepted = []
     for step in range(60):
         now = NOON + 0.2 * step
@@ -335,7 +334,7 @@ def test_honest_phase_jump_is_accepted_after_two_seconds():
 
 
 def test_phase_jump_after_search_is_accepted_at_once():
-    victim = FleetLink(port := _Port(), GROUP, 1)
+    victim = FleetLink(port := _Port(), 1)
     states = [State.ON_CIRCLE, State.SEARCH, State.ON_CIRCLE]
     for step, (state, phase) in enumerate(zip(states, (0.0, 0.0, 3.0), strict=True)):
         port.queue = [(frame(report(2, NOON + step, state=state, phase=phase)), HONEST)]
@@ -344,7 +343,7 @@ def test_phase_jump_after_search_is_accepted_at_once():
 
 
 def test_member_may_change_address_after_silence():
-    victim = FleetLink(port := _Port(), GROUP, 1)
+    victim = FleetLink(port := _Port(), 1)
     for after, address, members in ((0.0, HONEST, 1), (2.0, STRANGER, 1), (70.0, HONEST, 1)):
         port.queue = [(frame(report(2 if after < 60 else 5, NOON + after)), address)]
         assert len(victim.received(NOON + after)) == 1 and len(victim.acceptance.members) == members
@@ -355,7 +354,7 @@ def test_member_may_change_address_after_silence():
 def test_member_is_accepted_after_its_clock_is_corrected(wrong_by):
     """Tested in both directions. An attacker repeats the frames with future timestamps when these
     times are reached. The victim rejects them."""
-    wrong, right = (FleetLink(_Port(), GROUP, member, bytes(range(32))) for member in (1, 2))
+    wrong, right = (FleetLink(_Port(), member, bytes(range(32))) for member in (1, 2))
     ports = wrong._transport, right._transport
     captured = []
     accepted = {1: [], 2: []}
@@ -379,16 +378,16 @@ def test_member_is_accepted_after_its_clock_is_corrected(wrong_by):
 
 
 def test_member_is_accepted_after_restart_with_corrected_clock():
-    victim = FleetLink(port := _Port(), GROUP, 1, KEY)
+    victim = FleetLink(port := _Port(), 1, KEY)
     for stamp, accepted in ((NOON + 30.0, 0), (NOON + 1.0, 1)):
-        member = FleetLink(sender := _Port(), GROUP, 2, KEY)
+        member = FleetLink(sender := _Port(), 2, KEY)
         member.send(report(2, stamp))
         port.queue = [(sender.sent[0], HONEST)]
         assert len(victim.received(NOON + 1.0)) == accepted
 
 
 def test_other_members_are_accepted_after_own_clock_is_corrected():
-    victim = FleetLink(port := _Port(), GROUP, 1, KEY)
+    victim = FleetLink(port := _Port(), 1, KEY)
     for stamp in (NOON + 20.0, NOON, NOON + 0.2):
         port.queue = [(frame(report(2, stamp), KEY), HONEST)]
         assert victim.received(stamp)

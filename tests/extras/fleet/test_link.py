@@ -35,7 +35,7 @@ from circnav_mav.runlog.replay import replay, without_timeouts
 from circnav_mav.runlog.tlog import read_messages, read_tlog
 from circnav_mav.runtime.endpoint import LinkError
 from circnav_mav.runtime.recorder import Recorder
-from tests.extras.fleet.reports import GROUP, KEY, NOON, frame, report
+from tests.extras.fleet.reports import KEY, NOON, frame, report
 
 LOOPBACK = "127.0.0.1"
 IP_AND_UDP = 28
@@ -64,7 +64,7 @@ def test_report_is_packed_in_one_named_array(key, size):
         message.array_id,
         message.get_srcSystem(),
         message.get_srcComponent(),
-    ) == ("circfleet1", GROUP, 2, 191)
+    ) == ("circfleet1", 0, 2, 191)
     assert 5 * (size + IP_AND_UDP) * 10 < 6100
 
 
@@ -106,7 +106,7 @@ def test_report_fields_are_preserved_in_frame(
         drift_covariance=(ee, correlation * (ee * nn) ** 0.5, nn),
     )
     back = from_message(decoded(Encoder(7, 191).encode(to_message(one))))
-    assert (back.group, back.member, back.state, back.sense) == (GROUP, 7, state, sense)
+    assert (back.member, back.state, back.sense) == (7, state, sense)
     assert back.stamp == pytest.approx(stamp, abs=1e-6)
     assert 0 <= back.phase < tau and abs((back.phase - phase + pi) % tau - pi) < 1e-6
     for was, now in zip(
@@ -135,7 +135,7 @@ def test_members_receive_each_other_but_not_themselves(way, key):
     else:
         peers = [tuple(f"{LOOPBACK}:{port}" for port in ports if port != own) for own in ports]
         sockets = [Transport(own, peers=others) for own, others in zip(ports, peers, strict=True)]
-    members = [FleetLink(opened, GROUP, ident, key) for ident, opened in enumerate(sockets, 1)]
+    members = [FleetLink(opened, ident, key) for ident, opened in enumerate(sockets, 1)]
     received = []
     for ident, member in enumerate(members, 1):
         member.send(report(ident, NOON))
@@ -154,7 +154,7 @@ def test_members_receive_each_other_but_not_themselves(way, key):
 
 
 def test_multicast_stays_in_local_network():
-    member = FleetLink(Transport(free_port(), LOOPBACK), GROUP, 1)
+    member = FleetLink(Transport(free_port(), LOOPBACK), 1)
     opened = member._transport._link._socket
     assert opened.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == 1
     member.close()
@@ -163,7 +163,7 @@ def test_multicast_stays_in_local_network():
 @pytest.mark.parametrize("start", [0.0, NOON])
 def test_link_sends_reports_at_5_hz(start):
     network = LocalNetwork()
-    sender, receiver = (FleetLink(network.port(one), GROUP, one, KEY) for one in (1, 2))
+    sender, receiver = (FleetLink(network.port(one), one, KEY) for one in (1, 2))
     stamps = []
     for step in range(200):  # 10 s of a loop at 20 Hz
         sender.send(report(1, start + 0.05 * step))
@@ -176,7 +176,7 @@ def test_link_sends_reports_at_5_hz(start):
 
 def test_link_sends_only_valid_own_reports():
     network = LocalNetwork()
-    sender, receiver = (FleetLink(network.port(one), GROUP, one) for one in (1, 2))
+    sender, receiver = (FleetLink(network.port(one), one) for one in (1, 2))
     for wrong in (
         {"phase": nan},
         {"radius": 1e9},
@@ -197,7 +197,7 @@ def test_missing_network_raises_alarm_and_is_retried(interface, monkeypatch):
     """A network radio is connected after the start. The link then sends and receives reports
     without a restart."""
     port = free_port()
-    member = FleetLink(Transport(port, interface), GROUP, 1)
+    member = FleetLink(Transport(port, interface), 1)
     for step in range(20):
         member.send(report(1, NOON + 0.2 * step))
         assert member.received(NOON + 0.2 * step) == []
@@ -206,7 +206,7 @@ def test_missing_network_raises_alarm_and_is_retried(interface, monkeypatch):
     member._transport._open = partial(
         MulticastLink, port, LOOPBACK
     )  # the network interface appears
-    other = FleetLink(Transport(port, LOOPBACK), GROUP, 2)
+    other = FleetLink(Transport(port, LOOPBACK), 2)
     for step in range(40, 60):
         member.send(report(1, NOON + 0.2 * step))
         other.received(NOON + 0.2 * step)
@@ -221,7 +221,7 @@ def members():
     port = free_port()
     with ExitStack() as opened:
         yield [
-            opened.enter_context(closing(FleetLink(Transport(port, LOOPBACK), GROUP, one)))
+            opened.enter_context(closing(FleetLink(Transport(port, LOOPBACK), one)))
             for one in (1, 2)
         ]
 
@@ -297,7 +297,7 @@ def test_recorded_fleet_reports_are_read_back(tmp_path):
     """The recording contains the reports between the frames of the vehicle's link, and does not
     change these frames."""
     network = LocalNetwork()
-    members = [FleetLink(network.port(one), GROUP, one, KEY) for one in (1, 2)]
+    members = [FleetLink(network.port(one), one, KEY) for one in (1, 2)]
     recorder = Recorder(tmp_path / "run", "")
     recorder.start(round(NOON * 1e6), at_once=True)
     steps = []

@@ -12,7 +12,7 @@ from circnav_sim.world import to_degrees
 from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.extras.locate.estimator import NotLocated, locate
-from circnav_mav.extras.locate.locator import LocateSettings, Locator
+from circnav_mav.extras.locate.locator import Locator
 from circnav_mav.extras.locate.place import Place
 from circnav_mav.pilot.loop_step import LoopStep
 from tests.flight.lockstep import Flight, flight
@@ -82,12 +82,10 @@ class LocatingFlight(Flight):
         return np.array([there.east - east, there.north - north])
 
 
-def locating_flight(
-    mission: str, *overrides: str, law: str | None = None, **settings: object
-) -> LocatingFlight:
+def locating_flight(mission: str, *overrides: str, law: str | None = None) -> LocatingFlight:
     """Return a flight of a file in config/ with its locator."""
     flown = flight(mission, *overrides, law=law)
-    locator = Locator(LocateSettings(COMPONENT, **settings), flown.pilot)  # type: ignore[arg-type]
+    locator = Locator(COMPONENT, flown.pilot)
     return LocatingFlight(flown.pilot, flown.vehicle, locator=locator)
 
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from circnav_mav.extras.locate import listener
-from circnav_mav.extras.locate.locator import LocateSettings, Locator
+from circnav_mav.extras.locate.locator import Locator
 from circnav_mav.pilot import VEHICLE
 from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime.listeners import Listeners
@@ -15,7 +15,7 @@ from tests.rig import Rig, scattering
 
 
 def beside(rig):
-    return Locator(LocateSettings(194), rig.pilot)
+    return Locator(194, rig.pilot)
 
 
 def test_locator_uses_every_range_of_datagram():

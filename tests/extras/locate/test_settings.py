@@ -1,6 +1,6 @@
 """The mission table of the locator and its settings."""
 
-from circnav_mav.extras.locate.settings import locate_settings
+from circnav_mav.extras.locate.settings import locator_component
 from circnav_mav.mission.load import parse_mission
 from tests.small_mission import TEXT
 
@@ -10,6 +10,6 @@ def mission(*overrides):
 
 
 def test_locator_has_its_own_component_id():
-    assert locate_settings(mission()) is None
-    assert locate_settings(mission("locate.enabled=true")).component == 194
-    assert locate_settings(mission("locate.enabled=true", "link.component_id=194")).component == 193
+    assert locator_component(mission()) is None
+    assert locator_component(mission("locate.enabled=true")) == 194
+    assert locator_component(mission("locate.enabled=true", "link.component_id=194")) == 193

@@ -13,7 +13,7 @@ LOCATED = (*ON_CIRCLE, "sim.sensors.gps_error_m=0.02", "sim.ranging.bias_m=1.5")
 def test_second_circle_separates_target_height_and_range_bias():
     """The target is 584 m above the sea and 30 m below the vehicle. All ranges are 1.5 m too
     long."""
-    flown = locating_flight(*("quickstart", *LOCATED), law="feedforward", gps_sigma=0.02)
+    flown = locating_flight(*("quickstart", *LOCATED), law="feedforward")
     flown.solve_from = 1e9
     flown.fly(56.0)
     one = flown.solve()

@@ -51,7 +51,6 @@ class Situation:
     changes: tuple[str, ...] = ()
     laps: float = 1.0
     speed: float = 0.0
-    gps: float = 1.5
     second: float | None = None
     """Radius of the second circle, m."""
 
@@ -74,7 +73,6 @@ SITUATIONS = (
     Situation(
         "two circles, RTK (0.02 m)",
         (*TWO_CIRCLES, "sim.sensors.gps_error_m=0.02"),
-        gps=0.02,
         second=60.0,
     ),
     Situation(
@@ -110,7 +108,7 @@ def fly(situation: Situation, seed: int) -> Result | None:
     """Fly once. Return None if no position was found. Only ranges from the first circle on are
     used."""
     changes = (*WORLD, *situation.changes, f"sim.seed={seed}")
-    flown = locating_flight("quickstart", *changes, law="auto", gps_sigma=situation.gps)
+    flown = locating_flight("quickstart", *changes, law="auto")
     flown.solve_from = 1e9
     flown.fly(SETTLED)
     begun = flown.now

@@ -117,7 +117,7 @@ def fly(row: str, number: int) -> Result:
     """Fly a mission. Return what was flown; sigma and error: stated deviation of the place, and its
     error, m. ended: outcome of a mission that ended too early."""
     drawn = draw(number)
-    flown = locating_flight(drawn.vehicle, *drawn.overrides, law="auto", gps_sigma=1.5)
+    flown = locating_flight(drawn.vehicle, *drawn.overrides, law="auto")
     flown.solve_from = 1e9
     while flown.pilot.mission.engaged_at is None and flown.now < 60.0:
         flown.fly(flown.now + 1.0)

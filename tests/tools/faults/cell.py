@@ -194,7 +194,9 @@ class ShownTexts:
             self._next = course.now + 0.5
             status = self._watch.status(course.ticks[-1], course.now)
             refused = (f"{why} frames refused" for why in course.pilot.frames_refused())
-            vehicle_texts = (f'the vehicle reports "{text}"' for text in course.pilot.session.texts)
+            vehicle_texts = (
+                f'the vehicle reports "{text}"' for text in course.pilot.session.vehicle.texts
+            )
             self.lines |= dict.fromkeys(
                 line
                 for line in (*status.alarms, status.view.waits, *refused, *vehicle_texts)

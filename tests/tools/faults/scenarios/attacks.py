@@ -291,7 +291,7 @@ def waits(course: Course, until: float = PATIENCE) -> str | None:
 
 def no_raw_text(course: Course) -> str | None:
     """Return a fault unless all texts of the vehicle are safe to print on a terminal."""
-    texts = course.pilot.session.texts
+    texts = course.pilot.session.vehicle.texts
     return None if texts and all(map(str.isprintable, texts)) else f"texts: {list(texts)!r}"
 
 
