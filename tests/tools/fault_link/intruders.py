@@ -31,7 +31,7 @@ def periodic(
     return intruder
 
 
-def talker(ids: tuple[int, int], rate: float, make: Make, *, direction: str = DOWN) -> Intruder:
+def repeating(ids: tuple[int, int], rate: float, make: Make, *, direction: str = DOWN) -> Intruder:
     """Return an intruder that sends the messages `make(n)` under its ids at a rate in Hz."""
     return periodic(
         rate, lambda n: [write(one, *ids, n & 255) for one in make(n)], direction=direction
@@ -50,7 +50,7 @@ def vehicle(system: int, *, mode: int = 5) -> Intruder:
             mavlink.MAVLink_distance_sensor_message(stamp, 1, 65000, 5000, 3, 0, 24, 255),
         ]
 
-    return talker((system, 1), 4.0, make)
+    return repeating((system, 1), 4.0, make)
 
 
 def ground_station(rate: float = 100.0) -> Intruder:
@@ -66,13 +66,13 @@ def ground_station(rate: float = 100.0) -> Intruder:
         )
         return [messages[n % len(messages)]]
 
-    return talker(GCS, rate, make)
+    return repeating(GCS, rate, make)
 
 
 def twin(system: int, component: int, rate: float = 1.0) -> Intruder:
     """Return a second companion that sends heartbeats under the ids of the first one."""
     heartbeat = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
-    return talker((system, component), rate, lambda n: [heartbeat])
+    return repeating((system, component), rate, lambda n: [heartbeat])
 
 
 def unknown_senders(rate: float, seed: int) -> Intruder:

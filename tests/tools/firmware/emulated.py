@@ -86,8 +86,10 @@ def fly(
     direction: str = "clockwise",
     count: int = 2,
     rows: Mapping[str, tuple[str, ...]] = ROWS,
+    approach: float = APPROACH,
 ) -> Flown:
-    """Fly the emulated vehicle once and evaluate the last `count` laps."""
+    """Fly the emulated vehicle once and evaluate the last `count` laps. approach: time before these
+    laps, s."""
     mission, *changes = rows[row]
     radius, speed = CIRCLES[mission]
     laps = count * 2 * pi * radius / speed
@@ -95,9 +97,9 @@ def fly(
     circle = (
         f"orbit.radius_m={radius}",
         f"vehicle.speed_mps={speed}",
-        f"limits.duration_s={APPROACH + laps + 5}",
+        f"limits.duration_s={approach + laps + 5}",
     )
-    flown = flight(mission, *circle, *changes, f"sim.seed={seed}", law="auto").fly(APPROACH + laps)
+    flown = flight(mission, *circle, *changes, f"sim.seed={seed}", law="auto").fly(approach + laps)
     truths = [truth for truth in flown.truths if truth.time > flown.now - laps]
     turns = [
         tick.turn_rate

@@ -150,8 +150,12 @@ def fly(given: argparse.Namespace, out: Path) -> None:
 
 def read_members(out: Path, clockwise: bool) -> tuple[Array, list[Member]]:
     """Return the common times (Unix, s) and the members that flew."""
-    raw = {int(one.parents[1].name): read_member(one.parents[1])
-           for one in sorted(out.glob("[0-9][0-9]/circnav/fleet.csv"))}  # fmt: skip
+    flown = [one.parent for one in sorted(out.glob("[0-9][0-9]/truth.csv"))]
+    raw = {
+        int(one.name): read_member(one)
+        for one in flown
+        if (one / "circnav" / "fleet.csv").is_file()
+    }
     if not raw:
         return np.array([]), []
     walls = [track["wall"] for track, *_ in raw.values()]

@@ -18,7 +18,7 @@ from tests.flight.lockstep import CONFIG, true_radius
 from tests.frames import output, sender
 from tests.tools.fault_link import DOWN, UP, Impairment
 from tests.tools.fault_link.frames import frames, write
-from tests.tools.fault_link.intruders import periodic, talker
+from tests.tools.fault_link.intruders import periodic, repeating
 from tests.tools.fault_link.link import Passage
 from tests.tools.faults.cell import FRESH, LAW, Arrange, Scenario, Want
 from tests.tools.faults.course import PATIENT, SOURCE, Course
@@ -280,7 +280,7 @@ def to_loiter(course: Course, seed: int) -> None:
     mode = mavlink.MAVLink_command_long_message(
         1, 1, 176, 0, 1, OTHER_MODE[course.profile], 0, 0, 0, 0, 0
     )
-    course.link.intruders.append(talker((255, 190), 1.0, lambda n: [mode], direction=UP))
+    course.link.intruders.append(repeating((255, 190), 1.0, lambda n: [mode], direction=UP))
 
 
 def waits(course: Course, until: float = PATIENCE) -> str | None:

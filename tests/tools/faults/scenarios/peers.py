@@ -19,7 +19,7 @@ from tests.tools.fault_link.intruders import (
     GCS,
     ground_station,
     periodic,
-    talker,
+    repeating,
     twin,
     unknown_senders,
     vehicle,
@@ -219,7 +219,7 @@ def left_at_the_vehicles_ids(seed: int) -> Intruder:
     """A gimbal with the ids 1/1 behind the vehicle's router sends heartbeats: no autopilot, mode 0,
     not armed."""
     heartbeat = mavlink.MAVLink_heartbeat_message(26, 8, 0, 0, 4, 3)
-    return talker((1, 1), 1.0, lambda n: [heartbeat])
+    return repeating((1, 1), 1.0, lambda n: [heartbeat])
 
 
 TWIN: dict[str, Any] = {"want": Want.END, "reason": "another companion", "lasts": 20}
