@@ -16,11 +16,14 @@ FOLDERS = {"mission": CONFIG, "campaign": CONFIG / "campaigns"}
 
 
 def names(kind: str) -> list[str]:
-    """Return the names of the bundled files. Files for ArduPilot are named by vehicle kind, as in
+    """Return the names of the bundled files."""
+    return sorted(map(listed_name, FOLDERS[kind].glob("*.toml")))
+
+
+def listed_name(path: Path) -> str:
+    """Return the name of a bundled file. Files for ArduPilot are named by vehicle kind, as in
     `plane`."""
-    return sorted(
-        path.stem.removeprefix("ardu").replace("_", "-") for path in FOLDERS[kind].glob("*.toml")
-    )
+    return path.stem.removeprefix("ardu").replace("_", "-")
 
 
 def bundled(kind: str, name: str) -> Path | None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from circnav_mav.cli.bundled import bundled, names
+from circnav_mav.cli.bundled import bundled, listed_name, names
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.extension import extensions, load
 from circnav_mav.runlog.atomic_write import write_text
@@ -32,9 +32,9 @@ def write_mission(vehicle: str | None, file: str | None) -> int:
             f"init: {path.name}: a mission's name may have letters, digits, '.', '_' and '-' only"
         )
     text = source.read_text(encoding="utf-8")
-    called = source.stem.replace("_", "-")
+    called = listed_name(source)
     text = re.sub(rf"(circnav \w+ ){called}\b", lambda found: found[1] + str(path), text)
-    text = text.replace(f'\nname = "{source.stem}"\n', f'\nname = "{path.stem}"\n', 1)
+    text = text.replace(f'\nname = "{called}"\n', f'\nname = "{path.stem}"\n', 1)
     with refusing(path):
         if os.path.lexists(path):
             raise Refused(

@@ -72,7 +72,9 @@ def _circle(summary: dict[str, Any]) -> list[str]:
         " last third:"
     )
     lines.append(f"  estimated  {_figures(summary, desired)}")
-    lines.append(f"  rests on   {_basis(desired, summary.get('height_max_m'))}")
+    # A flight that ended before its first steered step has neither a radius nor a height.
+    if summary["radius_mean_m"] is not None:
+        lines.append(f"  rests on   {_basis(desired, summary.get('height_max_m'))}")
     if truth is not None:
         lines.append(f"  truth      {_figures(truth, desired)}")
         right = "as desired" if truth["direction"] == summary["direction"] else "NOT AS DESIRED"

@@ -44,7 +44,11 @@ def read_toml(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        words = str(error).replace("Cannot overwrite a value", "The key is repeated")
+        words = str(error).replace("Cannot overwrite a value", "The key is repeated: delete one")
+        if twice := re.match(r"Cannot declare \((.*?)\) twice", words):
+            name = ".".join(re.findall(r"\w+", twice[1]))
+            rest = words.removeprefix(twice[0])
+            words = f"The table [{name}] is repeated: put all its keys under one heading{rest}"
         at = re.search(r"at line (\d+)", words)
         line = text.split("\n")[int(at[1]) - 1].strip()[:MOST_SHOWN] if at else ""
         raise MissionError(
@@ -57,8 +61,13 @@ def _remedy(line: str) -> str:
     value = line.partition("=")[2].partition("#")[0].strip()
     if re.fullmatch(r"[-+]?\d+,\d+", value):
         return f": write {value.replace(',', '.')}"
-    if re.fullmatch(r"[A-Za-z][\w.:/-]*", value):
-        return f': write "{value}" in quotes'
+    # a text without quotes, or with one of the two
+    if re.fullmatch(r"[A-Za-z][\w.:/-]*", word := value.strip("\"'")) and value in (
+        word,
+        *(f"{quote}{word}" for quote in "\"'"),
+        *(f"{word}{quote}" for quote in "\"'"),
+    ):
+        return f': write "{word}" in quotes'
     return ""
 
 

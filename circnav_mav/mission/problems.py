@@ -78,14 +78,14 @@ def _shown(given: Any) -> str:
 
 
 def _remedy(kind: str, given: Any) -> str:
-    """Return the remedy for a value in a notation that TOML does not have, such as `.5`, `1.`, a
-    number in quotes, yes or True."""
+    """Return the remedy for a value in a notation that TOML does not have, such as `.5`, `1.`,
+    `150,0`, a number in quotes, yes or True."""
     if kind == "bool_type":
         return ": write true or false"
     if kind not in ("float_type", "int_type") or not isinstance(given, str):
         return ""
     try:
-        return f": write {float(given)!r}"
+        return f": write {float(given.replace(',', '.', 1))!r}"
     except ValueError:
         return ""
 

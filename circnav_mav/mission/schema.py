@@ -131,7 +131,9 @@ def _named(table: NameTable[Any]) -> Any:
     def check(name: str) -> str:
         if not table.knows(name):
             raise PydanticCustomError(
-                "literal_error", "unknown name", {"expected": ", ".join(map(repr, table.names()))}
+                "literal_error",
+                "unknown name",
+                {"expected": f"{', '.join(map(repr, table.names()))}, or your own module:name"},
             )
         return name
 

@@ -76,11 +76,12 @@ const Charts = (() => {
   }
 
   function limits(chart, [from, to]) {
-    if (chart.shown) return chart.shown;
     let low = chart.from ?? Infinity, high = -Infinity;
     const reach = value => { if (value != null) { low = Math.min(low, value); high = Math.max(high, value); } };
     for (const { times, values } of chart.lines)
       for (let i = Math.max(find(times, from), 0); i < times.length && times[i] <= to; i++) reach(values[i]);
+    // Far from the circle, fixed limits would leave the chart empty: follow the values until some are inside.
+    if (chart.shown && low < chart.shown[1] && high > chart.shown[0]) return chart.shown;
     for (const [, value] of chart.levels ?? []) reach(value);
     if (low > high) return [0, 1];
     const room = (high - low || Math.abs(high) || 1) * .06;

@@ -5,8 +5,9 @@ import tomllib
 
 import pytest
 
-from circnav_mav.cli.bundled import CONFIG
+from circnav_mav.cli.bundled import CONFIG, bundled, names
 from circnav_mav.cli.init import schema_text
+from circnav_mav.mission.load import load_mission
 
 SCHEMA = "mission.schema.json"
 TOML = [*CONFIG.glob("*.toml"), *(CONFIG / "campaigns").glob("*.toml")]
@@ -17,6 +18,11 @@ def test_bundled_missions_are_found_from_any_folder(circnav, tmp_path):
         assert circnav("check", name).done
     (tmp_path / "quickstart").write_text("name = 3")
     assert circnav("check", "quickstart").refused.startswith("quickstart: name: ")
+
+
+def test_bundled_mission_flies_under_its_listed_name():
+    for name in names("mission"):
+        assert load_mission(bundled("mission", name)).file.name == name
 
 
 @pytest.mark.parametrize("vehicle", ["copter", "plane", "rover", "px4-copter", "px4-plane", "home"])

@@ -116,6 +116,7 @@ def test_verdict_text_follows_summary_values(changes: dict[str, Any], words: str
         ({}, "WARNING"),
         ({"clock_speed": None, "turn_limit_cycle": False, **TURN}, "WARNING"),
         ({"turn_std_deg_s": 5.0, "turn_at_limit": None}, "at the limit"),
+        ({"radius_mean_m": None, "height_max_m": None}, "no height"),
     ],
 )
 def test_verdict_omits_normal_values(changes: dict[str, Any], words: str) -> None:

@@ -1,4 +1,4 @@
-"""The user-defined law and estimator of docs/own-law.md, selected by name in the benchmark, in
+"""The user-defined law and estimator of docs/api.md, selected by name in the benchmark, in
 missions and on a vehicle."""
 
 import json
@@ -27,7 +27,7 @@ from tests.process import ROOT
 
 __all__ = ["circnav", "undrawn"]
 
-PAGE = ROOT / "docs" / "own-law.md"
+PAGE = ROOT / "docs" / "api.md"
 ORBIT = Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)
 
 

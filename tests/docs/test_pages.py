@@ -14,9 +14,12 @@ from circnav_mav.cli import circnav as cli
 from circnav_mav.cli import fly
 from circnav_mav.cli.bundled import names
 from circnav_mav.cli.exits import Exit
+from circnav_mav.extras.fleet.settings import FleetTable
 from circnav_mav.guidance.types import Direction, Orbit
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
-from circnav_mav.mission.load import whole_schema
+from circnav_mav.mav.check_result import PASS
+from circnav_mav.mission.checks import check_mission
+from circnav_mav.mission.load import parse_mission, whole_schema
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runlog.summary import FlightFacts, summarise
 from circnav_mav.runlog.ticks import NO_TICKS
@@ -129,13 +132,25 @@ def test_logs_page_has_each_phase_and_summary_key():
     assert all(phase.value in text for phase in Phase)
 
 
-def test_commands_page_has_each_command_and_exit_code():
-    text = (ROOT / "docs/commands.md").read_text()
-    table = set(re.findall(r"^\| `circnav (\w+)", text, re.MULTILINE))
-    assert table == set(COMMANDS)
-    codes = text[text.index("Exit codes:") :].split("\n\n")[0]
-    for code in Exit:
-        assert re.search(rf"\b{code.value} [a-z]", codes), code
+def test_troubleshooting_page_has_each_exit_code():
+    text = (DOCS / "troubleshooting.md").read_text()
+    codes = re.findall(r"^\| (\d+) \|", text, re.MULTILINE)
+    assert sorted(map(int, codes)) == sorted(code.value for code in Exit)
+
+
+def test_mission_of_page_is_complete():
+    (text,) = re.findall(r"^```toml\n(.*?)^```", (DOCS / "mission.md").read_text(), re.M | re.S)
+    mission = parse_mission(text, "mission.md")
+    assert [check for check in check_mission(mission) if check.grade is not PASS] == []
+
+
+def test_ports_of_vehicle_radio_and_fleet_differ():
+    template = (ROOT / "config" / "vehicle_udp.toml").read_text()
+    ports = re.findall(r'^(?:# )?endpoint = "udpin:0.0.0.0:(\d+)"', template, re.MULTILINE)
+    fleet = FleetTable().port
+    assert len({*map(int, ports), fleet}) == 3
+    page = (DOCS / "own-vehicle.md").read_text()
+    assert all(str(port) in page for port in (*ports, fleet))
 
 
 def test_options_of_printed_commands_exist():

@@ -319,6 +319,12 @@ MISTAKES = [
     ("vehicle.turn_lag_s=400", "vehicle.turn_lag_s: must be at most 10, not 400"),
     ("bounds.min_battery_percent=0.2", "bounds.min_battery_percent: must be at least"),
     ("bounds.min_altitude_m=nan", "bounds.min_altitude_m: must be a finite number, not nan: omit"),
+    ("orbit.radius_m=150,0", "orbit.radius_m: should be a valid number, not '150,0': write 150.0"),
+    (
+        "guidance.law=pid",
+        "guidance.law: 'pid' is not one of 'smooth', 'switching', 'feedforward', 'drift', 'auto',"
+        " or your own module:name",
+    ),
     ("engage.request_mode=1", "engage.request_mode: should be a valid boolean, not 1: write true"),
     ("orbit.direction=left", "orbit.direction: 'left' is not one of 'clockwise' or"),
     (
@@ -479,7 +485,10 @@ def test_accept_unsigned_selects_links(mission, accepted, links):
     [
         ("radius_m = 150,0", "'radius_m = 150,0': write 150.0"),
         ("direction = clockwise  # above", ': write "clockwise" in quotes'),
-        ("radius_m = 1.0\nradius_m = 2.0", "The key is repeated"),
+        ('direction = clockwise"', ': write "clockwise" in quotes'),
+        ('direction = "clockwise', ': write "clockwise" in quotes'),
+        ("radius_m = 1.0\nradius_m = 2.0", "The key is repeated: delete one (at line 3"),
+        ("[sim.wind]\n[sim.wind]", "The table [sim.wind] is repeated: put all its keys under one"),
     ],
 )
 def test_invalid_toml_is_refused_with_remedy(line: str, remedy: str) -> None:

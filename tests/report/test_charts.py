@@ -105,6 +105,14 @@ def test_chart_line_kinds_draw_gaps_dots_and_bars(values, chart, kind, drawn):
     assert path(strip(times, values, [0, times[-1]], **chart), f"{kind} estimate") == drawn
 
 
+def test_chart_with_fixed_limits_shows_distant_values():
+    """A vehicle far from its circle has an error outside the limits of the error chart."""
+    drawn = strip([0, 10], [15, 5], [0, 10], shown=[-15, 15])
+    assert points(drawn) == [(0.0, 0.0), (934.0, 54.0)]
+    drawn = strip([0, 10], [200, 105], [0, 10], shown=[-15, 15])
+    assert [0 < y < TALL for _, y in points(drawn)] == [True, True]
+
+
 def test_columns_without_data_give_no_chart():
     columns = {
         "r": [[0, 1], [99, 101]],

@@ -26,7 +26,7 @@ def bench(
     `pandas.DataFrame(rows)`. Ctrl-C ends the flights, and the finished ones are returned.
 
     laws: names of laws, your law, or a pair (law, estimator) of names or of your objects. Your law
-        and your estimator have the form of docs/own-law.md.
+        and your estimator have the form of docs/api.md.
     situations: names, or situations of your own.
     processes: number of processes. Other processes must be able to import your law and estimator,
         so those of a notebook fly in one process.

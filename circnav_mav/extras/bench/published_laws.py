@@ -1,5 +1,5 @@
 """Published laws on range and range rate, and a published estimator, for comparison, written as
-user-defined laws (docs/own-law.md).
+user-defined laws (docs/api.md).
 
 Each function here returns, for a circle, a function from an estimate to a turn rate (rad/s,
 counter-clockwise positive). e is the radius error r - r_d, V the speed, and k the gain at `lag`,

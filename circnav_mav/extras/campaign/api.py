@@ -30,7 +30,7 @@ def campaign(
     are returned.
 
     vary: values by key, as in [vary] of a campaign file. The lists of "guidance.law" and
-        "guidance.estimator" may contain your objects, in the form of docs/own-law.md.
+        "guidance.estimator" may contain your objects, in the form of docs/api.md.
     processes: number of processes. Other processes must be able to import your law and estimator,
         so those of a notebook fly in one process.
     scheduler: address of a Dask scheduler.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 LEAST_LAYER = 15.0
 """Smallest distance of two height layers, m: twice the error of a barometer in a turn, plus the
 size of the vehicles."""
-PORT = 14560
+PORT = 14570
 """UDP port of the reports."""
 
 

@@ -66,9 +66,7 @@ class Fleet:
             for i in range(n)
         ]
         self.spacings = [Spacing(one) for one in settings]
-        self.steerings = [
-            Steering(self.orbit, LawChoice("drift", 1.0, True, LAG)) for _ in range(n)
-        ]
+        self.steerings = [Steering(self.orbit, LawChoice("drift", 1.0, LAG)) for _ in range(n)]
         self.adjusted: list[Adjustment | None] = [None] * n
         self.map = PhaseMap.of(world.speed, world.drift, 1)
         self.mail: list[tuple[float, int, MemberReport]] = []
@@ -132,7 +130,7 @@ class Fleet:
         speed = self.flown[i]
         self.steerings[i].change(
             Orbit(radius, Direction.COUNTERCLOCKWISE, speed, MAX_TURN),
-            LawChoice("drift", 1.0, True, LAG),
+            LawChoice("drift", 1.0, LAG),
         )
         psi = self.psi[i] + self.compass[i]
         relative = RelativeMotion(x, y, PLACE_SIGMA, *drift, psi, self.turn[i], speed, 1.0, True)
@@ -145,7 +143,6 @@ class Fleet:
         if reports and adjusted is not None:
             period = self.map.lap_time * radius
             report = MemberReport(
-                1,
                 i + 1,
                 adjusted.state,
                 self.time,

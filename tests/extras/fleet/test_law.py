@@ -26,7 +26,7 @@ from tests.extras.fleet.kinematic import STEP, Fleet, World, time_to_even
 
 def report(member, phase, stamp=0.0, state=State.ON_CIRCLE, sigma=0.01, sense=1):
     return MemberReport(
-        1, member, state, stamp, phase, sigma, 40.0, 100.0, 0.0, sense, (0.0, 0.0), (1.0, 0.0, 1.0)
+        member, state, stamp, phase, sigma, 40.0, 100.0, 0.0, sense, (0.0, 0.0), (1.0, 0.0, 1.0)
     )
 
 

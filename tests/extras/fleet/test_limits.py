@@ -65,7 +65,7 @@ def test_check_requires_beacon_ids_for_ranges_between_members():
 def test_flight_is_refused_without_free_id_and_layer(monkeypatch):
     own = mission("orbit.height_above_target_m=60")
     other = MemberReport(
-        0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.01, 40.0, 100.0, 75.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0)
+        2, State.ON_CIRCLE, 0.0, 1.0, 0.01, 40.0, 100.0, 75.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0)
     )
 
     def listen(height, rejected):
@@ -110,7 +110,7 @@ def test_height_layers_closer_than_15_m_are_refused():
 def test_preflight_refuses_id_layer_and_clock_conflicts(height, rejected, problems, failed):
     given = mission()
     other = MemberReport(
-        0, 2, State.ON_CIRCLE, 0.0, 1.0, 0.1, 40.0, 150.0, height, -1, (0.0, 0.0), (1.0, 0.0, 1.0)
+        2, State.ON_CIRCLE, 0.0, 1.0, 0.1, 40.0, 150.0, height, -1, (0.0, 0.0), (1.0, 0.0, 1.0)
     )
     found = list(judge_fleet(given, table_of(given), {2: other}, rejected, problems))
     assert "members received: 2" in found[0].text
