@@ -74,15 +74,16 @@ def fly(row: str, seed: int) -> Result:
     flown = external_position_flight("arduplane", *WORLD, *gusts, f"sim.seed={seed}", law="auto")
     flown.solve_from = 60.0
     flown.solve_every = 30.0
-    flown.fly(CHANGED)
-    if given.changes:
-        air = flown.vehicle._flight.air
-        air._config = air._config.changed(from_deg=0.0)
-        air.blow(8.0)
     errors: list[tuple[float, float, float]] = []
+    changed: list[float] = []
     left: list[float] = []
 
     def watch(flown: ExternalPositionFlight) -> None:
+        if given.changes and flown.now > CHANGED and not changed:
+            changed.append(flown.now)
+            air = flown.vehicle._flight.air
+            air._config = air._config.changed(from_deg=0.0)
+            air.blow(8.0)
         if flown.pilot.done and not left:
             left.append(flown.now)
             instruments = flown.vehicle._flight.instruments
@@ -90,7 +91,7 @@ def fly(row: str, seed: int) -> Result:
         assert flown.companion is not None
         here = flown.companion.reckoning.where
         truth = flown.vehicle.truth
-        if here is not None and flown.companion.plane is not None:
+        if here is not None and flown.companion.plane is not None and flown.now > OFF:
             east, north = flown.companion.plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
             error = hypot(here.east - east - truth.east, here.north - north - truth.north)
             errors.append((flown.now, error, hypot(truth.east, truth.north)))

@@ -84,6 +84,7 @@ class Target:
             "limits.duration_s=1e9",
             "limits.coast_s=3600",
             "link.wait_s=1e6",
+            "engage.min_height_m=0",
         ]
         if self.ranging == "ranging_beacon":
             overrides.append('ranging.endpoint="udpin:127.0.0.1:14560"')
