@@ -359,11 +359,13 @@ def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dic
         with record.open() as file:
             given.update(f"{row['answer']}, by {row['by']}" for row in csv.DictReader(file))
     from_home = np.array([late["north"] - flown.home_away, late["east"]])
+    last = columns(bench.track, bench.track[-1].time - 40.0)
+    circle = np.array([last["north"] - flown.home_away, last["east"]])
     return {
         "circle": own_error(bench, lost, max(lost, ended)),
         "way_home": own_error(bench, max(lost, ended), bench.now) if flown.home_s else None,
         "nearest_home": round(float(np.hypot(*from_home).min()), 1),
-        "circles_off_home": round(center(from_home[:, late["time"] > late["time"][-1] - 40.0]), 1),
+        "circles_off_home": round(center(circle), 1),
         "given": dict(given),
     }
 
