@@ -80,6 +80,12 @@ def read_until(process: subprocess.Popen[str], words: str) -> str:
     raise AssertionError(f"{words!r} not in {said!r}")
 
 
+def resident_mb(process: int | str = "self") -> float:
+    """Return the resident memory of a process, by its id, MB."""
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
 def until(condition: Callable[[], bool]) -> None:
     """Wait until a condition is true. Fails after PATIENCE."""
     end = time.monotonic() + PATIENCE

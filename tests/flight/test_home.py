@@ -10,7 +10,7 @@ from circnav_sim.vehicle import Truth
 from circnav_mav.mission.load import load_mission
 from circnav_mav.pilot import Ending, Phase
 from tests.flight.lockstep import CONFIG, Flight, flight, true_radius
-from tests.tools.bench.bench_home import HOME, fly, prepared
+from tests.tools.bench.bench_home import HOME, came, fly, prepared
 from tests.tools.straight_way import straight_way
 
 STOPS = 'sim.events=[{{at_s=1.0, action="gps_off"}}, {{at_s={}, action="mute_ranging"}}]'.format
@@ -36,10 +36,10 @@ def test_calibration_of_home_mission_matches_emulated_radio() -> None:
 
 def test_plane_without_gps_flies_home_and_circles() -> None:
     """Seed 3 starts on a heading away from the beacon, with a headwind on the way."""
-    flown = fly(3, away=1500.0)
-    assert flown.came
-    assert flown.ratio < 1.3
-    assert flown.rms < 10.0
+    flown = fly("home", 3, away=1500.0)
+    assert came(flown)
+    assert flown["ratio"] < 1.3
+    assert flown["rms"] < 10.0
 
 
 @pytest.mark.parametrize(("wind", "raised"), [(12.0, False), (16.0, True)])
@@ -55,7 +55,7 @@ def test_home_raises_not_closing_alarm_in_strong_wind(wind: float, raised: bool)
 def lost(at: float, away: float, hold: float) -> list[Truth]:
     """Fly to the end; the beacon stops at the time `at`, s. Return the track between the alarm and
     the exit action."""
-    flown, _ = prepared(11, STOPS(at), f"limits.coast_s={hold}", away=away)
+    flown, _ = prepared(11, (STOPS(at), f"limits.coast_s={hold}"), away=away)
     alarmed: list[float] = []
 
     def watch(now: Flight) -> None:

@@ -55,6 +55,14 @@ class LocatingFlight(Flight):
         assert job is not None
         return locate(*job)
 
+    def solve_since(self, since: float) -> Place | NotLocated:
+        """Return the locator's solution from the frames received since a time, s."""
+        assert self.locator is not None
+        for received in (self.locator._track, self.locator._ranges):
+            while received and received[0][0] < since:
+                received.popleft()
+        return self.solve()
+
     @property
     def messages(self) -> list[tuple[float, mavlink.MAVLink_message]]:
         """Messages of the locator with their times, decoded by pymavlink."""

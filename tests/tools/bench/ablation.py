@@ -1,34 +1,31 @@
-"""python -m tests.tools.bench.ablation --results FILE [--seconds T] [--table]: the benefit of each
-layer on the turn.
+"""The benefit of each layer on the turn.
+
+    python -m tests.tools.bench.ablation --keep runs/ablation.jsonl --minutes 60
 
 One layer at a time is disabled by replacing its function. Flights of the emulated vehicles (rows of
 docs/measured.md) and rows of the benchmark are flown with and without the layer, with the same
-seeds. FILE keeps a line for each flight or row, which is not flown again. A run ends after T
-seconds. `--table` prints the table from FILE.
+seeds.
 
 In a flight with all layers, each result of a layer is compared with the result without this layer.
 If they never differ, the layer does not change this flight, so the flight without the layer is not
 flown.
 """
 
-import argparse
 import inspect
-import json
-import random
 import sys
-import time
-from collections.abc import Callable, Iterator
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial, wraps
-from itertools import islice
 from math import inf
-from pathlib import Path
 from statistics import median
 from typing import Any
 
 from circnav_mav.extras.bench.bench import cell_of, fly_one
-from circnav_mav.extras.bench.situations import SITUATIONS
+from circnav_mav.extras.bench.situations import SITUATIONS, Situation
+from tests.tools import cells
+from tests.tools.cells import Result
 from tests.tools.firmware.emulated import CIRCLES, ROWS, fly
 
 FULL = "all"
@@ -49,7 +46,6 @@ FLOWN = (
     "Plane, airspeed 15 % above the mission's",
     RINGING,
 )
-SEEDS = 1, 2, 3
 BENCHED = (
     "wind 0.53 V",
     "gusts 1.5, wind 0.33 V",
@@ -63,9 +59,6 @@ LASTS = 170.0
 duration of a flight, s (LASTS; 400 s in the published table)."""
 LAPS = 1
 """Laps of an emulated flight that are evaluated."""
-AHEAD = 8
-"""Number of next jobs from which a job is drawn at random, so that two parallel runs seldom fly the
-same job."""
 KEPT = 0.1
 NEVER = 0.2
 """A circle is kept if the RMS radius error is below KEPT and every error below NEVER, as shares of
@@ -209,153 +202,102 @@ def _differ(one: object, other: object) -> bool:
     return bool(one != other)
 
 
-@dataclass(frozen=True)
-class Result:
-    """Figures of one flight or benchmark row. rms: radius error, m. turn_sd: standard deviation of
-    the turn command, deg/s. kept, of: flights that kept the circle, and all flights. acted: layers
-    that changed a result in a flight with all layers."""
-
-    row: str
-    seed: int
-    layer: str
-    rms: float
-    turn_sd: float
-    at_limit: float
-    kept: int
-    of: int
-    acted: tuple[str, ...] = ()
-
-
-def fly_row(row: str, seed: int, layer: str) -> Result:
-    """Fly one flight of an emulated vehicle."""
+def fly_row(row: str, seed: int) -> Result:
+    """Fly a row of the emulated vehicles with all layers, then without each layer that acted."""
     acted: set[str] = set()
-    with noted(acted) if layer == FULL else without(_layer(layer)):
-        one = fly(row, seed, count=LAPS, rows=FLIGHTS)
     radius = CIRCLES[FLIGHTS[row][0]][0]
-    kept = one.right and one.rms < KEPT * radius and one.worst < NEVER * radius
-    return Result(
-        row, seed, layer, one.rms, one.turn_sd, one.at_limit, int(kept), 1, tuple(sorted(acted))
-    )
+
+    def flown() -> Result:
+        one = fly(row, seed, count=LAPS, rows=FLIGHTS)
+        kept = one.right and one.rms < KEPT * radius and one.worst < NEVER * radius
+        return figures(one.rms, one.turn_sd, one.at_limit, int(kept), 1)
+
+    with noted(acted):
+        found = {FULL: flown()}
+    for layer in LAYERS:
+        if layer.name in acted:
+            with without(layer):
+                found[layer.name] = flown()
+    return {"layers": found}
 
 
-def fly_bench(row: str, layer: str) -> Result:
-    """Fly one row of the benchmark."""
-    situation = SITUATIONS[row]
-    flown = replace(
-        situation, duration=LASTS, imu=None if layer == ACCELERATIONS else situation.imu
-    )
-    with ExitStack() as off:
-        if layer not in (FULL, ACCELERATIONS):
-            off.enter_context(without(_layer(layer)))
-        rows = [fly_one(flown, "auto", BENCH_SEED, number) for number in range(BENCH_FLIGHTS)]
-    cell = cell_of(rows, rows)
-    figures = cell.rms_median, cell.turn_std_deg_s, cell.turn_at_limit
-    return Result(row, BENCH_SEED, layer, *figures, cell.kept, cell.flights)
+def fly_bench(row: str, seed: int) -> Result:
+    """Fly a row of the benchmark with all layers, then without each layer that it has."""
+
+    def flown(situation: Situation) -> Result:
+        rows = [fly_one(situation, "auto", seed, number) for number in range(BENCH_FLIGHTS)]
+        cell = cell_of(rows, rows)
+        turn = cell.turn_std_deg_s, cell.turn_at_limit
+        return figures(cell.rms_median, *turn, cell.kept, cell.flights)
+
+    situation = replace(SITUATIONS[row], duration=LASTS)
+    found = {FULL: flown(situation)}
+    for layer in LAYERS:
+        if layer.name == ACCELERATIONS and situation.imu is not None:
+            found[layer.name] = flown(replace(situation, imu=None))
+        elif layer.bench:
+            with without(layer):
+                found[layer.name] = flown(situation)
+    return {"layers": found}
 
 
-def _layer(name: str) -> Layer:
-    return next(layer for layer in LAYERS if layer.name == name)
+def figures(rms: float, turn_sd: float, at_limit: float, kept: int, of: int) -> Result:
+    """Return the figures of a flight or benchmark row: radius error, m; standard deviation of the
+    turn command, deg/s; share of commands at the limit; flights that kept the circle; flights."""
+    return {"rms": rms, "turn_sd": turn_sd, "at_limit": at_limit, "kept": kept, "of": of}
 
 
-def read(path: Path) -> dict[tuple[str, int, str], Result]:
-    """Return the stored results, by row, seed and layer."""
-    lines = path.read_text().splitlines() if path.exists() else []
-    results = [Result(**json.loads(line)) for line in lines]
-    return {(one.row, one.seed, one.layer): one for one in results}
-
-
-def due(done: dict[tuple[str, int, str], Result]) -> Iterator[Callable[[], Result]]:
-    """Yield the jobs left to fly: seed by seed, each row with all layers first."""
-    for seed in (SEEDS[0], BENCH_SEED, *SEEDS[1:]):
-        for layer in (FULL, *NAMES):
-            for row in BENCHED if seed == BENCH_SEED else FLOWN:
-                if (row, seed, layer) in done or (layer != FULL and (row, seed, FULL) not in done):
-                    continue
-                if seed == BENCH_SEED and (layer == FULL or _in_bench(layer, row)):
-                    yield partial(fly_bench, row, layer)
-                elif seed != BENCH_SEED and (layer == FULL or layer in done[row, seed, FULL].acted):
-                    yield partial(fly_row, row, seed, layer)
-
-
-def _in_bench(layer: str, row: str) -> bool:
-    return _layer(layer).bench or (layer == ACCELERATIONS and SITUATIONS[row].imu is not None)
-
-
-def table(results: dict[tuple[str, int, str], Result]) -> str:
+def table(results: dict[str, list[Result]]) -> str:
     """Return the table in Markdown. A cell contains the median radius RMS, m, the standard
     deviation of the turn command, deg/s, and the share of commands at the limit if it is 1 % or
-    more. A dash: the layer changed no result. Empty cell: not flown yet."""
-    ratios: dict[str, list[float]] = {name: [] for name in NAMES}
-    lines = [["row", FULL, *NAMES], ["---"] * (2 + len(NAMES))]
-    for row in (*FLOWN, *BENCHED):
-        seeds = SEEDS if row in FLOWN else (BENCH_SEED,)
-        full = [results[row, seed, FULL] for seed in seeds if (row, seed, FULL) in results]
-        cells = [row if row in FLOWN else f"benchmark: {row}", _cell(full)]
-        for name in NAMES:
-            applies = {
-                one.seed
-                for one in full
-                if (_in_bench(name, row) if row in BENCHED else name in one.acted)
-            }
-            off = {
-                seed: results[row, seed, name] for seed in applies if (row, seed, name) in results
-            }
-            pairs = [
-                (one, off.get(one.seed, one))
-                for one in full
-                if one.seed not in applies or one.seed in off
-            ]
-            cells.append(_cell([other for _, other in pairs]) if off else "" if applies else "-")
+    more. A dash: the layer changed no result, or the row has not been flown."""
+    lines = []
+    spread: dict[str, list[float]] = {name: [] for name in NAMES}
+    for row, flights in results.items():
+        pairs = {name: _with_and_without(name, flights) for name in NAMES}
+        full = [one["layers"][FULL] for one in flights]
+        title = row if row in FLOWN else f"benchmark: {row}"
+        lines.append([title, _cell(full), *(_cell(off) for _, off in pairs.values())])
+        for name, (on, off) in pairs.items():
             if off:
-                ratios[name].append(
-                    median(other.rms for _, other in pairs) / median(one.rms for one, _ in pairs)
-                )
-        lines.append(cells)
-    spread = {name: sorted(ratio) or [1.0] for name, ratio in ratios.items()}
-    lines.append(["median ratio of RMS", "1", *(f"{median(spread[name]):.2f}" for name in NAMES)])
-    lines.append(
-        [
-            "least and largest",
-            "1",
-            *(f"{spread[name][0]:.2f}, {spread[name][-1]:.2f}" for name in NAMES),
-        ]
-    )
-    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+                spread[name].append(_median(off, "rms") / _median(on, "rms"))
+    ratios = [sorted(values) or [1.0] for values in spread.values()]
+    lines.append(["median ratio of RMS", "1", *(f"{median(one):.2f}" for one in ratios)])
+    lines.append(["least and largest", "1", *(f"{one[0]:.2f}, {one[-1]:.2f}" for one in ratios)])
+    return cells.table(" | ".join(("row", FULL, *NAMES)), lines)
 
 
-def _cell(results: list[Result]) -> str:
-    if not results:
-        return ""
-    rms, turn_sd, cut = (
-        median(getattr(one, name) for one in results) for name in ("rms", "turn_sd", "at_limit")
-    )
-    kept = sum(one.kept for one in results)
-    of = sum(one.of for one in results)
+def _with_and_without(name: str, flights: Sequence[Result]) -> tuple[list[Result], list[Result]]:
+    """Return the figures of the flights with all layers, and without a layer. Both are empty if
+    the layer acted in no flight."""
+    layers = [one["layers"] for one in flights]
+    if not any(name in one for one in layers):
+        return [], []
+    return [one[FULL] for one in layers], [one.get(name, one[FULL]) for one in layers]
+
+
+def _median(flights: Sequence[Result], figure: str) -> float:
+    return median(one[figure] for one in flights)
+
+
+def _cell(flights: Sequence[Result]) -> str:
+    if not flights:
+        return "-"
+    cut = _median(flights, "at_limit")
     limit = f", {100 * cut:.0f} %" if cut >= 0.005 else ""
-    return f"{rms:.2f}, {turn_sd:.1f}{limit}{'' if kept == of else f' (kept {kept} of {of})'}"
+    kept = sum(one["kept"] for one in flights)
+    of = sum(one["of"] for one in flights)
+    lost = "" if kept == of else f" (kept {kept} of {of})"
+    return f"{_median(flights, 'rms'):.2f}, {_median(flights, 'turn_sd'):.1f}{limit}{lost}"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--results", type=Path, required=True)
-    parser.add_argument("--seconds", type=float, default=240.0)
-    parser.add_argument("--table", action="store_true")
-    options = parser.parse_args()
-    if options.table:
-        print(table(read(options.results)))
-        return
-    began = time.monotonic()
-    while time.monotonic() - began < options.seconds:
-        jobs = list(islice(due(read(options.results)), AHEAD))
-        if not jobs:
-            print("all flown")
-            return
-        result = random.choice(jobs)()
-        with options.results.open("a") as file:
-            file.write(json.dumps(asdict(result)) + "\n")
-        print(result, flush=True)
+    given = vars(cells.parser(__doc__, (*FLOWN, *BENCHED), (1, 3)).parse_args())
+    rows = given.pop("rows")
+    flown = cells.flown(fly_row, Namespace(**given, rows=[one for one in rows if one in FLOWN]))
+    given["seeds"] = (BENCH_SEED, BENCH_SEED)
+    benched = [one for one in rows if one in BENCHED]
+    print(table(flown | cells.flown(fly_bench, Namespace(**given, rows=benched))))
 
 
 if __name__ == "__main__":

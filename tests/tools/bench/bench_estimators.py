@@ -6,16 +6,6 @@ from collections.abc import Callable
 import numpy as np
 
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
-from circnav_mav.guidance.estimators.relative_ekf import (
-    STATES,
-    Hypotheses,
-    Noise,
-    mixture,
-    predict,
-    range_measurement,
-    transition,
-    update,
-)
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
 from circnav_mav.guidance.types import OwnMotion, RangeSample
 
@@ -28,24 +18,6 @@ def timed(step: Callable[[int], object], rounds: int) -> np.ndarray:
         step(number)
         times.append(1e6 * (time.perf_counter() - began))
     return np.array(times)
-
-
-def filter_step(count: int) -> Callable[[int], object]:
-    """Return a Kalman step of this many hypotheses."""
-    x = np.zeros((STATES, count))
-    x[0] = 100.0
-    x[1] = np.arange(count)
-    x[4] = 1.0
-    P = np.repeat(np.eye(STATES)[..., None], count, axis=2)
-    h = Hypotheses(x, P, np.zeros(count))
-    noise = Noise(*(np.full(count, value) for value in (1e-2, 1.5, 0.7, 0.7, 0.0, 0.0)))
-
-    def step(number: int) -> None:
-        predicted = predict(h, transition(h, noise, 0.05, (1.0, 1.0), 0.5))
-        measured = range_measurement(predicted, noise, 100.0, 0.5)
-        mixture(update(predicted, noise, measured, 5.0)[0])
-
-    return step
 
 
 def in_flight() -> Callable[[int], object]:
@@ -67,7 +39,6 @@ def in_flight() -> Callable[[int], object]:
 
 
 if __name__ == "__main__":
-    print(f"one step of 32 hypotheses: {np.median(timed(filter_step(32), 400)):.0f} us")
     times = timed(in_flight(), 1200)
     print(
         "the auto estimator at 20 Hz, own motion, range and estimate: median"

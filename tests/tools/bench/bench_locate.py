@@ -1,6 +1,6 @@
 """Accuracy of the target localization: many flights of the bundled vehicle, judged by its truth.
 
-    python -m tests.tools.bench.bench_locate --flights 200
+    python -m tests.tools.bench.bench_locate --seeds 1 200
 
 One row per situation. Beyond GPS: 95th percentile of the error minus the mean error of the reported
 positions over the same time. Band: share of flights with a squared error in units of the stated
@@ -10,10 +10,8 @@ error. The GPS error has a standard deviation of 1.5 m and a correlation time of
 localization assumes 1.5 m and 100 s. The wind is 5 m/s with gusts of 1 m/s.
 """
 
-import argparse
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from math import hypot
 
 import numpy as np
@@ -25,6 +23,7 @@ from circnav_mav.extras.locate.locator import HOME_SIGMA, Locator
 from circnav_mav.extras.locate.place import CHI95, Place
 from circnav_mav.guidance.circle_change import CircleRequest
 from tests.extras.locate.flown import LocatingFlight, laps, locating_flight, nees
+from tests.tools import cells
 
 BAND = (0.0506, 7.378)
 """Limits that contain 95 % of a chi-squared distribution with two degrees of freedom."""
@@ -52,7 +51,6 @@ class Situation:
     changes: tuple[str, ...] = ()
     laps: float = 1.0
     speed: float = 0.0
-    gps: float = 1.5
     second: float | None = None
     """Radius of the second circle, m."""
 
@@ -75,7 +73,6 @@ SITUATIONS = (
     Situation(
         "two circles, RTK (0.02 m)",
         (*TWO_CIRCLES, "sim.sensors.gps_error_m=0.02"),
-        gps=0.02,
         second=60.0,
     ),
     Situation(
@@ -100,50 +97,38 @@ class Result:
     speed: float | None
 
 
+def circled(flown: LocatingFlight, count: float, step: float) -> None:
+    """Fly laps round the true target, from now on."""
+    since = flown.now
+    while flown.now < LONGEST and laps([t for t in flown.truths if t.time >= since]) < count:
+        flown.fly(flown.now + step)
+
+
 def fly(situation: Situation, seed: int) -> Result | None:
     """Fly once. Return None if no position was found. Only ranges from the first circle on are
     used."""
-    flown = locating_flight(
-        "quickstart",
-        *WORLD,
-        *situation.changes,
-        f"sim.seed={seed}",
-        law="auto",
-        gps_sigma=situation.gps,
-    )
-    locator = flown.locator
-    assert locator is not None
+    changes = (*WORLD, *situation.changes, f"sim.seed={seed}")
+    flown = locating_flight("quickstart", *changes, law="auto")
     flown.solve_from = 1e9
     flown.fly(SETTLED)
     begun = flown.now
     if situation.second is not None:
-        while (
-            flown.now < LONGEST and laps([one for one in flown.truths if one.time >= begun]) < 1.25
-        ):
-            flown.fly(flown.now + 1.0)
+        circled(flown, 1.25, 1.0)
         flown.pilot.request_circle(CircleRequest(radius=situation.second, by="operator"), flown.now)
-    counted = flown.now
-    while (
-        flown.now < LONGEST
-        and laps([one for one in flown.truths if one.time >= counted]) < situation.laps
-    ):
-        flown.fly(flown.now + 0.5)
-    for received in (locator._track, locator._ranges):
-        while received[0][0] < begun:
-            received.popleft()
-    place = flown.solve()
+    circled(flown, situation.laps, 0.5)
+    place = flown.solve_since(begun)
     if not isinstance(place, Place):
         return None
+    assert flown.locator is not None
     truth = flown.vehicle.truth
-    velocity = np.array(place.velocity) - [situation.speed, 0.0]
     return Result(
         error=hypot(*flown.error(place)),
-        gps=hypot(*_gps_error(flown, locator)),
+        gps=hypot(*_gps_error(flown, flown.locator)),
         sigma=place.sigma,
         nees=nees(flown, place),
-        bound=bound(flown, locator),
+        bound=bound(flown, flown.locator),
         up=place.up - (584.0 - truth.target_down) if place.up_known else None,
-        speed=hypot(*velocity) if place.moves else None,
+        speed=hypot(*(np.array(place.velocity) - [situation.speed, 0.0])) if place.moves else None,
     )
 
 
@@ -155,17 +140,8 @@ def bound(flown: LocatingFlight, locator: Locator) -> tuple[float, float]:
     times = np.array(locator._ranges)[:, 0]
     kind = CHARACTERS[radio.preset]
     moves = flown.truths[0].target_east != flown.truths[-1].target_east
-    true = np.array(
-        [
-            (
-                one.time,
-                one.target_east - one.east,
-                one.target_north - one.north,
-                one.down - one.target_down,
-            )
-            for one in flown.truths
-        ]
-    )
+    true = np.array([(t.time, t.target_east - t.east, t.target_north - t.north,
+                      t.down - t.target_down) for t in flown.truths])  # fmt: skip
     way = np.column_stack([np.interp(times, true[:, 0], part) for part in true[:, 1:].T])
     sight = way / np.linalg.norm(way, axis=1)[:, None]
     ahead = times - times[-1]
@@ -193,25 +169,32 @@ def _gps_error(flown: LocatingFlight, locator: Locator) -> np.ndarray:
     return np.array([np.mean(track[:, 1 + at] - home[at] - true[at]) for at in (0, 1)])
 
 
-def row(situation: Situation, results: list[Result | None]) -> str:
+def row(situation: Situation, results: Sequence[Result | None]) -> str:
     """Return the line of the table for a situation."""
     found = [one for one in results if one is not None]
+    errors = [one.error for one in found]
     inside = np.mean([BAND[0] <= one.nees <= BAND[1] for one in found])
     below = np.mean([one.nees <= BAND[1] for one in found])
-    beyond = np.percentile([one.error - one.gps for one in found], 95)
-    heights = [abs(one.up) for one in found if one.up is not None]
-    speeds = [one.speed for one in found if one.speed is not None]
-    tall = f"{len(heights)}, {np.percentile(heights, 95):.2f} m" if heights else "0"
-    fast = f"{len(speeds)}, {np.percentile(speeds, 95):.2f} m/s" if speeds else "0"
+    beyond = _p95([one.error - one.gps for one in found])
     sigma = np.median([one.sigma for one in found])
     least = np.median([one.bound for one in found], axis=0)
     return (
-        f"| {situation.name} | {len(found)} of {len(results)} |"
-        f" {np.median([o.error for o in found]):.2f} |"
-        f" {np.percentile([o.error for o in found], 95):.2f} | {beyond:.2f} | {least[0]:.2f}, up"
-        f" {least[1]:.2f} | {sigma:.2f} | {100 * inside:.0f} % ({100 * below:.0f} % below its top)"
-        f" | {tall} | {fast} |"
+        f"| {situation.name} | {len(found)} of {len(results)} | {np.median(errors):.2f} |"
+        f" {_p95(errors)} | {beyond} | {least[0]:.2f}, up {least[1]:.2f} | {sigma:.2f} |"
+        f" {100 * inside:.0f} % ({100 * below:.0f} % below its top) |"
+        f" {_known([one.up for one in found], 'm')} |"
+        f" {_known([one.speed for one in found], 'm/s')} |"
     )
+
+
+def _p95(values: list[float]) -> str:
+    return f"{np.percentile(values, 95):.2f}"
+
+
+def _known(values: list[float | None], unit: str) -> str:
+    """Return the number of known values, and the 95th percentile of their sizes."""
+    known = [abs(value) for value in values if value is not None]
+    return f"{len(known)}, {_p95(known)} {unit}" if known else "0"
 
 
 HEADER = (
@@ -219,24 +202,22 @@ HEADER = (
     " | NEES in band | heights claimed, 95 % | velocities, 95 % |\n"
     "|---|---|---|---|---|---|---|---|---|---|"
 )
+ROWS = {one.name: one for one in SITUATIONS}
+
+
+def cell(name: str, seed: int) -> cells.Result:
+    """Fly a row once. The result is empty if no position was found."""
+    found = fly(ROWS[name], seed)
+    return {"found": found and asdict(found)}
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--flights", type=int, default=200)
-    parser.add_argument("--situation", action="append", metavar="NAME", help="only these")
-    parser.add_argument("--processes", type=int, default=2)
-    options = parser.parse_args()
     print(HEADER)
-    with ProcessPoolExecutor(options.processes) as pool:
-        for situation in (
-            one for one in SITUATIONS if not options.situation or one.name in options.situation
-        ):
-            results = list(pool.map(partial(fly, situation), range(1, 1 + options.flights)))
-            print(row(situation, results), flush=True)
+    options = cells.parser(__doc__, ROWS, (1, 200)).parse_args()
+    for name, flights in cells.flown(cell, options).items():
+        found = [one["found"] and Result(**one["found"]) for one in flights]
+        print(row(ROWS[name], found))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
-"""Processor cost of the loop, compared with a bare pymavlink loop in the same run. Prints figures
-without asserting.
+"""Time from a range to its setpoint, compared with a bare pymavlink loop in the same run. Prints
+figures without asserting.
 
     python -m tests.tools.bench.bench_loop [--seconds 120]
 
@@ -11,9 +11,6 @@ without asserting.
 2. The same with ranges at 20 Hz and ATTITUDE at 25 Hz, each law alone on a quarter of one core: a
    control group grants 2.5 ms in 10 ms. Aim: 99 % within half a tick, 25 ms. Requires the right to
    make a control group (root).
-3. Cost of a range and of a tick between the bytes and the setpoint, without sockets, and the
-   processor time of 600 s of flight, in lockstep with the vehicle (whose time is included) and
-   without it.
 """
 
 import argparse
@@ -25,7 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,10 +32,9 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
-from circnav_mav.pilot import VEHICLE
-from tests.flight.lockstep import SETPOINT_IDS, Flight, flight
+from tests.flight.lockstep import SETPOINT_IDS, flight
 from tests.frames import read
-from tests.tools.bench.on_port import ROOT
+from tests.process import ROOT
 from tests.tools.fault_link.frames import frames, message_id
 
 MISSION = ROOT / "config" / "quickstart.toml"
@@ -305,76 +301,16 @@ def quarter_table(seconds: float) -> None:
         )
 
 
-class Stopwatch:
-    """Stopwatch for the pilot's time from the bytes of a range, or from the tick, to the setpoint,
-    s."""
-
-    def __init__(self, flown: Flight) -> None:
-        self._pilot = pilot = flown.pilot
-        self._receive = pilot.receive
-        self._step = pilot.step
-        pilot.receive = self.receive  # type: ignore[method-assign]
-        pilot.step = self.step
-        self.ranges: list[float] = []
-        self.ticks: list[float] = []
-        self.all = self._received = 0.0
-
-    def receive(
-        self, data: bytes, now: float, source: Hashable = None, link: str = VEHICLE
-    ) -> None:
-        began = time.perf_counter()
-        self._receive(data, now, source, link)
-        self._received = time.perf_counter() - began
-        self.all += self._received
-
-    def step(self, now: float, send: Callable[[bytes], bool]) -> None:
-        fresh = self._pilot.tracker.fresh
-        began = time.perf_counter()
-
-        def sends(data: bytes) -> bool:
-            if message_id(data) in SETPOINT_IDS:
-                took = time.perf_counter() - began
-                self.all += took
-                if now > SETTLING:
-                    (self.ranges if fresh else self.ticks).append(took + fresh * self._received)
-            return send(data)
-
-        self._step(now, sends)
-
-
-def mission_cpu(law: str) -> None:
-    """Print the processor time of 600 s of flight in lockstep with real bytes."""
-    flown = flight("quickstart", "sim.truth.rate_hz=0", "limits.duration_s=600.0", law=law)
-    watch = Stopwatch(flown)
-    began = time.process_time()
-    flown.fly(610)
-    took = time.process_time() - began
-    of_range, of_tick = (
-        1e6 * np.percentile(times, [50, 99]) for times in (watch.ranges, watch.ticks)
-    )
-    print(
-        f"{law:<8} bytes to setpoint: range {of_range[0]:.0f} us, 99 % {of_range[1]:.0f} us; tick"
-        f" {of_tick[0]:.0f} us, 99 % {of_tick[1]:.0f} us; 600 s: {took:.2f} s of CPU, of it the"
-        f" pilot up to its setpoints {watch.all:.2f} s"
-    )
-
-
-def main(arguments: list[str] | None = None) -> int:
+def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(
-        prog="python -m tests.tools.bench.bench_loop", description=__doc__
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--seconds", type=float, default=120.0, help="of real time for the latencies; 0: without"
-    )
-    options = parser.parse_args(arguments)
-    if options.seconds:
-        latency_table(options.seconds)
-        quarter_table(options.seconds)
-    for law in LAWS:
-        mission_cpu(law)
-    return 0
+    parser.add_argument("--seconds", type=float, default=120.0, help="of real time")
+    options = parser.parse_args()
+    latency_table(options.seconds)
+    quarter_table(options.seconds)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -1,28 +1,18 @@
 """Figures of `circnav plan`, compared with flights of random missions in lockstep on the bundled
 vehicles.
 
-    python -m tests.tools.bench.bench_plan --fly flown.jsonl --seconds 240
-    python -m tests.tools.bench.bench_plan --compare flown.jsonl
+    python -m tests.tools.bench.bench_plan --seeds 0 199 --keep flown.jsonl --minutes 240
 
-The first command flies missions for a given time. The second compares the plan with all flights.
-
-The number of a mission determines vehicle, speed, radius, wind, gusts, and noise and rate of the
-radio, drawn at random. A mission that does not pass `circnav check` is drawn again. A flight
-appends one line to the file, so that an interrupted run resumes.
+The number of a mission (its seed) determines vehicle, speed, radius, wind, gusts, and noise and
+rate of the radio, drawn at random. A mission that does not pass `circnav check` is drawn again.
 
 Radius RMS: RMS error of the true radius over the last WINDOW seconds. Survey: standard deviation of
 the place that `circnav locate` states for these seconds, and the error of the place.
 """
 
-import argparse
-import json
-import os
-import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from math import hypot, inf
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot, inf, nan
 
 import numpy as np
 
@@ -35,7 +25,9 @@ from circnav_mav.mission.checks import check_mission, drift_allowed
 from circnav_mav.mission.load import MissionError, load_mission
 from circnav_mav.mission.mission import Mission
 from tests.extras.locate.flown import LocatingFlight, locating_flight
-from tests.flight.lockstep import CONFIG
+from tests.flight.lockstep import CONFIG, true_radius
+from tests.tools import cells
+from tests.tools.cells import Result
 
 WINDOW = 240.0
 SETTLING = 60.0
@@ -44,6 +36,12 @@ STRICT = ("turn rate", "drift", "margin", "rate error", "sampling", "gain")
 """Lines of `circnav check` that a drawn mission must pass."""
 WITHIN = 0.3
 """Largest error of a planned figure, as a share of the flown figure."""
+ON_CIRCLE = 0.1
+"""Largest radius error of 20 s after which a flight is evaluated, as a share of the radius."""
+HEAD = (
+    "mission | vehicle | V, m/s | radius, m | wind, m/s | gust, m/s | sigma, m | rate, Hz | RMS, m"
+    " | stated sigma, m | error, m | RMS / plan | sigma / plan | error / plan | ended"
+)
 SPEEDS = {"arduplane": (15.0, 27.0), "arducopter": (3.0, 8.0), "ardurover": (1.5, 5.0)}
 SHARES = {"arduplane": 0.45, "arducopter": 0.4, "ardurover": 0.15}
 MOST_TRIED = 200
@@ -115,72 +113,35 @@ def draw(number: int) -> Drawn:
     raise SystemExit(f"mission {number}: no draw of {MOST_TRIED} passes its checks")
 
 
-def fly(drawn: Drawn) -> dict[str, object]:
-    """Fly a mission. Return what was flown."""
+def fly(row: str, number: int) -> Result:
+    """Fly a mission. Return what was flown; sigma and error: stated deviation of the place, and its
+    error, m. ended: outcome of a mission that ended too early."""
+    drawn = draw(number)
     flown = locating_flight(drawn.vehicle, *drawn.overrides, law="auto")
     flown.solve_from = 1e9
     while flown.pilot.mission.engaged_at is None and flown.now < 60.0:
         flown.fly(flown.now + 1.0)
     flown.fly(flown.now + SETTLING)
-    while flown.now < 400.0 and not _on_circle(flown, drawn.radius):
+    while flown.now < 400.0 and np.abs(_errors(flown, flown.now - 20.0, drawn)).max() >= ON_CIRCLE:
         flown.fly(flown.now + 5.0)
     begun = flown.now
     flown.fly(begun + WINDOW)
-    late = [one for one in flown.truths if one.time >= begun]
-    off = (
-        np.array([hypot(one.north - one.target_north, one.east - one.target_east) for one in late])
-        - drawn.radius
-    )
-    assert flown.locator is not None
-    for received in (flown.locator._track, flown.locator._ranges):
-        while received and received[0][0] < begun:
-            received.popleft()
-    place = flown.solve()
-    found = (
-        {"sigma": place.sigma, "error": hypot(*flown.error(place))}
-        if isinstance(place, Place)
-        else {}
-    )
+    error = drawn.radius * _errors(flown, begun, drawn)
+    place = flown.solve_since(begun)
+    located = isinstance(place, Place)
     return {
-        "drawn": asdict(drawn),
         "ended": str(flown.pilot.mission.outcome) if flown.pilot.done else "",
         "begun": begun,
-        "seconds": flown.now - begun,
-        "rms": float(np.sqrt(np.mean(off**2))),
-        "mean": float(off.mean()),
-        "locate": found,
+        "rms": float(np.sqrt(np.mean(error**2))),
+        "mean": float(error.mean()),
+        "sigma": place.sigma if located else inf,
+        "error": hypot(*flown.error(place)) if located else inf,
     }
 
 
-def _on_circle(flown: LocatingFlight, radius: float) -> bool:
-    """Return True if the radius error was below a tenth of the radius for the last 20 s."""
-    late = [one for one in flown.truths if one.time >= flown.now - 20.0]
-    return all(
-        abs(hypot(t.north - t.target_north, t.east - t.target_east) / radius - 1) < 0.1
-        for t in late
-    )
-
-
-def lines_of(path: Path) -> list[dict[str, Any]]:
-    """Return the flights in a file."""
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-
-
-def fly_all(path: Path, numbers: Iterator[int], seconds: float) -> None:
-    """Fly missions that are not in the file, until the given time has passed."""
-    until = time.monotonic() + seconds
-    done = {line["drawn"]["number"] for line in lines_of(path)}
-    for number in numbers:
-        if number in done:
-            continue
-        if time.monotonic() > until:
-            return
-        line = json.dumps(fly(draw(number)))
-        with path.open("a") as file:
-            file.write(line + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        print(line, flush=True)
+def _errors(flown: LocatingFlight, since: float, drawn: Drawn) -> np.ndarray:
+    """Return the radius errors since a time, as shares of the radius."""
+    return np.array([true_radius(t) / drawn.radius - 1 for t in flown.truths if t.time >= since])
 
 
 def planned(drawn: Drawn) -> tuple[float, float | None]:
@@ -189,68 +150,45 @@ def planned(drawn: Drawn) -> tuple[float, float | None]:
     return radius_rms(mission, drawn.gust), position_sigma(mission, WINDOW)
 
 
-def compare(path: Path) -> None:
-    """Print a line per flight, and the share of flights for which the error of the plan is below
-    WITHIN."""
-    rms = []
-    survey = []
-    errors = []
-    print(
-        "number vehicle    V m/s  radius  wind  gust sigma  rate | RMS planned flown ratio | place"
-        " planned stated error"
-    )
-    for line in lines_of(path):
-        drawn = Drawn(**line["drawn"])
-        if line["ended"]:
-            print(f"{drawn.number:6} {drawn.vehicle}: ended: {line['ended']}")
-            rms.append(float("inf"))
-            continue
-        expected, sigma = planned(drawn)
-        found: dict[str, float] = line["locate"]
-        rms.append(float(line["rms"]) / expected)
-        survey.append(found["sigma"] / sigma if sigma and found else float("inf"))
-        errors.append(found["error"] / sigma if sigma and found else float("inf"))
-        conditions = (
-            f"{drawn.speed:5.1f} {drawn.radius:7.1f} {drawn.wind:5.1f} {drawn.gust:5.2f}"
-            f" {drawn.sigma:5.2f}"
-        )
-        radius = f"{expected:11.3f} {line['rms']:5.3f} {rms[-1]:5.2f}"
-        place = f"{sigma or 0:13.2f} {found.get('sigma', 0):6.2f} {found.get('error', 0):5.2f}"
-        print(
-            f"{drawn.number:6} {drawn.vehicle:10} {conditions} {drawn.rate:5.0f} | {radius} |"
-            f" {place}"
-        )
-    for name, ratios in (("radius RMS", rms), ("stated sigma of the place", survey)):
-        inside = sum(1 - WITHIN <= one <= 1 + WITHIN for one in ratios)
-        print(
-            f"{name}: {inside} of {len(ratios)} within {100 * WITHIN:.0f} % of the plan, median"
-            f" {np.median(ratios):.2f}"
-        )
-    print(
-        f"error of the place over the planned sigma: RMS {np.sqrt(np.mean(np.square(errors))):.2f}"
-        " (1.41 expected)"
-    )
+def compared(flown: Result) -> tuple[float, float, float]:
+    """Return the flown radius RMS, the stated deviation of the place and its error, divided by the
+    planned values."""
+    if flown["ended"]:
+        return inf, nan, nan
+    rms, sigma = planned(draw(flown["seed"]))
+    if sigma is None:
+        return flown["rms"] / rms, inf, inf
+    return flown["rms"] / rms, flown["sigma"] / sigma, flown["error"] / sigma
+
+
+def row(flown: Result, ratios: Sequence[float]) -> list[object]:
+    """Return the line of the table for a flight."""
+    drawn = draw(flown["seed"])
+    conditions = (drawn.speed, drawn.radius, drawn.wind, drawn.gust, drawn.sigma, drawn.rate)
+    figures = (flown["rms"], flown["sigma"], flown["error"])
+    return [drawn.number, drawn.vehicle, *conditions, *figures, *ratios, flown["ended"]]
 
 
 def main() -> None:
-    """Fly or compare."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--fly", type=Path, metavar="FILE")
-    parser.add_argument("--compare", type=Path, metavar="FILE")
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--missions", type=int, default=200)
-    parser.add_argument("--seconds", type=float, default=inf)
-    options = parser.parse_args()
-    if options.fly:
-        fly_all(
-            options.fly,
-            iter(range(options.first, options.first + options.missions)),
-            options.seconds,
+    """Print a line per flight, and the share of flights for which the error of the plan is below
+    WITHIN."""
+    options = cells.parser(__doc__, ("missions",), (0, 199)).parse_args()
+    flights = cells.flown(fly, options)["missions"]
+    ratios = [compared(one) for one in flights]
+    rows = [row(*one) for one in zip(flights, ratios, strict=True)]
+    print(cells.table(HEAD, rows))
+    rms, *places = np.array(ratios).T
+    stated, error = (ratio[~np.isnan(ratio)] for ratio in places)
+    for name, ratio in (("radius RMS", rms), ("stated sigma of the place", stated)):
+        inside = np.sum(np.abs(ratio - 1) <= WITHIN)
+        print(
+            f"{name}: {inside} of {len(ratio)} within {100 * WITHIN:.0f} % of the plan, median"
+            f" {np.median(ratio):.2f}"
         )
-    if options.compare:
-        compare(options.compare)
+    print(
+        f"error of the place over the planned sigma: RMS {np.sqrt(np.mean(error**2)):.2f}"
+        " (1.41 expected)"
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Logs that do not determine the place: share of logs for which the locator gives a wrong place
 without a warning.
 
-    python -m tests.tools.bench.bench_undetermined --logs 1000
+    python -m tests.tools.bench.bench_undetermined --seeds 0 249
 
 Kinds: a straight track; ranges of pure noise; a constant range; half a lap with 5 m of noise. The
 vehicle's height above the target is 0 to 40 m, GPS errors are 1.5 m. A place is wrong if its error
@@ -9,17 +9,15 @@ exceeds 4 times its standard deviation in the direction of the error. A place fr
 true place is wrong, too.
 """
 
-import argparse
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
 
 import numpy as np
 
 from circnav_mav.extras.locate.estimator import Knowledge, Ranges, Track, locate
 from circnav_mav.extras.locate.place import Place, Plane
 from tests.extras.locate.worlds import gps_error
+from tests.tools import cells
 
 PLANE = Plane(46.5, 7.0)
 LIMIT = 4.0
@@ -120,18 +118,16 @@ def judged(kind: str, seed: int) -> str:
     return "right" if off @ np.linalg.solve(place.covariance, off) < LIMIT**2 else "WRONG"
 
 
+def fly(kind: str, seed: int) -> cells.Result:
+    return {"judged": judged(kind, seed)}
+
+
 def main() -> None:
-    """Print one row per kind, and the seeds of the wrong places."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--logs", type=int, default=200)
-    parser.add_argument("--first", type=int, default=0, help="first seed of each kind")
-    options = parser.parse_args()
-    seeds = range(options.first, options.first + options.logs // len(KINDS))
-    with ProcessPoolExecutor(2) as pool:
-        for kind in KINDS:
-            found = list(pool.map(partial(judged, kind), seeds, chunksize=5))
-            wrong = [seed for seed, one in zip(seeds, found, strict=True) if one == "WRONG"]
-            print(f"{kind}: {dict(Counter(found))}, wrong seeds {wrong}", flush=True)
+    """Print one line per kind, with the seeds of the wrong places."""
+    options = cells.parser(__doc__, KINDS, (0, 49)).parse_args()
+    for kind, logs in cells.flown(fly, options).items():
+        wrong = [one["seed"] for one in logs if one["judged"] == "WRONG"]
+        print(f"{kind}: {dict(Counter(one['judged'] for one in logs))}, wrong seeds {wrong}")
 
 
 if __name__ == "__main__":

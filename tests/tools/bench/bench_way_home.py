@@ -1,17 +1,14 @@
 """Position error of a plane without GPS that flies home, 2 km away from the beacon, with positions
 of the external position.
 
-    python -m tests.tools.bench.bench_way_home --reach 500 --flights 4 [--change] [--heading 3]
-        [--gusts 1 3]
+    python -m tests.tools.bench.bench_way_home --seeds 1 4
 
-The bundled ArduPlane flies in lockstep. Wind: 5 m/s from the west; with --change, 8 m/s from the
-north after 130 s. GPS is lost after 100 s, and RTL begins after 260 s. One line per flight: error
-of the reported position, m, at the end of the circle, at 150 m from home, and 60 s later. heading:
-compass error from the start of RTL on, degrees. The emulated autopilot navigates home by its true
+The bundled ArduPlane flies in lockstep; its radio has a reach of 500 m. GPS is lost after 100 s,
+and RTL begins after 260 s. One line per flight: error of the reported position, m, at the end of
+the circle, at 150 m from home, and 60 s later. The emulated autopilot navigates home by its true
 position.
 """
 
-import argparse
 from dataclasses import dataclass
 from math import hypot
 
@@ -22,6 +19,8 @@ from tests.extras.external_position.external_position_flight import (
     ExternalPositionFlight,
     external_position_flight,
 )
+from tests.tools import cells
+from tests.tools.cells import Result
 
 AWAY = 2000.0
 OFF = 100.0
@@ -39,6 +38,7 @@ WORLD = (
     f"sim.target.north_m={-AWAY}",
     f"sim.start.north_m={150 - AWAY}",
     "sim.start.east_m=-100",
+    "sim.ranging.max_range_m=500",
     'sim.ranging.message="named_value_float"',
     'ranging.message="named_value_float"',
     'ranging.name="RANGE"',
@@ -47,73 +47,70 @@ WORLD = (
 )
 
 
-@dataclass
-class WayHome:
-    """One flight. errors: time, s; error, m; distance from home, m."""
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions of a row. changes: True if the wind of 5 m/s from the west becomes 8 m/s from the
+    north after 130 s. heading: compass error from the start of RTL on, degrees. gusts: m/s (RMS)
+    and s."""
 
-    options: argparse.Namespace
-    changed: bool = False
-    left: float | None = None
+    changes: bool = False
+    heading: float = 0.0
+    gusts: tuple[float, float] = (0.5, 1.0)
 
-    def __post_init__(self) -> None:
-        self.errors: list[tuple[float, float, float]] = []
 
-    def watch(self, flown: ExternalPositionFlight) -> None:
-        """Apply the events that are due and record the error."""
-        flight = flown.vehicle._flight
-        companion = flown.companion
-        if self.options.change and not self.changed and flown.now > CHANGED:
-            self.changed = True
-            flight.air._config = flight.air._config.changed(from_deg=0.0)
-            flight.air.blow(8.0)
-        if flown.pilot.done and self.left is None:
-            self.left = flown.now
-            instruments = flight.instruments
-            instruments._config = instruments._config.changed(heading_bias_deg=self.options.heading)
-        assert companion is not None
-        here = companion.reckoning.where
+ROWS = {
+    "steady wind": Conditions(),
+    "changing wind": Conditions(changes=True),
+    "compass error of 3 deg": Conditions(heading=3.0),
+    "gusts of 1 m/s, 3 s": Conditions(gusts=(1.0, 3.0)),
+}
+
+
+def fly(row: str, seed: int) -> Result:
+    """Fly, and return the position errors, m, at the end of the circle, at home and 60 s later."""
+    given = ROWS[row]
+    rms, time = given.gusts
+    gusts = f"sim.wind.gust_rms_mps={rms}", f"sim.wind.gust_time_s={time}"
+    flown = external_position_flight("arduplane", *WORLD, *gusts, f"sim.seed={seed}", law="auto")
+    flown.solve_from = 60.0
+    flown.solve_every = 30.0
+    errors: list[tuple[float, float, float]] = []
+    changed: list[float] = []
+    left: list[float] = []
+
+    def watch(flown: ExternalPositionFlight) -> None:
+        if given.changes and flown.now > CHANGED and not changed:
+            changed.append(flown.now)
+            air = flown.vehicle._flight.air
+            air._config = air._config.changed(from_deg=0.0)
+            air.blow(8.0)
+        if flown.pilot.done and not left:
+            left.append(flown.now)
+            instruments = flown.vehicle._flight.instruments
+            instruments._config = instruments._config.changed(heading_bias_deg=given.heading)
+        assert flown.companion is not None
+        here = flown.companion.reckoning.where
         truth = flown.vehicle.truth
-        if here is not None and companion.plane is not None and flown.now > OFF:
-            east, north = companion.plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
+        if here is not None and flown.companion.plane is not None and flown.now > OFF:
+            east, north = flown.companion.plane.to_metres(HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG)
             error = hypot(here.east - east - truth.east, here.north - north - truth.north)
-            self.errors.append((flown.now, error, hypot(truth.east, truth.north)))
+            errors.append((flown.now, error, hypot(truth.east, truth.north)))
 
-    def fly(self, seed: int) -> tuple[float, float, float]:
-        """Fly, and return the position errors at the end of the circle, at home and 60 s later,
-        m."""
-        rms, time = self.options.gusts
-        changes = (f"sim.ranging.max_range_m={self.options.reach}", f"sim.wind.gust_rms_mps={rms}",
-                   f"sim.wind.gust_time_s={time}", f"sim.seed={seed}")  # fmt: skip
-        flown = external_position_flight("arduplane", *WORLD, *changes, law="auto")
-        flown.solve_from = 60.0
-        flown.solve_every = 30.0
-        flown.fly(LONGEST, self.watch)
-        times, errors, away = np.array(self.errors).T
-        there = float(times[away < THERE][0])
-        assert self.left is not None
-        return tuple(
-            float(np.interp(at, times, errors)) for at in (self.left, there, there + LATER)
-        )  # type: ignore[return-value]
+    flown.fly(LONGEST, watch)
+    times, off, away = np.array(errors).T
+    there = float(times[away < THERE][0])
+    found = np.interp((left[0], there, there + LATER), times, off)
+    return dict(zip(("circle", "home", "later"), map(float, found), strict=True))
 
 
 def main() -> None:
-    """Print a line per flight, and their root mean squares."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--reach", type=float, default=500.0, help="reach of the radio, m")
-    parser.add_argument("--flights", type=int, default=4)
-    parser.add_argument("--change", action="store_true", help="the wind changes during the flight")
-    parser.add_argument("--heading", type=float, default=0.0, help="error of the compass, degrees")
-    parser.add_argument(
-        "--gusts", type=float, nargs=2, default=(0.5, 1.0), metavar=("RMS", "TIME"), help="m/s, s"
-    )
-    options = parser.parse_args()
-    found = []
-    for seed in range(1, 1 + options.flights):
-        found.append(WayHome(options).fly(seed))
-        print("| {} | {:.1f} | {:.1f} | {:.1f} |".format(seed, *found[-1]), flush=True)
-    print("| all | {:.1f} | {:.1f} | {:.1f} |".format(*np.sqrt(np.mean(np.square(found), axis=0))))
+    """Print a line per flight, and the root mean square of each row."""
+    rows = []
+    for row, flights in cells.flown(fly, cells.parser(__doc__, ROWS, (1, 4)).parse_args()).items():
+        found = [(one["circle"], one["home"], one["later"]) for one in flights]
+        rows += [(row, one["seed"], *errors) for one, errors in zip(flights, found, strict=True)]
+        rows.append((row, "all", *np.sqrt(np.mean(np.square(found), axis=0))))
+    print(cells.table("row | seed | end of the circle, m | home, m | 60 s later, m", rows))
 
 
 if __name__ == "__main__":

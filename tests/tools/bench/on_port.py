@@ -1,7 +1,6 @@
 """`circnav fly` in a separate process, in real time, and its vehicle on a UDP port of this
 process."""
 
-import os
 import select
 import socket
 import subprocess
@@ -15,7 +14,8 @@ from pathlib import Path
 from circnav_sim.config import load_vehicle
 from circnav_sim.vehicle import Vehicle
 
-ROOT = Path(__file__).parents[3]
+from tests.process import ROOT
+
 SETPOINT = 84
 LONGEST_WAIT = 0.05
 
@@ -75,27 +75,11 @@ def flown(
     vehicle = VehicleOnPort(mission)
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
-        command = [
-            sys.executable,
-            "-m",
-            "circnav_mav",
-            "fly",
-            str(mission),
-            "--out",
-            str(run),
-            "--endpoint",
-        ]
-        process = subprocess.Popen(
-            [*command, vehicle.endpoint, *arguments], cwd=ROOT, stdout=subprocess.DEVNULL
-        )
+        program = [sys.executable, "-m", "circnav_mav", "fly", str(mission)]
+        command = [*program, "--out", str(run), "--endpoint", vehicle.endpoint, *arguments]
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
         try:
             yield vehicle, process, run
         finally:
             process.kill()
             process.wait()
-
-
-def resident_mb(process: "subprocess.Popen[bytes]") -> float:
-    """Return the resident memory of a process, MB."""
-    pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

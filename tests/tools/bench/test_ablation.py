@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.tools.bench.ablation import FULL, LAYERS, Layer, Result, noted, table, without
+from tests.tools.bench.ablation import FULL, LAYERS, Layer, figures, noted, table, without
 
 
 @pytest.mark.parametrize("layer", LAYERS, ids=lambda layer: layer.name)
@@ -37,13 +37,17 @@ def test_ablation_records_layer_as_active_if_results_differ() -> None:
 
 def test_ablation_table_compares_medians_of_active_layers() -> None:
     row = "Rover R 20 V 3"
-    full = [
-        Result(row, seed, FULL, rms, 1.0, 0.0, 1, 1, ("lap plan",))
-        for seed, rms in ((1, 1.0), (2, 3.0), (3, 2.0))
+    flights = [
+        {
+            "layers": {
+                FULL: figures(rms, 1.0, 0.0, 1, 1),
+                "lap plan": figures(3.0, 2.0, 0.25, int(rms != 2.0), 1),
+            }
+        }
+        for rms in (1.0, 3.0, 2.0)
     ]
-    off = [Result(row, seed, "lap plan", 3.0, 2.0, 0.25, int(seed != 3), 1) for seed in (1, 2, 3)]
-    lines = table({(one.row, one.seed, one.layer): one for one in full + off}).splitlines()
-    assert next(line for line in lines if line.startswith(f"| {row} ")) == (
+    lines = table({row: flights}).splitlines()
+    assert lines[2] == (
         f"| {row} | 2.00, 1.0 | - | - | - | - | - | 3.00, 2.0, 25 % (kept 2 of 3) | - | - |"
     )
-    assert "| 1.50 |" in next(line for line in lines if line.startswith("| median ratio"))
+    assert lines[3].startswith("| median ratio") and "| 1.50 |" in lines[3]

@@ -13,8 +13,7 @@ from tests.tools.bench import (
     bench_load,
     bench_locate,
     bench_loop,
-    bench_sigterm,
-    bench_start,
+    bench_process,
     citable,
 )
 from tests.tools.bench.on_port import VehicleOnPort
@@ -43,16 +42,16 @@ def test_vehicle_on_port_answers_latest_sender(vehicle, application):
     assert application.recv(65535)[0] == 0xFD
 
 
-def test_bench_sigterm_waits_for_matching_setpoint(vehicle, application):
+def test_bench_process_waits_for_matching_setpoint(vehicle, application):
     steers = bench_loop.dialect.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, 8, 0x407, 0, 0, 0, 5.0, 0, 0, 0, 0, 0, 0, 0
     )
-    assert bench_sigterm.wait_for(vehicle, lambda setpoint: True, vehicle.now + 0.05) == float(
+    assert bench_process.wait_for(vehicle, lambda setpoint: True, vehicle.now + 0.05) == float(
         "inf"
     )
     application.send(Voice(1, 191).pack(steers))
     assert (
-        bench_sigterm.wait_for(vehicle, lambda setpoint: setpoint.vx == 5.0, vehicle.now + 5.0)
+        bench_process.wait_for(vehicle, lambda setpoint: setpoint.vx == 5.0, vehicle.now + 5.0)
         <= vehicle.now
     )
 
@@ -72,37 +71,21 @@ def test_bench_loop_measures_latency_of_each_range(monkeypatch):
     assert len(listener.latencies) + listener.missed >= 2
 
 
-def test_bench_loop_prints_processor_times(monkeypatch, capsys):
-    monkeypatch.setattr(bench_loop, "SETTLING", 3.0)
-    monkeypatch.setattr(
-        bench_loop.Flight, "fly", lambda self, until, fly=bench_loop.Flight.fly: fly(self, 5.0)
-    )
-    bench_loop.mission_cpu("smooth")
-    assert "bytes to setpoint: range " in capsys.readouterr().out
-
-
-def test_bench_load_reports_lateness_and_memory(tmp_path, capsys):
-    rows = [(0.05 * n, "engaged", 1 + n // 2) for n in range(20)]
-    table = "".join(f"{time:.6f},{phase},{accepted}\n" for time, phase, accepted in rows)
-    (tmp_path / "ticks.csv").write_text("time,phase,accepted\n" + table)
-    late = bench_load.lateness(tmp_path / "ticks.csv")
-    assert len(late) == 10 and max(map(abs, late)) < 0.051
-    bench = bench_load.Bench()
-    bench.setpoints = [0.0, 0.1, 0.2]
-    bench.latencies = [0.001]
-    bench.errors = [1.0, 2.0]
-    bench.memory = [(1.0, 80.0), (2.0, 81.0), (3.0, 82.0)]
-    options = bench_load.argparse.Namespace(seconds=3.0, law="smooth", hogs=1)
-    bench_load.report(options, bench, tmp_path)
-    assert "memory: 82.0 MB, +2.00 MB" in capsys.readouterr().out
+def test_bench_load_reports_latency_and_radius_error():
+    record = bench_load.Record()
+    record.setpoints = [0.0, 0.1, 0.2]
+    record.latencies = [0.001]
+    record.errors = [(1.0, 1.0), (91.0, 3.0)]
+    text = record.report()
+    assert "clock: p50 1.0 ms" in text and "gaps: p50 100.0 ms" in text
+    assert "RMS 3.00 m (10.0 %), worst 3.00 m" in text
 
 
 def test_bench_estimators_measures_step_times():
-    assert (bench_estimators.timed(bench_estimators.filter_step(4), 3) > 0).all()
     assert (bench_estimators.timed(bench_estimators.in_flight(), 30) > 0).all()
 
 
-def test_bench_locate_prints_row_and_bench_start_measures_time():
+def test_bench_locate_prints_row_and_bench_process_measures_time():
     place = bench_locate.Result(
         error=2.0, gps=1.5, sigma=1.0, nees=1.0, bound=(0.1, 5.0), up=None, speed=0.2
     )
@@ -111,7 +94,7 @@ def test_bench_locate_prints_row_and_bench_start_measures_time():
         "| one lap, 0.5 m | 1 of 2 | 2.00 | 2.00 | 0.50 | 0.10, up 5.00 | 1.00 | 100 % (100 % below"
         " its top) | 0 | 1, 0.20"
     )
-    assert bench_start.processor_time(["-c", "pass"]) > 0
+    assert bench_process.processor_time("-c", "pass") > 0
 
 
 def test_citable_folder_has_table_versions_and_references(tmp_path, monkeypatch):

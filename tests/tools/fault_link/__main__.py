@@ -3,14 +3,13 @@
 import sys
 from collections.abc import Callable
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 import click
 from circnav_sim.server import stop_signals
 from circnav_sim.wires import EndpointError
 
-from .intruders import ground_station, recorded, twin, unknown_senders, vehicle
+from .intruders import ground_station, twin, unknown_senders, vehicle
 from .link import FaultLink
 from .pipe import CLEAN, Impairment
 from .proxy import Proxy
@@ -74,8 +73,6 @@ def line_options(command: Callable[..., None]) -> Callable[..., None]:
     metavar="HZ",
     help="Flood of unknown ids, names, systems, and a ground station.",
 )
-@click.option("--inject", type=Path, metavar="FILE.tlog", help="Add the frames of this log.")
-@click.option("--inject-rate", type=RATE, default=10.0, metavar="HZ", help="Rate of these frames.")
 def main(
     listen: str,
     forward: str,
@@ -85,8 +82,6 @@ def main(
     second_vehicle: int | None,
     twin_ids: str | None,
     flood: float | None,
-    inject: Path | None,
-    inject_rate: float,
     **line: Any,
 ) -> None:
     """Run an impaired UDP link between your application and your vehicle, in both directions."""
@@ -101,16 +96,9 @@ def main(
             link.intruders.append(twin(*_ids(twin_ids)))
         if flood:
             link.intruders += [unknown_senders(flood, seed), ground_station(flood)]
-        if inject:
-            link.intruders.append(recorded(inject, inject_rate))
         proxy = Proxy(listen, forward, link)
     except (EndpointError, ValueError, OSError) as error:
-        reason = (
-            f"{error.filename}: {error.strerror}"
-            if isinstance(error, OSError) and error.filename
-            else error
-        )
-        click.echo(f"fault_link: {reason}", err=True)
+        click.echo(f"fault_link: {error}", err=True)
         sys.exit(BAD_USAGE)
     click.echo(f"faults: {listen} <-> {forward}, seed {seed}: {broken}")
     try:

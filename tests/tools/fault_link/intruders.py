@@ -1,7 +1,6 @@
 """Other senders on the link. Each function returns an `Intruder` that sends at a constant rate."""
 
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from random import Random
 
 from pymavlink.dialects.v20 import all as mavlink
@@ -10,6 +9,8 @@ from .frames import frames, raw_frame, write
 from .link import DOWN, Intruder, Passage
 
 GCS = (255, 190)
+Make = Callable[[int], Iterable[mavlink.MAVLink_message]]
+"""Callback(number of earlier calls): returns messages."""
 
 
 def periodic(
@@ -30,42 +31,48 @@ def periodic(
     return intruder
 
 
+def repeating(ids: tuple[int, int], rate: float, make: Make, *, direction: str = DOWN) -> Intruder:
+    """Return an intruder that sends the messages `make(n)` under its ids at a rate in Hz."""
+    return periodic(
+        rate, lambda n: [write(one, *ids, n & 255) for one in make(n)], direction=direction
+    )
+
+
 def vehicle(system: int, *, mode: int = 5) -> Intruder:
     """Return a second ArduCopter in another mode, with its own range sensor. It sends at 4 Hz."""
 
-    def make(n: int) -> list[bytes]:
+    def make(n: int) -> list[mavlink.MAVLink_message]:
         stamp = 250 * n + 1000
-        messages = (
+        return [
             mavlink.MAVLink_heartbeat_message(2, 3, 81, mode, 4, 3),
             mavlink.MAVLink_attitude_message(stamp, 0.1, 0.1, 1.0, 0.0, 0.0, 0.0),
             mavlink.MAVLink_vfr_hud_message(3.0, 3.0, 90, 10, 12.0, 0.0),
             mavlink.MAVLink_distance_sensor_message(stamp, 1, 65000, 5000, 3, 0, 24, 255),
-        )
-        return [write(message, system, 1, n & 255) for message in messages]
+        ]
 
-    return periodic(4.0, make)
+    return repeating((system, 1), 4.0, make)
 
 
 def ground_station(rate: float = 100.0) -> Intruder:
     """Return a ground station that floods the link with heartbeats, requests and commands to other
     components."""
 
-    def make(n: int) -> list[bytes]:
+    def make(n: int) -> list[mavlink.MAVLink_message]:
         messages = (
             mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3),
             mavlink.MAVLink_command_long_message(1, 191, 511, 0, 132, 1e5, 0, 0, 0, 0, 0),
             mavlink.MAVLink_param_request_list_message(0, 0),
             mavlink.MAVLink_timesync_message(0, n),
         )
-        return [write(messages[n % len(messages)], *GCS, n & 255)]
+        return [messages[n % len(messages)]]
 
-    return periodic(rate, make)
+    return repeating(GCS, rate, make)
 
 
 def twin(system: int, component: int, rate: float = 1.0) -> Intruder:
     """Return a second companion that sends heartbeats under the ids of the first one."""
     heartbeat = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
-    return periodic(rate, lambda n: [write(heartbeat, system, component, n & 255)])
+    return repeating((system, component), rate, lambda n: [heartbeat])
 
 
 def unknown_senders(rate: float, seed: int) -> Intruder:
@@ -88,14 +95,6 @@ def unknown_senders(rate: float, seed: int) -> Intruder:
         ]
 
     return periodic(rate, make)
-
-
-def recorded(path: Path, rate: float) -> Intruder:
-    """Return an intruder that repeats the frames of a tlog. Raises ValueError."""
-    kept = tlog_frames(path.read_bytes())
-    if not kept:
-        raise ValueError(f"{path}: contains no MAVLink 2 frame")
-    return periodic(rate, lambda n: [kept[n % len(kept)]])
 
 
 def tlog_frames(data: bytes) -> list[bytes]:

@@ -1,7 +1,8 @@
 """A cell of the fault matrix: the flight of one vehicle with one fault at one level, and its pass
 criteria."""
 
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import partial
@@ -12,6 +13,7 @@ from circnav_mav.pilot import Ending
 from circnav_mav.runtime.listeners import Listeners
 from circnav_mav.runtime.status import StatusSource
 from tests.tools.fault_link import CLEAN, Impairment
+from tests.tools.fault_link.link import Intruder, Tamper
 from tests.tools.faults.course import BAND, SETTLED, Course, Keys, on_the_circle
 
 LAW = "auto"
@@ -27,6 +29,10 @@ LAST = 10.0
 show a mirrored circle."""
 LEAVE_WITHIN = 13.0
 """Time limit for the exit action to take effect, or for the setpoints to end without it, s."""
+
+
+Arrange = Callable[[Course, int], None]
+"""Callback(flight, seed): adds faults to a flight."""
 
 
 class Want(Enum):
@@ -63,7 +69,7 @@ class Scenario:
     level: str
     up: Impairment = CLEAN
     down: Impairment = CLEAN
-    arrange: Callable[[Course, int], None] | None = None
+    arrange: Arrange | None = None
     lasts: float = 60.0
     after: float = 40.0
     want: Want = Want.HOLD
@@ -87,18 +93,28 @@ FRESH: dict[str, Any] = {"fresh": True, "lasts": FRESH_PATIENCE, "after": 0.0}
 """Options of a scenario about the start of a flight."""
 
 
+def tampered(make: Callable[[int], Tamper]) -> Arrange:
+    """Return an arrangement of a tamper, which is made from the seed."""
+    return lambda course, seed: course.link.tampers.append(make(seed))
+
+
+def intruded(make: Callable[[int], Intruder]) -> Arrange:
+    """Return an arrangement of another sender at the trusted address, made from the seed."""
+    return lambda course, seed: course.link.intruders.append(make(seed))
+
+
 @dataclass(frozen=True)
 class Verdict:
-    """Result of a cell."""
+    """Result of a cell. recovery: time from the end of the fault until the radius error stays
+    within the band, s; None: it does not. swing: largest radius error after the first return to the
+    band, as a share of the radius."""
 
-    scenario: Scenario
-    profile: str
-    seed: int
     faults: tuple[str, ...]
     rms: float
     worst_age: float
     to_safe: float | None
     recovery: float | None
+    swing: float
     rejects: Mapping[str, int]
     outcome: str
     engaged: bool
@@ -112,58 +128,56 @@ class Verdict:
 def fly(
     scenario: Scenario, profile: str, seed: int, law: str = LAW, settling: float = SETTLED
 ) -> Verdict:
-    """Fly a cell by a law and evaluate the pass criteria. settling: least time of the flight before
-    the fault, s."""
-    overrides = tuple(dict.fromkeys((f'guidance.law="{law}"', *scenario.overrides)))
+    """Fly a cell by a law and evaluate the pass criteria. seed: of the faults; other seeds than 1
+    also change the noise of the vehicle. settling: least time of the flight before the fault, s."""
+    noise = () if seed == 1 else (f"sim.seed={seed}",)
+    overrides = tuple(dict.fromkeys((f'guidance.law="{law}"', *noise, *scenario.overrides)))
     make = Course if scenario.fresh else partial(on_the_circle, seconds=settling)
     course = make(profile, overrides, stream=scenario.stream, keys=scenario.keys)
     start = course.now
-    before = dict(course.pilot.tracker.ranging.rejected)
+    end = start + scenario.lasts
+    before = Counter(course.pilot.tracker.ranging.rejected)
     backward = course.spy.backward
     _begin(course, scenario, seed)
-    end = start + scenario.lasts
-    shown_texts = ShownTexts(course)
-    course.fly(end, shown_texts.look if scenario.reported else None)
+    shown = ShownTexts(course)
+    course.fly(end, shown.look if scenario.reported else None)
     _finish(course)
-    last = course.errors(start, end)[-1:]
-    course.way_home = abs(last[0][1]) * course.radius / course.allowed.speed if last else 0.0
-    regain = REGAIN_WITHIN | scenario.regain
-    course.fly(end + max(scenario.after, regain.get(profile, 0.0) + 10))
-    rejected = {
-        name: n - before.get(name, 0) for name, n in course.pilot.tracker.ranging.rejected.items()
-    }
-    rejected = {name: n for name, n in rejected.items() if n}
-    errors = course.errors(start, end)
-    rms = sqrt(sum(e * e for _, e in errors) / len(errors)) if errors else inf
-    recovery = _recovery(course, end)
-    found_wanting = _want_faults(course, scenario, rms, recovery)
+    during = course.errors(start, end)
+    course.way_home = abs(during[-1][1]) * course.radius / course.allowed.speed if during else 0.0
+    course.fly(end + max(scenario.after, regain_within(scenario, profile, 0.0) + 10))
+    rejects = Counter(course.pilot.tracker.ranging.rejected) - before
+    rms = sqrt(sum(e * e for _, e in during) / len(during)) if during else inf
+    recovery, swing = _recovery(course, end)
+    wanting = _want_fault(course, scenario, rms, recovery)
     outcome = course.pilot.mission.outcome
     to_safe = _to_safe(course, start)
     _part(course)
-    faults = [*course.broken[:3], *_age_faults(course, scenario), *found_wanting]
-    if course.spy.backward > backward and not scenario.clocks:
-        faults.append(f"{course.spy.backward - backward} samples fused twice or backwards")
-    if scenario.reported not in (shown := "\n".join(shown_texts.lines)):
-        faults.append(f"the operator was not shown_texts of {scenario.reported!r} but of {shown!r}")
-    faults += [
-        f"no reject counted as {name}" for name in scenario.rejects if not rejected.get(name)
-    ]
-    if scenario.check is not None and (found := scenario.check(course)) is not None:
-        faults.append(found)
+    own = scenario.check(course) if scenario.check else None
+    backward = 0 if scenario.clocks else course.spy.backward - backward
+    checks = (
+        *_age_faults(course, scenario),
+        (bool(wanting), wanting),
+        (backward > 0, f"{backward} samples fused twice or backwards"),
+        *_count_faults(scenario, rejects, "\n".join(shown.lines)),
+        (own is not None, own or ""),
+    )
     return Verdict(
-        scenario,
-        profile,
-        seed,
-        tuple(faults),
+        (*course.broken[:3], *(text for fault, text in checks if fault)),
         rms,
         course.worst_told_age if scenario.clocks else course.worst_age,
         to_safe,
         recovery,
-        rejected,
+        swing,
+        dict(rejects),
         outcome.reason if outcome else "",
         course.pilot.mission.engaged_at is not None,
-        tuple(shown_texts.lines),
+        tuple(shown.lines),
     )
+
+
+def regain_within(scenario: Scenario, profile: str, default: float) -> float:
+    """Return the time allowed to regain the circle, s, without the way back."""
+    return (REGAIN_WITHIN | scenario.regain).get(profile, default)
 
 
 class ShownTexts:
@@ -229,14 +243,15 @@ def _shifted(impairment: Impairment, by: float) -> Impairment:
     )
 
 
-def _recovery(course: Course, end: float) -> float | None:
-    """Return the time from the end of the fault until the radius error stays within the band, s.
-    None: the error does not stay within it."""
+def _recovery(course: Course, end: float) -> tuple[float | None, float]:
+    """Return recovery and swing, as in `Verdict`."""
     late = course.errors(end, inf)
     outside = [time for time, error in late if abs(error) > BAND]
+    back = next((time for time, error in late if abs(error) < BAND), inf)
+    swing = max((abs(error) for time, error in late if time > back), default=inf)
     if not late or (outside and outside[-1] >= late[-1][0] - 1.0):
-        return None
-    return outside[-1] - end if outside else 0.0
+        return None, swing
+    return (outside[-1] - end if outside else 0.0), swing
 
 
 def _to_safe(course: Course, start: float) -> float | None:
@@ -250,54 +265,58 @@ def _to_safe(course: Course, start: float) -> float | None:
     return course.steered_at[-1] - start if course.steered_at else 0.0
 
 
-def _age_faults(course: Course, scenario: Scenario) -> list[str]:
+def _age_faults(course: Course, scenario: Scenario) -> list[tuple[bool, str]]:
+    """Return pairs: True if a range was too old, and the text."""
     stale = course.pilot.settings.stale
-    faults = []
-    if course.worst_told_age > stale + 1e-6:
-        faults.append(f"steered by a range {course.worst_told_age:.2f} s old, bound {stale:g} s")
-    down = scenario.down
-    bound = stale + scenario.blind + down.delay + down.jitter + 1e-3
-    if not scenario.clocks and course.worst_age > bound:
-        faults.append(f"steered by a range truly {course.worst_age:.2f} s old, bound {bound:.2f} s")
-    return faults
+    told, true = course.worst_told_age, course.worst_age
+    bound = stale + scenario.blind + scenario.down.delay + scenario.down.jitter + 1e-3
+    return [
+        (told > stale + 1e-6, f"steered by a range {told:.2f} s old, bound {stale:g} s"),
+        (
+            not scenario.clocks and true > bound,
+            f"steered by a range truly {true:.2f} s old, bound {bound:.2f} s",
+        ),
+    ]
 
 
-def _want_faults(
-    course: Course, scenario: Scenario, rms: float, recovery: float | None
-) -> list[str]:
+def _count_faults(
+    scenario: Scenario, rejects: Mapping[str, int], texts: str
+) -> Iterator[tuple[bool, str]]:
+    """Yield pairs: True if a text was not shown or a rejection not counted, and the text."""
+    unseen = scenario.reported not in texts
+    yield unseen, f"the operator was not shown {scenario.reported!r} but {texts!r}"
+    for name in scenario.rejects:
+        yield not rejects.get(name), f"no reject counted as {name}"
+
+
+def _want_fault(course: Course, scenario: Scenario, rms: float, recovery: float | None) -> str:
+    """Return the difference from the required reaction; empty: none."""
     want = scenario.on.get(course.profile, scenario.want)
     outcome = course.pilot.mission.outcome
     if outcome is not None and want in (Want.HOLD, Want.REGAIN, Want.END) and course.timed_out:
-        return []
-    if want is Want.HOLD and not (outcome is None and rms < BAND):
-        return [
-            f"circle not held: RMS {100 * rms:.1f} %, {outcome.reason if outcome else 'flying'}"
-        ]
-    regain = REGAIN_WITHIN | scenario.regain
-    allowed = regain.get(course.profile, 30.0) + course.way_home
-    if want in (Want.HOLD, Want.REGAIN) and (
-        outcome is not None or recovery is None or recovery > allowed
-    ):
-        took = "not" if recovery is None else f"in {recovery:.0f} s"
-        return [f"circle regained {took}, {outcome.reason if outcome else 'flying'}"]
-    if want in (Want.HOLD, Want.REGAIN) and not course.goes_round_as_wanted(LAST):
-        return ["the circle is flown the wrong way round"]
-    if want is Want.END and (outcome is None or scenario.reason not in outcome.reason):
-        return [
-            f"should have ended with {scenario.reason!r}:"
-            f" {outcome.reason if outcome else 'still flying'}"
-        ]
-    if want is Want.ENGAGE and course.pilot.mission.engaged_at is None:
-        return [
-            f"did not engage: {outcome.reason if outcome else course.pilot.mission.phase.value}"
-        ]
-    if want is Want.REFUSE and course.pilot.mission.engaged_at is not None:
-        return ["engaged all the same"]
-    if (
-        want is Want.REFUSE
-        and scenario.reason
-        and (outcome is None or scenario.reason not in outcome.reason)
-    ):
-        reason = outcome.reason if outcome else course.pilot.mission.phase.value
-        return [f"should have ended with {scenario.reason!r}: {reason}"]
-    return []
+        return ""
+    state = outcome.reason if outcome else course.pilot.mission.phase.value
+    allowed = regain_within(scenario, course.profile, 30.0) + course.way_home
+    took = "not" if recovery is None else f"in {recovery:.0f} s"
+    ended = outcome is not None and scenario.reason in outcome.reason
+    engaged = course.pilot.mission.engaged_at is not None
+    regained = [
+        (
+            outcome is None and recovery is not None and recovery <= allowed,
+            f"circle regained {took}, {state}",
+        ),
+        (course.goes_round_as_wanted(LAST), "the circle is flown the wrong way round"),
+    ]
+    has_ended = (ended, f"should have ended with {scenario.reason!r}: {state}")
+    required = {
+        Want.HOLD: [
+            (outcome is None and rms < BAND, f"circle not held: RMS {100 * rms:.1f} %, {state}"),
+            *regained,
+        ],
+        Want.REGAIN: regained,
+        Want.END: [has_ended],
+        Want.ENGAGE: [(engaged, f"did not engage: {state}")],
+        Want.REFUSE: [(not engaged, "engaged all the same"), has_ended],
+        Want.SAFE: [],
+    }
+    return next((text for met, text in required[want] if not met), "")

@@ -176,7 +176,7 @@ class Course:
         self.stood_still(seconds)
         self._give(waiting, waited=True)
         if sum(map(is_heartbeat, frames(self._answer()))) > 1:
-            self.broken.append(f"{self.now:.2f} s: heartbeats made up for after standing still")
+            self._breaks("heartbeats made up for after standing still")
 
     def stood_still(self, seconds: float) -> None:
         """Inform the witness of a pause. After 1 s or more, another controller may have taken over
@@ -196,7 +196,7 @@ class Course:
         pilot.interrupt(self.clock(self.now), "SIGTERM")
         out = self._answer()
         if steering and not any(is_safe(frame) for frame in frames(out) if is_setpoint(frame)):
-            self.broken.append(f"{self.now:.2f} s: no safe setpoint at once after the signal")
+            self._breaks("no safe setpoint at once after the signal")
 
     def _step(self, due: float) -> None:
         self.now = max(due, self.now)
@@ -251,24 +251,27 @@ class Course:
 
     def _judge(self, out: bytes, records: list[TickRecord]) -> None:
         """Check the rules that apply in every cell."""
+        outcome = self.pilot.mission.outcome
         for frame in filter(is_setpoint, frames(out)):
-            rule = broken_rule(frame, self.allowed)
-            if rule is not None:
-                self.broken.append(f"{self.now:.2f} s: {rule}")
-            if self.pilot.mission.outcome is not None and not is_safe(frame):
-                self.broken.append(
-                    f"{self.now:.2f} s: steered after the end: {self.pilot.mission.outcome.reason}"
-                )
+            if (rule := broken_rule(frame, self.allowed)) is not None:
+                self._breaks(rule)
+            if outcome is not None and not is_safe(frame):
+                self._breaks(f"steered after the end: {outcome.reason}")
             if self.pilot.session.reply_to == STRANGER and not self.forgeable:
-                self.broken.append(f"{self.now:.2f} s: setpoint sent to the stranger's address")
+                self._breaks("setpoint sent to the stranger's address")
             self._judge_time()
         for record in records:
-            if record.drift_x is not None and record.drift_y is not None:
-                self._drift = hypot(record.drift_x, record.drift_y)
-            if record.phase is Phase.ENGAGED and record.yaw_rate_sent is not None:
-                self._judge_age(record)
-            elif record.yaw_rate_sent is not None:
-                self._judge_holding(record)
+            self._judge_record(record)
+
+    def _judge_record(self, record: TickRecord) -> None:
+        if record.drift_x is not None and record.drift_y is not None:
+            self._drift = hypot(record.drift_x, record.drift_y)
+        if record.yaw_rate_sent is not None:
+            engaged = record.phase is Phase.ENGAGED
+            (self._judge_age if engaged else self._judge_holding)(record)
+
+    def _breaks(self, rule: str) -> None:
+        self.broken.append(f"{self.now:.2f} s: {rule}")
 
     def _judge_time(self) -> None:
         pilot = self.pilot
@@ -278,16 +281,14 @@ class Course:
         )
         if not session.vehicle.in_our_mode and not before:
             mode = session.vehicle.mode_name
-            self.broken.append(
-                f"{self.now:.2f} s: setpoint while {mode}, {pilot.mission.phase.value}"
-            )
+            self._breaks(f"setpoint while {mode}, {pilot.mission.phase.value}")
         if self.witness.taken or self.witness.unproved:
             seen = (
                 "the operator's mode was seen"
                 if self.witness.taken
                 else "standing still, no heartbeat since"
             )
-            self.broken.append(f"{self.now:.2f} s: setpoint after {seen}")
+            self._breaks(f"setpoint after {seen}")
         if pilot.mission.phase in STEERING:
             self.steered_at.append(self.now)
         elif not before and self.safe_at is None:
@@ -296,7 +297,7 @@ class Course:
     def _judge_age(self, record: TickRecord) -> None:
         age = record.range_age
         if age is None or self.spy.newest is None or not isfinite(age):
-            self.broken.append(f"{self.now:.2f} s: steered without a range")
+            self._breaks("steered without a range")
             return
         self.worst_told_age = max(self.worst_told_age, age)
         self.worst_age = max(self.worst_age, self.now - self.spy.newest.stamp)
@@ -326,9 +327,8 @@ class Course:
             <= asked
             <= min(most, self.allowed.yaw_rate) + slack
         ):
-            self.broken.append(
-                f"{self.now:.2f} s: {record.phase.value} steers {asked}, not {least:.6f} .."
-                f" {most:.6f} rad/s"
+            self._breaks(
+                f"{record.phase.value} steers {asked}, not {least:.6f} .. {most:.6f} rad/s"
             )
 
     def _look(self) -> None:

@@ -1,5 +1,6 @@
-"""python -m tests.tools.faults.files [--files N] [--seed S]: damaged campaign tables and run
-folders.
+"""Damaged campaign tables and run folders.
+
+    python -m tests.tools.faults.files --files 5000 --seed 4
 
 Damaged mission files: tests/mission/test_load.py.
 """
@@ -13,7 +14,6 @@ from functools import partial
 from io import StringIO
 from pathlib import Path
 from random import Random
-from typing import Any
 
 from circnav_mav.cli.exits import Refused
 from circnav_mav.cli.replay import replay_log
@@ -28,7 +28,6 @@ from tests.flight.lockstep import CONFIG
 from tests.flight.recorded import recorded_flight
 from tests.tools.fault_link.intruders import tlog_frames
 
-MISSIONS = sorted(path for path in CONFIG.glob("*.toml") if "[orbit]" in path.read_text())
 CAMPAIGN = CONFIG / "campaigns" / "wind.toml"
 LOGS = ("flight.tlog", "steps.csv", "ticks.csv")
 
@@ -100,42 +99,36 @@ def assault_files(count: int, seed: int) -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         good = good_run(Path(folder))
         table = good_campaign(Path(folder))
-        read = partial(_escapes, escaped)
         for n in range(count):
             rows = spoilt_bytes(table, chance)
             spoilt = chance.choice([*LOGS, chance.choice(sorted(good))])
             run = good | {spoilt: spoilt_bytes(good[spoilt], chance)}
-            read(n, (CampaignError,), read_campaign, Path(folder), rows)
-            read(n, (RunError, Refused), read_run, Path(folder), run)
+            escaped += _escapes(partial(read_campaign, Path(folder), rows), n)
+            escaped += _escapes(partial(read_run, Path(folder), run), n)
     return escaped
 
 
-def _escapes(
-    into: list[str],
-    n: int,
-    known: tuple[type[Exception], ...],
-    reader: Callable[..., None],
-    *given: Any,
-) -> None:
+def _escapes(reader: Callable[[], None], n: int) -> list[str]:
+    """Return the unexpected exception of a reader, or no exception."""
     try:
-        reader(*given)
-    except known as error:
-        if "\n\n" in str(error):
-            into.append(f"{n}: more than one line: {error}")
+        reader()
+    except (CampaignError, RunError, Refused) as error:
+        return [f"{n}: more than one line: {error}"] if "\n\n" in str(error) else []
     except Exception as error:
-        into.append(f"{n}: {type(error).__name__}: {error}")
+        return [f"{n}: {type(error).__name__}: {error}"]
+    return []
 
 
-def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.faults.files")
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--files", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     escaped = assault_files(options.files, options.seed)
-    kinds = "tables of campaigns and as many run folders"
-    print(f"{options.files} {kinds}, seed {options.seed}: {len(escaped)} escaped")
-    for line in escaped[:20]:
-        print(f"  {line}")
+    print(f"{options.files} tables of campaigns and as many run folders: {len(escaped)} escaped")
+    print("\n".join(escaped[:20]))
     return 1 if escaped else 0
 
 

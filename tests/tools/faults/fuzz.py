@@ -1,19 +1,20 @@
-"""python -m tests.tools.faults.fuzz --frames N --seed S [--what mutated|valid|flood|all]:
+"""Random and damaged bytes sent to an engaged pilot.
 
-random and damaged bytes sent to an engaged pilot.
+    python -m tests.tools.faults.fuzz --frames 1000000
 
 Between these bytes a good vehicle sends its frames, so that the pilot stays engaged. `receive` and
 `step` must not raise, every setpoint must be finite and within the limits, and memory must not
 grow.
 """
 
-import argparse
 import struct
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from random import Random
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -23,20 +24,33 @@ from circnav_mav.pilot import RANGING, VEHICLE, Pilot
 from circnav_mav.pilot.mission_state import Phase
 from tests.flight.lockstep import CONFIG
 from tests.frames import output
+from tests.process import resident_mb
 from tests.rig import beacon, distance
+from tests.tools import cells
+from tests.tools.cells import Result
 from tests.tools.fault_link.frames import frames, raw_frame, write
 from tests.tools.faults.judge import Allowed, broken_rule, is_setpoint
 
 RANGING_IDS = {"distance_sensor": 132, "named_value_float": 251, "ranging_beacon": 513}
 IDS = sorted(HANDLED | set(RANGING_IDS.values()) | {22})
-PROFILES = {
-    "arducopter": (3, 2, 4),
-    "arduplane": (3, 1, 15),
-    "px4_copter": (12, 2, 6 << 16),
-    "px4_plane": (12, 1, 0),
+
+
+class Vehicle(NamedTuple):
+    """Values in the heartbeat of a vehicle, and its ranging message. mode: used if the adapter has
+    no guided mode."""
+
+    autopilot: int
+    kind: int
+    mode: int
+    ranging: str
+
+
+VEHICLES = {
+    "arducopter": Vehicle(3, 2, 4, "distance_sensor"),
+    "arduplane": Vehicle(3, 1, 15, "named_value_float"),
+    "px4_copter": Vehicle(12, 2, 6 << 16, "ranging_beacon"),
+    "px4_plane": Vehicle(12, 1, 0, "distance_sensor"),
 }
-"""MAV_AUTOPILOT, MAV_TYPE and guided mode in the heartbeat of each vehicle. Mode 0: the guided mode
-of the adapter."""
 STATE = (0, 2, 30)
 """Messages of which the corpus has no all-zero frame, because such a frame would report a takeover
 or a reboot every time. `valid` sends these messages."""
@@ -61,17 +75,19 @@ Hostile = Callable[[Random, list[bytes]], bytes]
 class Target:
     """A pilot, and a minimal good vehicle that keeps the pilot engaged."""
 
-    def __init__(self, profile: str, ranging: str) -> None:
+    def __init__(self, profile: str) -> None:
         self.profile = profile
-        self.ranging = ranging
+        self.ranging = VEHICLES[profile].ranging
         overrides = [
-            f'ranging.message="{ranging}"',
+            f'ranging.message="{self.ranging}"',
             'engage.on_takeover="wait"',
             "limits.duration_s=1e9",
+            "limits.coast_s=3600",
+            "link.wait_s=1e6",
+            "engage.min_height_m=0",
         ]
-        overrides += ["limits.coast_s=3600", "link.wait_s=1e6"]
-        if ranging == "ranging_beacon":
-            overrides += ['ranging.endpoint="udpin:127.0.0.1:14560"']
+        if self.ranging == "ranging_beacon":
+            overrides.append('ranging.endpoint="udpin:127.0.0.1:14560"')
         self.settings = load_mission(CONFIG / f"{profile}.toml", overrides)
         self.allowed = Allowed.of(self.settings)
         self.now = 0.0
@@ -92,24 +108,20 @@ class Target:
 
     def good(self) -> list[bytes]:
         """Send the frames of the good vehicle and return them."""
-        autopilot, kind, mode = PROFILES[self.profile]
+        vehicle = VEHICLES[self.profile]
         ms = int(self.now * 1000) & 0xFFFFFFFF
         adapter = self.pilot.session.adapter
-        mode = adapter.guided_mode or mode
+        mode = adapter.guided_mode or vehicle.mode
         self._idle = 0 if self.pilot.mission.phase is Phase.ENGAGED else self._idle + 1
         # the operator takes over the vehicle and returns it
         if self._idle % PATIENCE in (PATIENCE - 2, PATIENCE - 1):
             mode = adapter.exits["loiter"]
-        sent = [
-            write(
-                mavlink.MAVLink_heartbeat_message(kind, autopilot, 129, mode, 4, 3), *VEHICLE_IDS
-            ),
-            write(
-                mavlink.MAVLink_attitude_message(ms, 0.1, 0.0, self.now % 3.0, 0, 0, 0.2),
-                *VEHICLE_IDS,
-            ),
-            write(mavlink.MAVLink_vfr_hud_message(20.0, 20.0, 90, 50, 60.0, 0.0), *VEHICLE_IDS),
-        ]
+        messages = (
+            mavlink.MAVLink_heartbeat_message(vehicle.kind, vehicle.autopilot, 129, mode, 4, 3),
+            mavlink.MAVLink_attitude_message(ms, 0.1, 0.0, self.now % 3.0, 0, 0, 0.2),
+            mavlink.MAVLink_vfr_hud_message(20.0, 20.0, 90, 50, 60.0, 0.0),
+        )
+        sent = [write(message, *VEHICLE_IDS) for message in messages]
         for frame in sent:
             self.pilot.receive(frame, self.now, "sim")
         apart = self.settings.ranging_apart
@@ -246,17 +258,6 @@ def flood(frames_wanted: int) -> Iterator[bytes]:
             )
 
 
-def targets() -> list[Target]:
-    """Return pilots for pairs of vehicle and ranging message."""
-    pairs = (
-        ("arducopter", "distance_sensor"),
-        ("arduplane", "named_value_float"),
-        ("px4_copter", "ranging_beacon"),
-        ("px4_plane", "distance_sensor"),
-    )
-    return [Target(*pair) for pair in pairs]
-
-
 def assault(target: Target, source: Iterator[bytes]) -> None:
     """Pass hostile datagrams to a target, with frames of the good vehicle between them."""
     for n, data in enumerate(source):
@@ -286,61 +287,47 @@ def hostile(target: Target, make: Hostile, chance: Random, wanted: int) -> Itera
         yield make(chance, corpus)
 
 
-def resident_mb() -> float:
-    """Resident memory of this process, MB."""
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * 4096 / 1e6
+MAKERS: dict[str, Hostile] = {"mutated": mutated, "valid": valid}
+ROWS = {f"{what}, {name}": (what, name) for what in (*MAKERS, "flood") for name in VEHICLES}
 
 
-def run(what: str, count: int, seed: int) -> tuple[list[str], str]:
-    """Run one kind of attack on every target. Return the broken rules and a line to print."""
+def fly(row: str, seed: int, frames: int) -> Result:
+    """Send one kind of hostile frames to a pilot. Return the broken rules, the growth of the
+    memory, MB, the longest step, ms, and counts."""
+    what, name = ROWS[row]
+    target = Target(name)
     chance = Random(seed)
-    hunted = targets()
-    makers: dict[str, Hostile] = {"mutated": mutated, "valid": valid}
-    share = count // len(hunted)
 
-    def source(target: Target, wanted: int) -> Iterator[bytes]:
+    def source(wanted: int) -> Iterator[bytes]:
         if what == "flood":
             return flood(wanted)
-        return hostile(target, makers[what], chance, wanted)
+        return hostile(target, MAKERS[what], chance, wanted)
 
-    for target in hunted:
-        assault(target, source(target, min(WARM_UP, share // 4)))
+    assault(target, source(min(WARM_UP, frames // 4)))
     before = resident_mb()
-    began = time.monotonic()
-    for target in hunted:
-        target.slowest = 0.0
-        assault(target, source(target, share))
-    broken = [line for target in hunted for line in target.broken]
-    counts: Counter[str] = sum((target.counts for target in hunted), Counter())
-    facts = ", ".join(f"{name} {number}" for name, number in counts.most_common(9))
-    line = (
-        f"{what}: {share * len(hunted)} frames, seed {seed}: 0 exceptions, {len(broken)} bad"
-        f" setpoints, RSS {resident_mb() - before:+.1f} MB, slowest step"
-        f" {1000 * max(t.slowest for t in hunted):.1f} ms, {time.monotonic() - began:.0f} s"
-        f" ({facts})"
-    )
-    return broken, line
+    target.slowest = 0.0
+    assault(target, source(frames))
+    return {
+        "broken": target.broken,
+        "rss_mb": resident_mb() - before,
+        "slowest_ms": 1000 * target.slowest,
+        "counts": target.counts,
+    }
 
 
-def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.tools.faults.fuzz", description="Hostile bytes for a pilot."
-    )
-    parser.add_argument(
-        "--frames", type=int, default=1_000_000, help="number of frames of each kind"
-    )
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--what", choices=("mutated", "valid", "flood", "all"), default="all")
-    options = parser.parse_args(arguments)
-    bad = 0
-    for what in ("mutated", "valid", "flood") if options.what == "all" else (options.what,):
-        broken, line = run(what, options.frames, options.seed)
-        print(line, flush=True)
-        for rule in broken[:10]:
-            print(f"  {rule}")
-        bad += len(broken)
-    return 1 if bad else 0
+def main() -> int:
+    parser = cells.parser(__doc__, ROWS, (1, 1))
+    parser.add_argument("--frames", type=int, default=1_000_000, help="frames of each kind")
+    options = parser.parse_args()
+    frames = options.frames // len(VEHICLES)
+    found = cells.flown(partial(fly, frames=frames), options)
+    rows = [
+        (row, one["seed"], one["broken"] or "none", one["rss_mb"], one["slowest_ms"], one["counts"])
+        for row, flights in found.items()
+        for one in flights
+    ]
+    print(cells.table("frames | seed | broken rules | RSS, MB | slowest step, ms | counts", rows))
+    return 1 if any(broken != "none" for _, _, broken, *_ in rows) else 0
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
-"""python -m tests.tools.faults.soak [--hours 10] [--law smooth] [--profile arducopter]: a long
-flight of `circnav fly`.
+"""A long flight of `circnav fly`.
+
+    python -m tests.tools.faults.soak [--hours 10] [--law smooth] [--profile copter]
 
 The installed command in a separate process, with the bundled vehicle in lockstep. The 32-bit
 milliseconds since boot of the autopilot and of the ranging radio wrap during the flight. Prints one
@@ -8,7 +9,6 @@ of the process.
 """
 
 import argparse
-import os
 import subprocess
 import sys
 import tempfile
@@ -24,7 +24,7 @@ from circnav_mav.runlog.replay import SETPOINT_IDS
 from circnav_mav.runlog.run_folder import open_run
 from circnav_mav.runlog.ticks import Truth
 from circnav_mav.runlog.tlog import message_id, read_tlog
-from tests.process import ROOT, UNDRAWN
+from tests.process import ROOT, UNDRAWN, resident_mb
 
 WRAP = 2**32 / 1000
 """Time after which a 32-bit millisecond counter wraps, s: 49.7 days."""
@@ -70,11 +70,6 @@ def flown(folder: Path, profile: str, law: str, seconds: float) -> Iterator[tupl
             process.wait()
 
 
-def resident_mb(pid: int) -> float:
-    """Return the resident memory of a process, MB."""
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
 def memory_slope(memory: Memory) -> float:
     """Return the growth of the memory, MB/h, without the first fifth and the end of the flight."""
     end = memory[-1][0]
@@ -110,15 +105,11 @@ def soak(folder: Path, profile: str, law: str, seconds: float) -> Iterator[str]:
     yield f"memory slope {memory_slope(memory):+.3f} MB/h, at the end {ended:.1f} MB ({end:.0f} s)"
     run = open_run(folder)
     truth = run.truth
-    epoch = run.epoch_us
     radius = float(run.ticks.numbers["desired"][-1])
     assert truth is not None
-    sent = [
-        stamp
-        for stamp, frame in read_tlog(folder / "flight.tlog")
-        if message_id(frame) in SETPOINT_IDS
-    ]
-    setpoints = (np.array(sent) - epoch) / 1e6
+    log = read_tlog(folder / "flight.tlog")
+    sent = [stamp for stamp, frame in log if message_id(frame) in SETPOINT_IDS]
+    setpoints = (np.array(sent) - run.epoch_us) / 1e6
     edges = [SETTLING, *np.arange(HOUR, truth.time[-1], HOUR), truth.time[-1]]
     for since, until in pairwise(edges):
         yield (
@@ -129,27 +120,21 @@ def soak(folder: Path, profile: str, law: str, seconds: float) -> Iterator[str]:
         f"ranges rejected {run.summary['samples_rejected']}, recording:"
         f" {run.summary['recording_problem'] or 'whole'}"
     )
-    yield "files: " + ", ".join(
-        f"{path.name} {path.stat().st_size / 1e6:.1f} MB" for path in sorted(folder.iterdir())
-    )
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main() -> None:
     parser = argparse.ArgumentParser(
-        prog="python -m tests.tools.faults.soak", description="A long flight in lockstep."
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--hours", type=float, default=10.0)
     parser.add_argument("--law", default="smooth")
     parser.add_argument("--profile", default="copter")
-    options = parser.parse_args(arguments)
-    began = time.monotonic()
+    options = parser.parse_args()
     print(f"{options.hours:g} h of {options.profile}, law {options.law}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         for line in soak(Path(folder) / "run", options.profile, options.law, options.hours * HOUR):
             print(line, flush=True)
-    print(f"flown in {time.monotonic() - began:.0f} s")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -16,7 +16,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from math import cos, degrees, radians
+from functools import partial
+from math import cos, degrees, nan, radians
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -169,24 +170,26 @@ class Bench:
         self._boot = 0.0
         self._boot_at = 0.0
         self._beat_at = 0.0
-        self.speedup = flight.speedup
         self.latest: dict[str, Any] = {}
         self.counts: Counter[str] = Counter()
         self.from_app: Counter[str] = Counter()
         self._acks: list[tuple[int, int]] = []
-        self._params: dict[str, Any] = {}
+        self._params: set[str] = set()
         self.modes: list[tuple[float, int]] = []
         self.texts: list[tuple[float, str]] = []
         self.track: list[Truth] = []
         self.setpoints: list[Setpoint] = []
         self.reported: list[Reported] = []
         self.hidden = 0
+        """Number of frames with a position that were not forwarded, or forwarded without it."""
+        self._hidden = POSITIONS - GPS_HEALTH if flight.gps_shown else POSITIONS
+        if flight.external_position:
+            self._hidden = frozenset()
         self.on_truth: Callable[[Truth], None] | None = None
         self.app: subprocess.Popen[bytes] | None = None
         self.relaying = False
         self.shown_modes: list[tuple[float, int]] = []
         self.longest_pause = 0.0
-        self._attitude_at = 0.0
         self._truth_at = time.monotonic()
         self._process = firmware.start(folder)
 
@@ -194,11 +197,16 @@ class Bench:
     def now(self) -> float:
         """Simulated time, s, extrapolated by the computer's clock between the autopilot's
         messages."""
-        return self._boot + min((time.monotonic() - self._boot_at) * self.speedup, 0.2)
+        return self._boot + min(time.monotonic() - self._boot_at, 0.2)
 
     @property
     def truth(self) -> Truth:
         return self.track[-1]
+
+    @property
+    def airspeed(self) -> float:
+        """Airspeed reported by the autopilot, m/s; nan: not yet reported."""
+        return self.latest["VFR_HUD"].airspeed if "VFR_HUD" in self.latest else nan
 
     @property
     def received(self) -> bool:
@@ -213,7 +221,7 @@ class Bench:
 
     def pump(self, wait: float = 0.005) -> None:
         """Process received datagrams. Wait if none has arrived."""
-        if time.monotonic() - self._beat_at > 1.0 / max(1.0, self.speedup):
+        if time.monotonic() - self._beat_at > 1.0:
             self._beat_at = time.monotonic()
             self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
             radio = mavlink.MAVLink_heartbeat_message(
@@ -250,34 +258,19 @@ class Bench:
     def _to_app(self, data: bytes) -> None:
         if not self.relaying:
             return
-        cut = list(frames(data))
-        for shown in (mode for one in cut if (mode := mode_shown(*one)) is not None):
-            self.shown_modes.append((self.now, shown))
-        if self.flight.attitude_hz:
-            data = b"".join(frame for number, frame in cut if self._attitude_due(number))
-            cut = list(frames(data))
-        if not (self.flight.keep_position or self.flight.external_position):
-            hidden = POSITIONS - GPS_HEALTH if self.flight.gps_shown else POSITIONS
-            kept = b"".join(
-                without_position(frame) if number == GLOBAL_POSITION_INT else frame
-                for number, frame in cut
-                if number == GLOBAL_POSITION_INT or number not in hidden
-            )
-            self.hidden += len(kept) != len(data)
-            data = kept
-        if data:
+        kept = []
+        for number, frame in frames(data):
+            shown = mode_shown(number, frame)
+            if shown is not None:
+                self.shown_modes.append((self.now, shown))
+            self.hidden += number in self._hidden
+            if number == GLOBAL_POSITION_INT and self._hidden:
+                kept.append(without_position(frame))
+            elif number not in self._hidden:
+                kept.append(frame)
+        if kept:
             with suppress(ConnectionRefusedError, BlockingIOError):
-                self._relay.sendto(data, (LOOPBACK, self.app_port))
-
-    def _attitude_due(self, number: int) -> bool:
-        """Return False for an ATTITUDE that exceeds the flight's rate, to simulate an autopilot
-        that refuses stream requests."""
-        if number != mavlink.MAVLINK_MSG_ID_ATTITUDE:
-            return True
-        if self.now - self._attitude_at < 1.0 / self.flight.attitude_hz:
-            return False
-        self._attitude_at = self.now
-        return True
+                self._relay.sendto(b"".join(kept), (LOOPBACK, self.app_port))
 
     def _on_app_data(self, data: bytes) -> None:
         if self._shared_peer:
@@ -292,22 +285,9 @@ class Bench:
         kind = message.get_type()
         self.latest[kind] = message
         self.counts[kind] += 1
-        if kind == "ATTITUDE":
-            self._boot = message.time_boot_ms / 1000
-            self._boot_at = time.monotonic()
-        elif kind == "GLOBAL_POSITION_INT" and self.track:
-            place = self.firmware.metres(message.lat, message.lon)
-            motion = (message.vx / 100, message.vy / 100, radians(message.hdg / 100))
-            self.reported.append(Reported(message.time_boot_ms / 1000, *place, *motion))
-        elif kind == "COMMAND_ACK":
-            self._acks.append((message.command, message.result))
-        elif kind == "PARAM_VALUE":
-            self._params[message.param_id.rstrip("\0")] = message.param_value
-        elif kind == "STATUSTEXT":
-            self.texts.append((self.now, message.text))
-            note(f"  [{self.now:8.2f}] {message.text}")
-        elif kind == "HEARTBEAT" and (not self.modes or self.modes[-1][1] != message.custom_mode):
-            self.modes.append((self.now, message.custom_mode))
+        handle = getattr(self, f"_on_{kind.lower()}", None)
+        if handle is not None:
+            handle(message)
         truth = self.firmware.truth(self, message)
         if truth is None:
             return
@@ -317,7 +297,40 @@ class Bench:
         if self.on_truth:
             self.on_truth(truth)
 
-    # ---- the operator
+    def _on_attitude(self, message: Any) -> None:
+        self._boot = message.time_boot_ms / 1000
+        self._boot_at = time.monotonic()
+
+    def _on_global_position_int(self, message: Any) -> None:
+        if self.track:
+            place = self.firmware.metres(message.lat, message.lon)
+            motion = (message.vx / 100, message.vy / 100, radians(message.hdg / 100))
+            self.reported.append(Reported(message.time_boot_ms / 1000, *place, *motion))
+
+    def _on_command_ack(self, message: Any) -> None:
+        self._acks.append((message.command, message.result))
+
+    def _on_param_value(self, message: Any) -> None:
+        self._params.add(message.param_id.rstrip("\0"))
+
+    def _on_statustext(self, message: Any) -> None:
+        self.texts.append((self.now, message.text))
+        note(f"  [{self.now:8.2f}] {message.text}")
+
+    def _on_heartbeat(self, message: Any) -> None:
+        if not self.modes or self.modes[-1][1] != message.custom_mode:
+            self.modes.append((self.now, message.custom_mode))
+
+    def pump_until(self, condition: Callable[[], bool], seconds: float) -> bool:
+        """Process datagrams until a condition is true, up to a time of the computer, s. Return True
+        if the condition is true."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.pump()
+            if condition():
+                return True
+        return False
+
     def until(self, condition: Callable[[], object], seconds: float, what: str) -> None:
         """Wait for a condition, up to a simulated time, s."""
         began = self.now
@@ -334,51 +347,45 @@ class Bench:
             lambda: self.now - began >= seconds, seconds + 5, "the simulation does not advance"
         )
 
+    def request(self, number: int, *values: float, attempt: int = 0) -> None:
+        """Send a command without waiting for its result. Other values are 0."""
+        values = (*values, *[0.0] * (7 - len(values)))
+        to = (self.firmware.system, 1)
+        self.send(mavlink.MAVLink_command_long_message(*to, number, attempt, *values))
+
     def command(self, number: int, *values: float, tries: int = 5) -> int | None:
         """Return the result of a command; None without an answer."""
-        values = (*values, *[0.0] * (7 - len(values)))
-        system = self.firmware.system
-        for attempt in range(tries):
-            result = self._answer(
-                number, mavlink.MAVLink_command_long_message(system, 1, number, attempt, *values)
-            )
-            if result is not None:
-                return result
-        return None
+        requests = (partial(self.request, number, *values, attempt=one) for one in range(tries))
+        results = (self._answer(number, one) for one in requests)
+        return next((one for one in results if one is not None), None)
 
     def command_at(
         self, number: int, frame: int, values: tuple[float, ...], x: int, y: int, z: float
     ) -> int | None:
         """Send a command with a position and return its result, or None."""
-        system = self.firmware.system
-        return self._answer(
-            number,
-            mavlink.MAVLink_command_int_message(system, 1, frame, number, 0, 0, *values, x, y, z),
-        )
+        to = (self.firmware.system, 1)
+        message = mavlink.MAVLink_command_int_message(*to, frame, number, 0, 0, *values, x, y, z)
+        return self._answer(number, partial(self.send, message))
 
-    def _answer(self, number: int, message: Any) -> int | None:
+    def _answer(self, number: int, send: Callable[[], None]) -> int | None:
         self._acks.clear()
-        self.send(message)
-        end = time.monotonic() + 1.0
-        while time.monotonic() < end:
-            self.pump()
-            for command, result in self._acks:
-                if command == number and result != IN_PROGRESS:
-                    return result
-        return None
+        send()
+        self.pump_until(lambda: self._result(number) is not None, 1.0)
+        return self._result(number)
+
+    def _result(self, number: int) -> int | None:
+        found = (result for command, result in self._acks if command == number)
+        return next((result for result in found if result != IN_PROGRESS), None)
 
     def set_parameter(
         self, name: str, value: float, kind: int = mavlink.MAV_PARAM_TYPE_REAL32
     ) -> None:
         """Set a parameter and wait for the confirmation."""
         for _ in range(8):
-            self._params.pop(name, None)
+            self._params.discard(name)
             self.send_parameter(name, value, kind)
-            end = time.monotonic() + 0.7
-            while time.monotonic() < end:
-                self.pump()
-                if name in self._params:
-                    return
+            if self.pump_until(lambda: name in self._params, 0.7):
+                return
         raise NoFlightError(f"parameter {name} was not confirmed")
 
     def send_parameter(
@@ -386,11 +393,8 @@ class Bench:
     ) -> None:
         """Send a parameter without waiting for the confirmation, because the radio must continue in
         flight."""
-        self.send(
-            mavlink.MAVLink_param_set_message(
-                self.firmware.system, 1, name.encode(), float(value), kind
-            )
-        )
+        to = (self.firmware.system, 1)
+        self.send(mavlink.MAVLink_param_set_message(*to, name.encode(), float(value), kind))
 
     def ask_streams(self, wanted: Mapping[int, float], truth: str, least: float) -> None:
         """Request messages at these rates, Hz, until attitude and truth arrive often enough within

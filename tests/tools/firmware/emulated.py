@@ -1,24 +1,24 @@
-"""python -m tests.tools.firmware.emulated --results DIR/results.jsonl [--seeds N]: comparison of
-emulator and firmware.
+"""Comparison of emulator and firmware.
+
+    python -m tests.tools.firmware.emulated --seeds 1 5
 
 Flies the rows of docs/measured.md on the bundled vehicle in lockstep. Prints median RMS radius
 error and standard deviation of the turn command over the last two laps, and their ratio to the
-flights stored by tests.tools.firmware.table.
+flights of flights.jsonl, which tests.tools.firmware.table writes.
 """
 
-import argparse
-from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from math import degrees, pi
-from pathlib import Path
 from statistics import median
 
 import numpy as np
 
 from tests.flight.lockstep import clockwise_turns, flight, rms_error, true_radius
+from tests.tools import cells
+from tests.tools.cells import Result
 from tests.tools.firmware.flight import VEHICLES
-from tests.tools.firmware.table import stored
+from tests.tools.firmware.table import FLIGHTS
 
 APPROACH = 90.0
 """Time before the evaluated laps, s."""
@@ -86,8 +86,10 @@ def fly(
     direction: str = "clockwise",
     count: int = 2,
     rows: Mapping[str, tuple[str, ...]] = ROWS,
+    approach: float = APPROACH,
 ) -> Flown:
-    """Fly the emulated vehicle once and evaluate the last `count` laps."""
+    """Fly the emulated vehicle once and evaluate the last `count` laps. approach: time before these
+    laps, s."""
     mission, *changes = rows[row]
     radius, speed = CIRCLES[mission]
     laps = count * 2 * pi * radius / speed
@@ -95,9 +97,9 @@ def fly(
     circle = (
         f"orbit.radius_m={radius}",
         f"vehicle.speed_mps={speed}",
-        f"limits.duration_s={APPROACH + laps + 5}",
+        f"limits.duration_s={approach + laps + 5}",
     )
-    flown = flight(mission, *circle, *changes, f"sim.seed={seed}", law="auto").fly(APPROACH + laps)
+    flown = flight(mission, *circle, *changes, f"sim.seed={seed}", law="auto").fly(approach + laps)
     truths = [truth for truth in flown.truths if truth.time > flown.now - laps]
     turns = [
         tick.turn_rate
@@ -115,37 +117,31 @@ def fly(
     )
 
 
+def cell(row: str, seed: int) -> Result:
+    return asdict(fly(row, seed))
+
+
+def compared(row: str, real: Sequence[Result], emulated: Sequence[Result]) -> tuple[str, ...]:
+    """Return the line of the table for a row."""
+    rms, sd, here, here_sd = (
+        median(one[figure] for one in flights)
+        for flights in (real, emulated)
+        for figure in ("rms", "turn_sd")
+    )
+    wrong = "" if all(one["right"] for one in emulated) else ", wrong way round"
+    ratios = f"{here / rms:.1f}, {here_sd / sd:.1f}{wrong}"
+    return row, f"{rms:.2f}, {here:.2f}", f"{sd:.1f}, {here_sd:.1f}", ratios
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--results", type=Path, required=True)
-    parser.add_argument("--seeds", type=int, default=3)
-    options = parser.parse_args()
-    kept = stored(options.results)
-    print(
-        "| flight | RMS m: firmware, emulator | turn sd deg/s: firmware, emulator | emulator over"
-        " firmware |"
-    )
-    print("|---|---|---|---|")
-    jobs = [(row, seed) for row in ROWS for seed in range(1, options.seeds + 1)]
-    with ProcessPoolExecutor() as pool:
-        emulated = dict(zip(jobs, pool.map(fly, *zip(*jobs, strict=True)), strict=True))
-    for row in ROWS:
-        real = [one for (name, _), one in kept.items() if name == row and "failed" not in one]
-        if not real:
-            continue
-        ours = [emulated[row, seed] for seed in range(1, options.seeds + 1)]
-        rms = median(one["rms"] for one in real)
-        sd = median(one["turn_sd"] for one in real)
-        here = median(one.rms for one in ours)
-        here_sd = median(one.turn_sd for one in ours)
-        wrong = "" if all(one.right for one in ours) else ", wrong way round"
-        ratios = f"{here / rms:.1f}, {here_sd / sd:.1f}"
-        print(
-            f"| {row} | {rms:.2f}, {here:.2f} | {sd:.1f}, {here_sd:.1f} | {ratios}{wrong} |",
-            flush=True,
-        )
+    flown = cells.flown(cell, cells.parser(__doc__, ROWS, (1, 3)).parse_args())
+    stored = cells.read(FLIGHTS).values()
+    real = {
+        row: [one for one in stored if one["row"] == row and "failed" not in one] for row in flown
+    }
+    head = "flight | RMS m: firmware, emulator | turn sd deg/s: firmware, emulator | ratio"
+    rows = [compared(row, real[row], flown[row]) for row in flown if real[row]]
+    print(cells.table(head, rows))
 
 
 if __name__ == "__main__":

@@ -8,10 +8,11 @@ fly` per vehicle.
 
 Each vehicle is one `tests.tools.firmware.fly` process with its own ports and folder. All take off
 at one home, circle one beacon in layers of height, and exchange signed reports on the loopback
-interface. The figures are computed from the simulators' true tracks and their times of receipt.
-Evenness is measured without a model of the wind: the gap of a vehicle is the time until the vehicle
-reaches the present bearing of the vehicle ahead, as a share of the sum of all gaps. Only the state
-"on the circle" is read from circnav's record. Prints one table and leaves fleet.json.
+interface. Other options go to every flight. The figures are computed from the simulators' true
+tracks and their times of receipt. Evenness is measured without a model of the wind: the gap of a
+vehicle is the time until the vehicle reaches the present bearing of the vehicle ahead, as a share
+of the sum of all gaps. Only the state "on the circle" is read from circnav's record. Prints one
+table and leaves fleet.json.
 """
 
 import argparse
@@ -24,14 +25,16 @@ import sys
 import time
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from itertools import combinations
-from math import cos, pi, radians, sin
+from math import cos, inf, pi, radians, sin
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.tools import cells
 from tests.tools.firmware.flight import ROOT, VEHICLES
 
 FIRST_PORT = 14600
@@ -48,6 +51,12 @@ NEAR_BESIDE = 25.0
 distance below NEAR_BESIDE, m."""
 HOME_FIELD = (230.0, 51.0)
 """Magnetic field at the home of the simulators, north and east, mG."""
+LAYER = 20.0
+"""Distance of the height layers, m."""
+LEAVES_EARLY = 120.0
+"""Time from the end of the vehicle that leaves to the end of the others, s."""
+TAKEN_AT = 200.0
+"""Time of a takeover after the start of the vehicle's circnav, s."""
 BRING_UP = 120.0
 """Longest expected time from the start of a simulator to engaging, s."""
 KINDS = ("plane", "copter", "rover")
@@ -79,39 +88,29 @@ def commands(given: argparse.Namespace, out: Path) -> list[list[str]]:
     key.chmod(0o600)
     what = VEHICLES[given.vehicle]
     ports = [FIRST_PORT + i for i in range(given.size)]
-    away = 2.5 * what.radius if given.away is None else given.away
     found = []
     for i, start in enumerate(given.start):
         peers = [f"127.0.0.1:{port}" for port in ports if port != ports[i]]
-        lasts = given.duration - start - (given.leave_early if i + 1 == given.leave else 0.0)
-        keys = [f"fleet.id={i + 1}", f"fleet.size={given.size}", f"fleet.layer_m={given.layer}"]
-        keys += [
+        lasts = given.duration - start - (LEAVES_EARLY if i + 1 == given.leave else 0.0)
+        keys = (
+            f"fleet.id={i + 1}",
+            f"fleet.size={given.size}",
+            f"fleet.layer_m={LAYER}",
             f"fleet.port={ports[i]}",
             f"fleet.peers={json.dumps(peers)}",
             f'fleet.key_file="{key}"',
-        ]
-        words = [
-            sys.executable,
-            "-m",
-            "tests.tools.firmware.fly",
-            given.vehicle,
-            "--out",
-            str(out / f"{i + 1:02d}"),
-        ]
-        words += ["--target-at", str(away), "0", "--altitude", str(what.altitude + given.layer * i)]
-        words += [
-            "--duration",
-            str(lasts),
-            "--seed",
-            str(given.seed * 100 + i),
-            "--wind",
-            str(given.wind),
-        ]
+        )
+        options = (
+            f"--target-at {2.5 * what.radius} 0 --altitude {what.altitude + LAYER * i}"
+            f" --duration {lasts} --seed {given.seed * 100 + i} --direction {given.direction}"
+        )
         if given.takeover == i + 1:
-            words += ["--takeover", str(given.takeover_at)]
+            options += f" --takeover {TAKEN_AT}"
+        words = [sys.executable, "-m", "tests.tools.firmware.fly", given.vehicle]
+        words += ["--out", str(out / f"{i + 1:02d}"), *options.split()]
         if given.heading_error:
             words += [word for one in field(given.heading_error[i]) for word in ("--param", one)]
-        found.append([*words, *[word for one in keys for word in ("--set", one)], *given.rest])
+        found.append([*words, *(word for one in keys for word in ("--set", one)), *given.rest])
     return found
 
 
@@ -151,30 +150,20 @@ def fly(given: argparse.Namespace, out: Path) -> None:
 
 def read_members(out: Path, clockwise: bool) -> tuple[Array, list[Member]]:
     """Return the common times (Unix, s) and the members that flew."""
-    raw = {}
-    for folder in sorted(out.glob("[0-9][0-9]")):
-        if not (folder / "truth.csv").is_file() or not (folder / "circnav" / "fleet.csv").is_file():
-            continue
-        track = _columns(
-            folder / "truth.csv",
-            ("time", "wall", "north", "east", "altitude", "target_north", "target_east"),
-        )
-        result = json.loads((folder / "result.json").read_text())
-        flown = (track["time"] >= 0.0) & (track["time"] <= result["flown"])
-        raw[int(folder.name)] = (
-            {name: column[flown] for name, column in track.items()},
-            _states(folder / "circnav"),
-        )
+    flown = [one.parent for one in sorted(out.glob("[0-9][0-9]/truth.csv"))]
+    raw = {
+        int(one.name): read_member(one)
+        for one in flown
+        if (one / "circnav" / "fleet.csv").is_file()
+    }
     if not raw:
         return np.array([]), []
-    grid = np.arange(
-        min(t["wall"][0] for t, _ in raw.values()),
-        max(t["wall"][-1] for t, _ in raw.values()),
-        STEP,
-    )
+    walls = [track["wall"] for track, *_ in raw.values()]
+    grid = np.arange(min(one[0] for one in walls), max(one[-1] for one in walls), STEP)
     members = []
-    for number, (track, (wall, on)) in raw.items():
-        north, east = track["north"] - track["target_north"], track["east"] - track["target_east"]
+    for number, (track, wall, on) in raw.items():
+        north = track["north"] - track["target_north"]
+        east = track["east"] - track["target_east"]
         bearing = np.unwrap(np.arctan2(east, north))  # bearing, clockwise from north
         columns = [
             np.interp(grid, track["wall"], one, left=np.nan, right=np.nan)
@@ -186,20 +175,25 @@ def read_members(out: Path, clockwise: bool) -> tuple[Array, list[Member]]:
     return grid, members
 
 
-def _columns(path: Path, names: tuple[str, ...]) -> dict[str, Array]:
+def read_member(folder: Path) -> tuple[dict[str, Array], Array, NDArray[np.bool_]]:
+    """Return the true track of a vehicle while circnav steered; Unix times, and for each time True
+    if circnav reports that the vehicle is on the circle."""
+    track = {
+        name: np.array(column, float) for name, column in _columns(folder / "truth.csv").items()
+    }
+    lasts = json.loads((folder / "result.json").read_text())["flown"]
+    flown = (track["time"] >= 0.0) & (track["time"] <= lasts)
+    epoch = json.loads((folder / "circnav" / "manifest.json").read_text())["epoch_us"] / 1e6
+    states = _columns(folder / "circnav" / "fleet.csv")
+    on = np.array(states["state"]) == "on_circle"
+    track = {name: column[flown] for name, column in track.items()}
+    return track, epoch + np.array(states["time"], float), on
+
+
+def _columns(path: Path) -> dict[str, list[str]]:
     with path.open() as file:
         rows = list(csv.DictReader(file))
-    return {name: np.array([float(row[name]) for row in rows]) for name in names}
-
-
-def _states(run: Path) -> tuple[Array, NDArray[np.bool_]]:
-    """Return Unix times, and for each time True if circnav reports that the vehicle is on the
-    circle."""
-    epoch = json.loads((run / "manifest.json").read_text())["epoch_us"] / 1e6
-    with (run / "fleet.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    wall = np.array([epoch + float(row["time"]) for row in rows])
-    return wall, np.array([row["state"] == "on_circle" for row in rows])
+    return {name: [row[name] for row in rows] for name in rows[0]}
 
 
 def gap_errors(grid: Array, members: list[Member]) -> Array:
@@ -246,145 +240,112 @@ def judge(grid: Array, members: list[Member], radius: float) -> dict[str, Any]:
     errors = gap_errors(grid, members)
     count = np.sum([one.ring for one in members], axis=0)
     changes = [0, *(np.flatnonzero(np.diff(count)) + 1)]
-    rings = []
-    for k, end in zip(changes, [*changes[1:], len(grid) - 1], strict=True):
-        if count[k] < 2:
-            continue
-        even = even_from(grid[: end + 1], errors[: end + 1], grid[k])
-        late = errors[(grid >= even) & (grid <= grid[end])] if even is not None else np.array([])
-        late = late[np.isfinite(late)]
-        rings.append({
-            "members": int(count[k]), "from_s": round(float(grid[k] - grid[0]), 1),
-            "until_s": round(float(grid[end] - grid[0]), 1),
-            "even_after_s": None if even is None else round(even - float(grid[k]), 1),
-            "worst_gap_deg": round(float(np.sqrt(np.mean(late**2))), 2) if len(late) else None,
-        })  # fmt: skip
-    near = 0
-    beside = []
-    above = []
-    for one, other in combinations(members, 2):
-        flat = np.hypot(one.north - other.north, one.east - other.east)
-        up = np.abs(one.height - other.height)
-        both = np.isfinite(flat)
-        if both.any():
-            beside.append(float(flat[both].min()))
-            above.append(float(up[both].min()))
-            near += bool(((flat < NEAR_BESIDE) & (up < NEAR_ABOVE)).any())
-    each = []
-    for one in members:
-        on = one.radius[one.ring]
-        half = on[len(on) // 2 :]
-        rms = float(np.sqrt(np.mean((half - radius) ** 2))) if len(half) else None
-        spread = float(half.std()) if len(half) else None
-        begin = np.flatnonzero(np.isfinite(one.north))
-        entered = np.flatnonzero(one.ring)
-        each.append(
-            {
-                "id": one.number,
-                "engaged_s": round(float(grid[begin[0]] - grid[0]), 1),
-                "on_circle_s": round(float(grid[entered[0]] - grid[0]), 1)
-                if len(entered)
-                else None,
-                "ended_s": round(float(grid[begin[-1]] - grid[0]), 1),
-                "radius_rms_m": None if rms is None else round(rms, 2),
-                "radius_sd_m": None if spread is None else round(spread, 2),
-                "height_m": [
-                    round(float(np.nanmin(one.height)), 1),
-                    round(float(np.nanmax(one.height)), 1),
-                ],
-            }
-        )
+    pairs = [_distances(*pair) for pair in combinations(members, 2)]
+    known = [pair for pair in pairs if pair is not None]
     return {
-        "rings": rings, "smallest_beside_m": round(min(beside), 1) if beside else None,
-        "smallest_above_m": round(min(above), 1) if above else None, "too_near": near, "each": each,
-    }  # fmt: skip
+        "rings": [
+            {"members": int(count[k]), **_ring(grid[: end + 1], errors[: end + 1], k)}
+            for k, end in zip(changes, [*changes[1:], len(grid) - 1], strict=True)
+            if count[k] >= 2
+        ],
+        "smallest_beside_m": round(min(one[0] for one in known), 1) if known else None,
+        "smallest_above_m": round(min(one[1] for one in known), 1) if known else None,
+        "too_near": sum(near for *_, near in known),
+        "each": [_member(grid, one, radius) for one in members],
+    }
+
+
+def _ring(grid: Array, errors: Array, k: int) -> dict[str, Any]:
+    """Return the figures of a ring that exists from time k to the last time."""
+    even = even_from(grid, errors, grid[k])
+    late = errors[grid >= (inf if even is None else even)]
+    late = late[np.isfinite(late)]
+    return {
+        "from_s": _since(grid, k),
+        "until_s": _since(grid, -1),
+        "even_after_s": None if even is None else round(even - float(grid[k]), 1),
+        "worst_gap_deg": _rms(late),
+    }
+
+
+def _distances(one: Member, other: Member) -> tuple[float, float, bool] | None:
+    """Return the smallest distances of two vehicles beside and above each other, m, and True if
+    they were too near. None: they did not fly at the same time."""
+    flat = np.hypot(one.north - other.north, one.east - other.east)
+    up = np.abs(one.height - other.height)
+    both = np.isfinite(flat)
+    if not both.any():
+        return None
+    near = bool(((flat < NEAR_BESIDE) & (up < NEAR_ABOVE)).any())
+    return float(flat[both].min()), float(up[both].min()), near
+
+
+def _member(grid: Array, one: Member, radius: float) -> dict[str, Any]:
+    """Return the figures of a vehicle."""
+    on = one.radius[one.ring]
+    half = on[len(on) // 2 :]
+    flew = np.flatnonzero(np.isfinite(one.north))
+    entered = np.flatnonzero(one.ring)
+    heights = (float(np.nanmin(one.height)), float(np.nanmax(one.height)))
+    return {
+        "id": one.number,
+        "engaged_s": _since(grid, flew[0]),
+        "on_circle_s": _since(grid, entered[0]) if len(entered) else None,
+        "ended_s": _since(grid, flew[-1]),
+        "radius_rms_m": _rms(half - radius),
+        "radius_sd_m": _rms(half - half.mean()) if len(half) else None,
+        "height_m": [round(height, 1) for height in heights],
+    }
+
+
+def _since(grid: Array, k: int) -> float:
+    return round(float(grid[k] - grid[0]), 1)
+
+
+def _rms(values: Array) -> float | None:
+    return round(float(np.sqrt(np.mean(values**2))), 2) if len(values) else None
 
 
 def table(found: dict[str, Any]) -> str:
     """Return the figures as text."""
-
-    def shown(value: Any) -> str:
-        return "-" if value is None else str(value)
-
-    lines = [
-        "| members on the circle | from, s | until, s | even after, s | worst gap rms, deg |",
-        "|---|---|---|---|---|",
-    ]
-    lines += [f"| {' | '.join(shown(one[key]) for key in one)} |" for one in found["rings"]]
-    lines += [
-        "",
-        "| id | engaged, s | on circle, s | ended, s | radius rms, m | its sd, m | altitude, m |",
-        "|---" * 7 + "|",
-    ]
-    lines += [f"| {' | '.join(shown(one[key]) for key in one)} |" for one in found["each"]]
-    apart = (
-        f"{shown(found['smallest_beside_m'])} m beside, {shown(found['smallest_above_m'])} m above"
+    rings = "members on the circle | from, s | until, s | even after, s | worst gap rms, deg"
+    each = "id | engaged, s | on circle, s | ended, s | radius rms, m | its sd, m | altitude, m"
+    return (
+        f"{cells.table(rings, (one.values() for one in found['rings']))}\n\n"
+        f"{cells.table(each, (one.values() for one in found['each']))}\n\n"
+        f"smallest distance {found['smallest_beside_m']} m beside, {found['smallest_above_m']} m"
+        f" above; pairs within {NEAR_ABOVE:g} m above and {NEAR_BESIDE:g} m beside:"
+        f" {found['too_near']}"
     )
-    limits = f"{NEAR_ABOVE:g} m above and {NEAR_BESIDE:g} m beside"
-    lines += ["", f"smallest distance {apart}; pairs within {limits}: {found['too_near']}"]
-    return "\n".join(lines)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main() -> int:
     parser = argparse.ArgumentParser(
-        prog="python -m tests.tools.firmware.fleet",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    number = partial(parser.add_argument, type=int, default=0)
+    times = partial(parser.add_argument, type=float, nargs="*")
     parser.add_argument("vehicle", choices=KINDS)
-    parser.add_argument("--size", type=int, default=3)
-    parser.add_argument(
-        "--start", type=float, nargs="*", help="start of each simulator, s [0 60 120 ...]"
-    )
-    parser.add_argument(
-        "--duration",
-        type=float,
-        default=420.0,
-        help="flight of the first vehicle after engaging, s",
-    )
-    parser.add_argument("--leave", type=int, default=0, help="id of the vehicle that leaves early")
-    parser.add_argument(
-        "--leave-early",
-        type=float,
-        default=120.0,
-        help="time from its end to the end of the others, s",
-    )
-    parser.add_argument(
-        "--takeover", type=int, default=0, help="id of the vehicle that the operator takes over"
-    )
-    parser.add_argument(
-        "--takeover-at",
-        type=float,
-        default=200.0,
-        help="time of the takeover after the start of this vehicle's circnav, s",
-    )
-    parser.add_argument(
-        "--heading-error", type=float, nargs="*", help="error of each compass (ArduPilot), degrees"
-    )
-    parser.add_argument(
-        "--layer", type=float, default=20.0, help="distance of the height layers, m"
-    )
-    parser.add_argument(
-        "--away", type=float, help="distance of the beacon north of the home, m [2.5 radii]"
-    )
-    parser.add_argument("--wind", type=float, default=0.0)
+    number("--size", default=3)
+    times("--start", help="start of each simulator, s [0 60 120 ...]")
+    parser.add_argument("--duration", type=float, default=420.0, help="of the first vehicle, s")
+    number("--leave", help="id of the vehicle that leaves early")
+    number("--takeover", help="id of the vehicle that the operator takes over")
+    times("--heading-error", help="error of each compass (ArduPilot), degrees")
     parser.add_argument(
         "--direction", choices=("clockwise", "counterclockwise"), default="clockwise"
     )
-    parser.add_argument("--seed", type=int, default=1)
+    number("--seed", default=1)
     parser.add_argument("--out", type=Path, help="folder [runs/firmware/TIME-VEHICLE-fleet]")
-    parser.add_argument(
-        "--judge", action="store_true", help="judge the folder --out again, without a flight"
-    )
-    given, given.rest = parser.parse_known_args(arguments)
+    parser.add_argument("--judge", action="store_true", help="judge the folder --out again")
+    given, given.rest = parser.parse_known_args()
     given.start = given.start or [60.0 * i for i in range(given.size)]
-    if len(given.start) != given.size:
-        parser.error(f"--start: {len(given.start)} times for {given.size} vehicles")
-    if given.heading_error and len(given.heading_error) != given.size:
-        parser.error(f"--heading-error: {len(given.heading_error)} for {given.size} vehicles")
+    for name in ("start", "heading_error"):
+        values = getattr(given, name)
+        if values and len(values) != given.size:
+            parser.error(f"--{name.replace('_', '-')}: {len(values)} for {given.size} vehicles")
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     out = (given.out or Path("runs") / "firmware" / f"{stamp}-{given.vehicle}-fleet").resolve()
-    given.rest += ["--direction", given.direction]
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     if not given.judge:
         out.mkdir(parents=True, exist_ok=True)

@@ -70,7 +70,6 @@ class Flight:
     baseline: bool = _option(
         False, "fly the autopilot's own circle by GPS around the known target instead"
     )
-    keep_position: bool = _option(False, "do not hide the autopilot's positions from circnav")
     gps_shown: bool = _option(False, "do not hide GPS_RAW_INT, whose fix type shows a loss of GPS")
     external_position: bool = _option(
         False, "set external_position.enabled and do not hide positions; use with --gps-off"
@@ -97,7 +96,6 @@ class Flight:
         None, "autopilot parameter to set T s after the start of circnav", nargs=2, type=str,
         metavar=("T", "NAME=VALUE"),
     )  # fmt: skip
-    attitude_hz: float = _option(0.0, "highest rate of ATTITUDE that reaches circnav, Hz [all]")
     airspeed_off: float = _option(1.0, "flown airspeed divided by the airspeed of the mission")
     roll_limit: float | None = _option(
         None, "roll limit of the autopilot, degrees; the limit of the mission is kept"
@@ -119,8 +117,7 @@ class Flight:
         None, "position of the target, m north and east of the vehicle's first position", nargs=2,
         metavar=("NORTH", "EAST"),
     )  # fmt: skip
-    target_speed: float = _option(0.0, "speed of the target, m/s")
-    target_course: float = _option(0.0, "direction of the target's motion, degrees")
+    target_speed: float = _option(0.0, "speed of the target, which moves north, m/s")
     target_height: float = _option(0.0, "height of the target above home, m")
     # the radio
     rate: float = _option(10.0, "ranges per second, Hz")
@@ -130,25 +127,14 @@ class Flight:
     outliers: float = _option(0.0, "share of ranges with a large error")
     outlier_size: float = _option(30.0, "largest error of such a range, m")
     loss: float = _option(0.0, "share of lost ranges")
-    step: float = _option(0.0, "resolution of the ranges, m")
-    second_anchor: float = _option(
-        0.0, "distance of a second beacon east of the target, m; its ranges have another sensor id"
-    )
     sx1280: bool = _option(
         False,
         "ranges with the error of an SX1280, sent as NAMED_VALUE_FLOAT, which has no maximum range",
-    )
-    ranges_until: float | None = _option(
-        None, "the beacon stops T s after the start of circnav", metavar="T"
     )
     delay: float = _option(
         0.0, "time from measurement to transmission, s; the stamp is the time of transmission"
     )
     # conditions of the run
-    station: int = _option(0, "local UDP port of a ground station with a separate link (ArduPilot)")
-    speedup: float = _option(
-        1.0, "simulation speed, times real time; figures are valid only with 1"
-    )
     param: tuple[str, ...] = _option(
         (), "autopilot parameter to set before take-off", metavar="NAME=VALUE"
     )
@@ -157,7 +143,6 @@ class Flight:
         str(Path(sys.executable).with_name("circnav")),
         "path of the circnav command [beside this Python]",
     )
-    config: str = _option(str(ROOT / "config"), "folder of the mission files [config]")
 
     @property
     def what(self) -> Vehicle:
@@ -177,7 +162,7 @@ class Flight:
         """Title of the flight: the vehicle and all options that differ from the defaults."""
         usual = {f.name: f.default for f in fields(self)}
         usual |= {name: getattr(self.what, name) for name in OF_THE_VEHICLE}
-        hidden = {"vehicle", "circnav", "config"}
+        hidden = {"vehicle", "circnav"}
         unusual = [
             (name, getattr(self, name))
             for name, usually in usual.items()

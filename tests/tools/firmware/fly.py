@@ -22,8 +22,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, astuple, fields
 from datetime import datetime
-from itertools import pairwise
-from math import atan2, cos, degrees, hypot, radians, sin, tan
+from math import cos, degrees, hypot, inf, radians, sin, tan
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +32,44 @@ import tomlkit
 from tests.process import reserved_port
 from tests.tools.firmware import px4, sitl
 from tests.tools.firmware.bench import Bench, Firmware, NoFlightError, Truth, note
-from tests.tools.firmware.flight import BEHIND_ARDUPILOT, Flight, add_options, flight
+from tests.tools.firmware.flight import BEHIND_ARDUPILOT, ROOT, Flight, add_options, flight
 from tests.tools.firmware.radio import UP, Radio
-from tests.tools.firmware.score import score
+from tests.tools.firmware.score import Array, Target, columns, from_target, score
 from tests.tools.firmware.wire import LOOPBACK, G
 from tests.tools.straight_way import straight_way
 
+OWN = (
+    "outcome",
+    "reason",
+    "settled_s",
+    "radius_mean_m",
+    "radius_rms_error_m",
+    "turn_std_deg_s",
+    "turn_at_limit",
+    "samples_accepted",
+    "samples_rejected",
+    "law_changes",
+)
+"""Entries of circnav's summary that are part of a result."""
+SHOWN = (
+    "kept",
+    "direction",
+    "rms",
+    "mean",
+    "sd",
+    "settled",
+    "closest",
+    "turn_sd",
+    "turn_at_limit",
+    "total_variation",
+    "roll",
+    "own",
+    "own_position",
+    "homing",
+    "takeover",
+    "real_speedup",
+)
+"""Entries of a result that are printed."""
 ENGAGE_PATIENCE = 90.0
 """Time limit for circnav to engage, s."""
 LEAVE_PATIENCE = 30.0
@@ -93,7 +124,6 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
     _loop(flown, bench, began)
     spent = time.monotonic() - wall
     engaged, ended = _circled(flown, bench, began)
-    cpu = _cpu(bench)
     figures = score(
         flown,
         bench.track,
@@ -107,9 +137,9 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
     _write(folder, bench, radio, engaged)
     bench.close()
     return {
-        **figures.plain(),
+        **figures,
         **({"from_ground": _lowest(bench, began, home)} if flown.from_ground else {}),
-        "own": {} if flown.baseline else own_verdict(folder / "circnav", flown.window),
+        "own": {} if flown.baseline else own_verdict(folder / "circnav"),
         "own_position": own_position(flown, bench, began, ended),
         "homing": homing(flown, bench.track, radio.target, engaged, ended),
         "takeover": _after_takeover(flown, bench, began),
@@ -121,7 +151,6 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
         "from_app": dict(bench.from_app),
         "hidden": bench.hidden,
         "exit_code": bench.app.returncode if bench.app else None,
-        "cpu": cpu,
         "real_speedup": round((bench.now - began) / spent, 3),
         "longest_pause": round(bench.longest_pause, 2),
     }
@@ -168,11 +197,9 @@ def _start_circnav(flown: Flight, bench: Bench, folder: Path, home: float) -> fl
 def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) -> dict[str, Any]:
     """Write the vehicle's mission file as an operator would do. The operator enters the altitude of
     the beacon above sea level, m, rounded to 0.1 m."""
-    mission = tomlkit.parse((Path(flown.config) / f"{flown.what.mission}.toml").read_text())
+    mission = tomlkit.parse((ROOT / "config" / f"{flown.what.mission}.toml").read_text())
     mission.pop("sim", None)
     mission["link"]["endpoint"] = f"udpin:{LOOPBACK}:{port}"
-    if flown.speedup != 1:
-        mission["link"]["clock"] = "autopilot"
     mission["vehicle"]["speed_mps"] = flown.speed
     mission["orbit"]["radius_m"] = flown.radius
     mission["orbit"]["direction"] = flown.direction
@@ -199,28 +226,32 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
 def _loop(flown: Flight, bench: Bench, began: float) -> None:
     """Run until circnav has ended or the time limit has passed."""
     todo = sorted(_events(flown, bench), key=lambda event: event[0])
-    sticks = 0.0
-    longest = (
-        flown.duration
-        + flown.home_s
-        + (0.0 if flown.baseline else ENGAGE_PATIENCE + LEAVE_PATIENCE)
-    )
-    hopeless = time.monotonic() + SLOWEST * longest / flown.speedup
-    while bench.now - began < longest:
+    longest = flown.duration + flown.home_s
+    if not flown.baseline:
+        longest += ENGAGE_PATIENCE + LEAVE_PATIENCE
+    hopeless = time.monotonic() + SLOWEST * longest
+    sticks = time.monotonic()
+    while bench.now - began < longest and not _has_ended(flown, bench, began):
         bench.pump(0.002)
         if time.monotonic() > hopeless:
             raise NoFlightError("the simulation hardly runs")
-        since = bench.now - began
-        while todo and since > todo[0][0]:
+        while todo and bench.now - began > todo[0][0]:
             todo.pop(0)[1]()
         if flown.baseline and time.monotonic() > sticks:
-            sticks = time.monotonic() + 0.3 / max(1.0, flown.speedup)
+            sticks = time.monotonic() + 0.3
             bench.firmware.circling(bench)
-        on_the_way = flown.home_s and since < flown.duration + flown.home_s
-        if bench.app and bench.app.poll() is not None and not on_the_way:
-            return
-        if bench.app and since > ENGAGE_PATIENCE and not _in_guided(bench, began):
-            raise NoFlightError("circnav did not engage, see circnav.log")
+
+
+def _has_ended(flown: Flight, bench: Bench, began: float) -> bool:
+    """Return True if circnav has ended, and the vehicle is not on its recorded way home. Raise
+    NoFlightError if circnav has not engaged in time."""
+    if bench.app is None:
+        return False
+    since = bench.now - began
+    if since > ENGAGE_PATIENCE and not _in_guided(bench, began):
+        raise NoFlightError("circnav did not engage, see circnav.log")
+    on_the_way = flown.home_s and since < flown.duration + flown.home_s
+    return bench.app.poll() is not None and not on_the_way
 
 
 def _events(flown: Flight, bench: Bench) -> Iterator[tuple[float, Callable[[], None]]]:
@@ -269,18 +300,9 @@ def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any]
     if flown.takeover is None:
         return None
     asked = began + flown.takeover
-    shown = next(
-        (at for at, mode in bench.shown_modes if at > asked and mode not in bench.firmware.steered),
-        None,
-    )
-    again = next(
-        (
-            at
-            for at, mode in bench.shown_modes
-            if shown and at > shown and mode in bench.firmware.steered
-        ),
-        1e9,
-    )
+    modes = [(at, mode in bench.firmware.steered) for at, mode in bench.shown_modes if at > asked]
+    shown = next((at for at, steered in modes if not steered), None)
+    again = next((at for at, steered in modes if steered and shown and at > shown), inf)
     late = [one.time for one in bench.setpoints if asked < one.time < again]
     return {
         "after_command": len(late),
@@ -291,39 +313,34 @@ def _after_takeover(flown: Flight, bench: Bench, began: float) -> dict[str, Any]
 
 
 def homing(
-    flown: Flight,
-    track: list[Truth],
-    target: Callable[[float], tuple[float, float]],
-    engaged: float,
-    ended: float,
+    flown: Flight, track: list[Truth], target: Target, engaged: float, ended: float
 ) -> dict[str, float] | None:
     """Return figures of the mission `home`: time from the engagement to within HOME of the beacon,
     s; time of the straight path in this wind, s; and the largest distance from the beacon
     afterwards, m. If the vehicle did not arrive: its smallest distance, m."""
     if not flown.what.mission.startswith("home"):
         return None
-    way = [one for one in track if engaged <= one.time <= ended]
-    away = np.array(
-        [hypot(one.north - target(one.time)[0], one.east - target(one.time)[1]) for one in way]
-    )
-    if not (near := np.flatnonzero(away <= HOME)).size:
+    way = columns(track, engaged, ended)
+    places = from_target(way, target)
+    away = np.hypot(*places)
+    near = np.flatnonzero(away <= HOME)
+    if not near.size:
         return {"nearest": round(float(away.min()), 1)}
-    start = way[0]
     towards = radians(flown.wind_from + 180.0)
     wind = flown.wind * cos(towards), flown.wind * sin(towards)
-    airspeed = hypot(start.v_north - wind[0], start.v_east - wind[1])
+    airspeed = hypot(way["v_north"][0] - wind[0], way["v_east"][0] - wind[1])
     if flown.what.kind == "copter":  # a copter starts at hover, so use the speed of the mission
         airspeed = flown.speed
-    north, east = target(engaged)
-    straight = straight_way((north - start.north, east - start.east), wind, airspeed, HOME)
-    took = way[near[0]].time - engaged
+    north, east = -places[:, 0]
+    straight = straight_way((north, east), wind, airspeed, HOME)
+    took = way["time"][near[0]] - engaged
     figures = {
         "home": took,
         "straight": straight,
         "ratio": took / straight,
-        "farthest": float(away[near[0] :].max()),
+        "farthest": away[near[0] :].max(),
     }
-    return {name: round(value, 2) for name, value in figures.items()}
+    return {name: round(float(value), 2) for name, value in figures.items()}
 
 
 def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dict[str, Any] | None:
@@ -333,7 +350,7 @@ def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dic
     if flown.gps_off is None:
         return None
     lost = began + flown.gps_off + 10.0
-    late = [one for one in bench.track if one.time > lost]
+    late = columns(bench.track, lost)
     if not late:
         return None
     given = Counter[str]()
@@ -341,13 +358,14 @@ def own_position(flown: Flight, bench: Bench, began: float, ended: float) -> dic
     if record.is_file():
         with record.open() as file:
             given.update(f"{row['answer']}, by {row['by']}" for row in csv.DictReader(file))
+    from_home = np.array([late["north"] - flown.home_away, late["east"]])
+    last = columns(bench.track, bench.track[-1].time - 40.0)
+    circle = np.array([last["north"] - flown.home_away, last["east"]])
     return {
         "circle": own_error(bench, lost, max(lost, ended)),
         "way_home": own_error(bench, max(lost, ended), bench.now) if flown.home_s else None,
-        "nearest_home": round(
-            min(hypot(true.north - flown.home_away, true.east) for true in late), 1
-        ),
-        "circles_off_home": round(_off_home(bench.track, flown.home_away), 1),
+        "nearest_home": round(float(np.hypot(*from_home).min()), 1),
+        "circles_off_home": round(center(circle), 1),
         "given": dict(given),
     }
 
@@ -357,97 +375,47 @@ def own_error(bench: Bench, since: float, until: float) -> dict[str, float] | No
     reports: position error, m; largest step of the velocity error between two reports, m/s; mean
     and standard deviation of the heading error, degrees clockwise. Arrival times are not used: with
     them, a turn of 3 m/s^2 would look like a velocity step of 1 m/s."""
-    reported = [
-        one for one in bench.reported if since < one.time < min(until, bench.track[-1].time)
-    ]
+    until = min(until, bench.track[-1].time)
+    reported = np.array([astuple(one) for one in bench.reported if since < one.time < until])
     if len(reported) < 2:
         return None
-    values = np.array(
-        [(one.north, one.east, one.v_north, one.v_east, one.heading) for one in reported]
+    true = columns(bench.track, -inf)
+    true["yaw"] = np.unwrap(true["yaw"])
+    names = ("north", "east", "v_north", "v_east", "yaw")
+    times, *values = reported.T
+    north, east, v_north, v_east, yaw = (
+        value - np.interp(times, true["time"], true[name])
+        for name, value in zip(names, values, strict=True)
     )
-    true = np.array(
-        [(one.time, one.north, one.east, one.v_north, one.v_east, one.yaw) for one in bench.track]
-    )
-    true[:, 5] = np.unwrap(true[:, 5])
-    error = values - np.column_stack(
-        [np.interp([one.time for one in reported], true[:, 0], way) for way in true.T[1:]]
-    )
-    off = np.hypot(*error[:, :2].T)
-    step = np.hypot(*np.diff(error[:, 2:4], axis=0).T)
-    turned = np.degrees(np.remainder(error[:, 4] + np.pi, 2 * np.pi) - np.pi)
+    off = np.hypot(north, east)
+    turned = np.degrees(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi)
     figures = {
         "median": np.median(off),
         "p95": np.percentile(off, 95),
         "largest": off.max(),
-        "velocity_step": step.max(),
+        "velocity_step": np.hypot(np.diff(v_north), np.diff(v_east)).max(),
         "heading": turned.mean(),
         "heading_sd": turned.std(),
     }
     return {name: round(float(value), 2) for name, value in figures.items()}
 
 
-def _off_home(track: list[Truth], away: float) -> float:
-    """Return the distance of home from the center of a circle fitted to the true track of the last
-    40 s, m. Home is `away` m north of the origin."""
-    last = np.array(
-        [(true.north, true.east) for true in track if true.time > track[-1].time - 40.0]
-    )
-    middle = last.mean(axis=0)
-    at = last - middle
+def center(way: Array) -> float:
+    """Return the distance from the origin to the center of a circle fitted to a track, m."""
+    middle = way.mean(axis=1)
+    at = (way.T - middle).T
     north, east, _ = np.linalg.lstsq(
-        np.c_[2 * at, np.ones(len(at))], (at**2).sum(axis=1), rcond=None
+        np.c_[2 * at.T, np.ones(at.shape[1])], (at**2).sum(axis=0), rcond=None
     )[0]
-    return float(hypot(middle[0] + north - away, middle[1] + east))
+    return hypot(middle[0] + north, middle[1] + east)
 
 
-def own_verdict(run: Path, window: float) -> dict[str, Any]:
-    """Return circnav's own figures: its summary, and from its ticks the laws, the estimated drift
-    and the turn command."""
+def own_verdict(run: Path) -> dict[str, Any]:
+    """Return circnav's own figures, from its summary."""
     if not (run / "summary.json").is_file():
         return {"outcome": "no summary"}
     summary = json.loads((run / "summary.json").read_text())
-    with (run / "ticks.csv").open() as file:
-        ticks = [row for row in csv.DictReader(file) if row["phase"] in ("engaged", "holding")]
-    laws = [row["law"] for row in ticks if row["law"]]
-    late = (
-        [row for row in ticks if float(row["time"]) > float(ticks[-1]["time"]) - window]
-        if ticks
-        else []
-    )
-    drift = [(float(row["drift_x"]), float(row["drift_y"])) for row in late if row["drift_x"]]
-    x, y = (
-        (sum(values) / len(drift) for values in zip(*drift, strict=True)) if drift else (0.0, 0.0)
-    )
-    keys = (
-        "outcome",
-        "reason",
-        "settled_s",
-        "radius_mean_m",
-        "radius_rms_error_m",
-        "turn_std_deg_s",
-        "turn_at_limit",
-        "samples_accepted",
-        "samples_rejected",
-    )
-    return {
-        **{key: summary.get(key) for key in keys},
-        "law_changes": sum(one != other for one, other in pairwise(laws)),
-        "last_law": laws[-1] if laws else "",
-        "drift": [round(x, 2), round(y, 2)] if drift else None,
-        "drift_largest": round(max(hypot(*one) for one in drift), 2) if drift else None,
-        "saturated": (
-            round(sum(row["saturated"] == "1" for row in late) / len(late), 3) if late else None
-        ),
-    }
-
-
-def _cpu(bench: Bench) -> float | None:
-    """Return the processor time of circnav, s, if the system reports it."""
-    status = Path(f"/proc/{bench.app.pid}/stat") if bench.app and bench.app.poll() is None else None
-    if status is None or not status.is_file():
-        return None
-    words = status.read_text().rsplit(")", 1)[1].split()
-    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+    return {name: summary.get(name) for name in OWN}
 
 
 def _write(folder: Path, bench: Bench, radio: Radio, engaged: float) -> None:
@@ -467,57 +435,10 @@ def _write(folder: Path, bench: Bench, radio: Radio, engaged: float) -> None:
 
 
 def line(result: dict[str, Any]) -> str:
-    """Return a result as one line."""
+    """Return a result as one line: its title, then the figures by name."""
     if "failed" in result:
         return f"{result['title']}: NOT FLOWN: {result['failed']}"
-    own = result["own"]
-    settled = result["settled"]
-    words = [
-        f"{'kept' if result['kept'] else 'NOT KEPT'} {result['direction']}",
-        f"RMS {result['rms']:.2f} m (mean {result['mean']:+.2f}, sd {result['sd']:.2f})",
-        f"settled {settled:.0f} s" if settled is not None else "never settled",
-        (
-            f"closest {result['closest']:.1f} m"
-            f" ({result['closest'] / result['flight']['radius']:.2f} R)"
-        ),
-    ]
-    if result["turn_sd"] is not None:
-        words.append(
-            f"turn sd {result['turn_sd']:.1f} deg/s, {100 * result['turn_at_limit']:.0f} % at"
-            f" limit, varies {result['total_variation']:.0f} deg/s per s"
-        )
-    words.append(f"roll {result['roll'][0]:.0f} .. {result['roll'][1]:.0f}")
-    if own:
-        rms = own.get("radius_rms_error_m")
-        settled = own.get("settled_s")
-        words.append(
-            f"own verdict {own['outcome']},"
-            f" {'never settled' if settled is None else f'settled {settled:.0f} s'}"
-            + ("" if rms is None else f", RMS {rms:.2f} m")
-        )
-        words.append(f"{own.get('law_changes', 0)} law changes")
-        if own.get("drift"):
-            x, y = own["drift"]
-            words.append(f"drift {hypot(x, y):.1f} m/s towards {degrees(atan2(x, y)) % 360:.0f}")
-    if position := result.get("own_position"):
-        for where, one in (("circle", position["circle"]), ("way home", position["way_home"])):
-            if one:
-                words.append(
-                    f"own position on the {where} off by {one['median']} / {one['p95']} /"
-                    f" {one['largest']} m (median, 95 %, most), velocity step"
-                    f" {one['velocity_step']} m/s, heading {one['heading']:+} deg"
-                )
-        words.append(
-            f"given {position['given'] or 'nothing'}, in the end it circles"
-            f" {position['circles_off_home']} m off home"
-        )
-    if homing := result.get("homing"):
-        words.append(
-            "way home: " + ", ".join(f"{name} {value:g}" for name, value in homing.items())
-        )
-    if result["takeover"]:
-        words.append(f"{result['takeover']['after_shown']} setpoints after the takeover was shown")
-    words.append(f"x{result['real_speedup']:.2f}")
+    words = [f"{name} {result[name]}" for name in SHOWN if result[name] not in (None, {})]
     return f"{result['title']}: {'; '.join(words)}"
 
 

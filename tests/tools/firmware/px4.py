@@ -98,8 +98,6 @@ class Px4(Firmware):
             f"PX4_PARAM_{name}": value
             for name, value in (one.split("=") for one in self._flight.param)
         }
-        if self._flight.speedup != 1:
-            environment["PX4_SIM_SPEED_FACTOR"] = f"{self._flight.speedup:g}"
         scratch = folder / "firmware"
         scratch.mkdir()
         return subprocess.Popen(
@@ -118,19 +116,9 @@ class Px4(Firmware):
             return None
         north, east = self.metres(message.lat, message.lon)
         roll, _, yaw = euler(message.attitude_quaternion)
-        air = bench.latest.get("VFR_HUD")
-        return Truth(
-            bench.now,
-            north,
-            east,
-            message.alt / 1000,
-            message.vx / 100,
-            message.vy / 100,
-            message.vz / 100,
-            roll,
-            yaw,
-            air.airspeed if air else nan,
-        )
+        velocity = (message.vx / 100, message.vy / 100, message.vz / 100)
+        altitude = message.alt / 1000
+        return Truth(bench.now, north, east, altitude, *velocity, roll, yaw, bench.airspeed)
 
     def bring_up(self, bench: Bench) -> None:
         """Take off and hold in LOITER."""
@@ -157,17 +145,14 @@ class Px4(Firmware):
 
     def take_off(self, bench: Bench) -> Iterator[tuple[float, Callable[[], None]]]:
         """Command the take-off, and arm."""
-        yield 5.0, lambda: self._command(bench, mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, *4 * (nan,))
-        yield 6.0, lambda: self._command(bench, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, *6 * (0,))
+        yield 5.0, lambda: bench.request(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, *4 * (nan,))
+        yield 6.0, lambda: bench.request(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
 
     def climb(
         self, bench: Bench, at: float, meters: float
     ) -> Iterator[tuple[float, Callable[[], None]]]:
         """Raise NoFlightError."""
         raise NoFlightError("--climb is for ArduCopter")
-
-    def _command(self, bench: Bench, number: int, *values: float) -> None:
-        bench.send(mavlink.MAVLink_command_long_message(self.system, 1, number, 0, *values))
 
     def weather(self, bench: Bench) -> None:
         """Start the wind. SIH computes the air velocity as ground velocity plus SIH_WIND, so
@@ -191,13 +176,7 @@ class Px4(Firmware):
 
     def ask_mode(self, bench: Bench, mode: int) -> None:
         """Request a mode once, without waiting."""
-        main = mode >> 16 & 0xFF
-        sub = mode >> 24
-        bench.send(
-            mavlink.MAVLink_command_long_message(
-                self.system, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, main, sub, 0, 0, 0, 0
-            )
-        )
+        bench.request(mavlink.MAV_CMD_DO_SET_MODE, 1, mode >> 16 & 0xFF, mode >> 24)
 
     def circle(self, bench: Bench, north: float, east: float) -> tuple[float, float]:
         """Start PX4's own GPS circle around a place (north, east, m). Return the center of the

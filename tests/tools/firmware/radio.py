@@ -53,8 +53,7 @@ class Radio:
     def target(self, time: float) -> tuple[float, float]:
         """Return the position of the target, north and east, m."""
         way = self._flight.target_speed * (time - self._began)
-        course = radians(self._flight.target_course)
-        return self._north + way * cos(course), self._east + way * sin(course)
+        return self._north + way, self._east
 
     def tick(self, truth: Truth) -> None:
         """Measure and send the ranges that are due."""
@@ -63,20 +62,10 @@ class Radio:
         if truth.time >= self._next:
             self._next = max(self._next + period, truth.time - period)
             measured = self._measured(truth, period)
-            stopped = (
-                flight.ranges_until is not None and truth.time - self._began > flight.silent_after
-            )
-            if self._random.random() < flight.loss or stopped:
+            if self._random.random() < flight.loss:
                 self.lost += 1
             else:
                 self._waiting.append((truth.time + flight.delay, truth.time, measured))
-            if flight.second_anchor:
-                north, east = self.target(truth.time)
-                east += flight.second_anchor
-                slant = hypot(
-                    truth.north - north, truth.east - east, truth.altitude - self.altitude
-                )
-                self._send(truth.time, slant, sensor=SENSOR_ID + 1)
         while self._waiting and self._waiting[0][0] <= truth.time:
             _, stamp, measured = self._waiting.popleft()
             self._send(truth.time if flight.delay else stamp, measured)
@@ -97,11 +86,9 @@ class Radio:
                 * self._random.random()
                 * (1 if self._random.random() < 0.8 else -1)
             )
-        if flight.step:
-            slant = round(slant / flight.step) * flight.step
         return max(slant, 0.0)
 
-    def _send(self, stamp: float, measured: float, sensor: int = SENSOR_ID) -> None:
+    def _send(self, stamp: float, measured: float) -> None:
         self.sent += 1
         if self._flight.sx1280:
             named = mavlink.MAVLink_named_value_float_message(round(stamp * 1000), NAME, measured)
@@ -115,7 +102,7 @@ class Radio:
             LONGEST_CM,
             min(centimetres, 65535),
             mavlink.MAV_DISTANCE_SENSOR_RADAR,
-            sensor,
+            SENSOR_ID,
             UP,
             UNKNOWN_COVARIANCE,
             0.0,

@@ -2,11 +2,12 @@
 link."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from math import degrees, pi
+from dataclasses import astuple, fields
+from math import degrees, inf, pi
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.tools.firmware.bench import Truth
 from tests.tools.firmware.flight import Flight
@@ -19,133 +20,122 @@ KEPT. It has settled when the error stays below SETTLED."""
 AT_LIMIT = 0.99
 GOING_ROUND = 0.3
 
+Array = NDArray[np.float64]
+Target = Callable[[float], tuple[float, float]]
+"""Callback(time): position of the target, north and east, m."""
 
-@dataclass(frozen=True)
-class Score:
-    """Figures of the last two laps unless stated otherwise: m, s; turn rates in deg/s, shares from
-    0 to 1.
 
-    rms, mean, sd: of the radius error. settled: time from the engagement until settled; None: never
-    settled. closest: smallest range of the flight. led_away: largest range minus the range at the
-    start. total_variation: total variation of the turn command, deg/s per second.
-    """
+def columns(track: Sequence[Truth], since: float, until: float = inf) -> dict[str, Array]:
+    """Return the truth between two times as an array per field."""
+    rows = np.array([astuple(one) for one in track if since <= one.time <= until])
+    return dict(zip((one.name for one in fields(Truth)), rows.T, strict=bool(len(rows))))
 
-    flown: float
-    kept: bool
-    direction: str
-    laps: float
-    rms: float
-    mean: float
-    sd: float
-    p95: float
-    settled: float | None
-    range_start: float
-    closest: float
-    led_away: float
-    roll: tuple[float, float]
-    ground_speed: tuple[float, ...]
-    airspeed: tuple[float, ...]
-    height: tuple[float, float]
-    turn_sd: float | None
-    turn_at_limit: float | None
-    total_variation: float | None
-    course_rate_sd: float
-    setpoints: int
-    setpoint_gap: float | None
-    not_finite: int
 
-    def plain(self) -> dict[str, Any]:
-        """Return the rounded figures for JSON."""
-        return {key: _rounded(value) for key, value in asdict(self).items()}
+def from_target(way: dict[str, Array], target: Target) -> Array:
+    """Return the positions relative to the target, m: a row for north, a row for east."""
+    places = np.array([target(time) for time in way["time"]])
+    return np.array([way["north"], way["east"]]) - places.T
 
 
 def score(
     flight: Flight,
     track: Sequence[Truth],
     setpoints: Sequence[Setpoint],
-    target: Callable[[float], tuple[float, float]],
+    target: Target,
     *,
     engaged: float,
     ended: float,
     turn_limit: float,
     home: float,
-) -> Score:
-    """Return the figures of a flight. engaged, ended: simulated times between which circnav
-    steered, s. turn_limit: rad/s."""
-    flown = [one for one in track if engaged <= one.time <= ended]
-    time = np.array([one.time for one in flown]) - engaged
-    places = np.array([target(one.time) for one in flown])
-    north = np.array([one.north for one in flown]) - places[:, 0]
-    east = np.array([one.east for one in flown]) - places[:, 1]
+) -> dict[str, Any]:
+    """Return the figures of the last two laps unless stated otherwise: m, s; turn rates in deg/s,
+    shares from 0 to 1.
+
+    rms, mean, sd: of the radius error. settled: time from the engagement until settled; None: never
+    settled. closest: smallest range of the flight. led_away: largest range minus the range at the
+    start. total_variation: total variation of the turn command, deg/s per second.
+
+    engaged, ended: simulated times between which circnav steered, s. turn_limit: rad/s.
+    """
+    way = columns(track, engaged, ended)
+    time = way["time"] - engaged
+    north, east = from_target(way, target)
     away = np.hypot(north, east)
+    late = time > time[-1] - flight.window
     error = away - flight.radius
-    window = time > time[-1] - flight.window
-    laps = float(np.ptp(phase := np.unwrap(np.arctan2(east, north))[window])) / (2 * pi)
-    clockwise = phase[-1] > phase[0]
-    rms = float(np.sqrt(np.mean(error[window] ** 2)))
-    speeds = np.array([(one.v_north, one.v_east) for one in flown])[window]
-    course = np.unwrap(np.arctan2(speeds[:, 1], speeds[:, 0]))
-    course_rate = np.degrees(np.diff(course) / np.maximum(np.diff(time[window]), 1e-3))
-    roll = np.degrees([one.roll for one in flown])[window]
-    altitude = np.array([one.altitude for one in flown])[window] - home
-    air = np.array([one.airspeed for one in flown])[window]
-    sent = [one for one in setpoints if engaged <= one.time <= ended]
-    late = [one for one in sent if one.turn is not None and one.time > ended - flight.window]
-    turns = np.degrees([one.turn or 0.0 for one in late])
-    gaps = np.diff([one.time for one in sent])
-    commanded = len(late) > 2
-    return Score(
-        flown=float(time[-1]),
-        kept=bool(
-            rms < KEPT * flight.radius
-            and laps > GOING_ROUND
-            and time[-1] > flight.window
-            and np.abs(error[window]).max() < 2 * KEPT * flight.radius
+    last = error[late]
+    phase = np.unwrap(np.arctan2(east, north))
+    laps = float(np.ptp(phase[late])) / (2 * pi)
+    clockwise = "clockwise" if phase[-1] > phase[0] else "counterclockwise"
+    rms = np.sqrt(np.mean(last**2))
+    near = rms < KEPT * flight.radius and np.abs(last).max() < 2 * KEPT * flight.radius
+    going_round = laps > GOING_ROUND
+    course = np.unwrap(np.arctan2(way["v_east"], way["v_north"])[late])
+    figures = {
+        "flown": time[-1],
+        "kept": bool(near and going_round and time[-1] > flight.window),
+        "direction": clockwise if going_round else "none",
+        "laps": laps,
+        "rms": rms,
+        "mean": last.mean(),
+        "sd": last.std(),
+        "p95": np.percentile(np.abs(last), 95),
+        "settled": _settled(time, np.abs(error) > SETTLED * flight.radius),
+        "range_start": away[0],
+        "closest": away.min(),
+        "led_away": away.max() - away[0],
+        "roll": _spread(np.degrees(way["roll"][late]))[::2],
+        "ground_speed": _spread(np.hypot(way["v_north"], way["v_east"])[late]),
+        "airspeed": _spread(way["airspeed"][late]),
+        "height": _spread(way["altitude"][late] - home)[::2],
+        "course_rate_sd": np.std(
+            np.degrees(np.diff(course)) / np.maximum(np.diff(time[late]), 1e-3)
         ),
-        direction=("clockwise" if clockwise else "counterclockwise")
-        if laps > GOING_ROUND
-        else "none",
-        laps=laps,
-        rms=rms,
-        mean=float(error[window].mean()),
-        sd=float(error[window].std()),
-        p95=float(np.percentile(np.abs(error[window]), 95)),
-        settled=_settled(time, np.abs(error) > SETTLED * flight.radius),
-        range_start=float(away[0]),
-        closest=float(away.min()),
-        led_away=float(away.max() - away[0]),
-        roll=(float(roll.min()), float(roll.max())),
-        ground_speed=_spread(np.hypot(speeds[:, 0], speeds[:, 1])),
-        airspeed=_spread(air),
-        height=(float(altitude.min()), float(altitude.max())),
-        turn_sd=float(turns.std()) if commanded else None,
-        turn_at_limit=float(np.mean(np.abs(turns) > AT_LIMIT * degrees(turn_limit)))
-        if commanded
-        else None,
-        total_variation=float(np.abs(np.diff(turns)).sum() / (late[-1].time - late[0].time))
-        if commanded
-        else None,
-        course_rate_sd=float(course_rate.std()),
-        setpoints=len(sent),
-        setpoint_gap=float(gaps.max()) if len(gaps) else None,
-        not_finite=sum(not one.finite for one in sent),
-    )
+    }
+    sent = [one for one in setpoints if engaged <= one.time <= ended]
+    figures |= commanded(sent, ended - flight.window, turn_limit)
+    return {name: _rounded(value) for name, value in figures.items()}
 
 
-def _settled(time: np.ndarray, outside: np.ndarray) -> float | None:
+def commanded(sent: Sequence[Setpoint], since: float, turn_limit: float) -> dict[str, Any]:
+    """Return the figures of the setpoints, and of the turn command since a time; None: fewer than
+    three commands."""
+    gaps = np.diff([one.time for one in sent])
+    figures: dict[str, Any] = {
+        "turn_sd": None,
+        "turn_at_limit": None,
+        "total_variation": None,
+        "setpoints": len(sent),
+        "setpoint_gap": gaps.max() if len(gaps) else None,
+        "not_finite": sum(not one.finite for one in sent),
+    }
+    late = [one for one in sent if one.turn is not None and one.time > since]
+    if len(late) < 3:
+        return figures
+    commands = np.array([(one.time, one.turn) for one in late])
+    turns = np.degrees(commands[:, 1])
+    return figures | {
+        "turn_sd": turns.std(),
+        "turn_at_limit": np.mean(np.abs(turns) > AT_LIMIT * degrees(turn_limit)),
+        "total_variation": np.abs(np.diff(turns)).sum() / np.ptp(commands[:, 0]),
+    }
+
+
+def _settled(time: Array, outside: NDArray[np.bool_]) -> float | None:
     """Return the time of the last error outside the band, s. None: this time is in the last third
     of the flight, so the circle has not settled."""
     last = float(time[outside][-1]) if outside.any() else 0.0
     return last if last < time[-1] * 2 / 3 else None
 
 
-def _spread(values: np.ndarray) -> tuple[float, ...]:
+def _spread(values: Array) -> tuple[float, ...]:
     """Return minimum, mean and maximum of the finite values."""
     known = values[np.isfinite(values)]
-    return (float(known.min()), float(known.mean()), float(known.max())) if len(known) else ()
+    return (known.min(), known.mean(), known.max()) if len(known) else ()
 
 
 def _rounded(value: Any) -> Any:
-    if isinstance(value, float):
-        return round(value, 3)
-    return [round(one, 2) for one in value] if isinstance(value, tuple) else value
+    """Return a value for JSON."""
+    if isinstance(value, tuple):
+        return [round(float(one), 2) for one in value]
+    return round(float(value), 3) if isinstance(value, float) else value

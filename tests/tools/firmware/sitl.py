@@ -45,19 +45,12 @@ def missing(kind: str) -> str:
 
 
 def _parameters(kind: str) -> Path | None:
-    folders = (
-        [Path(os.environ["CIRCNAV_ARDUPILOT_PARAMS"])]
-        if "CIRCNAV_ARDUPILOT_PARAMS" in os.environ
-        else []
-    )
+    folders = [Path(os.environ.get("CIRCNAV_ARDUPILOT_PARAMS", "/dev/null"))]
     for parent in Path(os.environ["CIRCNAV_ARDUPILOT"]).resolve().parents:
-        folders += [
-            parent / "Tools" / "autotest" / "default_params",
-            parent / "Tools" / "autotest" / "models",
-        ]
-    return next(
-        (folder / f"{kind}.parm" for folder in folders if (folder / f"{kind}.parm").is_file()), None
-    )
+        autotest = parent / "Tools" / "autotest"
+        folders += [autotest / "default_params", autotest / "models"]
+    files = (folder / f"{kind}.parm" for folder in folders)
+    return next((one for one in files if one.is_file()), None)
 
 
 class ArduPilot(Firmware):
@@ -78,7 +71,7 @@ class ArduPilot(Firmware):
         if self._starts_without_gps:
             self.holding = ALT_HOLD
         self.steered = frozenset(
-            (self.guided, GUIDED_NOGPS) if self._kind == "copter" else (self.guided,)
+            {self.guided} | ({GUIDED_NOGPS} if self._kind == "copter" else set())
         )
         self.shared = bound()
         self.own = bound()
@@ -88,29 +81,13 @@ class ArduPilot(Firmware):
         binary = Path(os.environ["CIRCNAV_ARDUPILOT"]).resolve() / f"ardu{self._kind}"
         model = {"plane": "plane", "copter": "+", "rover": "rover"}[self._kind]
         shared, own = (one.getsockname()[1] for one in (self.shared, self.own))
-        command = [
-            str(binary),
-            "--model",
-            model,
-            "--speedup",
-            f"{self._flight.speedup:g}",
-            "--home",
-            HOME,
-            "--defaults",
-            str(_parameters(self._kind)),
-            "-I0",
-            "--sim-address",
-            LOOPBACK,
-            "--rc-in-port",
-            str(self._rc_port),
-            "--serial0",
-            f"udpclient:{LOOPBACK}:{shared}",
-            "--serial1",
-            f"udpclient:{LOOPBACK}:{own}",
-            "--serial2",
-            f"udpclient:{LOOPBACK}:{self._flight.station}" if self._flight.station else "none:",
-            *[word for number in (5, 6, 7, 8) for word in (f"--serial{number}", "none:")],
-        ]
+        options = (
+            f"--model {model} --speedup 1 --home {HOME} -I0"
+            f" --sim-address {LOOPBACK} --rc-in-port {self._rc_port}"
+            f" --serial0 udpclient:{LOOPBACK}:{shared} --serial1 udpclient:{LOOPBACK}:{own}"
+            " --serial2 none: --serial5 none: --serial6 none: --serial7 none: --serial8 none:"
+        )
+        command = [binary, "--defaults", str(_parameters(self._kind)), *options.split()]
         log = (folder / "firmware.log").open("wb")
         scratch = folder / "firmware"
         scratch.mkdir()
@@ -123,19 +100,9 @@ class ArduPilot(Firmware):
         if message.get_type() != "SIM_STATE":
             return None
         north, east = self.metres(message.lat_int, message.lon_int)
-        air = bench.latest.get("VFR_HUD")
-        return Truth(
-            bench.now,
-            north,
-            east,
-            message.alt,
-            message.vn,
-            message.ve,
-            message.vd,
-            message.roll,
-            message.yaw,
-            air.airspeed if air else float("nan"),
-        )
+        velocity = (message.vn, message.ve, message.vd)
+        air = bench.airspeed
+        return Truth(bench.now, north, east, message.alt, *velocity, message.roll, message.yaw, air)
 
     def bring_up(self, bench: Bench) -> None:
         """Take off and hold."""
@@ -190,13 +157,7 @@ class ArduPilot(Firmware):
     def take_off(self, bench: Bench) -> Iterator[tuple[float, Callable[[], None]]]:
         """Arm, and raise the stick of a copter until it has climbed. A plane takes off by its mode,
         and is then put into LOITER."""
-        arms = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
-        yield (
-            5.0,
-            lambda: bench.send(
-                mavlink.MAVLink_command_long_message(1, 1, arms, 0, 1, 0, 0, 0, 0, 0, 0)
-            ),
-        )
+        yield 5.0, lambda: bench.request(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         if self._kind == "plane":
             yield 60.0, lambda: self.ask_mode(bench, self.holding)
             return
@@ -218,14 +179,9 @@ class ArduPilot(Firmware):
 
     def _move_home(self, bench: Bench) -> None:
         x, y = self.degrees_e7(self._flight.home_away, 0.0)
-        frame = mavlink.MAV_FRAME_GLOBAL
-        values = (0.0, 0.0, 0.0, 0.0)
-        if (
-            bench.command_at(
-                mavlink.MAV_CMD_DO_SET_HOME, frame, values, x, y, bench.track[0].altitude
-            )
-            != ACCEPTED
-        ):
+        where = (x, y, bench.track[0].altitude)
+        command = mavlink.MAV_CMD_DO_SET_HOME
+        if bench.command_at(command, mavlink.MAV_FRAME_GLOBAL, (0.0,) * 4, *where) != ACCEPTED:
             raise NoFlightError("home was not moved")
 
     def _chosen(self) -> list[str]:
@@ -284,11 +240,7 @@ class ArduPilot(Firmware):
 
     def ask_mode(self, bench: Bench, mode: int) -> None:
         """Request a mode once, without waiting."""
-        bench.send(
-            mavlink.MAVLink_command_long_message(
-                1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0
-            )
-        )
+        bench.request(mavlink.MAV_CMD_DO_SET_MODE, 1, mode)
 
     def circle(self, bench: Bench, north: float, east: float) -> tuple[float, float]:
         """Start ArduPilot's own GPS circle: a plane circles around a place, other vehicles at their

@@ -1,11 +1,12 @@
-"""python -m tests.tools.firmware.table --out DIR [--seeds N] [--jobs J] [--only TEXT]: the table of
-docs/measured.md.
+"""The table of docs/measured.md.
 
-Flies every row with every seed, J at once, and writes the table between the marks in
+    python -m tests.tools.firmware.table --out DIR [--seeds 1 5] [--processes 2] [--rows ROW ...]
+
+Flies every row with every seed, some at once, and writes the table between the marks in
 docs/measured.md and its flights into flights.jsonl beside this file. DIR keeps a line for each
-flight in results.jsonl, and the run folders. A flight in this file is not flown again. Seeds differ
-in noise, start and direction of rotation. A vehicle without a binary is skipped, and the reason is
-printed. Other options go to every flight (`tests.tools.firmware.fly`).
+flight in results.jsonl, and the run folders. Seeds differ in noise, start and direction of
+rotation. A vehicle without a binary is skipped, and the reason is printed. Other options go to
+every flight (`tests.tools.firmware.fly`).
 """
 
 import argparse
@@ -17,15 +18,17 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any
 
+from tests.tools import cells
+from tests.tools.cells import Result
 from tests.tools.firmware.flight import ROOT, add_options, flight
-from tests.tools.firmware.fly import line, missing
+from tests.tools.firmware.fly import missing
 
 PAGE = ROOT / "docs" / "measured.md"
 FLIGHTS = Path(__file__).with_name("flights.jsonl")
@@ -33,27 +36,9 @@ MARKS = "<!-- flights -->\n", "<!-- end of flights -->\n"
 STARTS = ((70, True), (-70, False), (140, True), (-10, False), (-110, True))
 """Start of a flight, by seed: bearing of the target from the nose, deg, and True for a clockwise
 circle."""
-OF_FLIGHT = (
-    "vehicle",
-    "radius",
-    "speed",
-    "direction",
-    "seed",
-    "wind",
-    "turbulence",
-    "start_bearing",
-)
-LEFT_OUT = {
-    "title",
-    "texts",
-    "modes",
-    "from_app",
-    "ranges",
-    "hidden",
-    "exit_code",
-    "cpu",
-    "own_position",
-}
+OF_FLIGHT = ("vehicle", "radius", "speed", "direction", "wind", "turbulence", "start_bearing")
+LEFT_OUT = {"title", "texts", "modes", "from_app", "ranges", "hidden", "exit_code",
+            "own_position"}  # fmt: skip
 """OF_FLIGHT: options that are stored with the flights of the page. LEFT_OUT: keys of a result that
 are not stored."""
 LASTS = 170
@@ -61,6 +46,7 @@ LASTS_PX4_COPTER = 270
 """Duration of a flight until the operator takes over, s; longer for the PX4 copter."""
 APART = 7.0
 """Shortest time between two starts, s."""
+STARTING = threading.Lock()
 LONGEST_PAUSE = 0.5
 SLOWEST = 0.98
 """Limits of a valid flight: longest pause, s, and smallest ratio of simulated to real time. Beyond
@@ -140,9 +126,10 @@ ROWS = (
     Row("PX4 plane R 60 V 10 by stick, calm", "px4_plane", 0.30, 2.0),
     Row("PX4 plane by stick, wind 2", "px4_plane --wind 2", 0.30, 2.0),
 )
+BY_NAME = {row.name: row for row in ROWS}
 HEAD = (
-    "| flight (wind, V: m/s; R: m) | RMS, m (aim) | RMS of the seeds, m | turn sd, deg/s (aim) |"
-    " settled, s |\n|---|---|---|---|---|"
+    "flight (wind, V: m/s; R: m) | RMS, m (aim) | RMS of the seeds, m | turn sd, deg/s (aim) |"
+    " settled, s"
 )
 
 
@@ -156,102 +143,64 @@ def words(row: Row, seed: int, extra: list[str]) -> list[str]:
     return [*shlex.split(row.options), *start, *end, *extra]
 
 
-def stored(path: Path) -> dict[tuple[str, int], dict[str, Any]]:
-    """Return the newest stored result of each flight."""
-    lines = path.read_text().splitlines() if path.is_file() else []
-    return {(one["row"], one["flight"]["seed"]): one for one in map(json.loads, lines)}
+def fly(name: str, seed: int, out: Path, extra: list[str]) -> Result:
+    """Fly a row in a separate process. Return its result."""
+    row = BY_NAME[name]
+    folder = out / f"{re.sub('[^a-z0-9]+', '-', row.options.replace('.', 'p'))}-{seed}"
+    program = [sys.executable, "-m", "tests.tools.firmware.fly"]
+    command = [*program, *words(row, seed, extra), "--out", str(folder)]
+    shutil.rmtree(folder, ignore_errors=True)
+    # Simulators that start together compete for the processor, and their vehicles engage late.
+    with STARTING:
+        time.sleep(APART)
+    with (out / f"{folder.name}.log").open("w") as log:
+        subprocess.run(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT, check=False)
+    if not (folder / "result.json").is_file():
+        return {"failed": f"no result, see {folder}.log"}
+    found: Result = json.loads((folder / "result.json").read_text())
+    return found
 
 
-def fly_all(
-    rows: list[Row], seeds: int, jobs: int, out: Path, extra: list[str], say: Callable[[str], None]
-) -> None:
-    """Fly all flights that are not stored, seed by seed, so that an interrupted table has every
-    row."""
-    out.mkdir(parents=True, exist_ok=True)
-    kept = stored(out / "results.jsonl")
-    lock = threading.Lock()
-    starting = threading.Lock()
-    wanted = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
-    todo = [
-        (row, seed)
-        for row, seed in wanted
-        if "failed" in kept.get((row.name, seed), {"failed": ""})
-    ]
-
-    def one(job: tuple[Row, int]) -> None:
-        row, seed = job
-        folder = out / f"{re.sub('[^a-z0-9]+', '-', row.options.replace('.', 'p'))}-{seed}"
-        command = [
-            sys.executable,
-            "-m",
-            "tests.tools.firmware.fly",
-            *words(row, seed, extra),
-            "--out",
-            str(folder),
-        ]
-        shutil.rmtree(folder, ignore_errors=True)
-        # Simulators that start together compete for the processor, and their vehicles engage late.
-        with starting:
-            time.sleep(APART)
-        with (out / f"{folder.name}.log").open("w") as log:
-            subprocess.run(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT, check=False)
-        with lock:
-            if (folder / "result.json").is_file():
-                result = {"row": row.name, **json.loads((folder / "result.json").read_text())}
-                with (out / "results.jsonl").open("a") as file:
-                    file.write(json.dumps(result) + "\n")
-                say(line(result))
-            else:
-                say(f"{row.name}, seed {seed}: no result, see {folder}.log")
-
-    with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(one, todo))
-
-
-def table(rows: list[Row], flights: dict[tuple[str, int], dict[str, Any]]) -> Iterator[str]:
-    """Yield the lines of the table in Markdown, then one line about all flights."""
-    yield HEAD
-    for row in rows:
-        flown = [
-            one for (name, _), one in flights.items() if name == row.name and "failed" not in one
-        ]
-        cells = _cells(row, flown) if flown else ["not flown", *["-"] * 3]
-        yield f"| {' | '.join([row.name, *cells])} |"
-    yield f"\n{_all(list(flights.values()))}"
-
-
-def _all(flights: list[dict[str, Any]]) -> str:
-    """Return figures of all flights together."""
-    flown = [one for one in flights if "failed" not in one]
+def table(flights: Iterable[Result]) -> str:
+    """Return the table in Markdown, and figures of all flights together."""
+    every = list(flights)
+    flown = [one for one in every if "failed" not in one]
+    rows = [_cells(row, [one for one in flown if one["row"] == row.name]) for row in ROWS]
     good = sum(one["kept"] and one["direction"] == one["flight"]["direction"] for one in flown)
     agree = sum((one["settled"] is None) == (one["own"].get("settled_s") is None) for one in flown)
-    closest = min((one["closest"] / one["flight"]["radius"] for one in flown), default=0.0)
-    led_away = max((one["led_away"] for one in flown), default=0.0)
-    at_limit = max((one["turn_at_limit"] or 0.0 for one in flown), default=0.0)
     late = [one["takeover"]["after_shown"] for one in flown if one.get("takeover")]
     late = [count for count in late if count is not None]
     return (
-        f"{len(flights)} flights. {good} kept the circle in the direction of the mission; circnav's"
-        f" verdict agreed with the true track in {agree}. Closest approach: {closest:.2f} R. Flown"
-        f" away from the target: at most {led_away:.0f} m. Turn command at its limit: at most"
-        f" {100 * at_limit:.0f} % of the last two laps. Setpoints after the operator's mode was"
-        f" shown: at most {max(late, default=0)}, in {sum(map(bool, late))} of {len(late)}"
-        f" takeovers. The computer paused for more than {LONGEST_PAUSE} s, or was slow: in"
-        f" {sum(map(_disturbed, flights))} flights."
+        f"{cells.table(HEAD, rows)}\n\n"
+        f"{len(every)} flights. {good} kept the circle in the direction of the mission; circnav's"
+        f" verdict agreed with the true track in {agree}. Closest approach:"
+        f" {min((one['closest'] / one['flight']['radius'] for one in flown), default=0.0):.2f} R."
+        f" Flown away from the target: at most {_largest(flown, 'led_away'):.0f} m. Turn command at"
+        f" its limit: at most {100 * _largest(flown, 'turn_at_limit'):.0f} % of the last two laps."
+        f" Setpoints after the operator's mode was shown: at most {max(late, default=0)}, in"
+        f" {sum(map(bool, late))} of {len(late)} takeovers. The computer paused for more than"
+        f" {LONGEST_PAUSE} s, or was slow: in {sum(map(_disturbed, every))} flights."
     )
 
 
-def _disturbed(one: dict[str, Any]) -> bool:
-    return bool(
-        one.get("longest_pause", 0.0) > LONGEST_PAUSE or one.get("real_speedup", 1.0) < SLOWEST
-    )
+def _largest(flown: Sequence[Result], figure: str) -> float:
+    return max((one[figure] or 0.0 for one in flown), default=0.0)
 
 
-def _cells(row: Row, flown: list[dict[str, Any]]) -> list[str]:
+def _disturbed(one: Result) -> bool:
+    slow = one.get("real_speedup", 1.0) < SLOWEST
+    return bool(slow or one.get("longest_pause", 0.0) > LONGEST_PAUSE)
+
+
+def _cells(row: Row, flown: Sequence[Result]) -> list[str]:
+    """Return the line of the table for a row."""
+    if not flown:
+        return [row.name, "not flown", "-", "-", "-"]
     rms = [one["rms"] for one in flown]
     settled = [one["own"]["settled_s"] for one in flown if one["own"].get("settled_s") is not None]
     aim = "" if row.aim_turn is None else f" ({row.aim_turn:g})"
     return [
+        row.name,
         f"{median(rms):.2f} ({row.aim:g})",
         f"{min(rms):.2f} to {max(rms):.2f}",
         f"{median(one['turn_sd'] or 0 for one in flown):.1f}{aim}",
@@ -259,71 +208,53 @@ def _cells(row: Row, flown: list[dict[str, Any]]) -> list[str]:
     ]
 
 
-def write(lines: Iterator[str], page: Path = PAGE) -> None:
+def write(text: str) -> None:
     """Write text between the marks of the page."""
-    before, rest = page.read_text().split(MARKS[0])
+    before, rest = PAGE.read_text().split(MARKS[0])
     after = rest.split(MARKS[1])[1]
-    page.write_text(before + MARKS[0] + "\n".join(["", *lines, ""]) + "\n" + MARKS[1] + after)
+    PAGE.write_text(f"{before}{MARKS[0]}\n{text}\n\n{MARKS[1]}{after}")
 
 
-def keep(flights: dict[tuple[str, int], dict[str, Any]], path: Path = FLIGHTS) -> None:
-    """Write a line for each flight, row by row."""
+def kept(flights: Iterable[Result]) -> str:
+    """Return the lines of flights.jsonl, row by row."""
+    order = list(BY_NAME)
     lines = []
-    for name, seed in [of for row in ROWS for of in sorted(flights) if of[0] == row.name]:
-        one = {key: value for key, value in flights[name, seed].items() if key not in LEFT_OUT}
-        lines.append(
-            json.dumps({**one, "flight": {key: one["flight"][key] for key in OF_FLIGHT}}) + "\n"
-        )
-    path.write_text("".join(lines))
+    for flown in sorted(flights, key=lambda one: (order.index(one["row"]), one["seed"])):
+        one = {key: value for key, value in flown.items() if key not in LEFT_OUT}
+        one["flight"] = {key: one["flight"][key] for key in OF_FLIGHT}
+        lines.append(json.dumps(one) + "\n")
+    return "".join(lines)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.tools.firmware.table",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--only", default="", help="rows with this text in name or options")
-    parser.add_argument(
-        "--dry", action="store_true", help="only print the table of the stored flights"
-    )
-    parser.add_argument("--page", type=Path, default=PAGE)
-    parser.add_argument("--flights", type=Path, default=FLIGHTS)
-    options, extra = parser.parse_known_args(arguments)
-    rows = [row for row in ROWS if options.only in row.name or options.only in row.options]
-    able = []
-    for row in [] if options.dry else rows:
-        reason = missing(flight(_parsed(words(row, 1, extra))))
-        if reason:
-            print(f"{row.name}: left out: {reason}", file=sys.stderr)
-        else:
-            able.append(row)
-    fly_all(
-        able,
-        options.seeds,
-        options.jobs,
-        options.out.resolve(),
-        extra,
-        lambda text: print(text, flush=True),
-    )
-    flown = stored(options.out / "results.jsonl")
-    lines = table(list(ROWS), flown)
-    if options.dry:
-        print("\n".join(lines))
-    else:
-        write(lines, options.page)
-        keep(flown, options.flights)
-    return 0
-
-
-def _parsed(given: list[str]) -> argparse.Namespace:
+def able(name: str, extra: list[str]) -> bool:
+    """Return True if a row can be flown here. Otherwise print the reason."""
     parser = argparse.ArgumentParser()
     add_options(parser)
-    return parser.parse_args(given)
+    reason = missing(flight(parser.parse_args(words(BY_NAME[name], 1, extra))))
+    if reason:
+        print(f"{name}: left out: {reason}", file=sys.stderr)
+    return not reason
+
+
+def main() -> None:
+    parser = cells.parser(__doc__, BY_NAME, (1, 5))
+    parser.set_defaults(processes=2)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--dry", action="store_true", help="print the table of the flights in DIR")
+    options, extra = parser.parse_known_args()
+    out = options.out.resolve()
+    options.keep = out / "results.jsonl"
+    if not options.dry:
+        out.mkdir(parents=True, exist_ok=True)
+        options.rows = [row for row in options.rows if able(row, extra)]
+        cells.flown(partial(fly, out=out, extra=extra), options, ThreadPoolExecutor)
+    flights = cells.read(options.keep).values()
+    if options.dry:
+        print(table(flights))
+    else:
+        write(table(flights))
+        FLIGHTS.write_text(kept(flights))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -4,25 +4,26 @@ from statistics import median
 
 import pytest
 
+from tests.tools import cells
 from tests.tools.firmware.emulated import fly
-from tests.tools.firmware.table import FLIGHTS, stored
+from tests.tools.firmware.table import FLIGHTS
 
-STORED = stored(FLIGHTS)
+STORED = cells.read(FLIGHTS)
 
 
 @pytest.mark.parametrize(
-    "row",
+    ("row", "approach"),
     [
-        "Plane, wind 8",
-        pytest.param("PX4 copter, wind 3", marks=pytest.mark.nightly),
-        pytest.param("PX4 plane by stick, wind 2", marks=pytest.mark.nightly),
+        ("Plane, wind 8", 50.0),
+        pytest.param("PX4 copter, wind 3", 90.0, marks=pytest.mark.nightly),
+        pytest.param("PX4 plane by stick, wind 2", 90.0, marks=pytest.mark.nightly),
     ],
 )
-def test_emulator_accuracy_matches_firmware(row: str) -> None:
+def test_emulator_accuracy_matches_firmware(row: str, approach: float) -> None:
     """The RMS radius error of a single emulated lap is within a factor of two of the firmware's."""
     real = [one for (name, _), one in STORED.items() if name == row]
     rms, turn_sd = (median(one[key] for one in real) for key in ("rms", "turn_sd"))
-    flown = fly(row, 1, direction="counterclockwise", count=1)
+    flown = fly(row, 1, direction="counterclockwise", count=1, approach=approach)
     assert flown.right
     assert rms / 2 < flown.rms < rms * 2
     assert turn_sd / 2 < flown.turn_sd < turn_sd * 2

@@ -3,7 +3,9 @@ real firmware."""
 
 import json
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple, replace
+from functools import partial
 from math import cos, hypot, nan, pi, radians, sin, tan
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from tests.tools import cells
 from tests.tools.firmware import fleet, table
 from tests.tools.firmware.bench import Reported, Truth
 from tests.tools.firmware.flight import VEHICLES, Flight
@@ -64,20 +67,20 @@ def test_score_matches_synthetic_circle_with_2_m_error(
         turn_limit=radians(8.0),
         home=584.0,
     )
-    assert (scored.kept, scored.direction) == (
+    assert (scored["kept"], scored["direction"]) == (
         True,
         "clockwise" if clockwise else "counterclockwise",
     )
-    assert (scored.rms, scored.mean, scored.sd) == pytest.approx((2.0, 2.0, 0.0), abs=0.01)
-    assert scored.settled == pytest.approx((375.0 - 157.5) / 22.0, abs=0.1)
-    assert (scored.closest, scored.led_away) == pytest.approx((152.0, 0.0), abs=0.1)
-    assert (scored.turn_sd, scored.turn_at_limit) == pytest.approx((2.0, 0.5), abs=0.01)
-    assert scored.total_variation == pytest.approx(4.0 * 20, rel=0.01)
+    assert (scored["rms"], scored["mean"], scored["sd"]) == pytest.approx((2.0, 2.0, 0.0), abs=0.01)
+    assert scored["settled"] == pytest.approx((375.0 - 157.5) / 22.0, abs=0.1)
+    assert (scored["closest"], scored["led_away"]) == pytest.approx((152.0, 0.0), abs=0.1)
+    assert (scored["turn_sd"], scored["turn_at_limit"]) == pytest.approx((2.0, 0.5), abs=0.01)
+    assert scored["total_variation"] == pytest.approx(4.0 * 20, rel=0.01)
     elsewhere = (TARGET[0] + 40.0, TARGET[1])
     scored = score(
         PLANE, track, [], lambda _: elsewhere, engaged=0.0, ended=200.0, turn_limit=1.0, home=584.0
     )
-    assert (scored.kept, scored.settled, scored.turn_sd) == (False, None, None), (
+    assert (scored["kept"], scored["settled"], scored["turn_sd"]) == (False, None, None), (
         "a circle around another position is not kept"
     )
 
@@ -232,27 +235,25 @@ def test_table_command_flies_missing_flights_and_prints_median_error(
 
     monkeypatch.setattr(subprocess, "run", fly_one)
     monkeypatch.setattr(table, "APART", 0.0)
-    row = table.ROWS[1]
-    for seeds, flights in ((1, 1), (3, 3), (3, 3)):
-        table.fly_all([row], seeds, 2, tmp_path, ["--altitude", "60"], lambda _: None)
+    row = table.ROWS[1].name
+    keep = tmp_path / "results.jsonl"
+    program = partial(table.fly, out=tmp_path, extra=["--altitude", "60"])
+    for last, flights in ((1, 1), (3, 3), (3, 3)):
+        words = ["--rows", row, "--seeds", "1", str(last), "--keep", str(keep)]
+        options = cells.parser(None, table.BY_NAME, (1, 1)).parse_args(words)
+        cells.flown(program, options, ThreadPoolExecutor)
         assert len(flown) == flights
     assert all(command[3:8] == ["plane", "--wind", "5", "--turbulence", "1"] for command in flown)
-    lines = list(table.table([row], table.stored(tmp_path / "results.jsonl")))
-    assert "| 0.20 (0.5) | 0.10 to 0.30 | 3.0 (4) | 10 |" in lines[1]
-    assert (
-        "3 flights. 2 kept the circle" in lines[2]
-        and "agreed with the true track in 2. Closest" in lines[2]
-    )
-    assert "Closest approach: 0.81 R." in lines[2]
+    text = table.table(cells.read(keep).values())
+    assert "| 0.20 (0.5) | 0.10 to 0.30 | 3.0 (4) | 10 |" in text
+    assert "3 flights. 2 kept the circle" in text and "agreed with the true track in 2." in text
+    assert "Closest approach: 0.81 R." in text
 
 
-def test_table_of_page_matches_stored_flights(tmp_path: Path) -> None:
-    flown = table.stored(table.FLIGHTS)
-    assert " ".join("\n".join(table.table(list(table.ROWS), flown)).split()) in " ".join(
-        table.PAGE.read_text().split()
-    )
-    table.keep(flown, tmp_path / "flights.jsonl")
-    assert (tmp_path / "flights.jsonl").read_text() == table.FLIGHTS.read_text()
+def test_table_of_page_matches_stored_flights() -> None:
+    flown = cells.read(table.FLIGHTS).values()
+    assert " ".join(table.table(flown).split()) in " ".join(table.PAGE.read_text().split())
+    assert table.kept(flown) == table.FLIGHTS.read_text()
 
 
 @pytest.mark.parametrize("vehicle", ["rover", "px4_copter"])

@@ -15,9 +15,7 @@ def both(fault: str, level: str, impairment: Impairment, **more: Any) -> Scenari
 
 def outage(seconds: float, way: str, **more: Any) -> Scenario:
     cut = Impairment(outages=((0.0, seconds),))
-    directions: dict[str, Any] = (
-        {"up": cut} if way == "up" else {"down": cut} if way == "down" else {"up": cut, "down": cut}
-    )
+    directions = dict.fromkeys(("up", "down") if way == "both" else (way,), cut)
     want = Want.REGAIN if seconds > 0.3 else Want.HOLD
     options = {"want": want, "lasts": seconds, "after": 60.0, **more}
     return Scenario("F2", f"{seconds:g} s {way}", **directions, **options)

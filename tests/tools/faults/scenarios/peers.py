@@ -14,17 +14,18 @@ from circnav_mav.pilot.mission_state import Phase
 from tests.flight.ground_station import Operator
 from tests.frames import sender
 from tests.tools.fault_link import DOWN, UP, Impairment
-from tests.tools.fault_link.frames import message_id, raw_frame, write
+from tests.tools.fault_link.frames import message_id, raw_frame
 from tests.tools.fault_link.intruders import (
     GCS,
     ground_station,
     periodic,
+    repeating,
     twin,
     unknown_senders,
     vehicle,
 )
 from tests.tools.fault_link.link import Intruder, Passage, Tamper
-from tests.tools.faults.cell import FRESH, Scenario, Want
+from tests.tools.faults.cell import FRESH, Arrange, Scenario, Want, intruded, tampered
 from tests.tools.faults.course import Course
 from tests.tools.faults.scenarios.line import PX4
 from tests.tools.faults.scenarios.ranging import SLOW
@@ -36,15 +37,9 @@ ARDUPILOT = ("arducopter", "arduplane", "ardurover")
 THEIR_MODE = {"arducopter": (5,), "arduplane": (7,), "ardurover": (4,)}
 OURS = (1, 191)
 
-Arrange = Callable[[Course, int], None]
 
-
-def tamper(tamper: Tamper) -> Arrange:
-    return lambda course, seed: course.link.tampers.append(tamper)
-
-
-def intrude(make: Callable[[int], Intruder]) -> Arrange:
-    return lambda course, seed: course.link.intruders.append(make(seed))
+def tamper(one: Tamper) -> Arrange:
+    return tampered(lambda seed: one)
 
 
 def our_clock(shift: Callable[[float, float], float]) -> Arrange:
@@ -57,42 +52,26 @@ def our_clock(shift: Callable[[float, float], float]) -> Arrange:
     return arrange
 
 
-def stalled(seconds: float) -> Arrange:
-    def arrange(course: Course, seed: int) -> None:
-        course.stall(seconds)
-
-    return arrange
+def clock(level: str, shift: Callable[[float, float], float], **more: Any) -> Scenario:
+    return Scenario("F14", f"our clock {level}", arrange=our_clock(shift), clocks=True, **more)
 
 
 HOST = [
     Scenario(
         "F9",
         "400 strange frames/s",
-        arrange=intrude(lambda seed: unknown_senders(200.0, seed)),
+        arrange=intruded(lambda seed: unknown_senders(200.0, seed)),
         quick=True,
         lasts=40,
     ),
-    Scenario(
-        "F14",
-        "our clock +1 s",
-        arrange=our_clock(lambda now, since: now + 1.0),
-        clocks=True,
-        on=SLOW,
-    ),
-    Scenario(
-        "F14", "our clock +10 s", arrange=our_clock(lambda now, since: now + 10.0), clocks=True
-    ),
-    Scenario(
-        "F14",
-        "our clock 500 ppm fast",
-        arrange=our_clock(lambda now, since: now + 5e-4 * (now - since)),
-        clocks=True,
-    ),
+    clock("+1 s", lambda now, since: now + 1.0, on=SLOW),
+    clock("+10 s", lambda now, since: now + 10.0),
+    clock("500 ppm fast", lambda now, since: now + 5e-4 * (now - since)),
     *(
         Scenario(
             "F20",
             f"stopped {s} s",
-            arrange=stalled(s),
+            arrange=lambda course, seed, s=s: course.stall(s),
             lasts=s + 1,
             after=50,
             want=Want.REGAIN,
@@ -225,24 +204,22 @@ def forged_acks(seed: int) -> Intruder:
     """Acknowledgements of circnav's commands: one from a ground station, and one addressed to
     another component."""
 
-    def words(n: int) -> list[bytes]:
-        return [acknowledgement(SET_MODE, 2, OURS, by=GCS), acknowledgement(511, 2, (1, 77))]
-
-    return periodic(20.0, words)
+    acks = [acknowledgement(SET_MODE, 2, OURS, by=GCS), acknowledgement(511, 2, (1, 77))]
+    return periodic(20.0, lambda n: acks)
 
 
 def joined(
     level: str, make: Callable[[int], Intruder], want: Want = Want.HOLD, **more: Any
 ) -> Scenario:
     """Return a scenario with another sender on the link."""
-    return Scenario("F18", level, arrange=intrude(make), want=want, **more)
+    return Scenario("F18", level, arrange=intruded(make), want=want, **more)
 
 
 def left_at_the_vehicles_ids(seed: int) -> Intruder:
     """A gimbal with the ids 1/1 behind the vehicle's router sends heartbeats: no autopilot, mode 0,
     not armed."""
     heartbeat = mavlink.MAVLink_heartbeat_message(26, 8, 0, 0, 4, 3)
-    return periodic(1.0, lambda n: [write(heartbeat, 1, 1, n & 255)])
+    return repeating((1, 1), 1.0, lambda n: [heartbeat])
 
 
 TWIN: dict[str, Any] = {"want": Want.END, "reason": "another companion", "lasts": 20}
@@ -281,7 +258,7 @@ def foreign_acks(seed: int) -> Intruder:
 COMMANDS = [
     commands("no acknowledgement", tamper(dropping(ACK)), Want.ENGAGE),
     commands("acknowledged 2 s late", tamper(late(ACK, 2.0)), Want.ENGAGE),
-    commands("foreign acknowledgements", intrude(foreign_acks), Want.ENGAGE),
+    commands("foreign acknowledgements", intruded(foreign_acks), Want.ENGAGE),
     commands("in progress for ever", tamper(answered(SET_MODE, 5)), Want.REFUSE, "mode"),
     commands("denied", tamper(answered(SET_MODE, 2)), Want.REFUSE, "denied", quick=True),
     commands("unsupported", tamper(answered(SET_MODE, 3)), Want.REFUSE, "unsupported"),

@@ -7,6 +7,7 @@ from typing import Any
 
 from tests.frames import read, rewritten
 from tests.tools.faults.cell import FRESH, Scenario, Want
+from tests.tools.faults.cell import tampered as by_tamper
 from tests.tools.faults.course import Course
 from tests.tools.faults.scenarios.line import PX4
 from tests.tools.faults.tampering import (
@@ -40,10 +41,7 @@ def tampered(
 ) -> Scenario:
     """Return a scenario that changes the ranging radio's frames. change: function of the seed that
     returns the change."""
-
-    def arrange(course: Course, seed: int) -> None:
-        course.link.tampers.append(on(number, change(seed)))
-
+    arrange = by_tamper(lambda seed: on(number, change(seed)))
     return Scenario(fault, level, arrange=arrange, **more)
 
 

@@ -5,8 +5,7 @@ from math import nan, pi, remainder
 from typing import Any
 
 from tests.frames import read, rewritten
-from tests.tools.faults.cell import Scenario, Want
-from tests.tools.faults.course import Course
+from tests.tools.faults.cell import Scenario, Want, tampered
 from tests.tools.faults.tampering import Change, on
 
 ATTITUDE = 30
@@ -25,26 +24,23 @@ BLIND: dict[str, Any] = {
 BANKED = ("arduplane", "px4_plane")
 
 
-def reports(level: str, number: int, make: Callable[[Course], Change], **more: Any) -> Scenario:
+def reports(level: str, number: int, make: Callable[[], Change], **more: Any) -> Scenario:
     """Return a scenario that changes one message of the vehicle during the fault."""
-
-    def arrange(course: Course, seed: int) -> None:
-        course.link.tampers.append(on(number, make(course)))
-
+    arrange = tampered(lambda seed: on(number, make()))
     return Scenario("F29", level, arrange=arrange, **{"lasts": 40.0, "after": 30.0, **more})
 
 
-def turned(angle: float) -> Callable[[Course], Change]:
+def turned(angle: float) -> Callable[[], Change]:
     """Return a change by which the yaw jumps by this angle, rad, and back at the end of the
     fault."""
 
     def change(frame: bytes, now: float) -> list[bytes]:
         return [rewritten(frame, yaw=remainder(read(frame).yaw + angle, 2 * pi))]
 
-    return lambda course: change
+    return lambda: change
 
 
-def every_second(course: Course) -> Change:
+def every_second() -> Change:
     """Pass one attitude per second and drop the others."""
     passed = [-1.0]
 
@@ -57,12 +53,12 @@ def every_second(course: Course) -> Change:
     return change
 
 
-def fixed(**values: float) -> Callable[[Course], Change]:
+def fixed(**values: float) -> Callable[[], Change]:
     """Set fields to constant values in every frame."""
-    return lambda course: lambda frame, now: [rewritten(frame, **values)]
+    return lambda: lambda frame, now: [rewritten(frame, **values)]
 
 
-def missing(course: Course) -> Change:
+def missing() -> Change:
     return lambda frame, now: []
 
 

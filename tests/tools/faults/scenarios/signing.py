@@ -11,7 +11,7 @@ from tests.flight.signed import KEY, OTHER, voice
 from tests.tools.fault_link import DOWN, UP, Impairment
 from tests.tools.fault_link.intruders import periodic, vehicle
 from tests.tools.fault_link.link import Intruder
-from tests.tools.faults.cell import FRESH, Scenario, Want
+from tests.tools.faults.cell import FRESH, Arrange, Scenario, Want, intruded, tampered
 from tests.tools.faults.course import Course
 from tests.tools.faults.tampering import repeated_later
 
@@ -22,7 +22,6 @@ HEARTBEAT = mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 5, 4, 3)
 """Heartbeat of our vehicle, in a mode that would end the mission."""
 TO_LOITER = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 5, 0, 0, 0, 0, 0)
 
-Arrange = Callable[[Course, int], None]
 Check = Callable[[Course], str | None]
 
 
@@ -47,14 +46,6 @@ def both_ways(key: bytes | None, timestamp: int = 0, **link: int) -> Arrange:
         ]
 
     return arrange
-
-
-def second_vehicle(course: Course, seed: int) -> None:
-    course.link.intruders.append(vehicle(1))
-
-
-def replayed(course: Course, seed: int) -> None:
-    course.link.tampers.append(repeated_later(5.0))
 
 
 def clock(*, ours: float = 0.0, theirs: float | None = 0.0) -> Arrange:
@@ -133,8 +124,17 @@ SIGNING = [
     signed(
         "true frames of an hour ago", both_ways(KEY, stamp(UNIX - HOUR), link_id=7), refused(BEHIND)
     ),
-    signed("all replayed after 5 s", replayed, refused(REPEATED), quick=True),
-    signed("second vehicle, our system", second_vehicle, refused(UNSIGNED, by_vehicle=False)),
+    signed(
+        "all replayed after 5 s",
+        tampered(lambda seed: repeated_later(5.0)),
+        refused(REPEATED),
+        quick=True,
+    ),
+    signed(
+        "second vehicle, our system",
+        intruded(lambda seed: vehicle(1)),
+        refused(UNSIGNED, by_vehicle=False),
+    ),
     fresh("vehicle without a clock", Want.ENGAGE, clock(theirs=None)),
     fresh("vehicle's clock -2 h", Want.ENGAGE, clock(theirs=-2 * HOUR), quick=True),
     fresh("vehicle's clock +2 h", Want.ENGAGE, clock(theirs=2 * HOUR)),
