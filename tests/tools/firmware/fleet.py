@@ -8,11 +8,11 @@ fly` per vehicle.
 
 Each vehicle is one `tests.tools.firmware.fly` process with its own ports and folder. All take off
 at one home, circle one beacon in layers of height, and exchange signed reports on the loopback
-interface. Other options go to every flight. The figures are computed from the simulators' true
-tracks and their times of receipt. Evenness is measured without a model of the wind: the gap of a
-vehicle is the time until the vehicle reaches the present bearing of the vehicle ahead, as a share
-of the sum of all gaps. Only the state "on the circle" is read from circnav's record. Prints one
-table and leaves fleet.json.
+interface. Other options (--wind, ...) go to every flight. The figures are computed from the
+simulators' true tracks and their times of receipt. Evenness is measured without a model of the
+wind: the gap of a vehicle is the time until the vehicle reaches the present bearing of the vehicle
+ahead, as a share of the sum of all gaps. Only the state "on the circle" is read from circnav's
+record. Prints one table and leaves fleet.json.
 """
 
 import argparse
