@@ -220,7 +220,8 @@ def test_tracker_keeps_airspeed_scale_when_wind_turns():
                 mean * dt / airspeed,
                 airspeed * (nose - before[2]) / dt,
             )
-            filter_.step(dt, mean * dt, radius + rng.normal(0, 0.5), 0.5, change)
+            filter_.observe(dt, mean * dt, radius + rng.normal(0, 0.5), 0.5, change)
+            filter_.search()
         before = velocity, air, nose
         direction -= speed * dt / radius
         if t > 60.0:
