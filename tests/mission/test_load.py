@@ -286,6 +286,7 @@ KEYS = [*keys_of(MissionFile), *(f"sim.{key}" for key in keys_of(VehicleConfig))
     ),
 )
 @example("", [("orbit.radius_m", "[1, " + 5000 * "9" + "]")])
+@example("", [("sim.seed", "nan"), ("vehicle.autopilot", "nan"), ("sim", "nan")])
 def test_any_text_gives_mission_or_one_error_line(text, changes):
     """Valid or damaged files with random overrides are loaded, including the settings of pilot and
     emulated vehicle."""
