@@ -181,7 +181,7 @@ def init() -> None:
 
     \b
     Example:
-        circnav init plane survey.toml
+        circnav init plane flight.toml
     """
 
 

@@ -1,16 +1,17 @@
 """Air of a multicopter: its drag, the wind, its velocity through the air, and the horizontal
-acceleration by the thrust ("push") that holds its airspeed.
+acceleration by the thrust that holds its airspeed.
 
-    push - v' = drag (v - wind),    drag along the nose = c V (1 + V/v_2)
+    a - v' = drag (v - wind),    drag along the nose = c V (1 + V/v_2)
 
-v: velocity over the ground. V: speed through the air. c: drag coefficient. v_2: speed at which the
-quadratic drag of the airframe equals the linear drag of the rotors. All vectors are complex: east +
-j north, or forward + j left.
+a: thrust acceleration. v: velocity over the ground. V: speed through the air. c: drag coefficient.
+v_2: speed at which the quadratic drag of the airframe equals the linear drag of the rotors. All
+vectors are complex: east + j north, or forward + j left.
 
-While the autopilot holds the speed over the ground, v is known and the tilt shows the push. One
-least squares of this line gives drag and wind. Without GPS, the accelerometer measures the drag,
-because the thrust of a multicopter has no component along its forward and left axes. So the drag
-gives airspeed and side-slip, in straight flight and in turns, independent of the attitude.
+While the autopilot holds the speed over the ground, v is known and the tilt shows the thrust
+acceleration. One least squares of this line gives drag and wind. Without GPS, the accelerometer
+measures the drag, because the thrust of a multicopter has no component along its forward and left
+axes. So the drag gives airspeed and side-slip, in straight flight and in turns, independent of the
+attitude.
 
 Source: Martin and Salaun, "The true role of accelerometer feedback in quadrotor control" (2010).
 v_2 was measured on ArduCopter's simulated quadrotor, straight and in turns.
@@ -29,8 +30,8 @@ from circnav_mav.timers import LowPass
 EQUAL_DRAG_SPEED = 8.0
 """v_2, m/s: speed at which the quadratic drag equals the linear drag."""
 MAX_TRIM = 1.5
-"""Bound of each integral (forward and left) of the push, m/s^2. This push corrects an attitude
-estimate that is wrong by 9 deg."""
+"""Bound of each integral (forward and left) of the thrust acceleration, m/s^2. It corrects an
+attitude estimate that is wrong by 9 deg."""
 SCALE_BOUNDS = (0.5, 2.0)
 """Bounds of the estimated airspeed scale (true over measured airspeed) of a copter without GPS. The
 drag coefficients of copters are between 0.2/s and 1/s."""
@@ -96,7 +97,7 @@ class CopterAir:
         self._speeds = (LowPass(0.5), LowPass(1.0))
         """Measured speed through the air, forward and left, m/s, at an airspeed scale of 1."""
         self._trim = 0j
-        """Integrals of the push, m/s^2."""
+        """Integrals of the thrust acceleration, m/s^2."""
 
     # --- learned while the autopilot holds the speed over the ground
 
@@ -108,8 +109,8 @@ class CopterAir:
 
     @property
     def drag(self) -> complex:
-        """Drag per mass over airspeed, 1/s. Its imaginary part is a push that turns with the nose
-        (a trimmed attitude)."""
+        """Drag per mass over airspeed, 1/s. Its imaginary part is a thrust acceleration that turns
+        with the nose (a trimmed attitude)."""
         fit = self._fit
         drag = (fit.product() + PRIOR * self._drag_of_mission) / (fit.spread() + PRIOR)
         # 0.05, 2.0: bounds of the drag, 1/s, as of `vehicle.drag_per_s`.
@@ -139,23 +140,29 @@ class CopterAir:
         return 3 * self._speed * self.scale_sigma
 
     def over_ground(
-        self, own: OwnMotion, push: complex, force: complex | None, *, steering: bool, settled: bool
+        self,
+        own: OwnMotion,
+        thrust_acceleration: complex,
+        force: complex | None,
+        *,
+        steering: bool,
+        settled: bool,
     ) -> OwnMotion:
         """Learn from a report, while the autopilot holds the commanded speed over the ground.
         Return the motion over the ground.
 
         own: heading of the nose and commanded speed.
-        push: horizontal acceleration by the tilt, forward + j left, m/s^2.
+        thrust_acceleration: horizontal acceleration by the tilt, forward + j left, m/s^2.
         force: specific force by the drag, forward + j left, m/s^2, or None.
         settled: True if the copter has followed its commands for long enough to have this speed.
         """
         step = own.time - self._time
         self._time = own.time
-        thrust = push * rect(1.0, own.heading)
+        thrust = thrust_acceleration * rect(1.0, own.heading)
         if not steering:
             # At a handover the copter hovers, and its acceleration then shows the drag.
             self._motion = AT_REST
-            self._compare(push, force, step)
+            self._compare(thrust_acceleration, force, step)
             return own
         before = self._motion.velocity
         if self._loop is None:
@@ -172,8 +179,11 @@ class CopterAir:
         if not 0 < step <= LONGEST_REPORT_GAP:
             return flown
         if settled:
-            self.lean.update(own.time, step, abs(push), self._required(v, acceleration))
-        limited = settled and self.lean.short  # a limited push does not show drag and wind
+            self.lean.update(
+                own.time, step, abs(thrust_acceleration), self._required(v, acceleration)
+            )
+        # A limited acceleration does not show drag and wind.
+        limited = settled and self.lean.short
         if not limited and (settled or self._loop is not None):
             self._fit.add(v, thrust - acceleration, step, step)
             self._compare((thrust - acceleration) * rect(1.0, -own.heading), force, step)
@@ -192,8 +202,8 @@ class CopterAir:
         return complex(self._errors.y / (self._errors.n + 1.0))
 
     def _required(self, v: complex, acceleration: complex) -> float | None:
-        """Return the push that a velocity over the ground requires, m/s^2, or None while drag and
-        wind cannot be separated."""
+        """Return the thrust acceleration that a velocity over the ground requires, m/s^2, or None
+        while drag and wind cannot be separated."""
         fit = self._fit
         # 0.7: share of the spread of v in its square. On a straight path it is 0, after a turn of
         # 240 deg 0.8.
@@ -225,7 +235,8 @@ class CopterAir:
 
         own: heading of the nose and commanded airspeed.
         force: as in `over_ground`. Without a force, `own` is returned.
-        steering: True while circnav steers. The integrals of the push are then updated.
+        steering: True while circnav steers. The integrals of the thrust acceleration are then
+            updated.
         scale: estimated airspeed scale, or None while it is not trusted.
         """
         step = own.time - self._time
@@ -245,32 +256,32 @@ class CopterAir:
         slip = clip(atan2(left, max(forward, 1e-3)), -0.6, 0.6)
         return own._replace(heading=own.heading + slip, airspeed=hypot(forward, left))
 
-    def push(self, speed: float) -> complex:
-        """Return the push, forward + j left, m/s^2, that holds a true airspeed, m/s, along the
-        nose.
+    def thrust_acceleration(self, speed: float) -> complex:
+        """Return the thrust acceleration, forward + j left, m/s^2, that holds a true airspeed, m/s,
+        along the nose.
 
-        The push that balances the drag at this airspeed is commanded at once. Without GPS, the
-        attitude estimate is wrong by some degrees in turns. An integral of the missing drag
-        corrects the forward push. An integral of the side-slip corrects the push to the left.
-        Without the second integral, the path through the air turned by up to 1.7 deg/s more or less
-        than the nose.
+        The thrust acceleration that balances the drag at this airspeed is commanded at once.
+        Without GPS, the attitude estimate is wrong by some degrees in turns. An integral of the
+        missing drag corrects the forward part. An integral of the side-slip corrects the part to
+        the left. Without the second integral, the path through the air turned by up to 1.7 deg/s
+        more or less than the nose.
         """
         if speed <= 0:
             return 0j
         wanted, _, slip = self._errors_of(speed)
-        # 0.4: push to the right per speed to the left, 1/s. It reduces the side-slip.
+        # 0.4: acceleration to the right per speed to the left, 1/s. It reduces the side-slip.
         return complex(wanted, -0.4 * slip) + self._trim
 
     def _hold(self, speed: float, scale: float | None, step: float) -> None:
-        """Update the airspeed scale and the integrals of the push. speed: true airspeed to hold,
-        m/s."""
+        """Update the airspeed scale and the integrals of the thrust acceleration. speed: true
+        airspeed to hold, m/s."""
         if scale is not None:
-            # Time constant with which the held airspeed follows the estimated scale, s.
+            # 10.0: time constant with which the held airspeed follows the estimated scale, s.
             self.scale += (scale - self.scale) * (1 - exp(-step / 10.0))
         _, missing, slip = self._errors_of(speed)
         # 0.15: rate of the forward integral, 1/s. The integral is slower than the response of the
-        # airspeed by the drag (0.25 to 0.5/s), so that the airspeed does not oscillate. And push to
-        # the right per integral of the speed to the left, 1/s^2.
+        # airspeed by the drag (0.25 to 0.5/s), so that the airspeed does not oscillate. The same
+        # rate, 1/s^2, applies to the integral of the speed to the left.
         trim = self._trim + 0.15 * step * complex(missing, -slip)
         self._trim = complex(
             clip(trim.real, -MAX_TRIM, MAX_TRIM), clip(trim.imag, -MAX_TRIM, MAX_TRIM)

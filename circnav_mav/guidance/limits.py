@@ -11,8 +11,9 @@ from circnav_mav.timers import Hysteresis, LowPass
 
 SHORT = 0.95
 """A plane is limited if it turns less than this share of the commanded turn. A copter is limited if
-its push is below this share of the required push. Both are smoothed over 1 s. A smaller deficit
-may result from the response lag, or from the error of the fit in turns."""
+its thrust acceleration is below this share of the required one. Both are smoothed
+over 1 s. A smaller deficit may result from the response lag, or from the error of the fit in
+turns."""
 STEADY_FOR = 1.0
 """Least duration, s, for which a bank or lean must be steady before it can be a limit. A bank that
 still changes is no limit."""
@@ -92,7 +93,8 @@ class LeanLimit:
     less than its velocity requires, keeps this lean steady, and has hardly leaned more before.
 
     short: True if the copter leans less than required now, and has hardly leaned more before.
-    found: push (horizontal acceleration by the lean) at the limit, m/s^2; inf while unknown.
+    found: thrust acceleration (horizontal acceleration by the lean) at the limit, m/s^2; inf while
+        unknown.
     share: factor on the commanded speed. It is lowered each time that the lean is at its limit.
     """
 
@@ -116,8 +118,9 @@ class LeanLimit:
         self.short = False
         self.found = inf
         self.share = 1.0
-        # 1.0: time constant of the low-pass on the push, s. The low-pass suppresses single gusts.
-        self._push = LowPass(1.0)
+        # 1.0: time constant of the low-pass on the thrust acceleration, s. The low-pass suppresses
+        # single gusts.
+        self._thrust_acceleration = LowPass(1.0)
         self._required = LowPass(1.0)
         self._most = 0.0
         """Largest smoothed lean so far, rad."""
@@ -125,21 +128,23 @@ class LeanLimit:
         self._stood: tuple[float, float] | None = None
         """Steady lean, rad, and the time from which it is a limit, s."""
 
-    def update(self, now: float, step: float, push: float, required: float | None) -> None:
+    def update(
+        self, now: float, step: float, thrust_acceleration: float, required: float | None
+    ) -> None:
         """Process a report, while the copter follows its commands.
 
         step: time since the report before, s.
-        push: flown, m/s^2.
-        required: push that the velocity requires, m/s^2; None while it is unknown.
+        thrust_acceleration: flown, m/s^2.
+        required: thrust acceleration that the velocity requires, m/s^2; None while it is unknown.
         """
-        smooth = self._push.update(push, step)
+        smooth = self._thrust_acceleration.update(thrust_acceleration, step)
         lean = atan(smooth / GRAVITY)
         self._most = max(self._most, lean)
         if required is None:
             return
         misses = smooth < SHORT * self._required.update(required, step)
         self.short = misses and lean > self.NEAR_MOST * self._most
-        is_steady = abs(atan(push / GRAVITY) - lean) < self.STEADY
+        is_steady = abs(atan(thrust_acceleration / GRAVITY) - lean) < self.STEADY
         if not self._steady.update(self.short and is_steady, now):
             return
         # In gusts a lean may be steady once by chance. At a limit the lean stays steady, or becomes

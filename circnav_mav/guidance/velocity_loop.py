@@ -98,5 +98,7 @@ class VelocityLoop:
         v, a, q = motion
         error = wanted - v
         rate = a - drag * v
-        push = self.proportional * error + q + fed - self.derivative * rate
-        return LoopMotion(v + rate * h, a + (push - a) * h / TILT, q + self.integral * error * h)
+        thrust_acceleration = self.proportional * error + q + fed - self.derivative * rate
+        return LoopMotion(
+            v + rate * h, a + (thrust_acceleration - a) * h / TILT, q + self.integral * error * h
+        )

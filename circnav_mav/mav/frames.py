@@ -33,7 +33,7 @@ def heading_enu_from_yaw_ned(yaw: float) -> float:
     return pi - (pi / 2 + yaw) % (2 * pi)
 
 
-def push_from_tilt(roll: float, pitch: float) -> complex:
+def thrust_acceleration_from_tilt(roll: float, pitch: float) -> complex:
     """Return the horizontal acceleration (forward + j left of the nose, m/s^2) of a thrust that
     balances the weight.
 
@@ -68,13 +68,13 @@ def drag_from_body(force: tuple[float, float], roll: float, pitch: float) -> com
     return complex(forward, -right)
 
 
-def pitch_from_push(push: float) -> float:
+def pitch_from_thrust(thrust_acceleration: float) -> float:
     """Return the pitch (nose up positive, rad) of a thrust that balances the weight and pushes
-    forward by `push`, m/s^2."""
-    return -atan(push / GRAVITY)
+    forward by `thrust_acceleration`, m/s^2."""
+    return -atan(thrust_acceleration / GRAVITY)
 
 
-def roll_from_push(right: float, pitch: float) -> float:
+def roll_from_thrust(right: float, pitch: float) -> float:
     """Return the roll (right positive, rad) of a thrust that balances the weight and pushes to the
     right, m/s^2, at a pitch (rad)."""
     return atan(right * cos(pitch) / GRAVITY)

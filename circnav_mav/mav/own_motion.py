@@ -19,7 +19,7 @@ from circnav_mav.mav.frames import (
     euler_from_quaternion,
     heading_enu_from_yaw_ned,
     level_from_body,
-    push_from_tilt,
+    thrust_acceleration_from_tilt,
     turn_rate_from_yaw_rate,
     vector_from_level,
 )
@@ -325,7 +325,7 @@ class OwnMotionSensor:
         roll, pitch = (0.0, 0.0) if body is None else _tilt(body)
         force = self.accelerations.across_thrust(now)
         drag = None if force is None else drag_from_body(force, roll, pitch)
-        return push_from_tilt(roll, pitch), drag
+        return thrust_acceleration_from_tilt(roll, pitch), drag
 
     def at(self, now: float) -> Motion:
         """Return the motion at this time, stale values as None."""

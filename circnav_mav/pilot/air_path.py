@@ -80,13 +80,13 @@ class AirPath:
 
     def _by_air(self, air: CopterAir, nose: OwnMotion, now: float) -> OwnMotion:
         """Return the motion of a copter along its path."""
-        push, force = self._session.motion.forces(now)
+        thrust_acceleration, force = self._session.motion.forces(now)
         steering = self._mission.steering
         if self._session.adapter.airspeed_from_drag:
             scale = self._tracker.trusted_scale
             return air.through_air(nose, force, steering=steering, scale=scale)
         settled = self._controller.vehicle.at_speed
-        return air.over_ground(nose, push, force, steering=steering, settled=settled)
+        return air.over_ground(nose, thrust_acceleration, force, steering=steering, settled=settled)
 
     def _request_other_imus(self) -> None:
         """Request the other IMUs once, without a check that they arrive: the vehicle may have

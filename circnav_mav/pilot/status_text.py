@@ -44,10 +44,11 @@ def overdue(pilot: Pilot, now: float) -> Outcome | None:
             flown = "flown" if pilot.flies else "dry run"
             return Outcome(Ending.COMPLETED, f"{flown} to its end")
         return Outcome(
-            Ending.ABORTED, f"time ran out while {mission.phase.value}{_what_is_gone(pilot, now)}"
+            Ending.ABORTED,
+            f"time ran out while {mission.phase.value}{_age_of_lost_data(pilot, now)}",
         )
     if mission.phase is Phase.COASTING and waited > mission.coast:
-        return Outcome(Ending.ABORTED, _why_held(pilot, now))
+        return Outcome(Ending.ABORTED, _why_coasting(pilot, now))
     if mission.lost_at is not None and now - mission.lost_at > limits.outage:
         return Outcome(Ending.ABORTED, f"no vehicle or no ranging for {limits.outage:.0f} s")
     if mission.begun or mission.started is None:
@@ -112,7 +113,7 @@ def _not_ready(pilot: Pilot, now: float) -> str:
 # --- lost data
 
 
-def _why_held(pilot: Pilot, now: float) -> str:
+def _why_coasting(pilot: Pilot, now: float) -> str:
     """Return the reason why no range could be used while coasting."""
     tracker = pilot.tracker
     waited = now - pilot.mission.since
@@ -131,7 +132,7 @@ def _why_held(pilot: Pilot, now: float) -> str:
     return f"no range for {waited:.1f} s"
 
 
-def _what_is_gone(pilot: Pilot, now: float) -> str:
+def _age_of_lost_data(pilot: Pilot, now: float) -> str:
     """Return the age of the lost data, as text, if the mission waits for the link or for ranges.
     Otherwise return an empty string."""
     if pilot.mission.phase is Phase.WAIT_LINK:

@@ -159,7 +159,7 @@ class Listeners:
         return dict(self._all(now, "facts", now, by=Mapping.items))
 
     def vehicles(self, now: float) -> list[OtherVehicle]:
-        """Return the other vehicles known to all listeners."""
+        """Return the other vehicles that the listeners report."""
         return self._all(now, "vehicles", now)
 
     def alarms(self, now: float) -> dict[str, str]:

@@ -111,28 +111,28 @@ def test_drag_is_not_learned_from_straight_flight() -> None:
 
 
 @pytest.mark.parametrize("attitude_error", [-0.5, 0.0, 0.7])
-def test_push_reaches_speed_despite_wrong_attitude(attitude_error: float) -> None:
+def test_thrust_acceleration_reaches_speed_despite_wrong_attitude(attitude_error: float) -> None:
     """The copter is a point mass with drag. An error of its attitude adds `attitude_error` (m/s^2)
-    to the commanded push, forward and to the left."""
+    to the commanded thrust acceleration, forward and to the left."""
     air = CopterAir(0.25, V)
     velocity = 0j
     for tick in range(1200):
         through_air(air, tick, velocity)
-        push = air.push(V) + complex(attitude_error, attitude_error)
-        velocity += (push - drag_of(velocity, 0.0, 0.25)) * STEP
+        thrust_acceleration = air.thrust_acceleration(V) + complex(attitude_error, attitude_error)
+        velocity += (thrust_acceleration - drag_of(velocity, 0.0, 0.25)) * STEP
     assert velocity == pytest.approx(V, abs=0.1)
 
 
-def test_push_uses_estimated_scale() -> None:
+def test_thrust_acceleration_uses_estimated_scale() -> None:
     """The copter has less drag than the mission assumes, so its true airspeed is 1.25 times the
     measured airspeed."""
     air = CopterAir(0.25, V)
     speed = 0.0
     for tick in range(2000):
         through_air(air, tick, complex(speed / 1.25), scale=1.25)
-        speed += (air.push(V).real - drag_force(speed / 1.25, 0.25)) * STEP
+        speed += (air.thrust_acceleration(V).real - drag_force(speed / 1.25, 0.25)) * STEP
     assert speed == pytest.approx(V, abs=0.05)
 
 
-def test_push_is_zero_at_speed_0() -> None:
-    assert CopterAir(0.25, V).push(0.0) == 0
+def test_thrust_acceleration_is_zero_at_speed_0() -> None:
+    assert CopterAir(0.25, V).thrust_acceleration(0.0) == 0

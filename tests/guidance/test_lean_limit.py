@@ -29,14 +29,16 @@ def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0, lag=0.0):
         heading = TURN * 0.05 * i
         nose = rect(1.0, heading)
         gusts += (-gusts * 0.05 + gust * complex(*rng.standard_normal(2)) * 0.3) / 2
-        push = (
+        thrust_acceleration = (
             DRAG * (V * lean.share * nose - wind)
             + 1j * V * lean.share * TURN * nose
             + gusts
             + trim * nose
         )
-        push = rect(min(abs(push), limit), phase(push))
-        flown = push if lag == 0 else flown + (push - flown) * 0.05 / lag
+        thrust_acceleration = rect(min(abs(thrust_acceleration), limit), phase(thrust_acceleration))
+        flown = (
+            thrust_acceleration if lag == 0 else flown + (thrust_acceleration - flown) * 0.05 / lag
+        )
         own = OwnMotion(0.05 * i, heading, TURN, V * lean.share)
         air.over_ground(own, flown * nose.conjugate(), None, steering=True, settled=True)
     return lean

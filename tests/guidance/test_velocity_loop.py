@@ -16,9 +16,9 @@ LEAN = 0.25  # lag of the copter's lean behind its command, s
 STEP = 0.04
 
 
-def update(air, own, push=0j, steering=True):
+def update(air, own, thrust_acceleration=0j, steering=True):
     """Return the motion over the ground after a report without accelerations."""
-    return air.over_ground(own, push, None, steering=steering, settled=True)
+    return air.over_ground(own, thrust_acceleration, None, steering=steering, settled=True)
 
 
 def flown(turn_rate, drag, wind=(0.0, 0.0), seconds=150.0):
@@ -38,8 +38,8 @@ def flown(turn_rate, drag, wind=(0.0, 0.0), seconds=150.0):
         psi = turn_rate * i * STEP
         velocity = response * V * complex(cos(psi), sin(psi))
         acceleration = s * velocity + drag * (velocity - complex(*wind))
-        push = acceleration * complex(cos(psi), -sin(psi))
-        own = update(motion, OwnMotion(i * STEP, psi, turn_rate, V), push)
+        thrust_acceleration = acceleration * complex(cos(psi), -sin(psi))
+        own = update(motion, OwnMotion(i * STEP, psi, turn_rate, V), thrust_acceleration)
     return motion, own, response
 
 

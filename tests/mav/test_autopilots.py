@@ -26,7 +26,7 @@ VEHICLE_IDS = (7, 1)
 SPEED = 10.0
 TURN = 0.2
 FACTS = VehicleFacts(speed=SPEED, max_bank=0.7, drag=0.08)
-"""With a drag coefficient of 0.08/s, 10 m/s require a push of 1.8 m/s^2."""
+"""With a drag coefficient of 0.08/s, 10 m/s require a thrust acceleration of 1.8 m/s^2."""
 FULL_STICK = radians(50)
 AT = 12.345
 LEVEL = Motion(roll=0.0, pitch=0.0, yaw=1.0, airspeed=SPEED, altitude=0.0, climb=0.5)
@@ -159,9 +159,9 @@ def yawed_frame(*, roll: float, pitch: float, yaw: float) -> bytes:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_copter_attitude_leans_forward_and_into_its_turn(side: str) -> None:
-    """A push of 1.8 m/s^2 forward gives a pitch of -atan(1.8/g). In a turn to the right, roll and
-    yaw rate are positive in MAVLink. The first yaw target is the reported yaw, 1 rad; 0.1 s later
-    the target is the yaw rate times 0.1 s farther."""
+    """A thrust acceleration of 1.8 m/s^2 forward gives a pitch of -atan(1.8/g). In a turn to the
+    right, roll and yaw rate are positive in MAVLink. The first yaw target is the reported yaw, 1
+    rad; 0.1 s later the target is the yaw rate times 0.1 s farther."""
     turn_rate, sense = SIDES[side]
     adapter = AUTOPILOTS["ardupilot", "copter attitude"](FACTS)
     steer = Steer(yaw_rate_from_turn_rate(TurnRate(turn_rate)), SPEED)
@@ -175,11 +175,11 @@ def test_copter_attitude_leans_forward_and_into_its_turn(side: str) -> None:
     assert_alike(Encoder(*US).encode(later), yawed_frame(**lean, yaw=1.0 + 0.1 * TURN * sense))
 
 
-@pytest.mark.parametrize("push", [9.0, 6 - 9j, -9 - 9j])
-def test_copter_attitude_limits_total_tilt(push: complex) -> None:
+@pytest.mark.parametrize("thrust_acceleration", [9.0, 6 - 9j, -9 - 9j])
+def test_copter_attitude_limits_total_tilt(thrust_acceleration: complex) -> None:
     """Roll and pitch of 25 deg each are a tilt of 34.8 deg, at which a copter sinks."""
     steer = Steer(yaw_rate_from_turn_rate(TurnRate(-0.3)), SPEED)
-    roll, pitch = tilt(steer, push, FACTS.max_bank)
+    roll, pitch = tilt(steer, thrust_acceleration, FACTS.max_bank)
     # The product is the cosine between body and world z axes.
     assert acos(cos(roll) * cos(pitch)) == pytest.approx(FACTS.max_bank, abs=1e-6)
 

@@ -194,8 +194,8 @@ class Companion:
             return Place(
                 now, self._given, 0.0, 0.0, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False
             )
-        surveyed = self._locator.place
-        return None if surveyed is None else surveyed.at(now)
+        estimated = self._locator.place
+        return None if estimated is None else estimated.at(now)
 
     def _give_back(self, target: tuple[int, int], now: float) -> list[Message]:
         """Return the command with a position for an autopilot that has lost its own, if a command

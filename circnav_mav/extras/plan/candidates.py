@@ -31,7 +31,7 @@ class Site:
     smallest, largest: bounds of the radius, m.
     wind: steady wind, m/s.
     gusts: RMS of the gusts per axis, m/s.
-    laps: number of laps of the locator.
+    laps: number of laps to locate the beacon.
     """
 
     smallest: float
@@ -58,7 +58,7 @@ class Candidate:
     used: turn rate needed at the most downwind point, as a share of the vehicle's turn rate.
     most_wind: largest wind for this circle, m/s, None if the autopilot compensates the wind.
     lap: duration of a lap, s.
-    flight: duration of approach and survey, s.
+    flight: duration of approach and circles, s.
     rms: RMS of the radius error, m.
     place: standard deviation of the beacon's place, m, None without a locator.
     problems: subjects of the check lines that do not pass.
@@ -125,7 +125,7 @@ def candidate(mission: Mission, site: Site) -> Candidate:
     failing = [line.subject for line in check_mission(mission) if line.grade is not PASS]
     if most is not None and most < wind:
         failing.append("wind")
-    survey = site.laps * lap
+    circling = site.laps * lap
     way = settling_time(min(5 * orbit.radius, mission.max_range), orbit.speed, orbit.radius, able)
     return Candidate(
         radius=orbit.radius,
@@ -135,9 +135,9 @@ def candidate(mission: Mission, site: Site) -> Candidate:
         used=(orbit.speed + wind) ** 2 / (orbit.speed * orbit.radius * able),
         most_wind=most,
         lap=lap,
-        flight=way + survey,
+        flight=way + circling,
         rms=radius_rms(mission, site.gusts),
-        place=position_sigma(mission, survey),
+        place=position_sigma(mission, circling),
         problems=tuple(dict.fromkeys(failing)),
     )
 

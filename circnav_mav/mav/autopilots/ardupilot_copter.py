@@ -225,7 +225,7 @@ class ArduCopterAttitude(Copter):
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the attitude that turns in coordination and holds the airspeed. The yaw target
         moves at the commanded yaw rate."""
-        roll, pitch = tilt(steer, self.air.push(steer.speed), self._facts.max_bank)
+        roll, pitch = tilt(steer, self.air.thrust_acceleration(steer.speed), self._facts.max_bank)
         return attitude(
             self.MASK, to, now, roll=roll, pitch=pitch, yaw=self._turned(steer, to, now), thrust=0.5
         )

@@ -21,9 +21,9 @@ from circnav_mav.mav.commands import Command
 from circnav_mav.mav.frames import (
     YawRate,
     euler_from_quaternion,
-    pitch_from_push,
+    pitch_from_thrust,
     quaternion_from_euler,
-    roll_from_push,
+    roll_from_thrust,
 )
 from circnav_mav.mav.own_motion import Motion
 from circnav_mav.mav.setpoint_guard import Steer
@@ -72,10 +72,10 @@ class VehicleFacts:
         positive)."""
         return 1000 * min(max(bank / radians(FULL_STICK), -1.0), 1.0)
 
-    def tilt_stick(self, push: float) -> float:
-        """Return the pitch or roll stick of a copter, thousandths, for a push, m/s^2. Stick and
-        push have the same sign."""
-        return 1000 * min(max(push / (GRAVITY * tan(radians(FULL_TILT))), -1.0), 1.0)
+    def tilt_stick(self, thrust_acceleration: float) -> float:
+        """Return the pitch or roll stick of a copter, thousandths, for a thrust acceleration,
+        m/s^2. Stick and thrust acceleration have the same sign."""
+        return 1000 * min(max(thrust_acceleration / (GRAVITY * tan(radians(FULL_TILT))), -1.0), 1.0)
 
 
 class SetpointContext(NamedTuple):
@@ -374,25 +374,29 @@ def attitude(
     )
 
 
-def tilt(steer: Steer, push: complex, most: float) -> tuple[float, float]:
-    """Return roll and pitch, rad, of a copter that accelerates by `push` and banks into its turn.
+def tilt(steer: Steer, thrust_acceleration: complex, most: float) -> tuple[float, float]:
+    """Return roll and pitch, rad, of a copter that accelerates by `thrust_acceleration` and banks
+    into its turn.
 
-    push: acceleration by the thrust, forward + j left, m/s^2. most: limit of the total tilt, rad.
+    thrust_acceleration: acceleration by the thrust, forward + j left, m/s^2. most: limit of the
+        total tilt, rad.
     """
-    forward, right = level_acceleration(steer, push, most)
-    pitch = pitch_from_push(forward)
-    return roll_from_push(right, pitch), pitch
+    forward, right = level_acceleration(steer, thrust_acceleration, most)
+    pitch = pitch_from_thrust(forward)
+    return roll_from_thrust(right, pitch), pitch
 
 
-def level_acceleration(steer: Steer, push: complex, most: float) -> tuple[float, float]:
+def level_acceleration(
+    steer: Steer, thrust_acceleration: complex, most: float
+) -> tuple[float, float]:
     """Return the acceleration by the thrust, forward and to the right, m/s^2, of a copter that
-    accelerates by `push` and turns. (0, 0) at a commanded speed of 0.
+    accelerates by `thrust_acceleration` and turns. (0, 0) at a commanded speed of 0.
 
     most: largest total tilt, rad. Roll and pitch that are limited one by one add up: 25 deg each
     are 34.8 deg, at which a copter sinks.
     """
     if steer.speed == 0:
         return 0.0, 0.0
-    right = steer.yaw_rate * steer.speed - push.imag
-    share = min(GRAVITY * tan(most) / max(hypot(push.real, right), 1e-9), 1.0)
-    return share * push.real, share * right
+    right = steer.yaw_rate * steer.speed - thrust_acceleration.imag
+    share = min(GRAVITY * tan(most) / max(hypot(thrust_acceleration.real, right), 1e-9), 1.0)
+    return share * thrust_acceleration.real, share * right

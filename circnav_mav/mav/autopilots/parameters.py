@@ -227,9 +227,9 @@ COPTER_DRAG = 0.3
 def lean_limit(degrees_: float, context: Context) -> Verdict:
     """Judge the lean limit of a copter, deg. A copter leans against the drag of the airflow, at
     most V plus wind, and toward the center of its circle."""
-    push = GRAVITY * tan(radians(min(max(degrees_, 0.0), 80.0)))
+    acceleration = GRAVITY * tan(radians(min(max(degrees_, 0.0), 80.0)))
     inward = context.speed * context.circle_turn_rate
-    wind = sqrt(max(push**2 - inward**2, 0.0)) / COPTER_DRAG - context.speed
+    wind = sqrt(max(acceleration**2 - inward**2, 0.0)) / COPTER_DRAG - context.speed
     leans = f"the copter leans {degrees_:g} deg at most"
     if wind <= 0:
         words = (
@@ -249,10 +249,10 @@ def enough_lean(usual: float) -> Callable[[Context], float]:
     for COMMON_WIND on the circle."""
 
     def advised(context: Context) -> float:
-        push = COPTER_DRAG * (context.speed + COMMON_WIND)
+        drag = COPTER_DRAG * (context.speed + COMMON_WIND)
         return max(
             usual,
-            ceil(degrees(atan(hypot(push, context.speed * context.circle_turn_rate) / GRAVITY))),
+            ceil(degrees(atan(hypot(drag, context.speed * context.circle_turn_rate) / GRAVITY))),
         )
 
     return advised

@@ -93,10 +93,10 @@ class PX4Copter(Copter, PX4Vehicle):
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the setpoint of forward speed, yaw rate and climb rate, with the feed-forward
         acceleration."""
-        push, right = self.air.feed(steer.speed, steer.yaw_rate)
+        forward, right = self.air.feed(steer.speed, steer.yaw_rate)
         # PX4 rotates velocities by the yaw alone, but accelerations by the whole attitude. Without
         # `body_from_level` the feed-forward has an error of 10 % at 26 deg of tilt.
-        fed = body_from_level(push, right, to.motion.roll or 0.0, to.motion.pitch or 0.0)
+        fed = body_from_level(forward, right, to.motion.roll or 0.0, to.motion.pitch or 0.0)
         return body_velocity(self.MASK, to, now, steer, down=self._down(to), fed=fed)
 
     def _down(self, to: SetpointContext) -> float:
@@ -207,7 +207,9 @@ class PX4CopterStick(Copter, PX4Vehicle):
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the sticks that turn in coordination and hold the airspeed."""
-        forward, right = level_acceleration(steer, self.air.push(steer.speed), self._facts.max_bank)
+        forward, right = level_acceleration(
+            steer, self.air.thrust_acceleration(steer.speed), self._facts.max_bank
+        )
         x = round(self._facts.tilt_stick(forward))
         y = round(self._facts.tilt_stick(right))
         return dialect.MAVLink_manual_control_message(

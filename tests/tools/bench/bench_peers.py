@@ -125,7 +125,7 @@ class Peer(Protocol):
     """An estimator under test."""
 
     def feed(self, own: OwnMotion, sample: RangeSample | None) -> None:
-        """Process the own motion of one step, and its range if there is one."""
+        """Process the vehicle's motion in one step, and a range if one was received."""
 
     def estimate(self) -> Estimate | None:
         """Return the estimate at the newest step, or None."""

@@ -218,7 +218,7 @@ def _finish(course: Course) -> None:
     course.link.impair()
     course.link.tampers.clear()
     course.link.intruders.clear()
-    course.strangers.clear()
+    course.intruders.clear()
 
 
 def _part(course: Course) -> None:

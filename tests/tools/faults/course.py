@@ -111,7 +111,7 @@ class Course:
         self.link = FaultLink()
         self.witness = Witness(profile, keys[0])
         self.source = SOURCE
-        self.strangers: list[Intruder] = []
+        self.intruders: list[Intruder] = []
         """Attackers at another address. In each step their frames arrive at the application before
         the vehicle's frames."""
         self.forgeable = False
@@ -221,8 +221,8 @@ class Course:
         the vehicle."""
         arrived: list[Arrival] = [
             (data, VEHICLE, STRANGER)
-            for stranger in self.strangers
-            for _, data in stranger(self.now)
+            for intruder in self.intruders
+            for _, data in intruder(self.now)
         ]
         for frame in self.vehicle.outgoing(MAIN):
             self.link.push(DOWN, frame, self.now)
@@ -258,7 +258,7 @@ class Course:
             if outcome is not None and not is_safe(frame):
                 self._breaks(f"steered after the end: {outcome.reason}")
             if self.pilot.session.reply_to == STRANGER and not self.forgeable:
-                self._breaks("setpoint sent to the stranger's address")
+                self._breaks("setpoint sent to another sender's address")
             self._judge_time()
         for record in records:
             self._judge_record(record)

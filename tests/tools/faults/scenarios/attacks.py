@@ -169,7 +169,7 @@ def by(say: Say, rate: float, *, until: float | None = None) -> Arrange:
             over = until is not None and course.now - began > until
             return [] if over else say(course, n)
 
-        course.strangers.append(periodic(rate, words))
+        course.intruders.append(periodic(rate, words))
 
     return arrange
 
@@ -325,7 +325,7 @@ STRANGE = bytes((0xFD, 255, 0, 0, 1, 9, 9, 0x31, 0xD4, 0)) + b"\xfd\x20\x00" * 8
 FLOODS = {
     "0xFD": b"\xfd" * LONG,
     "false starts": b"\xfd\x00\x00" * (LONG // 3),
-    "heartbeats of a stranger": BEAT * 300,
+    "heartbeats of another sender": BEAT * 300,
     "unknown ids": STRANGE * 30,
 }
 STATE = "reboot, battery, attitude of the vehicle"
@@ -433,7 +433,9 @@ ATTACKS = [
         **SIGNED,
         **REGAINED,
     ),
-    attack("flood of heartbeats of a stranger, link signed", flood(BEAT * 300), "FLOOD", keys=BOTH),
+    attack(
+        "flood of heartbeats of another sender, link signed", flood(BEAT * 300), "FLOOD", keys=BOTH
+    ),
     attack(
         "a command to the autopilot",
         to_loiter,
