@@ -209,9 +209,9 @@ class Locator:
         if now < self._solve_at or self.plane is None or len(self._track) < 2 or not self._ranges:
             return None
         newest = self._track[-1][0]
-        # 0.03: shortest time between two estimates, as a share of the time span of the positions.
-        # An estimate takes up to 0.5 s, and one more second of data adds little to a long track.
-        self._solve_at = now + max(SOLVE_EVERY, 0.03 * (newest - self._track[0][0]))
+        # 0.1: shortest time between two estimates, as a share of the time span of the positions.
+        # An estimate takes up to 0.5 s, and a few more seconds add little to a long track.
+        self._solve_at = now + max(SOLVE_EVERY, 0.1 * (newest - self._track[0][0]))
         if newest == self._solved_to:
             return None
         self._solved_to = newest

@@ -43,7 +43,7 @@ def test_place_covariance_is_consistent_with_gps_error():
 
 
 def test_place_covariance_covers_scale_error_fitted_as_bias():
-    """On one circle, a bias of a few meters explains a scale error of 7 % nearly as well as the
+    """On one circle, a bias of a few meters explains a scale error of 10 % nearly as well as the
     scale does. The place then has an error of meters."""
     angle = np.linspace(0, 3 * np.pi, 300)
     time = np.arange(300.0)
@@ -54,13 +54,13 @@ def test_place_covariance_covers_scale_error_fitted_as_bias():
         rng = np.random.default_rng(seed)
         target = rng.uniform(-40.0, 40.0, 2)
         r = np.hypot(track.east - target[0], track.north - target[1])
-        ranges = Ranges(time, 1.07 * r + rng.normal(0, 0.5, 300), np.full(300, 0.5))
+        ranges = Ranges(time, 1.1 * r + rng.normal(0, 0.5, 300), np.full(300, 0.5))
         place = locate(PLANE, track, ranges, known)
         if isinstance(place, Place):
             error = np.array([place.east, place.north]) - target
             squares.append(error @ np.linalg.solve(place.covariance, error))
     assert len(squares) >= 8
-    assert np.mean(np.array(squares) < 5.99) >= 0.8
+    assert np.mean(np.array(squares) < 5.99) >= 0.9
 
 
 def test_target_height_needs_two_circles():
