@@ -44,6 +44,8 @@ SAME = 3.0
 """Distance up to which two fits are the same place, in standard deviations."""
 AMBIGUOUS = 12.0
 """Difference in chi-squared below which the second-best place may be the right one (p = 0.002)."""
+DOUBTFUL = 3.84
+"""Difference in chi-squared from which a better fit may be the right one (p = 0.05)."""
 CALIBRATED = 0.0003
 """Standard deviation of the scale error of a calibrated radio. A quartz clock errs by 20 ppm. Air
 slows radio waves by 300 ppm, which many radios do not correct."""
@@ -233,6 +235,8 @@ def _contest(
     fit = problem.fit(start, prior)
     best = _best(fit.chi2, penalty, len(problem.ranges.r))
     place = problem.place(fit.x[best], fit.chi2[best], prior[best], plane, len(ranges.r))
+    if place is not None and not place.moves:
+        place = _with_doubt(place, fit, prior, best)
     same = np.all(prior == prior[best], axis=1)
     others = fit.x[same & (fit.chi2 < fit.chi2[best] + AMBIGUOUS)]
     if place is None:
@@ -248,6 +252,19 @@ def _best(chi2: Array, penalty: Array, count: int) -> int:
     # with their number.
     scale = min(1.0, count / float(chi2.min()))
     return int(np.argmin(scale * chi2 + penalty * (1 + count / 200)))
+
+
+def _with_doubt(place: Place, fit: "Fit", prior: Array, best: int) -> Place:
+    """Return the place with the displacement to the best fit of another hypothesis at rest as a
+    part of its error, if that fit is clearly better before its penalty."""
+    # Without this part, a radio that measured 7 % too far was located with an error of 2.1 m and
+    # a stated one of 0.4 m: a bias of 3.6 standard deviations fitted nearly as well as the scale.
+    rests = np.flatnonzero(prior[:, VE] == prior[best, VE])
+    other = rests[np.argmin(fit.chi2[rests])]
+    if fit.chi2[best] - fit.chi2[other] < DOUBTFUL:
+        return place
+    apart = fit.x[other, :U] - fit.x[best, :U]
+    return replace(place, covariance=place.covariance + np.outer(apart, apart))
 
 
 UNCERTAIN = NotLocated("the track does not determine the target's place yet: fly a turn")
