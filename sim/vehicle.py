@@ -245,6 +245,8 @@ class Vehicle:
             self._steering.share = WEAK if event.value is None else event.value
         elif action == "wind":
             flight.air.blow(event.value or 0.0)
+        elif action == "wind_from":
+            flight.air.turn(event.value or 0.0)
         else:
             flight.autopilot.on_event(event, flight.now)
 
