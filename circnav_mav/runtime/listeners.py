@@ -123,7 +123,7 @@ class Listeners:
     def busy(self) -> bool:
         """True while a listener still has work after guidance has ended."""
         return any(
-            self._guarded(listener, None, lambda one=listener: one.busy)
+            self._guarded(listener, "", lambda one=listener: one.busy)
             for listener in self._working()
         )
 
@@ -174,13 +174,13 @@ class Listeners:
         """Let every listener add to the summary. Return the files for the run folder, by name."""
         files: dict[str, str] = {}
         for listener in self.attached:
-            files |= self._guarded(listener, None, listener.finish, summary) or {}
+            files |= self._guarded(listener, " at the end", listener.finish, summary) or {}
         return files
 
     def show_verdict(self, verdict: str, folder: Path) -> None:
         """Show the verdict to every listener. folder: run folder."""
         for listener in self.attached:
-            self._guarded(listener, None, listener.show_verdict, verdict, folder)
+            self._guarded(listener, " at the end", listener.show_verdict, verdict, folder)
 
     def all_problems(self) -> Iterator[str]:
         """Yield all failures, one line each."""
@@ -190,7 +190,7 @@ class Listeners:
     def close(self) -> None:
         """Close every listener."""
         for listener in self.attached:
-            self._guarded(listener, None, listener.close)
+            self._guarded(listener, " at the end", listener.close)
 
     def _working(self) -> list[Listener]:
         """Return the listeners that have not failed."""
@@ -207,14 +207,14 @@ class Listeners:
         return [item for result in results if result for item in by(result)]
 
     def _guarded(
-        self, listener: Listener, now: float | None, call: Callable[..., Any], *arguments: Any
+        self, listener: Listener, moment: float | str, call: Callable[..., Any], *arguments: Any
     ) -> Any:
         """Return the result of a call, or None if it raised. A listener that raised receives no
-        more steps. now: time of the step, s, None at the end of the flight."""
+        more steps. moment: time of the step, s, or a text."""
         try:
             return call(*arguments)
         except Exception as error:
             self._failed.add(id(listener))
-            when = "at the end" if now is None else f"at {now:.1f} s"
-            self.problems.append(f"{listener.name}: stopped {when}: {error!r}")
+            when = f" at {moment:.1f} s" if isinstance(moment, float) else moment
+            self.problems.append(f"{listener.name}: stopped{when}: {error!r}")
             return None
