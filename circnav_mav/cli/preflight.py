@@ -52,6 +52,9 @@ def preflight_file(
         if verbose or line.grade is not Grade.PASS or line.subject in MEASURED
     ])  # fmt: skip
     failed = show_counts(path, [*of_mission, *lines])
+    if mission.flies_sim:
+        remedy = "set link.endpoint, or give --endpoint"
+        say(f'{path}: judged the bundled emulator (link.endpoint = "sim"), no vehicle: {remedy}')
     if not listener.session.up:
         return Exit.NOTHING_RECEIVED
     return Exit.ABORTED if failed else Exit.DONE

@@ -54,6 +54,10 @@ def _bounds(mission: Mission) -> Iterator[Check]:
     nearest = mission.file.bounds.min_range_m
     farthest = mission.file.bounds.max_range_m
     radius = mission.orbit.radius
+    if mission.farthest is None:
+        remedy = "set it to 1.5 times the range of the start"
+        words = f"no bounds.max_range_m: the flight may lead away to any range; {remedy}"
+        yield Check(WARN, "bounds", words)
     given = [] if nearest is None else [f"above bounds.min_range_m = {nearest:g} m"]
     given += [] if farthest is None else [f"below bounds.max_range_m = {farthest:g} m"]
     if not given:

@@ -18,7 +18,7 @@ from circnav_mav.pilot.authority import unwatched
 from circnav_mav.pilot.conditions import NOT_FOLLOWING
 from circnav_mav.pilot.method import MethodMonitor
 from circnav_mav.pilot.mission_state import Ending, Event, Outcome, Phase
-from circnav_mav.pilot.status_text import overdue
+from circnav_mav.pilot.status_text import height_differs, overdue
 from circnav_mav.timers import Hysteresis, Since
 
 if TYPE_CHECKING:
@@ -212,17 +212,19 @@ def engagement(pilot: Pilot, now: float) -> Findings:
         failure = authority.ask_for_mode(now)
         return () if failure is None else (Outcome(Ending.ABORTED, failure),)
     if phase is Phase.READY:
-        _begin(pilot)
+        _begin(pilot, now)
     return (Event.MODE_OURS,)
 
 
-def _begin(pilot: Pilot) -> None:
+def _begin(pilot: Pilot, now: float) -> None:
     """Prepare the parts of `Pilot` for steering."""
     session = pilot.session
     pilot.tracker.ranging.sender_stays = pilot.flies
     session.identity.stays |= pilot.flies
     if pilot.flies:  # a dry run may begin on the ground, far from the mission's height
         pilot.tracker.height.engage()
+        if words := height_differs(pilot, now):
+            session.announcer.say("height", words)
     session.drop_mode_requests()
     how = "engaged" if pilot.flies else "dry run"
     session.announcer.say("engage", f"{how}, {pilot.controller.circle.label}")

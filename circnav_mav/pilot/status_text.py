@@ -3,6 +3,7 @@ ends."""
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import TYPE_CHECKING
 
 from circnav_mav.mav.ranging.interface import describe_rejected
@@ -66,6 +67,24 @@ def _nothing_received(pilot: Pilot, run: float, waited: float, now: float) -> Ou
     if phase is Phase.WAIT_RANGING and waited > wait:
         return Outcome(Ending.NOTHING_RECEIVED, _not_ready(pilot, now))
     return None
+
+
+def height_differs(pilot: Pilot, now: float) -> str:
+    """Return a text if the height above the place of arming is far from the assumed height above
+    the target, else an empty string. The radio measures the slant range: with another height, the
+    circle has another radius."""
+    given = pilot.settings.file.orbit.height_above_target_m
+    assumed = pilot.height(now)
+    found = pilot.airborne.height(now) if pilot.session.adapter.flies else None
+    # 0.2: largest difference without a text, as a share of the assumed height.
+    if None in (given, assumed, found) or abs(found - assumed) <= 0.2 * abs(assumed):
+        return ""
+    squared = pilot.controller.circle.radius**2 + assumed**2 - found**2
+    radius = f"{sqrt(squared):.0f} m" if squared > 0 else "0 m, directly above it,"
+    return (
+        f"engaged {found:.0f} m above the place of arming, orbit.height_above_target_m ="
+        f" {assumed:g}: the true radius is {radius} if the beacon is as high as that place"
+    )
 
 
 # --- missing data

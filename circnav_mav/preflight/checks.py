@@ -14,6 +14,7 @@ from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.own_motion import ACCELERATIONS
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import VEHICLE
+from circnav_mav.pilot.airborne import LEAST_AIRSPEED
 from circnav_mav.pilot.method import WITHOUT_STREAM
 from circnav_mav.preflight.listener import PreflightListener
 from circnav_mav.preflight.ranging import FULL_RATE, SPEED_OFF, judge_ranging
@@ -264,7 +265,9 @@ def _motion(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
         elif name not in needs:
             yield Check(PASS, name, "not received, not needed")
         elif name == "airspeed" and listener.airspeed == 0 and not session.vehicle.armed:
-            yield Check(WARN, name, "0 m/s, as before take-off; a flight engages only above 0 m/s")
+            least = LEAST_AIRSPEED * mission.facts.speed
+            words = f"0 m/s, as before take-off; a flight engages from {least:.1f} m/s on"
+            yield Check(WARN, name, words)
         else:
             user = f"a {session.adapter.name}" if name in session.adapter.needs else "the mission"
             why = ": no VFR_HUD" if listener.airspeed is None else ""

@@ -117,6 +117,8 @@ BOUNDS = [
     ("bounds", "bounds.max_range_m=99", FAIL),
     ("bounds", "bounds.max_range_m=109", WARN),
     ("bounds", "bounds.max_range_m=111", PASS),
+    ("bounds", BEACON, WARN),  # no largest range
+    ("bounds", f"{BEACON} bounds.max_range_m=111", PASS),
     ("bounds", "bounds.min_range_m=101", FAIL),
     ("bounds", "bounds.min_range_m=92", WARN),
     ("bounds", "bounds.min_range_m=90", PASS),

@@ -132,6 +132,22 @@ def test_home_position_without_altitude_has_no_effect(make_rig):
 
 
 @pytest.mark.parametrize(
+    ("above_home", "end"),
+    [(72.0, ""), (73.0, "radius is 91 m"), (20.0, "radius is 115 m"), (120.0, "radius is 0 m")],
+)
+def test_notice_states_true_radius_at_another_height(make_rig, above_home, end):
+    """The circle of 100 m, flown with an assumed height of 60 m, has a slant range of 116.6 m."""
+    rig = make_rig(f"orbit.{FIXED}")
+    position = mavlink.MAVLink_global_position_int_message(
+        0, 0, 0, 0, round(1000 * above_home), 0, 0, 0, 0
+    )
+    rig.run(5.0, lambda: rig.receive(position))
+    assert rig.pilot.mission.phase is Phase.ENGAGED
+    assert (f"engaged {above_home:.0f} m above" in "".join(rig.texts())) is bool(end)
+    assert end in "".join(rig.texts())
+
+
+@pytest.mark.parametrize(
     ("output_mode", "expected"), [(OutputMode.FLY, 88.0), (OutputMode.DRY_RUN, 60.0)]
 )
 def test_dry_run_keeps_mission_height(make_rig, output_mode, expected):

@@ -14,6 +14,7 @@ from circnav_sim.config import parse_vehicle
 from circnav_sim.vehicle import Vehicle
 from pymavlink.dialects.v20 import all as mavlink
 
+from circnav_mav.mav.autopilots.parameters import FLIES_ON
 from circnav_mav.mav.check_result import Grade
 from circnav_mav.mav.codec import LinkCounts
 from circnav_mav.mav.commands import USUAL
@@ -511,7 +512,7 @@ def frames(**counts):
         (mode(5, armed=True), "mode", PASS, "requested by circnav"),
         (mode(4, armed=False), "mode", PASS, "requested by circnav"),
         (airspeed(0.0, armed=True), "airspeed", FAIL, "not received; a"),
-        (airspeed(0.0, armed=False), "airspeed", WARN, "as before take-off"),
+        (airspeed(0.0, armed=False), "airspeed", WARN, "engages from"),
         (airspeed(float("nan"), armed=False), "airspeed", FAIL, "check the airspeed sensor"),
         (airspeed(None, armed=False), "airspeed", FAIL, "no VFR_HUD"),
         (ranges(50, speed=2), "stamps", FAIL, 'set ranging.stamp = "arrival"'),
@@ -681,6 +682,7 @@ def test_preflight_fails_without_home_altitude_for_height():
         ("arducopter", "GUID_OPTIONS", {1 << 5: WARN, 1 << 2: PASS}),
         ("arducopter", "FS_GCS_ENABLE", {1: WARN}),
         ("arducopter", "SYSID_MYGCS", {1: WARN}),
+        ("arducopter", "FS_THR_ENABLE", {0: WARN, 1: PASS, 3: PASS}),
         ("arducopter", "FS_EKF_ACTION", {0: WARN}),
         ("arducopter", "FENCE_ENABLE", {0: PASS, 1: WARN}),
         ("arducopter", "WPNAV_SPEED", {500.0: PASS, 499.0: WARN}),
@@ -694,12 +696,16 @@ def test_preflight_fails_without_home_altitude_for_height():
         ("arduplane", "AIRSPEED_MIN", {23.0: FAIL}),
         ("arduplane", "AIRSPEED_MAX", {21.0: FAIL}),
         ("arduplane", "FS_GCS_ENABL", {1: WARN}),
+        ("arduplane", "FS_SHORT_ACTN", {0: PASS, 1: PASS}),
+        ("arduplane", "FS_LONG_ACTN", {0: WARN, 1: PASS}),
         ("ardurover", "WP_SPEED", {2.0: FAIL, 0.0: PASS}),
         ("ardurover", "FS_GCS_ENABLE", {1: WARN}),
+        ("ardurover", "FS_THR_ENABLE", {0: WARN, 1: PASS}),
         ("px4_copter", "COM_OF_LOSS_T", {0.05: FAIL}),
         ("px4_copter", "COM_OBL_RC_ACT", {5: PASS, 7: FAIL}),
         ("px4_copter", "MC_YAWRATE_MAX", {30.0: FAIL}),
         ("px4_copter", "COM_RC_IN_MODE", {1: WARN, 0: PASS}),
+        ("px4_copter", "NAV_RCL_ACT", {0: WARN, 2: PASS, 6: FAIL}),
         ("px4_copter", "MAV_FWDEXTSP", {0: FAIL}),
         ("px4_plane", "COM_RC_IN_MODE", {0: FAIL, 4: FAIL, 3: WARN}),
         ("px4_plane", "COM_RC_LOSS_T", {0.05: FAIL}),
@@ -775,7 +781,8 @@ COMPASSES = {"COMPASS_ENABLE": 1, "COMPASS_USE": 1, "COMPASS_USE2": 1, "COMPASS_
     ids=str,
 )
 def test_preflight_warns_of_heading_without_compass(name, values, text):
-    warned = [line.text for line in parameter(name, values) if line.grade is WARN]
+    lines = [line for line in parameter(name, values) if FLIES_ON[1] not in line.text]
+    warned = [line.text for line in lines if line.grade is WARN]
     assert [text in line for line in warned] == ([True] if text else [])
 
 
@@ -816,6 +823,20 @@ def test_preflight_names_dead_reckoning_failsafe(value, text):
     ]
     assert [line.grade for line in lines] == [PASS, PASS]
     assert text in lines[0].text and LATER + "no action in GUIDED_NOGPS" in lines[1].text
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("arducopter", {"FS_THR_ENABLE": 1, "FS_OPTIONS": 4}),
+        ("ardurover", {"FS_THR_ENABLE": 1, "FS_ACTION": 0}),
+        ("px4_copter", {"NAV_RCL_ACT": 2, "COM_RCL_EXCEPT": 4}),
+    ],
+)
+def test_preflight_warns_if_flight_continues_without_transmitter(name, values):
+    lines = parameter(name, values)
+    warned = [line for line in lines if line.text.startswith(f"{next(iter(values))} = ")]
+    assert [line.grade for line in warned] == [WARN] and FLIES_ON[1] in warned[0].text
 
 
 def sticks_lost(action, exceptions):

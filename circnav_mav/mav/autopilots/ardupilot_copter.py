@@ -26,6 +26,7 @@ from circnav_mav.mav.autopilots.interface import (
 )
 from circnav_mav.mav.autopilots.parameters import (
     FAIL,
+    FLIES_ON,
     PASS,
     WARN,
     Context,
@@ -143,6 +144,17 @@ YAW_LEAD = radians(20)
 turn faster than commanded until it has reached the target."""
 
 
+def _transmitter_lost(value: float, context: Context) -> Verdict:
+    """Judge FS_THR_ENABLE. With bit 2 of FS_OPTIONS, GUIDED continues without the transmitter."""
+    if value <= 0 or int(context.values.get("FS_OPTIONS", 0)) & 1 << 2:
+        return FLIES_ON
+    home = "RTL" if value in (1, 2) else "LAND" if value == 3 else "the parameter's action"
+    return PASS, f"if the transmitter is lost: {home}, LAND without a position"
+
+
+TRANSMITTER = Rule((Name("FS_THR_ENABLE"),), _transmitter_lost, optional=True, also=("FS_OPTIONS",))
+"""Rule for the loss of the transmitter."""
+
 _LANDS_ALWAYS = (FAIL, "lands even in modes that need no position: set 1 or 2")
 
 
@@ -201,6 +213,7 @@ class ArduCopterAttitude(Copter):
             gcs_failsafe("the copter leaves GUIDED_NOGPS after 5 s (without a position it lands)"),
         ),
         GCS_SYSTEM,
+        TRANSMITTER,
         rule(
             "FS_EKF_ACTION",
             one_of({3: _LANDS_ALWAYS}, (PASS, "no action in GUIDED_NOGPS")),
@@ -283,6 +296,7 @@ class ArduCopter(Copter):
         rule("GUID_OPTIONS", _guided_options),
         rule("FS_GCS_ENABLE", gcs_failsafe("the copter leaves GUIDED after 5 s (1: RTL)")),
         GCS_SYSTEM,
+        TRANSMITTER,
         rule(
             "FS_EKF_ACTION",
             ekf_action("lands (1, 3) or holds height (2), some 8 s after GPS is gone"),

@@ -7,6 +7,8 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, HEADING, gcs_failsafe
 from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Autopilot, SetpointContext, attitude
 from circnav_mav.mav.autopilots.parameters import (
+    FLIES_ON,
+    PASS,
     Name,
     Rule,
     bank_limit,
@@ -15,11 +17,23 @@ from circnav_mav.mav.autopilots.parameters import (
     mission_bank,
     mission_speed,
     most_airspeed,
+    one_of,
     rule,
     timeout,
 )
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
+
+_LOST = "after the loss of the transmitter"
+_NO_CHANGE = (PASS, f"no other mode soon {_LOST}")
+_SHORT = {
+    value: (PASS, f"{mode} 1.5 s {_LOST}, which ends the flight; GUIDED when it returns")
+    for value, mode in {1: "CIRCLE", 2: "FBWA", 4: "FBWB"}.items()
+}
+_LONG = {
+    value: (PASS, f"{action} 5 s {_LOST}, which ends the flight")
+    for value, action in {1: "RTL", 2: "gliding in FBWA", 3: "parachute", 4: "AUTO"}.items()
+}
 
 
 class ArduPlane(Autopilot):
@@ -95,6 +109,8 @@ class ArduPlane(Autopilot):
             optional=True,
         ),
         rule("FS_GCS_ENABL", gcs_failsafe("FS_LONG_ACTN applies (0: the plane stays in GUIDED)")),
+        rule("FS_SHORT_ACTN", one_of(_SHORT, _NO_CHANGE), optional=True),
+        rule("FS_LONG_ACTN", one_of(_LONG, FLIES_ON), optional=True),
         GCS_SYSTEM,
         *HEADING,
         FENCE,

@@ -19,8 +19,11 @@ from circnav_mav.mav.autopilots.interface import (
     ground_speed,
 )
 from circnav_mav.mav.autopilots.parameters import (
+    FLIES_ON,
     PASS,
     Context,
+    Name,
+    Rule,
     Verdict,
     at_least,
     mission_speed,
@@ -46,6 +49,13 @@ def _cruise_speed(value: float, context: Context) -> Verdict:
     return (
         (PASS, f"WP_SPEED = {limit:g} m/s is the limit") if limit > 0 else _wp_speed(value, context)
     )
+
+
+def _transmitter_lost(value: float, context: Context) -> Verdict:
+    action = context.values.get("FS_ACTION", 2)
+    if value == 0 or action == 0:
+        return FLIES_ON
+    return PASS, f"if the transmitter is lost: FS_ACTION = {action:g} (1: RTL, 2: HOLD)"
 
 
 class ArduRover(Autopilot):
@@ -84,6 +94,7 @@ class ArduRover(Autopilot):
     parameters = (
         rule("WP_SPEED", _wp_speed, advised=mission_speed),
         rule("CRUISE_SPEED", _cruise_speed, advised=mission_speed),
+        Rule((Name("FS_THR_ENABLE"),), _transmitter_lost, optional=True, also=("FS_ACTION",)),
         rule("FS_GCS_ENABLE", gcs_failsafe("the rover enters HOLD after 5 to 7 s")),
         GCS_SYSTEM,
         rule("FS_EKF_ACTION", ekf_action("stops in HOLD, some 8 s after GPS is gone")),

@@ -220,6 +220,11 @@ bank_limit = at_least(
     "enough for the mission's {:g} deg",
     "below the mission's {:g} deg, so the autopilot banks less: lower vehicle.max_bank_deg",
 )
+FLIES_ON = (
+    WARN,
+    "the flight continues if the transmitter is lost: only a ground station can take over",
+)
+"""Verdict on a parameter that disables the failsafe of the transmitter."""
 COPTER_DRAG = 0.3
 """Default drag coefficient of a bare quadrotor, 1/s. Simulated and flown copters have 0.15 to 1."""
 

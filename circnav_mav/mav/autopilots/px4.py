@@ -13,9 +13,12 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.autopilots.interface import Autopilot, Firmware
 from circnav_mav.mav.autopilots.parameters import (
     FAIL,
+    FLIES_ON,
     PASS,
     WARN,
     Context,
+    Name,
+    Rule,
     Verdict,
     always,
     one_of,
@@ -103,6 +106,16 @@ def _offboard_loss(value: float, context: Context) -> Verdict:
     return PASS, f"when setpoints stop: {modes[int(value)]}{to_pilot}"
 
 
+def _transmitter_lost(value: float, context: Context) -> Verdict:
+    """Judge NAV_RCL_ACT. With bit 2 of COM_RCL_EXCEPT, OFFBOARD continues without the
+    transmitter."""
+    action = {1: "Hold", 2: "RTL", 3: "LAND", 5: "motors off", 6: "motors off"}.get(int(value))
+    if action is None or int(context.values.get("COM_RCL_EXCEPT", 0)) & 1 << 2:
+        return FLIES_ON
+    grade = FAIL if value > 3 else PASS
+    return grade, f"if the transmitter is lost: Hold for COM_FAIL_ACT_T, then {action}"
+
+
 def _sticks_override(value: float, context: Context) -> Verdict:
     if int(value) & 1 << 1:
         return PASS, "in OFFBOARD the pilot takes over by moving the sticks, or by a mode"
@@ -143,6 +156,7 @@ OFFBOARD_RULES = (
         "COM_RC_LOSS_T",
         lambda value, context: (PASS, f"a transmitter silent for {value:g} s counts as lost"),
     ),
+    Rule((Name("NAV_RCL_ACT"),), _transmitter_lost, optional=True, also=("COM_RCL_EXCEPT",)),
     COMPASS,
 )
 """Parameter rules for all vehicles flown in OFFBOARD."""
