@@ -33,14 +33,14 @@ class Wire:
         """Deliver a frame of the program to the vehicle."""
         self._bench.vehicle.receive(bytes(data), "radio")
 
-    def recv_match(self, type: str, **_: object) -> Any:
+    def recv_match(self, type: list[str], **_: object) -> Any:
         while not self._heard:
             if self._bench.listener.done:
                 raise PreflightDoneError
             self._bench.step()
             frames = b"".join(self._bench.vehicle.outgoing("radio"))
             self._heard += [
-                one for one in self._parser.parse_buffer(frames) or () if one.get_type() == type
+                one for one in self._parser.parse_buffer(frames) or () if one.get_type() in type
             ]
         return self._heard.popleft()
 
