@@ -77,7 +77,9 @@ def height_differs(pilot: Pilot, now: float) -> str:
     assumed = pilot.height(now)
     found = pilot.airborne.height(now) if pilot.session.adapter.flies else None
     # 0.2: largest difference without a text, as a share of the assumed height.
-    if None in (given, assumed, found) or abs(found - assumed) <= 0.2 * abs(assumed):
+    if given is None or assumed is None or found is None:
+        return ""
+    if abs(found - assumed) <= 0.2 * abs(assumed):
         return ""
     squared = pilot.controller.circle.radius**2 + assumed**2 - found**2
     radius = f"{sqrt(squared):.0f} m" if squared > 0 else "0 m, directly above it,"
