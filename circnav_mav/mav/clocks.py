@@ -271,7 +271,8 @@ OFF = 0.2
 """Least deviation of the vehicle's clock speed from ours that is reported, as a fraction. A radio
 with a filling buffer causes less deviation, or deviation for a shorter time."""
 ALIKE = 0.1
-"""Largest difference between the clock speeds of windows that agree, as a fraction."""
+"""Consecutive windows agree if the clock speeds measured in them differ by less than this
+fraction."""
 WINDOWS = 3
 """Number of consecutive windows that must agree."""
 Moment = tuple[float, float]

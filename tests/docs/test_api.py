@@ -172,11 +172,13 @@ def test_guidance_flies_circle_after_step_of_host_clock(law, step, before):
     assert world.sense is Direction.CLOCKWISE
 
 
-def test_user_law_is_limited_and_user_estimator_is_used():
+def test_guidance_limits_turn_rate_of_user_law():
     for turn, commanded in ((9.0, 0.35), (-9.0, -0.35), (0.1, 0.1)):
         command = received(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0)
         assert (command.turn_rate, command.saturated) == (commanded, turn != commanded)
 
+
+def test_guidance_uses_estimate_of_user_estimator():
     class Recorder:
         ready = True
         nis = None

@@ -62,7 +62,7 @@ def test_dry_run_beside_steering_pilot_reports_drift_law() -> None:
     assert laws.count("drift") > 0.9 * len(laws)
 
 
-def test_range_outage_is_held_then_circle_is_kept() -> None:
+def test_coasting_turns_at_v_over_r_until_ranges_return() -> None:
     flown = flight("quickstart", "limits.coast_s=20")
     flown.hears = lambda frame, now: not (is_ranging(frame) and 30 < now < 36)
     phases = []

@@ -172,7 +172,7 @@ def test_most_likely_hypothesis_moves_with_the_flown_path():
     assert after[:2] == pytest.approx((hypot(x, y), atan2(y, x)))
 
 
-def test_search_iterates_once_a_bin():
+def test_search_iterates_once_per_quarter_second_of_ranges():
     """A bin lasts 0.25 s."""
     search = Search()
     due = []

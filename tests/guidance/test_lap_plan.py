@@ -137,7 +137,7 @@ def test_bank_limit_is_learned_from_bank_below_command():
     [([0.39] * 60, 0.4), (list(np.linspace(-0.3, 0.35, 60)), 0.4), ([-0.3] * 60, 0.4)],
     ids=["as commanded", "rolling", "opposite"],
 )
-def test_bank_limit_ignores_other_banks(banks, commanded):
+def test_bank_limit_needs_steady_bank_below_command(banks, commanded):
     assert after(*banks, commanded=commanded).bank == inf
 
 

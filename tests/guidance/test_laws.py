@@ -122,7 +122,7 @@ def test_law_commands_circle_turn_rate_on_circle(law):
 
 
 @each(FEEDBACK)
-def test_laws_command_approach_slower_than_vehicle(law):
+def test_distant_vehicle_approaches_at_most_at_0_8_speed(law):
     rates = np.linspace(-V, 0, 2001)
     turns = [law.function(1e5, float(rate), V=V, r_d=R_D, k=-gain(law)) for rate in rates]
     asked_for = rates[np.abs(turns).argmin()]

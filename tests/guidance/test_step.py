@@ -88,7 +88,7 @@ def test_steering_reports_command_just_below_limit_as_saturated():
     assert last.saturated
 
 
-def test_steering_excludes_estimate_gap_from_search_time():
+def test_gap_between_estimates_does_not_count_as_search_time():
     steer = Steering(ORBIT, LawChoice("auto", 0.02))
     flown = [
         steer(estimate(300.0, -15.0, time, untrusted(x=300.0, heading=pi))).flies

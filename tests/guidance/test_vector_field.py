@@ -65,7 +65,7 @@ def test_drift_law_is_independent_of_compass_direction(r, at, psi, wind, blows, 
 
 
 @given(at=angles, wind=st.floats(0, 13), blows=angles, r=st.floats(30, 900))
-def test_field_heading_gives_field_course_in_wind(at, wind, blows, r):
+def test_field_heading_in_wind_flies_course_of_vector_field(at, wind, blows, r):
     p, d = (s * np.array([np.cos(a), np.sin(a)]) for s, a in ((r, at), (wind, blows)))
     psi = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
     v = V * np.array([np.cos(psi), np.sin(psi)]) + d

@@ -217,7 +217,7 @@ def test_heartbeat_is_sent_every_second_without_vehicle(line):
     }
 
 
-def test_streams_are_requested_at_start_and_restored_together(here):
+def test_every_requested_stream_is_restored_at_the_end(here):
     asked = here.answer_all(0.0)
     streams = set(here.session.streams.rates)
     assert {message.param1 for message in asked if message.command == SET_INTERVAL} == streams

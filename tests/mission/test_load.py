@@ -172,7 +172,7 @@ def test_tcp_and_serial_endpoints_are_stream_links(mission, link, ranging, strea
 # --- overrides
 
 
-def test_overrides_replace_and_are_saved(mission):
+def test_saved_mission_contains_its_overrides(mission):
     """An override may add a table. Of two overrides of a key, the last one is used."""
     changed = mission(
         "engage.request_mode=true",
@@ -432,7 +432,7 @@ def test_mission_loader_names_campaign_file_as_such(config):
 @pytest.mark.parametrize(
     "override", ["vehicle.turn_lag_s=0.5", "vehicle.speed_mps=14.0", "bounds.max_range_m=200.0"]
 )
-def test_dotted_mission_is_saved_as_flown(text, override):
+def test_mission_with_dotted_keys_is_saved_as_flown(text, override):
     """tomlkit writes a new nested table before the dotted keys, which would then belong to this
     table."""
     tables = {name: keys for name, keys in tomllib.loads(text).items() if name != "name"}

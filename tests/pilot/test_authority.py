@@ -210,7 +210,7 @@ def test_broken_bound_prevents_engagement_and_ends_flight(bound, inside, beyond,
         ("min_altitude_m=20.0", vfr_hud(100.0), None, "no altitude above sea level"),
     ],
 )
-def test_unreported_value_of_bound_prevents_engagement_or_raises_alarm(bound, told, unknown, needs):
+def test_bound_needs_reported_value_before_and_during_engagement(bound, told, unknown, needs):
     rig = Rig(f"bounds.{bound}")
     assert rig.run(3.0, lambda: unknown and rig.receive(unknown)).setpoints() == []
     assert waits_for(rig.pilot, rig.now).startswith(f"{needs}: bounds.min_")

@@ -108,7 +108,7 @@ def test_mode_change_of_operator_after_request_is_not_reversed(acknowledged):
 
 @pytest.mark.parametrize("shows", [GUIDED, LOITER, LAND])
 @pytest.mark.parametrize("why", ["interrupted", "ranging lost"])
-def test_requested_mode_gets_exit_action_without_flight(why, shows):
+def test_exit_action_is_requested_if_guided_begins_after_end(why, shows):
     rig = asked("exit.action=rtl", "link.wait_s=1.0")
     rig.acknowledge(SET_MODE)
     since = rig.now

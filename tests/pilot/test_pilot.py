@@ -92,7 +92,7 @@ def test_estimator_gets_no_motion_of_vehicle_ignoring_commands(rig):
         assert len([own for own in received if own.time > rig.now - 5.0]) == (99 if turns else 0)
 
 
-def test_setpoint_is_sent_alone_before_other_messages(rig):
+def test_setpoint_is_first_frame_sent_in_each_step(rig):
     rig.engage()
     first = set()
     rest = set()
@@ -250,7 +250,7 @@ def test_false_setpoint_report_raises_alarm_without_effect():
     assert "circnav: another program also steers" in disturbed.texts()
 
 
-def test_lost_range_is_predicted_then_steady_turn_held(
+def test_range_outage_is_predicted_before_coasting_begins(
     rig,
 ):
     last = rig.engage().now

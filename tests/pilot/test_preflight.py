@@ -730,13 +730,13 @@ LATER = "as ardupilot copter without GPS: "
         ("ANGLE_MAX", 1500, "the copter tilts 15 deg at most, vehicle.max_bank_deg = 25"),
     ],
 )
-def test_preflight_judges_attitudes_after_gps_loss(key, value, text):
+def test_preflight_checks_parameters_of_attitude_flight_after_gps_loss(key, value, text):
     """The mission of the copter may change from velocities to attitudes."""
     (line,) = [line for line in parameter("arducopter", {key: value}) if line.grade is FAIL]
     assert line.text.startswith(f"{key} = {value}") and f": {LATER}{text}" in line.text
 
 
-def test_preflight_judges_attitudes_only_if_flown():
+def test_preflight_ignores_attitude_parameters_if_flight_ends_without_gps():
     mission = load_mission(CONFIG / "arducopter.toml", ['engage.on_gps_loss="exit"'])
     values = {**good("arducopter").listener.parameters, "GUID_OPTIONS": 8.0, "ANGLE_MAX": 1500.0}
     lines = judge(mission, Overridden(good("arducopter").listener, {"parameters": values}))

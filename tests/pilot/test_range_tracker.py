@@ -89,7 +89,9 @@ ARDUPILOT = 3
         "other sender in flight",
     ],
 )
-def test_heartbeat_of_radio_does_not_end_its_ranges(rig, radio, speaker, autopilot, begins, source):
+def test_ranges_of_radio_are_accepted_after_its_heartbeat(
+    rig, radio, speaker, autopilot, begins, source
+):
     radio = Voice(42, radio)
     speaker = Voice(42, speaker)
     rig.run(0.5, ranges=False)
@@ -107,7 +109,7 @@ def test_heartbeat_of_radio_does_not_end_its_ranges(rig, radio, speaker, autopil
     assert rig.run(15.0 if begins else 5.0, speaks).pilot.mission.phase is Phase.ENGAGED
 
 
-def test_heartbeat_of_other_vehicle_ends_its_ranges_in_flight(rig):
+def test_ranges_of_sender_are_rejected_after_its_autopilot_heartbeat(rig):
     other = Voice(42, 1)
 
     def speaks():

@@ -332,7 +332,7 @@ def test_taken_over_mission_never_completes(limits, before, how, ends):
     assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.ending) is ends
 
 
-def test_vehicle_can_be_returned_after_slow_link(waiting):
+def test_control_can_be_returned_after_link_was_slow(waiting):
     waiting.run(10.0, mode=LOITER, round_trip=0.8)
     assert waiting.run(GIVEN_BACK, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
 

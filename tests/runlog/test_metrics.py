@@ -139,7 +139,7 @@ def from_limit_to_limit():
     return 2.0 * np.sin(phase)
 
 
-def test_relay_command_has_figures_calculated_by_hand():
+def test_metrics_of_relay_command_match_hand_calculation():
     """The command is LIMIT and -LIMIT for 0.5 s each: the standard deviation is LIMIT, and the
     variation 4 LIMIT per second."""
     relay = np.where(np.arange(len(TIME)) // 10 % 2 == 0, LIMIT, -LIMIT)

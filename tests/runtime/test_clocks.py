@@ -300,7 +300,7 @@ def test_lockstep_clock_reaches_every_tick_in_whole_microseconds():
         assert whole_microseconds(clock.now())
 
 
-def test_lockstep_links_are_provided_by_vehicle():
+def test_lockstep_links_exchange_data_with_simulated_vehicle():
     vehicle = Metronome()
     clock = Lockstep(vehicle)
     assert list(clock.links(ranging_apart=False)) == ["vehicle"]

@@ -181,7 +181,7 @@ def test_many_unknown_udp_senders_are_summarized(udpout):
     assert len(udpout.troubles) <= 5
 
 
-def test_refusing_udp_peer_is_counted_and_may_return(request, port):
+def test_udp_link_continues_when_peer_returns_after_refusal(request, port):
     """After ICMP "port unreachable" the socket raises an error, which must not end the link."""
     link = opened(request, f"udpout:127.0.0.1:{port}")
     for _ in range(3):

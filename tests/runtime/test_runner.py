@@ -205,7 +205,7 @@ class Lasting(Listener):
         return [b"streams"] if self.called_off else []
 
 
-def test_busy_listener_continues_the_loop_until_a_signal(fly):
+def test_loop_continues_for_busy_listener_until_a_signal(fly):
     """In the step after the signal, the listener restores the stream rates. The sent frames are
     recorded."""
     lasting = Lasting()
@@ -217,7 +217,7 @@ def test_busy_listener_continues_the_loop_until_a_signal(fly):
     assert [step.attached for step in recorder.steps] == [[], [], [], [b"streams"]]
 
 
-def test_exchanged_frames_are_recorded_but_not_sent_to_vehicle(fly):
+def test_frames_between_fleet_members_are_recorded_without_sending(fly):
     class Member(Listener):
         def take_exchanged(self):
             return [b"report"]

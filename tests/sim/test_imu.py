@@ -87,7 +87,7 @@ def test_imu_faults_change_measured_acceleration():
     assert max(abs(a - b) for a, b in zip(shaken[:3], (x, y, z), strict=True)) > 5.0
 
 
-def test_only_first_accelerometer_fails():
+def test_accelerometer_fault_affects_only_first_imu():
     """Measured on 4.6.3 with SIM_ACC_FAIL_MSK 1: RAW_IMU keeps its accelerations, its gyros and
     SCALED_IMU2 continue, and the copter flies on its second IMU (send_raw_imu in GCS_Common.cpp is
     always the first). SCALED_IMU3 is all zero on a board with two IMUs and three compasses."""

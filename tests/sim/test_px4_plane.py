@@ -110,7 +110,7 @@ def test_mode_selected_after_stick_loss_is_kept():
     assert (seen[-1], companion.px4_mode) == ("RTL", "LOITER")
 
 
-def test_stick_loss_failsafe_requires_earlier_sticks_and_action():
+def test_stick_loss_failsafe_needs_earlier_sticks_and_configured_action():
     companion = plane()
     companion.sticks(0.0)
     companion.wait(1.0)

@@ -115,10 +115,11 @@ START = {
 """Keys of [vary] for the start relative to the target, and the keys of the vehicle file that they
 set. The vehicle file has this start only as bounds of random values."""
 LEAST_TRIED = 32
-"""Smallest number of runs tried before a value is refused."""
+"""Smallest number of runs whose missions are checked for a listed value. If all of these missions
+are impossible, the campaign file is refused."""
 MOST_TRIED = 256
-"""Largest number of runs tried before a value is refused. Between both bounds, one run is tried for
-each grid point of the other keys."""
+"""Largest number of runs that are checked for a listed value. Between both bounds, one run is
+checked for each grid point of the other keys."""
 
 
 @dataclass(frozen=True)

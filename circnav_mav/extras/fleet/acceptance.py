@@ -272,7 +272,8 @@ class Acceptance:
         newer_by = report.stamp - known.report.stamp
         if newer_by <= 0:
             raise RejectedError(
-                Rejection.REPLAYED, f"id {report.member}, {-newer_by:.1f} s older than its newest"
+                Rejection.REPLAYED,
+                f"id {report.member}, {-newer_by:.1f} s older than this member's newest report",
             )
         # 0.1: shortest accepted time between two reports of one member, s: half the interval at the
         # highest rate.

@@ -128,10 +128,12 @@ class Knowledge:
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """Assumption about target and radio.
+    """Assumption about target and radio, for which one place is fitted.
 
-    penalty: chi-squared by which the hypothesis must fit better than that of no error.
-    bias, scale, speed: prior standard deviations, if larger than the known ones (m, 1, m/s).
+    penalty: chi-squared by which the fit must be better than the fit without such an error.
+    bias: prior standard deviation of the radio's bias, m, if larger than that of `Knowledge`.
+    scale: prior standard deviation of its scale error, if larger than that of `Knowledge`.
+    speed: prior standard deviation of the target's velocity, per axis, m/s.
     """
 
     # 18.0: p = 2e-5 for one state, 1e-4 for two.

@@ -298,9 +298,10 @@ class RangeReader:
             return None
         if order is Order.JUMPED:
             return Reject.STAMP_JUMP
-        # 0.5: time after a stamp with a lead above FUTURE, s, in which stamps of the old clock are
-        # rejected too. If the link has become faster, these ranges are older than the clock
-        # estimate shows.
+        # A stamp that leads by more than FUTURE has two possible causes: another clock, or a link
+        # with a shorter delay than before. With a shorter delay, the clock estimate still contains
+        # the longer one. Ranges with the expected stamps are then older than they seem. So reject
+        # them too, for 0.5 s after each stamp that leads.
         if self._since_ahead.age(now) < 0.5:
             clock.newest_at = now
             return Reject.CLOCK

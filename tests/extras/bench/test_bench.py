@@ -152,7 +152,7 @@ def test_consistency_picture_shows_chi_squared_band(cell, monkeypatch):
     assert list(drawn[0].axes[1].lines[1].get_xdata()) == [cell.nis_last]
 
 
-def test_picture_of_single_law_shows_scale_and_lost_cells(cell, monkeypatch):
+def test_picture_of_single_law_shows_color_scale_within_frame(cell, monkeypatch):
     figures = []
     monkeypatch.setattr(plots, "save", lambda figure, path, dpi: figures.append(figure))
     kept = [replace(cell, situation=str(rms), rms_median=rms, kept=5) for rms in (299.0, 301.0)]

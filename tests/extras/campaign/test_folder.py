@@ -58,7 +58,7 @@ def test_resume_writes_incomplete_files_again(campaign, tmp_path):
         ("runs.csv", "a,b\n1,2\n", True, "cannot resume: campaign.toml is missing"),
     ],
 )
-def test_folder_with_colliding_file_is_refused_untouched(
+def test_folder_with_existing_file_is_refused_and_unchanged(
     campaign, tmp_path, name, text, resume, error
 ):
     folder = tmp_path / "out"
@@ -139,7 +139,7 @@ def test_full_disk_keeps_rows_that_can_be_resumed(campaign, tmp_path):
     assert [row["run"] for row in again.read()] == list("01234567")
 
 
-def test_full_output_is_reported_in_one_line(write, full):
+def test_campaign_reports_unwritable_stdout_in_one_line(write, full):
     path = write(VARY)
     ran = ended(path.parent, f"campaign {path} --runs 4 --processes 1", full)
     assert (ran.returncode, ran.stderr) == (2, FULL)

@@ -89,7 +89,7 @@ def test_estimator_rejects_and_counts_outliers():
     assert place.outliers == pytest.approx(0.2 * (place.used + place.outliers), rel=0.3)
 
 
-def test_slow_radio_error_increases_place_covariance():
+def test_slowly_varying_range_error_increases_place_covariance():
     track, ranges, _ = circles(gps=0.0, laps=3)
     rng = np.random.default_rng(3)
     drift = [0.0]

@@ -104,9 +104,7 @@ def test_vehicle_option_selects_positions_of_one_vehicle(tmp_path):
         for t in range(3)
     ]
     file = write.write_tlog(tmp_path / "log.tlog", records)
-    with pytest.raises(
-        EmptyLogError, match=r"ranges of 7/1 are left out: none of the vehicles 1, 2 .* --vehicle"
-    ):
+    with pytest.raises(EmptyLogError, match=r"ranges of 7/1 are left out: .* \(1, 2\).* --vehicle"):
         read_logs(file)
     (log,) = read_logs(file, ReadOptions(vehicle=2))
     assert [row[:2] for row in log.ranges["RANGE of 7/1"]] == [
@@ -439,7 +437,7 @@ def test_option_without_effect_is_refused(option, error):
     assert refusal.value.exit == Exit.USAGE
 
 
-def test_locate_runs_on_terminal_with_notebook_backend(tmp_path):
+def test_locate_runs_on_terminal_despite_notebook_backend_of_matplotlib(tmp_path):
     lines = [f"{t:.1f},{lat:.8f},{lon:.8f},{r:.2f}" for t, lat, lon, r in lap(120)]
     (tmp_path / "lap.csv").write_text("\n".join(["time,latitude,longitude,range", *lines]))
     terminal, other_end = pty.openpty()

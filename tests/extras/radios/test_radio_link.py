@@ -86,7 +86,7 @@ def test_only_valid_readings_become_ranges(line, millimetres, sigma, stamp):
     assert math.isnan(message.alt)
 
 
-def test_wrong_baud_rate_is_reported_and_recovers():
+def test_radio_link_reports_wrong_baud_rate_until_corrected():
     radio = Radio("linktrack", LinkTrack())
     wrong = (
         f"received bytes are no linktrack data: {bytes(range(24))!r}: wrong baud rate, driver or"
@@ -129,7 +129,7 @@ def test_readable_text_without_range_is_shown(sent, shown):
     assert list(radio.link.troubles) == [f"received text is no lines data: {shown}"]
 
 
-def test_invalid_readings_are_reported_and_bounded_in_number():
+def test_invalid_readings_are_reported_up_to_a_limit():
     class Odd(Lines):
         def read_line(self, line):
             if line.isdecimal():
@@ -317,7 +317,7 @@ def test_bytes_of_lines_that_end_with_nul_are_shown():
     ]
 
 
-def test_line_end_before_line_from_new_ports_is_named():
+def test_radio_link_names_line_end_sent_before_its_line():
     radio = Radio("lines", Lines())
     for step in range(30):
         sent = (b"\r\n12.%d" % (step % 10), ("10.0.0.7", 4000 + step))
@@ -329,14 +329,14 @@ def test_line_end_before_line_from_new_ports_is_named():
 
 
 @pytest.mark.parametrize("line", ["12,%d\n", "3;12,%d\n", "7.25,3,12,%d\n"])
-def test_decimal_commas_are_named(line):
+def test_radio_link_names_decimal_commas_as_fault(line):
     radio = Radio("lines", Lines())
     for step in range(20):
         received(radio, (line.encode() % (1 + step % 9), NODE), now=0.1 * step)
     assert list(radio.link.troubles) == [DECIMAL_COMMA]
 
 
-def test_range_without_decimals_among_others_is_not_named():
+def test_radio_link_accepts_some_ranges_without_decimals():
     radio = Radio("lines", Lines())
     for step in range(40):
         sent = b"3,12%s\n" % (b"" if step % 10 else b".5")

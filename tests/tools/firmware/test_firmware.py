@@ -112,7 +112,7 @@ def test_fleet_gap_is_time_to_bearing_of_vehicle_ahead(wind: float) -> None:
     assert np.nanmedian(fleet.gap_errors(grid, late)) == pytest.approx(10.0, abs=0.2)
 
 
-def test_fleet_heading_error_rotates_magnetic_field_back() -> None:
+def test_heading_error_is_simulated_by_rotating_magnetic_field() -> None:
     values = [float(one.split("=")[1]) for one in fleet.field(5.0)]
     north, east = np.add(fleet.HOME_FIELD, values[:2])
     turned = np.degrees(np.arctan2(east, north) - np.arctan2(*fleet.HOME_FIELD[::-1]))
@@ -120,7 +120,7 @@ def test_fleet_heading_error_rotates_magnetic_field_back() -> None:
     assert np.hypot(north, east) == pytest.approx(np.hypot(*fleet.HOME_FIELD), abs=0.02)
 
 
-def test_own_position_error_covers_circle_and_way_home(
+def test_own_position_error_is_separate_for_circle_and_return(
     tmp_path: Path,
 ) -> None:
     """The reports have an error of 5 m on the circle, 50 m and 3 deg on the way home, and one
@@ -188,7 +188,7 @@ def test_turn_of_setpoint_is_positive_clockwise() -> None:
     assert setpoint(mavlink.MAVLink_heartbeat_message(0, 0, 0, 0, 0, 3), 3.0, 20.0) is None
 
 
-def test_frames_are_split_from_datagram_with_their_mode() -> None:
+def test_datagram_is_split_into_frames_with_their_mode() -> None:
     vehicle = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     beat = mavlink.MAVLink_heartbeat_message(2, 3, 81, 0x04030000, 4, 3)
     position = mavlink.MAVLink_global_position_int_message(1, 2, 3, 4, 5, 6, 7, 8, 9)
