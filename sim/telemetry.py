@@ -193,7 +193,8 @@ def extended_sys_state(flight: Flight) -> Message:
 
 
 def mission_current(flight: Flight) -> Message:
-    """ArduPilot and PX4 also send it without a mission: item 0."""
+    """Item 0 of the autopilot's mission. ArduPilot and PX4 send this message even without a
+    mission."""
     return mavlink.MAVLink_mission_current_message(0)
 
 

@@ -274,7 +274,8 @@ ALIKE = 0.1
 """Consecutive windows agree if the clock speeds measured in them differ by less than this
 fraction."""
 WINDOWS = 3
-"""Number of consecutive windows that must agree."""
+"""Number of consecutive windows that must agree before a deviation of the clock speed is
+reported."""
 Moment = tuple[float, float]
 """(local time, remote time), s."""
 Span = tuple[Moment, Moment]

@@ -12,8 +12,9 @@ from circnav_mav.runtime.clock import Clock, steady
 from circnav_mav.runtime.links import Link
 
 MAIN = "main"
+"""Name of the emulated autopilot's link."""
 RADIO = "ranging"
-"""Link names of the emulated vehicle."""
+"""Name of the emulated radio's separate link."""
 SOURCE = "sim"
 ON_TIME = 1e-3
 """Simulated time, s, by which a wait may end early. A wait that ends earlier was interrupted by a

@@ -44,7 +44,7 @@ def late(folder, column):
         )
 
 
-def test_replay_by_other_settings_keeps_response_of_flight(circnav, tmp_path):
+def test_replay_with_other_settings_uses_recorded_vehicle_response(circnav, tmp_path):
     """The recorded vehicle turns as commanded by the flight, not by the replay. On the circle the
     mean of the paper's first law is the circle's turn rate."""
     circling = tmp_path / "run"

@@ -151,7 +151,7 @@ def test_guidance_commands_nothing_without_fresh_estimate():
     assert guidance.estimate(nan) is None
 
 
-def test_guidance_does_not_steer_by_range_stamped_ahead():
+def test_guidance_ignores_range_with_stamp_in_future():
     guidance = received(Guidance(ORBIT, "feedforward"))
     assert guidance.update_range(RangeSample(32.0, 32.0, 150.0, 0.5))
     assert guidance.command(2.1) is None

@@ -9,7 +9,7 @@ from circnav_mav import bench, campaign
 from tests.process import ROOT
 
 
-def test_notebook_compares_own_law_from_top_to_bottom():
+def test_notebook_that_compares_own_law_runs_completely():
     cells = json.loads((ROOT / "examples" / "own_law.ipynb").read_text())["cells"]
     assert not any(cell.get("outputs") for cell in cells)
     names = {"__name__": "notebook"}

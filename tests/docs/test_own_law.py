@@ -110,7 +110,7 @@ def test_check_calls_user_law_once(name, words, circnav):
     assert (ran.code == 0) == (name == "mine:law")
 
 
-def test_law_of_two_packages_is_refused(modules, circnav):
+def test_law_name_installed_by_two_packages_is_refused(modules, circnav):
     package = modules / "second-1.dist-info"
     package.mkdir()
     (package / "METADATA").write_text("Name: second\nVersion: 1\n")

@@ -20,7 +20,7 @@ def is_ranging(frame: bytes) -> bool:
 
 
 @pytest.mark.parametrize("law", ["auto", "drift"])
-def test_setpoints_continue_when_attitude_stops(law: str) -> None:
+def test_setpoints_continue_when_attitude_messages_stop(law: str) -> None:
     """The autopilot stops sending ATTITUDE, so own motion is unknown. The ranges continue."""
     flown = flight("arduplane", *NEAR, law=law).fly(12)
     flown.hears = lambda frame, now: message_ids(frame) != [30]

@@ -107,7 +107,7 @@ def test_search_finds_near_and_far_target(r):
     assert search.error < 0.3 * hypot(*search.p)
 
 
-def test_track_starts_consistent_with_truth():
+def test_tracking_starts_with_errors_within_stated_covariance():
     """Mean normalized error squared of range, direction, drift and airspeed scale at the start of
     24 tracks: 5 for exact covariances, less because the prior of drift and scale is wider than the
     true values.

@@ -55,7 +55,7 @@ def test_planned_lap_keeps_limit_with_nearly_least_rms(blows):
     assert squeezed(LIMIT) < rms < squeezed(0.98 * LIMIT)
 
 
-def test_plan_is_finite_for_every_drift_and_limit():
+def test_lap_plan_is_finite_for_every_drift_and_limit():
     """Where the plan's equation has no solution, the plan must not raise an error. The cases
     include a turn limit of 0 and a drift of V or more."""
     for wind, limit in product(np.arange(0.0, 1.2, 0.1), np.arange(0.0, 3.2, 0.2)):
@@ -69,7 +69,7 @@ def test_plan_is_finite_for_every_drift_and_limit():
         assert np.abs(np.array(radii) - R_D).max() <= 0.2 * R_D + 1e-9
 
 
-def test_plan_is_none_if_circle_is_within_turn_limit():
+def test_lap_plan_is_none_if_turn_limit_suffices():
     assert plan((WIND, 0.0), V=V, r_d=R_D, limit=0.24) is None
     assert plan((0.0, 0.0), V=V, r_d=R_D, limit=V / R_D * 1.02) is None
 

@@ -194,7 +194,7 @@ def test_drift_law_continues_turn_when_reversing_takes_longer(under_way, beyond)
 
 
 @given(wind=st.floats(0, 6), blows=angles, at=angles)
-def test_drift_law_commands_circle_turn_after_pending_circle_turn(wind, blows, at):
+def test_drift_law_continues_circle_when_pending_turns_follow_circle(wind, blows, at):
     d = wind * np.array([np.cos(blows), np.sin(blows)])
     ahead = 0.5
     dt = 0.005
@@ -212,7 +212,7 @@ def test_drift_law_commands_circle_turn_after_pending_circle_turn(wind, blows, a
 
 
 @given(beyond=st.floats(-0.3, 0.3))
-def test_drift_law_subtracts_pending_turn_beyond_circle(beyond):
+def test_drift_law_subtracts_excess_of_pending_turn(beyond):
     """The vehicle is on the circle with the right heading."""
     here = ((R_D, 0.0), (0.0, 0.0), pi / 2)
     turn = V / R_D

@@ -86,7 +86,7 @@ def test_other_vehicles_are_counted_without_effect(line):
     assert list(session.vehicle.texts) == []
 
 
-def test_selected_vehicle_may_change_address_by_boot_time(line):
+def test_vehicle_with_expected_boot_time_may_change_address(line):
     here = line()
     here.beat(now=0.0, source="port 1")
     here.beat(now=1.4, source="port 2")

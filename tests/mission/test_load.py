@@ -421,7 +421,7 @@ def test_link_peer_is_address_or_network(mission, peer):
     assert mission(f'link.peer=["{peer}", "::1"]').file.link.peer == [peer, "::1"]
 
 
-def test_mission_loader_names_campaign_file_as_such(config):
+def test_error_names_campaign_file_given_as_mission(config):
     path = config / "campaigns" / "wind.toml"
     with pytest.raises(
         MissionError, match=rf"is a campaign file, fly it with: circnav campaign {path}$"
@@ -472,7 +472,7 @@ def test_signing_key_path_is_relative_to_mission(text, tmp_path, given, meant):
     ("accepted", "links"),
     [("false", set()), ("true", {VEHICLE, RANGING}), ('"ranging"', {RANGING})],
 )
-def test_accept_unsigned_selects_links(mission, accepted, links):
+def test_accept_unsigned_applies_only_to_listed_links(mission, accepted, links):
     table = (
         "signing.key_file=k",
         f"signing.accept_unsigned={accepted}",

@@ -132,7 +132,7 @@ def test_dry_run_computes_setpoints_without_sending():
     assert commanded(rig) == [] and rig.pilot.setpoints_sent == 0
 
 
-def test_shadow_sends_only_heartbeat_and_plot_values():
+def test_shadow_mode_sends_only_heartbeat_and_plot_values():
     rig = Rig("engage.request_mode=true", output_mode=OutputMode.SHADOW).run(10.0)
     rig.pilot.interrupt(rig.now, "SIGINT")
     assert rig.run(1.0).pilot.done
@@ -190,7 +190,7 @@ def reported(rig, *messages):
         ("max_altitude_m=120.0", 15000, 15000, vfr_hud(121.0), "altitude 121.0 m is above 120.0 m"),
     ],
 )
-def test_broken_bound_prevents_engagement_and_ends_flight(bound, inside, beyond, message, reason):
+def test_exceeded_bound_prevents_engagement_and_ends_flight(bound, inside, beyond, message, reason):
     rig = Rig(f"bounds.{bound}", "engage.request_mode=true")
     good = (battery(20), vfr_hud(119.0))
     rig.run(5.0, reported(rig, *good, message), range_cm=beyond, mode=LOITER)

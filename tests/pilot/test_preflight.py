@@ -543,7 +543,7 @@ def test_preflight_grades_measured_noise_against_mission(noise, grade):
 
 
 @pytest.mark.parametrize("received", [12, 50])
-def test_preflight_passes_few_ranges_with_assumed_noise(received):
+def test_preflight_assumes_range_noise_when_ranges_are_few(received):
     """The scatter of few ranges is uncertain. In 300 short preflights with the noise that the
     mission assumes, at most three may propose another sigma_m and none may fail."""
     grades = []
@@ -797,7 +797,7 @@ def test_preflight_warns_of_px4_heading_without_compass(name, value, grade):
     ],
     ids=str,
 )
-def test_preflight_judges_yaw_stick_by_names_of_vehicle(values, fails):
+def test_preflight_checks_yaw_stick_parameters_of_each_px4_version(values, fails):
     """PX4 names the dead zone of the stick by its version, and has its curve up to 1.16."""
     held = {**good("px4_copter_nogps").listener.parameters}
     held.pop("MAN_DEADZONE")
@@ -860,7 +860,7 @@ def test_preflight_grades_parameter_by_related_parameters(name, values, grade, t
         ("px4_copter", "vehicle.max_turn_rate_deg_s", "MC_YAWRATE_MAX", 24.0, 23.9, FAIL),
     ],
 )
-def test_parameter_equal_to_mission_limit_passes_in_32_bits(
+def test_parameter_equal_to_limit_passes_despite_32_bit_rounding(
     name, key, parameter, number, stricter, grade
 ):
     """Parameters are 32-bit floats: 2.3 is rounded down, and 24 deg converted from radians is

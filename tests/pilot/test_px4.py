@@ -72,7 +72,7 @@ def test_no_setpoints_to_vehicle_rearmed_in_offboard():
 
 
 @pytest.mark.parametrize(("mode", "setpoints"), [(POSCTL, False), (OFFBOARD, True)])
-def test_slow_link_keeps_setpoints_in_offboard_but_starts_none(mode, setpoints):
+def test_slow_link_prevents_setpoints_except_in_offboard(mode, setpoints):
     """A vehicle that is already in OFFBOARD needs setpoints to prevent its failsafe. For a vehicle
     in another mode the link is too slow."""
     rig = PX4(mode).run(8.0, round_trip=1.5)

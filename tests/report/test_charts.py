@@ -100,7 +100,7 @@ def test_chart_line_is_clipped_by_its_frame():
         "bars",
     ],
 )
-def test_chart_line_kinds_draw_gaps_dots_and_bars(values, chart, kind, drawn):
+def test_chart_lines_are_drawn_with_gaps_dots_or_bars(values, chart, kind, drawn):
     times = list(range(len(values)))
     assert path(strip(times, values, [0, times[-1]], **chart), f"{kind} estimate") == drawn
 

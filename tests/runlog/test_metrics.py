@@ -91,7 +91,7 @@ def test_rms_error_shows_oscillation_around_exact_mean():
         (0.0, None),
     ],
 )
-def test_swept_angle_gives_direction_from_quarter_turn(turns, direction):
+def test_direction_of_rotation_needs_swept_quarter_turn(turns, direction):
     """Angles are counter-clockwise from east, as seen from above with north up."""
     angle = 1.0 + np.linspace(0, turns * 2 * np.pi, 1000)
     swept = metrics.swept_angle(5 * np.sin(angle), 5 * np.cos(angle))

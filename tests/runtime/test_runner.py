@@ -230,7 +230,7 @@ def test_frames_between_fleet_members_are_recorded_without_sending(fly):
 
 @pytest.mark.parametrize(("seconds", "is_dropped"), [(0.4, False), (5.0, True)])
 @pytest.mark.parametrize("moment", ["reading", "decoding", "deciding", "preparing the rest"])
-def test_loop_drops_frames_computed_before_pause(fly, seconds, is_dropped, moment):
+def test_loop_drops_frames_computed_before_process_was_paused(fly, seconds, is_dropped, moment):
     """The process stops in its second step. A setpoint or mode request computed before the pause
     must not be sent after it, because the operator may have taken over meanwhile."""
     pilot = FakePilot(3)

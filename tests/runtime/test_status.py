@@ -120,7 +120,7 @@ def test_status_counts_rejected_ranges_by_reason(statuses):
     assert flown.ticks[-1].rejected == sum(status.rejected.values())
 
 
-def test_status_shows_dry_run_and_reason_of_law(statuses):
+def test_status_shows_dry_run_and_reason_for_law(statuses):
     seen = statuses(9.0, event="takeover", law="auto")
     assert {bool(status.why) for status in during(seen, "engaged")} == {True}
     assert {status.why for status in seen if status.tick.law == ""} == {""}

@@ -26,7 +26,7 @@ def test_rover_circle_is_slightly_larger_than_commanded(speed, rate, radius, fra
     assert truth.down == 0.0
 
 
-def test_rover_limits_speed_and_drives_in_reverse():
+def test_rover_limits_speed_forward_and_in_reverse():
     companion = rover()
     companion.velocity(3.0, 0.1, mask=0x407)
     assert companion.vehicle.setpoint_log == []

@@ -155,7 +155,7 @@ def test_heading_drift_grows_from_its_start(profile):
     assert error() - before == pytest.approx(20.0, abs=0.5)
 
 
-def test_attitude_setpoint_turns_reported_heading():
+def test_copter_turns_until_reported_heading_equals_setpoint():
     """A copter with a wrong compass turns its reported heading to the commanded one."""
     sensors = {"heading_bias_deg": 30.0}
     companion = aboard("arducopter_nogps", "GUIDED_NOGPS", sensors=sensors)
@@ -315,7 +315,7 @@ def test_steering_faults_replace_the_commanded_turn(profile, state):
     )
 
 
-def test_rover_turns_at_share_of_command():
+def test_weak_steering_fault_reduces_turn_rate_of_rover():
     events = [
         {"at_s": 1.0, "action": "steering_weak", "value": 0.4},
         {"at_s": 6.0, "action": "steering_weak", "value": 0.15},

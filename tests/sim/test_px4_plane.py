@@ -48,7 +48,7 @@ def test_px4_plane_banks_by_roll_stick_at_constant_height(held_in, stick, bank, 
     )
 
 
-def test_px4_plane_without_sticks_holds_then_returns():
+def test_px4_plane_without_sticks_loiters_then_flies_home():
     companion = plane()
     companion.sticks(0.0)
     companion.set_mode(*ALTCTL)

@@ -51,7 +51,7 @@ DRAWS: dict[str, Callable[..., Any]] = {
     "choice": lambda rng, *values: values[rng.integers(len(values))],
 }
 MOST = 1e300
-"""Largest bound of a draw. The sum of two such numbers is still finite."""
+"""Largest bound of a random value. It is chosen so that the sum of two such numbers is finite."""
 FORMS = (
     "a list, {uniform=[low, high]}, {log_uniform=[low, high]}, {normal=[mean, sigma]} or"
     " {choice=[...]}"
@@ -59,7 +59,8 @@ FORMS = (
 
 
 def read_spec(value: Any) -> Spec:
-    """Return the spec of a key of [vary]. Raises ValueError with the remedy."""
+    """Return the grid or the distribution that a value in [vary] describes. Raises ValueError with
+    the remedy."""
     if isinstance(value, list):
         if not value:
             raise ValueError("is an empty list, name at least one value")
@@ -298,11 +299,10 @@ def unflyable_value(campaign: Campaign) -> str | None:
 
 
 def _why_not(campaign: Campaign, stride: int, values: int, which: int) -> str | None:
-    """Return the reason why no run with value number `which` of a key can be flown. None if one run
-    of a sample can be flown.
+    """Return the reason why no run with value number `which` of a key can be flown. None if a run
+    can be flown.
 
-    The sample is taken from the grid and the draws.
-
+    Only a sample of the runs is checked: some points of the grid, with some random draws.
     stride: step in the number of the grid point from one value of the key to the next.
     values: number of values of the key.
     """

@@ -61,8 +61,8 @@ MODE_NAMES = MappingProxyType(
     | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
 )
 TAKE_OFF_AND_LANDING = frozenset({9, 18})
-"""LAND and THROW. The landing phase of RTL, and the take-off in AUTO, are reported as landed
-state."""
+"""Modes LAND and THROW. RTL and AUTO are not in this set, because the autopilot reports their
+landing and take-off in EXTENDED_SYS_STATE."""
 LEAN_LIMIT = Name("ATC_ANGLE_MAX", since="4.7"), Name("ANGLE_MAX", 0.01, until="4.6")
 """Names of the lean limit, with their factors to deg."""
 THRUST_AS_THRUST = 1 << 3

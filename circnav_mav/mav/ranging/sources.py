@@ -19,17 +19,18 @@ SOURCE_SILENT = 5.0
 LISTEN = 1.0
 """Time after the first range in which circnav waits for a second source before it steers, s."""
 LISTEN_PERIODS = 2.5
-"""The same time in ranging periods. The longer of the two times applies."""
+"""Number of ranging periods after the first range in which circnav waits for a second source. If
+this time is longer than LISTEN, it applies instead."""
 MOST_SOURCES = 16
 """Largest number of sources that are stored."""
 MOST_NAMED = 4
 """Largest number of sources that are listed in one message."""
 JUDGED = 8
 """Number of newest ranges of an autopilot that are compared with a radio's ranges. If at least half
-of them are repetitions, the autopilot is an echo of the radio. Some originals may be lost on the
-link."""
+of them repeat a range of the radio, the autopilot forwards the radio and is no second source. Not
+all need to, because some frames of the radio may be lost on the link."""
 JUDGED_LEAST = 3
-"""Least number of compared ranges before an autopilot is taken as an echo."""
+"""Least number of compared ranges before an autopilot is judged to forward a radio."""
 
 
 class RangeSource(NamedTuple):

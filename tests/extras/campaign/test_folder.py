@@ -120,7 +120,7 @@ def test_another_campaign_can_neither_overwrite_nor_resume_folder(write, tmp_pat
     assert kept.value is not None  # kept alive, so that no lock depends on garbage collection
 
 
-def test_full_disk_keeps_rows_that_can_be_resumed(campaign, tmp_path):
+def test_campaign_can_be_resumed_after_full_disk(campaign, tmp_path):
     """The disk has space for 3 rows and a part of the fourth row."""
     rows = [{"run": run, "rms_m": 1.0} for run in range(8)]
     store = Store(tmp_path / "out", campaign)

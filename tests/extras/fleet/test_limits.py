@@ -44,7 +44,7 @@ def test_check_refuses_impossible_fleets():
     assert lines("fleet.size=20")["fleet ranging"].grade is Grade.WARN
 
 
-def test_largest_speed_and_radius_changes_follow_vehicle_and_bounds():
+def test_spacing_limits_depend_on_vehicle_and_mission_bounds():
     plane, copter, px4 = (
         spacing_settings(mission(name=name), 1) for name in ("arduplane", "arducopter", "px4_plane")
     )

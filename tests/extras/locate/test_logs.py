@@ -713,7 +713,7 @@ def test_csv_error_names_likely_cause(tmp_path, names, change, error):
         read_logs(tmp_path / "log.csv")
 
 
-def test_rows_without_order_of_time_are_one_log(tmp_path):
+def test_csv_rows_without_time_order_are_one_log(tmp_path):
     rows = list(lap())
     shuffled = [rows[at] for at in np.random.default_rng(1).permutation(len(rows))]
     damaged = [[9999.0, *rows[0][1:]] if at == 300 else row for at, row in enumerate(rows)]

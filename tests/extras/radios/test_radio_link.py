@@ -122,7 +122,7 @@ def test_line_split_over_datagrams_is_assembled():
         (b"12.3", f"'{21 * '12.3'}' (without a line end)"),
     ],
 )
-def test_readable_text_without_range_is_shown(sent, shown):
+def test_radio_link_shows_text_that_contains_no_range(sent, shown):
     radio = Radio("lines", Lines())
     for step in range(26):
         assert radio.readings(sent, now=0.1 * step) == []
@@ -289,7 +289,7 @@ def test_new_port_for_each_datagram_loses_first_line_only():
     assert len(radio.link._senders) <= 8
 
 
-def test_unfinished_line_is_never_joined_with_another_port():
+def test_lines_from_different_ports_are_never_joined():
     radio = Radio("lines", Lines())
     other = ("10.0.0.7", 4001)
     sent = [(b"\n", NODE), (b"9,9", other), (b"3.4\n", NODE), (b".9\n", other), (b"7,5\n", NODE)]

@@ -49,7 +49,7 @@ def test_web_port_in_use_is_refused_before_flight(circnav, mission, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_page_before_first_step_shows_missing_inputs_alone(browser, port):
+def test_page_shows_only_missing_inputs_before_first_step(browser, port):
     with process_of(
         "fly", "quickstart", "--endpoint", f"udpin:127.0.0.1:{port}", "--web", "0"
     ) as waiting:

@@ -51,7 +51,7 @@ def approach_and_circle(
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
-def test_score_matches_synthetic_circle_with_2_m_error(
+def test_scored_figures_match_synthetic_circle_with_2_m_error(
     clockwise: bool,
 ) -> None:
     track = approach_and_circle(PLANE, 152.0, clockwise=clockwise, seconds=200.0)

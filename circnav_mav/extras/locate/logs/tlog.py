@@ -81,7 +81,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
 
 
 def _collect(messages: Iterable[tuple[int, Message]], options: ReadOptions) -> list[RangeLog]:
-    """Return the vehicles in messages, each with its time in us since 1970."""
+    """Return the vehicles found in a log. messages: time (us since 1970) and message."""
     senders = dict[Ids, _Sender]()
     newest = dict[str, tuple[float | None, float]]()
     began: int | None = None
