@@ -43,7 +43,7 @@ def test_plane_without_gps_circles_at_home() -> None:
 
 
 @pytest.mark.parametrize(("wind", "raised"), [(12.0, False), (16.0, True)])
-def test_home_raises_not_closing_alarm_in_strong_wind(wind: float, raised: bool) -> None:
+def test_flight_home_raises_not_closing_alarm_in_strong_wind(wind: float, raised: bool) -> None:
     """The plane's true airspeed is 15.4 m/s, so it cannot reach home against a wind of 16 m/s."""
     flown = flight("home", f"sim.wind.speed_mps={wind}", law="auto").fly(56.0)
     alarm = flown.pilot.conditions.alarms.get("not_closing", "")

@@ -81,7 +81,7 @@ def test_command_following_accepts_steady_turn_at_bank_limit():
     ],
     ids=["straight", "constant turn", "reversed", "weak"],
 )
-def test_command_following_detects_vehicle_that_ignores_turns_within_5_s(flown):
+def test_command_following_detects_ignored_turns_within_5_s(flown):
     assert not monitored(circle, flown, 5.0, noise=0.01).follows
 
 

@@ -55,7 +55,7 @@ def test_laws_stay_finite_for_every_allowed_gain(law, over, r, r_dot):
 
 @each(LAWS.values())
 @given(V=speeds, r_d=radii, above=st.floats(1.01, 100))
-def test_corrected_radius_settles_on_requested_radius(law, V, r_d, above):
+def test_law_with_corrected_radius_settles_on_requested_radius(law, V, r_d, above):
     k = above * law.gain_bound(V, r_d)
     assert law.reached_radius(V, law.fed_radius(V, r_d, k), k) == pytest.approx(r_d, rel=1e-9)
 

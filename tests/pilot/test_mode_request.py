@@ -199,7 +199,7 @@ def test_mode_request_ends_with_first_report_of_mode():
     assert modes(rig.run(5.0), since) == []
 
 
-def test_mode_request_is_repeated_only_after_report_of_old_mode():
+def test_mode_request_is_repeated_only_after_old_mode_report():
     rig = asked()
     since = rig.now
     assert modes(rig.run(2.0, speaks=False), since) == []

@@ -40,7 +40,7 @@ def column(*values):
         ([150] * 67 + [100] * 33, None),
     ],
 )
-def test_radius_settles_within_5_percent_for_95_percent_of_rest(radius, settled):
+def test_radius_settles_when_95_percent_stay_within_5_percent(radius, settled):
     """At r_d = 100 m the band is 95 to 105 m, both included. The settling time is measured from the
     first sample."""
     assert metrics.settled(np.arange(10.0, 110.0), column(*radius), 100.0) == settled

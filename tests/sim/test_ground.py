@@ -72,7 +72,7 @@ def test_copter_lands_settles_and_disarms(mode, wind):
     assert not companion.truth.armed and not companion.truth.crashed and touched < 80.0
 
 
-def test_stick_lands_copter_and_disarms_after_delay():
+def test_copter_landed_by_stick_disarms_after_delay():
     """ArduCopter/motors.cpp, auto_disarm_check: DISARM_DELAY 10 s with the stick down."""
     events = at(0, "arm"), at(0, "throttle", 1.0), at(3, "throttle", 0.2)
     companion = on_ground("arducopter", "ALT_HOLD", *events)

@@ -138,7 +138,7 @@ def test_scripted_events_lose_mode_requests_or_their_acks():
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "arducopter_nogps", "arduplane"])
-def test_heading_drift_grows_from_its_start(profile):
+def test_heading_error_grows_from_start_of_drift_event(profile):
     events = [{"at_s": 5.0, "action": "heading_drift", "value": 0.5}]
     companion = aboard(profile, events=events, sensors={"compass": False})
     companion.stream(30, 100_000)

@@ -38,7 +38,7 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_resume_writes_incomplete_files_again(campaign, tmp_path):
+def test_resumed_campaign_rewrites_incomplete_files(campaign, tmp_path):
     whole = tmp_path / "whole"
     torn = tmp_path / "torn"
     Store(whole, campaign).close()
@@ -99,7 +99,7 @@ def test_campaign_folder_belongs_to_one_process_until_its_end(campaign, write, t
     Store(out, campaign).close()
 
 
-def test_resume_refuses_fewer_runs_than_flown(write, tmp_path):
+def test_resumed_campaign_refuses_fewer_runs_than_flown(write, tmp_path):
     begin(tmp_path / "out", load_campaign(write(VARY, "runs = 24")), 3, 12, 23)
     with pytest.raises(
         CampaignError, match=r"runs\.csv: already holds run 12: give --runs of at least 24"

@@ -144,7 +144,7 @@ def test_close_members_keep_their_order():
         assert errors[1] < errors[2]
 
 
-def test_silent_member_is_extrapolated_for_ten_seconds():
+def test_phase_of_silent_member_is_extrapolated_for_ten_seconds():
     one = spacing()
     one.take([report(2, 1.0), report(3, 3.0, stamp=8.0)])
     assert one.phases(4.0)[2] == pytest.approx(1.0 + LAP * 4.0 / 40.0)

@@ -62,7 +62,7 @@ def test_check_requires_beacon_ids_for_ranges_between_members():
     assert lines(*beacons, "ranging.beacon_id=120")["fleet.ranging"].grade is Grade.FAIL
 
 
-def test_flight_is_refused_without_free_id_and_layer(monkeypatch):
+def test_flight_is_refused_if_id_or_layer_is_taken(monkeypatch):
     own = mission("orbit.height_above_target_m=60")
     other = MemberReport(
         2, State.ON_CIRCLE, 0.0, 1.0, 0.01, 40.0, 100.0, 75.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0)

@@ -128,7 +128,7 @@ def test_unknown_height_in_report_stays_unknown():
 
 @pytest.mark.parametrize("key", [None, KEY], ids=["unsigned", "signed"])
 @pytest.mark.parametrize("way", ["multicast", "peers"])
-def test_members_receive_each_other_but_not_themselves(way, key):
+def test_members_receive_reports_of_others_but_not_own(way, key):
     ports = [free_port() for _ in range(3)]
     if way == "multicast":
         sockets = [Transport(ports[0], LOOPBACK) for _ in ports]

@@ -63,7 +63,7 @@ def test_place_covariance_covers_scale_error_fitted_as_bias():
     assert np.mean(np.array(squares) < 5.99) >= 0.9
 
 
-def test_target_height_needs_two_circles():
+def test_target_height_is_determined_only_by_two_circles():
     one = circles((100.0,), bias=1.5, gps=0.0, laps=2)
     two = circles((100.0, 60.0), bias=1.5, gps=0.0, laps=2)
     known = replace(KNOWN, gps_sigma=0.01)

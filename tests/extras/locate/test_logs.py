@@ -322,7 +322,7 @@ def test_error_without_pyulog_names_package_to_install(tmp_path, monkeypatch):
         read_logs(tmp_path / "a.ulg")
 
 
-def test_long_range_unit_is_identified(monkeypatch):
+def test_ranges_in_nautical_miles_are_identified(monkeypatch):
     alike = {unit: METERS[unit] for unit in ("m", "km", "mi", "nmi")}
     monkeypatch.setattr("circnav_mav.extras.locate.units.METERS", alike)
     track, ranges, target = circles(noise=0.3, target=(30.0, -20.0))
@@ -645,7 +645,7 @@ def test_ulog_with_nested_formats_is_refused_within_memory(tmp_path):
         read_logs(tmp_path / "a.ulg")
 
 
-def test_ulog_topic_without_orientation_is_named(tmp_path, monkeypatch):
+def test_error_names_ulog_topic_without_orientation(tmp_path, monkeypatch):
     layout, fields = write.TOPICS["distance_sensor"]
     other = layout, fields.replace("orientation", "direction")
     monkeypatch.setitem(write.TOPICS, "distance_sensor", other)

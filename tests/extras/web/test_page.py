@@ -65,7 +65,7 @@ DESIRED_ON_TOP = """
 [...document.querySelectorAll("#track circle.level, #track path.line")].at(-1).matches("circle")"""
 
 
-def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
+def test_browser_shows_flight_until_its_verdict(browser, tmp_path):
     """A radio that is silent for 2 s gives one alarm, although the age in the alarm's text
     changes."""
     silent = 'sim.events=[{at_s=7.0, action="mute_ranging"}, {at_s=9.0, action="unmute_ranging"}]'
