@@ -18,7 +18,8 @@ IMU_STATES = ("good", "frozen", "clipped", "rotated", "first_frozen", "first_zer
 STEERING_STATES = ("good", "straight", "frozen", "turning", "hovering", "reversed", "weak")
 ATTITUDE_ERROR_DEG = {"px4_copter": 1.0, "px4_plane": 1.0, "arduplane": 0.15}
 ACTIONS = (
-    *("mode", "arm", "disarm", "throttle", "rc_failsafe", "gps_off", "gps_on", "battery", "wind"),
+    *("mode", "arm", "disarm", "throttle", "rc_failsafe", "gps_off", "gps_on", "battery"),
+    *("wind", "wind_from"),
     *("accel_bias", "heading_drift", "airspeed_stuck", "airspeed_good"),
     *("ekf_zero", "lose_mode_ack", "lose_mode_request"),
     *(

@@ -247,6 +247,8 @@ class Vehicle:
             flight.set_home(event.value)
         elif action == "wind":
             flight.air.blow(event.value or 0.0)
+        elif action == "wind_from":
+            flight.air.turn(event.value or 0.0)
         else:
             flight.autopilot.on_event(event, flight.now)
 

@@ -66,6 +66,7 @@ class Air:
         self._config = config
         self._rng = Random(f"{seed}:gusts")
         self._gust = (0.0, 0.0)
+        self._from = config.from_deg
         self.blow(config.speed_mps)
 
     @property
@@ -73,10 +74,16 @@ class Air:
         return self._config.gust_rms_mps > 0
 
     def blow(self, speed: float) -> None:
-        """Set the speed of the steady wind, m/s. The direction stays as configured."""
-        towards = math.radians(self._config.from_deg) + math.pi
+        """Set the speed of the steady wind, m/s. The direction stays."""
+        self._speed = speed
+        towards = math.radians(self._from) + math.pi
         self._steady = (speed * math.cos(towards), speed * math.sin(towards))
         self._add()
+
+    def turn(self, from_deg: float) -> None:
+        """Set the direction from which the steady wind blows. The speed stays."""
+        self._from = from_deg
+        self.blow(self._speed)
 
     def gust(self) -> None:
         """Advance the gusts by 0.1 s. They have the correlation time gust_time_s and the RMS

@@ -48,6 +48,10 @@ SITUATIONS: dict[str, tuple[tuple[str, ...], float]] = {  # overrides, largest R
 }
 MISSIONS = {"plane": "arduplane", "copter": "arducopter"}  # first word of a situation -> mission
 
+EFFECTIVENESS = 0.747
+AIRSPEED_SCALE = 1.065 / 1.033
+"""Emulated plane. EFFECTIVENESS: actual over coordinated turn rate. AIRSPEED_SCALE: true airspeed
+over the true airspeed that circnav computes from the standard atmosphere."""
 NIGHTLY = ("plane, wind 0.53 V", "plane, 4000 m above the sea", "plane, lora")
 
 
@@ -68,6 +72,27 @@ def test_auto_law_keeps_circle_in_weather(name: str) -> None:
     assert rms_error(end, flown.pilot.settings.orbit.radius) < most
     assert clockwise_turns(end) > 0.7 * judged / 45.0
     assert "drift" in {tick.law for tick in flown.ticks[-40:]}
+
+
+def test_turning_wind_does_not_change_estimated_airspeed_scale() -> None:
+    """The wind changes from 3 m/s from the north to 9 m/s from the east at once. Before that, the
+    plane has learned its airspeed scale. Its accelerations show the new wind first. The law must
+    not fly by them for long: they also show the side-slip."""
+    flown = flight(
+        "arduplane",
+        "sim.wind.from_deg=0",
+        "sim.wind.speed_mps=3.0",
+        'sim.events=[{at_s=70,action="wind",value=9},{at_s=70,action="wind_from",value=90}]',
+        *tangent(180.0),
+        law="auto",
+    ).fly(125.0)
+    after = [tick for tick in flown.ticks if tick.time > 70.0 and tick.airspeed_scale is not None]
+    for tick in after:
+        assert tick.airspeed_scale == pytest.approx(AIRSPEED_SCALE, abs=0.015)
+    end = [tick for tick in after if tick.time > 115.0]
+    for tick in end:
+        assert (tick.drift_x, tick.drift_y) == pytest.approx((-9.0, 0.0), abs=0.6)
+    assert rms_error([truth for truth in flown.truths if truth.time > 95.0], 150.0) < 1.0
 
 
 def test_circle_is_kept_when_mission_underestimates_range_noise() -> None:
@@ -91,12 +116,6 @@ def test_auto_law_does_not_oscillate_on_slow_link() -> None:
     assert unrest(flown) < 1.5
     assert rms_error(last_third(flown), 30.0) < 0.5
     assert clockwise_turns(last_third(flown)) > 0.4
-
-
-EFFECTIVENESS = 0.747
-AIRSPEED_SCALE = 1.065 / 1.033
-"""Emulated plane. EFFECTIVENESS: actual over coordinated turn rate. AIRSPEED_SCALE: true airspeed
-over the true airspeed that circnav computes from the standard atmosphere."""
 
 
 def test_bank_limit_below_mission_is_learned_and_planned():

@@ -57,6 +57,10 @@ FORGOTTEN = -12.0
 """Log weight below which a model restarts from the mixture. The heaviest model has 0."""
 REVIVED = -6.0
 """Log weight of a model after its restart."""
+AS_STEADY = np.eye(STATES)
+AS_STEADY[[ekf.DX, ekf.DY], [ekf.GX, ekf.GY]] = 1.0
+AS_STEADY[[ekf.GX, ekf.GY], [ekf.GX, ekf.GY]] = 0.0
+"""Matrix that adds the gust to the steady drift."""
 
 
 class Rate(NamedTuple):
@@ -221,7 +225,10 @@ def _revive(
     mean (12,), covariance (12, 12): mixture of all models.
 
     Each model restarts from the mixture of its own kind. If no model of this kind is left, the
-    model restarts from the mixture of all models.
+    model restarts from the mixture of all models. A restarted model takes the whole drift for
+    steady. After a change of the wind, the models that followed it contain the change as a gust.
+    With this gust, the models of a steady wind would expect the old wind to return, and would fail
+    again.
 
     Models that use accelerations can mistake a wrong airspeed for a gust that turns with the
     heading. The other models reveal this error only if they do not restart from an estimate with
@@ -238,8 +245,9 @@ def _revive(
             start, spread = mean, covariance
             if h.log_weight[kind].max() >= FORGOTTEN:
                 start, spread = _mixture_of(h, kind)
-            x[:, restarts] = start[:, None]
-            P[:, :, restarts] = spread[:, :, None]
+            spread = AS_STEADY @ spread @ AS_STEADY.T
+            x[:, restarts] = (AS_STEADY @ start)[:, None]
+            P[:, :, restarts] = ((spread + spread.T) / 2)[:, :, None]
     return Hypotheses(x, P, np.where(forgotten, REVIVED, h.log_weight))
 
 

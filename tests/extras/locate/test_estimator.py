@@ -6,7 +6,7 @@ from math import hypot
 import numpy as np
 import pytest
 
-from circnav_mav.extras.locate.estimator import locate
+from circnav_mav.extras.locate.estimator import Ranges, Track, locate
 from circnav_mav.extras.locate.place import Place
 from tests.extras.locate.worlds import KNOWN, PLANE, circles
 
@@ -40,6 +40,27 @@ def test_place_covariance_is_consistent_with_gps_error():
     # 2 sigma below the expected 0.95, by the binomial distribution of 24 flights
     assert np.mean(np.array(squares) < 5.99) >= 0.86
     assert 0.7 < np.median(squares) < 2.5
+
+
+def test_place_covariance_covers_scale_error_fitted_as_bias():
+    """On one circle, a bias of a few meters explains a scale error of 10 % nearly as well as the
+    scale does. The place then has an error of meters."""
+    angle = np.linspace(0, 3 * np.pi, 300)
+    time = np.arange(300.0)
+    track = Track(time, 80 * np.sin(angle), 80 * np.cos(angle), np.zeros(300))
+    known = replace(KNOWN, up=0.0, up_sigma=0.05, gps_sigma=0.05)
+    squares = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        target = rng.uniform(-40.0, 40.0, 2)
+        r = np.hypot(track.east - target[0], track.north - target[1])
+        ranges = Ranges(time, 1.1 * r + rng.normal(0, 0.5, 300), np.full(300, 0.5))
+        place = locate(PLANE, track, ranges, known)
+        if isinstance(place, Place):
+            error = np.array([place.east, place.north]) - target
+            squares.append(error @ np.linalg.solve(place.covariance, error))
+    assert len(squares) >= 8
+    assert np.mean(np.array(squares) < 5.99) >= 0.9
 
 
 def test_target_height_needs_two_circles():
