@@ -232,7 +232,8 @@ def flight(options: argparse.Namespace) -> Flight:
         given[name] = (
             getattr(VEHICLES[options.vehicle], name) if given[name] is None else given[name]
         )
-    given["param"], given["set"] = tuple(given["param"]), tuple(given["set"])
+    for name in ("param", "set", "mode_at"):
+        given[name] = tuple(given[name])
     return Flight(**given | PRESETS.get(options.preset, {}))
 
 
