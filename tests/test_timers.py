@@ -31,7 +31,7 @@ def test_hysteresis_without_times_equals_its_input():
     assert states("x.xx..", 0.0, 0.0) == "x.xx.."
 
 
-def test_low_pass_starts_at_first_sample_and_forgets_exponentially():
+def test_low_pass_forgets_first_sample_exponentially():
     low_pass = LowPass(2.0)
     assert low_pass.update(5.0, 0.1) == 5.0
     assert low_pass.update(1.0, 3.0) == pytest.approx(1 + 4 * exp(-1.5))

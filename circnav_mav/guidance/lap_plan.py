@@ -31,8 +31,8 @@ and turn-rate limit, because the estimates vary by more than a cell."""
 LIMIT_STEP = 1 / 400
 """Grid step of planned laps in the turn-rate limit, in units of V/r_d."""
 MOST_OFFSET = 0.2
-"""Bound of the planned radius error e, in units of the radius; e is clipped to it. For a larger e
-the linear inequality is invalid."""
+"""Largest planned radius error, in units of the radius. The linear inequality is invalid for a
+larger error, so the error is clipped."""
 _SPACING = 2 * pi / ANGLES
 """Angle between two points of a lap, rad."""
 

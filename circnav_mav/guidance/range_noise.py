@@ -28,7 +28,7 @@ MARGIN = 2.0
 """A lowered sigma is this factor times the measured sigma. The margin covers the slow part of a
 radio's error (a third for UWB), which residuals hardly show."""
 FEW = 3
-"""From this number of equal values in a row on, the values are not used for the wide residuals."""
+"""Number of equal values in a row from which the wide residuals do not use them."""
 REPEATS = 10
 """Fewest equal values in a row of a frozen sensor."""
 

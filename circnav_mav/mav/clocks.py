@@ -187,7 +187,7 @@ class StampFilter:
             and arrival - self._raised[0][0] >= STEADY
             and self._steady()
         ):
-            self._follow(arrival)
+            self._apply_step(arrival)
         if self._count >= WINDOW:
             self._offset = self._candidate
             self._candidate = inf
@@ -224,7 +224,7 @@ class StampFilter:
         lags = [lag for _, lag in self._raised]
         return max(lags) - min(lags) <= SPREAD * (min(lags) - self._offset)
 
-    def _follow(self, arrival: float) -> None:
+    def _apply_step(self, arrival: float) -> None:
         """Apply the part of a lasting step that the link does not explain."""
         step = min(lag for _, lag in self._raised) - self._offset
         by_link = self._slower(self._raised[0][0], arrival)

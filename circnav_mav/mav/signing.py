@@ -72,7 +72,7 @@ class Signing:
         effect."""
         self._reach(int((unix - EPOCH) * SECOND))
 
-    def follow(self, unix: float) -> None:
+    def update(self, unix: float) -> None:
         """Set the timestamp to the wall-clock time, unix seconds. A timestamp more than a minute
         ahead is set back. Use only for frames that contain a time of their own, which the receiver
         checks."""

@@ -16,9 +16,9 @@ from circnav_mav.timers import Report
 
 AHEAD = 5.0
 AHEAD_SHARE = 0.25
-"""After a silence, the vehicle's clock may have gained AHEAD seconds plus AHEAD_SHARE times the
-silence on ours. A larger gain indicates another vehicle. Links buffer messages, and simulators may
-run faster than real time."""
+"""Largest gain of the vehicle's clock on ours during a silence: AHEAD seconds plus AHEAD_SHARE
+times the silence. A larger gain indicates another vehicle. Links buffer messages, and simulators
+may run faster than real time."""
 APART = 0.2
 """Least time between two heartbeats that arrive at the rate of their sending, s (ArduPilot's
 shortest interval: 0.25 s). Queued heartbeats arrive closer together."""

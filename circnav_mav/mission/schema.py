@@ -35,8 +35,7 @@ FAR = 1e9
 MOST_PORT = 65535
 """Largest port (16 bits)."""
 MOST_STALE = 5.0
-"""Largest value of `limits.stale_s`, s: age of the newest range up to which the vehicle is
-steered."""
+"""Largest value of `limits.stale_s`, s."""
 MAX_PATIENCE = 3600.0
 """Largest value of `limits.coast_s` and `limits.not_following_s`, s. A larger value was probably
 meant in ms, and would disable the exit action."""

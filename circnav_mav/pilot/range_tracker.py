@@ -20,8 +20,8 @@ from circnav_mav.pilot.height import Height
 from circnav_mav.timers import Since
 
 FRESH = 0.6
-"""After ranges were stale, steering resumes at once if the age of the newest range is below this
-share of `stale`."""
+"""Age of the newest range below which steering resumes at once after stale ranges, as a share of
+`stale`."""
 JUMPED_FOR = 1.0
 """Time, s, for which ranges must stay at a new value before a jump is reported. Outliers are
 shorter."""

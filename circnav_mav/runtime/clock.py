@@ -5,8 +5,8 @@ from collections import deque
 from collections.abc import Callable
 
 OUT_OF_STEP = 1.0
-"""Difference between the elapsed and the expected boot time of the autopilot, s, beyond which the
-boot time has jumped: by a reboot, a pause or a wrap."""
+"""Difference between elapsed and expected boot time above which the autopilot's boot time has
+jumped, s. A reboot, a pause or a wrap causes a jump."""
 SPAN = 2.0
 """Newest real time over which the autopilot's clock speed is measured, s."""
 SHORTEST_SPAN = 0.25

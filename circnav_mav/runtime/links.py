@@ -30,9 +30,8 @@ LONGEST = 8192
 Longer datagrams are ignored."""
 RECEIVE_BUFFER = 1 << 18
 """Receive buffer of the socket, bytes (Linux doubles this number, and counts overhead in the
-buffer). The buffer holds 600 short datagrams: 0.2 s of a simulator at 20 times real time. A flood
-loses data in any case, and a longer queue only adds delay: with 1 MB, ranges and a takeover were
-received 1 s late."""
+buffer). The buffer holds 600 short datagrams: 0.2 s of a simulator at 20 times real time. A longer
+queue only adds delay during a flood: with 1 MB, a takeover was received 1 s late."""
 MOST_TROUBLES = 4
 """Largest number of different error messages that are counted separately. Further messages are
 counted under one common text."""

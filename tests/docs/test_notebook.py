@@ -37,7 +37,7 @@ def test_campaign_function_flies_law_objects_beside_named_laws():
         campaign(ROOT / "config" / "campaign_mission.toml", {"guidance.law": []}, 2)
 
 
-def test_bench_function_refuses_unknown_names_and_nameless_laws():
+def test_bench_function_refuses_unusable_arguments():
     with pytest.raises(ValueError, match='situation "rain" is not one of: calm'):
         bench(["smooth"], ["rain"])
     with pytest.raises(ValueError, match="define it with a name"):

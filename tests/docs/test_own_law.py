@@ -152,12 +152,18 @@ def test_user_code_steers_vehicle_only_with_permission():
     assert permitted.own_code == ["absent:law", "absent:Filter"]
 
 
-def test_campaign_varies_user_laws_and_refuses_missing_ones(modules, circnav):
+CAMPAIGN = f'mission = "{ROOT}/config/campaign_mission.toml"\nruns = 2\n[vary]\n"guidance.law" = '
+
+
+def test_campaign_varies_user_laws(modules):
     file = modules / "laws.toml"
-    text = f'mission = "{ROOT}/config/campaign_mission.toml"\nruns = 2\n[vary]\n"guidance.law" = '
-    file.write_text(f'{text}["smooth", "mine:law"]')
+    file.write_text(f'{CAMPAIGN}["smooth", "mine:law"]')
     assert prepare(load_campaign(file), 1).mission.own_code == ["mine:law"]
-    file.write_text(f'{text}["smooth", "mine:lew"]')
+
+
+def test_campaign_refuses_missing_user_laws(modules, circnav):
+    file = modules / "laws.toml"
+    file.write_text(f'{CAMPAIGN}["smooth", "mine:lew"]')
     assert "mine:lew cannot be imported" in circnav("campaign", file).refused
 
 

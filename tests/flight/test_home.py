@@ -34,7 +34,7 @@ def test_calibration_of_home_mission_matches_emulated_radio() -> None:
     ]
 
 
-def test_plane_without_gps_flies_home_and_circles() -> None:
+def test_plane_without_gps_circles_at_home() -> None:
     """Seed 3 starts on a heading away from the beacon, with a headwind on the way."""
     flown = fly("home", 3, away=1500.0)
     assert came(flown)

@@ -28,7 +28,7 @@ def again(folder: Path) -> ReplayResult:
     )
 
 
-def test_flight_settles_and_leaves_a_complete_run_folder(circnav, tmp_path):
+def test_settled_flight_leaves_complete_run_folder(circnav, tmp_path):
     folder = tmp_path / "run"
     printed = circnav("fly", QUICKSTART, "--duration", "45", "--out", folder).done
     assert "COMPLETED" in printed

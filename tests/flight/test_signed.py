@@ -84,7 +84,7 @@ def test_vehicle_without_matching_key_is_not_flown(
         assert flown.setpoint_times == []
 
 
-def test_rebooted_autopilot_is_authenticated_and_ends_the_mission(tmp_path: Path) -> None:
+def test_authenticated_reboot_ends_mission(tmp_path: Path) -> None:
     flown = signed_flight("arducopter", tmp_path).fly(12)
     flown.vehicle._run_event(Event(action="reboot", value=2.0))
     flown.fly(40)

@@ -69,7 +69,7 @@ def lost() -> Recorded:
     return copy.deepcopy(_lost())
 
 
-def test_gps_loss_changes_mode_and_keeps_circle() -> None:
+def test_circle_continues_in_new_mode_after_gps_loss() -> None:
     flown = lost().fly(100)
     changed_at = next(truth.time for truth in flown.truths if truth.mode == GUIDED_NOGPS)
     assert changed_at - LOST_AT < 2.0

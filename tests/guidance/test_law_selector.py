@@ -88,7 +88,7 @@ def test_inconclusive_trial_adds_excitation_with_period_of_6_s():
             assert step.command == pytest.approx(max(min(BY_BANK + weave, LIMIT), -LIMIT), abs=1e-4)
 
 
-def test_found_target_ends_excitation_and_resets_search_time():
+def test_found_target_ends_search():
     searched = go_on(Handover(), 9.0, most_likely=3)
     found = go_on(searched[-1], 2.0, trusted=True)
     assert {(step.flies, step.untrusted) for step in found} == {(ActiveLaw.DRIFT, 0.0)}

@@ -45,7 +45,7 @@ def after(laps, wind, limit_deg=90.0, *, gust=0.0, trim=0.0, lag=0.0):
 
 
 @pytest.mark.parametrize("wind", [6.5, 7.5])
-def test_lean_limit_is_found_and_lowers_commanded_speed(wind):
+def test_found_lean_limit_lowers_commanded_speed(wind):
     """A lean of 20 deg gives 3.57 m/s^2. With a drag of 0.35/s this allows 10.2 m/s of airspeed,
     and less while a part of the lean turns the path."""
     lean = after(5, wind, limit_deg=20.0)

@@ -9,8 +9,11 @@ from hypothesis import strategies as st
 from circnav_mav.guidance.maths import chord, clip, horizontal, horizontal_rate
 
 
-def test_clip_returns_nan_and_bounds_infinity():
+def test_clip_returns_nan_for_nan():
     assert isnan(clip(nan, -1.0, 1.0))
+
+
+def test_clip_bounds_infinity():
     assert clip(inf, -1.0, 1.0) == 1.0
 
 

@@ -54,7 +54,7 @@ def test_copter_motion_matches_velocity_loop_response_in_steady_turn(drag, turn_
     assert own.turn_rate == pytest.approx(turn_rate, rel=0.02)
 
 
-def test_copter_motion_learns_and_feeds_forward_px4_drag():
+def test_copter_motion_compensates_px4_drag():
     """PX4 in SIH has a drag of 1/s. At 0.1 rad/s it flew 4.92 m/s with a crab angle near 0. Without
     acceleration setpoints it flew 4.57 m/s with a crab angle of 11 deg."""
     motion, own, _ = flown(0.1, 1.0)

@@ -17,7 +17,7 @@ def test_quantile_of_no_values_is_nan():
     assert np.isnan(quantile([], 0.5))
 
 
-def test_noise_residual_has_noise_sigma_and_ignores_steady_motion():
+def test_noise_residual_contains_only_noise():
     rng = np.random.default_rng(2)
     times = np.cumsum(rng.uniform(0.05, 0.3, 30_000)).tolist()
     steady = [100 + 7.5 * t for t in times]

@@ -78,7 +78,7 @@ def test_unanswered_command_is_repeated_three_times(sender):
         (99, "result 99"),
     ],
 )
-def test_answer_ends_repeats_and_is_described(sender, result, answer):
+def test_answer_ends_repeated_command(sender, result, answer):
     sender.poll(TARGET, 0.0)
     sender.acknowledge(ack(result=result), US, 0.1)
     assert poll_until(sender, 3.0, start=0.25) == []

@@ -271,7 +271,7 @@ def test_overtaken_heartbeat_does_not_end_a_stall(rig):
     assert rig.setpoints(since) == []
 
 
-def test_overtaken_heartbeat_ends_control_but_does_not_return_it(make_rig):
+def test_overtaken_heartbeat_never_returns_control(make_rig):
     rig = make_rig("engage.on_takeover=wait").engage()
     guided, loiter = (rig.vehicle.pack(heartbeat(mode)) for mode in (GUIDED, LOITER))
     rig.run(0.5)

@@ -130,7 +130,7 @@ def test_every_setpoint_field_has_its_bound(keys, field, inside, outside):
         assert not any(passes(key, **{field: value}) for value in outside)
 
 
-def test_every_adapter_is_guarded_and_sticks_are_limited():
+def test_guard_limits_sticks_of_every_adapter():
     assert {*VELOCITY, *ATTITUDE, *STICK, *STICKS} == {*AUTOPILOTS}
     sticks = replace(ALL, max_pitch_stick=700, max_yaw_stick=1000)
     assert all(passes(key, sticks) for key in AUTOPILOTS)

@@ -149,9 +149,12 @@ def test_restarted_peer_accepts_signatures_after_quiet_hour():
 
 
 @pytest.mark.parametrize("key", [b"", b"short", bytes(33)])
-def test_signing_key_has_32_bytes_and_stays_secret(key):
+def test_signing_refuses_key_without_32_bytes(key):
     with pytest.raises(ValueError, match="32 bytes"):
         Signing(key)
+
+
+def test_signing_does_not_print_key():
     assert repr(KEY) not in repr(Signing(KEY))
 
 

@@ -258,7 +258,7 @@ TIGHT = ("guidance.law=auto", *PLANE, "vehicle.turn_lag_s=0.5", "vehicle.max_tur
 
 
 @pytest.mark.parametrize(("radius", "grade"), [(60, WARN), (68, PASS), (150, PASS)])
-def test_check_warns_of_small_margin_and_names_sufficient_radius(mission, radius, grade):
+def test_margin_warning_names_sufficient_radius(mission, radius, grade):
     """On firmware a circle of 60 m at 15 m/s oscillated in 5 m/s of wind, although its geometry
     allows 5.6 m/s."""
     line = only(mission, "margin", *TIGHT, f"orbit.radius_m={radius}")

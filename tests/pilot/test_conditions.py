@@ -181,7 +181,7 @@ def test_alarm_sends_one_warning_and_one_end_text(rig):
     assert said[:4] == [(4, "link silent"), (5, "link restored"), (4, taken), (5, ended[:41])]
 
 
-def test_statustext_names_active_law_and_raises_no_alarm():
+def test_statustext_names_each_law_once():
     _, said = flown_in_wind(20.0, 35.0)
     assert said[0] == "circnav: engaged, 100 m clockwise"
     laws = [text.split(":")[1].strip() for text in said[1:]]

@@ -180,7 +180,7 @@ def test_each_bundled_vehicle_passes_preflight(name):
 
 
 @pytest.mark.parametrize("name", MISSIONS)
-def test_preflight_sends_no_commands_and_restores_stream_rates(name):
+def test_preflight_changes_only_stream_rates_temporarily(name):
     sent = good(name).sent
     assert {message.get_msgId() for message in sent} == {
         HEARTBEAT,
@@ -617,7 +617,7 @@ def of_another(now, sender=(1, 192), *, beacon_id=None, id=0, orientation=24):
     ],
     ids=["sensor", "component", "system", "beacon"],
 )
-def test_preflight_fails_with_several_range_sources_and_names_key(other, missions, named):
+def test_preflight_names_key_that_selects_range_source(other, missions, named):
     bench = Bench("arducopter", *missions, without=UNNAMED)
     bench.speaks = lambda now: of_another(now, **other)
     lines = bench.lines()

@@ -326,7 +326,7 @@ def test_current_mode_message_with_mode_0_is_ignored(rig):
         "timeout without link",
     ],
 )
-def test_taken_over_mission_never_completes_and_ignores_earlier_outage(limits, before, how, ends):
+def test_taken_over_mission_never_completes(limits, before, how, ends):
     rig = Rig("engage.on_takeover=wait", limits).engage()
     rig.run(before, speaks=False).run(12.0, **{"speaks": True, **how})
     assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.ending) is ends

@@ -64,12 +64,15 @@ def test_flight_without_samples_has_no_figures():
     assert turn_figures(TIME, np.full_like(TIME, np.nan), ORBIT) is None
 
 
-def test_last_third_is_by_time_and_rms_shows_oscillation():
+def test_last_third_is_chosen_by_time():
     time = column(0, 1, 2, 3, 4, 5, 20, 30)
     assert list(metrics.last_part(time, time)) == [20, 30]
     assert list(metrics.last_part(column(0, 1, 2, 3), column(5, 6, 7, 8))) == [7, 8], (
         "samples at both ends of the last third are included"
     )
+
+
+def test_rms_error_shows_oscillation_around_exact_mean():
     assert (metrics.mean(column(90, 110)), metrics.rms_error(column(90, 110), 100.0)) == (
         100.0,
         10.0,

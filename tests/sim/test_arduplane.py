@@ -44,12 +44,15 @@ def test_plane_loiters_with_hard_bank_after_timeout():
     assert math.hypot(truth.north + 200.0, truth.east) == pytest.approx(60.0, abs=15.0)
 
 
-def test_plane_limits_bank_and_ignores_velocity_setpoints():
+def test_plane_limits_commanded_bank():
     companion = plane(vehicle={"max_bank_deg": 45.0})
     companion.stream(62, 200_000)
     companion.repeat(5.0, lambda: companion.attitude(ROLL_ONLY, 1.2))
     assert math.degrees(companion.truth.roll) == pytest.approx(44.7, abs=0.1)  # HELD
     assert companion.listen("NAV_CONTROLLER_OUTPUT")[-1].nav_roll == pytest.approx(45.0, abs=0.1)
+
+
+def test_plane_in_loiter_ignores_setpoints():
     companion = plane("LOITER")
     companion.velocity(22.0, 0.2)
     companion.attitude(ROLL_ONLY, 0.2)

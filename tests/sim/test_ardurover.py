@@ -51,7 +51,7 @@ def test_rover_stops_after_setpoint_timeout():
     assert companion.truth.ground_speed == pytest.approx(3.0, abs=0.05)
 
 
-def test_rover_holds_without_gps_and_refuses_guided():
+def test_rover_without_gps_refuses_guided_in_hold():
     companion = rover(events=[{"at_s": 5.0, "action": "gps_off"}])
     companion.fly(12.9, 3.0, 0.1)
     assert companion.truth.mode == 15

@@ -32,7 +32,7 @@ def landed_states(companion):
 
 
 @pytest.mark.parametrize("mode", ["ALT_HOLD", "LOITER"])
-def test_copter_lifts_off_by_stick_and_reports_flight(mode):
+def test_copter_reports_lift_off_by_stick(mode):
     """ArduCopter/takeoff.cpp with PILOT_TKOFF_ALT 0: no TAKEOFF state, IN_AIR at lift-off. On 4.6.3
     the copter lifted off 1.4 s after the stick, and climbed at 1.87 m/s with a stick of 0.9."""
     companion = on_ground("arducopter", mode, at(1, "arm"), at(2, "throttle", 0.9))

@@ -64,7 +64,7 @@ def receive_from(wire, kind, seconds=PATIENCE):
     raise TimeoutError(kind)
 
 
-def test_emulator_serves_udp_client_and_ends_by_sigterm(wire, port):
+def test_emulator_with_udp_client_ends_by_sigterm(wire, port):
     with emulator("--endpoint", f"udpin://127.0.0.1:{port}", "--speed", "5") as process:
         assert process.stdout.readline() == f"sim: arducopter system 1 on udpin:127.0.0.1:{port}\n"
         called(wire, port)
@@ -97,7 +97,7 @@ def test_emulator_serves_separate_streams_to_two_clients(wire, port):
             receive_from(wire, "ATTITUDE", 0.3)
 
 
-def test_emulator_serves_tcp_client_and_ends_by_sigint(port):
+def test_emulator_with_tcp_client_ends_by_sigint(port):
     with emulator("--endpoint", f"tcpin:127.0.0.1:{port}") as process:
         assert process.stdout.readline()
         with socket.create_connection(("127.0.0.1", port)) as connection:

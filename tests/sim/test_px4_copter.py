@@ -150,7 +150,7 @@ def test_px4_streams_at_onboard_rates_by_default():
     assert companion.stream(30, 20_000) == [0]
 
 
-def test_px4_copter_forwards_and_repeats_range():
+def test_px4_copter_sends_each_range_twice():
     companion = Station(
         build(vehicle={"profile": "px4_copter"}, ranging={"rate_hz": 5.0, "noise_m": 0.0})
     )

@@ -13,7 +13,7 @@ from circnav_mav.runlog.atomic_write import atomic_write
 OWN = "auto"
 """Law for which the results have a separate table with all figures."""
 LOST = 300.0
-"""From this median RMS radius error on, m, the tables show "lost" instead of the number."""
+"""Median RMS radius error from which the tables show "lost" instead of the number, m."""
 
 
 @dataclass(frozen=True, slots=True)

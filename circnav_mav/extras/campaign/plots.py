@@ -23,8 +23,8 @@ Rows = Sequence[dict[str, str]]
 LOST = "#c8501e"
 LINE = "#1f5fa8"
 BINS = 12
-"""Number of groups of flights along an axis; chosen, enough for a curve and few enough for
-medians."""
+"""Number of groups of flights along an axis. Chosen: a curve needs many groups, a median many
+flights in each."""
 
 
 def plot_campaign(

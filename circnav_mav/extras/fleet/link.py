@@ -86,7 +86,7 @@ class FleetLink:
             return
         self._sent_at = now
         if self._signing is not None:
-            self._signing.follow(now)
+            self._signing.update(now)
         frame = self._encoder.encode(to_message(report))
         # Multicast sends this frame back to this member.
         self.acceptance.remember(frame, now)

@@ -26,8 +26,9 @@ class RingLog:
     def __init__(self) -> None:
         self._rows = io.StringIO()
         self._gaps: list[tuple[float, float, float]] = []
-        """Time, s, largest gap error by the exchanged phases, and its standard deviation by compass
-        errors, rad, of each step with this member on the circle."""
+        """Time, s, largest gap error, rad, and its standard deviation, rad, of each step with this
+        member on the circle. The gaps are those of the exchanged phases. Compass errors cause the
+        deviation."""
         self._nearest_layer = inf
         self._nearest = inf
 

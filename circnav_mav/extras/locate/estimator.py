@@ -32,8 +32,8 @@ MOST = 1000
 GPS_TIME = 100.0
 """Correlation time of the GPS error, s."""
 NODES = 8
-"""Number of nodes of the GPS error per correlation time. With too few nodes, the error between them
-is fitted as a height: with 2 per correlation time, heights were 20 m off after one lap."""
+"""Number of nodes of the GPS error per correlation time. With too few nodes, the fit explains the
+error between them by a height. With 2 nodes, heights were 20 m off after one lap."""
 MOST_NODES = 40
 """Largest number of nodes of the GPS error."""
 HUBER = 2.0

@@ -44,11 +44,11 @@ SENT_TYPES = frozenset(
 WINDOW = 600.0
 """Length, s, of the window of positions and ranges used for the estimate."""
 SOLVE_EVERY = 1.0
-"""Shortest time between two estimates, s; chosen."""
+"""Shortest time between two estimates, s. Chosen."""
 MESSAGES_EVERY = 1.0
-"""Shortest time between two updates of the map in the ground station, s; chosen."""
+"""Shortest time between two updates of the map in the ground station, s. Chosen."""
 TEXT_EVERY = 30.0
-"""Shortest time between two texts to the ground station, s; chosen."""
+"""Shortest time between two texts to the ground station, s. Chosen."""
 HEIGHT_SIGMA = 5.0
 """Standard deviation of a height that the mission gives, m: drift of the barometer and error of the
 operator's value."""
@@ -60,8 +60,9 @@ MIN_COMPARED = 20
 """Smallest number of positions and of ranges in the newest lap with which the radius by ranges is
 compared with the radius by positions."""
 SETTLED = 0.05
-"""Largest deviation of 90 % of the ranges from the range on the circle, as a share of the radius,
-with which both radii are compared. During the approach, the mean distance is not a radius."""
+"""Deviation from the circle's range below which a range is settled, as a share of the radius. If
+90 % of the ranges are settled, both radii are compared. During the approach, the mean distance is
+not a radius."""
 
 
 GPS_SIGMA = 1.5

@@ -21,7 +21,7 @@ from circnav_mav.mission.mission import Mission
 
 MOST_USED = 0.9
 """Largest share of the vehicle's turn rate that a circle may need in wind and gusts. The rest
-corrects errors; chosen."""
+corrects errors. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,8 @@ from circnav_mav.guidance.types import IntegratedAcceleration, OwnMotion
 EXTRAPOLATED = 0.5
 """Longest time, s, over which the newest report is extrapolated by its turn rate."""
 RARE = 1.6
-"""Longest time over which the newest report is extrapolated if reports are rare: this factor times
-the interval of the reports, but at most this number of seconds."""
+"""Longest extrapolation of the newest report, in intervals of the reports, if reports are rare. The
+same number is an upper bound in seconds."""
 HOLE = 3.0
 """Longest gap between reports, s, within a piece of path. After a longer gap the displacement is
 unknown, and a new piece begins."""

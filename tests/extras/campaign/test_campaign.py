@@ -128,7 +128,7 @@ def test_campaign_detects_wrong_direction_on_true_track(write, monkeypatch):
     assert wrong["rms_m"] < 1.0
 
 
-def test_campaign_command_flies_summarizes_draws_and_resumes(circnav, write, tmp_path):
+def test_campaign_command_writes_complete_folder(circnav, write, tmp_path):
     """A picture that cannot be drawn gives a warning. Resuming a complete campaign does not contact
     the scheduler."""
     path = write(SHORT + '"sim.wind.speed_mps" = {uniform = [0, 2]}', "runs = 4\nseed = 3")

@@ -57,9 +57,7 @@ def begun(write, tmp_path, processes):
     ("send", "number", "processes"),
     [(os.kill, signal.SIGTERM, "1"), (os.killpg, signal.SIGINT, "2")],
 )
-def test_signal_keeps_finished_rows_and_prints_resume_command(
-    write, tmp_path, send, number, processes
-):
+def test_interrupted_campaign_can_be_resumed(write, tmp_path, send, number, processes):
     """Ctrl-C on a terminal sends SIGINT to all processes of the campaign."""
     with begun(write, tmp_path, processes) as campaign:
         send(campaign.pid, number)

@@ -46,7 +46,7 @@ def test_confidence_intervals_match_textbook():
     assert median_interval(list(range(1, 101)), 100) == (40.0, 61.0)
 
 
-def test_quantile_interpolates_and_keeps_never():
+def test_quantile_of_flights_that_never_settle_is_infinite():
     assert quantile([4.2, 5.8, 10.8, 12.0], 0.5) == pytest.approx(8.3)
     assert [quantile(values, 0.5) for values in ([1, 2, inf], [1, inf], [inf, inf])] == [
         2,

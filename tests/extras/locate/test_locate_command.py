@@ -243,7 +243,7 @@ def test_missing_altitude_is_interpolated():
     assert list(RangeLog([(0.0, 47.3, 8.5, nan)]).track(PLANE).up) == [0.0]
 
 
-def test_locate_separates_tags_and_refuses_mixed_ones(tmp_path, capsys, monkeypatch):
+def test_locate_separates_only_named_tags(tmp_path, capsys, monkeypatch):
     track, one, first = circles()
     rng = np.random.default_rng(5)
     second = np.array([20.0, -140.0])
@@ -262,7 +262,7 @@ def test_locate_separates_tags_and_refuses_mixed_ones(tmp_path, capsys, monkeypa
     assert "two tags mixed" in capsys.readouterr().out
 
 
-def test_clock_offset_is_estimated_and_causes_warning(tmp_path, capsys):
+def test_estimated_clock_offset_causes_warning(tmp_path, capsys):
     """The vehicle flies to a circle and along it, and the target is not at its center. An offset of
     16 s at 15 m/s shifts the positions by 240 m."""
     t = np.arange(0, 80, 0.1)

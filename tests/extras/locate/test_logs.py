@@ -439,7 +439,7 @@ def test_option_without_effect_is_refused(option, error):
     assert refusal.value.exit == Exit.USAGE
 
 
-def test_locate_shows_progress_on_terminal_and_ignores_notebook_backend(tmp_path):
+def test_locate_runs_on_terminal_with_notebook_backend(tmp_path):
     lines = [f"{t:.1f},{lat:.8f},{lon:.8f},{r:.2f}" for t, lat, lon, r in lap(120)]
     (tmp_path / "lap.csv").write_text("\n".join(["time,latitude,longitude,range", *lines]))
     terminal, other_end = pty.openpty()

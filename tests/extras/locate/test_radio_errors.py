@@ -196,7 +196,7 @@ def as_csv(file, track, ranges):
     return file
 
 
-def test_calibrate_prints_plots_and_writes_mission_keys(tmp_path, capsys):
+def test_calibrate_writes_plot_beside_mission_keys(tmp_path, capsys):
     log = as_csv(tmp_path / "flight.csv", *approach_and_laps(Calibration(1.07, 1.5), gps=0.05))
     mission = tmp_path / "mine.toml"
     mission.write_text((CONFIG / "quickstart.toml").read_text())

@@ -73,7 +73,7 @@ PORTS = {
 
 
 @pytest.mark.parametrize("port", PORTS)
-def test_copter_circles_selected_beacon_and_replays(tmp_path, monkeypatch, port):
+def test_flight_around_selected_beacon_replays(tmp_path, monkeypatch, port):
     monkeypatch.setattr(recorder, "MOST_SOURCES", 50)
     flight = radio_flight(tmp_path, "ranging.beacon_id=3", **PORTS[port])
     assert flight.outcome.ending.value == "completed"

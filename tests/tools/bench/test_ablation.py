@@ -6,7 +6,7 @@ from tests.tools.bench.ablation import FULL, LAYERS, Layer, figures, noted, tabl
 
 
 @pytest.mark.parametrize("layer", LAYERS, ids=lambda layer: layer.name)
-def test_ablation_disables_and_restores_layer(layer: Layer) -> None:
+def test_ablation_disables_layer_temporarily(layer: Layer) -> None:
     before = layer.places
     with without(layer):
         assert all(vars(holder)[layer.function] is not function for holder, function in before)

@@ -200,7 +200,7 @@ def test_frames_are_split_from_datagram_with_their_mode() -> None:
         assert [mode_shown(*one) for one in cut] == [0x04030000, None, 0x04030000]
 
 
-def test_table_command_flies_missing_flights_and_prints_median_error(
+def test_table_command_flies_only_missing_flights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flown = []
