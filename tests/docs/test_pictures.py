@@ -14,8 +14,8 @@ FLIGHTS = {
     "paper_example_3.png": pictures.study_paper,
     "fleet.png": pictures.fly_fleet,
 }
-LONG = {"paper_example_3.png", "fleet.png"}
-"""Pictures whose flights take minutes of processor time on a busy computer."""
+LONG = {"paper_example_3.png", "fleet.png", "report.png", "live-desktop.png"}
+"""Pictures whose flights take much processor time."""
 
 
 @pytest.mark.parametrize(
