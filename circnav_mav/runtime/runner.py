@@ -70,7 +70,7 @@ def run(
         wait(links, stop, min(clock.until(loop.due), clock.longest_wait))
         if signing_time is not None:
             signing_time.advance()
-        with time_limit():
+        with time_limit(simulated=clock.simulated):
             loop.step(stop.signal_name)
 
 
