@@ -34,7 +34,7 @@ POLICIES: dict[str, tuple[str, str]] = {
     **{law: (law, default_estimator(law)) for law in reversed(LAWS)},
     **{
         law: (PUBLISHED + law, "kalman")
-        for law in ("bounded", "barrier", "relay", "pd", "pi")
+        for law in ("bounded", "three_circles", "relay", "pd", "pi")
     },
     "bounded, sliding mode": (PUBLISHED + "bounded", PUBLISHED + "SlidingMode"),
     "full information": ("drift", TRUTH),
