@@ -2,7 +2,7 @@
 
 import traceback
 from collections.abc import Callable
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing, nullcontext, suppress
 from functools import partial
 from importlib import import_module
 from itertools import chain, count
@@ -38,6 +38,7 @@ from circnav_mav.runtime.recorder import Recorder, RecorderError, TakenError
 from circnav_mav.runtime.reserve import Reserve, take_memory
 from circnav_mav.runtime.runner import StopRequest, run
 from circnav_mav.runtime.status import AlarmLog
+from circnav_mav.time_limit import time_limit
 
 EXITS = {
     Ending.COMPLETED: Exit.DONE,
@@ -130,7 +131,10 @@ def fly_mission(
             )
             open_things.callback(display.close)
             listeners.attached += [alarms, display]
-            loop = partial(run, pilot, links, clock, recorder, listeners, stop, signing_time)
+            # Only user-defined code may fail to return.
+            own_limit = partial(time_limit, simulated=clock.simulated)
+            limit = own_limit if mission.own_code else nullcontext
+            loop = partial(run, pilot, links, clock, recorder, listeners, stop, signing_time, limit)
             crash = _crash_of(loop, pilot, links, clock, folder)
         assert pilot.mission.outcome is not None
         code = Exit.INTERNAL if crash is not None else EXITS[pilot.mission.outcome.ending]

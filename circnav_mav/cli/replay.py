@@ -312,13 +312,13 @@ def _write(
         return
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    from circnav_mav.report.plots import plot_replay  # imported here because it loads matplotlib
+    with progress(f"drawing {PICTURE} and writing {TICKS}"):
+        from circnav_mav.report.plots import plot_replay  # imported here: it loads matplotlib
 
-    plot_replay(
-        folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, f"{printable(log)}, replayed"
-    )
-    with atomic_write(folder / TICKS) as fresh:
-        write_ticks(fresh, done.ticks)
+        title = f"{printable(log)}, replayed"
+        plot_replay(folder / PICTURE, was, as_ticks(done.ticks), mission.orbit, title)
+        with atomic_write(folder / TICKS) as fresh:
+            write_ticks(fresh, done.ticks)
     say(f"  written    {folder}/{TICKS}, {folder}/{PICTURE}")
 
 

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import tomlkit
 
 from circnav_mav import __version__
+from circnav_mav.cli.drawing import LOG
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.cli.progress import progress
 from circnav_mav.cli.verdict import verdict
@@ -33,8 +35,14 @@ def report_run(folder: str, after_flight: bool) -> int:
     after_flight: wait for a line on standard input before drawing, and print only the files that
         cannot be made.
     """
+    log = Path(folder) / LOG
     if after_flight:
-        return _report_flight(folder) if sys.stdin.readline() else Exit.DONE
+        if sys.stdin.readline():
+            _report_flight(folder)
+        with suppress(OSError):
+            if not log.stat().st_size:
+                log.unlink()
+        return Exit.DONE
     with refusing(folder, RunError, MissionError):
         run = open_run(Path(folder))
         if not len(run.ticks.time):
@@ -50,11 +58,12 @@ def report_run(folder: str, after_flight: bool) -> int:
             _picture(run, mission)
             # The page contains the picture, so draw the page last.
             _page(run, mission)
+        log.unlink(missing_ok=True)
         say(f"{run.folder / 'report.html'}\n{run.folder / 'flight.png'}")
     return Exit.DONE
 
 
-def _report_flight(folder: str) -> int:
+def _report_flight(folder: str) -> None:
     run: Run | None = None
     for name, make in (("flight.png", _picture), ("report.html", _page)):
         try:
@@ -63,7 +72,6 @@ def _report_flight(folder: str) -> int:
                 make(run, _mission(run))
         except Exception as error:
             say(f"{Path(folder) / name}: could not be made: {error}")
-    return Exit.DONE
 
 
 def _mission(run: Run) -> Mission:

@@ -12,7 +12,8 @@ from typing import Any
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to. On success it replaces `path`. Raises OSError."""
-    fresh = path.with_name(f"{path.name}.tmp")
+    # The number of the process: `report` may draw while the drawing after a flight is not done.
+    fresh = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
         yield fresh
         os.replace(fresh, path)

@@ -130,7 +130,7 @@ class Listeners:
     def start(self, epoch_us: int) -> None:
         """Start every listener. epoch_us: Unix time of run time zero, us."""
         for listener in self.attached:
-            self._guarded(listener, " at 0.0 s", listener.start, epoch_us)
+            self._guarded(listener, 0.0, listener.start, epoch_us)
 
     def on_step(
         self,
@@ -202,19 +202,19 @@ class Listeners:
         """Return the results of a method of all working listeners. by: function from one result to
         its items."""
         results = [
-            self._guarded(one, f" at {now:.1f} s", getattr(one, name), *arguments)
-            for one in self._working()
+            self._guarded(one, now, getattr(one, name), *arguments) for one in self._working()
         ]
         return [item for result in results if result for item in by(result)]
 
     def _guarded(
-        self, listener: Listener, when: str, call: Callable[..., Any], *arguments: Any
+        self, listener: Listener, moment: float | str, call: Callable[..., Any], *arguments: Any
     ) -> Any:
         """Return the result of a call, or None if it raised. A listener that raised receives no
-        more steps."""
+        more steps. moment: time of the step, s, or a text."""
         try:
             return call(*arguments)
         except Exception as error:
             self._failed.add(id(listener))
+            when = f" at {moment:.1f} s" if isinstance(moment, float) else moment
             self.problems.append(f"{listener.name}: stopped{when}: {error!r}")
             return None

@@ -242,11 +242,11 @@ def tick_row(record: TickRecord) -> list[Any]:
 
 def _plain(value: Any) -> Any:
     """Return a value for CSV: None becomes empty, a phase its text, True and False 1 and 0."""
+    if isinstance(value, float):
+        return f"{value:.6f}"
     if isinstance(value, Enum):
         return value.value
-    if isinstance(value, bool):
-        return int(value)
-    return f"{value:.6f}" if isinstance(value, float) else value
+    return int(value) if isinstance(value, bool) else value
 
 
 def _claimed(path: Path) -> IO[bytes]:

@@ -3,8 +3,8 @@
 import select
 import signal
 import socket
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, suppress
 from types import FrameType
 
 from circnav_mav.guidance.circle_change import CircleRequest
@@ -63,14 +63,16 @@ def run(
     listeners: Listeners,
     stop: StopRequest,
     signing_time: SigningTime | None = None,
+    limit: Callable[[], AbstractContextManager[None]] = time_limit,
 ) -> None:
-    """Fly until `Pilot` is done and no listener is busy. Record every step and tick."""
+    """Fly until `Pilot` is done and no listener is busy. Record every step and tick. limit: time
+    limit of a step."""
     loop = Loop(pilot, links, clock, recorder, listeners)
     while not loop.over:
         wait(links, stop, min(clock.until(loop.due), clock.longest_wait))
         if signing_time is not None:
             signing_time.advance()
-        with time_limit(simulated=clock.simulated):
+        with limit():
             loop.step(stop.signal_name)
 
 
@@ -212,6 +214,8 @@ def _send_hello(sender: Pilot | PreflightListener, links: Mapping[str, Link], no
 
 def wait(links: Mapping[str, Link], stop: StopRequest, seconds: float) -> None:
     """Wait until a link has data, a signal arrives or the time is over."""
+    if seconds == 0:  # the next step is due, or simulated time does not wait
+        return
     watched = [fd for link in links.values() if (fd := link.fileno()) is not None]
     if stop.signal_name is None:
         watched.append(stop.fileno())

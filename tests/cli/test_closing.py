@@ -7,6 +7,7 @@ import os
 import pty
 import signal
 import sys
+from contextlib import suppress
 from importlib import import_module
 
 import pytest
@@ -43,11 +44,16 @@ def fly(circnav, tmp_path):
     return fly
 
 
-def test_failed_picture_prints_one_line_after_flight(fly, tmp_path):
+def test_failed_picture_prints_one_line_after_flight(circnav, fly, tmp_path):
     (tmp_path / "run" / "report.html").mkdir(parents=True)
     out, _ = fly()
     assert "report.html: could not be made: " in out
     assert (tmp_path / "run" / "flight.png").is_file()
+    log = tmp_path / "run" / "report.log"
+    assert "report.html: could not be made: " in log.read_text()
+    (tmp_path / "run" / "report.html").rmdir()
+    assert circnav("report", tmp_path / "run").done
+    assert not log.exists()
 
 
 def test_drawing_library_loads_after_real_flight(circnav, mission, monkeypatch):
@@ -75,14 +81,38 @@ def test_drawing_library_loads_after_real_flight(circnav, mission, monkeypatch):
     assert happened == ["flown", "loads", "draws"]
 
 
-def test_drawing_process_ends_when_flight_is_killed():
-    words = "from circnav_mav.cli.drawing import *; import time; one = Drawing(Path('run')); "
+def test_drawing_process_ends_when_flight_is_killed(tmp_path):
+    words = "from circnav_mav.cli.drawing import *; import time; "
+    words += f"one = Drawing(Path({str(tmp_path)!r})); "
     flight = python("-c", words + "print(one._process.pid, flush=True); time.sleep(900)")
     drawing = int(flight.stdout.readline())
     os.kill(drawing, 0)
     flight.kill()
     flight.communicate()
     until(lambda: not is_there(drawing))
+    assert not list(tmp_path.iterdir())
+
+
+def test_job_of_interactive_shell_ends_before_drawing(tmp_path):
+    """The shell has job control on a real terminal. report.log is removed when all is drawn."""
+    folder = tmp_path / "run"
+    flight = f"{sys.executable} -m circnav_mav fly quickstart --duration 1 --out {folder}"
+    process, terminal = pty.fork()
+    if process == 0:
+        os.environ.update(TERM="xterm", PYTHONPATH=str(ROOT))
+        os.execv("/bin/sh", ["sh", "-m", "-c", f"{flight}; echo exit code $?; ls {folder}"])
+    shown = b""
+    with suppress(OSError):
+        while block := os.read(terminal, 65536):
+            shown += block
+    os.waitpid(process, 0)
+    os.close(terminal)
+    verdict, _, listed = shown.decode().partition("exit code 0")
+    assert f"{folder}/report.html, ready in a few seconds" in verdict
+    assert "report.log" in listed
+    assert "report.html" not in listed
+    until(lambda: not (folder / "report.log").exists())
+    assert (folder / "report.html").stat().st_size > 10_000
 
 
 def is_there(process):

@@ -8,7 +8,7 @@ from typing import Any
 from circnav_sim.config import ConfigError
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
-from circnav_mav.cli.progress import flights
+from circnav_mav.cli.progress import flights, progress
 from circnav_mav.extras.campaign.figures import SUMMARY, summarize
 from circnav_mav.extras.campaign.fly import fly_run
 from circnav_mav.extras.campaign.plan import (
@@ -88,9 +88,10 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool, form
         raise Refused(
             f"{store.folder}: cannot be written: {error.strerror or error}; {TABLE} is complete"
         ) from None
-    pictures, problems = plot_campaign(
-        store.folder, rows, list(campaign.specs), list(campaign.swept), name, form
-    )
+    with progress("drawing the pictures"):
+        pictures, problems = plot_campaign(
+            store.folder, rows, list(campaign.specs), list(campaign.swept), name, form
+        )
     _print_figures("all flights", summary["all"])
     for key, values in summary["by"].items():
         for value, figures in values.items():

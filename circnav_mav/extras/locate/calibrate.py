@@ -10,6 +10,7 @@ import numpy as np
 import tomlkit
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.cli.progress import progress
 from circnav_mav.extras.locate.command import mission_of, name_of, output, read
 from circnav_mav.extras.locate.estimator import (
     CALIBRATED,
@@ -119,7 +120,8 @@ def calibrate_radio(
         lines = [f"{key} = {value}" for key, value in keys_of(found.calibration).items()]
         results = output(out, source, "calibration")
         write_text(Path(f"{results}.toml"), "[ranging]\n" + "".join(f"{line}\n" for line in lines))
-        _plot(Path(f"{results}.png"), found, tag)
+        with progress(f"drawing {results}.png"):
+            _plot(Path(f"{results}.png"), found, tag)
         say("\n".join(["[ranging]", *lines]))
         say(f"  written    {results}.toml, .png")
         if mission is not None and not found.place.up_known:

@@ -9,7 +9,7 @@ from circnav_mav.cli.bundled import bundled
 from circnav_mav.cli.check import read_mission
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.cli.init import write_mission
-from circnav_mav.cli.progress import each
+from circnav_mav.cli.progress import each, progress
 from circnav_mav.extras.plan.candidates import (
     Candidate,
     Site,
@@ -76,9 +76,9 @@ def print_plan(
             "The autopilot holds the speed over the ground: only its lean or drive limits the wind."
         )
     if picture is not None:
-        from circnav_mav.extras.plan.picture import plot_plan
+        with refusing(picture), progress(f"drawing {picture}"):
+            from circnav_mav.extras.plan.picture import plot_plan
 
-        with refusing(picture):
             plot_plan(Path(picture), found, best, site, f"{start.file.name}: wind {wind:g} m/s")
         say(f"{picture}: the circles as a picture")
     if mission is not None:
