@@ -141,7 +141,7 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
     ):
         cruises = f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps)"
         yield Grade.WARN, f"{cruises}, but vehicle.speed_mps = {wanted.speed_mps:g}"
-    windy = feels_wind(mission, config)
+    windy = drifts_with_wind(mission, config)
     if not windy and config.wind.speed_mps:
         yield Grade.WARN, NO_WIND
     noise = config.ranging.noise_m
@@ -160,7 +160,7 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
         yield Grade.WARN, f"{moves}, more than the {tolerated:.1f} m/s that the circle allows"
 
 
-def feels_wind(mission: Mission, config: VehicleConfig) -> bool:
+def drifts_with_wind(mission: Mission, config: VehicleConfig) -> bool:
     """Return True unless the bundled vehicle holds its speed over ground."""
     in_air = any(not vehicle.holds_ground_speed for vehicle in mission.vehicles)
     return in_air or config.vehicle.dynamics == "airborne"

@@ -92,8 +92,8 @@ def _not_ready(pilot: Pilot, now: float) -> str:
     # A user-defined estimator may reject all ranges until it receives the vehicle's motion. A
     # hovering copter reports no motion before the engagement, which waits for the estimator.
     gated = tracker.ranging.rejected[Reject.GATED.value] if age is None else 0
-    heard = gated or (age is not None and age <= pilot.settings.stale)
-    if not ready and not missing and heard:
+    received_any = gated or (age is not None and age <= pilot.settings.stale)
+    if not ready and not missing and received_any:
         name = pilot.settings.estimator
         needs = _NEEDS.get(
             name, "; this estimator first needs the vehicle's motion (estimator auto does not)"

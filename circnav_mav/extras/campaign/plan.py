@@ -18,7 +18,7 @@ import numpy as np
 from circnav_sim.config import ConfigError, VehicleConfig, parse_vehicle
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from circnav_mav.cli.check import NO_WIND, feels_wind
+from circnav_mav.cli.check import NO_WIND, drifts_with_wind
 from circnav_mav.guidance.own_code import OwnCodeError
 from circnav_mav.mission.load import (
     MissionError,
@@ -292,7 +292,7 @@ def without_effect(campaign: Campaign) -> str | None:
     if "sim.wind.speed_mps" not in campaign.specs:
         return None
     run = prepare(campaign, 0)
-    return None if feels_wind(run.mission, run.vehicle) else NO_WIND
+    return None if drifts_with_wind(run.mission, run.vehicle) else NO_WIND
 
 
 def unflyable_value(campaign: Campaign) -> str | None:
