@@ -40,6 +40,12 @@ MOST_AIRSPEED = 200.0
 MOST_ALTITUDE = 1e5
 """Largest plausible angle (rad), body rate (rad/s), airspeed and climb rate (m/s), and altitude
 (m). Larger values are discarded."""
+MOST_CLIMB = 20.0
+"""Largest plausible climb or sink rate, m/s, more than any supported vehicle has. A faster change
+of an altitude is a reset of its zero."""
+BUNCHED = 0.25
+"""Least time, s, assumed between two altitude measurements, because a link may deliver several at
+once."""
 FLOWN_ALTITUDES = -500.0, 6_000.0
 """Lowest and highest altitude, m, for which airspeed is corrected for air density. Altitudes
 outside are limited to these bounds."""
@@ -191,8 +197,7 @@ class OwnMotionSensor:
             self._on_air_data(message, now)
             return False
         if message.get_type() == "GLOBAL_POSITION_INT":
-            above_home = _real(message.relative_alt / 1000, MOST_ALTITUDE)
-            self._above_home.update(above_home, now)
+            self._on_above_home(_real(message.relative_alt / 1000, MOST_ALTITUDE), now)
             return False
         angles = _angles(message)
         if angles is None:
@@ -214,6 +219,17 @@ class OwnMotionSensor:
         self._attitude_at = max(measured, self._attitude_at)
         self._received.append(now)
         return True
+
+    def _on_above_home(self, above_home: float | None, now: float) -> None:
+        """Process an altitude above home. A step is a move of home, as a ground station commands:
+        the altitude above sea level stays the same."""
+        before = self._above_home.value
+        waited = max(self._above_home.age(now), BUNCHED)
+        self._above_home.update(above_home, now)
+        if above_home is None or before is None or self._above_home_then is None:
+            return
+        if abs(above_home - before) > MOST_CLIMB * waited:
+            self._above_home_then += above_home - before
 
     def _on_air_data(self, message: Message, now: float) -> None:
         """Process a VFR_HUD."""

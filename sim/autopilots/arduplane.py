@@ -14,11 +14,12 @@ from ..links import Message
 from ..starting import AIRSPEED_SCALE
 from ..world import from_degrees
 from .ardupilot import ArduPilot
-from .contract import Ack, Command, Say, Severity
+from .contract import LAST_ITEM, TRANSITION_TO_WINGS, Ack, Command, Say, Severity
 from .sticks import Sticks
 from .tables import PLANE, plane_parameters
 
 CIRCLE = 1
+AUTO = 10
 RTL = 11
 LOITER = 12
 TAKEOFF = 13
@@ -63,7 +64,8 @@ UNAIDED_SPEED = 1.08
 SPOOL_US = 700_000
 ROTATION = 0.84
 CLIMB_PITCH = math.radians(22)
-LEVEL_ROLL = math.radians(5)  # LEVEL_ROLL_LIMIT, up to TKOFF_LVL_ALT
+LEVEL_ROLL = math.radians(5)  # LEVEL_ROLL_LIMIT, up to TKOFF_LVL_ALT, and in a transition
+APPROACH_SINK = 2.0  # sink rate on the approach of AUTO, m/s
 # In another mode, a plane that rolls on the ground lifts off at this share of AIRSPEED_CRUISE.
 UNINTENDED_LIFT = 0.94
 UNSUPPRESSED_MPS = 5.0  # speed above which the throttle works on the ground (suppress_throttle)
@@ -125,6 +127,8 @@ class ArduPlane(ArduPilot):
         self._update_flying(now)
         if self._forced is not None and now - self._since >= TIMEOUT_US:
             self._forced = None  # the plane loiters again, without a STATUSTEXT
+        if self.mode == AUTO and self.waypoint == LAST_ITEM:
+            self._height = min(0.0, self._height + APPROACH_SINK * DECIDE_US * 1e-6)
         self._bank = self._bank_command(now)
 
     def _update_flying(self, now: int) -> None:
@@ -136,7 +140,7 @@ class ArduPlane(ArduPilot):
         self._check_airspeed()
         body = self.body
         slow = 0.75 * self.params["AIRSPEED_MIN"]
-        moves = body.air_speed / self._scale >= slow and body.ground_speed > 0
+        moves = self._reading() >= slow and body.ground_speed > 0
         moves = moves or (self.gps and body.ground_speed >= MOVES_MPS)
         self._flying += (moves - self._flying) * FLYING_SHARE
         if self.mode == TAKEOFF and self._thrust_at == NEVER and body.down >= 0:
@@ -168,14 +172,18 @@ class ArduPlane(ArduPilot):
                 self._use_airspeed(True, "Airspeed sensor 1, Re-enabled as GPS fall-back")
             return
         true = self.body.air_speed / self._scale
-        reading = true if self.stuck_airspeed is None else self.stuck_airspeed
-        good = abs(reading - true) <= AIRSPEED_GATE * (1.0 if used else 0.7)
+        good = abs(self._reading() - true) <= AIRSPEED_GATE * (1.0 if used else 0.7)
         kept = AIRSPEED_GROWTH if good else AIRSPEED_DECAY
         self._airspeed_health = kept * self._airspeed_health + (1 - kept) * good
         if used and self._airspeed_health < AIRSPEED_DISABLE:
             self._use_airspeed(False, "Airspeed sensor 1 failure. Disabling")
         elif self._airspeed_disabled and self._airspeed_health > AIRSPEED_ENABLE:
             self._use_airspeed(True, "Airspeed sensor 1 now OK. Re-enabled")
+
+    def _reading(self) -> float:
+        """Return the indicated airspeed of the sensor, m/s."""
+        true = self.body.air_speed / self._scale
+        return true if self.stuck_airspeed is None else self.stuck_airspeed
 
     def _use_airspeed(self, used: bool, text: str) -> None:
         self.params["ARSPD_USE"] = float(used)
@@ -203,6 +211,8 @@ class ArduPlane(ArduPilot):
 
     def _bank_command(self, now: int) -> float:
         limit = math.radians(self.params["ROLL_LIMIT_DEG"])
+        if self.vtol_state == TRANSITION_TO_WINGS:
+            limit = LEVEL_ROLL
         if self.mode == GUIDED and self._forced is not None:
             return within(self._forced.roll or 0.0, limit)
         if self.mode == GUIDED and self._heading is not None:

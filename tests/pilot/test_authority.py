@@ -27,6 +27,7 @@ def commanded(rig: Rig, since: float = -1.0) -> list:
 SLOW = "link too slow: round trip {} s (at most 0.6 s, 1.2 times limits.stale_s)"
 ON_GROUND = "the vehicle is on the ground, takes off or lands"
 NOT_ARMED = "the vehicle is not armed"
+FLIES = {"armed": True, "landed_state": IN_AIR}
 MEASURING = "measuring the round-trip time of the link (TIMESYNC)"
 
 
@@ -42,8 +43,8 @@ def test_no_command_in_other_mode_without_request_mode(rig, mode):
     [
         # a disarmed aircraft is on the ground, even if it reports no landed state
         ({"armed": False}, 5.0, NOT_ARMED, {"armed": True}),
-        ({"armed": False, "landed_state": None}, 6.0, NOT_ARMED, {"armed": True}),
-        ({"armed": False, "landed_state": 0}, 6.0, NOT_ARMED, {"armed": True}),
+        ({"armed": False, "landed_state": None}, 6.0, NOT_ARMED, FLIES),
+        ({"armed": False, "landed_state": 0}, 6.0, NOT_ARMED, FLIES),
         # MAV_LANDED_STATE on ground, taking off and landing: setpoints would disturb the take-off
         # of a copter in GUIDED
         ({"landed_state": 1}, 4.0, ON_GROUND, {"landed_state": IN_AIR}),

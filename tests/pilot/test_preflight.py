@@ -838,6 +838,10 @@ def sticks_lost(action, exceptions):
         ("arducopter", {"WP_SPD": 4}, WARN, "WP_SPD = 4: "),
         ("arducopter", {"WPNAV_SPEED": 400}, WARN, "WPNAV_SPEED = 400 (4 m/s): "),
         ("arduplane", {"LIM_ROLL_CD": 4400}, FAIL, "LIM_ROLL_CD = 4400 (44 deg): "),
+        # in GUIDED, the GUIDED action of the fence changes nothing
+        ("arduplane", {"FENCE_ACTION": 6, "FENCE_ENABLE": 1}, FAIL, "FENCE_ACTION = 6: "),
+        ("arduplane", {"FENCE_ACTION": 6, "FENCE_ENABLE": 0}, PASS, "FENCE_ACTION = 6: "),
+        ("arduplane", {"FENCE_ACTION": 1, "FENCE_ENABLE": 1}, PASS, "FENCE_ACTION = 1: "),
         ("arduplane", {"LIM_ROLL_CD": 6500}, PASS, "LIM_ROLL_CD = 6500 (65 deg): "),
     ],
     ids=str,

@@ -86,7 +86,8 @@ class PX4Vehicle(Autopilot):
         {"loiter": custom_mode(AUTO, 3), "rtl": custom_mode(AUTO, 5), "land": custom_mode(AUTO, 6)}
         | {"hold": custom_mode(ALTCTL)}
     )
-    takes_off_or_lands_in = frozenset(custom_mode(AUTO, sub) for sub in (2, 6, 9, 10))
+    # take-off, RTL, landing, precision landing, VTOL take-off
+    kept_modes = frozenset(custom_mode(AUTO, sub) for sub in (2, 5, 6, 9, 10))
     guided_mode = custom_mode(OFFBOARD)
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
