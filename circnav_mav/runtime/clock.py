@@ -30,6 +30,9 @@ class Clock:
     """Monotonic seconds since construction, in whole microseconds as in a tlog, so that a replay
     uses the same times."""
 
+    simulated = False
+    """True if time passes only with the steps of the loop, so that nothing waits for a slow
+    step."""
     longest_wait = 0.05
     """Longest single wait of the loop, real s. During a wait a link may reconnect, or the
     autopilot's clock may become faster."""

@@ -50,6 +50,7 @@ class Lockstep(Clock):
         super().__init__(speed)
         self._vehicle = vehicle
         self._others = others
+        self.simulated = not others
         self._now = 0.0
 
     def links(self, *, ranging_apart: bool) -> dict[str, Link]:

@@ -16,6 +16,8 @@ def test_unchanged_replay_is_identical(circnav, flown):
     assert "byte for byte the same" in out
     assert "range rate       the same" in out
     assert "completed: flown to its end" in out
+    errors = r"truth .*: range 0\.\d+ m, range rate \d\.\d+ m/s, position \d"
+    assert re.search(errors, out)
     out = circnav("replay", flown, "--set", "limits.duration_s=3").done
     assert "turn gain" not in out
     assert "turn rate        the same" in out

@@ -18,6 +18,7 @@ import numpy as np
 from circnav_sim.config import ConfigError, VehicleConfig, parse_vehicle
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from circnav_mav.cli.check import NO_WIND, drifts_with_wind
 from circnav_mav.guidance.own_code import OwnCodeError
 from circnav_mav.mission.load import (
     MissionError,
@@ -285,6 +286,15 @@ def prepare(campaign: Campaign, number: int) -> Run:
     except OwnCodeError as error:
         raise MissionError(f"{where}: {error}") from None
     return Run(number, values, mission, parse_vehicle(mission.file.sim, f"{where}: sim"))
+
+
+def without_effect(campaign: Campaign) -> str | None:
+    """Return a note if the campaign varies the wind, and the vehicle of its first run holds its
+    speed over ground. Raises MissionError, ConfigError."""
+    if "sim.wind.speed_mps" not in campaign.specs:
+        return None
+    run = prepare(campaign, 0)
+    return None if drifts_with_wind(run.mission, run.vehicle) else NO_WIND
 
 
 def unflyable_value(campaign: Campaign) -> str | None:

@@ -211,7 +211,7 @@ def test_table_command_flies_only_missing_flights(
         settled = {"settled_s": None} if seed == 3 else {"settled_s": 10.0}
         result = {
             "title": "plane",
-            "flight": {"seed": seed, "radius": 150.0, "direction": "clockwise"},
+            "flight": {"vehicle": "plane", "radius": 150.0, "direction": "clockwise"},
             "rms": seed / 10,
             "mean": 0.0,
             "sd": 0.0,
@@ -224,7 +224,7 @@ def test_table_command_flies_only_missing_flights(
             "roll": [0, 1],
             "closest": 120.0 + seed,
             "led_away": 0.0,
-            "own": {"outcome": "completed", **settled},
+            "own": {"outcome": "completed", "version": "0.1.0", "firmware": "4.6.3", **settled},
             "takeover": None,
             "real_speedup": 1.0,
             "longest_pause": 0.1,
@@ -234,6 +234,7 @@ def test_table_command_flies_only_missing_flights(
         (folder / "result.json").write_text(json.dumps(result))
 
     monkeypatch.setattr(subprocess, "run", fly_one)
+    monkeypatch.setattr(table, "commit", lambda: "abc1234")
     monkeypatch.setattr(table, "APART", 0.0)
     row = table.ROWS[1].name
     keep = tmp_path / "results.jsonl"
@@ -244,9 +245,13 @@ def test_table_command_flies_only_missing_flights(
         cells.flown(program, options, ThreadPoolExecutor)
         assert len(flown) == flights
     assert all(command[3:8] == ["plane", "--wind", "5", "--turbulence", "1"] for command in flown)
-    text = table.table(cells.read(keep).values())
-    assert "| 0.20 (0.5) | 0.10 to 0.30 | 3.0 (4) | 10 |" in text
+    text = " ".join(table.table(cells.read(keep).values()).split())
+    assert "| 0.20 (0.5) | 3.0 (4) | 10 | 0.10 to 0.30 |" in text
     assert "3 flights. 2 kept the circle" in text and "agreed with the true track in 2." in text
+    assert f"not kept: {row} (seed " in text
+    assert "with circnav 0.1.0 (commit abc1234), ArduPilot 4.6.3." in text
+    alone = table.table([one for one in cells.read(keep).values() if one["seed"] == 1])
+    assert "of the seeds" not in alone and "| 0.10 (0.5) | 3.0 (4) | 10 |\n" in alone
     assert "Closest approach: 0.81 R." in text
 
 
