@@ -30,7 +30,7 @@ ACTIONS = (
         "mute_autopilot",
         "unmute_autopilot",
     ),
-    "reboot",
+    *("reboot", "set_home", "vtol", "waypoint"),
     *(f"imu_{state}" for state in IMU_STATES),
     *(f"steering_{state}" for state in STEERING_STATES),
 )
@@ -318,6 +318,8 @@ def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:
             yield f"events[{i}].mode", 'is missing, the action "mode" needs one'
         if event.action == "throttle" and (event.value is None or not 0 <= event.value <= 1):
             yield f"events[{i}].value", "is the throttle stick, from 0 to 1"
+        if event.action in ("vtol", "waypoint") and event.value is None:
+            yield f"events[{i}].value", "is missing: MAV_VTOL_STATE, or the item of the mission"
         if event.action == "airspeed_stuck" and event.value is None:
             yield f"events[{i}].value", "is missing: the airspeed that the sensor repeats, m/s"
         named.append((f"events[{i}].mode", event.mode))

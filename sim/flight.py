@@ -71,6 +71,7 @@ class Flight:
         self.booted = -round(config.vehicle.boot_age_s * 1e6)
         self._say = say
         self.ekf_zeros = 0  # number of the next EKF_STATUS_REPORTs with flags 0
+        self.home_rise = 0.0  # height of the present home above the first one, m
         self.crashed = False  # a hard contact with the ground; the vehicle stays there
         self.air = Air(config.wind, config.seed)
         self.target = partial(target_at, config.target)
@@ -194,6 +195,11 @@ class Flight:
             if self._ranged is not None and self.now - self._ranged[0] <= RANGE_TOO_OLD_US
             else None
         )
+
+    def set_home(self, rise: float | None) -> None:
+        """Move home to a height above the first home, m. None: to the vehicle's height
+        (MAV_CMD_DO_SET_HOME)."""
+        self.home_rise = -self.body.down if rise is None else rise
 
     def reboot(self) -> None:
         """Restart the autopilot: disarmed, in its first mode, its clock at zero. The body keeps its

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from .autopilots.contract import LAST_ITEM
 from .body import GRAVITY, to_earth, within
 from .demands import Bank, BodyVelocity, EarthVelocity, Tilt
 from .flight import Flight
@@ -134,7 +135,7 @@ def local_position_ned(flight: Flight) -> Message | None:
 def global_position_int(flight: Flight) -> Message:
     body = flight.shown()
     *place, altitude = flight.location()
-    heights = round(altitude * 1000), round(-body.down * 1000)
+    heights = round(altitude * 1000), round((-body.down - flight.home_rise) * 1000)
     velocity = (round(within(speed * 100, 32767)) for speed in body.velocity)
     return mavlink.MAVLink_global_position_int_message(
         flight.boot_ms, *place, *heights, *velocity, _centidegrees(body.heading)
@@ -151,7 +152,8 @@ def vfr_hud(flight: Flight) -> Message:
     heading = round(math.degrees(body.heading) % 360) % 360
     # Without a location VFR_HUD.alt repeats its last value. VFR_HUD.climb and
     # GLOBAL_POSITION_INT.relative_alt continue.
-    altitude = -body.down if flight.autopilot.relative_hud() else flight.location()[2]
+    above_home = -body.down - flight.home_rise
+    altitude = above_home if flight.autopilot.relative_hud() else flight.location()[2]
     return mavlink.MAVLink_vfr_hud_message(
         airspeed, body.ground_speed, heading, 35, altitude, -body.velocity_down
     )
@@ -189,12 +191,15 @@ def ekf_status_report(flight: Flight) -> Message:
 
 
 def extended_sys_state(flight: Flight) -> Message:
-    return mavlink.MAVLink_extended_sys_state_message(0, flight.autopilot.landed_state())
+    pilot = flight.autopilot
+    return mavlink.MAVLink_extended_sys_state_message(pilot.vtol_state, pilot.landed_state())
 
 
 def mission_current(flight: Flight) -> Message:
-    """ArduPilot and PX4 also send it without a mission: item 0."""
-    return mavlink.MAVLink_mission_current_message(0)
+    """Return the present item of the autopilot's mission. ArduPilot and PX4 send this message even
+    without a mission, with item 0."""
+    item = flight.autopilot.waypoint
+    return mavlink.MAVLink_mission_current_message(item or 0, LAST_ITEM if item else 0)
 
 
 def distance_sensor(flight: Flight) -> Message | None:
@@ -221,7 +226,7 @@ def home_position(flight: Flight) -> Message:
     place = (
         round(HOME_LATITUDE_DEG * 1e7),
         round(HOME_LONGITUDE_DEG * 1e7),
-        round(HOME_AMSL_M * 1000),
+        round((HOME_AMSL_M + flight.home_rise) * 1000),
     )
     nothing = (0.0, 0.0, 0.0)
     level = [1.0, 0.0, 0.0, 0.0]

@@ -243,6 +243,8 @@ class Vehicle:
         elif action.startswith("steering_"):
             self._steering.state = action.removeprefix("steering_")
             self._steering.share = WEAK if event.value is None else event.value
+        elif action == "set_home":
+            flight.set_home(event.value)
         elif action == "wind":
             flight.air.blow(event.value or 0.0)
         elif action == "wind_from":

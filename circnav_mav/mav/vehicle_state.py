@@ -14,20 +14,26 @@ from circnav_mav.mav.identity import Identity
 from circnav_mav.mav.statustext import TextReader
 from circnav_mav.timers import Report
 
+# During a silence of the vehicle, its clock may gain AHEAD seconds plus AHEAD_SHARE times the
+# silence on ours, because links buffer messages and simulators may run faster than real time. A
+# larger gain indicates another vehicle.
 AHEAD = 5.0
 AHEAD_SHARE = 0.25
-"""Largest gain of the vehicle's clock on ours during a silence: AHEAD seconds plus AHEAD_SHARE
-times the silence. A larger gain indicates another vehicle. Links buffer messages, and simulators
-may run faster than real time."""
 APART = 0.2
-"""Least time between two heartbeats that arrive at the rate of their sending, s (ArduPilot's
-shortest interval: 0.25 s). Queued heartbeats arrive closer together."""
+"""Least time, s, between two heartbeats that were not queued on their way (ArduPilot's shortest
+interval: 0.25 s). Queued heartbeats arrive closer together."""
 NOT_FLYING = (
     dialect.MAV_LANDED_STATE_ON_GROUND,
     dialect.MAV_LANDED_STATE_TAKEOFF,
     dialect.MAV_LANDED_STATE_LANDING,
 )
 """Values of EXTENDED_SYS_STATE.landed_state in which an aircraft must not be steered."""
+HOVERS = (
+    dialect.MAV_VTOL_STATE_TRANSITION_TO_FW,
+    dialect.MAV_VTOL_STATE_TRANSITION_TO_MC,
+    dialect.MAV_VTOL_STATE_MC,
+)
+"""Values of EXTENDED_SYS_STATE.vtol_state in which a quadplane must not be steered as a plane."""
 BOOT_TIMES = ("SYSTEM_TIME", "ATTITUDE", "ATTITUDE_QUATERNION")
 """Message types from which the time since boot is read."""
 
@@ -64,8 +70,8 @@ class VehicleState:
         """Mode entered when the vehicle last left the guided mode, None if it was disarmed."""
         self.landed: Report[int | None] = Report()
         """MAV_LANDED_STATE, None if undefined."""
-        self.waypoint: int | None = None
-        """Item of the autopilot's mission that it flies to."""
+        self.hovers = False
+        """True for a quadplane that is not carried by its wing: in hover or in a transition."""
         self._battery: Report[float | None] = Report()
         self.reboots = 0
         """Number of reboots, including takeovers of the vehicle's ids by another vehicle."""
@@ -84,10 +90,21 @@ class VehicleState:
         """True if the vehicle follows setpoints: it is armed and reports the guided mode."""
         return self.armed and self.mode in self._identity.adapter.our_modes
 
-    @property
-    def on_ground(self) -> bool | None:
+    def on_ground(self, now: float) -> bool | None:
         """True on the ground, in a take-off or a landing. None: not reported."""
-        return None if self.landed.value is None else self.landed.value in NOT_FLYING
+        # 10.0: largest age of a landed state that is used, s. circnav requests one per second; some
+        # links send one in five seconds.
+        landed = self.landed.live(now, 10.0)
+        return None if landed is None else landed in NOT_FLYING
+
+    def stands(self, now: float) -> bool:
+        """True if the vehicle stands on the ground and has sent a mode report since then.
+
+        Autopilots also report ON_GROUND when the motors are stopped in flight: the next mode report
+        then shows that the vehicle is disarmed.
+        """
+        on_ground = self.on_ground(now) and self.landed.value == dialect.MAV_LANDED_STATE_ON_GROUND
+        return bool(on_ground) and self.received_at > self.landed.changed
 
     @property
     def mode_name(self) -> str:
@@ -162,9 +179,7 @@ class VehicleState:
     def _read_landed_state(self, message: Message, now: float) -> None:
         # MAV_LANDED_STATE_UNDEFINED is 0. PX4 sends it until its land detector runs.
         self.landed.update(message.landed_state or None, now)
-
-    def _read_waypoint(self, message: Message, now: float) -> None:
-        self.waypoint = message.seq
+        self.hovers = message.vtol_state in HOVERS
 
     def _read_text(self, message: Message, now: float) -> None:
         text, before = self._text_reader.read(message)
@@ -184,7 +199,6 @@ class VehicleState:
         "ATTITUDE_QUATERNION": _read_boot_time,
         "SYS_STATUS": _read_battery,
         "EXTENDED_SYS_STATE": _read_landed_state,
-        "MISSION_CURRENT": _read_waypoint,
         "STATUSTEXT": _read_text,
         "AUTOPILOT_VERSION": _read_version,
     }

@@ -8,8 +8,6 @@ exempt (`Autopilot.flies`).
 
 from typing import NamedTuple
 
-from pymavlink.dialects.v20.all import MAV_LANDED_STATE_ON_GROUND
-
 from circnav_mav.mav.session import Session
 from circnav_mav.mission.mission import Mission
 from circnav_mav.timers import Hysteresis
@@ -42,7 +40,8 @@ class Airborne:
         self._stood = False
         """True after the vehicle was seen on the ground, until its flight is established."""
         self._ground: float | None = None
-        """Altitude of the place of arming, m, None if it was not seen."""
+        """Altitude of the place of arming, m, None while unknown. A move of home in flight does not
+        change it."""
 
     @property
     def floor(self) -> float:
@@ -55,11 +54,16 @@ class Airborne:
         ground is established."""
         vehicle = self._session.vehicle
         motion = self._session.motion.at(now)
-        in_air = self.in_air.update(vehicle.armed and not vehicle.on_ground, now)
-        stands = vehicle.landed.value == MAV_LANDED_STATE_ON_GROUND
-        if stands or (vehicle.mode is not None and not vehicle.armed):
+        in_air = self.in_air.update(vehicle.armed and not vehicle.on_ground(now), now)
+        disarmed = vehicle.mode is not None and not vehicle.armed
+        stands = vehicle.stands(now)
+        self._stood |= disarmed or stands
+        # ON_GROUND is reported once a second, so it may be old when an armed vehicle climbs.
+        if disarmed or (stands and self._ground is None):
             self._ground = motion.altitude
-            self._stood = True
+        elif self._ground is None and motion.altitude is not None:
+            above_home = motion.above_home
+            self._ground = None if above_home is None else motion.altitude - above_home
         flies = in_air and not self._too_low(now) and not self._too_slow(now)
         begins = flies and self._stood
         self._stood &= not flies
@@ -68,37 +72,44 @@ class Airborne:
     def height(self, now: float) -> float | None:
         """Return the height above the place of arming, m, or None if it is unknown."""
         motion = self._session.motion.at(now)
-        heights = [] if motion.above_home is None else [motion.above_home]
-        if motion.altitude is not None and self._ground is not None:
-            heights.append(motion.altitude - self._ground)
-        # PX4 without a home reports the altitude above sea level as relative altitude: use the
-        # smaller height.
-        return min(heights, default=None)
+        if motion.altitude is None or self._ground is None:
+            return motion.above_home
+        return motion.altitude - self._ground
 
     def obstacle(self, now: float) -> Obstacle | None:
         """Return the condition that must be met before the aircraft is steered, or None."""
         session = self._session
         vehicle = session.vehicle
         adapter = session.adapter
+        on_ground = vehicle.on_ground(now)
+        if adapter.flies and on_ground:
+            return Obstacle("on the ground", "the vehicle is on the ground, takes off or lands")
+        if adapter.flies and not vehicle.armed:
+            return Obstacle("not armed", "the vehicle is not armed")
+        if vehicle.mode in adapter.kept_modes:
+            name = vehicle.mode_name
+            remedy = "enter another mode"
+            return Obstacle(f"mode {name}", f"circnav does not end the mode {name}: {remedy}")
         if not adapter.flies:
             return None
-        if vehicle.on_ground:
-            return Obstacle("on the ground", "the vehicle is on the ground, takes off or lands")
-        if not vehicle.armed:
-            return Obstacle("not armed", "the vehicle is not armed")
-        if adapter.takes_off_or_lands(vehicle.mode, vehicle.waypoint):
-            name = vehicle.mode_name
-            remedy = "enter another mode when the vehicle flies"
-            return Obstacle(f"mode {name}", f"mode {name} takes off or lands: {remedy}")
         if not self.in_air.on:
             flown = 0.0 if self.in_air.since is None else now - self.in_air.since
-            needed = f"{ESTABLISHED:g} s in the air"
+            state = "armed (no landed state)" if on_ground is None else "in the air"
+            needed = f"{ESTABLISHED:g} s {state}"
             return Obstacle(needed, f"{needed}: {flown:.0f} s so far")
+        if adapter.fixed_wing and vehicle.hovers:
+            return Obstacle("flight on the wing", "the quadplane hovers or is in a transition")
         return self._too_low(now) or self._too_slow(now)
 
     def _too_low(self, now: float) -> Obstacle | None:
         floor = self.floor
         height = self.height(now)
+        if floor == 0 and self._session.vehicle.on_ground(now) is None:
+            return Obstacle(
+                "a landed state",
+                "no landed state (EXTENDED_SYS_STATE) and engage.min_height_m = 0: nothing shows"
+                " that the vehicle flies",
+            )
         if floor == 0:
             return None
         if height is None:
@@ -131,9 +142,17 @@ class Airborne:
             return ""
         # After a takeover by LAND, the landed state may be received before the mode. A mode report
         # that follows it decides.
-        if vehicle.on_ground and vehicle.received_at > vehicle.landed.changed:
+        if vehicle.on_ground(now) and vehicle.received_at > vehicle.landed.changed:
             return "the vehicle reports that it is on the ground or lands"
         height = self.height(now)
         if height is not None and height < self.floor / 2 and self.floor > 0:
             return f"height {height:.1f} m, below half of engage.min_height_m ({self.floor:g} m)"
         return ""
+
+    def resumes(self, now: float) -> str:
+        """Return the reason why an aircraft in the guided mode must not be steered again after a
+        lost link, or an empty string. It may have landed meanwhile."""
+        floor = self.floor
+        if self._session.adapter.flies and floor > 0 and self.height(now) is None:
+            return "the height above the place of arming is unknown"
+        return self.grounded(now)

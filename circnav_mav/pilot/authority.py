@@ -218,8 +218,8 @@ class Authority:
         """Return a text if an aircraft does not fly yet, else an empty string."""
         vehicle = self._session.vehicle
         # The vehicle was under our control before the link was lost, so its flight is established.
-        if self._goes_on and vehicle.armed and not vehicle.on_ground:
-            return ""
+        if self._goes_on and vehicle.armed and not vehicle.on_ground(now):
+            return self._airborne.resumes(now)
         obstacle = self._airborne.obstacle(now)
         return "" if obstacle is None else obstacle.long
 

@@ -5,15 +5,14 @@ from the altitude of HOME_POSITION. Latitude, longitude and local position are n
 """
 
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.own_motion import AIR_MAX_AGE, MOST_ALTITUDE, Motion
+from circnav_mav.mav.own_motion import (
+    AIR_MAX_AGE,
+    BUNCHED,
+    MOST_ALTITUDE,
+    MOST_CLIMB,
+    Motion,
+)
 from circnav_mav.mission.schema import OrbitTable
-
-MOST_CLIMB = 20.0
-"""Largest plausible climb or sink rate, m/s, more than any supported vehicle has. A faster change
-of the altitude is a reset of the autopilot's altitude estimate."""
-BUNCHED = 0.25
-"""Least time, s, assumed between two altitude measurements, because a link may deliver several at
-once."""
 
 READ = frozenset({"VFR_HUD", "HOME_POSITION"})
 """Types of the messages that determine the height."""

@@ -245,7 +245,6 @@ _WITHOUT = WITHOUT_STREAM | {
     "ATTITUDE": "no heading",
     "VFR_HUD": "no altitude and airspeed",
     "GLOBAL_POSITION_INT": "no height above home: start circnav before the take-off",
-    "MISSION_CURRENT": "the end of a take-off in AUTO is not detected",
     "RAW_IMU": "no accelerations",
     "HIGHRES_IMU": "no accelerations",
     "HOME_POSITION": "a change of the home position is detected late",

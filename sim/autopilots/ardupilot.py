@@ -97,7 +97,7 @@ class ArduPilot(Autopilot):
             self.say(Severity.WARNING, f"No such mode {mode}")
             return Ack.FAILED
         lost = mode in self.NEEDS_POSITION and not self.position
-        if lost or mode == self.identity.modes["AUTO"]:
+        if lost or (mode == self.identity.modes["AUTO"] and self.waypoint is None):
             reason = "requires position" if lost else "missing mission"
             self.say(
                 Severity.WARNING,

@@ -14,11 +14,12 @@ from ..links import Message
 from ..starting import AIRSPEED_SCALE
 from ..world import from_degrees
 from .ardupilot import ArduPilot
-from .contract import Ack, Command, Say, Severity
+from .contract import LAST_ITEM, TRANSITION_TO_WINGS, Ack, Command, Say, Severity
 from .sticks import Sticks
 from .tables import PLANE, plane_parameters
 
 CIRCLE = 1
+AUTO = 10
 RTL = 11
 LOITER = 12
 TAKEOFF = 13
@@ -42,7 +43,8 @@ HEADING_GAIN = 2.0
 CIRCLE_BANK = math.radians(20)
 # Fitted to measurements. A bank reaches half its value after 0.36 to 0.5 s and overshoots by 15 %.
 # The side-slip is 1 deg at 14 deg of bank, 2.2 deg at 26 deg, and 3.7 deg at 42 deg.
-# is_flying.cpp: low pass of "moves" at 5 Hz; a plane is flying above a probability of 0.1.
+# is_flying.cpp: the probability of flight is a low-pass of the condition "the plane moves", updated
+# at 5 Hz. Above 0.1 the plane is flying.
 FLYING_US = 200_000
 FLYING_SHARE = 0.15
 FLYING_ABOVE = 0.1
@@ -54,16 +56,18 @@ AIRSPEED_DECAY = 0.9
 AIRSPEED_GROWTH = 0.98
 AIRSPEED_DISABLE = 0.1
 AIRSPEED_ENABLE = 0.95
-# On 4.6.3 the throttle closed at 27 m/s shown for 22 commanded, true airspeed 16.5 m/s on average
-# instead of 23.6. Without the sensor, the cruise throttle gave 25.5 m/s.
+# Measured on 4.6.3 at a commanded airspeed of 22 m/s, which is 23.6 m/s true airspeed there: with a
+# sensor stuck at 27 m/s the throttle closed, and the true airspeed was 16.5 m/s on average. Without
+# the sensor, the cruise throttle gave 25.5 m/s.
 SPEED_PER_ERROR = 1.2
 UNAIDED_SPEED = 1.08
-# Take-off in mode TAKEOFF, measured on 4.6.3: the throttle rises over 1 s (THR_SLEWRATE), rotation
-# at 0.84 of AIRSPEED_CRUISE, then 18 deg of pitch (9 m/s of climb).
+# Take-off in mode TAKEOFF, measured on 4.6.3: the throttle opens within 1 s (THR_SLEWRATE). The
+# plane lifts off at 0.84 of AIRSPEED_CRUISE, and then climbs with 18 deg of pitch (9 m/s).
 SPOOL_US = 700_000
 ROTATION = 0.84
 CLIMB_PITCH = math.radians(22)
-LEVEL_ROLL = math.radians(5)  # LEVEL_ROLL_LIMIT, up to TKOFF_LVL_ALT
+LEVEL_ROLL = math.radians(5)  # LEVEL_ROLL_LIMIT, up to TKOFF_LVL_ALT, and in a transition
+APPROACH_SINK = 2.0  # sink rate on the approach of AUTO, m/s
 # In another mode, a plane that rolls on the ground lifts off at this share of AIRSPEED_CRUISE.
 UNINTENDED_LIFT = 0.94
 UNSUPPRESSED_MPS = 5.0  # speed above which the throttle works on the ground (suppress_throttle)
@@ -125,6 +129,8 @@ class ArduPlane(ArduPilot):
         self._update_flying(now)
         if self._forced is not None and now - self._since >= TIMEOUT_US:
             self._forced = None  # the plane loiters again, without a STATUSTEXT
+        if self.mode == AUTO and self.waypoint == LAST_ITEM:
+            self._height = min(0.0, self._height + APPROACH_SINK * DECIDE_US * 1e-6)
         self._bank = self._bank_command(now)
 
     def _update_flying(self, now: int) -> None:
@@ -136,7 +142,7 @@ class ArduPlane(ArduPilot):
         self._check_airspeed()
         body = self.body
         slow = 0.75 * self.params["AIRSPEED_MIN"]
-        moves = body.air_speed / self._scale >= slow and body.ground_speed > 0
+        moves = self._reading() >= slow and body.ground_speed > 0
         moves = moves or (self.gps and body.ground_speed >= MOVES_MPS)
         self._flying += (moves - self._flying) * FLYING_SHARE
         if self.mode == TAKEOFF and self._thrust_at == NEVER and body.down >= 0:
@@ -168,14 +174,18 @@ class ArduPlane(ArduPilot):
                 self._use_airspeed(True, "Airspeed sensor 1, Re-enabled as GPS fall-back")
             return
         true = self.body.air_speed / self._scale
-        reading = true if self.stuck_airspeed is None else self.stuck_airspeed
-        good = abs(reading - true) <= AIRSPEED_GATE * (1.0 if used else 0.7)
+        good = abs(self._reading() - true) <= AIRSPEED_GATE * (1.0 if used else 0.7)
         kept = AIRSPEED_GROWTH if good else AIRSPEED_DECAY
         self._airspeed_health = kept * self._airspeed_health + (1 - kept) * good
         if used and self._airspeed_health < AIRSPEED_DISABLE:
             self._use_airspeed(False, "Airspeed sensor 1 failure. Disabling")
         elif self._airspeed_disabled and self._airspeed_health > AIRSPEED_ENABLE:
             self._use_airspeed(True, "Airspeed sensor 1 now OK. Re-enabled")
+
+    def _reading(self) -> float:
+        """Return the indicated airspeed of the sensor, m/s."""
+        true = self.body.air_speed / self._scale
+        return true if self.stuck_airspeed is None else self.stuck_airspeed
 
     def _use_airspeed(self, used: bool, text: str) -> None:
         self.params["ARSPD_USE"] = float(used)
@@ -203,6 +213,8 @@ class ArduPlane(ArduPilot):
 
     def _bank_command(self, now: int) -> float:
         limit = math.radians(self.params["ROLL_LIMIT_DEG"])
+        if self.vtol_state == TRANSITION_TO_WINGS:
+            limit = LEVEL_ROLL
         if self.mode == GUIDED and self._forced is not None:
             return within(self._forced.roll or 0.0, limit)
         if self.mode == GUIDED and self._heading is not None:

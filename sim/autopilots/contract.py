@@ -27,6 +27,8 @@ ON_GROUND = 1
 IN_AIR = 2
 TAKING_OFF = 3
 LANDING = 4
+LAST_ITEM = 5  # landing, the last item of the mission that AUTO flies
+TRANSITION_TO_WINGS = 1  # MAV_VTOL_STATE_TRANSITION_TO_FW
 FORCE = 21196  # the magic number that overrides arming checks
 
 
@@ -102,7 +104,7 @@ class Autopilot(ABC):
     body: the vehicle's state; the caller of `fly` stores it.
     gps: True if the receiver has a fix.
     position: True if the estimator has a position.
-    throttle: pilot's throttle stick, 0 to 1. None: nobody has moved it.
+    throttle: pilot's throttle stick, 0 to 1. None: not moved yet.
     """
 
     FIRST_MODE: str
@@ -123,6 +125,8 @@ class Autopilot(ABC):
         self.throttle: float | None = None
         self.heading_error = 0.0  # of the compass, rad
         self.stuck_airspeed: float | None = None  # constant reading of a failed sensor, m/s
+        self.vtol_state = 0  # MAV_VTOL_STATE, 0: no quadplane
+        self.waypoint: int | None = None  # item that AUTO flies to, None: no mission
         self.gps = self.position = config.vehicle.gps
         self._position_until = NEVER
         self._gps_lost_at = -NEVER  # time of the loss of GPS; -NEVER: before the start
@@ -192,6 +196,10 @@ class Autopilot(ABC):
             self.throttle_moved(now)
         elif event.action.startswith("airspeed_"):
             self.stuck_airspeed = event.value if event.action == "airspeed_stuck" else None
+        elif event.action == "vtol":
+            self.vtol_state = round(event.value or 0)
+        elif event.action == "waypoint":
+            self.waypoint = round(event.value or 0)
         elif event.action == "rc_failsafe":
             self.radio_lost(now)
         elif event.action == "gps_off" and self.gps:

@@ -30,7 +30,6 @@ ARDUPILOT = Firmware(
         dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,  # plane and rover reject more than about 40 Hz
         dialect.MAVLINK_MSG_ID_VFR_HUD: 5.0,
         dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 5.0,
-        dialect.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
         dialect.MAVLINK_MSG_ID_RAW_IMU: 25.0,
     },
     mode_numbers=lambda mode: (mode,),

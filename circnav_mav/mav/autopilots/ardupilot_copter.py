@@ -58,12 +58,13 @@ MODE_NAMES = MappingProxyType(
         9: "LAND",
         16: "POSHOLD",
         18: "THROW",
+        19: "AVOID_ADSB",
     }
     | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
 )
-TAKE_OFF_AND_LANDING = frozenset({9, 18})
-"""LAND and THROW. The landing phase of RTL, and the take-off in AUTO, are reported as landed
-state."""
+KEPT_MODES = frozenset({6, 9, 18, 19, 21, 27})
+"""Modes RTL, LAND, THROW, AVOID_ADSB, SMART_RTL and AUTO_RTL. AUTO is not in this set, because the
+autopilot reports its take-off and landing in EXTENDED_SYS_STATE."""
 LEAN_LIMIT = Name("ATC_ANGLE_MAX", since="4.7"), Name("ANGLE_MAX", 0.01, until="4.6")
 """Names of the lean limit, with their factors to deg."""
 THRUST_AS_THRUST = 1 << 3
@@ -199,8 +200,7 @@ class ArduCopterAttitude(Copter):
     mode_names = MODE_NAMES
     exits = MappingProxyType({"hold": 2, "land": 9})
     default_exit = "land"
-    takes_off_or_lands_in = TAKE_OFF_AND_LANDING
-    waypoint_mode = 3
+    kept_modes = KEPT_MODES
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     echo = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET
     airspeed_from_drag = True
@@ -283,8 +283,7 @@ class ArduCopter(Copter):
     mode_names = MODE_NAMES
     exits = MappingProxyType({"loiter": 5, "rtl": 6, "land": 9, "brake": 17, "hold": 2})
     default_exit = "stop"
-    takes_off_or_lands_in = TAKE_OFF_AND_LANDING
-    waypoint_mode = 3
+    kept_modes = KEPT_MODES
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     echo = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
     holds_ground_speed = True

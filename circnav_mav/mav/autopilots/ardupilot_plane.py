@@ -7,10 +7,13 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, HEADING, gcs_failsafe
 from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Autopilot, SetpointContext, attitude
 from circnav_mav.mav.autopilots.parameters import (
+    FAIL,
     FLIES_ON,
     PASS,
+    Context,
     Name,
     Rule,
+    Verdict,
     bank_limit,
     held_airspeed,
     least_airspeed,
@@ -34,6 +37,19 @@ _LONG = {
     value: (PASS, f"{action} 5 s {_LOST}, which ends the flight")
     for value, action in {1: "RTL", 2: "gliding in FBWA", 3: "parachute", 4: "AUTO"}.items()
 }
+
+
+def _fence_action(value: float, context: Context) -> Verdict:
+    """Judge FENCE_ACTION. In GUIDED, actions 6 and 7 change only the place that the plane flies to,
+    and setpoints replace it."""
+    if value not in (6, 7) or not (
+        context.values.get("FENCE_ENABLE") or context.values.get("FENCE_AUTOENABLE")
+    ):
+        return PASS, "the fence works as without circnav"
+    return (
+        FAIL,
+        "while circnav steers, the fence has no effect, because GUIDED is its action: set 1",
+    )
 
 
 class ArduPlane(Autopilot):
@@ -70,10 +86,12 @@ class ArduPlane(Autopilot):
             11: "RTL",
         }
         | {12: "LOITER", 13: "TAKEOFF", 15: "GUIDED", 16: "INITIALISING"}
-        | {20: "QLAND", 21: "QRTL", 26: "AUTOLAND"}
+        | {14: "AVOID_ADSB", 17: "QSTABILIZE", 18: "QHOVER", 19: "QLOITER"}
+        | {20: "QLAND", 21: "QRTL", 25: "LOITER_ALT_QLAND", 26: "AUTOLAND"}
     )
-    takes_off_or_lands_in = frozenset({13, 20, 21, 26})
-    waypoint_mode = 10
+    # AUTO, RTL, TAKEOFF, AVOID_ADSB, QLAND, QRTL, LOITER_ALT_QLAND, AUTOLAND. ArduPlane does not
+    # report a landing in AUTO, which its battery failsafe may begin (DO_LAND_START).
+    kept_modes = frozenset({10, 11, 13, 14, 20, 21, 25, 26})
     min_height = 30.0
     low_exit = "loiter"
     exits = MappingProxyType({"loiter": 12, "rtl": 11, "hold": 7})
@@ -114,6 +132,12 @@ class ArduPlane(Autopilot):
         GCS_SYSTEM,
         *HEADING,
         FENCE,
+        Rule(
+            (Name("FENCE_ACTION"),),
+            _fence_action,
+            optional=True,
+            also=("FENCE_ENABLE", "FENCE_AUTOENABLE"),
+        ),
     )
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:

@@ -81,11 +81,13 @@ class ArduRover(Autopilot):
             5: "LOITER",
             10: "AUTO",
             11: "RTL",
+            12: "SMART_RTL",
             15: "GUIDED",
         }
         | {16: "INITIALISING"}
     )
     exits = MappingProxyType({"hold": 4, "loiter": 5, "rtl": 11})
+    kept_modes = frozenset({11, 12})
     default_exit = "stop"
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     flies = False

@@ -41,8 +41,8 @@ FULL_STICK = 50.0
 FULL_TILT = 35.0
 """Tilt of a copter at full stick, deg: the default of PX4's MPC_MAN_TILT_MAX."""
 FOLLOWED = 1.1
-"""Largest ratio of the requested acceleration to the vehicle's acceleration limit at which the
-vehicle is assumed to follow. In flight, ArduCopter followed a ratio of 1.05."""
+"""Largest ratio of the commanded acceleration to the vehicle's acceleration limit at which the
+vehicle is assumed to follow its commands. In flight, ArduCopter followed at a ratio of 1.05."""
 VELOCITY_IGNORED = (
     dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
 )
@@ -173,11 +173,9 @@ class Autopilot(ABC):
     min_height: ClassVar[float] = 5.0
     """Least height above the place of arming at which a flight begins, m, unless the mission gives
     another one."""
-    takes_off_or_lands_in: ClassVar[frozenset[int]] = frozenset()
-    """custom_mode values of take-off and landing modes."""
-    waypoint_mode: ClassVar[int | None] = None
-    """custom_mode in which the vehicle flies a mission of the autopilot, whose item 1 is the
-    take-off, or None."""
+    kept_modes: ClassVar[frozenset[int]] = frozenset()
+    """custom_mode values of the modes that circnav does not end: take-off, landing, return and
+    avoidance. The operator or a failsafe has chosen them."""
     tilts_by_stick: ClassVar[bool] = False
     """True for a copter flown by the sticks."""
     airspeed_from_drag: ClassVar[bool] = False
@@ -228,12 +226,6 @@ class Autopilot(ABC):
         The vehicle does not follow them yet.
         """
         return False
-
-    def takes_off_or_lands(self, mode: int | None, waypoint: int | None) -> bool:
-        """True if the vehicle takes off or lands in this mode. waypoint: item of the autopilot's
-        mission that it flies to, None if unknown."""
-        takes_off = mode == self.waypoint_mode and mode is not None and (waypoint or 0) <= 1
-        return takes_off or mode in self.takes_off_or_lands_in
 
     def request_mode(self, mode: int) -> Command:
         """Return the command that requests a mode, with the autopilot's own numbers."""
@@ -296,8 +288,8 @@ class Copter(Autopilot):
 def rules_by_parameter(
     methods: Iterable[type[Autopilot]],
 ) -> Mapping[tuple[Name, ...], Mapping[Rule, type[Autopilot]]]:
-    """Return the rules of each parameter for all these methods, with the first method that has
-    each rule. The key of a parameter is its names."""
+    """Return, for each parameter, its rules of all these methods. Each rule is listed with the
+    first method that has it. The names of a parameter are its key."""
     rules: dict[tuple[Name, ...], dict[Rule, type[Autopilot]]] = {}
     for method in methods:
         for rule in method.parameters:

@@ -26,12 +26,12 @@ from circnav_mav.mav.autopilots.parameters import (
     timeout,
 )
 
+# Numbers of PX4's main modes (px4_custom_mode.h).
 ALTCTL = 2
 POSCTL = 3
 AUTO = 4
 OFFBOARD = 6
 ALT_CRUISE = 11
-"""Numbers of PX4's main modes (px4_custom_mode.h)."""
 
 
 def custom_mode(main: int, sub: int = 0) -> int:
@@ -89,7 +89,8 @@ class PX4Vehicle(Autopilot):
         {"loiter": custom_mode(AUTO, 3), "rtl": custom_mode(AUTO, 5), "land": custom_mode(AUTO, 6)}
         | {"hold": custom_mode(ALTCTL)}
     )
-    takes_off_or_lands_in = frozenset(custom_mode(AUTO, sub) for sub in (2, 6, 9, 10))
+    # take-off, RTL, landing, precision landing, VTOL take-off
+    kept_modes = frozenset(custom_mode(AUTO, sub) for sub in (2, 5, 6, 9, 10))
     guided_mode = custom_mode(OFFBOARD)
 
     def wants_setpoints_in(self, mode: int | None) -> bool:

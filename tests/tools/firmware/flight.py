@@ -28,6 +28,7 @@ class Vehicle:
 
 VEHICLES = {
     "plane": Vehicle(BEHIND_ARDUPILOT, "plane", "arduplane", 150.0, 22.0, 80.0, 240.0),
+    "quadplane": Vehicle(BEHIND_ARDUPILOT, "plane", "arduplane", 150.0, 22.0, 60.0, 120.0),
     "home": Vehicle(BEHIND_ARDUPILOT, "plane", "home", 100.0, 15.0, 80.0, 400.0),
     "copter": Vehicle(BEHIND_ARDUPILOT, "copter", "arducopter", 30.0, 5.0, 20.0, 200.0),
     "copter_nogps": Vehicle(BEHIND_ARDUPILOT, "copter", "arducopter_nogps", 30.0, 5.0, 20.0, 200.0),
@@ -96,6 +97,17 @@ class Flight:
         None, "autopilot parameter to set T s after the start of circnav", nargs=2, type=str,
         metavar=("T", "NAME=VALUE"),
     )  # fmt: skip
+    mode_at: tuple[str, ...] = _option(
+        (), "the operator commands a custom_mode T s after the start of circnav", metavar="T=MODE"
+    )
+    mode_below: str | None = _option(
+        None, "the operator commands a custom_mode below a height, m, after the last --mode-at",
+        type=str, metavar="M=MODE",
+    )  # fmt: skip
+    home_here: float | None = _option(
+        None, "home is set to the vehicle's place T s after the start of circnav", metavar="T"
+    )
+    radio_at: float = _option(0.0, "the radio is silent until T s after the start of circnav")
     airspeed_off: float = _option(1.0, "flown airspeed divided by the airspeed of the mission")
     roll_limit: float | None = _option(
         None, "roll limit of the autopilot, degrees; the limit of the mission is kept"
@@ -220,7 +232,8 @@ def flight(options: argparse.Namespace) -> Flight:
         given[name] = (
             getattr(VEHICLES[options.vehicle], name) if given[name] is None else given[name]
         )
-    given["param"], given["set"] = tuple(given["param"]), tuple(given["set"])
+    for name in ("param", "set", "mode_at"):
+        given[name] = tuple(given[name])
     return Flight(**given | PRESETS.get(options.preset, {}))
 
 

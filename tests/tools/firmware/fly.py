@@ -22,12 +22,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, astuple, fields
 from datetime import datetime
+from functools import partial
 from math import cos, degrees, hypot, inf, radians, sin, tan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomlkit
+from pymavlink.dialects.v20 import all as mavlink
 
 from tests.process import reserved_port
 from tests.tools.firmware import px4, sitl
@@ -49,6 +51,8 @@ OWN = (
     "samples_accepted",
     "samples_rejected",
     "law_changes",
+    "version",
+    "firmware",
 )
 """Entries of circnav's summary that are part of a result."""
 SHOWN = (
@@ -98,7 +102,10 @@ def fly(flown: Flight, folder: Path) -> dict[str, Any]:
         try:
             result = _flown(flown, bench, folder)
         except NoFlightError as problem:
-            result = {"failed": str(problem)}
+            modes = [(round(at, 1), mode) for at, mode in bench.modes]
+            texts = [(round(at, 1), text) for at, text in bench.texts][-30:]
+            result = {"failed": str(problem), "modes": modes, "texts": texts}
+            result["setpoints"] = len(bench.setpoints)
         finally:
             bench.close()
             shutil.rmtree(folder / "firmware", ignore_errors=True)
@@ -117,11 +124,12 @@ def _flown(flown: Flight, bench: Bench, folder: Path) -> dict[str, Any]:
         radio.stand(*bench.firmware.circle(bench, *radio.target(bench.now)))
         limit = 0.0
     else:
-        bench.on_truth = radio.tick
+        silent = bench.now + flown.radio_at
+        bench.on_truth = lambda truth: radio.tick(truth) if truth.time >= silent else None
         limit = _start_circnav(flown, bench, folder, home)
     began = bench.now
     wall = time.monotonic()
-    _loop(flown, bench, began)
+    _loop(flown, bench, began, home)
     spent = time.monotonic() - wall
     engaged, ended = _circled(flown, bench, began)
     figures = score(
@@ -223,8 +231,9 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
     return mission.unwrap()
 
 
-def _loop(flown: Flight, bench: Bench, began: float) -> None:
+def _loop(flown: Flight, bench: Bench, began: float, home: float) -> None:
     """Run until circnav has ended or the time limit has passed."""
+    lowered = False
     todo = sorted(_events(flown, bench), key=lambda event: event[0])
     longest = flown.duration + flown.home_s
     if not flown.baseline:
@@ -237,6 +246,11 @@ def _loop(flown: Flight, bench: Bench, began: float) -> None:
             raise NoFlightError("the simulation hardly runs")
         while todo and bench.now - began > todo[0][0]:
             todo.pop(0)[1]()
+        if flown.mode_below is not None and not todo and not lowered:
+            floor, mode = flown.mode_below.split("=")
+            lowered = bench.truth.altitude < home + float(floor)
+            if lowered:
+                bench.firmware.ask_mode(bench, int(mode))
         if flown.baseline and time.monotonic() > sticks:
             sticks = time.monotonic() + 0.3
             bench.firmware.circling(bench)
@@ -261,6 +275,11 @@ def _events(flown: Flight, bench: Bench) -> Iterator[tuple[float, Callable[[], N
         yield from firmware.take_off(bench)
     if flown.takeover is not None:
         yield flown.takeover, lambda: firmware.ask_mode(bench, firmware.holding)
+    for one in flown.mode_at:
+        at, mode = one.split("=")
+        yield float(at), partial(firmware.ask_mode, bench, int(mode))
+    if flown.home_here is not None:
+        yield flown.home_here, lambda: bench.request(mavlink.MAV_CMD_DO_SET_HOME, 1)
     if flown.climb is not None:
         yield from firmware.climb(bench, *flown.climb)
     if flown.gps_off is not None:

@@ -79,7 +79,9 @@ class ArduPilot(Firmware):
     def start(self, folder: Path) -> subprocess.Popen[bytes]:
         """Start in a separate folder, where ArduPilot keeps its parameters and logs."""
         binary = Path(os.environ["CIRCNAV_ARDUPILOT"]).resolve() / f"ardu{self._kind}"
-        model = {"plane": "plane", "copter": "+", "rover": "rover"}[self._kind]
+        self._hovers = self._flight.vehicle == "quadplane"
+        models = {"plane": "plane", "copter": "+", "rover": "rover"}
+        model = "quadplane" if self._hovers else models[self._kind]
         shared, own = (one.getsockname()[1] for one in (self.shared, self.own))
         options = (
             f"--model {model} --speedup 1 --home {HOME} -I0"
@@ -87,7 +89,8 @@ class ArduPilot(Firmware):
             f" --serial0 udpclient:{LOOPBACK}:{shared} --serial1 udpclient:{LOOPBACK}:{own}"
             " --serial2 none: --serial5 none: --serial6 none: --serial7 none: --serial8 none:"
         )
-        command = [binary, "--defaults", str(_parameters(self._kind)), *options.split()]
+        stock = _parameters("quadplane" if self._hovers else self._kind)
+        command = [binary, "--defaults", str(stock), *options.split()]
         log = (folder / "firmware.log").open("wb")
         scratch = folder / "firmware"
         scratch.mkdir()
@@ -151,13 +154,19 @@ class ArduPilot(Firmware):
             bench.rest(20)
         elif self._kind == "copter":
             self.holding = LOITER
-        bench.set_mode(TAKEOFF if self._kind == "plane" else self.holding)
+        mode = TAKEOFF if self._kind == "plane" else self.holding
+        bench.set_mode(self.guided if self._hovers else mode)
         self.weather(bench)
 
     def take_off(self, bench: Bench) -> Iterator[tuple[float, Callable[[], None]]]:
         """Arm, and raise the stick of a copter until it has climbed. A plane takes off by its mode,
         and is then put into LOITER."""
         yield 5.0, lambda: bench.request(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        if self._hovers:
+            height = self._flight.altitude
+            command = mavlink.MAV_CMD_NAV_TAKEOFF
+            yield 8.0, lambda: bench.request(command, 0, 0, 0, 0, 0, 0, height)
+            return
         if self._kind == "plane":
             yield 60.0, lambda: self.ask_mode(bench, self.holding)
             return
