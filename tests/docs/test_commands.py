@@ -38,9 +38,8 @@ def test_documented_driver_passes_preflight_with_documented_mission_lines(tmp_pa
     driver = tmp_path / "driver.py"
     program = block("own-vehicle", "python").replace("link = ", f"{RADIO}\nlink = ", 1)
     driver.write_text(program.replace("14560", str(port)))
-    lines = re.findall(
-        r"^(\w+) = (\S+)", block("own-vehicle", "toml").replace("14560", str(port)), re.MULTILINE
-    )
+    ranging = block("own-vehicle", "toml", "[ranging]").replace("14560", str(port))
+    lines = re.findall(r"^(\w+) = (\S+)", ranging, re.MULTILINE)
     assert len(lines) == 5
     overrides = [word for key, value in lines for word in ("--set", f"ranging.{key}={value}")]
     radio = subprocess.Popen([sys.executable, str(driver)])
