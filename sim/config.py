@@ -301,6 +301,11 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
         )
     where = f"{path}: sim" if "sim" in table else str(path)
     config = read_table(VehicleConfig, table.get("sim", table), where)
+    flown = table.get("vehicle", {}) if "sim" in table else {}
+    # A mission's speed is the cruise speed of its plane.
+    if flown.get("kind") == "plane" and config.vehicle.cruise_speed_mps is None:
+        cruise = flown.get("speed_mps")
+        config = config.changed(vehicle=config.vehicle.changed(cruise_speed_mps=cruise))
     if config.signing.key_file:
         key_file = str(Path(path).parent / Path(config.signing.key_file).expanduser())
         config = config.changed(signing=config.signing.changed(key_file=key_file))

@@ -387,8 +387,9 @@ def test_mission_keys_refuse_nan_and_infinity(text, value):
         ("bounds.min_altitude_m=50 bounds.max_altitude_m=50", "bounds.min_altitude_m: 50 is not"),
         (
             "bounds.min_range_m=300 bounds.max_range_m=200 link.endpoint=sim",
-            'link.endpoint: is "sim": add a [sim] table that describes the vehicle; '
-            "bounds.min_range_m: 300 is not below bounds.max_range_m = 200",
+            'link.endpoint: is "sim": add a [sim] table that describes the bundled vehicle, or set'
+            " the endpoint of your vehicle; bounds.min_range_m: 300 is not below bounds.max_range_m"
+            " = 200",
         ),
     ],
 )

@@ -53,7 +53,7 @@ class RangeSource(NamedTuple):
     @property
     def keys(self) -> dict[str, int | str]:
         """Mission keys and values that select this source."""
-        return {**dict(self.marks), "component_id": self.component, "system_id": self.system}
+        return {"component_id": self.component, **dict(self.marks), "system_id": self.system}
 
 
 class _Received:
