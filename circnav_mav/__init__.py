@@ -6,6 +6,7 @@ functions to it (`Extension.functions`).
 """
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -23,6 +24,11 @@ if TYPE_CHECKING:
     )
     from circnav_mav.mav.ranging.driver import Driver, RadioReading
     from circnav_mav.mav.ranging.line_driver import LineDriver
+
+# An installed package contains its folder config/. In a checkout, config/ and sim/ are beside it.
+_here = Path(__file__).parent
+if not (_here / "config").is_dir() and (_here.parent / "config" / "__init__.py").is_file():
+    import_module("circnav_mav.checkout").add_folders(_here.parent)
 
 __version__ = "0.1.0"
 __all__ = [

@@ -88,7 +88,8 @@ class Instruments:
         if self.imu_state == "frozen" and index in self._last:
             return self._last[index]
         (p, q, r), shaken = self.rates(true), self._config.accel_vibration_mps2
-        # Vibration of a motor. A stream of 50 Hz contains the alias of this vibration.
+        # A motor vibrates with 73 Hz. In a stream of 50 Hz this appears as a slower vibration
+        # (alias).
         x, y, z = (
             value
             + bias

@@ -196,7 +196,8 @@ def extended_sys_state(flight: Flight) -> Message:
 
 
 def mission_current(flight: Flight) -> Message:
-    """ArduPilot and PX4 also send it without a mission: item 0."""
+    """Return the present item of the autopilot's mission. ArduPilot and PX4 send this message even
+    without a mission, with item 0."""
     item = flight.autopilot.waypoint
     return mavlink.MAVLink_mission_current_message(item or 0, LAST_ITEM if item else 0)
 

@@ -37,7 +37,7 @@ def test_low_pass_forgets_first_sample_exponentially():
     assert low_pass.update(1.0, 3.0) == pytest.approx(1 + 4 * exp(-1.5))
 
 
-def test_report_is_missing_when_old_or_unchanged_despite_evidence():
+def test_report_is_treated_as_missing_when_old_or_frozen():
     report: Report[float] = Report()
     assert report.live(0.0, 1.0) is None
     for now in (0.0, 1.0, 2.0):

@@ -28,6 +28,10 @@ FLIES = {
     for profile in vehicle.bundled
 }
 """Autopilot and vehicle kind that each profile of the bundled vehicle emulates."""
+NO_WIND = (
+    "sim.wind.speed_mps has no effect: this vehicle holds its speed over ground. Planes, copters"
+    " without GPS and campaign-mission drift with the wind"
+)
 INDENT = 20
 """Width of grade and subject before the text of a check line, characters."""
 
@@ -136,18 +140,35 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
     ):
         cruises = f"the bundled plane cruises at {cruise:g} m/s (sim.vehicle.cruise_speed_mps)"
         yield Grade.WARN, f"{cruises}, but vehicle.speed_mps = {wanted.speed_mps:g}"
-    in_air = any(not vehicle.holds_ground_speed for vehicle in mission.vehicles)
-    drift = _drift(config, in_air=in_air)
+    windy = drifts_with_wind(mission, config)
+    if not windy and config.wind.speed_mps:
+        yield Grade.WARN, NO_WIND
+    noise = config.ranging.noise_m
+    sigma = mission.file.ranging.sigma_m
+    # 2: largest accepted ratio of the two. Noise of 0 is for ideal ranges.
+    if config.ranging.preset == "gaussian" and noise and not 0.5 <= noise / sigma <= 2.0:
+        yield (
+            Grade.WARN,
+            f"sim.ranging.noise_m = {noise:g}, but ranging.sigma_m = {sigma:g}: the estimators use"
+            " ranging.sigma_m",
+        )
+    drift = _drift(config, windy=windy)
     tolerated = drift_allowed(mission)
     if drift > tolerated > 0:
         moves = f"sim.wind minus the target's motion is {drift:.1f} m/s"
         yield Grade.WARN, f"{moves}, more than the {tolerated:.1f} m/s that the circle allows"
 
 
-def _drift(config: VehicleConfig, *, in_air: bool) -> float:
+def drifts_with_wind(mission: Mission, config: VehicleConfig) -> bool:
+    """Return True unless the bundled vehicle holds its speed over ground."""
+    in_air = any(not vehicle.holds_ground_speed for vehicle in mission.vehicles)
+    return in_air or config.vehicle.dynamics == "airborne"
+
+
+def _drift(config: VehicleConfig, *, windy: bool) -> float:
     """Return the speed of wind minus target motion at the start, m/s. For a vehicle that holds its
     speed over ground, the wind is 0."""
-    wind = config.wind.speed_mps if in_air or config.vehicle.dynamics == "airborne" else 0.0
+    wind = config.wind.speed_mps if windy else 0.0
     towards = radians(config.wind.from_deg + 180.0)
     north = wind * cos(towards) - config.target.velocity_north_mps
     return hypot(north, wind * sin(towards) - config.target.velocity_east_mps)

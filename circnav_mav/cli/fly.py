@@ -137,7 +137,8 @@ def fly_mission(
             open_things.callback(display.close)
             listeners.attached += [alarms, display]
             # Only user-defined code may fail to return.
-            limit = time_limit if mission.own_code else nullcontext
+            own_limit = partial(time_limit, simulated=clock.simulated)
+            limit = own_limit if mission.own_code else nullcontext
             loop = partial(run, pilot, links, clock, recorder, listeners, stop, signing_time, limit)
             crash = _crash_of(loop, pilot, links, clock, folder)
         assert pilot.mission.outcome is not None

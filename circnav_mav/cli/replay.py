@@ -27,6 +27,7 @@ from circnav_mav.runlog.replay import (
     differences,
     flown_commands,
     replay,
+    truth_errors,
     without_timeouts,
 )
 from circnav_mav.runlog.run_folder import Run, RunError, open_run
@@ -37,6 +38,7 @@ from circnav_mav.runtime.recorder import write_ticks
 UNITS = {
     "r": ("range", "m"),
     "r_dot": ("range rate", "m/s"),
+    "position": ("position", "m"),
     "demanded": ("law's turn rate", "rad/s"),
     "turn_rate": ("turn rate", "rad/s"),
 }
@@ -107,6 +109,7 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
         say("  response   learned from the commands of the flight, to which the vehicle responded")
     _say_setpoints(done, whole)
     _say_ticks(done, pilot, run.ticks)
+    _say_truth(done, run)
     _write(log, out, done, run.ticks, mission)
     _check_steered(run.folder, pilot)
 
@@ -286,6 +289,18 @@ def _say_ticks(done: ReplayResult, pilot: Pilot, was: Ticks | None) -> None:
             f"  outcome    {pilot.mission.outcome.ending.value}:"
             f" {pilot.mission.outcome.reason}{until}"
         )
+
+
+def _say_truth(done: ReplayResult, run: Run) -> None:
+    """Print the errors of the replay's estimates in the steering ticks, if the log has the
+    simulator's truth."""
+    truth = None
+    with suppress(RunError):  # damage of the log is reported before
+        truth = run.truth
+    errors = truth_errors(as_ticks(done.ticks), truth) if truth is not None else {}
+    if errors:
+        words = (f"{UNITS[name][0]} {value:.3g} {UNITS[name][1]}" for name, value in errors.items())
+        say(f"  truth      RMS errors of the estimates while steering: {', '.join(words)}")
 
 
 def _write(

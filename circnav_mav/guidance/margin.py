@@ -100,7 +100,8 @@ def _loop(
             (r_d + e, 0.0), (0.0, W), heading, what, V=V, r_d=r_d, max_turn_rate=limit, gains=gains
         )
 
-    # Use small steps: outside the circle the field is curved (square root of the error).
+    # Use a small step for the derivatives (m, rad). Outside the circle the commanded direction
+    # depends on the square root of the radius error, so its derivative changes with the error.
     h = 1e-4
     by_e = (law(h, 0, 0) - law(-h, 0, 0)) / (2 * h)
     by_psi, by_pending = (

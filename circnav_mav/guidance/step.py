@@ -107,8 +107,8 @@ class StepSettings:
         or is too small for a correction of the radius."""
         if not 0 < choice.gain < inf:
             raise ValueError(
-                f"gain: must be a finite number above 0, not {choice.gain:g}: the direction of the"
-                " circle sets the sign"
+                f"gain: must be a finite number above 0, not {choice.gain:g} (the direction of the"
+                " circle, not the sign of the gain, selects clockwise or counter-clockwise)"
             )
         law = LAWS[choice.name]
         sense = orbit.direction.turn_sign
@@ -290,9 +290,11 @@ def _with_relative_motion(
         share = dt / (CHANGE_TIME + dt) if last.flies is ActiveLaw.DRIFT else 1.0
         drift_x = before.drift_x + share * (relative.drift_x - before.drift_x)
         drift_y = before.drift_y + share * (relative.drift_y - before.drift_y)
-        # A drift that the accelerations show contains the side-slip, because a roll turns the nose
-        # before it turns the path. With the change of the side-slip in the turn command, the roll
-        # of ArduPlane oscillated with 18 deg at 0.85 Hz, for minutes after a change of the wind.
+        # The drift law corrects the command for a change of the drift. A drift estimated from
+        # accelerations also contains the side-slip, which changes with every roll because the nose
+        # turns before the path. When this change was corrected like a change of the wind, the roll
+        # of ArduPlane oscillated with 18 deg at 0.85 Hz, for minutes. So the more the estimate uses
+        # the accelerations, the less the change is used.
         rate = (1 - relative.acceleration_weight) / CHANGE_TIME
         change = (
             rate * (relative.drift_x - drift_x),

@@ -86,7 +86,8 @@ class OwnMotion(NamedTuple):
     heading: direction of motion through the air, rad. It differs from the nose by a copter's crab
         angle.
     turn_rate: of the nose, rad/s (not the body's z rate).
-    airspeed: as measured, m/s.
+    airspeed: as measured, m/s. In a flight of a plane: the indicated airspeed, converted to true
+        airspeed if the altitude is known.
     bank_turn: turn rate of the coordinated turn at this bank, rad/s; None for vehicles that do not
         bank to turn.
     acceleration: integrated accelerometer measurement, or None.
@@ -114,6 +115,8 @@ class RelativeMotion(NamedTuple):
     drift_remembered: True if acquisition started with an earlier drift estimate.
     acceleration_weight: weight of the measured accelerations, 0 to 1.
     drift_covariance: xx, xy, yy of the steady part of the drift, (m/s)^2, or None.
+    position_covariance: xx, xy, yy of the position, m^2, or None. The benchmark computes the NEES
+        of a user-defined estimator from it.
     """
 
     x: float
@@ -130,6 +133,7 @@ class RelativeMotion(NamedTuple):
     drift_remembered: bool = False
     acceleration_weight: float = 0.0
     drift_covariance: tuple[float, float, float] | None = None
+    position_covariance: tuple[float, float, float] | None = None
 
     @property
     def eta(self) -> float:

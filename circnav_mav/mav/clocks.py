@@ -271,9 +271,11 @@ OFF = 0.2
 """Least deviation of the vehicle's clock speed from ours that is reported, as a fraction. A radio
 with a filling buffer causes less deviation, or deviation for a shorter time."""
 ALIKE = 0.1
-"""Largest difference between the clock speeds of windows that agree, as a fraction."""
+"""Consecutive windows agree if the clock speeds measured in them differ by less than this
+fraction."""
 WINDOWS = 3
-"""Number of consecutive windows that must agree."""
+"""Number of consecutive windows that must agree before a deviation of the clock speed is
+reported."""
 Moment = tuple[float, float]
 """(local time, remote time), s."""
 Span = tuple[Moment, Moment]

@@ -199,7 +199,8 @@ class Encoder:
         self._signing = signing
 
     def encode(self, message: Message) -> bytes:
-        """Return one frame and advance the sequence number, which `pack` does not."""
+        """Return one frame and advance the sequence number. pymavlink's `pack` does not advance
+        it."""
         self._dialect.srcSystem = self.system
         frame = bytes(message.pack(self._dialect))
         self._dialect.seq = (self._dialect.seq + 1) % 256

@@ -14,14 +14,16 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import all as dialect
 
 V1 = 0xFE
+"""First byte of a MAVLink 1 frame."""
 V2 = 0xFD
-"""First byte of MAVLink 1 and MAVLink 2 frames."""
+"""First byte of a MAVLink 2 frame."""
 MAGICS = (V1, V2)
 SIGNED = 0x01
 """Incompatibility flag of a signed frame."""
 CRC = 2
+"""Length of the checksum behind the payload of a frame, bytes."""
 SIGNATURE = 13
-"""Lengths of the checksum and of the signature at the end of a frame, bytes."""
+"""Length of the signature behind the checksum of a signed frame, bytes."""
 _HEADER_1 = Struct("<xBxBBB")
 _HEADER_2 = Struct("<xBBxxBBHB")
 HEADERS = {V1: _HEADER_1, V2: _HEADER_2}
@@ -55,8 +57,8 @@ _KNOWN_START = _known_start()
 class Frame(NamedTuple):
     """A frame as described by its header.
 
-    end: index after its last byte, beyond the buffer if the frame is incomplete. ident, system,
-    component: ids of the message and its sender, 0 if the header is incomplete.
+    end: index after its last byte, beyond the buffer if the frame is incomplete.
+    ident, system, component: ids of the message and its sender, 0 if the header is incomplete.
     understood: False if the frame has an incompatibility flag other than SIGNED. Such a frame must
         be discarded, with everything in its payload.
     """
@@ -88,8 +90,8 @@ def frame_at(buffer: bytes, at: int) -> Frame | None:
         length, system, component, ident = _HEADER_1.unpack_from(buffer, at)
         return Frame(at, at + _HEADER_1.size + length + CRC, ident, system, component)
     length, flags, system, component, low, high = _HEADER_2.unpack_from(buffer, at)
-    # The flags 0x02 and 0x04 of pymavlink (2026) append 32-bit ids to the header. The layout for
-    # other flags is unknown: the ordinary layout is tried.
+    # The flags 0x02 and 0x04 of pymavlink (2026) append 32-bit ids to the header. For other flags
+    # the layout is unknown, so the ordinary layout is assumed.
     extension = (3 if flags & 0x02 else 0) + (4 if flags & 0x04 else 0)
     signed = bool(flags & SIGNED)
     end = at + _HEADER_2.size + extension + length + CRC + (SIGNATURE if signed else 0)

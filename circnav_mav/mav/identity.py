@@ -28,10 +28,10 @@ other vehicles send less. Untrusted senders at this limit use 2 % of the process
 socket still receives the vehicle's frames."""
 UNKNOWN_BURST = 32_000.0
 """Limit of the bytes that untrusted senders may send at once after a pause."""
+# Names, in messages to the operator, of the trusted sender whose ids a second sender uses.
 VEHICLE_NAME = "the vehicle"
 OUR_NAME = "circnav"
 RADIO_NAME = "the ranging radio"
-"""Identities that a second sender may use, as named in messages to the operator."""
 
 
 class Sender(NamedTuple):

@@ -34,12 +34,12 @@ message intervals at 20 Hz."""
 AIR_MAX_AGE = 1.5
 """Largest age of airspeed, altitude and climb rate that is used, s. VFR_HUD is sent less often than
 the attitude."""
+# Largest plausible angle (rad), body rate (rad/s), airspeed and climb rate (m/s), and altitude (m).
+# Larger values are discarded.
 MOST_ANGLE = 6.3
 MOST_RATE = 50.0
 MOST_AIRSPEED = 200.0
 MOST_ALTITUDE = 1e5
-"""Largest plausible angle (rad), body rate (rad/s), airspeed and climb rate (m/s), and altitude
-(m). Larger values are discarded."""
 MOST_CLIMB = 20.0
 """Largest plausible climb or sink rate, m/s, more than any supported vehicle has. A faster change
 of an altitude is a reset of its zero."""
@@ -50,16 +50,17 @@ FLOWN_ALTITUDES = -500.0, 6_000.0
 """Lowest and highest altitude, m, for which airspeed is corrected for air density. Altitudes
 outside are limited to these bounds."""
 FROZEN_ALTITUDE = 2.0
-"""Time, s, after which an altitude that stays the same is missing, while the vehicle climbs or
-sinks. ArduCopter repeats VFR_HUD.alt from 15 s after a loss of GPS."""
+"""Time, s, for which an altitude may stay the same while the vehicle climbs or sinks. Afterwards
+the altitude is treated as missing. ArduCopter repeats VFR_HUD.alt from 15 s after a loss of GPS."""
 FROZEN_AIRSPEED = 3.0
-"""Time, s, after which a measured airspeed that stays the same is missing, while the climb rate
-changes. A healthy sensor is noisy, so its reports differ."""
+"""Time, s, for which a measured airspeed may stay the same while the climb rate changes. Afterwards
+the airspeed is treated as missing. A healthy sensor is noisy, so its reports differ."""
 FROZEN_ACCELERATIONS = 2.0
-"""Time, s, after which accelerations that stay the same are missing, while the tilt changes."""
+"""Time, s, for which accelerations may stay the same while the tilt changes. Afterwards they are
+treated as missing."""
 MOVES = 0.5
-"""Climb rate, m/s, and change of the relative altitude, m, from which a reported altitude must
-change."""
+"""Climb rate, m/s, or change of the relative altitude, m, that shows that the vehicle climbs or
+sinks. The reported altitude must then change, too."""
 FEWEST = 4
 """Least number of attitudes within FEWEST_WITHIN that suffices to follow the vehicle's turns.
 circnav requests 20 attitudes per second."""
@@ -180,8 +181,8 @@ class OwnMotionSensor:
         """VFR_HUD.alt. `_above_home` at its newest change is `_above_home_then`."""
         self._above_home: Report[float | None] = Report()
         self._above_home_then: float | None = None
-        # 1.0: time, s, until rare attitudes are reported: a stream of 10 Hz that begins at the
-        # engagement is frequent after 0.4 s.
+        # 1.0: time, s, for which attitudes must be rare before this is reported. A stream that
+        # begins at the engagement is given this time: at 10 Hz, four attitudes take 0.4 s.
         self._rare = Hysteresis(raise_after=1.0, clear_after=10.0)
         self.accelerations = Accelerations()
         # 0.5: backward step of the vehicle's clock, s, that is taken as a clock reset. After a
@@ -221,8 +222,8 @@ class OwnMotionSensor:
         return True
 
     def _on_above_home(self, above_home: float | None, now: float) -> None:
-        """Process an altitude above home. A step is a move of home, as a ground station commands:
-        the altitude above sea level stays the same."""
+        """Process an altitude above home. If it changes faster than a vehicle can climb, a ground
+        station has moved home: the altitude above sea level has stayed the same."""
         before = self._above_home.value
         waited = max(self._above_home.age(now), BUNCHED)
         self._above_home.update(above_home, now)
@@ -302,8 +303,8 @@ class OwnMotionSensor:
             return None
         measured = clock.local(stamp, now)
         # 0.4: longest plausible link delay of an attitude, s. A longer delay indicates a reset of
-        # the vehicle's clock: restart the filter. Less than ATTITUDE_MAX_AGE, so that the heading
-        # stays available after the reset.
+        # the vehicle's clock: restart the filter. The limit is below ATTITUDE_MAX_AGE, so that the
+        # heading stays available after the reset.
         if now - measured > 0.4:
             clock.reset()
             measured = clock.local(stamp, now)
@@ -345,7 +346,8 @@ class OwnMotionSensor:
 
     def at(self, now: float) -> Motion:
         """Return the motion at this time, stale values as None."""
-        # Eight readers ask in each step, at the same time.
+        # In each step this method is called eight times with the same `now`: compute the motion
+        # once.
         if self._newest is None or self._newest[0] != now:
             turned = Motion() if self._attitude(now) is None else self._turned
             motion = turned._replace(
@@ -405,9 +407,9 @@ class Accelerometer:
         self._tilt: tuple[float, float] | None = None
         """Roll and pitch at the newest change of the accelerations, rad."""
         self._tilted = False
-        """True if the tilt has changed since, so that the accelerations must have changed."""
-        # 1.0: time without gravity, s, after which the accelerometer has failed. A flight of 1 s
-        # with less than half of the weight would end in a sink rate of 5 m/s.
+        """True if the tilt has changed since then, so that the accelerations must change, too."""
+        # 1.0: time, s, for which an accelerometer may show less than half of gravity before it has
+        # failed. A vehicle that really lost half of its lift for 1 s would sink with 5 m/s.
         self._no_gravity = Hysteresis(raise_after=1.0)
         # ArduPilot sends zeros for an IMU that does not exist.
         self._no_gravity.on = True

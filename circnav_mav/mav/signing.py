@@ -49,9 +49,9 @@ class Signing:
     """One key with its timestamps: the timestamp of our newest frame, and the newest timestamp of
     each received stream.
 
-    `timestamp` never decreases, except by `follow`. It follows the clock (`advance`), our own
-    frames and received frames. It is at least the timestamp of every accepted frame. Kept across a
-    restart (`resume`), it is enough to reject all replayed frames.
+    `timestamp` never decreases, except by `update`. It increases with the clock (`advance`), with
+    each frame of our own and with received frames. So it is at least the timestamp of every
+    accepted frame. If it is kept across a restart (`resume`), all replayed frames are rejected.
     """
 
     def __init__(self, key: bytes, *, link_id: int = 0, timestamp: int = 0) -> None:

@@ -17,7 +17,8 @@ LONGEST_TEXT = 200
 
 
 class Announcer:
-    """Rate limiter: one STATUSTEXT per kind in 2 s, the newest, and NAMED_VALUE_FLOAT at 4 Hz."""
+    """Rate limiter of messages for ground stations. In 2 s, at most one STATUSTEXT of each kind is
+    sent, the newest. NAMED_VALUE_FLOAT are sent at 4 Hz."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, tuple[int, str]] = {}

@@ -14,14 +14,14 @@ from circnav_mav.mav.identity import Identity
 from circnav_mav.mav.statustext import TextReader
 from circnav_mav.timers import Report
 
+# During a silence of the vehicle, its clock may gain AHEAD seconds plus AHEAD_SHARE times the
+# silence on ours, because links buffer messages and simulators may run faster than real time. A
+# larger gain indicates another vehicle.
 AHEAD = 5.0
 AHEAD_SHARE = 0.25
-"""Largest gain of the vehicle's clock on ours during a silence: AHEAD seconds plus AHEAD_SHARE
-times the silence. A larger gain indicates another vehicle. Links buffer messages, and simulators
-may run faster than real time."""
 APART = 0.2
-"""Least time between two heartbeats that arrive at the rate of their sending, s (ArduPilot's
-shortest interval: 0.25 s). Queued heartbeats arrive closer together."""
+"""Least time, s, between two heartbeats that were not queued on their way (ArduPilot's shortest
+interval: 0.25 s). Queued heartbeats arrive closer together."""
 NOT_FLYING = (
     dialect.MAV_LANDED_STATE_ON_GROUND,
     dialect.MAV_LANDED_STATE_TAKEOFF,
@@ -98,8 +98,11 @@ class VehicleState:
         return None if landed is None else landed in NOT_FLYING
 
     def stands(self, now: float) -> bool:
-        """True if the vehicle stands on the ground. A mode report that follows the landed state
-        decides: autopilots report ON_GROUND when the motors are stopped in flight, too."""
+        """True if the vehicle stands on the ground and has sent a mode report since then.
+
+        Autopilots also report ON_GROUND when the motors are stopped in flight: the next mode report
+        then shows that the vehicle is disarmed.
+        """
         on_ground = self.on_ground(now) and self.landed.value == dialect.MAV_LANDED_STATE_ON_GROUND
         return bool(on_ground) and self.received_at > self.landed.changed
 

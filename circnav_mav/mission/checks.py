@@ -158,7 +158,7 @@ def _called_once(law: OwnLaw, mission: Mission) -> str:
     name = mission.law.name
     orbit = mission.orbit
     sigma = mission.file.ranging.sigma_m
-    with time_limit():
+    with time_limit(simulated=mission.flies_sim):
         on_circle = RangeEstimate(0.0, orbit.radius, 0.0, sigma, r_dot_sigma=1.0)
         found = turn_rate_of(law, on_circle)
     if not isfinite(found):

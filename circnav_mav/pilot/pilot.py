@@ -112,7 +112,8 @@ class Pilot:
             if of_vehicle:
                 for receive in self._listeners.get(message.get_type(), ()):
                     receive(message, now)
-            # Answers reach only the senders behind the vehicle's address.
+            # Answers are sent to the vehicle's address. So answer only requests that arrived from
+            # this address.
             behind = link == VEHICLE and source == self.session.reply_to
             if behind and message.get_msgId() in READS:
                 self.ground_station.receive(message, now, of_vehicle=of_vehicle)

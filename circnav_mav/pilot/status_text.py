@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from circnav_mav.mav.ranging.interface import describe_rejected
+from circnav_mav.mav.ranging.interface import Reject, describe_rejected
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mission.mission import VEHICLE
 from circnav_mav.pilot.authority import denied, unreported
@@ -89,12 +89,17 @@ def _not_ready(pilot: Pilot, now: float) -> str:
         return unknown
     age = tracker.age(now)
     ready = tracker.estimator.ready
-    if not ready and not missing and age is not None and age <= pilot.settings.stale:
+    # A user-defined estimator may reject all ranges until it receives the vehicle's motion. A
+    # hovering copter reports no motion before the engagement, which waits for the estimator.
+    gated = tracker.ranging.rejected[Reject.GATED.value] if age is None else 0
+    received_any = gated or (age is not None and age <= pilot.settings.stale)
+    if not ready and not missing and received_any:
         name = pilot.settings.estimator
         needs = _NEEDS.get(
             name, "; this estimator first needs the vehicle's motion (estimator auto does not)"
         )
-        return f"{tracker.accepted} ranges accepted, estimator {name} has not converged yet{needs}"
+        counted = f"{gated} ranges gated" if gated else f"{tracker.accepted} ranges accepted"
+        return f"{counted}, estimator {name} has not converged yet{needs}"
     if ready and missing:
         return missing
     sources = tracker.ranging.sources

@@ -17,7 +17,7 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot import Pilot, TickRecord
 from circnav_mav.pilot.controller import FlownCommands
 from circnav_mav.pilot.loop_step import LoopStep
-from circnav_mav.runlog.ticks import NAMES, WORDS, Column, Ticks
+from circnav_mav.runlog.ticks import NAMES, WORDS, Column, Ticks, Truth
 from circnav_mav.runlog.tlog import message_id
 
 SETPOINT_IDS = frozenset({69, 82, 84})
@@ -181,3 +181,27 @@ def as_ticks(records: list[TickRecord]) -> Ticks:
     words = {name: [str(getattr(record, name)) for record in records] for name in WORDS - {"phase"}}
     words["phase"] = [record.phase.value for record in records]
     return Ticks({name: column(name) for name in NAMES - WORDS}, words)
+
+
+def truth_errors(ticks: Ticks, truth: Truth) -> dict[str, float]:
+    """Return the RMS errors of the estimates in the steering ticks, against the simulator's truth:
+    r and position (m) and r_dot (m/s). An error without estimates is left out."""
+    steered = np.array([phase == "engaged" for phase in ticks.words["phase"]], bool)
+    steered &= (ticks.time >= truth.time[0]) & (ticks.time <= truth.time[-1])
+    time = ticks.time[steered]
+    x, y = (
+        np.interp(time, truth.time, offset)
+        for offset in (truth.east - truth.target_east, truth.north - truth.target_north)
+    )
+    rate = np.gradient(truth.radius, truth.time) if len(truth.time) > 1 else truth.radius
+    number = {name: ticks.numbers[name][steered] for name in ("r", "r_dot", "x", "y")}
+    errors = {
+        "r": number["r"] - np.hypot(x, y),
+        "r_dot": number["r_dot"] - np.interp(time, truth.time, rate),
+        "position": np.hypot(number["x"] - x, number["y"] - y),
+    }
+    return {
+        name: float(np.sqrt(np.nanmean(error**2)))
+        for name, error in errors.items()
+        if not np.isnan(error).all()
+    }

@@ -5,16 +5,16 @@ from collections import deque
 from collections.abc import Callable
 
 OUT_OF_STEP = 1.0
-"""Difference between elapsed and expected boot time above which the autopilot's boot time has
-jumped, s. A reboot, a pause or a wrap causes a jump."""
+"""Difference, s, between the measured and the expected advance of the autopilot's boot time, above
+which this time has jumped. A reboot, a pause or a wrap causes a jump."""
 SPAN = 2.0
 """Newest real time over which the autopilot's clock speed is measured, s."""
 SHORTEST_SPAN = 0.25
 """Shortest real time from which the autopilot's clock speed is computed, s."""
+# Bounds of the autopilot's clock speed, autopilot seconds per real second. A measured speed beyond
+# them is caused by a wrong timestamp and is limited.
 SLOWEST = 0.01
 FASTEST = 1000.0
-"""Bounds of the autopilot's clock speed, autopilot seconds per real second. A measured speed beyond
-them is caused by a wrong timestamp and is limited."""
 _THROUGH_SLEEP: int | None = getattr(time, "CLOCK_BOOTTIME", None)
 
 
@@ -30,6 +30,9 @@ class Clock:
     """Monotonic seconds since construction, in whole microseconds as in a tlog, so that a replay
     uses the same times."""
 
+    simulated = False
+    """True if time passes only with the steps of the loop, so that nothing waits for a slow
+    step."""
     longest_wait = 0.05
     """Longest single wait of the loop, real s. During a wait a link may reconnect, or the
     autopilot's clock may become faster."""

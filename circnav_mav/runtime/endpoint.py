@@ -18,8 +18,11 @@ REMEDIES: dict[int | None, str] = {
 
 
 class LinkError(Exception):
-    """An endpoint that cannot be opened. The message is one line. no_peer: True if the endpoint may
-    be available later, as at boot: TCP peer, network interface or host name not there yet."""
+    """An endpoint that cannot be opened. The message is one line.
+
+    no_peer: True if the endpoint may be available later. During boot, a TCP peer, a network
+        interface or a host name may not exist yet.
+    """
 
     def __init__(self, text: str, *, no_peer: bool = False) -> None:
         super().__init__(text)

@@ -13,8 +13,8 @@ from circnav_mav.runtime.clock import unix_time
 RESERVE = 10 * SECOND
 """Lead of the stored timestamp over the timestamp in use, in steps of 10 us: 10 s. After this
 process is killed, the next process resumes with a later timestamp than any signed or accepted
-frame. Its timestamps are then up to 10 s ahead of other clocks. Frames are rejected only from one
-minute on."""
+frame. Its timestamps are then up to 10 s ahead of other clocks. Receivers tolerate this, because
+they reject frames only from a difference of one minute on."""
 MAX_KEY_FILE = 4096
 """Maximum size of a key file and of its timestamp file, bytes."""
 TEXT = frozenset(range(32, 127))

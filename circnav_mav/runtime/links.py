@@ -36,7 +36,8 @@ MOST_TROUBLES = 4
 """Largest number of different error messages that are counted separately. Further messages are
 counted under one common text."""
 FROM_OTHERS = "ignored: from other senders"
-"""This common text for UDP."""
+"""Common text of a UDP link, for datagrams that are ignored after MOST_TROUBLES different
+messages."""
 LOCAL_PORT = 14691
 """Local port for `udpout`. PX4 keeps sending to the port of its first client, so a restarted
 circnav must use the same port."""

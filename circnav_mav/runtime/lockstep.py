@@ -12,8 +12,9 @@ from circnav_mav.runtime.clock import Clock, steady
 from circnav_mav.runtime.links import Link
 
 MAIN = "main"
+"""Name of the emulated autopilot's link."""
 RADIO = "ranging"
-"""Link names of the emulated vehicle."""
+"""Name of the emulated radio's separate link."""
 SOURCE = "sim"
 ON_TIME = 1e-3
 """Simulated time, s, by which a wait may end early. A wait that ends earlier was interrupted by a
@@ -49,6 +50,7 @@ class Lockstep(Clock):
         super().__init__(speed)
         self._vehicle = vehicle
         self._others = others
+        self.simulated = not others
         self._now = 0.0
 
     def links(self, *, ranging_apart: bool) -> dict[str, Link]:

@@ -23,8 +23,9 @@ STYLES = {
     Phase.LEAVING: "cyan",
 }
 NARROWEST = 80
+"""Least width of the picture, columns: the usual width of a terminal."""
 WIDEST = 160
-"""Width limits of the picture, columns: the usual width of a terminal, and twice that."""
+"""Largest width of the picture, columns."""
 CELLS = 30
 """Number of cells of the sparkline in the narrowest picture."""
 CELL = 2.0
@@ -34,8 +35,9 @@ ALARM = "ALARM"
 LABEL = 12
 """Width of a label, columns."""
 MOST_ALARMS = 3
+"""Largest number of alarms that the picture shows."""
 MOST_REASONS = 3
-"""Largest number of alarms, and of reasons for rejected ranges, that the picture shows."""
+"""Largest number of reasons for rejected ranges that the picture shows."""
 HOW_TO_STOP = "Ctrl-C ends the flight. In any other flight mode, circnav stops sending."
 
 
@@ -185,7 +187,7 @@ class Picture:
 
     @property
     def _room(self) -> int:
-        """Columns beside the labels."""
+        """Number of columns beside the labels."""
         return self._width - LABEL - 4
 
     def _folded(self, texts: Iterable[str], most: int = 2) -> list[str]:

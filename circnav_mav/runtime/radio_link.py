@@ -22,10 +22,10 @@ from circnav_mav.mav.ranging.driver import (
 from circnav_mav.runtime.endpoint import LinkError, parse_endpoint
 from circnav_mav.runtime.links import Link, note, open_link
 
+# MAVLink ids of the frames with a driver's readings. docs/own-vehicle.md uses the same ids for a
+# radio on the companion computer.
 SYSTEM = 1
 COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2
-"""MAVLink ids of the frames with a driver's readings. docs/own-vehicle.md uses the same ids for a
-radio on the companion computer."""
 UNKNOWN = 0xFFFFFFFF
 """UINT32_MAX: unknown range, sigma or altitude in RANGING_BEACON."""
 NO_PLACE = 0x7FFFFFFF
@@ -36,15 +36,16 @@ input."""
 WATCHED = 2.0
 """Time without a reading, s, after which the received bytes are examined."""
 MANY = 64
-"""Number of undecoded bytes in this time from which a wrong baud rate is reported."""
+"""Number of bytes that the driver cannot decode, within WATCHED, from which a wrong baud rate is
+reported."""
 SHOWN = 24
-"""Number of undecoded bytes that are shown."""
+"""Number of undecoded bytes that are shown to the operator."""
 LINE_ENDS = (b"\n", b"\r")
 BATCH = (
     "several ranges without a time arrive at once: only the newest is used. Send each range when it"
     " is measured, or with its time"
 )
-"""Trouble of a radio that collects its ranges."""
+"""Message about a radio that collects several ranges before it sends them."""
 
 
 IN_A_ROW = 10

@@ -55,9 +55,9 @@ STEP_COLUMNS = (
 """Columns of steps.csv. The tlog holds the frames of a step in this order.
 
 time_us: time of the step, us.
-received: received datagrams, each as initial of the link, number of the source (number of its
-    host, point, own number for a further port of the host) and number of complete frames, as in
-    `v0*2 v0.2*1 r1*1`.
+received: received datagrams, as in `v0*2 v0.2*1 r1*1`: initial of the link, number of the source,
+    and, after the asterisk, number of complete frames. A further port of a known host has the
+    number of the host, a point, and its own number.
 sent: number of frames sent to the vehicle, or HELD_BACK if they were not sent.
 hello: number of frames sent to the ranging link.
 interrupt: signal that ended the flight.

@@ -38,7 +38,8 @@ def take_memory(settings: Mission) -> None:
             r = hypot(settings.orbit.radius, speed * time)
             estimator.observe(RangeSample(stamp=time, time=time, r=r, sigma=1.0))
             estimator.at(time)
-    # The C library returns a large block to the system when it is freed, and keeps the second one.
+    # When a large block is freed for the first time, the C library returns it to the system. It
+    # keeps the next block of this size for later allocations.
     for _ in range(2):
         bytearray(MEMORY)
     # Python's allocator keeps an arena of 1 MiB (Python 3.11) while one of its objects exists.

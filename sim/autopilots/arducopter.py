@@ -212,7 +212,8 @@ class ArduCopter(ArduPilot):
             self._rest(self._idle())
         if target is None or isinstance(target, (NotFinite, Stop)):
             return False
-        # The autopilot turns the reported heading to the commanded one.
+        # The autopilot turns until the heading that it reports is the commanded one. With a compass
+        # error, the true heading differs.
         if isinstance(target, Tilt) and target.heading is not None:
             target = target._replace(heading=target.heading - self.heading_error)
         self._target = target

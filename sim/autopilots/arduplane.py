@@ -43,7 +43,8 @@ HEADING_GAIN = 2.0
 CIRCLE_BANK = math.radians(20)
 # Fitted to measurements. A bank reaches half its value after 0.36 to 0.5 s and overshoots by 15 %.
 # The side-slip is 1 deg at 14 deg of bank, 2.2 deg at 26 deg, and 3.7 deg at 42 deg.
-# is_flying.cpp: low pass of "moves" at 5 Hz; a plane is flying above a probability of 0.1.
+# is_flying.cpp: the probability of flight is a low-pass of the condition "the plane moves", updated
+# at 5 Hz. Above 0.1 the plane is flying.
 FLYING_US = 200_000
 FLYING_SHARE = 0.15
 FLYING_ABOVE = 0.1
@@ -55,12 +56,13 @@ AIRSPEED_DECAY = 0.9
 AIRSPEED_GROWTH = 0.98
 AIRSPEED_DISABLE = 0.1
 AIRSPEED_ENABLE = 0.95
-# On 4.6.3 the throttle closed at 27 m/s shown for 22 commanded, true airspeed 16.5 m/s on average
-# instead of 23.6. Without the sensor, the cruise throttle gave 25.5 m/s.
+# Measured on 4.6.3 at a commanded airspeed of 22 m/s, which is 23.6 m/s true airspeed there: with a
+# sensor stuck at 27 m/s the throttle closed, and the true airspeed was 16.5 m/s on average. Without
+# the sensor, the cruise throttle gave 25.5 m/s.
 SPEED_PER_ERROR = 1.2
 UNAIDED_SPEED = 1.08
-# Take-off in mode TAKEOFF, measured on 4.6.3: the throttle rises over 1 s (THR_SLEWRATE), rotation
-# at 0.84 of AIRSPEED_CRUISE, then 18 deg of pitch (9 m/s of climb).
+# Take-off in mode TAKEOFF, measured on 4.6.3: the throttle opens within 1 s (THR_SLEWRATE). The
+# plane lifts off at 0.84 of AIRSPEED_CRUISE, and then climbs with 18 deg of pitch (9 m/s).
 SPOOL_US = 700_000
 ROTATION = 0.84
 CLIMB_PITCH = math.radians(22)

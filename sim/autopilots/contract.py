@@ -104,7 +104,7 @@ class Autopilot(ABC):
     body: the vehicle's state; the caller of `fly` stores it.
     gps: True if the receiver has a fix.
     position: True if the estimator has a position.
-    throttle: pilot's throttle stick, 0 to 1. None: nobody has moved it.
+    throttle: pilot's throttle stick, 0 to 1. None: not moved yet.
     """
 
     FIRST_MODE: str

@@ -206,7 +206,8 @@ class Px4(Autopilot):
 
     def command(self, command: Command, now: int) -> tuple[int, ...]:
         number = command.number
-        # The receiver accepts every request. Then Commander sends its own ack.
+        # PX4's MAVLink receiver acknowledges every mode request as accepted. Then Commander sends a
+        # second ack with the result.
         if number == DO_SET_MODE:
             return (Ack.ACCEPTED, self._set_mode(command, now))
         if number == ARM_DISARM:

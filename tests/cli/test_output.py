@@ -22,11 +22,11 @@ def ran_with(run):
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("command", ["--help", "emulate"])
-def test_full_stdout_is_reported_in_one_line(ran_with, full, command, unbuffered):
+def test_unwritable_stdout_is_reported_in_one_line(ran_with, full, command, unbuffered):
     assert ran_with(command, full, PYTHONUNBUFFERED=unbuffered) == (2, FULL)
 
 
-def test_full_stderr_keeps_exit_code(ran_with, full):
+def test_unwritable_stderr_keeps_exit_code(ran_with, full):
     assert ran_with("emulate nowhere", None, full) == (2, None)
 
 

@@ -90,3 +90,18 @@ def keeps_to(schema, value, root) -> None:
         assert set(schema.get("required", ())) <= set(value) <= set(schema["properties"])
         for key, inner in value.items():
             keeps_to(schema["properties"][key], inner, root)
+
+
+@pytest.mark.parametrize(
+    ("name", "setting", "words"),
+    [
+        ("quickstart", "sim.wind.speed_mps=3", "sim.wind.speed_mps has no effect"),
+        ("campaign-mission", "sim.wind.speed_mps=3", ""),
+        ("quickstart", "sim.ranging.noise_m=1.1", "noise_m = 1.1, but ranging.sigma_m = 0.5"),
+        ("quickstart", "sim.ranging.noise_m=0.9", ""),
+    ],
+)
+def test_check_warns_of_emulator_settings_without_effect(name, setting, words, circnav):
+    out = circnav("check", name, "--set", setting).done
+    assert ("WARN  sim" in out) == bool(words)
+    assert words in out

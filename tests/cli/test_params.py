@@ -77,7 +77,7 @@ def test_loaded_parameters_pass_preflight_of_emulator(name):
 
 
 @pytest.mark.parametrize("name", MISSIONS)
-def test_pairs_load_with_pymavlink_and_columns_with_qgroundcontrol(name, circnav, tmp_path):
+def test_both_parameter_file_formats_contain_equal_passing_values(name, circnav, tmp_path):
     mission = load_mission(bundled("mission", name))
     file = tmp_path / "pairs.param"
     file.write_text(circnav("params", name, "--format", "pairs").out)

@@ -16,6 +16,8 @@ def test_unchanged_replay_is_identical(circnav, flown):
     assert "byte for byte the same" in out
     assert "range rate       the same" in out
     assert "completed: flown to its end" in out
+    errors = r"truth .*: range 0\.\d+ m, range rate \d\.\d+ m/s, position \d"
+    assert re.search(errors, out)
     out = circnav("replay", flown, "--set", "limits.duration_s=3").done
     assert "turn gain" not in out
     assert "turn rate        the same" in out
@@ -44,7 +46,7 @@ def late(folder, column):
         )
 
 
-def test_replay_by_other_settings_keeps_response_of_flight(circnav, tmp_path):
+def test_replay_with_other_settings_uses_recorded_vehicle_response(circnav, tmp_path):
     """The recorded vehicle turns as commanded by the flight, not by the replay. On the circle the
     mean of the paper's first law is the circle's turn rate."""
     circling = tmp_path / "run"

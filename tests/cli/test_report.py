@@ -107,7 +107,7 @@ def test_report_without_truth_has_no_track(page_of, run):
     assert data["ways"] == []
 
 
-def test_report_labels_output_mode_of_escaped_mission_name(page_of, with_manifest):
+def test_report_labels_match_output_mode_of_flight(page_of, with_manifest):
     for voice, phase, curve in (
         ("fly", "engaged", "commanded"),
         ("dry run", "would steer", "would command"),

@@ -94,5 +94,5 @@ assert parts and all(part.__spec__ is not None and part.__file__ for part in par
 """
 
 
-def test_library_loads_numpy_when_used_and_filterpy_completely():
+def test_imports_load_numpy_late_but_filterpy_completely():
     subprocess.run([sys.executable, "-c", LIBRARY], check=True)

@@ -151,7 +151,7 @@ def test_guidance_commands_nothing_without_fresh_estimate():
     assert guidance.estimate(nan) is None
 
 
-def test_guidance_does_not_steer_by_range_stamped_ahead():
+def test_guidance_ignores_range_with_stamp_in_future():
     guidance = received(Guidance(ORBIT, "feedforward"))
     assert guidance.update_range(RangeSample(32.0, 32.0, 150.0, 0.5))
     assert guidance.command(2.1) is None
@@ -172,11 +172,13 @@ def test_guidance_flies_circle_after_step_of_host_clock(law, step, before):
     assert world.sense is Direction.CLOCKWISE
 
 
-def test_user_law_is_limited_and_user_estimator_is_used():
+def test_guidance_limits_turn_rate_of_user_law():
     for turn, commanded in ((9.0, 0.35), (-9.0, -0.35), (0.1, 0.1)):
         command = received(Guidance(ORBIT, lambda estimate, turn=turn: turn)).command(2.0)
         assert (command.turn_rate, command.saturated) == (commanded, turn != commanded)
 
+
+def test_guidance_uses_estimate_of_user_estimator():
     class Recorder:
         ready = True
         nis = None

@@ -34,7 +34,7 @@ def block(page: str, language: str, coasting: str = "") -> str:
     return next(one for one in blocks(page, language) if coasting in one)
 
 
-def test_printed_driver_passes_preflight_with_printed_mission_lines(tmp_path, port):
+def test_documented_driver_passes_preflight_with_documented_mission_lines(tmp_path, port):
     driver = tmp_path / "driver.py"
     program = block("own-vehicle", "python").replace("link = ", f"{RADIO}\nlink = ", 1)
     driver.write_text(program.replace("14560", str(port)))
@@ -82,7 +82,7 @@ def module():
     os.close(theirs)
 
 
-def test_driver_of_radios_page_is_found_and_prints_page(tmp_path, module):
+def test_installed_driver_of_radios_page_prints_documented_output(tmp_path, module):
     shutil.copy(ROOT / "docs" / "circnav_ryuw122.py", tmp_path)
     entry = re.search(
         r"\[project.entry-points.\"(.+)\"\]\n(.+)", block("radios", "toml", "entry-points")

@@ -7,7 +7,7 @@ from configparser import ConfigParser
 from tests.process import ROOT
 
 
-def test_unit_starts_after_network_and_restarts_without_vehicle():
+def test_systemd_unit_waits_for_network_and_vehicle():
     unit = ConfigParser(interpolation=None)
     unit.optionxform = str
     unit.read(ROOT / "deploy" / "circnav.service")

@@ -1,15 +1,28 @@
 """The notebook in examples/: its cells run from top to bottom, and functions take objects."""
 
 import json
+from io import BytesIO
 
 import pytest
+from matplotlib import pyplot
 
 import circnav_mav
 from circnav_mav import bench, campaign
 from tests.process import ROOT
 
 
-def test_notebook_compares_own_law_from_top_to_bottom():
+def test_notebook_that_compares_own_law_runs_completely(monkeypatch):
+    shown = []
+
+    def show():
+        """Do as the inline backend of Jupyter, whose outputs are image/png."""
+        for number in pyplot.get_fignums():
+            with BytesIO() as file:
+                pyplot.figure(number).savefig(file, format="png")
+                shown.append(file.getvalue())
+
+    monkeypatch.setattr(pyplot, "show", show)
+    pyplot.switch_backend("agg")
     cells = json.loads((ROOT / "examples" / "own_law.ipynb").read_text())["cells"]
     assert not any(cell.get("outputs") for cell in cells)
     names = {"__name__": "notebook"}
@@ -21,6 +34,8 @@ def test_notebook_compares_own_law_from_top_to_bottom():
     assert all(row["kept"] == row["flights"] == 6 for row in rows if "calm" in row["situation"])
     assert all(row["rms_low"] <= row["rms_median"] <= row["rms_high"] for row in rows)
     assert len(names["axes"].containers) == 2
+    assert [picture[:4] for picture in shown] == [b"\x89PNG"]
+    pyplot.close("all")
 
 
 def steady(orbit):
@@ -33,6 +48,9 @@ def test_campaign_function_flies_law_objects_beside_named_laws():
     rows = campaign(ROOT / "config" / "campaign_mission.toml", vary, 2)
     assert [row["guidance.law"] for row in rows] == ["smooth", f"{__name__}:steady"]
     assert [row["outcome"] for row in rows] == ["completed"] * 2
+    with pytest.warns(UserWarning, match="speed_mps has no effect"):
+        wind = {"sim.wind.speed_mps": [3.0], "limits.duration_s": [3.0]}
+        campaign(ROOT / "config" / "quickstart.toml", wind, 1)
     with pytest.raises(ValueError, match="law: is an empty list"):
         campaign(ROOT / "config" / "campaign_mission.toml", {"guidance.law": []}, 2)
 

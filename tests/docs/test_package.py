@@ -1,8 +1,11 @@
 """pyproject.toml and setup.py against the repository: the wheel is complete, and its package page
 has no dead links."""
 
+import os
 import re
 import runpy
+import subprocess
+import sys
 import tomllib
 from importlib.resources import files
 from pkgutil import resolve_name
@@ -10,12 +13,13 @@ from pkgutil import resolve_name
 import pytest
 import setuptools
 
+from circnav_mav import checkout
 from circnav_mav.cli.init import schema_text
 from tests.process import ROOT
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 SETUPTOOLS = PROJECT["tool"]["setuptools"]
-FOLDERS = {"circnav_mav": "circnav_mav", "circnav_sim": "sim", "circnav_mav.config": "config"}
+FOLDERS = {"circnav_mav": "circnav_mav", **checkout.FOLDERS}
 """Folders of the repository, by installed package name."""
 
 
@@ -56,6 +60,31 @@ def test_imported_packages_are_in_this_repository():
     """Editable and regular installs find the same files only if each folder is a package."""
     for name in contents():
         assert files(name).is_dir(), name
+
+
+def test_checkout_imports_own_folders_when_not_installed(tmp_path):
+    """A source folder on PYTHONPATH shadows an installed circnav_mav."""
+    for folder in FOLDERS.values():
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    program = """
+import sys
+sys.meta_path = [one for one in sys.meta_path if "editable" not in f"{one!r}".lower()]
+import circnav_mav.config, circnav_sim.config
+from circnav_mav import bench
+print(circnav_mav.config.__file__, circnav_sim.config.__file__)
+"""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(
+        command,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.split() == [
+        str(tmp_path / "config" / "__init__.py"),
+        str(tmp_path / "sim" / "config.py"),
+    ], done.stderr
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def test_odometry_without_orientation_is_not_used(inputs, warned, w):
     assert len(warned) == 1 and warned[0].startswith("odom: |orientation|^2 is")
 
 
-def test_twist_in_frame_of_map_is_named(inputs, warned):
+def test_warning_names_twist_given_in_map_frame(inputs, warned):
     """The vehicle flies north and its twist is east, north."""
     own = inputs.motion(odometry(pi / 2, (0.0, 12.0)), 8.0)
     assert own.airspeed == 12.0

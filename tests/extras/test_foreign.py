@@ -201,7 +201,7 @@ def test_live_page_shows_longest_mission_name():
         ("-v 60000", "check quickstart"),
     ],
 )
-def test_command_without_memory_or_files_prints_one_line(tmp_path, limit, command):
+def test_lack_of_memory_or_descriptors_gives_one_line(tmp_path, limit, command):
     (tmp_path / "x.csv").write_text(circle_log("a"))
     ran = ended(tmp_path, command, limit=limit, OPENBLAS_NUM_THREADS="1")
     assert ran.returncode in (1, 2)
@@ -209,7 +209,7 @@ def test_command_without_memory_or_files_prints_one_line(tmp_path, limit, comman
 
 
 @pytest.mark.parametrize("year", [1947, 2120])
-def test_computer_with_unset_clock_is_refused(circnav, monkeypatch, year):
+def test_flight_is_refused_if_computer_clock_is_unset(circnav, monkeypatch, year):
     monkeypatch.setattr(time, "time", lambda: (year - 1970) * 31_556_952.0)
     refused = circnav("fly", "quickstart").refused
     assert refused == "the clock of this computer is not between 1970 and 2100: set the clock"

@@ -99,7 +99,7 @@ def test_uplink_outage_is_not_reported_as_unfollowed_commands() -> None:
     assert flown.outcome.ending is Ending.COMPLETED
 
 
-def test_rover_with_weak_steering_on_circle_flies_on() -> None:
+def test_rover_with_weak_steering_continues_on_circle() -> None:
     """The rover turns at 40 % of the command, too little for a verdict, and keeps its circle."""
     weak = 'sim.events=[{at_s=2.0,action="steering_weak",value=0.4}]'
     flown = flight("ardurover", weak, "limits.duration_s=60.0", law="auto").fly(90)

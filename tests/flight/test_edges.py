@@ -79,7 +79,7 @@ def test_home_moved_in_flight_keeps_circle_and_bounds(mission: str, rise: float 
     assert not flown.pilot.conditions.alarms
 
 
-def test_home_moved_lower_does_not_engage_low_copter() -> None:
+def test_lowered_home_does_not_permit_engagement_of_low_copter() -> None:
     low = '{at_s=7.2,action="throttle",value=0.5}', '{at_s=9.0,action="set_home",value=-100.0}'
     flown = from_ground("arducopter", "LOITER", (*STICK[:2], *low)).fly(25.0)
     assert 3.0 < -flown.vehicle.truth.down < 4.0
@@ -87,7 +87,7 @@ def test_home_moved_lower_does_not_engage_low_copter() -> None:
 
 
 @pytest.mark.parametrize("state", [1, 2, 3])
-def test_quadplane_is_engaged_on_its_wing(state: int) -> None:
+def test_quadplane_is_engaged_only_in_forward_flight(state: int) -> None:
     """The quadplane is in a transition or in hover (MAV_VTOL_STATE), then flies on its wing."""
     script = f'{{at_s=0.0,action="vtol",value={state}}}', '{at_s=12.0,action="vtol",value=4}'
     flown = flight("arduplane", events(*script), law="auto").fly(11.5)
@@ -105,7 +105,7 @@ def test_old_landed_state_does_not_prevent_engagement() -> None:
     assert -flown.vehicle.truth.down > 4.8
 
 
-def test_nothing_is_sent_if_nothing_shows_flight() -> None:
+def test_copter_without_evidence_of_flight_gets_no_setpoint() -> None:
     """The copter stands armed on the ground, reports no landed state, and no height is required."""
     flown = from_ground("arducopter_nogps", "ALT_HOLD", STICK[:1], "engage.min_height_m=0.0")
     flown.hears = lambda frame, now: message_ids(frame) != [LANDED_STATE]
@@ -131,7 +131,7 @@ def test_copter_that_landed_during_lost_link_stays_unsteered() -> None:
     assert [time for time in mode_requests(flown) if time > 35.0] == []
 
 
-def test_motors_stopped_in_flight_end_it_as_disarmed() -> None:
+def test_flight_ends_as_disarmed_when_motors_are_stopped() -> None:
     """ArduCopter reports ON_GROUND before the heartbeat reports that it is disarmed."""
     flown = engaged(flight("arducopter", law="auto")).fly(20.0)
     scripted(flown, "disarm")

@@ -62,7 +62,7 @@ def test_guidance_waits_for_established_flight(name: str) -> None:
     assert not flown.vehicle.truth.crashed
 
 
-def test_hand_entered_mode_obeys_least_height() -> None:
+def test_guided_mode_entered_by_operator_obeys_least_height() -> None:
     """The operator enters GUIDED_NOGPS 1 s after lift-off. circnav sends no setpoint, and sends the
     reason as STATUSTEXT."""
     events = (
@@ -87,7 +87,7 @@ def test_least_height_of_mission_is_used() -> None:
     assert -flown.vehicle.truth.down >= 11.8
 
 
-def test_landing_vehicle_is_left_without_climb() -> None:
+def test_exit_action_below_least_height_is_land() -> None:
     """The copter sinks below half of the least height. RTL would climb, so the copter lands."""
     flown = flight(
         "arducopter", 'exit.action="rtl"', "engage.min_height_m=40.0", "sim.start.altitude_m=45.0"

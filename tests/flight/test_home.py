@@ -43,7 +43,7 @@ def test_plane_without_gps_circles_at_home() -> None:
 
 
 @pytest.mark.parametrize(("wind", "raised"), [(12.0, False), (16.0, True)])
-def test_home_raises_not_closing_alarm_in_strong_wind(wind: float, raised: bool) -> None:
+def test_flight_home_raises_not_closing_alarm_in_strong_wind(wind: float, raised: bool) -> None:
     """The plane's true airspeed is 15.4 m/s, so it cannot reach home against a wind of 16 m/s."""
     flown = flight("home", f"sim.wind.speed_mps={wind}", law="auto").fly(56.0)
     alarm = flown.pilot.conditions.alarms.get("not_closing", "")
@@ -72,12 +72,12 @@ def lost(at: float, away: float, hold: float) -> list[Truth]:
     return [truth for truth in flown.truths if alarmed[0] < truth.time < at + hold]
 
 
-def test_lost_beacon_on_circle_is_circled_until_exit() -> None:
+def test_beacon_lost_on_circle_is_circled_until_exit() -> None:
     held = lost(40.0, 250.0, hold=60.0)
     assert max(map(true_radius, held)) < HOME
 
 
-def test_lost_beacon_underway_gives_local_circle_until_exit() -> None:
+def test_beacon_lost_on_approach_is_followed_by_local_circle() -> None:
     held = lost(20.0, 2000.0, hold=45.0)
     first = held[0]
     assert max(hypot(one.north - first.north, one.east - first.east) for one in held) < 3.4 * 100.0

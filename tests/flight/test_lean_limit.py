@@ -38,7 +38,7 @@ def test_copter_lowers_speed_when_lean_limit_is_found(mission, overrides, lean, 
     assert unrest(flown) < 5.0
 
 
-def test_small_circle_in_wind_causes_no_lean_limit() -> None:
+def test_small_circle_in_wind_raises_no_lean_limit_alarm() -> None:
     """A lean limit is tested in test_vehicles.py with a lean that is just sufficient."""
     small = ("orbit.radius_m=10", "vehicle.speed_mps=3", "sim.wind.speed_mps=3.0")
     flown = flight("arducopter", *small, law="auto").fly(50)

@@ -184,7 +184,7 @@ def test_limit_cycle_lowers_gains_on_oscillating_vehicle(
     assert max(abs(true_radius(truth) / radius - 1) for truth in last_third(flown)) < off
 
 
-def test_limit_cycle_of_5_s_is_found_and_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_limit_cycle_is_ended_by_reduced_gains(monkeypatch: pytest.MonkeyPatch) -> None:
     """A copter at its acceleration limit that executes only 0.4 of the feedforward acceleration:
     its turn oscillates with periods of 5 to 6 s. With full gains the radius error is 4 m, and the
     standard deviation of the turn 17 deg/s."""

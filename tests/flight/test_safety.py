@@ -20,7 +20,7 @@ def is_ranging(frame: bytes) -> bool:
 
 
 @pytest.mark.parametrize("law", ["auto", "drift"])
-def test_setpoints_continue_when_attitude_stops(law: str) -> None:
+def test_setpoints_continue_when_attitude_messages_stop(law: str) -> None:
     """The autopilot stops sending ATTITUDE, so own motion is unknown. The ranges continue."""
     flown = flight("arduplane", *NEAR, law=law).fly(12)
     flown.hears = lambda frame, now: message_ids(frame) != [30]
@@ -62,7 +62,7 @@ def test_dry_run_beside_steering_pilot_reports_drift_law() -> None:
     assert laws.count("drift") > 0.9 * len(laws)
 
 
-def test_range_outage_is_held_then_circle_is_kept() -> None:
+def test_coasting_turns_at_v_over_r_until_ranges_return() -> None:
     flown = flight("quickstart", "limits.coast_s=20")
     flown.hears = lambda frame, now: not (is_ranging(frame) and 30 < now < 36)
     phases = []

@@ -28,7 +28,7 @@ def busy() -> Iterator[None]:
             hog.wait()
 
 
-def test_flight_result_is_independent_of_load_and_pace(circnav, undrawn, tmp_path):
+def test_flight_result_is_independent_of_load_and_simulation_speed(circnav, undrawn, tmp_path):
     def flown(name: str, *options: str) -> tuple[dict[str, object], bytes, bytes]:
         folder = tmp_path / name
         assert circnav("fly", "quickstart", "--duration", "6", "--out", folder, *options).done

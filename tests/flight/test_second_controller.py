@@ -79,7 +79,7 @@ def test_second_controller_is_undetected_without_setpoint_report(mission):
 
 
 @pytest.mark.parametrize("mission", ["arducopter", "px4_copter"])
-def test_second_circnav_refuses_itself_while_first_steers(mission):
+def test_second_circnav_does_not_steer_while_first_steers(mission):
     """Two circnav programs have the same ids. A router forwards the frames of each program to the
     other program."""
     first = begun(mission)

@@ -128,7 +128,7 @@ def test_plane_with_low_turn_gain_holds_its_radius() -> None:
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
-def test_no_setpoint_follows_an_operator_takeover(mission: str) -> None:
+def test_no_setpoint_is_sent_after_operator_takeover(mission: str) -> None:
     """F16 of the fault matrix repeats the takeover at 1,000 random ticks."""
     chance = random.Random(3)
     for _ in range(5):
@@ -146,7 +146,7 @@ def test_no_setpoint_follows_an_operator_takeover(mission: str) -> None:
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
-def test_autopilot_timeout_acts_when_application_is_killed(mission: str) -> None:
+def test_setpoint_timeout_of_autopilot_expires_when_circnav_is_killed(mission: str) -> None:
     flown = copy.deepcopy(begun(mission))
     vehicle = flown.vehicle
     guided = flown.pilot.session.adapter.guided_mode
@@ -177,7 +177,7 @@ def test_exit_action_commands_mode_of_mission(mission: str) -> None:
     ("excepted", "in_the_end", "taken_over"),
     [(0, "rtl", False), (0, "rtl", True), (2, "loiter", True)],
 )
-def test_px4_plane_after_exit_follows_stick_loss_exception(
+def test_px4_plane_obeys_stick_loss_exception_after_exit(
     excepted: int, in_the_end: str, taken_over: bool
 ) -> None:
     """PX4 treats circnav's MANUAL_CONTROL as the sticks. When it ends, PX4 reacts to the loss of

@@ -118,7 +118,7 @@ def test_auto_law_does_not_oscillate_on_slow_link() -> None:
     assert clockwise_turns(last_third(flown)) > 0.4
 
 
-def test_bank_limit_below_mission_is_learned_and_planned():
+def test_lap_is_planned_with_learned_bank_limit():
     """The plane banks at most 35 deg (ROLL_LIMIT_DEG), and the mission assumes 45 deg. Downwind in
     5 m/s of wind the circle requires more than 35 deg. Without a planned lap the radius RMS is 2.6
     m. The turn gain must be learned from the measured bank, because the commanded bank gives a too

@@ -107,7 +107,7 @@ def test_search_finds_near_and_far_target(r):
     assert search.error < 0.3 * hypot(*search.p)
 
 
-def test_track_starts_consistent_with_truth():
+def test_tracking_starts_with_errors_within_stated_covariance():
     """Mean normalized error squared of range, direction, drift and airspeed scale at the start of
     24 tracks: 5 for exact covariances, less because the prior of drift and scale is wider than the
     true values.
@@ -172,7 +172,7 @@ def test_most_likely_hypothesis_moves_with_the_flown_path():
     assert after[:2] == pytest.approx((hypot(x, y), atan2(y, x)))
 
 
-def test_search_iterates_once_a_bin():
+def test_search_iterates_once_per_quarter_second_of_ranges():
     """A bin lasts 0.25 s."""
     search = Search()
     due = []

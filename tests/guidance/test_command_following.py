@@ -55,7 +55,7 @@ def circle(time):
 
 
 @pytest.mark.parametrize(("gain", "late"), [(0.4, 0), (0.4, 4), (1.0, 2), (1.5, 0), (1.5, 4)])
-def test_command_following_accepts_delay_gain_and_gusts(gain, late):
+def test_command_following_accepts_delayed_weak_turns_in_gusts(gain, late):
     assert monitored(circle, lambda time, sent: gain * sent[-1 - late], 60.0, noise=0.05).follows
 
 
@@ -81,11 +81,11 @@ def test_command_following_accepts_steady_turn_at_bank_limit():
     ],
     ids=["straight", "constant turn", "reversed", "weak"],
 )
-def test_command_following_detects_vehicle_that_ignores_turns_within_5_s(flown):
+def test_command_following_detects_ignored_turns_within_5_s(flown):
     assert not monitored(circle, flown, 5.0, noise=0.01).follows
 
 
-def test_command_following_tolerates_single_wrong_bin():
+def test_command_following_tolerates_one_wrong_turn_measurement():
     assert monitored(
         lambda t: 0.2, lambda t, sent: -0.5 if t % 15 < BIN else sent[-2], 120.0, noise=0.01
     ).follows
@@ -119,7 +119,7 @@ def test_limit_cycle_of_3_s_lowers_gains_to_bound(period):
 
 @pytest.mark.parametrize("lap", [0.0, 12.0, 40.0], ids=["not located", "short lap", "located"])
 @pytest.mark.parametrize("period", [5.0, 7.5])
-def test_slow_limit_cycle_needs_located_target_and_longer_lap(period, lap):
+def test_slow_oscillation_is_limit_cycle_only_on_longer_lap(period, lap):
     def swing(time):
         return 0.15 + 0.25 * sin(2 * pi * time / period)
 
@@ -142,13 +142,13 @@ def test_slow_limit_cycle_needs_located_target_and_longer_lap(period, lap):
         "alternating approach",
     ],
 )
-def test_limit_cycle_ignores_ordinary_turns(command):
+def test_limit_cycle_detection_ignores_ordinary_turns(command):
     assert monitored(command, lambda time, sent: sent[-2], 60.0).share == 1.0
 
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("frequency", [2.6, 1.1])
-def test_limit_cycle_ignores_gusts(seed, frequency):
+def test_limit_cycle_detection_ignores_gusts(seed, frequency):
     """White noise through an oscillator with a period of 2.4 s or 6 s and a damping of 0.3."""
     rng = np.random.default_rng(seed)
     state = [0.0, 0.0]
@@ -163,7 +163,7 @@ def test_limit_cycle_ignores_gusts(seed, frequency):
     assert monitored(gusty, lambda time, sent: sent[-2], 120.0, lap=60.0).share == 1.0
 
 
-def test_limit_cycle_stops_lowering_gains_after_oscillation():
+def test_limit_cycle_detection_stops_lowering_gains_after_oscillation():
     shares = [
         monitored(
             lambda t: 0.4 * sin(2 * pi * t) if t < 8 else 0.15, lambda t, sent: sent[-2], seconds

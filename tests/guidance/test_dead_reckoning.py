@@ -65,7 +65,7 @@ def test_flown_path_ignores_late_reports():
     assert [late.at(t) for t in (0.1, 0.3, 0.4, 0.6)] == [path.at(t) for t in (0.1, 0.3, 0.4, 0.6)]
 
 
-def test_flown_path_breaks_in_gap():
+def test_flown_path_is_interrupted_by_gap_in_reports():
     whole = path_of(0.0, HOLE)
     broken = path_of(0.0, HOLE + 0.01, HOLE + 0.2)
     assert whole.at(1.0).piece == whole.at(HOLE).piece == 0

@@ -55,7 +55,7 @@ def test_planned_lap_keeps_limit_with_nearly_least_rms(blows):
     assert squeezed(LIMIT) < rms < squeezed(0.98 * LIMIT)
 
 
-def test_plan_is_finite_for_every_drift_and_limit():
+def test_lap_plan_is_finite_for_every_drift_and_limit():
     """Where the plan's equation has no solution, the plan must not raise an error. The cases
     include a turn limit of 0 and a drift of V or more."""
     for wind, limit in product(np.arange(0.0, 1.2, 0.1), np.arange(0.0, 3.2, 0.2)):
@@ -69,7 +69,7 @@ def test_plan_is_finite_for_every_drift_and_limit():
         assert np.abs(np.array(radii) - R_D).max() <= 0.2 * R_D + 1e-9
 
 
-def test_plan_is_none_if_circle_is_within_turn_limit():
+def test_lap_plan_is_none_if_turn_limit_suffices():
     assert plan((WIND, 0.0), V=V, r_d=R_D, limit=0.24) is None
     assert plan((0.0, 0.0), V=V, r_d=R_D, limit=V / R_D * 1.02) is None
 
@@ -137,7 +137,7 @@ def test_bank_limit_is_learned_from_bank_below_command():
     [([0.39] * 60, 0.4), (list(np.linspace(-0.3, 0.35, 60)), 0.4), ([-0.3] * 60, 0.4)],
     ids=["as commanded", "rolling", "opposite"],
 )
-def test_bank_limit_ignores_other_banks(banks, commanded):
+def test_bank_limit_needs_steady_bank_below_command(banks, commanded):
     assert after(*banks, commanded=commanded).bank == inf
 
 

@@ -55,7 +55,7 @@ def test_laws_stay_finite_for_every_allowed_gain(law, over, r, r_dot):
 
 @each(LAWS.values())
 @given(V=speeds, r_d=radii, above=st.floats(1.01, 100))
-def test_corrected_radius_settles_on_requested_radius(law, V, r_d, above):
+def test_law_with_corrected_radius_settles_on_requested_radius(law, V, r_d, above):
     k = above * law.gain_bound(V, r_d)
     assert law.reached_radius(V, law.fed_radius(V, r_d, k), k) == pytest.approx(r_d, rel=1e-9)
 
@@ -122,7 +122,7 @@ def test_law_commands_circle_turn_rate_on_circle(law):
 
 
 @each(FEEDBACK)
-def test_laws_command_approach_slower_than_vehicle(law):
+def test_distant_vehicle_approaches_at_most_at_0_8_speed(law):
     rates = np.linspace(-V, 0, 2001)
     turns = [law.function(1e5, float(rate), V=V, r_d=R_D, k=-gain(law)) for rate in rates]
     asked_for = rates[np.abs(turns).argmin()]

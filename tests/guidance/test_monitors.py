@@ -54,7 +54,7 @@ def test_drift_alarm_ignores_gusts_lulls_and_untrusted_drift():
     assert not after([0.95 * ALLOWED] * 20, watch=raised, start=33.0).alarm.on
 
 
-def test_drift_alarm_needs_trust_throughout_its_hold_time():
+def test_drift_alarm_needs_trusted_drift_throughout_hold_time():
     """The vehicle is engaged 2 s after the drift was trusted, and the trust is lost for a step."""
     watch = after([ALLOWED + 2] * 20)
     watch.update(None, ORBIT, LIMIT)

@@ -62,7 +62,7 @@ def test_range_bin_is_mean_of_quarter_second():
     assert bins.variance == pytest.approx(variance)
 
 
-def test_range_bin_excludes_outlier_and_window_excludes_empty_bin():
+def test_range_window_excludes_outliers_and_empty_bins():
     """In each bin the second range is an outlier of 50 m and the third range is lost. Later all
     ranges are lost."""
     ranges = [200.0, 250.0, None, 203.0, 204.0, 200.0, 250.0, None, 203.0, *[None] * 6]

@@ -63,7 +63,7 @@ def check_rates(report, **noise):
         {"sigma": 1.0, "drifting": 2},
     ],
 )
-def test_rate_check_trusts_correct_rate(noise):
+def test_range_rate_check_trusts_correct_range_rate(noise):
     for seed in (1, 2):
         check, changes = check_rates(
             lambda t, true, measured: measured, seconds=150.0, seed=seed, **noise
@@ -83,14 +83,14 @@ def test_rate_check_trusts_correct_rate(noise):
     ],
     ids=["sign", "scale", "bias", "frozen"],
 )
-def test_rate_check_drops_wrong_range_rate_within_3_s(since, fault, words):
+def test_range_rate_check_rejects_wrong_rate_within_3_s(since, fault, words):
     report = lambda t, true, measured: fault(true, measured) if t >= since else measured  # noqa: E731
     check, changes = check_rates(report, seconds=since + 9.0)
     assert changes[0] <= since + 3.0
     assert since or words in check.why
 
 
-def test_rate_check_retries_dropped_rate_with_growing_delay():
+def test_range_rate_check_retries_rejected_rate_after_growing_delay():
     def report(t, true, measured):
         return measured + (5.0 if t < 20.0 or 40.0 <= t < 50.0 else 0.0)
 
@@ -102,12 +102,12 @@ def test_rate_check_retries_dropped_rate_with_growing_delay():
     assert 70.0 <= at_last <= 76.0
 
 
-def test_rate_check_keeps_wrong_sign_dropped_on_circle():
+def test_range_rate_check_rejects_wrong_sign_throughout_circle():
     check, changes = check_rates(lambda t, true, measured: -measured, seconds=200.0, wind=0.0)
     assert (len(changes), check.trusted) == (1, False)
 
 
-def test_rate_check_estimates_small_carrier_offset():
+def test_range_rate_check_estimates_small_carrier_offset():
     check, changes = check_rates(lambda t, true, measured: measured + 0.2, seconds=60.0)
     assert changes == []
     assert check.bias == pytest.approx(0.2, abs=0.1)

@@ -90,7 +90,7 @@ def test_filter_accepts_ranges_again_during_new_search(make):
     assert (estimator.ready, estimator.at(33.0), estimator.nis) == (False, None, None)
 
 
-def test_auto_is_ready_without_heading_and_drift_is_not():
+def test_estimator_auto_needs_no_heading_but_drift_does():
     world = Circling()
     drift = DriftEstimator(SETTINGS)
     auto = AutoEstimator(SETTINGS)

@@ -95,7 +95,7 @@ def test_steering_reports_command_just_below_limit_as_saturated():
     assert last.saturated
 
 
-def test_steering_excludes_estimate_gap_from_search_time():
+def test_gap_between_estimates_does_not_count_as_search_time():
     steer = Steering(ORBIT, LawChoice("auto", 0.02))
     flown = [
         steer(estimate(300.0, -15.0, time, untrusted(x=300.0, heading=pi))).flies
@@ -131,7 +131,7 @@ def test_steering_reports_active_law_of_auto_and_drift():
         (100.0, -6.1, True, "trial"),
     ],
 )
-def test_auto_delays_trial_on_circle_while_drift_is_remembered(r, r_dot, remembered, flies):
+def test_auto_law_delays_hypothesis_trial_while_drift_is_remembered(r, r_dot, remembered, flies):
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
     candidate = untrusted(x=r, drift_remembered=remembered)
     flown = [steer(estimate(r, r_dot, t, candidate)).flies for t in np.arange(0.0, 15.0, 0.5)]
@@ -139,7 +139,7 @@ def test_auto_delays_trial_on_circle_while_drift_is_remembered(r, r_dot, remembe
     assert flown[-1] == "trial"
 
 
-def test_auto_starts_search_time_when_path_is_known_again():
+def test_search_time_starts_when_path_is_known_again():
     """A copter hovers during an outage of its uplink. Its path is then unknown, so no search runs.
     The search time begins when the path is known again."""
     steer = Steering(ORBIT, LawChoice("auto", 0.06))

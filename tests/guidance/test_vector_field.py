@@ -65,7 +65,7 @@ def test_drift_law_is_independent_of_compass_direction(r, at, psi, wind, blows, 
 
 
 @given(at=angles, wind=st.floats(0, 13), blows=angles, r=st.floats(30, 900))
-def test_field_heading_gives_field_course_in_wind(at, wind, blows, r):
+def test_field_heading_in_wind_flies_course_of_vector_field(at, wind, blows, r):
     p, d = (s * np.array([np.cos(a), np.sin(a)]) for s, a in ((r, at), (wind, blows)))
     psi = field_heading(p, d, V=V, r_d=R_D, k=GAINS.radial, max_turn_rate=LIMIT)
     v = V * np.array([np.cos(psi), np.sin(psi)]) + d
@@ -194,7 +194,7 @@ def test_drift_law_continues_turn_when_reversing_takes_longer(under_way, beyond)
 
 
 @given(wind=st.floats(0, 6), blows=angles, at=angles)
-def test_drift_law_commands_circle_turn_after_pending_circle_turn(wind, blows, at):
+def test_drift_law_continues_circle_when_pending_turns_follow_circle(wind, blows, at):
     d = wind * np.array([np.cos(blows), np.sin(blows)])
     ahead = 0.5
     dt = 0.005
@@ -212,7 +212,7 @@ def test_drift_law_commands_circle_turn_after_pending_circle_turn(wind, blows, a
 
 
 @given(beyond=st.floats(-0.3, 0.3))
-def test_drift_law_subtracts_pending_turn_beyond_circle(beyond):
+def test_drift_law_subtracts_excess_of_pending_turn(beyond):
     """The vehicle is on the circle with the right heading."""
     here = ((R_D, 0.0), (0.0, 0.0), pi / 2)
     turn = V / R_D

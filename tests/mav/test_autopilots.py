@@ -36,7 +36,7 @@ BANK = atan(0.2 * 10.0 / 9.80665)  # bank of the coordinated turn, rad
 SIDES = {"left": (TURN, -1), "right": (-TURN, 1), "straight": (0.0, 0)}
 
 
-def test_x25_matches_its_published_check_value() -> None:
+def test_crc_matches_its_published_check_value() -> None:
     """Check value of CRC-16/MCRF4XX for "123456789"."""
     assert x25(b"123456789") == 0x6F91
 

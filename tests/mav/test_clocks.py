@@ -204,7 +204,7 @@ def test_clock_step_during_slow_timesync_answers_is_followed(lags, slower):
     assert max(shown[100 + len(lags) :]) < 0.1
 
 
-def test_step_without_timesync_answer_is_marked_as_doubted():
+def test_clock_step_without_timesync_answer_is_marked_unconfirmed():
     clock = StampFilter(lambda since, now: float("inf"))
     doubts = []
     for i in range(30):
@@ -234,7 +234,7 @@ def test_utc_offset_follows_least_delayed_stamp_and_clock_change():
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.5, 8.0])
-def test_clock_speed_is_found_after_three_windows(speed):
+def test_clock_speed_needs_three_agreeing_windows(speed):
     seen = found([(100 + speed * 0.1 * n, 0.1 * n) for n in range(120)])
     assert seen[88] is None
     assert seen[91] == pytest.approx(speed, abs=0.01)
@@ -257,7 +257,7 @@ def test_message_delays_do_not_change_clock_speed(arrival):
     assert set(found([(0.1 * n, arrival(0.1 * n)) for n in range(200)])) == {None}
 
 
-def test_reboot_restarts_clock_speed():
+def test_clock_speed_measurement_restarts_after_reboot():
     fast = [(8 * 0.1 * n, 0.1 * n) for n in range(100)]
     seen = found([*fast, *((0.1 * n, 10.0 + 0.1 * n) for n in range(100))])
     assert seen[99] == pytest.approx(8.0, rel=0.01)

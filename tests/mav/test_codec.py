@@ -111,7 +111,7 @@ def test_junk_between_frames_loses_no_frame_in_any_chunks(junk, places):
 
 
 @pytest.mark.parametrize("start", [b"\xfd", b"\xfe", b"\xfd\xff\x00\x00", STUMP])
-def test_false_start_in_stream_loses_no_frame(start):
+def test_false_start_byte_in_stream_loses_no_frame(start):
     first = [BEAT, *GOOD]
     late = frames(40)
     got = decoded(Decoder(stream=True), [start + b"".join(first), *late])
@@ -201,7 +201,7 @@ def test_flood_of_ids_does_not_grow_counters():
     assert len(decoder.frames) == 1
 
 
-def test_decoder_stops_datagram_after_64_false_starts():
+def test_decoder_skips_rest_of_datagram_after_64_false_starts():
     """A false start is a start byte without a good frame. After 64 of them the rest of the datagram
     is dropped, and the next datagram is read."""
     decoder = Decoder()

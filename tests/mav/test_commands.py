@@ -102,7 +102,7 @@ def test_answer_is_matched_by_command_and_target(sender, answer, ours):
     assert (poll_until(sender, 0.6) == [], len(sender.take_results())) == (ours, ours)
 
 
-def test_in_progress_extends_waiting_three_times(sender):
+def test_in_progress_answer_extends_waiting_up_to_three_times(sender):
     sender.poll(TARGET, 0.0)
     sender.acknowledge(ack(result=IN_PROGRESS), US, 0.2)
     assert poll_until(sender, 3.15, start=0.25) == sender.take_results() == []

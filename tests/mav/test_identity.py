@@ -248,7 +248,7 @@ def test_ranges_of_another_autopilot_are_dropped_after_heartbeat(make_rig):
 # --- late frames
 
 
-def test_overtaken_heartbeat_in_guided_does_not_engage(rig):
+def test_reordered_heartbeat_in_guided_does_not_engage(rig):
     rig.run(4.0, mode=LOITER)
     late = rig.vehicle.pack(heartbeat(GUIDED))
     rig.run(0.5)
@@ -258,7 +258,7 @@ def test_overtaken_heartbeat_in_guided_does_not_engage(rig):
     assert rig.setpoints() == []
 
 
-def test_overtaken_heartbeat_does_not_end_a_stall(rig):
+def test_reordered_heartbeat_does_not_end_a_stall(rig):
     rig.engage()
     late = rig.vehicle.pack(heartbeat(GUIDED))
     rig.range()
@@ -271,7 +271,7 @@ def test_overtaken_heartbeat_does_not_end_a_stall(rig):
     assert rig.setpoints(since) == []
 
 
-def test_overtaken_heartbeat_never_returns_control(make_rig):
+def test_reordered_heartbeat_never_returns_control(make_rig):
     rig = make_rig("engage.on_takeover=wait").engage()
     guided, loiter = (rig.vehicle.pack(heartbeat(mode)) for mode in (GUIDED, LOITER))
     rig.run(0.5)

@@ -256,7 +256,7 @@ def imu(ms, force, type_="raw"):
 
 @pytest.mark.parametrize("type_", ["raw", "highres", "scaled"])
 @pytest.mark.parametrize("yaw", [0.0, 2.1])
-def test_imu_in_coordinated_turn_shows_centripetal_velocity(type_, yaw):
+def test_imu_velocity_change_in_coordinated_turn_matches_calculation(type_, yaw):
     """Bank 0.4 rad, specific force g/cos(0.4) up in body axes and 0.5 m/s^2 along the nose. In 1 s
     the velocity changes by 0.5 m/s forward and by g tan(0.4) = 4.146 m/s to the right. Paper's
     frame: x east, y north."""

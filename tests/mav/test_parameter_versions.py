@@ -30,7 +30,7 @@ def versions_of(name, versions):
 
 
 @VEHICLES
-def test_rule_states_the_versions_of_each_name(key):
+def test_parameter_rule_states_firmware_versions_of_each_name(key):
     found, versions = of_firmware(key)
     for rule in AUTOPILOTS[key].parameters:
         assert {name.name: versions_of(name, versions) for name in rule.names} == {
@@ -40,7 +40,7 @@ def test_rule_states_the_versions_of_each_name(key):
 
 
 @VEHICLES
-def test_rule_has_one_name_in_each_version(key):
+def test_parameter_rule_has_one_name_in_each_firmware_version(key):
     found, versions = of_firmware(key)
     for rule in AUTOPILOTS[key].parameters:
         for version in versions:
@@ -48,7 +48,7 @@ def test_rule_has_one_name_in_each_version(key):
             assert len(names) == 1 or (rule.optional and not names), (version, rule.names)
 
 
-def test_each_listed_parameter_is_named_by_a_rule():
+def test_each_listed_parameter_has_a_rule():
     named = {kind: set() for kind in FIRMWARE}
     for (autopilot, kind), vehicle in AUTOPILOTS.items():
         names = {name for rule in vehicle.parameters for name in rule.requested}

@@ -86,7 +86,7 @@ def test_other_vehicles_are_counted_without_effect(line):
     assert list(session.vehicle.texts) == []
 
 
-def test_selected_vehicle_may_change_address_by_boot_time(line):
+def test_vehicle_with_expected_boot_time_may_change_address(line):
     here = line()
     here.beat(now=0.0, source="port 1")
     here.beat(now=1.4, source="port 2")
@@ -217,7 +217,7 @@ def test_heartbeat_is_sent_every_second_without_vehicle(line):
     }
 
 
-def test_streams_are_requested_at_start_and_restored_together(here):
+def test_every_requested_stream_is_restored_at_the_end(here):
     asked = here.answer_all(0.0)
     streams = set(here.session.streams.rates)
     assert {message.param1 for message in asked if message.command == SET_INTERVAL} == streams

@@ -182,7 +182,7 @@ def test_tcp_and_serial_endpoints_are_stream_links(mission, link, ranging, strea
 # --- overrides
 
 
-def test_overrides_replace_and_are_saved(mission):
+def test_saved_mission_contains_its_overrides(mission):
     """An override may add a table. Of two overrides of a key, the last one is used."""
     changed = mission(
         "engage.request_mode=true",
@@ -432,7 +432,7 @@ def test_link_peer_is_address_or_network(mission, peer):
     assert mission(f'link.peer=["{peer}", "::1"]').file.link.peer == [peer, "::1"]
 
 
-def test_mission_loader_names_campaign_file_as_such(config):
+def test_error_names_campaign_file_given_as_mission(config):
     path = config / "campaigns" / "wind.toml"
     with pytest.raises(
         MissionError, match=rf"is a campaign file, fly it with: circnav campaign {path}$"
@@ -443,7 +443,7 @@ def test_mission_loader_names_campaign_file_as_such(config):
 @pytest.mark.parametrize(
     "override", ["vehicle.turn_lag_s=0.5", "vehicle.speed_mps=14.0", "bounds.max_range_m=200.0"]
 )
-def test_dotted_mission_is_saved_as_flown(text, override):
+def test_mission_with_dotted_keys_is_saved_as_flown(text, override):
     """tomlkit writes a new nested table before the dotted keys, which would then belong to this
     table."""
     tables = {name: keys for name, keys in tomllib.loads(text).items() if name != "name"}
@@ -483,7 +483,7 @@ def test_signing_key_path_is_relative_to_mission(text, tmp_path, given, meant):
     ("accepted", "links"),
     [("false", set()), ("true", {VEHICLE, RANGING}), ('"ranging"', {RANGING})],
 )
-def test_accept_unsigned_selects_links(mission, accepted, links):
+def test_accept_unsigned_applies_only_to_listed_links(mission, accepted, links):
     table = (
         "signing.key_file=k",
         f"signing.accept_unsigned={accepted}",

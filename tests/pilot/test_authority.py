@@ -133,7 +133,7 @@ def test_dry_run_computes_setpoints_without_sending():
     assert commanded(rig) == [] and rig.pilot.setpoints_sent == 0
 
 
-def test_shadow_sends_only_heartbeat_and_plot_values():
+def test_shadow_mode_sends_only_heartbeat_and_plot_values():
     rig = Rig("engage.request_mode=true", output_mode=OutputMode.SHADOW).run(10.0)
     rig.pilot.interrupt(rig.now, "SIGINT")
     assert rig.run(1.0).pilot.done
@@ -191,7 +191,7 @@ def reported(rig, *messages):
         ("max_altitude_m=120.0", 15000, 15000, vfr_hud(121.0), "altitude 121.0 m is above 120.0 m"),
     ],
 )
-def test_broken_bound_prevents_engagement_and_ends_flight(bound, inside, beyond, message, reason):
+def test_exceeded_bound_prevents_engagement_and_ends_flight(bound, inside, beyond, message, reason):
     rig = Rig(f"bounds.{bound}", "engage.request_mode=true")
     good = (battery(20), vfr_hud(119.0))
     rig.run(5.0, reported(rig, *good, message), range_cm=beyond, mode=LOITER)
@@ -211,7 +211,7 @@ def test_broken_bound_prevents_engagement_and_ends_flight(bound, inside, beyond,
         ("min_altitude_m=20.0", vfr_hud(100.0), None, "no altitude above sea level"),
     ],
 )
-def test_unreported_value_of_bound_prevents_engagement_or_raises_alarm(bound, told, unknown, needs):
+def test_bound_needs_reported_value_before_and_during_engagement(bound, told, unknown, needs):
     rig = Rig(f"bounds.{bound}")
     assert rig.run(3.0, lambda: unknown and rig.receive(unknown)).setpoints() == []
     assert waits_for(rig.pilot, rig.now).startswith(f"{needs}: bounds.min_")

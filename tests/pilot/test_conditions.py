@@ -91,7 +91,7 @@ VIEWS = views()
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
-def test_condition_texts_fit_and_are_documented(row):
+def test_alarm_text_fits_statustext_and_has_documented_title(row):
     found = [active for view in VIEWS if (active := row.find(view)) is not None]
     assert found and len(row.over) <= 41
     for active in found:
@@ -118,7 +118,7 @@ def test_display_and_statustext_show_texts_of_condition_table(rig):
     ]
 
 
-def test_condition_of_steering_ends_silently_on_takeover():
+def test_takeover_ends_steering_alarms_without_further_text():
     rig = Rig("engage.on_takeover=wait").engage()
     rig.run(2.0, ranges=False).run(1.0, mode=LOITER, ranges=False)
     assert rig.pilot.mission.phase is Phase.YIELDED

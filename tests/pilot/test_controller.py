@@ -84,7 +84,7 @@ class Vehicle:
         "after a gap in reports",
     ],
 )
-def test_copter_is_at_speed_after_following_turns(before, silence, earliest, latest):
+def test_copter_counts_as_at_speed_after_followed_turns(before, silence, earliest, latest):
     vehicle = Vehicle()
     assert all(vehicle.turns(seconds, rate)[-1] is (rate != 0.0) for seconds, rate in before)
     vehicle.now += silence
@@ -94,7 +94,7 @@ def test_copter_is_at_speed_after_following_turns(before, silence, earliest, lat
     assert all(seen[seen.index(True) :])
 
 
-def test_short_unfollowed_turn_interrupts_at_speed_briefly():
+def test_copter_regains_at_speed_state_after_short_unfollowed_turn():
     """A copter that does not turn for 1.8 s loses the state "at speed" for less than
     UNRESPONSIVE_BELOW, because it does not stop in this time. 1.3 s without turn have no effect."""
     vehicle = Vehicle()

@@ -34,7 +34,7 @@ def weaving(now):
 
 @pytest.mark.parametrize("limited", [True, False])
 @pytest.mark.parametrize("trip", [0.0, 0.5, 2.0])
-def test_echo_watch_accepts_own_delayed_setpoint(trip, limited):
+def test_echo_monitor_accepts_own_delayed_setpoint(trip, limited):
     assert (
         watched(
             weaving, lambda now: weaving(max(now - trip - 0.1, 0.0)), limited=limited, trip=trip
@@ -43,7 +43,7 @@ def test_echo_watch_accepts_own_delayed_setpoint(trip, limited):
     )
 
 
-def test_echo_watch_rejects_larger_or_opposite_bank():
+def test_echo_monitor_rejects_larger_or_opposite_bank():
     for reported, found in ((0.35, False), (0.0, False), (0.6, False), (0.85, True), (-0.25, True)):
         assert (
             watched(lambda now: 0.6, lambda now, turn=reported: turn, limited=True) is not None
@@ -54,7 +54,7 @@ def test_echo_watch_rejects_larger_or_opposite_bank():
     "other", [lambda now: 0.1, lambda now: -0.17, lambda now: 0.24, lambda now: None]
 )
 @pytest.mark.parametrize("every", [1, 2, 3])
-def test_echo_watch_detects_other_sender_within_5_s(other, every):
+def test_echo_monitor_detects_other_sender_within_5_s(other, every):
     def reported(now):
         return other(now) if round(4 * now) % every == 0 else 0.17
 
@@ -63,15 +63,15 @@ def test_echo_watch_detects_other_sender_within_5_s(other, every):
     assert found <= 2.0 + WITHIN
 
 
-def test_echo_watch_ignores_single_reports():
+def test_echo_monitor_ignores_single_reports():
     assert watched(lambda now: 0.17, lambda now: 0.5 if now % 2.0 < 0.1 else 0.17) is None
 
 
-def test_echo_watch_is_inactive_without_steady_setpoints():
+def test_echo_monitor_is_inactive_without_steady_setpoints():
     for sends in (lambda now: False, lambda now: now % 2.0 < 1.0):
         assert watched(lambda now: 0.17, lambda now: 0.5, sends=sends) is None
 
 
-def test_echo_watch_cannot_distinguish_similar_smooth_turns():
+def test_echo_monitor_cannot_distinguish_similar_smooth_turns():
     """A sender with nearly the same turn rates is harmless (docs/safety.md)."""
     assert watched(weaving, lambda now: weaving(now) + 0.02 * cos(now)) is None

@@ -78,7 +78,7 @@ def test_last_height_is_held_in_flight_without_altitude():
     ("message", "accepted"),
     [(vfr_hud(float("nan")), None), (vfr_hud(1e9), None), (home(530.0), 562.0)],
 )
-def test_message_without_accepted_altitude_leaves_height_held(message, accepted):
+def test_height_stays_held_after_message_without_valid_altitude(message, accepted):
     """`accepted` is an earlier altitude of VFR_HUD, which is passed again with a message that has
     no valid altitude."""
     climb = Climb(FIXED)

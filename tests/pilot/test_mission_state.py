@@ -48,7 +48,7 @@ def reachable(start, allowed):
         *(({Phase.ENDED}, event, Phase.ENDED) for event in Event),
     ],
 )
-def test_phase_follows_takeover_end_and_loss(phases, event, after):
+def test_phase_after_each_event_matches_transition_rules(phases, event, after):
     assert {advance(phase, event) for phase in phases} == {after}
 
 

@@ -108,7 +108,7 @@ def test_mode_change_of_operator_after_request_is_not_reversed(acknowledged):
 
 @pytest.mark.parametrize("shows", [GUIDED, LOITER, LAND])
 @pytest.mark.parametrize("why", ["interrupted", "ranging lost"])
-def test_requested_mode_gets_exit_action_without_flight(why, shows):
+def test_exit_action_is_requested_if_guided_begins_after_end(why, shows):
     rig = asked("exit.action=rtl", "link.wait_s=1.0")
     rig.acknowledge(SET_MODE)
     since = rig.now
@@ -200,7 +200,7 @@ def test_mode_request_ends_with_first_report_of_mode():
     assert modes(rig.run(5.0), since) == []
 
 
-def test_mode_request_is_repeated_only_after_report_of_old_mode():
+def test_mode_request_is_repeated_only_after_old_mode_report():
     rig = asked()
     since = rig.now
     assert modes(rig.run(2.0, speaks=False), since) == []

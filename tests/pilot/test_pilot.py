@@ -92,7 +92,7 @@ def test_estimator_gets_no_motion_of_vehicle_ignoring_commands(rig):
         assert len([own for own in received if own.time > rig.now - 5.0]) == (99 if turns else 0)
 
 
-def test_setpoint_is_sent_alone_before_other_messages(rig):
+def test_setpoint_is_first_frame_sent_in_each_step(rig):
     rig.engage()
     first = set()
     rest = set()
@@ -149,7 +149,7 @@ def test_first_setpoint_waits_for_five_ranges(rig):
         assert bool(rig.setpoints()) == (count == 5)
 
 
-def test_first_setpoint_waits_1_s_for_second_range_source(rig):
+def test_first_setpoint_waits_1_s_to_detect_second_source(rig):
     rig.run(1.0, ranges=False)
     assert rig.run(1.0, ranges=True).setpoints() == []
     assert waits_for(rig.pilot, rig.now) == "checking for a second range source"
@@ -250,7 +250,7 @@ def test_false_setpoint_report_raises_alarm_without_effect():
     assert "circnav: another program also steers" in disturbed.texts()
 
 
-def test_lost_range_is_predicted_then_steady_turn_held(
+def test_range_outage_is_predicted_before_coasting_begins(
     rig,
 ):
     last = rig.engage().now
@@ -264,7 +264,7 @@ def test_lost_range_is_predicted_then_steady_turn_held(
     assert texts == ["circnav: range lost, coasting", "circnav: range regained"]
 
 
-def test_setpoints_stop_with_lost_link_and_resume(rig):
+def test_setpoints_pause_while_link_is_lost(rig):
     """The link is lost by 3 s without a heartbeat, while the ranges continue."""
     lost = rig.engage().now
     quiet = rig.run(3.3, speaks=False).now
@@ -347,7 +347,7 @@ def test_timeout_during_outage_names_missing_message(comes_back, what):
     )
 
 
-def test_safe_setpoints_begin_immediately_one_tick_apart(
+def test_safe_setpoints_begin_at_once_with_tick_interval(
     rig,
 ):
     since = rig.engage().now

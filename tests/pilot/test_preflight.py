@@ -543,7 +543,7 @@ def test_preflight_grades_measured_noise_against_mission(noise, grade):
 
 
 @pytest.mark.parametrize("received", [12, 50])
-def test_preflight_passes_few_ranges_with_assumed_noise(received):
+def test_preflight_assumes_range_noise_when_ranges_are_few(received):
     """The scatter of few ranges is uncertain. In 300 short preflights with the noise that the
     mission assumes, at most three may propose another sigma_m and none may fail."""
     grades = []
@@ -730,13 +730,13 @@ LATER = "as ardupilot copter without GPS: "
         ("ANGLE_MAX", 1500, "the copter tilts 15 deg at most, vehicle.max_bank_deg = 25"),
     ],
 )
-def test_preflight_judges_attitudes_after_gps_loss(key, value, text):
+def test_preflight_checks_parameters_of_attitude_flight_after_gps_loss(key, value, text):
     """The mission of the copter may change from velocities to attitudes."""
     (line,) = [line for line in parameter("arducopter", {key: value}) if line.grade is FAIL]
     assert line.text.startswith(f"{key} = {value}") and f": {LATER}{text}" in line.text
 
 
-def test_preflight_judges_attitudes_only_if_flown():
+def test_preflight_ignores_attitude_parameters_if_flight_ends_without_gps():
     mission = load_mission(CONFIG / "arducopter.toml", ['engage.on_gps_loss="exit"'])
     values = {**good("arducopter").listener.parameters, "GUID_OPTIONS": 8.0, "ANGLE_MAX": 1500.0}
     lines = judge(mission, Overridden(good("arducopter").listener, {"parameters": values}))
@@ -797,7 +797,7 @@ def test_preflight_warns_of_px4_heading_without_compass(name, value, grade):
     ],
     ids=str,
 )
-def test_preflight_judges_yaw_stick_by_names_of_vehicle(values, fails):
+def test_preflight_checks_yaw_stick_parameters_of_each_px4_version(values, fails):
     """PX4 names the dead zone of the stick by its version, and has its curve up to 1.16."""
     held = {**good("px4_copter_nogps").listener.parameters}
     held.pop("MAN_DEADZONE")
@@ -864,7 +864,7 @@ def test_preflight_grades_parameter_by_related_parameters(name, values, grade, t
         ("px4_copter", "vehicle.max_turn_rate_deg_s", "MC_YAWRATE_MAX", 24.0, 23.9, FAIL),
     ],
 )
-def test_parameter_equal_to_mission_limit_passes_in_32_bits(
+def test_parameter_equal_to_limit_passes_despite_32_bit_rounding(
     name, key, parameter, number, stricter, grade
 ):
     """Parameters are 32-bit floats: 2.3 is rounded down, and 24 deg converted from radians is

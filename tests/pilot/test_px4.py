@@ -39,7 +39,7 @@ class PX4(Rig):
 
 
 @pytest.mark.parametrize(("kind", "message"), KINDS)
-def test_px4_stream_needs_flight_and_reported_state(kind, message):
+def test_px4_setpoint_stream_needs_airborne_vehicle_with_altitude(kind, message):
     """At first the vehicle reports no altitude, and a plane no airspeed: no setpoints are sent."""
     rig = PX4(LOITER, kind)
     assert rig.run(5.0, landed_state=ON_GROUND).of(message) == []
@@ -52,7 +52,7 @@ def test_px4_stream_needs_flight_and_reported_state(kind, message):
     assert rig.run(2.0, altitude=104.0).pilot.mission.phase is Phase.ENGAGED
 
 
-def test_px4_setpoints_before_offboard_command_no_motion():
+def test_px4_setpoints_before_offboard_have_zero_velocity():
     rig = PX4(POSCTL).run(3.0)
     assert rig.pilot.mission.phase is Phase.READY
     assert len(rig.setpoints()) > 20
@@ -72,7 +72,7 @@ def test_no_setpoints_to_vehicle_rearmed_in_offboard():
 
 
 @pytest.mark.parametrize(("mode", "setpoints"), [(POSCTL, False), (OFFBOARD, True)])
-def test_slow_link_keeps_setpoints_in_offboard_but_starts_none(mode, setpoints):
+def test_slow_link_prevents_setpoints_except_in_offboard(mode, setpoints):
     """A vehicle that is already in OFFBOARD needs setpoints to prevent its failsafe. For a vehicle
     in another mode the link is too slow."""
     rig = PX4(mode).run(8.0, round_trip=1.5)

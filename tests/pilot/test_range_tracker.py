@@ -37,7 +37,7 @@ def test_tracker_rejects_same_component_of_another_vehicle():
     assert received[-1].time > rig.now - 0.2
 
 
-def test_replacement_radio_before_flight_gets_its_own_clock(rig):
+def test_replacement_radio_before_flight_gets_new_clock_estimate(rig):
     other = Voice(system=77, component=192)
     for _ in range(20):
         rig.run(0.1, mode=LOITER, ranges=False)
@@ -89,7 +89,9 @@ ARDUPILOT = 3
         "other sender in flight",
     ],
 )
-def test_heartbeat_of_radio_does_not_end_its_ranges(rig, radio, speaker, autopilot, begins, source):
+def test_ranges_of_radio_are_accepted_after_its_heartbeat(
+    rig, radio, speaker, autopilot, begins, source
+):
     radio = Voice(42, radio)
     speaker = Voice(42, speaker)
     rig.run(0.5, ranges=False)
@@ -107,7 +109,7 @@ def test_heartbeat_of_radio_does_not_end_its_ranges(rig, radio, speaker, autopil
     assert rig.run(15.0 if begins else 5.0, speaks).pilot.mission.phase is Phase.ENGAGED
 
 
-def test_heartbeat_of_other_vehicle_ends_its_ranges_in_flight(rig):
+def test_ranges_of_sender_are_rejected_after_its_autopilot_heartbeat(rig):
     other = Voice(42, 1)
 
     def speaks():
@@ -248,7 +250,7 @@ def fast(rig, hz, values=lambda n: 15000 + n % 2):
 
 
 @pytest.mark.parametrize("hz", [100, 200, 1000])
-def test_fast_ranges_are_merged_into_one_setpoint_per_tick(hz):
+def test_several_ranges_per_tick_give_one_setpoint(hz):
     rig = Rig().engage()
     taken = []
     observe = rig.pilot.tracker.estimator.observe
@@ -359,7 +361,7 @@ def test_link_delay_above_range_age_limit_loses_range(stale, phase):
     assert bool(ended and ended.reason.startswith("no range for")) is (phase is Phase.COASTING)
 
 
-def test_vehicle_link_delay_excludes_separate_ranging_link():
+def test_delay_of_vehicle_link_does_not_affect_ranging_link():
     rig = Rig("ranging.endpoint=udpin:127.0.0.1:14560")
 
     def by_radio():

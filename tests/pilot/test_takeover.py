@@ -280,7 +280,7 @@ def test_no_setpoint_before_confirmed_return(waiting, what, reason):
 
 
 @pytest.mark.parametrize("offset", [20, 60, 100, 150, 200, 250])
-def test_heartbeats_of_delayed_second_link_do_not_return_vehicle(offset):
+def test_delayed_heartbeats_of_second_link_do_not_return_control(offset):
     """Over each of two links one heartbeat per second arrives, numbered separately. The second link
     is 1.2 s slower, so it reports GUIDED after the takeover."""
     rig = Rig("engage.on_takeover=wait")
@@ -332,7 +332,7 @@ def test_taken_over_mission_never_completes(limits, before, how, ends):
     assert (rig.pilot.mission.outcome and rig.pilot.mission.outcome.ending) is ends
 
 
-def test_vehicle_can_be_returned_after_slow_link(waiting):
+def test_control_can_be_returned_after_link_was_slow(waiting):
     waiting.run(10.0, mode=LOITER, round_trip=0.8)
     assert waiting.run(GIVEN_BACK, mode=GUIDED).pilot.mission.phase is Phase.ENGAGED
 

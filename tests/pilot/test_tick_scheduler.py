@@ -49,7 +49,7 @@ def test_scheduler_avoids_ticks_shortly_before_ranges(hz: float, jitter: float) 
     assert 18 <= len(apart) / sum(apart) <= 24.5
 
 
-def test_scheduler_steps_at_ranges_faster_than_ticks() -> None:
+def test_scheduler_steps_at_every_range_of_fast_radio() -> None:
     steps, received = stepped(100.0)
     assert len(steps) == pytest.approx(received, abs=3)
 
@@ -60,13 +60,13 @@ def test_scheduler_waits_only_once_for_missing_range() -> None:
     assert sum(gap > 1.2 * TICK for gap in apart) < 0.25 * len(apart)
 
 
-def test_scheduler_keeps_ticks_on_range_grid() -> None:
+def test_scheduler_keeps_ticks_aligned_with_range_times() -> None:
     """The benchmark's array engine assumes a fixed grid of ticks, with or without lost ranges."""
     steps, _ = stepped(10.0, lost=0.4)
     assert max(abs(step / TICK - round(step / TICK)) for step in steps) < 1e-6
 
 
-def test_scheduler_at_once_makes_tick_due_immediately() -> None:
+def test_scheduler_makes_tick_due_immediately_on_request() -> None:
     ticks = TickScheduler(TICK)
     ticks.stepped(1.0)
     assert ticks.due == 1.0 + TICK

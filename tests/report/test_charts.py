@@ -100,7 +100,7 @@ def test_chart_line_is_clipped_by_its_frame():
         "bars",
     ],
 )
-def test_chart_line_kinds_draw_gaps_dots_and_bars(values, chart, kind, drawn):
+def test_chart_lines_are_drawn_with_gaps_dots_or_bars(values, chart, kind, drawn):
     times = list(range(len(values)))
     assert path(strip(times, values, [0, times[-1]], **chart), f"{kind} estimate") == drawn
 
@@ -134,7 +134,7 @@ def test_columns_without_data_give_no_chart():
 # --- words over time, and marks
 
 
-def test_band_of_words_has_stretches_with_stable_colors():
+def test_chart_band_gives_each_word_a_constant_color():
     spans = stretches(np.arange(6.0), ["a", "a", "b", "b", "a", "a"])
     assert spans == [(0.0, 2.0, "a"), (2.0, 4.0, "b"), (4.0, 5.0, "a")]
     drawn = script(f"Charts.band(spans, [0, 5], {WIDTH})", spans=spans)

@@ -40,7 +40,7 @@ def column(*values):
         ([150] * 67 + [100] * 33, None),
     ],
 )
-def test_radius_settles_within_5_percent_for_95_percent_of_rest(radius, settled):
+def test_radius_settles_when_95_percent_stay_within_5_percent(radius, settled):
     """At r_d = 100 m the band is 95 to 105 m, both included. The settling time is measured from the
     first sample."""
     assert metrics.settled(np.arange(10.0, 110.0), column(*radius), 100.0) == settled
@@ -91,7 +91,7 @@ def test_rms_error_shows_oscillation_around_exact_mean():
         (0.0, None),
     ],
 )
-def test_swept_angle_gives_direction_from_quarter_turn(turns, direction):
+def test_direction_of_rotation_needs_swept_quarter_turn(turns, direction):
     """Angles are counter-clockwise from east, as seen from above with north up."""
     angle = 1.0 + np.linspace(0, turns * 2 * np.pi, 1000)
     swept = metrics.swept_angle(5 * np.sin(angle), 5 * np.cos(angle))
@@ -139,7 +139,7 @@ def from_limit_to_limit():
     return 2.0 * np.sin(phase)
 
 
-def test_relay_command_has_figures_calculated_by_hand():
+def test_metrics_of_relay_command_match_hand_calculation():
     """The command is LIMIT and -LIMIT for 0.5 s each: the standard deviation is LIMIT, and the
     variation 4 LIMIT per second."""
     relay = np.where(np.arange(len(TIME)) // 10 % 2 == 0, LIMIT, -LIMIT)

@@ -33,7 +33,7 @@ def test_ticks_are_read_without_incomplete_last_line(run_folder):
     assert (len(read_ticks(folder).time), read_ticks(folder).engaged_at) == (0, None)
 
 
-def test_truth_is_read_in_run_time(run_folder):
+def test_simulated_truth_is_read_with_times_of_run(run_folder):
     truth = read_truth(run_folder(), EPOCH_US)
     assert truth.time[[0, 1, -1]] == pytest.approx([0.0, 0.5, 300.0])
     assert truth.radius[[0, -1]] == pytest.approx([120.0, 101.0], abs=1e-3)
@@ -57,7 +57,7 @@ def truth(north, system=1, *, spoilt=None):
     ],
     ids=["a real vehicle", "no numbers", "the vehicle that was flown", "the first sender"],
 )
-def test_truth_is_read_from_one_vehicle_only(tmp_path, messages, system, norths):
+def test_simulated_truth_is_read_from_one_vehicle_only(tmp_path, messages, system, norths):
     """Any sender that reaches circnav's port can send truth messages."""
     frames = [
         bytes(message.pack(mavlink.MAVLink(None, srcSystem=sender))) for sender, message in messages

@@ -123,7 +123,7 @@ def lateness(seed):
 
 
 @pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
-def test_autopilot_clock_starts_as_local_clock(autopilot, speed):
+def test_autopilot_clock_runs_in_real_time_before_first_message(autopilot, speed):
     """At first only SYSTEM_TIME arrives, once per second, because ATTITUDE has not been requested
     yet."""
     assert autopilot.silent(3.0) == pytest.approx(3.0)
@@ -300,7 +300,7 @@ def test_lockstep_clock_reaches_every_tick_in_whole_microseconds():
         assert whole_microseconds(clock.now())
 
 
-def test_lockstep_links_are_provided_by_vehicle():
+def test_lockstep_links_exchange_data_with_simulated_vehicle():
     vehicle = Metronome()
     clock = Lockstep(vehicle)
     assert list(clock.links(ranging_apart=False)) == ["vehicle"]

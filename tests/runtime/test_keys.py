@@ -173,7 +173,7 @@ def test_damaged_timestamp_file_is_refused_in_one_line(path: Path) -> None:
         Flight(path.parent / "gone" / "drone.key.timestamp")
 
 
-def test_disk_failure_in_flight_is_noted(path: Path) -> None:
+def test_failure_to_store_signing_timestamp_is_reported(path: Path) -> None:
     flight = Flight(path)
     path.unlink()
     path.mkdir()

@@ -161,7 +161,7 @@ def test_udpout_receives_only_from_its_address(udp, udpout):
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.1.1", "localhost"])
-def test_udpout_accepts_every_name_of_this_computer(host):
+def test_udpout_accepts_replies_from_any_local_address(host):
     """The vehicle's answers have the source 127.0.0.1, for each of these host names."""
     with closing(socket.socket(*UDP)) as vehicle:
         vehicle.bind(("0.0.0.0", 0))
@@ -181,7 +181,7 @@ def test_many_unknown_udp_senders_are_summarized(udpout):
     assert len(udpout.troubles) <= 5
 
 
-def test_refusing_udp_peer_is_counted_and_may_return(request, port):
+def test_udp_link_continues_when_peer_returns_after_refusal(request, port):
     """After ICMP "port unreachable" the socket raises an error, which must not end the link."""
     link = opened(request, f"udpout:127.0.0.1:{port}")
     for _ in range(3):
@@ -252,7 +252,7 @@ def test_tcp_link_reconnects_after_one_second(server, tcp, monkeypatch, end):
     there.close()
 
 
-def test_unreachable_tcp_server_does_not_occupy_loop(server, tcp):
+def test_unreachable_tcp_server_does_not_block_loop(server, tcp):
     """A thousand calls of `receive` between two retries make one attempt to connect. Meanwhile the
     link has no descriptor for `select`."""
     server.accept()[0].close()
@@ -405,7 +405,7 @@ def test_serial_device_without_permission_is_refused(line, monkeypatch):
     assert refused.value.no_peer, "udev may set the group of the device later"
 
 
-def test_program_that_has_device_open_is_named():
+def test_error_names_program_that_has_device_open():
     """Two programs that read one port each received a part of the bytes, without a message."""
     with open("/dev/full", "rb", buffering=0) as device:
         other = subprocess.Popen(["sleep", "60"], stdin=device)

@@ -108,7 +108,7 @@ def test_failed_listener_raises_alarm():
     assert list(listeners.alarms(3.0).values()) == listeners.problems
 
 
-def test_smallest_requested_speed_of_run_is_used():
+def test_run_uses_smallest_speed_requested_by_listeners():
     slow = Listener()
     slower = Listener()
     assert Listeners([Listener()]).pace is None

@@ -178,7 +178,7 @@ def test_recorder_keeps_size_limit_of_run_folder(recorder):
     )
 
 
-def test_slow_disk_causes_gaps_but_no_memory_growth(tmp_path, monkeypatch):
+def test_slow_disk_causes_recording_gaps_but_no_memory_growth(tmp_path, monkeypatch):
     """The recorder's thread is not started, as if its first write never returned."""
     monkeypatch.setattr("circnav_mav.runtime.recorder.MOST_WAITING", 50)
     recorder = Recorder(tmp_path, "")

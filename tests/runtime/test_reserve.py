@@ -31,7 +31,7 @@ def no_descriptor_left():
         os.close(filler)
 
 
-def test_reserve_writes_file_without_free_descriptor(tmp_path, no_descriptor_left):
+def test_reserved_descriptor_writes_file_when_no_other_is_free(tmp_path, no_descriptor_left):
     reserve = Reserve(tmp_path)
     no_descriptor_left()
     with pytest.raises(OSError, match="Too many open files"):
@@ -74,7 +74,7 @@ def test_summary_is_written_on_full_disk(tmp_path):
         subprocess.run(["umount", str(disk)], check=True)
 
 
-def test_guidance_runs_at_memory_limit_of_start():
+def test_guidance_needs_no_more_memory_than_at_start():
     """The first product of matrices once allocated 32 MB in flight. A limit ended the process by a
     signal, without a safe setpoint."""
     code = """

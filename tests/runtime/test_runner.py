@@ -205,7 +205,7 @@ class Lasting(Listener):
         return [b"streams"] if self.called_off else []
 
 
-def test_busy_listener_continues_the_loop_until_a_signal(fly):
+def test_loop_continues_for_busy_listener_until_a_signal(fly):
     """In the step after the signal, the listener restores the stream rates. The sent frames are
     recorded."""
     lasting = Lasting()
@@ -217,7 +217,7 @@ def test_busy_listener_continues_the_loop_until_a_signal(fly):
     assert [step.attached for step in recorder.steps] == [[], [], [], [b"streams"]]
 
 
-def test_exchanged_frames_are_recorded_but_not_sent_to_vehicle(fly):
+def test_frames_between_fleet_members_are_recorded_without_sending(fly):
     class Member(Listener):
         def take_exchanged(self):
             return [b"report"]
@@ -230,7 +230,7 @@ def test_exchanged_frames_are_recorded_but_not_sent_to_vehicle(fly):
 
 @pytest.mark.parametrize(("seconds", "is_dropped"), [(0.4, False), (5.0, True)])
 @pytest.mark.parametrize("moment", ["reading", "decoding", "deciding", "preparing the rest"])
-def test_loop_drops_frames_computed_before_pause(fly, seconds, is_dropped, moment):
+def test_loop_drops_frames_computed_before_process_was_paused(fly, seconds, is_dropped, moment):
     """The process stops in its second step. A setpoint or mode request computed before the pause
     must not be sent after it, because the operator may have taken over meanwhile."""
     pilot = FakePilot(3)

@@ -120,7 +120,7 @@ def test_status_counts_rejected_ranges_by_reason(statuses):
     assert flown.ticks[-1].rejected == sum(status.rejected.values())
 
 
-def test_status_shows_dry_run_and_reason_of_law(statuses):
+def test_status_shows_dry_run_and_reason_for_law(statuses):
     seen = statuses(9.0, event="takeover", law="auto")
     assert {bool(status.why) for status in during(seen, "engaged")} == {True}
     assert {status.why for status in seen if status.tick.law == ""} == {""}
@@ -176,7 +176,7 @@ def test_status_picture_uses_width_of_terminal(statuses):
 
 
 @pytest.mark.parametrize("height", [6, 14])
-def test_status_picture_on_low_terminal_shows_phase_and_alarm(statuses, height):
+def test_status_picture_on_short_terminal_shows_phase_and_alarm(statuses, height):
     """On a low terminal the picture omits its last rows. The first picture is written by the
     display's thread, because writing may block forever."""
     console = Console(
@@ -216,7 +216,7 @@ def test_status_bars_and_sparkline_follow_turn_and_error(statuses):
 @pytest.mark.parametrize(
     ("seconds", "event"), [(12.0, None), (9.0, "takeover")], ids=["engaged", "ended"]
 )
-def test_every_fact_of_status_has_value(statuses, seconds, event):
+def test_every_row_of_status_has_value(statuses, seconds, event):
     facts = status_facts(statuses(seconds, event=event)[-1])
     assert {name: text for name, text in facts.items() if re.search(r"(^| )-(,| |$)", text)} == {}
 

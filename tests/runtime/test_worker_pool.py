@@ -85,7 +85,7 @@ def is_running(process):
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
-def test_workers_end_with_a_killed_parent(tmp_path):
+def test_workers_end_when_parent_process_is_killed(tmp_path):
     """The workers are executing jobs that would take ten minutes."""
     script = tmp_path / "holds.py"
     script.write_text(HOLDS)

@@ -16,7 +16,7 @@ def rover(**tables):
     ("speed", "rate", "radius", "frame"),
     [(2.0, 0.2, 10.11, 1), (3.0, -0.3, 10.13, 8), (1.0, 0.5, 2.01, 9)],
 )
-def test_rover_circle_is_one_percent_wide_in_any_frame(speed, rate, radius, frame):
+def test_rover_circle_is_slightly_larger_than_commanded(speed, rate, radius, frame):
     companion = rover()
     companion.fly(10.0, speed, rate, frame=frame, rate=10.0)
     truth = companion.truth
@@ -26,7 +26,7 @@ def test_rover_circle_is_one_percent_wide_in_any_frame(speed, rate, radius, fram
     assert truth.down == 0.0
 
 
-def test_rover_limits_speed_and_drives_in_reverse():
+def test_rover_limits_speed_forward_and_in_reverse():
     companion = rover()
     companion.velocity(3.0, 0.1, mask=0x407)
     assert companion.vehicle.setpoint_log == []

@@ -75,7 +75,7 @@ def test_copter_holds_height_at_half_thrust():
     assert companion.truth.down == pytest.approx(-59.3, abs=0.5)  # climb of 4 s at up to 2.5 m/s
 
 
-def test_guided_nogps_leans_levels_and_sinks():
+def test_guided_nogps_copter_follows_attitude_and_thrust_setpoints():
     leaning, silent, sinking = (
         aboard("arducopter_nogps", start={"speed_mps": 5.0}) for _ in range(3)
     )

@@ -91,7 +91,7 @@ def test_tampered_frame_differs_in_one_value():
     assert after[4:7] == before[4:7]
 
 
-def test_tampers_change_only_one_direction_and_message():
+def test_tampering_affects_only_its_direction_and_message_type():
     link = FaultLink()
     link.tampers += [dropping(132), on(132, outliers(1.0, (5.0, 5.0), 1), direction=UP)]
     link.push(DOWN, distance(1000), 0.0)

@@ -72,7 +72,7 @@ def test_copter_lands_settles_and_disarms(mode, wind):
     assert not companion.truth.armed and not companion.truth.crashed and touched < 80.0
 
 
-def test_stick_lands_copter_and_disarms_after_delay():
+def test_copter_landed_by_stick_disarms_after_delay():
     """ArduCopter/motors.cpp, auto_disarm_check: DISARM_DELAY 10 s with the stick down."""
     events = at(0, "arm"), at(0, "throttle", 1.0), at(3, "throttle", 0.2)
     companion = on_ground("arducopter", "ALT_HOLD", *events)
@@ -101,7 +101,7 @@ def test_plane_takes_off_from_runway():
     assert not companion.truth.crashed
 
 
-def test_plane_banked_out_of_ground_roll_crashes():
+def test_plane_crashes_when_guided_interrupts_its_takeoff_run():
     """On 4.6.3 a plane that left TAKEOFF at 5 m/s rolled for 15 s at 0.2 m, then touched the ground
     with banks of 40 to 97 deg. On its wheels it stays level (GROUND_BEHAVIOR_FWD_ONLY)."""
     companion = on_ground("arduplane", "TAKEOFF", at(1, "arm"), at(2.3, "mode", mode="GUIDED"))
@@ -114,7 +114,7 @@ def test_plane_banked_out_of_ground_roll_crashes():
     assert landed_states(companion) == [ON_GROUND, IN_AIR, ON_GROUND]
 
 
-def test_wing_tip_touches_ground_in_low_bank():
+def test_plane_crashes_when_wing_tip_touches_ground():
     start = {"mode": "GUIDED", "altitude_m": 0.6}
     companion = aboard("arduplane", start=start)
     companion.repeat(3.0, lambda: companion.attitude(0xC6, BANK))

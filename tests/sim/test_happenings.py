@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from tests.sim.station import Station, aboard, build
 
 
-def test_scripted_mode_change_and_disarming():
+def test_scripted_events_change_mode_and_disarm_vehicle():
     events = [{"at_s": 2.5, "action": "mode", "mode": "BRAKE"}, {"at_s": 3.6, "action": "disarm"}]
     companion = aboard(mode="GUIDED", events=events)
     companion.fly(3.45, 5.0, 0.1)
@@ -115,7 +115,7 @@ def test_loiter_is_refused_at_once_after_gps_loss():
     assert companion.truth.mode == 9
 
 
-def test_single_ekf_report_has_no_flags():
+def test_scripted_event_clears_flags_of_one_ekf_report():
     companion = aboard(mode="GUIDED", events=[{"at_s": 2.5, "action": "ekf_zero"}])
     companion.stream(193, 1_000_000)
     companion.wait(5.5)
@@ -124,7 +124,7 @@ def test_single_ekf_report_has_no_flags():
     assert companion.truth.mode == 4
 
 
-def test_mode_requests_and_their_acks_are_lost():
+def test_scripted_events_lose_mode_requests_or_their_acks():
     events = [
         {"at_s": 1.0, "action": "lose_mode_ack"},
         {"at_s": 2.0, "action": "lose_mode_request", "value": 2},
@@ -138,7 +138,7 @@ def test_mode_requests_and_their_acks_are_lost():
 
 
 @pytest.mark.parametrize("profile", ["arducopter", "arducopter_nogps", "arduplane"])
-def test_heading_drift_grows_from_its_start(profile):
+def test_heading_error_grows_from_start_of_drift_event(profile):
     events = [{"at_s": 5.0, "action": "heading_drift", "value": 0.5}]
     companion = aboard(profile, events=events, sensors={"compass": False})
     companion.stream(30, 100_000)
@@ -155,7 +155,7 @@ def test_heading_drift_grows_from_its_start(profile):
     assert error() - before == pytest.approx(20.0, abs=0.5)
 
 
-def test_attitude_setpoint_turns_reported_heading():
+def test_copter_turns_until_reported_heading_equals_setpoint():
     """A copter with a wrong compass turns its reported heading to the commanded one."""
     sensors = {"heading_bias_deg": 30.0}
     companion = aboard("arducopter_nogps", "GUIDED_NOGPS", sensors=sensors)
@@ -199,7 +199,7 @@ def test_reboot_resets_clock_streams_and_routes():
     assert companion.listen("SYSTEM_TIME")[-1].time_boot_ms == 2100
 
 
-def test_muted_autopilot_continues_its_flight():
+def test_autopilot_continues_flight_while_its_transmission_is_muted():
     events = [
         {"at_s": 1.0, "action": "mute_autopilot"},
         {"at_s": 3.0, "action": "unmute_autopilot"},
@@ -213,7 +213,7 @@ def test_muted_autopilot_continues_its_flight():
     assert companion.listen("HEARTBEAT", source=(1, 1)) != []
 
 
-def test_battery_drains_and_can_be_set():
+def test_scripted_event_sets_charge_of_draining_battery():
     battery = {"percent": 80.0, "drain_percent_per_min": 6.0}
     companion = aboard(
         battery=battery, events=[{"at_s": 100.0, "action": "battery", "value": 15.0}]
@@ -253,7 +253,7 @@ def test_target_turns_and_accelerates_along_its_course():
 
 
 @pytest.mark.parametrize(("profile", "guided"), [("arducopter", 4), ("ardurover", 15)])
-def test_odometry_replaces_gps_after_an_origin(profile, guided):
+def test_guided_without_gps_needs_odometry_with_an_origin(profile, guided):
     companion = aboard(profile, "ACRO", vehicle={"gps": False, "odometry": True})
     assert companion.set_mode(guided) == [4]
     companion.send(mavlink.MAVLink_set_gps_global_origin_message(1, -353632621, 1491652374, 584000))
@@ -315,7 +315,7 @@ def test_steering_faults_replace_the_commanded_turn(profile, state):
     )
 
 
-def test_rover_turns_at_share_of_command():
+def test_weak_steering_fault_reduces_turn_rate_of_rover():
     events = [
         {"at_s": 1.0, "action": "steering_weak", "value": 0.4},
         {"at_s": 6.0, "action": "steering_weak", "value": 0.15},

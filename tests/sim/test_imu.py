@@ -87,7 +87,7 @@ def test_imu_faults_change_measured_acceleration():
     assert max(abs(a - b) for a, b in zip(shaken[:3], (x, y, z), strict=True)) > 5.0
 
 
-def test_only_first_accelerometer_fails():
+def test_accelerometer_fault_affects_only_first_imu():
     """Measured on 4.6.3 with SIM_ACC_FAIL_MSK 1: RAW_IMU keeps its accelerations, its gyros and
     SCALED_IMU2 continue, and the copter flies on its second IMU (send_raw_imu in GCS_Common.cpp is
     always the first). SCALED_IMU3 is all zero on a board with two IMUs and three compasses."""
@@ -112,7 +112,7 @@ def test_only_first_accelerometer_fails():
 
 
 @pytest.mark.parametrize("gps", [True, False])
-def test_accelerometer_bias_tilts_unaided_attitude(gps):
+def test_accelerometer_bias_tilts_estimated_attitude_without_gps(gps):
     """Without GPS, EKF3 takes a bias for gravity: 0.3 m/s^2 are 1.75 deg. The levelled copter then
     leans and drifts."""
     profile = "arducopter" if gps else "arducopter_nogps"
@@ -202,7 +202,7 @@ def struck(profile, mode, gust, from_deg=0.0, **vehicle):
     )
 
 
-def test_side_gust_turns_plane_before_carrying_it():
+def test_side_gust_turns_nose_before_displacing_plane():
     """A gust of 3 m/s across the nose causes a slip of 7.3 deg at once. The ground velocity then
     changes gradually by a part of the gust."""
     companion = struck("arduplane", "FBWA", 3.0, 90.0, airspeed_scale=1.0)
@@ -221,7 +221,7 @@ def test_side_gust_turns_plane_before_carrying_it():
 
 
 @pytest.mark.parametrize(("profile", "most"), [("arducopter", 1.0), ("px4_copter", 2.5)])
-def test_gust_pushes_copter_until_it_leans(profile, most):
+def test_gust_displaces_copter_until_lean_compensates(profile, most):
     companion = struck(profile, "LOITER", 5.0, dynamics="realistic")
     speeds = []
     for tick in range(300):

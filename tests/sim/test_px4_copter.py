@@ -61,7 +61,7 @@ def test_px4_copter_mode_requires_setpoints_or_sticks():
         (5.0, 0.3, 5.27, 0.298, -12.0, {"drag_per_s": 0.1}),
     ],
 )
-def test_px4_copter_loses_speed_but_no_turn_by_drag(speed, rate, flown, turned, crab, vehicle):
+def test_drag_reduces_speed_but_not_turn_of_px4_copter(speed, rate, flown, turned, crab, vehicle):
     companion = offboard(vehicle=vehicle)
     companion.fly(30.0, speed, rate)
     truth = companion.truth
@@ -82,7 +82,7 @@ def test_px4_copter_keeps_height_only_with_vertical_velocity_loop():
     assert companion.truth.down == pytest.approx(-50.0, abs=0.3)
 
 
-def test_offboard_loss_triggers_failsafe_and_recovers():
+def test_offboard_failsafe_ends_when_setpoints_return():
     companion = offboard(gcs=True)
     companion.fly(5.0, 3.0, 0.1)
     companion.wait(0.95)

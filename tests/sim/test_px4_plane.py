@@ -48,7 +48,7 @@ def test_px4_plane_banks_by_roll_stick_at_constant_height(held_in, stick, bank, 
     )
 
 
-def test_px4_plane_without_sticks_holds_then_returns():
+def test_px4_plane_without_sticks_loiters_then_flies_home():
     companion = plane()
     companion.sticks(0.0)
     companion.set_mode(*ALTCTL)
@@ -110,7 +110,7 @@ def test_mode_selected_after_stick_loss_is_kept():
     assert (seen[-1], companion.px4_mode) == ("RTL", "LOITER")
 
 
-def test_stick_loss_failsafe_requires_earlier_sticks_and_action():
+def test_stick_loss_failsafe_needs_earlier_sticks_and_configured_action():
     companion = plane()
     companion.sticks(0.0)
     companion.wait(1.0)

@@ -56,7 +56,7 @@ def test_distance_sensor_is_slant_range_in_centimeters():
         "beyond range of radio",
     ],
 )
-def test_distance_sensor_of_far_and_late_ranges(radio, after, expected):
+def test_distance_sensor_report_matches_range_and_latency_of_radio(radio, after, expected):
     companion = ranging(**radio)
     companion.wait(after)
     assert [

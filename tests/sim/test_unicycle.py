@@ -49,7 +49,7 @@ def test_path_of_unicycle_is_independent_of_step_size(steps, rate):
     )
 
 
-def test_turn_rate_lag_limit_and_braking():
+def test_unicycle_motion_matches_closed_form_of_lag_and_braking():
     after = LAGGED.step(NORTHBOUND, BodyVelocity(10.0, yaw_rate=0.5), 0.4)
     assert after.turn_rate == pytest.approx(0.5 * (1 - math.exp(-1)))
     assert after.heading == pytest.approx(0.5 * 0.4 - 0.5 * 0.4 * (1 - math.exp(-1)))

@@ -63,7 +63,7 @@ def test_sim_table_of_mission_is_used(tmp_path):
         ("\xff", "not a TOML file"),
     ],
 )
-def test_unreadable_vehicle_file_is_one_line(tmp_path, text, complaint):
+def test_unreadable_vehicle_file_gives_one_line_message(tmp_path, text, complaint):
     path = tmp_path / "vehicle.toml"
     if text is not None:
         path.write_bytes(text.encode("latin-1"))
@@ -72,7 +72,7 @@ def test_unreadable_vehicle_file_is_one_line(tmp_path, text, complaint):
     assert str(caught.value).startswith(f"{path}: {complaint}") and "\n" not in str(caught.value)
 
 
-def test_random_starts_stay_within_bounds_and_repeat_with_seed():
+def test_random_start_depends_only_on_seed_and_bounds():
     table = {
         "target": {"north_m": 50.0, "east_m": -20.0},
         "start": {

@@ -13,7 +13,7 @@ import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, nullcontext
-from math import isfinite, nan
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +128,7 @@ def write(rows: Sequence[Row], out: Path, form: str = "png") -> None:
     write_csv(cells, out / "table.csv")
     write_text(out / "table.md", markdown(cells))
     pictures.draw(cells, out / f"table.{form}")
-    if any(isfinite(cell.nees_last) for cell in cells):
+    if any(cell.consistency_flights for cell in cells):
         pictures.draw_consistency(cells, out / f"consistency.{form}")
 
 
@@ -229,7 +229,7 @@ def cell_of(rows: Sequence[Row], first: Sequence[Row]) -> Cell:
         nees_in_band=mean("nees_in_band"),
         nees_last=mean("nees_last"),
         nis_last=mean("nis_last"),
-        consistency_flights=len(known("nees_last")),
+        consistency_flights=max(len(known("nees_last")), len(known("nis_last"))),
         difference_median=quantile(differences, 0.5),
         difference_low=nan if less is None else less,
         difference_high=nan if more is None else more,

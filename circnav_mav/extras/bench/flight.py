@@ -5,7 +5,7 @@ SI, radians, the paper's frame (x east, y north, counter-clockwise).
 """
 
 from dataclasses import dataclass, replace
-from math import atan2, cos, exp, hypot, pi, sin, sqrt
+from math import atan2, cos, exp, hypot, nan, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,10 @@ TRUTH = "truth"
 PUBLISHED = "circnav_mav.extras.bench.published_laws:"
 POLICIES: dict[str, tuple[str, str]] = {
     **{law: (law, default_estimator(law)) for law in reversed(LAWS)},
-    **{law: (PUBLISHED + law, "kalman") for law in ("bounded", "barrier", "relay", "pd", "pi")},
+    **{
+        law: (PUBLISHED + law, "kalman")
+        for law in ("bounded", "three_circles", "relay", "pd", "pi")
+    },
     "bounded, sliding mode": (PUBLISHED + "bounded", PUBLISHED + "SlidingMode"),
     "full information": ("drift", TRUTH),
 }
@@ -369,19 +372,30 @@ def fly(situation: Situation, policy: str, seed: int, flight: int) -> Track:
             if estimate is not None:
                 rows["r_hat"][step] = estimate.r
                 rows["r_dot_hat"][step] = estimate.r_dot
-            if accepted and isinstance(estimator, AutoEstimator) and estimator.drift.ready:
-                rows["nees"][step] = _nees(estimator, world)
-                rows["nis"][step] = estimator.nis
+            if accepted and estimator.ready:
+                rows["nees"][step] = _nees(estimator, estimate, world)
+                rows["nis"][step] = nan if estimator.nis is None else estimator.nis
         world.step(situation.dt, turn)
     times = np.arange(steps) * situation.dt
     return Track(rows, times, float(direction.turn_sign), start, heading)
 
 
-def _nees(estimator: AutoEstimator, world: World) -> float:
-    """Return the normalized estimation error squared of range and direction at the newest range."""
-    estimate = estimator.drift.filter.estimate
-    assert estimate is not None
-    covariance = estimate.covariance[:2, :2]
-    direction = float(estimate.mean[1]) - atan2(world.y, world.x)
-    error = np.array([estimate.mean[0] - world.r, (direction + pi) % (2 * pi) - pi])
+def _nees(estimator: Estimator, found: RangeEstimate | None, world: World) -> float:
+    """Return the normalized estimation error squared of the position at the newest range: of range
+    and direction for `auto`, of x and y for an estimator that returns `position_covariance`. NaN
+    without an estimated position."""
+    if isinstance(estimator, AutoEstimator):
+        estimate = estimator.drift.filter.estimate
+        if estimate is None or not estimator.drift.ready:
+            return nan
+        covariance = estimate.covariance[:2, :2]
+        direction = float(estimate.mean[1]) - atan2(world.y, world.x)
+        error = np.array([estimate.mean[0] - world.r, (direction + pi) % (2 * pi) - pi])
+    else:
+        relative = None if found is None else found.relative
+        if relative is None or relative.position_covariance is None:
+            return nan
+        xx, xy, yy = relative.position_covariance
+        covariance = np.array([[xx, xy], [xy, yy]])
+        error = np.array([relative.x - world.x, relative.y - world.y])
     return float(error @ np.linalg.solve(covariance, error))

@@ -24,7 +24,7 @@ def draw(cells: Sequence[Cell], path: Path) -> None:
     with mpl.rc_context(PAPER | {"axes.grid": False, "font.size": 7}):
         # 2.7: width of the names of the situations (1.9) and of the color scale (0.8), inches.
         width = min(max(COLUMN, 2.7 + 0.5 * len(columns)), PAGE)
-        figure = Figure(figsize=(width, max(2.2, 1.3 + 0.28 * len(rows))), layout="constrained")
+        figure = Figure(figsize=(width, max(2.8, 1.3 + 0.28 * len(rows))), layout="constrained")
         axes = figure.subplots()
         for cell in cells:
             i = rows.index(cell.situation)
@@ -79,7 +79,7 @@ def draw_consistency(cells: Sequence[Cell], path: Path) -> None:
             axes.axvline(freedom, color="#777777", lw=0.8)
             values = [getattr(cell, name) for cell in shown]
             axes.plot(values, spots, "o", ms=4, color="#d55e00", label="mean")
-        left.set(yticks=spots, xlabel="NEES of range and direction (expected: 2)")
+        left.set(yticks=spots, xlabel="NEES of the position (expected: 2)")
         left.set_yticklabels(names)
         left.invert_yaxis()
         right.set_xlabel("NIS of the range (expected: 1)")

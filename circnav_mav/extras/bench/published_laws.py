@@ -1,5 +1,5 @@
-"""Published laws on range and range rate, and a published estimator, for comparison, written as
-user-defined laws (docs/api.md).
+"""Published laws on range and range rate, a law after the idea of a paper, and a published
+estimator, for comparison, written as user-defined laws (docs/api.md).
 
 Each function here returns, for a circle, a function from an estimate to a turn rate (rad/s,
 counter-clockwise positive). e is the radius error r - r_d, V the speed, and k the gain at `lag`,
@@ -45,17 +45,17 @@ def _bounded_gain(orbit: Orbit, lag: float) -> tuple[float, float]:
     return k, sqrt(orbit.radius**2 - 1 / k**2)
 
 
-def barrier(orbit: Orbit, lag: float = LAG) -> OwnLaw:
+def three_circles(orbit: Orbit, lag: float = LAG) -> OwnLaw:
     """omega = f(r) + k r' with f = k V sqrt(1 - (r_a/r)^2) outside the auxiliary circle r_a, and
     f = -k V (r_a - r)/(r - r_c) between the safety circle r_c and r_a.
 
     k and r_a are k and r_s of `bounded`; r_c = r_d/2. While the vehicle flies away from the target
     inside r_a, f is at least -k V.
 
-    Source: Bhati, Vaishnavi, Jain, "Safe circumnavigation of a hostile target using range-based
-    measurements", arXiv 2501.06528 (2025). Only its abstract was read: three circles (stabilizing,
-    auxiliary, safety), a barrier Lyapunov function, and a gain inside the auxiliary circle. The
-    equations here are not from the paper. They are derived as follows. With the distance p from the
+    Not a published law: after the idea of Bhati, Vaishnavi, Jain, "Safe circumnavigation of a
+    hostile target using range-based measurements", arXiv 2501.06528 (2025). Only its abstract was
+    read: three circles (stabilizing, auxiliary, safety), a barrier Lyapunov function, and a gain
+    inside the auxiliary circle. The equations are derived as follows. With the distance p from the
     target to the line of flight, p' = omega r r'/V. So E = 1/V int r f dr - p has the derivative
     E' = -k r r'^2/V <= 0. E is a barrier: it grows without bound towards r_c.
 

@@ -35,7 +35,9 @@ class Cell:
     limit_cycles: number of flights with a limit cycle (see `TurnFigures`).
     range_rmse, rate_rmse: RMS error of the estimated range (m) and range rate (m/s) over the last
         100 s. rate_p99: median of the 99th percentile of the absolute error in a flight.
-    nees_mean: mean normalized estimation error squared (NEES) of (r, theta).
+    nees_mean: mean normalized estimation error squared (NEES) of the position over the accepted
+        ranges of the last 100 s: of (r, theta) for `auto`, of (x, y) for a user-defined estimator
+        that returns `RelativeMotion.position_covariance`, NaN for the others.
     nees_in_band: fraction of steps with this NEES in its 95 % band.
     nees_last, nis_last: mean NEES, and mean normalized innovation squared (NIS), at the last range
         of each flight. These values are independent. consistency_flights: their number.

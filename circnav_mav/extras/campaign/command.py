@@ -1,18 +1,27 @@
 """The command `circnav campaign`: many flights, their table and pictures."""
 
 import signal
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
+
+from circnav_sim.config import ConfigError
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.cli.progress import flights, progress
 from circnav_mav.extras.campaign.figures import SUMMARY, summarize
 from circnav_mav.extras.campaign.fly import fly_run
-from circnav_mav.extras.campaign.plan import Campaign, CampaignError, load_campaign, unflyable_value
+from circnav_mav.extras.campaign.plan import (
+    Campaign,
+    CampaignError,
+    load_campaign,
+    unflyable_value,
+    without_effect,
+)
 from circnav_mav.extras.campaign.plots import plot_campaign
 from circnav_mav.extras.campaign.store import TABLE, Store
 from circnav_mav.foreign import printable
+from circnav_mav.mission.load import MissionError
 from circnav_mav.runlog.atomic_write import write_json
 from circnav_mav.runtime.clock import local_time_name
 from circnav_mav.runtime.jobs import JobsError, cores, fly
@@ -43,6 +52,9 @@ def fly_campaign(
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         with closing(Store(folder, campaign, resume=resume)) as store:
             say(f"{campaign.where}: {campaign.runs} flights")
+            with suppress(MissionError, ConfigError):  # a run that cannot be flown has its own row
+                if note := without_effect(campaign):
+                    say(f"  WARNING    {note}")
             interrupted = _fly(campaign, store, scheduler, processes)
             return _finish(campaign, store, printable(name), interrupted, form)
 

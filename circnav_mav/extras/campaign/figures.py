@@ -190,10 +190,11 @@ def _paired(before: Rows, after: Rows, others: Sequence[str], points: int) -> di
 
 
 def wilson(share: float, worlds: int) -> Interval:
-    """Return Wilson's score interval of a share, over a number of independent worlds.
+    """Return Wilson's score interval of a share.
 
-    Flights in one world are counted as one flight, because they may all have the same result. If
-    their results differ, the interval is wider than necessary.
+    worlds: number of independent random draws. All flights with the same draws count as one flight,
+        because they may all have the same result. If their results differ, the interval is wider
+        than necessary.
     """
     if worlds == 0:
         return None, None
@@ -204,6 +205,7 @@ def wilson(share: float, worlds: int) -> Interval:
 
 
 def percentile(values: Any, q: float) -> float | None:
-    """Return a percentile for JSON. None: never (infinity), or no values."""
+    """Return a percentile, or None if it is infinite (an event that never occurs) or there are no
+    values: JSON has no infinity."""
     value = quantile(values, q / 100)
     return value if isfinite(value) else None

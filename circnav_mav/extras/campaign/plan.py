@@ -18,6 +18,7 @@ import numpy as np
 from circnav_sim.config import ConfigError, VehicleConfig, parse_vehicle
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from circnav_mav.cli.check import NO_WIND, drifts_with_wind
 from circnav_mav.guidance.own_code import OwnCodeError
 from circnav_mav.mission.load import (
     MissionError,
@@ -51,7 +52,7 @@ DRAWS: dict[str, Callable[..., Any]] = {
     "choice": lambda rng, *values: values[rng.integers(len(values))],
 }
 MOST = 1e300
-"""Largest bound of a draw. The sum of two such numbers is still finite."""
+"""Largest bound of a random value. It is chosen so that the sum of two such numbers is finite."""
 FORMS = (
     "a list, {uniform=[low, high]}, {log_uniform=[low, high]}, {normal=[mean, sigma]} or"
     " {choice=[...]}"
@@ -59,7 +60,8 @@ FORMS = (
 
 
 def read_spec(value: Any) -> Spec:
-    """Return the spec of a key of [vary]. Raises ValueError with the remedy."""
+    """Return the grid or the distribution that a value in [vary] describes. Raises ValueError with
+    the remedy."""
     if isinstance(value, list):
         if not value:
             raise ValueError("is an empty list, name at least one value")
@@ -115,10 +117,11 @@ START = {
 """Keys of [vary] for the start relative to the target, and the keys of the vehicle file that they
 set. The vehicle file has this start only as bounds of random values."""
 LEAST_TRIED = 32
-"""Smallest number of runs tried before a value is refused."""
+"""Smallest number of runs whose missions are checked for a listed value. If all of these missions
+are impossible, the campaign file is refused."""
 MOST_TRIED = 256
-"""Largest number of runs tried before a value is refused. Between both bounds, one run is tried for
-each grid point of the other keys."""
+"""Largest number of runs that are checked for a listed value. Between both bounds, one run is
+checked for each grid point of the other keys."""
 
 
 @dataclass(frozen=True)
@@ -285,6 +288,15 @@ def prepare(campaign: Campaign, number: int) -> Run:
     return Run(number, values, mission, parse_vehicle(mission.file.sim, f"{where}: sim"))
 
 
+def without_effect(campaign: Campaign) -> str | None:
+    """Return a note if the campaign varies the wind, and the vehicle of its first run holds its
+    speed over ground. Raises MissionError, ConfigError."""
+    if "sim.wind.speed_mps" not in campaign.specs:
+        return None
+    run = prepare(campaign, 0)
+    return None if drifts_with_wind(run.mission, run.vehicle) else NO_WIND
+
+
 def unflyable_value(campaign: Campaign) -> str | None:
     """Return the reason why a listed value cannot be flown with any other values, or why no run can
     be flown. None if all values can be flown."""
@@ -297,11 +309,10 @@ def unflyable_value(campaign: Campaign) -> str | None:
 
 
 def _why_not(campaign: Campaign, stride: int, values: int, which: int) -> str | None:
-    """Return the reason why no run with value number `which` of a key can be flown. None if one run
-    of a sample can be flown.
+    """Return the reason why no run with value number `which` of a key can be flown. None if a run
+    can be flown.
 
-    The sample is taken from the grid and the draws.
-
+    Only a sample of the runs is checked: some points of the grid, with some random draws.
     stride: step in the number of the grid point from one value of the key to the next.
     values: number of values of the key.
     """

@@ -23,8 +23,8 @@ Rows = Sequence[dict[str, str]]
 LOST = "#c8501e"
 LINE = "#1f5fa8"
 BINS = 12
-"""Number of groups of flights along an axis. Chosen: a curve needs many groups, a median many
-flights in each."""
+"""Number of groups of flights along an axis. Chosen as a compromise: a smooth curve needs many
+groups, and the median of a group needs many flights."""
 
 
 def plot_campaign(
@@ -85,7 +85,8 @@ def _pictures(
 
 
 def _worlds(rows: Rows, points: int) -> Any:
-    """Return the number of the draws of each flight. All points of the grid share the draws."""
+    """Return, for each flight, the index of its random draws. In one pass over the grid, all points
+    have the same draws."""
     return np.array([int(row["run"]) // points for row in rows])
 
 
@@ -95,7 +96,7 @@ def _numbers(rows: Rows, key: str) -> Any:
 
 def _starts(rows: Rows, title: str, points: int = 1) -> Figure:
     """Draw starting positions relative to the target and starting headings, colored by the share of
-    kept flights."""
+    flights that kept their circle."""
     figure = Figure(figsize=(PAGE, 3.5), layout="constrained")
     found = figures(rows, points)
     low, high = (100 * bound for bound in found["kept_interval"])
@@ -124,8 +125,8 @@ def _starts(rows: Rows, title: str, points: int = 1) -> Figure:
 
 
 def _shares(kept: Any, *coordinates: Any) -> tuple[Any, dict[str, Any]]:
-    """Return the distinct points, and the style of their dots: color by the share of kept flights
-    (%), and size."""
+    """Return the distinct points, and the style of their dots: size, and color by the share of
+    flights that kept their circle (%)."""
     points, which = np.unique(np.stack(coordinates, axis=1), axis=0, return_inverse=True)
     share = 100 * np.bincount(which.ravel(), kept) / np.bincount(which.ravel())
     return points.T, {
@@ -206,7 +207,8 @@ def _label_decades(axis: Any, values: Any) -> None:
 
 
 def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
-    """Draw the error of the engaged flights and the share of kept flights against one value.
+    """Draw the error of the engaged flights, and the share of flights that kept their circle,
+    against one value.
 
     With exactly one other swept key, each of its values has its own line.
     """

@@ -24,15 +24,16 @@ network is part of this difference."""
 MOST_MEMBERS = 32
 """Largest number of other members that are accepted at a time."""
 PHASE_RATE_TOLERANCE = 0.1
-"""Growth rate of the phase tolerance while both reports are from the circle, rad/s: changes of the
-commanded radius change the phase rate."""
+"""Growth rate of the phase tolerance, rad/s, between two reports that were both sent on the circle.
+There, only changes of the commanded radius change the phase rate."""
 CONFIRMED_AFTER = 2.0
 """Time, s, for which a phase must be consistent after a jump before it is accepted."""
 ALARM_COUNT = 3
 """Number of rejections for one reason within ALARM_TIME that raises an alarm. Single rejections are
 normal: a lossy network repeats and reorders frames."""
 ALARM_TIME = 5.0
-"""Time within which the rejections must occur, and for which the alarm lasts, s."""
+"""Time, s, within which ALARM_COUNT rejections raise an alarm. The alarm lasts for the same time
+after them."""
 _ROUNDING = 1e-6
 """Relative tolerance of the bounds: fields are rounded to 32 bits."""
 
@@ -272,7 +273,8 @@ class Acceptance:
         newer_by = report.stamp - known.report.stamp
         if newer_by <= 0:
             raise RejectedError(
-                Rejection.REPLAYED, f"id {report.member}, {-newer_by:.1f} s older than its newest"
+                Rejection.REPLAYED,
+                f"id {report.member}, {-newer_by:.1f} s older than this member's newest report",
             )
         # 0.1: shortest accepted time between two reports of one member, s: half the interval at the
         # highest rate.

@@ -34,8 +34,8 @@ m/s."""
 MAX_TRIM = 0.08
 """Largest value of the integral of the slot error, as a share of the angular rate."""
 FORGET = 300.0
-"""Decay time of the integral in a ring, s. The decay removes the part that is common to all
-members."""
+"""Decay time of the integral, s, while other members are on the circle. The decay removes the part
+that is common to all members."""
 FORGET_ALONE = 30.0
 """Decay time of the integral without other members on the circle, s."""
 SMOOTHING = 2.0
@@ -47,7 +47,7 @@ MAX_RADIUS_SHARE = 0.2
 MAX_SPEED_SHARE = 0.15
 """Largest change of the speed for the spacing, as a share of the speed."""
 LANE = 25.0
-"""Distance of the outer lane from the circle, m."""
+"""Distance of the outer lane from the circle, m. Members that wait or leave fly in this lane."""
 LANE_SHARE = 0.25
 """Largest distance of the outer lane from the circle, as a share of the radius."""
 
@@ -142,7 +142,7 @@ class Adjustment:
     state: state to report.
     offset: change of the radius, outward, m.
     speed: factor of the speed.
-    error: smoothed lag u, rad, None while not on the circle.
+    error: smoothed phase lag u behind the slot, rad, None while not on the circle.
     counted: phases of the members on the circle including this one, rad, by id.
     own: state of this member at this step.
     """

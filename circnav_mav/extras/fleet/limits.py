@@ -16,8 +16,8 @@ from circnav_mav.mission.mission import Mission
 COMPASS_SIGMA = radians(2.0)
 """Standard deviation of the error of a typical calibrated compass, rad."""
 LEAST_GAP = 25.0
-"""Smallest distance of neighbors on the circle at which they are separate without height layers,
-m."""
+"""Smallest distance between neighbors on the circle, m, at which they need no different height
+layers."""
 AUTO_LAWS = ("auto", "drift")
 
 

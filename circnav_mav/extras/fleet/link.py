@@ -57,8 +57,8 @@ class FleetLink:
         key: the fleet's key, 32 bytes; None for unsigned frames.
         tolerance: largest accepted difference of clocks, s.
         """
-        # Not the `Signing` of the vehicle's link: a member with a wrong clock must not change the
-        # timestamp that signs commands to the autopilot.
+        # The fleet link has its own `Signing`, apart from the vehicle's link: a member with a wrong
+        # clock must not change the timestamp that signs commands to the autopilot.
         # 1: link id of signatures on the fleet link. The vehicle's link has 0.
         signing = None if key is None else Signing(key, link_id=1)
         self.acceptance = Acceptance(member, key, tolerance=tolerance)
@@ -88,7 +88,7 @@ class FleetLink:
         if self._signing is not None:
             self._signing.update(now)
         frame = self._encoder.encode(to_message(report))
-        # Multicast sends this frame back to this member.
+        # Remember the frame, because multicast also delivers it to this member.
         self.acceptance.remember(frame, now)
         if self._transport.send(frame, now):
             self.sent += 1

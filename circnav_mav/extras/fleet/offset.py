@@ -69,7 +69,8 @@ def offset_by_drift(own: Drift, other: Drift, sense: int, phases: PhaseMap) -> t
     """Return the offset computed from the directions of two drifts, and its standard deviation,
     rad.
 
-    phases: phase of this member as a function of its angle. Both members count from angle 0.
+    phases: phase of this member as a function of its angle. Each member counts its angle from the
+        east of its own compass, so the offset is the phase at the angle between the two easts.
     """
     if min(hypot(*own.mean), hypot(*other.mean)) < LEAST_DRIFT:
         return 0.0, inf

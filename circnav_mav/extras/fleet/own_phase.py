@@ -8,14 +8,15 @@ from circnav_mav.guidance.types import RelativeMotion
 from circnav_mav.pilot import Pilot
 
 UNKNOWN = Drift((0.0, 0.0), (1e4, 0.0, 1e4))
-"""Drift that is reported while it is unknown."""
+"""Drift in the reports of this member while its drift is unknown: a very large covariance."""
 
 
 class OwnPhase:
-    """Smoothed drift and airspeed of this member, and the map from its angle to its phase.
+    """Low-pass of this member's drift and airspeed, and its temporal phase on the circle.
 
-    drift: smoothed drift with the newest covariance.
-    map: None before the relative motion is known, and after a reversal of the circle.
+    drift: mean after the low-pass, and the covariance of the newest estimate.
+    map: map from the member's angle on the circle to its temporal phase. None before the relative
+        motion is known, and after a reversal of the circle.
     """
 
     def __init__(self, pilot: Pilot) -> None:

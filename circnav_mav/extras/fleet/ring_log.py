@@ -1,4 +1,5 @@
-"""Record of the ring as one member knows it: fleet.csv, and the figures in summary.json."""
+"""Record of the members on the circle, from the reports that one member receives: fleet.csv, and
+the figures in summary.json."""
 
 import io
 from collections.abc import Mapping
@@ -74,7 +75,8 @@ class RingLog:
     def figures(self) -> dict[str, Any]:
         """Return the figures for summary.json."""
         time, errors, sigmas = np.array(self._gaps).reshape(-1, 3).T
-        # A gap error within the uncertainty of the compasses is not known to be small.
+        # Compass errors can hide a gap error: add their standard deviation to it, so that the
+        # figures do not report a better evenness than is certain.
         errors = np.hypot(errors, sigmas)
         even = even_from(time, errors, 0.0)
         late = errors[time >= (inf if even is None else even)]

@@ -76,8 +76,8 @@ class Track:
         return float(np.median(np.diff(self.time)))
 
     def late(self, time: Array, delay: Array, period: float) -> tuple[Array, Array]:
-        """Return positions at a delay, and their derivatives with respect to it. period: as from
-        `period`."""
+        """Return the positions at the given times plus a delay, and their derivatives with respect
+        to the delay. period: median time between two positions, s."""
         # Between two positions, an interpolation averages their noise or rounding. A free delay
         # would then fit half a period between positions, and height and scale would follow: with
         # positions rounded to 11 m, correct ranges were found 7 m too short. Therefore the delay
@@ -128,13 +128,16 @@ class Knowledge:
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """Assumption about target and radio.
+    """Assumption about target and radio, for which one place is fitted.
 
-    penalty: chi-squared by which the hypothesis must fit better than that of no error.
-    bias, scale, speed: prior standard deviations, if larger than the known ones (m, 1, m/s).
+    penalty: chi-squared by which the fit must be better than the fit without such an error.
+    bias: prior standard deviation of the radio's bias, m, if larger than that of `Knowledge`.
+    scale: prior standard deviation of its scale error, if larger than that of `Knowledge`.
+    speed: prior standard deviation of the target's velocity, per axis, m/s.
     """
 
-    # 18.0: p = 2e-5 for one state, 1e-4 for two.
+    # 18.0: without such an error, chi-squared differs by this much with a probability of 2e-5 (one
+    # additional state) or 1e-4 (two states).
     penalty: float = 18.0
     bias: float = 0.0
     scale: float = 0.0
@@ -215,7 +218,8 @@ def _contest(
         ranges = replace(ranges, sigma=np.full(len(ranges.r), noise))
     problem = Problem(track, ranges, known)
     fit = problem.fit(start, prior)
-    # The ranges that the best hypothesis explains, and their noise, serve all.
+    # Use the ranges that the best hypothesis explains, and their noise, for the fits of all
+    # hypotheses. So their values of chi-squared can be compared.
     chosen = [_best(fit.chi2, penalty, len(ranges.r))]
     residual, sigma = (part[0] for part in problem.residual(fit.x[chosen]))
     off = residual / sigma
@@ -250,18 +254,20 @@ def _contest(
 def _best(chi2: Array, penalty: Array, count: int) -> int:
     """Return the number of the fit with the least penalized chi-squared. count: number of
     ranges."""
-    # The noise is at least that of the best fit. It is not quite white or normal: with many ranges,
-    # a small difference would be significant. 200: number of ranges above which the penalty grows
-    # with their number.
+    # The ranges have at least the noise of the best fit. This noise is not quite white or normal,
+    # so with many ranges a small difference of chi-squared would look significant. 200: number of
+    # ranges above which the penalty grows with their number.
     scale = min(1.0, count / float(chi2.min()))
     return int(np.argmin(scale * chi2 + penalty * (1 + count / 200)))
 
 
 def _with_doubt(place: Place, fit: "Fit", prior: Array, best: int) -> Place:
-    """Return the place with the displacement to the best fit of another hypothesis at rest as a
-    part of its error, if that fit is better by `AMBIGUOUS` before its penalty."""
-    # Without this part, a radio that measured 7 % too far was located with an error of 2.1 m and
-    # a stated one of 0.4 m: a bias of 3.6 standard deviations fitted nearly as well as the scale.
+    """Return the place with a larger covariance if another hypothesis fits much better (by
+    `AMBIGUOUS`) before its penalty. The displacement to the place of that fit is then a part of the
+    error."""
+    # Without this part, a radio that measured 7 % too far was located with an error of 2.1 m, and
+    # the stated error was 0.4 m. A bias of 3.6 standard deviations fitted nearly as well as the
+    # scale.
     rests = np.flatnonzero(prior[:, VE] == prior[best, VE])
     other = rests[np.argmin(fit.chi2[rests])]
     if fit.chi2[best] - fit.chi2[other] < AMBIGUOUS:
@@ -335,7 +341,8 @@ def _candidates(
         other = order[apart > 0.05 * float(np.median(thin.r))]
         rows += [(fit.x[at], one.prior(known), one.penalty) for at in (order[0], *other[:1])]
     start, prior, penalty = (np.array(part) for part in zip(*rows, strict=True))
-    # 3: enough steps, because outliers shift a fit with too large a noise.
+    # 3: number of steps that suffices. One is too few, because outliers shift a fit with too large
+    # an assumed noise.
     for _ in range(3):
         fit = problem().fit(start, prior)
         start = fit.x
@@ -343,7 +350,8 @@ def _candidates(
         residual, sigma = problem().residual(start[best])
         spread = 1.4826 * float(np.median(np.abs(residual)))
         noise = _noise(spread**2, sigma, problem().ranges)
-    # A jump of the positions can hold a delay at a whole period.
+    # A jump of the positions can keep the fitted delay at a wrong number of whole periods: start
+    # the next fit without a delay.
     start[:, DELAY] = 0.0
     return start[:, :OWN], prior, penalty, noise
 
@@ -505,8 +513,8 @@ class Problem:
             slope = np.einsum("fsn,fn->fs", table, weight * off)
             slope += np.einsum("fst,ft->fs", precision[open_], x[open_] - mean)
             diagonal = np.einsum("fss->fs", normal)
-            # A vehicle that has not moved sees the target along one line: the damping, and 1e-9,
-            # keep the matrix regular.
+            # The ranges of a vehicle that has not moved are all along one line, and the matrix is
+            # singular. The damping, and 1e-9, keep it regular.
             diagonal *= 1 + damping[open_, None]
             diagonal += 1e-9
             new = x[open_] - np.linalg.solve(normal, slope[:, :, None])[:, :, 0]

@@ -18,7 +18,7 @@ from circnav_mav.runtime.listeners import Listener, ListenerSettings
 
 class LocateListener(Listener):
     """Listener that runs a `Locator`. The estimator has its own process, because an estimate takes
-    longer than a tick. A thread would coast the interpreter lock and delay setpoints."""
+    longer than a tick. A thread would hold the interpreter lock and delay setpoints."""
 
     name = "locate"
 

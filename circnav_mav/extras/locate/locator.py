@@ -57,8 +57,8 @@ HOME_SIGMA = 50.0
 """Standard deviation of the target's altitude, m, if the mission gives no height. The altitude of
 home is then assumed."""
 MIN_COMPARED = 20
-"""Smallest number of positions and of ranges in the newest lap with which the radius by ranges is
-compared with the radius by positions."""
+"""Smallest number of positions, and of ranges, in the newest lap for a comparison of the radius
+computed from ranges with the radius computed from positions."""
 SETTLED = 0.05
 """Deviation from the circle's range below which a range is settled, as a share of the radius. If
 90 % of the ranges are settled, both radii are compared. During the approach, the mean distance is

@@ -14,7 +14,7 @@ def ardupilot(places: Mapping[str, Place]) -> Iterator[str]:
     for tag, place in places.items():
         if origin is None:
             origin = place
-            yield f"# {tag} is the origin of the beacons; {_rounding(place)}"
+            yield f"# origin of the beacon system: the place of {tag}; {_rounding(place)}"
             yield f"BCN_LATITUDE,{place.latitude:.8f}"
             yield f"BCN_LONGITUDE,{place.longitude:.8f}"
             if place.up_known:

@@ -84,14 +84,15 @@ OUTLIER_SPREAD = 100.0
 class Noise:
     """Noise model of each of M hypotheses, arrays (M,).
 
-    drift_psd: spectral density of d', m^2/s^3.
-    gust: standard deviation of each component of g, m/s.
+    drift_psd: spectral density of the rate of change of the drift d, m^2/s^3.
+    gust: standard deviation of each component of the gust g, m/s.
     white, drifting: standard deviations of the white and of the drifting range error, in units of
         the sample's sigma.
-    nose: standard deviation of each component of e, m/s.
+    nose: standard deviation of each component of e, the noise of heading and airspeed, m/s.
     acceleration_weight: 1 if the model uses the measured acceleration, else 0.
-    scale_bounds: bounds of kappa. Without bounds a filter can converge to a wrong solution.
-    acceleration_bias: standard deviation of f and l, m/s^2.
+    scale_bounds: bounds of the airspeed scale kappa. Without bounds a filter can converge to a
+        wrong solution.
+    acceleration_bias: standard deviation of the errors f and l of the measured acceleration, m/s^2.
     """
 
     drift_psd: Array

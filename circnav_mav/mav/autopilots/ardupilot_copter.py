@@ -62,8 +62,8 @@ MODE_NAMES = MappingProxyType(
     | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
 )
 KEPT_MODES = frozenset({6, 9, 18, 19, 21, 27})
-"""RTL, LAND, THROW, AVOID_ADSB, SMART_RTL and AUTO_RTL. Take-off and landing in AUTO are reported
-as landed state."""
+"""Modes RTL, LAND, THROW, AVOID_ADSB, SMART_RTL and AUTO_RTL. AUTO is not in this set, because the
+autopilot reports its take-off and landing in EXTENDED_SYS_STATE."""
 LEAN_LIMIT = Name("ATC_ANGLE_MAX", since="4.7"), Name("ANGLE_MAX", 0.01, until="4.6")
 """Names of the lean limit, with their factors to deg."""
 THRUST_AS_THRUST = 1 << 3

@@ -41,8 +41,8 @@ FULL_STICK = 50.0
 FULL_TILT = 35.0
 """Tilt of a copter at full stick, deg: the default of PX4's MPC_MAN_TILT_MAX."""
 FOLLOWED = 1.1
-"""Largest ratio of the requested acceleration to the vehicle's acceleration limit at which the
-vehicle is assumed to follow. In flight, ArduCopter followed a ratio of 1.05."""
+"""Largest ratio of the commanded acceleration to the vehicle's acceleration limit at which the
+vehicle is assumed to follow its commands. In flight, ArduCopter followed at a ratio of 1.05."""
 VELOCITY_IGNORED = (
     dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE | dialect.POSITION_TARGET_TYPEMASK_AX_IGNORE
 )
@@ -288,8 +288,8 @@ class Copter(Autopilot):
 def rules_by_parameter(
     methods: Iterable[type[Autopilot]],
 ) -> Mapping[tuple[Name, ...], Mapping[Rule, type[Autopilot]]]:
-    """Return the rules of each parameter for all these methods, with the first method that has
-    each rule. The key of a parameter is its names."""
+    """Return, for each parameter, its rules of all these methods. Each rule is listed with the
+    first method that has it. The names of a parameter are its key."""
     rules: dict[tuple[Name, ...], dict[Rule, type[Autopilot]]] = {}
     for method in methods:
         for rule in method.parameters:

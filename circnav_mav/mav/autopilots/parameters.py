@@ -21,7 +21,8 @@ SPEED_NEAR = 0.05
 """Largest difference between the autopilot's and the mission's airspeed that gives PASS, as a
 fraction."""
 SPEED_FAR = 0.2
-"""Largest such difference that gives WARN. A larger difference gives FAIL."""
+"""Largest difference between the autopilot's and the mission's airspeed that gives WARN, as a
+fraction. A larger difference gives FAIL."""
 COMMON_WIND = 8.0
 """Common wind for copter flights, m/s. A lean limit too small for this wind gives a warning."""
 

@@ -23,12 +23,12 @@ from circnav_mav.mav.autopilots.parameters import (
     timeout,
 )
 
+# Numbers of PX4's main modes (px4_custom_mode.h).
 ALTCTL = 2
 POSCTL = 3
 AUTO = 4
 OFFBOARD = 6
 ALT_CRUISE = 11
-"""Numbers of PX4's main modes (px4_custom_mode.h)."""
 
 
 def custom_mode(main: int, sub: int = 0) -> int:

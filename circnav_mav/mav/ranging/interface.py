@@ -38,7 +38,8 @@ class Reject(Enum):
 
 
 OTHERS = frozenset({Reject.WRONG_SOURCE.value, Reject.OTHER_SENSOR.value})
-"""Reasons for messages of other sensors, which do not indicate a fault of our sensor."""
+"""Reasons to reject messages of other sensors. Such rejections do not indicate a fault of our
+sensor."""
 EXPLAINED = frozenset({Reject.AMBIGUOUS.value, Reject.NO_HEIGHT.value})
 """Reasons that are shown to the operator with their remedy while they apply."""
 RATE_SIGMA = 0.3

@@ -247,7 +247,8 @@ class RangeReader:
     # --- checks, in the order in which they are made ---
 
     def _check_sender(self, received: _Received) -> Reject | None:
-        """Only the trusted sensor is used, until it is silent."""
+        """Reject a message of another sender or sensor than the trusted one, until the trusted one
+        is silent."""
         radio = self._radio
         if received.fits:
             if radio is None or received.moved or self._is_trusted(received):
@@ -259,11 +260,11 @@ class RangeReader:
         return Reject.WRONG_SOURCE
 
     def _check_sensor(self, received: _Received) -> Reject | None:
-        """The mission selects the sensor."""
+        """Reject a message of a sensor that the mission does not select."""
         return None if received.picked else Reject.OTHER_SENSOR
 
     def _check_reading(self, received: _Received) -> Reject | None:
-        """The message contains a plausible range."""
+        """Reject a message without a plausible range."""
         reading = received.reading
         if isinstance(reading, Reject):
             return reading
@@ -272,12 +273,12 @@ class RangeReader:
         return Reject.ABOVE_MAX if reading.slant > self._kind.farthest else None
 
     def _check_single_source(self, received: _Received) -> Reject | None:
-        """Before the engagement, a second source may be the intended source. In flight a second
-        source has no effect."""
+        """Reject all ranges while several sources fit the mission, because any of them may be the
+        intended one. In flight a second source has no effect."""
         return Reject.AMBIGUOUS if self._ambiguous(received.now) else None
 
     def _check_stamp(self, received: _Received) -> Reject | None:
-        """The stamp is newer than the newest stamp of the same clock."""
+        """Reject a message whose stamp is not newer than the newest stamp of the same clock."""
         if self._radio is not None and not (received.moved or self._is_trusted(received)):
             self._restart()
         clock = self.clock
@@ -288,8 +289,9 @@ class RangeReader:
         most_ahead = FUTURE if self._taken > KNOWN_AFTER else JUMP
         if most_ahead < clock.ahead(stamp, now) <= JUMP:
             self._since_ahead.restart(now)
-        # A looped route repeats old frames while the sensor still sends. So a new clock is followed
-        # only after some range periods without a stamp of the old clock.
+        # Routers that forward in a loop repeat old frames while the sensor still sends. Their old
+        # stamps look like another clock. So another clock is accepted only after some ranging
+        # periods without a stamp of the present clock.
         patience = LISTEN_PERIODS / self._settings.rate_hz
         newest = clock.newest
         order = clock.order(stamp, now, most_ahead=most_ahead, steady=JUMP, patience=patience)
@@ -298,9 +300,10 @@ class RangeReader:
             return None
         if order is Order.JUMPED:
             return Reject.STAMP_JUMP
-        # 0.5: time after a stamp with a lead above FUTURE, s, in which stamps of the old clock are
-        # rejected too. If the link has become faster, these ranges are older than the clock
-        # estimate shows.
+        # A stamp that leads by more than FUTURE has two possible causes: another clock, or a link
+        # with a shorter delay than before. With a shorter delay, the clock estimate still contains
+        # the longer one. Ranges with the expected stamps are then older than they seem. So reject
+        # them too, for 0.5 s after each stamp that leads.
         if self._since_ahead.age(now) < 0.5:
             clock.newest_at = now
             return Reject.CLOCK

@@ -19,17 +19,18 @@ SOURCE_SILENT = 5.0
 LISTEN = 1.0
 """Time after the first range in which circnav waits for a second source before it steers, s."""
 LISTEN_PERIODS = 2.5
-"""The same time in ranging periods. The longer of the two times applies."""
+"""Number of ranging periods after the first range in which circnav waits for a second source. If
+this time is longer than LISTEN, it applies instead."""
 MOST_SOURCES = 16
 """Largest number of sources that are stored."""
 MOST_NAMED = 4
 """Largest number of sources that are listed in one message."""
 JUDGED = 8
 """Number of newest ranges of an autopilot that are compared with a radio's ranges. If at least half
-of them are repetitions, the autopilot is an echo of the radio. Some originals may be lost on the
-link."""
+of them repeat a range of the radio, the autopilot forwards the radio and is no second source. Not
+all need to, because some frames of the radio may be lost on the link."""
 JUDGED_LEAST = 3
-"""Least number of compared ranges before an autopilot is taken as an echo."""
+"""Least number of compared ranges before an autopilot is judged to forward a radio."""
 
 
 class RangeSource(NamedTuple):
@@ -63,8 +64,8 @@ class _Received:
         self.at = 0.0
         self.picked = False
         self.slant: float | None = None
-        # 256: number of newest ranges that are kept to recognize an echo of this source, a quarter
-        # of a second at 1 kHz.
+        # 256: number of newest ranges that are kept, a quarter of a second at 1 kHz. An autopilot
+        # whose ranges repeat them forwards this source, and is not a second source.
         self.slants: deque[float] = deque(maxlen=256)
         self.repeats: deque[bool] = deque(maxlen=JUDGED)
         """Autopilots only: for each of its newest ranges, True if it repeats a range of a radio."""

@@ -36,7 +36,7 @@ def test_benchmark_gain_matches_check_of_quickstart(law):
 SHORT = replace(SITUATIONS["wind 0.20 V"], start=(80.0, 160.0), duration=125.0)
 
 
-def test_benchmark_separates_laws_in_wind(tmp_path):
+def test_benchmark_table_shows_larger_error_of_feedforward_in_wind(tmp_path):
     cells = [(SHORT, "full information"), (SHORT, "feedforward")]
     full, feedforward = table(run(cells, 1, 1, tmp_path))
     assert full.kept == feedforward.kept == 1
@@ -83,7 +83,7 @@ def cell():
     return cell_of(rows, [row | {"rms": row["rms"] - 2.0} for row in rows])
 
 
-def test_cell_figures_match_hand_calculation(cell):
+def test_benchmark_figures_match_hand_calculation(cell):
     """A flight is kept if its RMS error is below 10 m and its direction is right. The straight
     flight from 200 m to the tangent point takes about 12 s."""
     assert (cell.flights, cell.kept, cell.wrong_way, cell.limit_cycles) == (5, 2, 1, 0)
@@ -152,7 +152,7 @@ def test_consistency_picture_shows_chi_squared_band(cell, monkeypatch):
     assert list(drawn[0].axes[1].lines[1].get_xdata()) == [cell.nis_last]
 
 
-def test_picture_of_single_law_shows_scale_and_lost_cells(cell, monkeypatch):
+def test_picture_of_single_law_shows_color_scale_within_frame(cell, monkeypatch):
     figures = []
     monkeypatch.setattr(plots, "save", lambda figure, path, dpi: figures.append(figure))
     kept = [replace(cell, situation=str(rms), rms_median=rms, kept=5) for rms in (299.0, 301.0)]
@@ -164,7 +164,7 @@ def test_picture_of_single_law_shows_scale_and_lost_cells(cell, monkeypatch):
     assert [text.get_text() for text in figure.axes[0].texts] == ["299", "lost"]
 
 
-def test_benchmark_stops_remaining_cells_when_output_closes():
+def test_benchmark_stops_when_its_output_closes():
     """The output closes after the first cell, as in `circnav bench | head`. The other 100 cells
     would take very long."""
 

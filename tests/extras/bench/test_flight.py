@@ -46,7 +46,7 @@ def test_benchmark_gusts_have_given_sigma_and_correlation_time():
     assert (gusts[20:] * gusts[:-20]).mean() / 1.5**2 == pytest.approx(np.exp(-1), abs=0.06)
 
 
-def test_accelerating_target_stays_within_initial_speed():
+def test_random_walk_of_target_velocity_stays_below_speed_bound():
     pushed = world(Situation("walk", target=3.0, target_walk=0.5))
     speeds = []
     for _ in range(400):

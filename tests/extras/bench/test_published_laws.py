@@ -4,7 +4,7 @@ from math import cos, hypot, pi, sin
 
 import pytest
 
-from circnav_mav.extras.bench.published_laws import SlidingMode, barrier, bounded
+from circnav_mav.extras.bench.published_laws import SlidingMode, bounded, three_circles
 from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate, RangeSample
 
@@ -28,16 +28,16 @@ def flown(law, x, heading, seconds=150.0):
 
 @pytest.mark.parametrize("direction", Direction)
 @pytest.mark.parametrize(("x", "heading"), [(400.0, pi), (120.0, pi), (90.0, 0.9 * pi), (55.0, pi)])
-def test_barrier_law_stays_outside_safety_circle(direction, x, heading):
+def test_three_circles_law_stays_outside_safety_circle(direction, x, heading):
     orbit = Orbit(100.0, direction, 15.0, 5.0)
-    ranges = flown(barrier(orbit), x, direction.turn_sign * heading)
+    ranges = flown(three_circles(orbit), x, direction.turn_sign * heading)
     assert min(ranges) > 50.0
     assert ranges[-1] == pytest.approx(100.0, abs=0.5)
     assert min(flown(bounded(orbit), 55.0, pi)) < 50.0
 
 
-def test_barrier_law_leaves_safety_circle_from_inside():
-    ranges = flown(barrier(Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)), 20.0, 2.0)
+def test_three_circles_law_leaves_safety_circle_from_inside():
+    ranges = flown(three_circles(Orbit(100.0, Direction.CLOCKWISE, 15.0, 0.35)), 20.0, 2.0)
     assert ranges[-1] == pytest.approx(100.0, abs=0.5)
 
 

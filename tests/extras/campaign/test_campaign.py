@@ -98,7 +98,7 @@ def test_drawn_values_depend_only_on_seed_and_run_number(write):
     assert sum(noise < 1 for noise in noises) / 2000 == pytest.approx(0.5, abs=0.05)
 
 
-def test_drawn_start_range_and_bearing_are_flown(write):
+def test_campaign_flight_starts_at_drawn_range_and_bearing(write):
     vary = '"start.range_m" = [200.0]\n"start.bearing_deg" = [90.0]\n"start.heading_deg" = [30.0]'
     campaign = load_campaign(
         write(vary + '\n"sim.target.north_m" = [50.0]\n"limits.duration_s" = [2.0]', starts="")

@@ -114,7 +114,7 @@ def test_impossible_scheduler_address_is_refused(
         assert error in refusal(address.format(other.getsockname()[1]))
 
 
-def test_lost_scheduler_prints_resume_command(refusal, distributed, monkeypatch):
+def test_loss_of_scheduler_prints_command_to_resume(refusal, distributed, monkeypatch):
     died = concurrent.futures.Future()
     died.set_exception(distributed.client.FutureCancelledError("fly", "scheduler-connection-lost"))
     client = MagicMock()

@@ -96,7 +96,7 @@ def test_values_flyable_in_some_combinations_are_accepted(write, vary):
     assert unflyable_value(load_campaign(write(vary))) is None
 
 
-def test_campaign_refuses_mission_file_with_correct_command():
+def test_error_names_command_for_mission_given_as_campaign():
     path = CONFIG / "campaign_mission.toml"
     assert refusal(path) == f"{path}: is a mission file, fly it with: circnav fly {path}"
 

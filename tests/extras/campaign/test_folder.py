@@ -38,7 +38,7 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_resume_writes_incomplete_files_again(campaign, tmp_path):
+def test_resumed_campaign_rewrites_incomplete_files(campaign, tmp_path):
     whole = tmp_path / "whole"
     torn = tmp_path / "torn"
     Store(whole, campaign).close()
@@ -58,7 +58,7 @@ def test_resume_writes_incomplete_files_again(campaign, tmp_path):
         ("runs.csv", "a,b\n1,2\n", True, "cannot resume: campaign.toml is missing"),
     ],
 )
-def test_folder_with_colliding_file_is_refused_untouched(
+def test_folder_with_existing_file_is_refused_and_unchanged(
     campaign, tmp_path, name, text, resume, error
 ):
     folder = tmp_path / "out"
@@ -99,7 +99,7 @@ def test_campaign_folder_belongs_to_one_process_until_its_end(campaign, write, t
     Store(out, campaign).close()
 
 
-def test_resume_refuses_fewer_runs_than_flown(write, tmp_path):
+def test_resumed_campaign_refuses_fewer_runs_than_flown(write, tmp_path):
     begin(tmp_path / "out", load_campaign(write(VARY, "runs = 24")), 3, 12, 23)
     with pytest.raises(
         CampaignError, match=r"runs\.csv: already holds run 12: give --runs of at least 24"
@@ -120,7 +120,7 @@ def test_another_campaign_can_neither_overwrite_nor_resume_folder(write, tmp_pat
     assert kept.value is not None  # kept alive, so that no lock depends on garbage collection
 
 
-def test_full_disk_keeps_rows_that_can_be_resumed(campaign, tmp_path):
+def test_campaign_can_be_resumed_after_full_disk(campaign, tmp_path):
     """The disk has space for 3 rows and a part of the fourth row."""
     rows = [{"run": run, "rms_m": 1.0} for run in range(8)]
     store = Store(tmp_path / "out", campaign)
@@ -139,7 +139,7 @@ def test_full_disk_keeps_rows_that_can_be_resumed(campaign, tmp_path):
     assert [row["run"] for row in again.read()] == list("01234567")
 
 
-def test_full_output_is_reported_in_one_line(write, full):
+def test_campaign_reports_unwritable_stdout_in_one_line(write, full):
     path = write(VARY)
     ran = ended(path.parent, f"campaign {path} --runs 4 --processes 1", full)
     assert (ran.returncode, ran.stderr) == (2, FULL)

@@ -46,7 +46,7 @@ def test_confidence_intervals_match_textbook():
     assert median_interval(list(range(1, 101)), 100) == (40.0, 61.0)
 
 
-def test_quantile_of_flights_that_never_settle_is_infinite():
+def test_settling_time_quantile_is_infinite_for_unsettled_flights():
     assert quantile([4.2, 5.8, 10.8, 12.0], 0.5) == pytest.approx(8.3)
     assert [quantile(values, 0.5) for values in ([1, 2, inf], [1, inf], [inf, inf])] == [
         2,
@@ -56,12 +56,12 @@ def test_quantile_of_flights_that_never_settle_is_infinite():
     assert isnan(quantile([], 0.5))
 
 
-def test_interval_of_share_0_or_1_reaches_end():
+def test_confidence_interval_of_proportion_0_or_1_includes_proportion():
     for worlds in (1, 7, 30, 1000):
         assert (wilson(0.0, worlds)[0], wilson(1.0, worlds)[1]) == (0.0, 1.0)
 
 
-def test_confidence_intervals_of_shared_worlds_have_stated_coverage():
+def test_confidence_intervals_with_shared_draws_have_stated_coverage():
     """The four grid points of one world give equal results, so the 100 rows of 25 worlds contain 25
     independent samples. The true share kept is 0.7, and the true median is 0."""
     chance = np.random.default_rng(5)
@@ -153,7 +153,7 @@ def test_printed_summary_shows_median_interval_and_percentile(capsys):
     assert "  turn sd 1.0 deg/s, at the limit 25 %\n" in printed
 
 
-def test_picture_shows_share_of_kept_flights_of_summary():
+def test_pictured_share_of_successful_flights_equals_summary():
     """At one value half of the flights never engaged, and at another value no flight engaged."""
     rows = rows_of([True] * 4, [1.0, 2.0, 3.0, 4.0])
     rows += [never_engaged(run, "0") for run in range(4, 8)] + [
@@ -188,7 +188,7 @@ def test_unengaged_and_failed_flights_are_counted_separately():
     assert title == "x: 4 flights, 2 more never engaged, 1 more could not be flown"
 
 
-def test_start_picture_shows_share_of_kept_circles():
+def test_start_picture_shows_share_of_successful_flights():
     starts = {"start_range_m": "50", "start_bearing_deg": "90"}
     rows = [
         row | starts | {"start_heading_deg": f"{30 * at}"}

@@ -261,7 +261,7 @@ def test_late_answers_are_matched_with_their_positions():
     assert np.diff(times).min() > 3.5 and {one.answer for one in back.given[:-1]} == {"accepted"}
 
 
-def test_newest_positions_are_stored_and_all_are_counted(monkeypatch):
+def test_counts_include_positions_that_are_no_longer_stored(monkeypatch):
     monkeypatch.setattr("circnav_mav.extras.external_position.external_position.MOST_GIVEN", 5)
     back, times = late(mavlink.MAV_RESULT_ACCEPTED, delay=0.2)
     assert [one.time for one in back.given] == times[-5:] and len(times) > 20
@@ -292,7 +292,7 @@ def reckoned_by(estimates, reckoning=None):
     return reckoning
 
 
-def test_bearing_away_from_circle_uses_learned_wind():
+def test_external_position_away_from_circle_uses_learned_wind():
     """Away from the circle the filter keeps the last gust as drift: 2 m/s to the east, with a large
     sigma. The ground speed is 21 m/s, which only ranges show."""
     reckoning = reckoned_by(by_ranges(t, 0.0, 150.0) for t in np.arange(1, 301) / 10)

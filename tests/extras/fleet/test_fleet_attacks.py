@@ -315,7 +315,7 @@ def test_random_frame_is_rejected_or_has_values_within_bounds(
     assert victim.acceptance.accepted + sum(victim.acceptance.rejected.values()) == 1
 
 
-def test_honest_phase_jump_is_accepted_after_two_seconds():
+def test_phase_jump_is_accepted_after_two_seconds_of_reports():
     """The member's estimate jumps, and its reports continue from the new phase. Until they are
     accepted, the victim extrapolates the last accepted report."""
     victim = FleetLink(port := _Port(), 1)

@@ -173,7 +173,7 @@ def test_planes_with_compass_errors_reach_even_spacing():
     assert figures(tracks).too_near == 0
 
 
-def test_fleet_command_flies_shows_and_replays(request, tmp_path):
+def test_fleet_command_records_flights_that_replay(request, tmp_path):
     """The live page is checked only if a browser is installed."""
     folder = tmp_path / "fleet"
     options = ["--fleet", "2", "--fleet-loss", "0.2", "--web", "0", "--duration", "32", "--out"]
@@ -206,7 +206,7 @@ def test_fleet_command_flies_shows_and_replays(request, tmp_path):
         assert json.loads((member / "summary.json").read_text())["desired_radius_m"] == 30.0
 
 
-def test_single_flight_imports_only_fleet_keys(tmp_path):
+def test_flight_of_one_vehicle_imports_only_fleet_settings(tmp_path):
     modules = "[name for name in sys.modules if name.startswith('circnav_mav.extras.fleet.')]"
     script = f"import atexit, sys\natexit.register(lambda: print(sorted({modules})))\n{UNDRAWN}"
     flown = python(

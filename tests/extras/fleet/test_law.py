@@ -90,7 +90,7 @@ def test_compass_offset_stays_zero_in_weak_drift():
 
 
 @pytest.mark.parametrize(("drift", "even"), [((4.0, -3.0), 0.0), ((0.0, 0.0), None)])
-def test_member_reports_even_gaps_only_with_compared_compasses(drift, even):
+def test_member_reports_even_gaps_only_after_comparing_compasses(drift, even):
     """The exchanged phases are even. Only the drift shows the difference of the compasses."""
     log = RingLog()
     offsets = {2: PhaseOffset(0.0)}
@@ -144,14 +144,14 @@ def test_close_members_keep_their_order():
         assert errors[1] < errors[2]
 
 
-def test_silent_member_is_extrapolated_for_ten_seconds():
+def test_phase_of_silent_member_is_extrapolated_for_ten_seconds():
     one = spacing()
     one.take([report(2, 1.0), report(3, 3.0, stamp=8.0)])
     assert one.phases(4.0)[2] == pytest.approx(1.0 + LAP * 4.0 / 40.0)
     assert set(one.phases(SILENT + 0.1)) == {3}
 
 
-def test_spacing_ignores_inaccurate_leaving_and_opposite_members():
+def test_spacing_ignores_leaving_inaccurate_or_counter_rotating_members():
     one = spacing()
     one.take([report(2, 1.0), report(3, 2.0, sigma=1.2), report(4, 3.0, state=State.LEAVING)])
     one.take([report(5, 4.0, state=State.PHASE_KNOWN), report(6, 5.0, sense=-1)])

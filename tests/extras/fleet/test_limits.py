@@ -44,7 +44,7 @@ def test_check_refuses_impossible_fleets():
     assert lines("fleet.size=20")["fleet ranging"].grade is Grade.WARN
 
 
-def test_largest_speed_and_radius_changes_follow_vehicle_and_bounds():
+def test_spacing_limits_depend_on_vehicle_and_mission_bounds():
     plane, copter, px4 = (
         spacing_settings(mission(name=name), 1) for name in ("arduplane", "arducopter", "px4_plane")
     )
@@ -62,7 +62,7 @@ def test_check_requires_beacon_ids_for_ranges_between_members():
     assert lines(*beacons, "ranging.beacon_id=120")["fleet.ranging"].grade is Grade.FAIL
 
 
-def test_flight_is_refused_without_free_id_and_layer(monkeypatch):
+def test_flight_is_refused_if_id_or_layer_is_taken(monkeypatch):
     own = mission("orbit.height_above_target_m=60")
     other = MemberReport(
         2, State.ON_CIRCLE, 0.0, 1.0, 0.01, 40.0, 100.0, 75.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0)

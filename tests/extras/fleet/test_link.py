@@ -55,7 +55,7 @@ def decoded(data: bytes):
 
 
 @pytest.mark.parametrize(("key", "size"), [(None, 80), (KEY, 93)])
-def test_report_is_packed_in_one_named_array(key, size):
+def test_fleet_report_is_one_debug_float_array(key, size):
     sent = frame(report(2, NOON), key)
     message = decoded(sent)
     assert len(sent) == size and message.get_type() == "DEBUG_FLOAT_ARRAY"
@@ -128,7 +128,7 @@ def test_unknown_height_in_report_stays_unknown():
 
 @pytest.mark.parametrize("key", [None, KEY], ids=["unsigned", "signed"])
 @pytest.mark.parametrize("way", ["multicast", "peers"])
-def test_members_receive_each_other_but_not_themselves(way, key):
+def test_members_receive_reports_of_others_but_not_own(way, key):
     ports = [free_port() for _ in range(3)]
     if way == "multicast":
         sockets = [Transport(ports[0], LOOPBACK) for _ in ports]
@@ -193,7 +193,7 @@ def test_link_sends_only_valid_own_reports():
 
 
 @pytest.mark.parametrize("interface", ["absent0", "10.99.99.99"])
-def test_missing_network_raises_alarm_and_is_retried(interface, monkeypatch):
+def test_fleet_link_works_after_missing_network_appears(interface, monkeypatch):
     """A network radio is connected after the start. The link then sends and receives reports
     without a restart."""
     port = free_port()

@@ -63,7 +63,7 @@ def test_place_covariance_covers_scale_error_fitted_as_bias():
     assert np.mean(np.array(squares) < 5.99) >= 0.9
 
 
-def test_target_height_needs_two_circles():
+def test_target_height_is_determined_only_by_two_circles():
     one = circles((100.0,), bias=1.5, gps=0.0, laps=2)
     two = circles((100.0, 60.0), bias=1.5, gps=0.0, laps=2)
     known = replace(KNOWN, gps_sigma=0.01)
@@ -89,7 +89,7 @@ def test_estimator_rejects_and_counts_outliers():
     assert place.outliers == pytest.approx(0.2 * (place.used + place.outliers), rel=0.3)
 
 
-def test_slow_radio_error_increases_place_covariance():
+def test_slowly_varying_range_error_increases_place_covariance():
     track, ranges, _ = circles(gps=0.0, laps=3)
     rng = np.random.default_rng(3)
     drift = [0.0]

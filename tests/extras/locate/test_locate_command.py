@@ -245,7 +245,7 @@ def test_missing_altitude_is_interpolated():
     assert list(RangeLog([(0.0, 47.3, 8.5, nan)]).track(PLANE).up) == [0.0]
 
 
-def test_locate_separates_only_named_tags(tmp_path, capsys, monkeypatch):
+def test_two_named_tags_are_located_separately(tmp_path, capsys, monkeypatch):
     track, one, first = circles()
     rng = np.random.default_rng(5)
     second = np.array([20.0, -140.0])

@@ -17,7 +17,7 @@ from tests.process import QUICKSTART
 
 
 @pytest.mark.usefixtures("undrawn", "no_pictures")
-def test_flight_with_locate_locates_target_and_replays(circnav, tmp_path):
+def test_recorded_flight_with_locator_replays_with_located_target(circnav, tmp_path):
     """By default the emulator's target is at the home position."""
     run = tmp_path / "run"
     keys = ("locate.enabled=true", "sim.start.north_m=130", "sim.start.east_m=-30")

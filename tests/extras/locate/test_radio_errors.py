@@ -134,7 +134,7 @@ def test_large_range_offset_is_named_when_location_fails(offset):
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1.07, None), (1 / 0.9144, "yd")])
-def test_overmeasured_ranges_are_not_reported_as_yards(scale, unit):
+def test_too_long_ranges_are_not_reported_as_yards(scale, unit):
     track, ranges = approach_and_laps(Calibration(scale), laps=2.0)
     noise = np.random.default_rng(5).normal(0, 1.5, len(ranges.r))
     ranges = replace(ranges, r=ranges.r + noise, sigma=np.full(len(noise), 1.6))
@@ -247,7 +247,7 @@ def test_radius_alarm_names_range_offset_and_calibration():
     assert re.search(r"ranges (are )?2[123] m too short", alarm) and "Calibrate" in alarm
 
 
-def test_radius_alarm_states_true_radius_for_overmeasured_ranges():
+def test_radius_alarm_states_true_radius_when_ranges_are_long():
     for keys, alarm in ((), True), (("ranging.scale=1.07",), False):
         flown = locating_flight("quickstart", *ON_CIRCLE, "sim.ranging.scale=1.07", *keys)
         flown.solve_from = 1e9

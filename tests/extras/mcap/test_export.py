@@ -95,7 +95,7 @@ def strings(value):
 
 
 @pytest.mark.parametrize("members", [(), ("01", "02")])
-def test_layout_names_topics_columns_and_frames_of_its_file(circnav, flown, tmp_path, members):
+def test_foxglove_layout_uses_only_topics_of_exported_file(circnav, flown, tmp_path, members):
     folder = tmp_path / "run"
     for member in members or ("",):
         shutil.copytree(flown, folder / member)
@@ -183,7 +183,7 @@ def test_exported_scene_is_relative_to_beacon(exported):
     assert {one.frame_id for one in entities.values()} == {"beacon"}
 
 
-def test_exported_position_is_location_fix_and_text_is_joined(exported, run):
+def test_export_joins_long_texts_and_converts_positions(exported, run):
     whole = "EKF3 lane switch 1, " * 6
     parts = [whole[50 * chunk : 50 * chunk + 50].encode() for chunk in range(3)]
     here = mavlink.MAVLink_global_position_int_message(

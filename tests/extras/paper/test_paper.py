@@ -97,12 +97,12 @@ def test_paper_command_writes_six_figures_and_table(circnav, tmp_path):
     assert names == figures | {"table.md"}
 
 
-def test_shown_start_stays_outside_circle(studied):
+def test_track_in_paper_figure_stays_outside_circle(studied):
     shown = shown_start([findings for findings, _ in studied.values()])
     assert studied[1][1].r[:, shown].min() >= R_D
 
 
-def test_shown_start_settles_before_switching_law(studied):
+def test_smooth_law_in_paper_figure_settles_before_switching_law(studied):
     found = [findings for findings, _ in studied.values()]
     shown = shown_start(found)
     assert found[0].settling[shown] < found[2].settling[shown]

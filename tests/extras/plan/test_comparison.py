@@ -9,7 +9,7 @@ from tests.tools.bench.bench_plan import draw, planned
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_drawn_mission_passes_checks_and_is_repeatable(number):
+def test_random_mission_of_comparison_passes_its_checks(number):
     drawn = draw(number)
     assert drawn == draw(number)
     assert not [line for line in check_mission(drawn.mission()) if line.grade is FAIL]

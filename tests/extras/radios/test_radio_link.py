@@ -86,7 +86,7 @@ def test_only_valid_readings_become_ranges(line, millimetres, sigma, stamp):
     assert math.isnan(message.alt)
 
 
-def test_wrong_baud_rate_is_reported_and_recovers():
+def test_radio_link_reports_wrong_baud_rate_until_corrected():
     radio = Radio("linktrack", LinkTrack())
     wrong = (
         f"received bytes are no linktrack data: {bytes(range(24))!r}: wrong baud rate, driver or"
@@ -122,14 +122,14 @@ def test_line_split_over_datagrams_is_assembled():
         (b"12.3", f"'{21 * '12.3'}' (without a line end)"),
     ],
 )
-def test_readable_text_without_range_is_shown(sent, shown):
+def test_radio_link_shows_text_that_contains_no_range(sent, shown):
     radio = Radio("lines", Lines())
     for step in range(26):
         assert radio.readings(sent, now=0.1 * step) == []
     assert list(radio.link.troubles) == [f"received text is no lines data: {shown}"]
 
 
-def test_invalid_readings_are_reported_and_bounded_in_number():
+def test_invalid_readings_are_reported_up_to_a_limit():
     class Odd(Lines):
         def read_line(self, line):
             if line.isdecimal():
@@ -289,7 +289,7 @@ def test_new_port_for_each_datagram_loses_first_line_only():
     assert len(radio.link._senders) <= 8
 
 
-def test_unfinished_line_is_never_joined_with_another_port():
+def test_lines_from_different_ports_are_never_joined():
     radio = Radio("lines", Lines())
     other = ("10.0.0.7", 4001)
     sent = [(b"\n", NODE), (b"9,9", other), (b"3.4\n", NODE), (b".9\n", other), (b"7,5\n", NODE)]
@@ -317,7 +317,7 @@ def test_bytes_of_lines_that_end_with_nul_are_shown():
     ]
 
 
-def test_line_end_before_line_from_new_ports_is_named():
+def test_radio_link_names_line_end_sent_before_its_line():
     radio = Radio("lines", Lines())
     for step in range(30):
         sent = (b"\r\n12.%d" % (step % 10), ("10.0.0.7", 4000 + step))
@@ -329,14 +329,14 @@ def test_line_end_before_line_from_new_ports_is_named():
 
 
 @pytest.mark.parametrize("line", ["12,%d\n", "3;12,%d\n", "7.25,3,12,%d\n"])
-def test_decimal_commas_are_named(line):
+def test_radio_link_names_decimal_commas_as_fault(line):
     radio = Radio("lines", Lines())
     for step in range(20):
         received(radio, (line.encode() % (1 + step % 9), NODE), now=0.1 * step)
     assert list(radio.link.troubles) == [DECIMAL_COMMA]
 
 
-def test_range_without_decimals_among_others_is_not_named():
+def test_radio_link_accepts_some_ranges_without_decimals():
     radio = Radio("lines", Lines())
     for step in range(40):
         sent = b"3,12%s\n" % (b"" if step % 10 else b".5")

@@ -27,7 +27,7 @@ def noisy(rate, seconds, r=20.0, since=0.0, sigma=0.03):
     ]
 
 
-def test_watch_prints_true_rate_of_repeated_ranges():
+def test_ranging_watch_prints_true_rate_of_repeated_ranges():
     repeated = [(at + 0.01 * n, r) for at, r in noisy(20, 10) for n in range(5)]
     (line,) = lines(10.0, b0=repeated)
     assert "20.0 Hz" in line and "each range is sent 5 times" in line
@@ -36,20 +36,20 @@ def test_watch_prints_true_rate_of_repeated_ranges():
     assert "each range is sent 5 times" in line
 
 
-def test_watch_counts_equal_ranges_of_coarse_radio():
+def test_ranging_watch_counts_equal_ranges_of_coarse_radio():
     coarse = [(at, round(r, 1)) for at, r in noisy(10, 10, sigma=0.1)]
     (line,) = lines(10.0, b0=coarse)
     assert "10.0 Hz" in line and "times" not in line.replace("times our", "") and "WARN" not in line
 
 
-def test_watch_names_frozen_radio_within_ten_seconds():
+def test_ranging_watch_reports_frozen_radio_within_ten_seconds():
     ranges = noisy(10, 10)
     ranges += [(10 + 0.1 * n, ranges[-1][1]) for n in range(80)]
     assert "WARNING the same range for" not in lines(13.0, b0=ranges)[0]
     assert "WARNING the same range for" in lines(17.0, b0=ranges)[0]
 
 
-def test_watch_names_second_anchor_that_changes_ranges():
+def test_ranging_watch_reports_second_anchor_that_changes_ranges():
     first = noisy(10, 8) + noisy(10, 8, r=21.3, since=8.0)
     second = noisy(10, 8, r=35.0, since=8.0)
     line, other = lines(10.0, b3=first, b4=second)
@@ -58,7 +58,7 @@ def test_watch_names_second_anchor_that_changes_ranges():
     assert "WARNING" not in lines(10.0, b3=noisy(10, 16), b4=second)[0]
 
 
-def test_watch_names_two_anchors_with_one_id():
+def test_ranging_watch_reports_two_anchors_with_one_id():
     mixed = sorted(noisy(5, 10) + noisy(5, 10, r=35.0, since=0.1))
     (line,) = lines(10.0, b0=mixed)
     assert "WARNING alternates between 20.0" in line and "35.0" in line

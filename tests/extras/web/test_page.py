@@ -49,7 +49,7 @@ def test_web_port_in_use_is_refused_before_flight(circnav, mission, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_page_before_first_step_shows_missing_inputs_alone(browser, port):
+def test_page_shows_only_missing_inputs_before_first_step(browser, port):
     with process_of(
         "fly", "quickstart", "--endpoint", f"udpin:127.0.0.1:{port}", "--web", "0"
     ) as waiting:
@@ -65,7 +65,7 @@ DESIRED_ON_TOP = """
 [...document.querySelectorAll("#track circle.level, #track path.line")].at(-1).matches("circle")"""
 
 
-def test_browser_follows_flight_to_its_verdict(browser, tmp_path):
+def test_browser_shows_flight_until_its_verdict(browser, tmp_path):
     """A radio that is silent for 2 s gives one alarm, although the age in the alarm's text
     changes."""
     silent = 'sim.events=[{at_s=7.0, action="mute_ranging"}, {at_s=9.0, action="unmute_ranging"}]'

@@ -250,7 +250,7 @@ def truth_frame(north, east):
 
 
 @pytest.mark.parametrize("bundled", [True, False], ids=["bundled vehicle", "another vehicle"])
-def test_truth_of_flown_vehicle_is_sent(flown, monkeypatch, bundled):
+def test_browser_receives_true_position_of_simulated_vehicle(flown, monkeypatch, bundled):
     assert [feed._plain(value) for value in (nan, inf, 1.000001)] == [None, None, 1.0]
     queued = []
     good = truth_frame(30.0, 4.0)

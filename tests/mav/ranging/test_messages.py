@@ -127,7 +127,7 @@ def test_ranging_message_is_selected_by_fields_of_mission(marks, message, accept
 
 
 @pytest.mark.parametrize("component", [1, 192])
-def test_equal_range_is_repetition_within_a_period(component):
+def test_equal_range_within_measurement_period_is_repetition(component):
     """An autopilot sends its last range again, and many radios print each line several times. A
     radio with a resolution of 1 m may measure equal ranges, one in each period."""
     receiver = Receiver()

@@ -1,5 +1,6 @@
 """Write a benchmark that can be cited: tables, figures, versions, seeds and BibTeX, in one folder.
 
+    pip install -e '.[test]'
     python -m tests.tools.bench.citable --out benchmark
 
 Guidance: every law in every situation of `circnav bench`. Place of the beacon: flights of the

@@ -34,7 +34,7 @@ def application(vehicle):
         yield link
 
 
-def test_vehicle_on_port_answers_latest_sender(vehicle, application):
+def test_bench_vehicle_sends_to_address_of_latest_sender(vehicle, application):
     while not vehicle.received:
         vehicle.turn()
     while not any(True for _ in vehicle.speak()):
@@ -85,7 +85,7 @@ def test_bench_estimators_measures_step_times():
     assert (bench_estimators.timed(bench_estimators.in_flight(), 30) > 0).all()
 
 
-def test_bench_locate_prints_row_and_bench_process_measures_time():
+def test_bench_locate_row_counts_located_logs():
     place = bench_locate.Result(
         error=2.0, gps=1.5, sigma=1.0, nees=1.0, bound=(0.1, 5.0), up=None, speed=0.2
     )

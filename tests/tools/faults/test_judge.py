@@ -25,7 +25,7 @@ def attitude(q: tuple[float, ...]) -> bytes:
     )
 
 
-def test_judge_names_the_limit_that_a_setpoint_exceeds() -> None:
+def test_fault_matrix_verdict_names_limit_that_setpoint_exceeds() -> None:
     for frame in (velocity(), attitude(LEVEL)):
         assert is_setpoint(frame)
         assert broken_rule(frame, ALLOWED) is None
@@ -46,7 +46,7 @@ def test_safe_setpoint_commands_no_turn() -> None:
     assert not is_safe(attitude(BANKED))
 
 
-def test_witness_records_loss_and_return_of_control() -> None:
+def test_fault_matrix_records_loss_and_return_of_control() -> None:
     witness = Witness("arducopter")
 
     def beat(mode: int, armed: int = 128, system: int = 1, *, waited: bool = False) -> None:

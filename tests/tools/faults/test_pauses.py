@@ -20,7 +20,7 @@ AUTO = ('guidance.law="auto"',)
 
 @pytest.mark.parametrize("seconds", [0.5, 3.0])
 @pytest.mark.parametrize("who", PAUSES)
-def test_ranges_are_used_within_a_second_after_pause(who: str, seconds: float) -> None:
+def test_ranges_are_used_within_1_s_after_clock_pause(who: str, seconds: float) -> None:
     course = on_the_circle("arducopter", AUTO, seconds=60.0)
     PAUSES[who](course, seconds)
     course.fly(course.now + 1.0)
@@ -57,7 +57,7 @@ def test_stopped_sensor_clock_is_reported() -> None:
     assert reported == ["stalled 2.0 s", "steady again"]
 
 
-def test_slow_link_after_silence_is_no_clock_stop() -> None:
+def test_slow_link_after_silence_is_not_a_clock_stop() -> None:
     """No frame arrives for 0.8 s, and afterwards every frame is 0.8 s late. The true age of the
     ranges must limit their use."""
     course = on_the_circle("arducopter", AUTO, seconds=60.0)

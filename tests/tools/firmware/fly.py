@@ -51,6 +51,8 @@ OWN = (
     "samples_accepted",
     "samples_rejected",
     "law_changes",
+    "version",
+    "firmware",
 )
 """Entries of circnav's summary that are part of a result."""
 SHOWN = (

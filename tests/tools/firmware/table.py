@@ -21,9 +21,11 @@ import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from datetime import date
 from functools import partial
 from pathlib import Path
 from statistics import median
+from textwrap import fill
 
 from tests.tools import cells
 from tests.tools.cells import Result
@@ -41,6 +43,8 @@ LEFT_OUT = {"title", "texts", "modes", "from_app", "ranges", "hidden", "exit_cod
             "own_position"}  # fmt: skip
 """OF_FLIGHT: options that are stored with the flights of the page. LEFT_OUT: keys of a result that
 are not stored."""
+WIDTH = 120
+"""Width of the page's lines, characters."""
 LASTS = 170
 LASTS_PX4_COPTER = 270
 """Duration of a flight until the operator takes over, s; longer for the PX4 copter."""
@@ -127,10 +131,9 @@ ROWS = (
     Row("PX4 plane by stick, wind 2", "px4_plane --wind 2", 0.30, 2.0),
 )
 BY_NAME = {row.name: row for row in ROWS}
-HEAD = (
-    "flight (wind, V: m/s; R: m) | RMS, m (aim) | RMS of the seeds, m | turn sd, deg/s (aim) |"
-    " settled, s"
-)
+HEAD = "flight (wind, V: m/s; R: m) | RMS, m (aim) | turn sd, deg/s (aim) | settled, s"
+OF_SEEDS = " | RMS of the seeds, m"
+"""Title of the last column, if a row has several seeds."""
 
 
 def words(row: Row, seed: int, extra: list[str]) -> list[str]:
@@ -158,22 +161,33 @@ def fly(name: str, seed: int, out: Path, extra: list[str]) -> Result:
     if not (folder / "result.json").is_file():
         return {"failed": f"no result, see {folder}.log"}
     found: Result = json.loads((folder / "result.json").read_text())
-    return found
+    return found | {"date": f"{date.today()}", "commit": commit()}
+
+
+def commit() -> str | None:
+    """Return the commit of this checkout, with "-dirty" if files differ. None outside of one."""
+    command = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    return done.stdout.strip() or None
 
 
 def table(flights: Iterable[Result]) -> str:
     """Return the table in Markdown, and figures of all flights together."""
     every = list(flights)
     flown = [one for one in every if "failed" not in one]
-    rows = [_cells(row, [one for one in flown if one["row"] == row.name]) for row in ROWS]
-    good = sum(one["kept"] and one["direction"] == one["flight"]["direction"] for one in flown)
+    seeds = len({one["seed"] for one in every})
+    rows = [
+        _cells(row, [one for one in flown if one["row"] == row.name])[: 4 + (seeds > 1)]
+        for row in ROWS
+    ]
+    lost = [f"{one['row']} (seed {one['seed']})" for one in flown if not _good(one)]
     agree = sum((one["settled"] is None) == (one["own"].get("settled_s") is None) for one in flown)
     late = [one["takeover"]["after_shown"] for one in flown if one.get("takeover")]
     late = [count for count in late if count is not None]
-    return (
-        f"{cells.table(HEAD, rows)}\n\n"
-        f"{len(every)} flights. {good} kept the circle in the direction of the mission; circnav's"
-        f" verdict agreed with the true track in {agree}. Closest approach:"
+    figures = (
+        f"{_versions(flown)}{len(every)} flights. {len(flown) - len(lost)} kept the circle in the"
+        f" direction of the mission; not kept: {', '.join(lost) or 'none'}. circnav's verdict"
+        f" agreed with the true track in {agree}. Closest approach:"
         f" {min((one['closest'] / one['flight']['radius'] for one in flown), default=0.0):.2f} R."
         f" Flown away from the target: at most {_largest(flown, 'led_away'):.0f} m. Turn command at"
         f" its limit: at most {100 * _largest(flown, 'turn_at_limit'):.0f} % of the last two laps."
@@ -181,6 +195,27 @@ def table(flights: Iterable[Result]) -> str:
         f" {sum(map(bool, late))} of {len(late)} takeovers. The computer paused for more than"
         f" {LONGEST_PAUSE} s, or was slow: in {sum(map(_disturbed, every))} flights."
     )
+    return f"{cells.table(HEAD + OF_SEEDS * (seeds > 1), rows)}\n\n{fill(figures, WIDTH)}"
+
+
+def _good(one: Result) -> bool:
+    """Return True if the vehicle kept its circle in the direction of the mission."""
+    return bool(one["kept"]) and one["direction"] == one["flight"]["direction"]
+
+
+def _versions(flown: Sequence[Result]) -> str:
+    """Return a sentence with date and versions of the flights, empty if none is stored."""
+    known = [one for one in flown if one.get("date")]
+    if not known:
+        return ""
+    programs = {f"circnav {one['own'].get('version')} (commit {one['commit']})" for one in known}
+    firmware = {
+        f"{'PX4' if one['flight']['vehicle'].startswith('px4') else 'ArduPilot'}"
+        f" {one['own'].get('firmware') or 'of an unknown version'}"
+        for one in known
+    }
+    dates = sorted({one["date"] for one in known})
+    return f"Flown on {', '.join(dates)} with {', '.join(sorted(programs) + sorted(firmware))}. "
 
 
 def _largest(flown: Sequence[Result], figure: str) -> float:
@@ -193,7 +228,7 @@ def _disturbed(one: Result) -> bool:
 
 
 def _cells(row: Row, flown: Sequence[Result]) -> list[str]:
-    """Return the line of the table for a row."""
+    """Return the line of the table for a row, with the column of the seeds."""
     if not flown:
         return [row.name, "not flown", "-", "-", "-"]
     rms = [one["rms"] for one in flown]
@@ -202,9 +237,9 @@ def _cells(row: Row, flown: Sequence[Result]) -> list[str]:
     return [
         row.name,
         f"{median(rms):.2f} ({row.aim:g})",
-        f"{min(rms):.2f} to {max(rms):.2f}",
         f"{median(one['turn_sd'] or 0 for one in flown):.1f}{aim}",
         f"{median(settled):.0f}" if settled else "never",
+        f"{min(rms):.2f} to {max(rms):.2f}",
     ]
 
 

@@ -1,7 +1,7 @@
 from tests.tools.firmware.bound import COSTS, best, lora_radius_error, squeezed
 
 
-def test_radius_error_bound_grows_with_cost_delay_noise_turbulence() -> None:
+def test_radius_error_bound_grows_with_delay_and_disturbance() -> None:
     rms, turn = best(30.0, noise=0.5, delay=0.4)
     calmer, calmer_turn = best(300.0, noise=0.5, delay=0.4)
     assert calmer > rms and calmer_turn < turn

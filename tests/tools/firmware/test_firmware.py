@@ -51,7 +51,7 @@ def approach_and_circle(
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
-def test_score_matches_synthetic_circle_with_2_m_error(
+def test_scored_figures_match_synthetic_circle_with_2_m_error(
     clockwise: bool,
 ) -> None:
     track = approach_and_circle(PLANE, 152.0, clockwise=clockwise, seconds=200.0)
@@ -112,7 +112,7 @@ def test_fleet_gap_is_time_to_bearing_of_vehicle_ahead(wind: float) -> None:
     assert np.nanmedian(fleet.gap_errors(grid, late)) == pytest.approx(10.0, abs=0.2)
 
 
-def test_fleet_heading_error_rotates_magnetic_field_back() -> None:
+def test_heading_error_is_simulated_by_rotating_magnetic_field() -> None:
     values = [float(one.split("=")[1]) for one in fleet.field(5.0)]
     north, east = np.add(fleet.HOME_FIELD, values[:2])
     turned = np.degrees(np.arctan2(east, north) - np.arctan2(*fleet.HOME_FIELD[::-1]))
@@ -120,7 +120,7 @@ def test_fleet_heading_error_rotates_magnetic_field_back() -> None:
     assert np.hypot(north, east) == pytest.approx(np.hypot(*fleet.HOME_FIELD), abs=0.02)
 
 
-def test_own_position_error_covers_circle_and_way_home(
+def test_own_position_error_is_separate_for_circle_and_return(
     tmp_path: Path,
 ) -> None:
     """The reports have an error of 5 m on the circle, 50 m and 3 deg on the way home, and one
@@ -188,7 +188,7 @@ def test_turn_of_setpoint_is_positive_clockwise() -> None:
     assert setpoint(mavlink.MAVLink_heartbeat_message(0, 0, 0, 0, 0, 3), 3.0, 20.0) is None
 
 
-def test_frames_are_split_from_datagram_with_their_mode() -> None:
+def test_datagram_is_split_into_frames_with_their_mode() -> None:
     vehicle = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     beat = mavlink.MAVLink_heartbeat_message(2, 3, 81, 0x04030000, 4, 3)
     position = mavlink.MAVLink_global_position_int_message(1, 2, 3, 4, 5, 6, 7, 8, 9)
@@ -211,7 +211,7 @@ def test_table_command_flies_only_missing_flights(
         settled = {"settled_s": None} if seed == 3 else {"settled_s": 10.0}
         result = {
             "title": "plane",
-            "flight": {"seed": seed, "radius": 150.0, "direction": "clockwise"},
+            "flight": {"vehicle": "plane", "radius": 150.0, "direction": "clockwise"},
             "rms": seed / 10,
             "mean": 0.0,
             "sd": 0.0,
@@ -224,7 +224,7 @@ def test_table_command_flies_only_missing_flights(
             "roll": [0, 1],
             "closest": 120.0 + seed,
             "led_away": 0.0,
-            "own": {"outcome": "completed", **settled},
+            "own": {"outcome": "completed", "version": "0.1.0", "firmware": "4.6.3", **settled},
             "takeover": None,
             "real_speedup": 1.0,
             "longest_pause": 0.1,
@@ -234,6 +234,7 @@ def test_table_command_flies_only_missing_flights(
         (folder / "result.json").write_text(json.dumps(result))
 
     monkeypatch.setattr(subprocess, "run", fly_one)
+    monkeypatch.setattr(table, "commit", lambda: "abc1234")
     monkeypatch.setattr(table, "APART", 0.0)
     row = table.ROWS[1].name
     keep = tmp_path / "results.jsonl"
@@ -244,9 +245,13 @@ def test_table_command_flies_only_missing_flights(
         cells.flown(program, options, ThreadPoolExecutor)
         assert len(flown) == flights
     assert all(command[3:8] == ["plane", "--wind", "5", "--turbulence", "1"] for command in flown)
-    text = table.table(cells.read(keep).values())
-    assert "| 0.20 (0.5) | 0.10 to 0.30 | 3.0 (4) | 10 |" in text
+    text = " ".join(table.table(cells.read(keep).values()).split())
+    assert "| 0.20 (0.5) | 3.0 (4) | 10 | 0.10 to 0.30 |" in text
     assert "3 flights. 2 kept the circle" in text and "agreed with the true track in 2." in text
+    assert f"not kept: {row} (seed " in text
+    assert "with circnav 0.1.0 (commit abc1234), ArduPilot 4.6.3." in text
+    alone = table.table([one for one in cells.read(keep).values() if one["seed"] == 1])
+    assert "of the seeds" not in alone and "| 0.10 (0.5) | 3.0 (4) | 10 |\n" in alone
     assert "Closest approach: 0.81 R." in text
 
 

@@ -82,7 +82,8 @@ def _without_damage(path: Path, folder: Path) -> tuple[Path, str]:
         with whole.open("wb") as copy:
             for begin, end in parts:
                 copy.write(data[begin:end])
-    # A log that ended with the power ends within a message.
+    # If the power was cut during logging, the log ends within a message. This rest is no damage: it
+    # is at the end of the file, and not longer than a message.
     if ends[-2] == size - gaps[-1] and gaps[-1] <= LONGEST:
         gaps.pop()
     where = "1 place" if len(gaps) == 1 else f"{len(gaps)} places"

@@ -31,7 +31,8 @@ MOST_NAMES = 20
 FIX_3D = 3
 """Smallest fix type with a three-dimensional position, in MAVLink, ArduPilot and PX4 alike."""
 MOST_BOOTS = 20
-"""Largest number of boots in one log. The times of rows in no order step back more often."""
+"""Largest number of boots in one log. If the times step back more often, the rows are not in the
+order of time."""
 Row = TypeVar("Row")
 
 

@@ -81,7 +81,7 @@ def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
 
 
 def _collect(messages: Iterable[tuple[int, Message]], options: ReadOptions) -> list[RangeLog]:
-    """Return the vehicles in messages, each with its time in us since 1970."""
+    """Return the vehicles found in a log. messages: time (us since 1970) and message."""
     senders = dict[Ids, _Sender]()
     newest = dict[str, tuple[float | None, float]]()
     began: int | None = None
@@ -159,9 +159,9 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
         used[0].vehicle = ""
     if unmatched:
         line = (
-            f"ranges of {', '.join(unmatched)} are left out: none of the vehicles"
-            f" {', '.join(map(str, tracks))} has this system id; give --vehicle for the one with"
-            " the radio"
+            f"ranges of {', '.join(unmatched)} are left out: their system id is not among those of"
+            f" the vehicles ({', '.join(map(str, tracks))}); give --vehicle with the system id of"
+            " the vehicle that carries the radio"
         )
         if not any(log.ranges for log in used):
             raise EmptyLogError(line)
