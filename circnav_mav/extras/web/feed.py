@@ -77,9 +77,8 @@ class LivePage(Listener):
         """
         missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
         if missing:
-            packages = "package" if len(missing) == 1 else "packages"
             raise WebError(
-                f"--web needs the {packages} {' and '.join(missing)}:"
+                f"--web needs the package{'s' * (len(missing) > 1)} {' and '.join(missing)}:"
                 f" pip install {' '.join(missing)}"
             )
         self._watch = StatusSource(pilot, listeners)
